@@ -1,0 +1,64 @@
+"""A virtual Raven-II surgical robot, its control software, faults and haptics; thousands of runs in parallel.
+
+    import ravenjax as rj
+
+    config = rj.load_campaign("quick.toml", overrides=["campaign.duration_s=1"])
+    table = rj.run(config)                       # one row a run
+    one = rj.simulate(config, 17)                # {name: time series} of run 17
+    position, rotation = rj.forward_kinematics(jpos, "gold")
+    software = rj.ControlSoftware()              # drive the control software alone
+
+Names are imported when they are first used, so that `import ravenjax` costs nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ravenjax.api import load_campaign, run, simulate
+    from ravenjax.robot.arrays import (
+        forward_kinematics,
+        gravity_torque,
+        inverse_kinematics,
+        joint_from_motor,
+        motor_from_joint,
+    )
+    from ravenjax.software import ControlSoftware
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "load_campaign": "ravenjax.api",
+    "run": "ravenjax.api",
+    "simulate": "ravenjax.api",
+    "forward_kinematics": "ravenjax.robot.arrays",
+    "inverse_kinematics": "ravenjax.robot.arrays",
+    "motor_from_joint": "ravenjax.robot.arrays",
+    "joint_from_motor": "ravenjax.robot.arrays",
+    "gravity_torque": "ravenjax.robot.arrays",
+    "ControlSoftware": "ravenjax.software",
+}
+
+__all__ = [
+    "ControlSoftware",
+    "forward_kinematics",
+    "gravity_torque",
+    "inverse_kinematics",
+    "joint_from_motor",
+    "load_campaign",
+    "motor_from_joint",
+    "run",
+    "simulate",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'ravenjax' has no attribute {name!r}; it has {', '.join(__all__)}")
+    return getattr(importlib.import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]

@@ -1,0 +1,19 @@
+"""Floor 1: the error that a user caused and can mend."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class UserError(ValueError):
+    """Bad input: a file, a key, a value. The message names it, says what was expected and what to write instead.
+
+    The command line prints it without a traceback and exits with code 2.
+    """
+
+
+def suggestion(word: str, known: Iterable[str]) -> str:
+    """`. Did you mean 'x'?` for the known word nearest to `word`; "" where none is near."""
+    near = difflib.get_close_matches(str(word), list(known), n=1, cutoff=0.5)
+    return f". Did you mean {near[0]!r}?" if near else ""

@@ -1,0 +1,102 @@
+"""Names for the numbers of a parameter record: `plant.friction_scale`, `motor_control.green.kp.shoulder`.
+
+A path walks attributes; where a field holds one entry an arm, an arm's name picks one and leaving it out means all of
+them; where it holds seven or three numbers, a joint's or an axis' name picks one and leaving it out means all.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+from collections.abc import Iterator
+from typing import Any
+
+from ravenjax.types import ARMS, JOINTS, Scalar, Vec
+
+_AXES = ("x", "y", "z")
+
+
+def _entries(node: Any, arms: tuple[str, ...]) -> dict[str, tuple[Any, bool]] | None:
+    """Name of each entry of `node` -> (entry, may the name be left out); None for a number."""
+    if dataclasses.is_dataclass(node):
+        return {f.name: (getattr(node, f.name), False) for f in dataclasses.fields(node)}
+    if isinstance(node, Vec):
+        names = {7: JOINTS, 3: _AXES}.get(len(node), tuple(str(i) for i in range(len(node))))
+        return {name: (item, True) for name, item in zip(names, node, strict=True)}
+    if isinstance(node, tuple):
+        per_arm = len(node) == len(arms) and all(dataclasses.is_dataclass(n) or isinstance(n, Vec) for n in node)
+        names = arms if per_arm else tuple(str(i) for i in range(len(node)))
+        return {name: (item, True) for name, item in zip(names, node, strict=True)}
+    return None
+
+
+def _rebuild(node: Any, changed: dict[str, Any], names: list[str]) -> Any:
+    if dataclasses.is_dataclass(node) and not isinstance(node, type):
+        return dataclasses.replace(node, **changed)
+    items = [changed.get(name, item) for name, item in zip(names, node, strict=True)]
+    return Vec(items) if isinstance(node, Vec) else tuple(items)
+
+
+def leaves(node: Any, arms: tuple[str, ...], prefix: str = "") -> Iterator[tuple[str, Scalar]]:
+    """(full path, number) of each number of a record, in order."""
+    entries = _entries(node, arms)
+    if entries is None:
+        yield prefix, node
+        return
+    for name, (item, _) in entries.items():
+        yield from leaves(item, arms, f"{prefix}.{name}" if prefix else name)
+
+
+def assign(node: Any, arms: tuple[str, ...], path: str, value: Scalar) -> Any:
+    """A copy of the record with `value` at each number that `path` names.
+
+    Raises KeyError, with a suggestion, when it names none.
+    """
+    new, hits = _assign(node, arms, path.split("."), value)
+    if not hits:
+        known = sorted({shorten(full) for full, _ in leaves(node, arms)})
+        close = difflib.get_close_matches(path, known, n=1, cutoff=0.4)
+        hint = f" Did you mean {close[0]!r}?" if close else ""
+        raise KeyError(f"no parameter is named {path!r}.{hint} `ravenjax parameters` lists them")
+    return new
+
+
+def _assign(node: Any, arms: tuple[str, ...], path: list[str], value: Scalar) -> tuple[Any, int]:
+    entries = _entries(node, arms)
+    if entries is None:
+        return (value, 1) if not path else (node, 0)
+    if path and path[0] in entries:
+        new, hits = _assign(entries[path[0]][0], arms, path[1:], value)
+        return (_rebuild(node, {path[0]: new}, list(entries)), hits) if hits else (node, 0)
+    changed, hits = {}, 0
+    for name, (item, optional) in entries.items():
+        if optional:
+            new, n = _assign(item, arms, path, value)
+            changed[name], hits = new, hits + n
+    return (_rebuild(node, changed, list(entries)), hits) if hits else (node, 0)
+
+
+def shorten(path: str) -> str:
+    """A full path without the name of an arm."""
+    return ".".join(part for part in path.split(".") if part not in ARMS)
+
+
+COMPONENTS = frozenset((*JOINTS, *_AXES))
+"""Names of the numbers inside vectors."""
+
+
+def first(node: Any, arms: tuple[str, ...], path: str) -> Scalar:
+    """The first number that `path` names. KeyError if it names none."""
+    for full, value in leaves(assign_marks(node, arms, path), arms):
+        if isinstance(value, _Mark):
+            return dict(leaves(node, arms))[full]
+    raise KeyError(path)
+
+
+class _Mark:
+    """Stands where a path leads."""
+
+
+def assign_marks(node: Any, arms: tuple[str, ...], path: str) -> Any:
+    """The record with a mark at each number that `path` names."""
+    return assign(node, arms, path, _Mark())

@@ -1,0 +1,24 @@
+"""Shared fixtures."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Callable[[str], Path]:
+    """Path of a public recording by name; the test is skipped, naming the file, where it is absent."""
+
+    def find(name: str) -> Path:
+        folder = Path(os.environ.get("RAVENJAX_DATA", ROOT.parent / "shared" / "data"))
+        if not (folder / name).exists():
+            pytest.skip(f"{folder / name} is absent (set RAVENJAX_DATA to the folder that holds it)")
+        return folder / name
+
+    return find
