@@ -1,0 +1,243 @@
+"""A tree of hinge and slide joints, read from a compiled MuJoCo model, ready for unrolled rigid-body recursions.
+
+Any subtree of any model will do; nothing here knows the Raven. Three choices keep the later operation count low, none
+of which changes the dynamics:
+- Each moving link gets its own frame: z along its joint axis, x along the common normal to its first child's axis,
+  origin at the foot of the common normal to its parent's axis (slides: at the parent's origin). A transform to the
+  parent is then Rz(beta) Rx(alpha) Rz(angle), with beta mostly zero (W. Khalil, J. F. Kleinfinger, ICRA 1986).
+- What is fixed to a link is lumped into it.
+- Inertia that a joint's motion does not show is moved to the parent: for a hinge about z mass, first moment along z and
+  the second moment along z; for a slide all second moments (minimal inertial parameters, W. Khalil, F. Bennis 1989).
+"""
+
+# MuJoCo's compiled module carries no types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import mujoco
+import numpy as np
+
+HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+_PARALLEL = 1e-9  # sine of the angle below which two axes count as parallel
+_SNAP = 1e-13  # relative size below which a number is rounding of an exact zero
+
+
+@dataclasses.dataclass(frozen=True)
+class Link:
+    """One joint and all that moves rigidly with it. Lengths m, masses kg, angles rad; vectors in the frames named."""
+
+    joint: str
+    parent: int  # index of the parent link; -1: the fixed base
+    slide: bool
+    beta: float  # constant rotation to the parent: Rz(beta) Rx(alpha) Rz(offset + q) for a hinge,
+    alpha: float  # Rz(beta) Rx(alpha) Rz(offset) for a slide
+    offset: float
+    reference: float  # qpos0: a slide has moved by q - reference along z
+    position: tuple[float, float, float]  # of this frame's origin in the parent frame (slide: at q = reference)
+    pseudo_inertia: np.ndarray  # 4x4 [[integral of r r^T dm, m c], [m c^T, m]] in this frame, regrouped
+    armature: float  # added to the diagonal of the mass matrix; kg m^2 or kg
+
+
+def read_tree(model: mujoco.MjModel, base: str) -> tuple[Link, ...]:
+    """The joints below body `base`, parents before children, in the order of the model's degrees of freedom.
+
+    `base` counts as fixed: joint coordinates are the model's, vectors of the base are in its frame. Raises ValueError
+    for a joint that is neither hinge nor slide.
+    """
+    joints = _home_joints(model, model.body(base).id)
+    return _regrouped(_framed(joints))
+
+
+@dataclasses.dataclass
+class _HomeJoint:
+    """A joint at q = qpos0 in the coordinates of the base."""
+
+    name: str
+    parent: int
+    slide: bool
+    axis: np.ndarray
+    anchor: np.ndarray
+    pseudo_inertia: np.ndarray
+    reference: float
+    armature: float
+    x: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
+    origin: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def rotation(self) -> np.ndarray:
+        return np.column_stack([self.x, np.cross(self.axis, self.x), self.axis])
+
+
+def _home_joints(model: mujoco.MjModel, base: int) -> list[_HomeJoint]:
+    joints: list[_HomeJoint] = []
+    poses = {base: (np.zeros(3), np.eye(3))}
+    carrier = {base: -1}  # body -> index of the link that it moves with
+    for body in range(base + 1, model.nbody):
+        parent = int(model.body_parentid[body])
+        if parent not in poses:
+            continue
+        position, rotation = poses[parent]
+        position, rotation = position + rotation @ model.body_pos[body], rotation @ _matrix(model.body_quat[body])
+        poses[body] = position, rotation
+        carrier[body] = carrier[parent]
+        first = int(model.body_jntadr[body])
+        for joint in range(first, first + int(model.body_jntnum[body])):
+            kind = int(model.jnt_type[joint])
+            if kind not in (HINGE, SLIDE):
+                raise ValueError(
+                    f"joint {model.joint(joint).name!r} of body {model.body(body).name!r} is of type "
+                    f"{mujoco.mjtJoint(kind).name}; an unrolled tree takes hinges and slides: write it as some of them"
+                )
+            joints.append(
+                _HomeJoint(
+                    name=model.joint(joint).name,
+                    parent=carrier[body],
+                    slide=kind == SLIDE,
+                    axis=rotation @ model.jnt_axis[joint],
+                    anchor=position + rotation @ model.jnt_pos[joint],
+                    pseudo_inertia=np.zeros((4, 4)),
+                    reference=float(model.qpos0[model.jnt_qposadr[joint]]),
+                    armature=float(model.dof_armature[model.jnt_dofadr[joint]]),
+                )
+            )
+            carrier[body] = len(joints) - 1
+        if carrier[body] >= 0:
+            inertial = _matrix(model.body_iquat[body])
+            joints[carrier[body]].pseudo_inertia += pseudo_inertia(
+                float(model.body_mass[body]),
+                position + rotation @ model.body_ipos[body],
+                rotation @ inertial @ np.diag(model.body_inertia[body]) @ (rotation @ inertial).T,
+            )
+    return joints
+
+
+def pseudo_inertia(mass: float, com: np.ndarray, central: np.ndarray) -> np.ndarray:
+    """4x4 pseudo-inertia from mass (kg), centre of mass (m) and central inertia tensor (3x3, kg m^2)."""
+    moments = 0.5 * np.trace(central) * np.eye(3) - central + mass * np.outer(com, com)
+    first = mass * np.asarray(com)[:, None]
+    return np.block([[moments, first], [first.T, np.array([[mass]])]])
+
+
+def _framed(joints: list[_HomeJoint]) -> list[_HomeJoint]:
+    """Choose x axis and origin of each link frame (home pose, base coordinates)."""
+    for index, joint in enumerate(joints):
+        parent = joints[joint.parent] if joint.parent >= 0 else None
+        child = next((other for other in joints if other.parent == index), None)
+        if parent is not None and joint.slide:
+            joint.origin = parent.origin
+        elif parent is not None:
+            joint.origin = _foot(joint, parent.origin, parent.axis)
+        elif child is not None and not child.slide:
+            joint.origin = _foot(joint, child.anchor, child.axis)
+        else:
+            joint.origin = joint.anchor
+        towards = None if child is None or joint.slide else _normal(joint, child.anchor, child.axis)
+        if towards is None and parent is not None:
+            across = np.cross(parent.axis, joint.axis)
+            towards = across / np.linalg.norm(across) if np.linalg.norm(across) > _PARALLEL else parent.x
+        if towards is None or (child is None and not joint.slide):
+            towards = _leaf_direction(joint)
+        joint.x = towards
+    return joints
+
+
+def _foot(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """The point of the joint's axis nearest to the line (point, axis); for parallel lines nearest to `point`."""
+    between = point - joint.anchor
+    cosine = float(joint.axis @ axis)
+    if 1.0 - cosine**2 < _PARALLEL**2:
+        return joint.anchor + joint.axis * (joint.axis @ between)
+    along = (joint.axis @ between - cosine * (axis @ between)) / (1.0 - cosine**2)
+    return joint.anchor + joint.axis * along
+
+
+def _normal(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray | None:
+    """Unit vector along the common normal from the joint's axis to the line (point, axis); None if they coincide."""
+    across = np.cross(joint.axis, axis)
+    if np.linalg.norm(across) <= _PARALLEL:
+        across = point - joint.origin
+        across = across - joint.axis * (joint.axis @ across)
+        if np.linalg.norm(across) <= _PARALLEL:
+            return None
+    return across / np.linalg.norm(across)
+
+
+def _leaf_direction(joint: _HomeJoint) -> np.ndarray:
+    """x of a link without children: through its centre of mass, which makes one first moment zero."""
+    first, mass = joint.pseudo_inertia[:3, 3], joint.pseudo_inertia[3, 3]
+    for candidate in (first - mass * joint.origin, *np.eye(3)[np.argsort(np.abs(joint.axis))]):
+        across = candidate - joint.axis * (joint.axis @ candidate)
+        if np.linalg.norm(across) > 1e-6 * max(mass, 1e-300):
+            return across / np.linalg.norm(across)
+    return joint.x
+
+
+def _regrouped(joints: list[_HomeJoint]) -> tuple[Link, ...]:
+    inertias = [_moved(joint.rotation.T, -joint.rotation.T @ joint.origin, joint.pseudo_inertia) for joint in joints]
+    links: list[Link] = []
+    for index in reversed(range(len(joints))):
+        joint, inertia = joints[index], inertias[index]
+        parent = joints[joint.parent] if joint.parent >= 0 else None
+        frame, origin = (parent.rotation, parent.origin) if parent is not None else (np.eye(3), np.zeros(3))
+        rotation, position = frame.T @ joint.rotation, frame.T @ (joint.origin - origin)
+        unseen = np.zeros((4, 4))
+        if joint.slide:
+            unseen[:3, :3] = inertia[:3, :3]
+        else:
+            unseen[2:, 2:] = inertia[2:, 2:]
+        if joint.parent >= 0:
+            inertias[joint.parent] += _moved(rotation, position, unseen)
+        seen = np.where(np.abs(inertia - unseen) < _SNAP * np.abs(inertia).max(), 0.0, inertia - unseen)
+        beta, alpha, offset = _zxz(rotation)
+        links.append(
+            Link(
+                joint=joint.name,
+                parent=joint.parent,
+                slide=joint.slide,
+                beta=beta,
+                alpha=alpha,
+                offset=offset if joint.slide else _exact(offset - joint.reference),
+                reference=joint.reference,
+                position=tuple(float(x) if abs(x) > _SNAP else 0.0 for x in position),  # type: ignore[arg-type]
+                pseudo_inertia=seen,
+                armature=joint.armature,
+            )
+        )
+    return tuple(reversed(links))
+
+
+def _moved(rotation: np.ndarray, position: np.ndarray, inertia: np.ndarray) -> np.ndarray:
+    """Pseudo-inertia seen from a frame in which the old one has this rotation and position."""
+    transform = np.eye(4)
+    transform[:3, :3], transform[:3, 3] = rotation, position
+    return transform @ inertia @ transform.T
+
+
+def _zxz(rotation: np.ndarray) -> tuple[float, float, float]:
+    """(beta, alpha, gamma) with rotation = Rz(beta) Rx(alpha) Rz(gamma); right angles exact where they are meant."""
+    sine = math.hypot(rotation[0, 2], rotation[1, 2])
+    alpha = math.atan2(sine, rotation[2, 2])
+    if sine <= _PARALLEL:
+        turn = math.atan2(rotation[1, 0] * rotation[2, 2], rotation[0, 0])  # alpha is 0 or pi
+        return 0.0, _exact(alpha), _exact(turn)
+    beta = math.atan2(rotation[0, 2], -rotation[1, 2])
+    gamma = math.atan2(rotation[2, 0], rotation[2, 1])
+    if abs(abs(beta) - math.pi) < 1e-12:  # Rz(pi) Rx(a) Rz(c) = Rx(-a) Rz(pi + c): one rotation less
+        return 0.0, _exact(-alpha), _exact(math.remainder(gamma + math.pi, 2 * math.pi))
+    return _exact(beta), _exact(alpha), _exact(gamma)
+
+
+def _exact(angle: float) -> float:
+    """The angle with rounding off a multiple of a right angle removed."""
+    turns = round(angle / (math.pi / 2))
+    return turns * (math.pi / 2) if abs(angle - turns * (math.pi / 2)) < 1e-12 else angle
+
+
+def _matrix(quaternion: np.ndarray) -> np.ndarray:
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3)

@@ -1,0 +1,55 @@
+"""Where the instrument tips are in the operating scene: the arms' places, the tissue below them, each other.
+
+The world's z axis points up. The arms' frames are read from the model; the tissue is the dome of its phantom, without
+the folds (up to 2 mm) and the rounded rim that make the mesh look soft.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+
+from ravenjax.robot import arm_model
+from ravenjax.robot.algebra import matvec, minus, plus
+from ravenjax.types import ArmName, Scalar, Vec
+
+TISSUE_TOP = 0.182  # m, height of the dome; models/raven2 PROVENANCE.md
+TISSUE_SAG = (0.012 / 0.085**2, 0.7 * 0.012 / 0.07**2)  # 1/m, curvature of the dome along x and y
+TISSUE_HALF = (0.075, 0.060)  # m, half its extent along x and y
+
+
+@cache
+def frame0(arm: ArmName) -> tuple[Vec, Vec]:
+    """Origin (m) and rotation rows of the arm's frame 0 in the world, Python numbers; literal zeros where they are zero."""
+    model = arm_model.scene()
+    body = model.body(arm_model.base(arm))
+    rows = np.empty(9)
+    mujoco.mju_quat2Mat(rows, body.quat)
+    rows[np.abs(rows) < 1e-12] = 0.0
+    exact = [float(round(x)) if abs(x - round(x)) < 1e-12 else float(x) for x in rows]
+    return Vec(float(x) for x in body.pos), Vec(Vec(exact[i : i + 3]) for i in (0, 3, 6))
+
+
+def world(arm: ArmName, position: Vec) -> Vec:
+    """A point of the arm's frame 0 in the world, m."""
+    origin, rotation = frame0(arm)
+    return plus(origin, matvec(rotation, position))
+
+
+def tissue_depth(arm: ArmName, tip: Vec) -> Scalar:
+    """How far `tip` (m, frame 0) is below the tissue's surface, m; negative above it, -inf beside it."""
+    x, y, z = world(arm, tip)
+    height = TISSUE_TOP - TISSUE_SAG[0] * (x * x) - TISSUE_SAG[1] * (y * y)
+    inside = (jnp.abs(x) < TISSUE_HALF[0]) & (jnp.abs(y) < TISSUE_HALF[1])
+    return jnp.where(inside, height - z, -jnp.inf)
+
+
+def tip_distance(arms: tuple[ArmName, ...], tips: tuple[Vec, ...]) -> Scalar:
+    """Distance of the two tips, m; infinite with one arm."""
+    if len(arms) < 2:
+        return jnp.asarray(jnp.inf, tips[0][0].dtype)
+    apart = minus(world(arms[0], tips[0]), world(arms[1], tips[1]))
+    return jnp.sqrt(apart[0] * apart[0] + apart[1] * apart[1] + apart[2] * apart[2])

@@ -1,0 +1,139 @@
+"""Where on the Raven's loop a fault can strike: named sites, their channels, number types and units.
+
+A site is a seam between two stages of the tick, in the robot's order. The generic machinery of `ravenjax.stages.faults`
+knows nothing of the Raven: it is given a site's signal and, from here, the path of each channel inside it.
+`ARM` in a path stands for the arm's place in `setup.arms`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Literal
+
+from ravenjax.types import JOINTS
+
+ARM = "ARM"
+Kind = Literal["int16", "int32", "float", "bool"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Channel:
+    """One number of a site's signal."""
+
+    name: str
+    path: tuple[str | int, ...]  # attributes and indices from the site's signal to the number
+    kind: Kind
+    unit: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Site:
+    """One seam of the tick."""
+
+    name: str
+    layer: str  # layer code of the fault library: L1 console .. L10 mechanics
+    per_arm: bool
+    channels: tuple[Channel, ...]
+    where: str  # when it acts, relative to the checks
+
+    def channel(self, name: str) -> Channel:
+        """The channel of that name; KeyError lists those there are."""
+        for channel in self.channels:
+            if channel.name == name:
+                return channel
+        raise KeyError(f"site {self.name} has no channel {name!r}; it has {', '.join(c.name for c in self.channels)}")
+
+
+def _joints(kind: Kind, units: tuple[str, str], *prefix: str | int) -> tuple[Channel, ...]:
+    """One channel a joint; `units` of a revolute joint and of the insertion."""
+    return tuple(
+        Channel(joint, (*prefix, ARM, i), kind, units[1] if joint == "insertion" else units[0])
+        for i, joint in enumerate(JOINTS)
+    )
+
+
+def _vector(names: tuple[str, ...], kind: Kind, unit: str, *prefix: str | int) -> tuple[Channel, ...]:
+    return tuple(Channel(name, (*prefix, i), kind, unit) for i, name in enumerate(names))
+
+
+SITES: dict[str, Site] = {
+    site.name: site
+    for site in (
+        Site(
+            "console",
+            "L1",
+            False,
+            (Channel("scale", ("scale",), "float", "1"),),
+            "teleoperation scale of the packets sent to the robot; the nominal model keeps the clean one",
+        ),
+        Site(
+            "network",
+            "L9",
+            False,
+            (Channel("lag", ("lag",), "int32", "packets"), Channel("lost", ("lost",), "bool", "1")),
+            "between console and robot: which packet arrives in this cycle, and whether one does",
+        ),
+        Site(
+            "packet",
+            "L2",
+            True,
+            (
+                *_vector(("delx", "dely", "delz"), "int32", "um", "delta", ARM),
+                *_vector(("qx", "qy", "qz", "qw"), "float", "1", "quat", ARM),
+                Channel("grasp", ("grasp", ARM), "int32", "mrad"),
+            ),
+            "content of a received packet, before the size and sequence checks",
+        ),
+        Site(
+            "packet_header",
+            "L2",
+            False,
+            (
+                Channel("sequence", ("sequence",), "int32", "1"),
+                Channel("surgeon_mode", ("surgeon_mode",), "int32", "1"),
+                Channel("size", ("size",), "int32", "bytes"),
+            ),
+            "header of a received packet, before the size and sequence checks",
+        ),
+        Site("encoder", "L6", True, _joints("int32", ("cnt", "cnt")), "encoder counts as they leave the robot"),
+        Site(
+            "usb_in",
+            "L6",
+            True,
+            (*_joints("int32", ("cnt", "cnt"), "enc_val"), Channel("pins", ("pins", ARM), "int32", "bits")),
+            "buffers read from the USB boards: encoder counts and the PLC's input pins",
+        ),
+        Site(
+            "usb_status",
+            "L6",
+            True,
+            (Channel("read_ok", ("read_ok", ARM), "bool", "1"), Channel("write_ok", ("write_ok", ARM), "bool", "1")),
+            "USB transfers: a failed read leaves old buffers, a failed write leaves the board's old command",
+        ),
+        Site(
+            "runlevel", "L5", False, (Channel("rl_desired", (), "int32", "1"),), "run level asked for by the PLC pins"
+        ),
+        Site("mpos", "L5", True, _joints("float", ("rad", "rad")), "estimated motor positions"),
+        Site("mvel", "L5", True, _joints("float", ("rad/s", "rad/s")), "estimated motor velocities"),
+        Site("jpos", "L5", True, _joints("float", ("rad", "m")), "joint positions after forward cable coupling"),
+        Site(
+            "pos_d",
+            "L3",
+            True,
+            tuple(Channel(axis, (ARM, i), "int32", "um") for i, axis in enumerate("xyz")),
+            "desired tip position, before inverse kinematics",
+        ),
+        Site("jpos_d", "L3", True, _joints("float", ("rad", "m")), "desired joints, after kinematics and joint limits"),
+        Site("mpos_d", "L3", True, _joints("float", ("rad", "rad")), "desired motor positions"),
+        Site("tau_d", "L4", True, _joints("float", ("N m", "N m")), "desired torque at the capstan, before the DAC"),
+        Site("current_cmd", "L4", True, _joints("int16", ("cnt", "cnt")), "DAC command, before the overdrive check"),
+        Site("usb_out", "L7", True, _joints("int16", ("cnt", "cnt")), "DAC command, after every software check"),
+        Site("pins_out", "L8", False, (Channel("pins", (), "int32", "bits"),), "output pins to the PLC"),
+        Site("plc", "L8", False, (Channel("runlevel", (), "int32", "1"),), "run level that the PLC puts on its pins"),
+        Site("torque_scale", "L7", True, _joints("float", ("1", "1")), "motor constant of each motor, times this"),
+        Site("cable_scale", "L10", True, _joints("float", ("1", "1")), "cable stiffness and damping, times this"),
+        Site("friction_scale", "L10", True, _joints("float", ("1", "1")), "friction of motor and joint, times this"),
+        Site("external_torque", "L10", True, _joints("float", ("N m", "N")), "load on each joint from outside"),
+        Site("brake", "L7", False, (Channel("engaged", (), "bool", "1"),), "brake command of the PLC"),
+    )
+}

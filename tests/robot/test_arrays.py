@@ -1,0 +1,86 @@
+from __future__ import annotations
+
+import jax
+import numpy as np
+import pytest
+
+from ravenjax.errors import UserError
+from ravenjax.robot import arrays, gravity, transmission
+from ravenjax.robot.limits import HOME_JPOS
+from ravenjax.types import ARMS, Vec
+
+HOME = np.array(HOME_JPOS)
+JPOS = HOME + 0.05 * np.random.default_rng(0).normal(size=(2, 3, 7))
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_any_leading_axes_there_and_back(arm):
+    position, rotation = arrays.forward_kinematics(JPOS, arm)
+    assert position.shape == (2, 3, 3) and rotation.shape == (2, 3, 3, 3)
+    assert position.dtype == rotation.dtype == np.float64
+    jpos_d, status = arrays.inverse_kinematics(position, rotation, JPOS[..., 5] + JPOS[..., 6], JPOS, arm)
+    assert status.shape == (2, 3) and status.dtype.kind == "i" and (status == 0).all()
+    np.testing.assert_allclose(jpos_d, JPOS, atol=1e-9)
+    single = arrays.forward_kinematics(JPOS[1, 2], arm)
+    np.testing.assert_array_equal(single[0], position[1, 2])
+    assert single[1].shape == (3, 3)
+
+
+def test_arguments_broadcast():
+    position, rotation = arrays.forward_kinematics(HOME + 0.1 * (JPOS - HOME), "gold")
+    jpos_d, status = arrays.inverse_kinematics(position, rotation, 1.5, HOME, "gold")
+    assert jpos_d.shape == (2, 3, 7) and (status == 0).all()
+    np.testing.assert_allclose(jpos_d[..., 5] + jpos_d[..., 6], 1.5)
+
+
+def test_rejected_poses_are_nan():
+    position, rotation = arrays.forward_kinematics(HOME, "gold")
+    far = HOME + np.array([0, 0, 0.05, 0, 0, 0, 0])
+    jpos_d, status = arrays.inverse_kinematics(position, rotation, 1.5, np.stack([far, HOME]), "gold")
+    assert status.tolist() == [-1, 0]
+    assert np.isnan(jpos_d[0]).all() and np.isfinite(jpos_d[1]).all()
+
+
+@pytest.mark.parametrize("tool", ["r_grasper", "large_needle"])
+def test_transmission_and_gravity(tool):
+    mpos = arrays.motor_from_joint(JPOS, "green", tool)
+    np.testing.assert_allclose(mpos, JPOS @ np.array(transmission.motor_matrix("green", tool)).T, atol=1e-9)
+    np.testing.assert_allclose(arrays.joint_from_motor(mpos, "green", tool), JPOS, atol=1e-12)
+    with jax.enable_x64(True):
+        expected = gravity.gravity_torque("green", Vec(JPOS[1, 1]))
+    np.testing.assert_allclose(arrays.gravity_torque(JPOS, "green")[1, 1], expected, atol=1e-15)
+
+
+def test_nothing_in_nothing_out():
+    position, rotation = arrays.forward_kinematics(np.zeros((0, 7)), "gold")
+    assert position.shape == (0, 3) and rotation.shape == (0, 3, 3)
+
+
+def test_global_width_is_left_alone():
+    arrays.gravity_torque(HOME, "gold")
+    assert not jax.config.jax_enable_x64
+
+
+def test_errors_say_what_is_wrong():
+    with pytest.raises(UserError, match=r"unknown arm 'geen': expected 'gold' or 'green'\. Did you mean 'green'\?"):
+        arrays.forward_kinematics(HOME, "geen")
+    with pytest.raises(
+        UserError, match=r"jpos has shape \(2, 6\), expected \[\.\.\., 7\] in the order shoulder, elbow"
+    ):
+        arrays.forward_kinematics(np.zeros((2, 6)), "gold")
+    with pytest.raises(UserError, match=r"rotation has shape \(3,\), expected \[\.\.\., 3, 3\]"):
+        arrays.inverse_kinematics(np.zeros(3), np.zeros(3), 0.0, HOME, "gold")
+    with pytest.raises(UserError, match=r"jpos has shape \(\), expected"):
+        arrays.gravity_torque(1.0, "gold")
+    bad = JPOS.copy()
+    bad[1, 0, 2] = np.nan
+    with pytest.raises(UserError, match=r"jpos\[1, 0, 2\] \(insertion\) is nan, expected a finite number"):
+        arrays.gravity_torque(bad, "gold")
+    with pytest.raises(UserError, match=r"grasp is inf, expected a finite number"):
+        arrays.inverse_kinematics(np.zeros(3), np.eye(3), np.inf, HOME, "gold")
+    with pytest.raises(UserError, match=r"do not broadcast.*position \(2,\).*jpos_ref \(3,\)"):
+        arrays.inverse_kinematics(np.zeros((2, 3)), np.eye(3), 0.0, np.zeros((3, 7)), "gold")
+    with pytest.raises(UserError, match=r"mpos is not an array of numbers"):
+        arrays.joint_from_motor(["a"] * 7, "gold")
+    with pytest.raises(UserError, match=r"unknown tool"):
+        arrays.motor_from_joint(HOME, "gold", "grasper")

@@ -1,0 +1,537 @@
+from __future__ import annotations
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import kinematics_oracle as oracle
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from ravenjax.robot import kinematics, limits
+from ravenjax.robot.joints import Pose, joint_from_theta, theta_from_joint, wrap
+from ravenjax.types import ARMS, Vec
+
+DEG = np.pi / 180
+
+
+def joints(sh, el, z, roll, wrist, g1, g2) -> np.ndarray:
+    return np.array([sh * DEG, el * DEG, z, roll * DEG, wrist * DEG, g1 * DEG, g2 * DEG])
+
+
+HOME = joints(30, 90, 0.4, 0, 0, 45, 45)
+A = joints(15, 60, 0.30, -40, 20, 30, 50)
+B = joints(75, 120, 0.50, 100, -35, 10, 60)
+
+# raven2 kinematics evaluated apart from this package: position m, whole micrometres, rotation by rows.
+VECTORS = {
+    ("gold", "home"): (
+        HOME,
+        (-0.077946997893, -0.025265555299, 0.013225627957),
+        (-77946, -25265, 13225),
+        (-0.9391204565432233, -0.21201214989665462, 0.2703768044752476)
+        + (-0.3044042807153418, 0.1484525055496845, -0.9409037610075732)
+        + (0.159344915150196, -0.9659258262890683, -0.2039521907790095),
+    ),
+    ("green", "home"): (
+        HOME,
+        (-0.077946997893, 0.025265555299, 0.013225627957),
+        (-77946, 25265, 13225),
+        (-0.9391204565432234, 0.21201214989665462, 0.2703768044752477)
+        + (0.3044042807153419, 0.14845250554968456, 0.9409037610075732)
+        + (0.159344915150196, 0.9659258262890683, -0.20395219077900956),
+    ),
+    ("gold", "A"): (
+        A,
+        (-0.176273415681, 0.021667020317, -0.040995908804),
+        (-176273, 21667, -40995),
+        (-0.8190093546395424, 0.34960861878645294, -0.45496976897718044)
+        + (0.38688071968595505, -0.2490940515830767, -0.8878487834092046)
+        + (-0.42372984996126695, -0.9031754907747198, 0.06875352438708883),
+    ),
+    ("green", "A"): (
+        A,
+        (-0.177639228105, -0.018848470316, -0.036214378207),
+        (-177639, -18848, -36214),
+        (-0.9860457881285649, 0.007328720516790637, -0.16631293867136224)
+        + (-0.04217706097515424, 0.9554377562004721, 0.29216397716711257)
+        + (0.1610428490850047, 0.2951016500838205, -0.9417962714283755),
+    ),
+    ("gold", "B"): (
+        B,
+        (0.004920948164, 0.011250044505, -0.01671173759),
+        (4920, 11250, -16711),
+        (-0.7972564923518921, -0.6029606356868294, -0.028645369868304193)
+        + (-0.6034938785782898, 0.7951180778355392, 0.05985299338922035)
+        + (-0.013312547513149628, 0.06500549293138327, -0.9977961024014164),
+    ),
+    ("green", "B"): (
+        B,
+        (0.006887673943, -0.019053324996, -0.004426303167),
+        (6887, -19053, -4426),
+        (-0.67979941222523, -0.7090477030978846, 0.18741428406032873)
+        + (0.13746523763603632, -0.3742016733598854, -0.9171021841083628)
+        + (0.7203999358550081, -0.597682576612599, 0.3518514886053842),
+    ),
+}
+
+# The 8 solutions for case A of the gold arm, joints in deg and m.
+SOLUTIONS = """
+100.914783356937  -59.407977551846 0.275364744284   22.882268869682  162.618649435365 -170
+ 12.591675552309   59.407977551846 0.275364744284  140.176603458051  162.618649435365 -170
+-69.536818127615  -95.176945987167 0.664635255716   17.350208856561  -17.381350564635 -170
+-176.956722963139  95.176945987167 0.664635255716  179.590918815706  -17.381350564635 -170
+103.818304107554  -60 0.30 -158.134547113534 20 10
+15 60 0.30 -40 20 10
+-66.94601652335   -94.663885480746 0.64 -161.751836859585 -160 10
+-174.235679369096  94.663885480746 0.64 -0.113616026882 -160 10
+"""
+
+# A stored state of a real Raven-II: position um, rotation, joints deg (8 slots, insertion in m too times 180/pi).
+RECORDED = {
+    "gold": (
+        (-77452, -24161, 13793),
+        "-.968002378941 -.174213960767 .180612385273 -.219871729612 .241933107376 -.945052802563 "
+        ".120945267379 -.954524934292 -.272496551275",
+        "29.9492835999 90.373336792 22.9568557739 0 5.11032962799 4.20706319809 43.4555168152 51.1591072083",
+    ),
+    "green": (
+        (-77623, 25864, 13439),
+        "-.93315243721 .191262990236 .304376482964 .344187945127 .231027543545 .910033464432 "
+        ".103736370802 .953962624073 -.281414330006",
+        "29.9215259552 90.3847808838 22.9222049713 0 -4.35502958298 -3.17343592644 48.013507843 42.5473213196",
+    ),
+}
+
+LOW = np.array([0, 45 * DEG, 0.23, -182 * DEG, -70 * DEG, -105 * DEG, -105 * DEG])
+HIGH = np.array([90 * DEG, 135 * DEG, 0.56, 182 * DEG, 70 * DEG, 105 * DEG, 105 * DEG])
+SPAN = HIGH - LOW
+
+
+def vec(array) -> Vec:
+    return Vec(array[i] for i in range(len(array)))
+
+
+def stacked(tree):
+    return jnp.stack([stacked(t) if isinstance(t, tuple) else jnp.asarray(t) for t in tree])
+
+
+def pose_of(t06) -> Pose:
+    return Pose(vec(t06[:3, 3]), Vec(vec(row) for row in t06[:3, :3]))
+
+
+def forward_one(arm, q):
+    pose = kinematics.forward(arm, vec(q))
+    return stacked(pose.position), stacked(pose.rotation)
+
+
+def inverse_one(arm, p, r, g, q):
+    ik = kinematics.inverse(arm, Pose(vec(p), Vec(vec(row) for row in r)), g, vec(q))
+    return stacked(ik.jpos), ik.status, ik.cost, ik.yaw
+
+
+def candidates_one(arm, t):
+    theta, valid = zip(*kinematics.inverse_candidates(arm, pose_of(t)), strict=True)
+    return stacked([Vec(jax.tree.leaves(x)) for x in theta]), stacked(valid)
+
+
+def jacobian_one(arm, q):
+    return stacked(kinematics.jacobian(arm, vec(q)))
+
+
+def tip_velocity_one(arm, q, v):
+    return stacked(kinematics.tip_velocity(arm, vec(q), vec(v)))
+
+
+@functools.cache
+def batch(one, arm):
+    return jax.jit(jax.vmap(functools.partial(one, arm)))
+
+
+def compiled(one, arm, *rows, dtype=np.float64):
+    """`one` of arrays, each row one robot, as NumPy arrays of float64."""
+    with jax.enable_x64(dtype == np.float64):
+        out = batch(one, arm)(*(np.asarray(row, dtype) for row in rows))
+        return jax.tree.map(lambda x: np.asarray(x, np.float64), out)
+
+
+def forward(arm, jpos, dtype=np.float64):
+    return compiled(forward_one, arm, jpos, dtype=dtype)
+
+
+def inverse(arm, *rows, dtype=np.float64):
+    """Joints, status, cost and yaw for position, rotation, opening and measured joints."""
+    return compiled(inverse_one, arm, *rows, dtype=dtype)
+
+
+def candidates(arm, t06):
+    return compiled(candidates_one, arm, t06)
+
+
+def random_joints(count, seed=0, low=LOW, high=HIGH):
+    return np.random.default_rng(seed).uniform(low, high, (count, 7))
+
+
+def angle_between(a, b):
+    return np.abs((a - b + np.pi) % (2 * np.pi) - np.pi)
+
+
+# --- forward --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("arm", "case"), VECTORS)
+def test_forward_check_values(arm, case):
+    jpos, position, micrometres, rotation = VECTORS[arm, case]
+    p, r = forward(arm, jpos[None])
+    np.testing.assert_allclose(p[0], position, atol=1e-11)
+    np.testing.assert_allclose(r[0].ravel(), rotation, atol=1e-14)
+    assert tuple(np.trunc(p[0] * 1e6).astype(int)) == micrometres
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_forward_of_a_recorded_robot(arm):
+    micrometres, rotation, degrees = RECORDED[arm]
+    jpos = np.delete(np.array(degrees.split(), float), 3) * DEG
+    p, r = forward(arm, jpos[None])
+    np.testing.assert_allclose(p[0] * 1e6, micrometres, atol=1.0)
+    np.testing.assert_allclose(r[0].ravel(), np.array(rotation.split(), float), atol=1e-7)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_forward_equals_the_matrices(arm):
+    jpos = random_joints(200, low=[-4, -4, 0, -4, -4, -4, -4], high=[4, 4, 1, 4, 4, 4, 4])
+    p, r = forward(arm, jpos)
+    expected = np.array([oracle.forward(arm, q) for q in jpos])
+    np.testing.assert_allclose(p, expected[:, :3, 3], atol=1e-14)
+    np.testing.assert_allclose(r, expected[:, :3, :3], atol=1e-14)
+
+
+def test_arms_mirror_each_other():
+    jpos = random_joints(50)
+    mirror = np.array([1.0, -1.0, 1.0])
+    (gold, r_gold), (green, r_green) = (
+        forward(arm, jpos * np.array([1, 1, 1, side, side, side, side])) for arm, side in (("gold", 1), ("green", -1))
+    )
+    jaws_apart = forward("green", jpos * np.array([1, 1, 1, -1, 1, -1, -1]))
+    np.testing.assert_allclose(jaws_apart[0], gold * mirror, atol=1e-15)
+    np.testing.assert_allclose(jaws_apart[1], mirror[:, None] * r_gold * mirror, atol=1e-14)
+    assert np.abs(green - gold * mirror).max() > 1e-3 and np.abs(r_green - r_gold).max() > 1e-3
+
+
+def test_given_yaw_replaces_that_of_the_jaws():
+    with jax.enable_x64(True):
+        given_yaw = kinematics.forward("gold", Vec(A), 0.3)
+        same = kinematics.forward("gold", Vec(A).replace(5, -0.3).replace(6, 0.3))
+    np.testing.assert_allclose(np.array(given_yaw.rotation), np.array(same.rotation), atol=1e-15)
+
+
+# --- inverse --------------------------------------------------------------------------------------------------------
+
+
+def test_the_eight_solutions():
+    t06 = oracle.forward("gold", A)
+    theta, valid = (x[0] for x in candidates("gold", t06[None]))
+    assert valid.all()
+    found = np.array([[*q[:5], (q[6] - q[5]) / 2] for q in (joint(t) for t in theta)])
+    expected = np.array(SOLUTIONS.split(), float).reshape(8, 6)
+    expected[:, [0, 1, 3, 4, 5]] *= DEG
+    np.testing.assert_allclose(found, expected, atol=1e-11)
+
+
+def joint(theta, arm="gold"):
+    with jax.enable_x64(True):
+        names = ("theta1", "theta2", "d3", "theta4", "theta5", "theta6")
+        measured = type(theta_from_joint(arm, Vec(A)))(**dict(zip(names, theta, strict=True)))
+        return np.array(joint_from_theta(arm, measured, 0.0))
+
+
+@pytest.mark.parametrize(("arm", "nearer", "farther"), [("gold", 5, 3), ("green", 4, 2)])
+def test_which_solution_is_usual(arm, nearer, farther):
+    for z, index in ((0.40, nearer), (0.52, farther)):
+        q = joints(40, 80, z, 10, 15, 20, 30)
+        theta, _ = candidates(arm, oracle.forward(arm, q)[None])
+        np.testing.assert_allclose(joint(theta[0, index], arm)[:5], q[:5], atol=1e-12)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_candidates_equal_the_originals_equations(arm):
+    jpos = np.concatenate([random_joints(150, seed=1), random_joints(150, seed=2, low=[-3] * 7, high=[3] * 7)])
+    t06 = np.array([oracle.forward(arm, q) for q in jpos])
+    t06[::3, :3, :3] += np.random.default_rng(3).normal(
+        0, 0.05, (100, 3, 3)
+    )  # the original does not ask for a rotation
+    theta, valid = candidates(arm, t06)
+    for i, t in enumerate(t06):
+        expected, expected_valid, code = oracle.solutions(arm, t)
+        if code:
+            continue
+        np.testing.assert_array_equal(valid[i].astype(bool), expected_valid)
+        for got, want in zip(theta[i][expected_valid], expected[expected_valid], strict=True):
+            singular = 1e-15 / min(abs(np.cos(want[4])), abs(np.sin(want[4])), abs(np.sin(want[1])))
+            np.testing.assert_allclose(got[2], want[2], atol=1e-13)
+            assert angle_between(got, want)[[0, 1, 3, 4, 5]].max() < 1e-11 + 1e3 * singular
+
+
+def joints_away_from_the_remote_centre(count, seed):
+    """Inside the limits, with both wrists farther than Lw from the remote centre and the roll not at its turn."""
+    jpos = random_joints(count, seed)
+    shallow, deep = np.minimum(jpos[:, 2], 0.43), np.maximum(jpos[:, 2], 0.51)
+    jpos[:, 2] = np.where(jpos[:, 2] < 0.47, shallow, deep)
+    jpos[:, 3] = np.clip(jpos[:, 3], -179 * DEG, 179 * DEG)
+    return jpos
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_4000_round_trips(arm):
+    jpos = joints_away_from_the_remote_centre(4000, seed=3)
+    p, r = forward(arm, jpos)
+    found, status, cost, yaw = inverse(arm, p, r, jpos[:, 5] + jpos[:, 6], jpos)
+    assert (status == 0).all()
+    assert np.abs(found - jpos).max() < 1e-9
+    assert cost.max() < 1e-15
+    np.testing.assert_allclose(yaw, (jpos[:, 6] - jpos[:, 5]) / 2, atol=1e-9)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_round_trips_in_float32(arm):
+    """Rounded poses lead back with the tip within 0.2 um.
+
+    What a rounded position says about an angle gets less as the wrist nears the remote centre; about the roll, as the
+    wrist straightens.
+    """
+    jpos = joints_away_from_the_remote_centre(4000, seed=4)
+    p, r = forward(arm, jpos, np.float32)
+    found, status, *_ = inverse(arm, p, r, jpos[:, 5] + jpos[:, 6], jpos, dtype=np.float32)
+    error = np.abs(found - jpos)
+    assert (status == 0).all()
+    distance = np.abs(jpos[:, 2] - 0.47)  # m
+    assert (error[:, :2] * distance[:, None]).max() < 0.1e-6
+    assert error[:, 2].max() < 0.1e-6
+    assert (error[:, 3] * np.abs(np.sin(jpos[:, 4])) * distance).max() < 0.2e-6
+    assert (error[:, 4:] * distance[:, None]).max() < 0.2e-6
+    again, _ = forward(arm, found)
+    exact, _ = forward(arm, jpos)
+    assert np.linalg.norm(again - exact, axis=1).max() < 0.2e-6
+
+
+def selections(arm, count, seed, spread, low=LOW, high=HIGH):
+    """Poses, openings and measured joints that are `spread` (share of the range) away, decided by both."""
+    rng = np.random.default_rng(seed)
+    jpos = rng.uniform(low, high, (count, 7))
+    reference = jpos + spread * SPAN * rng.normal(size=(count, 7))
+    t06 = np.array([oracle.forward(arm, q) for q in jpos])
+    opening = rng.uniform(0, 1.5, count)
+    got = inverse(arm, t06[:, :3, 3], t06[:, :3, :3], opening, reference)
+    return got, [oracle.inverse(arm, t, g, q) for t, g, q in zip(t06, opening, reference, strict=True)]
+
+
+def agree(got, expected):
+    found, status, cost, _ = got
+    for i, (want_status, want_cost, want) in enumerate(expected):
+        assert status[i] == want_status
+        assert cost[i] == pytest.approx(want_cost, rel=1e-6, abs=1e-6)
+        if want is not None:
+            np.testing.assert_allclose(found[i], want, atol=1e-8)
+    return np.array([status for status, *_ in expected])
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_selection_and_rejection_follow_the_original(arm):
+    statuses = [agree(*selections(arm, 150, 10 + k, spread)) for k, spread in enumerate((0.01, 0.05, 0.2, 1.0))]
+    assert (statuses[0] == 0).mean() > 0.8 and (statuses[3] == -1).mean() > 0.5
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_at_the_remote_centre_the_originals_leftovers_are_selected(arm):
+    """Insertions where the wrist is within Lw of the remote centre on one side or both."""
+    low, high = LOW.copy(), HIGH.copy()
+    low[2], high[2] = 0.445, 0.495
+    statuses = agree(*selections(arm, 400, 20, 0.05, low, high))
+    assert (statuses == -1).sum() > 100
+    # A measured pose chosen so near the leftovers that they are taken: joints of all-zero angles.
+    t06 = oracle.forward(arm, joints(20, 50, 0.459, 3, 60, 0, 0))
+    insertion = -oracle.solutions(arm, t06)[0][0, 2] + 0.47
+    assert oracle.solutions(arm, t06)[2] == -2
+    reference = np.array([-oracle.OFFSET[arm][0], -oracle.OFFSET[arm][1], 0.47 - insertion, 0.1, 85 * DEG, 0.1, 0.1])
+    expected = oracle.inverse(arm, t06, 0.2, reference)
+    found, status, *_ = inverse(arm, t06[None, :3, 3], t06[None, :3, :3], [0.2], reference[None])
+    assert expected[0] == status[0] == -2
+    np.testing.assert_allclose(found[0], expected[2], atol=1e-12)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_leftovers_where_the_first_side_fails(arm):
+    """Wrists within Lw on both sides: the second side's zeros count as valid, d3 included.
+
+    A true rotation keeps the first side's wrist away; a corrupted one can bring both near.
+    """
+    t06 = oracle.forward(arm, joints(20, 50, 0.47, 3, 60, 0, 0))
+    t06[:3] *= 0.01
+    theta, valid, code = oracle.solutions(arm, t06)
+    assert code == -2 and not valid[:4].any() and not theta.any()
+    zeros = np.array([-oracle.OFFSET[arm][0], -oracle.OFFSET[arm][1], 0.005, 0.0, 90 * DEG, 0.0, 0.0])
+    found, status, cost, _ = inverse(arm, t06[None, :3, 3], t06[None, :3, :3], [0.0], zeros[None])
+    assert status[0] == -2 and cost[0] == pytest.approx(0.25) and found[0][2] == 0.0
+
+
+@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize("beyond", [0.0, 2e-6, 9e-6, 1.1e-5])
+@pytest.mark.parametrize("end", [1.0, -1.0])
+def test_elbow_stretched_a_little_beyond_its_end(arm, beyond, end):
+    """Poses whose cosine of theta2 is outside [-1, 1] are clamped within 1e-5, invalid farther off."""
+    q = joints(30, 0.0 if (end > 0) == (arm == "green") else 180.0, 0.35, 20, 25, 10, 30)
+    t06 = oracle.forward(arm, q)
+    wrist = oracle.frames(arm, oracle.theta_of(arm, q))[4][:3, 3]
+    d = np.linalg.norm(wrist)
+    # Tilt the whole pose about the axis that is perpendicular to shoulder axis and wrist.
+    axis = np.cross([0, 0, 1.0], wrist / d)
+    axis /= np.linalg.norm(axis)
+    # d = -|d| here, so that the cosine follows -z/d of gold and z/d of green
+    side = 1.0 if arm == "gold" else -1.0
+    z = wrist[2] + side * end * beyond * oracle.GM1 * oracle.GM3 * d
+    turn = np.arcsin(wrist[2] / d) - np.arcsin(z / d)
+    k = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    rotation = np.eye(3) + np.sin(turn) * k + (1 - np.cos(turn)) * k @ k
+    t06[:3] = rotation @ t06[:3]
+    expected, expected_valid, _ = oracle.solutions(arm, t06)
+    theta, valid = (x[0] for x in candidates(arm, t06[None]))
+    if beyond:  # at the end itself rounding decides
+        np.testing.assert_array_equal(valid.astype(bool), expected_valid)
+        assert valid[4:6].any() == (beyond < 1e-5)
+    both = valid.astype(bool) & expected_valid
+    assert both.any()
+    assert angle_between(theta[both], expected[both]).max() < (1e-10 if beyond else 1e-6)
+
+
+@pytest.mark.parametrize("wrist", [0.0, 1e-6 / DEG, 90.0 - 3e-4, 3e-4 - 90.0])
+@pytest.mark.parametrize("arm", ARMS)
+def test_singular_wrists_take_the_other_equations(arm, wrist):
+    q = joints(35, 70, 0.36, 40, wrist, 10, 30)
+    p, r = forward(arm, q[None])
+    found, status, *_ = inverse(arm, p, r, [q[5] + q[6]], q[None])
+    assert status[0] == 0
+    np.testing.assert_allclose(found[0], q, atol=1e-9)
+
+
+def test_roll_is_shifted_when_the_measured_one_is_more_than_300_degrees_away():
+    target, measured = joints(30, 90, 0.4, 175, 20, 45, 45), joints(30, 90, 0.4, -130, 20, 45, 45)
+    measured[3] = -126 * DEG
+    p, r = forward("gold", target[None])
+    found, *_ = inverse("gold", p, r, [1.5], measured[None])
+    assert found[0][3] == pytest.approx((175 - 360) * DEG)
+    measured[3] = -124 * DEG
+    found, status, *_ = inverse("gold", p, r, [1.5], measured[None])
+    assert status[0] == -1
+
+
+def test_a_pose_with_nan_is_rejected():
+    p, r = forward("gold", HOME[None])
+    for bad_p, bad_r in ((p * np.nan, r), (p, r * np.nan)):
+        _, status, cost, _ = inverse("gold", bad_p, bad_r, [1.5], HOME[None])
+        assert status[0] == -1 and cost[0] == 32765
+
+
+@settings(max_examples=100, deadline=None)
+@example(share=[0.0] * 7, nudge=[0.0] * 7)
+@given(
+    share=st.lists(st.floats(0, 1), min_size=7, max_size=7), nudge=st.lists(st.floats(-1, 1), min_size=7, max_size=7)
+)
+def test_whatever_is_taken_reaches_the_pose(share, nudge):
+    """Where the inverse takes a solution, forward of it is the pose."""
+    jpos = LOW + np.array(share) * SPAN
+    reference = jpos + 0.1 * SPAN * np.array(nudge)
+    p, r = forward("gold", jpos[None])
+    found, status, cost, _ = inverse("gold", p, r, jpos[5:6] + jpos[6:7], reference[None])
+    if status[0] != 0:
+        return
+    again, r_again = forward("gold", found)
+    np.testing.assert_allclose(again, p, atol=1e-9)
+    np.testing.assert_allclose(r_again, r, atol=1e-8)
+    assert cost[0] <= np.pi
+
+
+# --- velocities -----------------------------------------------------------------------------------------------------
+
+JACOBIAN_HOME = """
+0.025265555 0.013866632 0.939120457 0 -0.003514898 0
+-0.077946998 -0.009709520 0.304404281 0 0.012231749 0
+0 0.063176275 -0.159344915 0 0.002651378 0
+0 -0.791240115 0 0.939120457 -0.212012150 0.270376804
+0 0.554032293 0 0.304404281 0.148452506 -0.940903761
+1 0.258819045 0 -0.159344915 -0.965925826 -0.203952191
+"""
+
+
+def jacobian(arm, jpos):
+    return compiled(jacobian_one, arm, jpos)
+
+
+def test_jacobian_check_values():
+    expected = np.array(JACOBIAN_HOME.split(), float).reshape(6, 6)
+    np.testing.assert_allclose(jacobian("gold", HOME[None])[0], expected, atol=1e-9)
+    green = jacobian("green", HOME[None])[0]
+    np.testing.assert_allclose(green[:, 0], [0.025265555, 0.077946998, 0, 0, 0, -1], atol=1e-9)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_jacobian_equals_axes_and_finite_differences(arm):
+    jpos = random_joints(40, seed=5)
+    got = jacobian(arm, jpos)
+    np.testing.assert_allclose(got, [oracle.jacobian(arm, q) for q in jpos], atol=1e-14)
+    step = 1e-6
+    for column in range(6):
+        move = np.zeros(7)
+        if column < 5:
+            move[column] = step
+        else:
+            move[5:] = -step, step
+        (before, r0), (after, r1) = forward(arm, jpos - move), forward(arm, jpos + move)
+        np.testing.assert_allclose(got[:, :3, column], (after - before) / (2 * step), atol=1e-9)
+        skew = (r1 - r0) / (2 * step) @ forward(arm, jpos)[1].transpose(0, 2, 1)
+        turning = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+        np.testing.assert_allclose(got[:, 3:, column], turning, atol=1e-8)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_tip_velocity_is_the_jacobians(arm):
+    jpos, jvel = random_joints(40, seed=6), np.random.default_rng(7).normal(size=(40, 7))
+    got = compiled(tip_velocity_one, arm, jpos, jvel)
+    rates = np.concatenate([jvel[:, :5], (jvel[:, 6:] - jvel[:, 5:6]) / 2], axis=1)
+    np.testing.assert_allclose(got, np.einsum("nij,nj->ni", jacobian(arm, jpos)[:, :3], rates), atol=1e-14)
+
+
+# --- the rest -------------------------------------------------------------------------------------------------------
+
+
+@given(st.floats(-50, 50))
+def test_wrap_brings_into_half_a_turn(angle):
+    with jax.enable_x64(True):
+        wrapped = float(wrap(np.float64(angle)))
+    assert abs(wrapped) <= np.pi + 1e-12
+    turns = (angle - wrapped) / (2 * np.pi)
+    assert turns == pytest.approx(round(turns), abs=1e-12)
+
+
+def test_inverse_stays_small():
+    """The dearest stage of the tick: scalar operations of one arm."""
+    pose = jax.eval_shape(lambda q: kinematics.forward("gold", q), Vec(np.float32(x) for x in A))
+    numbers = jax.tree.map(lambda s: np.float32(1.0), pose)
+    traced = jax.make_jaxpr(lambda p, q: kinematics.inverse("gold", p, q[5], q))(numbers, Vec(np.float32(x) for x in A))
+
+    def operations(jaxpr):
+        inner = [v.jaxpr for e in jaxpr.eqns for v in e.params.values() if hasattr(v, "jaxpr")]
+        own = sum(not any(hasattr(v, "jaxpr") for v in e.params.values()) for e in jaxpr.eqns)
+        return own + sum(operations(j) for j in inner)
+
+    assert operations(traced.jaxpr) <= 850
+
+
+def test_home_lies_inside_the_limits():
+    soft = limits.soft_limits("r_grasper")
+    for k, joint_at_home in enumerate(limits.HOME_JPOS[:5]):
+        assert soft.lower[k] < joint_at_home < soft.upper[k]
+    assert limits.home_jpos("mopocu_scissor")[5:] == pytest.approx((10 * DEG, 10 * DEG))
+    assert limits.soft_limits("r_grasper", "fork2015").upper[3] == pytest.approx(150 * DEG)
+    assert soft.lower[5] == pytest.approx(-105 * DEG) and soft.upper[5] is None

@@ -1,0 +1,182 @@
+"""Unrolled link dynamics against C MuJoCo and MJX, and the linear solver against NumPy."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+
+from ravenjax.robot import arm_model, rigid_program
+from ravenjax.robot.linear_solve import solve_spd
+from ravenjax.robot.link_dynamics import links, mass_matrix_and_bias, program
+from ravenjax.robot.rigid_tree import read_tree
+from ravenjax.types import ARMS, Setup, Vec
+
+UNROLLED, MJX = Setup(), dataclasses.replace(Setup(), link_dynamics="mjx")
+AXES = np.eye(3)
+
+
+def random_tree(rng: np.random.Generator, bodies: int) -> mujoco.MjModel:
+    """Fixed base in a random pose; bodies with 0-2 joints each, half of the axes along coordinates, valid inertias."""
+    spec = mujoco.MjSpec()
+    nodes = [spec.worldbody.add_body(name="base", pos=rng.normal(size=3), quat=rng.normal(size=4))]
+    for i in range(bodies):
+        body = nodes[rng.integers(len(nodes))].add_body(name=f"b{i}", pos=rng.normal(size=3), quat=rng.normal(size=4))
+        body.explicitinertial = True
+        body.mass, body.ipos = rng.uniform(0.1, 2.0), rng.normal(size=3)
+        body.iquat, body.inertia = rng.normal(size=4), rng.uniform(1.0, 1.9, size=3)
+        for k in range(2 if i == 0 else rng.integers(0, 3)):
+            body.add_joint(
+                name=f"j{i}_{k}",
+                type=(mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)[rng.integers(2)],
+                axis=AXES[rng.integers(3)] if rng.random() < 0.5 else rng.normal(size=3),
+                pos=rng.normal(size=3) if rng.random() < 0.5 else np.zeros(3),
+                armature=rng.random(),
+                ref=rng.normal(),
+            )
+        nodes.append(body)
+    return spec.compile()
+
+
+def mujoco_answer(model: mujoco.MjModel, qpos, qvel) -> tuple[np.ndarray, np.ndarray, mujoco.MjData]:
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = qpos, qvel
+    mujoco.mj_forward(model, data)
+    mass = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass)
+    return mass, data.qfrc_bias.copy(), data
+
+
+def relative(found: np.ndarray, expected: np.ndarray) -> float:
+    return float(np.abs(np.asarray(found) - expected).max() / np.abs(expected).max())
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_random_trees_equal_mujoco(seed):
+    rng = np.random.default_rng(seed)
+    model = random_tree(rng, bodies=5)
+    n = model.nv
+    qpos, qvel, applied = rng.normal(size=(3, n))
+    mass, bias, data = mujoco_answer(model, qpos, qvel)
+    tree = read_tree(model, "base")
+    gravity = data.body("base").xmat.reshape(3, 3).T @ model.opt.gravity
+    with jax.enable_x64(True):
+        out = np.array(rigid_program.mass_matrix_and_bias(tree)([*qpos, *qvel, *gravity]), dtype=float)
+        lower = np.zeros((n, n))
+        lower[np.tril_indices(n)] = out[:-n]
+        found = lower + np.tril(lower, -1).T + np.diag([link.armature for link in tree])
+        acceleration = solve_spd(tuple(Vec(row) for row in found), Vec(applied - out[-n:]))
+    assert relative(found, mass) < 1e-10
+    assert relative(out[-n:], bias) < 1e-10
+    data.qfrc_applied[:] = applied
+    mujoco.mj_forward(model, data)
+    assert relative(np.array(acceleration), data.qacc) < 1e-10
+
+
+def test_other_joint_types_are_refused():
+    spec = mujoco.MjSpec()
+    base = spec.worldbody.add_body(name="base")
+    body = base.add_body(name="floating", mass=1, inertia=(1, 1, 1), explicitinertial=True)
+    body.add_joint(name="ball", type=mujoco.mjtJoint.mjJNT_BALL)
+    with pytest.raises(ValueError, match=r"joint 'ball' of body 'floating' is of type mjJNT_BALL.*hinges and slides"):
+        read_tree(spec.compile(), "base")
+
+
+def within_range(rng: np.random.Generator, count: int) -> np.ndarray:
+    low, high = arm_model.scene().jnt_range[:7].T
+    return rng.uniform(low, high, size=(count, 7))
+
+
+def stacked(setup: Setup, arm, mass_scale=1.0):
+    """Arrays (qpos, qvel, gravity) with a leading axis -> M and bias."""
+
+    def one(qpos, qvel, gravity):
+        mass, bias = mass_matrix_and_bias(setup, arm, Vec(qpos), Vec(qvel), Vec(gravity), mass_scale)
+        rows = [[jnp.asarray(x, qpos.dtype) for x in row] for row in mass]
+        return jnp.array(rows), jnp.array(list(bias))
+
+    return jax.jit(jax.vmap(one))
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_both_arms_equal_mujoco(arm):
+    model = arm_model.scene()
+    first = 7 * ARMS.index(arm)
+    own = slice(first, first + 7)
+    rng = np.random.default_rng(7)
+    q, v = within_range(rng, 10), rng.normal(size=(10, 7))
+    with jax.enable_x64(True):
+        mass, bias = stacked(UNROLLED, arm)(q, v, np.tile([-9.81, 0.0, 0.0], (10, 1)))
+    for i in range(10):
+        qpos, qvel = model.key_qpos[0].copy(), np.zeros(14)
+        qpos[own], qvel[own] = q[i], v[i]
+        expected_mass, expected_bias, _ = mujoco_answer(model, qpos, qvel)
+        np.testing.assert_allclose(mass[i], expected_mass[own, own], rtol=1e-10, atol=1e-15)
+        np.testing.assert_allclose(bias[i], expected_bias[own], rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_mjx_equals_unrolled(arm):
+    """In any gravity, with scaled masses."""
+    rng = np.random.default_rng(3)
+    inputs = within_range(rng, 20), rng.normal(size=(20, 7)), 9.8 * rng.normal(size=(20, 3))
+    with jax.enable_x64(True):
+        unrolled, mjx = stacked(UNROLLED, arm, 1.3)(*inputs), stacked(MJX, arm, 1.3)(*inputs)
+    for a, b in zip(unrolled, mjx, strict=True):
+        assert a.dtype == b.dtype == np.float64
+        np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-13)
+    narrow = [jnp.asarray(x, jnp.float32) for x in inputs]
+    for setup in (UNROLLED, MJX) if arm == "gold" else (UNROLLED,):
+        mass, bias = stacked(setup, arm, 1.3)(*narrow)
+        assert mass.dtype == bias.dtype == np.float32
+        np.testing.assert_allclose(mass, unrolled[0], rtol=1e-4, atol=1e-6)
+        np.testing.assert_allclose(bias, unrolled[1], rtol=1e-4, atol=1e-4)
+
+
+def test_mass_scale_leaves_the_spindles_alone():
+    arguments = UNROLLED, "gold", Vec.full(7, 0.3), Vec.full(7, 0.2), Vec((-9.8, 0.0, 0.0))
+    (mass, bias), (scaled_mass, scaled_bias) = (mass_matrix_and_bias(*arguments, scale) for scale in (1.0, 2.0))
+    spindles = np.diag([link.armature for link in links("gold")])
+    np.testing.assert_allclose(np.array(scaled_mass) - spindles, 2 * (np.array(mass) - spindles), rtol=1e-12)
+    np.testing.assert_allclose(np.array(scaled_bias), 2 * np.array(bias), rtol=1e-12)
+
+
+def test_structural_zeros_and_constants_are_python_numbers():
+    seen = {}
+
+    def look(q, v, g):
+        seen["mass"], _ = mass_matrix_and_bias(UNROLLED, "gold", q, v, g)
+        return 0.0
+
+    jax.make_jaxpr(look)(Vec.full(7, 0.3), Vec.full(7, 0.0), Vec.full(3, 0.0))
+    mass = seen["mass"]
+    assert mass[5][6] == mass[6][5] == 0.0 and type(mass[5][6]) is float  # the jaws meet in the wrist only
+    assert type(mass[2][2]) is float and mass[2][2] == pytest.approx(0.407, abs=1e-12)  # kg, raven2_sim: Li_DYN
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_operation_count(arm):
+    """M and bias stay below 800 operations, with the solve below 1000 (one arm, seven joints)."""
+    assert sum(program(arm, (None,) * 17).operations.values()) < 800
+
+    def acceleration(qpos, qvel, gravity, torque):
+        mass, bias = mass_matrix_and_bias(UNROLLED, arm, qpos, qvel, gravity)
+        return solve_spd(mass, torque - bias)
+
+    seven = Vec.full(7, 0.3)
+    jaxpr = jax.make_jaxpr(acceleration)(seven, seven, Vec.full(3, 1.0), seven)
+    assert len(jaxpr.eqns) < 1000
+    assert {e.primitive.name for e in jaxpr.eqns} <= {"add", "sub", "mul", "div", "neg", "sin", "cos"}
+
+
+@pytest.mark.parametrize("size", [1, 2, 5, 9])
+def test_solve_spd(size):
+    rng = np.random.default_rng(size)
+    root = rng.normal(size=(size, size))
+    matrix, right = root @ root.T + np.eye(size), rng.normal(size=size)
+    x = solve_spd(tuple(Vec(row) for row in matrix.tolist()), Vec(right.tolist()))
+    np.testing.assert_allclose(x, np.linalg.solve(matrix, right), rtol=1e-10)

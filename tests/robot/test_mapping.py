@@ -1,0 +1,104 @@
+from __future__ import annotations
+
+import functools
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from ravenjax.robot import mapping
+from ravenjax.types import ARMS, Vec
+
+COMPONENT = st.floats(-1, 1)
+QUATERNION = st.tuples(COMPONENT, COMPONENT, COMPONENT, COMPONENT).filter(lambda q: np.linalg.norm(q) > 0.05)
+
+
+@functools.cache
+def compiled(function, *static):
+    return jax.jit(functools.partial(function, *static))
+
+
+def run(function, *arguments):
+    """In float64; leading strings pick code, the rest are Vecs or rows of Vecs."""
+    static = tuple(a for a in arguments if isinstance(a, str))
+    with jax.enable_x64(True):
+        out = compiled(function, *static)(*(vec(a) for a in arguments if not isinstance(a, str)))
+        return jax.tree.map(np.asarray, out)
+
+
+def vec(values) -> Vec:
+    return Vec(vec(v) if np.ndim(v) else np.float64(v) for v in values)
+
+
+def same_rotation(a, b):
+    np.testing.assert_allclose(Rotation.from_quat(a).as_matrix(), Rotation.from_quat(b).as_matrix(), atol=1e-12)
+
+
+def test_axes_of_a_packet():
+    assert mapping.position_from_itp("gold", Vec((1, 2, 3))) == (-3, -1, 2)
+    assert mapping.position_from_itp("green", Vec((1, 2, 3))) == (-3, 1, -2)
+    for arm in ARMS:
+        assert np.linalg.det(np.array(mapping.ITP_AXES[arm])) == 1.0
+
+
+@pytest.mark.parametrize("arm", ARMS)
+@given(quat=QUATERNION)
+def test_an_increments_rotation_by_matrix_and_by_quaternion(arm, quat):
+    c = np.array(mapping.ITP_AXES[arm])
+    expected = c @ Rotation.from_quat(quat).as_matrix() @ c.T
+    by_matrix = run(mapping.rotation_from_itp, arm, run(mapping.matrix_from_quat, quat))
+    np.testing.assert_allclose(by_matrix, expected, atol=1e-12)
+    by_quat = run(mapping.quat_from_itp, arm, quat)
+    np.testing.assert_allclose(Rotation.from_quat(by_quat).as_matrix(), expected, atol=1e-12)
+    assert np.linalg.norm(by_quat) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_zero_quaternion_makes_the_whole_increment_nan(arm):
+    position, quat = run(mapping.increment_from_itp, arm, (1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 0.0))
+    assert np.isnan(position).all() and np.isnan(quat).all()
+    position, quat = run(mapping.increment_from_itp, arm, (1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 2.0))
+    np.testing.assert_array_equal(position, mapping.position_from_itp(arm, Vec((1.0, 2.0, 3.0))))
+    np.testing.assert_array_equal(quat, (0, 0, 0, 1))
+
+
+@given(a=QUATERNION, b=QUATERNION)
+def test_product_turns_b_then_a(a, b):
+    same_rotation(run(mapping.quat_mul, a, b), (Rotation.from_quat(a) * Rotation.from_quat(b)).as_quat())
+
+
+@given(quat=QUATERNION)
+def test_matrix_of_a_quaternion_of_any_length(quat):
+    np.testing.assert_allclose(run(mapping.matrix_from_quat, quat), Rotation.from_quat(quat).as_matrix(), atol=1e-12)
+
+
+@settings(max_examples=200)
+@given(quat=QUATERNION)
+def test_quaternion_of_a_matrix(quat):
+    matrix = Rotation.from_quat(quat).as_matrix()
+    assume(abs(np.trace(matrix)) > 1e-9)
+    found = run(mapping.quat_from_matrix, matrix)
+    same_rotation(found, quat)
+    assert np.linalg.norm(found) == pytest.approx(1)
+    pivot = 3 if np.trace(matrix) > 0 else int(np.argmax(np.diag(matrix)))
+    assert found[pivot] > 0
+
+
+@pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1)])
+def test_quaternion_of_a_half_turn(axis):
+    matrix = 2 * np.outer(axis, axis) - np.eye(3)
+    np.testing.assert_allclose(run(mapping.quat_from_matrix, matrix), (*axis, 0), atol=1e-15)
+
+
+@given(st.lists(st.tuples(COMPONENT, COMPONENT, COMPONENT), min_size=1, max_size=5))
+def test_accumulation_turns_about_the_frames_axes(steps):
+    position, quat, rotation = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), Rotation.identity()
+    for step in steps:
+        increment = Rotation.from_rotvec(step)
+        position, quat = run(mapping.accumulate, position, quat, step, increment.as_quat())
+        rotation = increment * rotation
+    same_rotation(quat, rotation.as_quat())
+    np.testing.assert_allclose(position, np.sum(steps, axis=0), atol=1e-14)

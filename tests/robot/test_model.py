@@ -1,0 +1,181 @@
+"""models/raven2/raven2.xml: the DH kinematics of the control software and the dynamics of the authors."""
+
+from __future__ import annotations
+
+import math
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import mujoco
+import numpy as np
+import pytest
+
+from ravenjax.robot import arm_model, kinematics
+from ravenjax.types import ARMS, JOINTS, Vec
+
+ROOT = Path(__file__).resolve().parents[2]
+
+# Check values: q, qdot, (M11, M12, M13, M22), G, bias of raven2_sim: Li_DYN/two_arm_dyn.cpp, evaluated.
+M23, M33 = -4.827707615e-05, 0.407
+CHECKS = [
+    (
+        (-1.515971, -1.44377, 0.367864),
+        (0.894073, -0.714511, -0.007179),
+        (0.204097414766883, 0.0221802141473461, 0.00728645089836509, 0.094399421967439),
+        (-2.48760672296708, -0.59627951556768, 2.0967807295235),
+        (-2.47883747784664, -0.583575914096313, 1.95832923290484),
+    ),
+    (
+        (-1.86981, -1.506895, 0.465643),
+        (0.4639, -0.277903, -0.070372),
+        (0.237312497748804, 0.0273937053686796, 0.00732840109095636, 0.114249140739293),
+        (-1.58498047731223, -0.705794678711826, 3.14425310497484),
+        (-1.59450220381425, -0.699646471403101, 3.10271526588444),
+    ),
+    (
+        (-1.596061, -0.826801, 0.507944),
+        (0.584304, -0.904848, -0.062117),
+        (0.189956986248823, 0.0044596814118713, 0.00542271104573525, 0.124334059677717),
+        (-1.98747950188099, -0.589982147179145, 1.88079196217761),
+        (-1.95793586025601, -0.552247062622945, 1.70682666741027),
+    ),
+    (
+        (-1.871488, -2.343579, 0.444126),
+        (-0.290102, -0.91842, -0.069384),
+        (0.194754191717858, 0.0486378732509591, 0.00522701710621375, 0.109466347800598),
+        (-0.648988195242679, 0.0894630402018017, 3.47801771358088),
+        (-0.625955856250472, 0.103101637657673, 3.32794682873624),
+    ),
+    (
+        (-2.526445, -2.320512, 0.390286),
+        (0.25285, -0.810938, -0.069322),
+        (0.180641717017371, 0.0394223352563721, 0.00534463471369834, 0.0985241930861874),
+        (1.86263805285456, 1.11686347511534, 3.57100859059916),
+        (1.84057228561267, 1.12245023819584, 3.5297647928873),
+    ),
+]
+
+
+@pytest.fixture(scope="module")
+def model() -> mujoco.MjModel:
+    return arm_model.scene()
+
+
+def own(arm) -> slice:
+    first = 7 * ARMS.index(arm)
+    return slice(first, first + 7)
+
+
+def test_joints_are_those_of_the_control_software(model):
+    names = tuple(model.joint(i).name for i in range(model.njnt))
+    assert names == tuple(f"{arm}_{joint}" for arm in ARMS for joint in JOINTS)
+    assert (model.nq, model.nv) == (14, 14)
+    degrees = [(0, 90), (45, 135), None, (-182, 182), (-70, 70), (-105, 105), (-105, 105)]
+    for arm in ARMS:
+        for low_high, span in zip(degrees, model.jnt_range[own(arm)], strict=True):
+            np.testing.assert_allclose(span, np.radians(low_high) if low_high else (0.23, 0.56), rtol=1e-12)
+    assert not model.geom_contype.any() and not model.geom_conaffinity.any()
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_tip_site_is_dh_frame_6(model, arm):
+    data, rng = mujoco.MjData(model), np.random.default_rng(1)
+    for _ in range(30):
+        data.qpos[:] = rng.uniform(*model.jnt_range.T)
+        mujoco.mj_kinematics(model, data)
+        base, tip = data.body(f"{arm}_frame0"), data.site(f"{arm}_tip")
+        to_base = base.xmat.reshape(3, 3).T
+        qpos = data.qpos[own(arm)]
+        yaw = (qpos[6] - qpos[5]) / 2
+        turn = np.array([[math.cos(yaw), -math.sin(yaw), 0], [math.sin(yaw), math.cos(yaw), 0], [0, 0, 1]])
+        with jax.enable_x64(True):
+            pose = kinematics.forward(arm, Vec(np.float64(x) for x in qpos))
+        np.testing.assert_allclose(to_base @ (tip.xpos - base.xpos), np.array(pose.position), atol=1e-9)
+        np.testing.assert_allclose(to_base @ tip.xmat.reshape(3, 3) @ turn, np.array(pose.rotation), atol=1e-9)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize("check", CHECKS)
+@pytest.mark.parametrize("offset_deg", [155, 180])
+def test_first_three_joints_are_the_authors(model, arm, check, offset_deg):
+    """M, gravity and bias of joints 1-3, tool at rest in its reference pose, both arms.
+
+    The authors' q1 is the DH angle theta1 = jpos - 155 deg under gravity along -x0, or (their reading of the same
+    formulas) jpos - 180 deg with gravity turned by 25 deg about z0. M and the velocity terms do not tell the two apart.
+    """
+    q, rate, (m11, m12, m13, m22), gravity_torque, bias = check
+    data = mujoco.MjData(model)
+    base = data.body(f"{arm}_frame0")
+    data.qpos[:] = model.key_qpos[0]
+    data.qpos[own(arm)][:3] = q[0] + math.radians(offset_deg), q[1] + math.pi, q[2]
+    turn = math.radians(offset_deg - 155) * (1 if arm == "gold" else -1)
+    mujoco.mj_kinematics(model, data)
+    down = base.xmat.reshape(3, 3) @ (-9.81 * np.array([math.cos(turn), math.sin(turn), 0.0]))
+    before = model.opt.gravity.copy()
+    model.opt.gravity[:] = down
+    try:
+        mujoco.mj_forward(model, data)
+        np.testing.assert_allclose(data.qfrc_bias[own(arm)][:3], gravity_torque, atol=1e-6)
+        data.qvel[own(arm)][:3] = rate
+        mujoco.mj_forward(model, data)
+        np.testing.assert_allclose(data.qfrc_bias[own(arm)][:3], bias, atol=1e-6)
+    finally:
+        model.opt.gravity[:] = before
+    mass = np.zeros((14, 14))
+    mujoco.mj_fullM(model, data, mass)
+    expected = [[m11, m12, m13], [m12, m22, M23], [m13, M23, M33]]
+    np.testing.assert_allclose(mass[own(arm), own(arm)][:3, :3], expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_turning_the_tool_hardly_moves_the_authors_mass_matrix(model, arm):
+    """Away from the reference pose only 3.6 g of wrist and jaws move: 0.02 % of M."""
+    rng, data = np.random.default_rng(5), mujoco.MjData(model)
+
+    def upper(tool) -> np.ndarray:
+        data.qpos[own(arm)] = [0.6, 1.5, 0.4, *tool]
+        mujoco.mj_forward(model, data)
+        mass = np.zeros((14, 14))
+        mujoco.mj_fullM(model, data, mass)
+        return mass[own(arm), own(arm)][:3, :3]
+
+    reference = upper((0.0, 0.0, math.pi / 4, math.pi / 4))
+    for _ in range(20):
+        tool = rng.uniform(*model.jnt_range[own(arm)][3:].T)
+        scale = np.sqrt(np.outer(reference.diagonal(), reference.diagonal()))
+        assert (np.abs(upper(tool) - reference) / scale).max() < 3e-4
+
+
+def test_scene_at_home(model):
+    """Gravity is -x0 of both arms, the arms are mirror images, and the tips meet just above the tissue."""
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)
+    mujoco.mj_forward(model, data)
+    for arm in ARMS:
+        down = data.body(f"{arm}_frame0").xmat.reshape(3, 3).T @ model.opt.gravity
+        np.testing.assert_allclose(down, (-9.81, 0, 0), atol=1e-12)
+        shaft = data.body(f"{arm}_tool_roll").xmat.reshape(3, 3)[:, 2]
+        assert 10 <= math.degrees(math.acos(shaft[2])) <= 21
+    gold, green = data.site("gold_tip").xpos, data.site("green_tip").xpos
+    np.testing.assert_allclose(gold * (-1, 1, 1), green, atol=1e-12)
+    assert 0.01 < np.linalg.norm(gold - green) < 0.05
+    top = data.site("tissue_top").xpos
+    assert 0.005 < gold[2] - top[2] < 0.04 and np.linalg.norm(gold[:2] - top[:2]) < 0.05
+
+
+NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e-?\d+)?(?![\w.])")
+
+
+def test_committed_files_are_what_the_builder_writes(tmp_path):
+    """Text to the letter, numbers to rounding (another machine may differ in a last digit)."""
+    builder = ROOT / "analysis" / "looks" / "build.py"
+    subprocess.run([sys.executable, str(builder), str(tmp_path)], check=True, capture_output=True)
+    for fresh in sorted(tmp_path.rglob("*.*")):
+        committed = ROOT / "models" / "raven2" / fresh.relative_to(tmp_path)
+        old, new = committed.read_text(encoding="utf-8"), fresh.read_text(encoding="utf-8")
+        assert NUMBER.sub("#", old) == NUMBER.sub("#", new), f"{committed} differs: run python {builder}"
+        numbers = [np.array(NUMBER.findall(text), dtype=float) for text in (old, new)]
+        np.testing.assert_allclose(*numbers, rtol=1e-9, atol=1.1e-5 if fresh.suffix == ".obj" else 1e-12)

@@ -1,0 +1,50 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ravenjax.errors import UserError
+from ravenjax.robot.limits import HOME_JPOS, home_jpos, soft_limits
+from ravenjax.robot.tools import DEFAULT_TOOLS, TOOLS, find_tool
+from ravenjax.types import ARMS
+
+DEG = np.pi / 180
+
+
+@pytest.mark.parametrize("tool", TOOLS.values(), ids=TOOLS.keys())
+def test_soft_limits_lie_inside_the_hard_stops(tool):
+    limits = np.array([tool.roll_limit_deg, tool.wrist_limit_deg, tool.grasp1_limit_deg, tool.grasp2_limit_deg]) * DEG
+    assert (limits < tool.hard_max).all() and (-limits > np.array(tool.hard_min)).all()
+    assert tool.wrist_coupling == 0 or tool.style == "dv"
+
+
+def test_defaults_exist():
+    assert all(tools[arm] in TOOLS for tools in DEFAULT_TOOLS.values() for arm in ARMS)
+
+
+def test_asymmetric_roll_stop():
+    assert find_tool("r_grasper_A").hard_min[0] == pytest.approx(-330 * DEG)
+    assert find_tool("r_grasper_A").hard_max[0] == pytest.approx(290 * DEG)
+
+
+def test_an_unknown_tool_is_named_with_a_suggestion():
+    with pytest.raises(
+        UserError, match=r"unknown tool 'r_graspr': expected one of r_grasper, .*Did you mean 'r_grasper'"
+    ):
+        find_tool("r_graspr")
+
+
+def test_soft_limits():
+    present, fork = soft_limits("r_grasper"), soft_limits("r_grasper_B", "fork2015")
+    np.testing.assert_allclose(present.lower, [0, 45 * DEG, 0.23, -182 * DEG, -70 * DEG, -105 * DEG])
+    np.testing.assert_allclose(present.upper[:5], [90 * DEG, 135 * DEG, 0.56, 182 * DEG, 70 * DEG])
+    assert present.upper[5] is fork.lower[5] is fork.upper[5] is None
+    assert (fork.lower[3], fork.upper[3]) == pytest.approx((-150 * DEG, 150 * DEG))
+    assert all(
+        low < home < high for low, home, high in zip(present.lower[:5], HOME_JPOS, present.upper[:5], strict=False)
+    )
+
+
+def test_home_jaws_depend_on_the_tool():
+    assert home_jpos("r_grasper") == pytest.approx(HOME_JPOS)
+    assert home_jpos("potts_scissor")[5:] == pytest.approx((5 * DEG, 5 * DEG))
