@@ -1,0 +1,70 @@
+"""What the report says about each run, derived once from the result table."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+OUTCOMES = {
+    "stopped": "stopped by a built-in check",
+    "flagged": "flagged by a built-in check, not stopped",
+    "felt": "no check responded, the haptic cue fired",
+    "unseen": "no check responded, no cue fired, yet the instrument jumped",
+    "quiet": "no check responded, no cue, no jump",
+    "failed": "the run gave no valid outcome",
+}
+"""Each run has exactly one of these outcomes; "felt" is what evaded the checks and tripped the cue."""
+
+
+def derive(frame: pd.DataFrame, cue: int = 0) -> pd.DataFrame:
+    """One row per run, the index of `frame` kept; `cue` is the haptic set of the verdicts.
+
+    Columns: run_id, group, faulty, activated, failed, response, haptic, jump (from the verdict), outcome (of OUTCOMES),
+    distinct (equal for runs that differ in seed alone), block (site and effect of the first fault), onset_ms,
+    length_ms, magnitude (of the first fault), active_ms, cue_ms, response_ms (-1 where never).
+    """
+    words = {
+        verdict: tuple(verdict.split("/")) if verdict else ("", "", "")
+        for verdict in frame["verdict"].unique().tolist()
+    }
+    response, haptic, jump = np.array([words[v] for v in frame["verdict"]], object).reshape(-1, 3).T
+    facts = pd.DataFrame(
+        {
+            "run_id": frame["run_id"],
+            "group": frame["group"].astype("category"),
+            "faulty": _faulty(frame),
+            "activated": frame["activated"].astype(bool),
+            "failed": (frame["failed"] != "").to_numpy(),
+            "response": response,
+            "haptic": haptic == "haptic",
+            "jump": jump == "jump",
+            "active_ms": frame["first_active_ms"],
+            "cue_ms": frame[f"cue{cue}_first_ms"],
+            "response_ms": frame["response_ms"],
+        },
+        index=frame.index,
+    )
+    silent = facts["response"] == "silent"
+    facts["outcome"] = np.select(
+        [facts["failed"], ~silent, facts["haptic"], facts["jump"]],
+        ["failed", facts["response"], "felt", "unseen"],
+        "quiet",
+    )
+    facts["distinct"] = _distinct(frame)
+    if "fault0_site" in frame:
+        facts["block"] = frame["fault0_site"].astype(str) + " · " + frame["fault0_effect"].astype(str)
+        facts["onset_ms"] = frame["fault0_start_ms"]
+        facts["length_ms"] = frame["fault0_duration_ms"]
+        facts["magnitude"] = frame["fault0_value"]
+    return facts
+
+
+def _faulty(frame: pd.DataFrame) -> np.ndarray:
+    sites = [name for name in frame if name.startswith("fault") and name.endswith("_site")]
+    return np.any([frame[name] != "" for name in sites], axis=0) if sites else np.zeros(len(frame), bool)
+
+
+def _distinct(frame: pd.DataFrame) -> np.ndarray:
+    """Number of the run's input among the campaign's inputs, random numbers apart."""
+    inputs = [n for n in frame if n == "operator" or n.startswith("param:") or n.startswith("fault")]
+    return frame[inputs].groupby(inputs, observed=True, dropna=False, sort=False).ngroup().to_numpy()

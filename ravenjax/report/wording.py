@@ -1,0 +1,67 @@
+"""Numbers and faults as words of the report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from ravenjax.stats.intervals import Rate
+
+NARROW = "\u202f"
+DASH = "–"
+
+
+def count(value: float) -> str:
+    """1234 -> 1,234."""
+    return f"{int(value):,}"
+
+
+def number(value: float, digits: int = 3) -> str:
+    """`digits` significant digits without exponent for usual sizes; a dash for what is not finite."""
+    if not math.isfinite(value):
+        return DASH
+    if value == 0 or 1e-6 <= abs(value) < 1e7:
+        decimals = max(0, digits - 1 - math.floor(math.log10(abs(value)))) if value else 0
+        text = f"{value:,.{decimals}f}"
+        text = text.rstrip("0").rstrip(".") if "." in text else text
+    else:
+        text = f"{value:.{digits}g}"
+    return text.replace("-", "−")
+
+
+def _decimals(fraction: float) -> int:
+    return 2 if 0 < fraction < 0.01 or 0.99 < fraction < 1 else 1
+
+
+def percent(fraction: float) -> str:
+    """0.156 -> 15.6 %; a second decimal close to 0 and 100 %."""
+    if math.isnan(fraction):
+        return DASH
+    return f"{100 * fraction:.{_decimals(fraction)}f}{NARROW}%"
+
+
+def interval(rate: Rate) -> str:
+    """14.1–17.3 %, of a rate's confidence interval."""
+    if not rate.n:
+        return "no runs"
+    digits = max(_decimals(rate.low), _decimals(rate.high))
+    return f"{100 * rate.low:.{digits}f}{DASH}{100 * rate.high:.{digits}f}{NARROW}%"
+
+
+def fault(row: Mapping[str, Any]) -> str:
+    """The faults of one result row in a phrase: usb_out gold shoulder, overwrite 500, 9 ms from 1,200 ms (time)."""
+    phrases = []
+    slot = 0
+    while f"fault{slot}_site" in row:
+        name = f"fault{slot}_"
+        if row[f"{name}site"]:
+            where = " ".join(str(row[name + key]) for key in ("site", "arm", "channel") if row[name + key])
+            value = row[f"{name}value"]
+            what = str(row[f"{name}effect"]) + ("" if math.isnan(value) else f" {number(value, 5)}")
+            when = f"{count(row[f'{name}duration_ms'])} ms from {count(row[f'{name}start_ms'])} ms"
+            every = f", every {count(row[f'{name}every_ms'])} ms" if row[f"{name}every_ms"] > 0 else ""
+            trigger = row[f"{name}trigger"]
+            phrases.append(f"{where}, {what}, {when}{every}" + (f" ({trigger})" if trigger else ""))
+        slot += 1
+    return "; ".join(phrases) or "no fault"

@@ -1,0 +1,65 @@
+"""Writing files so that a reader sees the whole of one or nothing of it; the one error of this package."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+
+class StoreError(Exception):
+    """A result folder or file that cannot be used; the message names it, says what is wrong and what to do."""
+
+
+def write_aside(path: Path, write: Callable[[Path], object]) -> None:
+    """Let `write` fill a temporary file beside `path`, flush it to disk and rename it to `path`.
+
+    A crash at any point leaves the old `path` or the new one, and at most one hidden temporary file, which the next
+    attempt overwrites. Raises StoreError naming `path` where the disk refuses.
+    """
+    temporary = path.with_name(f".{path.name}.tmp")
+    try:
+        write(temporary)
+        with open(temporary, "rb+") as file:
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+        _sync_folder(path.parent)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise StoreError(
+            f"{path}: cannot be written ({error.strerror or error}). Nothing that was there before is lost; "
+            "free space or make the folder writable, then start the same command again."
+        ) from error
+
+
+def _sync_folder(folder: Path) -> None:
+    """Flush the rename itself; file systems that cannot sync a folder are left alone."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def sha256(path: Path) -> str:
+    """Hex digest of a file's content."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def require_writable(folder: Path) -> None:
+    """Create `folder` if need be and prove by writing that it takes files; StoreError where it does not."""
+    probe = folder / ".write-test"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe.write_bytes(b"")
+        probe.unlink()
+    except OSError as error:
+        raise StoreError(
+            f"{folder}: the output folder cannot be written to ({error.strerror or error}). Expected a folder that "
+            "this user may create files in; name another one with --out. No run was started."
+        ) from error

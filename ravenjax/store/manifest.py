@@ -1,0 +1,168 @@
+"""manifest.json: what was computed, by which code, on what, and the checksum of each part of the result."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import pydantic
+from pydantic import BaseModel, ConfigDict, Field
+
+from ravenjax.store import schema
+from ravenjax.store.files import StoreError, write_aside
+from ravenjax.store.parts import Part, require_version
+
+FILE = "manifest.json"
+_READERS = ("cli.py", "report", "stats", "trainer")  # only read results: a change there must not forbid to resume
+PACKAGES = ("ravenjax", "jax", "jaxlib", "mujoco", "mujoco-mjx", "numpy", "pandas", "pyarrow", "scipy")
+
+
+class Cue(BaseModel):
+    """One haptic threshold and gain set; its number is its place in `Manifest.cues`."""
+
+    model_config = ConfigDict(frozen=True)
+
+    threshold_mm: float  # mm, tip deviation above which the cue pulls
+    kp_per_mm: float  # device units per mm
+    kd_s_per_mm: float = 0.0  # device units per (mm/s)
+    cap: float | None = None  # device units, largest force
+
+
+class Manifest(BaseModel):
+    """One campaign's record. Times are UTC, ISO 8601."""
+
+    model_config = ConfigDict(extra="ignore", ser_json_inf_nan="constants")
+
+    schema_version: int = schema.VERSION
+    campaign: str = Field(description="name of the campaign")
+    config: dict[str, Any] = Field(description="the resolved campaign, every default filled in")
+    config_hash: str = Field(description="sha256 of `config`")
+    seed: int
+    runs: int = Field(description="rows of the fault table")
+    duration_ms: int = Field(description="ms, length of every run")
+    shape: schema.Shape = Field(description="which repeated columns the table has")
+    cues: tuple[Cue, ...] = Field(default=(), description="haptic sets, in column order")
+    verdict_cue: int = Field(default=0, description="number of the haptic set that the column `verdict` uses")
+    verdict_jump: str = Field(default="jump_code", description="column of the jump rule that it uses")
+    engine: str
+    device: str = Field(description="device that computed, in words")
+    versions: dict[str, str] = Field(default_factory=lambda: package_versions())
+    code_hash: str = Field(default_factory=lambda: code_hash(), description="sha256 of the files that decide outcomes")
+    lock_hash: str = Field(default_factory=lambda: lock_hash(), description='sha256 of uv.lock, "" outside a checkout')
+    started: str = Field(default_factory=lambda: now())
+    finished: str | None = None
+    starts: int = Field(default=1, description="how often the command was started, interruptions included")
+    compile_s: float | None = Field(default=None, description="s, tracing and compiling, last start")
+    run_s: float | None = Field(default=None, description="s, executing, last start")
+    runs_per_s: float | None = Field(default=None, description="runs per second of execution, last start")
+    parts: tuple[Part, ...] = ()
+
+    @property
+    def done(self) -> int:
+        """How many rows are finished."""
+        return sum(len(part.rows) for part in self.parts)
+
+    def _identity(self) -> dict[str, str]:
+        fields = self.model_dump(include={"config", "seed", "engine", "device", "versions"})
+        return _flat(fields | {"code": self.code_hash[:16]})
+
+    def differences(self, other: Manifest) -> list[str]:
+        """What decides outcomes and differs from `other`: 'name: mine, theirs', one line each."""
+        mine, theirs = self._identity(), other._identity()
+        names = sorted(mine.keys() | theirs.keys())
+        absent = "absent"
+        return [
+            f"{name}: {mine.get(name, absent)} here, {theirs.get(name, absent)} asked for"
+            for name in names
+            if mine.get(name, absent) != theirs.get(name, absent)
+        ]
+
+
+def read(folder: Path) -> Manifest:
+    """The manifest of a result folder; StoreError where there is none, it is damaged, or newer than this reader."""
+    path = folder / FILE
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise StoreError(
+            f"{folder}: is not a result folder, it holds no {FILE}. Give the folder named by --out of `ravenjax run`."
+        ) from error
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be read ({error.strerror or error})") from error
+    except ValueError as error:
+        raise StoreError(f"{path}: is not valid JSON ({error}). {_RESTORE}") from error
+    version = data.get("schema_version") if isinstance(data, dict) else None
+    if isinstance(version, int):
+        require_version(path, version)
+    try:
+        return Manifest.model_validate(data)
+    except pydantic.ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(item) for item in first["loc"]) or "top level"
+        raise StoreError(f"{path}: {where}: {first['msg']}. {_RESTORE}") from error
+
+
+_RESTORE = (
+    "The parts do not depend on it: move this file away and start the same `ravenjax run` again; whole parts are kept."
+)
+
+
+def write(folder: Path, manifest: Manifest) -> None:
+    """Replace the folder's manifest in one step."""
+    text = manifest.model_dump_json(indent=2) + "\n"
+    write_aside(folder / FILE, lambda target: target.write_bytes(text.encode()))
+
+
+def now() -> str:
+    """The present time, UTC, ISO 8601 to the second."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def config_hash(config: dict[str, Any]) -> str:
+    """sha256 of a resolved config; does not depend on the order of its keys."""
+    text = json.dumps(config, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def package_versions() -> dict[str, str]:
+    """Versions of Python and of the packages that decide a result; "absent" where not installed."""
+
+    def version(name: str) -> str:
+        try:
+            return metadata.version(name)
+        except metadata.PackageNotFoundError:
+            return "absent"
+
+    return {"python": platform.python_version()} | {name: version(name) for name in PACKAGES}
+
+
+def code_hash() -> str:
+    """sha256 over the Python files that can decide an outcome, names included."""
+    package = Path(__file__).resolve().parents[1]
+    digest = hashlib.sha256()
+    for path in sorted(package.rglob("*.py")):
+        name = path.relative_to(package)
+        if name.parts[0] not in _READERS:
+            digest.update(name.as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+def lock_hash() -> str:
+    """sha256 of the checkout's uv.lock, "" where there is none."""
+    path = Path(__file__).resolve().parents[2] / "uv.lock"
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+
+
+def _flat(tree: Any, prefix: str = "") -> dict[str, str]:
+    """Leaves of nested dicts by dotted path; lists are leaves."""
+    if not isinstance(tree, dict):
+        return {prefix: json.dumps(tree, sort_keys=True, default=str)}
+    flat: dict[str, str] = {}
+    for key, value in tree.items():
+        flat |= _flat(value, f"{prefix}.{key}" if prefix else str(key))
+    return flat

@@ -1,0 +1,168 @@
+"""Parquet parts of the result table: each holds a range of rows, and is there whole or not at all."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pydantic import BaseModel, ConfigDict
+
+from ravenjax.store import schema
+from ravenjax.store.files import StoreError, sha256, write_aside
+
+_NAME = re.compile(r"part-(\d{9})-(\d{9})\.parquet")
+
+
+class Part(BaseModel):
+    """One finished part, as the manifest records it."""
+
+    model_config = ConfigDict(frozen=True)
+
+    file: str  # name inside the parts folder
+    first: int  # index of the first row
+    last: int  # index of the last row, inclusive
+    sha256: str  # hex digest of the file
+    size: int  # bytes
+
+    @property
+    def rows(self) -> range:
+        """Row indices of the part."""
+        return range(self.first, self.last + 1)
+
+
+def write(folder: Path, frame: pd.DataFrame, shape: schema.Shape, config_hash: str) -> Part:
+    """Write `frame`, whose column `index` counts up by one, as one part of `folder`.
+
+    Raises StoreError where the columns do not fit the schema or the disk refuses.
+    """
+    index = frame["index"].to_numpy().tolist()
+    first, last = index[0], index[-1]
+    if index != list(range(first, last + 1)):
+        raise StoreError(f"a part holds consecutive rows in order, got {len(index)} rows with index {first} to {last}")
+    table = schema.conform(frame, shape)
+    table = table.replace_schema_metadata({**table.schema.metadata, b"ravenjax.config_hash": config_hash.encode()})
+    path = folder / f"part-{first:09d}-{last:09d}.parquet"
+    write_aside(path, lambda target: pq.write_table(table, target, compression="zstd", write_page_checksum=True))
+    return Part(file=path.name, first=first, last=last, sha256=sha256(path), size=path.stat().st_size)
+
+
+def files(folder: Path) -> list[Path]:
+    """Paths of the parts in `folder`, by first row; files being written are not among them."""
+    return sorted(path for path in folder.glob("part-*.parquet") if _NAME.fullmatch(path.name))
+
+
+def read(path: Path, config_hash: str | None = None, recorded: Part | None = None) -> pa.Table:
+    """The table of one part, checked in full.
+
+    Raises StoreError where the file is truncated or changed, is of a newer schema, or belongs to another campaign.
+    """
+    if recorded is not None and path.is_file():
+        _require_unchanged(path, recorded)
+    try:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            metadata = file.schema_arrow.metadata or {}
+            _require_known_version(path, metadata)
+            _require_campaign(path, metadata, config_hash)
+            table = file.read()
+    except (pa.ArrowException, OSError, ValueError) as error:  # ValueError: text in a damaged footer
+        size = f"{path.stat().st_size} bytes" if path.is_file() else "missing"
+        raise _damaged(path, f"is not a readable Parquet file ({size}): {_first_line(error)}") from error
+    first, last = _row_range(path)
+    if table.num_rows != last - first + 1:
+        raise _damaged(path, f"holds {table.num_rows} rows, expected rows {first} to {last}")
+    return table
+
+
+def inspect(path: Path, config_hash: str | None = None) -> Part:
+    """Record of a part found on disk, after reading it in full."""
+    read(path, config_hash)
+    first, last = _row_range(path)
+    return Part(file=path.name, first=first, last=last, sha256=sha256(path), size=path.stat().st_size)
+
+
+def concatenate(tables: Sequence[pa.Table]) -> pd.DataFrame:
+    """One DataFrame ordered by `index`, the same whatever the parts' sizes: categories are sorted, none unused."""
+    table = pa.concat_tables(tables).unify_dictionaries()
+    frame = table.to_pandas().sort_values("index", kind="stable").reset_index(drop=True)
+    for name in frame.columns[frame.dtypes == "category"]:
+        column = frame[name].cat.remove_unused_categories()
+        frame[name] = column.cat.reorder_categories(sorted(column.cat.categories))
+    return frame
+
+
+def gaps(finished: Sequence[Part], total: int, chunk: int) -> Iterator[range]:
+    """Row ranges of at most `chunk` rows that no finished part holds, in order."""
+    row = 0
+    for part in [*sorted(finished, key=lambda p: p.first), None]:
+        end = total if part is None else part.first
+        for start in range(row, end, chunk):
+            yield range(start, min(start + chunk, end))
+        if part is not None:
+            row = max(row, part.last + 1)
+
+
+def require_disjoint(folder: Path, finished: Sequence[Part]) -> None:
+    """StoreError where two parts hold the same row."""
+    ordered = sorted(finished, key=lambda p: p.first)
+    for one, other in pairwise(ordered):
+        if other.first <= one.last:
+            raise StoreError(
+                f"{folder / other.file} and {folder / one.file} both hold row {other.first}. Two runs wrote to this "
+                "folder at once: delete either file and start the same command again."
+            )
+
+
+def _row_range(path: Path) -> tuple[int, int]:
+    match = _NAME.fullmatch(path.name)
+    if match is None:
+        raise StoreError(f"{path}: expected a name like part-000000000-000000255.parquet (first and last row)")
+    return int(match[1]), int(match[2])
+
+
+def _require_unchanged(path: Path, recorded: Part) -> None:
+    size = path.stat().st_size
+    if size != recorded.size:
+        raise _damaged(path, f"has {size} bytes, the manifest recorded {recorded.size}: it is truncated or was changed")
+    if sha256(path) != recorded.sha256:
+        raise _damaged(path, f"does not have the recorded checksum {recorded.sha256[:16]}: its content was changed")
+
+
+def _require_known_version(path: Path, metadata: dict[bytes, bytes]) -> None:
+    version = metadata.get(b"ravenjax.schema_version", b"").decode()
+    if not version.isdigit():
+        raise StoreError(f"{path}: is Parquet, but not a ravenjax result part (it names no schema version)")
+    require_version(path, int(version))
+
+
+def require_version(path: Path, version: int) -> None:
+    """StoreError where `path` was written with a newer schema than this reader knows."""
+    if version > schema.VERSION:
+        raise StoreError(
+            f"{path}: has result schema {version}; this ravenjax reads up to {schema.VERSION}. The file is fine: "
+            "read it with the ravenjax that wrote it (versions in manifest.json), or upgrade ravenjax."
+        )
+
+
+def _require_campaign(path: Path, metadata: dict[bytes, bytes], config_hash: str | None) -> None:
+    found = metadata.get(b"ravenjax.config_hash", b"").decode()
+    if config_hash is not None and found != config_hash:
+        raise StoreError(
+            f"{path}: belongs to another campaign (config hash {found[:16]}, expected {config_hash[:16]}). "
+            "Move it away, or choose another output folder with --out."
+        )
+
+
+def _damaged(path: Path, what: str) -> StoreError:
+    return StoreError(
+        f"{path}: {what}. Every other part is untouched: delete this file and start the same `ravenjax run` again, "
+        "which recomputes its rows only."
+    )
+
+
+def _first_line(error: BaseException) -> str:
+    return str(error).strip().splitlines()[0].rstrip(".") if str(error).strip() else type(error).__name__

@@ -1,0 +1,225 @@
+"""The result table: one row per run, input columns beside outcome columns.
+
+Each column has a name, the smallest type that holds it, a unit and a meaning; results/README.md is the same in prose.
+Column names that repeat (fault slots, cues, checks, arms, varied parameters) follow from a `Shape`.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+
+from ravenjax.store.files import StoreError
+
+JOINTS = ("shoulder", "elbow", "insertion", "tool_roll", "wrist", "grasp1", "grasp2")
+"""As ravenjax.types.JOINTS, which cannot be imported without importing jax; readers of results do without it."""
+
+VERSION = 1
+"""Raised whenever a column changes its name, type, unit or meaning; a new column alone does not raise it."""
+
+RESPONSES = ("stopped", "flagged", "silent")
+"""Built-in response in a verdict, worst for the fault first. The column `response` says "none" for silent."""
+
+VERDICTS = tuple(
+    f"{response}/{haptic}/{jump}"
+    for response in RESPONSES
+    for haptic in ("haptic", "no haptic")
+    for jump in ("jump", "no jump")
+)
+
+CHECKS = {
+    "overdrive_instant": ("DAC counts", "overdrive detection: command beyond the instant limit, stops"),
+    "overdrive_hard": ("ticks", "overdrive detection: shared counter of the hard policy full, stops"),
+    "overdrive_clip": ("DAC counts", "overdrive detection: command clipped to its joint's limit"),
+    "soft_estop": ("1", "software E-stop raised"),
+    "plc_watchdog": ("1", "PLC: watchdog wave missing"),
+    "estop": ("1", "run level 0 entered"),
+    "ik_reject": ("rad", "inverse kinematics: no valid solution"),
+    "joint_limit": ("of the range", "desired joint position clamped to its soft limit"),
+    "master_timeout": ("ticks", "operator packets missing for too long"),
+    "packet_size": ("bytes", "operator packet too short"),
+    "packet_zero": ("1", "operator packet with the reserved sequence number 0"),
+    "packet_skip": ("1", "operator packet after a gap, dropped"),
+    "packet_duplicate": ("1", "operator packet seen before, dropped"),
+    "packet_reset": ("1", "operator packet far behind, taken as a restart, dropped"),
+    "packet_order": ("1", "operator packet behind, dropped"),
+}
+"""Known built-in checks: unit of the margin, what it looks at. Others are allowed, with unit "1"."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column: `dtype` is an Arrow type name, or "category" for dictionary-encoded strings."""
+
+    name: str
+    dtype: str
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What decides which repeated columns a campaign's table has."""
+
+    arms: tuple[str, ...] = ("gold",)
+    joints: tuple[str, ...] = JOINTS
+    slots: int = 1  # fault slots per run
+    cues: int = 1  # haptic threshold and gain sets evaluated side by side
+    checks: tuple[str, ...] = tuple(CHECKS)
+    parameters: tuple[str, ...] = ()  # paths of the varied parameters
+
+
+def columns(shape: Shape) -> tuple[Column, ...]:
+    """Every column of a campaign's table, in order."""
+    return (
+        *_identity(),
+        *(column for slot in range(shape.slots) for column in _fault(slot)),
+        *(Column(f"param:{path}", "float64", "as the parameter", "varied parameter") for path in shape.parameters),
+        *_course(),
+        *(column for check in shape.checks for column in _check(check)),
+        *(column for cue in range(shape.cues) for column in _cue(cue)),
+        *_motion(),
+        *(
+            Column(f"peak_dac_{arm}_{joint}", "int32", "DAC counts", "largest |current_cmd| sent to the motor")
+            for arm in shape.arms
+            for joint in shape.joints
+        ),
+        Column("failed", "category", "", 'why the outcome is not valid: "" (valid), "nan", "diverged_numerically"'),
+        Column("verdict", "category", "", '"<stopped|flagged|silent>/<haptic|no haptic>/<jump|no jump>", or ""'),
+    )
+
+
+def _identity() -> Iterator[Column]:
+    yield Column("run_id", "string", "", "16 hex digits, hash of everything that decides the run's outcome")
+    yield Column("index", "int32", "", "row of the campaign's fault table, from 0")
+    yield Column("group", "category", "", "name of the campaign's design block")
+    yield Column("seed", "int64", "", "seed of the run's random numbers")
+    yield Column("operator", "category", "", "operator motion")
+
+
+def _fault(slot: int) -> Iterator[Column]:
+    name = f"fault{slot}_"
+    yield Column(f"{name}site", "category", "", 'fault site, "" where the slot is empty')
+    yield Column(f"{name}arm", "category", "", 'arm, "" where the site belongs to no arm')
+    yield Column(f"{name}channel", "category", "", "joint, axis or field of the site")
+    yield Column(f"{name}effect", "category", "", "what the fault does to the value")
+    yield Column(f"{name}value", "float64", "as the site", "magnitude, NaN where the effect has none")
+    yield Column(f"{name}trigger", "category", "", "what the onset counts from")
+    yield Column(f"{name}start_ms", "int32", "ms", "onset, counted as the trigger says")
+    yield Column(f"{name}duration_ms", "int32", "ms", "length of the fault window")
+    yield Column(f"{name}every_ms", "int32", "ms", "period of the window, 0 if it comes once")
+
+
+def _course() -> Iterator[Column]:
+    yield Column("activated", "bool", "", "the fault changed at least one bit of a signal")
+    yield Column("first_active_ms", "int32", "ms", "when it first did, -1 if never")
+    yield Column("active_ticks", "int32", "ticks", "how many ticks it did")
+    yield Column("diverged", "bool", "", "the robot's course differs from that of the fault-free twin")
+    yield Column("response", "category", "", 'built-in response: "none", "flagged" or "stopped"')
+    yield Column("response_cause", "category", "", 'check that responded first, "" if none')
+    yield Column("response_ms", "int32", "ms", "when it did, -1 if none")
+
+
+def _check(check: str) -> Iterator[Column]:
+    unit, what = CHECKS.get(check, ("1", "built-in check"))
+    yield Column(f"check_{check}_first_ms", "int32", "ms", f"{what}: first trip, -1 if none")
+    yield Column(f"check_{check}_count", "int32", "ticks", f"{what}: ticks tripped")
+    yield Column(
+        f"check_{check}_margin",
+        "float32",
+        unit,
+        f"{what}: least distance to the limit, negative beyond, inf if never measured",
+    )
+
+
+def _cue(cue: int) -> Iterator[Column]:
+    yield Column(f"cue{cue}_first_ms", "int32", "ms", "haptic cue: first non-zero force, -1 if none")
+    yield Column(f"cue{cue}_peak_force", "float32", "device units", "haptic cue: largest force")
+    yield Column(f"cue{cue}_ms", "int32", "ms", "haptic cue: total time with force")
+    yield Column(f"cue{cue}_count", "int32", "", "haptic cue: separate pulses")
+
+
+def _motion() -> Iterator[Column]:
+    yield Column("peak_model_deviation_mm", "float32", "mm", "largest distance of the tip from the nominal model's")
+    yield Column("rms_model_deviation_mm", "float32", "mm", "root mean square of that distance")
+    yield Column("peak_twin_deviation_mm", "float32", "mm", "largest distance of the tip from the fault-free twin's")
+    yield Column("rms_twin_deviation_mm", "float32", "mm", "root mean square of that distance")
+    yield Column("largest_step_mm", "float32", "mm", "largest motion of the tip within 1 ms")
+    yield Column("jump_code", "bool", "", "tip step > 0.1 mm on 2 consecutive ms, twin's not (published analysis code)")
+    yield Column("jump_code_first_ms", "int32", "ms", "when first, -1 if never")
+    yield Column("jump_text", "bool", "", "tip motion > 1 mm within 2 ms (published text)")
+    yield Column("jump_text_first_ms", "int32", "ms", "when first, -1 if never")
+    yield Column("tissue_depth_mm", "float32", "mm", "deepest penetration of the phantom tissue, 0 if none")
+    yield Column("tip_distance_mm", "float32", "mm", "smallest distance of the two tips, NaN with one arm")
+
+
+# --- Arrow ------------------------------------------------------------------------------------------------------------
+
+
+def arrow_schema(shape: Shape) -> pa.Schema:
+    """Arrow schema of the table; unit and meaning travel in each field's metadata."""
+    return pa.schema(
+        [
+            pa.field(c.name, _arrow_type(c.dtype), nullable=False, metadata={"unit": c.unit, "meaning": c.meaning})
+            for c in columns(shape)
+        ],
+        metadata={"ravenjax.schema_version": str(VERSION)},
+    )
+
+
+def _arrow_type(dtype: str) -> pa.DataType:
+    return pa.dictionary(pa.int32(), pa.string()) if dtype == "category" else pa.type_for_alias(dtype)
+
+
+def conform(frame: pd.DataFrame, shape: Shape) -> pa.Table:
+    """`frame` as an Arrow table of exactly the schema's columns and types, in order.
+
+    Raises StoreError for a column that is missing, unknown or holds a value that its type cannot.
+    """
+    schema = arrow_schema(shape)
+    missing = [name for name in schema.names if name not in frame.columns]
+    unknown = [str(name) for name in frame.columns if name not in schema.names]
+    if missing or unknown:
+        raise StoreError(_mismatch(missing, unknown))
+    arrays = []
+    for field in schema:
+        values = frame[field.name]
+        is_text = pa.types.is_dictionary(field.type) or pa.types.is_string(field.type)
+        if is_text:  # missing text is "", so that a reader meets one kind of nothing
+            values = values.astype(object).where(values.notna(), "")
+        try:
+            array = pa.array(values.to_numpy(), from_pandas=False)
+            if pa.types.is_dictionary(field.type):
+                array = array.dictionary_encode()
+            arrays.append(array.cast(field.type))
+        except pa.ArrowException as error:
+            message = f"result column {field.name!r} must hold {field.type}, got {values.dtype}: {error}"
+            raise StoreError(message) from error
+    return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def _mismatch(missing: list[str], unknown: list[str]) -> str:
+    parts = []
+    if missing:
+        parts.append(f"the result table lacks {len(missing)} column(s): {', '.join(missing[:6])}")
+    for name in unknown[:6]:
+        near = difflib.get_close_matches(name, missing, n=1)
+        parts.append(f"unknown result column {name!r}" + (f", did you mean {near[0]!r}?" if near else ""))
+    return "; ".join(parts)
+
+
+# --- verdict ----------------------------------------------------------------------------------------------------------
+
+
+def verdict(frame: pd.DataFrame, cue: int = 0, jump: str = "jump_code") -> pd.Series:
+    """The headline verdict of each row by cue number `cue` and jump rule `jump`; "" for failed rows."""
+    response = np.where(frame["response"] == "none", "silent", frame["response"].astype(object))
+    haptic = np.where(frame[f"cue{cue}_first_ms"] >= 0, "/haptic", "/no haptic")
+    moved = np.where(frame[jump], "/jump", "/no jump")
+    label = np.where(frame["failed"] == "", response + haptic.astype(object) + moved.astype(object), "")
+    return pd.Series(label, index=frame.index, name="verdict", dtype="category")

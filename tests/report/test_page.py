@@ -1,0 +1,293 @@
+"""The report: its numbers against an independent count, one file, no request, well formed; rates in words."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import synthetic_results as synthetic
+
+from ravenjax.report import facts as run_facts
+from ravenjax.report import maps, page, tables, wording
+from ravenjax.report.style import round_step
+from ravenjax.stats.intervals import wilson
+from ravenjax.store import schema
+from ravenjax.store.files import StoreError
+from ravenjax.store.folder import ResultFolder
+
+RUNS = 2000
+FRAME = synthetic.frame(RUNS)
+FACTS = run_facts.derive(FRAME)
+FAULTY = FRAME[FRAME["fault0_site"] != ""]
+MANIFEST = synthetic.manifest(RUNS)
+
+
+class Page(HTMLParser):
+    """Collects what the page would fetch, its ids and links, and whether its tags are balanced."""
+
+    VOID = frozenset({"meta", "link", "br", "img", "input", "hr"})
+
+    def __init__(self, text):
+        super().__init__()
+        self.fetched, self.ids, self.targets, self.stack, self.words, self.styles = [], [], [], [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        given = dict(attributes)
+        self.fetched += [given[name] for name in ("src", "srcset", "data", "poster", "action") if name in given]
+        self.fetched += [given["href"]] if tag in ("link", "base") else []
+        self.targets += [given["href"]] if tag == "a" else []
+        self.ids += [given["id"]] if "id" in given else []
+        self.styles += [given["style"]] if "style" in given else []
+        if tag not in self.VOID:
+            self.stack.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.stack.pop() == tag
+
+    def handle_data(self, data):
+        if not {"script", "style"} & set(self.stack):
+            self.words.append(data)
+
+
+def words(page):
+    return re.sub("[ \n]+", " ", " ".join(page.words))
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("with space") / "quick"
+    results = ResultFolder.open(folder, MANIFEST)
+    for rows in results.missing(300):
+        results.add(FRAME.iloc[rows.start : rows.stop])
+    results.close(compile_s=12.0, run_s=40.0, rows=RUNS)
+    path = page.build(folder)
+    return path, path.read_text(encoding="utf-8")
+
+
+# --- the page ---------------------------------------------------------------------------------------------------------
+
+
+def test_one_self_contained_file(built):
+    path, text = built
+    parsed = Page(text)
+    assert path.name == "report.html" and path.stat().st_size < 8_000_000
+    assert parsed.fetched == ["data:,"] and parsed.stack == []
+    assert text.count("plotly.js v") == 1 and '<meta charset="utf-8">' in text
+    style = re.search(r"<style>(.*?)</style>", text, re.S)
+    assert style and "url(" not in style[1] and "@import" not in style[1]
+    assert {target.removeprefix("#") for target in parsed.targets} <= set(parsed.ids)
+    assert len(set(parsed.ids)) == len(parsed.ids)
+
+
+def test_headline_counts_distinct_faults(built):
+    evaded = FAULTY["verdict"].astype(str).str.startswith("silent/haptic").sum()
+    rate = wilson(evaded, len(FAULTY))
+    text = words(Page(built[1]))
+    assert f"Of {len(FAULTY):,} distinct faults" in text
+    assert f"{evaded:,} ({100 * rate.value:.1f}\u202f%)" in text
+    assert f"95\xa0% interval: {100 * rate.low:.1f}–{100 * rate.high:.1f}\u202f%" in text.replace("95 %", "95\xa0%")
+
+
+def test_each_worst_run_has_its_replay_command(built):
+    path, text = built
+    silent = FAULTY[(FAULTY["response"] == "none") & (FAULTY["failed"] == "")]
+    worst = silent.nlargest(tables.WORST, "peak_model_deviation_mm")["run_id"]
+    for run_id in worst:
+        assert f"ravenjax trace '{path.parent}' {run_id}".replace("'", "&#39;") in text
+
+
+def test_provenance(built):
+    text = words(Page(built[1]))
+    for value in (MANIFEST.config_hash, MANIFEST.code_hash, MANIFEST.device, "seed", "50 runs/s", "jax", "suturing"):
+        assert value in text
+
+
+def test_unfinished_campaign_says_so(tmp_path):
+    results = ResultFolder.open(tmp_path, MANIFEST)
+    results.add(FRAME.iloc[:100])
+    assert "Unfinished: 100 of 2,000 runs" in words(Page(page.build(tmp_path).read_text(encoding="utf-8")))
+
+
+def test_folder_without_results(tmp_path):
+    with pytest.raises(StoreError, match=r"manifest.json"):
+        page.build(tmp_path)
+
+
+def edge(name):
+    frame = synthetic.frame(300)
+    if name == "no fault":
+        return frame[frame["group"] == "fault_free"].reset_index(drop=True)
+    if name == "one row":
+        return frame.head(1)
+    if name == "all failed":
+        frame["failed"] = "nan"
+    elif name == "none evades":
+        frame["response"], frame["response_ms"] = "stopped", 2900
+    elif name == "nothing happens":
+        frame["response"], frame["response_ms"], frame["activated"] = "none", -1, False
+        frame[[c for c in frame if c.startswith("cue") and c.endswith("first_ms")]] = -1
+    elif name == "one fault repeated":
+        given = [c for c in frame if c.startswith(("fault", "param:")) or c == "operator"]
+        frame[given] = frame.loc[[0] * len(frame), given].to_numpy()
+    frame["verdict"] = schema.verdict(frame)
+    return frame
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("no fault", "injected no fault"),
+        ("one row", "Of 1 distinct faults"),
+        ("all failed", "none passed every built-in check"),
+        ("none evades", "none passed every built-in check"),
+        ("nothing happens", "No run had both a cue and a built-in response"),
+        ("one fault repeated", "Of 1 distinct faults"),
+    ],
+)
+def test_edge_cases_have_a_page(name, told):
+    frame = edge(name)
+    html = page.render(frame, synthetic.manifest(len(frame)), Path("out"))
+    parsed = Page(html)
+    assert told in words(parsed)
+    assert not re.search(r"\bnan\b.?(%|mm|ms)", words(parsed), re.I)
+    assert not any("nan" in style for style in parsed.styles)
+
+
+def test_names_are_escaped():
+    frame = synthetic.frame(60)
+    frame["group"] = "<script>alert(1)</script>"
+    html = page.render(frame, synthetic.manifest(60, campaign="a & <b>"), Path("out"))
+    assert "<script>alert" not in html and "a &amp; &lt;b&gt;" in html
+
+
+def test_verdicts_may_use_another_cue():
+    frame = FRAME.assign(verdict=schema.verdict(FRAME, 6, "jump_text"))
+    text = words(
+        Page(page.render(frame, synthetic.manifest(RUNS, verdict_cue=6, verdict_jump="jump_text"), Path("out")))
+    )
+    good = FAULTY[(FAULTY["failed"] == "") & (FAULTY["response"] == "none")]
+    assert f"{(good['cue6_first_ms'] >= 0).sum()} (" in text
+    assert "fire the 5 mm haptic cue" in text and "tip motion > 1 mm within 2 ms" in text
+
+
+# --- the numbers ------------------------------------------------------------------------------------------------------
+
+
+def test_verdict_matrix_against_a_plain_count():
+    matrix = tables.verdict_matrix(FACTS[FACTS["faulty"]])
+    counts = FAULTY["verdict"].astype(str).value_counts()
+    for row in matrix:
+        for cell, tail in zip(
+            row["cells"], ["haptic/jump", "haptic/no jump", "no haptic/jump", "no haptic/no jump"], strict=True
+        ):
+            assert cell["rate"] == wilson(counts.get(f"{row['name']}/{tail}", 0), len(FAULTY))
+    assert sum(row["total"].k for row in matrix) + counts[""] == len(FAULTY)
+
+
+def test_every_run_has_one_outcome_and_failures_are_kept():
+    assert set(FACTS["outcome"]) <= set(run_facts.OUTCOMES)
+    assert (FACTS["outcome"] == "failed").sum() == (FRAME["failed"] != "").sum() > 0
+    rows = tables.group_rows(FACTS)
+    assert sum(row["n"] for row in rows) == RUNS
+    assert all(sum(rate.k for rate in row["outcomes"].values()) == row["n"] for row in rows)
+    assert sum(row["n"] for row in tables.failure_rows(FRAME, FACTS, Path("x"))) == (FRAME["failed"] != "").sum()
+
+
+def test_repeats_count_once():
+    twice = pd.concat([FRAME, FRAME.assign(seed=8)], ignore_index=True)
+    once, again = tables.headline(FACTS), tables.headline(run_facts.derive(twice))
+    assert again["evaded"] == once["evaded"] and again["repeated"] and not once["repeated"]
+    assert again["runs"] == 2 * once["runs"]
+
+
+def test_delays_are_censored_at_stop_and_end():
+    facts = pd.DataFrame(
+        {
+            "activated": True,
+            "failed": False,
+            "faulty": True,
+            "active_ms": [100, 100, 100, 100],
+            "cue_ms": [150, -1, -1, 50],
+            "response_ms": [-1, -1, 400, -1],
+            "response": ["silent", "silent", "stopped", "silent"],
+        }
+    )
+    delay, came, early = tables.delays(facts, facts["cue_ms"].to_numpy(), 3000)
+    assert delay.tolist() == [50, 2900, 300] and came.tolist() == [True, False, False] and early == 1
+
+
+def test_cue_sweep_against_a_plain_count():
+    rows = {row["number"]: row for row in tables.cue_rows(FRAME, FACTS, MANIFEST)}
+    good = FRAME["failed"] == ""
+    for k in range(len(MANIFEST.cues)):
+        free = FRAME[good & (FRAME["fault0_site"] == "")]
+        assert rows[k]["false"] == wilson((free[f"cue{k}_first_ms"] >= 0).sum(), len(free))
+    thresholds = [row["cue"].threshold_mm for row in tables.cue_rows(FRAME, FACTS, MANIFEST)]
+    assert thresholds == sorted(thresholds)
+
+
+@pytest.mark.parametrize("values", [np.arange(200, 2400), np.linspace(-3, 3, 500), 2.0 ** np.linspace(0, 9, 300)])
+def test_bins_hold_their_values(values):
+    number, labels = maps.bins(values)
+    limits = [[float(edge.replace("−", "-").replace("k", "e3")) for edge in label.split(" to ")] for label in labels]
+    assert number.min() == 0 and number.max() == len(labels) - 1 <= 12
+    for value, i in zip(values, number, strict=True):
+        assert limits[i][0] <= value < limits[i][1]
+
+
+def test_few_values_have_a_bin_each():
+    number, labels = maps.bins(np.array([8.0, 1, 64, 8]))
+    assert labels == ["1", "8", "64"] and number.tolist() == [1, 0, 2, 1]
+
+
+def test_maps_count_each_valid_faulty_run_once():
+    valid = FAULTY[FAULTY["failed"] == ""]
+    made = maps.evasion_maps(FACTS)
+    assert sum(item["n"] for item in made) == len(valid)
+    assert sum(item["evaded"].k for item in made) == valid["verdict"].astype(str).str.startswith("silent/haptic").sum()
+
+
+# --- words ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0, "0"),
+        (12345.6, "12,346"),
+        (-0.004567, "−0.00457"),
+        (float("nan"), "–"),
+        (14.0, "14"),
+        (1e9, "1e+09"),
+        (9e-5, "0.00009"),
+        (float("inf"), "–"),
+    ],
+)
+def test_numbers(value, text):
+    assert wording.number(value) == text
+
+
+def test_rates_in_words():
+    assert wording.percent(0.1561) == "15.6\u202f%" and wording.percent(0.0041) == "0.41\u202f%"
+    assert wording.interval(wilson(0, 170)) == "0.0–2.2\u202f%" and wording.interval(wilson(0, 0)) == "no runs"
+
+
+def test_fault_in_words():
+    row = FRAME.iloc[0].to_dict() | {
+        "fault0_site": "usb_out", "fault0_arm": "gold", "fault0_channel": "shoulder", "fault0_effect": "overwrite",
+        "fault0_value": -18000.0, "fault0_trigger": "pedal", "fault0_start_ms": 1200, "fault0_duration_ms": 300,
+        "fault0_every_ms": 8000,
+    }  # fmt: skip
+    assert wording.fault(row) == (
+        "usb_out gold shoulder, overwrite −18,000, 300 ms from 1,200 ms, every 8,000 ms (pedal)"
+    )
+    assert wording.fault(row | {"fault0_site": ""}) == "no fault"
+
+
+def test_round_steps():
+    assert [round_step(x) for x in (0.0, 0.9, 274.0, 6.1, 0.031)] == [1.0, 1.0, 250.0, 5.0, pytest.approx(0.025)]

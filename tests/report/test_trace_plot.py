@@ -1,0 +1,69 @@
+"""The figure of one run: every panel, marker and window is drawn, the same bytes each time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ravenjax.report.trace_plot import trace_plot
+
+TICKS = 3000
+
+
+def series(arms=("gold",)):
+    random = np.random.default_rng(5)
+    time = np.arange(TICKS)
+    fault = (time >= 1200) & (time < 1500)
+    kick = np.where(time >= 1200, np.exp(-np.maximum(time - 1350, 0) / 200.0) * np.minimum((time - 1200) / 150.0, 1), 0)
+    made = {"runlevel": np.where(time < 1700, 3, 0), "pedal": (time > 100) * 1, "fault_active": fault}
+    for k, arm in enumerate(arms):
+        model = np.stack([0.01 * np.sin(time / 300.0), 0.02 * np.cos(time / 400.0), 0 * time], axis=1)
+        offset = (0.6e-3 + 6e-3 * kick * (k == 0))[:, None] * np.array([0.6, 0.8, 0.0])
+        error = np.linalg.norm(offset, axis=1) * 1000
+        made[f"{arm}/model_position"], made[f"{arm}/position"] = model, model + offset
+        made[f"{arm}/haptic_force"] = (np.where(error > 3, 0.0045 * error, 0)[:, None]) * np.array([0, 0, 1.0])
+        dac = 800 * np.sin(time[:, None] / np.arange(120, 190, 10)) + random.normal(0, 60, (TICKS, 7))
+        dac[fault, 0] = 14000 if k == 0 else dac[fault, 0]
+        made[f"{arm}/current_cmd"] = dac.astype(int)
+    return made
+
+
+EVENTS = {"cue": 1275, "stopped: overdrive": 1700, "never": -1}
+LIMITS = {"shoulder": 18000, "elbow": 18000, "insertion": 10000}
+
+
+@pytest.mark.parametrize("arms", [("gold",), ("gold", "green")])
+def test_everything_is_drawn(tmp_path, arms):
+    path = trace_plot(
+        series(arms), tmp_path / "run.svg", title="run 0123456789abcdef", dac_limits=LIMITS, events=EVENTS
+    )
+    text = path.read_text()
+    for words in (
+        "run 0123456789abcdef",
+        "cue at 3 mm",
+        "cue 1275 ms",
+        "stopped: overdrive 1700 ms",
+        "shoulder",
+        "fault",
+    ):
+        assert words in text
+    assert "never" not in text and all(f"{arm} DAC" in text for arm in arms)
+    again = trace_plot(
+        series(arms), tmp_path / "again.svg", title="run 0123456789abcdef", dac_limits=LIMITS, events=EVENTS
+    )
+    assert again.read_bytes() == path.read_bytes()
+
+
+def test_named_joints_only(tmp_path):
+    text = trace_plot(series(), tmp_path / "run.svg", joints=["wrist"]).read_text()
+    assert "wrist" in text and "shoulder" not in text
+
+
+@pytest.mark.parametrize("suffix", [".png", ".pdf"])
+def test_other_formats(tmp_path, suffix):
+    assert trace_plot(series(), tmp_path / f"run{suffix}").stat().st_size > 10_000
+
+
+def test_what_is_absent_is_left_out(tmp_path):
+    bare = {"gold/position": np.zeros((50, 3)), "gold/model_position": np.zeros((50, 3))}
+    assert trace_plot(bare, tmp_path / "run.png").exists()

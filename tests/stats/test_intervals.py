@@ -1,0 +1,100 @@
+"""Intervals against published values, closed forms and simulated coverage."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import binom
+
+from ravenjax.stats.intervals import clopper_pearson, rate_table, rule_of_three, wilson
+
+
+@pytest.mark.parametrize(
+    ("k", "n", "low", "high"),
+    [
+        (0, 10, 0.0, 27.8),
+        (0, 20, 0.0, 16.1),
+        (0, 80, 0.0, 4.6),
+        (0, 170, 0.0, 2.2),
+        (0, 400, 0.0, 0.95),
+        (5, 10, 23.7, 76.3),
+        (10, 20, 29.9, 70.1),
+        (46, 170, 20.9, 34.2),  # DSN16 Figure 9b, jumps at 8 ms
+        (111, 170, 57.9, 72.0),  # the same at 128 ms
+        (22, 30, 55.6, 85.8),  # MCPS15, network thread
+        (61, 64, 87.1, 98.4),
+        (10, 12, 55.2, 95.3),
+        (3, 4, 30.1, 95.4),
+    ],
+)
+def test_wilson_has_the_known_values(k, n, low, high):
+    rate = wilson(k, n)
+    digits = 2 if high < 1 else 1
+    assert (round(100 * rate.low, digits), round(100 * rate.high, digits)) == (low, high)
+    assert (rate.k, rate.n, rate.value) == (k, n, k / n)
+
+
+@pytest.mark.parametrize("k", [0, 1, 7, 39, 40])
+def test_wilson_solves_its_equation(k):
+    n, z = 40, 1.959963984540054
+    rate = wilson(k, n)
+    for p in (rate.low, rate.high):  # (p_hat - p)^2 = z^2 p (1 - p) / n
+        assert (rate.value - p) ** 2 == pytest.approx(z**2 * p * (1 - p) / n, abs=1e-12)
+
+
+@pytest.mark.parametrize("k", [1, 7, 39])
+def test_clopper_pearson_solves_its_equations(k):
+    rate = clopper_pearson(k, 40)
+    assert binom.sf(k - 1, 40, rate.low) == pytest.approx(0.025, rel=1e-6)
+    assert binom.cdf(k, 40, rate.high) == pytest.approx(0.025, rel=1e-6)
+
+
+def exact_coverage(interval, n, chances):
+    """Chance that the interval holds p, for each p: a sum over all outcomes, no sampling error."""
+    k = np.arange(n + 1)
+    low, high = np.array([interval(int(i), n)[3:] for i in k]).T
+    return [float(binom.pmf(k, n, p)[(low <= p) & (p <= high)].sum()) for p in chances]
+
+
+@pytest.mark.parametrize("n", [20, 170])
+def test_coverage(n):
+    chances = np.linspace(0.02, 0.98, 49)
+    exact = exact_coverage(clopper_pearson, n, chances)
+    score = exact_coverage(wilson, n, chances)
+    assert min(exact) >= 0.95
+    assert np.mean(score) == pytest.approx(0.95, abs=0.01) and min(score) > 0.83
+
+
+def test_coverage_simulated():
+    random = np.random.default_rng(11)
+    for p in (0.05, 0.3):
+        counts = random.binomial(170, p, 2000)
+        bounds = {k: wilson(int(k), 170) for k in np.unique(counts)}
+        inside = np.mean([bounds[k].low <= p <= bounds[k].high for k in counts])
+        (expected,) = exact_coverage(wilson, 170, [p])
+        assert inside == pytest.approx(expected, abs=0.02)  # 4 standard errors of 2000 draws
+
+
+def test_rule_of_three_bounds_the_exact_one_sided_limit():
+    for n in (30, 100, 1000, 10_000):
+        exact = 1 - 0.05 ** (1 / n)
+        assert exact < rule_of_three(n) < 1.06 * exact
+    assert (rule_of_three(0), rule_of_three(2)) == (1.0, 1.0)
+
+
+@pytest.mark.parametrize(("k", "n"), [(3, 2), (-1, 2), (0, -1)])
+def test_impossible_counts_are_refused(k, n):
+    with pytest.raises(ValueError, match=f"k = {k}, n = {n}"):
+        wilson(k, n)
+
+
+def test_no_trials_have_no_rate():
+    assert np.isnan(wilson(0, 0)[2:]).all()
+
+
+def test_rate_table():
+    groups = pd.Series(["b", "a", "b", "b"], dtype="category").cat.add_categories("unused")
+    table = rate_table(pd.Series([True, False, False, True]), groups)
+    assert list(table.index) == ["a", "b"] and list(table["k"]) == [0, 2] and list(table["n"]) == [1, 3]
+    assert tuple(table.loc["b"]) == wilson(2, 3)

@@ -1,0 +1,244 @@
+"""Result folder: resumed, checked before work, the same whatever the parts' sizes; damage named, nothing lost."""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+import synthetic_results as synthetic
+
+from ravenjax.store import manifest as manifests
+from ravenjax.store import parts, schema
+from ravenjax.store.files import StoreError
+from ravenjax.store.folder import ResultFolder, read_all
+
+RUNS = 100
+FRAME = synthetic.frame(RUNS)
+
+
+def wanted(**changes):
+    return synthetic.manifest(RUNS, **changes)
+
+
+def fill(path, chunk, stop_after=RUNS):
+    folder = ResultFolder.open(path, wanted())
+    for rows in folder.missing(chunk):
+        if rows.start >= stop_after:
+            break
+        folder.add(FRAME.iloc[rows.start : rows.stop])
+    folder.close(compile_s=1.0, run_s=2.0, rows=RUNS)
+    return folder
+
+
+def a_part(path):
+    return parts.files(path / "parts")[1]
+
+
+def test_round_trip_keeps_every_value(tmp_path):
+    fill(tmp_path, chunk=30)
+    got = read_all(tmp_path)
+    assert list(got.columns) == [c.name for c in schema.columns(synthetic.shape())]
+    expected = schema.conform(FRAME, synthetic.shape()).to_pandas()
+    pd.testing.assert_frame_equal(got, expected, check_categorical=False)
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 64, 1000])
+def test_table_does_not_depend_on_part_size_or_interruption(tmp_path, chunk):
+    fill(tmp_path / "whole", chunk=40)
+    fill(tmp_path / "broken", chunk=chunk, stop_after=30)
+    fill(tmp_path / "broken", chunk=64)
+    pd.testing.assert_frame_equal(read_all(tmp_path / "broken"), read_all(tmp_path / "whole"))
+
+
+def test_a_config_survives_the_round_trip_to_the_last_bit(tmp_path):
+    config = {"a": (1, 2.0), "b": {"c": 0.1 + 0.2, "limit": float("inf")}, "d": None}
+    for _ in range(2):
+        ResultFolder.open(tmp_path, wanted(config=config))
+
+
+def test_plain_pandas_reads_the_parts(tmp_path):
+    fill(tmp_path, chunk=40)
+    plain = pd.read_parquet(tmp_path / "parts").sort_values("index").reset_index(drop=True)
+    pd.testing.assert_frame_equal(plain, read_all(tmp_path), check_categorical=False)
+
+
+def test_second_start_has_nothing_to_do_and_keeps_times(tmp_path):
+    fill(tmp_path, chunk=40)
+    first = manifests.read(tmp_path)
+    folder = ResultFolder.open(tmp_path, wanted())
+    assert list(folder.missing(40)) == [] and folder.manifest.done == RUNS
+    folder.close(compile_s=0.0, run_s=0.0, rows=0)
+    second = manifests.read(tmp_path)
+    assert second.starts == 2
+    assert (second.finished, second.compile_s, second.parts) == (first.finished, 1.0, first.parts)
+
+
+def test_part_renamed_but_not_recorded_is_taken_over(tmp_path):
+    fill(tmp_path, chunk=40)
+    record = manifests.read(tmp_path)
+    manifests.write(tmp_path, record.model_copy(update={"parts": record.parts[:1]}))
+    (tmp_path / "parts" / ".part-000000040-000000079.parquet.tmp").write_bytes(b"half written")
+    assert ResultFolder.open(tmp_path, wanted()).manifest.parts == record.parts
+
+
+def test_lost_part_is_computed_again(tmp_path):
+    fill(tmp_path, chunk=40)
+    a_part(tmp_path).unlink()
+    with pytest.raises(StoreError, match="missing"):
+        read_all(tmp_path)
+    assert list(ResultFolder.open(tmp_path, wanted()).missing(1000)) == [range(40, 80)]
+
+
+def test_gaps_between_parts_of_any_size():
+    finished = [parts.Part(file="", first=a, last=b, sha256="", size=0) for a, b in [(0, 2), (3, 3), (7, 8)]]
+    assert list(parts.gaps(finished, 12, 2)) == [range(4, 6), range(6, 7), range(9, 11), range(11, 12)]
+
+
+def test_overlapping_parts_are_refused(tmp_path):
+    folder = fill(tmp_path, chunk=40)
+    parts.write(tmp_path / "parts", FRAME.iloc[70:90], folder.manifest.shape, folder.manifest.config_hash)
+    with pytest.raises(StoreError, match=r"both hold row 70.*delete either"):
+        ResultFolder.open(tmp_path, wanted())
+
+
+# --- damage -----------------------------------------------------------------------------------------------------------
+
+
+def truncate(path):
+    path.write_bytes(path.read_bytes()[:-1000])
+
+
+def change_a_byte(path):
+    content = bytearray(path.read_bytes())
+    content[200] ^= 0xFF  # in the first column's data
+    path.write_bytes(bytes(content))
+
+
+@pytest.mark.parametrize("damage", [truncate, change_a_byte])
+@pytest.mark.parametrize("recorded", [True, False])
+def test_damaged_part_is_named_with_the_remedy_and_the_remedy_works(tmp_path, damage, recorded):
+    fill(tmp_path, chunk=40)
+    if not recorded:  # then the Parquet footer and page checksums alone must tell
+        record = manifests.read(tmp_path)
+        manifests.write(tmp_path, record.model_copy(update={"parts": ()}))
+    path = a_part(tmp_path)
+    others = {p: p.read_bytes() for p in parts.files(tmp_path / "parts") if p != path}
+    damage(path)
+    with pytest.raises(StoreError) as caught:
+        ResultFolder.open(tmp_path, wanted())
+    message = str(caught.value)
+    assert str(path) in message and "delete this file" in message and "\n" not in message
+    assert {p: p.read_bytes() for p in others} == others
+    path.unlink()
+    fill(tmp_path, chunk=40)
+    assert len(read_all(tmp_path)) == RUNS
+
+
+def test_newer_schema_is_refused_politely(tmp_path, monkeypatch):
+    fill(tmp_path, chunk=40)
+    path = tmp_path / "manifest.json"
+    path.write_text(path.read_text().replace('"schema_version": 1', '"schema_version": 2'))
+    with pytest.raises(StoreError, match=r"manifest.json: has result schema 2; this ravenjax reads up to 1.*is fine"):
+        read_all(tmp_path)
+    monkeypatch.setattr(schema, "VERSION", 0)
+    with pytest.raises(StoreError, match=r"parquet: has result schema 1; this ravenjax reads up to 0"):
+        parts.read(a_part(tmp_path))
+
+
+def test_foreign_parquet_is_refused(tmp_path):
+    path = tmp_path / "part-000000000-000000002.parquet"
+    pq.write_table(schema.conform(FRAME.iloc[:3], synthetic.shape()).replace_schema_metadata({}), path)
+    with pytest.raises(StoreError, match="not a ravenjax result part"):
+        parts.read(path)
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"schema_version": 1}'])
+def test_damaged_manifest_is_named_and_parts_survive_without_it(tmp_path, text):
+    fill(tmp_path, chunk=40)
+    path = tmp_path / "manifest.json"
+    path.write_text(text)
+    with pytest.raises(StoreError, match=r"manifest.json: .*move this file away"):
+        read_all(tmp_path)
+    path.unlink()
+    assert ResultFolder.open(tmp_path, wanted()).manifest.done == RUNS
+
+
+def test_no_result_folder(tmp_path):
+    with pytest.raises(StoreError, match=r"holds no manifest.json"):
+        read_all(tmp_path)
+    ResultFolder.open(tmp_path, wanted())
+    with pytest.raises(StoreError, match="no finished part yet"):
+        read_all(tmp_path)
+
+
+# --- checks before work -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"config": {"duration_s": 4.0}, "config_hash": "0"}, "config.duration_s: 3.0 here, 4.0 asked for"),
+        ({"seed": 8}, "seed: 7 here, 8 asked for"),
+        ({"engine": "mjx"}, 'engine: "xla" here, "mjx" asked for'),
+        ({"code_hash": "f" * 64}, "code: "),
+        ({"versions": {"jax": "0.1"}}, "versions.jax: "),
+    ],
+)
+def test_folder_of_another_campaign_is_refused_with_what_differs(tmp_path, changes, told):
+    fill(tmp_path, chunk=40)
+    before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
+    with pytest.raises(StoreError) as caught:
+        ResultFolder.open(tmp_path, wanted(**changes))
+    message = str(caught.value)
+    assert told in message and "100 of 100 runs" in message and f"rm -r {tmp_path}" in message
+    assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
+
+
+def test_parts_of_another_campaign_without_manifest_are_refused(tmp_path):
+    fill(tmp_path, chunk=40)
+    (tmp_path / "manifest.json").unlink()
+    with pytest.raises(StoreError, match="belongs to another campaign"):
+        ResultFolder.open(tmp_path, wanted(config_hash="0" * 64))
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write to a read-only folder")
+def test_read_only_folder(tmp_path):
+    tmp_path.chmod(stat.S_IRUSR | stat.S_IXUSR)
+    try:
+        with pytest.raises(StoreError, match=r"cannot be written to \(Permission denied\).*No run was started"):
+            ResultFolder.open(tmp_path / "out", wanted())
+    finally:
+        tmp_path.chmod(stat.S_IRWXU)
+
+
+def test_output_folder_that_refuses_files(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    for place in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(StoreError, match=r"cannot be written to .*name another one with --out"):
+            ResultFolder.open(place, wanted())
+
+
+def test_full_disk_leaves_the_old_file(tmp_path, monkeypatch):
+    folder = fill(tmp_path, chunk=40)
+    before = (tmp_path / "manifest.json").read_bytes()
+
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(StoreError, match=r"manifest.json: cannot be written \(No space left on device\)"):
+        manifests.write(tmp_path, folder.manifest)
+    assert (tmp_path / "manifest.json").read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
+
+
+def test_manifest_hashes():
+    assert manifests.config_hash({"a": 1, "b": {"c": 2.5}}) == manifests.config_hash({"b": {"c": 2.5}, "a": 1})
+    assert manifests.config_hash({"a": 1}) != manifests.config_hash({"a": 2})
+    assert len(manifests.code_hash()) == 64
+    assert {"python", "ravenjax", "jax", "mujoco", "numpy"} <= manifests.package_versions().keys()
+    json.loads(wanted().model_dump_json())

@@ -1,0 +1,110 @@
+"""Schema: names once, types kept, misfits refused by name."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pytest
+import synthetic_results as synthetic
+
+from ravenjax import loop, types
+from ravenjax.store import schema
+from ravenjax.store.files import StoreError
+
+SHAPE = synthetic.shape()
+
+
+def test_joint_names_are_those_of_the_robot():
+    assert schema.JOINTS == types.JOINTS
+
+
+def test_every_built_in_check_is_described():
+    assert set(schema.CHECKS) == set(loop.CHECKS)
+
+
+@pytest.mark.parametrize("form", [SHAPE, schema.Shape(arms=("gold", "green"), slots=3, cues=2)])
+def test_each_column_is_named_once_and_described(form):
+    columns = schema.columns(form)
+    names = [c.name for c in columns]
+    assert len(set(names)) == len(names)
+    assert all(c.meaning for c in columns)
+    assert all(c.unit for c in columns if c.dtype.startswith(("float", "int")) and c.name not in UNITLESS), (
+        "unit missing"
+    )
+
+
+UNITLESS = {"index", "seed"} | {f"cue{k}_count" for k in range(9)}
+
+
+def test_repeated_columns_follow_the_shape():
+    names = {c.name for c in schema.columns(schema.Shape(arms=("gold", "green"), slots=2, cues=3, checks=("estop",)))}
+    assert {"fault1_site", "cue2_first_ms", "check_estop_margin", "peak_dac_green_grasp2"} <= names
+    assert not {"fault2_site", "cue3_first_ms", "check_ik_reject_margin"} & names
+
+
+def test_conform_gives_exactly_the_schema():
+    frame = synthetic.frame(50)
+    table = schema.conform(frame[frame.columns[::-1]], SHAPE)
+    assert table.schema.equals(schema.arrow_schema(SHAPE), check_metadata=True)
+    assert table["fault0_value"].type == pa.float64() and table["peak_dac_gold_elbow"].type == pa.int32()
+    assert table["run_id"].to_pylist() == list(frame["run_id"])
+
+
+def test_missing_text_becomes_empty():
+    frame = synthetic.frame(3)
+    frame["fault0_site"] = ["dac", None, np.nan]
+    assert schema.conform(frame, SHAPE)["fault0_site"].to_pylist() == ["dac", "", ""]
+
+
+def test_misspelt_column_is_named_with_a_suggestion():
+    frame = synthetic.frame(3).rename(columns={"tissue_depth_mm": "tissue_deph_mm"})
+    with pytest.raises(StoreError, match="unknown result column 'tissue_deph_mm', did you mean 'tissue_depth_mm'"):
+        schema.conform(frame, SHAPE)
+
+
+@pytest.mark.parametrize(("name", "value"), [("response_ms", np.nan), ("response_ms", 2.5), ("active_ticks", 2.0**40)])
+def test_value_that_the_type_cannot_hold_is_refused(name, value):
+    frame = synthetic.frame(3).astype({name: float})
+    frame.loc[1, name] = value
+    with pytest.raises(StoreError, match=f"result column '{name}' must hold int32"):
+        schema.conform(frame, SHAPE)
+
+
+def test_verdict_words():
+    frame = pd.DataFrame(
+        {
+            "response": ["none", "flagged", "stopped", "none"],
+            "cue0_first_ms": [120, -1, 0, 5],
+            "cue1_first_ms": [-1, 7, -1, 5],
+            "jump_code": [True, False, True, True],
+            "jump_text": [False, False, True, True],
+            "failed": ["", "", "", "nan"],
+        }
+    )
+    assert list(schema.verdict(frame)) == ["silent/haptic/jump", "flagged/no haptic/no jump", "stopped/haptic/jump", ""]
+    assert list(schema.verdict(frame, cue=1, jump="jump_text"))[:2] == [
+        "silent/no haptic/no jump",
+        "flagged/haptic/no jump",
+    ]
+    assert set(schema.verdict(frame)) - {""} <= set(schema.VERDICTS) and len(schema.VERDICTS) == 12
+
+
+def test_results_readme_describes_each_column():
+    text = (Path(__file__).resolve().parents[2] / "results" / "README.md").read_text(encoding="utf-8")
+    form = schema.Shape(arms=("<arm>",), joints=("<joint>",), checks=("<check>",), parameters=("<path>",))
+    for column in schema.columns(form):
+        name = re.sub("^(fault|cue)0", r"\1<k>", column.name)
+        assert f"| `{name}` | {column.dtype} |" in text
+    assert all(f"| `{check}` | {unit} | {what} |" in text for check, (unit, what) in schema.CHECKS.items())
+    assert f"schema version {schema.VERSION} " in text
+
+
+def test_reading_results_needs_no_jax():
+    code = "import sys, ravenjax.report.page, ravenjax.report.trace_plot; sys.exit('jax' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

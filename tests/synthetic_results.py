@@ -1,0 +1,134 @@
+"""A made-up but plausible result table and manifest, so that store and report can be tested without a simulation."""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.store import schema
+from ravenjax.store.manifest import Cue, Manifest, config_hash
+
+CHECKS = ("overdrive_instant", "overdrive_clip", "estop", "ik_reject", "joint_limit", "master_timeout", "packet_order")
+CUES = tuple(Cue(threshold_mm=t, kp_per_mm=k, cap=0.05) for t in (3.0, 1.0, 2.0, 5.0) for k in (0.0045, 0.009))
+
+# group: site, effect, magnitudes (site's unit), share of runs, tip motion (mm per unit and 100 ms), chance of response
+BLOCKS = {
+    "dac_before_checks": ("dac", "overwrite", (-20000, 20000), 0.22, 2.4e-4, 0.75),
+    "dac_after_checks": ("usb_out", "overwrite", (-20000, 20000), 0.22, 2.4e-4, 0.25),
+    "shoulder_feedback": ("mpos", "offset", (-3.0, 3.0), 0.16, 1.2, 0.35),
+    "packet_position": ("packet", "latch_offset", (-8000, 8000), 0.16, 6e-4, 0.2),
+    "encoder": ("encoder", "bit_flip", (0, 15), 0.12, 0.5, 0.5),
+    "plc_pins": ("plc", "toggle", (np.nan, np.nan), 0.08, 0.0, 0.9),
+}
+CHANNELS = ("shoulder", "elbow", "insertion")
+
+
+def shape(arms: tuple[str, ...] = ("gold",), cues: int = len(CUES)) -> schema.Shape:
+    """The made-up campaign's shape: one slot, one varied parameter."""
+    return schema.Shape(arms=arms, slots=1, cues=cues, checks=CHECKS, parameters=("plant.friction_scale",))
+
+
+def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> pd.DataFrame:
+    """`runs` rows that fit `shape()`; the last 2 % carry no fault, a few have failed."""
+    form = form or shape()
+    random = np.random.default_rng(seed)
+    share = np.array([block[3] for block in BLOCKS.values()])
+    names = np.array([*BLOCKS])
+    group = random.choice(names, size=runs, p=share / share.sum()).astype(object)
+    free = np.arange(runs) >= runs - max(1, runs // 50)
+    group[free] = "fault_free"
+    low, high = np.array([BLOCKS.get(g, (0, 0, (np.nan, np.nan)))[2] for g in group], float).T
+    value = low + (high - low) * random.random(runs)
+    value = np.where(group == "encoder", np.round(value), value)
+    start = np.where(free, 0, random.integers(200, 2400, runs))
+    duration = np.where(free, 0, np.round(2.0 ** random.uniform(0, 9, runs)).astype(int))
+    reach = np.array([BLOCKS.get(g, (0, 0, 0, 0, 0.0, 0.0))[4] for g in group])
+    push = reach * np.abs(np.nan_to_num(value)) * duration / 100 * random.lognormal(0, 0.5, runs)
+    deviation = 0.9 + random.gamma(2, 0.3, runs) + 14 * np.tanh(push / 14)
+    chance = np.array([BLOCKS.get(g, (0, 0, 0, 0, 0, 0.0))[5] for g in group])
+    trips = random.random(runs) < chance * (1 - np.exp(-duration / 60))
+    stopped = trips & (random.random(runs) < 0.8)
+    activated = ~free & (random.random(runs) < 0.96)
+    cause = np.where(np.char.startswith(group.astype(str), "dac"), "overdrive", "joint_limit")
+    cause = np.where(group == "packet_position", "ik_reject", np.where(group == "plc_pins", "plc", cause))
+    failed = np.where(random.random(runs) < 0.003, "nan", "")
+    failed = np.where(random.random(runs) < 0.001, "diverged_numerically", failed).astype(object)
+    step = deviation * random.uniform(0.02, 0.12, runs)
+    columns: dict[str, object] = {
+        "run_id": [hashlib.sha256(f"{seed}/{i}".encode()).hexdigest()[:16] for i in range(runs)],
+        "index": np.arange(runs),
+        "group": group,
+        "seed": np.full(runs, 7),
+        "operator": random.choice(["suturing", "circle"], runs),
+        "fault0_site": [BLOCKS[g][0] if g in BLOCKS else "" for g in group],
+        "fault0_arm": np.where(free, "", "gold"),
+        "fault0_channel": np.where(free, "", random.choice(CHANNELS, runs)),
+        "fault0_effect": [BLOCKS[g][1] if g in BLOCKS else "" for g in group],
+        "fault0_value": value,
+        "fault0_trigger": np.where(free, "", "time"),
+        "fault0_start_ms": start,
+        "fault0_duration_ms": duration,
+        "fault0_every_ms": np.zeros(runs, int),
+        "param:plant.friction_scale": random.uniform(0.8, 1.2, runs),
+        "activated": activated,
+        "first_active_ms": np.where(activated, start, -1),
+        "active_ticks": np.where(activated, duration, 0),
+        "diverged": activated,
+        "response": np.where(stopped, "stopped", np.where(trips, "flagged", "none")),
+        "response_cause": np.where(trips, cause, ""),
+        "response_ms": np.where(trips, start + 5 + random.exponential(60, runs).astype(int), -1),
+    }
+    for check in form.checks:
+        hit = trips & (cause == check.removesuffix("_instant"))
+        columns[f"check_{check}_first_ms"] = np.where(hit, columns["response_ms"], -1)
+        columns[f"check_{check}_count"] = hit * 3
+        columns[f"check_{check}_margin"] = random.normal(0, 1, runs)
+    for k in range(form.cues):
+        cue = CUES[k]
+        felt = deviation > cue.threshold_mm
+        delay = 40 + 160 * cue.threshold_mm / np.maximum(deviation, 1) * random.uniform(0.5, 1.5, runs)
+        columns[f"cue{k}_first_ms"] = np.where(felt, start + delay.astype(int), -1)
+        columns[f"cue{k}_peak_force"] = np.where(felt, np.minimum(cue.cap or 1.0, cue.kp_per_mm * deviation), 0)
+        columns[f"cue{k}_ms"] = np.where(felt, duration + 50, 0)
+        columns[f"cue{k}_count"] = felt * 1
+    columns |= {
+        "peak_model_deviation_mm": deviation,
+        "rms_model_deviation_mm": deviation * 0.4,
+        "peak_twin_deviation_mm": np.maximum(deviation - 1, 0),
+        "rms_twin_deviation_mm": deviation * 0.3,
+        "largest_step_mm": step,
+        "jump_code": step > 0.1,
+        "jump_code_first_ms": np.where(step > 0.1, start + 10, -1),
+        "jump_text": step > 0.5,
+        "jump_text_first_ms": np.where(step > 0.5, start + 10, -1),
+        "tissue_depth_mm": np.maximum(deviation - 6, 0),
+        "tip_distance_mm": np.full(runs, np.nan),
+        "failed": failed,
+    }
+    for arm in form.arms:
+        for joint in form.joints:
+            columns[f"peak_dac_{arm}_{joint}"] = random.integers(500, 20000, runs)
+    table = pd.DataFrame(columns)
+    table["verdict"] = schema.verdict(table)
+    return table
+
+
+def manifest(runs: int = 2000, **changes: object) -> Manifest:
+    """The made-up campaign's manifest, without parts."""
+    config = {"name": "synthetic", "seed": 7, "duration_s": 3.0, "operator": {"name": "suturing", "scale": 0.1}}
+    fields = {
+        "campaign": "synthetic",
+        "config": config,
+        "config_hash": config_hash(config),
+        "seed": 7,
+        "runs": runs,
+        "duration_ms": 3000,
+        "shape": shape(),
+        "cues": CUES,
+        "engine": "xla",
+        "device": "2 cores of a made-up processor",
+        "code_hash": "0123456789abcdef" * 4,
+    }
+    return Manifest.model_validate(fields | changes)
