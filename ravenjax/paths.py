@@ -1,7 +1,7 @@
 """Names for the numbers of a parameter record: `plant.friction_scale`, `motor_control.green.kp.shoulder`.
 
 A path walks attributes; where a field holds one entry an arm, an arm's name picks one and leaving it out means all of
-them; where it holds seven or three numbers, a joint's or an axis' name picks one and leaving it out means all.
+them; where it holds seven, five or three numbers, a joint's or an axis' name picks one and leaving it out means all.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ def _entries(node: Any, arms: tuple[str, ...]) -> dict[str, tuple[Any, bool]] | 
     if dataclasses.is_dataclass(node):
         return {f.name: (getattr(node, f.name), False) for f in dataclasses.fields(node)}
     if isinstance(node, Vec):
-        names = {7: JOINTS, 3: _AXES}.get(len(node), tuple(str(i) for i in range(len(node))))
+        names = {7: JOINTS, 5: JOINTS[:5], 3: _AXES}.get(len(node), tuple(str(i) for i in range(len(node))))
         return {name: (item, True) for name, item in zip(names, node, strict=True)}
     if isinstance(node, tuple):
         per_arm = len(node) == len(arms) and all(dataclasses.is_dataclass(n) or isinstance(n, Vec) for n in node)
@@ -30,10 +30,10 @@ def _entries(node: Any, arms: tuple[str, ...]) -> dict[str, tuple[Any, bool]] | 
     return None
 
 
-def _rebuild(node: Any, changed: dict[str, Any], names: list[str]) -> Any:
+def _rebuild(node: Any, entries: dict[str, tuple[Any, bool]], changed: dict[str, Any]) -> Any:
     if dataclasses.is_dataclass(node) and not isinstance(node, type):
         return dataclasses.replace(node, **changed)
-    items = [changed.get(name, item) for name, item in zip(names, node, strict=True)]
+    items = [changed.get(name, item) for name, (item, _) in entries.items()]
     return Vec(items) if isinstance(node, Vec) else tuple(items)
 
 
@@ -67,13 +67,13 @@ def _assign(node: Any, arms: tuple[str, ...], path: list[str], value: Scalar) ->
         return (value, 1) if not path else (node, 0)
     if path and path[0] in entries:
         new, hits = _assign(entries[path[0]][0], arms, path[1:], value)
-        return (_rebuild(node, {path[0]: new}, list(entries)), hits) if hits else (node, 0)
+        return (_rebuild(node, entries, {path[0]: new}), hits) if hits else (node, 0)
     changed, hits = {}, 0
     for name, (item, optional) in entries.items():
         if optional:
             new, n = _assign(item, arms, path, value)
             changed[name], hits = new, hits + n
-    return (_rebuild(node, changed, list(entries)), hits) if hits else (node, 0)
+    return (_rebuild(node, entries, changed), hits) if hits else (node, 0)
 
 
 def shorten(path: str) -> str:

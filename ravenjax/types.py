@@ -161,7 +161,7 @@ class Setup:
 
 
 def per_arm(setup: Setup, function: Callable[[int, ArmName], Any]) -> tuple[Any, ...]:
-    """`function(mechanism, arm)` of each arm, in mechanism order. Per-arm records are tuples aligned with `setup.arms`."""
+    """`function(mechanism, arm)` of each arm, in mechanism order: how per-arm tuples are made."""
     return tuple(function(i, arm) for i, arm in enumerate(setup.arms))
 
 

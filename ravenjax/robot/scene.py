@@ -9,8 +9,7 @@ from __future__ import annotations
 from functools import cache
 
 import jax.numpy as jnp
-import mujoco
-import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ravenjax.robot import arm_model
 from ravenjax.robot.algebra import matvec, minus, plus
@@ -23,14 +22,12 @@ TISSUE_HALF = (0.075, 0.060)  # m, half its extent along x and y
 
 @cache
 def frame0(arm: ArmName) -> tuple[Vec, Vec]:
-    """Origin (m) and rotation rows of the arm's frame 0 in the world, Python numbers; literal zeros where they are zero."""
+    """Origin (m) and rotation rows of the arm's frame 0 in the world, Python numbers, literal zeros and ones."""
     model = arm_model.scene()
     body = model.body(arm_model.base(arm))
-    rows = np.empty(9)
-    mujoco.mju_quat2Mat(rows, body.quat)
-    rows[np.abs(rows) < 1e-12] = 0.0
-    exact = [float(round(x)) if abs(x - round(x)) < 1e-12 else float(x) for x in rows]
-    return Vec(float(x) for x in body.pos), Vec(Vec(exact[i : i + 3]) for i in (0, 3, 6))
+    rows = Rotation.from_quat(body.quat, scalar_first=True).as_matrix()
+    exact = [[float(round(x)) if abs(x - round(x)) < 1e-12 else float(x) for x in row] for row in rows]
+    return Vec(float(x) for x in body.pos), Vec(map(Vec, exact))
 
 
 def world(arm: ArmName, position: Vec) -> Vec:

@@ -1,0 +1,290 @@
+"""One cycle of the control software: which stage follows which (raven2: rt_process_preempt.cpp)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from ravenjax.robot.limits import HOME_JPOS
+from ravenjax.robot.packet import Packet
+from ravenjax.robot.stored_pose import StoredPose
+from ravenjax.stages import (
+    cartesian_control,
+    dac,
+    estimator,
+    motor_control,
+    network,
+    overdrive,
+    state_machine,
+    teleoperation,
+    usb,
+    watchdog,
+)
+from ravenjax.types import ArmName, Scalar, Setup, Vec, as_int, per_arm, record, replace
+
+Inject = Callable[[str, Any], Any]
+"""`inject(site, signal)` returns the signal as faults leave it; sites are those of `ravenjax.robot.sites`."""
+
+
+def unharmed(site: str, signal: Any) -> Any:
+    """The Inject of a robot without faults."""
+    return signal
+
+
+@record
+class Params:
+    """What a campaign may vary in the control software. Tuples have one entry per arm."""
+
+    teleoperation: teleoperation.Params
+    state_machine: state_machine.Params
+    estimator: tuple[estimator.Params, ...]
+    cartesian: cartesian_control.Params
+    motor_control: tuple[motor_control.Params, ...]
+    overdrive: overdrive.Params
+
+
+@record
+class State:
+    """What the control software remembers from one cycle to the next."""
+
+    tick: Scalar  # int32, cycles since the start
+    network: network.State
+    teleoperation: teleoperation.State
+    usb: usb.UsbIn
+    state_machine: state_machine.State
+    estimator: tuple[estimator.State, ...]
+    cartesian: cartesian_control.State
+    motor_control: tuple[motor_control.State, ...]
+    held_cmd: tuple[Vec, ...] | None  # int32 DAC counts last written; only the 2015 fork keeps them
+    overdrive: overdrive.State
+    watchdog: watchdog.State
+
+
+@record
+class Inputs:
+    """What reaches the control computer in one cycle. Tuples have one entry per arm, one USB board each."""
+
+    packet: Packet
+    usb: usb.UsbIn
+    read_ok: tuple[Scalar, ...]  # int32, 0: the board's read failed
+
+
+@record
+class ArmSignals:
+    """One arm of the control software in one cycle."""
+
+    enc_val: Vec  # 7 int32 counts, as used
+    mpos: Vec  # 7 rad
+    mvel: Vec  # 7 rad/s
+    jpos: Vec  # 7, rad and m
+    jvel: Vec  # 7, rad/s and m/s; tool joints 0, as in the original
+    pos: StoredPose
+    pos_d: StoredPose
+    jpos_d: Vec  # 7, rad and m
+    mpos_d: Vec  # 7 rad
+    tau_g: Vec  # 3 N m at the capstan
+    tau_d: Vec  # 7 N m at the capstan
+    current_cmd: Vec  # 7 int32 DAC counts, before the overdrive check
+    current_cmd_checked: Vec  # 7 int32 DAC counts, after it
+    current_cmd_written: Vec  # 7 int32 DAC counts, as written to USB
+
+
+@record
+class Signals:
+    """What crossed the seams of the control software in one cycle."""
+
+    arms: tuple[ArmSignals, ...]
+    tick: Scalar  # int32
+    runlevel: Scalar  # int32
+    sublevel: Scalar  # int32
+    surgeon_mode: Scalar  # int32
+    last_seq: Scalar  # int32
+    initialized: Scalar  # int32 flag
+    soft_estopped: Scalar  # int32 flag
+    overdrive: Scalar  # int32 flag: the check raised the soft E-stop in this cycle
+    clamped: Scalar  # int32 flag: a joint limit clamped a target
+    pins_out: Scalar  # int32 output byte to the PLC
+
+
+def params(setup: Setup) -> Params:
+    """The software's own figures."""
+    return Params(
+        teleoperation.params(setup),
+        state_machine.params(setup),
+        per_arm(setup, lambda _, arm: estimator.params(setup, arm)),
+        cartesian_control.params(setup),
+        per_arm(setup, lambda _, arm: motor_control.params(setup, arm)),
+        overdrive.params(setup),
+    )
+
+
+def init(setup: Setup, jpos: tuple[Vec, ...] | None = None, runlevel: int | None = None) -> State:
+    """A homed robot at rest at `jpos` (rad and m, one Vec per arm; default: home) and `runlevel`.
+
+    raven2 starts in E-stop (0) and waits for the PLC; the 2015 fork, whose simulator builds have no PLC, in
+    pedal-down (3).
+    """
+    rest = jpos or tuple(HOME_JPOS for _ in setup.arms)
+    if runlevel is None:
+        runlevel = state_machine.E_STOP if setup.software == "raven2" else state_machine.PEDAL_DOWN
+    cartesian = cartesian_control.init(setup, rest)
+    silent = per_arm(setup, lambda *_: Vec.full(7, np.int32(0)))
+    return State(
+        tick=np.int32(0),
+        network=network.init(setup),
+        teleoperation=teleoperation.init(setup, tuple(arm.pos_d for arm in cartesian)),
+        usb=usb.init(setup),
+        state_machine=state_machine.init(setup, runlevel),
+        estimator=per_arm(setup, lambda *_: estimator.init(setup)),
+        cartesian=cartesian,
+        motor_control=per_arm(setup, lambda i, arm: motor_control.init(setup, arm, setup.tools[i], rest[i])),
+        held_cmd=silent if setup.software == "fork2015" else None,
+        overdrive=overdrive.init(setup),
+        watchdog=watchdog.init(setup),
+    )
+
+
+def receive(setup: Setup, params: Params, state: State, packet: Packet) -> State:
+    """The network thread: take one datagram (or none) between two cycles."""
+    net, accepted = network.step(setup, state.network, state.tick, packet)
+    teleop = teleoperation.accumulate(setup, params.teleoperation, state.teleoperation, accepted, packet)
+    return replace(state, network=net, teleoperation=teleop)
+
+
+def cycle(
+    setup: Setup, params: Params, state: State, inputs: Inputs, inject: Inject = unharmed
+) -> tuple[State, Signals]:
+    """One 1 ms cycle of the control software: packet, USB read, decide, check, write.
+
+    raven2: rt_process_preempt.cpp.
+    """
+
+    def each(function: Callable[[int, ArmName, str], Any]) -> tuple[Any, ...]:
+        return per_arm(setup, lambda i, arm: function(i, arm, setup.tools[i]))
+
+    state = receive(setup, params, state, inject("packet_header", inject("packet", inputs.packet)))
+    tick = state.tick
+
+    # --- sense ---
+    read = inject("usb_in", usb.step(setup, state.usb, inputs.usb, inputs.read_ok))
+    desired = inject("runlevel", state_machine.desired_runlevel(params.state_machine, state.state_machine, read.pins))
+    machine = state_machine.adopt(state.state_machine, tick, desired)
+    level = machine.runlevel
+    pedal_down = level == state_machine.PEDAL_DOWN
+    active = level >= state_machine.PEDAL_UP
+
+    teleop, poses_d = teleoperation.hand_over(
+        setup, params.teleoperation, state.teleoperation, tick, pedal_down, tuple(arm.pos_d for arm in state.cartesian)
+    )
+    cartesian = each(lambda i, *_: replace(state.cartesian[i], pos_d=poses_d[i]))
+    machine, following = state_machine.initialise(setup, machine)
+    cartesian = cartesian_control.follow(cartesian, following)
+
+    estimates = each(
+        lambda i, arm, tool: estimator.step(setup, arm, tool, params.estimator[i], state.estimator[i], read.enc_val[i])
+    )
+    mpos = inject("mpos", tuple(estimate[1] for estimate in estimates))
+    mvel = inject("mvel", tuple(estimate[2] for estimate in estimates))
+    jpos = inject("jpos", each(lambda i, arm, tool: estimator.joints(setup, arm, tool, mpos[i])))
+
+    # --- decide ---
+    slave = (level != state_machine.PEDAL_DOWN) & (level != state_machine.INIT)
+    cartesian = cartesian_control.sense(setup, cartesian, jpos, slave)
+    positions = inject("pos_d", tuple(arm.pos_d.position_um for arm in cartesian))
+    cartesian = each(lambda i, *_: replace(cartesian[i], pos_d=replace(cartesian[i].pos_d, position_um=positions[i])))
+    cartesian, clamped = cartesian_control.solve(setup, params.cartesian, cartesian, tick, active, jpos)
+    teleop = teleoperation.reset_origin(
+        setup, teleop, slave | following | clamped, tuple(arm.pos_d for arm in cartesian)
+    )
+    jpos_d = inject("jpos_d", tuple(arm.jpos_d for arm in cartesian))
+    cartesian = each(lambda i, *_: replace(cartesian[i], jpos_d=jpos_d[i]))
+
+    mpos_d = inject("mpos_d", each(lambda i, arm, tool: motor_control.targets(setup, arm, tool, jpos_d[i], mpos[i])))
+    motors = each(
+        lambda i, arm, _: motor_control.torques(
+            setup,
+            arm,
+            params.motor_control[i],
+            state.motor_control[i],
+            active,
+            pedal_down,
+            mpos_d[i],
+            (jpos[i], mpos[i], mvel[i]),
+        )
+    )
+    tau_d = inject("tau_d", tuple(motor.tau_d for motor in motors))
+    motors = each(lambda i, *_: replace(motors[i], tau_d=tau_d[i]))
+    resting = _resting_commands(setup, params, state.held_cmd, active)
+    live = active & (machine.soft_estopped == 0)
+    current_cmd = inject(
+        "current_cmd", each(lambda i, arm, tool: dac.step(setup, arm, tool, tau_d[i], live, resting[i]))
+    )
+
+    # --- check ---
+    over, checked, tripped = overdrive.step(setup, params.overdrive, state.overdrive, tick, level, current_cmd)
+    machine = state_machine.raise_soft_estop(machine, tick, tripped)
+    dog, pins = watchdog.step(
+        state.watchdog, tick, machine.soft_estopped, level, teleop.surgeon_mode, machine.initialized
+    )
+
+    # --- write ---
+    written = inject("usb_out", checked)
+    pins = inject("pins_out", pins)
+
+    signals = Signals(
+        arms=each(
+            lambda i, *_: ArmSignals(
+                enc_val=read.enc_val[i],
+                mpos=mpos[i],
+                mvel=mvel[i],
+                jpos=jpos[i],
+                jvel=estimator.joint_velocities(setup, mvel[i]),
+                pos=cartesian[i].pos,
+                pos_d=cartesian[i].pos_d,
+                jpos_d=jpos_d[i],
+                mpos_d=motors[i].mpos_d,
+                tau_g=motors[i].tau_g,
+                tau_d=tau_d[i],
+                current_cmd=current_cmd[i],
+                current_cmd_checked=checked[i],
+                current_cmd_written=written[i],
+            )
+        ),
+        tick=tick,
+        runlevel=level,
+        sublevel=machine.sublevel,
+        surgeon_mode=teleop.surgeon_mode,
+        last_seq=teleop.last_seq,
+        initialized=machine.initialized,
+        soft_estopped=machine.soft_estopped,
+        overdrive=as_int(tripped),
+        clamped=as_int(clamped),
+        pins_out=pins,
+    )
+    state = State(
+        tick=tick + 1,
+        network=state.network,
+        teleoperation=teleop,
+        usb=read,
+        state_machine=machine,
+        estimator=tuple(estimate[0] for estimate in estimates),
+        cartesian=cartesian,
+        motor_control=motors,
+        held_cmd=written if setup.software == "fork2015" else None,
+        overdrive=over,
+        watchdog=dog,
+    )
+    return state, signals
+
+
+def _resting_commands(
+    setup: Setup, params: Params, held_cmd: tuple[Vec, ...] | None, active: Scalar
+) -> tuple[Vec, ...]:
+    """What the DAC commands are before the torques are converted: cleared, but in the fork's simulator builds."""
+    if held_cmd is None:
+        return per_arm(setup, lambda *_: Vec.full(7, 0))
+    keep = ~active & (params.state_machine.plc_obeyed == 0)
+    return tuple(held.map(lambda command: jnp.where(keep, command, 0)) for held in held_cmd)

@@ -1,0 +1,95 @@
+"""What the control software traces to: primitives, their number, the order of fault sites, stable number types."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ravenjax import control
+from ravenjax.engines import scalar
+from ravenjax.robot.packet import Packet
+from ravenjax.robot.sites import SITES
+from ravenjax.stages.usb import UsbIn
+from ravenjax.types import CAMPAIGN, ORIGINAL, Setup, Vec
+
+BOTH = {"arms": ("gold", "green"), "tools": ("r_grasper", "r_grasper")}
+ALLOWED = {
+    *("add", "sub", "mul", "div", "neg", "abs", "max", "min", "sqrt", "round", "sin", "cos", "atan2"),
+    *("eq", "ne", "lt", "le", "gt", "ge", "and", "or", "not", "xor", "select_n", "convert_element_type"),
+    *("shift_left", "shift_right_arithmetic"),
+}
+ORDER = ["packet", "packet_header", "usb_in", "runlevel", "mpos", "mvel", "jpos", "pos_d", "jpos_d", "mpos_d", "tau_d"]
+ORDER += ["current_cmd", "usb_out", "pins_out"]
+
+
+def inputs(setup):
+    arms, zero = range(len(setup.arms)), np.int32(0)
+    number = np.dtype(setup.precision.wide).type
+    still, unit = tuple(Vec.full(3, zero) for _ in arms), tuple(Vec(map(number, (0, 0, 0, 1))) for _ in arms)
+    packet = Packet(zero, zero, zero, still, unit, tuple(zero for _ in arms), zero)
+    return control.Inputs(packet, UsbIn(tuple(Vec.full(7, zero) for _ in arms), tuple(arms)), tuple(arms))
+
+
+def arguments(setup):
+    return control.params(setup), control.init(setup), inputs(setup)
+
+
+@pytest.mark.parametrize("precision", [CAMPAIGN, ORIGINAL], ids=["campaign", "original"])
+@pytest.mark.parametrize("software", ["raven2", "fork2015"])
+@pytest.mark.parametrize("console", ["increments", "absolute"])
+def test_only_scalar_primitives_and_the_state_keeps_its_types(precision, software, console):
+    setup = Setup(**BOTH, software=software, console=console, precision=precision)
+    with jax.enable_x64(precision.needs_x64):
+        given = arguments(setup)
+        jaxpr, (state, _) = jax.make_jaxpr(lambda *a: control.cycle(setup, *a), return_shape=True)(*given)
+        before = [jnp.asarray(x).dtype for x in jax.tree.leaves(given[1])]
+    assert set(scalar.primitives(jaxpr)) <= ALLOWED
+    assert jax.tree.structure(state) == jax.tree.structure(given[1])
+    assert [leaf.dtype for leaf in jax.tree.leaves(state)] == before
+    if precision is CAMPAIGN:
+        assert {str(dtype) for dtype in before} == {"int32", "float32"}
+
+
+@pytest.mark.parametrize(("arms", "limit"), [(("gold",), 2250), (("gold", "green"), 4300)])
+def test_the_number_of_operations_stays_low(arms, limit):
+    setup = Setup(arms=arms, tools=("r_grasper",) * len(arms))
+    jaxpr = jax.make_jaxpr(lambda *a: control.cycle(setup, *a))(*arguments(setup))
+    assert scalar.compile(jaxpr).operations < limit
+
+
+def test_every_site_of_the_control_software_is_passed_once_in_order():
+    passed = []
+
+    def note(site, signal):
+        passed.append(site)
+        for channel in SITES[site].channels:
+            value = signal
+            for step in channel.path:
+                value = (
+                    getattr(value, step)
+                    if isinstance(step, str) and step != "ARM"
+                    else value[1 if step == "ARM" else step]
+                )
+            assert jnp.shape(value) == ()
+        return signal
+
+    setup = Setup(**BOTH)
+    jax.make_jaxpr(lambda *a: control.cycle(setup, *a, note))(*arguments(setup))
+    assert passed == ORDER
+
+
+def test_a_fault_after_the_checks_reaches_the_boards():
+    setup = Setup(**BOTH)
+
+    def strike(site, signal):
+        return tuple(Vec.full(7, jnp.int32(32767)) for _ in signal) if site == "usb_out" else signal
+
+    given = arguments(setup)
+    jaxpr, (_, shape) = jax.make_jaxpr(lambda *a: control.cycle(setup, *a, strike), return_shape=True)(*given)
+    cycle, signals = scalar.compile(jaxpr), jax.tree.structure(shape)
+    numbers = cycle(cycle.represent(jax.tree.leaves(given)))
+    arm = jax.tree.unflatten(signals, numbers[-signals.num_leaves :]).arms[0]
+    assert [int(x) for x in arm.current_cmd_written] == [32767] * 7
+    assert [int(x) for x in arm.current_cmd_checked] == [0] * 7

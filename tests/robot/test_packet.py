@@ -1,0 +1,88 @@
+"""The ITP datagram: layout of the original structure, encoding there and back, checksum."""
+
+import struct
+
+import numpy as np
+import pytest
+
+from ravenjax.robot import packet
+from ravenjax.robot.packet import Packet
+from ravenjax.types import Vec
+
+
+def example(arms: int = 2, sequence: int = 7) -> Packet:
+    return Packet(
+        received=1,
+        size=124,
+        sequence=sequence,
+        delta=(Vec((1, -2, 3)), Vec((-40, 50, -60)))[:arms],
+        quat=(Vec((0.0, 0.0, 0.6, 0.8)), Vec((0.5, 0.5, 0.5, 0.5)))[:arms],
+        grasp=(9, -8)[:arms],
+        surgeon_mode=1,
+    )
+
+
+def test_layout_is_that_of_the_original():
+    offsets = {name: packet.U_STRUCT.fields[name][1] for name in packet.U_STRUCT.names}
+    assert offsets == {
+        "sequence": 0,
+        "pactyp": 4,
+        "version": 8,
+        "delx": 12,
+        "dely": 20,
+        "delz": 28,
+        "Qx": 36,
+        "Qy": 52,
+        "Qz": 68,
+        "Qw": 84,
+        "buttonstate": 100,
+        "grasp": 108,
+        "surgeon_mode": 116,
+        "checksum": 120,
+    }
+    assert packet.U_STRUCT.itemsize == 124
+    assert packet.V_STRUCT.itemsize == 52
+
+
+def test_bytes_match_struct():
+    """The whole datagram against the standard library's own packing."""
+    sent = packet.encode(example(), ("gold", "green"))
+    numbers = [1, -40, -2, 50, 3, -60]
+    expected = struct.pack(
+        "<3I6i8d6i", 7, 0, 0, *numbers, 0.0, 0.5, 0.0, 0.5, 0.6, 0.5, 0.8, 0.5, 0, 0, 9, -8, 1, 1 + 7 + sum(numbers)
+    )
+    assert sent == expected
+
+
+@pytest.mark.parametrize("arms", [("gold",), ("green",), ("gold", "green")])
+def test_there_and_back(arms):
+    assert packet.decode(packet.encode(example(len(arms)), arms), arms) == example(len(arms))
+
+
+def test_arm_left_out_stays_still():
+    other = packet.decode(packet.encode(example(1), ("green",)), ("gold",))
+    assert other.delta == (Vec((0, 0, 0)),)
+    assert other.quat == (Vec((0.0, 0.0, 0.0, 1.0)),)
+
+
+def test_checksum_leaves_out_grasp_and_quaternions_and_wraps():
+    fields = np.zeros((), packet.U_STRUCT)
+    fields["grasp"] = 1000
+    fields["Qx"] = 3.0
+    assert packet.checksum(fields) == 0
+    fields["delx"] = 2**31 - 1
+    assert packet.checksum(fields) == -2
+
+
+@pytest.mark.parametrize("size", [0, 3, 123, 124, 130])
+def test_decode_reports_the_size_that_came(size):
+    datagram = (packet.encode(example(), ("gold", "green")) + b"extra!")[:size]
+    got = packet.decode(datagram, ("gold",))
+    assert got.size == size
+    assert got.sequence == (7 if size else 0)  # little-endian: the low byte comes first
+
+
+def test_sequence_is_32_bits_unsigned_on_the_wire():
+    sent = packet.encode(example(sequence=-1), ("gold", "green"))
+    assert sent[:4] == b"\xff\xff\xff\xff"
+    assert packet.decode(sent, ("gold", "green")).sequence == -1

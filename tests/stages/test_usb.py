@@ -1,0 +1,19 @@
+"""Stale buffers after a failed read."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ravenjax.stages import usb
+from ravenjax.types import Setup, Vec
+
+SETUP = Setup(arms=("gold", "green"), tools=("r_grasper",) * 2)
+
+
+def test_a_failed_read_reuses_that_boards_last_counts_and_pins():
+    first = usb.UsbIn((Vec.full(7, np.int32(5)),) * 2, (np.int32(64), np.int32(128)))
+    second = usb.UsbIn((Vec.full(7, np.int32(9)),) * 2, (np.int32(192), np.int32(192)))
+    state = usb.step(SETUP, usb.init(SETUP), first, (1, 1))
+    state = usb.step(SETUP, state, second, (0, 1))
+    assert [[int(x) for x in arm] for arm in state.enc_val] == [[5] * 7, [9] * 7]
+    assert [int(pins) for pins in state.pins] == [64, 192]

@@ -1,0 +1,48 @@
+"""The square wave and the output byte."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from ravenjax.stages import watchdog
+from ravenjax.types import Setup
+
+
+def wave(ticks, soft_estopped=lambda tick: 0, state=None):
+    state = state or watchdog.init(Setup())
+    high = []
+    for tick in range(ticks):
+        state, pins = watchdog.step(state, np.int32(tick), np.int32(soft_estopped(tick)), *map(np.int32, (3, 1, 1)))
+        high.append(bool(int(pins) & 16))
+    return state, high
+
+
+def test_first_26_then_25_cycles_high_and_25_low():
+    _, high = wave(180)
+    runs = [1]
+    for before, now in itertools.pairwise(high):
+        runs = [*runs, 1] if now != before else [*runs[:-1], runs[-1] + 1]
+    assert high[0]
+    assert runs == [26, 25, 25, 25, 25, 25, 25, 4]
+
+
+def test_the_counter_runs_on_while_soft_e_stopped():
+    state, high = wave(200, lambda tick: tick >= 10)
+    assert high == [True] * 10 + [False] * 190
+    assert (int(state.counter), int(state.silent.first_tick), int(state.silent.count)) == (200, 10, 190)
+    _, high = wave(27, state=state)
+    assert high == [False] + [True] * 25 + [False]
+
+
+def test_bits_of_the_output_byte():
+    state = watchdog.init(Setup())
+    for level, mode, ready, expected in (
+        (3, 1, 1, 0b11111),
+        (2, 0, 1, 0b11010),
+        (1, 1, 0, 0b10001),
+        (2, 7, 0, 0b10110),
+    ):
+        _, pins = watchdog.step(state, np.int32(0), np.int32(0), *map(np.int32, (level, mode, ready)))
+        assert int(pins) == expected
