@@ -1,0 +1,210 @@
+"""The nominal model: equation of motion against a stiff ODE solver, gains, tracking, targets."""
+
+from __future__ import annotations
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from ravenjax.robot import gravity, kinematics, link_dynamics, transmission
+from ravenjax.robot.limits import HOME_JPOS
+from ravenjax.stages.plant import nominal, nominal_target, robot
+from ravenjax.types import CAMPAIGN, REFERENCE, Setup, Vec, replace
+
+SETUP = Setup(precision=REFERENCE)
+STILL = Vec((0.0, 0.0, 0.0, 1.0))
+
+
+def smooth_targets(ticks: int) -> np.ndarray:
+    """A surgical motion in joint space: about 20 mm/s at the tip, started smoothly."""
+    time = np.arange(ticks)[:, None] * 1e-3
+    ramp = np.clip(time / 0.5, 0, 1) ** 2 * (3 - 2 * np.clip(time / 0.5, 0, 1))
+    amplitude = np.array([0.06, 0.06, 0.008, 0.3, 0.2, 0.2, 0.2])
+    frequency = np.array([0.35, 0.45, 0.4, 0.3, 0.5, 0.4, 0.6])
+    return np.array(HOME_JPOS) + ramp * amplitude * np.sin(2 * np.pi * frequency * time)
+
+
+def clean(delta_um=(0, 0, 0), quat=STILL, grasp=0, engaged=1, setup=SETUP) -> nominal_target.Clean:
+    dtype = setup.precision.real
+    return nominal_target.Clean(
+        delta_um=Vec(jnp.int32(x) for x in delta_um),
+        quat=Vec(jnp.asarray(x, dtype) for x in quat),
+        grasp_mrad=jnp.int32(grasp),
+        engaged=jnp.int32(engaged),
+    )
+
+
+def by_targets(setup: Setup, targets: np.ndarray, params=None) -> np.ndarray:
+    params = params or nominal.params(setup, "gold")
+
+    def tick(state, row):
+        state = nominal.track(setup, "gold", params, state, Vec(row[i] for i in range(7)))
+        return state, jnp.stack(state.jpos)
+
+    start = nominal.init(setup, "gold", params, HOME_JPOS)
+    rows = jnp.asarray(targets, setup.precision.real)
+    return np.asarray(jax.jit(lambda s, u: jax.lax.scan(tick, s, u))(start, rows)[1])
+
+
+def test_the_equation_of_motion_is_the_stated_one() -> None:
+    """Without dry friction, against Radau on the equation as written."""
+    with jax.enable_x64(True):
+        params = replace(nominal.params(SETUP, "gold"), kc=Vec.full(5, 0.0))
+        targets = smooth_targets(700)
+        ours = by_targets(SETUP, targets, params)
+
+        @jax.jit
+        def links(q, v):
+            jaws = HOME_JPOS[5:]
+            locked = Vec((*(q[i] for i in range(5)), *jaws))
+            turning = Vec((*(v[i] for i in range(5)), 0.0, 0.0))
+            gravity_0 = Vec((-9.81, 0.0, 0.0))  # of no consequence: the controller's G(q) cancels it
+            mass, bias = link_dynamics.mass_matrix_and_bias(SETUP, "gold", locked, turning, gravity_0)
+            _, weight = link_dynamics.mass_matrix_and_bias(SETUP, "gold", locked, Vec.full(7, 0.0), gravity_0)
+            square = jnp.array([[mass[i][j] for j in range(5)] for i in range(5)])
+            return square, jnp.stack(bias)[:5], jnp.stack(weight)[:5]
+
+        kp, kd, kv = np.array(params.kp), np.array(params.kd), np.array(params.kv)
+
+        def slope(_, x, target):
+            q, v, integral = x[:7], x[7:14], x[14]
+            mass, bias, weight = links(q, v)
+            torque = kp * (target - q) - kd * v
+            torque[2] += params.ki * integral
+            links_accelerate = np.linalg.solve(mass, torque[:5] + weight - bias - kv * v[:5])
+            return np.concatenate([v, links_accelerate, torque[5:], [target[2] - q[2]]])
+
+        x = np.concatenate([np.array(HOME_JPOS, float), np.zeros(8)])
+        exact = []
+        for target in targets:
+            x = solve_ivp(slope, (0, 1e-3), x, "Radau", args=(target,), rtol=1e-6, atol=1e-9).y[:, -1]
+            exact.append(x[:7])
+    travel = np.ptp(targets, axis=0)
+    assert (np.abs(ours - np.array(exact)).max(axis=0) < 0.005 * travel).all()
+
+
+def test_gains_are_the_robots_per_unit_of_inertia() -> None:
+    with jax.enable_x64(True):
+        mass, _ = link_dynamics.mass_matrix_and_bias(SETUP, "gold", HOME_JPOS, Vec.full(7, 0.0), Vec((0.0, 0.0, 0.0)))
+        np.testing.assert_allclose(nominal.INERTIA[:5], [float(mass[i][i]) for i in range(5)], rtol=1e-4)
+    params, motor = nominal.params(SETUP, "gold"), robot.params(SETUP, "gold").actuators
+    for i in range(3):
+        gain = motor.gain[i] * motor.torque_per_count[i] * transmission.COUNTS_PER_NM[i]
+        lag_robot = (nominal.KD[i] * gain + motor.viscous[i]) / (nominal.KP[i] * gain)
+        lag_model = (params.kd[i] + params.kv[i]) / params.kp[i]
+        np.testing.assert_allclose(lag_model, lag_robot, rtol=2e-3)
+        own = math.sqrt(params.kp[i] / nominal.INERTIA[i])
+        np.testing.assert_allclose(own, math.sqrt(nominal.KP[i] * gain / motor.inertia[i]), rtol=0.05)
+
+
+def closed_loop_robot(targets: np.ndarray) -> np.ndarray:
+    """Links of the virtual robot under the control software's law (gains, coupling, gravity torque, truncation)."""
+    params = robot.params(SETUP, "gold")
+    signs = transmission.tau_signs("gold", "r_grasper")
+    reading = transmission.encoder_signs("gold", "r_grasper")
+    ki = (0.0, 0.0, 0.0, 0.05, 0.05, 0.05, 0.05)
+
+    def measure(state):
+        out = robot.observe(SETUP, "gold", params, state)
+        return Vec(s * e * transmission.ENCODER_RAD for s, e in zip(reading, out.enc_val, strict=True)), out
+
+    def tick(carry, row):
+        state, before, integral = carry
+        mpos, out = measure(state)
+        mpos_d = transmission.motor_from_joint("gold", "r_grasper", Vec(row[i] for i in range(7)), mpos[2])
+        error = mpos_d - mpos
+        integral = integral + error * 1e-3
+        tau = error * Vec(nominal.KP) - (mpos - before) * 1e3 * Vec(nominal.KD) + integral * Vec(ki)
+        tau = tau + Vec((*gravity.gravity_torque("gold", out.jpos), 0.0, 0.0, 0.0, 0.0))
+        counts = (tau * transmission.COUNTS_PER_NM * signs).map(lambda x: jnp.trunc(x).astype(jnp.int32))
+        state, out = robot.step(SETUP, "gold", params, state, robot.nominal_signal(counts, jnp.int32(0)))
+        return (state, mpos, integral), jnp.stack(out.jpos)
+
+    start = robot.init(SETUP, "gold", params, HOME_JPOS)
+    zero = Vec(jnp.float64(0.0) for _ in range(7))
+    run = jax.jit(lambda c, u: jax.lax.scan(tick, c, u))
+    return np.asarray(run((start, measure(start)[0], zero), jnp.asarray(targets))[1])
+
+
+def test_it_tracks_like_the_robot() -> None:
+    """Lag of each joint within a tenth of the robot's, tips well under a millimetre apart while both lag by more."""
+
+    def lag_ms(followed: np.ndarray, asked: np.ndarray) -> int:
+        return min(range(200), key=lambda lag: np.mean((followed[lag:] - asked[: len(asked) - lag]) ** 2))
+
+    targets = smooth_targets(3000)
+    with jax.enable_x64(True):
+        links, model = closed_loop_robot(targets), by_targets(SETUP, targets)
+        tip = jax.jit(jax.vmap(lambda q: jnp.stack(kinematics.forward("gold", Vec(q[i] for i in range(7))).position)))
+        robot_tip, model_tip, asked_tip = (np.asarray(tip(jnp.asarray(x))) for x in (links, model, targets))
+    for i in range(3):
+        np.testing.assert_allclose(lag_ms(model[:, i], targets[:, i]), lag_ms(links[:, i], targets[:, i]), rtol=0.1)
+    apart = np.linalg.norm(robot_tip - model_tip, axis=1)
+    lagging = np.linalg.norm(robot_tip - asked_tip, axis=1)
+    assert apart.mean() < 0.5e-3 < lagging.mean() and apart.max() < 1e-3
+
+
+def run(setup: Setup, commands: list[nominal_target.Clean], start=HOME_JPOS):
+    params = nominal.params(setup, "gold")
+    state = nominal.init(setup, "gold", params, start)
+    step = jax.jit(lambda s, c: nominal.step(setup, "gold", params, s, c))
+    for command in commands:
+        state, out = step(state, command)
+    return state, out
+
+
+def test_it_follows_increments_to_where_they_lead() -> None:
+    with jax.enable_x64(True):
+        state, out = run(SETUP, [clean((20, -10, 5))] * 300 + [clean()] * 1200)
+        start = np.array(kinematics.forward("gold", HOME_JPOS).position)
+        # ITP axes to frame 0 of gold: (-z, -x, y); um add up as whole numbers.
+        expected = start + 300e-6 * np.array([-5, -20, -10])
+        np.testing.assert_allclose(np.array(state.target.position_um) * 1e-6, expected, atol=2e-6)
+        np.testing.assert_allclose(np.array(out.tip_position), expected, atol=3e-4)
+        assert np.abs(np.array(out.tip_velocity)).max() < 1e-3
+
+
+def test_the_pedal_up_holds_and_reanchors() -> None:
+    with jax.enable_x64(True):
+        moving = [clean((30, 0, 0))] * 100
+        state, _ = run(SETUP, moving)
+        held, out = run(SETUP, moving + [clean((500, 500, 500), engaged=0)] * 50)
+        np.testing.assert_array_equal(np.array(held.jpos), np.array(state.jpos))
+        assert np.abs(np.array(held.jvel)).max() == 0.0 and np.abs(np.array(out.tip_velocity)).max() == 0.0
+        np.testing.assert_allclose(np.array(held.target.position_um) * 1e-6, np.array(out.tip_position), atol=1.1e-6)
+
+
+def test_targets_stop_at_the_soft_limits_and_the_console_slips() -> None:
+    with jax.enable_x64(True):
+        start = HOME_JPOS.replace(2, 0.555)
+        away = kinematics.forward("gold", start).position, kinematics.forward("gold", start.replace(2, 0.556)).position
+        direction = np.array(away[1]) - np.array(away[0])
+        x, y, z = direction / np.linalg.norm(direction)
+        step_um = np.round(60 * np.array([-y, z, -x])).astype(int)  # ITP axes of that direction
+        state, _ = run(SETUP, [clean(step_um)] * 400, start)
+        assert float(state.target.jpos_d[2]) <= 0.56 + 1e-9 and float(state.jpos[2]) < 0.5605
+        back, _ = run(SETUP, [clean(step_um)] * 400 + [clean(-step_um)] * 100, start)
+        assert float(back.target.jpos_d[2]) < 0.5555  # 6 mm back from the limit, not from 24 mm beyond it
+
+
+def test_an_unreachable_absolute_target_is_held_off() -> None:
+    one = Setup(precision=REFERENCE, console="absolute", software="fork2015")
+    with jax.enable_x64(True):
+        state, _ = run(one, [clean((0, 0, 0), (0.0, 0.0, 0.0, 1.0), 1570, setup=one)] * 20)
+        np.testing.assert_array_equal(np.array(state.target.jpos_d), np.array(HOME_JPOS, float))
+
+
+@pytest.mark.parametrize("precision", [REFERENCE, CAMPAIGN])
+def test_at_rest_nothing_drifts(precision) -> None:
+    one = Setup(precision=precision)
+    with jax.enable_x64(precision.needs_x64):
+        state, _ = run(one, [clean(setup=one)] * 1000)
+        # the target is whole micrometres and milliradians
+        np.testing.assert_allclose(np.array(state.jpos), np.array(HOME_JPOS, float), atol=6e-4)
+        assert state.jpos[0].dtype == precision.real
+        quat = np.array(state.target.quat, float)
+        assert abs(quat @ quat - 1) < 1e-6

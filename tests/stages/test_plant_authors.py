@@ -1,0 +1,144 @@
+"""The authors' model against its published check values and its published run."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import pytest
+
+from ravenjax.stages.plant import authors
+from ravenjax.types import Vec
+
+CONFIGURATIONS = (  # q, qd; M11, M12, M13, M22; G; bias (spec 6.5)
+    (
+        (-1.515971, -1.44377, 0.367864, 0.894073, -0.714511, -0.007179),
+        (0.204097414766883, 0.0221802141473461, 0.00728645089836509, 0.094399421967439),
+        (-2.48760672296708, -0.59627951556768, 2.0967807295235),
+        (-2.47883747784664, -0.583575914096313, 1.95832923290484),
+    ),
+    (
+        (-1.86981, -1.506895, 0.465643, 0.4639, -0.277903, -0.070372),
+        (0.237312497748804, 0.0273937053686796, 0.00732840109095636, 0.114249140739293),
+        (-1.58498047731223, -0.705794678711826, 3.14425310497484),
+        (-1.59450220381425, -0.699646471403101, 3.10271526588444),
+    ),
+    (
+        (-1.596061, -0.826801, 0.507944, 0.584304, -0.904848, -0.062117),
+        (0.189956986248823, 0.0044596814118713, 0.00542271104573525, 0.124334059677717),
+        (-1.98747950188099, -0.589982147179145, 1.88079196217761),
+        (-1.95793586025601, -0.552247062622945, 1.70682666741027),
+    ),
+    (
+        (-1.871488, -2.343579, 0.444126, -0.290102, -0.91842, -0.069384),
+        (0.194754191717858, 0.0486378732509591, 0.00522701710621375, 0.109466347800598),
+        (-0.648988195242679, 0.0894630402018017, 3.47801771358088),
+        (-0.625955856250472, 0.103101637657673, 3.32794682873624),
+    ),
+    (
+        (-2.526445, -2.320512, 0.390286, 0.25285, -0.810938, -0.069322),
+        (0.180641717017371, 0.0394223352563721, 0.00534463471369834, 0.0985241930861874),
+        (1.86263805285456, 1.11686347511534, 3.57100859059916),
+        (1.84057228561267, 1.12245023819584, 3.5297647928873),
+    ),
+)
+START = (-2.6, -1.65, 0.41, 0.05, -0.08, 0.004, 73.75, 183.4, 885.2, 6.9, -9.5, 8.8)
+DAC = (300, -250, 400)
+
+
+def vec(*items: float) -> Vec:
+    return Vec(jnp.float64(x) for x in items)
+
+
+def state(x: tuple[float, ...]) -> authors.State:
+    return authors.State(vec(*x[:3]), vec(*x[3:6]), vec(*x[6:9]), vec(*x[9:]))
+
+
+def flat(record) -> np.ndarray:
+    return np.array(jax.tree.leaves(record), np.float64)
+
+
+@pytest.mark.parametrize("case", CONFIGURATIONS)
+def test_mass_matrix_gravity_and_bias(case) -> None:
+    x, (m11, m12, m13, m22), gravity, bias = case
+    with jax.enable_x64(True):
+        q, qd = vec(*x[:3]), vec(*x[3:])
+        mass = np.array(authors.mass_matrix(q), np.float64)
+        expected = [[m11, m12, m13], [m12, m22, -4.827707615e-05], [m13, -4.827707615e-05, 0.407]]
+        np.testing.assert_allclose(mass, expected, atol=1e-13)
+        np.testing.assert_allclose(flat(authors.gravity_forces(q)), gravity, atol=1e-12)
+        np.testing.assert_allclose(flat(authors.bias_forces(q, qd)), bias, atol=1e-9)
+
+
+def test_gravity_is_the_gradient_of_one_potential() -> None:
+    """Its Jacobian is symmetric; checked where the published values do not reach."""
+    with jax.enable_x64(True):
+        hessian = jax.jacfwd(lambda q: jnp.stack(authors.gravity_forces(Vec(q))))(jnp.array([-2.1, -1.2, 0.38]))
+        np.testing.assert_allclose(hessian, hessian.T, atol=1e-12)
+
+
+def test_one_step_by_hand() -> None:
+    with jax.enable_x64(True):
+        slope, detail = authors.rates(state(START), vec(*DAC), tension_bug=True)
+        tension = (-8.26569084517737, 348.473054459036, 1.58669387928094)
+        np.testing.assert_allclose(flat(detail.tension), tension, rtol=1e-9)
+        reaction = (-0.00382920779970462, 0.16143547624939, -0.00382920779970462)
+        np.testing.assert_allclose(flat(detail.reaction), reaction, rtol=1e-9)
+        np.testing.assert_allclose(flat(detail.motor_friction), (0.057593, -0.09501, 0.076092), rtol=1e-9)
+        torque = (0.0307333606473237, -0.131172811580855, 0.112633619876432)
+        np.testing.assert_allclose(flat(detail.motor_torque), torque, rtol=1e-9)
+        bias = (1.45026508774893, -0.13822236454302, 3.94395862025755)
+        np.testing.assert_allclose(flat(detail.bias), bias, rtol=1e-9)
+        expected = (0.05, -0.08, 0.004, -37.8212678034101, 208.245955095048, -6.38959284942589)
+        expected += (6.9, -9.5, 8.8, -296.793652432803, 227.4230254003, -649.442964793562)
+        np.testing.assert_allclose(flat(slope), expected, rtol=1e-9)
+        right, _ = authors.rates(state(START), vec(*DAC))
+        np.testing.assert_allclose(float(right.md[2]), -665.474815954125, rtol=1e-9)
+
+        euler = (-2.59995, -1.65008, 0.410004, 0.0121787321965899, 0.128245955095048, -0.00238959284942589)
+        euler += (73.7569, 183.3905, 885.2088, 6.6032063475672, -9.2725769745997, 8.15055703520644)
+        np.testing.assert_allclose(flat(authors.euler(state(START), vec(*DAC), tension_bug=True)), euler, rtol=1e-9)
+        rk4 = (-2.59996726319698, -1.64998241201958, 0.41000181493033, 0.0168196496750678, 0.110383169116397)
+        rk4 += (0.00197974134978387, 73.7567472712639, 183.390621913807, 885.208471597026, 6.5904081199472)
+        rk4 += (-9.24817106230668, 8.13970971895712)
+        np.testing.assert_allclose(flat(authors.rk4(state(START), vec(*DAC), tension_bug=True)), rk4, rtol=1e-9)
+        statistic = authors.detector_statistic(state(START), vec(*DAC), tension_bug=True)
+        np.testing.assert_allclose(float(statistic), 253.7896753905103, rtol=1e-9)
+
+
+def test_standing_motors_feel_no_coulomb_friction_and_fast_ones_are_clamped() -> None:
+    with jax.enable_x64(True):
+        still = state((*START[:9], 0.0, 0.0, 0.0))
+        _, detail = authors.rates(still, vec(*DAC))
+        assert flat(detail.motor_friction).tolist() == [0.0, 0.0, 0.0]
+        fast = state((*START[:9], 2000.0, -2000.0, 0.0))
+        turned = flat(authors.rk4(fast, vec(0, 0, 0)).m) - flat(fast.m)
+        np.testing.assert_allclose(turned[:2], (0.79, -0.79), rtol=1e-9)
+
+
+def run_of_the_authors(recording: pd.DataFrame, rows: int, step=authors.rk4) -> np.ndarray:
+    """Their file player: negated DAC, bug kept, started at rest from the recording's second row."""
+    recording = recording.iloc[1:]
+    joints = ("shoulder", "elbow", "insertion")
+    start = np.radians([recording[f"mpos_{joint}_deg"].iloc[0] for joint in joints])
+    dac = -recording[[f"dac_{joint}" for joint in joints]].to_numpy(np.float64)[:rows]
+
+    def tick(state: authors.State, counts):
+        state = step(state, Vec(counts[i] for i in range(3)), tension_bug=True)
+        return state, jnp.stack([x for pair in zip(state.m, state.md, strict=True) for x in pair])
+
+    first = authors.initial(vec(*start), vec(0.0, 0.0, 0.0))
+    return np.asarray(jax.jit(lambda s, u: jax.lax.scan(tick, s, u))(first, jnp.asarray(dac))[1])
+
+
+def test_the_published_run_is_reproduced_over_all_its_rows(shared_data) -> None:
+    recording = pd.read_parquet(shared_data("recording_gold_joints123.parquet"))
+    published = pd.read_parquet(shared_data("model_regression_rk4.parquet")).to_numpy(np.float64)
+    with jax.enable_x64(True):
+        ours = run_of_the_authors(recording, len(published))
+    np.testing.assert_allclose(ours, published, atol=1e-5, rtol=0)
+    with jax.enable_x64(True):
+        euler = run_of_the_authors(recording, 101, authors.euler)
+    expected = (71.2284068, 0.0429502821, 200.760881, 0.0919059818, 899.879223, -0.192890965)
+    np.testing.assert_allclose(euler[100], expected, atol=2e-8)  # chatter amplifies the inputs' printed digits

@@ -1,0 +1,415 @@
+"""The virtual robot: rest, friction, brakes, energy, convergence to a stiff ODE solver, float32, faults."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from ravenjax.robot import link_dynamics, transmission
+from ravenjax.robot.limits import HOME_JPOS
+from ravenjax.stages.plant import cables, encoders, robot
+from ravenjax.stages.plant.published import parameter_set
+from ravenjax.types import CAMPAIGN, REFERENCE, Setup, Vec, replace
+
+N = 7
+CHUNK = 20  # ticks a compiled call: one compile serves runs of any length
+RAD_PER_COUNT = 2 * math.pi / 4000
+POSE_A = Vec(np.radians(x) if i != 2 else 0.30 for i, x in enumerate((15, 60, 0, -40, 20, 30, 50)))
+LEVELS = np.array([0.04055, 0.071925, 0.0511, 0.006, 0.006, 0.006, 0.006])  # N m, motor breakaway, set "traj3"
+
+
+def setup(arm: str = "gold", precision=REFERENCE, **other) -> Setup:
+    return Setup(arms=(arm,), precision=precision, **other)
+
+
+@cache
+def stepper(setup_: Setup):
+    """A jitted scan over DAC rows; parameters and initial state are traced, so one compile serves all tests."""
+    arm = setup_.arms[0]
+
+    def tick(carry, row):
+        params, state, brakes, scales = carry
+        command = Vec(row[i] for i in range(N))
+        state, out = robot.step(setup_, arm, params, state, robot.Signal(command, brakes, *scales))
+        return (params, state, brakes, scales), out
+
+    @jax.jit
+    def run(params, state, brakes, scales, commands):
+        (_, state, *_), out = jax.lax.scan(tick, (params, state, brakes, scales), commands)
+        return state, out
+
+    return run
+
+
+def simulate(setup_, commands, params=None, jpos0=HOME_JPOS, brakes=0, state=None, **scales):
+    params = params or robot.params(setup_, setup_.arms[0])
+    dtype = setup_.precision.real
+    as_real = lambda x: jnp.asarray(x, dtype)  # noqa: E731
+    key = params.noise_key
+    params = replace(jax.tree.map(as_real, replace(params, noise_key=0.0)), noise_key=key)
+    if state is None:
+        state = robot.init(setup_, setup_.arms[0], params, jpos0)
+        if not brakes:
+            state = replace(state, brakes=replace(state.brakes, engaged=jnp.int32(0)))
+    ones = Vec.full(N, 1.0)
+    given = [scales.get(k, ones) for k in ("torque_scale", "cable_scale", "friction_scale")]
+    given.append(scales.get("external_torque", Vec.full(N, 0.0)))
+    found = []
+    assert len(commands) % CHUNK == 0
+    for rows in np.split(np.asarray(commands, np.int32), len(commands) // CHUNK):
+        state, out = stepper(setup_)(params, state, jnp.int32(brakes), jax.tree.map(as_real, given), rows)
+        found.append(jax.tree.map(np.asarray, out))
+    return state, jax.tree.map(lambda *parts: np.concatenate(parts), *found)
+
+
+def columns(vec) -> np.ndarray:
+    return np.stack(vec, axis=-1)
+
+
+def constant(counts, ticks: int) -> np.ndarray:
+    return np.tile(np.asarray(counts, np.int32), (ticks, 1))
+
+
+def weightless(params: robot.Params) -> robot.Params:
+    """No gravity and no bias: nothing moves by itself."""
+    return replace(params, gravity=Vec((0.0, 0.0, 0.0)), actuators=replace(params.actuators, bias=Vec.full(N, 0.0)))
+
+
+def frictionless(params: robot.Params) -> robot.Params:
+    return replace(params, friction_scale=0.0)
+
+
+# --- consistency ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("arm", ["gold", "green"])
+@pytest.mark.parametrize("software", ["raven2", "fork2015"])
+@pytest.mark.parametrize("jpos0", [HOME_JPOS, POSE_A])
+def test_encoders_links_and_control_software_agree_at_rest(arm, software, jpos0) -> None:
+    with jax.enable_x64(True):
+        one = setup(arm, software=software)
+        params = weightless(robot.params(one, arm))
+        state = robot.init(one, arm, params, jpos0)
+        out = robot.observe(one, arm, params, state)
+        signs = np.array(transmission.encoder_signs(arm, "r_grasper", software))
+        measured = signs * np.array(out.enc_val) * RAD_PER_COUNT
+        expected = np.array(transmission.motor_from_joint(arm, "r_grasper", jpos0, software=software))
+        assert np.abs(measured - expected).max() <= 0.5001 * RAD_PER_COUNT
+        np.testing.assert_allclose(np.array(out.mpos), expected, atol=1e-9)
+        np.testing.assert_allclose(np.array(out.jpos), np.array(jpos0, float), atol=1e-12)
+
+
+def test_gravity_at_rest_is_carried_by_the_cables() -> None:
+    with jax.enable_x64(True):
+        one = setup()
+        params = robot.params(one, "gold")
+        state = robot.init(one, "gold", params, HOME_JPOS)
+        out = robot.observe(one, "gold", params, state)
+        lambdas = np.array(out.tension) * np.array(cables.ARMS_M)
+        carried = np.array(transmission.motor_matrix("gold", "r_grasper")).T @ lambdas
+        weight = link_dynamics.mass_matrix_and_bias(one, "gold", HOME_JPOS, Vec.full(N, 0.0), params.gravity)[1]
+        np.testing.assert_allclose(carried, np.array(weight, float), atol=1e-9)
+        np.testing.assert_allclose(carried[:3], (-0.2246, -0.5091, 3.7496), atol=1e-4)  # home, gravity along -x0
+
+
+def test_brakes_hold_the_arm_where_it_is() -> None:
+    with jax.enable_x64(True):
+        _, out = simulate(setup(), constant([0] * N, 2000), brakes=1)
+        jpos = columns(out.jpos)
+        assert np.abs(jpos - jpos[0]).max() < 1e-6
+        assert (columns(out.enc_val) == columns(out.enc_val)[0]).all()
+
+
+def test_green_mirrors_gold() -> None:
+    """Equal joint motion for mirrored counts; the tool's roll and wrist turn the other way in a mirror."""
+    commands = np.zeros((600, N), np.int32)
+    commands[:, :3] = (900, -700, 800)
+    with jax.enable_x64(True):
+        gold = columns(simulate(setup("gold"), -commands)[1].jpos)
+        green = columns(simulate(setup("green"), commands)[1].jpos)
+    assert np.abs(gold[-1] - gold[0])[:3].max() > 1e-2
+    np.testing.assert_allclose(gold[:, :3], green[:, :3], atol=2e-5)
+
+
+# --- friction and brakes ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("precision", [REFERENCE, CAMPAIGN])
+def test_below_breakaway_nothing_creeps_and_above_it_moves(precision) -> None:
+    one = setup(precision=precision)
+    with jax.enable_x64(precision.needs_x64):
+        params = weightless(robot.params(one, "gold"))
+        motor = params.actuators
+        signs = np.array(transmission.tau_signs("gold", "r_grasper"))
+        per_count = signs * np.array(motor.torque_per_count) * np.array(motor.gain)
+        below = np.trunc(0.98 * LEVELS / per_count).astype(np.int32)
+        _, out = simulate(one, constant(below, 1000), params)
+        # rad of motor, of which an encoder count is 1.6e-3
+        assert np.abs(columns(out.mpos)[-1] - columns(out.mpos)[0]).max() < 2e-4
+        assert np.abs(columns(out.mvel)[10:]).max() < 1e-6
+
+        ratio = np.array(transmission.TR)
+        link = np.array(motor.reaction_scale) * np.array(params.link_coulomb) / ratio
+        for joint in range(N):
+            above = np.zeros(N)
+            above[joint] = 1.05 * (LEVELS + link)[joint] / per_count[joint]
+            _, out = simulate(one, constant(np.ceil(np.abs(above)) * np.sign(above), 300), params)
+            moved = columns(out.mpos)[-1] - columns(out.mpos)[0]
+            assert moved[joint] > 5e-3, (joint, moved)
+
+
+def test_a_sliding_joint_comes_to_rest_without_chatter() -> None:
+    with jax.enable_x64(True):
+        one = setup()
+        params = weightless(robot.params(one, "gold"))
+        commands = np.concatenate([constant([-900, -900, -900, -600, -600, 600, -600], 200), constant([0] * N, 400)])
+        _, out = simulate(one, commands, params)
+        mvel, jvel = columns(out.mvel), columns(out.jvel)
+        assert (np.abs(mvel[199]) > 1.0).all()
+        assert np.abs(mvel[-100:]).max() < 1e-6 and np.abs(jvel[-100:]).max() < 1e-5
+        # Motors stop once: after the drive ends no speed changes sign by more than the settling cables make it.
+        reversal = np.minimum(mvel[205:] * np.sign(mvel[199]), 0.0)
+        assert np.abs(reversal).max() < 0.02
+
+
+def test_brakes_grip_and_release_after_their_delays_and_slip_above_their_torque() -> None:
+    with jax.enable_x64(True):
+        one = setup()
+        params = weightless(robot.params(one, "gold"))
+        drive = constant([-3000, -3000, -3000, -1500, 0, 0, 0], 100)
+        state, out = simulate(one, drive, params)
+        rolling = columns(out.mvel)[-1]
+        assert (np.abs(rolling[:4]) > 5).all()
+        _, out = simulate(one, drive, params, state=state, brakes=1)
+        speed = columns(out.mvel)
+        gripped = np.argmax(np.abs(speed[:, 0]) < 0.9 * abs(rolling[0]))
+        assert out.brakes.tolist().index(1) == 15 and gripped in (15, 16, 17)
+        assert np.abs(speed[40:, :3]).max() < 1e-6  # 0.8 N m of drive against 4.9 N m
+        assert abs(speed[-1, 3]) > 5  # tool motors have no brake
+        full = constant([-32767, 0, 0, 0, 0, 0, 0], 60)
+        _, out = simulate(one, full, params, brakes=1)
+        assert columns(out.mvel)[-1, 0] > 50  # 8.1 N m slips
+
+
+# --- accuracy ---------------------------------------------------------------------------------------------------------
+
+WAVE_HZ = np.array([1.1, 1.7, 1.3, 2.1, 2.9, 2.3, 3.1])
+WAVE_CNT = np.array([1500, 1500, 1500, 500, 400, 400, 400])
+
+
+def wave(ticks: int) -> np.ndarray:
+    return (WAVE_CNT * np.sin(2 * np.pi * WAVE_HZ * np.arange(ticks)[:, None] * 1e-3)).astype(np.int32)
+
+
+def by_a_stiff_solver(commands: np.ndarray, params: robot.Params, start: Vec) -> np.ndarray:
+    """Joint positions after each tick, from the equations as written in (m, q), without dry friction."""
+    matrix = np.array(transmission.motor_matrix("gold", "r_grasper"))
+    signs = np.array(transmission.tau_signs("gold", "r_grasper"))
+    motor, arm = params.actuators, np.array(cables.ARMS_M)
+    per_count = signs * np.array(motor.torque_per_count) * np.array(motor.gain)
+    inertia, viscous, share = (np.array(x) for x in (motor.inertia, motor.viscous, motor.reaction_scale))
+    stiffness, damping = np.array(params.cable_stiffness), np.array(params.cable_damping)
+    link_viscous = np.array(params.link_viscous)
+    one = setup()
+
+    @jax.jit
+    def links(q, v):
+        mass, bias = link_dynamics.mass_matrix_and_bias(one, "gold", Vec(q), Vec(v), params.gravity)
+        return jnp.array([list(row) for row in mass]), jnp.stack(bias)
+
+    def slope(_, x, drive):
+        m, q, w, v = np.split(x, 4)
+        stretch, rate = arm * (m - matrix @ q), arm * (w - matrix @ v)
+        force = arm * (stiffness * (np.exp(stretch) - np.exp(-stretch)) + 2 * damping * rate)
+        mass, bias = links(q, v)
+        acceleration = np.linalg.solve(mass, matrix.T @ force - bias - link_viscous * v)
+        return np.concatenate([w, v, (drive - viscous * w - share * force) / inertia, acceleration])
+
+    x = np.concatenate([matrix @ np.array(start), np.array(start, float), np.zeros(2 * N)])
+    found = []
+    for row in commands:
+        drive = per_count * row
+        x = solve_ivp(slope, (0, 1e-3), x, "Radau", args=(drive,), rtol=1e-7, atol=1e-9).y[:, -1]
+        found.append(x[N : 2 * N])
+    return np.array(found)
+
+
+def test_halving_the_step_halves_the_distance_to_a_stiff_solver() -> None:
+    with jax.enable_x64(True):
+        params = robot.params(setup(), "gold")
+        params = replace(
+            weightless(params),
+            link_coulomb=Vec.full(N, 0.0),
+            actuators=replace(weightless(params).actuators, coulomb=Vec.full(N, 0.0)),
+        )
+        commands = wave(80)
+        exact = by_a_stiff_solver(commands, params, HOME_JPOS)
+        distance = []
+        for substeps in (1, 2):
+            _, out = simulate(setup(substeps=substeps), commands, params)
+            distance.append(np.sqrt(np.mean((columns(out.jpos) - exact) ** 2, axis=0)))
+    travel = np.ptp(exact, axis=0)
+    assert (distance[0] < 0.02 * travel).all(), (distance[0], travel)
+    ratio = distance[0] / distance[1]
+    assert (ratio > 1.7).all() and (ratio < 2.3).all(), ratio
+
+
+def energy(one: Setup, params: robot.Params, out) -> np.ndarray:
+    """Kinetic energy of links and motors and elastic energy of cables (J), in the equation's own metric."""
+    motor, arm = params.actuators, np.array(cables.ARMS_M)
+
+    @jax.jit
+    @jax.vmap
+    def of_links(q, v):
+        mass, _ = link_dynamics.mass_matrix_and_bias(one, "gold", Vec(q), Vec(v), params.gravity)
+        return 0.5 * v @ jnp.array([list(row) for row in mass]) @ v
+
+    links = of_links(columns(out.jpos), columns(out.jvel))
+    share = np.array(motor.inertia) / np.array(motor.reaction_scale)
+    motors = 0.5 * (columns(out.mvel) ** 2 * share).sum(axis=1)
+    springs = (2 * np.array(params.cable_stiffness) * (np.cosh(arm * columns(out.stretch)) - 1)).sum(axis=1)
+    return np.asarray(links) + motors + springs
+
+
+def test_energy_is_never_made() -> None:
+    """Coasting without friction, damping or gravity: the step only loses energy, and little of the slow motion's."""
+    with jax.enable_x64(True):
+        one = setup()
+        params = replace(weightless(robot.params(one, "gold")), cable_damping=Vec.full(N, 0.0))
+        state, _ = simulate(one, wave(200), params)
+        _, out = simulate(one, constant([0] * N, 400), frictionless(params), state=state)
+        total = energy(one, params, out)
+        assert total[0] > 1e-2
+        assert (np.diff(total) < 1e-6 * total[0]).all()
+        assert total[-1] > 0.9 * total[50]
+
+
+@pytest.mark.parametrize("stiffer", [1.0, 1000.0])
+def test_stiff_cables_and_light_tools_stay_stable(stiffer) -> None:
+    """A cable a thousand times stiffer than the authors' would need steps of nanoseconds if it were explicit."""
+    with jax.enable_x64(True):
+        one = setup()
+        params = replace(robot.params(one, "gold"), cable_stiffness_scale=stiffer, mass_scale=0.1)
+        commands = wave(400)
+        commands[100:150] = 20000 * np.sign(WAVE_CNT)
+        _, out = simulate(one, commands, params)
+        assert np.isfinite(columns(out.jpos)).all() and np.abs(columns(out.mvel)).max() < 2000
+
+
+def test_float32_and_float64_stay_together_for_three_seconds() -> None:
+    commands = wave(3000)
+    with jax.enable_x64(True):
+        _, exact = simulate(setup(), commands)
+    _, single = simulate(setup(precision=CAMPAIGN), commands)
+    counts = np.abs(columns(single.enc_val) - columns(exact.enc_val))
+    assert counts.max() <= 1 and (counts != 0).mean() < 0.1
+    assert np.abs(columns(single.jpos) - columns(exact.jpos)).max() < 2e-5
+    assert single.jpos[0].dtype == np.float32 and single.enc_val[0].dtype == np.int32
+
+
+def test_the_motor_angle_keeps_tiny_increments() -> None:
+    """0.01 rad/s at 900 rad for 10 s in float32: plain accumulation would not move at all."""
+
+    def creep(angle, _):
+        return encoders.advance(angle, jnp.float32(1e-5)), None
+
+    start = encoders.at_angle(jnp.float32(899.6370423253))
+    end, _ = jax.jit(lambda angle: jax.lax.scan(creep, angle, None, length=10_000))(start)
+    turned = (int(end.count) - int(start.count) + float(end.fraction) - float(start.fraction)) * RAD_PER_COUNT
+    np.testing.assert_allclose(turned, 0.1, rtol=1e-4)
+    assert float(jnp.float32(899.637) + jnp.float32(1e-5)) == float(jnp.float32(899.637))
+
+
+# --- faults, noise, form ----------------------------------------------------------------------------------------------
+
+
+def test_mechanical_faults_act_where_they_say() -> None:
+    with jax.enable_x64(True):
+        one = setup()
+        params = weightless(robot.params(one, "gold"))
+        commands = constant([-1500, 0, 0, 0, 0, 0, 0], 200)
+
+        def moved(**scales) -> np.ndarray:
+            return columns(simulate(one, commands, params, **scales)[1].jpos)[-1] - np.array(HOME_JPOS)
+
+        ones = Vec.full(N, 1.0)
+        healthy = moved()
+        assert healthy[0] > 0.02
+        assert abs(moved(torque_scale=ones.replace(0, 0.0))[0]) < 1e-6
+        assert abs(moved(cable_scale=ones.replace(0, 0.0))[0]) < 1e-3  # the motor turns, the link does not follow
+        assert moved(friction_scale=ones.replace(0, 5.0))[0] < 0.7 * healthy[0]
+        pushed = moved(external_torque=Vec.full(N, 0.0).replace(1, 4.0))
+        assert 2e-3 < pushed[1] - healthy[1] < 5e-3  # 3.5 N m beyond friction on 1115 N m/rad of cable
+
+
+def test_hard_stops_hold_a_runaway_joint() -> None:
+    with jax.enable_x64(True):
+        params = weightless(robot.params(setup(), "gold"))
+        _, out = simulate(setup(), constant([-6000, 6000, -6000, 0, 0, 0, 0], 2000), params)
+        jpos, upper, lower = columns(out.jpos), np.array(params.stops.upper), np.array(params.stops.lower)
+        assert jpos[-1, 0] > upper[0] and jpos[-1, 1] < lower[1] and jpos[-1, 2] > upper[2]
+        beyond = np.maximum(jpos - upper, 0) + np.maximum(lower - jpos, 0)
+        assert (beyond.max(axis=0)[:3] < (0.006, 0.006, 0.006)).all()
+        assert np.abs(columns(out.jvel)[-1, :3]).max() < 1e-2
+
+
+def test_a_torn_insertion_cable_lets_the_tool_fall() -> None:
+    with jax.enable_x64(True):
+        torn = Vec.full(N, 1.0).replace(2, 0.0)
+        _, out = simulate(setup(), constant([0] * N, 160), brakes=1, cable_scale=torn)
+        fallen = columns(out.jpos)[:, 2] - 0.4
+        assert fallen[-1] < -1e-3 and (columns(out.enc_val)[-1] == columns(out.enc_val)[0])[:3].all()
+
+
+def test_noise_only_where_asked_for_and_with_its_size() -> None:
+    one = setup(precision=CAMPAIGN, noise=True)
+    params = replace(robot.params(one, "gold"), encoder_noise=3.0, noise_key=jnp.uint32(7))
+    commands = constant([0] * N, 2000)
+    _, noisy = simulate(one, commands, params, brakes=1)
+    _, quiet = simulate(setup(precision=CAMPAIGN), commands, params, brakes=1)
+    error = columns(noisy.enc_val) - columns(quiet.enc_val)
+    np.testing.assert_allclose(error.std(axis=0), 3.0, rtol=0.08)
+    assert np.abs(np.corrcoef(error.T) - np.eye(N)).max() < 0.1
+    other = replace(params, noise_key=jnp.uint32(8))
+    assert (columns(simulate(one, commands, other, brakes=1)[1].enc_val) != columns(noisy.enc_val)).mean() > 0.5
+
+
+def test_a_step_is_scalars_only_and_costs_what_it_did() -> None:
+    """Later engines print the traced operations: single numbers, plain primitives, no loops."""
+    one = setup(precision=CAMPAIGN)
+    params = robot.params(one, "gold")
+    state = robot.init(one, "gold", params, HOME_JPOS)
+    signal = robot.nominal_signal(Vec(jnp.int32(0) for _ in range(N)), jnp.int32(0))
+    jaxpr = jax.make_jaxpr(lambda p, s, u: robot.step(one, "gold", p, s, u))(params, state, signal)
+    shapes = {var.aval.shape for eqn in jaxpr.eqns for var in eqn.outvars}
+    assert shapes == {()}
+    forbidden = {"scan", "while", "cond", "gather", "scatter", "dot_general", "concatenate"}
+    assert not forbidden & {eqn.primitive.name for eqn in jaxpr.eqns}
+    assert len(jaxpr.eqns) < 2600
+
+
+def test_an_unknown_parameter_set_is_refused_with_the_names() -> None:
+    with pytest.raises(ValueError, match=r"traj4.*traj3.*matlab_global.*Did you mean"):
+        robot.params(setup(), "gold", "traj4")
+
+
+def test_published_sets_have_their_published_numbers() -> None:
+    active = parameter_set("traj3")
+    np.testing.assert_allclose(active.torque_per_count, 2.737629663234212e-4, rtol=1e-12)
+    np.testing.assert_allclose(active.motor_coulomb, (0.04055, 0.071925, 0.0511), rtol=1e-12)
+    np.testing.assert_allclose(active.motor_viscous, (2.47e-3, 2.43e-3, 2.84e-3), rtol=1e-12)
+    np.testing.assert_allclose(active.stiffness, (720e3, 176e3, 9.25e3))
+    np.testing.assert_allclose(active.link_viscous, (0.00505, 0.00245, 0.0053))
+    input_bias = np.array((-0.0479807114, -0.06273207, 0.01564328))
+    np.testing.assert_allclose(active.bias, -input_bias * active.gain, rtol=1e-6)
+    np.testing.assert_allclose(parameter_set("matlab_main").damping, (1000, 1656, 560))
+    np.testing.assert_allclose(parameter_set("matlab_global").stiffness, (720e3, 264e3, 9.25e3))
+    base = parameter_set("B")
+    np.testing.assert_allclose(base.motor_coulomb, (8.11e-2, 4.11e-2, 5.11e-2))
+    np.testing.assert_allclose(base.damping, (4000, 1380, 400))

@@ -1,0 +1,82 @@
+"""The assumed PLC: levels by start, READY, pedal; watchdog and button trips; latch; pins."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+from ravenjax.stages import plc
+from ravenjax.types import Setup
+
+SETUP = Setup()
+PARAMS = plc.params(SETUP)
+STEP = jax.jit(lambda state, pins, button: plc.step(SETUP, PARAMS, state, plc.Signal(pins, button)))
+READY, PEDAL = 1 << 3, 1 << 2
+
+
+def watchdog(tick: int) -> int:
+    """Pin byte of the software's square wave: 25 ms high, 25 ms low."""
+    return (1 << 4) if tick % 50 < 25 else 0
+
+
+def drive(state: plc.State, ticks: int, pins=READY, wave=watchdog, button: int = 0) -> tuple[plc.State, list[plc.Out]]:
+    outs = []
+    for tick in range(ticks):
+        state, out = STEP(state, jnp.int32(pins | wave(tick)), jnp.int32(button))
+        outs.append(out)
+    return state, outs
+
+
+def test_power_up_to_pedal_down_and_back() -> None:
+    state = plc.init(SETUP, PARAMS, plc.E_STOP)
+    state, outs = drive(state, 150, pins=0)
+    levels = [int(out.runlevel) for out in outs]
+    assert levels[:100] == [0] * 100 and levels[-1] == plc.INIT  # start pressed after 100 ms of living watchdog
+    assert int(outs[0].brakes) == 1 and int(outs[-1].brakes) == 0
+    state, outs = drive(state, 1, pins=READY)
+    assert int(outs[-1].runlevel) == plc.PEDAL_UP and int(outs[-1].brakes) == 1
+    state, outs = drive(state, 1, pins=READY | PEDAL)
+    assert int(outs[-1].runlevel) == plc.PEDAL_DN and int(outs[-1].brakes) == 0
+    state, outs = drive(state, 1, pins=READY)
+    assert int(outs[-1].runlevel) == plc.PEDAL_UP
+    state, outs = drive(state, 1, pins=PEDAL)  # pedal without READY does not engage
+    assert int(outs[-1].runlevel) == plc.PEDAL_UP
+
+
+@pytest.mark.parametrize("level", [0, 16])
+def test_a_watchdog_without_edges_trips_after_one_and_a_half_periods(level: int) -> None:
+    state, _ = drive(plc.init(SETUP, PARAMS), 100, pins=READY | PEDAL)
+    assert int(state.runlevel) == plc.PEDAL_DN
+    quiet = int(state.quiet_ticks) if level == 0 else -1  # the wave ends low: a high pin is one more edge
+    state, outs = drive(state, 120, pins=READY | PEDAL, wave=lambda _: level)
+    levels = [int(out.runlevel) for out in outs]
+    assert levels.index(plc.E_STOP) == 75 - quiet
+    assert int(outs[levels.index(plc.E_STOP)].watchdog_margin) == -1
+    assert int(state.trip_cause) == plc.CAUSE_WATCHDOG and int(state.trip_tick) == 100 + 75 - quiet
+
+
+def test_a_living_watchdog_never_trips_and_keeps_a_margin() -> None:
+    state, outs = drive(plc.init(SETUP, PARAMS), 500, pins=READY | PEDAL)
+    assert int(state.trip_tick) == -1
+    assert min(int(out.watchdog_margin) for out in outs) == 75 - 24
+
+
+def test_button_trips_at_once_and_the_trip_latches() -> None:
+    state, outs = drive(plc.init(SETUP, PARAMS), 1, button=1)
+    assert int(outs[0].runlevel) == plc.E_STOP and int(state.trip_cause) == plc.CAUSE_BUTTON
+    state, outs = drive(state, 400)
+    assert {int(out.runlevel) for out in outs} == {plc.E_STOP}
+
+
+def test_without_auto_start_it_stays_stopped() -> None:
+    params = plc.Params(watchdog_ticks=75, auto_start=0, start_ticks=100)
+    state = plc.init(SETUP, params, plc.E_STOP)
+    for tick in range(300):
+        state, out = plc.step(SETUP, params, state, plc.Signal(jnp.int32(watchdog(tick)), jnp.int32(0)))
+    assert int(out.runlevel) == plc.E_STOP
+
+
+def test_pins_carry_the_level_in_bits_7_and_6() -> None:
+    assert [int(plc.input_pins(jnp.int32(level))) >> 6 for level in range(4)] == [0, 1, 2, 3]
+    assert [int(plc.input_pins(jnp.int32(level))) & 0x3F for level in range(4)] == [0] * 4
