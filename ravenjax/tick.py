@@ -1,0 +1,461 @@
+"""One millisecond of everything, on one page: console, network, control software, PLC, robot, nominal model, cue.
+
+The order is the robot's own: sense, decide, check, write; the plant moves last and its encoders are read in the next
+tick. Faults strike at the sites named here and in `control`. The nominal model runs beside the robot on the *clean*
+operator input; the monitor compares it with the robot and the console's haptic device pulls.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from ravenjax import control
+from ravenjax.robot import kinematics, scene, transmission
+from ravenjax.robot.check import Check
+from ravenjax.robot.sites import ARM, SITES
+from ravenjax.stages import haptics, monitor, operator, plc, state_machine, usb
+from ravenjax.stages.faults import fault, injection, window
+from ravenjax.stages.plant import nominal, nominal_target
+from ravenjax.stages.plant import robot as plant
+from ravenjax.types import ArmName, Scalar, Setup, Vec, as_int, per_arm, real, record, replace, where
+
+UM = 1e-6
+"""Metres in a micrometre."""
+
+
+# --- records: one entry an arm in each tuple ---
+
+
+@record
+class Params:
+    """Everything that a campaign may vary, one sub-record a stage."""
+
+    operator: operator.Params
+    network: NetworkParams
+    control: control.Params
+    plc: plc.Params
+    plant: tuple[plant.Params, ...]
+    nominal: tuple[nominal.Params, ...]
+    haptics: haptics.Params
+    monitor: monitor.Params
+    start: tuple[Vec, ...]  # joints where the run begins, 7, rad and m
+
+
+@record
+class NetworkParams:
+    """The channel from console to robot."""
+
+    cycles_per_packet: Scalar  # int32, control cycles from one packet to the next; 1: a packet a millisecond
+
+
+@record
+class State:
+    """What is remembered from one tick to the next; each part is written by its own stage only."""
+
+    faults: fault.State
+    control: control.State
+    board_cmd: tuple[Vec, ...]  # int32 DAC counts that each USB board holds
+    plc: plc.State
+    plant: tuple[plant.State, ...]
+    enc_val: tuple[Vec, ...]  # int32 counts that the encoders show
+    nominal: tuple[nominal.State, ...]
+    haptics: tuple[haptics.State, ...]
+    monitor: monitor.State
+    pedal_ticks: Scalar  # int32, ticks since pedal-down was entered; negative: not in it
+    packet: Scalar  # int32, index of the console's newest packet; -1: none yet
+
+
+@record
+class Input:
+    """What enters a tick from outside."""
+
+    tick: Scalar  # int32, ticks since the run began
+    motion: tuple[Any, ...]  # columns of the operator's motion, each a 1-D array: the only arrays of the tick
+    reference: monitor.Reference  # the fault-free twin in this tick
+
+
+@record
+class Signals:
+    """What crossed the seams in this tick; also the schema of a trace."""
+
+    packet: Any  # packet.Packet as it reached the robot
+    control: control.Signals
+    plant: tuple[plant.Out, ...]
+    plc: plc.Out
+    nominal: tuple[nominal.Out, ...]
+    haptics: tuple[haptics.Out, ...]
+    tip: tuple[Vec, ...]  # m, true tip in frame 0
+    depth: tuple[Scalar, ...]  # m below the tissue's surface, negative above
+    tip_distance: Scalar  # m between the tips; infinite with one arm
+    fault_active: tuple[Scalar, ...]  # bool, one a slot
+
+
+@record
+class _Console:
+    scale: Scalar
+
+
+@record
+class _Network:
+    lag: Scalar  # int32 packets
+    lost: Scalar  # bool
+
+
+@record
+class _UsbStatus:
+    read_ok: tuple[Scalar, ...]
+    write_ok: tuple[Scalar, ...]
+
+
+# --- the tick ---
+
+
+def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signal: Input) -> tuple[State, Signals]:
+    """One millisecond of one robot."""
+    now = signal.tick
+    fresh, sequence = _packet_due(params, state, now)
+    clock = window.Clock(now, sequence + 1, state.pedal_ticks)
+    inject = _Injector(setup, faults, window.open_windows(setup, faults, state.faults, clock), clock)
+
+    # --- console and network: the robot's packet, and the clean one that the nominal model follows ---
+    console = inject("console", _Console(params.operator.scale))
+    network = inject("network", _Network(jnp.int32(0), jnp.bool_(False)))
+    clean = _packet(setup, params.operator, signal.motion, sequence)
+    sent = clean
+    if inject.strikes("console", "network"):
+        struck = replace(params.operator, scale=console.scale)
+        sent = _packet(setup, struck, signal.motion, sequence - network.lag)
+    packet = replace(sent, received=as_int(fresh & ~network.lost))
+
+    # --- control computer ---
+    status = inject("usb_status", _UsbStatus(_each(setup, jnp.int32(1)), _each(setup, jnp.int32(1))))
+    pins = plc.input_pins(inject("plc", state.plc.runlevel))
+    boards = usb.UsbIn(inject("encoder", state.enc_val), _each(setup, pins))
+    software, signals = control.cycle(
+        setup, params.control, state.control, control.Inputs(packet, boards, status.read_ok), inject
+    )
+    board_cmd = tuple(
+        where(ok != 0, arm.current_cmd_written, held)
+        for ok, arm, held in zip(status.write_ok, signals.arms, state.board_cmd, strict=True)
+    )
+
+    # --- PLC, motors, cables, links ---
+    controller, relays = plc.step(setup, params.plc, state.plc, plc.Signal(signals.pins_out, jnp.int32(0)))
+    brakes = inject("brake", _brakes(setup, signals, relays))
+    multipliers = {
+        site: inject(site, _each(setup, Vec.full(7, neutral)))
+        for site, neutral in _MECHANICS.items()
+        if inject.strikes(site)
+    }
+    moved = per_arm(
+        setup,
+        lambda i, arm: plant.step(
+            setup, arm, params.plant[i], state.plant[i], _plant_signal(board_cmd[i], brakes, multipliers, i)
+        ),
+    )
+    robots = tuple(out for _, out in moved)
+
+    # --- nominal model, haptics, monitor ---
+    models = per_arm(
+        setup,
+        lambda i, arm: nominal.step(setup, arm, params.nominal[i], state.nominal[i], _clean(setup, clean, fresh, i)),
+    )
+    tips = per_arm(setup, lambda i, arm: kinematics.forward(arm, robots[i].jpos).position)
+    cues = per_arm(
+        setup,
+        lambda i, arm: haptics.step(
+            setup, params.haptics, state.haptics[i], _felt(setup, arm, i, models[i][1], signals)
+        ),
+    )
+    depth = per_arm(setup, lambda i, arm: scene.tissue_depth(arm, tips[i]))
+    distance = scene.tip_distance(setup.arms, tips)
+    seen = monitor.step(
+        setup,
+        params.monitor,
+        state.monitor,
+        monitor.Signal(
+            tip=tips,
+            pos=_measured(setup, signals),
+            model_tip=tuple(out.tip_position for _, out in models),
+            depth=depth,
+            distance=distance,
+            dac=board_cmd,
+            fresh=fresh,
+            tick=now,
+        ),
+        signal.reference,
+    )
+
+    down = signals.runlevel == state_machine.PEDAL_DOWN
+    state = State(
+        faults=inject.state,
+        control=software,
+        board_cmd=board_cmd,
+        plc=controller,
+        plant=tuple(new for new, _ in moved),
+        enc_val=tuple(out.enc_val for out in robots),
+        nominal=tuple(new for new, _ in models),
+        haptics=tuple(new for new, _ in cues),
+        monitor=seen,
+        pedal_ticks=jnp.where(down, jnp.maximum(state.pedal_ticks, -1) + 1, -1),
+        packet=sequence,
+    )
+    out = Signals(
+        packet=packet,
+        control=signals,
+        plant=robots,
+        plc=relays,
+        nominal=tuple(out for _, out in models),
+        haptics=tuple(out for _, out in cues),
+        tip=tips,
+        depth=depth,
+        tip_distance=distance,
+        fault_active=tuple(slot.active for slot in inject.state.slots),
+    )
+    return state, out
+
+
+# --- its beginning and end ---
+
+
+def params(setup: Setup, start_jpos: tuple[tuple[float, ...], ...]) -> Params:
+    """Every parameter at its documented value, for a run that begins at `start_jpos` (7 joints per arm, rad and m)."""
+    return Params(
+        operator=operator.params(setup, start_jpos),
+        network=NetworkParams(np.int32(1)),
+        control=control.params(setup),
+        plc=plc.params(setup),
+        plant=per_arm(setup, lambda _, arm: plant.params(setup, arm)),
+        nominal=per_arm(setup, lambda _, arm: nominal.params(setup, arm)),
+        haptics=haptics.params(setup),
+        monitor=monitor.params(setup),
+        start=tuple(Vec(jpos) for jpos in start_jpos),
+    )
+
+
+def init(setup: Setup, params: Params) -> State:
+    """A homed robot at rest at `params.start`, pedal up, ready; its nominal model at the same place."""
+    ready = plc.PEDAL_UP if setup.software == "raven2" else plc.PEDAL_DN
+    start = real(setup, params.start)
+    plants = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.plant[i], start[i]))
+    robots = per_arm(setup, lambda i, arm: plant.observe(setup, arm, params.plant[i], plants[i]))
+    tips = per_arm(setup, lambda i, arm: kinematics.forward(arm, robots[i].jpos).position)
+    zero = jnp.int32(0)
+    with jax.ensure_compile_time_eval():  # where a run begins is a constant of the campaign
+        software = control.init(setup, params.start, ready)
+    return State(
+        faults=fault.init(setup),
+        control=software,
+        board_cmd=_each(setup, Vec.full(7, zero)),
+        plc=plc.init(setup, params.plc, ready),
+        plant=plants,
+        enc_val=tuple(out.enc_val for out in robots),
+        nominal=per_arm(setup, lambda i, arm: nominal.init(setup, arm, params.nominal[i], start[i])),
+        haptics=per_arm(setup, lambda i, arm: haptics.init(setup, params.haptics)),
+        monitor=monitor.init(setup, tips, tuple(tip * (1.0 / UM) for tip in tips)),
+        pedal_ticks=jnp.int32(-1),
+        packet=jnp.int32(-1),
+    )
+
+
+def outcomes(setup: Setup, params: Params, state: State) -> dict[str, Scalar]:
+    """What became of the run so far; columns of the result table before the verdict."""
+    out: dict[str, Scalar] = {}
+    first, ticks = jnp.int32(-1), jnp.int32(0)
+    for slot in state.faults.slots:
+        earlier = (slot.first_tick >= 0) & ((first < 0) | (slot.first_tick < first))
+        first = jnp.where(earlier, slot.first_tick, first)
+        ticks = ticks + slot.changed_ticks
+    out["first_active_ms"], out["active_ticks"] = first, ticks
+    for name, check in checks(state).items():
+        out[f"check_{name}_first_ms"] = check.first_tick
+        out[f"check_{name}_count"] = check.count
+        out[f"check_{name}_margin"] = check.margin
+    for k in range(setup.cues):
+        arms = [arm.cues[k] for arm in state.haptics]
+        out[f"cue{k}_first_ms"] = _earliest([cue.first_tick for cue in arms])
+        out[f"cue{k}_peak_force"] = _largest([cue.peak_force for cue in arms])
+        out[f"cue{k}_ms"] = _largest([cue.ticks_active for cue in arms])
+        out[f"cue{k}_count"] = _largest([cue.impulses for cue in arms])
+    return out | monitor.outcomes(setup, state.monitor)
+
+
+def reference_series(setup: Setup, signals: Signals) -> tuple[Scalar, ...]:
+    """The numbers of a fault-free tick that its faulty brothers are compared with."""
+    measured = _measured(setup, signals.control)
+    return tuple(x for tip, pos in zip(signals.tip, measured, strict=True) for x in (*tip, *pos))
+
+
+def series_length(setup: Setup) -> int:
+    """How many numbers `reference_series` has."""
+    return 6 * len(setup.arms)
+
+
+def reference_from(setup: Setup, series: Any) -> monitor.Reference:
+    """The twin's tick from those numbers."""
+    rows = [Vec(series[i + j] for j in range(3)) for i in range(0, series_length(setup), 3)]
+    return monitor.Reference(tip=tuple(rows[0::2]), pos=tuple(rows[1::2]))
+
+
+def checks(state: State) -> dict[str, Check]:
+    """Every built-in check of control software and PLC by the name its columns have; that of the worse arm."""
+    software = state.control
+    net, machine, over = software.network, software.state_machine, software.overdrive
+    return {
+        "overdrive_instant": over.instant,
+        "overdrive_hard": over.hard,
+        "overdrive_clip": over.clip,
+        "soft_estop": machine.soft_estop,
+        "plc_watchdog": _watchdog(state.plc),
+        "estop": machine.estop,
+        "ik_reject": _worse([arm.ik_reject for arm in software.cartesian]),
+        "joint_limit": _worse([arm.joint_limit for arm in software.cartesian]),
+        "master_timeout": software.teleoperation.timeout,
+        "packet_size": net.size,
+        "packet_zero": net.zero,
+        "packet_skip": net.skip,
+        "packet_duplicate": net.duplicate,
+        "packet_reset": net.reset,
+        "packet_order": net.out_of_sequence,
+    }
+
+
+CHECKS = (
+    "overdrive_instant",
+    "overdrive_hard",
+    "overdrive_clip",
+    "soft_estop",
+    "plc_watchdog",
+    "estop",
+    "ik_reject",
+    "joint_limit",
+    "master_timeout",
+    "packet_size",
+    "packet_zero",
+    "packet_skip",
+    "packet_duplicate",
+    "packet_reset",
+    "packet_order",
+)
+"""Names of `checks`, in order."""
+
+
+# --- parts ---
+
+
+class _Injector:
+    """`inject(site, signal)` for one tick, carrying the faults' state from site to site."""
+
+    def __init__(self, setup: Setup, faults: fault.Faults, state: fault.State, clock: window.Clock) -> None:
+        self.setup, self.faults, self.state, self.clock = setup, faults, state, clock
+
+    def __call__(self, site: str, signal: Any) -> Any:
+        self.state, signal = injection.inject(
+            self.setup, _paths(self.setup), self.faults, self.state, self.clock, site, signal
+        )
+        return signal
+
+    def strikes(self, *sites: str) -> bool:
+        """Whether the campaign hits any of these sites."""
+        return any(use.site in sites for use in self.setup.injection.sites)
+
+
+@cache
+def _paths(setup: Setup) -> dict[injection.ChannelKey, tuple[injection.Path, str]]:
+    """Where each channel that the campaign hits stands in its site's signal."""
+    found = {}
+    for site, arm, name in injection.channel_keys(setup):
+        channel = SITES[site].channel(name)
+        path = tuple(setup.arms.index(arm) if step == ARM else step for step in channel.path)
+        found[site, arm, name] = (path, channel.kind)
+    return found
+
+
+_MECHANICS: dict[str, float] = {
+    "torque_scale": 1.0,
+    "cable_scale": 1.0,
+    "friction_scale": 1.0,
+    "external_torque": 0.0,
+}
+"""Sites of the robot's mechanics, with what they are where nothing is wrong."""
+
+
+def _plant_signal(current_cmd: Vec, brakes: Scalar, multipliers: dict[str, tuple[Vec, ...]], i: int) -> plant.Signal:
+    return replace(plant.nominal_signal(current_cmd, brakes), **{site: arms[i] for site, arms in multipliers.items()})
+
+
+def _each(setup: Setup, item: Any) -> tuple[Any, ...]:
+    return tuple(item for _ in setup.arms)
+
+
+def _packet_due(params: Params, state: State, now: Scalar) -> tuple[Scalar, Scalar]:
+    """Whether a new packet is due in this tick, and the index of the newest one."""
+    cycles = params.network.cycles_per_packet
+    if isinstance(cycles, np.integer) and cycles == 1:
+        return jnp.bool_(True), now
+    index = lax.div(now, jnp.maximum(cycles, 1))
+    return index != state.packet, index
+
+
+def _packet(setup: Setup, params: operator.Params, motion: tuple[Any, ...], index: Scalar) -> Any:
+    return operator.packet(setup, params, operator.lookup(motion, index), operator.lookup(motion, index - 1), index + 1)
+
+
+def _clean(setup: Setup, packet: Any, fresh: Scalar, i: int) -> nominal_target.Clean:
+    """What the console asks of the nominal model: each increment once, also where a packet spans several cycles."""
+    delta, quat, grasp = packet.delta[i], packet.quat[i], packet.grasp[i]
+    if setup.console == "increments":
+        delta, quat, grasp = where(fresh, (delta, quat, grasp), (Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0))
+    return nominal_target.Clean(delta, quat, grasp, packet.surgeon_mode)
+
+
+def _brakes(setup: Setup, signals: control.Signals, relays: plc.Out) -> Scalar:
+    """Brakes follow the PLC; the simulator builds of the 2015 fork have none."""
+    return relays.brakes if setup.software == "raven2" else jnp.int32(0)
+
+
+def _measured(setup: Setup, signals: control.Signals) -> tuple[Vec, ...]:
+    """Measured tip of each arm, whole um."""
+    return tuple(real(setup, arm.pos.position_um) for arm in signals.arms)
+
+
+def _felt(setup: Setup, arm: ArmName, i: int, model: nominal.Out, signals: control.Signals) -> haptics.Signal:
+    """What the console compares: the nominal model and the robot as its control software reports it."""
+    measured = signals.arms[i]
+    jpos = real(setup, measured.jpos)
+    jvel = real(setup, transmission.joint_from_motor(arm, setup.tools[i], real(setup, measured.mvel)))
+    position = kinematics.forward(arm, jpos).position
+    return haptics.Signal(model.tip_position, model.tip_velocity, position, kinematics.tip_velocity(arm, jpos, jvel))
+
+
+def _earliest(ticks: list[Scalar]) -> Scalar:
+    first = ticks[0]
+    for t in ticks[1:]:
+        first = jnp.where((t >= 0) & ((first < 0) | (t < first)), t, first)
+    return first
+
+
+def _largest(values: list[Scalar]) -> Scalar:
+    largest = values[0]
+    for value in values[1:]:
+        largest = jnp.maximum(largest, value)
+    return largest
+
+
+def _watchdog(state: plc.State) -> Check:
+    tripped = state.trip_cause == plc.CAUSE_WATCHDOG
+    return Check(jnp.where(tripped, state.trip_tick, -1), as_int(tripped), jnp.asarray(jnp.nan, jnp.float32))
+
+
+def _worse(arms: list[Check]) -> Check:
+    """The checks of all arms as one."""
+    count, margin = arms[0].count, arms[0].margin
+    for arm in arms[1:]:
+        count, margin = count + arm.count, jnp.minimum(margin, arm.margin)
+    return Check(_earliest([arm.first_tick for arm in arms]), count, margin)

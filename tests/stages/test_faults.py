@@ -1,0 +1,200 @@
+"""Injection against a naive model of each effect, on a signal that has nothing to do with the Raven."""
+
+from __future__ import annotations
+
+import math
+import struct
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ravenjax.stages.faults import fault, injection, vocabulary, window
+from ravenjax.types import Injection, Scalar, Setup, SiteUse, Vec, record
+
+TICKS = 40
+
+
+@record
+class Signal:
+    """A made-up robot's signal: two floats, a 16-bit and a 32-bit integer, a flag."""
+
+    level: Vec
+    command: Scalar
+    count: Scalar
+    flag: Scalar
+
+
+PATHS = {
+    ("pump", "", "left"): (("level", 0), "float"),
+    ("pump", "", "right"): (("level", 1), "float"),
+    ("pump", "", "command"): (("command",), "int16"),
+    ("pump", "", "count"): (("count",), "int32"),
+    ("pump", "", "flag"): (("flag",), "bool"),
+}
+EFFECTS = tuple(name for name in vocabulary.EFFECTS if name not in vocabulary.NETWORK_EFFECTS)
+SETUP = Setup(
+    injection=Injection(
+        slots=2,
+        sites=(SiteUse("pump", tuple((arm, channel) for _, arm, channel in PATHS), EFFECTS),),
+        triggers=tuple(vocabulary.TRIGGERS),
+    )
+)
+
+
+def clean(tick: int) -> tuple[float, float, int, int, bool]:
+    """The signal without faults."""
+    return (math.sin(0.3 * tick), 2.0 + 0.5 * tick, 100 * tick - 700, 570_000 + tick, tick % 3 == 0)
+
+
+def make(code: int, effect: str, value: float, trigger: str, start: int, duration: int, every: int, period: int = 7):
+    return fault.Fault(
+        jnp.int32(code), jnp.int32(vocabulary.EFFECT_CODES[effect]), jnp.float32(value),
+        jnp.int32(vocabulary.TRIGGER_CODES[trigger]), jnp.int32(start), jnp.int32(duration), jnp.int32(every),
+        jnp.int32(period), jnp.uint32(12345),
+    )  # fmt: skip
+
+
+def _tick(faults, state, signal, clock):
+    state = window.open_windows(SETUP, faults, state, clock)
+    return injection.inject(SETUP, PATHS, faults, state, clock, "pump", signal)
+
+
+_TICK = jax.jit(_tick)
+
+
+def run(*faults, pedal=lambda tick: -1):
+    """Each tick's faulty signal as numbers, and the final state of the slots."""
+    slots = (*faults, *(fault.no_fault() for _ in range(2 - len(faults))))
+    state, rows = fault.init(SETUP), []
+    for tick in range(TICKS):
+        left, right, command, count, flag = clean(tick)
+        signal = Signal(
+            Vec((jnp.float32(left), jnp.float32(right))), jnp.int32(command), jnp.int32(count), jnp.bool_(flag)
+        )
+        clock = window.Clock(jnp.int32(tick), jnp.int32(tick + 1), jnp.int32(pedal(tick)))
+        state, out = _TICK(fault.Faults(slots), state, signal, clock)
+        rows.append([np.asarray(x)[()] for x in jax.tree.leaves(out)])
+    return rows, state.slots[0]
+
+
+def naive(effect: str, x: float, value: float, n: int, latch: float, before: float, period: int, whole: bool) -> float:
+    """The effect as its definition says, in tick `n` of the window."""
+    f32 = np.float32
+    if effect == "bit_flip":
+        bit = int(value) & 31
+        if whole:
+            return float(np.int32(np.uint32(int(x) & 0xFFFFFFFF) ^ np.uint32(1 << bit)))
+        (pattern,) = struct.unpack("<I", struct.pack("<f", x))
+        return struct.unpack("<f", struct.pack("<I", pattern ^ (1 << bit)))[0]
+    return {
+        "overwrite": lambda: f32(value),
+        "offset": lambda: f32(x) + f32(value),
+        "latch_offset": lambda: latch,
+        "scale": lambda: f32(x) * f32(value),
+        "drift": lambda: f32(x) + f32(value) * f32(n + 1),
+        "stuck": lambda: before,
+        "periodic": lambda: f32(x) + f32(value) * math.sin(2 * math.pi * (n % period) / period),
+        "toggle": lambda: value if n % 2 == 0 else 0.0,
+    }[effect]()
+
+
+def stored(y: float, kind: str) -> float:
+    if kind == "float":
+        return y
+    if kind == "bool":
+        return float(y != 0.0)
+    whole = math.trunc(y) if -(2**31) <= y < 2**31 else -(2**31)
+    return float((whole + 32768) % 65536 - 32768) if kind == "int16" else float(whole)
+
+
+@pytest.mark.parametrize("effect", [name for name in EFFECTS if name != "random"])
+@pytest.mark.parametrize(("code", "value"), [(1, 3.0), (2, -0.25), (3, 5.0), (3, 40000.0), (4, 2.0), (5, 1.0)])
+@pytest.mark.parametrize("every", [0, 13])
+def test_an_effect_does_what_its_definition_says(effect, code, value, every):
+    kind = list(PATHS.values())[code - 1][1]
+    if effect == "bit_flip" and (kind == "bool" or value < 0 or value > 31):
+        pytest.skip("a bit index")
+    rows, slot = run(make(code, effect, value, "time", 5, 6, every))
+    before = latch = 0.0
+    opened = False
+    changed = 0
+    for tick, row in enumerate(rows):
+        expected = list(clean(tick))
+        x = float(np.float32(expected[code - 1]))
+        since = tick - 5
+        n = since % every if every else since
+        is_open = since >= 0 and n < 6
+        if is_open:
+            if not opened:
+                latch = float(np.float32(x) + np.float32(value))
+            y = naive(effect, x, value, n, latch, before, 7, kind in ("int16", "int32"))
+            expected[code - 1] = stored(float(y), kind)
+            changed += expected[code - 1] != x
+        else:
+            before = x
+        opened = is_open
+        np.testing.assert_allclose(np.array(row, float), np.array(expected, float), rtol=3e-7, atol=1e-6)
+    assert int(slot.changed_ticks) == changed
+
+
+def test_random_stays_in_its_range_and_changes_every_tick():
+    rows, _ = run(make(1, "random", 2.0, "time", 5, 30, 0))
+    drawn = [row[0] for row in rows[5:35]]
+    assert all(-2.0 <= x <= 2.0 for x in drawn)
+    assert len(set(drawn)) == 30
+    assert min(drawn) < -0.5 and max(drawn) > 0.5
+
+
+def test_pedal_windows_follow_each_pedal_down_and_close_with_it():
+    pedal = lambda tick: -1 if tick < 10 or 20 <= tick < 25 else (tick - 10 if tick < 20 else tick - 25)  # noqa: E731
+    rows, slot = run(make(1, "overwrite", 9.0, "pedal", 2, 30, 0), pedal=pedal)
+    hit = [tick for tick, row in enumerate(rows) if row[0] == 9.0]
+    assert hit == [*range(12, 20), *range(27, TICKS)]
+    assert int(slot.first_tick) == 12
+
+
+def test_packets_count_on_their_own_clock():
+    rows, _ = run(make(1, "overwrite", 9.0, "packet", 8, 3, 0))
+    assert [tick for tick, row in enumerate(rows) if row[0] == 9.0] == [7, 8, 9]
+
+
+def test_two_slots_on_one_channel_act_in_order():
+    rows, _ = run(make(4, "offset", 5.0, "time", 3, 4, 0), make(4, "scale", 2.0, "time", 4, 1, 0))
+    expected = [clean(t)[3] + (5 if 3 <= t < 7 else 0) for t in range(TICKS)]
+    expected[4] *= 2
+    assert [int(row[3]) for row in rows] == expected
+
+
+def test_a_fault_that_changes_nothing_was_not_activated():
+    _, slot = run(make(2, "offset", 0.0, "time", 0, TICKS, 0))
+    assert int(slot.changed_ticks) == 0
+    assert int(slot.first_tick) == -1
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    start=st.integers(-5, 45),
+    duration=st.integers(0, 20),
+    every=st.integers(0, 20),
+    value=st.floats(-1e6, 1e6, width=32),
+)
+def test_a_window_is_open_exactly_when_it_says(start, duration, every, value):
+    rows, _ = run(make(1, "offset", value, "time", start, duration, every))
+    for tick, row in enumerate(rows):
+        since = tick - start
+        is_open = since >= 0 and (since % every if every else since) < duration
+        x = np.float32(clean(tick)[0])
+        assert row[0] == (x + np.float32(value) if is_open else x)
+
+
+def test_a_site_the_campaign_does_not_name_costs_nothing():
+    jaxpr = jax.make_jaxpr(
+        lambda signal: injection.inject(SETUP, PATHS, fault.no_faults(SETUP), fault.init(SETUP), None, "valve", signal)[
+            1
+        ]
+    )(jnp.float32(1.0))
+    assert not jaxpr.eqns

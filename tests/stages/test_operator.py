@@ -1,0 +1,156 @@
+"""Operator: looked-up rows, packets of increments and of absolute poses."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ravenjax.robot.mapping import ITP_AXES
+from ravenjax.robot.motion import columns
+from ravenjax.stages import motions, operator
+from ravenjax.types import CAMPAIGN, REFERENCE, Setup
+
+BOTH = ("gold", "green")
+
+
+def make_setup(console="increments", precision=CAMPAIGN) -> Setup:
+    return Setup(arms=BOTH, tools=("r_grasper",) * 2, console=console, precision=precision)
+
+
+def packets(setup, motion, scale):
+    """Every packet of a motion, arrays [T]."""
+    table = tuple(jnp.asarray(column) for column in motion.table().T)
+    params = operator.params(setup, motion.start_jpos, scale)
+
+    def one(k):
+        row, before = operator.lookup(table, k), operator.lookup(table, k - 1)
+        return operator.packet(setup, params, row, before, k + 1)
+
+    return jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(jnp.arange(len(motion), dtype=jnp.int32)))
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return motions.generate("suture", 6.0, BOTH, seed=5)
+
+
+def test_lookup_takes_rows_and_clips():
+    table = tuple(jnp.arange(5, dtype=jnp.float32) + 10 * i for i in range(17))
+    for k, expected in ((-3, 0), (0, 0), (3, 3), (4, 4), (99, 4)):
+        row = operator.lookup(table, k)
+        assert [float(x) for x in row.position[0]] == [expected, expected + 10, expected + 20]
+        assert [float(x) for x in row.quat[1]] == [expected + 10 * i for i in range(11, 15)]
+        assert float(row.grasp[1]) == expected + 150
+        assert int(row.surgeon_mode) == expected + 160
+
+
+def test_lookup_is_one_indexing_per_column():
+    table = tuple(jnp.zeros(50, jnp.float32) for _ in columns(BOTH))
+    jaxpr = jax.make_jaxpr(operator.lookup)(table, jnp.int32(3))
+    indexed = [e.primitive.name for e in jaxpr.eqns if e.primitive.name in ("gather", "dynamic_slice")]
+    assert indexed == ["dynamic_slice"] * len(columns(BOTH))
+
+
+@pytest.mark.parametrize("scale", [0.05, 0.1, 0.2])
+def test_increments_add_up_to_the_scaled_hand(motion, scale):
+    """No drift: after any packet the sum is the truncated scaled position, so it is within 1 um of it."""
+    sent = packets(make_setup(), motion, scale)
+    for i in range(2):
+        total = np.cumsum(np.stack(sent.delta[i], axis=1), axis=0)
+        hand = motion.position_um[:, i].astype(np.float32) * np.float32(scale)
+        assert (total == np.trunc(hand)).all()
+        assert np.abs(total - scale * motion.position_um[:, i]).max() < 1.01
+
+
+def test_increment_quaternions_compose_to_the_hand(motion):
+    sent = packets(make_setup(precision=CAMPAIGN), motion, 0.1)
+    for i in range(2):
+        turn = Rotation.identity()
+        steps = Rotation.from_quat(np.stack(sent.quat[i], axis=1).astype(float))
+        for step in steps:
+            turn = step * turn
+        apart = (turn * Rotation.from_quat(motion.quat[-1, i]).inv()).magnitude()
+        assert apart < 2e-5  # float32 columns: 6e-8 a tick over 6000 ticks, as a random walk and its bias
+        assert np.abs(np.linalg.norm(np.stack(sent.quat[i], axis=1), axis=1) - 1.0).max() < 3e-7
+
+
+def test_grasp_increments_add_up(motion):
+    sent = packets(make_setup(), motion, 0.1)
+    total = np.cumsum(sent.grasp[0])
+    assert (total == np.trunc(motion.grasp_mrad[:, 0].astype(np.float32))).all()
+    assert total.max() > 500
+
+
+def test_header(motion):
+    sent = packets(make_setup(), motion, 0.1)
+    assert (sent.sequence == np.arange(1, len(motion) + 1)).all()
+    assert (sent.size == 124).all() and (sent.received == 1).all()
+    assert (sent.surgeon_mode[:200] == 0).all() and (sent.surgeon_mode[200:] == 1).all()
+    assert {x.dtype.name for x in (sent.sequence, sent.size, sent.surgeon_mode, sent.grasp[0], sent.delta[0][0])} == {
+        "int32"
+    }
+
+
+def test_pedal_up_sends_no_motion():
+    motion = motions.generate("clutched", 8.0, BOTH, seed=1)
+    sent = packets(make_setup(), motion, 0.1)
+    up = motion.surgeon_mode == 0
+    assert up[200:].any()
+    moved = np.abs(np.diff(motion.position_um[:, 0], axis=0)).max(axis=1)
+    assert moved[up[1:]].max() > 100.0  # the hand does move there
+    assert all((delta[up] == 0).all() for delta in sent.delta[0])
+    assert (np.stack(sent.quat[0], axis=1)[up] == [0, 0, 0, 1]).all()
+    assert (sent.grasp[0][up] == 0).all()
+
+
+def test_sequence_of_a_still_hand_is_neutral():
+    sent = packets(make_setup(), motions.generate("still", 1.0, BOTH), 0.1)
+    assert all((delta == 0).all() for arm in sent.delta for delta in arm)
+    assert (np.stack(sent.quat[0], axis=1) == [0, 0, 0, 1]).all()
+
+
+@pytest.mark.parametrize("arm", BOTH)
+def test_absolute_packets_are_the_pose_in_frame_0(motion, arm):
+    i = BOTH.index(arm)
+    with jax.enable_x64(True):
+        sent = packets(make_setup("absolute", REFERENCE), motion, 0.1)
+    sign = 1 if arm == "gold" else -1
+    start = np.array([-77946.997893, sign * -25265.555299, 13225.627957])  # home; raven2's own kinematics
+    axes = np.array(ITP_AXES[arm])
+    expected = start + motion.position_um[:, i].astype(np.float32) * 0.1 @ axes.T
+    assert np.abs(np.stack(sent.delta[i], axis=1) - np.trunc(expected)).max() <= 1  # a truncation at a whole number
+    assert (sent.size == 204).all()
+    home = Rotation.from_quat([float(c) for c in operator.params(make_setup(), motion.start_jpos).start_quat[i]])
+    last = Rotation.from_matrix(axes) * Rotation.from_quat(motion.quat[-1, i]) * Rotation.from_matrix(axes).inv() * home
+    assert (last * Rotation.from_quat([c[-1] for c in sent.quat[i]]).inv()).magnitude() < 1e-6
+    assert sent.grasp[i][0] == 1570
+
+
+def test_home_orientation_is_the_published_one():
+    params = operator.params(make_setup(), motions.generate("still", 0.1, BOTH).start_jpos)
+    home = Rotation.from_quat([float(c) for c in params.start_quat[0]]).as_matrix()
+    expected = [
+        [-0.9391204565432233, -0.21201214989665462, 0.2703768044752476],
+        [-0.3044042807153418, 0.1484525055496845, -0.9409037610075732],
+        [0.159344915150196, -0.9659258262890683, -0.2039521907790095],
+    ]
+    assert np.abs(home - expected).max() < 1e-9
+
+
+def test_packet_traces_to_scalar_operations(motion):
+    table = tuple(jnp.asarray(column) for column in motion.table().T)
+    setup = make_setup()
+    params = operator.params(setup, motion.start_jpos)
+    rows = [jax.eval_shape(operator.lookup, table, jnp.int32(0))] * 2
+    rows = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), rows)
+    jaxpr = jax.make_jaxpr(lambda p, a, b: operator.packet(setup, p, a, b, 1))(params, *rows)
+    assert all(v.aval.shape == () for e in jaxpr.eqns for v in (*e.outvars,))
+
+
+def test_scale_is_a_parameter(motion):
+    params = operator.params(make_setup(), motion.start_jpos)
+    assert params.scale == 0.1
+    assert dataclasses.replace(params, scale=0.2).scale == 0.2
