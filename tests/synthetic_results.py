@@ -71,6 +71,7 @@ def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> 
         "fault0_start_ms": start,
         "fault0_duration_ms": duration,
         "fault0_every_ms": np.zeros(runs, int),
+        "fault0_period_ms": np.zeros(runs, int),
         "param:plant.friction_scale": random.uniform(0.8, 1.2, runs),
         "activated": activated,
         "first_active_ms": np.where(activated, start, -1),

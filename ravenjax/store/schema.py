@@ -113,6 +113,7 @@ def _fault(slot: int) -> Iterator[Column]:
     yield Column(f"{name}start_ms", "int32", "ms", "onset, counted as the trigger says")
     yield Column(f"{name}duration_ms", "int32", "ms", "length of the fault window")
     yield Column(f"{name}every_ms", "int32", "ms", "period of the window, 0 if it comes once")
+    yield Column(f"{name}period_ms", "int32", "ms", "period of effect periodic, 0 for others")
 
 
 def _course() -> Iterator[Column]:

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax import loop, types
+from ravenjax import tick, types
 from ravenjax.store import schema
 from ravenjax.store.files import StoreError
 
@@ -25,7 +25,7 @@ def test_joint_names_are_those_of_the_robot():
 
 
 def test_every_built_in_check_is_described():
-    assert set(schema.CHECKS) == set(loop.CHECKS)
+    assert set(schema.CHECKS) == set(tick.CHECKS)
 
 
 @pytest.mark.parametrize("form", [SHAPE, schema.Shape(arms=("gold", "green"), slots=3, cues=2)])

@@ -1,0 +1,145 @@
+"""An axis of a campaign: one value, a list of values, or a distribution to draw from."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, BeforeValidator, ConfigDict, WithJsonSchema, model_serializer
+
+from ravenjax.errors import suggestion
+
+Kind = Literal["fixed", "list", "choice", "uniform", "loguniform", "normal"]
+
+DISTRIBUTIONS = {
+    "uniform": "[low, high]; whole numbers include both ends",
+    "loguniform": "[low, high], both above 0",
+    "normal": "[mean, standard deviation]",
+    "choice": "[value, value, ..], each equally likely",
+}
+
+
+class Axis(BaseModel):
+    """Values of one field over the runs of a group.
+
+    `fixed` holds one value; `list` is enumerated by grid and zip and drawn from by random, lhs and sobol; the others
+    are always drawn from.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    kind: Kind
+    values: tuple[Any, ...]
+
+    @model_serializer
+    def _plain(self) -> Any:
+        """As it is written in a campaign file."""
+        if self.kind == "fixed":
+            return self.values[0]
+        return list(self.values) if self.kind == "list" else {self.kind: list(self.values)}
+
+    @property
+    def drawn(self) -> bool:
+        """Whether the axis is a distribution."""
+        return self.kind not in ("fixed", "list")
+
+    @property
+    def listed(self) -> tuple[Any, ...]:
+        """The values that it can take where they are countable, else ()."""
+        return self.values if self.kind in ("fixed", "list", "choice") else ()
+
+    def draw(self, unit: np.ndarray, whole: bool = False) -> list[Any]:
+        """The values at quantiles `unit` [n] in [0, 1); `whole`: rounded to whole numbers."""
+        if self.listed:
+            return [self.values[min(int(u * len(self.values)), len(self.values) - 1)] for u in unit]
+        low, high = (float(v) for v in self.values)
+        if self.kind == "normal":
+            from scipy.special import ndtri  # slow to import
+
+            drawn = low + high * ndtri(np.clip(unit, 1e-12, 1.0 - 1e-12))
+        elif self.kind == "loguniform":
+            drawn = np.exp(math.log(low) + unit * (math.log(high) - math.log(low)))
+        elif whole:
+            drawn = np.minimum(np.floor(low) + np.floor(unit * (math.floor(high) - math.floor(low) + 1.0)), high)
+        else:
+            drawn = low + unit * (high - low)
+        return [round(x) for x in drawn.tolist()] if whole else drawn.tolist()
+
+
+def fixed(value: Any) -> Axis:
+    """The axis of one value."""
+    return Axis(kind="fixed", values=(value,))
+
+
+def _parse(raw: Any, types: tuple[type, ...], expected: str) -> Axis:
+    if isinstance(raw, Axis):
+        return raw
+    if isinstance(raw, dict):
+        kind = next(iter(raw), None)
+        if len(raw) != 1 or kind not in DISTRIBUTIONS:
+            got = ", ".join(map(str, raw)) or "none"
+            expected_keys = f"a distribution has exactly one of the keys {', '.join(DISTRIBUTIONS)}"
+            raise ValueError(f"{expected_keys}, got {got}{suggestion(str(kind), DISTRIBUTIONS)}")
+        return _distribution(kind, raw[kind], types, expected)
+    if isinstance(raw, list | tuple):
+        if not raw:
+            raise ValueError(f"the list is empty; give at least one {expected}")
+        return Axis(kind="list", values=tuple(_value(v, types, expected) for v in raw))
+    return fixed(_value(raw, types, expected))
+
+
+def _distribution(kind: Any, raw: Any, types: tuple[type, ...], expected: str) -> Axis:
+    if kind == "choice":
+        if not isinstance(raw, list | tuple) or not raw:
+            raise ValueError(f"choice takes a list with at least one {expected}, got {raw!r}")
+        return Axis(kind=kind, values=tuple(_value(v, types, expected) for v in raw))
+    if str in types and float not in types and int not in types:
+        raise ValueError(f"{kind} draws numbers and this key takes {expected}; write {{choice = [..]}}")
+    if not isinstance(raw, list | tuple) or len(raw) != 2:
+        raise ValueError(f"{kind} takes {DISTRIBUTIONS[kind]}, got {raw!r}")
+    first, second = (_value(v, (int, float), "a number") for v in raw)
+    if kind == "normal" and second < 0:
+        raise ValueError(f"normal = [mean, standard deviation]: the deviation must not be negative, got {second!r}")
+    if kind != "normal" and not first <= second:
+        raise ValueError(f"{kind} = [low, high]: low must not exceed high, got [{first!r}, {second!r}]")
+    if kind == "loguniform" and first <= 0:
+        raise ValueError(f"loguniform = [low, high]: both must be above 0, got {first!r}")
+    return Axis(kind=kind, values=(first, second))
+
+
+def _value(raw: Any, types: tuple[type, ...], expected: str) -> Any:
+    if isinstance(raw, bool) and (int in types or float in types):
+        return int(raw)
+    if isinstance(raw, float) and not math.isfinite(raw):
+        raise ValueError(f"got {raw}, expected {expected} that is finite")
+    if isinstance(raw, float) and int in types and float not in types and raw.is_integer():
+        return int(raw)
+    if float in types and isinstance(raw, int):
+        return raw
+    if not isinstance(raw, types):
+        raise ValueError(f"got {raw!r}, expected {expected}, a list of them or a distribution")
+    return raw
+
+
+_FORMS = ", ".join(f"{{{kind} = {form}}}" for kind, form in DISTRIBUTIONS.items())
+
+
+def _schema(expected: str) -> WithJsonSchema:
+    return WithJsonSchema({"description": f"{expected}, a list of them, or one of {_FORMS}"})
+
+
+def _number(raw: Any) -> Axis:
+    return _parse(raw, (int, float), "a number")
+
+
+def _milliseconds(raw: Any) -> Axis:
+    return _parse(raw, (int,), "a whole number of milliseconds")
+
+
+def _word(raw: Any) -> Axis:
+    return _parse(raw, (str,), "a name")
+
+
+Number = Annotated[Axis, BeforeValidator(_number), _schema("a number")]
+Milliseconds = Annotated[Axis, BeforeValidator(_milliseconds), _schema("a whole number of milliseconds")]
+Word = Annotated[Axis, BeforeValidator(_word), _schema("a name")]

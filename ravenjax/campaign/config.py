@@ -1,0 +1,220 @@
+"""The campaign file: its sections and keys, with units and ranges; its groups of runs are in `group`.
+
+`loading` reads a file, `semantics` checks its words.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
+
+from ravenjax.campaign.axis import Number
+from ravenjax.campaign.group import Group, Section, flatten_parameters
+from ravenjax.robot.tools import DEFAULT_TOOLS
+from ravenjax.stages.motions import MOTIONS
+from ravenjax.types import ArmName
+
+
+class Campaign(Section):
+    """[campaign]: what holds for every run."""
+
+    name: str = Field(description="short name; also names the default output folder", pattern=r"^[A-Za-z0-9_.-]+$")
+    description: str = Field(default="", description="what the campaign asks")
+    seed: int = Field(default=0, ge=0, lt=2**31, description="seed of designs, noise and random effects")
+    duration_s: float = Field(default=3.0, gt=0.0, le=3600.0, description="length of each run, s")
+    arms: tuple[ArmName, ...] = Field(default=("gold",), min_length=1, max_length=2, description="arms, gold first")
+    software: Literal["raven2", "fork2015"] = Field(default="raven2", description="present raven2, or the 2015 fork")
+    tools: tuple[str, ...] | None = Field(default=None, description="one tool per arm; default: the software's own")
+    console: Literal["increments", "absolute"] = Field(default="increments", description="what a packet carries")
+    policy: Literal["no_regulation", "soft_regulation", "hard_regulation"] = Field(
+        default="soft_regulation", description="overdrive policy of raven2; the fork has none"
+    )
+    level: Literal["beginner", "moderate", "advanced", "fork2015"] | None = Field(
+        default=None, description="overdrive DAC limits; default moderate for raven2, fork2015 for the fork"
+    )
+    noise: bool = Field(default=False, description="draw encoder and torque noise")
+    substeps: int = Field(default=1, ge=1, le=100, description="plant steps per 1 ms tick")
+    limit: int | None = Field(default=None, ge=1, description="compute only so many runs, the first of the table")
+    chunk: int = Field(default=500, ge=1, le=1_000_000, description="runs computed together, and rows per Parquet part")
+
+    @property
+    def ticks(self) -> int:
+        """Control cycles per run, 1 ms each."""
+        return max(1, round(self.duration_s * 1000.0))
+
+
+class Operator(Section):
+    """[operator]: whose hands move."""
+
+    motion: str | None = Field(default=None, description="a generated motion: " + ", ".join(MOTIONS))
+    file: Path | None = Field(
+        default=None, description="a recorded motion (Parquet, CSV, MCAP), from this file's folder"
+    )
+    scale: float = Field(default=0.1, gt=0.0, le=1.0, description="teleoperation scale; varied as operator.scale")
+    seed: int = Field(default=0, ge=0, lt=2**31, description="seed of the generated motion")
+    window_s: tuple[float, float] | None = Field(default=None, description="[begin, end] within a recorded motion, s")
+    cutoff_hz: float = Field(default=5.0, gt=0.0, lt=500.0, description="low-pass of a recorded motion, Hz")
+    slow_down: float = Field(default=1.0, ge=0.1, le=100.0, description="how much slower than recorded it is replayed")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_source(cls, raw: Any) -> Any:
+        if isinstance(raw, dict) and raw.get("motion") is not None and raw.get("file") is not None:
+            raise ValueError("give either motion (generated) or file (recorded), not both")
+        return raw
+
+    @model_validator(mode="after")
+    def _window(self) -> Operator:
+        if self.window_s is not None:
+            if self.file is None:
+                raise ValueError("window_s cuts a recorded motion; a generated one needs none: remove it")
+            if not 0.0 <= self.window_s[0] < self.window_s[1]:
+                raise ValueError(f"window_s = [begin, end] in s: expected 0 <= begin < end, got {list(self.window_s)}")
+        return self
+
+    @property
+    def label(self) -> str:
+        """Name of the motion in tables."""
+        return self.file.stem if self.file is not None else self.motion or "suture"
+
+
+class CueSet(NamedTuple):
+    """One haptic threshold and gain set, in SI and device units."""
+
+    threshold_m: float
+    kp: float  # device units per m
+    kd: float  # device units per m/s
+    cap: float  # device units
+
+
+def _listed(raw: Any) -> Any:
+    return raw if isinstance(raw, list | tuple) else (raw,)
+
+
+_Numbers = Annotated[tuple[Annotated[float, Field(ge=0.0)], ...], BeforeValidator(_listed), Field(min_length=1)]
+"""A number or a list of numbers, none negative."""
+
+
+class Haptics(Section):
+    """[haptics]: the cue's thresholds and gains, all evaluated in the same run."""
+
+    threshold_mm: _Numbers = Field(default=(3.0,), description="tip distance above which the cue pulls, mm")
+    kp_per_mm: _Numbers = Field(default=(0.0045,), description="spring, device units per mm")
+    kd_per_mm_s: _Numbers = Field(default=(0.00009,), description="damper, device units per mm/s")
+    cap: _Numbers = Field(default=(0.05,), description="largest force, device units")
+    combine: Literal["grid", "zip"] = Field(default="grid", description="grid: every combination; zip: side by side")
+
+    @model_validator(mode="after")
+    def _same_length(self) -> Haptics:
+        lengths = {name: len(values) for name, values in self._lists().items() if len(values) > 1}
+        if self.combine == "zip" and len(set(lengths.values())) > 1:
+            raise ValueError(f"combine = 'zip' needs lists of one length (or single numbers), got lengths {lengths}")
+        return self
+
+    def _lists(self) -> dict[str, tuple[float, ...]]:
+        return {name: getattr(self, name) for name in ("threshold_mm", "kp_per_mm", "kd_per_mm_s", "cap")}
+
+    def cues(self) -> tuple[CueSet, ...]:
+        """Every set, in the order of the lists, the last list varying fastest."""
+        lists = list(self._lists().values())
+        if self.combine == "zip":
+            longest = max(len(values) for values in lists)
+            rows = zip(*(values * longest if len(values) == 1 else values for values in lists), strict=True)
+        else:
+            rows = itertools.product(*lists)
+        return tuple(CueSet(threshold / 1e3, kp * 1e3, kd * 1e3, cap) for threshold, kp, kd, cap in rows)
+
+
+HARD_RANGES = {
+    "shoulder_deg": (0.0, 90.0),
+    "elbow_deg": (45.0, 137.5),
+    "insertion_m": (0.23, 0.562),
+    "tool_roll_deg": (-330.0, 330.0),
+    "wrist_deg": (-100.0, 100.0),
+}
+"""Where the joint meets its hard stop, or its original soft limit where no stop is published; raven2 `defines.h`,
+`tools.cpp` (r_grasper)."""
+
+
+class Limits(Section):
+    """[limits]: soft joint limits of the control software; what is left out keeps the original's."""
+
+    shoulder_deg: tuple[float, float] | None = Field(default=None, description="[min, max], deg")
+    elbow_deg: tuple[float, float] | None = Field(default=None, description="[min, max], deg")
+    insertion_m: tuple[float, float] | None = Field(default=None, description="[min, max], m")
+    tool_roll_deg: tuple[float, float] | None = Field(default=None, description="[min, max], deg")
+    wrist_deg: tuple[float, float] | None = Field(default=None, description="[min, max], deg")
+
+    @field_validator(*HARD_RANGES)
+    @classmethod
+    def _within(cls, pair: tuple[float, float] | None, info: ValidationInfo) -> tuple[float, float] | None:
+        low, high = HARD_RANGES[str(info.field_name)]
+        if pair is not None and not low <= pair[0] < pair[1] <= high:
+            raise ValueError(f"got {list(pair)}, expected {low:g} <= min < max <= {high:g} (the hard stops)")
+        return pair
+
+    def si(self) -> dict[str, tuple[float, float]]:
+        """The limits that were given, by joint, in rad and m."""
+        given = {name: getattr(self, name) for name in HARD_RANGES if getattr(self, name) is not None}
+        out = {}
+        for name, (low, high) in given.items():
+            joint, _, unit = name.rpartition("_")
+            factor = math.pi / 180.0 if unit == "deg" else 1.0
+            out[joint] = (low * factor, high * factor)
+        return out
+
+
+class Outcomes(Section):
+    """[outcomes]: which of the recorded outcomes the headline verdict uses."""
+
+    jump: Literal["code", "text"] = Field(
+        default="code", description="code: tip step > 0.1 mm in two ms running, not in the twin; text: > 1 mm in 2 ms"
+    )
+    cue: int = Field(default=0, ge=0, description="number of the haptic set, from 0")
+
+
+class CampaignConfig(Section):
+    """A whole campaign file."""
+
+    campaign: Campaign
+    operator: Operator = Operator(motion="suture")
+    parameters: dict[str, Number] = Field(default_factory=dict, description="path = value, list or distribution")
+    limits: Limits = Limits()
+    haptics: Haptics = Haptics()
+    outcomes: Outcomes = Outcomes()
+    group: tuple[Group, ...] = Field(min_length=1, description="the runs")
+    _source: Path | None = PrivateAttr(None)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _flat(cls, raw: Any) -> Any:
+        return flatten_parameters(raw)
+
+    @property
+    def source(self) -> Path | None:
+        """The file that it was read from."""
+        return self._source
+
+    def with_source(self, path: Path) -> CampaignConfig:
+        """Itself, read from `path`; a recorded operator's path is taken from there."""
+        new, file = self, self.operator.file
+        if file is not None and not file.is_absolute():
+            operator = self.operator.model_copy(update={"file": (path.parent / file).absolute()})
+            new = self.model_copy(update={"operator": operator})
+        new._source = path
+        return new
+
+    @property
+    def slots(self) -> int:
+        """Fault slots that a run needs."""
+        return max(len(group.fault) for group in self.group)
+
+    @property
+    def tools(self) -> tuple[str, ...]:
+        """One tool name per arm."""
+        defaults = DEFAULT_TOOLS[self.campaign.software]
+        return self.campaign.tools or tuple(defaults[arm] for arm in self.campaign.arms)

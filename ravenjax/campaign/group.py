@@ -1,0 +1,162 @@
+"""A group of runs: its fault slots, its design, and what a file may write for each. Pydantic models."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_serializer, model_validator
+
+from ravenjax.campaign.axis import DISTRIBUTIONS, Axis, Milliseconds, Number, Word, fixed
+from ravenjax.errors import suggestion
+
+UNTIL_END = -1
+"""`duration_ms` of a fault that lasts until the run ends; written "end" in a file."""
+
+Design = Literal["grid", "zip", "list", "random", "lhs", "sobol"]
+SAMPLED: tuple[Design, ...] = ("random", "lhs", "sobol")
+
+
+class Section(BaseModel):
+    """A table of the file: frozen, unknown keys refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=False)
+
+
+def flatten_parameters(raw: Any) -> Any:
+    """A table in which the nested tables of `parameters` have become dotted paths; distributions stay."""
+    if not isinstance(raw, dict) or not isinstance(raw.get("parameters"), dict):
+        return raw
+
+    def flat(table: dict[str, Any], path: str) -> dict[str, Any]:
+        out: dict[str, Any] = {}
+        for key, value in table.items():
+            if isinstance(value, dict) and not _is_distribution(value):
+                out |= flat(value, f"{path}{key}.")
+            else:
+                out[f"{path}{key}"] = value
+        return out
+
+    return {**raw, "parameters": flat(raw["parameters"], "")}
+
+
+def _is_distribution(table: dict[str, Any]) -> bool:
+    """Also of a misspelt one, which is then refused as such."""
+    return len(table) == 1 and all(isinstance(v, list) and suggestion(k, DISTRIBUTIONS) for k, v in table.items())
+
+
+def _duration(raw: Any) -> Any:
+    """ "end" as UNTIL_END, wherever it stands."""
+    if isinstance(raw, list | tuple):
+        return [_duration(item) for item in raw]
+    if isinstance(raw, dict):
+        return {key: _duration(value) for key, value in raw.items()}
+    if raw == "end":
+        return UNTIL_END
+    if isinstance(raw, int | float) and not isinstance(raw, bool) and raw <= 0:
+        raise ValueError(f'got {raw}, expected a whole number of milliseconds from 1, or "end"')
+    return raw
+
+
+def _written(plain: Any) -> Any:
+    """UNTIL_END as "end", wherever it stands."""
+    if isinstance(plain, list):
+        return [_written(item) for item in plain]
+    if isinstance(plain, dict):
+        return {key: _written(value) for key, value in plain.items()}
+    return "end" if plain == UNTIL_END else plain
+
+
+def _not_negative(axis: Axis) -> Axis:
+    for value in axis.values:
+        if axis.kind != "normal" and value < 0:
+            raise ValueError(f"got {value}, expected a whole number of milliseconds from 0")
+    return axis
+
+
+class Fault(Section):
+    """[[group.fault]]: one fault slot. Each key but site takes a value, a list or a distribution."""
+
+    site: str = Field(description="where: a fault site, see `ravenjax faults`")
+    arm: Word | None = Field(default=None, description="gold or green; may be left out with one arm")
+    channel: Word | None = Field(default=None, description='joint, axis or field of the site; "*": all of them')
+    effect: Word = Field(description="what: see `ravenjax faults`")
+    value: Number | None = Field(default=None, description="in the channel's unit; bit_flip: index of the bit")
+    trigger: Word = Field(default=fixed("time"), description="what start_ms counts from")
+    start_ms: Milliseconds = Field(description="onset: ms, packets or ms since pedal-down, as the trigger says")
+    duration_ms: Annotated[Milliseconds, BeforeValidator(_duration)] = Field(
+        default=fixed(UNTIL_END), description='length of the window, ms or packets; "end": until the run ends'
+    )
+    every_ms: Milliseconds = Field(default=fixed(0), description="the window opens again after each, 0: never")
+    period_ms: Milliseconds = Field(default=fixed(0), description="period of effect periodic, ms")
+
+    @field_serializer("duration_ms")
+    def _end(self, axis: Axis) -> Any:
+        return _written(axis.model_dump())
+
+    @model_validator(mode="after")
+    def _times(self) -> Fault:
+        for name in ("start_ms", "every_ms", "period_ms"):
+            try:
+                _not_negative(getattr(self, name))
+            except ValueError as error:
+                raise ValueError(f"{name}: {error}") from None
+        return self
+
+
+class Run(Section):
+    """[[group.run]]: one run of design "list": what differs from the group, single values only."""
+
+    fault: tuple[dict[str, str | int | float], ...] = Field(default=(), description="per slot, the keys to replace")
+    parameters: dict[str, Number] = Field(default_factory=dict, description="path = value")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _flat(cls, raw: Any) -> Any:
+        return flatten_parameters(raw)
+
+
+class Group(Section):
+    """[[group]]: runs that share a design. Without faults: fault-free runs."""
+
+    name: str = Field(description="names the group in tables and report", min_length=1)
+    design: Design = Field(default="grid", description="how lists and distributions become runs")
+    runs: int | None = Field(default=None, ge=1, le=100_000_000, description="number of runs: random, lhs, sobol")
+    repeats: int = Field(default=1, ge=1, le=1_000_000, description="each run so many times, with seeds of its own")
+    fault: tuple[Fault, ...] = Field(default=(), description="fault slots")
+    run: tuple[Run, ...] = Field(default=(), description="the runs of design list")
+    parameters: dict[str, Number] = Field(default_factory=dict, description="as [parameters], for this group")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _flat(cls, raw: Any) -> Any:
+        return flatten_parameters(raw)
+
+    @model_validator(mode="after")
+    def _design(self) -> Group:
+        if self.design in SAMPLED and self.runs is None:
+            raise ValueError(f"design = {self.design!r} needs runs, the number of runs to draw")
+        if self.design not in SAMPLED and self.runs is not None:
+            raise ValueError(f"design = {self.design!r} sets the number of runs itself: remove runs, or use repeats")
+        if (self.design == "list") != bool(self.run):
+            raise ValueError(
+                "design = 'list' needs at least one [[group.run]]"
+                if self.design == "list"
+                else f"[[group.run]] belongs to design = 'list', got design = {self.design!r}"
+            )
+        for r, run in enumerate(self.run):
+            try:
+                self.faults_of(run)
+            except ValidationError as error:
+                first = error.errors()[0]
+                at = ".".join(str(part) for part in first["loc"])
+                raise ValueError(f"run[{r}]: {at}: {first['msg'].removeprefix('Value error, ')}") from None
+        return self
+
+    def faults_of(self, run: Run) -> tuple[Fault, ...]:
+        """The group's faults with what one run of design "list" replaces."""
+        return tuple(
+            Fault.model_validate({**{name: getattr(fault, name) for name in Fault.model_fields}, **replaced})
+            for fault, replaced in itertools.zip_longest(self.fault, run.fault[: len(self.fault)], fillvalue={})
+            if isinstance(fault, Fault)
+        )

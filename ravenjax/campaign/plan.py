@@ -1,0 +1,156 @@
+"""A validated campaign made ready to run: its fault table, what picks code, and plain arrays with one row a run."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ravenjax import paths, tick
+from ravenjax.campaign import design, loading, table
+from ravenjax.campaign.config import CampaignConfig
+from ravenjax.engines.interface import Program
+from ravenjax.robot.motion import Motion
+from ravenjax.stages import motions, overdrive
+from ravenjax.stages.faults.fault import Fault, Faults
+from ravenjax.store import motion_file
+from ravenjax.types import CAMPAIGN, Precision, Setup, replace
+
+POLICIES = {
+    "no_regulation": overdrive.NO_REGULATION,
+    "soft_regulation": overdrive.SOFT_REGULATION,
+    "hard_regulation": overdrive.HARD_REGULATION,
+}
+NOISE_KEY = "plant.noise_key"
+"""Parameter that a campaign with noise sets from each run's seed."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Plan:
+    """Everything that a campaign computes, before anything is compiled."""
+
+    config: CampaignConfig
+    table: pd.DataFrame  # the fault table, one row a run
+    program: Program
+    motion: Motion
+    columns: tuple[np.ndarray, ...]  # the motion's columns, float32 [ticks]
+    faults: dict[str, np.ndarray]  # as table.arrays, [runs, slots]
+    varied: dict[str, np.ndarray]  # path -> [runs]
+    twin: np.ndarray  # int64 [runs], number of the fault-free twin; runs that share one share its number
+
+    @property
+    def runs(self) -> int:
+        """Rows of the fault table."""
+        return len(self.table)
+
+    def lanes(
+        self, rows: Sequence[int] | np.ndarray, lanes: int, harmless: bool = False
+    ) -> tuple[dict[str, Any], Faults]:
+        """Varied parameters and faults of a block: `rows`, the last repeated to fill it; `harmless`: without faults."""
+        index = np.asarray(rows)[np.minimum(np.arange(lanes), len(rows) - 1)]
+        varied = {path: values[index] for path, values in self.varied.items()}
+        picked = {name: values[index] for name, values in self.faults.items()}
+        if harmless:
+            picked["code"] = np.zeros_like(picked["code"])
+        slots = range(self.program.setup.injection.slots)
+        return varied, Faults(
+            tuple(Fault(**{name: values[:, slot] for name, values in picked.items()}) for slot in slots)
+        )
+
+
+def make(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
+    """Plan a campaign. Raises UserError for what cannot be run."""
+    rows = design.expand(config)
+    motion = operator_motion(config)
+    injection = table.injection(rows)
+    setup = Setup(
+        arms=config.campaign.arms,
+        software=config.campaign.software,
+        tools=config.tools,
+        console=config.campaign.console,
+        precision=precision,
+        substeps=config.campaign.substeps,
+        injection=injection,
+        cues=len(config.haptics.cues()),
+        noise=config.campaign.noise,
+    )
+    params = _params(config, setup, motion)
+    varied = table.parameters(rows)
+    loading.check_parameters(config, known_parameters(params, setup))
+    values = _filled(varied, params, setup)
+    if setup.noise:
+        values[NOISE_KEY] = rows["seed"].to_numpy().astype(np.uint32)
+    return Plan(
+        config=config,
+        table=rows,
+        program=Program(setup, params, tuple(values), config.campaign.ticks),
+        motion=motion,
+        columns=tuple(np.ascontiguousarray(column) for column in motion.table().T),
+        faults=table.arrays(rows, injection),
+        varied=values,
+        twin=_twins(values, len(rows)),
+    )
+
+
+def operator_motion(config: CampaignConfig) -> Motion:
+    """The operator's motion, one row a tick of the run; a recorded one that is shorter rests at its end."""
+    operator, arms = config.operator, config.campaign.arms
+    if operator.file is not None:
+        recorded = motion_file.read(operator.file, arms, operator.window_s, operator.cutoff_hz, operator.slow_down)
+        return recorded.first(config.campaign.ticks)
+    name = operator.motion or "suture"
+    return motions.generate(name, config.campaign.duration_s, arms, operator.seed).first(config.campaign.ticks)
+
+
+def known_parameters(params: Any, setup: Setup) -> list[str]:
+    """Every path that a campaign may vary: full ones, without the arm, and of whole vectors."""
+    known: dict[str, None] = {}
+    for full, _ in paths.leaves(params, setup.arms):
+        if full.startswith("start."):
+            continue  # where a run begins is the motion's
+        for path in (full, paths.shorten(full)):
+            known[path] = None
+            head, _, last = path.rpartition(".")
+            if last in paths.COMPONENTS:
+                known[head] = None
+    return list(known)
+
+
+def _params(config: CampaignConfig, setup: Setup, motion: Motion) -> tick.Params:
+    params = tick.params(setup, motion.start_jpos)
+    operator = replace(params.operator, scale=config.operator.scale)
+    level, policy = config.campaign.level, POLICIES[config.campaign.policy]
+    control = replace(params.control, overdrive=overdrive.params(setup, level, policy))
+    cues = tuple(
+        replace(cue, threshold_m=new.threshold_m, kp=new.kp, kd=new.kd, cap=new.cap)
+        for cue, new in zip(params.haptics.cues, config.haptics.cues(), strict=True)
+    )
+    params = replace(params, operator=operator, control=control, haptics=replace(params.haptics, cues=cues))
+    for joint, (low, high) in config.limits.si().items():
+        for side, value in (("lower", low), ("upper", high)):
+            stored = float(np.float32(value))  # the software holds its limits as float32
+            params = paths.assign(params, setup.arms, f"control.cartesian.{side}.{joint}", stored)
+            params = paths.assign(params, setup.arms, f"nominal.target.{side}.{joint}", value)
+    return params
+
+
+def _filled(varied: dict[str, np.ndarray], params: Any, setup: Setup) -> dict[str, np.ndarray]:
+    """Varied values in the parameter's own type, the robot's own where a group leaves the parameter alone."""
+    filled = {}
+    for path, values in varied.items():
+        own = paths.first(params, setup.arms, path)
+        dtype = np.asarray(own).dtype
+        dtype = np.dtype(setup.precision.real) if dtype.kind == "f" else np.dtype(np.int32)
+        filled[path] = np.where(np.isnan(values), np.asarray(own, np.float64), values).astype(dtype)
+    return filled
+
+
+def _twins(varied: dict[str, np.ndarray], runs: int) -> np.ndarray:
+    """Runs whose varied parameters agree share a twin."""
+    if not varied:
+        return np.zeros(runs, np.int64)
+    key = np.stack([values.astype(np.float64) for values in varied.values()], axis=1)
+    return np.unique(key, axis=0, return_inverse=True)[1].reshape(runs).astype(np.int64)

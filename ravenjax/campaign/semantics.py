@@ -1,0 +1,203 @@
+"""The words of a campaign: whether its sites, channels, effects, arms and times exist and fit together.
+
+What pydantic cannot say because it takes two sections, or the robot's declared sites, to see it. Values drawn from
+distributions are looked at again when the fault table is made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from ravenjax.campaign.axis import Axis
+from ravenjax.campaign.config import CampaignConfig
+from ravenjax.campaign.group import Fault, Group
+from ravenjax.errors import suggestion
+from ravenjax.robot.sites import SITES, Channel, Site
+from ravenjax.robot.tools import TOOLS
+from ravenjax.stages.faults.vocabulary import EFFECTS, MAX_SLOTS, NETWORK_EFFECTS, TRIGGERS
+from ravenjax.stages.motions import MOTIONS
+from ravenjax.types import ARMS
+
+ALL = "*"
+"""`channel` that stands for every channel of the site."""
+
+WITHOUT_VALUE = ("stuck", "drop", "duplicate")
+"""Effects that take no value."""
+
+BITS = {"int16": 16, "int32": 32, "float": 32, "bool": 1}
+"""Width of a channel's number, for bit_flip."""
+
+Key = tuple[str | int, ...]
+Complaint = tuple[Key, str]
+
+
+def complaints(config: CampaignConfig) -> Iterator[Complaint]:
+    """Every (key, message) that is wrong with a config of valid shape."""
+    yield from _campaign(config)
+    names = [group.name for group in config.group]
+    for g, group in enumerate(config.group):
+        if names.index(group.name) != g:
+            yield ("group", g, "name"), f"got {group.name!r} twice, expected a name of its own for each group"
+        yield from _group(config, group, ("group", g))
+
+
+def unknown_parameters(config: CampaignConfig, known: Iterable[str]) -> Iterator[Complaint]:
+    """(key, message) of each varied parameter that is not a path in `known`."""
+    known = list(known)
+    tables: list[tuple[Key, Iterable[str]]] = [(("parameters",), config.parameters)]
+    for g, group in enumerate(config.group):
+        tables.append((("group", g, "parameters"), group.parameters))
+        tables += [(("group", g, "run", r, "parameters"), run.parameters) for r, run in enumerate(group.run)]
+    for key, table in tables:
+        for path in table:
+            if path not in known:
+                yield (*key, path), f"unknown parameter{suggestion(path, known)}"
+
+
+def _campaign(config: CampaignConfig) -> Iterator[Complaint]:
+    campaign = config.campaign
+    if list(campaign.arms) != [arm for arm in ARMS if arm in campaign.arms]:
+        yield ("campaign", "arms"), f"got {list(campaign.arms)}, expected each arm once, in the order {list(ARMS)}"
+    if campaign.tools is not None and len(campaign.tools) != len(campaign.arms):
+        yield ("campaign", "tools"), f"got {len(campaign.tools)}, expected one per arm ({len(campaign.arms)})"
+    for tool in campaign.tools or ():
+        if tool not in TOOLS:
+            yield ("campaign", "tools"), _unknown("tool", tool, TOOLS)
+    operator = config.operator
+    if operator.motion is not None and operator.motion not in MOTIONS:
+        yield ("operator", "motion"), _unknown("motion", operator.motion, MOTIONS)
+    if operator.motion == "clutched" and campaign.console == "absolute":
+        yield ("operator", "motion"), "got 'clutched', expected console = 'increments': an absolute one has no clutch"
+    if config.outcomes.cue >= len(config.haptics.cues()):
+        count = len(config.haptics.cues())
+        yield ("outcomes", "cue"), f"got {config.outcomes.cue}, expected 0..{count - 1}: [haptics] makes {count} sets"
+
+
+def _group(config: CampaignConfig, group: Group, key: Key) -> Iterator[Complaint]:
+    if len(group.fault) > MAX_SLOTS:
+        yield (*key, "fault"), f"got {len(group.fault)} faults, expected at most {MAX_SLOTS} in one run"
+    for f, fault in enumerate(group.fault if not group.run else ()):
+        yield from _fault(config, fault, (*key, "fault", f))
+    for r, run in enumerate(group.run):
+        for f, fault in enumerate(group.faults_of(run)):
+            yield from _fault(config, fault, (*key, "run", r, "fault", f))
+        if len(run.fault) > len(group.fault):
+            yield (*key, "run", r, "fault"), f"got {len(run.fault)} faults, the group has {len(group.fault)}"
+        for path, axis in run.parameters.items():
+            if axis.kind != "fixed":
+                yield (*key, "run", r, "parameters", path), "a run of design 'list' takes single values"
+    if group.design == "zip":
+        lengths = {name: len(axis.values) for name, axis in _axes(config, group) if axis.kind == "list"}
+        if len({length for length in lengths.values() if length > 1}) > 1:
+            yield (*key, "design"), f"'zip' needs lists of one length, got lengths {lengths}"
+    drawn = any(axis.drawn for _, axis in _axes(config, group))
+    random = any("random" in fault.effect.listed for fault in group.fault)
+    if group.repeats > 1 and not (drawn or random or config.campaign.noise):
+        yield (
+            (*key, "repeats"),
+            (
+                f"the {group.repeats} repeats would be identical: nothing in them is random. "
+                "Set campaign.noise = true, vary start_ms instead, or remove repeats"
+            ),
+        )
+
+
+def _axes(config: CampaignConfig, group: Group) -> Iterator[tuple[str, Axis]]:
+    for f, fault in enumerate(group.fault):
+        for name in type(fault).model_fields:
+            if isinstance(axis := getattr(fault, name), Axis):
+                yield f"fault[{f}].{name}", axis
+    yield from {**config.parameters, **group.parameters}.items()
+
+
+def _fault(config: CampaignConfig, fault: Fault, key: Key) -> Iterator[Complaint]:
+    site = SITES.get(fault.site)
+    if site is None:
+        yield (*key, "site"), _unknown("fault site", fault.site, SITES)
+        return
+    for effect in fault.effect.listed:
+        if effect not in EFFECTS:
+            yield (*key, "effect"), _unknown("effect", effect, EFFECTS)
+    for trigger in fault.trigger.listed:
+        if trigger not in TRIGGERS:
+            yield (*key, "trigger"), _unknown("trigger", trigger, TRIGGERS)
+    yield from _arm(config, fault, site, key)
+    yield from _channel(fault, site, key)
+    yield from _effect(fault, site, key)
+    yield from _times(config, fault, key)
+
+
+def _arm(config: CampaignConfig, fault: Fault, site: Site, key: Key) -> Iterator[Complaint]:
+    arms = config.campaign.arms
+    if fault.arm is None:
+        if site.per_arm and len(arms) > 1:
+            yield (*key, "arm"), f"missing: site {site.name} is on each arm; write one of {', '.join(arms)} or a list"
+        return
+    if not site.per_arm:
+        yield (*key, "arm"), f"site {site.name} belongs to no arm: remove the key"
+        return
+    for arm in fault.arm.listed:
+        if arm not in arms:
+            absent = f"arm {arm!r} is not in this campaign: expected one of campaign.arms = {list(arms)}"
+            yield (*key, "arm"), absent if arm in ARMS else _unknown("arm", arm, arms)
+
+
+def _channel(fault: Fault, site: Site, key: Key) -> Iterator[Complaint]:
+    names = [channel.name for channel in site.channels]
+    if fault.channel is None:
+        needed = [effect for effect in fault.effect.listed if effect not in NETWORK_EFFECTS]
+        if len(names) > 1 and needed:
+            yield (*key, "channel"), f"missing: site {site.name} has {', '.join(names)}; write one, a list, or {ALL!r}"
+        return
+    for name in fault.channel.listed:
+        if name not in names and not (name == ALL and fault.channel.kind == "fixed"):
+            yield (*key, "channel"), _unknown(f"channel of site {site.name}", name, names)
+
+
+def _effect(fault: Fault, site: Site, key: Key) -> Iterator[Complaint]:
+    effects = fault.effect.listed
+    needs_value = [effect for effect in effects if effect in EFFECTS and effect not in WITHOUT_VALUE]
+    if fault.value is None and needs_value:
+        yield (*key, "value"), f"missing: effect {needs_value[0]!r} takes a value ({EFFECTS[needs_value[0]]})"
+    for effect in effects:
+        if effect in NETWORK_EFFECTS and site.name != "network":
+            yield (*key, "effect"), f"{effect!r} belongs to site 'network', got site {site.name!r}"
+    if "periodic" in effects and any(period <= 0 for period in fault.period_ms.values):
+        yield (*key, "period_ms"), "effect 'periodic' needs a period of at least 1 ms"
+
+
+def _times(config: CampaignConfig, fault: Fault, key: Key) -> Iterator[Complaint]:
+    ticks = config.campaign.ticks
+    if set(fault.trigger.listed) <= {"time", "packet"}:
+        for start in fault.start_ms.listed:
+            if start >= ticks:
+                yield (*key, "start_ms"), f"got {start}, expected less than the run's {ticks} ms: it would never strike"
+    every, duration = fault.every_ms.listed, fault.duration_ms.listed
+    if any(e > 0 for e in every) and duration:
+        longest = max(duration)
+        if min(duration) < 0 or any(0 < e < longest for e in every):
+            yield (*key, "every_ms"), "a window that opens again needs a duration_ms that is not longer than every_ms"
+
+
+def value_complaint(channel: Channel, effect: str, value: float) -> str | None:
+    """What is wrong with one value of an effect at a channel, or None. DAC values beyond 16 bit wrap and are legal."""
+    if effect == "bit_flip":
+        bits = BITS[channel.kind]
+        if value != int(value) or not 0 <= value < bits:
+            return f"bit_flip at {channel.name} ({channel.kind}) takes the index of a bit, 0..{bits - 1}, got {value:g}"
+    elif effect == "delay":
+        if value != int(value) or not 1 <= value <= 100_000:
+            return f"delay takes a whole number of packets from 1 to 100000, got {value:g}"
+    elif channel.kind == "bool" and value not in (0.0, 1.0):
+        return f"{channel.name} is a truth value: expected 0 or 1, got {value:g}"
+    elif channel.kind in ("int16", "int32") and effect in ("overwrite", "toggle", "offset", "latch_offset"):
+        if value != int(value):
+            return f"{channel.name} is a whole number ({channel.unit}): got {value:g}"
+        if abs(value) >= 2**31:
+            return f"{channel.name} is a 32-bit number: expected -2147483648..2147483647, got {value:g}"
+    return None
+
+
+def _unknown(what: str, got: str, known: Iterable[str]) -> str:
+    known = list(known)
+    return f"unknown {what} {got!r}, expected one of {', '.join(known)}{suggestion(got, known)}"

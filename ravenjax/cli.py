@@ -1,0 +1,298 @@
+"""The command line: parses, joins the parts below, prints. Everything slow is imported inside the commands."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import App, Parameter
+from rich.console import Console
+
+USER_ERROR, INTERRUPTED = 2, 130
+"""Exit codes: bad input, and Ctrl-C."""
+
+app = App(
+    name="ravenjax",
+    help="A virtual Raven-II surgical robot: faults, built-in checks, haptics, thousands of runs in parallel.",
+    version=lambda: _version(),
+    suppress_keyboard_interrupt=False,
+)
+_out = Console()
+_err = Console(stderr=True)
+
+Overrides = Annotated[
+    list[str] | None,
+    Parameter(
+        name="--set",
+        consume_multiple=True,
+        negative="",
+        help="key.path=value, as campaign.duration_s=5 or group.0.runs=100",
+    ),
+]
+
+
+@app.command
+def run(
+    file: str,
+    *,
+    out: Annotated[Path | None, Parameter(help="result folder; default results/NAME of the campaign")] = None,
+    engine: Annotated[str, Parameter(help="auto, xla or mjx")] = "auto",
+    overrides: Overrides = None,
+    chunk: Annotated[int | None, Parameter(help="runs per part of the result")] = None,
+    limit: Annotated[int | None, Parameter(help="compute only the first runs")] = None,
+    report: Annotated[bool, Parameter(help="write report.html at the end")] = True,
+) -> None:
+    """Run a campaign, or finish it where OUT holds a part of it.
+
+    Parameters
+    ----------
+    file
+        Campaign file, or the name of a bundled one (see `ravenjax campaigns`).
+    """
+    from ravenjax import terminal
+    from ravenjax.campaign import loading
+
+    sizes = {"chunk": chunk, "limit": limit}
+    given = [*(overrides or ()), *(f"campaign.{key}={value}" for key, value in sizes.items() if value is not None)]
+    config = loading.load(file, given)
+    folder = out or Path("results") / config.campaign.name
+
+    from ravenjax.campaign import runner
+
+    with terminal.Watch(_out) as watch:
+        frame = runner.run_campaign(config, folder, engine, on_progress=watch)
+    rows = terminal.outcome_rows(frame)
+    if rows:
+        _out.print(terminal.table("Faulty runs", ("response / haptic / jump", "runs", "share, 95 % interval"), rows))
+    _out.print(f"results: {folder}", highlight=False, soft_wrap=True)
+    if report:
+        _report(folder)
+
+
+@app.command(name="report")
+def report_(folder: Path) -> None:
+    """Write report.html into a result folder.
+
+    Parameters
+    ----------
+    folder
+        What `ravenjax run` wrote.
+    """
+    _report(folder)
+
+
+@app.command
+def trace(
+    folder: Path,
+    run_id: str,
+    *,
+    out: Annotated[Path | None, Parameter(help="folder of the trace; default FOLDER/traces")] = None,
+) -> None:
+    """Run one row of a result again and write its whole time series: MCAP and a plot.
+
+    Parameters
+    ----------
+    folder
+        What `ravenjax run` wrote.
+    run_id
+        The row's run_id, or enough of its beginning to tell it from others, or its index.
+    """
+    from ravenjax.campaign import replay
+    from ravenjax.report.trace_plot import trace_plot
+    from ravenjax.store import files, trace_log
+
+    place = out or folder / "traces"
+    files.require_writable(place)
+    again = replay.from_folder(folder, run_id)
+    row, series = again.row, again.series
+    log, plot = place / f"{row['run_id']}.mcap", place / f"{row['run_id']}.svg"
+    columns = ("run_id", "index", "group", "seed", "verdict", "response_cause")
+    trace_log.write(log, series, {name: str(row[name]) for name in columns})
+    named = {"fault": "first_active_ms", "cue": "cue0_first_ms", str(row["response"]): "response_ms"}
+    events = {name: float(row.at[column]) for name, column in named.items()}
+    trace_plot(_plotted(series), plot, title=f"run {row['run_id']}", events=events)
+    for path in (log, plot):
+        _out.print(f"wrote {path}", highlight=False, soft_wrap=True)
+
+
+@app.command
+def campaigns() -> None:
+    """List the bundled campaigns."""
+    from ravenjax import resources, terminal
+    from ravenjax.campaign import design, loading
+
+    rows = []
+    for path in resources.bundled("campaigns", "*.toml"):
+        config = loading.load(path)
+        rows.append((path.name, str(design.count(config)), config.campaign.description))
+    _out.print(terminal.table("Campaigns", ("file", "runs", "what it asks"), rows))
+
+
+@app.command
+def faults() -> None:
+    """List the fault sites with their channels, the effects and the triggers."""
+    from ravenjax import terminal
+    from ravenjax.robot.sites import SITES
+    from ravenjax.stages.faults.vocabulary import EFFECTS, TRIGGERS
+
+    sites = []
+    for site in SITES.values():
+        kinds: dict[str, list[str]] = {}
+        for channel in site.channels:
+            kinds.setdefault(f"{channel.kind} {channel.unit}", []).append(channel.name)
+        channels = "; ".join(f"{' '.join(names)} ({kind})" for kind, names in kinds.items())
+        sites.append((site.layer, site.name, ("each arm: " if site.per_arm else "") + channels, site.where))
+    columns = ("layer", "site", "channels (number, unit)", "where")
+    _out.print(terminal.table("Sites, in the robot's order", columns, sites))
+    _out.print()
+    _out.print(terminal.table("Effects", ("effect", "meaning"), list(EFFECTS.items())))
+    _out.print()
+    _out.print(terminal.table("Triggers", ("trigger", "start_ms counts"), list(TRIGGERS.items())))
+
+
+@app.command
+def parameters(file: str = "quick.toml", *, overrides: Overrides = None) -> None:
+    """List the parameters that a campaign may vary, with the values that they have without it.
+
+    Parameters
+    ----------
+    file
+        Campaign file; its software, arms and tools decide what there is.
+    """
+    from ravenjax import paths, terminal
+    from ravenjax.campaign import loading, plan
+
+    config = loading.load(file, overrides or ())
+    program = plan.make(config.model_copy(update={"parameters": {}})).program
+    values: dict[str, list[str]] = {}
+    for path, value in paths.leaves(program.params, program.setup.arms):
+        head, _, last = path.rpartition(".")
+        key = head if last in paths.COMPONENTS else path
+        values.setdefault(key, []).append(f"{float(value):g}")
+    rows = [(path, " ".join(numbers)) for path, numbers in values.items() if not path.startswith("start")]
+    _out.print(terminal.table("Parameters", ("path", "value"), rows))
+
+
+@app.command
+def doctor() -> int:
+    """Check this machine: versions, devices, CPU, memory, and that each part works."""
+    from ravenjax import terminal
+    from ravenjax.robot.packet import UDP_PORT
+
+    _out.print(terminal.table("This machine", ("what", "is"), list(terminal.machine())))
+    _out.print()
+    tests: dict[str, Callable[[], str]] = {
+        "jax computes": _jax_computes,
+        "robot model": _model_loads,
+        "campaigns": _campaigns_load,
+        "results": _results_writable,
+        "console port": lambda: terminal.udp_port(UDP_PORT),
+    }
+    found = list(terminal.checks(tests))
+    _out.print(terminal.table("What works", ("what", "state", "detail"), found))
+    return int(any(state != "ok" for _, state, _ in found))
+
+
+def _plotted(series: dict[str, Any]) -> dict[str, Any]:
+    """A replay's series under the names that the plot knows."""
+    active = [values for name, values in series.items() if name.startswith("fault") and name.endswith("_active")]
+    commands = {name.replace("dac_cnt", "current_cmd"): values for name, values in series.items() if "dac_cnt" in name}
+    return {
+        **series,
+        **commands,
+        "pedal": series["surgeon_mode"],
+        **({"fault_active": sum(active) > 0} if active else {}),
+    }
+
+
+def _report(folder: Path) -> None:
+    from ravenjax.report import page
+
+    _out.print(f"report: {page.build(folder)}", highlight=False, soft_wrap=True)
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("ravenjax")
+    except PackageNotFoundError:
+        return "unknown (not installed as a package)"
+
+
+def _jax_computes() -> str:
+    import jax
+    import jax.numpy as jnp
+
+    total = float(jax.jit(lambda x: (x * x).sum())(jnp.arange(4.0)))
+    if total != 14.0:
+        raise ArithmeticError(f"0 + 1 + 4 + 9 came out as {total}")
+    return ", ".join(f"{device.platform}:{device.id} {device.device_kind}" for device in jax.devices())
+
+
+def _model_loads() -> str:
+    import mujoco
+
+    from ravenjax import resources
+
+    path = resources.model("raven2/raven2.xml")
+    model = mujoco.MjModel.from_xml_path(str(path))  # pyright: ignore[reportAttributeAccessIssue]
+    return f"{path}, {model.njnt} joints"
+
+
+def _campaigns_load() -> str:
+    from ravenjax import resources
+    from ravenjax.campaign import loading
+
+    files = resources.bundled("campaigns", "*.toml")
+    for path in files:
+        loading.load(path)
+    return f"{len(files)} bundled campaigns are valid"
+
+
+def _results_writable() -> str:
+    import tempfile
+
+    with tempfile.TemporaryDirectory(dir=Path.cwd()):
+        return f"{Path.cwd()} can be written to"
+
+
+def main(tokens: list[str] | None = None) -> int:
+    """Run the command line; what a user can mend becomes one message and exit code 2."""
+    from ravenjax.errors import UserError
+
+    try:
+        code = app(tokens, exit_on_error=False, print_error=True, result_action="return_value")
+    except KeyboardInterrupt:
+        _err.print("stopped; finished parts are kept, and the same command goes on from there", highlight=False)
+        return INTERRUPTED
+    except SystemExit as leaving:
+        return leaving.code if isinstance(leaving.code, int) else 1
+    except Exception as error:
+        if isinstance(error, UserError) or _is_mendable(error):
+            if not _is_parse_error(error):
+                _err.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
+            return USER_ERROR
+        raise
+    return code if isinstance(code, int) else 0
+
+
+def _is_parse_error(error: Exception) -> bool:
+    """Whether the command line itself was wrong; that has been printed already."""
+    from cyclopts import CycloptsError
+
+    return isinstance(error, CycloptsError)
+
+
+def _is_mendable(error: Exception) -> bool:
+    if _is_parse_error(error):
+        return True
+    from ravenjax.store.files import StoreError
+
+    return isinstance(error, StoreError)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,89 @@
+"""What an engine is: the tick, run for many robots.
+
+An engine advances *blocks*: a fixed number of lanes, one robot a lane, over all ticks of a run. A lane's result depends
+on nothing but its own inputs, so it is the same in any block, with any number of threads.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+import numpy as np
+
+from ravenjax.types import Setup
+
+Progress = Callable[[int], None]
+"""Called with the number of ticks just finished, all lanes of a block together."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Program:
+    """What a campaign's kernel is made of; everything here picks code."""
+
+    setup: Setup
+    params: Any  # tick.Params of plain numbers: what all runs share
+    varied: tuple[str, ...]  # paths of the parameters that differ between runs
+    ticks: int  # length of a run
+
+
+@dataclasses.dataclass(frozen=True)
+class Block:
+    """The inputs of one block, NumPy arrays with one entry a lane."""
+
+    varied: Mapping[str, np.ndarray]  # path -> [lanes]
+    faults: Any  # stages.faults.Faults of arrays [lanes]
+    reference: np.ndarray | None  # [ticks, series, lanes] of the fault-free twins; None: this is a block of twins
+
+
+@dataclasses.dataclass(frozen=True)
+class Result:
+    """What came out of one block."""
+
+    outcomes: dict[str, np.ndarray]  # outcome -> [lanes]
+    reference: np.ndarray  # [ticks, series, lanes], what faulty runs compare themselves with; empty unless twins ran
+
+
+class Kernel(Protocol):
+    """A compiled program."""
+
+    lanes: int
+
+    def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
+        """Trace and compile for blocks and motions of these shapes; done once, and by `run` if not before."""
+        ...
+
+    def run(self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None) -> Result:
+        """Run one block; `motion` are the columns of the operator's motion. May be called from several threads."""
+        ...
+
+
+class Engine(Protocol):
+    """Turns programs into kernels."""
+
+    @property
+    def name(self) -> str:
+        """As `--engine` takes it."""
+        ...
+
+    @property
+    def device(self) -> str:
+        """What it runs on, in words."""
+        ...
+
+    @property
+    def threads(self) -> int:
+        """Blocks that are worth running side by side."""
+        ...
+
+    def compile(self, program: Program, runs: int) -> Kernel:
+        """The kernel of `program`, its block sized for a campaign of `runs` runs."""
+        ...
+
+    def trace(self, program: Program, twin: Block, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[Result, Any]:
+        """Outcomes of `block`, and every signal of its first lane: `tick.Signals` of arrays [ticks].
+
+        `twin` is the same block without faults. Compiled apart from any campaign.
+        """
+        ...

@@ -1,0 +1,175 @@
+"""What the command line shows: progress of a campaign, tables, what this machine can do."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import socket
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Protocol
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
+from rich.table import Table
+
+PLAIN_EVERY_S = 5.0
+"""Time between two lines of progress where the output is no terminal."""
+
+PACKAGES = (
+    "ravenjax",
+    "jax",
+    "jaxlib",
+    "mujoco",
+    "mujoco-mjx",
+    "numpy",
+    "pandas",
+    "pyarrow",
+    "scipy",
+    "pydantic",
+    "mcap",
+)
+
+
+class Status(Protocol):
+    """How far a campaign is; `ravenjax.campaign.runner.Status`."""
+
+    @property
+    def phase(self) -> str: ...
+    @property
+    def done(self) -> int: ...
+    @property
+    def total(self) -> int: ...
+    @property
+    def compile_s(self) -> float: ...
+    @property
+    def run_s(self) -> float: ...
+    @property
+    def progress(self) -> float: ...
+    @property
+    def failed(self) -> int: ...
+    @property
+    def left_s(self) -> float | None: ...
+
+
+class Watch:
+    """Shows a campaign's progress: a bar in a terminal, a line now and then elsewhere. Use as a context manager."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._bar = Progress(
+            TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[text]}"), console=console
+        )
+        self._task = self._bar.add_task("waiting", total=1.0, text="")
+        self._last, self._phase = 0.0, ""
+        self._first: Status | None = None
+
+    def __enter__(self) -> Watch:
+        if self._console.is_terminal:
+            self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._console.is_terminal:
+            self._bar.stop()
+
+    def __call__(self, status: Status) -> None:
+        self._first = self._first or status
+        text = self._words(status)
+        if self._console.is_terminal:
+            self._bar.update(self._task, completed=status.progress, description=status.phase, text=text)
+            return
+        now = time.monotonic()
+        if status.phase != self._phase or now - self._last >= PLAIN_EVERY_S:
+            self._last, self._phase = now, status.phase
+            self._console.print(f"{status.phase}: {text}", highlight=False)
+
+    def _words(self, status: Status) -> str:
+        parts = [f"{status.done} of {status.total} runs"]
+        earlier = self._first.done if self._first is not None else 0
+        rows = (status.total - earlier) * status.progress
+        if status.run_s > 0.0 and status.progress > 0.0:
+            parts.append(f"{rows / status.run_s:.0f} runs/s")
+        if status.phase == "run" and status.left_s is not None:
+            parts.append(f"{status.left_s:.0f} s left")
+        if status.compile_s > 0.0:
+            parts.append(f"compiled in {status.compile_s:.1f} s")
+        if status.failed:
+            parts.append(f"{status.failed} failed")
+        return ", ".join(parts)
+
+
+def table(title: str, columns: tuple[str, ...], rows: Iterator[tuple[str, ...]] | list[tuple[str, ...]]) -> Table:
+    """A table of text; square brackets are text, too."""
+    shown = Table(title=title, title_justify="left", show_edge=False)
+    for column in columns:
+        shown.add_column(column, overflow="fold")
+    for row in rows:
+        shown.add_row(*(cell.replace("[", r"\[") for cell in row))
+    return shown
+
+
+def machine() -> Iterator[tuple[str, str]]:
+    """(what, how it is) of this machine and its software."""
+    yield "python", f"{platform.python_version()} on {platform.system()} {platform.machine()}"
+    for package in PACKAGES:
+        try:
+            yield package, importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            yield package, "not installed"
+    yield "cpu", f"{os.cpu_count()} threads, {_cpu_features() or 'features unknown'}"
+    yield "memory", _memory()
+    yield "output", "terminal" if sys.stdout.isatty() else "no terminal"
+
+
+def _cpu_features() -> str:
+    wanted = ("avx2", "fma", "avx512f", "asimd", "sve")
+    try:
+        text = Path("/proc/cpuinfo").read_text()
+    except OSError:
+        return ""
+    lines = [line for line in text.splitlines() if line.lower().startswith(("flags", "features"))]
+    present = set(lines[0].split()) if lines else set()
+    return ", ".join(flag for flag in wanted if flag in present)
+
+
+def _memory() -> str:
+    try:
+        page = os.sysconf("SC_PAGE_SIZE")
+        total, free = page * os.sysconf("SC_PHYS_PAGES"), page * os.sysconf("SC_AVPHYS_PAGES")
+    except (ValueError, OSError):
+        return "unknown"
+    return f"{total / 2**30:.1f} GiB, {free / 2**30:.1f} GiB free"
+
+
+def checks(tests: dict[str, Callable[[], str]]) -> Iterator[tuple[str, str, str]]:
+    """(what, "ok" or "FAILED", detail) of each test; a test returns its detail or raises."""
+    for name, test in tests.items():
+        try:
+            yield name, "ok", test()
+        except Exception as error:  # a broken installation may raise anything, and the next line still helps
+            yield name, "FAILED", f"{type(error).__name__}: {error}"
+
+
+def udp_port(port: int) -> str:
+    """That a UDP port of this machine can be opened; OSError where not."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", port))
+    return f"127.0.0.1:{port} is free"
+
+
+def outcome_rows(frame: Any) -> list[tuple[str, ...]]:
+    """(verdict, runs, share with its 95 % Wilson interval) of a result table, most frequent first."""
+    from ravenjax.stats.intervals import wilson
+
+    faulty = frame[frame["fault0_site"] != ""] if "fault0_site" in frame else frame.iloc[:0]
+    counts = faulty["verdict"].astype(str).replace("", "failed").value_counts()
+    rows = []
+    for verdict, count in sorted(counts.items(), key=lambda item: (-item[1], str(item[0]))):
+        rate = wilson(int(count), len(faulty))
+        share = f"{100 * rate.value:.1f} % ({100 * rate.low:.1f} to {100 * rate.high:.1f})"
+        rows.append((str(verdict), str(count), share))
+    return rows

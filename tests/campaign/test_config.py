@@ -1,0 +1,265 @@
+"""Campaign files: what is accepted, and that each mistake is told with file, line, key, expectation and suggestion."""
+
+import tomllib
+
+import pytest
+
+from ravenjax import resources
+from ravenjax.campaign import design, loading, location
+from ravenjax.campaign.config import CampaignConfig
+from ravenjax.errors import UserError
+
+GOOD = """\
+[campaign]
+name = "x"
+duration_s = 2.0
+
+[operator]
+motion = "reach"
+
+[parameters]
+plant.friction_scale = { uniform = [0.5, 2.0] }
+"operator.scale" = [0.05, 0.1]
+
+[[group]]
+name = "free"
+
+[[group]]
+name = "dac"
+
+[[group.fault]]
+site = "usb_out"
+channel = ["shoulder", "elbow"]
+effect = "overwrite"
+value = [100, 200]
+start_ms = 1000
+duration_ms = [10, "end"]
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(text):
+        path = tmp_path / "c.toml"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def complaint(path, *overrides):
+    with pytest.raises(UserError) as error:
+        loading.load(path, overrides)
+    return str(error.value)
+
+
+def test_good_file(write):
+    config = loading.load(write(GOOD))
+    assert config.campaign.ticks == 2000
+    assert config.campaign.arms == ("gold",)
+    assert config.tools == ("r_grasper",)
+    assert config.slots == 1
+    assert list(config.parameters) == ["plant.friction_scale", "operator.scale"]
+    assert config.group[1].fault[0].duration_ms.values == (10, -1)
+
+
+def test_dump_loads_again(write):
+    """The manifest keeps the dumped config: it must mean the same campaign."""
+    config = loading.load(write(GOOD), ['group.dac.fault.0.duration_ms={choice = [3, "end"]}'])
+    again = loading.from_dict(config.model_dump(mode="json"))
+    assert design.expand(again).equals(design.expand(config))
+
+
+@pytest.mark.parametrize("path", resources.bundled("campaigns", "*.toml"), ids=lambda p: p.name)
+def test_bundled_campaigns(path):
+    config = loading.load(path)
+    assert config.campaign.name == path.stem
+    assert config.campaign.description
+    assert path.read_text().startswith("#")
+
+
+def test_quick_is_what_the_readme_says():
+    config = loading.load("quick.toml")
+    table = design.expand(config)
+    assert (table["fault0_site"] != "").sum() >= 2000 and (table["fault0_site"] == "").sum() >= 10
+    assert config.campaign.duration_s == 3.0 and config.campaign.arms == ("gold",)
+    from ravenjax.robot.sites import SITES
+
+    assert set(table["fault0_site"]) - {""} == set(SITES)
+
+
+@pytest.mark.parametrize(
+    "old, new, parts",
+    [
+        ('name = "x"', 'name = "x"\nsed = 3', [":3: campaign.sed: unknown key", "Did you mean 'seed'"]),
+        ("duration_s = 2.0", "duration_s = -2", [":3: campaign.duration_s: got -2, expected greater than 0"]),
+        ("duration_s = 2.0", "duration_s = nan", [":3: campaign.duration_s", "nan", "finite"]),
+        ("[operator]", "[operatr]", ["operatr: unknown key", "Did you mean 'operator'"]),
+        ('motion = "reach"', 'motion = "rech"', [":6: operator.motion: unknown motion 'rech'", "Did you mean 'reach'"]),
+        ('motion = "reach"', 'motion = "reach"\nfile = "a.csv"', ["operator", "either motion", "or file"]),
+        (
+            '"usb_out"',
+            '"usbout"',
+            [":19: group[1].fault[0].site: unknown fault site 'usbout'", "Did you mean 'usb_out'"],
+        ),
+        ('"elbow"]', '"elbw"]', [":20: group[1].fault[0].channel", "'elbw'", "Did you mean 'elbow'"]),
+        ('"overwrite"', '"overwrit"', [":21:", "unknown effect 'overwrit'", "Did you mean 'overwrite'"]),
+        ('"overwrite"', '"drop"', ["'drop' belongs to site 'network'"]),
+        ("value = [100, 200]", "value = [100, nan]", [":22:", "got nan", "finite"]),
+        ("value = [100, 200]", 'value = "big"', [":22:", "got 'big', expected a number"]),
+        ("value = [100, 200]", "", ["group[1].fault[0].value: missing", "'overwrite' takes a value"]),
+        ("value = [100, 200]", "value = []", [":22:", "empty"]),
+        ("value = [100, 200]", "value = {unifrm = [1, 2]}", ["exactly one of the keys", "Did you mean 'uniform'"]),
+        ("value = [100, 200]", "value = {uniform = [2, 1]}", ["low must not exceed high, got [2, 1]"]),
+        ("value = [100, 200]", "value = {loguniform = [0, 1]}", ["above 0"]),
+        ("start_ms = 1000", "start_ms = -1", ["start_ms: got -1, expected a whole number of milliseconds from 0"]),
+        ("start_ms = 1000", "start_ms = 2.5", [":23:", "got 2.5, expected a whole number of milliseconds"]),
+        ("start_ms = 1000", "start_ms = 2000", ["got 2000, expected less than the run's 2000 ms"]),
+        ('[10, "end"]', "-10", [":24:", 'got -10, expected a whole number of milliseconds from 1, or "end"']),
+        ("start_ms = 1000", 'start_ms = 1000\ntrigger = "tick"', ["unknown trigger 'tick'"]),
+        ("start_ms = 1000", 'start_ms = 1000\narm = "green"', ["arm 'green' is not in this campaign"]),
+        ("start_ms = 1000", 'start_ms = 1000\narm = "grey"', ["unknown arm 'grey'"]),
+        ("start_ms = 1000", "start_ms = 1000\nevery_ms = 5", ["every_ms", "not longer than every_ms"]),
+        ('"free"', '"dac"', ["got 'dac' twice"]),
+        ('"free"', '"free"\nruns = 5', ["'grid' sets the number of runs itself"]),
+        ('"free"', '"free"\ndesign = "lhs"', ["'lhs' needs runs"]),
+        ('"dac"', '"dac"\nrepeats = 0', ["group[1].repeats: got 0, expected greater than or equal to 1"]),
+        ('"free"', '"free"\ndesign = "zip"\nparameters."plant.a" = [1, 2, 3]', ["'zip' needs lists of one length"]),
+        (
+            "[parameters]",
+            "[limits]\nelbow_deg = [40, 135]\n[parameters]",
+            ["limits.elbow_deg: got [40.0, 135.0]", "45 <= min < max <= 137.5"],
+        ),
+        ("[parameters]", "[outcomes]\ncue = 1\n[parameters]", ["outcomes.cue: got 1, expected 0..0"]),
+        ("[parameters]", "[haptics]\nthreshold_mm = [3, -1]\n[parameters]", ["haptics.threshold_mm", "got -1"]),
+        ("duration_s = 2.0", 'arms = ["green", "gold"]', ["campaign.arms", "in the order ['gold', 'green']"]),
+        ("duration_s = 2.0", 'tools = ["r_graspr"]', ["unknown tool 'r_graspr'", "Did you mean 'r_grasper'"]),
+        ("duration_s = 2.0", 'software = "raven3"', [":3: campaign.software: got 'raven3'", "'raven2' or 'fork2015'"]),
+    ],
+)
+def test_each_mistake_has_its_message(write, old, new, parts):
+    assert old in GOOD
+    path = write(GOOD.replace(old, new, 1))
+    message = complaint(path)
+    assert message.startswith(f"{path}")
+    for part in parts:
+        assert part in message, message
+
+
+def test_identical_repeats_are_refused(write):
+    text = GOOD.replace("plant.friction_scale = { uniform = [0.5, 2.0] }", "").replace('"dac"', '"dac"\nrepeats = 3')
+    message = complaint(write(text))
+    assert "group[1].repeats" in message and "would be identical" in message
+    assert loading.load(write(text), ["campaign.noise=true"]).group[1].repeats == 3
+
+
+def test_all_mistakes_are_told_at_once_in_order_of_lines(write):
+    text = GOOD.replace("usb_out", "usb").replace("reach", "rech").replace("overwrite", "over")
+    numbers = [int(line.split(":")[1]) for line in complaint(write(text)).splitlines()]
+    assert numbers == sorted(numbers) and len(numbers) == 2  # the channels and effects of an unknown site say nothing
+
+
+def test_syntax_error_names_the_line(write):
+    assert "line 1" in complaint(write("[campaign\n"))
+
+
+def test_missing_file_lists_the_places_and_suggests():
+    message = complaint("quik.toml")
+    assert "Looked at" in message and "Did you mean 'quick.toml'" in message
+
+
+def test_unknown_parameters(write):
+    config = loading.load(write(GOOD))
+    loading.check_parameters(config, ["plant.friction_scale", "operator.scale"])
+    with pytest.raises(UserError) as error:
+        loading.check_parameters(config, ["plant.friction_scal", "operator.scale"])
+    assert ":9: parameters.plant.friction_scale: unknown parameter. Did you mean 'plant.friction_scal'" in str(
+        error.value
+    )
+
+
+# --- overrides --------------------------------------------------------------------------------------------------------
+
+
+def test_overrides(write):
+    path = write(GOOD)
+    config = loading.load(
+        path,
+        [
+            "campaign.duration_s=3",
+            "operator.motion=circle",
+            "group.dac.fault.0.value=[1, 2, 3]",
+            "group.1.fault.0.start_ms={uniform = [500, 600]}",
+            "parameters.plant.friction_scale=2",
+            "haptics.threshold_mm=[2, 3]",
+        ],
+    )
+    assert config.campaign.duration_s == 3.0
+    assert config.operator.motion == "circle"
+    assert config.group[1].fault[0].value.values == (1, 2, 3)
+    assert config.group[1].fault[0].start_ms.kind == "uniform"
+    assert config.parameters["plant.friction_scale"].values == (2,)
+    assert len(config.haptics.cues()) == 2
+
+
+@pytest.mark.parametrize(
+    "override, parts",
+    [
+        ("campaign.sed=1", ["--set: campaign.sed: unknown key", "Did you mean 'seed'"]),
+        ("campaign.seed", ["--set campaign.seed: expected key.path=value"]),
+        ("group.dak.repeats=1", ["got 'dak'", "free, dac", "Did you mean 'dac'"]),
+        ("group.7.repeats=1", ["got '7', expected a number 0..1"]),
+        ("campaign.name.x=1", ["'x' is no key of the value 'x'"]),
+        ("group.dac.fault.0.effect=over", ["--set: group[1].fault[0].effect: unknown effect 'over'"]),
+    ],
+)
+def test_bad_overrides(write, override, parts):
+    message = complaint(write(GOOD), override)
+    for part in parts:
+        assert part in message, message
+
+
+# --- haptics and limits -----------------------------------------------------------------------------------------------
+
+
+def with_section(section: dict) -> CampaignConfig:
+    return loading.from_dict({**tomllib.loads(GOOD), **section})
+
+
+def test_cues_are_the_product_in_si():
+    cues = with_section({"haptics": {"threshold_mm": [2, 3], "kp_per_mm": [0.0045, 0.009]}}).haptics.cues()
+    assert [(round(c.threshold_m, 9), round(c.kp, 9)) for c in cues] == [
+        (0.002, 4.5),
+        (0.002, 9.0),
+        (0.003, 4.5),
+        (0.003, 9.0),
+    ]
+    assert all(c.cap == 0.05 and abs(c.kd - 0.09) < 1e-12 for c in cues)
+
+
+def test_cues_side_by_side():
+    cues = with_section(
+        {"haptics": {"threshold_mm": [2, 3], "kp_per_mm": [0.0045, 0.009], "combine": "zip"}}
+    ).haptics.cues()
+    assert [(round(c.threshold_m, 9), round(c.kp, 9)) for c in cues] == [(0.002, 4.5), (0.003, 9.0)]
+    with pytest.raises(UserError, match="one length"):
+        with_section({"haptics": {"threshold_mm": [2, 3], "kp_per_mm": [1, 2, 3], "combine": "zip"}})
+
+
+def test_limits_in_si():
+    given = with_section({"limits": {"elbow_deg": [60, 120], "insertion_m": [0.3, 0.5]}}).limits.si()
+    assert given == {"elbow": (pytest.approx(1.0471975512), pytest.approx(2.0943951024)), "insertion": (0.3, 0.5)}
+
+
+# --- lines ------------------------------------------------------------------------------------------------------------
+
+
+def test_lines_of_keys():
+    found = location.lines(GOOD + "[[group]]\nname = 'b'\n[[group.fault]]\n'site' = 1\n[[group.fault]]\na.b = 2\n")
+    assert found["campaign.duration_s"] == 3
+    assert found["parameters.plant.friction_scale"] == 9
+    assert found["parameters.operator.scale"] == 10
+    assert found["group[1].fault[0].effect"] == 21
+    assert found["group[2].fault[0].site"] == 28
+    assert found["group[2].fault[1].a.b"] == 30
+    assert location.nearest(found, ("group", 2, "fault", 1, "nowhere")) == 29

@@ -1,0 +1,286 @@
+"""Expansion of designs into the fault table, against naive expansions written out by hand."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ravenjax.campaign import design, loading
+from ravenjax.errors import UserError
+
+BASE = {"campaign": {"name": "x"}, "operator": {"motion": "still"}}
+FAULT = {"site": "usb_out", "channel": "shoulder", "effect": "overwrite", "value": 1, "start_ms": 100}
+
+
+def expand(*groups, **sections):
+    return design.expand(loading.from_dict({**BASE, "group": list(groups), **sections}))
+
+
+def group(name="g", **keys):
+    faults = keys.pop("faults", [FAULT])
+    return {"name": name, "fault": faults, **keys}
+
+
+CHANNELS = st.lists(st.sampled_from(["shoulder", "elbow", "insertion"]), min_size=1, max_size=3, unique=True)
+VALUES = st.lists(st.integers(-40000, 40000), min_size=1, max_size=4)
+TIMES = st.lists(st.integers(1, 2999), min_size=1, max_size=3)
+
+
+@settings(max_examples=60, deadline=None)
+@given(CHANNELS, VALUES, TIMES, TIMES, VALUES, st.integers(1, 3), st.booleans())
+def test_grid_is_the_product_in_order(channels, values, starts, durations, second, repeats, noise):
+    """Slot by slot, field by field, parameters last, repeats fastest; one slot of two is a list as well."""
+    first = {**FAULT, "channel": channels, "value": values, "start_ms": starts, "duration_ms": durations}
+    other = {**FAULT, "value": second}
+    repeats = repeats if noise else 1
+    table = expand(
+        group(faults=[first, other], repeats=repeats, parameters={"plant.a": [1.5, 2.5]}),
+        campaign={"name": "x", "noise": noise, "seed": 11},
+    )
+    naive = [
+        (c, v, s, d, w, p, 11 + r)
+        for c in channels
+        for v in values
+        for s in starts
+        for d in durations
+        for w in second
+        for p in (1.5, 2.5)
+        for r in range(repeats)
+    ]
+    columns = [
+        "fault0_channel",
+        "fault0_value",
+        "fault0_start_ms",
+        "fault0_duration_ms",
+        "fault1_value",
+        "param:plant.a",
+        "seed",
+    ]
+    assert list(table[columns].itertuples(index=False, name=None)) == naive
+    assert list(table["index"]) == list(range(len(naive)))
+    assert table["run_id"].is_unique
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(1, 4), st.data())
+def test_zip_goes_side_by_side(length, data):
+    values = data.draw(st.lists(st.integers(-100, 100), min_size=length, max_size=length))
+    starts = data.draw(st.lists(st.integers(0, 2999), min_size=length, max_size=length))
+    table = expand(group(design="zip", faults=[{**FAULT, "value": values, "start_ms": starts, "channel": ["elbow"]}]))
+    naive = [("elbow", v, s) for v, s in zip(values, starts, strict=True)]
+    assert (
+        list(table[["fault0_channel", "fault0_value", "fault0_start_ms"]].itertuples(index=False, name=None)) == naive
+    )
+
+
+def test_list_replaces_what_each_run_names():
+    runs = [
+        {"fault": [{"value": 5}]},
+        {"fault": [{"channel": "elbow", "duration_ms": 7}], "parameters": {"plant.a": 3}},
+    ]
+    table = expand(group(design="list", run=runs))
+    assert table["fault0_value"].tolist() == [5.0, 1.0]
+    assert table["fault0_channel"].tolist() == ["shoulder", "elbow"]
+    assert table["fault0_duration_ms"].tolist() == [-1, 7]
+    assert math.isnan(table["param:plant.a"][0]) and table["param:plant.a"][1] == 3.0
+
+
+def test_list_checks_each_run():
+    with pytest.raises(UserError, match=r"run\[1\].*start_ms"):
+        expand(group(design="list", run=[{}, {"fault": [{"start_ms": -3}]}]))
+    with pytest.raises(UserError, match="unknown channel"):
+        expand(group(design="list", run=[{"fault": [{"channel": "elbw"}]}]))
+
+
+@pytest.mark.parametrize("kind", ["random", "lhs", "sobol"])
+@pytest.mark.parametrize("runs", [1, 7, 64])
+def test_sampled_designs(kind, runs):
+    fault = {
+        **FAULT,
+        "channel": ["shoulder", "elbow"],
+        "value": {"uniform": [-20000, 20000]},
+        "start_ms": {"uniform": [1000, 1003]},
+        "duration_ms": {"loguniform": [1, 512]},
+    }
+    one = group(design=kind, runs=runs, faults=[fault])
+    table = expand(one)
+    assert len(table) == runs
+    assert table["fault0_value"].between(-20000, 20000).all()
+    assert (table["fault0_value"] == np.rint(table["fault0_value"])).all()  # a DAC takes whole counts
+    assert table["fault0_start_ms"].between(1000, 1003).all()
+    assert table["fault0_duration_ms"].between(1, 512).all()
+    assert expand(one).equals(table)
+    assert not expand(one, campaign={"name": "x", "seed": 1})["fault0_value"].equals(table["fault0_value"]) or runs == 1
+
+
+def test_latin_hypercube_has_one_run_in_each_stratum():
+    table = expand(group(design="lhs", runs=50, faults=[{**FAULT, "site": "tau_d", "value": {"uniform": [0.0, 50.0]}}]))
+    assert sorted(math.floor(v) for v in table["fault0_value"]) == list(range(50))
+
+
+def test_latin_hypercube_balances_lists():
+    table = expand(group(design="lhs", runs=60, faults=[{**FAULT, "channel": ["shoulder", "elbow", "wrist"]}]))
+    assert table["fault0_channel"].value_counts().tolist() == [20, 20, 20]
+
+
+def test_sobol_is_balanced_in_halves():
+    table = expand(
+        group(design="sobol", runs=64, faults=[{**FAULT, "site": "tau_d", "value": {"uniform": [0.0, 1.0]}}])
+    )
+    assert (table["fault0_value"] < 0.5).sum() == 32
+
+
+def test_uniform_whole_numbers_include_both_ends():
+    table = expand(group(design="random", runs=400, faults=[{**FAULT, "value": {"uniform": [-1, 2]}}]))
+    counts = table["fault0_value"].value_counts()
+    assert sorted(counts.index) == [-1.0, 0.0, 1.0, 2.0] and counts.min() > 60
+
+
+@pytest.mark.parametrize("axis", ["end", [5, "end"], {"choice": [5, "end"]}])
+@pytest.mark.parametrize("kind", ["grid", "lhs"])
+def test_until_the_end(axis, kind):
+    keys = {"runs": 40} if kind == "lhs" else {}
+    table = expand(
+        group(design=kind, repeats=1 if kind == "lhs" else 40, faults=[{**FAULT, "duration_ms": axis}], **keys),
+        campaign={"name": "x", "noise": True},
+    )
+    assert set(table["fault0_duration_ms"]) == ({-1} if axis == "end" else {-1, 5})
+
+
+def test_normal_times_stay_legal():
+    fault = {**FAULT, "start_ms": {"normal": [5, 100]}, "duration_ms": {"normal": [5, 100]}}
+    table = expand(group(design="random", runs=200, faults=[fault]))
+    assert table["fault0_start_ms"].min() == 0 and table["fault0_duration_ms"].min() == 1
+
+
+def test_groups_do_not_disturb_each_other():
+    drawn = group("drawn", design="lhs", runs=9, faults=[{**FAULT, "value": {"uniform": [-9, 9]}}])
+    alone, beside = expand(drawn), expand({"name": "free"}, group("first"), drawn)
+    assert beside["run_id"].tolist()[-9:] == alone["run_id"].tolist()
+
+
+def test_limit_cuts_and_changes_no_run():
+    one = group(faults=[{**FAULT, "value": [1, 2, 3, 4]}])
+    assert expand(one, campaign={"name": "x", "limit": 2})["run_id"].tolist() == expand(one)["run_id"].tolist()[:2]
+
+
+@pytest.mark.parametrize(
+    "name, same", [("chunk", True), ("description", True), ("level", False), ("duration_s", False)]
+)
+def test_run_id_depends_on_what_decides_the_run(name, same):
+    value = {"chunk": 7, "description": "d", "level": "advanced", "duration_s": 4.0}[name]
+    one, other = expand(group()), expand(group(), campaign={"name": "y", name: value})
+    assert (one["run_id"][0] == other["run_id"][0]) is same
+
+
+def test_run_id_ignores_group_and_place_but_tells_copies_apart():
+    twice = expand(group("a"), group("b"))
+    assert twice["run_id"][0] == expand(group("z"))["run_id"][0]
+    assert twice["run_id"].is_unique
+
+
+def test_run_id_hashes_the_recording(tmp_path):
+    path = tmp_path / "m.csv"
+    ids = []
+    for content in ("a", "b"):
+        path.write_text(content)
+        ids.append(expand(group(), operator={"file": str(path)})["run_id"][0])
+    assert ids[0] != ids[1]
+
+
+def test_canonical_form_of_what_an_effect_does_not_use():
+    stuck = expand(group(faults=[{**FAULT, "effect": "stuck", "value": [1, 1], "period_ms": 9}]))
+    assert stuck["fault0_value"].isna().all() and (stuck["fault0_period_ms"] == 0).all()
+
+
+def test_fault_free_rows_are_empty():
+    table = expand({"name": "free"}, group())
+    first = table.iloc[0]
+    assert first["fault0_site"] == "" and first["fault0_duration_ms"] == 0 and math.isnan(first["fault0_value"])
+    assert table["group"].tolist() == ["free", "g"]
+
+
+def test_every_channel():
+    table = expand(group(faults=[{**FAULT, "channel": "*"}]))
+    assert table["fault0_channel"].tolist() == [
+        "shoulder",
+        "elbow",
+        "insertion",
+        "tool_roll",
+        "wrist",
+        "grasp1",
+        "grasp2",
+    ]
+
+
+def test_network_effects_name_their_channel():
+    fault = {"site": "network", "effect": ["drop", "duplicate", "delay"], "value": 20, "start_ms": 5, "duration_ms": 9}
+    table = expand(group(faults=[fault]))
+    assert table["fault0_channel"].tolist() == ["lost", "lag", "lag"]
+    assert table["fault0_value"].isna().tolist() == [True, True, False]
+
+
+def test_arm_is_implied_with_one_arm_and_asked_for_with_two():
+    assert expand(group())["fault0_arm"][0] == "gold"
+    both = {"name": "x", "arms": ["gold", "green"]}
+    with pytest.raises(UserError, match="arm: missing"):
+        expand(group(), campaign=both)
+    table = expand(group(faults=[{**FAULT, "arm": ["gold", "green"]}]), campaign=both)
+    assert table["fault0_arm"].tolist() == ["gold", "green"]
+
+
+@pytest.mark.parametrize(
+    "keys, message",
+    [
+        ({"effect": "bit_flip", "value": 16}, "0..15"),
+        ({"site": "mpos", "effect": "bit_flip", "value": 32}, "0..31"),
+        ({"value": 1.5}, "whole number"),
+        ({"value": 2**31}, "32-bit"),
+        ({"site": "brake", "channel": "engaged", "value": 2}, "0 or 1"),
+    ],
+)
+def test_values_that_a_channel_cannot_take(keys, message):
+    with pytest.raises(UserError, match=message):
+        expand(group(faults=[{**FAULT, **keys}]))
+
+
+def test_dac_values_beyond_16_bit_are_legal():
+    assert expand(group(faults=[{**FAULT, "value": 800000}]))["fault0_value"][0] == 800000.0
+
+
+@settings(max_examples=30, deadline=None)
+@given(VALUES, st.integers(1, 5), st.sampled_from(["grid", "random", "zip"]))
+def test_count_is_the_number_of_rows(values, runs, kind):
+    keys = {"runs": runs} if kind == "random" else {}
+    faults = [{**FAULT, "value": values, "duration_ms": {"uniform": [1, 9]}}]
+    config = loading.from_dict(
+        {**BASE, "group": [group(design=kind, faults=faults, repeats=2, **keys), {"name": "free"}]}
+    )
+    assert design.count(config) == len(design.expand(config))
+
+
+def test_repeats_of_drawn_rows_in_a_grid_draw_anew():
+    table = expand(group(repeats=4, faults=[{**FAULT, "value": [1, 2], "start_ms": {"uniform": [0, 2999]}}]))
+    assert table["seed"].tolist() == [0, 1, 2, 3] * 2
+    assert table["fault0_start_ms"].nunique() == 8
+
+
+def test_repeats_of_a_sample_keep_it_and_change_the_seed():
+    table = expand(
+        group(design="random", runs=3, repeats=2, faults=[{**FAULT, "value": {"uniform": [-9999, 9999]}}]),
+        campaign={"name": "x", "noise": True},
+    )
+    assert table["seed"].tolist() == [0, 1] * 3
+    pairs = table["fault0_value"].to_numpy().reshape(3, 2)
+    assert (pairs[:, 0] == pairs[:, 1]).all()
+
+
+def test_large_grids_are_itertools_product():
+    lists = [list(range(1, 6)), list(range(1, 8)), list(range(1, 4))]
+    faults = [{**FAULT, "value": lists[0], "start_ms": lists[1], "duration_ms": lists[2]}]
+    table = expand(group(faults=faults))
+    columns = ["fault0_value", "fault0_start_ms", "fault0_duration_ms"]
+    assert list(table[columns].itertuples(index=False, name=None)) == list(itertools.product(*lists))

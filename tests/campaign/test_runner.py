@@ -1,0 +1,170 @@
+"""Campaigns from file to table: the same rows however they are cut, stopped and resumed."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+import pandas as pd
+import pytest
+
+import ravenjax as rj
+from ravenjax.campaign import replay, runner
+from ravenjax.store.files import StoreError
+
+CAMPAIGN = {
+    "campaign": {"name": "small", "duration_s": 0.7, "seed": 3, "chunk": 7},
+    "operator": {"motion": "reach"},
+    "haptics": {"threshold_mm": [0.5, 1.0, 3.0]},
+    "group": [
+        {"name": "free"},
+        {
+            "name": "dac",
+            "design": "random",
+            "runs": 20,
+            "fault": [
+                {
+                    "site": "usb_out",
+                    "channel": ["shoulder", "elbow"],
+                    "effect": ["overwrite", "latch_offset"],
+                    "value": {"uniform": [-9000, 9000]},
+                    "start_ms": {"uniform": [250, 400]},
+                    "duration_ms": {"uniform": [1, 100]},
+                }
+            ],
+        },
+        {
+            "name": "weak cable",
+            "design": "grid",
+            "parameters": {"plant.cable_stiffness_scale": [0.5, 2.0]},
+            "fault": [
+                {
+                    "site": "mpos",
+                    "channel": "insertion",
+                    "effect": "offset",
+                    "value": [0.5, 5.0, 50.0],
+                    "start_ms": 300,
+                    "duration_ms": 50,
+                }
+            ],
+        },
+    ],
+}  # fmt: skip
+
+
+def config(**campaign):
+    return rj.load_campaign({**CAMPAIGN, "campaign": {**CAMPAIGN["campaign"], **campaign}})
+
+
+@pytest.fixture(scope="module")
+def whole():
+    """The campaign in one go."""
+    return rj.run(config())
+
+
+def same(a: pd.DataFrame, b: pd.DataFrame) -> None:
+    """Equal to the last bit; categories and strings as text."""
+    assert list(a.columns) == list(b.columns)
+    for name in a.columns:
+        left, right = a[name].to_numpy(), b[name].to_numpy()
+        if left.dtype.kind == "f":
+            np.testing.assert_array_equal(left.astype(np.float32), right.astype(np.float32), err_msg=name)
+        else:
+            np.testing.assert_array_equal(left.astype(str), right.astype(str), err_msg=name)
+
+
+def test_rows_do_not_depend_on_chunks_nor_on_the_store(whole, tmp_path):
+    same(whole, rj.run(config(chunk=3), out=tmp_path / "three"))
+    same(whole, rj.run(config(chunk=1000), out=tmp_path / "thousand"))
+
+
+def test_an_interrupted_campaign_resumes_where_it_stopped(whole, tmp_path, monkeypatch):
+    kept = []
+    add = runner.ResultFolder.add
+
+    def interrupted(self, frame):
+        if len(kept) == 2:
+            raise KeyboardInterrupt
+        kept.append(frame)
+        add(self, frame)
+
+    monkeypatch.setattr(runner.ResultFolder, "add", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        rj.run(config(chunk=4), out=tmp_path)
+    monkeypatch.setattr(runner.ResultFolder, "add", add)
+    parts = {path: path.stat().st_mtime_ns for path in (tmp_path / "parts").iterdir()}
+    assert len(parts) == 2
+    same(whole, rj.run(config(chunk=9), out=tmp_path))
+    assert all(path.stat().st_mtime_ns == time for path, time in parts.items()), "finished parts are left alone"
+
+
+def test_a_finished_campaign_computes_nothing_again(whole, tmp_path, monkeypatch):
+    rj.run(config(), out=tmp_path)
+    monkeypatch.setattr(runner._Work, "batch", None)
+    same(whole, rj.run(config(), out=tmp_path))
+
+
+def test_the_kernel_is_compiled_once():
+    compiled = []
+
+    def listen(event: str, duration: float, **details: str) -> None:
+        if event.endswith("backend_compile_duration"):
+            compiled.append(details.get("fun_name"))
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    try:
+        table = rj.run(config(duration_s=0.4))
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listen)
+    assert len(table) == 27, "several blocks, twins of three kinds"
+    assert compiled.count("jit(segment)") == 1
+
+
+def test_another_campaign_is_refused_and_nothing_is_lost(tmp_path):
+    rj.run(config(duration_s=0.6, limit=2), out=tmp_path)
+    before = sorted(path.name for path in tmp_path.rglob("*"))
+    with pytest.raises(StoreError, match=r"(?s)duration_s.*rm -r"):
+        rj.run(config(duration_s=0.5, limit=2), out=tmp_path)
+    assert sorted(path.name for path in tmp_path.rglob("*")) == before
+
+
+def test_runs_with_their_own_parameters_have_their_own_twins(whole):
+    weak = whole[whole["group"] == "weak cable"]
+    assert (weak["peak_twin_deviation_mm"] > 0).all()
+    by_stiffness = weak.groupby("param:plant.cable_stiffness_scale")["peak_model_deviation_mm"].min()
+    assert by_stiffness.nunique() == 2
+    # 0.5 rad of the insertion motor moves the tip by a fraction of a millimetre, seen against the right twin.
+    assert weak.loc[weak["fault0_value"] == 0.5, "peak_twin_deviation_mm"].max() < 1.0
+
+
+def test_a_fault_free_run_is_its_own_twin(whole):
+    free = whole[whole["group"] == "free"].iloc[0]
+    assert free["verdict"] == "silent/no haptic/no jump"
+    assert free["peak_twin_deviation_mm"] == 0.0
+    assert not free["activated"] and not free["diverged"]
+    assert 0.0 < free["peak_model_deviation_mm"] < 2.0
+
+
+def test_lower_thresholds_fire_no_later(whole):
+    first = whole[["cue0_first_ms", "cue1_first_ms", "cue2_first_ms"]].to_numpy()
+    assert (first[:, 0] >= 0).sum() > (first[:, 2] >= 0).sum()
+    fired = first[:, 1] >= 0
+    assert (first[fired, 0] <= first[fired, 1]).all()
+
+
+@pytest.mark.parametrize("index", [0, 9])
+def test_a_replay_is_the_run(whole, index):
+    row = whole.iloc[index]
+    again = replay.replay(config(), row["run_id"])
+    for name in ("first_active_ms", "active_ticks", "response", "response_ms", "verdict", "cue0_first_ms"):
+        assert again.row[name] == row[name], name
+    assert again.row["peak_model_deviation_mm"] == pytest.approx(row["peak_model_deviation_mm"], rel=1e-3)
+    series = again.series
+    assert all(len(values) == 700 for values in series.values())
+    apart = np.linalg.norm(series["gold/tip"] - series["gold/model_position"], axis=1) * 1e3
+    assert apart.max() == pytest.approx(row["peak_model_deviation_mm"], rel=1e-3)
+    assert int(series["fault0_active"].sum()) >= row["active_ticks"]
+
+
+def test_replay_names_what_it_cannot_find():
+    with pytest.raises(rj.errors.UserError if hasattr(rj, "errors") else ValueError, match="no run has this id"):
+        replay.replay(config(), "zzzz")

@@ -1,0 +1,149 @@
+"""Fault table to engine arrays: codes, canonical order, translation of network effects."""
+
+import numpy as np
+import pytest
+
+from ravenjax.campaign import design, loading, table
+from ravenjax.robot.sites import SITES
+from ravenjax.stages.faults.vocabulary import EFFECT_CODES, TRIGGER_CODES
+
+CONFIG = {
+    "campaign": {"name": "x", "arms": ["gold", "green"]},
+    "operator": {"motion": "still"},
+    "group": [
+        {"name": "free"},
+        {
+            "name": "late",
+            "fault": [
+                {
+                    "site": "usb_out",
+                    "arm": ["green", "gold"],
+                    "channel": ["wrist", "elbow"],
+                    "effect": ["toggle", "overwrite"],
+                    "value": 800000,
+                    "trigger": ["pedal", "time"],
+                    "start_ms": 10,
+                    "duration_ms": [5, "end"],
+                },
+                {"site": "brake", "effect": "overwrite", "value": 1, "start_ms": 3, "duration_ms": 2, "every_ms": 40},
+            ],
+        },
+        {
+            "name": "net",
+            "fault": [
+                {
+                    "site": "network",
+                    "effect": ["drop", "duplicate", "delay"],
+                    "value": 7,
+                    "start_ms": 1,
+                    "duration_ms": 4,
+                }
+            ],
+        },
+        {
+            "name": "wave",
+            "fault": [
+                {
+                    "site": "tau_d",
+                    "arm": "gold",
+                    "channel": "elbow",
+                    "effect": "periodic",
+                    "value": 0.25,
+                    "start_ms": 1,
+                    "period_ms": 50,
+                }
+            ],
+        },
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return design.expand(loading.from_dict(CONFIG))
+
+
+def test_injection_is_the_union_in_canonical_order(runs):
+    injection = table.injection(runs)
+    assert injection.slots == 2
+    assert [use.site for use in injection.sites] == [s for s in SITES if s in ("network", "tau_d", "usb_out", "brake")]
+    by_site = {use.site: use for use in injection.sites}
+    expected = (("gold", "elbow"), ("gold", "wrist"), ("green", "elbow"), ("green", "wrist"))
+    assert by_site["usb_out"].channels == expected
+    assert by_site["usb_out"].effects == ("overwrite", "toggle")
+    assert by_site["network"].channels == (("", "lag"), ("", "lost"))
+    assert by_site["network"].effects == ("overwrite",)
+    assert injection.triggers == ("time", "pedal")
+
+
+def test_injection_does_not_depend_on_the_order_of_rows(runs):
+    assert table.injection(runs.sample(frac=1.0, random_state=3)) == table.injection(runs)
+
+
+def test_no_faults_need_no_machinery():
+    free = design.expand(loading.from_dict({**CONFIG, "group": [{"name": "free"}]}))
+    injection = table.injection(free)
+    assert injection.slots == 0 and injection.sites == ()
+    assert table.arrays(free, injection)["code"].shape == (1, 0)
+
+
+def test_arrays_say_what_the_table_says(runs):
+    """Each entry read back through the code book is the row it came from."""
+    injection = table.injection(runs)
+    targets, arrays = table.targets(injection), table.arrays(runs, injection)
+    for row, record in enumerate(runs.to_dict("records")):
+        for slot in range(2):
+            site = record[f"fault{slot}_site"]
+            got = {name: values[row, slot] for name, values in arrays.items()}
+            if not site:
+                assert got["code"] == 0
+                continue
+            channel = record[f"fault{slot}_channel"]
+            assert targets[got["code"] - 1] == (site, record[f"fault{slot}_arm"], channel)
+            assert got["trigger"] == TRIGGER_CODES[record[f"fault{slot}_trigger"]]
+            assert got["start"] == record[f"fault{slot}_start_ms"]
+            assert got["every"] == record[f"fault{slot}_every_ms"]
+            assert got["period"] == record[f"fault{slot}_period_ms"]
+            duration = record[f"fault{slot}_duration_ms"]
+            assert got["duration"] == (2**30 if duration == -1 else duration)
+            if site != "network":
+                assert got["effect"] == EFFECT_CODES[record[f"fault{slot}_effect"]]
+                assert got["value"] == record[f"fault{slot}_value"]
+
+
+def test_network_effects_are_overwrites(runs):
+    injection = table.injection(runs)
+    net = runs[runs["group"] == "net"]
+    arrays, targets = table.arrays(net, injection), table.targets(injection)
+    assert [targets[code - 1][2] for code in arrays["code"][:, 0]] == ["lost", "lag", "lag"]
+    assert arrays["value"][:, 0].tolist() == [1.0, 1.0, 7.0]
+    assert set(arrays["effect"][:, 0]) == {EFFECT_CODES["overwrite"]}
+
+
+def test_types(runs):
+    arrays = table.arrays(runs, table.injection(runs))
+    assert arrays.pop("value").dtype == np.float32
+    assert arrays.pop("key").dtype == np.uint32
+    assert {values.dtype.name for values in arrays.values()} == {"int32"}
+
+
+def test_keys_belong_to_run_and_slot_not_to_the_place(runs):
+    injection = table.injection(runs)
+    keys = table.arrays(runs, injection)["key"]
+    assert len(set(keys.ravel().tolist())) == keys.size
+    backwards = table.arrays(runs.iloc[::-1], injection)["key"]
+    assert (backwards[::-1] == keys).all()
+
+
+def test_rows_of_a_part_are_those_of_the_whole(runs):
+    """Whatever rows are taken together, each has the same entries."""
+    injection = table.injection(runs)
+    whole, part = table.arrays(runs, injection), table.arrays(runs.iloc[5:9], injection)
+    assert all((part[name] == values[5:9]).all() for name, values in whole.items())
+
+
+def test_parameters():
+    sweep = {"name": "free", "parameters": {"plant.a": [1, 2]}}
+    runs = design.expand(loading.from_dict({**CONFIG, "group": [sweep, {"name": "other"}]}))
+    assert list(table.parameters(runs)) == ["plant.a"]
+    assert np.array_equal(table.parameters(runs)["plant.a"], [1.0, 2.0, np.nan], equal_nan=True)

@@ -1,0 +1,103 @@
+"""The command line: help is fast, errors are one message and code 2, lists are complete."""
+
+import subprocess
+import sys
+import time
+
+import pytest
+
+from ravenjax import cli
+from ravenjax.robot.sites import SITES
+from ravenjax.stages.faults.vocabulary import EFFECTS, TRIGGERS
+
+
+@pytest.fixture
+def run(capsys, monkeypatch):
+    """(code, stdout, stderr) of a command line, on a wide terminal."""
+    monkeypatch.setattr(cli, "_out", type(cli._out)(width=400))
+    monkeypatch.setattr(cli, "_err", type(cli._err)(width=400, stderr=True))
+
+    def run(*tokens):
+        code = cli.main(list(tokens))
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return run
+
+
+def test_help_and_version_are_fast_and_import_nothing_slow():
+    code = (
+        "import sys; from ravenjax import cli; cli.main(['--help']); cli.main(['--version']);"
+        "slow = {'jax', 'mujoco', 'pandas', 'scipy', 'plotly', 'pydantic'} & set(sys.modules); sys.exit(len(slow))"
+    )
+    begin = time.perf_counter()
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert time.perf_counter() - begin < 2.0  # 0.2 s alone; the machine may be busy
+    for command in ("run", "report", "trace", "campaigns", "faults", "parameters", "doctor"):
+        assert command in done.stdout
+
+
+def test_faults_lists_every_word(run):
+    code, out, _ = run("faults")
+    assert code == 0
+    words = out.split()
+    for word in (*SITES, *EFFECTS, *TRIGGERS):
+        assert word in words, word
+
+
+def test_campaigns_lists_the_bundled_ones_with_their_runs(run):
+    code, out, _ = run("campaigns")
+    assert code == 0
+    assert "quick.toml" in out and "2388" in out and "seed_burst.toml" in out
+
+
+@pytest.mark.parametrize(
+    "tokens, parts",
+    [
+        (["run", "quik.toml"], ["Did you mean 'quick.toml'"]),
+        (["run", "quick.toml", "--set", "campaign.sed=1"], ["--set: campaign.sed: unknown key", "Did you mean 'seed'"]),
+        (["run", "quick.toml", "--chunk", "0"], ["--set: campaign.chunk: got 0"]),
+        (["rn"], ['Did you mean "run"']),
+        (["run"], ["requires an argument"]),
+    ],
+)
+def test_user_errors_are_messages_with_code_2(run, tokens, parts):
+    code, out, err = run(*tokens)
+    assert code == 2
+    for part in parts:
+        assert part in err or part in out
+    assert "Traceback" not in err + out
+
+
+def test_a_bug_is_not_hidden(monkeypatch):
+    from ravenjax.campaign import loading
+
+    def broken(*_):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(loading, "load", broken)
+    with pytest.raises(ZeroDivisionError):
+        cli.main(["run", "quick.toml"])
+
+
+def test_interrupt_says_how_to_go_on(run, monkeypatch):
+    from ravenjax.campaign import loading
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(loading, "load", interrupted)
+    code, _, err = run("run", "quick.toml")
+    assert code == 130 and "same command goes on" in err
+
+
+def test_doctor(run):
+    code, out, _ = run("doctor")
+    assert "jax computes" in out and "cpu:0" in out
+    assert code == int("FAILED" in out)
+
+
+def test_report_of_a_folder_without_results(run, tmp_path):
+    code, _, err = run("report", str(tmp_path))
+    assert code == 2 and str(tmp_path) in err
