@@ -268,7 +268,10 @@ def outcomes(setup: Setup, params: Params, state: State) -> dict[str, Scalar]:
     """What became of the run so far; columns of the result table before the verdict."""
     out: dict[str, Scalar] = {}
     first, ticks = jnp.int32(-1), jnp.int32(0)
-    for slot in state.faults.slots:
+    for k, slot in enumerate(state.faults.slots):
+        out[f"applied{k}_first_ms"] = slot.first_tick
+        out[f"applied{k}_last_ms"] = slot.last_tick
+        out[f"applied{k}_ticks"] = slot.changed_ticks
         earlier = (slot.first_tick >= 0) & ((first < 0) | (slot.first_tick < first))
         first = jnp.where(earlier, slot.first_tick, first)
         ticks = ticks + slot.changed_ticks

@@ -9,17 +9,18 @@ OUTCOMES = {
     "stopped": "stopped by a built-in check",
     "flagged": "flagged by a built-in check, not stopped",
     "felt": "no check responded, the haptic cue fired",
-    "unseen": "no check responded, no cue fired, yet the instrument jumped",
-    "quiet": "no check responded, no cue, no jump",
+    "unseen": "no check responded, no cue fired, yet the instrument jumped or left the model by more than the threshold",
+    "quiet": "no check responded, no cue, no such motion",
     "failed": "the run gave no valid outcome",
 }
 """Each run has exactly one of these outcomes; "felt" is what evaded the checks and tripped the cue."""
 
 
-def derive(frame: pd.DataFrame, cue: int = 0) -> pd.DataFrame:
-    """One row per run, the index of `frame` kept; `cue` is the haptic set of the verdicts.
+def derive(frame: pd.DataFrame, cue: int = 0, threshold_mm: float = 3.0) -> pd.DataFrame:
+    """One row per run, the index of `frame` kept; `cue` is the haptic set of the verdicts, `threshold_mm` its own.
 
-    Columns: run_id, group, faulty, activated, failed, response, haptic, jump (from the verdict), outcome (of OUTCOMES),
+    Columns: run_id, group, faulty, activated, failed, response, haptic, jump (from the verdict), moved (the true tip
+    left the nominal model by more than the threshold, which encoders need not see), outcome (of OUTCOMES),
     distinct (equal for runs that differ in seed alone), block (site and effect of the first fault), onset_ms,
     length_ms, magnitude (of the first fault), active_ms, cue_ms, response_ms (-1 where never).
     """
@@ -38,6 +39,7 @@ def derive(frame: pd.DataFrame, cue: int = 0) -> pd.DataFrame:
             "response": response,
             "haptic": haptic == "haptic",
             "jump": jump == "jump",
+            "moved": (frame["peak_model_deviation_mm"] > threshold_mm).to_numpy(),
             "active_ms": frame["first_active_ms"],
             "cue_ms": frame[f"cue{cue}_first_ms"],
             "response_ms": frame["response_ms"],
@@ -46,7 +48,7 @@ def derive(frame: pd.DataFrame, cue: int = 0) -> pd.DataFrame:
     )
     silent = facts["response"] == "silent"
     facts["outcome"] = np.select(
-        [facts["failed"], ~silent, facts["haptic"], facts["jump"]],
+        [facts["failed"], ~silent, facts["haptic"], facts["jump"] | facts["moved"]],
         ["failed", facts["response"], "felt", "unseen"],
         "quiet",
     )

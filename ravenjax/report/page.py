@@ -35,7 +35,8 @@ def build(folder: Path) -> Path:
 
 def render(frame: pd.DataFrame, manifest: Manifest, folder: Path) -> str:
     """The page of a result table; `folder` is what the replay commands name."""
-    facts = run_facts.derive(frame, manifest.verdict_cue)
+    cue = manifest.cues[manifest.verdict_cue] if manifest.cues else None
+    facts = run_facts.derive(frame, manifest.verdict_cue, cue.threshold_mm if cue else 3.0)
     faulty = facts.loc[facts["faulty"]]
     curves, timing = figures.incidence_curves(facts, manifest)
     return (
@@ -43,7 +44,7 @@ def render(frame: pd.DataFrame, manifest: Manifest, folder: Path) -> str:
         .get_template("page.html.j2")
         .render(
             manifest=manifest,
-            cue=manifest.cues[manifest.verdict_cue] if manifest.cues else None,
+            cue=cue,
             jump=next(c.meaning for c in schema.columns(manifest.shape) if c.name == manifest.verdict_jump),
             frame_rows=len(frame),
             head=tables.headline(facts),

@@ -40,6 +40,7 @@ def headline(facts: pd.DataFrame) -> dict[str, Any]:
     return {
         "evaded": rate(ever["evaded"]),
         "jumped": int(ever["jumped"].to_numpy().sum()),
+        "hidden": int(((outcomes == "unseen") & faulty["moved"]).sum()),
         "runs": len(faulty),
         "repeated": len(faulty) > len(ever),
         "failed": int((outcomes == "failed").sum()),

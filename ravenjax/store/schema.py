@@ -80,6 +80,7 @@ def columns(shape: Shape) -> tuple[Column, ...]:
         *_identity(),
         *(column for slot in range(shape.slots) for column in _fault(slot)),
         *(Column(f"param:{path}", "float64", "as the parameter", "varied parameter") for path in shape.parameters),
+        *(column for slot in range(shape.slots) for column in _applied(slot)),
         *_course(),
         *(column for check in shape.checks for column in _check(check)),
         *(column for cue in range(shape.cues) for column in _cue(cue)),
@@ -114,6 +115,13 @@ def _fault(slot: int) -> Iterator[Column]:
     yield Column(f"{name}duration_ms", "int32", "ms", "length of the fault window")
     yield Column(f"{name}every_ms", "int32", "ms", "period of the window, 0 if it comes once")
     yield Column(f"{name}period_ms", "int32", "ms", "period of effect periodic, 0 for others")
+
+
+def _applied(slot: int) -> Iterator[Column]:
+    name = f"applied{slot}_"
+    yield Column(f"{name}first_ms", "int32", "ms", "when this slot's fault first changed its channel, -1 if never")
+    yield Column(f"{name}last_ms", "int32", "ms", "when it last did, -1 if never")
+    yield Column(f"{name}ticks", "int32", "ticks", "how many ticks it did")
 
 
 def _course() -> Iterator[Column]:

@@ -99,7 +99,7 @@ def test_results_readme_describes_each_column():
     text = (Path(__file__).resolve().parents[2] / "results" / "README.md").read_text(encoding="utf-8")
     form = schema.Shape(arms=("<arm>",), joints=("<joint>",), checks=("<check>",), parameters=("<path>",))
     for column in schema.columns(form):
-        name = re.sub("^(fault|cue)0", r"\1<k>", column.name)
+        name = re.sub("^(fault|cue|applied)0", r"\1<k>", column.name)
         assert f"| `{name}` | {column.dtype} |" in text
     assert all(f"| `{check}` | {unit} | {what} |" in text for check, (unit, what) in schema.CHECKS.items())
     assert f"schema version {schema.VERSION} " in text
