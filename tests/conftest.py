@@ -7,6 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+settings.register_profile("ravenjax", deadline=None)  # the first example of a traced function pays for compiling it
+settings.load_profile("ravenjax")
 
 ROOT = Path(__file__).resolve().parent.parent
 
