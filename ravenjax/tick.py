@@ -224,14 +224,17 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
 # --- its beginning and end ---
 
 
-def params(setup: Setup, start_jpos: tuple[tuple[float, ...], ...]) -> Params:
-    """Every parameter at its documented value, for a run that begins at `start_jpos` (7 joints per arm, rad and m)."""
+def params(setup: Setup, start_jpos: tuple[tuple[float, ...], ...], parameter_set: str = "traj3") -> Params:
+    """Every parameter at its documented value, for a run that begins at `start_jpos` (7 joints per arm, rad and m).
+
+    parameter_set: of joints 1-3 of the virtual robot, a name of `published.SETS`.
+    """
     return Params(
         operator=operator.params(setup, start_jpos),
         network=NetworkParams(np.int32(1)),
         control=control.params(setup),
         plc=plc.params(setup),
-        plant=per_arm(setup, lambda _, arm: plant.params(setup, arm)),
+        plant=per_arm(setup, lambda _, arm: plant.params(setup, arm, parameter_set)),
         nominal=per_arm(setup, lambda _, arm: nominal.params(setup, arm)),
         haptics=haptics.params(setup),
         monitor=monitor.params(setup),

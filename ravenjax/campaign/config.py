@@ -36,6 +36,9 @@ class Campaign(Section):
     level: Literal["beginner", "moderate", "advanced", "fork2015"] | None = Field(
         default=None, description="overdrive DAC limits; default moderate for raven2, fork2015 for the fork"
     )
+    parameter_set: Literal["traj3", "A", "B", "C", "D", "E", "matlab_main", "matlab_global"] = Field(
+        "traj3", description="published parameters of the virtual robot's first three joints"
+    )
     noise: bool = Field(default=False, description="draw encoder and torque noise")
     substeps: int = Field(default=1, ge=1, le=100, description="plant steps per 1 ms tick")
     limit: int | None = Field(default=None, ge=1, description="compute only so many runs, the first of the table")

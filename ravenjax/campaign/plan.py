@@ -120,7 +120,7 @@ def known_parameters(params: Any, setup: Setup) -> list[str]:
 
 
 def _params(config: CampaignConfig, setup: Setup, motion: Motion) -> tick.Params:
-    params = tick.params(setup, motion.start_jpos)
+    params = tick.params(setup, motion.start_jpos, config.campaign.parameter_set)
     operator = replace(params.operator, scale=config.operator.scale)
     level, policy = config.campaign.level, POLICIES[config.campaign.policy]
     control = replace(params.control, overdrive=overdrive.params(setup, level, policy))
