@@ -5,7 +5,8 @@
     output.dac[0], output.output_pins, output.signals.runlevel
 
 Put your own plant or hardware behind it. It is the tick's own control software, evaluated in the original's mixed
-arithmetic (float32 stored, float64 in between) one operation at a time: see `ravenjax.engines.scalar`.
+arithmetic (float32 stored, float64 in between), in the original's order (`ravenjax.robot.evaluation`), one operation at
+a time (`ravenjax.engines.scalar`): every number equals the original's.
 """
 
 from __future__ import annotations

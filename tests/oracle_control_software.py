@@ -19,12 +19,14 @@ from oracle_kinematics import (
     forward,
     inverse,
     invert,
+    invert_matrix,
     joint_to_theta,
     links,
     matrix_of,
     multiply,
     product,
     quaternion_of,
+    rotate,
     select,
     theta_to_joint,
 )
@@ -298,7 +300,7 @@ class Loop:
         value = float32(j.enc_val)
         if j.enc_sign < 0:
             value = -value
-        angle = float32(2.0 * float(PI_F) * (1.0 / 4000.0) * (float(value) - float(float32(j.enc_offset))))
+        angle = float32(2.0 * float(PI_F) * (1.0 / 4000.0) * float(value - float32(j.enc_offset)))
         if j.history is None:
             j.history = [[angle] * 3, [angle] * 3]
         x, y = j.history
@@ -314,16 +316,20 @@ class Loop:
 
     def forward_coupling(self, m):
         q = m.joint
-        q[SH].jpos = float32(float(q[SH].mpos) / float(TR[SH]))
-        q[EL].jpos = float32(float(q[EL].mpos) / float(TR[EL]) - float(C01 * q[SH].jpos))
-        z = float(q[ZI].mpos) / float(TR[ZI]) - float(C02 * q[SH].jpos) - float(C12 * q[EL].jpos)
+
+        def per(k):
+            return 1.0 / float(TR[k])
+
+        q[SH].jpos = float32(per(SH) * float(q[SH].mpos))
+        q[EL].jpos = float32(per(EL) * float(q[EL].mpos) - float(C01 * q[SH].jpos))
+        z = per(ZI) * float(q[ZI].mpos) - float(C02 * q[SH].jpos) - float(C12 * q[EL].jpos)
         q[ZI].jpos = float32(z)
         share = float(q[ZI].mpos) / GB
-        q[RO].jpos = float32((float(q[RO].mpos) - m.s * share) / float(TR[RO]))
-        q[WR].jpos = float32((float(q[WR].mpos) - m.s * share) / float(TR[WR]))
+        q[RO].jpos = float32(per(RO) * (float(q[RO].mpos) - m.s * share))
+        q[WR].jpos = float32(per(WR) * (float(q[WR].mpos) - m.s * share))
         bend = float(m.kappa * q[WR].jpos)
-        q[G1].jpos = float32((float(q[G1].mpos) - m.s6 * share) / float(TR[G1]) - bend)
-        q[G2].jpos = float32((float(q[G2].mpos) - m.s * share) / float(TR[G2]) + bend)
+        q[G1].jpos = float32(per(G1) * (float(q[G1].mpos) - m.s6 * share) - bend)
+        q[G2].jpos = float32(per(G2) * (float(q[G2].mpos) - m.s * share) + bend)
 
     def inverse_coupling(self, m):
         q = m.joint
@@ -349,7 +355,8 @@ class Loop:
         limited = False
         for k in range(5):
             lo, hi = (0.23, 0.56) if k == 2 else (low[k] * DEG, high[k] * DEG)
-            lo, hi = float(float32(lo)), float(float32(hi))
+            if not (self.fork and k == 3):  # the fork's roll limit is a literal, not a stored float
+                lo, hi = float(float32(lo)), float(float32(hi))
             if js[k] <= lo:
                 js[k], limited = lo, True
             elif js[k] >= hi:
@@ -386,7 +393,7 @@ class Loop:
         g = [-float(float32(9.8)), 0.0, 0.0]
         gs = []
         for r, _ in parts[:3]:
-            g = [r[0][i] * g[0] + r[1][i] * g[1] + r[2][i] * g[2] for i in range(3)]
+            g = rotate(invert_matrix(r), g)
             gs.append(g)
         com3_2 = apply(parts[2], [0.0, 0.0, 0.0])
         com2_1, com3_1 = apply(parts[1], com2), apply(parts[1], com3_2)
@@ -398,7 +405,7 @@ class Loop:
         t2 = -sum(about_z(c, [w * x for x in gs[1]]) for c, w in zip((com2, com3_2), mass[1:], strict=True))
         f3 = -mass[2] * gs[2][2]
         for k, effort in zip((SH, EL, ZI), (t1, t2, f3), strict=True):
-            m.joint[k].tau_g = float32(effort / TR_DOUBLE[k] * GP42)
+            m.joint[k].tau_g = float32(effort / float(TR[k]) * GP42)
 
     def control_raven(self):
         self.init_robot()

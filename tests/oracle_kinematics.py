@@ -9,7 +9,7 @@ import math
 
 GOLD, GREEN = 0, 1
 DEG = math.pi / 180.0
-LA12, LA23, D4, LW = 75 * DEG, 52 * DEG, -0.47, 0.013
+LA12, LA23, D4, LW = 75 * math.pi / 180, 52 * math.pi / 180, -0.47, 0.013
 GM1, GM2, GM3, GM4 = math.sin(LA12), math.cos(LA12), math.sin(LA23), math.cos(LA23)
 
 
@@ -30,7 +30,26 @@ def apply(t, p):
 def invert(t):
     r, p = t
     rt = [[r[j][i] for j in range(3)] for i in range(3)]
-    return rt, [-(rt[i][0] * p[0] + rt[i][1] * p[1] + rt[i][2] * p[2]) for i in range(3)]
+    return rt, apply((rt, [0.0] * 3), [-x for x in p])
+
+
+def cofactor(m, r1, c1, r2, c2):
+    return m[r1][c1] * m[r2][c2] - m[r1][c2] * m[r2][c1]
+
+
+def invert_matrix(m):
+    """By cofactors, as tf does even where the matrix is a rotation."""
+    first = [cofactor(m, 1, 1, 2, 2), cofactor(m, 1, 2, 2, 0), cofactor(m, 1, 0, 2, 1)]
+    s = divide(1.0, m[0][0] * first[0] + m[0][1] * first[1] + m[0][2] * first[2])
+    return [
+        [first[0] * s, cofactor(m, 0, 2, 2, 1) * s, cofactor(m, 0, 1, 1, 2) * s],
+        [first[1] * s, cofactor(m, 0, 0, 2, 2) * s, cofactor(m, 0, 2, 1, 0) * s],
+        [first[2] * s, cofactor(m, 0, 1, 2, 0) * s, cofactor(m, 0, 0, 1, 1) * s],
+    ]
+
+
+def rotate(m, v):
+    return [m[i][0] * v[0] + m[i][1] * v[1] + m[i][2] * v[2] for i in range(3)]
 
 
 def dh(alpha, a, theta, d):
@@ -52,9 +71,10 @@ def links(arm, th):
 
 
 def chain(parts):
-    t = parts[0]
-    for part in parts[1:]:
-        t = multiply(t, part)
+    """From the last link to the first: the original multiplies on its way back from a recursion."""
+    t = parts[-1]
+    for part in reversed(parts[:-1]):
+        t = multiply(part, t)
     return t
 
 
@@ -88,16 +108,21 @@ def divide(a, b):
     return a / b
 
 
+def norm(v):
+    return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+
+
 def inverse(arm, t06):
     """Eight (theta, valid); the return code."""
     solutions = [[[0.0] * 6, True] for _ in range(8)]
     _, p = invert(t06)
-    length = math.sqrt(p[0] * p[0] + p[1] * p[1])
-    u = [divide(p[0], length), divide(p[1], length), 0.0]
+    p[2] = 0.0
     wrists, insertions = [], []
     for a in (0, 1):
-        wrists.append(apply(t06, [(-1 + 2 * a) * LW * x for x in u]))
-        insertions.append(math.sqrt(sum(x * x for x in wrists[a])))
+        s = divide(1.0, norm(p))
+        p = [x * s for x in p]  # in place: the second side normalises what the first has normalised
+        wrists.append(apply(t06, [x * ((-1 + 2 * a) * LW) for x in p]))
+        insertions.append(norm(wrists[a]))
     for a in (0, 1):
         if insertions[a] <= LW:
             for i in range(4):
@@ -111,25 +136,23 @@ def inverse(arm, t06):
         p05 = wrists[i // 4]
         d = th[2] + D4
         z = p05[2]
-        cosine = ((-z / d - GM2 * GM4) if gold else (z / d + GM2 * GM4)) / (GM1 * GM3)
+        cosine = 1 / (GM1 * GM3) * (divide(-z, d) - GM2 * GM4 if gold else divide(z, d) + GM2 * GM4)
         if 1.0 < cosine < 1.0 + 1e-5:
             cosine = 1.0
         elif -1.0 - 1e-5 < cosine < -1.0:
             cosine = -1.0
-        if not -1.0 <= cosine <= 1.0:
+        if cosine > 1.0 or cosine < -1.0:
             solutions[i][1] = False
             continue
         th[1] = math.acos(cosine) * (1 if i % 2 == 0 else -1)
         bb1 = math.sin(th[1]) * GM3
-        x, y = p05[0] / d, p05[1] / d
         if gold:
             bb2 = math.cos(th[1]) * GM2 * GM3 - GM1 * GM4
-            det = bb1 * bb1 + bb2 * bb2
-            c1, s1 = (bb1 * x - bb2 * y) / det, (bb2 * x + bb1 * y) / det
+            b = [[bb1, bb2, 0.0], [-bb2, bb1, 0.0], [0.0, 0.0, 1.0]]
         else:
             bb2 = math.cos(th[1]) * GM2 * GM3 + GM1 * GM4
-            det = -bb1 * bb1 - bb2 * bb2
-            c1, s1 = (-bb1 * x - bb2 * y) / det, (-bb2 * x + bb1 * y) / det
+            b = [[bb1, bb2, 0.0], [bb2, -bb1, 0.0], [0.0, 0.0, 1.0]]
+        c1, s1, _ = (x * divide(1, d) for x in rotate(invert_matrix(b), [p05[0], p05[1], 0.0]))
         th[0] = math.atan2(s1, c1)
         parts = links(arm, th)
         t03 = chain(parts[:3])
@@ -138,13 +161,13 @@ def inverse(arm, t06):
         if abs(c5) > 1e-5:
             c4, s4 = p36[0] / (LW * c5), p36[1] / (LW * c5)
         else:
-            c4, s4 = r36[0][2] / s5, r36[1][2] / s5
+            c4, s4 = divide(r36[0][2], s5), divide(r36[1][2], s5)
         th[3], th[4] = math.atan2(s4, c4), math.atan2(s5, c5)
         if abs(s5) > 1e-5:
             c6, s6 = r36[2][0] / s5, -r36[2][1] / s5
         else:
-            parts = links(arm, th)
-            r56, _ = multiply(invert(chain(parts[:5])), t06)
+            t05 = multiply(t03, chain(links(arm, th)[3:5]))
+            r56, _ = multiply(invert(t05), t06)
             c6, s6 = r56[0][0], r56[2][0]
         th[5] = math.atan2(s6, c6)
     return solutions, 0
@@ -156,11 +179,12 @@ def select(solutions, ref):
     for th, valid in solutions:
         if not valid:
             continue
-        if ref[3] - th[3] > 300 * DEG:
-            th[3] += 2 * math.pi
-        elif ref[3] - th[3] < -300 * DEG:
-            th[3] -= 2 * math.pi
-        cost = sum((ref[k] - th[k]) ** 2 for k in (0, 1, 3, 4, 5)) + (100 * (ref[2] - th[2])) ** 2
+        if abs(ref[3] - th[3]) > 300 * DEG:
+            th[3] += 2 * math.pi if ref[3] > th[3] else -2 * math.pi
+        cost = 0.0
+        for k in range(6):
+            gap = (100 if k == 2 else 1) * (ref[k] - th[k])
+            cost += gap * gap
         if cost < least:
             best, least = th, cost
     return None if best is None or least > math.pi else best

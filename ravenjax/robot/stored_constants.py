@@ -52,7 +52,12 @@ class JointLimits(NamedTuple):
 
 
 def joint_limits(setup: Setup) -> JointLimits:
-    """The software's limits: those of the first mechanism's tool serve every arm."""
+    """The software's limits: those of the first mechanism's tool serve every arm.
+
+    All are stored as float32, but for the fork's roll: that is a literal of its r2_kinematics.cpp, and a double.
+    """
     (*lower, lowest_yaw), upper = limits.soft_limits(setup.tools[0], setup.software)
-    ranges = tuple((float32(low), float32(high)) for low, high in zip(lower, upper[:5], strict=True))
-    return JointLimits(ranges, None if lowest_yaw is None else float32(lowest_yaw))
+    ranges = [(float32(low), float32(high)) for low, high in zip(lower, upper[:5], strict=True)]
+    if setup.software == "fork2015":
+        ranges[3] = (lower[3], upper[3])
+    return JointLimits(tuple(ranges), None if lowest_yaw is None else float32(lowest_yaw))

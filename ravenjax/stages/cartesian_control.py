@@ -12,8 +12,9 @@ from functools import reduce
 import jax.numpy as jnp
 import numpy as np
 
-from ravenjax.robot import check, kinematics, stored_pose
+from ravenjax.robot import check, stored_pose
 from ravenjax.robot.check import Check
+from ravenjax.robot.evaluation import evaluation
 from ravenjax.robot.inverse import COST_LIMIT, REJECTED
 from ravenjax.robot.stored_constants import joint_limits
 from ravenjax.robot.stored_pose import StoredPose
@@ -63,7 +64,7 @@ def init(setup: Setup, jpos: tuple[Vec, ...]) -> State:
 
 def measure(setup: Setup, arm: ArmName, jpos: Vec) -> StoredPose:
     """Pose of the tip at measured joints, as stored. The jaws' difference and sum are rounded before they are used."""
-    pose = kinematics.forward(arm, wide(setup, jpos), _yaw(setup, jpos))
+    pose = evaluation(setup).forward(arm, wide(setup, jpos), _yaw(setup, jpos))
     return stored_pose.store(setup, pose, to_int32((jpos[5] + jpos[6]) * 1000.0))
 
 
@@ -96,6 +97,7 @@ def solve(
     setup: Setup, params: Params, state: State, tick: Scalar, active: Scalar, jpos: tuple[Vec, ...]
 ) -> tuple[State, Scalar]:
     """Inverse kinematics of all arms where `active`; returns the state and whether any target was clamped (bool)."""
+    forward, inverse, *_ = evaluation(setup)
     proceed = active
     clamped = []
     arms = []
@@ -103,13 +105,13 @@ def solve(
         old = state[i]
         opening = wide(setup, old.pos_d.grasp_mrad) / 1000.0
         target = stored_pose.load(setup, old.pos_d)
-        ik = kinematics.inverse(arm, target, opening, _reference(setup, jpos[i]))
+        ik = inverse(arm, target, opening, _reference(setup, jpos[i]))
         accepted = ik.status != REJECTED
         rejected = proceed & ~accepted
         solved = proceed & accepted
         within, beyond, spare = _clamp(setup, params, ik.jpos, ik.yaw)
         limited = solved & beyond
-        reached = kinematics.forward(arm, within, within[5])
+        reached = forward(arm, within, within[5])
         pose = stored_pose.store(setup, reached, old.pos_d.grasp_mrad)
         targets = narrow(setup, Vec((*within[:5], *ik.jpos[5:])))
         reject_margin = jnp.where(proceed, real(setup, COST_LIMIT - ik.cost), np.inf)

@@ -48,7 +48,7 @@ def step(setup: Setup, arm: ArmName, tool: str, params: Params, state: State, en
     """One sample of one arm; returns the state, mpos (rad) and mvel (rad/s)."""
     signs = transmission.encoder_signs(arm, tool, setup.software)
     counts = narrow(setup, enc_val) * signs
-    angle = narrow(setup, RAD_PER_COUNT * (wide(setup, counts) - wide(setup, narrow(setup, params.enc_offset))))
+    angle = narrow(setup, RAD_PER_COUNT * wide(setup, counts - narrow(setup, params.enc_offset)))
     started = state.started != 0
     filled = [old.map(lambda a, b: jnp.where(started, a, b), angle) for old in (*state.inputs, *state.outputs)]
     if setup.software == "raven2":
@@ -63,9 +63,9 @@ def step(setup: Setup, arm: ArmName, tool: str, params: Params, state: State, en
 
 
 def joints(setup: Setup, arm: ArmName, tool: str, mpos: Vec) -> Vec:
-    """Joint positions (rad, m). Quotients and sums in the wide type, products of a coupling constant and a rounded
-    joint in the narrow one, one rounding per joint."""
-    ratio, kappa = stored.TR, stored.wrist_coupling(tool)
+    """Joint positions (rad, m). Products with a reciprocal ratio and sums in the wide type, products of a coupling
+    constant and a rounded joint in the narrow one, one rounding per joint."""
+    per, kappa = stored.TR.map(lambda ratio: 1.0 / ratio), stored.wrist_coupling(tool)
     signs = transmission.coupling_signs(arm, tool, setup.software)
     motor = wide(setup, mpos)
     share = motor[2] / stored.GB_RATIO
@@ -74,11 +74,11 @@ def joints(setup: Setup, arm: ArmName, tool: str, mpos: Vec) -> Vec:
         return narrow(setup, value)
 
     def tool_joint(i: int) -> Scalar:
-        return (motor[i] - share if signs[i - 3] > 0 else motor[i] + share) / ratio[i]
+        return per[i] * (motor[i] - share if signs[i - 3] > 0 else motor[i] + share)
 
-    shoulder = rounded(motor[0] / ratio[0])
-    elbow = rounded(motor[1] / ratio[1] - wide(setup, stored.C01 * shoulder))
-    insertion = rounded(motor[2] / ratio[2] - wide(setup, stored.C02 * shoulder) - wide(setup, stored.C12 * elbow))
+    shoulder = rounded(per[0] * motor[0])
+    elbow = rounded(per[1] * motor[1] - wide(setup, stored.C01 * shoulder))
+    insertion = rounded(per[2] * motor[2] - wide(setup, stored.C02 * shoulder) - wide(setup, stored.C12 * elbow))
     roll = rounded(tool_joint(3))
     wrist = rounded(tool_joint(4))
     grasp1, grasp2 = tool_joint(5), tool_joint(6)

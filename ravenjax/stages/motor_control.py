@@ -9,8 +9,9 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
-from ravenjax.robot import gravity, transmission
 from ravenjax.robot import stored_constants as stored
+from ravenjax.robot import transmission
+from ravenjax.robot.evaluation import evaluation
 from ravenjax.types import ArmName, Scalar, Setup, Vec, narrow, record, where, wide
 
 
@@ -108,7 +109,7 @@ def torques(
     tau = law.map(lambda t: jnp.where(pedal_down, t, 0.0))
     tau_g = state.tau_g
     if setup.software == "raven2":
-        lift = narrow(setup, gravity.gravity_torque(arm, wide(setup, jpos), gravity.GRAVITY_AS_STORED))
+        lift = narrow(setup, evaluation(setup).gravity_torque(arm, wide(setup, jpos)))
         tau = Vec((*(Vec(tau[:3]) + lift), *tau[3:]))
         tau_g = where(active, lift, tau_g)
     return State(where(active, mpos_d, state.mpos_d), integral, where(active, tau, state.tau_d), tau_g)

@@ -14,6 +14,7 @@ import numpy as np
 
 from ravenjax.robot import check, mapping
 from ravenjax.robot.check import Check
+from ravenjax.robot.evaluation import evaluation
 from ravenjax.robot.packet import Packet
 from ravenjax.robot.stored_pose import StoredPose
 from ravenjax.types import (
@@ -85,7 +86,7 @@ def init(setup: Setup, poses: tuple[StoredPose, ...]) -> State:
 
 
 def _quaternion(setup: Setup, pose: StoredPose) -> Vec:
-    return mapping.quat_from_matrix(wide(setup, pose.rotation))
+    return evaluation(setup).quat_from_matrix(wide(setup, pose.rotation))
 
 
 def accumulate(setup: Setup, params: Params, state: State, accepted: Scalar, packet: Packet) -> State:
@@ -106,7 +107,7 @@ def _added(setup: Setup, arm: ArmName, params: Params, old: Accumulator, packet:
     # The original conjugates a homogeneous transform: a row of NaN makes its translation NaN, cast to INT32_MIN.
     moves = mapping.position_from_itp(arm, packet.delta[i])
     moves = moves.map(lambda p, row: jnp.where((row[0] + row[1] + row[2]) * 0.0 == 0.0, p, INT32_MIN), increment)
-    quaternion = mapping.quat_mul(mapping.quat_from_matrix(increment), old.quaternion)
+    quaternion = mapping.quat_mul(evaluation(setup).quat_from_matrix(increment), old.quaternion)
     opening = old.pose.grasp_mrad - params.grasp_gain * packet.grasp[i]
     opening = jnp.where(
         opening > params.grasp_max_mrad,

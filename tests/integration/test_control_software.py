@@ -38,6 +38,7 @@ class Pair:
         plc=True,
         bad=True,
         calm=False,
+        wrist_rad=0.0,
     ):
         tool = tool or ("r_grasper" if software == "raven2" else "r_grasper_B")
         self.rng, self.calm = random.Random(seed), calm
@@ -47,6 +48,7 @@ class Pair:
         number = ("none", "soft", "hard").index(policy)
         fork, limits = software == "fork2015", level or "moderate"
         self.old = oracle.Loop([ARMS[a] for a in arms], self.options[2], fork, number, limits, plc, self.start)
+        self.wrist_rad = wrist_rad
         self.motors = [self.at_home(mech) for mech in self.old.mech]
         for mech in self.old.mech:
             mech.joint[oracle.ZI].mpos = np.float32(0)
@@ -64,9 +66,9 @@ class Pair:
         return ControlSoftware(*self.options, runlevel=self.start, params=obey, **changed)
 
     def at_home(self, mech):
-        """Motors at the home pose, but for the wrist: a straight one is a case of its own, see assert_equal."""
+        """Motors at the home pose, but for the wrist where told."""
         mech = copy.deepcopy(mech)
-        mech.joint[oracle.WR].jpos_d = np.float32(0.2)
+        mech.joint[oracle.WR].jpos_d = np.float32(self.wrist_rad)
         self.old.inverse_coupling(mech)  # positioning joints; the tool motors follow the insertion motor
         mech.joint[oracle.ZI].mpos = mech.joint[oracle.ZI].mpos_d
         self.old.inverse_coupling(mech)
@@ -119,15 +121,17 @@ class Pair:
             assert list(arm.pos.position_um) == list(mech.pos), where
             assert list(arm.pos_d.position_um) == list(mech.pos_d), where
             assert (arm.pos.grasp_mrad, arm.pos_d.grasp_mrad) == (mech.grasp, mech.grasp_d), where
-            for name in FLOATS:
-                for k, value in zip(oracle.USED, getattr(arm, name), strict=True):
+            assert_rotations_equal(arm.pos.rotation, mech.R, where)
+            assert_rotations_equal(arm.pos_d.rotation, mech.R_d, where)
+            for name in FLOATS if old.fork else (*FLOATS, "tau_g"):
+                for k, value in zip(oracle.USED, getattr(arm, name), strict=False):  # tau_g: three of them
                     expected = getattr(mech.joint[k], name)
-                    # Angles of the inverse kinematics come from another order of float64 operations, so a rounding to
-                    # float32 may fall the other way. With the wrist straight, the original's roll is a quotient of two
-                    # numbers that are nearly all rounding error.
-                    loose = 1e-9 if k == oracle.RO and abs(arm.jpos_d[4]) < 0.02 else 1e-12
-                    near = name == "jpos_d" and abs(value - expected) <= max(loose, np.spacing(abs(expected)))
-                    assert near or value == expected, f"{where}: {name}[{k}] {value!r}, expected {expected!r}"
+                    assert value == expected, f"{where}: {name}[{k}] {value!r}, expected {expected!r}"
+
+
+def assert_rotations_equal(rows, expected, where):
+    """Number for number; all-zero quaternions make NaN of both."""
+    assert np.array_equal(np.array(rows, np.float32), np.array(expected, np.float32), equal_nan=True), where
 
 
 RUNS = {
@@ -154,8 +158,9 @@ def test_every_number_equals_the_original_order_of_statements(run):
 @pytest.mark.parametrize("run", list(RUNS))
 def test_long_runs_equal_the_original_order_of_statements(run):
     seen = {"clamped": 0, "stops": 0}
-    for part in range(10):  # a fork without PLC does not come back from its first stop
-        run_seen = Pair(**{**RUNS[run], "seed": 100 * part + RUNS[run]["seed"]}).compare(2000)
+    parts = 10 if RUNS[run].get("plc") is False else 1  # without PLC nothing comes back from the first stop
+    for part in range(parts):
+        run_seen = Pair(**{**RUNS[run], "seed": 100 * part + RUNS[run]["seed"]}).compare(20_000 // parts)
         seen = {name: seen[name] + run_seen[name] for name in seen}
     assert seen["clamped"] > 0
     assert seen["stops"] > 0
@@ -180,7 +185,8 @@ def _dac_differences(pair, ticks, closed):
 
 @pytest.mark.parametrize("closed", [False, True], ids=["open loop", "closed loop"])
 def test_float32_campaigns_stay_near_exact_arithmetic(closed, capsys):
-    differing, total, largest = _dac_differences(Pair(11, bad=False, calm=True), 2000, closed)
+    # A straight wrist leaves the roll to rounding errors, which are larger in float32.
+    differing, total, largest = _dac_differences(Pair(11, bad=False, calm=True, wrist_rad=0.2), 2000, closed)
     loop = "closed" if closed else "open"
     with capsys.disabled():
         print(

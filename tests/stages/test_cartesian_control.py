@@ -85,6 +85,13 @@ def test_each_joint_is_clamped_and_the_wanted_pose_follows(setup, joint, outside
     assert float(arm.joint_limit.margin) < 0
 
 
+def test_the_forks_roll_limit_is_a_double_and_the_others_are_float32():
+    for setup, roll in ((SETUP, float(np.float32(math.radians(182)))), (FORK, math.radians(150))):
+        limits = control.params(setup)
+        assert (limits.lower[3], limits.upper[3]) == (-roll, roll)
+        assert limits.upper[1] == float(np.float32(3 * math.pi / 4))
+
+
 def test_the_limits_of_the_first_tool_serve_both_arms():
     setup = Setup(arms=("gold", "green"), tools=("r_grasper", "bipolar_forceps"), precision=ORIGINAL)
     rest = (AWAY.replace(4, math.radians(67)),) * 2  # beyond the forceps' 65 deg, within the grasper's 70

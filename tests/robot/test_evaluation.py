@@ -1,0 +1,21 @@
+"""Which writing of the geometry a setup gets."""
+
+from __future__ import annotations
+
+import pytest
+
+from ravenjax.robot.evaluation import LITERAL, SHARING, evaluation
+from ravenjax.types import CAMPAIGN, ORIGINAL, REFERENCE, Precision, Setup
+
+
+@pytest.mark.parametrize(
+    ("precision", "expected"),
+    [
+        (ORIGINAL, LITERAL),
+        (Precision(narrow="float32", wide="float64"), LITERAL),  # whatever the width of the plant
+        (CAMPAIGN, SHARING),
+        (REFERENCE, SHARING),
+    ],
+)
+def test_only_the_originals_widths_get_its_order_of_operations(precision, expected):
+    assert evaluation(Setup(precision=precision)) is expected
