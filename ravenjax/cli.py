@@ -38,7 +38,7 @@ def run(
     file: str,
     *,
     out: Annotated[Path | None, Parameter(help="result folder; default results/NAME of the campaign")] = None,
-    engine: Annotated[str, Parameter(help="auto, xla or mjx")] = "auto",
+    engine: Annotated[str, Parameter(help="auto, simd, xla or mjx")] = "auto",
     overrides: Overrides = None,
     chunk: Annotated[int | None, Parameter(help="runs per part of the result")] = None,
     limit: Annotated[int | None, Parameter(help="compute only the first runs")] = None,

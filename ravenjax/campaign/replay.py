@@ -38,7 +38,8 @@ def replay(config: CampaignConfig, run: str | int, engine: str = "auto") -> Repl
     varied, harmless = ready.lanes([row], LANES, harmless=True)
     _, faults = ready.lanes([row], LANES)
     twin = Block(varied, harmless, None)
-    result, signals = selection.select(engine).trace(ready.program, twin, Block(varied, faults, None), ready.columns)
+    chosen = selection.select(engine, compile_cache.objects())
+    result, signals = chosen.trace(ready.program, twin, Block(varied, faults, None), ready.columns)
     found = {name: values[:1] for name, values in result.outcomes.items()}
     frame = outcomes.frame(config, ready.table.iloc[row : row + 1], pd.DataFrame(found), pd.DataFrame(found) * 0)
     return Replay(frame.iloc[0], series(ready.program.setup, signals))

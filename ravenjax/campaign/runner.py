@@ -61,7 +61,7 @@ def run_campaign(
     """
     compile_cache.enable()
     ready = plan.make(config)
-    chosen = selection.select(engine)
+    chosen = selection.select(engine, compile_cache.objects())
     folder = ResultFolder.open(out, _manifest(ready, chosen)) if out is not None else None
     chunk = config.campaign.chunk
     missing = (
@@ -140,6 +140,35 @@ def _batches(ready: Plan, missing: Sequence[range], kernel: Kernel | None) -> It
         yield batch
 
 
+Columns = dict[str, np.ndarray]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Twins:
+    """Fault-free twins, in ascending order of their numbers."""
+
+    numbers: np.ndarray  # int64 [twins]
+    reference: np.ndarray  # [twins, ticks, series]
+    outcomes: Columns  # outcome -> [twins]
+
+    def picked(self, numbers: np.ndarray) -> _Twins:
+        """Those of `numbers` (ascending) that are here."""
+        kept = np.isin(self.numbers, numbers)
+        outcomes = {name: values[kept] for name, values in self.outcomes.items()}
+        return _Twins(self.numbers[kept], self.reference[kept], outcomes)
+
+    def joined(self, more: list[_Twins]) -> _Twins:
+        """These and others."""
+        every = [twins for twins in (self, *more) if len(twins.numbers)]
+        numbers = np.concatenate([twins.numbers for twins in every])
+        order = np.argsort(numbers)
+        outcomes = {n: np.concatenate([twins.outcomes[n] for twins in every])[order] for n in every[0].outcomes}
+        return _Twins(numbers[order], np.concatenate([twins.reference for twins in every])[order], outcomes)
+
+
+_NO_TWINS = _Twins(np.zeros(0, np.int64), np.zeros((0, 0, 0)), {})
+
+
 class _Work:
     """One start of a campaign."""
 
@@ -153,14 +182,14 @@ class _Work:
         self.ticks_due = max(1, rows * ready.program.ticks)
         self._began = 0.0
         self._lock = threading.Lock()
-        self._twins: dict[int, tuple[np.ndarray, dict[str, np.generic]]] = {}
+        self._twins = _NO_TWINS
 
     def compile(self) -> None:
         """Trace and compile, before the clock of the runs starts."""
         self.report("compile")
         assert self.kernel is not None
         start = time.perf_counter()
-        varied, faults = self.ready.lanes([0], self.kernel.lanes)
+        varied, faults = self.ready.lanes(range(min(self.ready.runs, self.kernel.lanes)), self.kernel.lanes)
         self.kernel.prepare(Block(varied, faults, None), self.ready.columns)
         self.compile_s = time.perf_counter() - start
         self._began = time.perf_counter()
@@ -170,19 +199,27 @@ class _Work:
         """The result rows of each range, as soon as it is whole; every range is one part."""
         assert self.kernel is not None
         rows = np.concatenate([np.asarray(r) for r in ranges])
+        ends = np.cumsum([len(r) for r in ranges])
+        found: Columns = {}
+        done = np.zeros(len(rows), bool)
         with ThreadPoolExecutor(max_workers=max(1, self.engine.threads)) as pool:
             try:
                 self._run_twins(pool, rows)
-                done: dict[int, dict[str, np.generic]] = {}
-                pending = {pool.submit(self._faulty, block): block for block in _cut(rows, self.kernel.lanes)}
-                waiting = list(ranges)
+                places = _cut(np.arange(len(rows)), self.kernel.lanes)
+                pending = {pool.submit(self._faulty, rows[place]): place for place in places}
+                waiting = dict(enumerate(ends))
                 while pending:
                     finished, _ = wait(pending, return_when=FIRST_COMPLETED)
                     for future in finished:
-                        done.update(zip(pending.pop(future).tolist(), future.result(), strict=True))
-                    for part in [r for r in waiting if all(row in done for row in r)]:
-                        waiting.remove(part)
-                        yield self._frame(part, [done.pop(row) for row in part])
+                        place = pending.pop(future)
+                        for name, values in future.result().items():
+                            found.setdefault(name, np.zeros(len(rows), values.dtype))[place] = values
+                        done[place] = True
+                    for i, end in list(waiting.items()):
+                        part = slice(end - len(ranges[i]), end)
+                        if done[part].all():
+                            del waiting[i]
+                            yield self._frame(ranges[i], {name: values[part] for name, values in found.items()})
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
@@ -191,40 +228,43 @@ class _Work:
         """Make sure that the twin of each of `rows` is there, and no other."""
         assert self.kernel is not None
         numbers, first = np.unique(self.ready.twin[rows], return_index=True)
-        wanted = dict(zip(numbers.tolist(), rows[first].tolist(), strict=True))
-        self._twins = {number: twin for number, twin in self._twins.items() if number in wanted}
-        lacking = np.array([row for number, row in wanted.items() if number not in self._twins], dtype=np.int64)
+        self._twins = self._twins.picked(numbers)
+        lacking = rows[first[~np.isin(numbers, self._twins.numbers)]]
         blocks = _cut(lacking, self.kernel.lanes)
         with self._lock:
             self.ticks_due += len(blocks) * self.kernel.lanes * self.ready.program.ticks
-        futures: list[Future[None]] = [pool.submit(self._twin_block, block) for block in blocks]
-        for future in futures:
-            future.result()
+        futures: list[Future[_Twins]] = [pool.submit(self._twin_block, block) for block in blocks]
+        self._twins = self._twins.joined([future.result() for future in futures])
 
-    def _twin_block(self, rows: np.ndarray) -> None:
+    def _twin_block(self, rows: np.ndarray) -> _Twins:
         assert self.kernel is not None
         varied, faults = self.ready.lanes(rows, self.kernel.lanes, harmless=True)
         result = self.kernel.run(Block(varied, faults, None), self.ready.columns, self._advance)
-        for lane, row in enumerate(rows.tolist()):
-            outcome = {name: values[lane] for name, values in result.outcomes.items()}
-            self._twins[int(self.ready.twin[row])] = (result.reference[:, :, lane].copy(), outcome)
+        outcomes = {name: values[: len(rows)] for name, values in result.outcomes.items()}
+        reference = np.ascontiguousarray(np.moveaxis(result.reference[:, :, : len(rows)], 2, 0))
+        return _Twins(self.ready.twin[rows], reference, outcomes)
 
-    def _faulty(self, rows: np.ndarray) -> list[dict[str, np.generic]]:
+    def _faulty(self, rows: np.ndarray) -> Columns:
         assert self.kernel is not None
         lanes = self.kernel.lanes
-        numbers = self.ready.twin[rows][np.minimum(np.arange(lanes), len(rows) - 1)]
-        reference = np.stack([self._twins[int(number)][0] for number in numbers], axis=2)
+        index = np.searchsorted(self._twins.numbers, self.ready.twin[rows])
+        if (index == index[0]).all():
+            one = self._twins.reference[index[0]][:, :, None]
+            reference = np.broadcast_to(one, (*one.shape[:2], lanes))
+        else:
+            padded = index[np.minimum(np.arange(lanes), len(rows) - 1)]
+            reference = np.moveaxis(self._twins.reference[padded], 0, 2)
         varied, faults = self.ready.lanes(rows, lanes)
         result = self.kernel.run(Block(varied, faults, reference), self.ready.columns, self._advance)
-        return [{name: values[lane] for name, values in result.outcomes.items()} for lane in range(len(rows))]
+        return {name: values[: len(rows)] for name, values in result.outcomes.items()}
 
-    def _frame(self, part: range, rows: list[dict[str, np.generic]]) -> pd.DataFrame:
-        numbers: list[int] = self.ready.twin[part.start : part.stop].tolist()
-        twins = [self._twins[number][1] for number in numbers]
+    def _frame(self, part: range, found: Columns) -> pd.DataFrame:
+        index = np.searchsorted(self._twins.numbers, self.ready.twin[part.start : part.stop])
+        twins = pd.DataFrame({name: values[index] for name, values in self._twins.outcomes.items()})
         table = self.ready.table.iloc[part.start : part.stop]
-        found = outcomes.frame(self.ready.config, table, pd.DataFrame(rows), pd.DataFrame(twins))
-        self.failed += int(np.count_nonzero(found["failed"] != ""))
-        return found
+        rows = outcomes.frame(self.ready.config, table, pd.DataFrame(found), twins)
+        self.failed += int(np.count_nonzero(rows["failed"] != ""))
+        return rows
 
     def _advance(self, ticks: int) -> None:
         with self._lock:

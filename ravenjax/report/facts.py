@@ -9,7 +9,7 @@ OUTCOMES = {
     "stopped": "stopped by a built-in check",
     "flagged": "flagged by a built-in check, not stopped",
     "felt": "no check responded, the haptic cue fired",
-    "unseen": "no check responded, no cue fired, yet the instrument jumped or left the model by more than the threshold",
+    "unseen": "no check responded, no cue fired, yet the instrument jumped or left the model by the threshold",
     "quiet": "no check responded, no cue, no such motion",
     "failed": "the run gave no valid outcome",
 }

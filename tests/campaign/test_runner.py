@@ -9,6 +9,8 @@ import pytest
 
 import ravenjax as rj
 from ravenjax.campaign import replay, runner
+from ravenjax.engines import simd
+from ravenjax.engines.vector_code import VectorCode
 from ravenjax.store.files import StoreError
 
 CAMPAIGN = {
@@ -103,7 +105,15 @@ def test_a_finished_campaign_computes_nothing_again(whole, tmp_path, monkeypatch
     same(whole, rj.run(config(), out=tmp_path))
 
 
-def test_the_kernel_is_compiled_once():
+def test_simd_prints_each_form_of_its_kernel_once(monkeypatch):
+    printed = []
+    monkeypatch.setattr(simd, "VectorCode", lambda *given: printed.append(given) or VectorCode(*given))
+    assert len(rj.run(config(duration_s=0.4), engine="simd")) == 27
+    grouped = [given[2] for given in printed]
+    assert sorted(grouped) in ([False], [True], [False, True]), "with and without groups of shared parameters"
+
+
+def test_xla_compiles_one_kernel():
     compiled = []
 
     def listen(event: str, duration: float, **details: str) -> None:
@@ -112,7 +122,7 @@ def test_the_kernel_is_compiled_once():
 
     jax.monitoring.register_event_duration_secs_listener(listen)
     try:
-        table = rj.run(config(duration_s=0.4))
+        table = rj.run(config(duration_s=0.4), engine="xla")
     finally:
         jax.monitoring.unregister_event_duration_listener(listen)
     assert len(table) == 27, "several blocks, twins of three kinds"

@@ -1,0 +1,169 @@
+"""Engine `simd`: the tick printed as vector code, the time loop inside, compiled in process, one robot a vector lane.
+
+Lanes that share their varied parameters form a group: what does not differ between them (the clean packet, the nominal
+model, clocks) is computed once for all of them. Where groups would be too small, parameters are taken as the lanes'
+own. Both ways give the same bits, as do all vector widths, so a lane's result depends on its inputs alone.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import threading
+from typing import Any
+
+import jax
+import numpy as np
+
+from ravenjax.engines import jit, traced
+from ravenjax.engines.interface import Block, Program, Progress, Result
+from ravenjax.engines.vector_code import Lanes, VectorCode
+
+MAX_LANES = 256
+"""Lanes of a block: what their group shares is then a small part of the work."""
+
+
+class SimdKernel:
+    """A traced program and its compiled forms."""
+
+    def __init__(self, program: Program, lanes: int, objects: jit.Objects | None = None, signals: bool = False) -> None:
+        """signals: every signal goes out in each tick, and lanes run one by one."""
+        self.program, self.lanes, self.signals = program, lanes, signals
+        self.width = 1 if signals else jit.host().width
+        self._objects = objects
+        self._traced: traced.TracedTick | None = None
+        self._codes: dict[bool, VectorCode] = {}
+        self._lock = threading.Lock()
+        self._dtype = np.dtype(program.setup.precision.real)
+
+    def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
+        """Trace and compile for blocks and motions like these."""
+        self._code(block, motion, self._plan(traced.inputs(self.program, block)).grouped)
+
+    def run(self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None) -> Result:
+        """See `interface.Kernel`. Lanes with equal inputs are computed once."""
+        return self._run(block, motion, progress)[0]
+
+    def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[Result, Any]:
+        """As `run`, and every signal of the first lane, each leaf [ticks]."""
+        result, out = self._run(block, motion, None)
+        assert self._traced is not None
+        leaves, structure = jax.tree.flatten(self._traced.signals)
+        columns = np.ascontiguousarray(out[:, self._traced.series :, 0].T)
+        series = [
+            column.view(np.int32 if leaf.dtype == bool else leaf.dtype)[:: 8 // max(4, leaf.dtype.itemsize)].astype(
+                leaf.dtype
+            )
+            for column, leaf in zip(columns, leaves, strict=True)
+        ]
+        return result, jax.tree.unflatten(structure, series)
+
+    def _run(
+        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None
+    ) -> tuple[Result, np.ndarray]:
+        inputs = traced.inputs(self.program, block)
+        plan = self._plan(inputs)
+        code = self._code(block, motion, plan.grouped)
+        assert self._traced is not None
+        ticks, lanes, series = self.program.ticks, len(plan.place), self._traced.series
+        tables = np.concatenate([np.ascontiguousarray(column) for column in motion])
+        keep = self.signals or block.reference is None
+        kept = np.zeros((ticks if keep else 0, code.outputs, lanes), np.uint64 if self.signals else self._dtype)
+        outcomes: list[np.ndarray] = []
+        for part in plan.parts:
+            chosen = plan.first[part[np.minimum(np.arange(-(-len(part) // self.width) * self.width), len(part) - 1)]]
+            out = np.zeros((ticks, code.outputs, len(chosen)), kept.dtype) if keep else None
+            given = _given(block.reference, chosen, code.grouped, series, self._dtype)
+            found = code.run(Lanes([column[chosen] for column in inputs], given, tables, out), ticks, progress)
+            outcomes = outcomes or [np.zeros(lanes, column.dtype) for column in found]
+            mine = np.flatnonzero(np.isin(plan.place, part))
+            at = np.searchsorted(part, plan.place[mine])
+            for column, values in zip(outcomes, found, strict=True):
+                column[mine] = values[at]
+            if out is not None:
+                kept[:, :, mine] = out[:, :, at]
+        named = dict(zip(self._traced.outcomes, outcomes, strict=True))
+        reference = kept[:, :series]
+        if self.signals:
+            reference = np.ascontiguousarray(reference).view(self._dtype)[:, :, :: 8 // self._dtype.itemsize]
+        return Result(named, reference), kept
+
+    def _plan(self, inputs: list[np.ndarray]) -> _Plan:
+        first, place = _distinct(inputs)
+        varied = [column[first] for column in inputs[: len(self.program.varied)]]
+        group = _distinct(varied)[1] if varied else np.zeros(len(first), np.int64)
+        vectors = -(-np.bincount(group) // self.width)
+        grouped = bool(vectors.sum() <= 2 * -(-len(first) // self.width))
+        parts = [np.flatnonzero(group == g) for g in range(len(vectors))] if grouped else [np.arange(len(first))]
+        return _Plan(first, place, grouped, parts)
+
+    def _code(self, block: Block, motion: tuple[np.ndarray, ...], grouped: bool) -> VectorCode:
+        with self._lock:
+            if self._traced is None:
+                self._traced = traced.trace(self.program, block, motion)
+            if grouped not in self._codes:
+                loop = self._traced.loop if self.signals else self._traced.without_signals()
+                shared = len(self.program.varied)
+                self._codes[grouped] = VectorCode(loop, shared, grouped, self.width, self._objects)
+            return self._codes[grouped]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Plan:
+    """How the lanes of a block are run."""
+
+    first: np.ndarray  # [distinct], lane in which each distinct one first occurs
+    place: np.ndarray  # [lanes], which distinct one a lane is
+    grouped: bool
+    parts: list[np.ndarray]  # distinct lanes that run together, ascending: a group each, or all
+
+
+def _distinct(columns: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Of rows of these columns that are equal bit by bit: where each first occurs, and for each row which it is."""
+    words = [np.ascontiguousarray(c).view(f"u{c.dtype.itemsize}").astype(np.uint64) for c in columns]
+    _, first, place = np.unique(np.stack(words, axis=1), axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)  # as they come
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return first[order], rank[place.reshape(-1)]
+
+
+def _given(reference: np.ndarray | None, lanes: np.ndarray, grouped: bool, series: int, dtype: np.dtype) -> np.ndarray:
+    """The twins' series as the code reads it."""
+    if reference is None:
+        return np.zeros((1, series) if grouped else (1, series, len(lanes)), dtype)
+    return np.ascontiguousarray(reference[:, :, lanes[0]] if grouped else reference[:, :, lanes])
+
+
+def _unrolled(program: Program) -> Program:
+    """Link dynamics of single numbers: there are no arrays here."""
+    return dataclasses.replace(program, setup=dataclasses.replace(program.setup, link_dynamics="unrolled"))
+
+
+@dataclasses.dataclass(frozen=True)
+class SimdEngine:
+    """All cores of a CPU, its widest vectors."""
+
+    objects: jit.Objects | None = None  # compiled code kept between processes
+    name: str = "simd"
+
+    @property
+    def device(self) -> str:
+        """The CPU in words."""
+        return f"{jit.host().cpu}, {jit.host().vectors}"
+
+    @property
+    def threads(self) -> int:
+        """One block a core."""
+        return len(os.sched_getaffinity(0))
+
+    def compile(self, program: Program, runs: int) -> SimdKernel:
+        """See `interface.Engine`. The block never depends on the chunk that results are stored in."""
+        width, share = jit.host().width, -(-runs // self.threads)
+        return SimdKernel(_unrolled(program), min(MAX_LANES, -(-share // width) * width), self.objects)
+
+    def trace(self, program: Program, twin: Block, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[Result, Any]:
+        """See `interface.Engine`. Lanes run one by one, to the same bits as in a campaign."""
+        kernel = SimdKernel(_unrolled(program), 1, self.objects, signals=True)
+        reference = kernel.run(twin, motion).reference
+        return kernel.run_signals(dataclasses.replace(block, reference=reference), motion)

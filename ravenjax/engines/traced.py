@@ -1,0 +1,95 @@
+"""The tick of one robot traced for a program: beginning, step and end as straight-line programs."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.extend import core
+
+from ravenjax import paths, tick
+from ravenjax.engines import lowering
+from ravenjax.engines.interface import Block, Program
+from ravenjax.engines.straight import contract
+from ravenjax.engines.time_loop import TimeLoop
+from ravenjax.types import Setup
+
+
+@dataclasses.dataclass(frozen=True)
+class TracedTick:
+    """The loop of a lane: its inputs are the varied parameters and the faults, its results the outcomes.
+
+    What enters a tick is its number and the twin's reference series; what goes out is the own series, then all signals.
+    """
+
+    loop: TimeLoop
+    outcomes: tuple[str, ...]  # names of the results
+    series: int  # numbers of the reference series
+    signals: Any  # structure of the signals
+
+    def without_signals(self) -> TimeLoop:
+        """The loop that tells nothing but its reference series."""
+        step = self.loop.step
+        return dataclasses.replace(
+            self.loop, step=dataclasses.replace(step, outputs=step.outputs[: self.loop.states + self.series])
+        )
+
+
+def x64(setup: Setup) -> contextlib.AbstractContextManager[Any]:
+    """JAX with 64-bit numbers, where the setup has any."""
+    return jax.enable_x64(True) if setup.precision.needs_x64 else contextlib.nullcontext()
+
+
+def inputs(program: Program, block: Block) -> list[np.ndarray]:
+    """A lane's inputs, each [lanes]: varied parameters, then the numbers of its faults."""
+    return [np.asarray(block.varied[path]) for path in program.varied] + [
+        np.asarray(leaf) for leaf in jax.tree.leaves(block.faults)
+    ]
+
+
+def params(program: Program, varied: Sequence[Any]) -> Any:
+    """The parameters of a lane."""
+    found = program.params
+    for path, value in zip(program.varied, varied, strict=True):
+        found = paths.assign(found, program.setup.arms, path, value)
+    return found
+
+
+def jaxprs(program: Program, block: Block, motion: Sequence[np.ndarray]) -> tuple[list[core.ClosedJaxpr], TracedTick]:
+    """The three closed jaxprs of `trace`, and what their results are (its loop is empty)."""
+    setup, number = program.setup, jax.ShapeDtypeStruct
+    real = np.dtype(setup.precision.real)
+    varied = [number((), np.asarray(block.varied[path]).dtype) for path in program.varied]
+    faults = jax.tree.map(lambda leaf: number((), np.asarray(leaf).dtype), block.faults)
+    length = tick.series_length(setup)
+
+    def begin(varied: Any, faults: Any) -> Any:
+        return tick.init(setup, params(program, varied))
+
+    def step(varied: Any, faults: Any, state: Any, now: Any, reference: Any, motion: Any) -> Any:
+        signal = tick.Input(now, motion, tick.reference_from(setup, reference))
+        new, signals = tick.tick(setup, params(program, varied), faults, state, signal)
+        return new, tick.reference_series(setup, signals), signals
+
+    def finish(varied: Any, faults: Any, state: Any) -> Any:
+        return tick.outcomes(setup, params(program, varied), state)
+
+    with x64(setup):
+        first, state = jax.make_jaxpr(begin, return_shape=True)(varied, faults)
+        of_tick = (number((), jnp.int32), [number((), real)] * length, tuple(number(c.shape, c.dtype) for c in motion))
+        middle, (_, _, signals) = jax.make_jaxpr(step, return_shape=True)(varied, faults, state, *of_tick)
+        last, outcomes = jax.make_jaxpr(finish, return_shape=True)(varied, faults, state)
+    return [first, middle, last], TracedTick(None, tuple(sorted(outcomes)), length, signals)  # type: ignore[arg-type]
+
+
+def trace(
+    program: Program, block: Block, motion: Sequence[np.ndarray], origin: lowering.Origin | None = None
+) -> TracedTick:
+    """Trace the tick for blocks like this one; `origin` as for `lowering.lower`."""
+    closed, traced = jaxprs(program, block, motion)
+    return dataclasses.replace(traced, loop=TimeLoop(*(contract(lowering.lower(jaxpr, origin)) for jaxpr in closed)))

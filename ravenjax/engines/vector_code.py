@@ -1,0 +1,122 @@
+"""A compiled time loop: runs a group of lanes through some ticks, vector after vector of them."""
+
+from __future__ import annotations
+
+import ctypes
+import dataclasses
+
+import numpy as np
+
+from ravenjax.engines import jit
+from ravenjax.engines.interface import Progress
+from ravenjax.engines.loop_kernel import FUNCTIONS, print_kernel
+from ravenjax.engines.memory import Layout
+from ravenjax.engines.time_loop import TimeLoop, split
+
+CHUNK = 500
+"""Ticks between two looks at the next vector of lanes: a group's rows for so many stay in the second-level cache."""
+_POINTER, _LONG, _INT = ctypes.c_void_p, ctypes.c_int64, ctypes.c_int32
+_SLOT = 8  # bytes, of the widest number
+
+
+@dataclasses.dataclass(frozen=True)
+class Lanes:
+    """Lanes of one group, whole vectors of them: what they read, and where they write."""
+
+    inputs: list[np.ndarray]  # each [lanes]
+    given: np.ndarray  # [ticks or 1, numbers] of the group or [ticks or 1, numbers, lanes]: what enters a tick
+    tables: np.ndarray  # one after the other
+    out: np.ndarray | None  # [ticks, numbers, lanes], written: what goes out in a tick; None: nobody asks
+
+
+class VectorCode:
+    """`loop` compiled for `width` lanes side by side.
+
+    grouped: the first `shared` inputs of its lanes, and what enters a tick, are alike. The tick's own number always is.
+    """
+
+    def __init__(
+        self, loop: TimeLoop, shared: int, grouped: bool, width: int, objects: jit.Objects | None = None
+    ) -> None:
+        ticks = range(len(loop.step.inputs) - loop.lane_inputs - loop.states)
+        self.grouped, self.width = grouped, width
+        self.outputs = len(loop.step.outputs) - loop.states
+        self.split = split(loop, range(shared) if grouped else (), ticks if grouped else ticks[:1])
+        self.kernel = print_kernel(self.split, width, jit.host().features)
+        self._module = module = jit.compile(self.kernel.text, FUNCTIONS, objects)
+        run = [_POINTER] * 4
+        self._shared_begin = module.function("shared_begin", [_POINTER] * 2)
+        self._shared_run = module.function("shared_run", [*run, _LONG, _LONG, _POINTER, _INT, _LONG])
+        self._lane_begin = module.function("lane_begin", [_POINTER] * 3)
+        self._lane_run = module.function(
+            "lane_run", [*run, _POINTER, _LONG, _LONG, _POINTER, _POINTER, _LONG, _LONG, _LONG]
+        )
+        self._lane_finish = module.function("lane_finish", [_POINTER] * 4)
+
+    def run(self, lanes: Lanes, ticks: int, progress: Progress | None = None) -> list[np.ndarray]:
+        """Run one group from the beginning; its results, each [lanes]."""
+        kernel, width = self.kernel, self.width
+        vectors = len(lanes.inputs[0]) // width if lanes.inputs else 1
+        inputs = _packed(kernel.inputs, lanes.inputs, vectors)
+        group_inputs = _packed(kernel.group_inputs, [column[:1] for column in lanes.inputs], 1)
+        state, held = _buffer(vectors, kernel.state.bytes), _buffer(vectors, kernel.held.bytes)
+        group_state, results = _buffer(1, kernel.group_state.bytes), _buffer(vectors, kernel.results.bytes)
+        rows = _buffer(min(CHUNK, ticks), kernel.row.bytes)
+        given, tables = lanes.given, lanes.tables.ctypes.data
+        stride = given.strides[0] if len(given) > 1 else 0
+        spare = np.empty((1, self.outputs, width * _SLOT), np.uint8)
+        out = spare if lanes.out is None else lanes.out
+        out_stride = out.strides[0] if len(out) > 1 else 0
+
+        self._shared_begin(_at(group_inputs), _at(group_state))
+        for v in range(vectors):
+            self._lane_begin(_at(inputs, v), _at(state, v), _at(held, v))
+        for first in range(0, ticks, CHUNK):
+            count = min(CHUNK, ticks - first)
+            entering = (given.ctypes.data + first * stride, stride, given.strides[1])
+            self._shared_run(_at(group_inputs), _at(group_state), tables, *entering, _at(rows), first, count)
+            for v in range(vectors):
+                mine = _at(inputs, v), _at(held, v), _at(state, v), tables
+                here = entering[0] + (v * width * given.itemsize if given.ndim == 3 else 0)
+                leaving = out.ctypes.data + first * out_stride + (0 if out is spare else v * width * out.itemsize)
+                self._lane_run(*mine, here, *entering[1:], _at(rows), leaving, out_stride, out.strides[1], count)
+            if progress is not None:
+                progress(count * vectors * width)
+        for v in range(vectors):
+            self._lane_finish(_at(inputs, v), _at(state, v), _at(group_state), _at(results, v))
+        return _unpacked(kernel.results, results)
+
+
+def _buffer(rows: int, size: int) -> np.ndarray:
+    """Zeroed bytes [rows, size], on a cache line."""
+    raw = np.zeros(rows * size + 64, np.uint8)
+    start = -raw.ctypes.data % 64
+    return raw[start : start + rows * size].reshape(rows, size)
+
+
+def _at(buffer: np.ndarray, row: int = 0) -> int:
+    """Address of a row."""
+    return buffer.ctypes.data + row * buffer.strides[0]
+
+
+def _stored(dtype: str) -> np.dtype:
+    return np.dtype(np.int32 if dtype == "bool" else dtype)
+
+
+def _packed(layout: Layout, columns: list[np.ndarray], vectors: int) -> np.ndarray:
+    """Columns as the kernel reads them: bytes [vectors, ..]."""
+    buffer = _buffer(vectors, layout.bytes)
+    for dtype, offset, column in zip(layout.types, layout.offsets, columns, strict=True):
+        stored = np.ascontiguousarray(column.reshape(vectors, layout.width).astype(_stored(dtype)))
+        buffer[:, offset : offset + stored.shape[1] * stored.itemsize] = stored.view(np.uint8)
+    return buffer
+
+
+def _unpacked(layout: Layout, buffer: np.ndarray) -> list[np.ndarray]:
+    """Numbers that the kernel wrote, each [lanes]."""
+    found = []
+    for dtype, offset in zip(layout.types, layout.offsets, strict=True):
+        stored = _stored(dtype)
+        part = np.ascontiguousarray(buffer[:, offset : offset + layout.width * stored.itemsize])
+        found.append(part.view(stored).reshape(-1).astype(dtype))
+    return found
