@@ -1,0 +1,86 @@
+"""A small fixed campaign gives the results that are kept in results.csv, and the comparison can fail."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import bless
+
+
+@pytest.fixture(scope="module")
+def both():
+    """The results by this code, of the golden campaign and of one with 2 % more friction in every motor and joint.
+
+    One campaign, so one compile; a run's result does not depend on the others in it.
+    """
+    frame = bless.compute(("parameters.plant.friction_scale=[1.0, 1.02]",))
+    friction = frame["param:plant.friction_scale"]
+    return tuple(frame[friction == value].reset_index(drop=True) for value in (1.0, 1.02))
+
+
+@pytest.fixture
+def golden():
+    return bless.read()
+
+
+def test_results_are_the_golden_ones(both, golden):
+    assert bless.differences(both[0], golden) == []
+
+
+def test_golden_results_hold_most_kinds_of_outcome(golden):
+    assert set(golden["response"]) == {"none", "flagged", "stopped"}
+    assert {True, False} == set(golden["jump_code"]) == set(golden["cue0_first_ms"] >= 0)
+    assert (golden["failed"] == "").all() and (golden["active_ticks"][1:] > 0).all()
+
+
+def test_two_percent_of_friction_are_noticed_in_every_run(both, golden):
+    changed = both[1].assign(**{"run_id": golden["run_id"], "param:plant.friction_scale": 1.0})
+    found = bless.differences(changed, golden)
+    assert {line.partition(":")[0] for line in found} == set(golden["group"])
+
+
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [
+        ("verdict", "silent/haptic/jump"),
+        ("activated", False),
+        ("response_cause", "plc"),
+        ("cue1_first_ms", -1),
+        ("peak_model_deviation_mm", 10.0),
+        ("peak_dac_gold_shoulder", 1),
+        ("fault0_value", 1.0),
+        ("run_id", "0000000000000000"),
+        ("failed", "nan"),
+    ],
+)
+def test_each_kind_of_difference_is_noticed(golden, column, value):
+    row = golden.index[golden["group"] == "dac_unchecked"][0]
+    assert golden.at[row, column] != value
+    changed = golden.copy()
+    changed[column] = changed[column].astype(object)
+    changed.at[row, column] = value
+    assert len(bless.differences(changed, golden)) == 1
+
+
+def test_a_column_more_or_less_is_noticed(golden):
+    assert bless.differences(golden.drop(columns="verdict"), golden) == ["columns that only one has: ['verdict']"]
+
+
+def test_a_last_bit_is_not_noticed(golden):
+    changed = golden.assign(
+        peak_model_deviation_mm=golden["peak_model_deviation_mm"] * (1 + 1e-6),
+        cue1_first_ms=golden["cue1_first_ms"] + (golden["cue1_first_ms"] > 0),
+    )
+    assert bless.differences(changed, golden) == []
+
+
+@pytest.mark.slow
+def test_the_other_engine_stays_far_inside_the_tolerances(golden, monkeypatch):
+    monkeypatch.setattr(bless, "RELATIVE", bless.RELATIVE / 10.0)
+    monkeypatch.setattr(bless, "ABSOLUTE", bless.ABSOLUTE / 10.0)
+    found = bless.rj.run(bless.rj.load_campaign(bless.CAMPAIGN), engine="mjx")
+    assert bless.differences(found, golden) == []

@@ -1,0 +1,328 @@
+"""Bad input through the command line: one error that names file, value and what was expected; code 2; nothing lost."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from ravenjax import cli
+
+CAMPAIGN = """
+[campaign]
+name = "small"
+duration_s = 0.3
+chunk = 1
+
+[operator]
+{operator}
+
+[[group]]
+name = "free"
+
+[[group]]
+name = "burst"
+[[group.fault]]
+site = "{site}"
+channel = "shoulder"
+effect = "overwrite"
+value = {value}
+start_ms = 220
+duration_ms = {duration}
+{more}
+"""
+PLAIN = {"operator": 'motion = "reach"', "site": "usb_out", "value": "[4000, 8000]", "duration": "20", "more": ""}
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    """Writes a campaign file that differs from a good one as asked."""
+
+    def write(**changes):
+        path = tmp_path / "small.toml"
+        path.write_text(CAMPAIGN.format(**{**PLAIN, **changes}))
+        return path
+
+    return write
+
+
+@pytest.fixture
+def run(capsys, monkeypatch):
+    """(code, stdout, stderr) of a command line, on a wide terminal."""
+    monkeypatch.setattr(cli, "_out", type(cli._out)(width=400))
+    monkeypatch.setattr(cli, "_err", type(cli._err)(width=400, stderr=True))
+
+    def run(*tokens):
+        code = cli.main([str(token) for token in tokens])
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return run
+
+
+@pytest.fixture
+def refused(run):
+    """The one error of a command line that must fail; each of `words` must be in it."""
+
+    def refused(tokens, *words):
+        code, out, err = run(*tokens)
+        assert code == cli.USER_ERROR, out + err
+        assert err.count("error:") == 1 and "Traceback" not in out + err
+        for word in words:
+            assert str(word) in err, f"{word!r} is not in: {err}"
+        assert "compile" not in out, "refused before anything is compiled"
+        return err
+
+    return refused
+
+
+def contents(folder: Path):
+    """Bytes of every file below a folder, by path."""
+    return {path: path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def line_of(path: Path, text: str) -> int:
+    """Number of the line that holds `text`."""
+    return next(n for n, line in enumerate(path.read_text().splitlines(), 1) if text in line)
+
+
+# --- the campaign file ------------------------------------------------------------------------------------------------
+
+
+def test_an_unknown_fault_site(campaign, refused, tmp_path):
+    path = campaign(site="usb_output")
+    out = tmp_path / "out"
+    where = f"{path}:{line_of(path, 'usb_output')}: group[1].fault[0].site"
+    refused(["run", path, "--out", out], where, "'usb_output'", "expected one of console, network", "'usb_out'")
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("key", "pair", "expected"),
+    [
+        ("shoulder_deg", "[-10, 80]", "0 <= min < max <= 90"),
+        ("insertion_m", "[0.3, 0.7]", "0.23 <= min < max <= 0.562"),
+        ("elbow_deg", "[120, 60]", "45 <= min < max <= 137.5"),
+    ],
+)
+def test_a_joint_limit_outside_its_range(campaign, refused, tmp_path, key, pair, expected):
+    path = campaign(more=f"[limits]\n{key} = {pair}")
+    got = [float(x) for x in pair.strip("[]").split(",")]
+    refused(["run", path, "--out", tmp_path / "out"], f"{path}:{line_of(path, key)}: limits.{key}", expected, f"{got}")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("number", ["nan", "inf", "-inf"])
+def test_a_number_of_the_campaign_that_is_none(campaign, refused, tmp_path, number):
+    path = campaign(value=f"[4000, {number}]")
+    where = f"{path}:{line_of(path, 'value = ')}: group[1].fault[0].value"
+    refused(["run", path, "--out", tmp_path / "out"], where, f"got {number}", "expected a number that is finite")
+    path = campaign(more=f"[parameters]\nplant.friction_scale = {number}")
+    refused(["run", path], f"{path}:", "plant.friction_scale", f"got {number}", "finite")
+    path = campaign(operator=f'motion = "reach"\nscale = {number}')
+    refused(["run", path], f"{path}:{line_of(path, 'scale')}: operator.scale", number)
+
+
+def test_several_mistakes_are_told_at_once(campaign, refused):
+    path = campaign(site="usb_output", more="[limits]\nshoulder_deg = [-10, 80]\n\n[outcome]\ncue = 0")
+    err = refused(["run", path], "limits.shoulder_deg", "outcome: unknown key", "'outcomes'")
+    assert len(err.splitlines()) >= 2
+
+
+def test_an_unknown_engine(campaign, refused, tmp_path):
+    refused(["run", campaign(), "--out", tmp_path / "out", "--engine", "xlb"], "'xlb'", "expected auto", "'xla'")
+
+
+# --- the operator's file ----------------------------------------------------------------------------------------------
+
+ROWS = 2000
+
+
+def recording() -> pd.DataFrame:
+    """Two seconds near the gold arm's home tip, a row a millisecond."""
+    phase = 2.0 * np.pi * np.arange(ROWS) / ROWS
+    x, y, z = -77.947, -25.266, 13.226  # mm
+    columns = (x + 3.0 * (1.0 - np.cos(phase)), y + 5.0 * np.sin(phase), np.full(ROWS, z))
+    return pd.DataFrame(
+        {"time_s": np.arange(ROWS) * 1e-3} | {f"gold_{n}_mm": c for n, c in zip("xyz", columns, strict=True)}
+    )
+
+
+def holes(frame):
+    frame.loc[1200, "gold_y_mm"] = np.nan
+    return frame
+
+
+def gaps(frame):
+    return frame.drop(index=range(700, 1100)).reset_index(drop=True)
+
+
+def backwards(frame):
+    frame.loc[500:, "time_s"] -= 0.2
+    return frame
+
+
+def without_an_axis(frame):
+    return frame.drop(columns="gold_z_mm")
+
+
+@pytest.mark.parametrize("kind", ["parquet", "csv"])
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (holes, ("1200", "gold_y_mm")),
+        (gaps, ("gap of 0.401 s after row 699", "expected at most 0.1 s")),
+        (backwards, ("row 500", "time goes back by 0.199 s")),
+        (without_an_axis, ("gold_z_mm",)),
+    ],
+)
+def test_a_damaged_operator_file(campaign, refused, tmp_path, kind, damage, words):
+    file = tmp_path / f"hands.{kind}"
+    frame = damage(recording())
+    frame.to_parquet(file) if kind == "parquet" else frame.to_csv(file, index=False)
+    before = file.read_bytes()
+    path = campaign(operator=f'file = "{file.name}"')
+    refused(["run", path, "--out", tmp_path / "out"], file, *words)
+    assert file.read_bytes() == before
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("kind", ["parquet", "mcap"])
+def test_a_truncated_operator_file(campaign, refused, tmp_path, kind):
+    file = tmp_path / f"hands.{kind}"
+    recording().to_parquet(file)
+    file.write_bytes(file.read_bytes()[:-500])
+    refused(["run", campaign(operator=f'file = "{file.name}"')], file)
+
+
+def test_a_missing_operator_file(campaign, refused, tmp_path):
+    refused(["run", campaign(operator='file = "hands.parquet"')], tmp_path / "hands.parquet")
+
+
+# --- the result folder ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A result folder of three parts and its campaign file."""
+    folder = tmp_path_factory.mktemp("finished")
+    path = folder / "small.toml"
+    path.write_text(CAMPAIGN.format(**PLAIN))
+    assert cli.main(["run", str(path), "--out", str(folder / "out"), "--engine", "xla", "--no-report"]) == 0
+    return path, folder / "out"
+
+
+@pytest.fixture
+def copied(finished, tmp_path):
+    """A copy of it to spoil."""
+    path, out = finished
+    for file, data in contents(out).items():
+        target = tmp_path / "out" / file.relative_to(out)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(data)
+    return path, tmp_path / "out"
+
+
+def test_a_truncated_part(copied, refused, run):
+    path, out = copied
+    parts = sorted((out / "parts").iterdir())
+    assert len(parts) == 3
+    whole = parts[1].read_bytes()
+    parts[1].write_bytes(whole[: len(whole) // 2])
+    before = contents(out)
+    for command in (["run", path, "--out", out, "--engine", "xla"], ["report", out]):
+        err = refused(command, parts[1], f"{len(whole) // 2} bytes", f"recorded {len(whole)}", "delete this file")
+        assert str(parts[0]) not in err
+        assert contents(out) == before, "nothing is written over what is there"
+    parts[1].unlink()
+    code, _, err = run("run", path, "--out", out, "--engine", "xla", "--no-report")
+    assert code == 0, err
+    assert {p.name for p in (out / "parts").iterdir()} == {p.name for p in parts}
+    assert parts[0].read_bytes() == before[parts[0]] and parts[2].read_bytes() == before[parts[2]]
+
+
+def test_a_damaged_manifest(copied, refused):
+    path, out = copied
+    (out / "manifest.json").write_text((out / "manifest.json").read_text()[:300])
+    before = contents(out)
+    for command in (["run", path, "--out", out], ["report", out], ["trace", out, "0"]):
+        refused(command, out / "manifest.json", "not valid JSON", "whole parts are kept")
+    assert contents(out) == before
+
+
+def test_another_campaign_in_the_folder(copied, refused):
+    path, out = copied
+    before = contents(out)
+    command = ["run", path, "--out", out, "--engine", "xla", "--set", "campaign.duration_s=0.4"]
+    refused(command, out, "duration_s", "0.3 here, 0.4 asked for", f"rm -r {out}")
+    assert contents(out) == before
+
+
+def test_a_run_that_the_folder_does_not_hold(copied, refused):
+    _, out = copied
+    refused(["trace", out, "zz"], "'zz'", "no run has this id", "expected a run_id")
+    refused(["trace", out, "99"], "run 99", "0..2")
+
+
+def unwritable_folders(tmp_path):
+    """Folders that not even root may write to."""
+    (tmp_path / "file").write_text("a regular file")
+    yield tmp_path / "file" / "out"
+    yield tmp_path / "file"
+    if Path("/proc/self").exists():
+        yield Path("/proc/ravenjax/out")
+
+
+def test_an_output_folder_that_takes_no_files(campaign, refused, tmp_path):
+    path = campaign()
+    for out in unwritable_folders(tmp_path):
+        refused(["run", path, "--out", out], out, "cannot be written to", "--out", "No run was started")
+    assert (tmp_path / "file").read_text() == "a regular file"
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_read_only_output_folder(campaign, refused, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir(mode=0o500)
+    refused(["run", campaign(), "--out", out], out, "Permission denied", "No run was started")
+
+
+def test_a_trace_that_cannot_be_written(copied, refused, tmp_path):
+    _, out = copied
+    (tmp_path / "file").write_text("a regular file")
+    refused(["trace", out, "1", "--out", tmp_path / "file" / "traces"], tmp_path / "file", "cannot be written")
+
+
+def test_a_report_that_cannot_be_written(copied, refused):
+    _, out = copied
+    (out / "report.html").mkdir()
+    before = contents(out)
+    refused(["report", out], out / "report.html", "cannot be written")
+    assert contents(out) == before
+
+
+def test_a_disk_that_fills_up_keeps_the_parts_that_are_there(copied, run, monkeypatch):
+    """The remedy of the message, the same command again, then computes the rest."""
+    path, out = copied
+    parts = sorted((out / "parts").iterdir())
+    for part in parts[1:]:
+        part.unlink()
+    replace = os.replace
+
+    def full(source, target):
+        if re.search(r"part-000000002", str(target)):
+            raise OSError(28, "No space left on device")
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", full)
+    code, _, err = run("run", path, "--out", out, "--engine", "xla", "--no-report")
+    assert code == cli.USER_ERROR and err.count("error:") == 1
+    assert str(parts[2]) in err and "No space left on device" in err and "same command again" in err
+    assert sorted((out / "parts").iterdir()) == parts[:2]
+    monkeypatch.setattr(os, "replace", replace)
+    assert run("run", path, "--out", out, "--engine", "xla", "--no-report")[0] == 0
+    assert sorted((out / "parts").iterdir()) == parts
