@@ -70,11 +70,12 @@ class ResultFolder:
         manifests.write(self.path, self.manifest)
 
 
-def read_all(path: Path) -> pd.DataFrame:
+def read_all(path: str | Path) -> pd.DataFrame:
     """Every finished row of a result folder, ordered by `index`, each part checked against the manifest.
 
     Raises StoreError where the folder holds no result or a part is missing or damaged.
     """
+    path = Path(path)
     manifest = manifests.read(path)
     if not manifest.parts:
         raise StoreError(f"{path}: holds no finished part yet; start or resume it with `ravenjax run`")

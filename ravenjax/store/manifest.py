@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 import platform
@@ -53,7 +54,7 @@ class Manifest(BaseModel):
     device: str = Field(description="device that computed, in words")
     versions: dict[str, str] = Field(default_factory=lambda: package_versions())
     code_hash: str = Field(default_factory=lambda: code_hash(), description="sha256 of the files that decide outcomes")
-    lock_hash: str = Field(default_factory=lambda: lock_hash(), description='sha256 of uv.lock, "" outside a checkout')
+    lock_hash: str = Field(default_factory=lambda: lock_hash(), description='sha256 of requirements.lock, "" outside a checkout')
     started: str = Field(default_factory=lambda: now())
     finished: str | None = None
     starts: int = Field(default=1, description="how often the command was started, interruptions included")
@@ -141,8 +142,9 @@ def package_versions() -> dict[str, str]:
     return {"python": platform.python_version()} | {name: version(name) for name in PACKAGES}
 
 
+@functools.cache
 def code_hash() -> str:
-    """sha256 over the Python files that can decide an outcome, names included."""
+    """sha256 over the Python files that can decide an outcome, names included, as they were when first asked for."""
     package = Path(__file__).resolve().parents[1]
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
@@ -153,8 +155,8 @@ def code_hash() -> str:
 
 
 def lock_hash() -> str:
-    """sha256 of the checkout's uv.lock, "" where there is none."""
-    path = Path(__file__).resolve().parents[2] / "uv.lock"
+    """sha256 of the checkout's requirements.lock, "" where there is none."""
+    path = Path(__file__).resolve().parents[2] / "requirements.lock"
     return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
 
 

@@ -124,8 +124,9 @@ def params(setup: Setup, arm: ArmName, parameter_set: str = "traj3") -> Params:
         motor_constant_scale=1.0,
         mass_scale=1.0,
         gravity=Vec((-9.81, 0.0, 0.0)),  # m/s2; magnitude of Li_DYN, direction of both Li_DYN and grav_comp.cpp
-        encoder_noise=0.0,
-        torque_noise=0.0,
+        # Assumed where noise is drawn: an edge's jitter as large as a count's rounding, and one count of the DAC.
+        encoder_noise=12.0**-0.5 if setup.noise else 0.0,
+        torque_noise=published.CONTROLLER_TORQUE_PER_COUNT if setup.noise else 0.0,
         noise_key=np.uint32(0),
     )
 
