@@ -69,6 +69,7 @@ class State:
     monitor: monitor.State
     pedal_ticks: Scalar  # int32, ticks since pedal-down was entered; negative: not in it
     packet: Scalar  # int32, index of the console's newest packet; -1: none yet
+    delivered: Scalar  # int32, index of the packet that last reached the robot; -1: none yet
 
 
 @record
@@ -103,7 +104,8 @@ class _Console:
 
 @record
 class _Network:
-    lag: Scalar  # int32 packets
+    lag: Scalar  # int32 packets, sent again
+    delay: Scalar  # int32 packets, of a channel that delivers in order
     lost: Scalar  # bool
 
 
@@ -125,13 +127,17 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
 
     # --- console and network: the robot's packet, and the clean one that the nominal model follows ---
     console = inject("console", _Console(params.operator.scale))
-    network = inject("network", _Network(jnp.int32(0), jnp.bool_(False)))
+    network = inject("network", _Network(jnp.int32(0), jnp.int32(0), jnp.bool_(False)))
     clean = _packet(setup, params.operator, signal.motion, sequence)
     sent = clean
     if inject.strikes("console", "network"):
         struck = replace(params.operator, scale=console.scale)
-        sent = _packet(setup, struck, signal.motion, sequence - network.lag)
-    packet = replace(sent, received=as_int(fresh & ~network.lost))
+        sent = _packet(setup, struck, signal.motion, sequence - network.lag - network.delay)
+    arrives = fresh & ~network.lost
+    if inject.strikes("network"):
+        index = sent.sequence - 1
+        arrives = arrives & (index >= 0) & ((network.delay == 0) | (index > state.delivered))
+    packet = replace(sent, received=as_int(arrives))
 
     # --- control computer ---
     status = inject("usb_status", _UsbStatus(_each(setup, jnp.int32(1)), _each(setup, jnp.int32(1))))
@@ -205,6 +211,7 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
         monitor=seen,
         pedal_ticks=jnp.where(down, jnp.maximum(state.pedal_ticks, -1) + 1, -1),
         packet=sequence,
+        delivered=jnp.where(arrives, sent.sequence - 1, state.delivered),
     )
     out = Signals(
         packet=packet,
@@ -264,6 +271,7 @@ def init(setup: Setup, params: Params) -> State:
         monitor=monitor.init(setup, tips, tuple(tip * (1.0 / UM) for tip in tips)),
         pedal_ticks=jnp.int32(-1),
         packet=jnp.int32(-1),
+        delivered=jnp.int32(-1),
     )
 
 
@@ -434,8 +442,8 @@ def _measured(setup: Setup, signals: control.Signals) -> tuple[Vec, ...]:
 def _felt(setup: Setup, arm: ArmName, i: int, model: nominal.Out, signals: control.Signals) -> haptics.Signal:
     """What the console compares: the nominal model and the robot as its control software reports it."""
     measured = signals.arms[i]
-    jpos = real(setup, measured.jpos)
-    jvel = real(setup, transmission.joint_from_motor(arm, setup.tools[i], real(setup, measured.mvel)))
+    jpos, mvel = real(setup, (measured.jpos, measured.mvel))
+    jvel = real(setup, transmission.joint_from_motor(arm, setup.tools[i], mvel, software=setup.software))
     position = kinematics.forward(arm, jpos).position
     return haptics.Signal(model.tip_position, model.tip_velocity, position, kinematics.tip_velocity(arm, jpos, jvel))
 

@@ -17,9 +17,6 @@ STOPS: dict[str, str] = {
 }
 """Checks that stop the robot and the name of each as a cause, earliest in the loop first."""
 
-SILENT_CHECKS = ("runlevel_change", "watchdog_silent")
-"""Recorded, but neither stops nor tells anyone anything of its own."""
-
 
 def checks(names: list[str]) -> tuple[str, ...]:
     """Names of the checks among outcome columns."""
@@ -66,8 +63,6 @@ def responses(outcomes: pd.DataFrame, twins: pd.DataFrame) -> pd.DataFrame:
     first = np.full(rows, -1, dtype=np.int32)
     onset = outcomes["first_active_ms"].to_numpy()
     for name in checks(list(outcomes.columns)):
-        if name in SILENT_CHECKS:
-            continue
         kind = "stopped" if name in STOPS else "flagged"
         more = outcomes[f"check_{name}_count"].to_numpy() > twins[f"check_{name}_count"].to_numpy()
         tick = outcomes[f"check_{name}_first_ms"].to_numpy()

@@ -25,7 +25,7 @@ POLICIES = {
     "hard_regulation": overdrive.HARD_REGULATION,
 }
 NOISE_KEY = "plant.noise_key"
-"""Parameter that a campaign with noise sets from each run's seed."""
+"""Parameter that a campaign with noise sets from each run's id, which hashes its seed: no two runs share a draw."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ def make(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
     loading.check_parameters(config, known_parameters(params, setup))
     values = _filled(varied, params, setup)
     if setup.noise:
-        values[NOISE_KEY] = rows["seed"].to_numpy().astype(np.uint32)
+        values[NOISE_KEY] = np.array([int(run_id[:8], 16) for run_id in rows["run_id"]], np.uint32)
     return Plan(
         config=config,
         table=rows,

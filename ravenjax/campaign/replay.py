@@ -39,9 +39,11 @@ def replay(config: CampaignConfig, run: str | int, engine: str = "auto") -> Repl
     _, faults = ready.lanes([row], LANES)
     twin = Block(varied, harmless, None)
     chosen = selection.select(engine, compile_cache.objects())
-    result, signals = chosen.trace(ready.program, twin, Block(varied, faults, None), ready.columns)
-    found = {name: values[:1] for name, values in result.outcomes.items()}
-    frame = outcomes.frame(config, ready.table.iloc[row : row + 1], pd.DataFrame(found), pd.DataFrame(found) * 0)
+    own, result, signals = chosen.trace(ready.program, twin, Block(varied, faults, None), ready.columns)
+    found, fault_free = (
+        pd.DataFrame({name: values[:1] for name, values in one.outcomes.items()}) for one in (result, own)
+    )
+    frame = outcomes.frame(config, ready.table.iloc[row : row + 1], found, fault_free)
     return Replay(frame.iloc[0], series(ready.program.setup, signals))
 
 

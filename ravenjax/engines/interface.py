@@ -81,8 +81,10 @@ class Engine(Protocol):
         """The kernel of `program`, its block sized for a campaign of `runs` runs."""
         ...
 
-    def trace(self, program: Program, twin: Block, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[Result, Any]:
-        """Outcomes of `block`, and every signal of its first lane: `tick.Signals` of arrays [ticks].
+    def trace(
+        self, program: Program, twin: Block, block: Block, motion: tuple[np.ndarray, ...]
+    ) -> tuple[Result, Result, Any]:
+        """Results of `twin` and of `block`, and every signal of the block's first lane: `tick.Signals` of [ticks].
 
         `twin` is the same block without faults. Compiled apart from any campaign.
         """

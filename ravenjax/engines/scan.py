@@ -186,9 +186,11 @@ class ScanEngine:
         lanes = min(MAX_LANES, -(-share // LANE_MULTIPLE) * LANE_MULTIPLE)
         return ScanKernel(self._program(program), lanes)
 
-    def trace(self, program: Program, twin: Block, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[Result, Any]:
+    def trace(
+        self, program: Program, twin: Block, block: Block, motion: tuple[np.ndarray, ...]
+    ) -> tuple[Result, Result, Any]:
         """See `interface.Engine`."""
         lanes = len(jax.tree.leaves(block.faults)[0]) if jax.tree.leaves(block.faults) else LANE_MULTIPLE
         kernel = ScanKernel(self._program(program), lanes, keep_signals=True)
-        reference = kernel.run(twin, motion).reference
-        return kernel.run_signals(dataclasses.replace(block, reference=reference), motion)
+        own = kernel.run(twin, motion)
+        return own, *kernel.run_signals(dataclasses.replace(block, reference=own.reference), motion)

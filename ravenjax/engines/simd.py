@@ -89,7 +89,9 @@ class SimdKernel:
         return Result(named, reference), kept
 
     def _plan(self, inputs: list[np.ndarray]) -> _Plan:
-        first, place = _distinct(inputs)
+        # Runs without faults of their own and without varied parameters are all alike.
+        alike = np.zeros(1, np.int64), np.zeros(self.lanes, np.int64)
+        first, place = _distinct(inputs) if inputs else alike
         varied = [column[first] for column in inputs[: len(self.program.varied)]]
         group = _distinct(varied)[1] if varied else np.zeros(len(first), np.int64)
         vectors = -(-np.bincount(group) // self.width)
@@ -162,8 +164,10 @@ class SimdEngine:
         width, share = jit.host().width, -(-runs // self.threads)
         return SimdKernel(_unrolled(program), min(MAX_LANES, -(-share // width) * width), self.objects)
 
-    def trace(self, program: Program, twin: Block, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[Result, Any]:
+    def trace(
+        self, program: Program, twin: Block, block: Block, motion: tuple[np.ndarray, ...]
+    ) -> tuple[Result, Result, Any]:
         """See `interface.Engine`. Lanes run one by one, to the same bits as in a campaign."""
         kernel = SimdKernel(_unrolled(program), 1, self.objects, signals=True)
-        reference = kernel.run(twin, motion).reference
-        return kernel.run_signals(dataclasses.replace(block, reference=reference), motion)
+        own = kernel.run(twin, motion)
+        return own, *kernel.run_signals(dataclasses.replace(block, reference=own.reference), motion)

@@ -8,12 +8,13 @@ import pandas as pd
 OUTCOMES = {
     "stopped": "stopped by a built-in check",
     "flagged": "flagged by a built-in check, not stopped",
-    "felt": "no check responded, the haptic cue fired",
+    "felt": "no check responded; the instrument left the model and the cue fired",
+    "phantom": "no check responded; the cue fired, but only the robot's report of itself went astray",
     "unseen": "no check responded, no cue fired, yet the instrument jumped or left the model by the threshold",
     "quiet": "no check responded, no cue, no such motion",
     "failed": "the run gave no valid outcome",
 }
-"""Each run has exactly one of these outcomes; "felt" is what evaded the checks and tripped the cue."""
+"""Each run has exactly one; "felt" is what evaded the checks, moved the instrument and fired the cue."""
 
 
 def derive(frame: pd.DataFrame, cue: int = 0, threshold_mm: float = 3.0) -> pd.DataFrame:
@@ -48,8 +49,14 @@ def derive(frame: pd.DataFrame, cue: int = 0, threshold_mm: float = 3.0) -> pd.D
     )
     silent = facts["response"] == "silent"
     facts["outcome"] = np.select(
-        [facts["failed"], ~silent, facts["haptic"], facts["jump"] | facts["moved"]],
-        ["failed", facts["response"], "felt", "unseen"],
+        [
+            facts["failed"],
+            ~silent,
+            facts["haptic"] & facts["moved"],
+            facts["haptic"],
+            facts["jump"] | facts["moved"],
+        ],
+        ["failed", facts["response"], "felt", "phantom", "unseen"],
         "quiet",
     )
     facts["distinct"] = _distinct(frame)

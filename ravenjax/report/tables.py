@@ -30,7 +30,7 @@ def headline(facts: pd.DataFrame) -> dict[str, Any]:
     """Counts of distinct faults: a fault that was run several times counts once, and as evading if it ever did."""
     faulty = facts.loc[facts["faulty"]]
     ever = (
-        pd.DataFrame({"evaded": faulty["outcome"] == "felt", "jumped": (faulty["outcome"] == "felt") & faulty["jump"]})
+        pd.DataFrame({"evaded": faulty["outcome"].isin(("felt", "unseen")) & faulty["moved"]})
         .groupby(faulty["distinct"].to_numpy())
         .any()
     )
@@ -39,7 +39,11 @@ def headline(facts: pd.DataFrame) -> dict[str, Any]:
     both = faulty.loc[(faulty["cue_ms"] >= 0) & (faulty["response_ms"] >= 0) & ~faulty["failed"]]
     return {
         "evaded": rate(ever["evaded"]),
-        "jumped": int(ever["jumped"].to_numpy().sum()),
+        "felt": int((outcomes == "felt").sum()),
+        "phantom": int((outcomes == "phantom").sum()),
+        "late": int(
+            (faulty["haptic"] & (faulty["response"] == "stopped") & (faulty["cue_ms"] > faulty["response_ms"])).sum()
+        ),
         "hidden": int(((outcomes == "unseen") & faulty["moved"]).sum()),
         "runs": len(faulty),
         "repeated": len(faulty) > len(ever),

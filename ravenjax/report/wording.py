@@ -59,7 +59,9 @@ def fault(row: Mapping[str, Any]) -> str:
             where = " ".join(str(row[name + key]) for key in ("site", "arm", "channel") if row[name + key])
             value = row[f"{name}value"]
             what = str(row[f"{name}effect"]) + ("" if math.isnan(value) else f" {number(value, 5)}")
-            when = f"{count(row[f'{name}duration_ms'])} ms from {count(row[f'{name}start_ms'])} ms"
+            length = row[f"{name}duration_ms"]
+            start = f"from {count(row[f'{name}start_ms'])} ms"
+            when = f"{count(length)} ms {start}" if length >= 0 else f"{start} to the end"
             every = f", every {count(row[f'{name}every_ms'])} ms" if row[f"{name}every_ms"] > 0 else ""
             trigger = row[f"{name}trigger"]
             phrases.append(f"{where}, {what}, {when}{every}" + (f" ({trigger})" if trigger else ""))

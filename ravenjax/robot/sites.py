@@ -70,8 +70,12 @@ SITES: dict[str, Site] = {
             "network",
             "L9",
             False,
-            (Channel("lag", ("lag",), "int32", "packets"), Channel("lost", ("lost",), "bool", "1")),
-            "between console and robot: which packet arrives in this cycle, and whether one does",
+            (
+                Channel("lag", ("lag",), "int32", "packets"),
+                Channel("delay", ("delay",), "int32", "packets"),
+                Channel("lost", ("lost",), "bool", "1"),
+            ),
+            "between console and robot: which packet arrives in this cycle, and whether one does; lag sends old ones again",
         ),
         Site(
             "packet",

@@ -42,7 +42,7 @@ class Manifest(BaseModel):
     schema_version: int = schema.VERSION
     campaign: str = Field(description="name of the campaign")
     config: dict[str, Any] = Field(description="the resolved campaign, every default filled in")
-    config_hash: str = Field(description="sha256 of `config`")
+    config_hash: str = Field(description="sha256 of `config` and of every run id")
     seed: int
     runs: int = Field(description="rows of the fault table")
     duration_ms: int = Field(description="ms, length of every run")
@@ -54,7 +54,9 @@ class Manifest(BaseModel):
     device: str = Field(description="device that computed, in words")
     versions: dict[str, str] = Field(default_factory=lambda: package_versions())
     code_hash: str = Field(default_factory=lambda: code_hash(), description="sha256 of the files that decide outcomes")
-    lock_hash: str = Field(default_factory=lambda: lock_hash(), description='sha256 of requirements.lock, "" outside a checkout')
+    lock_hash: str = Field(
+        default_factory=lambda: lock_hash(), description='sha256 of requirements.lock, "" outside a checkout'
+    )
     started: str = Field(default_factory=lambda: now())
     finished: str | None = None
     starts: int = Field(default=1, description="how often the command was started, interruptions included")
@@ -69,7 +71,7 @@ class Manifest(BaseModel):
         return sum(len(part.rows) for part in self.parts)
 
     def _identity(self) -> dict[str, str]:
-        fields = self.model_dump(include={"config", "seed", "engine", "device", "versions"})
+        fields = self.model_dump(include={"config", "config_hash", "seed", "engine", "device", "versions"})
         return _flat(fields | {"code": self.code_hash[:16]})
 
     def differences(self, other: Manifest) -> list[str]:

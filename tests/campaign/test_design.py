@@ -219,7 +219,7 @@ def test_every_channel():
 def test_network_effects_name_their_channel():
     fault = {"site": "network", "effect": ["drop", "duplicate", "delay"], "value": 20, "start_ms": 5, "duration_ms": 9}
     table = expand(group(faults=[fault]))
-    assert table["fault0_channel"].tolist() == ["lost", "lag", "lag"]
+    assert table["fault0_channel"].tolist() == ["lost", "lag", "delay"]
     assert table["fault0_value"].isna().tolist() == [True, True, False]
 
 

@@ -11,6 +11,7 @@ import ravenjax as rj
 from ravenjax.campaign import replay, runner
 from ravenjax.engines import simd
 from ravenjax.engines.vector_code import VectorCode
+from ravenjax.errors import UserError
 from ravenjax.store.files import StoreError
 
 CAMPAIGN = {
@@ -175,6 +176,20 @@ def test_a_replay_is_the_run(whole, index):
     assert int(series["fault0_active"].sum()) >= row["active_ticks"]
 
 
+def test_a_replay_responds_as_the_run_did_where_the_twin_trips_too():
+    strict = config(level="beginner", duration_s=1.2, limit=9)
+    strict = rj.load_campaign({**CAMPAIGN, "campaign": strict.campaign.model_dump(), "operator": {"motion": "reach", "scale": 0.3}})
+    table = rj.run(strict)
+    assert (table["check_overdrive_clip_count"] > 0).all(), "the fault-free run is clipped as well"
+    quiet = table[table["response"] == "none"].iloc[0]
+    assert replay.replay(strict, quiet["run_id"]).row["response"] == "none"
+
+
+def test_a_campaign_without_any_fault_runs():
+    table = rj.run(rj.load_campaign({**CAMPAIGN, "group": [{"name": "free"}]}))
+    assert table["verdict"].tolist() == ["silent/no haptic/no jump"]
+
+
 def test_replay_names_what_it_cannot_find():
-    with pytest.raises(rj.errors.UserError if hasattr(rj, "errors") else ValueError, match="no run has this id"):
+    with pytest.raises(UserError, match="no run has this id"):
         replay.replay(config(), "zzzz")

@@ -71,7 +71,7 @@ def test_injection_is_the_union_in_canonical_order(runs):
     expected = (("gold", "elbow"), ("gold", "wrist"), ("green", "elbow"), ("green", "wrist"))
     assert by_site["usb_out"].channels == expected
     assert by_site["usb_out"].effects == ("overwrite", "toggle")
-    assert by_site["network"].channels == (("", "lag"), ("", "lost"))
+    assert by_site["network"].channels == (("", "lag"), ("", "delay"), ("", "lost"))
     assert by_site["network"].effects == ("overwrite",)
     assert injection.triggers == ("time", "pedal")
 
@@ -115,7 +115,7 @@ def test_network_effects_are_overwrites(runs):
     injection = table.injection(runs)
     net = runs[runs["group"] == "net"]
     arrays, targets = table.arrays(net, injection), table.targets(injection)
-    assert [targets[code - 1][2] for code in arrays["code"][:, 0]] == ["lost", "lag", "lag"]
+    assert [targets[code - 1][2] for code in arrays["code"][:, 0]] == ["lost", "lag", "delay"]
     assert arrays["value"][:, 0].tolist() == [1.0, 1.0, 7.0]
     assert set(arrays["effect"][:, 0]) == {EFFECT_CODES["overwrite"]}
 

@@ -172,7 +172,7 @@ def test_verdicts_may_use_another_cue():
     )
     good = FAULTY[(FAULTY["failed"] == "") & (FAULTY["response"] == "none")]
     assert f"{(good['cue6_first_ms'] >= 0).sum()} (" in text
-    assert "fire the 5 mm haptic cue" in text and "tip motion > 1 mm within 2 ms" in text
+    assert "by more than 5 mm from the nominal model" in text and "tip motion > 1 mm within 2 ms" in text
 
 
 # --- the numbers ------------------------------------------------------------------------------------------------------

@@ -169,6 +169,22 @@ def test_two_slots_on_one_channel_act_in_order():
     assert [int(row[3]) for row in rows] == expected
 
 
+@pytest.mark.parametrize(("code", "bit"), [(3, 15), (3, 0), (4, 30), (4, 31), (4, 24), (5, 0)])
+def test_bits_of_whole_numbers_flip_exactly(code, bit):
+    rows, slot = run(make(code, "bit_flip", bit, "time", 5, 6, 0))
+    for tick in range(5, 11):
+        x = clean(tick)[code - 1]
+        wide = (int(x) ^ (1 << bit)) & 0xFFFFFFFF
+        signed = wide - 2**32 if wide >= 2**31 else wide
+        assert int(rows[tick][code - 1]) == stored(signed, list(PATHS.values())[code - 1][1])
+    assert int(slot.changed_ticks) == 6
+
+
+def test_stuck_from_the_first_tick_holds_that_ticks_number():
+    rows, _ = run(make(4, "stuck", 0.0, "time", 0, 10, 0))
+    assert [int(row[3]) for row in rows[:12]] == [clean(0)[3]] * 10 + [clean(10)[3], clean(11)[3]]
+
+
 def test_a_fault_that_changes_nothing_was_not_activated():
     _, slot = run(make(2, "offset", 0.0, "time", 0, TICKS, 0))
     assert int(slot.changed_ticks) == 0
@@ -180,7 +196,7 @@ def test_a_fault_that_changes_nothing_was_not_activated():
     start=st.integers(-5, 45),
     duration=st.integers(0, 20),
     every=st.integers(0, 20),
-    value=st.floats(-1e6, 1e6, width=32),
+    value=st.floats(-1e6, 1e6, width=32, allow_subnormal=False),
 )
 def test_a_window_is_open_exactly_when_it_says(start, duration, every, value):
     rows, _ = run(make(1, "offset", value, "time", start, duration, every))

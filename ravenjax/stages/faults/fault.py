@@ -39,7 +39,7 @@ class SlotState:
     active: Scalar  # bool, the window is open in this tick
     age: Scalar  # int32, ticks since the window opened; 0 in its first tick
     latched: Scalar  # float, of effect latch_offset
-    before: Scalar  # float, the channel in the last tick before the window
+    before: Scalar  # float, the channel in the last tick before the window; NaN: none was seen
     first_tick: Scalar  # int32, tick in which the fault first changed its channel; -1: never
     changed_ticks: Scalar  # int32, ticks in which it changed at least one bit
     last_tick: Scalar  # int32, tick in which it last changed its channel; -1: never
@@ -66,5 +66,6 @@ def no_faults(setup: Setup) -> Faults:
 def init(setup: Setup) -> State:
     """State before the first tick."""
     zero = jnp.asarray(0.0, setup.precision.real)
-    slot = SlotState(jnp.bool_(False), jnp.int32(0), zero, zero, jnp.int32(-1), jnp.int32(0), jnp.int32(-1))
+    unseen = jnp.asarray(jnp.nan, setup.precision.real)
+    slot = SlotState(jnp.bool_(False), jnp.int32(0), zero, unseen, jnp.int32(-1), jnp.int32(0), jnp.int32(-1))
     return State((slot,) * setup.injection.slots)

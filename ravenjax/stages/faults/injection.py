@@ -15,6 +15,7 @@ from jax import lax
 
 from ravenjax.stages.faults import effects
 from ravenjax.stages.faults.fault import Fault, Faults, SlotState, State
+from ravenjax.stages.faults.vocabulary import EFFECT_CODES
 from ravenjax.stages.faults.window import Clock
 from ravenjax.types import Scalar, Setup, SiteUse, Vec, replace, to_int32, wrap16
 
@@ -48,7 +49,7 @@ def write(signal: Any, path: Path, value: Scalar) -> Any:
 
 
 def _store(kind: str, y: Scalar, old: Scalar) -> Scalar:
-    """`y` (float) as the channel holds it: integers truncate and wrap to their width."""
+    """`y` (float) as the channel holds it: integers truncate, 16-bit ones wrap, what no int32 holds is -2147483648."""
     if kind == "float":
         return lax.convert_element_type(y, old.dtype)
     if kind == "bool":
@@ -74,21 +75,24 @@ def _strike(
     for aim, number in zip(aims[1:], numbers[1:], strict=True):
         x = jnp.where(aim, lax.convert_element_type(number, setup.precision.real), x)
         here = here | aim
-    whole = jnp.bool_(False)
-    for aim, (_, _, kind) in zip(aims, targets, strict=True):
-        whole = whole | aim if kind in ("int16", "int32") else whole
-    y = effects.apply(use.effects, x, fault, slot, clock.tick, whole)
+    y = effects.apply(use.effects, x, fault, slot, clock.tick)
 
     hit = slot.active & here
     changed = jnp.bool_(False)
     for aim, number, (_, path, kind) in zip(aims, numbers, targets, strict=True):
-        stored = jnp.where(hit & aim, _store(kind, y, number), number)
+        value = _store(kind, y, number)
+        if "bit_flip" in use.effects and kind != "float":
+            bits = effects.flipped(lax.convert_element_type(number, jnp.int32), fault)
+            bits = wrap16(bits) if kind == "int16" else bits
+            flips = fault.effect == EFFECT_CODES["bit_flip"]
+            value = jnp.where(flips, lax.convert_element_type(bits, number.dtype), value)
+        stored = jnp.where(hit & aim, value, number)
         changed = changed | (stored != number)
         signal = write(signal, path, stored)
     return replace(
         slot,
         latched=jnp.where(hit & (slot.age == 0), y, slot.latched),
-        before=jnp.where(here & ~slot.active, x, slot.before),
+        before=jnp.where(here & (~slot.active | (slot.before != slot.before)), x, slot.before),
         first_tick=jnp.where(changed & (slot.first_tick < 0), clock.tick, slot.first_tick),
         last_tick=jnp.where(changed, clock.tick, slot.last_tick),
         changed_ticks=slot.changed_ticks + lax.convert_element_type(changed, jnp.int32),

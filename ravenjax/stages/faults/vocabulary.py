@@ -26,14 +26,14 @@ EFFECT_CODES: dict[str, int] = {name: i for i, name in enumerate(EFFECTS)}
 NETWORK_EFFECTS: dict[str, tuple[str, str, float | None]] = {
     "drop": ("lost", "overwrite", 1.0),
     "duplicate": ("lag", "overwrite", 1.0),
-    "delay": ("lag", "overwrite", None),
+    "delay": ("delay", "overwrite", None),
 }
 """What the effects of the network stand for: (channel of site network, effect, value or None for the fault's own)."""
 
 TRIGGERS: dict[str, str] = {
     "time": "milliseconds since the run began",
     "packet": "sequence numbers of the console's packets",
-    "pedal": "milliseconds since the control software last entered pedal-down; closed while it is not in it",
+    "pedal": "milliseconds since the first cycle after pedal-down was entered; closed while it is not in it",
 }
 TRIGGER_CODES: dict[str, int] = {name: i for i, name in enumerate(TRIGGERS)}
 
