@@ -13,8 +13,8 @@ from ravenjax.stages.faults.fault import Fault, SlotState
 from ravenjax.stages.faults.vocabulary import EFFECT_CODES
 from ravenjax.types import Scalar, to_int32
 
-Effect = Callable[[Scalar, Fault, SlotState, Scalar, Scalar], Scalar]
-"""(x, fault, slot, tick) -> the number that takes x's place; `whole`: the channel holds integers."""
+Effect = Callable[[Scalar, Fault, SlotState, Scalar], Scalar]
+"""(x, fault, slot, tick) -> the float that takes x's place; whole numbers have their bits flipped by `flipped`."""
 
 
 def flipped(x: Scalar, fault: Fault) -> Scalar:
