@@ -38,7 +38,7 @@ def run(
     file: str,
     *,
     out: Annotated[Path | None, Parameter(help="result folder; default results/NAME of the campaign")] = None,
-    engine: Annotated[str, Parameter(help="auto, simd, xla or mjx")] = "auto",
+    engine: Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")] = "auto",
     overrides: Overrides = None,
     chunk: Annotated[int | None, Parameter(help="runs per part of the result")] = None,
     limit: Annotated[int | None, Parameter(help="compute only the first runs")] = None,
@@ -89,6 +89,7 @@ def trace(
     run_id: str,
     *,
     out: Annotated[Path | None, Parameter(help="folder of the trace; default FOLDER/traces")] = None,
+    engine: Annotated[str, Parameter(help="auto is the engine that the campaign ran on")] = "auto",
 ) -> None:
     """Run one row of a result again and write its whole time series: MCAP and a plot.
 
@@ -105,7 +106,7 @@ def trace(
 
     place = out or folder / "traces"
     files.require_writable(place)
-    again = replay.from_folder(folder, run_id)
+    again = replay.from_folder(folder, run_id, engine)
     row, series = again.row, again.series
     log, plot = place / f"{row['run_id']}.mcap", place / f"{row['run_id']}.svg"
     columns = ("run_id", "index", "group", "seed", "verdict", "response_cause")
@@ -176,6 +177,31 @@ def parameters(file: str = "quick.toml", *, overrides: Overrides = None) -> None
 
 
 @app.command
+def bench(
+    *,
+    json: Annotated[bool, Parameter(negative="", help="print every number as JSON")] = False,
+    quick: Annotated[bool, Parameter(negative="", help="half a minute instead of minutes")] = False,
+    markdown: Annotated[Path | None, Parameter(help="also write the tables to this file")] = None,
+) -> None:
+    """Measure this machine: full ticks a second of each engine, beside MJX and mujoco.rollout on the same arm."""
+    import json as json_format
+
+    from ravenjax import terminal
+    from ravenjax.bench import suite, tables
+
+    effort = suite.QUICK if quick else suite.FULL
+    found = suite.measure(effort, lambda what: _err.print(f"measuring: {what}", highlight=False))
+    if markdown is not None:
+        markdown.write_text(tables.markdown(found, f"ravenjax bench{' --quick' if quick else ''} --markdown FILE"))
+    if json:
+        print(json_format.dumps(found.as_json(), indent=1))
+        return
+    for title, columns, rows in tables.tables(found):
+        _out.print(terminal.table(title, columns, rows))
+        _out.print()
+
+
+@app.command
 def doctor() -> int:
     """Check this machine: versions, devices, CPU, memory, and that each part works."""
     from ravenjax import terminal
@@ -185,6 +211,7 @@ def doctor() -> int:
     _out.print()
     tests: dict[str, Callable[[], str]] = {
         "jax computes": _jax_computes,
+        "engine auto": _engine_chosen,
         "robot model": _model_loads,
         "campaigns": _campaigns_load,
         "results": _results_writable,
@@ -230,6 +257,14 @@ def _jax_computes() -> str:
     if total != 14.0:
         raise ArithmeticError(f"0 + 1 + 4 + 9 came out as {total}")
     return ", ".join(f"{device.platform}:{device.id} {device.device_kind}" for device in jax.devices())
+
+
+def _engine_chosen() -> str:
+    from ravenjax.engines import selection
+    from ravenjax.types import CAMPAIGN
+
+    name, why = selection.fastest(CAMPAIGN)
+    return f"{name} on {selection.select(name, CAMPAIGN).device}" + (f"; {why}" if why else "")
 
 
 def _model_loads() -> str:

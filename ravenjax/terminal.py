@@ -53,6 +53,8 @@ class Status(Protocol):
     def failed(self) -> int: ...
     @property
     def left_s(self) -> float | None: ...
+    @property
+    def engine(self) -> str: ...
 
 
 class Watch:
@@ -77,7 +79,9 @@ class Watch:
             self._bar.stop()
 
     def __call__(self, status: Status) -> None:
-        self._first = self._first or status
+        if self._first is None:
+            self._first = status
+            self._console.print(f"engine: {status.engine}", highlight=False)
         text = self._words(status)
         if self._console.is_terminal:
             self._bar.update(self._task, completed=status.progress, description=status.phase, text=text)

@@ -38,7 +38,7 @@ def replay(config: CampaignConfig, run: str | int, engine: str = "auto") -> Repl
     varied, harmless = ready.lanes([row], LANES, harmless=True)
     _, faults = ready.lanes([row], LANES)
     twin = Block(varied, harmless, None)
-    chosen = selection.select(engine, compile_cache.objects())
+    chosen = selection.select(engine, ready.program.setup.precision, compile_cache.objects())
     own, result, signals = chosen.trace(ready.program, twin, Block(varied, faults, None), ready.columns)
     found, fault_free = (
         pd.DataFrame({name: values[:1] for name, values in one.outcomes.items()}) for one in (result, own)
@@ -51,7 +51,10 @@ def from_folder(folder: Path, run: str | int, engine: str = "auto") -> Replay:
     """Run one row of the campaign that a result folder holds, on the engine that it was computed with if "auto"."""
     record = manifest.read(folder)
     config = CampaignConfig.model_validate(record.config)
-    return replay(config, run, record.engine if engine == "auto" else engine)
+    if engine == "auto":
+        # A GPU's results come again on a CPU, to the bit where that fuses multiply-adds.
+        engine = "auto" if record.engine == "cuda" else record.engine
+    return replay(config, run, engine)
 
 
 def find(table: pd.DataFrame, run: str | int) -> int:

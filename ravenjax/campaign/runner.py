@@ -41,6 +41,7 @@ class Status:
     run_s: float  # s, executing so far
     progress: float  # share of this start's work that is done, 0 to 1
     failed: int  # runs of this start whose outcome is not valid
+    engine: str  # which engine runs, on what
 
     @property
     def left_s(self) -> float | None:
@@ -61,7 +62,7 @@ def run_campaign(
     """
     compile_cache.enable()
     ready = plan.make(config)
-    chosen = selection.select(engine, compile_cache.objects())
+    chosen = selection.select(engine, ready.program.setup.precision, compile_cache.objects())
     folder = ResultFolder.open(out, _manifest(ready, chosen)) if out is not None else None
     chunk = config.campaign.chunk
     missing = (
@@ -279,7 +280,16 @@ class _Work:
             earlier = self.ready.runs - self.rows
             share = 1.0 if phase == "done" else min(1.0, self.ticks_done / self.ticks_due)
             self.on_progress(
-                Status(phase, earlier + self.stored, self.ready.runs, self.compile_s, self.run_s, share, self.failed)
+                Status(
+                    phase,
+                    earlier + self.stored,
+                    self.ready.runs,
+                    self.compile_s,
+                    self.run_s,
+                    share,
+                    self.failed,
+                    f"{self.engine.name} on {self.engine.device}",
+                )
             )
 
 

@@ -6,18 +6,23 @@ from collections.abc import MutableMapping
 
 from ravenjax.engines.interface import Engine
 from ravenjax.errors import UserError, suggestion
+from ravenjax.types import Precision
 
-ENGINES = ("simd", "xla", "mjx")
-"""On a CPU, fastest first."""
+ENGINES = ("cuda", "simd", "xla", "mjx")
+"""Fastest first."""
 
 
-def select(name: str = "auto", objects: MutableMapping[str, bytes] | None = None) -> Engine:
-    """The engine of that name; "auto" takes the fastest there is. Raises UserError for an unknown name.
+def select(name: str, precision: Precision, objects: MutableMapping[str, bytes] | None = None) -> Engine:
+    """The engine of that name; "auto" takes the fastest that computes in this precision here. Raises UserError.
 
     objects: where compiled code is kept between processes; None keeps it in this one.
     """
     if name == "auto":
-        name = ENGINES[0]
+        name = fastest(precision)[0]
+    if name == "cuda":
+        from ravenjax.engines.cuda import CudaEngine
+
+        return CudaEngine(objects)
     if name == "simd":
         from ravenjax.engines.simd import SimdEngine
 
@@ -27,3 +32,15 @@ def select(name: str = "auto", objects: MutableMapping[str, bytes] | None = None
 
         return ScanEngine(name)
     raise UserError(f"engine {name!r} is unknown: expected auto, {', '.join(ENGINES)}{suggestion(name, ENGINES)}")
+
+
+def fastest(precision: Precision) -> tuple[str, str]:
+    """The engine that "auto" means on this machine, and in one line why it is not "cuda", empty if it is."""
+    from ravenjax.engines import cuda, cuda_device
+
+    try:
+        cuda.require_float32(precision)
+        cuda_device.require()
+    except UserError as error:
+        return "simd", str(error)
+    return "cuda", ""

@@ -75,7 +75,7 @@ SITES: dict[str, Site] = {
                 Channel("delay", ("delay",), "int32", "packets"),
                 Channel("lost", ("lost",), "bool", "1"),
             ),
-            "between console and robot: which packet arrives in this cycle, and whether one does; lag sends old ones again",
+            "between console and robot: which packet arrives in a cycle, if one does; lag sends old ones again",
         ),
         Site(
             "packet",

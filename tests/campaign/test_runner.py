@@ -178,7 +178,9 @@ def test_a_replay_is_the_run(whole, index):
 
 def test_a_replay_responds_as_the_run_did_where_the_twin_trips_too():
     strict = config(level="beginner", duration_s=1.2, limit=9)
-    strict = rj.load_campaign({**CAMPAIGN, "campaign": strict.campaign.model_dump(), "operator": {"motion": "reach", "scale": 0.3}})
+    strict = rj.load_campaign(
+        {**CAMPAIGN, "campaign": strict.campaign.model_dump(), "operator": {"motion": "reach", "scale": 0.3}}
+    )
     table = rj.run(strict)
     assert (table["check_overdrive_clip_count"] > 0).all(), "the fault-free run is clipped as well"
     quiet = table[table["response"] == "none"].iloc[0]

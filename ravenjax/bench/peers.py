@@ -1,0 +1,81 @@
+"""MuJoCo's own ways to step the same arm: rigid bodies alone, without motors, cables, control software, faults or cue.
+
+Joint limits and contacts are off, which spares both the constraint solver: the least work that they can do.
+"""
+
+# MuJoCo's compiled module carries no types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+
+import mujoco
+import numpy as np
+
+from ravenjax.bench import clock
+from ravenjax.bench.clock import Timing
+from ravenjax.robot import arm_model
+
+STEP_S = 1e-3
+"""s, step of the simulation: that of the tick."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Peer:
+    """How fast something else steps the arm."""
+
+    name: str
+    device: str
+    robots: int
+    steps: int  # of each robot
+    compile_s: float  # s; 0: nothing is compiled
+    timing: Timing
+
+    @property
+    def steps_per_s(self) -> float:
+        """Steps of one arm, all robots together."""
+        return self.robots * self.steps / self.timing.best_s
+
+
+def arm() -> mujoco.MjModel:
+    """The gold arm alone."""
+    model = copy.copy(arm_model.one_arm("gold"))
+    model.opt.timestep = STEP_S
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    return model
+
+
+def rollout(threads: int, robots: int, steps: int, repeats: int, enough_s: float) -> Peer:
+    """C MuJoCo's `mujoco.rollout` with so many threads."""
+    from mujoco import rollout as module
+
+    model, kind = arm(), mujoco.mjtState.mjSTATE_FULLPHYSICS
+    data = [mujoco.MjData(model) for _ in range(threads)]
+    initial = np.zeros((robots, mujoco.mj_stateSize(model, kind)))
+    mujoco.mj_getState(model, data[0], initial[0], kind)
+    initial[:] = initial[0]
+    with module.Rollout(nthread=threads) as pool:
+        timing = clock.timed(lambda: pool.rollout(model, data, initial, nstep=steps), repeats, enough_s)
+    return Peer("mujoco.rollout", f"CPU, {threads} threads", robots, steps, 0.0, timing)
+
+
+def mjx_step(robots: int, steps: int, repeats: int, enough_s: float) -> Peer:
+    """MJX: `jax.vmap(mjx.step)`, the loop over steps inside `jit`."""
+    import jax
+    import jax.numpy as jnp
+
+    from ravenjax.robot.mjx_dynamics import mjx
+
+    model = mjx.put_model(arm())
+    one = mjx.make_data(model)
+    many = jax.vmap(lambda number: one.replace(qvel=one.qvel + 1e-6 * number))(jnp.arange(robots))
+
+    def advance(data: mjx.Data) -> mjx.Data:
+        return jax.lax.fori_loop(0, steps, lambda _, now: jax.vmap(mjx.step, in_axes=(None, 0))(model, now), data)
+
+    with clock.xla_compiling() as compiling:
+        compiled = jax.jit(advance).lower(many).compile()
+    timing = clock.timed(lambda: jax.block_until_ready(compiled(many)), repeats, enough_s)
+    return Peer("jax.vmap(mjx.step)", str(jax.devices()[0].device_kind), robots, steps, sum(compiling), timing)

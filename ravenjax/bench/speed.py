@@ -1,0 +1,115 @@
+"""Full ticks per second of an engine, driven as a campaign drives it: blocks side by side, after one shared twin."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+from ravenjax.bench import clock
+from ravenjax.bench.clock import Timing
+from ravenjax.bench.workload import Workload
+from ravenjax.engines import selection, traced
+from ravenjax.engines.interface import Engine, Kernel
+from ravenjax.errors import UserError
+from ravenjax.types import CAMPAIGN
+
+PRINTING = ("simd", "cuda")
+"""Engines that print the traced tick themselves; the others leave it to XLA."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Batch:
+    """So many runs at once."""
+
+    runs: int
+    lanes: int  # of a block
+    ticks: int  # of a run
+    timing: Timing
+
+    @property
+    def ticks_per_s(self) -> float:
+        """Full ticks, those of lanes that only fill a block not counted."""
+        return self.runs * self.ticks / self.timing.best_s
+
+
+@dataclasses.dataclass(frozen=True)
+class Speed:
+    """What one engine does."""
+
+    engine: str
+    device: str
+    threads: int  # blocks side by side
+    start_s: float  # s, first kernel of this process: tracing and making it ready
+    ready_s: float  # s of a start that come after tracing
+    batches: tuple[Batch, ...]
+
+    @property
+    def best(self) -> Batch:
+        """The fastest batch."""
+        return max(self.batches, key=lambda batch: batch.ticks_per_s)
+
+    @property
+    def growth(self) -> tuple[float, float] | None:
+        """(s, s a run) of the line through the two largest batches, start not counted; None with one batch."""
+        if len(self.batches) < 2:
+            return None
+        less, more = sorted(self.batches, key=lambda batch: batch.runs)[-2:]
+        marginal = (more.timing.best_s - less.timing.best_s) / (more.runs - less.runs)
+        return more.timing.best_s - marginal * more.runs, marginal
+
+
+def find(name: str) -> Engine | str:
+    """The engine, or in one line why there is none; nothing that it compiles is taken from or left in a cache."""
+    try:
+        engine = selection.select(name, CAMPAIGN)
+        return engine if engine.device else f"engine {name!r} names no device"
+    except UserError as error:
+        return str(error)
+
+
+def measure(engine: Engine, workload: Workload, sizes: Sequence[int], repeats: int, enough_s: float) -> Speed:
+    """Time batches of these numbers of runs."""
+    kernels: dict[int, Kernel] = {}
+    start = ready = 0.0
+    batches = []
+    for runs in sizes:
+        kernel = engine.compile(workload.program, runs)
+        if kernel.lanes not in kernels:
+            spent, compiling = _prepare(kernel, workload)
+            start, ready = (start, ready) if kernels else (spent, compiling)
+            kernels[kernel.lanes] = kernel
+        batches.append(_batch(engine, kernels[kernel.lanes], workload, runs, repeats, enough_s))
+    if engine.name in PRINTING:
+        ready = _ready_after_tracing(engine, workload, sizes[0])
+    return Speed(engine.name, engine.device, engine.threads, start, ready, tuple(batches))
+
+
+def _prepare(kernel: Kernel, workload: Workload) -> tuple[float, float]:
+    """Seconds until the kernel is ready, and those of them that XLA compiles."""
+    block = workload.twins(kernel.lanes)
+    with clock.xla_compiling() as compiling:
+        spent = clock.seconds(lambda: kernel.prepare(block, workload.motion))
+    return spent, sum(compiling)
+
+
+def _ready_after_tracing(engine: Engine, workload: Workload, runs: int) -> float:
+    """Seconds of a fresh kernel beyond those of tracing alone, both with JAX warm, the better of two."""
+    block = workload.twins(1)
+    tracing = [clock.seconds(lambda: traced.trace(workload.program, block, workload.motion)) for _ in range(2)]
+    whole = [_prepare(engine.compile(workload.program, runs), workload)[0] for _ in range(2)]
+    return max(0.0, min(whole) - min(tracing))
+
+
+def _batch(engine: Engine, kernel: Kernel, workload: Workload, runs: int, repeats: int, enough_s: float) -> Batch:
+    lanes = kernel.lanes
+    reference = kernel.run(workload.twins(lanes), workload.motion).reference[:, :, 0]
+    blocks = [workload.block(first, min(lanes, runs - first), lanes, reference) for first in range(0, runs, lanes)]
+    with ThreadPoolExecutor(engine.threads) as pool:
+
+        def work() -> None:
+            for _ in pool.map(lambda block: kernel.run(block, workload.motion), blocks):
+                pass
+
+        timing = clock.timed(work, repeats, enough_s)
+    return Batch(runs, lanes, workload.program.ticks, timing)

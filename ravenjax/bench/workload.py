@@ -1,0 +1,80 @@
+"""What is timed: a fixed program of one arm and one fault slot, and any number of runs of it, no two alike.
+
+All runs share their parameters, as those of one campaign group do, so what they have in common (the clean packet, the
+nominal model) is computed once for all of them; they differ in when, where and how their fault strikes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+
+import numpy as np
+
+from ravenjax.campaign import loading, plan
+from ravenjax.campaign.config import CampaignConfig
+from ravenjax.campaign.plan import Plan
+from ravenjax.engines.interface import Block, Program
+from ravenjax.stages.faults.fault import Faults
+from ravenjax.types import replace
+
+PATTERN_RUNS = 256
+"""Rows of the fault table; later runs repeat them with another value."""
+DAC_CNT = 20_000.0
+"""Faults overwrite a DAC command by up to so many counts, either way."""
+GOLDEN = 0.6180339887498949
+"""Multiples of it, modulo 1, fill an interval evenly without ever repeating."""
+
+
+def campaign(runs: int, ticks: int) -> CampaignConfig:
+    """The campaign whose tick is timed: suturing with the gold arm, a DAC command overwritten after every check."""
+    fault = {
+        "site": "usb_out",
+        "channel": ["shoulder", "elbow", "insertion"],
+        "effect": "overwrite",
+        "value": {"uniform": [-DAC_CNT, DAC_CNT]},
+        "start_ms": {"uniform": [0, ticks]},
+        "duration_ms": {"uniform": [1, 100]},
+    }
+    return loading.from_dict(
+        {
+            "campaign": {"name": "bench", "seed": 1, "duration_s": ticks / 1000, "arms": ["gold"]},
+            "operator": {"motion": "suture", "seed": 1},
+            "group": [{"name": "dac", "design": "random", "runs": runs, "fault": [fault]}],
+        }
+    )
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Workload:
+    """The program, and runs of it by number."""
+
+    ticks: int  # of a run
+
+    @cached_property
+    def plan(self) -> Plan:
+        """Its campaign, planned."""
+        return plan.make(campaign(PATTERN_RUNS, self.ticks))
+
+    @property
+    def program(self) -> Program:
+        """What picks code."""
+        return self.plan.program
+
+    @property
+    def motion(self) -> tuple[np.ndarray, ...]:
+        """Columns of the operator's motion."""
+        return self.plan.columns
+
+    def twins(self, lanes: int) -> Block:
+        """A block without faults."""
+        return Block(*self.plan.lanes([0], lanes, harmless=True), None)
+
+    def block(self, first: int, runs: int, lanes: int, reference: np.ndarray) -> Block:
+        """Runs `first` and following, the last repeated to fill the block; reference: [ticks, series] of their twin."""
+        number = first + np.minimum(np.arange(lanes), runs - 1)
+        varied, faults = self.plan.lanes(number % PATTERN_RUNS, lanes)
+        value = (DAC_CNT * (2.0 * (number * GOLDEN % 1.0) - 1.0)).astype(np.float32)
+        slots = tuple(replace(slot, value=value) for slot in faults.slots)
+        shared = np.broadcast_to(reference[:, :, None], (*reference.shape, lanes))
+        return Block(varied, Faults(slots), shared)

@@ -1,0 +1,187 @@
+"""Engine `cuda`: the tick printed as CUDA C with the time loop inside, compiled by NVRTC, one robot a thread.
+
+Lanes that share their varied parameters form a group, as in engine `simd`: what does not differ between them is
+computed once for all of them. Every visible GPU takes blocks. The same operations in the same order as in `simd`, each
+rounded alike: where the CPU fuses multiply-adds, too, both engines give the same bits.
+"""
+
+from __future__ import annotations
+
+import collections
+import dataclasses
+import queue
+import threading
+from typing import Any
+
+import jax
+import numpy as np
+
+from ravenjax.engines import cuda_device, traced
+from ravenjax.engines.cuda_code import CudaCode, Lanes, Places, form_for, place
+from ravenjax.engines.cuda_device import Cubins, Device
+from ravenjax.engines.cuda_loop import WARP
+from ravenjax.engines.interface import Block, Program, Progress, Result
+from ravenjax.errors import UserError
+from ravenjax.types import Precision
+
+WAVES = 8
+"""Times that a block of lanes fills the device, at most."""
+SEATS = 2
+"""Threads that use one device: while one's lanes run, the other packs and unpacks its own."""
+
+
+class CudaKernel:
+    """A traced program and its compiled forms, for every device."""
+
+    def __init__(
+        self,
+        program: Program,
+        lanes: int,
+        devices: tuple[Device, ...],
+        cubins: Cubins | None = None,
+        signals: bool = False,
+    ) -> None:
+        """signals: every signal goes out in each tick."""
+        self.program, self.lanes, self.signals, self.devices = program, lanes, signals, devices
+        self._cubins: Cubins = {} if cubins is None else cubins
+        self._traced: traced.TracedTick | None = None
+        self._codes: dict[tuple[bool, Device], CudaCode] = {}
+        self._lock = threading.Lock()
+        self._seats: queue.Queue[Device] = queue.Queue()
+        for device in devices * SEATS:
+            self._seats.put(device)
+
+    def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
+        """Trace and compile for blocks and motions like these, and load the code on every device."""
+        inputs = traced.inputs(self.program, block)
+        for device in self.devices:
+            self._code(block, motion, self._placed(inputs, device)[1], device)
+
+    def run(self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None) -> Result:
+        """See `interface.Kernel`. A block may have any number of lanes; each is computed, alike or not."""
+        return self._run(block, motion, progress)[0]
+
+    def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[Result, Any]:
+        """As `run`, and every signal of the first lane, each leaf [ticks]."""
+        result, out = self._run(block, motion, None)
+        assert self._traced is not None
+        leaves, structure = jax.tree.flatten(self._traced.signals)
+        columns = np.ascontiguousarray(out[:, self._traced.series :, 0].T)
+        typed = [
+            column.astype(bool) if leaf.dtype == bool else column.view(leaf.dtype)
+            for column, leaf in zip(columns, leaves, strict=True)
+        ]
+        return result, jax.tree.unflatten(structure, typed)
+
+    def _run(
+        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None
+    ) -> tuple[Result, np.ndarray]:
+        inputs = traced.inputs(self.program, block)
+        tables = np.concatenate([np.ascontiguousarray(column) for column in motion])
+        device = self._seats.get()
+        try:
+            places, grouped = self._placed(inputs, device)
+            code = self._code(block, motion, grouped, device)
+            assert self._traced is not None
+            ticks, lanes, series = self.program.ticks, len(places.thread), self._traced.series
+            keep = self.signals or block.reference is None
+            out = np.empty((ticks, len(code.source.outputs), lanes), np.uint32) if keep else None
+            given = _given(block.reference, places, grouped)
+            found = code.run(Lanes(inputs, given, tables, out), places, ticks, progress)
+        finally:
+            self._seats.put(device)
+        if out is None:
+            out = np.empty((0, series, lanes), np.uint32)
+        return Result(dict(zip(self._traced.outcomes, found, strict=True)), out[:, :series].view(np.float32)), out
+
+    def _placed(self, inputs: list[np.ndarray], device: Device) -> tuple[Places, bool]:
+        """Where lanes are computed, and whether by group: if that fits the device at once, or wastes half at most."""
+        form = form_for(device)
+        group = _groups(inputs[: len(self.program.varied)], len(inputs[0]))
+        warps = int((-(-np.bincount(group) // WARP)).sum())
+        at_once = device.multiprocessors * form.threads // WARP
+        grouped = warps <= max(at_once, 2 * -(-len(group) // WARP))
+        return place(group if grouped else np.zeros_like(group), form.threads), grouped
+
+    def _code(self, block: Block, motion: tuple[np.ndarray, ...], grouped: bool, device: Device) -> CudaCode:
+        with self._lock:
+            if self._traced is None:
+                self._traced = traced.trace(self.program, block, motion)
+            if (grouped, device) not in self._codes:
+                loop = self._traced.loop if self.signals else self._traced.without_signals()
+                shared, form = len(self.program.varied), form_for(device)
+                self._codes[grouped, device] = CudaCode(loop, shared, grouped, device, form, self._cubins)
+            return self._codes[grouped, device]
+
+
+def block_lanes(runs: int, devices: tuple[Device, ...]) -> int:
+    """Lanes of a block: each device gets as many blocks, and all but the last lanes fill it a whole number of times."""
+    wave = devices[0].multiprocessors * form_for(devices[0]).threads
+    share = -(-runs // len(devices))
+    blocks = -(-share // (wave * WAVES))
+    unit = wave if share > wave else WARP
+    return -(-share // blocks // unit) * unit
+
+
+def _groups(columns: list[np.ndarray], lanes: int) -> np.ndarray:
+    """Number of the group that each lane is in: equal rows of these columns, bit by bit."""
+    group = np.zeros(lanes, np.int64)
+    for column in columns:
+        pattern = np.ascontiguousarray(column).view(f"u{column.dtype.itemsize}")
+        _, value = np.unique(pattern, return_inverse=True)
+        _, group = np.unique(group * (int(value.max()) + 1) + value, return_inverse=True)
+    return group
+
+
+def _given(reference: np.ndarray | None, places: Places, grouped: bool) -> np.ndarray:
+    """The twins' series as the code reads it; empty, and then zero, where there are none."""
+    if reference is None:
+        return np.zeros((0, 0, 0), np.float32)
+    if grouped:
+        return np.ascontiguousarray(reference[:, :, places.first].transpose(2, 0, 1))
+    return reference[:, :, places.lane]
+
+
+@dataclasses.dataclass(frozen=True)
+class CudaEngine:
+    """Every visible NVIDIA GPU."""
+
+    cubins: Cubins | None = None  # compiled code kept between processes
+    name: str = "cuda"
+
+    @property
+    def device(self) -> str:
+        """The GPUs in words."""
+        found = collections.Counter(device.name for device in cuda_device.devices())
+        return ", ".join(f"{count} x {name}" if count > 1 else name for name, count in found.items())
+
+    @property
+    def threads(self) -> int:
+        """Blocks side by side: `SEATS` a GPU."""
+        return len(cuda_device.devices()) * SEATS
+
+    def compile(self, program: Program, runs: int) -> CudaKernel:
+        """See `interface.Engine`. Raises UserError where no GPU can run it."""
+        require_float32(program.setup.precision)
+        devices = cuda_device.devices()
+        return CudaKernel(_unrolled(program), block_lanes(runs, devices), devices, self.cubins)
+
+    def trace(
+        self, program: Program, twin: Block, block: Block, motion: tuple[np.ndarray, ...]
+    ) -> tuple[Result, Result, Any]:
+        """See `interface.Engine`; the same bits as in a campaign."""
+        require_float32(program.setup.precision)
+        kernel = CudaKernel(_unrolled(program), 1, cuda_device.devices()[:1], self.cubins, signals=True)
+        own = kernel.run(twin, motion)
+        return own, *kernel.run_signals(dataclasses.replace(block, reference=own.reference), motion)
+
+
+def require_float32(precision: Precision) -> None:
+    """Raise UserError for a precision that this engine does not have."""
+    if precision.needs_x64:
+        raise UserError("engine 'cuda' computes in float32; for float64 take engine 'xla'")
+
+
+def _unrolled(program: Program) -> Program:
+    """Link dynamics of single numbers: there are no arrays here."""
+    return dataclasses.replace(program, setup=dataclasses.replace(program.setup, link_dynamics="unrolled"))

@@ -1,0 +1,86 @@
+"""Engine cuda on a real GPU; skipped, with one line, where there is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from cuda_cases import CASES, SOURCE, check
+
+from ravenjax import resources
+from ravenjax.campaign import loading, plan
+from ravenjax.engines import cuda, cuda_device, cuda_source
+from ravenjax.engines.cuda_code import words
+from ravenjax.engines.cuda_device import Session
+from ravenjax.engines.interface import Block
+from ravenjax.engines.simd import SimdEngine
+from ravenjax.errors import UserError
+from ravenjax.types import replace
+
+
+@pytest.fixture(scope="module")
+def device():
+    try:
+        return cuda_device.devices()[0]
+    except UserError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope="module")
+def operations(device):
+    return cuda_device.Module(device, cuda_device.compile(SOURCE, device.architecture, cuda_source.OPTIONS))
+
+
+@pytest.mark.parametrize("k", range(len(CASES)), ids=[name for name, _, _ in CASES])
+def test_every_operation_gives_the_bits_that_it_means(device, operations, k):
+    def launch(name, given, out, n):
+        with Session(device) as session:
+            there, room = session.upload(given), session.room(out.size)
+            session.launch(operations.function(name), -(-n // 64), 64, session.main, there, room, n)
+            session.read(out, room, session.main)
+        return out
+
+    check(launch, k)
+
+
+@pytest.fixture(scope="module")
+def short():
+    ready = plan.make(loading.load(resources.campaign("quick.toml")))
+    ticks = 1500
+    return replace(
+        ready, program=replace(ready.program, ticks=ticks), columns=tuple(column[:ticks] for column in ready.columns)
+    )
+
+
+def test_a_campaign_has_the_bits_of_engine_simd(device, short):
+    rows = np.linspace(0, short.runs - 1, 256).astype(int)
+    varied, harmless = short.lanes(rows, len(rows), harmless=True)
+    _, faults = short.lanes(rows, len(rows))
+    results = []
+    for engine in (SimdEngine(), cuda.CudaEngine()):
+        kernel = engine.compile(short.program, len(rows))
+        twins = kernel.run(Block(varied, harmless, None), short.columns)
+        results.append((twins, kernel.run(Block(varied, faults, twins.reference), short.columns)))
+    for one, other in zip(*results, strict=True):
+        np.testing.assert_array_equal(one.reference.view(np.uint32), other.reference.view(np.uint32))
+        for name, values in one.outcomes.items():
+            np.testing.assert_array_equal(words(values), words(other.outcomes[name]), err_msg=name)
+
+
+def test_a_trace_is_the_campaign_run_with_every_signal(device, short):
+    varied, harmless = short.lanes([5], 1, harmless=True)
+    _, faults = short.lanes([5], 1)
+    twin, block = Block(varied, harmless, None), Block(varied, faults, None)
+    engine = cuda.CudaEngine()
+    own, result, signals = engine.trace(short.program, twin, block, short.columns)
+    kernel = engine.compile(short.program, 1)
+    twins = kernel.run(twin, short.columns)
+    np.testing.assert_array_equal(own.reference, twins.reference)
+    expected = kernel.run(replace(block, reference=twins.reference), short.columns)
+    for name, values in expected.outcomes.items():
+        np.testing.assert_array_equal(words(values), words(result.outcomes[name]), err_msg=name)
+    assert signals.tip[0][0].shape == (short.program.ticks,)
+
+
+def test_an_architecture_that_nvrtc_does_not_know_is_refused(device):
+    with pytest.raises(UserError, match="cannot compile for sm_35: NVRTC"):
+        cuda_device.compile(SOURCE, "sm_35", cuda_source.OPTIONS)
