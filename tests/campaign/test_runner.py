@@ -114,6 +114,7 @@ def test_simd_prints_each_form_of_its_kernel_once(monkeypatch):
     assert sorted(grouped) in ([False], [True], [False, True]), "with and without groups of shared parameters"
 
 
+@pytest.mark.slow
 def test_xla_compiles_one_kernel():
     compiled = []
 

@@ -74,6 +74,7 @@ def gap(a, b):
     return float((np.abs(a - b) / np.maximum(1.0, np.abs(a))).max(initial=0.0))
 
 
+@pytest.mark.slow
 def test_mjx_and_xla_agree_in_float64_over_100_ticks():
     ready, columns = planned(100, precision=REFERENCE)
     results = []
@@ -189,6 +190,7 @@ def test_a_kernel_may_run_in_several_threads(ready, kernel, twin, result):
         same(mixed, {name: values[order] for name, values in result.items()})
 
 
+@pytest.mark.slow
 def test_segments_that_do_not_divide_the_run_change_nothing(monkeypatch):
     """In float64, as another length of segment is another program: in float32 a DAC command may be a count off."""
     content = {**campaign(TICKS, friction=[0.5, 1.0, 2.0]), "group": [{"name": "free"}]}

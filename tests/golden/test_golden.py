@@ -10,6 +10,9 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import bless
 
+from ravenjax.engines import selection
+from ravenjax.types import CAMPAIGN
+
 
 @pytest.fixture(scope="module")
 def both():
@@ -17,7 +20,7 @@ def both():
 
     One campaign, so one compile; a run's result does not depend on the others in it.
     """
-    frame = bless.compute(("parameters.plant.friction_scale=[1.0, 1.02]",))
+    frame = bless.compute(("parameters.plant.friction_scale=[1.0, 1.02]",), "simd")
     friction = frame["param:plant.friction_scale"]
     return tuple(frame[friction == value].reset_index(drop=True) for value in (1.0, 1.02))
 
@@ -79,8 +82,10 @@ def test_a_last_bit_is_not_noticed(golden):
 
 
 @pytest.mark.slow
-def test_the_other_engine_stays_far_inside_the_tolerances(golden, monkeypatch):
+@pytest.mark.parametrize("engine", ["xla", "mjx", "cuda"])
+def test_every_other_engine_stays_far_inside_the_tolerances(golden, monkeypatch, engine):
+    if engine == "cuda" and selection.fastest(CAMPAIGN)[0] != "cuda":
+        pytest.skip(selection.fastest(CAMPAIGN)[1])
     monkeypatch.setattr(bless, "RELATIVE", bless.RELATIVE / 10.0)
     monkeypatch.setattr(bless, "ABSOLUTE", bless.ABSOLUTE / 10.0)
-    found = bless.rj.run(bless.rj.load_campaign(bless.CAMPAIGN), engine="mjx")
-    assert bless.differences(found, golden) == []
+    assert bless.differences(bless.compute(engine=engine), golden) == []

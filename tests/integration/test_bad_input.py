@@ -212,7 +212,7 @@ def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("finished")
     path = folder / "small.toml"
     path.write_text(CAMPAIGN.format(**PLAIN))
-    assert cli.main(["run", str(path), "--out", str(folder / "out"), "--engine", "xla", "--no-report"]) == 0
+    assert cli.main(["run", str(path), "--out", str(folder / "out"), "--engine", "simd", "--no-report"]) == 0
     return path, folder / "out"
 
 
@@ -234,12 +234,12 @@ def test_a_truncated_part(copied, refused, run):
     whole = parts[1].read_bytes()
     parts[1].write_bytes(whole[: len(whole) // 2])
     before = contents(out)
-    for command in (["run", path, "--out", out, "--engine", "xla"], ["report", out]):
+    for command in (["run", path, "--out", out, "--engine", "simd"], ["report", out]):
         err = refused(command, parts[1], f"{len(whole) // 2} bytes", f"recorded {len(whole)}", "delete this file")
         assert str(parts[0]) not in err
         assert contents(out) == before, "nothing is written over what is there"
     parts[1].unlink()
-    code, _, err = run("run", path, "--out", out, "--engine", "xla", "--no-report")
+    code, _, err = run("run", path, "--out", out, "--engine", "simd", "--no-report")
     assert code == 0, err
     assert {p.name for p in (out / "parts").iterdir()} == {p.name for p in parts}
     assert parts[0].read_bytes() == before[parts[0]] and parts[2].read_bytes() == before[parts[2]]
@@ -257,7 +257,7 @@ def test_a_damaged_manifest(copied, refused):
 def test_another_campaign_in_the_folder(copied, refused):
     path, out = copied
     before = contents(out)
-    command = ["run", path, "--out", out, "--engine", "xla", "--set", "campaign.duration_s=0.4"]
+    command = ["run", path, "--out", out, "--engine", "simd", "--set", "campaign.duration_s=0.4"]
     refused(command, out, "duration_s", "0.3 here, 0.4 asked for", f"rm -r {out}")
     assert contents(out) == before
 
@@ -319,10 +319,10 @@ def test_a_disk_that_fills_up_keeps_the_parts_that_are_there(copied, run, monkey
         replace(source, target)
 
     monkeypatch.setattr(os, "replace", full)
-    code, _, err = run("run", path, "--out", out, "--engine", "xla", "--no-report")
+    code, _, err = run("run", path, "--out", out, "--engine", "simd", "--no-report")
     assert code == cli.USER_ERROR and err.count("error:") == 1
     assert str(parts[2]) in err and "No space left on device" in err and "same command again" in err
     assert sorted((out / "parts").iterdir()) == parts[:2]
     monkeypatch.setattr(os, "replace", replace)
-    assert run("run", path, "--out", out, "--engine", "xla", "--no-report")[0] == 0
+    assert run("run", path, "--out", out, "--engine", "simd", "--no-report")[0] == 0
     assert sorted((out / "parts").iterdir()) == parts

@@ -47,7 +47,7 @@ def out(tmp_path_factory):
     """The result folder after one run."""
     folder = tmp_path_factory.mktemp("end_to_end")
     (folder / "tiny.toml").write_text(CAMPAIGN)
-    assert call("run", folder / "tiny.toml", "--out", folder / "out", "--engine", "xla") == 0
+    assert call("run", folder / "tiny.toml", "--out", folder / "out", "--engine", "simd") == 0
     return folder / "out"
 
 
@@ -106,7 +106,7 @@ def test_a_second_start_computes_nothing(out, monkeypatch):
     table = read_all(out)
     monkeypatch.setattr(runner._Work, "compile", None)
     monkeypatch.setattr(runner._Work, "batch", None)
-    assert call("run", out.parent / "tiny.toml", "--out", out, "--engine", "xla") == 0
+    assert call("run", out.parent / "tiny.toml", "--out", out, "--engine", "simd") == 0
     assert {path: path.stat().st_mtime_ns for path in (out / "parts").iterdir()} == before
     assert read_all(out).equals(table)
     record = json.loads((out / "manifest.json").read_text())
@@ -117,7 +117,7 @@ def test_the_notebook_sees_the_same_series(out, traced):
     import ravenjax as rj
 
     row, _, _ = traced
-    series = rj.simulate(out.parent / "tiny.toml", row["run_id"], engine="xla")
+    series = rj.simulate(out.parent / "tiny.toml", row["run_id"], engine="simd")
     assert len(series["gold/tip"]) == 400
     assert np.abs(series["gold/dac_cnt"][250:290, 0]).min() >= 9000
     apart = np.linalg.norm(series["gold/tip"] - series["gold/model_position"], axis=1).max() * 1e3
