@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 import jax.numpy as jnp
 import numpy as np
@@ -25,11 +25,14 @@ from ravenjax.stages import (
 )
 from ravenjax.types import ArmName, Scalar, Setup, Vec, as_int, per_arm, record, replace
 
-Inject = Callable[[str, Any], Any]
-"""`inject(site, signal)` returns the signal as faults leave it; sites are those of `ravenjax.robot.sites`."""
+
+class Inject(Protocol):
+    """Returns the signal of a site of `ravenjax.robot.sites` as faults leave it, where it is `present`."""
+
+    def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any: ...
 
 
-def unharmed(site: str, signal: Any) -> Any:
+def unharmed(site: str, signal: Any, present: Scalar = True) -> Any:
     """The Inject of a robot without faults."""
     return signal
 
@@ -165,7 +168,9 @@ def cycle(
     def each(function: Callable[[int, ArmName, str], Any]) -> tuple[Any, ...]:
         return per_arm(setup, lambda i, arm: function(i, arm, setup.tools[i]))
 
-    state = receive(setup, params, state, inject("packet_header", inject("packet", inputs.packet)))
+    received = inputs.packet.received != 0
+    packet = inject("packet_header", inject("packet", inputs.packet, received), received)
+    state = receive(setup, params, state, packet)
     tick = state.tick
 
     # --- sense ---
@@ -226,9 +231,7 @@ def cycle(
     # --- check ---
     over, checked, tripped = overdrive.step(setup, params.overdrive, state.overdrive, tick, level, current_cmd)
     machine = state_machine.raise_soft_estop(machine, tick, tripped)
-    dog, pins = watchdog.step(
-        state.watchdog, tick, machine.soft_estopped, level, teleop.surgeon_mode, machine.initialized
-    )
+    dog, pins = watchdog.step(state.watchdog, machine.soft_estopped, level, teleop.surgeon_mode, machine.initialized)
 
     # --- write ---
     written = inject("usb_out", checked)

@@ -326,7 +326,7 @@ def checks(state: State) -> dict[str, Check]:
         "overdrive_hard": over.hard,
         "overdrive_clip": over.clip,
         "soft_estop": machine.soft_estop,
-        "plc_watchdog": _watchdog(state.plc),
+        "plc_watchdog": state.plc.watchdog_lost,
         "estop": machine.estop,
         "ik_reject": _worse([arm.ik_reject for arm in software.cartesian]),
         "joint_limit": _worse([arm.joint_limit for arm in software.cartesian]),
@@ -369,9 +369,9 @@ class _Injector:
     def __init__(self, setup: Setup, faults: fault.Faults, state: fault.State, clock: window.Clock) -> None:
         self.setup, self.faults, self.state, self.clock = setup, faults, state, clock
 
-    def __call__(self, site: str, signal: Any) -> Any:
+    def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:
         self.state, signal = injection.inject(
-            self.setup, _paths(self.setup), self.faults, self.state, self.clock, site, signal
+            self.setup, _paths(self.setup), self.faults, self.state, self.clock, site, signal, present
         )
         return signal
 
@@ -460,11 +460,6 @@ def _largest(values: list[Scalar]) -> Scalar:
     for value in values[1:]:
         largest = jnp.maximum(largest, value)
     return largest
-
-
-def _watchdog(state: plc.State) -> Check:
-    tripped = state.trip_cause == plc.CAUSE_WATCHDOG
-    return Check(jnp.where(tripped, state.trip_tick, -1), as_int(tripped), jnp.asarray(jnp.nan, jnp.float32))
 
 
 def _worse(arms: list[Check]) -> Check:

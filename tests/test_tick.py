@@ -71,7 +71,8 @@ def trace(setup: Setup):
 def flat(jaxpr):
     """Every equation, calls inlined."""
     for equation in jaxpr.eqns:
-        inner = [value.jaxpr for value in equation.params.values() if hasattr(value, "jaxpr")]
+        bodies = equation.params.get("branches", equation.params.values())  # of a rare choice, both
+        inner = [value.jaxpr for value in bodies if hasattr(value, "jaxpr")]
         if inner:
             for sub in inner:
                 yield from flat(sub)

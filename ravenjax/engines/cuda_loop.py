@@ -17,6 +17,7 @@ import collections
 import dataclasses
 
 from ravenjax.engines.cuda_source import PRELUDE, Printer
+from ravenjax.engines.regions import arrange
 from ravenjax.engines.straight import Program
 from ravenjax.engines.time_loop import Split
 
@@ -215,7 +216,8 @@ class _Module:
         sources = self._words(step, "inputs[{}]", state) | words
         results = [(step.outputs[k], word) for k, word in state.items()]
         results += [(i, f"row[{position}]") for position, i in enumerate(self.in_row)]
-        printer.run(step, split.shared, sources, results, given, "tables")
+        order = arrange(step.operations, split.shared, [i for i, _ in results])
+        printer.run(step, order, sources, results, given, "tables")
         start = self._at_group(
             inputs=self.inputs, state=len(state), given=f"count * {self.given}", row=f"count * {self.row}"
         )
@@ -254,7 +256,8 @@ class _Module:
         sources = inputs | ({} if self.given_by_group else words) | rows | kept
         results = [(step.outputs[k], state[k]) for k in split.lane_state]
         results += [(i, f"o{position}") for position, i in enumerate(self.outputs)]
-        printer.run(step, split.lane, sources, results, given, "tables")
+        order = arrange(step.operations, split.lane, [i for i, _ in results])
+        printer.run(step, order, sources, results, given, "tables")
         for at in range(len(printer.lines) // form.region * form.region, 0, -form.region):
             printer.lines.insert(at, '    asm volatile("" ::: "memory");')
 

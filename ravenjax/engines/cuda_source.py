@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ravenjax.engines.regions import Region, flat
 from ravenjax.engines.straight import Program, number
 
 OPTIONS = ("--fmad=false", "--ftz=false", "--prec-div=true", "--prec-sqrt=true")
@@ -80,13 +81,13 @@ class Printer:
     def run(
         self,
         program: Program,
-        operations: Iterable[int],
+        operations: Iterable[int | Region],
         sources: Mapping[int, str],
         results: Sequence[tuple[int, str]],
         given: Mapping[int, str] | None = None,
         tables: str = "",
     ) -> None:
-        """Print `operations` of `program`.
+        """Print `operations` of `program`; a region becomes a block that is entered where its condition holds.
 
         sources: 32-bit words (text of an lvalue) that hold numbers, read where first needed; results: numbers and the
         words to write them to, written once they are there and what stood there before has been read. given: text of
@@ -95,7 +96,8 @@ class Printer:
         operations = list(operations)
         types = [operation.dtype for operation in program.operations]
         values: dict[int, str] = dict(given or {})
-        read = {o for i in operations for o in program.operations[i].operands} | {i for i, _ in results}
+        every = list(flat(operations))
+        read = {o for i in every for o in program.operations[i].operands} | {i for i, _ in results}
         holder = {word: i for i, word in sources.items() if i in read}
         due: dict[int, list[tuple[int, str]]] = {}
 
@@ -121,10 +123,11 @@ class Printer:
             if sources.get(i) != word:  # it stays where it is
                 goals.setdefault(i, []).append((i, word))
         outside = {i for i in goals if i in sources or i in values or program.operations[i].name == "constant"}
-        for i in operations:
+
+        def compute(i: int) -> None:
             name, dtype, operands, detail = program.operations[i]
             if i in sources or i in values or name == "constant":
-                continue
+                return
             inputs = [value(o) for o in operands]
             if name == "lookup":
                 start = sum(length for _, length in program.tables[:detail])
@@ -135,15 +138,41 @@ class Printer:
                 text = expression(name, dtype, [types[o] for o in operands], inputs, known)
             values[i] = self._new(dtype, text)
             write(goals.get(i, []))
+
+        def enter(region: Region) -> None:
+            for o in region.reads(program.operations):
+                value(o)
+            condition, before = value(region.condition), dict(values)
+            names = {i: self._name() for i in region.results}
+            for i, name in names.items():
+                self.line(f"{TYPES[types[i]]} {name} = 0;")
+            self.line(f"if ({condition}) {{")
+            for i in region.operations:
+                compute(i)
+            for i, name in names.items():
+                self.line(f"{name} = {values[i]};")
+            self.line("}")
+            values.clear()
+            values.update(before | names)
+
+        for item in operations:
+            if isinstance(item, Region):
+                enter(item)
+            else:
+                compute(item)
         for i in outside:
             value(i)
         holder.clear()
         write([goal for i in outside for goal in goals[i]] + [goal for pending in due.values() for goal in pending])
 
-    def _new(self, dtype: str, text: str) -> str:
+    def _name(self) -> str:
         self._count += 1
-        self.line(f"const {TYPES[dtype]} v{self._count} = {text};")
         return f"v{self._count}"
+
+    def _new(self, dtype: str, text: str) -> str:
+        name = self._name()
+        self.line(f"const {TYPES[dtype]} {name} = {text};")
+        return name
 
 
 def constant(dtype: str, value: Any) -> str:
@@ -178,7 +207,7 @@ def expression(name: str, dtype: str, sources: Sequence[str], x: Sequence[str], 
     if real and name in _ROUNDED:
         return f"{_ROUNDED[name]}({x[0]})"
     match name:
-        case "select":
+        case "select" | "rarely":
             return f"{x[0]} ? {x[1]} : {x[2]}"
         case "div" if real:
             return f"{x[0]} / {x[1]}"

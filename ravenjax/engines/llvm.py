@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from ravenjax.engines.memory import Place, size
+from ravenjax.engines.regions import Region, flat
 from ravenjax.engines.straight import Program, number
 
 _STORED = {"float32": "float", "float64": "double", "int32": "i32", "uint32": "i32", "bool": "i32"}
@@ -32,8 +33,9 @@ _FUSED = frozenset(("fma", "neon", "fp-armv8"))
 class Printer:
     """Lines of one function body, for `width` lanes (1: scalar code) on a CPU with these features."""
 
-    def __init__(self, width: int, features: frozenset[str]) -> None:
-        self.width, self.features = width, features
+    def __init__(self, width: int, features: frozenset[str], block: str = "entry") -> None:
+        """block: label of the block that the lines begin in."""
+        self.width, self.features, self.block = width, features, block
         self.lines: list[str] = []
         self.declared: set[str] = set()
         self._count = 0
@@ -43,7 +45,7 @@ class Printer:
     def run(
         self,
         program: Program,
-        operations: Iterable[int],
+        operations: Iterable[int | Region],
         sources: Mapping[int, Place],
         results: Sequence[tuple[int, Place]],
         tables: str = "",
@@ -51,12 +53,13 @@ class Printer:
     ) -> None:
         """Print `operations` of `program`; numbers with a source are read from there, `results` written.
 
+        A region becomes a block that is passed by where its condition holds in no lane.
         A result is written once it is there and what its place held before has been read. given: numbers that are
         values of the function already; tables: pointer to the tables, one after the other.
         """
         operations = list(operations)
         values: dict[int, str] = dict(given or {})
-        read = {o for i in operations for o in program.operations[i].operands} | {i for i, _ in results}
+        read = {o for i in flat(operations) for o in program.operations[i].operands} | {i for i, _ in results}
         at = {place: i for i, place in sources.items() if i in read}
         due: dict[int, list[tuple[int, Place]]] = {}
         types = [operation.dtype for operation in program.operations]
@@ -85,19 +88,46 @@ class Printer:
         outside = {i for i in goals if i in sources or i in values or program.operations[i].name == "constant"}
         for i in outside:
             value(i)
-        for i in operations:
+
+        def compute(i: int) -> None:
             name, dtype, operands, detail = program.operations[i]
             if i in sources or i in values or name == "constant":
-                continue
+                return
             inputs = [value(o) for o in operands]
             if name == "lookup":
                 values[i] = self._lookup(program, detail, inputs[0], tables)
-            elif name == "select":
+            elif name in ("select", "rarely"):
                 values[i] = self.op(f"select {self.type('bool')} {inputs[0]}, {self.pair(dtype, inputs[1:])}")
             else:
                 constants = [program.operations[o].name == "constant" for o in operands]
                 values[i] = self._operation(name, dtype, types[operands[0]], inputs, constants)
             write(goals.get(i, []))
+
+        def enter(region: Region) -> None:
+            for o in region.reads(program.operations):
+                value(o)
+            condition, outer, before = value(region.condition), self.block, dict(values)
+            if self.width > 1:
+                name = f"llvm.vector.reduce.or.v{self.width}i1"
+                condition = self.call("i1", name, (self.type("bool"), condition))
+            self._count += 1
+            block, after = f"rare{self._count}", f"after{self._count}"
+            self.lines += [f"br i1 {condition}, label %{block}, label %{after}, !prof !0", f"{block}:"]
+            for i in region.operations:
+                compute(i)
+            self.lines += [f"br label %{after}", f"{after}:"]
+            for i in region.results:
+                ways = f"[ {values[i]}, %{block} ], [ {self.constant(types[i], 0)}, %{outer} ]"
+                before[i] = self.op(f"phi {self.type(types[i])} {ways}")
+            values.clear()
+            values.update(before)
+            self.block = after
+
+        for item in operations:
+            if isinstance(item, Region):
+                enter(item)
+            else:
+                compute(item)
         at.clear()
         write([goal for i in outside for goal in goals[i]] + [goal for pending in due.values() for goal in pending])
 

@@ -15,6 +15,7 @@ import dataclasses
 
 from ravenjax.engines.llvm import Printer
 from ravenjax.engines.memory import Layout, Place
+from ravenjax.engines.regions import arrange
 from ravenjax.engines.schedule import schedule
 from ravenjax.engines.straight import Program
 from ravenjax.engines.time_loop import Split
@@ -68,7 +69,8 @@ class _Module:
         self._lane_finish()
         bits = self.width * 32
         attributes = f'attributes #0 = {{ nounwind "min-legal-vector-width"="{bits}" "prefer-vector-width"="{bits}" }}'
-        text = "\n".join([*self.functions, *sorted(self.declared), attributes])
+        weights = '!0 = !{!"branch_weights", i32 1, i32 2000}'
+        text = "\n".join([*self.functions, *sorted(self.declared), attributes, weights])
         return Kernel(
             text, self.inputs, self.group_inputs, self.state, self.group_state, self.held, self.row, self.results
         )
@@ -98,17 +100,17 @@ class _Module:
 
     def _function(self, name: str, parameters: str, printer: Printer) -> None:
         body = "\n".join(f"  {line}" for line in printer.lines)
-        self.functions.append(f"define void @{name}({parameters}) #0 {{\n{body}\n  ret void\n}}\n")
+        self.functions.append(f"define void @{name}({parameters}) #0 {{\nentry:\n{body}\n  ret void\n}}\n")
         self.declared |= printer.declared
 
     def _loop(self, name: str, parameters: str, printer: Printer, steps: dict[str, str]) -> None:
         """A function that repeats its body %count times; pointers of `steps` move by so many bytes each time."""
         body = "\n".join(f"  {line}" for line in printer.lines)
-        pointers = "".join(f"  %{p} = phi ptr [ %{p}0, %entry ], [ %{p}1, %again ]\n" for p in steps)
+        pointers = "".join(f"  %{p} = phi ptr [ %{p}0, %entry ], [ %{p}1, %{printer.block} ]\n" for p in steps)
         moved = "".join(f"  %{p}1 = getelementptr i8, ptr %{p}, i64 {by}\n" for p, by in steps.items())
         self.functions.append(
             f"define void @{name}({parameters}, i64 %count) #0 {{\nentry:\n  br label %again\nagain:\n"
-            f"  %tick = phi i64 [ 0, %entry ], [ %next, %again ]\n{pointers}{body}\n{moved}"
+            f"  %tick = phi i64 [ 0, %entry ], [ %next, %{printer.block} ]\n{pointers}{body}\n{moved}"
             "  %next = add i64 %tick, 1\n  %more = icmp ult i64 %next, %count\n"
             "  br i1 %more, label %again, label %end\nend:\n  ret void\n}\n"
         )
@@ -122,14 +124,15 @@ class _Module:
         self._function("shared_begin", "ptr noalias %inputs, ptr noalias %state", printer)
 
     def _shared_run(self) -> None:
-        printer = Printer(1, self.features)
+        printer = Printer(1, self.features, "again")
         split, step = self.split, self.step
         state = self._group("%state")
         sources = self._sources(step, self.group_inputs.places("%inputs"), state)
         given = self._of_this_tick(printer, sources, shared=True)
         results = [(step.outputs[k], place) for k, place in state.items()]
         results += list(zip(split.row, self.row.places("%row"), strict=True))
-        printer.run(step, split.shared, sources, results, "%tables", given)
+        order = arrange(step.operations, split.shared, [i for i, _ in results])
+        printer.run(step, order, sources, results, "%tables", given)
         parameters = (
             "ptr noalias %inputs, ptr noalias %state, ptr noalias %tables, ptr noalias %in0, i64 %in_stride, "
             "i64 %in_step, ptr noalias %row0, i32 %first"
@@ -165,7 +168,7 @@ class _Module:
         self._function("lane_begin", "ptr noalias %inputs, ptr noalias %state, ptr noalias %held", printer)
 
     def _lane_run(self) -> None:
-        printer = Printer(self.width, self.features)
+        printer = Printer(self.width, self.features, "again")
         split, step = self.split, self.step
         state = self._state("%state")
         sources = self._sources(step, self.inputs.places("%inputs"), state)
@@ -176,7 +179,8 @@ class _Module:
         for k, i in enumerate(step.outputs[split.loop.states :]):
             offset = printer.op(f"mul i64 %out_step, {k}")
             results.append((i, Place(printer.op(f"getelementptr i8, ptr %out, i64 {offset}"))))
-        printer.run(step, schedule(step.operations, split.lane), sources, results, "%tables")
+        order = schedule(step.operations, arrange(step.operations, split.lane, [i for i, _ in results]))
+        printer.run(step, order, sources, results, "%tables")
         parameters = (
             "ptr noalias %inputs, ptr noalias %held, ptr noalias %state, ptr noalias %tables, ptr noalias %in0, "
             "i64 %in_stride, i64 %in_step, ptr noalias %row0, ptr noalias %out0, i64 %out_stride, i64 %out_step"

@@ -108,12 +108,31 @@ class _Walk:
             if name in _CALLS:
                 inner, inner_consts = _callee(eqn)
                 results = self.body(inner, [self.constant(c) for c in inner_consts], operands)
+            elif name == "cond":
+                results = self._branches(eqn, operands)
             elif name == "optimization_barrier":
                 results = operands
             else:
                 results = [self._equation(eqn, operands)]
             values.update(zip(eqn.outvars, results, strict=True))
         return [read(atom) for atom in jaxpr.outvars]
+
+    def _branches(self, eqn: core.JaxprEqn, operands: list[_Value]) -> list[_Value]:
+        """Both branches, and a choice between each pair of results; the first branch is the usual one."""
+        if len(eqn.params["branches"]) != 2:
+            raise UnknownPrimitive(
+                f"a choice of {len(eqn.params['branches'])} branches is not known; nest two-way ones"
+            )
+        b, index = self.builder, _single(operands[0])
+        condition = b.emit("ne", "bool", index, b.constant(b.operations[index].dtype, 0))
+        usual, rare = (
+            self.body(branch.jaxpr, [self.constant(c) for c in branch.consts], operands[1:])
+            for branch in eqn.params["branches"]
+        )
+        return [
+            b.emit("rarely", b.operations[_single(x)].dtype, condition, _single(x), _single(y))
+            for x, y in zip(rare, usual, strict=True)
+        ]
 
     def _equation(self, eqn: core.JaxprEqn, operands: list[_Value]) -> int:
         aval: Any = eqn.outvars[0].aval

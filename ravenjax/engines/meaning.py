@@ -3,7 +3,8 @@
 Floats follow IEEE 754 with one rounding an operation (`fma` included); integers wrap; nothing raises. Where XLA defines
 an edge, it is the same here: converting a float to an integer saturates (NaN: 0), a shift by the width or more shifts
 everything out, division of an integer by 0 is -1. `truncate` is C's `(int)x` on x86 instead: -2147483648 for what does
-not fit. Of two zeros of unlike sign `max` and `min` give the second; a NaN always comes through.
+not fit. Of two zeros of unlike sign `max` and `min` give the second; a NaN always comes through. `rarely` is a `select`
+whose condition seldom holds (see `regions`).
 """
 
 from __future__ import annotations
@@ -128,6 +129,7 @@ _MEANING: dict[str, Callable[..., Array]] = {
     "shr": _shift(_logical, np.zeros_like),
     "sar": _shift(np.right_shift, lambda x: np.where(np.asarray(x) < 0, -1, 0)),
     "select": np.where,
+    "rarely": np.where,
     "truncate": _truncate,
 }
 

@@ -199,12 +199,24 @@ class _Printer:
             if name in _CALLS:
                 inner, inner_consts = _body(eqn)
                 results = self.body(inner, [self.constant(c) for c in inner_consts], operands)
+            elif name == "cond":
+                results = self._branches(eqn, operands)
             elif name == "optimization_barrier":
                 results = operands
             else:
                 results = [self.equation(eqn, operands)]
             values.update(zip(eqn.outvars, results, strict=True))
         return [read(atom) for atom in jaxpr.outvars]
+
+    def _branches(self, eqn: core.JaxprEqn, operands: list[_Value]) -> list[_Value]:
+        """Both branches of two, and a choice between each pair of results."""
+        usual, rare = (
+            self.body(branch.jaxpr, [self.constant(c) for c in branch.consts], operands[1:])
+            for branch in eqn.params["branches"]
+        )
+        return [
+            self.emit("({1} if {0} else {2})", [operands[0], x, y], x.dtype) for x, y in zip(rare, usual, strict=True)
+        ]
 
     def equation(self, eqn: core.JaxprEqn, operands: list[_Value]) -> _Value:
         aval: Any = eqn.outvars[0].aval

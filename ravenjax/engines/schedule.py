@@ -8,8 +8,9 @@ registers. Measured on a tick of 4 250 vector operations: 4 450 cycles as traced
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
+from ravenjax.engines.regions import Region
 from ravenjax.engines.straight import Operation
 
 WINDOW = 200
@@ -22,6 +23,7 @@ LATENCIES = {
     "div": 20,
     "sqrt": 30,
     "select": 3,
+    "rarely": 3,
     "abs": 2,
     "neg": 0,
     "bitcast": 0,
@@ -36,8 +38,23 @@ def latency(name: str) -> int:
     return LATENCIES.get(name, 6 if name in _SLOW else 2)
 
 
-def schedule(operations: Sequence[Operation], order: Sequence[int], window: int = WINDOW) -> tuple[int, ...]:
-    """`order`, numbers of operations in an order that can be run, rearranged; one is begun each cycle."""
+def schedule(
+    operations: Sequence[Operation], arranged: Iterable[int | Region], window: int = WINDOW
+) -> list[int | Region]:
+    """Operations in an order that can be run, rearranged between regions and within each; one is begun each cycle."""
+    out: list[int | Region] = []
+    between: list[int] = []
+    for item in arranged:
+        if isinstance(item, Region):
+            out += _straight(operations, between, window)
+            out.append(item._replace(operations=_straight(operations, item.operations, window)))
+            between = []
+        else:
+            between.append(item)
+    return out + list(_straight(operations, between, window))
+
+
+def _straight(operations: Sequence[Operation], order: Sequence[int], window: int) -> tuple[int, ...]:
     here = set(order)
     due: dict[int, int] = {}  # when the result of a placed operation is there
     waiting: list[int] = []  # the window, in order

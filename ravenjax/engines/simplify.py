@@ -22,6 +22,8 @@ def simplify(b: Builder, name: str, dtype: str, operands: tuple[int, ...]) -> in
         return _comparison(b, name, operands)
     if name == "select":
         return _choice(b, dtype, *operands)
+    if name == "rarely":
+        return _rare_choice(b, *operands)
     if dtype == "bool":
         return _logic(b, name, operands)
     if name in ("convert", "bitcast"):
@@ -201,6 +203,12 @@ def _choice(b: Builder, dtype: str, condition: int, yes: int, no: int) -> int | 
     if dtype == "bool":
         return _chosen_truth(b, condition, yes, no)
     return _as_c_truncates(b, dtype, condition, yes, no)
+
+
+def _rare_choice(b: Builder, condition: int, yes: int, no: int) -> int | None:
+    if yes == no:
+        return yes
+    return (yes if b.known[condition] else no) if condition in b.known else None
 
 
 def _chosen_truth(b: Builder, condition: int, yes: int, no: int) -> int | None:

@@ -18,7 +18,21 @@ from ravenjax.robot.evaluation import evaluation
 from ravenjax.robot.inverse import COST_LIMIT, REJECTED
 from ravenjax.robot.stored_constants import joint_limits
 from ravenjax.robot.stored_pose import StoredPose
-from ravenjax.types import ArmName, Scalar, Setup, Vec, narrow, per_arm, real, record, replace, to_int32, where, wide
+from ravenjax.types import (
+    ArmName,
+    Scalar,
+    Setup,
+    Vec,
+    narrow,
+    per_arm,
+    rarely,
+    real,
+    record,
+    replace,
+    to_int32,
+    where,
+    wide,
+)
 
 
 @record
@@ -111,15 +125,17 @@ def solve(
         solved = proceed & accepted
         within, beyond, spare = _clamp(setup, params, ik.jpos, ik.yaw)
         limited = solved & beyond
-        reached = forward(arm, within, within[5])
-        pose = stored_pose.store(setup, reached, old.pos_d.grasp_mrad)
+
+        def held(old: Arm = old, within: Vec = within, arm: ArmName = arm) -> StoredPose:
+            return stored_pose.store(setup, forward(arm, within, within[5]), old.pos_d.grasp_mrad)
+
         targets = narrow(setup, Vec((*within[:5], *ik.jpos[5:])))
         reject_margin = jnp.where(proceed, real(setup, COST_LIMIT - ik.cost), np.inf)
         limit_margin = jnp.where(solved, real(setup, spare), np.inf)
         arms.append(
             Arm(
                 old.pos,
-                where(limited, pose, old.pos_d),
+                rarely(limited, held, old.pos_d),
                 where(solved, targets, old.jpos_d),
                 check.update(old.ik_reject, tick, rejected, reject_margin),
                 check.update(old.joint_limit, tick, limited, limit_margin),

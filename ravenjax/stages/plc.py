@@ -16,7 +16,9 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
-from ravenjax.types import Scalar, Setup, as_int, record
+from ravenjax.robot import check
+from ravenjax.robot.check import Check
+from ravenjax.types import Scalar, Setup, as_int, real, record
 
 E_STOP, INIT, PEDAL_UP, PEDAL_DN = 0, 1, 2, 3
 
@@ -43,7 +45,7 @@ class State:
     quiet_ticks: Scalar  # ms since its last edge, int32
     alive_ticks: Scalar  # ms in E-STOP with a living watchdog, int32
     trip_cause: Scalar  # CAUSE_* of the first trip, latched; int32
-    trip_tick: Scalar  # its tick, -1: none; int32
+    watchdog_lost: Check  # trips by the watchdog; margin: ms left before one, negative: tripped
 
 
 @record
@@ -56,7 +58,6 @@ class Signal:
 class Out:
     runlevel: Scalar  # run level on the pins, int32
     brakes: Scalar  # 1: brakes commanded on, int32
-    watchdog_margin: Scalar  # ms left before the watchdog trip, int32; negative: tripped
 
 
 def params(setup: Setup) -> Params:
@@ -74,7 +75,7 @@ def init(setup: Setup, params: Params, runlevel: int = PEDAL_UP) -> State:
         quiet_ticks=zero,
         alive_ticks=zero,
         trip_cause=zero,
-        trip_tick=jnp.int32(-1),
+        watchdog_lost=check.init(setup),
     )
 
 
@@ -109,7 +110,8 @@ def step(setup: Setup, params: Params, state: State, signal: Signal) -> tuple[St
     powered = jnp.where(state.runlevel == INIT, after_init, in_operation)
     runlevel = as_int(jnp.where(stopped, after_stop, jnp.where(lost | button, E_STOP, powered)))
 
-    tripped_now = ~stopped & (lost | button) & untripped
+    watched = ~stopped & untripped
+    tripped_now = watched & (lost | button)
     cause = jnp.where(button, CAUSE_BUTTON, CAUSE_WATCHDOG)
     state = State(
         tick=state.tick + 1,
@@ -118,6 +120,8 @@ def step(setup: Setup, params: Params, state: State, signal: Signal) -> tuple[St
         quiet_ticks=as_int(quiet_ticks),
         alive_ticks=as_int(alive_ticks),
         trip_cause=as_int(jnp.where(tripped_now, cause, state.trip_cause)),
-        trip_tick=as_int(jnp.where(tripped_now, state.tick, state.trip_tick)),
+        watchdog_lost=check.update(
+            state.watchdog_lost, state.tick, tripped_now & ~button, jnp.where(watched, real(setup, margin), jnp.inf)
+        ),
     )
-    return state, Out(runlevel=runlevel, brakes=brakes_commanded(runlevel), watchdog_margin=as_int(margin))
+    return state, Out(runlevel=runlevel, brakes=brakes_commanded(runlevel))

@@ -37,7 +37,6 @@ class State:
     soft_estopped: Scalar  # int32 flag: DACs are 0 and the watchdog is silent
     mismatches: Scalar  # int32 cycles, never reset by matching ones
     settling: Scalar  # int32 cycles spent in sublevel 2, kept when it is left early
-    runlevel_change: Check
     estop: Check  # run level 0 entered
     soft_estop: Check  # soft E-stop raised
 
@@ -52,7 +51,7 @@ def init(setup: Setup, runlevel: int) -> State:
     ready = runlevel > E_STOP
     sublevel = 3 if ready else 0
     zero, unseen = np.int32(0), check.init(setup)
-    return State(np.int32(runlevel), np.int32(sublevel), np.int32(ready), zero, zero, zero, unseen, unseen, unseen)
+    return State(np.int32(runlevel), np.int32(sublevel), np.int32(ready), zero, zero, zero, unseen, unseen)
 
 
 def desired_runlevel(params: Params, state: State, pins: tuple[Scalar, ...]) -> Scalar:
@@ -78,7 +77,6 @@ def adopt(state: State, tick: Scalar, desired: Scalar) -> State:
         sublevel=state.sublevel * running,
         initialized=state.initialized * running,
         soft_estopped=state.soft_estopped * running,
-        runlevel_change=check.update(state.runlevel_change, tick, changed),
         estop=check.update(state.estop, tick, stopped),
     )
 

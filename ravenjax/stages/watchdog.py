@@ -5,8 +5,6 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
-from ravenjax.robot import check
-from ravenjax.robot.check import Check
 from ravenjax.types import Scalar, Setup, as_int, record
 
 HIGH_CYCLES, PERIOD_CYCLES = 25, 50
@@ -17,16 +15,15 @@ FP, READY, WD = 2, 3, 4
 @record
 class State:
     counter: Scalar  # int32 cycles, also counts while the wave is off
-    silent: Check  # cycles in which the soft E-stop holds the wave low
 
 
 def init(setup: Setup) -> State:
     """Start of a high phase (its first one is 26 cycles long)."""
-    return State(np.int32(0), check.init(setup))
+    return State(np.int32(0))
 
 
 def step(
-    state: State, tick: Scalar, soft_estopped: Scalar, runlevel: Scalar, surgeon_mode: Scalar, initialized: Scalar
+    state: State, soft_estopped: Scalar, runlevel: Scalar, surgeon_mode: Scalar, initialized: Scalar
 ) -> tuple[State, Scalar]:
     """One cycle; returns the state and the output byte (int32)."""
     silent = soft_estopped != 0
@@ -34,4 +31,4 @@ def step(
     high = ~silent & (state.counter <= HIGH_CYCLES)
     pedal = (runlevel > 1) & (surgeon_mode != 0)
     pins = (runlevel & 3) | (as_int(pedal) << FP) | (initialized << READY) | (as_int(high) << WD)
-    return State(jnp.where(restart, 0, state.counter) + 1, check.update(state.silent, tick, silent)), pins
+    return State(jnp.where(restart, 0, state.counter) + 1), pins

@@ -105,7 +105,7 @@ SOURCE = PRELUDE + "".join(printed(k, program) for k, (_, program, _) in enumera
 
 
 def small_loop() -> TimeLoop:
-    """Inputs: a group's gain, a lane's offset and flag. Some state swaps, some is shared, some counts."""
+    """Inputs: a group's gain, a lane's offset and flag. Some state swaps, some is shared, some counts; one jumps."""
     b = Builder()
     gain, offset, flag = b.input("float32"), b.input("float32"), b.input("bool")
     zero = b.constant("float32", 0.0)
@@ -121,10 +121,14 @@ def small_loop() -> TimeLoop:
     pushed = b.emit("fma", "float32", y, b.constant("float32", 0.5), b.emit("add", "float32", moved, offset))
     held = b.emit("lt", "bool", b.constant("float32", 0.2), offset)
     both = b.emit("and", "bool", b.emit("xor", "bool", odd, flag), held)
+    far = pushed
+    for k in range(20):
+        far = b.emit("fma", "float32", far, b.constant("float32", 0.5), b.constant("float32", k))
+    chosen = b.emit("rarely", "float32", b.emit("lt", "bool", b.constant("float32", 1.5), pushed), far, pushed)
     step = b.program(
         [
             y,
-            b.emit("sub", "float32", pushed, b.emit("mul", "float32", x, given)),
+            b.emit("sub", "float32", chosen, b.emit("mul", "float32", x, given)),
             moved,
             b.emit(
                 "add", "int32", count, b.emit("select", "int32", both, b.constant("int32", 3), b.constant("int32", 1))

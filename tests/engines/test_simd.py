@@ -193,7 +193,7 @@ def _watchdog(setup, state, *numbers):
     [
         (_plc, lambda setup: plc.init(setup, plc.params(setup)), 2),
         (_network, network.init, 4),
-        (_watchdog, watchdog.init, 5),
+        (_watchdog, watchdog.init, 4),
     ],
 )
 def test_integer_stages_are_bit_equal_to_xla(stage, begin, numbers):

@@ -191,6 +191,16 @@ def test_a_fault_that_changes_nothing_was_not_activated():
     assert int(slot.first_tick) == -1
 
 
+@pytest.mark.parametrize("present", [False, True])
+def test_where_nothing_is_there_nothing_is_struck(present):
+    slots = fault.Faults((make(3, "offset", 5.0, "time", 0, TICKS, 0), fault.no_fault()))
+    clock = window.Clock(jnp.int32(0), jnp.int32(1), jnp.int32(-1))
+    state = window.open_windows(SETUP, slots, fault.init(SETUP), clock)
+    clean_signal = Signal(Vec((jnp.float32(0), jnp.float32(0))), jnp.int32(7), jnp.int32(0), jnp.bool_(False))
+    state, out = injection.inject(SETUP, PATHS, slots, state, clock, "pump", clean_signal, jnp.bool_(present))
+    assert (int(out.command), int(state.slots[0].changed_ticks)) == ((12, 1) if present else (7, 0))
+
+
 @settings(max_examples=40, deadline=None)
 @given(
     start=st.integers(-5, 45),

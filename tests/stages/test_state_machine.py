@@ -32,7 +32,7 @@ def test_entering_e_stop_clears_the_flags():
     state = replace(machine.init(RAVEN2, 3), soft_estopped=np.int32(1))
     state, _ = follow([0] * 4, state)
     assert (int(state.soft_estopped), int(state.initialized), int(state.sublevel)) == (0, 0, 0)
-    assert (int(state.estop.first_tick), int(state.estop.count), int(state.runlevel_change.count)) == (3, 1, 1)
+    assert (int(state.estop.first_tick), int(state.estop.count)) == (3, 1)
 
 
 def test_the_lowest_board_decides_and_other_bits_do_not():

@@ -14,7 +14,7 @@ def wave(ticks, soft_estopped=lambda tick: 0, state=None):
     state = state or watchdog.init(Setup())
     high = []
     for tick in range(ticks):
-        state, pins = watchdog.step(state, np.int32(tick), np.int32(soft_estopped(tick)), *map(np.int32, (3, 1, 1)))
+        state, pins = watchdog.step(state, np.int32(soft_estopped(tick)), *map(np.int32, (3, 1, 1)))
         high.append(bool(int(pins) & 16))
     return state, high
 
@@ -31,7 +31,7 @@ def test_first_26_then_25_cycles_high_and_25_low():
 def test_the_counter_runs_on_while_soft_e_stopped():
     state, high = wave(200, lambda tick: tick >= 10)
     assert high == [True] * 10 + [False] * 190
-    assert (int(state.counter), int(state.silent.first_tick), int(state.silent.count)) == (200, 10, 190)
+    assert int(state.counter) == 200
     _, high = wave(27, state=state)
     assert high == [False] + [True] * 25 + [False]
 
@@ -44,5 +44,5 @@ def test_bits_of_the_output_byte():
         (1, 1, 0, 0b10001),
         (2, 7, 0, 0b10110),
     ):
-        _, pins = watchdog.step(state, np.int32(0), np.int32(0), *map(np.int32, (level, mode, ready)))
+        _, pins = watchdog.step(state, np.int32(0), *map(np.int32, (level, mode, ready)))
         assert int(pins) == expected

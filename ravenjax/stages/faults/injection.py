@@ -66,6 +66,7 @@ def _strike(
     slot: SlotState,
     clock: Clock,
     signal: Any,
+    present: Scalar,
 ) -> tuple[SlotState, Any]:
     """One slot at one site; `targets` are (code, path, kind) of the site's channels."""
     numbers = [jnp.asarray(read(signal, path)) for _, path, _ in targets]
@@ -77,7 +78,7 @@ def _strike(
         here = here | aim
     y = effects.apply(use.effects, x, fault, slot, clock.tick)
 
-    hit = slot.active & here
+    hit = slot.active & here & present
     changed = jnp.bool_(False)
     for aim, number, (_, path, kind) in zip(aims, numbers, targets, strict=True):
         value = _store(kind, y, number)
@@ -107,11 +108,13 @@ def inject(
     clock: Clock,
     site: str,
     signal: Any,
+    present: Scalar = True,
 ) -> tuple[State, Any]:
     """The signal of `site` as the faults leave it.
 
     paths: where each channel of `channel_keys` stands in its site's signal, and its kind ("int16", "int32", "float",
-    "bool"). A site that the campaign does not use costs nothing.
+    "bool"). present: bool, whether there is anything to strike in this tick. A site that the campaign does not use
+    costs nothing.
     """
     keys = channel_keys(setup)
     for use in setup.injection.sites:
@@ -120,6 +123,6 @@ def inject(
         targets = [(i + 1, *paths[key]) for i, key in enumerate(keys) if key[0] == site]
         slots = list(state.slots)
         for i, fault in enumerate(faults.slots):
-            slots[i], signal = _strike(setup, use, targets, fault, slots[i], clock, signal)
+            slots[i], signal = _strike(setup, use, targets, fault, slots[i], clock, signal, present)
         state = State(tuple(slots))
     return state, signal
