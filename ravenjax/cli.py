@@ -62,8 +62,8 @@ def run(
     from ravenjax.campaign import runner
 
     with terminal.Watch(_out) as watch:
-        frame = runner.run_campaign(config, folder, engine, on_progress=watch)
-    rows = terminal.outcome_rows(frame)
+        results = runner.run_campaign(config, folder, engine, on_progress=watch)
+    rows = terminal.outcome_rows(results.verdicts())
     if rows:
         _out.print(terminal.table("Faulty runs", ("response / haptic / jump", "runs", "share, 95 % interval"), rows))
     _out.print(f"results: {folder}", highlight=False, soft_wrap=True)
@@ -101,19 +101,30 @@ def trace(
         The row's run_id, or enough of its beginning to tell it from others, or its index.
     """
     from ravenjax.campaign import replay
+    from ravenjax.report import wording
     from ravenjax.report.trace_plot import trace_plot
-    from ravenjax.store import files, trace_log
+    from ravenjax.store import files, manifest, trace_log
 
+    record = manifest.read(folder)
     place = out or folder / "traces"
     files.require_writable(place)
+    if record.code_hash != manifest.code_hash():
+        _err.print(f"note: {folder} was computed by another version of the code; the run may come out otherwise")
     again = replay.from_folder(folder, run_id, engine)
     row, series = again.row, again.series
     log, plot = place / f"{row['run_id']}.mcap", place / f"{row['run_id']}.svg"
     columns = ("run_id", "index", "group", "seed", "verdict", "response_cause")
     trace_log.write(log, series, {name: str(row[name]) for name in columns})
-    named = {"fault": "first_active_ms", "cue": "cue0_first_ms", str(row["response"]): "response_ms"}
-    events = {name: float(row.at[column]) for name, column in named.items()}
-    trace_plot(_plotted(series), plot, title=f"run {row['run_id']}", events=events)
+    cue, cues = record.verdict_cue, record.cues
+    named = {"fault": "first_active_ms", "cue": f"cue{cue}_first_ms", str(row["response"]): "response_ms"}
+    trace_plot(
+        _plotted(series, cue),
+        plot,
+        title=f"run {row['run_id']} · {row['verdict'] or row['failed']}",
+        subtitle=f"{row['group']}: {wording.fault(row.to_dict())}",
+        threshold_mm=cues[cue].threshold_mm if cues else 3.0,
+        events={name: float(row.at[column]) for name, column in named.items()},
+    )
     for path in (log, plot):
         _out.print(f"wrote {path}", highlight=False, soft_wrap=True)
 
@@ -132,9 +143,20 @@ def campaigns() -> None:
 
 
 @app.command
-def faults() -> None:
-    """List the fault sites with their channels, the effects and the triggers."""
+def faults(hazard: str | None = None) -> None:
+    """List the fault sites with their channels, the effects, the triggers and the library of hazards.
+
+    Parameters
+    ----------
+    hazard
+        Id of a hazard of the library: show all that is known of it instead.
+    """
     from ravenjax import terminal
+    from ravenjax.hazards import listing
+
+    if hazard is not None:
+        _out.print(terminal.table(f"Hazard {hazard}", ("what", "is"), listing.description(hazard)))
+        return
     from ravenjax.robot.sites import SITES
     from ravenjax.stages.faults.vocabulary import EFFECTS, TRIGGERS
 
@@ -151,29 +173,36 @@ def faults() -> None:
     _out.print(terminal.table("Effects", ("effect", "meaning"), list(EFFECTS.items())))
     _out.print()
     _out.print(terminal.table("Triggers", ("trigger", "start_ms counts"), list(TRIGGERS.items())))
+    _out.print()
+    _out.print(terminal.table("Hazards; `ravenjax faults ID` shows one", listing.COLUMNS, listing.table()))
 
 
 @app.command
-def parameters(file: str = "quick.toml", *, overrides: Overrides = None) -> None:
-    """List the parameters that a campaign may vary, with the values that they have without it.
+def parameters(file: str | None = None, *, overrides: Overrides = None) -> None:
+    """List the parameters that a campaign may vary, with the values that they have without it and their ranges.
 
     Parameters
     ----------
     file
-        Campaign file; its software, arms and tools decide what there is.
+        Campaign file; its software, arms and tools decide what there is. Without one: one arm, software raven2.
     """
     from ravenjax import paths, terminal
-    from ravenjax.campaign import loading, plan
+    from ravenjax.campaign import bounds, loading, plan
 
-    config = loading.load(file, overrides or ())
+    plain = {"campaign": {"name": "plain"}, "group": [{"name": "plain"}]}
+    given = overrides or ()
+    config = loading.load(file, given) if file is not None else loading.from_dict(plain, overrides=given)
     program = plan.make(config.model_copy(update={"parameters": {}})).program
     values: dict[str, list[str]] = {}
     for path, value in paths.leaves(program.params, program.setup.arms):
         head, _, last = path.rpartition(".")
         key = head if last in paths.COMPONENTS else path
         values.setdefault(key, []).append(f"{float(value):g}")
-    rows = [(path, " ".join(numbers)) for path, numbers in values.items() if not path.startswith("start")]
-    _out.print(terminal.table("Parameters", ("path", "value"), rows))
+    ranges = {path: bounds.of(path) for path in values}  # none: not a campaign's to vary
+    rows = [
+        (path, " ".join(values[path]), "; ".join(row.range for row in rows)) for path, rows in ranges.items() if rows
+    ]
+    _out.print(terminal.table("Parameters", ("path", "value", "may be"), rows))
 
 
 @app.command
@@ -188,7 +217,10 @@ def bench(
 
     from ravenjax import terminal
     from ravenjax.bench import suite, tables
+    from ravenjax.errors import UserError
 
+    if markdown is not None and not markdown.absolute().parent.is_dir():
+        raise UserError(f"--markdown {markdown}: the folder does not exist, expected a file in a folder that does")
     effort = suite.QUICK if quick else suite.FULL
     found = suite.measure(effort, lambda what: _err.print(f"measuring: {what}", highlight=False))
     if markdown is not None:
@@ -222,13 +254,15 @@ def doctor() -> int:
     return int(any(state != "ok" for _, state, _ in found))
 
 
-def _plotted(series: dict[str, Any]) -> dict[str, Any]:
-    """A replay's series under the names that the plot knows."""
+def _plotted(series: dict[str, Any], cue: int) -> dict[str, Any]:
+    """A replay's series under the names that the plot knows, with the force of that cue."""
     active = [values for name, values in series.items() if name.startswith("fault") and name.endswith("_active")]
     commands = {name.replace("dac_cnt", "current_cmd"): values for name, values in series.items() if "dac_cnt" in name}
+    forces = {n.replace("cue_force", "haptic_force"): v[:, cue] for n, v in series.items() if n.endswith("/cue_force")}
     return {
         **series,
         **commands,
+        **forces,
         "pedal": series["surgeon_mode"],
         **({"fault_active": sum(active) > 0} if active else {}),
     }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import reprlib
 from collections.abc import Iterable
 
 
@@ -11,6 +12,18 @@ class UserError(ValueError):
 
     The command line prints it without a traceback and exits with code 2.
     """
+
+
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother, _SHORT.maxlong = 3, 80, 80, 40
+
+
+def shown(value: object) -> str:
+    """What was got, as an error tells it: its repr, cut where it is long."""
+    try:
+        return _SHORT.repr(value)
+    except Exception:  # a repr may fail in any way, and its owner still wants the error
+        return f"<{type(value).__name__}>"
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:

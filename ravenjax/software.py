@@ -20,14 +20,15 @@ from typing import Any, Literal
 import jax
 import numpy as np
 
-from ravenjax import control
+from ravenjax import control, paths
+from ravenjax import software_inputs as given_inputs
 from ravenjax.engines import scalar
-from ravenjax.errors import UserError, suggestion
+from ravenjax.errors import UserError, shown
 from ravenjax.robot.packet import SIZE_BYTES, Packet, decode
 from ravenjax.robot.tools import DEFAULT_TOOLS
 from ravenjax.stages import overdrive
 from ravenjax.stages.usb import UsbIn
-from ravenjax.types import JOINTS, ORIGINAL, ArmName, Precision, Setup, Vec, replace
+from ravenjax.types import ORIGINAL, ArmName, Precision, Setup, Vec, replace
 
 POLICIES = ("none", "soft", "hard")
 """Overdrive policies by number."""
@@ -69,25 +70,36 @@ class ControlSoftware:
         precision: Precision = ORIGINAL,
     ) -> None:
         """`tools`: one per arm, the software's own if left out. `level`: an overdrive level ("beginner", "moderate",
-        "advanced", "fork2015"). `enc_offset`: encoder counts at motor angle 0, a number or [arms, 7]. `runlevel`: the
-        one to start in. `params`: changes any other parameter. `precision`: other widths than the original's."""
-        _known("software", software, DEFAULT_TOOLS)
-        _known("policy", policy, POLICIES)
-        for arm in arms:
-            _known("arm", arm, DEFAULT_TOOLS[software])
-        names = tuple(tools) if tools is not None else tuple(DEFAULT_TOOLS[software][arm] for arm in arms)
-        self.setup = Setup(arms=tuple(arms), software=software, tools=names, console=console, precision=precision)
-        offsets = _integers("enc_offset", np.broadcast_to(enc_offset, (len(names), 7)), (len(names), 7))
+        "advanced", "fork2015"). `enc_offset`: encoder counts at motor angle 0, a number, [7] or [arms, 7]. `runlevel`:
+        the one to start in, 0 to 3. `params`: changes any other parameter. `precision`: other widths than the
+        original's. Raises UserError."""
+        given_inputs.known("software", software, DEFAULT_TOOLS)
+        given_inputs.known("policy", policy, POLICIES)
+        given_inputs.known("console", console, SIZE_BYTES)
+        if level is not None:
+            given_inputs.known("level", level, overdrive.LEVELS)
+        if runlevel is not None:
+            runlevel = given_inputs.whole("runlevel", runlevel, 0, 3)
+        if not isinstance(precision, Precision):
+            raise UserError(f"precision is {shown(precision)}, expected a ravenjax.types.Precision")
+        names = given_inputs.arm_names(arms)
+        own = tuple(DEFAULT_TOOLS[software][arm] for arm in names)
+        chosen_tools = own if tools is None else given_inputs.tool_names(tools, names)
+        self.setup = Setup(arms=names, software=software, tools=chosen_tools, console=console, precision=precision)
+        offsets = given_inputs.counts("enc_offset", enc_offset, len(names), repeated=True)
         with _widths(self.setup):
             chosen = control.params(self.setup)
             chosen = replace(
                 chosen,
                 overdrive=overdrive.params(self.setup, level, POLICIES.index(policy)),
-                estimator=tuple(replace(e, enc_offset=o) for e, o in zip(chosen.estimator, offsets, strict=True)),
+                estimator=tuple(
+                    replace(e, enc_offset=Vec(map(np.int32, o))) for e, o in zip(chosen.estimator, offsets, strict=True)
+                ),
             )
-            chosen = params(chosen) if params is not None else chosen
+            chosen = chosen if params is None else _changed(self.setup, chosen, params)
             state = control.init(self.setup, runlevel=runlevel)
         self._params, self._states, self._inputs = _Kind(chosen), _Kind(state), _Kind(_example_inputs(self.setup))
+        self._packets_kind = _Kind(_silence(self.setup))
         self._fixed, self._now = self._params.represent(chosen), self._states.represent(state)
         self._signals, self._cycle = _cycle(self.setup, self._params, self._states, self._inputs)
         places = jax.tree.unflatten(self._signals, range(self._signals.num_leaves))
@@ -103,17 +115,20 @@ class ControlSoftware:
     ) -> Output:
         """One 1 ms cycle.
 
-        `encoders`: [arms, 7] counts as unpacked from USB. `packet`: what arrived since the last cycle, 124-byte ITP
-        datagrams or `Packet`s. `pins`: input byte of each board (one number: of all), bits 7..6 the PLC's run level.
-        `read_ok`: whether each board's read succeeded; where not, its last encoders and pins are used again.
+        `encoders`: [arms, 7] counts as unpacked from USB, integers. `packet`: what arrived since the last cycle,
+        124-byte ITP datagrams (shorter ones are dropped, as the robot does) or `Packet`s. `pins`: input byte of each
+        board (one number: of all), bits 7..6 the PLC's run level. `read_ok`: whether each board's read succeeded;
+        where not, its last encoders and pins are used again. UserError names the argument that is wrong; nothing has
+        happened then.
         """
         arms = len(self.setup.arms)
-        counts = _integers("encoders", encoders, (arms, 7))
+        counts = tuple(Vec(row) for row in given_inputs.counts("encoders", encoders, arms))
+        bytes_in = tuple(given_inputs.whole("pins", byte, 0, 255) for byte in given_inputs.each("pins", pins, arms))
+        read = tuple(given_inputs.flag("read_ok", ok) for ok in given_inputs.each("read_ok", read_ok, arms))
         *earlier, last = self._packets(packet)
         for one in earlier:
             self._receive(one)
-        usb = UsbIn(counts, _each("pins", pins, arms))
-        inputs = control.Inputs(last, usb, _each("read_ok", read_ok, arms))
+        inputs = control.Inputs(last, UsbIn(counts, bytes_in), read)
         out = self._cycle([*self._fixed, *self._now, *self._inputs.represent(inputs)])
         signals = out[len(self._now) :]
         self._now = out[: len(self._now)]
@@ -129,9 +144,8 @@ class ControlSoftware:
         return jax.tree.unflatten(self._states.tree, self._now)
 
     def _receive(self, packet: Packet) -> None:
-        packets = _Kind(packet)
-        receive = _reception(self.setup, self._params, self._states, packets)
-        self._now = receive([*self._fixed, *self._now, *packets.represent(packet)])
+        receive = _reception(self.setup, self._params, self._states, self._packets_kind)
+        self._now = receive([*self._fixed, *self._now, *self._packets_kind.represent(packet)])
 
     def _packets(self, given: Any) -> list[Packet]:
         many = list(given) if isinstance(given, (list, tuple)) else [given]
@@ -141,13 +155,13 @@ class ControlSoftware:
         if given is None:
             return _silence(self.setup)
         if isinstance(given, Packet):
-            return _typed(self.setup, given)
+            return given_inputs.packet(self.setup, given)
         if not isinstance(given, (bytes, bytearray, memoryview)):
             kind = type(given).__name__
             raise UserError(f"packet is {kind}; give the bytes of a datagram, a Packet, a list of them, or None")
         if self.setup.console == "absolute":
             raise UserError("a raw datagram holds increments, but console is 'absolute'; give a Packet")
-        return _typed(self.setup, decode(bytes(given), self.setup.arms))
+        return decode(bytes(given), self.setup.arms)
 
 
 class _Kind:
@@ -210,17 +224,28 @@ def _silence(setup: Setup) -> Packet:
     )
 
 
-def _typed(setup: Setup, packet: Packet) -> Packet:
-    """The packet with the number types of a cycle's input."""
-    kinds, tree = jax.tree.flatten(_silence(setup))
-    numbers = jax.tree.leaves(packet)
-    if len(numbers) != len(kinds):
-        arms = len(setup.arms)
+def _changed(setup: Setup, own: control.Params, change: Any) -> control.Params:
+    """The parameters as `change` returns them, each number in its own type."""
+    if not callable(change):
         raise UserError(
-            f"packet holds {len(numbers)} numbers, expected {len(kinds)} for arms {setup.arms}; give its tuples delta "
-            f"(3 each), quat (4 each) and grasp one entry per arm ({arms})"
+            f"params is {shown(change)}, expected a function that takes the Params and returns changed ones"
         )
-    return jax.tree.unflatten(tree, [kind.dtype.type(x) for kind, x in zip(kinds, numbers, strict=True)])
+    new = change(own)
+    kinds, numbers = (list(paths.leaves(record, setup.arms)) for record in (own, new))
+    if not isinstance(new, control.Params) or [name for name, _ in kinds] != [name for name, _ in numbers]:
+        raise UserError(f"params returned {shown(new)}, expected the Params it was given, with numbers replaced")
+    return jax.tree.unflatten(
+        jax.tree.structure(own), [_of_type(name, old, x) for (name, old), (_, x) in zip(kinds, numbers, strict=True)]
+    )
+
+
+def _of_type(name: str, old: Any, new: Any) -> Any:
+    if old.dtype.kind == "i":
+        return old.dtype.type(given_inputs.whole(f"parameter {name}", new, *given_inputs.INT32))
+    number = isinstance(new, int | float | np.number) and not isinstance(new, bool)
+    if not number or not abs(new) <= float(np.finfo(old.dtype).max):
+        raise UserError(f"parameter {name} is {shown(new)}, expected a finite number")
+    return old.dtype.type(new)
 
 
 def _example_inputs(setup: Setup) -> control.Inputs:
@@ -230,25 +255,3 @@ def _example_inputs(setup: Setup) -> control.Inputs:
 
 def _widths(setup: Setup) -> AbstractContextManager[Any]:
     return jax.enable_x64(setup.precision.needs_x64)
-
-
-def _known(what: str, word: str, known: Any) -> None:
-    if word not in known:
-        raise UserError(f"{what} is {word!r}, expected one of {', '.join(known)}{suggestion(word, known)}")
-
-
-def _integers(what: str, given: Any, shape: tuple[int, int]) -> tuple[Vec, ...]:
-    array = np.asarray(given)
-    if array.shape != shape or array.dtype.kind not in "iu":
-        raise UserError(
-            f"{what} has shape {array.shape} of {array.dtype}, expected integers [arms, 7] = {list(shape)}; give one "
-            f"row of counts per arm in the order {', '.join(JOINTS)}"
-        )
-    return tuple(Vec(np.int32(x) for x in row) for row in array.tolist())
-
-
-def _each(what: str, given: Any, arms: int) -> tuple[Any, ...]:
-    values = tuple(given) if isinstance(given, (list, tuple, np.ndarray)) else (given,) * arms
-    if len(values) != arms:
-        raise UserError(f"{what} has {len(values)} entries, expected one number or one per arm ({arms})")
-    return tuple(int(value) for value in values)

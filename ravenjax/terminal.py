@@ -8,9 +8,9 @@ import platform
 import socket
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
@@ -107,10 +107,10 @@ class Watch:
 
 
 def table(title: str, columns: tuple[str, ...], rows: Iterator[tuple[str, ...]] | list[tuple[str, ...]]) -> Table:
-    """A table of text; square brackets are text, too."""
+    """A table of text; square brackets are text, too. What the first column names stays in one piece, to be copied."""
     shown = Table(title=title, title_justify="left", show_edge=False)
-    for column in columns:
-        shown.add_column(column, overflow="fold")
+    for place, column in enumerate(columns):
+        shown.add_column(column, overflow="fold", no_wrap=place == 0)
     for row in rows:
         shown.add_row(*(cell.replace("[", r"\[") for cell in row))
     return shown
@@ -165,15 +165,13 @@ def udp_port(port: int) -> str:
     return f"127.0.0.1:{port} is free"
 
 
-def outcome_rows(frame: Any) -> list[tuple[str, ...]]:
-    """(verdict, runs, share with its 95 % Wilson interval) of a result table, most frequent first."""
+def outcome_rows(runs: Mapping[str, int]) -> list[tuple[str, ...]]:
+    """(verdict, runs, share with its 95 % Wilson interval) of the numbers of runs by verdict, most frequent first."""
     from ravenjax.stats.intervals import wilson
 
-    faulty = frame[frame["fault0_site"] != ""] if "fault0_site" in frame else frame.iloc[:0]
-    counts = faulty["verdict"].astype(str).replace("", "failed").value_counts()
     rows = []
-    for verdict, count in sorted(counts.items(), key=lambda item: (-item[1], str(item[0]))):
-        rate = wilson(int(count), len(faulty))
+    for verdict, count in sorted(runs.items(), key=lambda item: (-item[1], item[0])):
+        rate = wilson(count, sum(runs.values()))
         share = f"{100 * rate.value:.1f} % ({100 * rate.low:.1f} to {100 * rate.high:.1f})"
-        rows.append((str(verdict), str(count), share))
+        rows.append((verdict or "failed", str(count), share))
     return rows

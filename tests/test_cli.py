@@ -55,7 +55,12 @@ def test_campaigns_lists_the_bundled_ones_with_their_runs(run):
 @pytest.mark.parametrize(
     "tokens, parts",
     [
-        (["run", "quik.toml"], ["Did you mean 'quick.toml'"]),
+        (["run", "quik.toml"], ["quik.toml: no such campaign file", "Did you mean 'quick'"]),
+        (["run", "quik"], ["`ravenjax campaigns` lists", "Did you mean 'quick'"]),
+        (["run", "."], [".: is a folder, expected a campaign file"]),
+        (["run", "quick", "--set", "campaign.sed=1"], ["campaign.sed: unknown key"]),
+        (["parameters", "--set", "parameters.plant.mass_scale=0"], ["got 0, expected 0.01..100"]),
+        (["bench", "--markdown", "nowhere/at/all.md"], ["--markdown nowhere/at/all.md", "folder does not exist"]),
         (["run", "quick.toml", "--set", "campaign.sed=1"], ["--set: campaign.sed: unknown key", "Did you mean 'seed'"]),
         (["run", "quick.toml", "--chunk", "0"], ["--set: campaign.chunk: got 0"]),
         (["rn"], ['Did you mean "run"']),
@@ -68,6 +73,23 @@ def test_user_errors_are_messages_with_code_2(run, tokens, parts):
     for part in parts:
         assert part in err or part in out
     assert "Traceback" not in err + out
+
+
+def test_parameters_are_listed_with_their_ranges(run):
+    code, out, _ = run("parameters", "--set", 'campaign.arms=["gold", "green"]', "--set", "campaign.software=fork2015")
+    assert code == 0
+    lines = {line.split("│")[0].strip(): line for line in out.splitlines() if "│" in line}
+    assert (
+        "0..100" in lines["plant.green.friction_scale"]
+        and "1..1000 cycles, whole" in lines["network.cycles_per_packet"]
+    )
+    assert not [path for path in lines if "noise_key" in path or path.startswith("start")]
+
+
+def test_names_stay_whole_on_a_narrow_terminal(capsys, monkeypatch):
+    monkeypatch.setattr(cli, "_out", type(cli._out)(width=70))
+    assert cli.main(["parameters"]) == 0
+    assert "plant.gold.actuators.torque_per_count" in capsys.readouterr().out
 
 
 def test_a_bug_is_not_hidden(monkeypatch):

@@ -121,7 +121,7 @@ def verdicts() -> Iterator[str]:
     frames = {}
     for name in ("xla", "mjx"):
         begin = time.perf_counter()
-        frames[name] = runner.run_campaign(config, None, name)
+        frames[name] = runner.run_campaign(config, None, name).frame()
         yield f"{name}: {len(frames[name])} runs of {config.campaign.ticks} ms in {time.perf_counter() - begin:.0f} s"
     yield ""
     a, b = frames.values()
@@ -176,7 +176,7 @@ def substeps() -> Iterator[str]:
     """Verdict shares of quick.toml's faulty runs with 1, 2 and 4 plant steps per tick."""
     frames = []
     for n in SUBSTEPS:
-        frame = runner.run_campaign(rj.load_campaign(QUICK, [f"campaign.substeps={n}"]), None, "xla")
+        frame = runner.run_campaign(rj.load_campaign(QUICK, [f"campaign.substeps={n}"]), None, "xla").frame()
         frames.append(frame[frame["fault0_site"] != ""].reset_index(drop=True))
     labels = [frame["verdict"].astype(str) for frame in frames]
     total = len(labels[0])

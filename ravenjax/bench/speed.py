@@ -103,8 +103,9 @@ def _ready_after_tracing(engine: Engine, workload: Workload, runs: int) -> float
 
 def _batch(engine: Engine, kernel: Kernel, workload: Workload, runs: int, repeats: int, enough_s: float) -> Batch:
     lanes = kernel.lanes
-    reference = kernel.run(workload.twins(lanes), workload.motion).reference[:, :, 0]
-    blocks = [workload.block(first, min(lanes, runs - first), lanes, reference) for first in range(0, runs, lanes)]
+    reference = kernel.run(workload.twins(kernel.size(1)), workload.motion).reference[:, :, 0]
+    parts = [(first, min(lanes, runs - first)) for first in range(0, runs, lanes)]
+    blocks = [workload.block(first, rows, kernel.size(rows), reference) for first, rows in parts]
     with ThreadPoolExecutor(engine.threads) as pool:
 
         def work() -> None:

@@ -48,22 +48,31 @@ class Axis(BaseModel):
         """The values that it can take where they are countable, else ()."""
         return self.values if self.kind in ("fixed", "list", "choice") else ()
 
-    def draw(self, unit: np.ndarray, whole: bool = False) -> list[Any]:
-        """The values at quantiles `unit` [n] in [0, 1); `whole`: rounded to whole numbers."""
+    def places(self, unit: np.ndarray) -> np.ndarray:
+        """The quantiles `unit` [n] in [0, 1) as `at` takes them: each listed value has an equal share of them."""
+        if not self.listed:
+            return unit
+        return np.minimum((unit * len(self.values)).astype(np.int64), len(self.values) - 1)
+
+    def at(self, places: np.ndarray, whole: bool = False) -> np.ndarray:
+        """The numbers at `places`, float64 of the same shape: numbers of listed values, else quantiles in [0, 1).
+
+        whole: drawn numbers are rounded to whole ones; listed ones stay as they were written.
+        """
         if self.listed:
-            return [self.values[min(int(u * len(self.values)), len(self.values) - 1)] for u in unit]
+            return np.asarray(self.values, np.float64)[places]
         low, high = (float(v) for v in self.values)
         if self.kind == "normal":
             from scipy.special import ndtri  # slow to import
 
-            drawn = low + high * ndtri(np.clip(unit, 1e-12, 1.0 - 1e-12))
+            drawn = low + high * ndtri(np.clip(places, 1e-12, 1.0 - 1e-12))
         elif self.kind == "loguniform":
-            drawn = np.exp(math.log(low) + unit * (math.log(high) - math.log(low)))
+            drawn = np.exp(math.log(low) + places * (math.log(high) - math.log(low)))
         elif whole:
-            drawn = np.minimum(np.floor(low) + np.floor(unit * (math.floor(high) - math.floor(low) + 1.0)), high)
+            drawn = np.minimum(np.floor(low) + np.floor(places * (math.floor(high) - math.floor(low) + 1.0)), high)
         else:
-            drawn = low + unit * (high - low)
-        return [round(x) for x in drawn.tolist()] if whole else drawn.tolist()
+            drawn = low + places * (high - low)
+        return np.rint(drawn) if whole else drawn
 
 
 def fixed(value: Any) -> Axis:

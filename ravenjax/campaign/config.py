@@ -14,6 +14,7 @@ from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, field_
 
 from ravenjax.campaign.axis import Number
 from ravenjax.campaign.group import Group, Section, flatten_parameters
+from ravenjax.errors import shown
 from ravenjax.robot.tools import DEFAULT_TOOLS
 from ravenjax.stages.motions import MOTIONS
 from ravenjax.types import ArmName
@@ -22,7 +23,11 @@ from ravenjax.types import ArmName
 class Campaign(Section):
     """[campaign]: what holds for every run."""
 
-    name: str = Field(description="short name; also names the default output folder", pattern=r"^[A-Za-z0-9_.-]+$")
+    name: str = Field(
+        description="short name; also names the default output folder",
+        pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$",
+        max_length=100,
+    )
     description: str = Field(default="", description="what the campaign asks")
     seed: int = Field(default=0, ge=0, lt=2**31, description="seed of designs, noise and random effects")
     duration_s: float = Field(default=3.0, gt=0.0, le=3600.0, description="length of each run, s")
@@ -42,7 +47,9 @@ class Campaign(Section):
     noise: bool = Field(default=False, description="draw encoder and torque noise")
     substeps: int = Field(default=1, ge=1, le=100, description="plant steps per 1 ms tick")
     limit: int | None = Field(default=None, ge=1, description="compute only so many runs, the first of the table")
-    chunk: int = Field(default=500, ge=1, le=1_000_000, description="runs computed together, and rows per Parquet part")
+    chunk: int | None = Field(
+        default=None, ge=1, le=1_000_000, description="rows per Parquet part; default: by the number of runs"
+    )
 
     @property
     def ticks(self) -> int:
@@ -69,6 +76,13 @@ class Operator(Section):
         if isinstance(raw, dict) and raw.get("motion") is not None and raw.get("file") is not None:
             raise ValueError("give either motion (generated) or file (recorded), not both")
         return raw
+
+    @field_validator("file")
+    @classmethod
+    def _path(cls, file: Path | None) -> Path | None:
+        if file is not None and (not file.name or "\0" in str(file)):
+            raise ValueError(f"got {shown(str(file))}, expected the path of a .parquet, .csv or .mcap file")
+        return file
 
     @model_validator(mode="after")
     def _window(self) -> Operator:
@@ -98,8 +112,11 @@ def _listed(raw: Any) -> Any:
     return raw if isinstance(raw, list | tuple) else (raw,)
 
 
-_Numbers = Annotated[tuple[Annotated[float, Field(ge=0.0)], ...], BeforeValidator(_listed), Field(min_length=1)]
+_Numbers = Annotated[tuple[Annotated[float, Field(ge=0.0, le=1e6)], ...], BeforeValidator(_listed), Field(min_length=1)]
 """A number or a list of numbers, none negative."""
+
+MOST_CUES = 256
+"""Haptic sets: each costs every run some time and four columns."""
 
 
 class Haptics(Section):
@@ -116,6 +133,9 @@ class Haptics(Section):
         lengths = {name: len(values) for name, values in self._lists().items() if len(values) > 1}
         if self.combine == "zip" and len(set(lengths.values())) > 1:
             raise ValueError(f"combine = 'zip' needs lists of one length (or single numbers), got lengths {lengths}")
+        sets = max(lengths.values(), default=1) if self.combine == "zip" else math.prod(lengths.values())
+        if sets > MOST_CUES:
+            raise ValueError(f"the lists make {sets} haptic sets, expected at most {MOST_CUES}")
         return self
 
     def _lists(self) -> dict[str, tuple[float, ...]]:
@@ -175,7 +195,9 @@ class Outcomes(Section):
     """[outcomes]: which of the recorded outcomes the headline verdict uses."""
 
     jump: Literal["code", "text"] = Field(
-        default="code", description="code: tip step > 0.1 mm in two ms running, not in the twin; text: > 1 mm in 2 ms"
+        default="code",
+        description="code: measured tip steps > 0.1 mm on two packets in a row, the twin's not; text: true tip > 1 mm "
+        "within 2 ms",
     )
     cue: int = Field(default=0, ge=0, description="number of the haptic set, from 0")
 

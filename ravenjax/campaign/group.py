@@ -8,10 +8,14 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_serializer, model_validator
 
 from ravenjax.campaign.axis import DISTRIBUTIONS, Axis, Milliseconds, Number, Word, fixed
-from ravenjax.errors import suggestion
+from ravenjax.campaign.bounds import extent
+from ravenjax.errors import shown, suggestion
 
 UNTIL_END = -1
 """`duration_ms` of a fault that lasts until the run ends; written "end" in a file."""
+
+LONGEST_MS = 1_000_000_000
+"""No time of a fault is longer; the longest run is 3 600 000 ms."""
 
 Design = Literal["grid", "zip", "list", "random", "lhs", "sobol"]
 SAMPLED: tuple[Design, ...] = ("random", "lhs", "sobol")
@@ -41,8 +45,11 @@ def flatten_parameters(raw: Any) -> Any:
 
 
 def _is_distribution(table: dict[str, Any]) -> bool:
-    """Also of a misspelt one, which is then refused as such."""
-    return len(table) == 1 and all(isinstance(v, list) and suggestion(k, DISTRIBUTIONS) for k, v in table.items())
+    """Also of a misspelt one, or of one without its list, which is then refused as such."""
+    return len(table) == 1 and all(
+        key in DISTRIBUTIONS or (isinstance(value, list) and suggestion(key, DISTRIBUTIONS))
+        for key, value in table.items()
+    )
 
 
 def _duration(raw: Any) -> Any:
@@ -50,8 +57,8 @@ def _duration(raw: Any) -> Any:
     if isinstance(raw, list | tuple):
         return [_duration(item) for item in raw]
     if isinstance(raw, dict):
-        return {key: _duration(value) for key, value in raw.items()}
-    if raw == "end":
+        return {key: _duration(value) if key == "choice" else value for key, value in raw.items()}
+    if isinstance(raw, str) and raw == "end":
         return UNTIL_END
     if isinstance(raw, int | float) and not isinstance(raw, bool) and raw <= 0:
         raise ValueError(f'got {raw}, expected a whole number of milliseconds from 1, or "end"')
@@ -67,11 +74,15 @@ def _written(plain: Any) -> Any:
     return "end" if plain == UNTIL_END else plain
 
 
-def _not_negative(axis: Axis) -> Axis:
-    for value in axis.values:
-        if axis.kind != "normal" and value < 0:
-            raise ValueError(f"got {value}, expected a whole number of milliseconds from 0")
-    return axis
+def _require_times(axis: Axis, least: int, endless: bool = False) -> None:
+    """ValueError unless each value, or end of what is drawn, is a time from `least` on; `endless`: or UNTIL_END."""
+    for value in axis.listed or extent(axis):
+        open_end = endless and axis.listed and value == UNTIL_END
+        too_early = axis.kind != "normal" and value < least and not open_end  # the tail of a bell is cut at `least`
+        if too_early or abs(value) > LONGEST_MS:
+            raise ValueError(
+                f"got {shown(value)}, expected a whole number of milliseconds from {least} to {LONGEST_MS}"
+            )
 
 
 class Fault(Section):
@@ -96,9 +107,9 @@ class Fault(Section):
 
     @model_validator(mode="after")
     def _times(self) -> Fault:
-        for name in ("start_ms", "every_ms", "period_ms"):
+        for name, least in (("start_ms", 0), ("duration_ms", 1), ("every_ms", 0), ("period_ms", 0)):
             try:
-                _not_negative(getattr(self, name))
+                _require_times(getattr(self, name), least, endless=name == "duration_ms")
             except ValueError as error:
                 raise ValueError(f"{name}: {error}") from None
         return self

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ravenjax import paths, tick
-from ravenjax.campaign import design, loading, table
+from ravenjax.campaign import design, loading, run_id, table
 from ravenjax.campaign.config import CampaignConfig
 from ravenjax.engines.interface import Program
 from ravenjax.robot.motion import Motion
@@ -25,7 +25,7 @@ POLICIES = {
     "hard_regulation": overdrive.HARD_REGULATION,
 }
 NOISE_KEY = "plant.noise_key"
-"""Parameter that a campaign with noise sets from each run's id, which hashes its seed: no two runs share a draw."""
+"""Parameter that a campaign with noise sets from each run's id, which hashes its seed: every run draws its own."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class Plan:
     columns: tuple[np.ndarray, ...]  # the motion's columns, float32 [ticks]
     faults: dict[str, np.ndarray]  # as table.arrays, [runs, slots]
     varied: dict[str, np.ndarray]  # path -> [runs]
-    twin: np.ndarray  # int64 [runs], number of the fault-free twin; runs that share one share its number
+    twin: np.ndarray  # int32 [runs], number of the fault-free twin, as they come; runs that share one share its number
 
     @property
     def runs(self) -> int:
@@ -82,7 +82,7 @@ def make(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
     loading.check_parameters(config, known_parameters(params, setup))
     values = _filled(varied, params, setup)
     if setup.noise:
-        values[NOISE_KEY] = np.array([int(run_id[:8], 16) for run_id in rows["run_id"]], np.uint32)
+        values[NOISE_KEY] = run_id.stream(rows["run_id"].to_numpy(), "noise")
     return Plan(
         config=config,
         table=rows,
@@ -150,7 +150,9 @@ def _filled(varied: dict[str, np.ndarray], params: Any, setup: Setup) -> dict[st
 
 def _twins(varied: dict[str, np.ndarray], runs: int) -> np.ndarray:
     """Runs whose varied parameters agree share a twin."""
-    if not varied:
-        return np.zeros(runs, np.int64)
-    key = np.stack([values.astype(np.float64) for values in varied.values()], axis=1)
-    return np.unique(key, axis=0, return_inverse=True)[1].reshape(runs).astype(np.int64)
+    twin = np.zeros(runs, np.int64)
+    for values in varied.values():
+        value, different = pd.factorize(values)
+        if len(different) > 1:
+            twin, _ = pd.factorize(twin * len(different) + value)
+    return twin.astype(np.int32)

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ravenjax.campaign import compile_cache, outcomes, plan
+from ravenjax.campaign import compile_cache, outcomes, plan, run_id
 from ravenjax.campaign.config import CampaignConfig
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
-from ravenjax.errors import UserError, suggestion
+from ravenjax.errors import UserError
 from ravenjax.store import manifest
 from ravenjax.types import Setup
 
@@ -34,15 +34,13 @@ def replay(config: CampaignConfig, run: str | int, engine: str = "auto") -> Repl
     """Run one row of a campaign: `run` is its run id (or the beginning of one that no other has) or its index."""
     compile_cache.enable()
     ready = plan.make(config)
-    row = find(ready.table, run)
+    row = find(ready.table["run_id"].to_numpy(), run)
     varied, harmless = ready.lanes([row], LANES, harmless=True)
     _, faults = ready.lanes([row], LANES)
     twin = Block(varied, harmless, None)
     chosen = selection.select(engine, ready.program.setup.precision, compile_cache.objects())
     own, result, signals = chosen.trace(ready.program, twin, Block(varied, faults, None), ready.columns)
-    found, fault_free = (
-        pd.DataFrame({name: values[:1] for name, values in one.outcomes.items()}) for one in (result, own)
-    )
+    found, fault_free = ({name: values[:1] for name, values in one.outcomes.items()} for one in (result, own))
     frame = outcomes.frame(config, ready.table.iloc[row : row + 1], found, fault_free)
     return Replay(frame.iloc[0], series(ready.program.setup, signals))
 
@@ -57,19 +55,18 @@ def from_folder(folder: Path, run: str | int, engine: str = "auto") -> Replay:
     return replay(config, run, engine)
 
 
-def find(table: pd.DataFrame, run: str | int) -> int:
-    """Index of a run by id, beginning of an id, or index. Raises UserError."""
-    ids = table["run_id"].tolist()
-    if isinstance(run, int) or (run.isdecimal() and run not in ids and len(run) < 16):
+def find(ids: np.ndarray, run: str | int) -> int:
+    """Index of a run by id, beginning of an id, or index; `ids` as in the fault table. Raises UserError."""
+    if isinstance(run, int) or (run.isdecimal() and len(run) < run_id.DIGITS):
         index = int(run)
         if not 0 <= index < len(ids):
             raise UserError(f"run {index}: the campaign has runs 0..{len(ids) - 1}")
         return index
-    matches = [i for i, run_id in enumerate(ids) if run_id.startswith(run)]
+    matches = run_id.beginning(ids, run)
     if len(matches) != 1:
-        problem = "no run has this id" if not matches else f"{len(matches)} runs begin so"
-        raise UserError(f"run {run!r}: {problem}; expected a run_id of the result table{suggestion(run, ids)}")
-    return matches[0]
+        problem = "no run has this id" if not len(matches) else f"{len(matches)} runs begin so"
+        raise UserError(f"run {run!r}: {problem}; expected a run_id of the result table")
+    return int(matches[0])
 
 
 def series(setup: Setup, signals: Any) -> dict[str, np.ndarray]:

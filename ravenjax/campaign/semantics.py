@@ -1,17 +1,21 @@
 """The words of a campaign: whether its sites, channels, effects, arms and times exist and fit together.
 
-What pydantic cannot say because it takes two sections, or the robot's declared sites, to see it. Values drawn from
-distributions are looked at again when the fault table is made.
+What pydantic cannot say because it takes two sections, or the robot's declared sites, to see it. Of values that are
+drawn the ends are looked at here, each one when the fault table is made.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 
+from ravenjax.campaign import bounds
 from ravenjax.campaign.axis import Axis
+from ravenjax.campaign.bounds import extent
 from ravenjax.campaign.config import CampaignConfig
 from ravenjax.campaign.group import Fault, Group
-from ravenjax.errors import suggestion
+from ravenjax.campaign.legal import complaint, legal
+from ravenjax.errors import shown, suggestion
 from ravenjax.robot.sites import SITES, Channel, Site
 from ravenjax.robot.tools import TOOLS
 from ravenjax.stages.faults.vocabulary import EFFECTS, MAX_SLOTS, NETWORK_EFFECTS, TRIGGERS
@@ -24,8 +28,16 @@ ALL = "*"
 WITHOUT_VALUE = ("stuck", "drop", "duplicate")
 """Effects that take no value."""
 
-BITS = {"int16": 16, "int32": 32, "float": 32, "bool": 1}
-"""Width of a channel's number, for bit_flip."""
+FIELDS = {
+    "rl_desired": (0, 3, "a run level"),
+    "runlevel": (0, 3, "a run level"),
+    "pins": (0, 255, "a byte"),
+    "size": (0, 65507, "the length of a datagram"),
+}
+"""Channels whose number has fewer values than its type: least, greatest and what it is, for what writes it anew."""
+
+LARGEST = 3.4028234663852886e38
+"""Values are held in single precision."""
 
 Key = tuple[str | int, ...]
 Complaint = tuple[Key, str]
@@ -39,19 +51,26 @@ def complaints(config: CampaignConfig) -> Iterator[Complaint]:
         if names.index(group.name) != g:
             yield ("group", g, "name"), f"got {group.name!r} twice, expected a name of its own for each group"
         yield from _group(config, group, ("group", g))
+    for key, table in _parameter_tables(config):
+        for path, axis in table.items():
+            yield from (((*key, path), message) for message in bounds.complaints(path, axis))
 
 
 def unknown_parameters(config: CampaignConfig, known: Iterable[str]) -> Iterator[Complaint]:
     """(key, message) of each varied parameter that is not a path in `known`."""
     known = list(known)
-    tables: list[tuple[Key, Iterable[str]]] = [(("parameters",), config.parameters)]
-    for g, group in enumerate(config.group):
-        tables.append((("group", g, "parameters"), group.parameters))
-        tables += [(("group", g, "run", r, "parameters"), run.parameters) for r, run in enumerate(group.run)]
-    for key, table in tables:
+    for key, table in _parameter_tables(config):
         for path in table:
             if path not in known:
                 yield (*key, path), f"unknown parameter{suggestion(path, known)}"
+
+
+def _parameter_tables(config: CampaignConfig) -> Iterator[tuple[Key, dict[str, Axis]]]:
+    """(key, {path: axis}) of every table of parameters in the file."""
+    yield ("parameters",), config.parameters
+    for g, group in enumerate(config.group):
+        yield ("group", g, "parameters"), group.parameters
+        yield from ((("group", g, "run", r, "parameters"), run.parameters) for r, run in enumerate(group.run))
 
 
 def _campaign(config: CampaignConfig) -> Iterator[Complaint]:
@@ -76,11 +95,13 @@ def _campaign(config: CampaignConfig) -> Iterator[Complaint]:
 def _group(config: CampaignConfig, group: Group, key: Key) -> Iterator[Complaint]:
     if len(group.fault) > MAX_SLOTS:
         yield (*key, "fault"), f"got {len(group.fault)} faults, expected at most {MAX_SLOTS} in one run"
-    for f, fault in enumerate(group.fault if not group.run else ()):
-        yield from _fault(config, fault, (*key, "fault", f))
+    slots = [((*key, "fault", f), fault) for f, fault in enumerate(group.fault if not group.run else ())]
     for r, run in enumerate(group.run):
-        for f, fault in enumerate(group.faults_of(run)):
-            yield from _fault(config, fault, (*key, "run", r, "fault", f))
+        slots += [((*key, "run", r, "fault", f), fault) for f, fault in enumerate(group.faults_of(run))]
+    for slot, fault in slots:
+        wrong = list(_fault(config, fault, slot))
+        yield from wrong or _value(fault, SITES[fault.site], slot, paired=group.design == "zip")
+    for r, run in enumerate(group.run):
         if len(run.fault) > len(group.fault):
             yield (*key, "run", r, "fault"), f"got {len(run.fault)} faults, the group has {len(group.fault)}"
         for path, axis in run.parameters.items():
@@ -166,6 +187,38 @@ def _effect(fault: Fault, site: Site, key: Key) -> Iterator[Complaint]:
         yield (*key, "period_ms"), "effect 'periodic' needs a period of at least 1 ms"
 
 
+def _value(fault: Fault, site: Site, key: Key, paired: bool) -> Iterator[Complaint]:
+    """The first value, or end of what is drawn, that one of the channels cannot take. Lists that are `paired` side by
+    side meet only in the fault table, which looks at each of its values again."""
+    if fault.value is None:
+        return
+    named = fault.channel.listed if fault.channel is not None and fault.channel.listed != (ALL,) else ()
+    effects = [effect for effect in fault.effect.listed if effect not in WITHOUT_VALUE]
+    channels = [channel for channel in site.channels if not named or channel.name in named]
+    if paired and sum(len(items) > 1 for items in (effects, channels, fault.value.values)) > 1:
+        return
+    for effect in effects:
+        aimed = [site.channel(NETWORK_EFFECTS[effect][0])] if effect in NETWORK_EFFECTS else channels
+        for channel in aimed:
+            for value in fault.value.listed or extent(fault.value):
+                if wrong := _value_complaint(channel, effect, value, drawn=not fault.value.listed):
+                    yield (*key, "value"), wrong
+                    return
+
+
+def _value_complaint(channel: Channel, effect: str, value: float, drawn: bool) -> str | None:
+    if not abs(value) <= LARGEST:
+        return f"got {shown(value)}, expected a number of single precision, at most {LARGEST:.4g}"
+    rule = legal(channel, effect)
+    value = math.floor(value) if drawn and rule.rounded else value
+    if not rule.low <= value <= rule.high or (rule.whole and not drawn and value != math.floor(value)):
+        return complaint(channel, effect, value)
+    least, greatest, what = FIELDS.get(channel.name, (-math.inf, math.inf, ""))
+    if effect in ("overwrite", "toggle") and not least <= value <= greatest:
+        return f"{channel.name} is {what}: expected {least}..{greatest}, got {value:g}"
+    return None
+
+
 def _times(config: CampaignConfig, fault: Fault, key: Key) -> Iterator[Complaint]:
     ticks = config.campaign.ticks
     if set(fault.trigger.listed) <= {"time", "packet"}:
@@ -177,25 +230,6 @@ def _times(config: CampaignConfig, fault: Fault, key: Key) -> Iterator[Complaint
         longest = max(duration)
         if min(duration) < 0 or any(0 < e < longest for e in every):
             yield (*key, "every_ms"), "a window that opens again needs a duration_ms that is not longer than every_ms"
-
-
-def value_complaint(channel: Channel, effect: str, value: float) -> str | None:
-    """What is wrong with one value of an effect at a channel, or None. DAC values beyond 16 bit wrap and are legal."""
-    if effect == "bit_flip":
-        bits = BITS[channel.kind]
-        if value != int(value) or not 0 <= value < bits:
-            return f"bit_flip at {channel.name} ({channel.kind}) takes the index of a bit, 0..{bits - 1}, got {value:g}"
-    elif effect == "delay":
-        if value != int(value) or not 1 <= value <= 100_000:
-            return f"delay takes a whole number of packets from 1 to 100000, got {value:g}"
-    elif channel.kind == "bool" and value not in (0.0, 1.0):
-        return f"{channel.name} is a truth value: expected 0 or 1, got {value:g}"
-    elif channel.kind in ("int16", "int32") and effect in ("overwrite", "toggle", "offset", "latch_offset"):
-        if value != int(value):
-            return f"{channel.name} is a whole number ({channel.unit}): got {value:g}"
-        if abs(value) >= 2**31:
-            return f"{channel.name} is a 32-bit number: expected -2147483648..2147483647, got {value:g}"
-    return None
 
 
 def _unknown(what: str, got: str, known: Iterable[str]) -> str:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 
 import numpy as np
 import pandas as pd
 
+from ravenjax.campaign import run_id
 from ravenjax.robot.sites import SITES
 from ravenjax.stages.faults.vocabulary import EFFECT_CODES, NETWORK_EFFECTS, TRIGGER_CODES
 from ravenjax.types import ARMS, Injection, SiteUse
@@ -16,6 +16,19 @@ FOREVER_TICKS = 2**30
 """Duration of a fault that lasts until the run ends."""
 
 WORDS = ("site", "arm", "channel", "effect", "trigger")
+
+ARRAYS = {
+    "code": np.int32,
+    "effect": np.int32,
+    "trigger": np.int32,
+    "value": np.float32,
+    "start": np.int32,
+    "duration": np.int32,
+    "every": np.int32,
+    "period": np.int32,
+    "key": np.uint32,
+}
+"""The numbers of a fault, as `stages.faults.fault.Fault` has them."""
 
 Target = tuple[str, str, str]
 """Site, arm ("" where the site has none), channel."""
@@ -31,8 +44,7 @@ def injection(table: pd.DataFrame) -> Injection:
     effects: dict[Target, set[str]] = {}
     triggers: set[str] = set()
     for slot in range(slots(table)):
-        columns = [table[f"fault{slot}_{name}"] for name in WORDS]
-        for site, arm, channel, effect, trigger in pd.concat(columns, axis=1).drop_duplicates().itertuples(index=False):
+        for site, arm, channel, effect, trigger in _Words(table, slot).combinations.values():
             if site:
                 effects.setdefault((site, arm, channel), set()).add(NETWORK_EFFECTS.get(effect, ("", effect))[1])
                 triggers.add(trigger)
@@ -57,38 +69,43 @@ def arrays(table: pd.DataFrame, injection: Injection) -> dict[str, np.ndarray]:
     code, effect, trigger int32; value float32; start, duration, every, period int32 in ticks of 1 ms (start in packets
     with trigger "packet"); key uint32, the stream of random numbers of that run and slot.
     """
-    codes = {target: code for code, target in enumerate(targets(injection), start=1)}
-    rows = len(table)
-    out: dict[str, np.ndarray] = {
-        name: np.zeros((rows, injection.slots), np.int32) for name in ("code", "effect", "trigger")
-    }
-    out["value"] = np.zeros((rows, injection.slots), np.float32)
-    ticks = {"start": "start_ms", "duration": "duration_ms", "every": "every_ms", "period": "period_ms"}
-    out |= {name: np.zeros((rows, injection.slots), np.int32) for name in ticks}
-    out["key"] = np.zeros((rows, injection.slots), np.uint32)
+    code_of = {target: code for code, target in enumerate(targets(injection), start=1)}
+    out = {name: np.zeros((len(table), injection.slots), dtype) for name, dtype in ARRAYS.items()}
     for slot in range(min(injection.slots, slots(table))):
-        column = {name: table[f"fault{slot}_{name}"].tolist() for name in WORDS}
-        values = table[f"fault{slot}_value"].tolist()
-        for row, site in enumerate(column["site"]):
-            if not site:
-                continue
-            effect, value = column["effect"][row], values[row]
-            if effect in NETWORK_EFFECTS:
-                _, effect, constant = NETWORK_EFFECTS[effect]
-                value = value if constant is None else constant
-            out["code"][row, slot] = codes[site, column["arm"][row], column["channel"][row]]
-            out["effect"][row, slot] = EFFECT_CODES[effect]
-            out["trigger"][row, slot] = TRIGGER_CODES[column["trigger"][row]]
-            out["value"][row, slot] = 0.0 if math.isnan(value) else value
-        for name, source in ticks.items():
-            out[name][:, slot] = table[f"fault{slot}_{source}"].to_numpy()
-        out["duration"][:, slot] = np.where(out["duration"][:, slot] < 0, FOREVER_TICKS, out["duration"][:, slot])
-        out["key"][:, slot] = [_key(run_id, slot) for run_id in table["run_id"]]
+        words = _Words(table, slot)
+        meant = np.zeros((3, words.size), np.int32)
+        constant = np.full(words.size, np.nan)
+        for number, (site, arm, channel, effect, trigger) in words.combinations.items():
+            if site:
+                _, plain, value = NETWORK_EFFECTS.get(effect, ("", effect, None))
+                meant[:, number] = code_of[site, arm, channel], EFFECT_CODES[plain], TRIGGER_CODES[trigger]
+                constant[number] = math.nan if value is None else value
+        out["code"][:, slot], out["effect"][:, slot], out["trigger"][:, slot] = meant[:, words.number]
+        of_effect = constant[words.number]
+        value = np.where(np.isnan(of_effect), table[f"fault{slot}_value"], of_effect)
+        out["value"][:, slot] = np.where(np.isnan(value), 0.0, value)
+        for name in ("start", "duration", "every", "period"):
+            out[name][:, slot] = table[f"fault{slot}_{name}_ms"]
+        duration = out["duration"][:, slot]
+        duration[duration < 0] = FOREVER_TICKS
+        out["key"][:, slot] = run_id.stream(table["run_id"].to_numpy(), f"slot {slot}")
     return out
 
 
-def _key(run_id: str, slot: int) -> int:
-    return int.from_bytes(hashlib.sha256(f"{run_id}/{slot}".encode()).digest()[:4], "little")
+class _Words:
+    """The words of one slot: each row as the number of its combination, and what the combinations are."""
+
+    def __init__(self, table: pd.DataFrame, slot: int) -> None:
+        columns = [table[f"fault{slot}_{name}"].cat for name in WORDS]
+        sizes = [len(column.categories) for column in columns]
+        self.size = math.prod(sizes)
+        self.number = np.ravel_multi_index([column.codes.to_numpy() for column in columns], sizes)  # int64 [rows]
+        found = np.flatnonzero(np.bincount(self.number, minlength=self.size))
+        places = np.stack(np.unravel_index(found, sizes), axis=1)
+        self.combinations = {
+            number: tuple(column.categories[i] for column, i in zip(columns, row, strict=True))
+            for number, row in zip(found.tolist(), places.tolist(), strict=True)
+        }
 
 
 def parameters(table: pd.DataFrame) -> dict[str, np.ndarray]:

@@ -51,6 +51,10 @@ class CudaKernel:
         for device in devices * SEATS:
             self._seats.put(device)
 
+    def size(self, rows: int) -> int:
+        """See `interface.Kernel`: whole warps, but no more than a block has where that is less."""
+        return min(self.lanes, -(-rows // WARP) * WARP)
+
     def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
         """Trace and compile for blocks and motions like these, and load the code on every device."""
         inputs = traced.inputs(self.program, block)
@@ -86,7 +90,7 @@ class CudaKernel:
             ticks, lanes, series = self.program.ticks, len(places.thread), self._traced.series
             keep = self.signals or block.reference is None
             out = np.empty((ticks, len(code.source.outputs), lanes), np.uint32) if keep else None
-            given = _given(block.reference, places, grouped)
+            given = _given(block, places, grouped)
             found = code.run(Lanes(inputs, given, tables, out), places, ticks, progress)
         finally:
             self._seats.put(device)
@@ -97,7 +101,8 @@ class CudaKernel:
     def _placed(self, inputs: list[np.ndarray], device: Device) -> tuple[Places, bool]:
         """Where lanes are computed, and whether by group: if that fits the device at once, or wastes half at most."""
         form = form_for(device)
-        group = _groups(inputs[: len(self.program.varied)], len(inputs[0]))
+        lanes = len(inputs[0]) if inputs else self.lanes  # without faults and parameters, a block says no number
+        group = _groups(inputs[: len(self.program.varied)], lanes)
         warps = int((-(-np.bincount(group) // WARP)).sum())
         at_once = device.multiprocessors * form.threads // WARP
         grouped = warps <= max(at_once, 2 * -(-len(group) // WARP))
@@ -133,13 +138,13 @@ def _groups(columns: list[np.ndarray], lanes: int) -> np.ndarray:
     return group
 
 
-def _given(reference: np.ndarray | None, places: Places, grouped: bool) -> np.ndarray:
+def _given(block: Block, places: Places, grouped: bool) -> np.ndarray:
     """The twins' series as the code reads it; empty, and then zero, where there are none."""
-    if reference is None:
+    if block.reference is None:
         return np.zeros((0, 0, 0), np.float32)
     if grouped:
-        return np.ascontiguousarray(reference[:, :, places.first].transpose(2, 0, 1))
-    return reference[:, :, places.lane]
+        return np.ascontiguousarray(block.series(places.first).transpose(2, 0, 1))
+    return block.series(places.lane)
 
 
 @dataclasses.dataclass(frozen=True)

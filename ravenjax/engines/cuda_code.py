@@ -37,10 +37,16 @@ class Places:
     thread: np.ndarray  # [lanes], where each lane is computed
     group: np.ndarray  # int32 [warps]
     first: np.ndarray  # [groups], a lane of each
+    in_order: bool  # thread by thread computes lane by lane
 
 
 def place(group: np.ndarray, threads: int) -> Places:
     """Whole warps for the lanes of each group, whole blocks of `threads` for all; the last lane of each fills them."""
+    if not group.any():
+        lanes = np.arange(len(group))
+        total = -(-len(group) // threads) * threads
+        lane = np.minimum(np.arange(total), len(group) - 1)
+        return Places(lane, lanes, np.zeros(total // WARP, np.int32), lanes[:1], True)
     order = np.argsort(group, kind="stable")
     sizes = np.bincount(group)
     warps = -(-sizes // WARP)
@@ -54,7 +60,7 @@ def place(group: np.ndarray, threads: int) -> Places:
     lane = order[np.maximum.accumulate(filled)]
     thread = np.empty(len(group), np.int64)
     thread[order] = position
-    return Places(lane, thread, group[lane[::WARP]].astype(np.int32), order[before])
+    return Places(lane, thread, group[lane[::WARP]].astype(np.int32), order[before], False)
 
 
 def words(column: np.ndarray) -> np.ndarray:
@@ -114,9 +120,12 @@ class _Run:
         self.groups = len(places.first)
         self.chunk = min(CHUNK, ticks, max(16, ROW_WORDS // (self.groups * max(source.row, 1))))
         columns = [words(column) for column in lanes.inputs]
-        packed = np.empty((self.blocks, len(columns), self.threads), np.uint32)
-        for k, column in enumerate(columns):
-            packed[:, k] = column[places.lane].reshape(self.blocks, self.threads)
+        packed = np.empty((len(columns), self.total), np.uint32)
+        for row, column in zip(packed, columns, strict=True):
+            if places.in_order:
+                row[: len(column)], row[len(column) :] = column, column[-1]
+            else:
+                np.take(column, places.lane, out=row)
         of_groups = np.empty((self.groups, len(columns)), np.uint32)
         for k, column in enumerate(columns):
             of_groups[:, k] = column[places.first]
@@ -133,7 +142,7 @@ class _Run:
         session, code = self.session, self.code
         main, urgent = session.main, session.urgent
         self._by_group(code.shared_begin, urgent, self.group_inputs, self.group_state, self.groups)
-        session.launch(code.lane_begin, self.blocks, self.threads, main, self.inputs, self.state)
+        session.launch(code.lane_begin, self.blocks, self.threads, main, self.inputs, self.state, self.total)
         starts = range(0, self.ticks, self.chunk)
         made = [self._make_rows(0, 0)]
         finished = []
@@ -180,9 +189,10 @@ class _Run:
 
     def _finish(self) -> list[np.ndarray]:
         session, types = self.session, self.code.source.results
-        results = session.room(self.blocks * len(types) * self.threads)
+        results = session.room(len(types) * self.total)
         buffers = self.inputs, self.state, self.group_state, self.group, results
-        session.launch(self.code.lane_finish, self.blocks, self.threads, session.main, *buffers)
-        found = np.empty((self.blocks, len(types), self.threads), np.uint32)
+        session.launch(self.code.lane_finish, self.blocks, self.threads, session.main, *buffers, self.total)
+        found = np.empty((len(types), self.total), np.uint32)
         session.read(found, results, session.main)
-        return [typed(found[:, k].reshape(-1)[self.places.thread], dtype) for k, dtype in enumerate(types)]
+        lanes = slice(len(self.places.thread)) if self.places.in_order else self.places.thread
+        return [typed(row[lanes], dtype) for row, dtype in zip(found, types, strict=True)]

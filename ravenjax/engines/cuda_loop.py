@@ -7,8 +7,9 @@ lane_run      the same ticks of each lane, reading its group's rows
 lane_finish   results of each lane
 
 Every number takes a 32-bit word. Lanes come in whole blocks of threads, and the lanes of a warp are of one group.
-Buffers of lanes are [block, number, thread], those of groups [group, number], rows [group, tick, number]. What goes in
-and out in each tick is [tick, number, lane], or [group, tick, number] where it is alike in a group.
+Inputs and results of lanes are [number, lane], their state is [block, number, thread]; buffers of groups are [group,
+number], rows [group, tick, number]. What goes in and out in each tick is [tick, number, lane], or [group, tick, number]
+where it is alike in a group.
 """
 
 from __future__ import annotations
@@ -136,17 +137,18 @@ class _Module:
         words = {i: template.format(k - 1) for i, k in at.items() if k > 0}
         return words, {i: "now" for i, k in at.items() if k == 0}
 
-    def _of_lane(self, name: str) -> str:
-        """Template of the words of a lane's buffer."""
-        return f"{name}[{{}} * {self.form.threads}]"
+    @staticmethod
+    def _of_lane(name: str) -> str:
+        """Template of the words of a lane's inputs or results."""
+        return f"{name}[{{}} * (size_t)lanes]"
 
-    def _at_lane(self, **numbers: int) -> list[str]:
-        """Moves pointers of lanes' buffers to the thread's lane."""
-        moved = [
-            f"  {name} += (size_t)blockIdx.x * {count * self.form.threads} + threadIdx.x;"
-            for name, count in numbers.items()
+    def _at_lane(self, *names: str) -> list[str]:
+        """Moves pointers to the thread's lane: of its inputs or results by name, and of its state."""
+        return [
+            "  const int lane = blockIdx.x * blockDim.x + threadIdx.x;",
+            *(f"  {name} += lane;" for name in names),
+            f"  state += (size_t)blockIdx.x * {len(self.lane_state) * self.form.threads} + threadIdx.x;",
         ]
-        return ["  const int lane = blockIdx.x * blockDim.x + threadIdx.x;", *moved]
 
     def _at_group(self, **numbers: int | str) -> list[str]:
         """Moves pointers of groups' buffers to the thread's group."""
@@ -195,7 +197,7 @@ class _Module:
 
     def _stored(self, position: int) -> str:
         """The word of a number of a lane's state in device memory."""
-        return self._of_lane("state").format(position)
+        return f"state[{position} * {self.form.threads}]"
 
     # --- kernels ---
 
@@ -240,8 +242,8 @@ class _Module:
         printer.run(self.begin, self.begin.needed(i for i, _ in results), sources, results)
         return _kernel(
             "lane_begin",
-            "Words inputs, Room state",
-            [*self._at_lane(inputs=self.inputs, state=len(self.lane_state)), *printer.lines],
+            "Words inputs, Room state, int lanes",
+            [*self._at_lane("inputs"), *printer.lines],
         )
 
     def _lane_run(self) -> str:
@@ -269,7 +271,7 @@ class _Module:
             for k in range(len(self.outputs))
         ]
         body = [
-            *self._at_lane(inputs=self.inputs, state=len(self.lane_state)),
+            *self._at_lane("inputs"),
             "  extern __shared__ __align__(16) unsigned block_room[];",
             f"  unsigned* room = block_room + threadIdx.x * {VECTOR};",
             *(f"  const unsigned in{k} = {self._of_lane('inputs').format(k)};" for k in sorted(used)),
@@ -317,10 +319,10 @@ class _Module:
         results = [(i, template.format(position)) for position, i in enumerate(self.finish.outputs)]
         printer.run(self.finish, self.finish.needed(), sources, results)
         start = [
-            *self._at_lane(inputs=self.inputs, state=len(self.lane_state), results=len(results)),
+            *self._at_lane("inputs", "results"),
             f"  group_state += (size_t)groups[lane / {WARP}] * {len(self.split.shared_state)};",
         ]
-        parameters = "Words inputs, Words state, Words group_state, Groups groups, Room results"
+        parameters = "Words inputs, Words state, Words group_state, Groups groups, Room results, int lanes"
         return _kernel("lane_finish", parameters, [*start, *printer.lines])
 
 

@@ -1,7 +1,7 @@
 """What an engine is: the tick, run for many robots.
 
-An engine advances *blocks*: a fixed number of lanes, one robot a lane, over all ticks of a run. A lane's result depends
-on nothing but its own inputs, so it is the same in any block, with any number of threads.
+An engine advances *blocks*: some number of lanes, one robot a lane, over all ticks of a run. A lane's result depends
+on nothing but its own inputs, so it is the same in any block of any size, with any number of threads.
 """
 
 from __future__ import annotations
@@ -34,7 +34,13 @@ class Block:
 
     varied: Mapping[str, np.ndarray]  # path -> [lanes]
     faults: Any  # stages.faults.Faults of arrays [lanes]
-    reference: np.ndarray | None  # [ticks, series, lanes] of the fault-free twins; None: this is a block of twins
+    reference: np.ndarray | None  # [ticks, series, twins] of the fault-free twins; None: this is a block of twins
+    twin: np.ndarray | None = None  # int [lanes], which twin is a lane's; None: as many twins as lanes, in their order
+
+    def series(self, lanes: np.ndarray) -> np.ndarray:
+        """[ticks, series, len(lanes)]: what the twins of these lanes did; only of a block that has a reference."""
+        assert self.reference is not None
+        return self.reference[:, :, lanes if self.twin is None else self.twin[lanes]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,10 +54,14 @@ class Result:
 class Kernel(Protocol):
     """A compiled program."""
 
-    lanes: int
+    lanes: int  # of a block, at most
+
+    def size(self, rows: int) -> int:
+        """Lanes of a block of so many rows, 1 to `lanes`; those beyond the rows are filled and left unread."""
+        ...
 
     def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
-        """Trace and compile for blocks and motions of these shapes; done once, and by `run` if not before."""
+        """Trace and compile for blocks and motions of these types; done once, and by `run` if not before."""
         ...
 
     def run(self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None) -> Result:

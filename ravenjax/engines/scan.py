@@ -102,6 +102,10 @@ class ScanKernel:
         self._compiled: Any = None
         self._lock = threading.Lock()
 
+    def size(self, rows: int) -> int:
+        """See `interface.Kernel`: always the lanes that it is compiled for."""
+        return self.lanes
+
     def _compile(self, *args: Any) -> Any:
         with self._lock:
             if self._compiled is None:
@@ -141,7 +145,7 @@ class ScanKernel:
             kept: list[Any] = []
             for first in range(0, ticks, self.length):
                 if block.reference is not None:
-                    reference = jnp.asarray(self._segment_of(block.reference, first))
+                    reference = jnp.asarray(self._segment_of(block, first))
                 state, outcomes, *series = compiled(varied, faults, state, jnp.int32(first), reference, columns)
                 if keep:
                     kept.append(jax.tree.map(np.asarray, series))
@@ -154,10 +158,11 @@ class ScanKernel:
         series, signals = jax.tree.map(lambda *parts: np.concatenate(parts)[:ticks], *kept)
         return found, series, signals
 
-    def _segment_of(self, reference: np.ndarray, first: int) -> np.ndarray:
-        """Rows of the reference for one segment; the last row is repeated where the segment overshoots the run."""
-        rows = np.minimum(np.arange(first, first + self.length), len(reference) - 1)
-        return reference[rows]
+    def _segment_of(self, block: Block, first: int) -> np.ndarray:
+        """The reference of each lane for one segment; the last row is repeated where it overshoots the run."""
+        assert block.reference is not None
+        rows = np.minimum(np.arange(first, first + self.length), len(block.reference) - 1)
+        return dataclasses.replace(block, reference=block.reference[rows]).series(np.arange(self.lanes))
 
 
 @dataclasses.dataclass(frozen=True)

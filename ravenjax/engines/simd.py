@@ -36,6 +36,10 @@ class SimdKernel:
         self._lock = threading.Lock()
         self._dtype = np.dtype(program.setup.precision.real)
 
+    def size(self, rows: int) -> int:
+        """See `interface.Kernel`: whole vectors."""
+        return -(-rows // self.width) * self.width
+
     def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
         """Trace and compile for blocks and motions like these."""
         self._code(block, motion, self._plan(traced.inputs(self.program, block)).grouped)
@@ -73,7 +77,7 @@ class SimdKernel:
         for part in plan.parts:
             chosen = plan.first[part[np.minimum(np.arange(-(-len(part) // self.width) * self.width), len(part) - 1)]]
             out = np.zeros((ticks, code.outputs, len(chosen)), kept.dtype) if keep else None
-            given = _given(block.reference, chosen, code.grouped, series, self._dtype)
+            given = _given(block, chosen, code.grouped, series, self._dtype)
             found = code.run(Lanes([column[chosen] for column in inputs], given, tables, out), ticks, progress)
             outcomes = outcomes or [np.zeros(lanes, column.dtype) for column in found]
             mine = np.flatnonzero(np.isin(plan.place, part))
@@ -130,11 +134,11 @@ def _distinct(columns: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     return first[order], rank[place.reshape(-1)]
 
 
-def _given(reference: np.ndarray | None, lanes: np.ndarray, grouped: bool, series: int, dtype: np.dtype) -> np.ndarray:
-    """The twins' series as the code reads it."""
-    if reference is None:
+def _given(block: Block, lanes: np.ndarray, grouped: bool, series: int, dtype: np.dtype) -> np.ndarray:
+    """The twins' series as the code reads it: of a group, whose lanes share one, or of each lane."""
+    if block.reference is None:
         return np.zeros((1, series) if grouped else (1, series, len(lanes)), dtype)
-    return np.ascontiguousarray(reference[:, :, lanes[0]] if grouped else reference[:, :, lanes])
+    return np.ascontiguousarray(block.series(lanes[:1])[:, :, 0] if grouped else block.series(lanes))
 
 
 def _unrolled(program: Program) -> Program:

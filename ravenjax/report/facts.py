@@ -6,22 +6,26 @@ import numpy as np
 import pandas as pd
 
 OUTCOMES = {
-    "stopped": "stopped by a built-in check",
-    "flagged": "flagged by a built-in check, not stopped",
-    "felt": "no check responded; the instrument left the model and the cue fired",
-    "phantom": "no check responded; the cue fired, but only the robot's report of itself went astray",
-    "unseen": "no check responded, no cue fired, yet the instrument jumped or left the model by the threshold",
-    "quiet": "no check responded, no cue, no such motion",
+    "stopped": "a built-in check stopped the robot",
+    "flagged": "a built-in check responded without a stop",
+    "felt": "no check; the instrument left the model, the cue fired",
+    "unseen": "no check; the instrument left the model, no cue fired",
+    "phantom": "no check; the instrument stayed near, the cue fired all the same",
+    "jumped": "no check, no cue; the reported tip jumped, the instrument stayed near",
+    "quiet": "no check, no cue, no jump; the instrument stayed near",
     "failed": "the run gave no valid outcome",
 }
-"""Each run has exactly one; "felt" is what evaded the checks, moved the instrument and fired the cue."""
+"""Each run has exactly one; "felt" and "unseen" evaded the checks and moved the instrument off the model by more than
+the cue's threshold."""
+
+EVADED = ("felt", "unseen")
 
 
 def derive(frame: pd.DataFrame, cue: int = 0, threshold_mm: float = 3.0) -> pd.DataFrame:
     """One row per run, the index of `frame` kept; `cue` is the haptic set of the verdicts, `threshold_mm` its own.
 
     Columns: run_id, group, faulty, activated, failed, response, haptic, jump (from the verdict), moved (the true tip
-    left the nominal model by more than the threshold, which encoders need not see), outcome (of OUTCOMES),
+    left the nominal model by more than the threshold, which encoders need not see), outcome (of OUTCOMES), evaded,
     distinct (equal for runs that differ in seed alone), block (site and effect of the first fault), onset_ms,
     length_ms, magnitude (of the first fault), active_ms, cue_ms, response_ms (-1 where never).
     """
@@ -53,12 +57,14 @@ def derive(frame: pd.DataFrame, cue: int = 0, threshold_mm: float = 3.0) -> pd.D
             facts["failed"],
             ~silent,
             facts["haptic"] & facts["moved"],
+            facts["moved"],
             facts["haptic"],
-            facts["jump"] | facts["moved"],
+            facts["jump"],
         ],
-        ["failed", facts["response"], "felt", "phantom", "unseen"],
+        ["failed", facts["response"], "felt", "unseen", "phantom", "jumped"],
         "quiet",
     )
+    facts["evaded"] = facts["outcome"].isin(EVADED)
     facts["distinct"] = _distinct(frame)
     if "fault0_site" in frame:
         facts["block"] = frame["fault0_site"].astype(str) + " · " + frame["fault0_effect"].astype(str)

@@ -1,14 +1,15 @@
-"""Look of the report's figures: colours safe for colour-blind readers, the page's font, clear background."""
+"""Look of the report's figures: colours safe for colour-blind readers, the page's font, clear background.
+
+A figure is a plain dict of plotly's schema, which a test validates: graph objects took most of the time of a report.
+"""
 
 from __future__ import annotations
 
+import json
 import math
 from typing import Any
 
-import plotly.graph_objects as go
-
-CUE, RESPONSE = "#c2410c", "#0072b2"  # vermilion and blue keep their distance in every colour blindness
-RATE_SCALE = [[0.0, "#f7f3ee"], [0.25, "#f6cf9c"], [0.5, "#ec9a4a"], [0.75, "#c9581a"], [1.0, "#7a2a0b"]]
+CUE, RESPONSE, SAME = "#c2410c", "#0072b2", "#8a8f96"  # vermilion and blue differ in every colour blindness
 FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif'
 GRID = "rgba(128,128,128,0.2)"
 
@@ -17,20 +18,19 @@ def look(height: int) -> dict[str, Any]:
     """Layout common to all figures; `height` in px."""
     clear = "rgba(0,0,0,0)"
     return {
-        "template": "none",
         "height": height,
         "margin": {"l": 60, "r": 16, "t": 30, "b": 48},
         "paper_bgcolor": clear,
         "plot_bgcolor": clear,
         "font": {"family": FONT, "size": 12},
-        "legend": {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"},
+        "legend": {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom", "traceorder": "normal"},
         "hoverlabel": {"font": {"family": FONT}},
     }
 
 
-def json_of(figure: go.Figure) -> str:
-    """The figure as JSON text."""
-    return str(figure.to_json())
+def json_of(traces: list[dict[str, Any]], layout: dict[str, Any]) -> str:
+    """The figure as JSON text; numbers must be finite."""
+    return json.dumps({"data": traces, "layout": layout}, allow_nan=False)
 
 
 def faded(colour: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import shlex
 from pathlib import Path
 from typing import Any
@@ -23,34 +24,37 @@ WORST = 15
 def rate(hits: Any) -> Rate:
     """Wilson rate of truth values."""
     hits = np.asarray(hits, bool)
-    return wilson(int(hits.sum()), len(hits))
+    return rate_of(int(hits.sum()), len(hits))
+
+
+@functools.lru_cache(maxsize=10_000)
+def rate_of(k: int, n: int) -> Rate:
+    """Wilson rate of k in n; the same few counts come again and again in the cells of a page."""
+    return wilson(k, n)
 
 
 def headline(facts: pd.DataFrame) -> dict[str, Any]:
     """Counts of distinct faults: a fault that was run several times counts once, and as evading if it ever did."""
     faulty = facts.loc[facts["faulty"]]
-    ever = (
-        pd.DataFrame({"evaded": faulty["outcome"].isin(("felt", "unseen")) & faulty["moved"]})
-        .groupby(faulty["distinct"].to_numpy())
-        .any()
-    )
+    ever = faulty["evaded"].groupby(faulty["distinct"].to_numpy()).any()
     free = facts.loc[~facts["faulty"] & ~facts["failed"]]
     outcomes = faulty["outcome"]
     both = faulty.loc[(faulty["cue_ms"] >= 0) & (faulty["response_ms"] >= 0) & ~faulty["failed"]]
     return {
-        "evaded": rate(ever["evaded"]),
+        "evaded": rate(ever),
         "felt": int((outcomes == "felt").sum()),
         "phantom": int((outcomes == "phantom").sum()),
         "late": int(
             (faulty["haptic"] & (faulty["response"] == "stopped") & (faulty["cue_ms"] > faulty["response_ms"])).sum()
         ),
-        "hidden": int(((outcomes == "unseen") & faulty["moved"]).sum()),
+        "unseen": int((outcomes == "unseen").sum()),
         "runs": len(faulty),
         "repeated": len(faulty) > len(ever),
         "failed": int((outcomes == "failed").sum()),
         "activated": rate(faulty["activated"]),
         "outcomes": {name: rate(outcomes == name) for name in OUTCOMES},
         "cue_first": rate(both["cue_ms"] < both["response_ms"]),
+        "same_ms": int((both["cue_ms"] == both["response_ms"]).sum()),
         "lead_ms": float((both["response_ms"] - both["cue_ms"]).median()),
         "false_cue": rate(free["haptic"]),
         "false_response": rate(free["response"] != "silent"),
@@ -86,11 +90,12 @@ def group_rows(facts: pd.DataFrame) -> list[dict[str, Any]]:
                 "faulty": bool(part["faulty"].any()),
                 "distinct": part["distinct"].nunique(),
                 "outcomes": {key: rate(part["outcome"] == key) for key in OUTCOMES},
+                "evaded": rate(part["evaded"]),
                 "matrix": verdict_matrix(part),
                 "failed": int(part["failed"].to_numpy().sum()),
             }
         )
-    return sorted(rows, key=lambda row: (not row["faulty"], -row["outcomes"]["felt"].value))
+    return sorted(rows, key=lambda row: (not row["faulty"], -row["evaded"].value))
 
 
 def delays(facts: pd.DataFrame, event_ms: np.ndarray, end_ms: int) -> tuple[np.ndarray, np.ndarray, int]:
@@ -164,8 +169,9 @@ def cause_rows(frame: pd.DataFrame, facts: pd.DataFrame) -> list[dict[str, Any]]
 
 def worst_rows(frame: pd.DataFrame, facts: pd.DataFrame, folder: Path) -> list[dict[str, Any]]:
     """The silent faulty runs that moved the instrument farthest from the model, and the command that replays each."""
-    silent = frame.loc[facts["faulty"] & ~facts["failed"] & (facts["response"] == "silent")]
-    worst = silent.sort_values("peak_model_deviation_mm", ascending=False, kind="stable").head(WORST)
+    silent = facts["faulty"] & ~facts["failed"] & (facts["response"] == "silent")
+    farthest = frame.loc[silent, "peak_model_deviation_mm"].sort_values(ascending=False, kind="stable")
+    worst = frame.loc[farthest.head(WORST).index]
     return [
         {
             "run_id": row["run_id"],

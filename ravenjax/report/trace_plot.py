@@ -1,7 +1,12 @@
-"""One run as a figure for a paper or a report: how far the tip went, what the hand felt, what the motors were told."""
+"""One run as a figure for a paper or a report: how far the tip went, what the hand felt, what the motors were told.
+
+Two tips are drawn: the true one, where the links of the virtual robot are, and the one that the robot reports, on which
+the cue acts.
+"""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,6 +25,8 @@ MARKERS = ("#c2410c", "#0072b2", "#5b6470", "#8b2a6b")
 FAULT = "#d9571b"
 SHOWN_JOINTS = 3
 """Joints in the DAC panel: those told to go to, or the ones with the largest peaks."""
+SUBTITLE_LETTERS = 105
+"""Letters in a line of the subtitle."""
 
 _STYLE: dict[Any, Any] = {
     "font.size": 9,
@@ -43,6 +50,7 @@ def trace_plot(
     path: Path,
     *,
     title: str = "",
+    subtitle: str = "",
     threshold_mm: float = 3.0,
     joints: Sequence[str] = (),
     dac_limits: Mapping[str, float] | None = None,
@@ -50,8 +58,10 @@ def trace_plot(
 ) -> Path:
     """Draw the time series of one run at 1 kHz into `path` (.svg, .png or .pdf) and return it.
 
-    series: as ravenjax.store.trace_log.write takes them. Drawn are, per arm and where present, the distance of
-        `position` from `model_position`, `haptic_force` and `current_cmd`; and `runlevel`, `pedal`, `fault_active` [T].
+    series: as ravenjax.store.trace_log.write takes them. Drawn are, per arm and where present, the distances of `tip`
+        (true) and `position` (as reported) from `model_position`, `haptic_force` and `current_cmd`; and `runlevel`,
+        `pedal`, `fault_active` [T].
+    threshold_mm: of the cue whose force is drawn.
     joints: names of the joints whose DACs are drawn; by default the SHOWN_JOINTS with the largest peaks.
     dac_limits: largest allowed |DAC|, counts, by joint name.
     events: {label: time in ms} of vertical markers (cue, response); negative times are left out.
@@ -72,11 +82,14 @@ def trace_plot(
             _dac(axes, time_s, arrays[f"{arm}/current_cmd"], arm, joints, dac_limits or {})
         _state(state, time_s, arrays)
         panels = [error, force, *dacs, state]
-        _fault_windows(panels, arrays)
-        _events(panels, {name: ms for name, ms in (events or {}).items() if ms >= 0})
+        shown = {name: ms for name, ms in (events or {}).items() if ms >= 0}
+        _fault_windows(panels, arrays, told="fault" in shown)
+        _events(panels, shown)
         state.set_xlabel("time, s")
         state.set_xlim(0.0, ticks / 1000.0)
         figure.suptitle(title, x=0.01, ha="left", fontsize=10, fontweight="bold")
+        lines = textwrap.fill(subtitle, SUBTITLE_LETTERS)
+        error.set_title(lines, loc="left", x=0.0, fontsize=8.5, color="#3a424c", pad=4 + 10 * len(shown))
         figure.align_ylabels(panels)
         kind = path.suffix.lstrip(".") or "png"
         dateless = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
@@ -87,16 +100,18 @@ def trace_plot(
 def _tip_error(
     axes: Axes, time_s: np.ndarray, arrays: Mapping[str, np.ndarray], arms: list[str], threshold_mm: float
 ) -> None:
+    kinds = {"tip": ("true", 1.5, "-"), "position": ("as reported", 1.0, (0, (3, 1.5)))}
     for arm in arms:
-        if f"{arm}/position" in arrays and f"{arm}/model_position" in arrays:
-            distance = np.linalg.norm(arrays[f"{arm}/position"] - arrays[f"{arm}/model_position"], axis=1)
-            axes.plot(time_s, 1000.0 * distance, color=ARMS[arm], lw=1.3, label=arm)
+        for name, (kind, width, style) in kinds.items():
+            if f"{arm}/{name}" in arrays and f"{arm}/model_position" in arrays:
+                distance = 1000.0 * np.linalg.norm(arrays[f"{arm}/{name}"] - arrays[f"{arm}/model_position"], axis=1)
+                axes.plot(time_s, distance, color=ARMS[arm], lw=width, ls=style, label=f"{arm}, {kind}")
     axes.axhline(threshold_mm, color="#3a424c", lw=0.9, ls=(0, (4, 2)))
     place = {"xycoords": ("axes fraction", "data"), "xytext": (-2, 2), "textcoords": "offset points"}
     axes.annotate(f"cue at {threshold_mm:g} mm", (1, threshold_mm), **place, ha="right", fontsize=8, color="#3a424c")
-    axes.set_ylabel("tip off model, mm")
+    axes.set_ylabel("tip off the\nnominal model, mm")
     axes.set_ylim(0.0, max(1.15 * _peak(axes), 1.3 * threshold_mm))
-    _legend(axes, len(arms) > 1)
+    _legend(axes, True)
 
 
 def _force(axes: Axes, time_s: np.ndarray, arrays: Mapping[str, np.ndarray], arms: list[str]) -> None:
@@ -107,7 +122,12 @@ def _force(axes: Axes, time_s: np.ndarray, arrays: Mapping[str, np.ndarray], arm
             axes.fill_between(time_s, size, color=ARMS[arm], alpha=0.25, lw=0)
             axes.plot(time_s, size, color=ARMS[arm], lw=1.1)
     axes.set_ylabel("haptic force,\ndevice units")
-    axes.set_ylim(0.0, max(1.15 * _peak(axes), 1e-3))
+    if _peak(axes) > 0.0:
+        axes.set_ylim(0.0, 1.15 * _peak(axes))
+    else:
+        axes.set_ylim(0.0, 1.0)
+        axes.set_yticks([0.0])
+        axes.annotate("none", (0.01, 0.5), xycoords="axes fraction", va="center", fontsize=8, color="#5b6470")
 
 
 def _dac(
@@ -149,13 +169,13 @@ def _legend(axes: Axes, wanted: bool) -> None:
         axes.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.0, 1.03), fontsize=8, handlelength=1.4)
 
 
-def _fault_windows(panels: Sequence[Axes], arrays: Mapping[str, np.ndarray]) -> None:
+def _fault_windows(panels: Sequence[Axes], arrays: Mapping[str, np.ndarray], told: bool) -> None:
     active = np.asarray(arrays.get("fault_active", ()), bool).reshape(-1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], active, [False]]).astype(int)))
     for start, end in edges.reshape(-1, 2) / 1000.0:
         for axes in panels:
             axes.axvspan(start, end, color=FAULT, alpha=0.13, lw=0, zorder=0)
-    if len(edges):
+    if len(edges) and not told:
         panels[0].annotate("fault", (edges[0] / 1000.0, 1), xycoords=("data", "axes fraction"), xytext=(2, -2),
                            textcoords="offset points", va="top", fontsize=8, color=FAULT)  # fmt: skip
 

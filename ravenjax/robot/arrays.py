@@ -2,7 +2,8 @@
 
 Joints are on the last axis, in the order shoulder, elbow (rad), insertion (m), tool_roll, wrist, grasp1, grasp2 (rad);
 any leading axes, and arguments broadcast against each other. Poses are of the jaw axis in frame 0 of the arm. Results
-are NumPy arrays. A wrong shape, an unknown name or a number that is not finite raises UserError, a ValueError.
+are NumPy arrays. Numbers are real and finite (NaN comes out, never goes in), rotations orthonormal and right-handed;
+anything else, a wrong shape or an unknown name raises UserError, a ValueError.
 """
 
 from __future__ import annotations
@@ -16,13 +17,16 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.errors import UserError, suggestion
+from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.robot import gravity, kinematics, transmission
 from ravenjax.robot.joints import Pose
 from ravenjax.robot.tools import find_tool
 from ravenjax.types import ARMS, JOINTS, Vec
 
 Array = np.ndarray
+
+ORTHONORMAL = 1e-3
+"""How far R^T R of a rotation may be from 1: single precision and rounding in files are far below."""
 
 
 def forward_kinematics(jpos: ArrayLike, arm: str) -> tuple[Array, Array]:
@@ -43,6 +47,7 @@ def inverse_kinematics(
     -2 taken though the wrist is at the remote centre, with the angles that the control software is left with.
     """
     _known_arm(arm)
+    _require_rotations(rotation)
     jpos_d, status = _over_rows(
         "inverse",
         arm,
@@ -59,13 +64,13 @@ def inverse_kinematics(
 def motor_from_joint(jpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Array:
     """Motor angles mpos [..., 7] (rad) that hold the joints `jpos` [..., 7], cable coupling included."""
     _known_arm(arm)
-    return _over_rows("motor", arm, find_tool(tool).name, jpos=(jpos, (7,)))[0]
+    return _over_rows("motor", arm, _known_tool(tool), jpos=(jpos, (7,)))[0]
 
 
 def joint_from_motor(mpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Array:
     """Joints jpos [..., 7] at the motor angles `mpos` [..., 7] (rad), cable coupling included."""
     _known_arm(arm)
-    return _over_rows("joint", arm, find_tool(tool).name, mpos=(mpos, (7,)))[0]
+    return _over_rows("joint", arm, _known_tool(tool), mpos=(mpos, (7,)))[0]
 
 
 def gravity_torque(jpos: ArrayLike, arm: str) -> Array:
@@ -121,14 +126,35 @@ def _over_rows(name: str, arm: str, tool: str, **arguments: tuple[ArrayLike, tup
 
 def _known_arm(arm: str) -> None:
     if arm not in ARMS:
-        raise UserError(f"unknown arm {arm!r}: expected 'gold' or 'green'{suggestion(arm, ARMS)}")
+        raise UserError(f"unknown arm {shown(arm)}: expected 'gold' or 'green'{suggestion(str(arm), ARMS)}")
+
+
+def _known_tool(tool: str) -> str:
+    if not isinstance(tool, str):
+        raise UserError(f"tool is {shown(tool)}, expected the name of a tool")
+    return find_tool(tool).name
+
+
+def _require_rotations(rotation: ArrayLike) -> None:
+    matrices = _checked("rotation", rotation, (3, 3))
+    off = np.abs(np.swapaxes(matrices, -1, -2) @ matrices - np.eye(3)).max(axis=(-1, -2))
+    mirrored = np.linalg.det(matrices) < 0
+    if (wrong := (off > ORTHONORMAL) | mirrored).any():
+        index = tuple(int(i) for i in np.argwhere(wrong)[0])
+        problem = "mirrors" if mirrored[index] else f"has columns that are not orthonormal (off by {off[index]:.2g})"
+        where = f"rotation[{', '.join(map(str, index))}]" if index else "rotation"
+        raise UserError(f"{where} {problem}, expected a rotation matrix whose columns are the axes of the jaws' frame")
 
 
 def _checked(name: str, value: ArrayLike, row: tuple[int, ...]) -> Array:
     try:
-        array = np.asarray(value, dtype=np.float64)
+        array = np.asarray(value)
     except (TypeError, ValueError) as error:
         raise UserError(f"{name} is not an array of numbers: {error}") from None
+    if array.dtype.kind not in "iuf" or np.ma.is_masked(value):
+        kind = "masked numbers" if np.ma.is_masked(value) else str(array.dtype)
+        raise UserError(f"{name} is not an array of numbers: it holds {kind}, expected real numbers")
+    array = array.astype(np.float64)
     trailing = array.shape[max(array.ndim - len(row), 0) :]
     if trailing != row:
         expected = ", ".join(("...", *map(str, row)))

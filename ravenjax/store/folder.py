@@ -2,26 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import TypeVar
 
 import pandas as pd
 
 from ravenjax.store import manifest as manifests
-from ravenjax.store import parts
+from ravenjax.store import parts, schema
 from ravenjax.store.files import StoreError, require_writable
 from ravenjax.store.manifest import Manifest
 
 PARTS = "parts"
+READERS = 4
+"""Parts that are read side by side."""
+
+T = TypeVar("T")
+R = TypeVar("R")
 
 
-@dataclass
 class ResultFolder:
-    """An open result folder. Only `open` makes one; it is then safe to add parts."""
+    """An open result folder. Only `open` makes one; it is then safe to add parts, also from several threads."""
 
-    path: Path
-    manifest: Manifest
+    def __init__(self, path: Path, manifest: Manifest) -> None:
+        self.path = path
+        self._manifest, self._parts = manifest, list(manifest.parts)
+        self._lock = threading.Lock()
+
+    @property
+    def manifest(self) -> Manifest:
+        """Its record as of now."""
+        return self._manifest.model_copy(update={"parts": tuple(sorted(self._parts, key=lambda part: part.first))})
 
     @staticmethod
     def open(path: Path, wanted: Manifest) -> ResultFolder:
@@ -37,58 +50,83 @@ class ResultFolder:
             _require_same(path, kept, wanted)
             kept = kept.model_copy(update={"starts": kept.starts + 1})
         recorded = {part.file: part for part in kept.parts}
-        found = [_finished(file, recorded.get(file.name), wanted.config_hash) for file in parts.files(path / PARTS)]
+        there = parts.files(path / PARTS)
+        found = _side_by_side(lambda file: _finished(file, recorded.get(file.name), wanted.config_hash), there)
         parts.require_disjoint(path / PARTS, found)
-        folder = ResultFolder(path, kept.model_copy(update={"parts": tuple(found)}))
+        whole = sum(len(part.rows) for part in found) == kept.runs
+        finished = kept.finished if whole else None  # a part that was lost is computed again
+        folder = ResultFolder(path, kept.model_copy(update={"parts": tuple(found), "finished": finished}))
         manifests.write(path, folder.manifest)
         return folder
 
     @property
     def done(self) -> int:
         """How many rows are finished."""
-        return self.manifest.done
+        with self._lock:
+            return sum(len(part.rows) for part in self._parts)
 
     def missing(self, chunk: int) -> Iterator[range]:
         """Row ranges still to compute, each of at most `chunk` rows."""
-        return parts.gaps(self.manifest.parts, self.manifest.runs, chunk)
+        return parts.gaps(self._parts, self._manifest.runs, chunk)
 
-    def add(self, frame: pd.DataFrame) -> None:
+    def add(self, rows: schema.Columns) -> None:
         """Store finished rows, consecutive by `index`, as one part."""
-        part = parts.write(self.path / PARTS, frame, self.manifest.shape, self.manifest.config_hash)
-        self.manifest = self.manifest.model_copy(update={"parts": (*self.manifest.parts, part)})
-        manifests.write(self.path, self.manifest)
+        part = parts.write(self.path / PARTS, rows, self._manifest.shape, self._manifest.config_hash)
+        with self._lock:
+            manifests.record(self.path, part)
+            self._parts.append(part)
 
     def close(self, compile_s: float, run_s: float, rows: int) -> None:
         """Record the times of this start (s) and the rows it computed; the finish time once no row is missing."""
         if rows:
             rate = rows / run_s if run_s else None
-            self.manifest = self.manifest.model_copy(
+            self._manifest = self._manifest.model_copy(
                 update={"compile_s": compile_s, "run_s": run_s, "runs_per_s": rate}
             )
-        if self.manifest.finished is None and self.done == self.manifest.runs:
-            self.manifest = self.manifest.model_copy(update={"finished": manifests.now()})
+        if self._manifest.finished is None and self.done == self._manifest.runs:
+            self._manifest = self._manifest.model_copy(update={"finished": manifests.now()})
         manifests.write(self.path, self.manifest)
 
 
-def read_all(path: str | Path) -> pd.DataFrame:
+def read_all(path: str | Path, columns: Sequence[str] | None = None) -> pd.DataFrame:
     """Every finished row of a result folder, ordered by `index`, each part checked against the manifest.
 
-    Raises StoreError where the folder holds no result or a part is missing or damaged.
+    columns: only these, None for all. Raises StoreError where the folder holds no result, a part is missing or damaged,
+    or the table has no such column.
     """
     path = Path(path)
     manifest = manifests.read(path)
     if not manifest.parts:
         raise StoreError(f"{path}: holds no finished part yet; start or resume it with `ravenjax run`")
+    if manifest.finished is not None and manifest.done < manifest.runs:
+        raise StoreError(
+            f"{path / manifests.PARTS_FILE}: names parts of {manifest.done} of the {manifest.runs} finished runs. "
+            "Start the same `ravenjax run` again: it takes over whole parts and computes what is missing."
+        )
     parts.require_disjoint(path / PARTS, manifest.parts)
-    return parts.concatenate([parts.read(path / PARTS / p.file, manifest.config_hash, p) for p in manifest.parts])
+    schema.require_columns(manifest.shape, columns or ())
+    ordered = sorted(manifest.parts, key=lambda part: part.first)
+    return parts.concatenate(
+        _side_by_side(lambda part: parts.read(path / PARTS / part.file, manifest.config_hash, part, columns), ordered)
+    )
 
 
 def _finished(file: Path, recorded: parts.Part | None, config_hash: str) -> parts.Part:
     """Record of a whole part; one that was renamed but not yet recorded when the power went is taken over."""
     if recorded is None:
         return parts.inspect(file, config_hash)
-    parts.read(file, config_hash, recorded)
+    parts.verify(file, config_hash, recorded)
     return recorded
+
+
+def _side_by_side(work: Callable[[T], R], items: Iterable[T]) -> list[R]:
+    """What `work` makes of each item, in order; the first error is raised and what has not begun is left."""
+    with ThreadPoolExecutor(READERS) as pool:
+        try:
+            return list(pool.map(work, items))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def _require_same(path: Path, kept: Manifest, wanted: Manifest) -> None:

@@ -1,7 +1,12 @@
-"""manifest.json: what was computed, by which code, on what, and the checksum of each part of the result."""
+"""manifest.json: what was computed, by which code, on what; beside it parts.jsonl: the checksum of each finished part.
+
+A part is recorded by one line at the end of parts.jsonl, so that recording costs the same however many there are. A
+line that a crash tore is no record, nor is what follows it: such parts are found on disk and taken over once checked.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import json
@@ -19,6 +24,7 @@ from ravenjax.store.files import StoreError, write_aside
 from ravenjax.store.parts import Part, require_version
 
 FILE = "manifest.json"
+PARTS_FILE = "parts.jsonl"
 _READERS = ("cli.py", "report", "stats", "trainer")  # only read results: a change there must not forbid to resume
 PACKAGES = ("ravenjax", "jax", "jaxlib", "mujoco", "mujoco-mjx", "numpy", "pandas", "pyarrow", "scipy")
 
@@ -63,7 +69,7 @@ class Manifest(BaseModel):
     compile_s: float | None = Field(default=None, description="s, tracing and compiling, last start")
     run_s: float | None = Field(default=None, description="s, executing, last start")
     runs_per_s: float | None = Field(default=None, description="runs per second of execution, last start")
-    parts: tuple[Part, ...] = ()
+    parts: tuple[Part, ...] = Field(default=(), description="finished parts; kept in parts.jsonl")
 
     @property
     def done(self) -> int:
@@ -103,7 +109,9 @@ def read(folder: Path) -> Manifest:
     if isinstance(version, int):
         require_version(path, version)
     try:
-        return Manifest.model_validate(data)
+        manifest = Manifest.model_validate(data)
+        listed = _parts(folder / PARTS_FILE)
+        return manifest if listed is None else manifest.model_copy(update={"parts": listed})
     except pydantic.ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(item) for item in first["loc"]) or "top level"
@@ -115,10 +123,48 @@ _RESTORE = (
 )
 
 
+def _parts(path: Path) -> tuple[Part, ...] | None:
+    """Records of the file's lines up to the first that is not whole; None where there is no file."""
+    if not path.exists():
+        return None
+    try:
+        lines = path.read_bytes().splitlines(keepends=True)
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be read ({error.strerror or error})") from error
+    found = []
+    with contextlib.suppress(pydantic.ValidationError):
+        for line in lines:
+            if line.endswith(b"\n"):
+                found.append(Part.model_validate_json(line))
+    return tuple(found)
+
+
 def write(folder: Path, manifest: Manifest) -> None:
-    """Replace the folder's manifest in one step."""
-    text = manifest.model_dump_json(indent=2) + "\n"
+    """Replace the folder's manifest and its list of parts, each in one step."""
+    lines = "".join(_line(part) for part in manifest.parts)
+    text = manifest.model_dump_json(indent=2, exclude={"parts"}) + "\n"
+    write_aside(folder / PARTS_FILE, lambda target: target.write_bytes(lines.encode()))
     write_aside(folder / FILE, lambda target: target.write_bytes(text.encode()))
+
+
+def record(folder: Path, part: Part) -> None:
+    """Add one part to the folder's list; not from two threads at once. Raises StoreError where the disk refuses.
+
+    Nothing waits for the disk: a record that a crash loses is made again from the part itself.
+    """
+    path = folder / PARTS_FILE
+    try:
+        with open(path, "ab") as file:
+            file.write(_line(part).encode())
+    except OSError as error:
+        raise StoreError(
+            f"{path}: cannot be written ({error.strerror or error}). Whole parts are kept; "
+            "free space or make the folder writable, then start the same command again."
+        ) from error
+
+
+def _line(part: Part) -> str:
+    return part.model_dump_json() + "\n"
 
 
 def now() -> str:

@@ -7,13 +7,16 @@ Column names that repeat (fault slots, cues, checks, arms, varied parameters) fo
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator
+import functools
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 
+from ravenjax.store import words
 from ravenjax.store.files import StoreError
 
 JOINTS = ("shoulder", "elbow", "insertion", "tool_roll", "wrist", "grasp1", "grasp2")
@@ -50,6 +53,10 @@ CHECKS = {
     "packet_order": ("1", "operator packet behind, dropped"),
 }
 """Known built-in checks: unit of the margin, what it looks at. Others are allowed, with unit "1"."""
+
+
+Columns = Mapping[str, Any] | pd.DataFrame
+"""Columns by name, arrays [rows]."""
 
 
 @dataclass(frozen=True)
@@ -170,6 +177,7 @@ def _motion() -> Iterator[Column]:
 # --- Arrow ------------------------------------------------------------------------------------------------------------
 
 
+@functools.cache
 def arrow_schema(shape: Shape) -> pa.Schema:
     """Arrow schema of the table; unit and meaning travel in each field's metadata."""
     return pa.schema(
@@ -185,39 +193,47 @@ def _arrow_type(dtype: str) -> pa.DataType:
     return pa.dictionary(pa.int32(), pa.string()) if dtype == "category" else pa.type_for_alias(dtype)
 
 
-def conform(frame: pd.DataFrame, shape: Shape) -> pa.Table:
-    """`frame` as an Arrow table of exactly the schema's columns and types, in order.
+def conform(columns: Columns, shape: Shape) -> pa.Table:
+    """Columns, or a DataFrame, as an Arrow table of exactly the schema's columns and types, in order.
 
     Raises StoreError for a column that is missing, unknown or holds a value that its type cannot.
     """
     schema = arrow_schema(shape)
-    missing = [name for name in schema.names if name not in frame.columns]
-    unknown = [str(name) for name in frame.columns if name not in schema.names]
+    names = schema.names
+    missing = [name for name in names if name not in columns]
+    unknown = [str(name) for name in columns if name not in names]
     if missing or unknown:
-        raise StoreError(_mismatch(missing, unknown))
-    arrays = []
-    for field in schema:
-        values = frame[field.name]
-        is_text = pa.types.is_dictionary(field.type) or pa.types.is_string(field.type)
-        if is_text:  # missing text is "", so that a reader meets one kind of nothing
-            values = values.astype(object).where(values.notna(), "")
-        try:
-            array = pa.array(values.to_numpy(), from_pandas=False)
-            if pa.types.is_dictionary(field.type):
-                array = array.dictionary_encode()
-            arrays.append(array.cast(field.type))
-        except pa.ArrowException as error:
-            message = f"result column {field.name!r} must hold {field.type}, got {values.dtype}: {error}"
-            raise StoreError(message) from error
-    return pa.Table.from_arrays(arrays, schema=schema)
+        raise StoreError(_mismatch(missing, unknown, names))
+    return pa.Table.from_arrays([_array(columns[field.name], field) for field in schema], schema=schema)
 
 
-def _mismatch(missing: list[str], unknown: list[str]) -> str:
+def _array(values: Any, field: pa.Field) -> pa.Array:
+    """One column in its field's type; missing text is "", so that a reader meets one kind of nothing."""
+    try:
+        if pa.types.is_dictionary(field.type):
+            return words.arrow(values)
+        if pa.types.is_string(field.type):
+            return pa.array(values, pa.string(), from_pandas=True).fill_null("")
+        array = pa.array(np.asarray(values), from_pandas=False)
+        return array if array.type == field.type else array.cast(field.type)
+    except pa.ArrowException as error:
+        got = np.asarray(values).dtype
+        raise StoreError(f"result column {field.name!r} must hold {field.type}, got {got}: {error}") from error
+
+
+def require_columns(shape: Shape, names: Sequence[str]) -> None:
+    """StoreError where a table of this shape lacks one of these columns."""
+    known = [column.name for column in columns(shape)]
+    if unknown := [name for name in names if name not in known]:
+        raise StoreError(_mismatch([], unknown, known))
+
+
+def _mismatch(missing: list[str], unknown: list[str], known: Sequence[str]) -> str:
     parts = []
     if missing:
         parts.append(f"the result table lacks {len(missing)} column(s): {', '.join(missing[:6])}")
     for name in unknown[:6]:
-        near = difflib.get_close_matches(name, missing, n=1)
+        near = difflib.get_close_matches(name, missing or known, n=1)
         parts.append(f"unknown result column {name!r}" + (f", did you mean {near[0]!r}?" if near else ""))
     return "; ".join(parts)
 
@@ -227,8 +243,15 @@ def _mismatch(missing: list[str], unknown: list[str]) -> str:
 
 def verdict(frame: pd.DataFrame, cue: int = 0, jump: str = "jump_code") -> pd.Series:
     """The headline verdict of each row by cue number `cue` and jump rule `jump`; "" for failed rows."""
-    response = np.where(frame["response"] == "none", "silent", frame["response"].astype(object))
-    haptic = np.where(frame[f"cue{cue}_first_ms"] >= 0, "/haptic", "/no haptic")
-    moved = np.where(frame[jump], "/jump", "/no jump")
-    label = np.where(frame["failed"] == "", response + haptic.astype(object) + moved.astype(object), "")
-    return pd.Series(label, index=frame.index, name="verdict", dtype="category")
+    return pd.Series(verdicts(frame, cue, jump), index=frame.index, name="verdict")
+
+
+def verdicts(columns: Columns, cue: int, jump: str) -> pd.Categorical:
+    """As `verdict`, of columns."""
+    response = pd.Categorical(columns["response"])
+    rank = np.array([RESPONSES.index("silent" if word == "none" else word) for word in response.categories], np.int8)
+    unfelt, unmoved = np.asarray(columns[f"cue{cue}_first_ms"]) < 0, ~np.asarray(columns[jump], bool)
+    place = np.where(
+        np.asarray(columns["failed"] == ""), 4 * rank[response.codes] + 2 * unfelt + unmoved, len(VERDICTS)
+    )
+    return words.column(place, (*VERDICTS, ""))

@@ -92,7 +92,7 @@ def test_an_engine_computes_every_tick_of_every_run(work):
         def compile(self, program, runs):
             return self
 
-        lanes, prepare = kernel.lanes, kernel.prepare
+        lanes, size, prepare = kernel.lanes, kernel.size, kernel.prepare
 
         def run(self, block, motion, progress=None):
             if block.reference is None:

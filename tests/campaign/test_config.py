@@ -113,6 +113,30 @@ def test_quick_is_what_the_readme_says():
         ("value = [100, 200]", "value = {uniform = [2, 1]}", ["low must not exceed high, got [2, 1]"]),
         ("value = [100, 200]", "value = {loguniform = [0, 1]}", ["above 0"]),
         ("start_ms = 1000", "start_ms = -1", ["start_ms: got -1, expected a whole number of milliseconds from 0"]),
+        ("start_ms = 1000", "start_ms = 5000000000", ["start_ms: got 5000000000, expected", "to 1000000000"]),
+        ("start_ms = 1000", "start_ms = {normal = [5e8, 1e8]}", ["expected a whole number of milliseconds from 0"]),
+        ('[10, "end"]', '{uniform = ["end", 5]}', [":24:", "got 'end', expected a number"]),
+        ('[10, "end"]', "{uniform = [0, 5]}", ["duration_ms: got 0", "from 1"]),
+        ("value = [100, 200]", "value = [100, 1e39]", [":22:", "got 1e+39, expected a number of single precision"]),
+        ("value = [100, 200]", "value = {uniform = [-3e9, 0]}", [":22:", "shoulder is a 32-bit number"]),
+        ("value = [100, 200]", "value = 1.5", [":22:", "shoulder is a whole number"]),
+        ('"overwrite"', '"bit_flip"', [":22:", "index of a bit, 0..15, got 100"]),
+        ('"x"', '".."', [":2: campaign.name"]),
+        ('"x"', f'"{"x" * 200}"', [":2: campaign.name", "at most 100 characters"]),
+        ('motion = "reach"', 'file = "a\\u0000b.csv"', [":6: operator.file", "expected the path of"]),
+        (
+            '"free"',
+            '"free"\nparameters.plant.mass_scale = {normal = 5}',
+            ["normal takes [mean, standard deviation], got 5"],
+        ),
+        ('"free"', '"free"\nparameters.plant.mass_scale = -1', [":14:", "mass_scale: got -1, expected 0.01..100"]),
+        (
+            "[0.5, 2.0]",
+            "[-0.5, 2.0]",
+            [":9: parameters.plant.friction_scale: got uniform = [-0.5, 2.0]", "as low as -0.5"],
+        ),
+        ("[parameters]", "[parameters]\nplant.noise_key = 3", [":9: parameters.plant.noise_key: cannot be set"]),
+        ("[parameters]", "[haptics]\ncap = 1e300\n[parameters]", ["haptics.cap", "1e+300", "less than or equal"]),
         ("start_ms = 1000", "start_ms = 2.5", [":23:", "got 2.5, expected a whole number of milliseconds"]),
         ("start_ms = 1000", "start_ms = 2000", ["got 2000, expected less than the run's 2000 ms"]),
         ('[10, "end"]', "-10", [":24:", 'got -10, expected a whole number of milliseconds from 1, or "end"']),
@@ -146,6 +170,44 @@ def test_each_mistake_has_its_message(write, old, new, parts):
         assert part in message, message
 
 
+@pytest.mark.parametrize(
+    "site, channel, value, what",
+    [
+        ("runlevel", "rl_desired", "9", "rl_desired is a run level: expected 0..3, got 9"),
+        ("plc", "runlevel", "[0, 3, 4]", "runlevel is a run level: expected 0..3, got 4"),
+        ("pins_out", "pins", "{uniform = [0, 300]}", "pins is a byte: expected 0..255, got 300"),
+        ("packet_header", "size", "-1", "size is the length of a datagram"),
+        ("brake", "engaged", "2", "engaged is a truth value"),
+    ],
+)
+def test_a_field_that_is_written_anew_holds_what_it_can(write, site, channel, value, what):
+    text = GOOD.replace('"usb_out"', f'"{site}"').replace('["shoulder", "elbow"]', f'"{channel}"')
+    message = complaint(write(text.replace("[100, 200]", value)))
+    assert what in message and ":22: group[1].fault[0].value" in message
+    assert loading.load(write(text.replace("[100, 200]", "1")))
+
+
+def test_lists_side_by_side_are_looked_at_pair_by_pair(write):
+    """Bit 3 and count 100 each fit their own effect; in a grid they would be crossed."""
+    text = GOOD.replace('"overwrite"', '["bit_flip", "overwrite"]').replace("[100, 200]", "[3, 100]")
+    assert "index of a bit" in complaint(write(text))
+    text = text.replace('name = "dac"', 'name = "dac"\ndesign = "zip"').replace('"operator.scale" = [0.05, 0.1]', "")
+    config = loading.load(write(text))
+    assert len(design.expand(config)) == 3
+
+
+def test_too_many_runs(write):
+    text = GOOD.replace("[100, 200]", str(list(range(3000)))).replace("= 1000", f"= {list(range(1, 2000))}")
+    text = text.replace('"dac"', '"dac"\nrepeats = 100')
+    message = complaint(write(text), "campaign.limit=10")
+    assert "group: the groups make" in message and "expected at most 100000000" in message
+
+
+def test_too_many_cues():
+    with pytest.raises(UserError, match="the lists make 4096 haptic sets, expected at most 256"):
+        with_section({"haptics": {"threshold_mm": list(range(64)), "cap": list(range(64))}})
+
+
 def test_identical_repeats_are_refused(write):
     text = GOOD.replace("plant.friction_scale = { uniform = [0.5, 2.0] }", "").replace('"dac"', '"dac"\nrepeats = 3')
     message = complaint(write(text))
@@ -163,9 +225,42 @@ def test_syntax_error_names_the_line(write):
     assert "line 1" in complaint(write("[campaign\n"))
 
 
-def test_missing_file_lists_the_places_and_suggests():
-    message = complaint("quik.toml")
-    assert "Looked at" in message and "Did you mean 'quick.toml'" in message
+@pytest.mark.parametrize("name", ["quik.toml", "quik", "./quik.toml", "/nowhere/quik.toml"])
+def test_missing_file_is_told_in_one_line_with_the_nearest_name(name):
+    message = complaint(name)
+    assert message.startswith(f"{name}: no such campaign file; `ravenjax campaigns` lists") and "\n" not in message
+    assert message.endswith("Did you mean 'quick'?") and len(message) < 200
+
+
+def test_bundled_campaigns_need_no_suffix(tmp_path, monkeypatch):
+    assert loading.load("quick") == loading.load("quick.toml")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "quick").mkdir()
+    assert loading.load("quick").campaign.name == "quick", "a folder of that name is no campaign"
+    (tmp_path / "mine.toml").write_text(GOOD)
+    assert loading.load("mine").campaign.name == "x"
+
+
+@pytest.mark.parametrize("name", ["", ".", "..", "a" * 300, "x\0y", None, 5, b"quick"])
+def test_what_names_no_file(name):
+    with pytest.raises(
+        UserError, match=r"expected (a|the path of a) campaign|no such campaign|cannot be read"
+    ) as error:
+        loading.load(name)
+    assert len(str(error.value)) < 250
+
+
+def test_a_byte_order_mark_is_skipped(tmp_path):
+    path = tmp_path / "c.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + GOOD.encode())
+    assert loading.load(path).campaign.name == "x"
+    path.write_bytes(GOOD.encode("utf-16"))
+    assert "Expected a TOML file in UTF-8" in complaint(path)
+
+
+@pytest.mark.parametrize("text", ["x = " + "9" * 5000, "x = " + "[" * 100_000])
+def test_toml_that_python_cannot_read(write, text):
+    assert "not valid TOML" in complaint(write(text))
 
 
 def test_unknown_parameters(write):

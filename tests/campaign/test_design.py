@@ -76,6 +76,14 @@ def test_zip_goes_side_by_side(length, data):
     )
 
 
+def test_zip_takes_lists_of_one_length_only():
+    """ "*" is a list as well, of the site's channels."""
+    with pytest.raises(
+        UserError, match=r"'g': design 'zip' needs lists of one length, got channel of slot 0: 7, value"
+    ):
+        expand(group(design="zip", faults=[{**FAULT, "channel": "*", "value": [1, 2, 3]}]))
+
+
 def test_list_replaces_what_each_run_names():
     runs = [
         {"fault": [{"value": 5}]},
@@ -173,7 +181,7 @@ def test_limit_cuts_and_changes_no_run():
 def test_run_id_depends_on_what_decides_the_run(name, same):
     value = {"chunk": 7, "description": "d", "level": "advanced", "duration_s": 4.0}[name]
     one, other = expand(group()), expand(group(), campaign={"name": "y", name: value})
-    assert (one["run_id"][0] == other["run_id"][0]) is same
+    assert bool(one["run_id"][0] == other["run_id"][0]) is same
 
 
 def test_run_id_ignores_group_and_place_but_tells_copies_apart():

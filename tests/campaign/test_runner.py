@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import os
+import time
+
 import jax
 import numpy as np
 import pandas as pd
 import pytest
 
 import ravenjax as rj
-from ravenjax.campaign import replay, runner
+from ravenjax.campaign import computation, replay, runner
 from ravenjax.engines import simd
 from ravenjax.engines.vector_code import VectorCode
 from ravenjax.errors import UserError
@@ -81,14 +84,12 @@ def test_rows_do_not_depend_on_chunks_nor_on_the_store(whole, tmp_path):
 
 
 def test_an_interrupted_campaign_resumes_where_it_stopped(whole, tmp_path, monkeypatch):
-    kept = []
-    add = runner.ResultFolder.add
+    left, add = iter(range(2)), runner.ResultFolder.add
 
-    def interrupted(self, frame):
-        if len(kept) == 2:
+    def interrupted(self, rows):
+        if next(left, None) is None:
             raise KeyboardInterrupt
-        kept.append(frame)
-        add(self, frame)
+        add(self, rows)
 
     monkeypatch.setattr(runner.ResultFolder, "add", interrupted)
     with pytest.raises(KeyboardInterrupt):
@@ -102,8 +103,68 @@ def test_an_interrupted_campaign_resumes_where_it_stopped(whole, tmp_path, monke
 
 def test_a_finished_campaign_computes_nothing_again(whole, tmp_path, monkeypatch):
     rj.run(config(), out=tmp_path)
-    monkeypatch.setattr(runner._Work, "batch", None)
+    monkeypatch.setattr(runner, "Computation", None)
     same(whole, rj.run(config(), out=tmp_path))
+
+
+def test_no_chunk_is_a_chunk_that_suits_the_campaign(whole, tmp_path):
+    free = config()
+    free = free.model_copy(update={"campaign": free.campaign.model_copy(update={"chunk": None})})
+    same(whole, rj.run(free, out=tmp_path))
+    assert [path.name for path in (tmp_path / "parts").iterdir()] == ["part-000000000-000000026.parquet"]
+
+
+def test_rows_do_not_depend_on_the_size_of_blocks(whole, monkeypatch):
+    """Nor on how many twins fit in memory, down to one."""
+    monkeypatch.setattr(simd, "MAX_LANES", 16)
+    monkeypatch.setattr(computation, "TWIN_BYTES", 1)
+    same(whole, rj.run(config()))
+
+
+@pytest.fixture
+def blocks(monkeypatch):
+    """(lanes, whether it is one of twins) of each block that engine simd runs."""
+    ran, run = [], simd.SimdKernel.run
+
+    def watched(self, block, *others):
+        lanes = len(next(iter(block.faults.slots)).code)
+        ran.append((lanes, block.reference is None))
+        return run(self, block, *others)
+
+    monkeypatch.setattr(simd.SimdKernel, "run", watched)
+    return ran
+
+
+def test_a_block_is_as_large_as_its_rows_ask_for(blocks):
+    """Three twins in a block that is no larger than they need, and a last block that is not filled up."""
+    rj.run(config(duration_s=0.4), engine="simd")
+    width = simd.jit.host().width
+    assert [lanes for lanes, twins in blocks if twins] == [-(-3 // width) * width]
+    assert sum(lanes for lanes, twins in blocks if not twins) < 27 + 3 * width
+
+
+def test_nothing_piles_up_behind_a_slow_disk(blocks, monkeypatch, tmp_path):
+    """While the first parts cannot be written, no more blocks are computed than may be under way."""
+    monkeypatch.setattr(simd, "MAX_LANES", 16)
+    add, stuck = runner.ResultFolder.add, []
+
+    def waiting(self, rows):
+        before = -1
+        while not stuck and before != len(blocks):
+            before = len(blocks)
+            time.sleep(0.2)
+        stuck.append(len(blocks))
+        add(self, rows)
+
+    monkeypatch.setattr(runner.ResultFolder, "add", waiting)
+    many = {**CAMPAIGN["group"][1], "runs": 640}
+    wanted = {"name": "many", "duration_s": 0.02, "chunk": 16}
+    many["fault"] = [{**many["fault"][0], "start_ms": 5}]
+    table = rj.run(rj.load_campaign({**CAMPAIGN, "campaign": wanted, "group": [many]}), tmp_path, engine="simd")
+    threads = len(os.sched_getaffinity(0))
+    a_twin, in_hand, under_way, written = 1, 1, 2 * threads, 2 * min(runner.WRITERS, threads)
+    assert stuck[0] <= a_twin + under_way + in_hand + written
+    assert len(table) == 640
 
 
 def test_simd_prints_each_form_of_its_kernel_once(monkeypatch):

@@ -127,6 +127,16 @@ def test_a_number_of_the_campaign_that_is_none(campaign, refused, tmp_path, numb
     refused(["run", path], f"{path}:{line_of(path, 'scale')}: operator.scale", number)
 
 
+@pytest.mark.parametrize(
+    ("path", "value"), [("plant.friction_scale", "-1"), ("plant.mass_scale", "0"), ("network.cycles_per_packet", "0")]
+)
+def test_a_parameter_out_of_its_range(campaign, refused, tmp_path, path, value):
+    file = campaign(more=f"[parameters]\n{path} = {value}")
+    where = f"{file}:{line_of(file, path)}: parameters.{path}: got {value}, expected"
+    refused(["run", file, "--out", tmp_path / "out"], where)
+    assert not (tmp_path / "out").exists()
+
+
 def test_several_mistakes_are_told_at_once(campaign, refused):
     path = campaign(site="usb_output", more="[limits]\nshoulder_deg = [-10, 80]\n\n[outcome]\ncue = 0")
     err = refused(["run", path], "limits.shoulder_deg", "outcome: unknown key", "'outcomes'")
@@ -266,6 +276,36 @@ def test_a_run_that_the_folder_does_not_hold(copied, refused):
     _, out = copied
     refused(["trace", out, "zz"], "'zz'", "no run has this id", "expected a run_id")
     refused(["trace", out, "99"], "run 99", "0..2")
+
+
+def test_a_trace_needs_no_part(copied, run):
+    """It computes the run again; a part that was deleted is missed by the report alone."""
+    _, out = copied
+    kept, *lost = sorted((out / "parts").iterdir())
+    for part in lost:
+        part.unlink()
+    code, printed, err = run("trace", out, "1", "--engine", "simd")
+    assert code == 0, err
+    log, plot = (Path(line.removeprefix("wrote ")) for line in printed.splitlines())
+    assert log.suffix == ".mcap" and log.stat().st_size > 10_000
+    text = plot.read_text()
+    assert "burst: usb_out gold shoulder, overwrite 4,000" in text and "gold, true" in text
+    assert "note:" not in err
+    assert kept.exists()
+
+
+def test_a_trace_of_other_code_says_so(copied, run, monkeypatch):
+    from ravenjax.store import manifest
+
+    _, out = copied
+    monkeypatch.setattr(manifest, "code_hash", lambda: "another")
+    code, _, err = run("trace", out, "1", "--engine", "simd")
+    assert code == 0 and f"note: {out} was computed by another version of the code" in err
+
+
+def test_a_trace_of_no_result_folder_makes_none(refused, tmp_path):
+    refused(["trace", tmp_path / "nowhere", "0"], tmp_path / "nowhere", "is not a result folder")
+    assert not (tmp_path / "nowhere").exists()
 
 
 def unwritable_folders(tmp_path):

@@ -235,20 +235,159 @@ def test_absolute_poses_replace_the_accumulator():
     assert [list(row) for row in green.rotation] == [[-1, 0, 0], [0, 1, 0], [0, 0, -1]]
 
 
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda: ControlSoftware(software="raven3"), ("raven3", "raven2")),
-        (lambda: ControlSoftware(policy="firm"), ("firm", "none, soft, hard")),
-        (lambda: ControlSoftware().step([[0] * 8] * 2), ("(2, 8)", "[2, 7]")),
-        (lambda: ControlSoftware().step([[0.5] * 7] * 2), ("float64", "integers")),
-        (lambda: ControlSoftware().step(_counts(), "packet"), ("str", "bytes")),
-        (lambda: ControlSoftware().step(_counts(), pins=[0, 0, 0]), ("3", "per arm (2)")),
-        (lambda: ControlSoftware(console="absolute").step(_counts(), bytes(124)), ("absolute", "Packet")),
-    ],
-)
-def test_bad_input_is_named(call, words):
+POSE = Packet(1, 124, 1, ((0, 0, 0),) * 2, ((0, 0, 0, 1),) * 2, (0, 0), 1)
+
+
+def refused(call, words):
     with pytest.raises(UserError) as error:
         call()
     for word in words:
-        assert word in str(error.value)
+        assert word in str(error.value), str(error.value)
+
+
+SETUPS = [
+    ({"software": "raven3"}, ("software is 'raven3'", "raven2")),
+    ({"software": ["raven2"]}, ("software is ['raven2']", "raven2, fork2015")),
+    ({"policy": "firm"}, ("policy is 'firm'", "none, soft, hard")),
+    ({"policy": 1}, ("policy is 1",)),
+    ({"level": "expert"}, ("level is 'expert'", "beginner, moderate")),
+    ({"level": ""}, ("level is ''",)),
+    ({"console": "increment"}, ("console is 'increment'", "Did you mean 'increments'")),
+    ({"arms": ()}, ("arms is []", "gold first")),
+    ({"arms": "gold"}, ("arms is 'gold'", "arms=['gold']")),
+    ({"arms": None}, ("arms is None",)),
+    ({"arms": ("gold", "gold")}, ("['gold', 'gold']", "at most once")),
+    ({"arms": ("green", "gold")}, ("['green', 'gold']", "gold first")),
+    ({"arms": ("grey",)}, ("arm is 'grey'", "Did you mean 'green'")),
+    ({"arms": ([],)}, ("arm is []",)),
+    ({"tools": ("r_grasper",)}, ("tools has 1 entries", "one tool per arm ['gold', 'green']")),
+    ({"tools": "r_grasper"}, ("tools is 'r_grasper'", "a list")),
+    ({"tools": ("r_graspr", "r_grasper")}, ("'r_graspr'", "Did you mean 'r_grasper'")),
+    ({"tools": (1, 2)}, ("tool is 1",)),
+    ({"enc_offset": float("nan")}, ("enc_offset", "float64", "integers")),
+    ({"enc_offset": [1, 2]}, ("enc_offset has shape (2,)", "[2, 7]")),
+    ({"enc_offset": None}, ("enc_offset",)),
+    ({"enc_offset": [0, 0, 2**40, 0, 0, 0, 0]}, ("enc_offset[0][2] (insertion) is 1099511627776", "32 bits")),
+    ({"runlevel": 9}, ("runlevel is 9", "0..3")),
+    ({"runlevel": -1}, ("runlevel is -1",)),
+    ({"runlevel": 1.0}, ("runlevel is 1.0",)),
+    ({"runlevel": True}, ("runlevel is True",)),
+    ({"precision": "double"}, ("precision is 'double'", "Precision")),
+    ({"params": 3}, ("params is 3", "a function")),
+    ({"params": lambda params: None}, ("params returned None",)),
+]
+
+
+@pytest.mark.parametrize(("given", "words"), SETUPS, ids=[words[0] for _, words in SETUPS])
+def test_a_wrong_setup_is_named(given, words):
+    refused(lambda: ControlSoftware(**given), words)
+
+
+def one_gain(value):
+    def change(params):
+        first = params.motor_control[0]
+        changed = dataclasses.replace(first, kp=first.kp.replace(0, value))
+        return dataclasses.replace(params, motor_control=(changed, *params.motor_control[1:]))
+
+    return change
+
+
+def test_changed_parameters_are_numbers_of_their_own_type():
+    """Plain Python numbers will do; no numbers will not."""
+    software = ControlSoftware(params=one_gain(0.5))
+    assert software.step(_counts()).dac == ControlSoftware(params=one_gain(np.float32(0.5))).step(_counts()).dac
+    for value, got in (
+        (float("nan"), "nan"),
+        (float("inf"), "inf"),
+        ("0.5", "'0.5'"),
+        (None, "None"),
+        (1e300, "1e+300"),
+    ):
+        refused(lambda v=value: ControlSoftware(params=one_gain(v)), ("motor_control.gold.kp.shoulder", got, "finite"))
+
+    def whole(params):
+        machine = dataclasses.replace(params.state_machine, plc_obeyed=0.5)
+        return dataclasses.replace(params, state_machine=machine)
+
+    refused(lambda: ControlSoftware(params=whole), ("state_machine.plc_obeyed is 0.5", "whole number"))
+
+
+def changed(**fields):
+    return {"packet": dataclasses.replace(POSE, **fields)}
+
+
+INPUTS = [
+    ({"encoders": [[0] * 8] * 2}, ("encoders has shape (2, 8)", "[2, 7]", "shoulder, elbow")),
+    ({"encoders": [0] * 7}, ("encoders has shape (7,)", "[2, 7]")),
+    ({"encoders": [[0] * 7, [0] * 6]}, ("encoders is [[0, 0", "one row of 7 counts per arm (2)")),
+    ({"encoders": [[0.5] * 7] * 2}, ("encoders", "float64", "integers")),
+    ({"encoders": [[True] * 7] * 2}, ("encoders", "bool", "integers")),
+    ({"encoders": [[0j] * 7] * 2}, ("encoders", "complex128")),
+    ({"encoders": [[float("nan")] * 7] * 2}, ("encoders", "float64")),
+    ({"encoders": [[0] * 6 + [2**31], [0] * 7]}, ("encoders[0][6] (grasp2) is 2147483648", "32 bits")),
+    ({"encoders": np.full((2, 7), 2**63, np.uint64)}, ("encoders[0][0]", "9223372036854775808")),
+    ({"encoders": None}, ("encoders has shape ()",)),
+    ({"pins": [0, 0, 0]}, ("pins has 3 entries", "per arm (2)")),
+    ({"pins": 256}, ("pins is 256", "0..255")),
+    ({"pins": [0, -1]}, ("pins is -1",)),
+    ({"pins": 1.5}, ("pins is 1.5",)),
+    ({"pins": float("nan")}, ("pins is nan",)),
+    ({"pins": None}, ("pins is None",)),
+    ({"pins": "192"}, ("pins is '192'",)),
+    ({"read_ok": 5}, ("read_ok is 5", "True or False")),
+    ({"read_ok": None}, ("read_ok is None",)),
+    ({"read_ok": [True]}, ("read_ok has 1 entries",)),
+    ({"packet": "packet"}, ("packet is str", "bytes")),
+    ({"packet": 5}, ("packet is int",)),
+    ({"packet": [POSE, "x"]}, ("packet is str",)),
+    (changed(delta=((0.5, 0, 0), (0, 0, 0))), ("packet.delta is 0.5", "whole number")),
+    (changed(delta=((float("nan"), 0, 0), (0, 0, 0))), ("packet.delta is nan",)),
+    (changed(delta=((2**31, 0, 0), (0, 0, 0))), ("packet.delta is 2147483648",)),
+    (changed(delta=((0, 0, 0), (0, 0, 0, 0)), grasp=(0,)), ("packet.delta[1] has 4 entries", "3 numbers")),
+    (changed(delta=((0, 0, 0),)), ("packet.delta has 1 entries", "2 rows, one an arm")),
+    (changed(quat=((0, 0, 0, 1), ("a", 0, 0, 1))), ("packet.quat holds 'a'", "numbers")),
+    (changed(quat=None), ("packet.quat is None",)),
+    (changed(grasp=("a", 0)), ("packet.grasp is 'a'",)),
+    (changed(sequence=2**32), ("packet.sequence is 4294967296",)),
+    (changed(received=7), ("packet.received is 7", "True or False")),
+    (changed(size=-1), ("packet.size is -1",)),
+]
+
+
+@pytest.mark.parametrize(("given", "words"), INPUTS, ids=[words[0] for _, words in INPUTS])
+def test_a_wrong_input_is_named_and_nothing_has_happened(given, words):
+    software, other = ControlSoftware(), ControlSoftware()
+    refused(lambda: software.step(**{"encoders": _counts(), **given}), words)
+    assert software.state == other.state
+    assert software.step(_counts()).dac == other.step(_counts()).dac
+
+
+def test_a_raw_datagram_is_no_absolute_pose():
+    refused(lambda: ControlSoftware(console="absolute").step(_counts(), bytes(124)), ("absolute", "Packet"))
+
+
+def test_whatever_a_network_brings_is_taken():
+    """Bytes of any length and quaternions of any numbers are the software's to judge."""
+    software = ControlSoftware()
+    for datagram in (b"", b"abc", bytes(124), bytes(70_000), bytearray(124), memoryview(bytes(124)), b"\xff" * 124):
+        software.step(_counts(), datagram)
+    assert software.state.network.size.count == 2
+    wild = dataclasses.replace(POSE, sequence=2**32 - 1, quat=((float("nan"),) * 4, (float("inf"), 0, 0, 1)))
+    again = dataclasses.replace(wild, sequence=-1)
+    one, two = ControlSoftware(), ControlSoftware()
+    assert one.step(_counts(), wild).dac == two.step(_counts(), again).dac
+    assert one.state.network.last == two.state.network.last == -1
+
+
+def test_numpy_numbers_are_numbers():
+    software, other = ControlSoftware(), ControlSoftware()
+    counts = np.arange(14, dtype=np.int16).reshape(2, 7)
+    given = software.step(counts, pins=np.array([192, 192], np.uint8), read_ok=np.array([True, False]))
+    plain = other.step(counts.tolist(), pins=[192, 192], read_ok=[1, 0])
+    assert given.dac == plain.dac and software.state == other.state
+
+
+def test_offsets_may_be_one_number_a_joint():
+    offsets = [1, 2, 3, 4, 5, 6, 7]
+    one, two = ControlSoftware(enc_offset=offsets), ControlSoftware(enc_offset=[offsets, offsets])
+    assert one.step(_counts()).signals.arms[1].mpos == two.step(_counts()).signals.arms[1].mpos

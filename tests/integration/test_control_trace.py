@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ravenjax import control
-from ravenjax.engines import scalar
+from ravenjax.engines import lowering, regions, scalar
 from ravenjax.robot.packet import Packet
 from ravenjax.robot.sites import SITES
 from ravenjax.stages.usb import UsbIn
@@ -46,24 +46,25 @@ def test_only_scalar_primitives_and_the_state_keeps_its_types(precision, softwar
         jaxpr, (state, _) = jax.make_jaxpr(lambda *a: control.cycle(setup, *a), return_shape=True)(*given)
         before = [jnp.asarray(x).dtype for x in jax.tree.leaves(given[1])]
     literal = {"acos"} if precision is ORIGINAL else set()  # the original's own way to theta2
-    assert set(scalar.primitives(jaxpr)) <= ALLOWED | literal
+    assert set(scalar.primitives(jaxpr)) <= ALLOWED | literal | {"cond"}  # `types.rarely`
     assert jax.tree.structure(state) == jax.tree.structure(given[1])
     assert [leaf.dtype for leaf in jax.tree.leaves(state)] == before
     if precision is CAMPAIGN:
         assert {str(dtype) for dtype in before} == {"int32", "float32"}
 
 
-@pytest.mark.parametrize(("arms", "limit"), [(("gold",), 2250), (("gold", "green"), 4300)])
+@pytest.mark.parametrize(("arms", "limit"), [(("gold",), 2000), (("gold", "green"), 3850)])
 def test_the_number_of_operations_stays_low(arms, limit):
     setup = Setup(arms=arms, tools=("r_grasper",) * len(arms))
-    jaxpr = jax.make_jaxpr(lambda *a: control.cycle(setup, *a))(*arguments(setup))
-    assert scalar.compile(jaxpr).operations < limit
+    program = lowering.lower(jax.make_jaxpr(lambda *a: control.cycle(setup, *a))(*arguments(setup)))
+    always = [i for i in regions.arrange(program.operations, program.needed(), program.outputs) if isinstance(i, int)]
+    assert sum(program.operations[i].name not in ("input", "constant") for i in always) < limit
 
 
 def test_every_site_of_the_control_software_is_passed_once_in_order():
     passed = []
 
-    def note(site, signal):
+    def note(site, signal, present=True):
         passed.append(site)
         for channel in SITES[site].channels:
             value = signal
@@ -84,7 +85,7 @@ def test_every_site_of_the_control_software_is_passed_once_in_order():
 def test_a_fault_after_the_checks_reaches_the_boards():
     setup = Setup(**BOTH)
 
-    def strike(site, signal):
+    def strike(site, signal, present=True):
         return tuple(Vec.full(7, jnp.int32(32767)) for _ in signal) if site == "usb_out" else signal
 
     given = arguments(setup)

@@ -104,8 +104,7 @@ def test_a_second_start_computes_nothing(out, monkeypatch):
 
     before = {path: path.stat().st_mtime_ns for path in (out / "parts").iterdir()}
     table = read_all(out)
-    monkeypatch.setattr(runner._Work, "compile", None)
-    monkeypatch.setattr(runner._Work, "batch", None)
+    monkeypatch.setattr(runner, "Computation", None)
     assert call("run", out.parent / "tiny.toml", "--out", out, "--engine", "simd") == 0
     assert {path: path.stat().st_mtime_ns for path in (out / "parts").iterdir()} == before
     assert read_all(out).equals(table)

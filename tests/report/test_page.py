@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 import synthetic_results as synthetic
 
 from ravenjax.report import facts as run_facts
-from ravenjax.report import maps, page, tables, wording
+from ravenjax.report import figures, maps, page, tables, wording
 from ravenjax.report.style import round_step
 from ravenjax.stats.intervals import wilson
 from ravenjax.store import schema
@@ -29,7 +30,7 @@ MANIFEST = synthetic.manifest(RUNS)
 class Page(HTMLParser):
     """Collects what the page would fetch, its ids and links, and whether its tags are balanced."""
 
-    VOID = frozenset({"meta", "link", "br", "img", "input", "hr"})
+    VOID = frozenset({"meta", "link", "br", "img", "input", "hr", "col"})
 
     def __init__(self, text):
         super().__init__()
@@ -90,7 +91,7 @@ def test_headline_counts_distinct_faults(built):
     text = words(Page(built[1]))
     assert f"Of {len(FAULTY):,} distinct faults" in text
     assert f"{evaded:,} ({100 * rate.value:.1f}\u202f%)" in text
-    assert f"95\xa0% interval: {100 * rate.low:.1f}–{100 * rate.high:.1f}\u202f%" in text.replace("95 %", "95\xa0%")
+    assert f"(95\xa0% interval {100 * rate.low:.1f}–{100 * rate.high:.1f}\u202f%)" in text
 
 
 def test_each_worst_run_has_its_replay_command(built):
@@ -142,11 +143,11 @@ def edge(name):
     ("name", "told"),
     [
         ("no fault", "injected no fault"),
-        ("one row", "Of 1 distinct faults"),
-        ("all failed", "none passed every built-in check"),
-        ("none evades", "none passed every built-in check"),
+        ("one row", "Of 1 distinct fault,"),
+        ("all failed", "none slipped past every built-in check"),
+        ("none evades", "none slipped past every built-in check"),
         ("nothing happens", "No run had both a cue and a built-in response"),
-        ("one fault repeated", "Of 1 distinct faults"),
+        ("one fault repeated", "Of 1 distinct fault,"),
     ],
 )
 def test_edge_cases_have_a_page(name, told):
@@ -172,7 +173,7 @@ def test_verdicts_may_use_another_cue():
     )
     good = FAULTY[(FAULTY["failed"] == "") & (FAULTY["response"] == "none")]
     assert f"{(good['cue6_first_ms'] >= 0).sum()} (" in text
-    assert "by more than 5 mm from the nominal model" in text and "tip motion > 1 mm within 2 ms" in text
+    assert "more than 5 mm away from its nominal model" in text and "tip motion > 1 mm within 2 ms" in text
 
 
 # --- the numbers ------------------------------------------------------------------------------------------------------
@@ -250,6 +251,111 @@ def test_maps_count_each_valid_faulty_run_once():
     made = maps.evasion_maps(FACTS)
     assert sum(item["n"] for item in made) == len(valid)
     assert sum(item["evaded"].k for item in made) == valid["verdict"].astype(str).str.startswith("silent/haptic").sum()
+    for item in made:
+        for panel in item["panels"]:
+            cells = [cell for row in panel["rows"] for cell in row["cells"] if cell is not None]
+            assert (sum(c.k for c in cells), sum(c.n for c in cells)) == (item["evaded"].k, item["n"])
+            assert all(len(row["cells"]) == len(panel["columns"]) for row in panel["rows"])
+
+
+def a_map(**columns):
+    """The one map of faults with these inputs; every second one evades."""
+    runs = len(next(iter(columns.values())))
+    same = {"faulty": True, "failed": False, "block": "a · b", "onset_ms": 5, "length_ms": 7, "magnitude": 1.0}
+    (made,) = maps.evasion_maps(pd.DataFrame(same | {"evaded": np.arange(runs) % 2 == 1} | columns, range(runs)))
+    return made
+
+
+def test_a_duration_until_the_end_is_said_so_and_comes_last():
+    lengths = np.tile([-1, -1, 30, 30, 300, 300], 4)
+    (panel,) = a_map(length_ms=lengths, onset_ms=np.repeat([100, 200], 12))["panels"]
+    assert (panel["across"], panel["up"]) == ("onset, ms", "duration, ms")
+    assert [row["label"] for row in panel["rows"]] == ["to the end", "300", "30"]
+    assert {cell for row in panel["rows"] for cell in row["cells"]} == {wilson(2, 4)}
+
+
+def test_durations_that_are_binned_leave_those_until_the_end_alone():
+    lengths = np.concatenate([np.arange(1, 200), np.full(57, -1)])
+    made = a_map(length_ms=lengths, magnitude=np.tile([1.0, 2.0, 3.0, 4.0], 64))
+    (panel,) = made["panels"]
+    assert panel["columns"][-1] == "to the end" and "-1" not in "".join(panel["columns"]).replace("−", "-")
+    last = [row["cells"][-1].n for row in panel["rows"]]
+    assert sum(last) == 57
+    number, labels = maps._durations(np.full(5, -1.0))
+    assert labels == ["to the end"] and set(number) == {0}
+
+
+def test_a_bin_without_runs_is_no_rate():
+    onset = np.repeat([100, 200], 12)
+    (panel,) = a_map(onset_ms=onset, length_ms=np.where(onset == 100, 1, 2))["panels"]
+    assert [[cell and cell.n for cell in row["cells"]] for row in panel["rows"]] == [[None, 12], [12, None]]
+
+
+# outcome: (response, cue fires, tip jumps, largest true distance from the model in mm, failed)
+CASES = {
+    "stopped": ("stopped", True, True, 9.0, ""),
+    "flagged": ("flagged", True, False, 9.0, ""),
+    "felt": ("none", True, True, 3.1, ""),
+    "unseen": ("none", False, True, 3.1, ""),
+    "phantom": ("none", True, True, 2.9, ""),
+    "jumped": ("none", False, True, 2.9, ""),
+    "quiet": ("none", False, False, 2.9, ""),
+    "failed": ("none", True, True, 9.0, "nan"),
+}
+
+
+def test_each_outcome_is_what_it_says():
+    frame = synthetic.frame(400)
+    frame = frame[frame["fault0_site"] != ""].head(len(CASES)).reset_index(drop=True)
+    response, cue, jump, distance, failed = zip(*CASES.values(), strict=True)
+    frame["response"], frame["failed"], frame["peak_model_deviation_mm"] = response, failed, distance
+    frame["cue0_first_ms"], frame["jump_code"] = np.where(cue, 500, -1), jump
+    frame["verdict"] = schema.verdict(frame)
+    facts = run_facts.derive(frame, threshold_mm=3.0)
+    assert facts["outcome"].tolist() == list(CASES) == list(run_facts.OUTCOMES)
+    assert facts.loc[facts["evaded"], "outcome"].tolist() == ["felt", "unseen"]
+    head = tables.headline(facts)
+    assert head["evaded"] == wilson(2, 8) and (head["felt"], head["unseen"], head["phantom"]) == (1, 1, 1)
+    assert tables.group_rows(facts.assign(group="g"))[0]["evaded"] == wilson(2, 8)
+
+
+def leads(cue_ms, response_ms):
+    columns = {"faulty": True, "failed": False, "cue_ms": cue_ms, "response_ms": response_ms}
+    figure = figures.lead_histogram(pd.DataFrame(columns))
+    return {trace["name"].partition(" (")[0]: sum(trace["y"]) for trace in json.loads(figure)["data"]}
+
+
+def test_a_tie_is_neither_first():
+    response = [100, 150, 90, 100, 300, 100, 100]
+    assert leads(100, response) == {"response first": 1, "cue first": 2, "same millisecond": 4}
+    assert leads([5, 5], [5, 5]) == {"response first": 0, "cue first": 0, "same millisecond": 2}
+    facts = FACTS.assign(cue_ms=100, response_ms=100)
+    head = tables.headline(facts)
+    assert head["same_ms"] == head["cue_first"].n > 0 == head["cue_first"].k
+
+
+def test_figures_fit_plotlys_schema():
+    import plotly.graph_objects as go
+
+    curves, _ = figures.incidence_curves(FACTS, MANIFEST)
+    for text in (curves, figures.lead_histogram(FACTS)):
+        figure = go.Figure(json.loads(text))
+        assert figure.data and figure.layout.height == figures.HEIGHT
+
+
+def test_sites_where_nothing_evaded_are_named_with_their_bound():
+    frame = FRAME.assign(response=FRAME["response"].where(FRAME["fault0_site"] != "encoder", "stopped"))
+    frame["verdict"] = schema.verdict(frame)
+    text = words(Page(page.render(frame, MANIFEST, Path("out"))))
+    runs = ((frame["fault0_site"] == "encoder") & (frame["failed"] == "")).sum()
+    bound = wording.percent(wilson(0, int(runs)).high)
+    assert f"No run evaded among encoder · bit_flip ({runs} runs, at most {bound})." in text
+
+
+def test_groups_are_told_by_who_responded_and_what_moved(built):
+    text = words(Page(built[1]))
+    assert "a check responded no check responded" in text
+    assert "stopped not stopped moved, cue fired moved, no cue stayed near, cue fired stayed near, jumped" in text
 
 
 # --- words ------------------------------------------------------------------------------------------------------------

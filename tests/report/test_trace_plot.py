@@ -21,6 +21,7 @@ def series(arms=("gold",)):
         offset = (0.6e-3 + 6e-3 * kick * (k == 0))[:, None] * np.array([0.6, 0.8, 0.0])
         error = np.linalg.norm(offset, axis=1) * 1000
         made[f"{arm}/model_position"], made[f"{arm}/position"] = model, model + offset
+        made[f"{arm}/tip"] = model + 2.0 * offset
         made[f"{arm}/haptic_force"] = (np.where(error > 3, 0.0045 * error, 0)[:, None]) * np.array([0, 0, 1.0])
         dac = 800 * np.sin(time[:, None] / np.arange(120, 190, 10)) + random.normal(0, 60, (TICKS, 7))
         dac[fault, 0] = 14000 if k == 0 else dac[fault, 0]
@@ -52,6 +53,24 @@ def test_everything_is_drawn(tmp_path, arms):
         series(arms), tmp_path / "again.svg", title="run 0123456789abcdef", dac_limits=LIMITS, events=EVENTS
     )
     assert again.read_bytes() == path.read_bytes()
+
+
+def test_true_and_reported_tip_are_told_apart(tmp_path):
+    both = trace_plot(series(), tmp_path / "both.svg", subtitle="torque: tau_d gold elbow, overwrite 0.3").read_text()
+    assert "gold, true" in both and "gold, as reported" in both and "tau_d gold elbow, overwrite 0.3" in both
+    reported = {name: values for name, values in series().items() if not name.endswith("/tip")}
+    assert "true" not in trace_plot(reported, tmp_path / "one.svg").read_text()
+
+
+def test_the_fault_is_named_once(tmp_path):
+    text = trace_plot(series(), tmp_path / "run.svg", events={"fault": 1200}).read_text()
+    assert text.count(">fault") == 1 and "fault 1200 ms" in text
+
+
+def test_no_force_is_said_so(tmp_path):
+    quiet = {name: 0 * values if "force" in name else values for name, values in series().items()}
+    assert ">none<" in trace_plot(quiet, tmp_path / "run.svg").read_text()
+    assert ">none<" not in trace_plot(series(), tmp_path / "felt.svg").read_text()
 
 
 def test_named_joints_only(tmp_path):

@@ -84,3 +84,54 @@ def test_errors_say_what_is_wrong():
         arrays.joint_from_motor(["a"] * 7, "gold")
     with pytest.raises(UserError, match=r"unknown tool"):
         arrays.motor_from_joint(HOME, "gold", "grasper")
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (np.zeros(7) + 1j, "it holds complex128, expected real numbers"),
+        ([1 + 2j] * 7, "it holds complex128"),
+        (["1"] * 7, "it holds <U1"),
+        ([True] * 7, "it holds bool"),
+        ([None] * 7, "it holds object"),
+        (None, "it holds object"),
+        ([[0.0] * 7, [0.0] * 6], "is not an array of numbers"),
+        (np.zeros(7, "M8[s]"), "it holds datetime64"),
+        (np.ma.masked_array(np.zeros(7), [True] + [False] * 6), "it holds masked numbers"),
+        (np.zeros(8), r"jpos has shape \(8,\), expected"),
+        ([np.inf] + [0.0] * 6, r"jpos\[0\] \(shoulder\) is inf"),
+    ],
+    ids=lambda part: part if isinstance(part, str) else "",
+)
+def test_what_is_no_real_number_is_refused(value, words):
+    with pytest.raises(UserError, match=words):
+        arrays.forward_kinematics(value, "gold")
+
+
+@pytest.mark.parametrize(
+    ("rotation", "words"),
+    [
+        (np.zeros((3, 3)), "not orthonormal"),
+        (2.0 * np.eye(3), "not orthonormal"),
+        (np.diag([1.0, 1.0, -1.0]), "mirrors"),
+        (np.stack([np.eye(3), np.ones((3, 3))]), r"rotation\[1\] has columns"),
+    ],
+)
+def test_what_is_no_rotation_is_refused(rotation, words):
+    with pytest.raises(UserError, match=words):
+        arrays.inverse_kinematics(np.zeros(3), rotation, 0.0, HOME, "gold")
+
+
+def test_single_precision_and_integers_are_numbers():
+    position, rotation = arrays.forward_kinematics(HOME, "gold")
+    jpos_d, status = arrays.inverse_kinematics(position, rotation.astype(np.float32), 1, HOME.astype("f4"), "gold")
+    assert status == 0 and np.isfinite(jpos_d).all()
+
+
+def test_names_are_texts():
+    for arm in (None, 3, ["gold"]):
+        with pytest.raises(UserError, match="unknown arm"):
+            arrays.gravity_torque(HOME, arm)
+    for tool in (None, ["r_grasper"]):
+        with pytest.raises(UserError, match="expected the name of a tool"):
+            arrays.motor_from_joint(HOME, "gold", tool)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import stat
+from concurrent.futures import ThreadPoolExecutor
 
 import pandas as pd
 import pyarrow.parquet as pq
@@ -85,12 +86,83 @@ def test_part_renamed_but_not_recorded_is_taken_over(tmp_path):
     assert ResultFolder.open(tmp_path, wanted()).manifest.parts == record.parts
 
 
+def test_recording_a_part_adds_a_line_and_rewrites_nothing(tmp_path):
+    folder = ResultFolder.open(tmp_path, wanted())
+    manifest, listed = (tmp_path / "manifest.json").read_bytes(), b""
+    for rows in folder.missing(25):
+        folder.add(FRAME.iloc[rows.start : rows.stop])
+        before, listed = listed, (tmp_path / "parts.jsonl").read_bytes()
+        assert listed.startswith(before) and listed.count(b"\n") == before.count(b"\n") + 1
+        assert (tmp_path / "manifest.json").read_bytes() == manifest
+    assert manifests.read(tmp_path).done == folder.done == RUNS
+
+
+def test_parts_may_be_added_from_many_threads(tmp_path):
+    folder = ResultFolder.open(tmp_path, wanted())
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda rows: folder.add(FRAME.iloc[rows.start : rows.stop]), folder.missing(3)))
+    folder.close(compile_s=1.0, run_s=2.0, rows=RUNS)
+    record = manifests.read(tmp_path)
+    assert [part.first for part in record.parts] == list(range(0, RUNS, 3)) and record.finished
+    assert read_all(tmp_path)["run_id"].tolist() == FRAME["run_id"].tolist()
+
+
+@pytest.mark.parametrize("end", [b'{"file":"part-0000', b"\0" * 300, b'{"file":1}\n', b"\n\n"])
+def test_a_torn_line_is_no_record_and_harms_no_other(tmp_path, end):
+    folder = ResultFolder.open(tmp_path, wanted())
+    for rows in folder.missing(40):
+        folder.add(FRAME.iloc[rows.start : rows.stop])
+    path = tmp_path / "parts.jsonl"
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join(lines[:2]) + end)
+    assert [part.first for part in manifests.read(tmp_path).parts] == [0, 40]
+    assert [part.first for part in fill(tmp_path, chunk=40).manifest.parts] == [0, 40, 80]
+    assert path.read_bytes() == b"".join(lines)
+
+
+def test_a_folder_that_lists_its_parts_in_the_manifest_is_read(tmp_path):
+    """As folders were written before parts.jsonl."""
+    fill(tmp_path, chunk=40)
+    whole, record = read_all(tmp_path), manifests.read(tmp_path)
+    (tmp_path / "manifest.json").write_text(record.model_dump_json())
+    (tmp_path / "parts.jsonl").unlink()
+    pd.testing.assert_frame_equal(read_all(tmp_path), whole)
+    assert ResultFolder.open(tmp_path, wanted()).manifest.parts == record.parts
+
+
+def test_a_finished_folder_whose_list_is_lost_is_not_read_as_if_it_were_whole(tmp_path):
+    fill(tmp_path, chunk=40)
+    path = tmp_path / "parts.jsonl"
+    path.write_bytes(path.read_bytes().splitlines(keepends=True)[0])
+    with pytest.raises(StoreError, match=r"parts.jsonl: names parts of 40 of the 100 finished runs. Start the same"):
+        read_all(tmp_path)
+    ResultFolder.open(tmp_path, wanted())
+    assert len(read_all(tmp_path)) == RUNS
+
+
+def test_some_columns(tmp_path):
+    fill(tmp_path, chunk=30)
+    few = read_all(tmp_path, ["verdict", "fault0_site"])
+    pd.testing.assert_frame_equal(few, read_all(tmp_path)[["verdict", "fault0_site"]])
+    with pytest.raises(StoreError, match="unknown result column 'verdct', did you mean 'verdict'"):
+        read_all(tmp_path, ["verdct"])
+
+
+@pytest.mark.parametrize("runs", [1, 1024, 65_536, 1_000_000, 100_000_000])
+def test_rows_of_a_part(runs):
+    rows = parts.rows_of_a_part(runs)
+    assert parts.FEWEST_ROWS <= rows <= parts.MOST_ROWS
+    assert -(-runs // rows) <= 64 or rows == parts.MOST_ROWS
+
+
 def test_lost_part_is_computed_again(tmp_path):
     fill(tmp_path, chunk=40)
     a_part(tmp_path).unlink()
     with pytest.raises(StoreError, match="missing"):
         read_all(tmp_path)
-    assert list(ResultFolder.open(tmp_path, wanted()).missing(1000)) == [range(40, 80)]
+    folder = ResultFolder.open(tmp_path, wanted())
+    assert list(folder.missing(1000)) == [range(40, 80)] and folder.manifest.finished is None
+    assert len(read_all(tmp_path)) == RUNS - 40
 
 
 def test_gaps_between_parts_of_any_size():
@@ -224,15 +296,15 @@ def test_output_folder_that_refuses_files(tmp_path):
 
 def test_full_disk_leaves_the_old_file(tmp_path, monkeypatch):
     folder = fill(tmp_path, chunk=40)
-    before = (tmp_path / "manifest.json").read_bytes()
+    before = {tmp_path / name: (tmp_path / name).read_bytes() for name in ("manifest.json", "parts.jsonl")}
 
     def full(_):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(StoreError, match=r"manifest.json: cannot be written \(No space left on device\)"):
+    with pytest.raises(StoreError, match=r"parts.jsonl: cannot be written \(No space left on device\)"):
         manifests.write(tmp_path, folder.manifest)
-    assert (tmp_path / "manifest.json").read_bytes() == before
+    assert {p: p.read_bytes() for p in before} == before
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
 
 

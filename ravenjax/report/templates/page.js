@@ -6,12 +6,7 @@ const colours = () => ({
 });
 const options = { responsive: true, displayModeBar: false, plotlyServerURL: "" };
 
-const darkScale = [[0, "#22272d"], [0.25, "#5c3a22"], [0.5, "#a65c24"], [0.75, "#e4903f"], [1, "#ffd79a"]];
-
 function paint(place) {
-  const maps = place.data.map((trace, i) => (trace.showscale ? i : -1)).filter((i) => i >= 0);
-  place.lightScale ??= maps.length ? place.data[maps[0]].colorscale : null;
-  if (maps.length) Plotly.restyle(place, { colorscale: [dark.matches ? darkScale : place.lightScale] }, maps);
   Plotly.relayout(place, colours());
 }
 function draw(place) {

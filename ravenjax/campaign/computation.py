@@ -1,0 +1,98 @@
+"""Rows of a plan through an engine: blocks side by side, each beside the fault-free twins that it is compared with.
+
+Blocks come out in the order of their rows. A few more than run at a time are under way, so that no thread waits for the
+slowest; the twins of the next stretch are computed while the last blocks of this one run.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Generator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+
+import numpy as np
+
+from ravenjax import tick
+from ravenjax.campaign import outcomes, stretches
+from ravenjax.campaign.plan import Plan
+from ravenjax.campaign.progress import Progress
+from ravenjax.campaign.stretches import Stretch
+from ravenjax.campaign.twins import Computed, Twins
+from ravenjax.engines.interface import Block, Engine
+
+TWIN_BYTES = 2**30
+"""Memory that the time series of a stretch's twins may take; two stretches may be under way."""
+AHEAD = 4
+"""Blocks of a stretch for each that runs at a time."""
+
+Columns = dict[str, np.ndarray]
+
+
+class Computation:
+    """A plan and the kernel that its rows go through."""
+
+    def __init__(self, ready: Plan, engine: Engine, progress: Progress) -> None:
+        self.ready, self.progress = ready, progress
+        self.threads = max(1, engine.threads)
+        self.kernel = engine.compile(ready.program, ready.runs)
+
+    def compile(self) -> None:
+        """Trace and compile, before the clock of the runs starts."""
+        self.progress.tell("compile")
+        start = time.perf_counter()
+        rows = range(min(self.ready.runs, self.kernel.lanes))
+        block = Block(*self.ready.lanes(rows, self.kernel.size(len(rows))), None)
+        self.kernel.prepare(block, self.ready.columns)
+        self.progress.began(time.perf_counter() - start)
+
+    def blocks(self, ranges: Sequence[range]) -> Generator[tuple[Columns, Columns]]:
+        """Outcomes of the rows of `ranges`, in order, block by block; and `outcomes.counts` of their twins.
+
+        Close it to give up what is under way.
+        """
+        setup = self.ready.program.setup
+        a_twin = self.ready.program.ticks * tick.series_length(setup) * np.dtype(setup.precision.real).itemsize
+        most_twins = max(1, TWIN_BYTES // a_twin)
+        ahead = AHEAD * self.threads
+        under_way: deque[Future[tuple[Columns, Columns]]] = deque()
+        twins = Twins(np.zeros(0, self.ready.twin.dtype), ())
+        with ThreadPoolExecutor(self.threads) as pool:
+            try:
+                for stretch in stretches.cut(ranges, self.ready.twin, self.kernel.lanes, most_twins, ahead):
+                    twins = twins.followed(stretch.twins, lambda lacking, s=stretch: self._start(pool, s, lacking))
+                    for rows in stretch.blocks:
+                        if len(under_way) == 2 * self.threads:
+                            yield under_way.popleft().result()
+                        under_way.append(pool.submit(self._faulty, rows, twins))
+                while under_way:
+                    yield under_way.popleft().result()
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+
+    def _start(self, pool: ThreadPoolExecutor, stretch: Stretch, lacking: np.ndarray) -> list[Future[Computed]]:
+        """Start the twins `lacking` of a stretch: with the parameters of the first row of each."""
+        rows = np.concatenate(stretch.blocks)
+        numbers, first = np.unique(self.ready.twin[rows], return_index=True)
+        rows = rows[first[np.isin(numbers, lacking)]]
+        lanes = self.kernel.lanes
+        return [pool.submit(self._fault_free, rows[i : i + lanes]) for i in range(0, len(rows), lanes)]
+
+    def _fault_free(self, rows: np.ndarray) -> Computed:
+        lanes = self.kernel.size(len(rows))
+        self.progress.more_due(lanes * self.ready.program.ticks)
+        varied, faults = self.ready.lanes(rows, lanes, harmless=True)
+        result = self.kernel.run(Block(varied, faults, None), self.ready.columns, self.progress.ticks)
+        counts = {name: result.outcomes[name][: len(rows)] for name in outcomes.counts(result.outcomes)}
+        return Computed(self.ready.twin[rows], result.reference[:, :, : len(rows)], counts)
+
+    def _faulty(self, rows: np.ndarray, twins: Twins) -> tuple[Columns, Columns]:
+        lanes, own = self.kernel.size(len(rows)), twins.get()
+        self.progress.more_due((lanes - len(rows)) * self.ready.program.ticks)
+        twin = np.searchsorted(own.numbers, self.ready.twin[rows])
+        filled = twin[np.minimum(np.arange(lanes), len(rows) - 1)]
+        block = Block(*self.ready.lanes(rows, lanes), own.reference, filled)
+        result = self.kernel.run(block, self.ready.columns, self.progress.ticks)
+        found = {name: values[: len(rows)] for name, values in result.outcomes.items()}
+        return found, {name: values[twin] for name, values in own.outcomes.items()}

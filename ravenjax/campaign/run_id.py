@@ -1,0 +1,87 @@
+"""Run ids: 64 bits, a hash of all that decides a run's outcome, written as 16 hex digits.
+
+Each column of a row is hashed by its name and value under a key that the campaign's common part gives, and the sum is
+hashed again: the order of columns does not count, nor does a column in which a row has nothing (NaN, or an empty word).
+The hash of a number is the finaliser of SplitMix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number
+generators", 2014), which `pandas.util.hash_array` applies to whole arrays.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+from pandas.util import hash_array
+
+DIGITS = 16
+"""Hex digits of an id."""
+
+
+def of(common: str, words: Mapping[str, pd.Categorical], numbers: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Ids [rows], uint64: of rows with these columns, one of numbers at least; `common` decides every run alike.
+
+    Numbers count as float64, so that 1 is 1.0 and -0.0 is 0.0. Of rows with the same content the first has the id of
+    the content, each further one another that its place among them decides.
+    """
+    total = np.zeros(len(next(iter(numbers.values()))), np.uint64)
+    for name, column in words.items():
+        hashes = np.array([_salt(f"{common}/{name}/{word}") if word else 0 for word in column.categories], np.uint64)
+        total += hashes[column.codes]
+    for name, values in numbers.items():
+        total += _hashed(values, _salt(f"{common}/{name}"))
+    return _told_apart(mixed(total))
+
+
+def mixed(numbers: np.ndarray) -> np.ndarray:
+    """uint64 of the same shape, 1-D: SplitMix64's finaliser, which takes no two numbers to the same one."""
+    return hash_array(numbers)  # pyright: ignore[reportCallIssue] (pandas loads it when asked)
+
+
+def stream(ids: np.ndarray, purpose: str) -> np.ndarray:
+    """Keys of random numbers, uint32 [rows]: one for each run and purpose."""
+    return (mixed(ids ^ _salt(purpose)) >> np.uint64(32)).astype(np.uint32)
+
+
+def text(ids: np.ndarray) -> pa.Array:
+    """Ids as 16 hex digits each, Arrow string [rows]."""
+    offsets = np.arange(len(ids) + 1, dtype=np.int32) * DIGITS
+    digits = ids.astype(">u8").tobytes().hex().encode()
+    return pa.StringArray.from_buffers(len(ids), pa.py_buffer(offsets), pa.py_buffer(digits))
+
+
+def digest(ids: np.ndarray) -> str:
+    """sha256 of ids in their order."""
+    return hashlib.sha256(ids.astype(">u8").tobytes()).hexdigest()
+
+
+def beginning(ids: np.ndarray, digits: str) -> np.ndarray:
+    """Rows whose id begins with these hex digits, ascending; none where they are no hex digits."""
+    if not 0 < len(digits) <= DIGITS or set(digits) - set("0123456789abcdef"):
+        return np.zeros(0, np.int64)
+    return np.flatnonzero(ids >> np.uint64(4 * (DIGITS - len(digits))) == np.uint64(int(digits, 16)))
+
+
+def _salt(text: str) -> np.uint64:
+    return np.uint64(int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little"))
+
+
+def _hashed(values: np.ndarray, salt: np.uint64) -> np.ndarray:
+    """uint64 [rows], or [1] where all values are equal; 0 where there is none."""
+    values = values[:1] if (values == values[:1]).all() else values
+    canonical = values + 0.0  # float64 without -0.0
+    hashes = mixed(canonical.view(np.uint64) ^ salt)
+    hashes[np.isnan(canonical)] = 0
+    return hashes
+
+
+def _told_apart(ids: np.ndarray) -> np.ndarray:
+    """Ids in which each copy but the first has another."""
+    repeated = pd.Series(ids).duplicated(keep=False).to_numpy()
+    if repeated.any():
+        same = ids[repeated]
+        copy = pd.Series(same).groupby(same).cumcount().to_numpy().astype(np.uint64)
+        ids[repeated] = np.where(copy > 0, mixed(same ^ mixed(copy)), same)
+    return ids

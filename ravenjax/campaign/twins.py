@@ -1,0 +1,68 @@
+"""The fault-free twins that runs are compared with: each computed once, kept while the next runs may need it."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+
+import numpy as np
+
+Columns = dict[str, np.ndarray]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Computed:
+    """Twins that are there, in ascending order of their numbers."""
+
+    numbers: np.ndarray  # int [twins], as in Plan.twin
+    reference: np.ndarray  # [ticks, series, twins]
+    outcomes: Columns  # outcome -> [twins]
+
+    def picked(self, numbers: np.ndarray) -> Computed:
+        """Those of `numbers` that are here."""
+        kept = np.isin(self.numbers, numbers)
+        outcomes = {name: values[kept] for name, values in self.outcomes.items()}
+        return Computed(self.numbers[kept], self.reference[:, :, kept], outcomes)
+
+
+def _joined(some: Sequence[Computed]) -> Computed:
+    """All of them, of which no two hold the same twin."""
+    if len(some) == 1:
+        return some[0]
+    numbers = np.concatenate([one.numbers for one in some])
+    order = np.argsort(numbers)
+    reference = np.concatenate([one.reference for one in some], axis=2)
+    outcomes = {name: np.concatenate([one.outcomes[name] for one in some])[order] for name in some[0].outcomes}
+    ascending = bool((order[1:] > order[:-1]).all())
+    return Computed(numbers[order], reference if ascending else reference[:, :, order], outcomes)
+
+
+class Twins:
+    """The twins of a stretch of runs; those that are still computed are waited for by who first needs them."""
+
+    def __init__(self, numbers: np.ndarray, coming: Sequence[Future[Computed]], earlier: Twins | None = None) -> None:
+        """numbers: ascending; each is in one of `coming` or in `earlier`."""
+        self.numbers = numbers
+        self._coming, self._earlier = coming, earlier
+        self._computed: Computed | None = None
+        self._lock = threading.Lock()
+
+    def get(self) -> Computed:
+        """All of them, once they are there."""
+        with self._lock:
+            if self._computed is None:
+                found = [future.result() for future in self._coming]
+                if self._earlier is not None:
+                    found.append(self._earlier.get().picked(self.numbers))
+                self._computed = _joined(found)
+                self._coming, self._earlier = (), None
+            return self._computed
+
+    def followed(self, numbers: np.ndarray, compute: Callable[[np.ndarray], Sequence[Future[Computed]]]) -> Twins:
+        """The twins `numbers` (ascending) of the next stretch; `compute` starts those that are not among these."""
+        here = np.isin(numbers, self.numbers)
+        if here.all():
+            return self
+        return Twins(numbers, compute(numbers[~here]), self if here.any() else None)

@@ -1,0 +1,72 @@
+"""Hazards in words: rows of a list, and the full description of one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from ravenjax.hazards import library, ranges
+from ravenjax.hazards.library import Case, Hazard, Struck
+
+COLUMNS = ("id", "layer", "title", "class", "runs")
+"""Of `table`."""
+
+
+def table() -> list[tuple[str, ...]]:
+    """One row a hazard: id, layer, title, expected outcome class, and whether the simulator runs it."""
+    return [
+        (row.id, row.layer, row.title, ", ".join(row.expected_class), "yes" if row.runnable else "documented only")
+        for row in library.rows()
+    ]
+
+
+def description(name: str) -> list[tuple[str, str]]:
+    """(what, text) of everything that the library says of one hazard. Raises UserError for an unknown id."""
+    row = library.find(name)
+    return [(what, text) for what, text in _lines(row) if text]
+
+
+def _lines(row: Hazard) -> Iterator[tuple[str, str]]:
+    words = library.terms()
+    yield "id", row.id
+    yield "title", row.title
+    yield "layer", row.layer
+    yield "target", row.target
+    yield "arm", row.arm or ""
+    yield "hazard", "; ".join(f"{word}: {words['hazards'][word]}" for word in row.hazards)
+    actions = words["unsafe_control_actions"]
+    yield "unsafe control action", "; ".join(f"{word}: {actions[word]}" for word in row.unsafe_control_actions)
+    yield "kind", row.kind
+    yield "values", row.values
+    yield "when", row.when
+    yield "expected", row.expected
+    yield "outcome class", "; ".join(f"{word}: {words['classes'][word]}" for word in row.expected_class)
+    yield "effect on the robot", f"{row.activated} of {row.injected} injections" if row.injected else ""
+    yield "clinical impact", row.impact
+    yield "training scenario", ", ".join(row.scenarios)
+    yield "source", row.source
+    yield "note", row.note
+    yield "not run", row.documented_only
+    for case in row.case:
+        yield f"run {case.name}".strip(), _case(case)
+
+
+def _case(case: Case) -> str:
+    design = f"{case.design}, {case.runs} runs: " if case.runs else ""
+    return design + "; ".join(_struck(struck) for struck in case.fault)
+
+
+def _struck(struck: Struck) -> str:
+    target = f"{struck.site} {' + '.join(struck.along) if struck.along else ', '.join(struck.channels)}"
+    value = "" if struck.value is None else f" {_numbers(struck.value)} {struck.unit}"
+    again = f", again every {_numbers(struck.every_ms)}" if struck.every_ms else ""
+    window = f"from {struck.trigger} {_numbers(struck.start_ms)} for {_numbers(struck.duration_ms)}{again} ms"
+    verdict = ranges.verdict(struck)
+    return f"{struck.effect}{value} at {target}, {window}" + (f" ({verdict})" if verdict else "")
+
+
+def _numbers(value: Any) -> str:
+    if isinstance(value, dict):
+        (kind, numbers), *_ = value.items()
+        return f"{kind} {_numbers(numbers)}"
+    return "{" + ", ".join(_numbers(item) for item in value) + "}" if isinstance(value, tuple) else f"{value}"

@@ -1,0 +1,120 @@
+"""Ranges of parameters: each parameter has one, nothing outside it is accepted, everything in it can be run."""
+
+import numpy as np
+import pytest
+
+import ravenjax as rj
+from ravenjax import paths
+from ravenjax.campaign import bounds, loading, plan
+from ravenjax.campaign.axis import Axis, fixed
+from ravenjax.errors import UserError
+
+BASE = {"campaign": {"name": "x", "duration_s": 0.01}, "operator": {"motion": "still"}, "group": [{"name": "g"}]}
+
+
+def leaves(**campaign):
+    """Every parameter of a campaign with these keys: full path -> number."""
+    config = loading.from_dict({**BASE, "campaign": {**BASE["campaign"], **campaign}})
+    program = plan.make(config).program
+    known = dict(paths.leaves(program.params, program.setup.arms))
+    return {path: float(value) for path, value in known.items() if not path.startswith("start.")}
+
+
+@pytest.fixture(scope="module")
+def every():
+    return leaves(arms=["gold", "green"]) | leaves(software="fork2015") | leaves(console="absolute")
+
+
+def test_each_parameter_has_one_row_or_is_reserved(every):
+    for path in every:
+        rows = bounds.of(path)
+        reserved = bounds.plain(path) in bounds.RESERVED
+        assert len(rows) == (0 if reserved else 1), path
+
+
+def test_each_row_is_of_a_parameter(every):
+    used = {id(row) for path in every for row in bounds.of(path)}
+    assert [row.path for row in bounds.BOUNDS if id(row) not in used] == []
+    assert set(bounds.RESERVED) <= {bounds.plain(path) for path in every}
+
+
+def test_the_robots_own_values_are_within(every):
+    for path, value in every.items():
+        assert not [*bounds.complaints(path, fixed(value))] or bounds.plain(path) in bounds.RESERVED, path
+
+
+@pytest.mark.parametrize("path", ["control.cartesian.lower", "control.cartesian.lower.elbow", "plant.gold.stops.upper"])
+def test_a_vector_is_checked_against_the_rows_of_all_its_numbers(path):
+    """0.5 suits angles and the insertion, 3 rad no insertion in m."""
+    assert not [*bounds.complaints(path, fixed(0.5))]
+    assert len([*bounds.complaints(path, fixed(3.0))]) == (0 if path.endswith("elbow") else 1)
+
+
+@pytest.mark.parametrize("path", ["plant.friction_scale", "plant.gold.friction_scale", "plant.green.friction_scale"])
+def test_an_arm_may_be_named_or_left_out(path):
+    assert [*bounds.complaints(path, fixed(-1))]
+
+
+@pytest.mark.parametrize(
+    "path, value, words",
+    [
+        ("plant.friction_scale", -1, ("got -1, expected 0..100", "opposes motion")),
+        ("plant.mass_scale", 0, ("got 0, expected 0.01..100", "positive")),
+        ("plant.mass_scale", [1, -1], ("got -1",)),
+        ("plant.cable_stiffness", -5, ("got -5, expected 100..100000000 N/m",)),
+        ("plant.cable_stiffness.elbow", 1e300, ("got 1e+300",)),
+        ("network.cycles_per_packet", 0, ("got 0, expected 1..1000 cycles, whole",)),
+        ("network.cycles_per_packet", 1.5, ("got 1.5", "whole")),
+        ("network.cycles_per_packet", {"uniform": [1, 4]}, ("uniform draws fractions", "choice")),
+        ("network.cycles_per_packet", {"choice": [1, 4, 5000]}, ("got 5000",)),
+        ("plant.friction_scale", {"uniform": [-0.5, 2]}, ("uniform = [-0.5, 2]", "as low as -0.5")),
+        ("plant.friction_scale", {"uniform": [0.5, 200]}, ("as high as 200",)),
+        ("plant.friction_scale", {"loguniform": [0.5, 200]}, ("as high as 200",)),
+        ("plant.friction_scale", {"normal": [1, 0.2]}, ("as low as -0.408", "standard deviation up to 0.142")),
+        ("plant.mass_scale", 10**400, ("got 1000000000", "expected 0.01..100")),
+        ("control.cartesian.upper.elbow", 135, ("got 135, expected -6.3..6.3 rad",)),
+        ("haptics.cues.threshold_m", 3, ("got 3, expected 0..1 m", "threshold_mm is in mm")),
+        ("plant.noise_key", 7, ("cannot be set", "campaign.noise = true")),
+        ("plant.gold.noise_key", 7, ("cannot be set",)),
+    ],
+)
+def test_what_is_out_of_range_is_refused(path, value, words):
+    table = {"parameters": {path: value}}
+    for key, raw in {
+        "parameters": {**BASE, **table},
+        "group[0].parameters": {**BASE, "group": [{"name": "g", **table}]},
+    }.items():
+        with pytest.raises(UserError) as error:
+            loading.from_dict(raw)
+        message = str(error.value)
+        assert f"{key}.{path}: " in message and len(message) < 400
+        assert all(word in message for word in words), message
+
+
+def test_the_runs_of_a_list_are_looked_at_too():
+    group = {"name": "g", "design": "list", "run": [{}, {"parameters": {"plant.mass_scale": -1}}]}
+    with pytest.raises(UserError, match=r"group\[0\]\.run\[1\]\.parameters\.plant\.mass_scale: got -1"):
+        loading.from_dict({**BASE, "group": [group]})
+
+
+def test_what_a_normal_distribution_may_draw_is_within_its_extent():
+    axis = Axis(kind="normal", values=(2.0, 0.25))
+    low, high = bounds.extent(axis)
+    drawn = axis.at(np.array([0.0, 1e-15, 0.5, 1.0 - 1e-16]))
+    assert low < drawn.min() < drawn.max() < high
+    assert high - drawn.max() < 0.01
+
+
+def test_the_ends_of_every_range_can_be_run(every):
+    """Whatever the table lets through, the robot's numbers stay numbers."""
+    shown = {paths.shorten(path) for path in leaves(console="absolute")}
+    groups = [{"name": "free"}]
+    for path in sorted(shown):
+        for row in bounds.of(path):
+            groups += [{"name": f"{path} = {end}", "parameters": {path: end}} for end in (row.low, row.high)]
+    campaign = {"name": "ends", "duration_s": 0.4, "noise": True, "console": "absolute"}
+    table = rj.run({"campaign": campaign, "operator": {"motion": "reach"}, "group": groups}, engine="simd")
+    assert len(table) == len(groups) > 300
+    failed = table.loc[table["failed"].astype(str) != "", "group"].tolist()
+    assert failed == []
+    assert table["peak_model_deviation_mm"].map(lambda x: x < 1e6).all()

@@ -1,0 +1,140 @@
+"""The fault table by columns is the one written out row by row, whatever the campaign."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from hypothesis import assume, example, given, settings
+from hypothesis import strategies as st
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import naive_design
+
+from ravenjax.campaign import design, loading
+from ravenjax.errors import UserError
+
+CHANNELS = {
+    "usb_out": ("shoulder", "elbow", "wrist"),
+    "packet": ("delx", "qw", "grasp"),
+    "tau_d": ("elbow", "insertion"),
+    "usb_status": ("read_ok", "write_ok"),
+    "console": ("scale",),
+    "brake": ("engaged",),
+    "network": ("lag", "delay", "lost"),
+}
+EFFECTS = ("overwrite", "offset", "scale", "stuck", "bit_flip", "periodic", "toggle", "drift", "random")
+NETWORK = ("drop", "duplicate", "delay", "overwrite")
+numbers = st.one_of(st.integers(-9, 9), st.sampled_from([-0.0, 0.0, 0.5, 1.0, 1, 0, 3e4, 2**31]))
+times = st.integers(1, 300)
+
+
+def axis(values, ends=None, length=None):
+    """An axis of these values: one, a list of them (of a length, if given), or a distribution between `ends`."""
+    several = st.lists(values, min_size=length or 1, max_size=length or 3)
+    kinds = [values, several, several.map(lambda v: {"choice": v})]
+    if ends is not None:
+        pairs = st.lists(ends, min_size=2, max_size=2).map(sorted)
+        kinds += [pairs.map(lambda p: {"uniform": p}), pairs.map(lambda p: {"loguniform": [abs(x) + 0.5 for x in p]})]
+        kinds += [pairs.map(lambda p: {"normal": [p[0], abs(p[1])]})]
+    return st.one_of(kinds)
+
+
+@st.composite
+def faults(draw, length):
+    site = draw(st.sampled_from(list(CHANNELS)))
+    fault = {"site": site, "start_ms": draw(axis(times, times, length))}
+    fault["effect"] = draw(axis(st.sampled_from(NETWORK if site == "network" else EFFECTS), None, length))
+    fault["channel"] = draw(st.one_of(st.just("*"), axis(st.sampled_from(CHANNELS[site]), None, length)))
+    fault["value"] = draw(axis(numbers, st.integers(-40, 40), length))
+    if site in ("usb_out", "packet", "tau_d", "usb_status"):
+        fault["arm"] = draw(axis(st.sampled_from(["gold", "green"]), None, length))
+    more = {
+        "duration_ms": axis(st.one_of(times, st.just("end")), times, length),
+        "period_ms": axis(times, times, length),
+        "trigger": axis(st.sampled_from(["time", "pedal", "packet"]), None, length),
+    }
+    return fault | {name: draw(values) for name, values in more.items() if draw(st.booleans())}
+
+
+@st.composite
+def groups(draw, name):
+    kind = draw(st.sampled_from(["grid", "zip", "list", "random", "lhs", "sobol"]))
+    length = 3 if kind == "zip" else None
+    group = {"name": name, "design": kind, "repeats": draw(st.integers(1, 3))}
+    group["fault"] = draw(st.lists(faults(length), max_size=2))
+    paths = draw(st.lists(st.sampled_from(["plant.friction_scale", "operator.scale"]), unique=True))
+    group["parameters"] = {path: draw(axis(st.sampled_from([0.5, 1, 0.25]), None, length)) for path in paths}
+    if kind == "list":
+        entry = st.fixed_dictionaries(
+            {"value": st.integers(0, 1)}, optional={"duration_ms": times, "trigger": st.just("time")}
+        )
+        fault = st.lists(entry, max_size=len(group["fault"]))
+        scale = st.dictionaries(st.just("plant.friction_scale"), st.sampled_from([0.5, 2]))
+        group["run"] = draw(
+            st.lists(st.fixed_dictionaries({"fault": fault, "parameters": scale}), min_size=1, max_size=3)
+        )
+    if kind in ("random", "lhs", "sobol"):
+        group["runs"] = draw(st.integers(1, 9))
+    return group
+
+
+@st.composite
+def campaigns(draw):
+    campaign = {"name": "x", "noise": True, "arms": ["gold", "green"], "seed": draw(st.integers(0, 2**31 - 1))}
+    if draw(st.booleans()):
+        campaign["limit"] = draw(st.integers(1, 20))
+    return {
+        "campaign": campaign,
+        "operator": {"motion": "still"},
+        "parameters": draw(st.dictionaries(st.just("operator.scale"), st.sampled_from([0.5, 1]))),
+        "group": [draw(groups(name)) for name in "abc"[: draw(st.integers(1, 3))]],
+    }
+
+
+FAULT = {"site": "usb_out", "arm": "gold", "channel": "elbow", "effect": "overwrite", "start_ms": 5}
+
+
+@settings(max_examples=150)
+@given(campaigns())
+@example({"campaign": {"name": "x"}, "group": [{"name": "a", "fault": [FAULT | {"value": [1.0, 1, -0.0, 0, 1.5]}]}]})
+@example(
+    {
+        "campaign": {"name": "x"},
+        "group": [{"name": n, "repeats": 1, "fault": [FAULT | {"value": [7, 7]}]} for n in "ab"],
+    }
+)
+def test_columns_are_those_written_out_row_by_row(campaign):
+    try:
+        config = loading.from_dict(campaign)
+    except UserError:
+        assume(False)
+    try:
+        rows = naive_design.expand(config)
+    except UserError as wrong:
+        assert complaint(config) == str(wrong)
+        return
+    except ValueError:
+        assert "lists of one length" in complaint(config)
+        return
+    table = design.expand(config)
+    naive = pd.DataFrame(rows)
+    assert list(table.columns) == list(naive.columns)
+    for name in table.columns:
+        if isinstance(table[name].dtype, pd.CategoricalDtype):
+            assert table[name].tolist() == naive[name].tolist(), name
+            assert set(table[name].cat.categories) == set(naive[name]), "no word that does not occur"
+        else:
+            np.testing.assert_array_equal(table[name].to_numpy(), naive[name].to_numpy(table[name].dtype), name)
+    assert table["run_id"].is_unique
+    assert design.count(config) == len(table)
+
+
+def complaint(config):
+    try:
+        design.expand(config)
+    except UserError as error:
+        return str(error)
+    return "none"

@@ -1,0 +1,205 @@
+"""Campaigns with anything wrong anywhere: loading gives a campaign or a UserError, never another exception."""
+
+import copy
+import tomllib
+
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from ravenjax import resources
+from ravenjax.campaign import loading
+from ravenjax.campaign.config import CampaignConfig
+from ravenjax.errors import UserError
+
+FULL = {
+    "campaign": {
+        "name": "full",
+        "duration_s": 0.5,
+        "arms": ["gold", "green"],
+        "tools": ["r_grasper", "large_needle"],
+        "software": "raven2",
+        "noise": True,
+        "seed": 3,
+        "limit": 100,
+    },
+    "operator": {"motion": "suture", "scale": 0.2, "seed": 1},
+    "parameters": {"plant": {"friction_scale": {"uniform": [0.5, 2.0]}}, "operator.scale": [0.05, 0.1]},
+    "limits": {"elbow_deg": [50, 120], "insertion_m": [0.3, 0.5]},
+    "haptics": {"threshold_mm": [3, 2], "cap": 0.05, "combine": "grid"},
+    "outcomes": {"jump": "text", "cue": 1},
+    "group": [
+        {
+            "name": "lists",
+            "repeats": 2,
+            "fault": [
+                {
+                    "site": "usb_out",
+                    "arm": "gold",
+                    "channel": ["shoulder", "elbow"],
+                    "effect": ["overwrite", "latch_offset"],
+                    "value": [100, -200.0],
+                    "trigger": ["time", "pedal"],
+                    "start_ms": [10, 20],
+                    "duration_ms": [5, "end"],
+                    "period_ms": 7,
+                }
+            ],
+        },
+        {
+            "name": "drawn",
+            "design": "sobol",
+            "runs": 16,
+            "parameters": {"plant.gold.mass_scale": {"normal": [1.0, 0.05]}},
+            "fault": [
+                {
+                    "site": "network",
+                    "effect": {"choice": ["delay", "drop"]},
+                    "value": 3,
+                    "start_ms": {"uniform": [10, 300]},
+                    "duration_ms": 20,
+                    "every_ms": 50,
+                }
+            ],
+        },
+        {
+            "name": "listed",
+            "design": "list",
+            "fault": [{"site": "runlevel", "effect": "overwrite", "value": 1, "start_ms": 50}],
+            "run": [{"fault": [{"value": 2, "duration_ms": "end"}]}, {"parameters": {"plant.mass_scale": 1.1}}],
+        },
+    ],
+}
+BUNDLED = [tomllib.loads(path.read_text()) for path in resources.bundled("campaigns", "*.toml")]
+
+JUNK = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(),
+    st.sampled_from([10**30, -(10**400), 2**31, 2**63, 0, -1, 1e308, 1e-308, "end", "*", "nan", "", "gold", b"x", 1j]),
+    st.floats(),
+    st.text(max_size=8),
+    st.sampled_from(["uniform", "normal", "choice", "loguniform"]).flatmap(
+        lambda kind: st.lists(st.one_of(st.floats(), st.integers(), st.text(max_size=3)), max_size=3).map(
+            lambda values: {kind: values}
+        )
+    ),
+    st.recursive(
+        st.none() | st.integers() | st.text(max_size=3), lambda inner: st.lists(inner, max_size=3), max_leaves=6
+    ),
+    st.recursive(
+        st.integers() | st.text(max_size=3),
+        lambda inner: st.dictionaries(st.text(max_size=4) | st.integers(), inner, max_size=3),
+        max_leaves=6,
+    ),
+)
+
+
+def places(tree, at=()):
+    """The path of every entry of nested tables and lists."""
+    entries = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
+    for key, value in entries:
+        yield (*at, key)
+        yield from places(value, (*at, key))
+
+
+@st.composite
+def campaigns(draw, bases):
+    """A campaign with one to four things changed."""
+    tree = copy.deepcopy(draw(st.sampled_from(bases)))
+    for _ in range(draw(st.integers(1, 4))):
+        known = list(places(tree))
+        if not known:
+            break
+        *parents, key = draw(st.sampled_from(known))
+        table = tree
+        for parent in parents:
+            table = table[parent]
+        change = draw(st.sampled_from(("delete", "rename", "replace", "wrap", "double", "insert")))
+        if change == "delete":
+            del table[key]
+        elif change == "replace":
+            table[key] = draw(JUNK)
+        elif change == "wrap":
+            table[key] = [table[key]]
+        elif isinstance(table, list):
+            table.append(copy.deepcopy(table[key]))
+        elif change == "rename":
+            table[draw(st.text(max_size=6))] = table.pop(key)
+        else:
+            table[draw(st.text(max_size=6))] = draw(JUNK)
+    return tree
+
+
+def loaded(raw, overrides=()):
+    """The campaign, or None where it is refused in words."""
+    try:
+        return loading.from_dict(raw, overrides=overrides)
+    except UserError as error:
+        assert 0 < len(str(error)) < 20_000
+        return None
+
+
+RELAXED = settings(max_examples=250, deadline=None, suppress_health_check=list(HealthCheck))
+
+
+@RELAXED
+@given(campaigns([FULL]))
+def test_a_changed_campaign(raw):
+    config = loaded(raw)
+    if config is not None:
+        assert isinstance(config, CampaignConfig)
+        assert loading.from_dict(config.model_dump(mode="json")) == config, "the manifest means the same campaign"
+
+
+@settings(RELAXED, max_examples=60)
+@given(campaigns(BUNDLED))
+def test_a_changed_bundled_campaign(raw):
+    loaded(raw)
+
+
+@RELAXED
+@given(JUNK)
+@example({"campaign": {"name": "x"}, "group": [{"name": "g"}], 3: 4})
+@example([])
+def test_anything_at_all(raw):
+    loaded(raw)
+
+
+def test_endless_nesting():
+    raw: dict = {}
+    raw["group"] = [raw]
+    assert loaded(raw) is None
+    deep: list = []
+    for _ in range(100_000):
+        deep = [deep]
+    assert loaded({**FULL, "parameters": {"plant.mass_scale": deep}}) is None
+    assert loaded({**FULL, "group": deep}) is None
+
+
+KEYS = st.sampled_from(
+    ["campaign", "group", "0", "1", "name", "fault", "value", "parameters", "plant", "drawn", "²", ""]
+)
+
+
+@RELAXED
+@given(
+    st.lists(KEYS, min_size=1, max_size=5),
+    st.text(max_size=10) | st.sampled_from(["[1, 2]", "{uniform = [0, 1]}", "1e999"]),
+)
+@example(["campaign", "seed"], "9" * 5000)
+@example(["group", "drawn", "parameters", "plant.mass_scale"], "[" * 5000)
+def test_overrides(keys, value):
+    loaded(FULL, [f"{'.'.join(keys)}={value}"])
+    loaded(FULL, [".".join(keys) + value])
+
+
+@RELAXED
+@given(st.binary(max_size=60), st.integers(0, 3000))
+def test_a_damaged_file(tmp_path_factory, noise, at):
+    text = resources.bundled("campaigns", "quick.toml")[0].read_bytes()
+    path = tmp_path_factory.mktemp("c", numbered=True) / "c.toml"
+    path.write_bytes(text[:at] + noise + text[at + len(noise) :])
+    try:
+        loading.load(path)
+    except UserError as error:
+        assert str(path) in str(error)

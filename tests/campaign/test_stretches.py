@@ -1,0 +1,42 @@
+"""Rows into blocks and stretches: all of them, in order, within the limits."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ravenjax.campaign import stretches
+
+
+@st.composite
+def ranges(draw):
+    """Ascending ranges of rows, some with gaps between."""
+    steps = draw(st.lists(st.tuples(st.integers(0, 3), st.integers(1, 40)), min_size=1, max_size=12))
+    out, row = [], 0
+    for gap, length in steps:
+        out.append(range(row + gap, row + gap + length))
+        row += gap + length
+    return out
+
+
+@given(ranges(), st.integers(1, 50), st.integers(1, 30), st.integers(1, 5), st.integers(1, 40), st.integers(0, 9))
+def test_every_row_is_in_one_block_and_nothing_is_too_large(ranges, lanes, most, ahead, twins, seed):
+    rows = np.concatenate([np.asarray(r) for r in ranges])
+    twin = np.random.default_rng(seed).integers(0, twins, rows[-1] + 1)
+    found = list(stretches.cut(ranges, twin, lanes, most, ahead))
+    blocks = [block for stretch in found for block in stretch.blocks]
+    np.testing.assert_array_equal(np.concatenate(blocks), rows)
+    for stretch in found:
+        np.testing.assert_array_equal(stretch.twins, np.unique(twin[np.concatenate(stretch.blocks)]))
+        assert len(stretch.twins) <= most and len(stretch.blocks) <= ahead
+    for block in blocks:
+        different = len(np.unique(twin[block]))
+        shared = different == 1 or different * stretches.SHARED <= len(block)
+        assert len(block) <= lanes and (shared or len(block) <= most)
+
+
+def test_blocks_are_full_where_a_twin_is_shared():
+    found = list(stretches.cut([range(0, 70), range(80, 1000)], np.zeros(1000, int), 64, 1, 4))
+    assert [len(block) for stretch in found for block in stretch.blocks] == [64] * 15 + [30]
+    assert [len(stretch.blocks) for stretch in found] == [4, 4, 4, 4]

@@ -1,0 +1,78 @@
+"""Blocks of any size: as many lanes as a kernel asks for, each beside its twin, give the bits of one full block."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from cuda_as_cpp import Device, pretend
+
+import ravenjax as rj
+from ravenjax.campaign import plan
+from ravenjax.engines import cuda
+from ravenjax.engines.interface import Block
+from ravenjax.engines.scan import ScanEngine
+from ravenjax.engines.simd import SimdEngine, SimdKernel
+
+FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "start_ms": 3, "duration_ms": 9}
+CAMPAIGN = {
+    "campaign": {"name": "sizes", "duration_s": 0.02},
+    "group": [
+        {
+            "name": "a",
+            "fault": [{**FAULT, "value": [-9000, 0, 100, 5000, 20000]}],
+            "parameters": {"plant.cable_stiffness_scale": [0.5, 1.0, 2.0]},
+        }
+    ],
+}
+ENGINES = ["simd", pytest.param("cuda", marks=pytest.mark.slow), pytest.param("xla", marks=pytest.mark.slow)]
+
+
+@pytest.fixture(scope="module")
+def ready():
+    return plan.make(rj.load_campaign(CAMPAIGN))
+
+
+@pytest.fixture
+def engine(request, monkeypatch, tmp_path):
+    if request.param == "cuda":
+        pretend(monkeypatch, tmp_path)
+        return cuda.CudaEngine()
+    return SimdEngine() if request.param == "simd" else ScanEngine("xla")
+
+
+@pytest.mark.parametrize("engine", ENGINES, indirect=True)
+def test_small_blocks_give_the_bits_of_a_large_one(engine, ready):
+    """Runs of three twins: at once with a series for each lane, and a few at a time with one series for each twin."""
+    kernel, rows = engine.compile(ready.program, ready.runs), np.arange(ready.runs)
+    lanes = kernel.size(len(rows))
+    own = kernel.run(Block(*ready.lanes(rows, lanes, harmless=True), None), ready.columns)
+    whole = kernel.run(Block(*ready.lanes(rows, lanes), own.reference), ready.columns)
+
+    twins = kernel.size(3)
+    of_three = kernel.run(Block(*ready.lanes(rows[:3], twins, harmless=True), None), ready.columns)
+    np.testing.assert_array_equal(of_three.reference[:, :, :3], own.reference[:, :, :3])
+    for some in (rows[:1], rows[1:6], rows[6:]):
+        lanes = kernel.size(len(some))
+        twin = ready.twin[some[np.minimum(np.arange(lanes), len(some) - 1)]]
+        block = Block(*ready.lanes(some, lanes), of_three.reference[:, :, :3], twin)
+        found = kernel.run(block, ready.columns)
+        for name, values in whole.outcomes.items():
+            np.testing.assert_array_equal(found.outcomes[name][: len(some)], values[some], err_msg=name)
+
+
+def test_sizes(ready):
+    simd = SimdKernel(ready.program, 64)
+    width = simd.width
+    assert [simd.size(rows) for rows in (1, width, width + 1, 64)] == [width, width, 2 * width, 64]
+    gpu = cuda.CudaKernel(ready.program, 96, (Device(),))
+    assert [gpu.size(rows) for rows in (1, 32, 33, 96)] == [32, 32, 64, 96]
+    assert cuda.CudaKernel(ready.program, 1, (Device(),)).size(1) == 1, "a trace runs one lane"
+    xla = ScanEngine("xla").compile(ready.program, ready.runs)
+    assert xla.size(1) == xla.size(xla.lanes) == xla.lanes
+
+
+@pytest.mark.slow
+def test_engine_cuda_runs_what_has_neither_faults_nor_parameters(monkeypatch, tmp_path):
+    pretend(monkeypatch, tmp_path)
+    free = rj.load_campaign({**CAMPAIGN, "group": [{"name": "free"}]})
+    assert rj.run(free, engine="cuda")["verdict"].tolist() == ["silent/no haptic/no jump"]

@@ -1,0 +1,40 @@
+"""Columns of words."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pytest
+
+from ravenjax.store import words
+
+
+def test_words_that_occur_become_the_categories_in_their_order():
+    column = words.column(np.array([3, 1, 3], np.int8), ("a", "b", "c", "d"))
+    assert column.tolist() == ["d", "b", "d"] and column.categories.tolist() == ["b", "d"]
+
+
+def test_more_words_than_a_byte_counts():
+    known = [f"group {i}" for i in range(300)]
+    assert words.column(np.arange(300), known).tolist() == known
+
+
+@pytest.mark.parametrize(
+    "column",
+    [
+        pd.Series(["dac", None, "mpos", np.nan]),
+        pd.Series(["dac", None, "mpos", np.nan], dtype="category"),
+        pd.Categorical(["dac", None, "mpos", None], ["x", "", "mpos", "dac"]),
+        np.array(["dac", "", "mpos", None], object),
+    ],
+)
+def test_a_missing_word_is_empty(column):
+    array = words.arrow(column)
+    assert array.type == pa.dictionary(pa.int32(), pa.string())
+    assert array.to_pylist() == ["dac", "", "mpos", ""]
+
+
+def test_numbers_are_no_words():
+    with pytest.raises(pa.ArrowException):
+        words.arrow(np.array([1, 2]))

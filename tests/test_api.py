@@ -1,0 +1,79 @@
+"""The notebook's functions: what they take, and that anything else is one UserError before any work."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import ravenjax as rj
+from ravenjax.campaign import runner
+from ravenjax.errors import UserError
+
+CAMPAIGN = {
+    "campaign": {"name": "x", "duration_s": 0.05},
+    "operator": {"motion": "still"},
+    "group": [{"name": "a"}, {"name": "b"}],
+}
+
+
+@dataclasses.dataclass
+class Broken:
+    """Something whose repr fails."""
+
+    def __repr__(self):
+        raise RuntimeError
+
+
+@pytest.mark.parametrize(
+    "campaign", [None, 5, b"quick", ["quick"], "", Broken(), object()], ids=lambda given: type(given).__name__
+)
+def test_no_campaign(campaign):
+    for call in (rj.load_campaign, rj.run, rj.simulate):
+        with pytest.raises(UserError, match="expected the path of a campaign file or the name of a bundled campaign"):
+            call(campaign)
+
+
+@pytest.mark.parametrize("overrides", ["campaign.seed=1", [1], [None]])
+def test_overrides_are_a_list_of_texts(overrides):
+    with pytest.raises(UserError, match="expected a list of texts such as"):
+        rj.load_campaign(CAMPAIGN, overrides)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"out": 5}, "out is 5, expected the path of a result folder"),
+        ({"out": ""}, "out is ''"),
+        ({"engine": None}, "engine is None"),
+        ({"engine": "cpu"}, "engine 'cpu' is unknown"),
+        ({"on_progress": 3}, "on_progress is 3, expected a function"),
+    ],
+)
+def test_what_run_does_not_take(given, words, monkeypatch):
+    monkeypatch.setattr(runner, "_run", None)
+    with pytest.raises(UserError, match=words):
+        rj.run(CAMPAIGN, **given)
+
+
+@pytest.mark.parametrize("run", [None, 1.0, True, [0], b"0"])
+def test_a_run_is_an_index_or_an_id(run):
+    with pytest.raises(UserError, match="expected its index"):
+        rj.simulate(CAMPAIGN, run)
+
+
+@pytest.mark.parametrize("run", [2, -1, "2", "zz", ""])
+def test_a_run_that_is_not_there(run):
+    with pytest.raises(UserError, match="run "):
+        rj.simulate(CAMPAIGN, run)
+
+
+def test_nested_tables_need_not_be_loaded_first():
+    table = rj.run(CAMPAIGN, engine="simd")
+    assert table["group"].tolist() == ["a", "b"]
+    by_index, by_id = (rj.simulate(CAMPAIGN, run, "simd") for run in (np.int64(1), table["run_id"][1]))
+    assert all(np.array_equal(by_index[name], by_id[name], equal_nan=True) for name in by_index)
+
+
+def test_a_campaign_is_not_changed_by_overrides():
+    config = rj.load_campaign(CAMPAIGN, ["campaign.seed=7", "group.b.parameters.plant.mass_scale=1.1"])
+    assert config.campaign.seed == 7 and "parameters" not in CAMPAIGN["group"][1]
