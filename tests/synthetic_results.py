@@ -54,7 +54,7 @@ def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> 
     cause = np.where(np.char.startswith(group.astype(str), "dac"), "overdrive", "joint_limit")
     cause = np.where(group == "packet_position", "ik_reject", np.where(group == "plc_pins", "plc", cause))
     failed = np.where(random.random(runs) < 0.003, "nan", "")
-    failed = np.where(random.random(runs) < 0.001, "diverged_numerically", failed).astype(object)
+    failed = failed.astype(object)
     step = deviation * random.uniform(0.02, 0.12, runs)
     columns: dict[str, object] = {
         "run_id": [hashlib.sha256(f"{seed}/{i}".encode()).hexdigest()[:16] for i in range(runs)],

@@ -23,7 +23,7 @@ ROW_WORDS = 2**25
 
 
 def form_for(device: Device) -> Form:
-    """The form measured to be fastest on an H100, with the shared memory that this device has."""
+    """The form measured to be fastest on an H200, with the shared memory that this device has."""
     form = Form()
     words = device.shared_bytes // (form.threads * 4) // VECTOR * VECTOR
     return dataclasses.replace(form, shared_words=min(form.shared_words, words))

@@ -57,7 +57,7 @@ class Form:
     """How `lane_run` uses a multiprocessor, which is to hold one block of it.
 
     No number of the state lives in a register from one tick to the next: registers are for what a tick computes.
-    Measured on an H100 (analysis/engines/gpu.md).
+    Measured (analysis/engines/gpu.md).
     """
 
     threads: int = 384  # of a block; 168 registers each

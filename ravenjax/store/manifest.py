@@ -25,7 +25,10 @@ from ravenjax.store.parts import Part, require_version
 
 FILE = "manifest.json"
 PARTS_FILE = "parts.jsonl"
-_READERS = ("cli.py", "report", "stats", "trainer")  # only read results: a change there must not forbid to resume
+_READERS = ("cli.py", "terminal.py", "api.py", "bench", "report", "stats", "software.py", "software_inputs.py")
+"""Modules that decide no outcome: a change there must not forbid to resume."""
+_SHOWN = 60
+"""Characters of a value in an error."""
 PACKAGES = ("ravenjax", "jax", "jaxlib", "mujoco", "mujoco-mjx", "numpy", "pandas", "pyarrow", "scipy")
 
 
@@ -84,12 +87,10 @@ class Manifest(BaseModel):
         """What decides outcomes and differs from `other`: 'name: mine, theirs', one line each."""
         mine, theirs = self._identity(), other._identity()
         names = sorted(mine.keys() | theirs.keys())
-        absent = "absent"
-        return [
-            f"{name}: {mine.get(name, absent)} here, {theirs.get(name, absent)} asked for"
-            for name in names
-            if mine.get(name, absent) != theirs.get(name, absent)
-        ]
+        found = [name for name in names if mine.get(name) != theirs.get(name)]
+        if any(name.startswith("config.") for name in found):
+            found = [name for name in found if name != "config_hash"]  # follows, and says nothing by itself
+        return [f"{name}: {_short(mine.get(name))} here, {_short(theirs.get(name))} asked for" for name in found]
 
 
 def read(folder: Path) -> Manifest:
@@ -209,10 +210,21 @@ def lock_hash() -> str:
 
 
 def _flat(tree: Any, prefix: str = "") -> dict[str, str]:
-    """Leaves of nested dicts by dotted path; lists are leaves."""
+    """Leaves of nested dicts and of lists of dicts by dotted path; other lists are leaves."""
+    flat: dict[str, str] = {}
+    if isinstance(tree, list | tuple) and any(isinstance(entry, dict) for entry in tree):
+        for number, entry in enumerate(tree):
+            flat |= _flat(entry, f"{prefix}[{number}]")
+        return flat
     if not isinstance(tree, dict):
         return {prefix: json.dumps(tree, sort_keys=True, default=str)}
-    flat: dict[str, str] = {}
     for key, value in tree.items():
         flat |= _flat(value, f"{prefix}.{key}" if prefix else str(key))
     return flat
+
+
+def _short(text: str | None) -> str:
+    """A value as an error shows it."""
+    if text is None:
+        return "absent"
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}.."

@@ -27,6 +27,10 @@ def columns(path: Path, arms: tuple[ArmName, ...]) -> dict[str, np.ndarray]:
     stamps = np.zeros(0, np.int64)
     for i, arm in enumerate(arms):
         topic = _topic(path, schemas, ARM_TOPICS[arm], "cp", POSE)
+        if topic not in messages:
+            raise UserError(f"{path}: {topic} has no messages; expected the tip's poses")
+        if max(message.log_time for message in messages[topic]) >= 2**63:
+            raise UserError(f"{path}: {topic} has times beyond 2^63 ns, expected nanoseconds since 1970 or the start")
         time = np.array([message.log_time for message in messages[topic]], np.int64)
         if i == 0:
             stamps = time
@@ -52,7 +56,7 @@ def _messages(path: Path) -> tuple[dict[str, list[Message]], dict[str, str]]:
     whole = False
     try:
         with open(path, "rb") as file:
-            for record in StreamReader(file).records:
+            for record in StreamReader(file, validate_crcs=True).records:
                 if isinstance(record, Schema):
                     kinds[record.id] = record.name
                 elif isinstance(record, Channel):
@@ -60,7 +64,7 @@ def _messages(path: Path) -> tuple[dict[str, list[Message]], dict[str, str]]:
                 elif isinstance(record, Message):
                     messages.setdefault(channels[record.channel_id].topic, []).append(record)
                 whole = whole or isinstance(record, Footer)
-    except (McapError, ValueError, KeyError, struct.error) as error:
+    except (McapError, ValueError, KeyError, struct.error, OverflowError, MemoryError, *_decompression()) as error:
         what = str(error) or type(error).__name__
         raise UserError(
             f"{path}: not a complete MCAP file, perhaps truncated: {what}. Copy or record it again"
@@ -70,6 +74,13 @@ def _messages(path: Path) -> tuple[dict[str, list[Message]], dict[str, str]]:
     for found in messages.values():
         found.sort(key=lambda message: message.log_time)
     return messages, {channel.topic: kinds.get(channel.schema_id, "") for channel in channels.values()}
+
+
+def _decompression() -> tuple[type[Exception], ...]:
+    """What the decompressors of MCAP raise for damaged chunks."""
+    import zstandard
+
+    return zstandard.ZstdError, RuntimeError  # the latter is lz4's
 
 
 def _topic(path: Path, schemas: dict[str, str], prefix: str, kind: str, schema: str) -> str:

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.errors import UserError, suggestion
-from ravenjax.types import ArmName
+from ravenjax.types import ARMS, ArmName
 
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
 ANGLES = {"rad": 1e3, "mrad": 1.0, "deg": 1e3 * math.pi / 180.0}
@@ -74,13 +74,20 @@ def _parquet(path: Path) -> dict[str, np.ndarray]:
     import pyarrow.parquet as pq
 
     try:
-        table = pq.read_table(path)
-    except (pa.ArrowException, OSError) as error:
+        names = pq.read_schema(path).names
+        table = pq.read_table(path, columns=[name for name in names if _known(name)] or names[:1])
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         what = str(error).splitlines()[0]
         raise UserError(
             f"{path}: not a complete Parquet file, perhaps truncated: {what}. Copy or record it again"
         ) from None
-    return {name: table[name].to_numpy() for name in table.column_names}
+    found = {name: table[name].to_numpy() for name in table.column_names}
+    return {name: found.get(name, np.zeros(len(table))) for name in names}  # of what nobody reads, the name alone
+
+
+def _known(name: str) -> bool:
+    """Whether a column may be asked for."""
+    return name == "surgeon_mode" or name.startswith(("time_", *(f"{arm}_" for arm in ARMS)))
 
 
 def _csv(path: Path) -> dict[str, np.ndarray]:
@@ -163,6 +170,8 @@ class _Columns:
 
     def _numbers(self, name: str) -> np.ndarray:
         values = self.columns[name]
+        if values.dtype.kind in "mM":
+            raise UserError(f"{self.path}: column {name} holds dates or durations, expected numbers")
         if name.startswith("time_") and np.issubdtype(values.dtype, np.integer):
             return (values - values[0]).astype(float)  # nanoseconds since 1970 do not fit a double
         try:

@@ -120,8 +120,11 @@ def _opened(path: Path, config_hash: str | None) -> Iterator[pq.ParquetFile]:
             _require_campaign(path, metadata, config_hash)
             yield file
     except (pa.ArrowException, OSError, ValueError) as error:  # ValueError: text in a damaged footer
-        size = f"{path.stat().st_size} bytes" if path.is_file() else "missing"
-        raise _damaged(path, f"is not a readable Parquet file ({size}): {_first_line(error)}") from error
+        if not path.is_file():
+            raise StoreError(f"{path}: is missing. Every other part is untouched: start the same `ravenjax run` again, "
+                             "which computes its rows anew.") from error  # fmt: skip
+        size = path.stat().st_size
+        raise _damaged(path, f"is not a readable Parquet file ({size} bytes): {_first_line(error)}") from error
 
 
 def inspect(path: Path, config_hash: str | None = None) -> Part:

@@ -40,7 +40,7 @@ CHECKS = {
     "overdrive_hard": ("ticks", "overdrive detection: shared counter of the hard policy full, stops"),
     "overdrive_clip": ("DAC counts", "overdrive detection: command clipped to its joint's limit"),
     "soft_estop": ("1", "software E-stop raised"),
-    "plc_watchdog": ("1", "PLC: watchdog wave missing"),
+    "plc_watchdog": ("ms", "PLC: watchdog wave missing"),
     "estop": ("1", "run level 0 entered"),
     "ik_reject": ("rad", "inverse kinematics: no valid solution"),
     "joint_limit": ("of the range", "desired joint position clamped to its soft limit"),
@@ -97,7 +97,7 @@ def columns(shape: Shape) -> tuple[Column, ...]:
             for arm in shape.arms
             for joint in shape.joints
         ),
-        Column("failed", "category", "", 'why the outcome is not valid: "" (valid), "nan", "diverged_numerically"'),
+        Column("failed", "category", "", 'why the outcome is not valid: "" (valid), "nan"'),
         Column("verdict", "category", "", '"<stopped|flagged|silent>/<haptic|no haptic>/<jump|no jump>", or ""'),
     )
 
@@ -166,7 +166,12 @@ def _motion() -> Iterator[Column]:
     yield Column("peak_twin_deviation_mm", "float32", "mm", "largest distance of the tip from the fault-free twin's")
     yield Column("rms_twin_deviation_mm", "float32", "mm", "root mean square of that distance")
     yield Column("largest_step_mm", "float32", "mm", "largest motion of the tip within 1 ms")
-    yield Column("jump_code", "bool", "", "tip step > 0.1 mm on 2 consecutive ms, twin's not (published analysis code)")
+    yield Column(
+        "jump_code",
+        "bool",
+        "",
+        "step of the measured tip > 0.1 mm on 2 packets in a row, twin's not (published analysis code)",
+    )
     yield Column("jump_code_first_ms", "int32", "ms", "when first, -1 if never")
     yield Column("jump_text", "bool", "", "tip motion > 1 mm within 2 ms (published text)")
     yield Column("jump_text_first_ms", "int32", "ms", "when first, -1 if never")

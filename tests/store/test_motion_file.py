@@ -284,3 +284,17 @@ def test_public_recording(shared_data):
     assert np.abs(np.diff(speed)).max() < 3e-3  # smooth: below 3 m/s2
     both = motion_file.read(path, ("gold", "green"), window_s=None)
     assert both.duration_s > 3.0
+
+
+def test_dates_are_no_numbers(parquet):
+    frame = recording()
+    frame = frame.drop(columns="time_s", errors="ignore").assign(
+        time_ms=pd.date_range("2026-01-01", periods=len(frame))
+    )
+    assert "dates or durations" in refused(parquet(frame[[c for c in frame if c != "time_us"]]))
+
+
+def test_what_nobody_reads_is_not_read_but_named(parquet):
+    frame = recording().assign(note=["x" * 1000] * ROWS).rename(columns={"gold_x_um": "gld_x_um"})
+    message = refused(parquet(frame))
+    assert "note" in message and "Did you mean 'gld_x_um'" in message
