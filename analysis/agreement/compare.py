@@ -1,13 +1,14 @@
 """Do two ways to compute the same run agree? Prints Markdown tables; asserts nothing.
 
-    python analysis/agreement/compare.py [exact] [verdicts] [substeps] [arithmetic]
+    python analysis/agreement/compare.py [exact] [verdicts] [printed] [substeps] [arithmetic]
 
 exact       engines mjx and xla, tick by tick in float64: every signal of faulty runs
 verdicts    engines mjx and xla in float32: the verdicts of the 2 100 runs of every_layer.toml
+printed     engines xla and simd in float32: the verdicts of 10 500 runs, five times every group of every_layer.toml
 substeps    one, two and four plant steps per tick: the verdicts of campaigns/quick.toml
 arithmetic  the control software in float32 and in the original's mixed arithmetic: the DAC commands
 
-Without a name all four, about 12 minutes on 4 cores.
+Without a name all five, about 15 minutes on 4 cores.
 """
 
 from __future__ import annotations
@@ -116,10 +117,21 @@ def _gap(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def verdicts() -> Iterator[str]:
-    """Verdicts of the two engines, and every run in which they differ with its margins."""
-    config = rj.load_campaign(EVERY_LAYER)
+    """Engines xla and mjx."""
+    yield from _verdicts(rj.load_campaign(EVERY_LAYER), "xla", "mjx")
+
+
+def printed() -> Iterator[str]:
+    """Engines xla and simd, on five times as many runs."""
+    groups = rj.load_campaign(EVERY_LAYER).group
+    more = [f"group.{i}.runs={5 * (group.runs or 0)}" for i, group in enumerate(groups) if group.runs]
+    yield from _verdicts(rj.load_campaign(EVERY_LAYER, more), "xla", "simd")
+
+
+def _verdicts(config: CampaignConfig, *engines: str) -> Iterator[str]:
+    """Verdicts of two engines, and every run in which they differ with its margins."""
     frames = {}
-    for name in ("xla", "mjx"):
+    for name in engines:
         begin = time.perf_counter()
         frames[name] = runner.run_campaign(config, None, name).frame()
         yield f"{name}: {len(frames[name])} runs of {config.campaign.ticks} ms in {time.perf_counter() - begin:.0f} s"
@@ -141,7 +153,7 @@ def verdicts() -> Iterator[str]:
     yield from table(("column", "equal to the last bit", "99 % below", "largest", "in"), rows, "differences, mm")
     yield ""
     rows = [_difference(a.iloc[i], b.iloc[i]) for i in np.flatnonzero(~same)]
-    heads = ("run", "fault", "xla", "mjx", "how near the deciding limit")
+    heads = ("run", "fault", *engines, "how near the deciding limit")
     yield from table(heads, rows, "runs with different verdicts")
 
 
@@ -319,6 +331,7 @@ def machine() -> str:
 PARTS: dict[str, Callable[[], Iterator[str]]] = {
     "exact": exact,
     "verdicts": verdicts,
+    "printed": printed,
     "substeps": substeps,
     "arithmetic": arithmetic,
 }
