@@ -12,7 +12,7 @@ from ravenjax.engines.time_loop import split
 
 @dataclasses.dataclass(frozen=True)
 class Operations:
-    """Scalar operations of one tick by stage; a fused multiply-add is one."""
+    """Scalar operations of one tick by stage, without those that only some ticks need; a fused multiply-add is one."""
 
     lane: Mapping[str, int]  # in every run
     shared: Mapping[str, int]  # once for all runs that share their parameters

@@ -88,7 +88,7 @@ class Findings:
 
     machine: Machine
     engines: tuple[Speed, ...]
-    absent: Mapping[str, str]  # engine -> why it was not timed
+    absent: Mapping[str, str]  # engine or peer -> why it was not timed
     operations: Operations
     peak: Mapping[str, float]  # printing engine -> operations/s of the device it runs on
     peers: tuple[Peer, ...]
@@ -147,7 +147,11 @@ def measure(effort: Effort = FULL, tell: Callable[[str], None] = lambda _: None)
         often = effort.repeats, effort.enough_s
         others = [peers.rollout(cores, ROLLOUT_ROBOTS, ROLLOUT_STEPS, *often)]
         tell("mjx.step")
-        others.append(peers.mjx_step(effort.mjx_robots, MJX_STEPS, *often))
+        stepped = peers.apart(peers.mjx_step, effort.mjx_robots, MJX_STEPS, *often)
+        if isinstance(stepped, str):
+            absent["jax.vmap(mjx.step)"] = stepped
+        else:
+            others.append(stepped)
         tell("campaigns")
         whole = _campaigns(engines[0], effort.campaign_runs)
     finally:

@@ -68,7 +68,9 @@ def _machine(found: Findings) -> list[tuple[str, str]]:
     rows += [
         (f"engine {speed.engine}", f"{speed.device}, {speed.threads} blocks side by side") for speed in found.engines
     ]
-    return rows + [(f"engine {name}", f"not timed: {why}") for name, why in found.absent.items()]
+    return rows + [
+        (f"engine {name}" if name.isidentifier() else name, f"not timed: {why}") for name, why in found.absent.items()
+    ]
 
 
 def _engines(found: Findings) -> list[tuple[str, ...]]:

@@ -9,6 +9,7 @@ from typing import Any
 
 from jax.extend import core
 
+from ravenjax.engines.regions import Region, arrange, flat
 from ravenjax.engines.time_loop import Split
 
 _FREE = ("neg", "bitcast", "constant", "input")
@@ -29,9 +30,20 @@ def stage(eqn: core.JaxprEqn) -> str:
 
 
 def by_stage(split: Split) -> Mapping[str, Counter[str]]:
-    """Operations by stage of the "lane" part and of the "shared" part; those without cost are left out."""
-    step = split.loop.step
-    parts = {"lane": split.lane, "shared": split.shared}
+    """Operations by stage of the "lane" part and of the "shared" part; those without cost are left out.
+
+    "rare" are those of a lane that only some ticks need; they are not counted in "lane".
+    """
+    step, loop = split.loop.step, split.loop
+    leaving = [*(step.outputs[k] for k in split.lane_state), *step.outputs[loop.states :]]
+    of_groups = [*split.row, *(step.outputs[k] for k in split.shared_state)]
+    lane = arrange(step.operations, split.lane, leaving)
+    shared = arrange(step.operations, split.shared, of_groups)
+    parts = {
+        "lane": [i for i in lane if not isinstance(i, Region)],
+        "shared": [i for i in shared if not isinstance(i, Region)],
+        "rare": list(flat(item for item in lane if isinstance(item, Region))),
+    }
     return {
         part: Counter(step.origins[i] for i in numbers if step.operations[i].name not in _FREE)
         for part, numbers in parts.items()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import time
 
 import jax
 import mujoco
@@ -140,3 +141,11 @@ def test_an_engine_that_is_not_there_is_named_with_its_reason():
     assert "unknown" in speed.find("fpga")
     assert set(suite.QUICK.sizes) <= set(suite.FULL.sizes)
     assert dataclasses.asdict(suite.FULL)["repeats"] >= 3
+
+
+def _sleeps() -> None:
+    time.sleep(60.0)
+
+
+def test_a_peer_that_does_not_finish_is_left_out():
+    assert peers.apart(_sleeps, limit_s=0.5) == "not finished within 0 s"  # type: ignore[arg-type]
