@@ -219,7 +219,7 @@ class _Module:
         results = [(step.outputs[k], word) for k, word in state.items()]
         results += [(i, f"row[{position}]") for position, i in enumerate(self.in_row)]
         order = arrange(step.operations, split.shared, [i for i, _ in results])
-        printer.run(step, order, sources, results, given, "tables")
+        printer.run(step, order, sources, results, "tables", given)
         start = self._at_group(
             inputs=self.inputs, state=len(state), given=f"count * {self.given}", row=f"count * {self.row}"
         )
@@ -259,7 +259,7 @@ class _Module:
         results = [(step.outputs[k], state[k]) for k in split.lane_state]
         results += [(i, f"o{position}") for position, i in enumerate(self.outputs)]
         order = arrange(step.operations, split.lane, [i for i, _ in results])
-        printer.run(step, order, sources, results, given, "tables")
+        printer.run(step, order, sources, results, "tables", given)
         for at in range(len(printer.lines) // form.region * form.region, 0, -form.region):
             printer.lines.insert(at, '    asm volatile("" ::: "memory");')
 

@@ -7,12 +7,12 @@ float64.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from ravenjax.engines.regions import Region, flat
+from ravenjax.engines.printing import Printing
 from ravenjax.engines.straight import Program, number
 
 OPTIONS = ("--fmad=false", "--ftz=false", "--prec-div=true", "--prec-sqrt=true")
@@ -66,104 +66,48 @@ INLINE int signed_right(int x, unsigned by) { return x >> (by < 31u ? by : 31u);
 """What the statements call."""
 
 
-class Printer:
-    """Statements of one function body."""
+class Printer(Printing[str]):
+    """Statements of one function body; places are 32-bit words, as text of an lvalue."""
 
     def __init__(self, indent: str = "  ") -> None:
-        self.lines: list[str] = []
+        super().__init__()
         self._indent = indent
-        self._count = 0
 
     def line(self, text: str) -> None:
         """Add a statement."""
         self.lines.append(self._indent + text)
 
-    def run(
-        self,
-        program: Program,
-        operations: Iterable[int | Region],
-        sources: Mapping[int, str],
-        results: Sequence[tuple[int, str]],
-        given: Mapping[int, str] | None = None,
-        tables: str = "",
-    ) -> None:
-        """Print `operations` of `program`; a region becomes a block that is entered where its condition holds.
+    def _constant(self, dtype: str, value: Any) -> str:
+        return constant(dtype, value)
 
-        sources: 32-bit words (text of an lvalue) that hold numbers, read where first needed; results: numbers and the
-        words to write them to, written once they are there and what stood there before has been read. given: text of
-        numbers that are at hand; tables: pointer to the words of all tables, one after the other.
-        """
-        operations = list(operations)
-        types = [operation.dtype for operation in program.operations]
-        values: dict[int, str] = dict(given or {})
-        every = list(flat(operations))
-        read = {o for i in every for o in program.operations[i].operands} | {i for i, _ in results}
-        holder = {word: i for i, word in sources.items() if i in read}
-        due: dict[int, list[tuple[int, str]]] = {}
+    def _load(self, dtype: str, place: str) -> str:
+        return self._new(dtype, _READ[dtype].format(place))
 
-        def value(i: int) -> str:
-            if i not in values:
-                if program.operations[i].name == "constant":
-                    values[i] = constant(types[i], number(types[i], program.operations[i].detail))
-                else:
-                    values[i] = self._new(types[i], _READ[types[i]].format(sources[i]))
-                    write(due.pop(i, []))
-            return values[i]
+    def _store(self, dtype: str, value: str, place: str) -> None:
+        self.line(f"{place} = {_WRITTEN[dtype].format(value)};")
 
-        def write(pending: Iterable[tuple[int, str]]) -> None:
-            for i, word in pending:
-                before = holder.get(word)
-                if before is not None and before not in values:
-                    due.setdefault(before, []).append((i, word))
-                else:
-                    self.line(f"{word} = {_WRITTEN[types[i]].format(value(i))};")
+    def _operation(self, program: Program, i: int, inputs: list[str], tables: str) -> str:
+        name, dtype, operands, detail = program.operations[i]
+        first = program.operations[operands[0]]
+        if name == "lookup":
+            start = sum(length for _, length in program.tables[:detail])
+            return self._new(dtype, _READ[dtype].format(f"__ldg({tables} + {start} + {inputs[0]})"))
+        known = number(first.dtype, first.detail) if first.name == "constant" else None
+        types = [program.operations[o].dtype for o in operands]
+        return self._new(dtype, expression(name, dtype, types, inputs, known))
 
-        goals: dict[int, list[tuple[int, str]]] = {}
-        for i, word in results:
-            if sources.get(i) != word:  # it stays where it is
-                goals.setdefault(i, []).append((i, word))
-        outside = {i for i in goals if i in sources or i in values or program.operations[i].name == "constant"}
+    def _begin_region(self, condition: str, types: list[str]) -> list[str]:
+        names = [self._name() for _ in types]
+        for dtype, name in zip(types, names, strict=True):
+            self.line(f"{TYPES[dtype]} {name} = 0;")
+        self.line(f"if ({condition}) {{")
+        return names
 
-        def compute(i: int) -> None:
-            name, dtype, operands, detail = program.operations[i]
-            if i in sources or i in values or name == "constant":
-                return
-            inputs = [value(o) for o in operands]
-            if name == "lookup":
-                start = sum(length for _, length in program.tables[:detail])
-                text = _READ[dtype].format(f"__ldg({tables} + {start} + {inputs[0]})")
-            else:
-                first = program.operations[operands[0]]
-                known = number(first.dtype, first.detail) if first.name == "constant" else None
-                text = expression(name, dtype, [types[o] for o in operands], inputs, known)
-            values[i] = self._new(dtype, text)
-            write(goals.get(i, []))
-
-        def enter(region: Region) -> None:
-            for o in region.reads(program.operations):
-                value(o)
-            condition, before = value(region.condition), dict(values)
-            names = {i: self._name() for i in region.results}
-            for i, name in names.items():
-                self.line(f"{TYPES[types[i]]} {name} = 0;")
-            self.line(f"if ({condition}) {{")
-            for i in region.operations:
-                compute(i)
-            for i, name in names.items():
-                self.line(f"{name} = {values[i]};")
-            self.line("}")
-            values.clear()
-            values.update(before | names)
-
-        for item in operations:
-            if isinstance(item, Region):
-                enter(item)
-            else:
-                compute(item)
-        for i in outside:
-            value(i)
-        holder.clear()
-        write([goal for i in outside for goal in goals[i]] + [goal for pending in due.values() for goal in pending])
+    def _end_region(self, begun: list[str], results: list[str]) -> list[str]:
+        for name, result in zip(begun, results, strict=True):
+            self.line(f"{name} = {result};")
+        self.line("}")
+        return begun
 
     def _name(self) -> str:
         self._count += 1

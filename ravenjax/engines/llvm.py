@@ -8,12 +8,12 @@ nor reassociate, so that all widths and CPUs give the same bits (but where the C
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from ravenjax.engines.memory import Place, size
-from ravenjax.engines.regions import Region, flat
-from ravenjax.engines.straight import Program, number
+from ravenjax.engines.printing import Printing
+from ravenjax.engines.straight import Program
 
 _STORED = {"float32": "float", "float64": "double", "int32": "i32", "uint32": "i32", "bool": "i32"}
 _TYPES = {**_STORED, "bool": "i1"}
@@ -30,106 +30,46 @@ _FUSED = frozenset(("fma", "neon", "fp-armv8"))
 """CPU features that bring a fused multiply-add."""
 
 
-class Printer:
+class Printer(Printing[Place]):
     """Lines of one function body, for `width` lanes (1: scalar code) on a CPU with these features."""
 
     def __init__(self, width: int, features: frozenset[str], block: str = "entry") -> None:
         """block: label of the block that the lines begin in."""
+        super().__init__()
         self.width, self.features, self.block = width, features, block
-        self.lines: list[str] = []
         self.declared: set[str] = set()
-        self._count = 0
 
     # --- a program ---
 
-    def run(
-        self,
-        program: Program,
-        operations: Iterable[int | Region],
-        sources: Mapping[int, Place],
-        results: Sequence[tuple[int, Place]],
-        tables: str = "",
-        given: Mapping[int, str] | None = None,
-    ) -> None:
-        """Print `operations` of `program`; numbers with a source are read from there, `results` written.
+    def _operation(self, program: Program, i: int, inputs: list[str], tables: str) -> str:
+        name, dtype, operands, detail = program.operations[i]
+        if name == "lookup":
+            return self._lookup(program, detail, inputs[0], tables)
+        if name in ("select", "rarely"):
+            return self.op(f"select {self.type('bool')} {inputs[0]}, {self.pair(dtype, inputs[1:])}")
+        constants = [program.operations[o].name == "constant" for o in operands]
+        return self._computed(name, dtype, program.operations[operands[0]].dtype, inputs, constants)
 
-        A region becomes a block that is passed by where its condition holds in no lane.
-        A result is written once it is there and what its place held before has been read. given: numbers that are
-        values of the function already; tables: pointer to the tables, one after the other.
-        """
-        operations = list(operations)
-        values: dict[int, str] = dict(given or {})
-        read = {o for i in flat(operations) for o in program.operations[i].operands} | {i for i, _ in results}
-        at = {place: i for i, place in sources.items() if i in read}
-        due: dict[int, list[tuple[int, Place]]] = {}
-        types = [operation.dtype for operation in program.operations]
+    def _begin_region(self, condition: str, types: list[str]) -> tuple[str, str, list[str]]:
+        """Entered if the condition holds in any lane."""
+        if self.width > 1:
+            name = f"llvm.vector.reduce.or.v{self.width}i1"
+            condition = self.call("i1", name, (self.type("bool"), condition))
+        self._count += 1
+        outer, self.block = self.block, f"rare{self._count}"
+        after = f"after{self._count}"
+        self.lines += [f"br i1 {condition}, label %{self.block}, label %{after}, !prof !0", f"{self.block}:"]
+        return outer, after, types
 
-        def value(i: int) -> str:
-            if i not in values:
-                operation = program.operations[i]
-                if operation.name == "constant":
-                    values[i] = self.constant(operation.dtype, number(operation.dtype, operation.detail))
-                else:
-                    values[i] = self.load(types[i], sources[i])
-                    write(due.pop(i, []))
-            return values[i]
-
-        def write(pending: Iterable[tuple[int, Place]]) -> None:
-            for i, place in pending:
-                before = at.get(place)
-                if before is not None and before not in values:
-                    due.setdefault(before, []).append((i, place))
-                else:
-                    self.store(types[i], values[i], place)
-
-        goals: dict[int, list[tuple[int, Place]]] = {}
-        for i, place in results:
-            goals.setdefault(i, []).append((i, place))
-        outside = {i for i in goals if i in sources or i in values or program.operations[i].name == "constant"}
-        for i in outside:
-            value(i)
-
-        def compute(i: int) -> None:
-            name, dtype, operands, detail = program.operations[i]
-            if i in sources or i in values or name == "constant":
-                return
-            inputs = [value(o) for o in operands]
-            if name == "lookup":
-                values[i] = self._lookup(program, detail, inputs[0], tables)
-            elif name in ("select", "rarely"):
-                values[i] = self.op(f"select {self.type('bool')} {inputs[0]}, {self.pair(dtype, inputs[1:])}")
-            else:
-                constants = [program.operations[o].name == "constant" for o in operands]
-                values[i] = self._operation(name, dtype, types[operands[0]], inputs, constants)
-            write(goals.get(i, []))
-
-        def enter(region: Region) -> None:
-            for o in region.reads(program.operations):
-                value(o)
-            condition, outer, before = value(region.condition), self.block, dict(values)
-            if self.width > 1:
-                name = f"llvm.vector.reduce.or.v{self.width}i1"
-                condition = self.call("i1", name, (self.type("bool"), condition))
-            self._count += 1
-            block, after = f"rare{self._count}", f"after{self._count}"
-            self.lines += [f"br i1 {condition}, label %{block}, label %{after}, !prof !0", f"{block}:"]
-            for i in region.operations:
-                compute(i)
-            self.lines += [f"br label %{after}", f"{after}:"]
-            for i in region.results:
-                ways = f"[ {values[i]}, %{block} ], [ {self.constant(types[i], 0)}, %{outer} ]"
-                before[i] = self.op(f"phi {self.type(types[i])} {ways}")
-            values.clear()
-            values.update(before)
-            self.block = after
-
-        for item in operations:
-            if isinstance(item, Region):
-                enter(item)
-            else:
-                compute(item)
-        at.clear()
-        write([goal for i in outside for goal in goals[i]] + [goal for pending in due.values() for goal in pending])
+    def _end_region(self, begun: tuple[str, str, list[str]], results: list[str]) -> list[str]:
+        outer, after, types = begun
+        self.lines += [f"br label %{after}", f"{after}:"]
+        found = [
+            self.op(f"phi {self.type(dtype)} [ {x}, %{self.block} ], [ {self._constant(dtype, 0)}, %{outer} ]")
+            for dtype, x in zip(types, results, strict=True)
+        ]
+        self.block = after
+        return found
 
     # --- text ---
 
@@ -156,7 +96,7 @@ class Printer:
         self.declared.add(f"declare {result} @{name}({types})")
         return self.op(f"call {result} @{name}({', '.join(f'{dtype} {text}' for dtype, text in arguments)})")
 
-    def constant(self, dtype: str, value: Any) -> str:
+    def _constant(self, dtype: str, value: Any) -> str:
         """Text of a constant."""
         if dtype == "bool":
             text = "true" if value else "false"
@@ -170,7 +110,7 @@ class Printer:
         """Pointer to a place."""
         return self.op(f"getelementptr i8, ptr {place.pointer}, i64 {place.offset}") if place.offset else place.pointer
 
-    def load(self, dtype: str, place: Place) -> str:
+    def _load(self, dtype: str, place: Place) -> str:
         """The number at a place."""
         scalar = _STORED[dtype]
         address = self.address(place)
@@ -183,9 +123,9 @@ class Printer:
             found = self.op(f"load {self._wide(scalar)}, ptr {address}, align {size(dtype)}")
         if dtype != "bool":
             return found
-        return self.op(f"icmp ne {self._wide('i32')} {found}, {self.constant('int32', 0)}")
+        return self.op(f"icmp ne {self._wide('i32')} {found}, {self._constant('int32', 0)}")
 
-    def store(self, dtype: str, value: str, place: Place) -> None:
+    def _store(self, dtype: str, value: str, place: Place) -> None:
         """Write a number to a place."""
         if dtype == "bool":
             value = self.op(f"sext {self.type('bool')} {value} to {self._wide('i32')}")
@@ -194,7 +134,7 @@ class Printer:
 
     # --- operations ---
 
-    def _operation(self, name: str, dtype: str, source: str, x: list[str], constants: list[bool]) -> str:
+    def _computed(self, name: str, dtype: str, source: str, x: list[str], constants: list[bool]) -> str:
         real = dtype.startswith("float")
         wide = self.type(dtype)
         if name in _ARITHMETIC:
@@ -204,7 +144,7 @@ class Printer:
         if name in ("and", "or", "xor"):
             return self.op(f"{name} {wide} {', '.join(x)}")
         if name == "not":
-            return self.op(f"xor {wide} {x[0]}, {self.constant(dtype, True if dtype == 'bool' else -1)}")
+            return self.op(f"xor {wide} {x[0]}, {self._constant(dtype, True if dtype == 'bool' else -1)}")
         if name == "bitcast":
             return (
                 x[0]
@@ -226,7 +166,7 @@ class Printer:
             case "fma":
                 return self.call(wide, f"llvm.fma.{self._suffix(dtype)}", *((wide, operand) for operand in x))
             case "neg":
-                return self.op(f"fneg {wide} {x[0]}" if real else f"sub {wide} {self.constant(dtype, 0)}, {x[0]}")
+                return self.op(f"fneg {wide} {x[0]}" if real else f"sub {wide} {self._constant(dtype, 0)}, {x[0]}")
             case "abs":
                 return self.call(wide, f"llvm.abs.{self._suffix(dtype)}", (wide, x[0]), ("i1", "false"))
             case "max" | "min" if real:
@@ -259,27 +199,29 @@ class Printer:
         wide, bits = self.type(dtype), size(dtype) * 8
         by = x[1]
         if name == "sar":
-            by = self.call(wide, f"llvm.umin.{self._suffix(dtype)}", (wide, by), (wide, self.constant(dtype, bits - 1)))
+            by = self.call(
+                wide, f"llvm.umin.{self._suffix(dtype)}", (wide, by), (wide, self._constant(dtype, bits - 1))
+            )
             return self.op(f"ashr {wide} {x[0]}, {by}")
         if constant:  # inside the width, or `simplify` would have taken it
             return self.op(f"{_SHIFTED[name]} {wide} {x[0]}, {by}")
-        inside = self.op(f"icmp ult {wide} {by}, {self.constant(dtype, bits)}")
-        kept = self.op(f"and {wide} {by}, {self.constant(dtype, bits - 1)}")
+        inside = self.op(f"icmp ult {wide} {by}, {self._constant(dtype, bits)}")
+        kept = self.op(f"and {wide} {by}, {self._constant(dtype, bits - 1)}")
         moved = self.op(f"{_SHIFTED[name]} {wide} {x[0]}, {kept}")
-        return self.op(f"select {self.type('bool')} {inside}, {self.pair(dtype, [moved, self.constant(dtype, 0)])}")
+        return self.op(f"select {self.type('bool')} {inside}, {self.pair(dtype, [moved, self._constant(dtype, 0)])}")
 
     def _divided(self, name: str, dtype: str, x: list[str]) -> str:
         """Through float64, where the quotient of two 32-bit integers truncates right; CPUs have no vector division."""
         wide, double, long = self.type(dtype), self._wide("double"), self._wide("i64")
         signed = "s" if dtype == "int32" else "u"
-        none = self.op(f"icmp eq {wide} {x[1]}, {self.constant(dtype, 0)}")
-        by = self.op(f"select {self.type('bool')} {none}, {self.pair(dtype, [self.constant(dtype, 1), x[1]])}")
+        none = self.op(f"icmp eq {wide} {x[1]}, {self._constant(dtype, 0)}")
+        by = self.op(f"select {self.type('bool')} {none}, {self.pair(dtype, [self._constant(dtype, 1), x[1]])}")
         a, b = (self.op(f"{signed}itofp {wide} {operand} to {double}") for operand in (x[0], by))
         exact = self.op(f"fptosi {double} {self.op(f'fdiv {double} {a}, {b}')} to {long}")
         quotient = self.op(f"trunc {long} {exact} to {wide}")
         if name == "rem":
             return self.op(f"sub {wide} {x[0]}, {self.op(f'mul {wide} {quotient}, {x[1]}')}")
-        return self.op(f"select {self.type('bool')} {none}, {self.pair(dtype, [self.constant(dtype, -1), quotient])}")
+        return self.op(f"select {self.type('bool')} {none}, {self.pair(dtype, [self._constant(dtype, -1), quotient])}")
 
     def _converted(self, dtype: str, source: str, x: str) -> str:
         wide, before = self.type(dtype), self.type(source)
@@ -291,12 +233,12 @@ class Printer:
             return self.call(wide, f"llvm.fptoui.sat.{self._suffix(dtype)}.{self._suffix(source)}", (before, x))
         best = self._truncated(source, x)  # right but for NaN and what is too large
         for condition, value in (
-            (f"oge {before} {x}, {self.constant(source, 2147483648.0)}", 2**31 - 1),
+            (f"oge {before} {x}, {self._constant(source, 2147483648.0)}", 2**31 - 1),
             (f"uno {before} {x}, {x}", 0),
         ):
             found = self.op(f"fcmp {condition}")
             best = self.op(
-                f"select {self.type('bool')} {found}, {self.pair(dtype, [self.constant(dtype, value), best])}"
+                f"select {self.type('bool')} {found}, {self.pair(dtype, [self._constant(dtype, value), best])}"
             )
         return best
 
@@ -311,9 +253,9 @@ class Printer:
         if source == "float32" and self.width == 4 and "sse2" in self.features:
             return self.call(wide, "llvm.x86.sse2.cvttps2dq", (before, x))
         near = self.call(wide, f"llvm.fptosi.sat.{self._suffix('int32')}.{self._suffix(source)}", (before, x))
-        fits = self.op(f"fcmp olt {before} {x}, {self.constant(source, 2147483648.0)}")
+        fits = self.op(f"fcmp olt {before} {x}, {self._constant(source, 2147483648.0)}")
         return self.op(
-            f"select {self.type('bool')} {fits}, {self.pair('int32', [near, self.constant('int32', -(2**31))])}"
+            f"select {self.type('bool')} {fits}, {self.pair('int32', [near, self._constant('int32', -(2**31))])}"
         )
 
     def _lookup(self, program: Program, table: int, index: str, tables: str) -> str:
@@ -324,7 +266,7 @@ class Printer:
         at = self.op(f"getelementptr {scalar}, ptr {start}, {self.type('int32')} {index}")
         if self.width == 1:
             return self.op(f"load {scalar}, ptr {at}, align {size(dtype)}")
-        found = self.constant(dtype, 0)
+        found = self._constant(dtype, 0)
         vector = self._wide(scalar)
         for lane in range(self.width):  # rare, and every CPU has it
             one = self.op(f"extractelement <{self.width} x ptr> {at}, i64 {lane}")

@@ -1,0 +1,122 @@
+"""How a program is printed in any language: numbers are read where first needed, results written once they are there.
+
+A language says what constants, loads, stores, operations and regions look like; a result never overwrites what its
+place held before that has been read.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Generic, TypeVar
+
+from ravenjax.engines.regions import Region, flat
+from ravenjax.engines.straight import Program, number
+
+Where = TypeVar("Where")
+"""A place in memory, as the language names it."""
+
+
+class Printing(ABC, Generic[Where]):
+    """Lines of one function body."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self._count = 0
+
+    def run(
+        self,
+        program: Program,
+        operations: Iterable[int | Region],
+        sources: Mapping[int, Where],
+        results: Sequence[tuple[int, Where]],
+        tables: str = "",
+        given: Mapping[int, str] | None = None,
+    ) -> None:
+        """Print `operations` of `program`; numbers with a source are read from there, `results` written.
+
+        A region becomes a block that is passed by where its condition does not hold. given: numbers that are values of
+        the function already; tables: pointer to the tables, one after the other.
+        """
+        operations = list(operations)
+        types = [operation.dtype for operation in program.operations]
+        values: dict[int, str] = dict(given or {})
+        read = {o for i in flat(operations) for o in program.operations[i].operands} | {i for i, _ in results}
+        holder = {place: i for i, place in sources.items() if i in read}
+        due: dict[int, list[tuple[int, Where]]] = {}
+
+        def value(i: int) -> str:
+            if i not in values:
+                operation = program.operations[i]
+                if operation.name == "constant":
+                    values[i] = self._constant(operation.dtype, number(operation.dtype, operation.detail))
+                else:
+                    values[i] = self._load(types[i], sources[i])
+                    write(due.pop(i, []))
+            return values[i]
+
+        def write(pending: Iterable[tuple[int, Where]]) -> None:
+            for i, place in pending:
+                before = holder.get(place)
+                if before is not None and before not in values:
+                    due.setdefault(before, []).append((i, place))
+                else:
+                    self._store(types[i], value(i), place)
+
+        goals: dict[int, list[tuple[int, Where]]] = {}
+        for i, place in results:
+            if sources.get(i) != place:  # it stays where it is
+                goals.setdefault(i, []).append((i, place))
+        outside = {i for i in goals if i in sources or i in values or program.operations[i].name == "constant"}
+
+        def compute(i: int) -> None:
+            operation = program.operations[i]
+            if i in sources or i in values or operation.name == "constant":
+                return
+            values[i] = self._operation(program, i, [value(o) for o in operation.operands], tables)
+            write(goals.get(i, []))
+
+        def enter(region: Region) -> None:
+            for o in region.reads(program.operations):
+                value(o)
+            condition, before = value(region.condition), dict(values)
+            end = self._begin_region(condition, [types[i] for i in region.results])
+            for i in region.operations:
+                compute(i)
+            before |= zip(region.results, self._end_region(end, [values[i] for i in region.results]), strict=True)
+            values.clear()
+            values.update(before)
+
+        for item in operations:
+            if isinstance(item, Region):
+                enter(item)
+            else:
+                compute(item)
+        for i in outside:
+            value(i)
+        holder.clear()
+        write([goal for i in outside for goal in goals[i]] + [goal for pending in due.values() for goal in pending])
+
+    @abstractmethod
+    def _constant(self, dtype: str, value: Any) -> str:
+        """Text of a constant."""
+
+    @abstractmethod
+    def _load(self, dtype: str, place: Where) -> str:
+        """A new value: the number at a place."""
+
+    @abstractmethod
+    def _store(self, dtype: str, value: str, place: Where) -> None:
+        """Write a number to a place."""
+
+    @abstractmethod
+    def _operation(self, program: Program, i: int, inputs: list[str], tables: str) -> str:
+        """A new value: the result of operation `i`."""
+
+    @abstractmethod
+    def _begin_region(self, condition: str, types: list[str]) -> Any:
+        """Begin a block that is needed where `condition` holds, with results of these types; what its end asks for."""
+
+    @abstractmethod
+    def _end_region(self, begun: Any, results: list[str]) -> list[str]:
+        """End it: new values that are its results where it was needed, and anything elsewhere."""
