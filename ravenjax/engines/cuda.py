@@ -13,11 +13,10 @@ import queue
 import threading
 from typing import Any
 
-import jax
 import numpy as np
 
 from ravenjax.engines import cuda_device, traced
-from ravenjax.engines.cuda_code import CudaCode, Lanes, Places, form_for, place
+from ravenjax.engines.cuda_code import CudaCode, Lanes, Places, form_for, place, typed
 from ravenjax.engines.cuda_device import Cubins, Device
 from ravenjax.engines.cuda_loop import WARP
 from ravenjax.engines.interface import Block, Program, Progress, Result
@@ -69,13 +68,7 @@ class CudaKernel:
         """As `run`, and every signal of the first lane, each leaf [ticks]."""
         result, out = self._run(block, motion, None)
         assert self._traced is not None
-        leaves, structure = jax.tree.flatten(self._traced.signals)
-        columns = np.ascontiguousarray(out[:, self._traced.series :, 0].T)
-        typed = [
-            column.astype(bool) if leaf.dtype == bool else column.view(leaf.dtype)
-            for column, leaf in zip(columns, leaves, strict=True)
-        ]
-        return result, jax.tree.unflatten(structure, typed)
+        return result, self._traced.signals_of(out, lambda column, dtype: typed(column, dtype.name))
 
     def _run(
         self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None
@@ -169,14 +162,14 @@ class CudaEngine:
         """See `interface.Engine`. Raises UserError where no GPU can run it."""
         require_float32(program.setup.precision)
         devices = cuda_device.devices()
-        return CudaKernel(_unrolled(program), block_lanes(runs, devices), devices, self.cubins)
+        return CudaKernel(traced.unrolled(program), block_lanes(runs, devices), devices, self.cubins)
 
     def trace(
         self, program: Program, twin: Block, block: Block, motion: tuple[np.ndarray, ...]
     ) -> tuple[Result, Result, Any]:
         """See `interface.Engine`; the same bits as in a campaign."""
         require_float32(program.setup.precision)
-        kernel = CudaKernel(_unrolled(program), 1, cuda_device.devices()[:1], self.cubins, signals=True)
+        kernel = CudaKernel(traced.unrolled(program), 1, cuda_device.devices()[:1], self.cubins, signals=True)
         own = kernel.run(twin, motion)
         return own, *kernel.run_signals(dataclasses.replace(block, reference=own.reference), motion)
 
@@ -185,8 +178,3 @@ def require_float32(precision: Precision) -> None:
     """Raise UserError for a precision that this engine does not have."""
     if precision.needs_x64:
         raise UserError("engine 'cuda' computes in float32; for float64 take engine 'xla'")
-
-
-def _unrolled(program: Program) -> Program:
-    """Link dynamics of single numbers: there are no arrays here."""
-    return dataclasses.replace(program, setup=dataclasses.replace(program.setup, link_dynamics="unrolled"))

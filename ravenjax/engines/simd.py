@@ -12,7 +12,6 @@ import os
 import threading
 from typing import Any
 
-import jax
 import numpy as np
 
 from ravenjax.engines import jit, traced
@@ -52,15 +51,7 @@ class SimdKernel:
         """As `run`, and every signal of the first lane, each leaf [ticks]."""
         result, out = self._run(block, motion, None)
         assert self._traced is not None
-        leaves, structure = jax.tree.flatten(self._traced.signals)
-        columns = np.ascontiguousarray(out[:, self._traced.series :, 0].T)
-        series = [
-            column.view(np.int32 if leaf.dtype == bool else leaf.dtype)[:: 8 // max(4, leaf.dtype.itemsize)].astype(
-                leaf.dtype
-            )
-            for column, leaf in zip(columns, leaves, strict=True)
-        ]
-        return result, jax.tree.unflatten(structure, series)
+        return result, self._traced.signals_of(out, _from_slots)
 
     def _run(
         self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None
@@ -141,9 +132,9 @@ def _given(block: Block, lanes: np.ndarray, grouped: bool, series: int, dtype: n
     return np.ascontiguousarray(block.series(lanes[:1])[:, :, 0] if grouped else block.series(lanes))
 
 
-def _unrolled(program: Program) -> Program:
-    """Link dynamics of single numbers: there are no arrays here."""
-    return dataclasses.replace(program, setup=dataclasses.replace(program.setup, link_dynamics="unrolled"))
+def _from_slots(column: np.ndarray, dtype: np.dtype) -> np.ndarray:
+    """Numbers that stand in slots of 64 bits each."""
+    return column.view(np.int32 if dtype.kind == "b" else dtype)[:: 8 // max(4, dtype.itemsize)].astype(dtype)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -166,12 +157,12 @@ class SimdEngine:
     def compile(self, program: Program, runs: int) -> SimdKernel:
         """See `interface.Engine`. The block never depends on the chunk that results are stored in."""
         width, share = jit.host().width, -(-runs // self.threads)
-        return SimdKernel(_unrolled(program), min(MAX_LANES, -(-share // width) * width), self.objects)
+        return SimdKernel(traced.unrolled(program), min(MAX_LANES, -(-share // width) * width), self.objects)
 
     def trace(
         self, program: Program, twin: Block, block: Block, motion: tuple[np.ndarray, ...]
     ) -> tuple[Result, Result, Any]:
         """See `interface.Engine`. Lanes run one by one, to the same bits as in a campaign."""
-        kernel = SimdKernel(_unrolled(program), 1, self.objects, signals=True)
+        kernel = SimdKernel(traced.unrolled(program), 1, self.objects, signals=True)
         own = kernel.run(twin, motion)
         return own, *kernel.run_signals(dataclasses.replace(block, reference=own.reference), motion)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -38,6 +38,22 @@ class TracedTick:
         return dataclasses.replace(
             self.loop, step=dataclasses.replace(step, outputs=step.outputs[: self.loop.states + self.series])
         )
+
+    def signals_of(self, out: np.ndarray, typed: Callable[[np.ndarray, np.dtype], np.ndarray]) -> Any:
+        """Every signal of the first lane, each leaf [ticks]; `typed` makes numbers of a type of a column of `out`.
+
+        out: what went out, [ticks, numbers, lanes].
+        """
+        leaves, structure = jax.tree.flatten(self.signals)
+        columns = np.ascontiguousarray(out[:, self.series :, 0].T)
+        return jax.tree.unflatten(
+            structure, [typed(column, np.dtype(leaf.dtype)) for column, leaf in zip(columns, leaves, strict=True)]
+        )
+
+
+def unrolled(program: Program) -> Program:
+    """`program` with link dynamics of single numbers: printed code has no arrays."""
+    return dataclasses.replace(program, setup=dataclasses.replace(program.setup, link_dynamics="unrolled"))
 
 
 def x64(setup: Setup) -> contextlib.AbstractContextManager[Any]:

@@ -5,11 +5,17 @@ from __future__ import annotations
 import numpy as np
 from compiled_program import HARD_FLOATS, HARD_INTEGERS, pairs, same_bits
 
+from ravenjax import resources
+from ravenjax.campaign import loading, plan
 from ravenjax.engines import polynomials
+from ravenjax.engines.cuda import CudaEngine
 from ravenjax.engines.cuda_code import words
 from ravenjax.engines.cuda_source import PRELUDE, Printer
+from ravenjax.engines.interface import Block
+from ravenjax.engines.simd import SimdEngine
 from ravenjax.engines.straight import Builder, Program, rewrite
 from ravenjax.engines.time_loop import TimeLoop
+from ravenjax.types import replace
 
 FLOAT_PAIRS, INTEGER_PAIRS = pairs(HARD_FLOATS), pairs(HARD_INTEGERS)
 UNSIGNED_PAIRS = tuple(x.view(np.uint32) for x in INTEGER_PAIRS)
@@ -156,3 +162,30 @@ def meant(loop: TimeLoop, inputs, given, table):
         state, leaving = new[: loop.states], new[loop.states :]
         out.append([np.broadcast_to(x, lanes) for x in leaving])
     return loop.finish.evaluate([*inputs, *state]), out
+
+
+# --- a campaign ---
+
+
+def cut(ticks: int) -> plan.Plan:
+    """A plan of every fault site, cut to its first ticks."""
+    ready = plan.make(loading.load(resources.campaign("quick.toml")))
+    columns = tuple(column[:ticks] for column in ready.columns)
+    return replace(ready, program=replace(ready.program, ticks=ticks), columns=columns)
+
+
+def check_engines(short: plan.Plan, runs: int) -> None:
+    """So many runs of a plan, spread over it, have the bits of engine simd in engine cuda."""
+    rows = np.linspace(0, short.runs - 1, runs).astype(int)
+    varied, harmless = short.lanes(rows, runs, harmless=True)
+    _, faults = short.lanes(rows, runs)
+    results = []
+    for engine in (SimdEngine(), CudaEngine()):
+        kernel = engine.compile(short.program, runs)
+        twins = kernel.run(Block(varied, harmless, None), short.columns)
+        results.append((twins, kernel.run(Block(varied, faults, twins.reference), short.columns)))
+    for one, other in zip(*results, strict=True):
+        np.testing.assert_array_equal(one.reference.view(np.uint32), other.reference.view(np.uint32))
+        assert list(one.outcomes) == list(other.outcomes)
+        for name, values in one.outcomes.items():
+            np.testing.assert_array_equal(words(values), words(other.outcomes[name]), err_msg=name)

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cuda_cases import CASES, SOURCE, check
+from cuda_cases import CASES, SOURCE, check, check_engines, cut
 
-from ravenjax import resources
-from ravenjax.campaign import loading, plan
 from ravenjax.engines import cuda, cuda_device, cuda_source
 from ravenjax.engines.cuda_code import words
 from ravenjax.engines.cuda_device import Session
 from ravenjax.engines.interface import Block
-from ravenjax.engines.simd import SimdEngine
 from ravenjax.errors import UserError
 from ravenjax.types import replace
 
@@ -44,26 +41,11 @@ def test_every_operation_gives_the_bits_that_it_means(device, operations, k):
 
 @pytest.fixture(scope="module")
 def short():
-    ready = plan.make(loading.load(resources.campaign("quick.toml")))
-    ticks = 1500
-    return replace(
-        ready, program=replace(ready.program, ticks=ticks), columns=tuple(column[:ticks] for column in ready.columns)
-    )
+    return cut(1500)
 
 
 def test_a_campaign_has_the_bits_of_engine_simd(device, short):
-    rows = np.linspace(0, short.runs - 1, 256).astype(int)
-    varied, harmless = short.lanes(rows, len(rows), harmless=True)
-    _, faults = short.lanes(rows, len(rows))
-    results = []
-    for engine in (SimdEngine(), cuda.CudaEngine()):
-        kernel = engine.compile(short.program, len(rows))
-        twins = kernel.run(Block(varied, harmless, None), short.columns)
-        results.append((twins, kernel.run(Block(varied, faults, twins.reference), short.columns)))
-    for one, other in zip(*results, strict=True):
-        np.testing.assert_array_equal(one.reference.view(np.uint32), other.reference.view(np.uint32))
-        for name, values in one.outcomes.items():
-            np.testing.assert_array_equal(words(values), words(other.outcomes[name]), err_msg=name)
+    check_engines(short, 256)
 
 
 def test_a_trace_is_the_campaign_run_with_every_signal(device, short):

@@ -8,10 +8,8 @@ import jax
 import numpy as np
 import pytest
 from cuda_as_cpp import Device, pretend
-from cuda_cases import meant, small_loop
+from cuda_cases import check_engines, cut, meant, small_loop
 
-from ravenjax import resources
-from ravenjax.campaign import loading, plan
 from ravenjax.engines import cuda, cuda_code, cuda_device
 from ravenjax.engines.cuda_code import CudaCode, Lanes, place, words
 from ravenjax.engines.cuda_loop import Form
@@ -73,29 +71,13 @@ def test_a_time_loop_split_into_kernels_is_the_loop(monkeypatch, tmp_path, by_gr
 @pytest.fixture(scope="module")
 def short():
     """A plan of every fault site, cut to its first ticks."""
-    ready = plan.make(loading.load(resources.campaign("quick.toml")))
-    ticks = 60
-    return replace(
-        ready, program=replace(ready.program, ticks=ticks), columns=tuple(column[:ticks] for column in ready.columns)
-    )
+    return cut(60)
 
 
 @pytest.mark.slow
 def test_a_tick_has_the_bits_of_engine_simd(monkeypatch, tmp_path, short):
     pretend(monkeypatch, tmp_path)
-    rows = np.linspace(0, short.runs - 1, 40).astype(int)
-    varied, harmless = short.lanes(rows, 40, harmless=True)
-    _, faults = short.lanes(rows, 40)
-    results = []
-    for engine in (SimdEngine(), cuda.CudaEngine()):
-        kernel = engine.compile(short.program, 40)
-        twins = kernel.run(Block(varied, harmless, None), short.columns)
-        results.append((twins, kernel.run(Block(varied, faults, twins.reference), short.columns)))
-    for one, other in zip(*results, strict=True):
-        np.testing.assert_array_equal(one.reference.view(np.uint32), other.reference.view(np.uint32))
-        assert list(one.outcomes) == list(other.outcomes)
-        for name, values in one.outcomes.items():
-            np.testing.assert_array_equal(words(values), words(other.outcomes[name]), err_msg=name)
+    check_engines(short, 40)
 
 
 def test_what_cannot_be_is_one_line_that_says_so(monkeypatch, short):
