@@ -23,7 +23,7 @@ from ravenjax.stages import (
     usb,
     watchdog,
 )
-from ravenjax.types import ArmName, Scalar, Setup, Vec, as_int, per_arm, record, replace
+from ravenjax.types import ArmName, Scalar, Setup, Vec, as_int, narrow, per_arm, record, replace
 
 
 class Inject(Protocol):
@@ -73,6 +73,9 @@ class Inputs:
     packet: Packet
     usb: usb.UsbIn
     read_ok: tuple[Scalar, ...]  # int32, 0: the board's read failed
+    simulated: tuple[tuple[Vec, Vec], ...] | None = (
+        None  # build "dyn_sim": motors 1-3 as the model has them, rad, rad/s
+    )
 
 
 @record
@@ -191,8 +194,9 @@ def cycle(
     estimates = each(
         lambda i, arm, tool: estimator.step(setup, arm, tool, params.estimator[i], state.estimator[i], read.enc_val[i])
     )
-    mpos = inject("mpos", tuple(estimate[1] for estimate in estimates))
-    mvel = inject("mvel", tuple(estimate[2] for estimate in estimates))
+    measured = _measured(setup, inputs, state, tuple(estimate[1:] for estimate in estimates))
+    mpos = inject("mpos", tuple(positions for positions, _ in measured))
+    mvel = inject("mvel", tuple(velocities for _, velocities in measured))
     jpos = inject("jpos", each(lambda i, arm, tool: estimator.joints(setup, arm, tool, mpos[i])))
 
     # --- decide ---
@@ -281,6 +285,20 @@ def cycle(
         watchdog=dog,
     )
     return state, signals
+
+
+def _measured(
+    setup: Setup, inputs: Inputs, state: State, estimates: tuple[tuple[Vec, Vec], ...]
+) -> tuple[tuple[Vec, Vec], ...]:
+    """Motor positions and velocities of each arm: the estimator's, but for the dynamics-simulator build, which takes
+    joints 1-3 from its model as they are and believes the tool joints to be where they should."""
+    if inputs.simulated is None:
+        return estimates
+    still = (narrow(setup, 0.0),) * 4
+    return tuple(
+        (Vec((*narrow(setup, mpos), *motors.mpos_d[3:])), Vec((*narrow(setup, mvel), *still)))
+        for (mpos, mvel), motors in zip(inputs.simulated, state.motor_control, strict=True)
+    )
 
 
 def _resting_commands(

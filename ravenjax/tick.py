@@ -19,7 +19,7 @@ from ravenjax import control
 from ravenjax.robot import kinematics, scene, transmission
 from ravenjax.robot.check import Check
 from ravenjax.robot.sites import ARM, SITES
-from ravenjax.stages import haptics, monitor, operator, plc, state_machine, usb
+from ravenjax.stages import detectors, haptics, monitor, operator, plc, reaction, state_machine, usb
 from ravenjax.stages.faults import fault, injection, window
 from ravenjax.stages.plant import nominal, nominal_target
 from ravenjax.stages.plant import robot as plant
@@ -43,6 +43,8 @@ class Params:
     plant: tuple[plant.Params, ...]
     nominal: tuple[nominal.Params, ...]
     haptics: haptics.Params
+    reaction: reaction.Params | None  # where Setup.reacts
+    detectors: detectors.Params | None  # where there are any
     monitor: monitor.Params
     start: tuple[Vec, ...]  # joints where the run begins, 7, rad and m
 
@@ -64,10 +66,14 @@ class State:
     plc: plc.State
     plant: tuple[plant.State, ...]
     enc_val: tuple[Vec, ...]  # int32 counts that the encoders show
+    motors: tuple[tuple[Vec, Vec], ...] | None  # rad, rad/s of motors 1-3, for build "dyn_sim" alone
     nominal: tuple[nominal.State, ...]
     haptics: tuple[haptics.State, ...]
+    reaction: reaction.State | None
+    detectors: detectors.State | None
     monitor: monitor.State
     pedal_ticks: Scalar  # int32, ticks since pedal-down was entered; negative: not in it
+    pedal_down_ticks: Scalar  # int32, ticks in pedal-down so far
     packet: Scalar  # int32, index of the console's newest packet; -1: none yet
     delivered: Scalar  # int32, index of the packet that last reached the robot; -1: none yet
 
@@ -121,18 +127,20 @@ class _UsbStatus:
 def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signal: Input) -> tuple[State, Signals]:
     """One millisecond of one robot."""
     now = signal.tick
-    fresh, sequence = _packet_due(params, state, now)
+    fresh, sequence = _packet_due(setup, params, state, now)
     clock = window.Clock(now, sequence + 1, state.pedal_ticks)
     inject = _Injector(setup, faults, window.open_windows(setup, faults, state.faults, clock), clock)
 
     # --- console and network: the robot's packet, and the clean one that the nominal model follows ---
     console = inject("console", _Console(params.operator.scale))
     network = inject("network", _Network(jnp.int32(0), jnp.int32(0), jnp.bool_(False)))
-    clean = _packet(setup, params.operator, signal.motion, sequence)
+    hands = _reacting(setup, params, state, now, sequence)
+    clean = _packet(setup, params, params.operator, signal.motion, hands, sequence)
     sent = clean
     if inject.strikes("console", "network"):
+        index = sequence - network.lag - network.delay
         struck = replace(params.operator, scale=console.scale)
-        sent = _packet(setup, struck, signal.motion, sequence - network.lag - network.delay)
+        sent = _packet(setup, params, struck, signal.motion, hands, index)
     arrives = fresh & ~network.lost
     if inject.strikes("network"):
         index = sent.sequence - 1
@@ -144,7 +152,7 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
     pins = plc.input_pins(inject("plc", state.plc.runlevel))
     boards = usb.UsbIn(inject("encoder", state.enc_val), _each(setup, pins))
     software, signals = control.cycle(
-        setup, params.control, state.control, control.Inputs(packet, boards, status.read_ok), inject
+        setup, params.control, state.control, control.Inputs(packet, boards, status.read_ok, state.motors), inject
     )
     board_cmd = tuple(
         where(ok != 0, arm.current_cmd_written, held)
@@ -181,6 +189,8 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
     )
     depth = per_arm(setup, lambda i, arm: scene.tissue_depth(arm, tips[i]))
     distance = scene.tip_distance(setup.arms, tips)
+    down = signals.runlevel == state_machine.PEDAL_DOWN
+    live = down & (software.state_machine.soft_estopped == 0)
     seen = monitor.step(
         setup,
         params.monitor,
@@ -193,12 +203,20 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
             distance=distance,
             dac=board_cmd,
             fresh=fresh,
+            live=live,
             tick=now,
         ),
         signal.reference,
     )
 
-    down = signals.runlevel == state_machine.PEDAL_DOWN
+    watched = None
+    if params.detectors is not None and state.detectors is not None:
+        shown = _watched(setup, params, signals, robots, cues, live, now)
+        watched = detectors.step(setup, params.detectors, state.detectors, shown)
+    if params.reaction is not None and hands is not None:
+        pulls = tuple(out.force[0] for _, out in cues)
+        seen_tips = reaction.Felt(pulls, tips, tuple(out.tip_position for _, out in models), down, now)
+        hands = reaction.feel(setup, params.reaction, hands, seen_tips, fresh)
     state = State(
         faults=inject.state,
         control=software,
@@ -206,10 +224,14 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
         plc=controller,
         plant=tuple(new for new, _ in moved),
         enc_val=tuple(out.enc_val for out in robots),
+        motors=_motors(setup, robots),
         nominal=tuple(new for new, _ in models),
         haptics=tuple(new for new, _ in cues),
+        reaction=hands,
+        detectors=watched,
         monitor=seen,
         pedal_ticks=jnp.where(down, jnp.maximum(state.pedal_ticks, -1) + 1, -1),
+        pedal_down_ticks=state.pedal_down_ticks + as_int(live),
         packet=sequence,
         delivered=jnp.where(arrives, sent.sequence - 1, state.delivered),
     )
@@ -244,6 +266,8 @@ def params(setup: Setup, start_jpos: tuple[tuple[float, ...], ...], parameter_se
         plant=per_arm(setup, lambda _, arm: plant.params(setup, arm, parameter_set)),
         nominal=per_arm(setup, lambda _, arm: nominal.params(setup, arm)),
         haptics=haptics.params(setup),
+        reaction=reaction.params(setup) if setup.reacts else None,
+        detectors=detectors.params(setup) if setup.detectors else None,
         monitor=monitor.params(setup),
         start=tuple(Vec(jpos) for jpos in start_jpos),
     )
@@ -266,10 +290,14 @@ def init(setup: Setup, params: Params) -> State:
         plc=plc.init(setup, params.plc, ready),
         plant=plants,
         enc_val=tuple(out.enc_val for out in robots),
+        motors=_motors(setup, robots),
         nominal=per_arm(setup, lambda i, arm: nominal.init(setup, arm, params.nominal[i], start[i])),
         haptics=per_arm(setup, lambda i, arm: haptics.init(setup, params.haptics)),
+        reaction=reaction.init(setup) if setup.reacts else None,
+        detectors=detectors.init(setup) if setup.detectors else None,
         monitor=monitor.init(setup, tips, tuple(tip * (1.0 / UM) for tip in tips)),
         pedal_ticks=jnp.int32(-1),
+        pedal_down_ticks=jnp.int32(0),
         packet=jnp.int32(-1),
         delivered=jnp.int32(-1),
     )
@@ -297,6 +325,13 @@ def outcomes(setup: Setup, params: Params, state: State) -> dict[str, Scalar]:
         out[f"cue{k}_peak_force"] = _largest([cue.peak_force for cue in arms])
         out[f"cue{k}_ms"] = _largest([cue.ticks_active for cue in arms])
         out[f"cue{k}_count"] = _largest([cue.impulses for cue in arms])
+    machine = state.control.state_machine
+    out["end_runlevel"] = jnp.where(machine.soft_estopped != 0, state_machine.E_STOP, machine.runlevel)
+    out["pedal_down_ms"] = state.pedal_down_ticks
+    if state.reaction is not None:
+        out["reaction_ms"] = state.reaction.acted
+    if state.detectors is not None:
+        out |= detectors.outcomes(setup, state.detectors)
     return out | monitor.outcomes(setup, state.monitor)
 
 
@@ -387,8 +422,13 @@ def _paths(setup: Setup) -> dict[injection.ChannelKey, tuple[injection.Path, str
     for site, arm, name in injection.channel_keys(setup):
         channel = SITES[site].channel(name)
         path = tuple(setup.arms.index(arm) if step == ARM else step for step in channel.path)
-        found[site, arm, name] = (path, channel.kind)
+        kind = _STORED[setup.dac_words] if site == "usb_out" else channel.kind
+        found[site, arm, name] = (path, kind)
     return found
+
+
+_STORED = {"wrap": "int16", "saturate": "int16 saturated", "unwrapped": "int32"}
+"""`Setup.dac_words` as the number that the USB hook stores."""
 
 
 _MECHANICS: dict[str, float] = {
@@ -408,17 +448,71 @@ def _each(setup: Setup, item: Any) -> tuple[Any, ...]:
     return tuple(item for _ in setup.arms)
 
 
-def _packet_due(params: Params, state: State, now: Scalar) -> tuple[Scalar, Scalar]:
+def _packet_due(setup: Setup, params: Params, state: State, now: Scalar) -> tuple[Scalar, Scalar]:
     """Whether a new packet is due in this tick, and the index of the newest one."""
     cycles = params.network.cycles_per_packet
-    if isinstance(cycles, np.integer) and cycles == 1:
+    every_tick = isinstance(cycles, np.integer) and cycles == 1
+    index = now if every_tick else lax.div(now, jnp.maximum(cycles, 1))
+    if setup.build == "dyn_sim":  # its packet generator ends with the robot's software E-stop
+        index = jnp.where(state.control.state_machine.soft_estopped != 0, state.packet, index)
+    elif every_tick:
         return jnp.bool_(True), now
-    index = lax.div(now, jnp.maximum(cycles, 1))
     return index != state.packet, index
 
 
-def _packet(setup: Setup, params: operator.Params, motion: tuple[Any, ...], index: Scalar) -> Any:
-    return operator.packet(setup, params, operator.lookup(motion, index), operator.lookup(motion, index - 1), index + 1)
+def _motors(setup: Setup, robots: tuple[plant.Out, ...]) -> tuple[tuple[Vec, Vec], ...] | None:
+    """What the dynamics-simulator build reads in place of encoders: motors 1-3 of each arm."""
+    if setup.build == "robot":
+        return None
+    return tuple((Vec(out.mpos[:3]), Vec(out.mvel[:3])) for out in robots)
+
+
+def _reacting(setup: Setup, params: Params, state: State, now: Scalar, sequence: Scalar) -> reaction.State | None:
+    """The operator's reaction before the packet of this tick; None where nobody reacts."""
+    if params.reaction is None or state.reaction is None:
+        return None
+    return reaction.act(setup, params.reaction, state.reaction, now, sequence)
+
+
+def _packet(
+    setup: Setup,
+    params: Params,
+    console: operator.Params,
+    motion: tuple[Any, ...],
+    hands: reaction.State | None,
+    index: Scalar,
+) -> Any:
+    """The packet of that index, as `console` (the operator's own, or one that a fault struck) sends it."""
+    row, before = operator.lookup(motion, index), operator.lookup(motion, index - 1)
+    if params.reaction is not None and hands is not None:
+        now = reaction.hands(setup, params.reaction, hands, index)
+        then = reaction.hands_before(setup, params.reaction, hands, index - 1)
+        row = operator.moved(setup, params.operator, operator.lookup(motion, index - now.lag), now)
+        before = operator.moved(setup, params.operator, operator.lookup(motion, index - 1 - then.lag), then)
+    return operator.packet(setup, console, row, before, index + 1)
+
+
+def _watched(
+    setup: Setup,
+    params: Params,
+    signals: control.Signals,
+    robots: tuple[plant.Out, ...],
+    cues: tuple[Any, ...],
+    armed: Scalar,
+    now: Scalar,
+) -> detectors.Signal:
+    """What the detectors see."""
+    return detectors.Signal(
+        mpos=tuple(out.mpos for out in robots),
+        mvel=tuple(out.mvel for out in robots),
+        jpos=tuple(out.jpos for out in robots),
+        jvel=tuple(out.jvel for out in robots),
+        tip_error=tuple(out.distance for _, out in cues),
+        command=tuple(arm.current_cmd for arm in signals.arms),
+        command_limit=params.control.overdrive.dac_max,
+        armed=armed,
+        tick=now,
+    )
 
 
 def _clean(setup: Setup, packet: Any, fresh: Scalar, i: int) -> nominal_target.Clean:

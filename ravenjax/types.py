@@ -139,18 +139,32 @@ class Injection:
 
 
 @dataclasses.dataclass(frozen=True)
+class DetectorUse:
+    """One detector of a campaign; static."""
+
+    kind: Literal["steps", "derivative_sum", "tip_error", "overdrive"]  # see ravenjax.stages.detectors
+    fusion: Literal["all", "two", "any", "mpos", "mvel", "jpos"] = "all"  # of `steps`
+    consecutive: int = 1  # milliseconds in a row above the level that make an alarm
+    levels: int = 1  # levels evaluated side by side
+
+
+@dataclasses.dataclass(frozen=True)
 class Setup:
     """Everything that picks code. Static and hashable: one Setup, one compile."""
 
     arms: tuple[ArmName, ...] = ("gold",)  # in mechanism order, gold first
     software: Literal["raven2", "fork2015"] = "raven2"  # present raven2 software, or the 2015 simulator fork
     tools: tuple[str, ...] = ("r_grasper",)  # one per arm, a name of ravenjax.robot.tools
+    build: Literal["robot", "dyn_sim"] = "robot"  # for the robot, or the fork's dynamics-simulator build
     console: Literal["increments", "absolute"] = "increments"  # what a packet carries (spec 5.3, 5.4)
+    dac_words: Literal["wrap", "saturate", "unwrapped"] = "wrap"  # how a faulty DAC command is stored for USB
     precision: Precision = CAMPAIGN
     link_dynamics: Literal["unrolled", "mjx"] = "unrolled"
     substeps: int = 1  # plant steps per 1 ms tick
     injection: Injection = Injection()
     cues: int = 1  # haptic threshold and gain sets evaluated side by side
+    detectors: tuple[DetectorUse, ...] = ()
+    reacts: bool = False  # the operator may react to the cue
     noise: bool = False  # encoder and torque noise drawn
 
     def __post_init__(self) -> None:

@@ -8,10 +8,15 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.store import schema
-from ravenjax.store.manifest import Cue, Manifest, config_hash
+from ravenjax.store.manifest import Cue, Detector, Manifest, config_hash
 
 CHECKS = ("overdrive_instant", "overdrive_clip", "estop", "ik_reject", "joint_limit", "master_timeout", "packet_order")
 CUES = tuple(Cue(threshold_mm=t, kp_per_mm=k, cap=0.05) for t in (3.0, 1.0, 2.0, 5.0) for k in (0.0045, 0.009))
+
+DETECTORS = (
+    Detector("dsn16", "steps", "all", 1, (0.5, 1.0, 2.0)),
+    Detector("tip", "tip_error", "all", 1, (3.0,)),
+)
 
 # group: site, effect, magnitudes (site's unit), share of runs, tip motion (mm per unit and 100 ms), chance of response
 BLOCKS = {
@@ -26,8 +31,15 @@ CHANNELS = ("shoulder", "elbow", "insertion")
 
 
 def shape(arms: tuple[str, ...] = ("gold",), cues: int = len(CUES)) -> schema.Shape:
-    """The made-up campaign's shape: one slot, one varied parameter."""
-    return schema.Shape(arms=arms, slots=1, cues=cues, checks=CHECKS, parameters=("plant.friction_scale",))
+    """The made-up campaign's shape: one slot, one varied parameter, two detectors."""
+    return schema.Shape(
+        arms=arms,
+        slots=1,
+        cues=cues,
+        checks=CHECKS,
+        parameters=("plant.friction_scale",),
+        detectors=tuple(len(detector.levels) for detector in DETECTORS),
+    )
 
 
 def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> pd.DataFrame:
@@ -59,6 +71,7 @@ def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> 
     columns: dict[str, object] = {
         "run_id": [hashlib.sha256(f"{seed}/{i}".encode()).hexdigest()[:16] for i in range(runs)],
         "index": np.arange(runs),
+        "pair": np.arange(runs),
         "group": group,
         "seed": np.full(runs, 7),
         "operator": random.choice(["suturing", "circle"], runs),
@@ -79,6 +92,8 @@ def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> 
         "activated": activated,
         "first_active_ms": np.where(activated, start, -1),
         "active_ticks": np.where(activated, duration, 0),
+        "end_runlevel": np.where(stopped, 0, 3),
+        "pedal_down_ms": np.where(stopped, start, 2800),
         "diverged": activated,
         "response": np.where(stopped, "stopped", np.where(trips, "flagged", "none")),
         "response_cause": np.where(trips, cause, ""),
@@ -97,12 +112,23 @@ def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> 
         columns[f"cue{k}_peak_force"] = np.where(felt, np.minimum(cue.cap or 1.0, cue.kp_per_mm * deviation), 0)
         columns[f"cue{k}_ms"] = np.where(felt, duration + 50, 0)
         columns[f"cue{k}_count"] = felt * 1
+    scores = {"steps": deviation * random.lognormal(-1.0, 0.6, runs), "tip_error": deviation}
+    for d, (detector, levels) in enumerate(zip(DETECTORS, form.detectors, strict=False)):
+        score = scores[detector.kind]
+        columns[f"detector{d}_score"] = score
+        for k in range(levels):
+            over = score > detector.levels[k]
+            columns[f"detector{d}_level{k}_first_ms"] = np.where(over, start + 30, -1)
+            columns[f"detector{d}_level{k}_alarms"] = over * 1
     columns |= {
         "peak_model_deviation_mm": deviation,
+        "peak_live_deviation_mm": deviation,
         "rms_model_deviation_mm": deviation * 0.4,
         "peak_twin_deviation_mm": np.maximum(deviation - 1, 0),
         "rms_twin_deviation_mm": deviation * 0.3,
         "largest_step_mm": step,
+        "tip_path_mm": 30 + push,
+        "moved_first_ms": np.where(deviation > 3, start + 60, -1),
         "jump_code": step > 0.1,
         "jump_code_first_ms": np.where(step > 0.1, start + 10, -1),
         "jump_text": step > 0.5,
@@ -111,6 +137,12 @@ def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> 
         "tip_distance_mm": np.full(runs, np.nan),
         "failed": failed,
     }
+    quiet = {"cue": -1, "detector": 0.4, "tip_path_mm": 30.0, "pedal_down_ms": 2800, "moved": -1, "peak_live": 1.0}
+    for column in schema.columns(form):
+        if column.name.startswith(schema.TWIN):
+            plain = column.name.removeprefix(schema.TWIN)
+            value = next((v for name, v in quiet.items() if plain.startswith(name)), 0)
+            columns[column.name] = np.full(runs, value)
     for arm in form.arms:
         for joint in form.joints:
             columns[f"peak_dac_{arm}_{joint}"] = random.integers(500, 20000, runs)
@@ -131,6 +163,7 @@ def manifest(runs: int = 2000, **changes: object) -> Manifest:
         "duration_ms": 3000,
         "shape": shape(),
         "cues": CUES,
+        "detectors": DETECTORS,
         "engine": "xla",
         "device": "2 cores of a made-up processor",
         "code_hash": "0123456789abcdef" * 4,

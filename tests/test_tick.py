@@ -14,7 +14,7 @@ from ravenjax import tick
 from ravenjax.robot.sites import SITES
 from ravenjax.stages import monitor, motions
 from ravenjax.stages.faults import fault, vocabulary
-from ravenjax.types import Injection, Setup, SiteUse, Vec
+from ravenjax.types import DetectorUse, Injection, Setup, SiteUse, Vec
 
 EFFECTS = tuple(name for name in vocabulary.EFFECTS if name not in vocabulary.NETWORK_EFFECTS)
 
@@ -42,6 +42,10 @@ SETUPS = {
     "both arms": Setup(arms=("gold", "green"), tools=("r_grasper", "large_needle")),
     "fork, absolute console": Setup(software="fork2015", console="absolute"),
     "noise and substeps": Setup(noise=True, substeps=2),
+    "detectors and reaction": Setup(
+        detectors=(DetectorUse("steps", "two", 2, 2), DetectorUse("derivative_sum")), reacts=True
+    ),
+    "dynamics simulator": Setup(software="fork2015", build="dyn_sim", console="absolute"),
     "every fault site": Setup(injection=everywhere(("gold",))),
     "every fault site, both arms": Setup(
         arms=("gold", "green"), tools=("r_grasper",) * 2, injection=everywhere(("gold", "green")), cues=3

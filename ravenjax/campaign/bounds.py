@@ -114,6 +114,20 @@ BOUNDS: tuple[Bound, ...] = (
     Bound("haptics.cues.kp", 0, 1e9, "device units per m", "the cue pulls"),
     Bound("haptics.cues.kd", 0, 1e9, "device units per m/s", "the cue damps"),
     Bound("haptics.cues.cap", 0, 1e9, "device units", "largest force"),
+    Bound("reaction.action", 0, 3, "", "0 none, 1 release, 2 slow, 3 correct", whole=True),
+    Bound("reaction.delay_ms", 0, _HOUR_MS, "ms", "from the first felt pull to the action"),
+    Bound("reaction.felt_force", 0, 1e9, "device units", "a weaker pull is not noticed"),
+    Bound("reaction.slow_to", 0, 1, "", "speed of slowed hands, of what it was"),
+    Bound("reaction.correct_per_s", 0, 1e3, "1/s", "share of the distance that is corrected"),
+    Bound("reaction.correct_speed", 0, 10, "m/s", "of the tip, at most"),
+    *(
+        Bound(f"detectors.{joint}.{name}", 1e-9, 1e6, unit, "step of 1 ms that a score of 1 stands for")
+        for joint, slide in (("shoulder", "rad"), ("elbow", "rad"), ("insertion", "m"))
+        for name, unit in (("mpos", "rad"), ("mvel", "rad/s"), ("jpos", slide))
+    ),
+    Bound("detectors.armed_after", 0, _HOUR_MS, "ms", "before it no detector looks", whole=True),
+    Bound("detectors.levels", 0, 1e9, "of the detector", "alarm above it"),
+    Bound("monitor.moved", 0, 1, "m", "a distance"),
     Bound("monitor.jump_step", 0, 1, "m", "a distance"),
     Bound("monitor.large_jump", 0, 1, "m", "a distance"),
     Bound("monitor.diverged", 0, 1, "m", "a distance"),

@@ -47,7 +47,7 @@ class Computation:
         self.progress.began(time.perf_counter() - start)
 
     def blocks(self, ranges: Sequence[range]) -> Generator[tuple[Columns, Columns]]:
-        """Outcomes of the rows of `ranges`, in order, block by block; and `outcomes.counts` of their twins.
+        """Outcomes of the rows of `ranges`, in order, block by block; and `outcomes.of_twin` of their twins.
 
         Close it to give up what is under way.
         """
@@ -84,8 +84,8 @@ class Computation:
         self.progress.more_due(lanes * self.ready.program.ticks)
         varied, faults = self.ready.lanes(rows, lanes, harmless=True)
         result = self.kernel.run(Block(varied, faults, None), self.ready.columns, self.progress.ticks)
-        counts = {name: result.outcomes[name][: len(rows)] for name in outcomes.counts(result.outcomes)}
-        return Computed(self.ready.twin[rows], result.reference[:, :, : len(rows)], counts)
+        kept = {name: result.outcomes[name][: len(rows)] for name in outcomes.of_twin(result.outcomes)}
+        return Computed(self.ready.twin[rows], result.reference[:, :, : len(rows)], kept)
 
     def _faulty(self, rows: np.ndarray, twins: Twins) -> tuple[Columns, Columns]:
         lanes, own = self.kernel.size(len(rows)), twins.get()

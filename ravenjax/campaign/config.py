@@ -13,11 +13,11 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from ravenjax.campaign.axis import Number
-from ravenjax.campaign.group import Group, Section, flatten_parameters
+from ravenjax.campaign.group import Cross, Group, Section, flatten_parameters
 from ravenjax.errors import shown
 from ravenjax.robot.tools import DEFAULT_TOOLS
 from ravenjax.stages.motions import MOTIONS
-from ravenjax.types import ArmName
+from ravenjax.types import ArmName, DetectorUse
 
 
 class Campaign(Section):
@@ -33,6 +33,14 @@ class Campaign(Section):
     duration_s: float = Field(default=3.0, gt=0.0, le=3600.0, description="length of each run, s")
     arms: tuple[ArmName, ...] = Field(default=("gold",), min_length=1, max_length=2, description="arms, gold first")
     software: Literal["raven2", "fork2015"] = Field(default="raven2", description="present raven2, or the 2015 fork")
+    build: Literal["robot", "dyn_sim"] = Field(
+        default="robot",
+        description="what the software was built for; dyn_sim, of fork2015: motors 1-3 read from the model without "
+        "encoders and filter, ideal tool joints, packets that end with a software E-stop",
+    )
+    dac_words: Literal["wrap", "saturate", "unwrapped"] = Field(
+        default="wrap", description="how a DAC command that a fault wrote behind the checks is stored for USB"
+    )
     tools: tuple[str, ...] | None = Field(default=None, description="one tool per arm; default: the software's own")
     console: Literal["increments", "absolute"] = Field(default="increments", description="what a packet carries")
     policy: Literal["no_regulation", "soft_regulation", "hard_regulation"] = Field(
@@ -191,6 +199,69 @@ class Limits(Section):
         return out
 
 
+class Reaction(Section):
+    """[reaction]: an operator who reacts to the first haptic cue; varied as reaction.delay_ms and so on."""
+
+    action: Literal["none", "release", "slow", "correct"] = Field(
+        default="release", description="lift the pedal, slow down, or correct by eye; varied as reaction.action, 0 to 3"
+    )
+    delay_ms: float = Field(
+        default=250.0, ge=0.0, le=60_000.0, description="from the first felt pull to the action, ms"
+    )
+    felt_force: float = Field(default=0.0, ge=0.0, description="a weaker pull is not noticed, device units")
+    slow_to: float = Field(default=0.25, ge=0.0, le=1.0, description="speed of slowed hands, of what it was")
+    correct_per_s: float = Field(default=5.0, ge=0.0, le=1000.0, description="share of the distance corrected, 1/s")
+    correct_mm_s: float = Field(default=50.0, ge=0.0, le=10_000.0, description="fastest correction of the tip, mm/s")
+
+
+MOST_DETECTORS, MOST_LEVELS = 32, 64
+"""Each detector costs every run some time, each level two columns."""
+
+Fusion = Literal["all", "two", "any", "mpos", "mvel", "jpos"]
+
+
+class Detector(Section):
+    """[[detector]]: an observer that is scored. Lists of `fusion` and `consecutive` make one detector of each pair."""
+
+    name: str = Field(
+        description="what it is called in tables", pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$", max_length=60
+    )
+    kind: Literal["steps", "derivative_sum", "tip_error", "overdrive"] = Field(
+        description="steps: of motor position, motor velocity and joint position over their thresholds, model-based; "
+        "derivative_sum: of link and motor derivatives; tip_error: distance from the nominal model, mm; overdrive: "
+        "command over its clip limit"
+    )
+    fusion: Annotated[tuple[Fusion, ...], BeforeValidator(_listed), Field(min_length=1)] = Field(
+        default=("all",), description="of steps: which of the three must be over; all, two, any, or one of them alone"
+    )
+    consecutive: Annotated[tuple[int, ...], BeforeValidator(_listed), Field(min_length=1)] = Field(
+        default=(1,), description="milliseconds in a row above the level that make an alarm, 1 to 8"
+    )
+    level: _Numbers = Field(default=(1.0,), description="alarm above it; all evaluated in the same run")
+
+    @model_validator(mode="after")
+    def _fits(self) -> Detector:
+        if self.kind != "steps" and self.fusion != ("all",):
+            raise ValueError(f"fusion = {list(self.fusion)} belongs to kind 'steps', got kind {self.kind!r}: remove it")
+        if not all(1 <= count <= 8 for count in self.consecutive):
+            raise ValueError(f"consecutive = {list(self.consecutive)}, expected 1 to 8")
+        if len(self.level) > MOST_LEVELS:
+            raise ValueError(f"level has {len(self.level)} numbers, expected at most {MOST_LEVELS}")
+        return self
+
+    def uses(self) -> tuple[tuple[str, DetectorUse], ...]:
+        """(name, detector) of each that it stands for."""
+        many_fusions, many_counts = len(self.fusion) > 1, len(self.consecutive) > 1
+        return tuple(
+            (
+                self.name + (f"/{fusion}" if many_fusions else "") + (f"/{count}" if many_counts else ""),
+                DetectorUse(self.kind, fusion, count, len(self.level)),
+            )
+            for fusion in self.fusion
+            for count in self.consecutive
+        )
+
+
 class Outcomes(Section):
     """[outcomes]: which of the recorded outcomes the headline verdict uses."""
 
@@ -208,8 +279,14 @@ class CampaignConfig(Section):
     campaign: Campaign
     operator: Operator = Operator(motion="suture")
     parameters: dict[str, Number] = Field(default_factory=dict, description="path = value, list or distribution")
+    cross: Cross = Field(
+        default_factory=dict,
+        description="path = list: every run once with each value, all else alike, random numbers too; for pairs",
+    )
     limits: Limits = Limits()
     haptics: Haptics = Haptics()
+    reaction: Reaction | None = Field(default=None, description="an operator who reacts; without it nobody does")
+    detector: tuple[Detector, ...] = Field(default=(), description="observers that are scored")
     outcomes: Outcomes = Outcomes()
     group: tuple[Group, ...] = Field(min_length=1, description="the runs")
     _source: Path | None = PrivateAttr(None)
@@ -232,6 +309,11 @@ class CampaignConfig(Section):
             new = self.model_copy(update={"operator": operator})
         new._source = path
         return new
+
+    @property
+    def detectors(self) -> tuple[tuple[str, DetectorUse, tuple[float, ...]], ...]:
+        """(name, detector, levels) of every one, in order."""
+        return tuple((name, use, one.level) for one in self.detector for name, use in one.uses())
 
     @property
     def slots(self) -> int:

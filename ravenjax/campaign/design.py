@@ -9,6 +9,7 @@ millions of runs is as many numbers, not as many objects.
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import math
 import zlib
@@ -26,6 +27,7 @@ from ravenjax.campaign.group import Fault, Group, Run
 from ravenjax.campaign.sampling import Key
 from ravenjax.campaign.semantics import ALL
 from ravenjax.campaign.slot import FIELDS, NUMBERS, WORDS, slot
+from ravenjax.campaign.table import SHARED
 from ravenjax.errors import UserError
 from ravenjax.robot.sites import SITES
 from ravenjax.store.words import column
@@ -40,6 +42,7 @@ class _Piece(NamedTuple):
     runs: int
     group: str
     seed: np.ndarray
+    behind: int  # rows back to the one that differs in crossed parameters alone; 0: this is the first of its kind
     faults: list[dict[str, np.ndarray]]  # by slot
     parameters: dict[str, np.ndarray]  # path -> values
 
@@ -50,7 +53,9 @@ class _Piece(NamedTuple):
         def cut(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
             return {name: values[:few] if values.ndim else values for name, values in columns.items()}
 
-        return _Piece(few, self.group, self.seed[:few], [cut(fault) for fault in self.faults], cut(self.parameters))
+        return _Piece(
+            few, self.group, self.seed[:few], self.behind, [cut(fault) for fault in self.faults], cut(self.parameters)
+        )
 
 
 def expand(config: CampaignConfig) -> pd.DataFrame:
@@ -78,14 +83,18 @@ def expand(config: CampaignConfig) -> pd.DataFrame:
     groups = list(dict.fromkeys(piece.group for piece in pieces))
     numbered = _joined(pieces, [groups.index(piece.group) for piece in pieces], np.min_scalar_type(-len(groups)))
     counted = {name: _of_faults(words, name, values) for name, values in numbers.items()} | parameters
+    ids = run_id.of(_common(config), words, {"seed": seed} | counted)
+    pair = np.arange(runs, dtype=np.int32) - _joined(pieces, [piece.behind for piece in pieces], np.int32)
     table = {
-        "run_id": run_id.of(_common(config), words, {"seed": seed} | counted),
+        "run_id": ids,
         "index": np.arange(runs, dtype=np.int32),
+        "pair": pair,
         "group": column(numbered, groups),
         "seed": seed,
         "operator": column(np.zeros(runs, np.int8), [config.operator.label]),
         **{f"fault{s}_{name}": (words | numbers)[f"fault{s}_{name}"] for s in range(config.slots) for name in FIELDS},
         **parameters,
+        **({SHARED: ids[pair]} if any(piece.behind for piece in pieces) else {}),
     }
     return pd.DataFrame(table, copy=False)
 
@@ -93,7 +102,7 @@ def expand(config: CampaignConfig) -> pd.DataFrame:
 def count(config: CampaignConfig) -> int:
     """Number of runs, without expanding them."""
     axes = [(group, axes) for group in config.group for _, axes in _faults_and_axes(config, group)]
-    total = sum(sampling.count(group, of_group) * group.repeats for group, of_group in axes)
+    total = sum(sampling.count(group, of) * group.repeats * len(_crossings(config, group)) for group, of in axes)
     return total if config.campaign.limit is None else min(total, config.campaign.limit)
 
 
@@ -126,8 +135,10 @@ def _of_faults(words: dict[str, pd.Categorical], name: str, values: np.ndarray) 
 
 def _common(config: CampaignConfig) -> str:
     """Hash of what decides the outcome of every run alike."""
-    campaign = config.campaign.model_dump(mode="json", exclude={"name", "description", "seed", "limit", "chunk"})
-    operator = config.operator.model_dump(mode="json", exclude={"file"})
+    # What is at its default is left out: a key that is added later changes no id of before.
+    deciding_nothing = {"name", "description", "seed", "limit", "chunk"}
+    campaign = config.campaign.model_dump(mode="json", exclude=deciding_nothing, exclude_defaults=True)
+    operator = config.operator.model_dump(mode="json", exclude={"file"}, exclude_defaults=True)
     if config.operator.file is not None:
         operator["file"] = _file_hash(config.operator.file)
     content = {
@@ -159,13 +170,23 @@ def _pieces(config: CampaignConfig, group: Group) -> Iterator[_Piece]:
         if wrong := [(found.wrong[0], f, found.wrong[1]) for f, found in enumerate(slots) if found.wrong]:
             _, f, complaint = min(wrong)
             raise UserError(f"group {group.name!r}, fault[{f}].value: {complaint}")
-        yield _Piece(
-            runs=runs,
-            group=group.name,
-            seed=(config.campaign.seed + repeat) % 2**31,
-            faults=[found.columns for found in slots],
-            parameters={path: axis.at(places[s, path]) for (s, path), axis in axes.items() if s == _PARAMETER},
-        )
+        parameters = {path: axis.at(places[s, path]) for (s, path), axis in axes.items() if s == _PARAMETER}
+        for number, crossing in enumerate(_crossings(config, group)):
+            yield _Piece(
+                runs=runs,
+                group=group.name,
+                seed=(config.campaign.seed + repeat) % 2**31,
+                behind=number * runs,
+                faults=[found.columns for found in slots],
+                parameters=parameters | crossing,
+            )
+
+
+def _crossings(config: CampaignConfig, group: Group) -> list[dict[str, np.ndarray]]:
+    """Path -> value ([]) of each combination of the group's crossed parameters, the last varying fastest."""
+    axes = {**config.cross, **group.cross}
+    rows = itertools.product(*(axis.values for axis in axes.values()))
+    return [{path: np.asarray(float(value)) for path, value in zip(axes, row, strict=True)} for row in rows]
 
 
 def _faults_and_axes(config: CampaignConfig, group: Group) -> Iterator[tuple[tuple[Fault, ...], dict[Key, Axis]]]:

@@ -5,7 +5,16 @@ from __future__ import annotations
 import itertools
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_serializer, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_serializer,
+    model_validator,
+)
 
 from ravenjax.campaign.axis import DISTRIBUTIONS, Axis, Milliseconds, Number, Word, fixed
 from ravenjax.campaign.bounds import extent
@@ -27,9 +36,13 @@ class Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=False)
 
 
+PATHS = ("parameters", "cross")
+"""Tables of a file whose keys are paths of parameters."""
+
+
 def flatten_parameters(raw: Any) -> Any:
-    """A table in which the nested tables of `parameters` have become dotted paths; distributions stay."""
-    if not isinstance(raw, dict) or not isinstance(raw.get("parameters"), dict):
+    """A table in which the nested tables of PATHS have become dotted paths; distributions stay."""
+    if not isinstance(raw, dict):
         return raw
 
     def flat(table: dict[str, Any], path: str) -> dict[str, Any]:
@@ -41,7 +54,20 @@ def flatten_parameters(raw: Any) -> Any:
                 out[f"{path}{key}"] = value
         return out
 
-    return {**raw, "parameters": flat(raw["parameters"], "")}
+    return {**raw, **{name: flat(raw[name], "") for name in PATHS if isinstance(raw.get(name), dict)}}
+
+
+def crossed(axes: dict[str, Axis]) -> dict[str, Axis]:
+    """The axes of a table `cross`; ValueError for one that is drawn."""
+    for path, axis in axes.items():
+        if axis.drawn:
+            raise ValueError(
+                f"{path}: got {axis.kind}, expected a list: every run is done once with each of its values"
+            )
+    return axes
+
+
+Cross = Annotated[dict[str, Number], AfterValidator(crossed)]
 
 
 def _is_distribution(table: dict[str, Any]) -> bool:
@@ -137,6 +163,7 @@ class Group(Section):
     fault: tuple[Fault, ...] = Field(default=(), description="fault slots")
     run: tuple[Run, ...] = Field(default=(), description="the runs of design list")
     parameters: dict[str, Number] = Field(default_factory=dict, description="as [parameters], for this group")
+    cross: Cross = Field(default_factory=dict, description="as [cross], for this group")
 
     @model_validator(mode="before")
     @classmethod

@@ -10,6 +10,7 @@ import pandas as pd
 
 from ravenjax.campaign import run_id
 from ravenjax.campaign.config import CampaignConfig
+from ravenjax.campaign.table import SHARED
 from ravenjax.store import schema, words
 
 STOPS: dict[str, str] = {
@@ -35,21 +36,27 @@ def checks(names: Iterable[str]) -> tuple[str, ...]:
 
 
 def counts(names: Iterable[str]) -> tuple[str, ...]:
-    """Those outcome columns of which the fault-free twin's are needed, too: how often each check tripped."""
+    """Those outcome columns that say how often a check tripped."""
     return tuple(n for n in names if n.startswith("check_") and n.endswith("_count"))
+
+
+def of_twin(names: Iterable[str]) -> tuple[str, ...]:
+    """Those outcome columns of which the fault-free twin's are needed, too: trips of checks, and what is kept of it."""
+    names = tuple(names)
+    return counts(names) + tuple(name for name in names if schema.kept_of_twin(name))
 
 
 def columns(config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, twins: Columns) -> dict[str, Any]:
     """Columns of the result table, arrays [rows].
 
-    runs: rows of the fault table. outcomes: what the engine returned for each; twins: `counts` of its fault-free twin.
+    runs: rows of the fault table. outcomes: what the engine returned for each; twins: `of_twin` of its fault-free twin.
     """
     found = {name: np.asarray(values) for name, values in outcomes.items()}
     diverged, failed = found.pop("diverged_ms"), found.pop("failed_ms")
     jumps = {rule: found.pop(f"jump_{rule}_ms") for rule in ("code", "text")}
     depth, distance = found["tissue_depth_mm"], found["tip_distance_mm"]
     out: dict[str, Any] = {
-        **{name: runs[name].array for name in runs.columns},
+        **{name: runs[name].array for name in runs.columns if name != SHARED},
         "run_id": run_id.text(runs["run_id"].to_numpy()),
         **found,
         "activated": found["active_ticks"] > 0,
@@ -59,8 +66,10 @@ def columns(config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, twins
         "failed": words.column((failed >= 0).astype(np.int8), ("", "nan")),
         "tissue_depth_mm": np.maximum(depth, depth.dtype.type(0)),
         "tip_distance_mm": np.where(np.isfinite(distance), distance, distance.dtype.type(np.nan)),
+        **{f"twin_{name}": np.asarray(twins[name]) for name in found if schema.kept_of_twin(name)},
         **responses(found, twins),
     }
+    out["twin_tissue_depth_mm"] = np.maximum(out["twin_tissue_depth_mm"], depth.dtype.type(0))
     out["verdict"] = schema.verdicts(out, config.outcomes.cue, f"jump_{config.outcomes.jump}")
     return out
 

@@ -14,7 +14,7 @@ from ravenjax.campaign import design, loading, run_id, table
 from ravenjax.campaign.config import CampaignConfig
 from ravenjax.engines.interface import Program
 from ravenjax.robot.motion import Motion
-from ravenjax.stages import motions, overdrive
+from ravenjax.stages import motions, overdrive, reaction
 from ravenjax.stages.faults.fault import Fault, Faults
 from ravenjax.store import motion_file
 from ravenjax.types import CAMPAIGN, Precision, Setup, replace
@@ -70,11 +70,15 @@ def make(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
         arms=config.campaign.arms,
         software=config.campaign.software,
         tools=config.tools,
+        build=config.campaign.build,
         console=config.campaign.console,
+        dac_words=config.campaign.dac_words,
         precision=precision,
         substeps=config.campaign.substeps,
         injection=injection,
         cues=len(config.haptics.cues()),
+        detectors=tuple(use for _, use, _ in config.detectors),
+        reacts=config.reaction is not None,
         noise=config.campaign.noise,
     )
     params = _params(config, setup, motion)
@@ -82,7 +86,7 @@ def make(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
     loading.check_parameters(config, known_parameters(params, setup))
     values = _filled(varied, params, setup)
     if setup.noise:
-        values[NOISE_KEY] = run_id.stream(rows["run_id"].to_numpy(), "noise")
+        values[NOISE_KEY] = run_id.stream(table.shared_ids(rows), "noise")
     return Plan(
         config=config,
         table=rows,
@@ -129,6 +133,14 @@ def _params(config: CampaignConfig, setup: Setup, motion: Motion) -> tick.Params
         for cue, new in zip(params.haptics.cues, config.haptics.cues(), strict=True)
     )
     params = replace(params, operator=operator, control=control, haptics=replace(params.haptics, cues=cues))
+    if params.detectors is not None:
+        levels = tuple(levels for _, _, levels in config.detectors)
+        params = replace(params, detectors=replace(params.detectors, levels=levels))
+    if params.reaction is not None and config.reaction is not None:
+        asked = config.reaction.model_dump(exclude={"action", "correct_mm_s"})
+        action = np.int32(reaction.ACTIONS[config.reaction.action])
+        speed = config.reaction.correct_mm_s / 1e3
+        params = replace(params, reaction=replace(params.reaction, action=action, correct_speed=speed, **asked))
     for joint, (low, high) in config.limits.si().items():
         for side, value in (("lower", low), ("upper", high)):
             stored = float(np.float32(value))  # the software holds its limits as float32

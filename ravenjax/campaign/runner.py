@@ -103,6 +103,10 @@ def _manifest(ready: Plan, engine: Engine) -> manifest.Manifest:
             manifest.Cue(threshold_mm=c.threshold_m * 1e3, kp_per_mm=c.kp / 1e3, kd_s_per_mm=c.kd / 1e3, cap=c.cap)
             for c in config.haptics.cues()
         ),
+        detectors=tuple(
+            manifest.Detector(name, use.kind, use.fusion, use.consecutive, levels)
+            for name, use, levels in config.detectors
+        ),
         verdict_cue=config.outcomes.cue,
         verdict_jump=f"jump_{config.outcomes.jump}",
         engine=engine.name,
@@ -118,4 +122,6 @@ def _shape(ready: Plan) -> schema.Shape:
         cues=setup.cues,
         checks=tick.CHECKS,
         parameters=tuple(path for path in ready.varied if path != plan.NOISE_KEY),
+        reacts=setup.reacts,
+        detectors=tuple(use.levels for use in setup.detectors),
     )

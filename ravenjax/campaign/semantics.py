@@ -68,8 +68,10 @@ def unknown_parameters(config: CampaignConfig, known: Iterable[str]) -> Iterator
 def _parameter_tables(config: CampaignConfig) -> Iterator[tuple[Key, dict[str, Axis]]]:
     """(key, {path: axis}) of every table of parameters in the file."""
     yield ("parameters",), config.parameters
+    yield ("cross",), config.cross
     for g, group in enumerate(config.group):
         yield ("group", g, "parameters"), group.parameters
+        yield ("group", g, "cross"), group.cross
         yield from ((("group", g, "run", r, "parameters"), run.parameters) for r, run in enumerate(group.run))
 
 
@@ -79,6 +81,8 @@ def _campaign(config: CampaignConfig) -> Iterator[Complaint]:
         yield ("campaign", "arms"), f"got {list(campaign.arms)}, expected each arm once, in the order {list(ARMS)}"
     if campaign.tools is not None and len(campaign.tools) != len(campaign.arms):
         yield ("campaign", "tools"), f"got {len(campaign.tools)}, expected one per arm ({len(campaign.arms)})"
+    if campaign.build == "dyn_sim" and campaign.software != "fork2015":
+        yield ("campaign", "build"), "got 'dyn_sim', expected software = 'fork2015': only the 2015 fork was built so"
     for tool in campaign.tools or ():
         if tool not in TOOLS:
             yield ("campaign", "tools"), _unknown("tool", tool, TOOLS)

@@ -30,6 +30,9 @@ ARRAYS = {
 }
 """The numbers of a fault, as `stages.faults.fault.Fault` has them."""
 
+SHARED = "shared_id"
+"""Column of a fault table with crossed parameters: the id of the first of the runs that differ in those alone."""
+
 Target = tuple[str, str, str]
 """Site, arm ("" where the site has none), channel."""
 
@@ -88,8 +91,13 @@ def arrays(table: pd.DataFrame, injection: Injection) -> dict[str, np.ndarray]:
             out[name][:, slot] = table[f"fault{slot}_{name}_ms"]
         duration = out["duration"][:, slot]
         duration[duration < 0] = FOREVER_TICKS
-        out["key"][:, slot] = run_id.stream(table["run_id"].to_numpy(), f"slot {slot}")
+        out["key"][:, slot] = run_id.stream(shared_ids(table), f"slot {slot}")
     return out
+
+
+def shared_ids(table: pd.DataFrame) -> np.ndarray:
+    """What random numbers follow from, uint64 [rows]: each run's id, or its first sibling's where they are crossed."""
+    return table[SHARED if SHARED in table else "run_id"].to_numpy()
 
 
 class _Words:

@@ -25,6 +25,11 @@ def position_from_itp(arm: str, position: Vec) -> Vec:
     return matvec(ITP_AXES[arm], position)
 
 
+def position_to_itp(arm: str, position: Vec) -> Vec:
+    """A displacement (3, any unit) in frame 0 about the axes of an ITP packet."""
+    return matvec(transpose(ITP_AXES[arm]), position)
+
+
 def rotation_from_itp(arm: str, rotation: Vec) -> Vec:
     """A rotation (3 rows) about the axes of an ITP packet, as one about the axes of frame 0."""
     axes = ITP_AXES[arm]

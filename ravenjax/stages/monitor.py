@@ -30,6 +30,7 @@ class Params:
     jump_step: Scalar  # m per packet, on two packets in a row; 0.1 mm, CSLDepend/raven2_sim analyze_faulty.py
     large_jump: Scalar  # m within 2 ms; 1 mm, the rule in the text of DSN'16
     diverged: Scalar  # m from the twin above which a run counts as diverged; 1 um, the resolution of `pos`
+    moved: Scalar  # m from the nominal model above which the instrument counts as moved; 3 mm, the published cue's
 
 
 @record
@@ -42,10 +43,12 @@ class ArmState:
     twin_pos: Vec  # um, the twin's
     over: Scalar  # bool, the last packet's step was over the jump limit and the twin's was not
     peak_model: Scalar  # m, largest distance from the nominal model
+    peak_live: Scalar  # m, the same while the robot was live
     square_model: Scalar  # m^2, sum over ticks
     peak_twin: Scalar  # m, largest distance from the twin
     square_twin: Scalar  # m^2, sum over ticks
     peak_step: Scalar  # m per tick, largest step of the true tip
+    path: Scalar  # m, way of the true tip
     depth: Scalar  # m, deepest penetration of tissue by the true tip; negative: never touched
     peak_dac: Vec  # counts, largest magnitude written to USB
     jump: Scalar  # int32, tick of the first jump by the code's rule; -1: none
@@ -59,6 +62,7 @@ class State:
     arms: tuple[ArmState, ...]
     tip_distance: Scalar  # m, smallest distance between the two tips; infinite with one arm
     diverged: Scalar  # int32, first tick farther from the twin than the limit; -1: never
+    moved: Scalar  # int32, first live tick farther from the nominal model than the limit; -1: never
     failed: Scalar  # int32, first tick in which the true tip was not a finite number; -1: never
     ticks: Scalar  # int32
 
@@ -74,12 +78,13 @@ class Signal:
     distance: Scalar  # m between the two tips; infinite with one arm
     dac: tuple[Vec, ...]  # counts, as written
     fresh: Scalar  # bool, a new packet was due in this tick
+    live: Scalar  # bool, pedal-down without software E-stop: what the operator asks for is what the robot should do
     tick: Scalar  # int32
 
 
 def params(setup: Setup) -> Params:
     """The published limits."""
-    return Params(jump_step=1e-4, large_jump=1e-3, diverged=1e-6)
+    return Params(jump_step=1e-4, large_jump=1e-3, diverged=1e-6, moved=3e-3)
 
 
 def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> State:
@@ -91,9 +96,11 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Sta
         tip, pos = real(setup, tips[i]), real(setup, positions[i])
         dac = Vec.full(7, jnp.int32(0))
         depth = real(setup, -jnp.inf)
-        return ArmState(tip, tip, pos, pos, jnp.bool_(False), zero, zero, zero, zero, zero, depth, dac, never, never)
+        return ArmState(
+            tip, tip, pos, pos, jnp.bool_(False), zero, zero, zero, zero, zero, zero, zero, depth, dac, never, never
+        )
 
-    return State(per_arm(setup, lambda i, arm: arm_state(i)), real(setup, jnp.inf), never, never, jnp.int32(0))
+    return State(per_arm(setup, lambda i, arm: arm_state(i)), real(setup, jnp.inf), never, never, never, jnp.int32(0))
 
 
 def _norm(v: Vec) -> Scalar:
@@ -104,7 +111,10 @@ def _first(tick: Scalar, happens: Scalar, before: Scalar) -> Scalar:
     return jnp.where(happens & (before < 0), tick, before)
 
 
-def _arm(params: Params, state: ArmState, signal: Signal, reference: Reference, i: int) -> tuple[ArmState, Scalar]:
+def _arm(
+    params: Params, state: ArmState, signal: Signal, reference: Reference, i: int
+) -> tuple[ArmState, Scalar, Scalar]:
+    """The arm after this tick, and its distances from twin and nominal model."""
     tip, pos, twin_pos = signal.tip[i], signal.pos[i], reference.pos[i]
     model = _norm(tip - signal.model_tip[i])
     twin = _norm(tip - reference.tip[i])
@@ -122,24 +132,29 @@ def _arm(params: Params, state: ArmState, signal: Signal, reference: Reference, 
         twin_pos=twin_pos.map(lambda a, b: jnp.where(fresh, a, b), state.twin_pos),
         over=jnp.where(fresh, over, state.over),
         peak_model=jnp.maximum(state.peak_model, model),
+        peak_live=jnp.where(signal.live, jnp.maximum(state.peak_live, model), state.peak_live),
         square_model=state.square_model + model * model,
         peak_twin=jnp.maximum(state.peak_twin, twin),
         square_twin=state.square_twin + twin * twin,
         peak_step=jnp.maximum(state.peak_step, step),
+        path=state.path + step,
         depth=jnp.maximum(state.depth, signal.depth[i]),
         peak_dac=state.peak_dac.map(lambda peak, dac: jnp.maximum(peak, jnp.abs(dac)), signal.dac[i]),
         jump=_first(signal.tick, fresh & over & state.over, state.jump),
         large_jump=_first(signal.tick, (step > params.large_jump) | (both > params.large_jump), state.large_jump),
     )
-    return new, twin
+    return new, twin, model
 
 
 def step(setup: Setup, params: Params, state: State, signal: Signal, reference: Reference) -> State:
     """The observer after this tick."""
-    arms, twins = zip(*per_arm(setup, lambda i, arm: _arm(params, state.arms[i], signal, reference, i)), strict=True)
-    diverged, finite = jnp.bool_(False), jnp.bool_(True)
-    for i, twin in enumerate(twins):
+    arms, twins, models = zip(
+        *per_arm(setup, lambda i, arm: _arm(params, state.arms[i], signal, reference, i)), strict=True
+    )
+    diverged, moved, finite = jnp.bool_(False), jnp.bool_(False), jnp.bool_(True)
+    for i, (twin, model) in enumerate(zip(twins, models, strict=True)):
         diverged = diverged | (twin > params.diverged)
+        moved = moved | (signal.live & (model > params.moved))
         tip = signal.tip[i]
         total = tip[0] + tip[1] + tip[2]
         finite = finite & (total - total == 0.0)
@@ -147,6 +162,7 @@ def step(setup: Setup, params: Params, state: State, signal: Signal, reference: 
         arms,
         jnp.minimum(state.tip_distance, signal.distance),
         _first(signal.tick, diverged, state.diverged),
+        _first(signal.tick, moved, state.moved),
         _first(signal.tick, ~finite, state.failed),
         state.ticks + as_int(True),
     )
@@ -172,10 +188,13 @@ def outcomes(setup: Setup, state: State) -> dict[str, Scalar]:
     count = jnp.maximum(state.ticks, 1)
     out = {
         "peak_model_deviation_mm": worst("peak_model") * 1e3,
+        "peak_live_deviation_mm": worst("peak_live") * 1e3,
         "rms_model_deviation_mm": jnp.sqrt(worst("square_model") / count) * 1e3,
         "peak_twin_deviation_mm": worst("peak_twin") * 1e3,
         "rms_twin_deviation_mm": jnp.sqrt(worst("square_twin") / count) * 1e3,
         "largest_step_mm": worst("peak_step") * 1e3,
+        "tip_path_mm": worst("path") * 1e3,
+        "moved_first_ms": state.moved,
         "tissue_depth_mm": worst("depth") * 1e3,
         "tip_distance_mm": state.tip_distance * 1e3,
         "jump_code_ms": earliest("jump"),

@@ -6,16 +6,16 @@ ones, so that the robot's accumulator never drifts from the hand by more than a 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
 
 from ravenjax.robot import kinematics
-from ravenjax.robot.mapping import position_from_itp, quat_from_matrix, quat_mul
+from ravenjax.robot.mapping import position_from_itp, position_to_itp, quat_from_matrix, quat_mul
 from ravenjax.robot.motion import ARM_COLUMNS, NOMINAL_SCALE
 from ravenjax.robot.packet import SIZE_BYTES, Packet
-from ravenjax.types import Scalar, Setup, Vec, as_int, per_arm, real, record, to_int32
+from ravenjax.types import Scalar, Setup, Vec, as_int, per_arm, real, record, replace, to_int32
 
 
 @record
@@ -66,6 +66,30 @@ def lookup(table: tuple[Any, ...], k: Scalar) -> Row:
         grasp=tuple(arm[7] for arm in arms),
         surgeon_mode=as_int(values[-1]),
     )
+
+
+class Doing(Protocol):
+    """What hands and foot do beyond what was planned."""
+
+    @property
+    def released(self) -> Scalar:
+        """bool, the foot is off the pedal"""
+        ...
+
+    @property
+    def correction(self) -> tuple[Vec, ...]:
+        """m, frame 0, by which each tip is moved"""
+        ...
+
+
+def moved(setup: Setup, params: Params, row: Row, doing: Doing) -> Row:
+    """The row of an operator who does more than was planned."""
+
+    def hand(i: int, arm: str) -> Vec:
+        return row.position[i] + position_to_itp(arm, doing.correction[i]) * (1e6 / params.scale)
+
+    released = jnp.where(doing.released, 0, row.surgeon_mode)
+    return replace(row, position=per_arm(setup, hand), surgeon_mode=released)
 
 
 def packet(setup: Setup, params: Params, row: Row, row_before: Row, sequence: Scalar) -> Packet:

@@ -14,7 +14,7 @@ import platform
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pydantic
 from pydantic import BaseModel, ConfigDict, Field
@@ -25,7 +25,18 @@ from ravenjax.store.parts import Part, require_version
 
 FILE = "manifest.json"
 PARTS_FILE = "parts.jsonl"
-_READERS = ("cli.py", "terminal.py", "api.py", "bench", "report", "stats", "software.py", "software_inputs.py")
+_READERS = (
+    "cli.py",
+    "terminal.py",
+    "api.py",
+    "bench",
+    "report",
+    "stats",
+    "studies",
+    "search",
+    "software.py",
+    "software_inputs.py",
+)
 """Modules that decide no outcome: a change there must not forbid to resume."""
 _SHOWN = 60
 """Characters of a value in an error."""
@@ -43,6 +54,16 @@ class Cue(BaseModel):
     cap: float | None = None  # device units, largest force
 
 
+class Detector(NamedTuple):
+    """One detector; its number is its place in `Manifest.detectors`."""
+
+    name: str
+    kind: str  # see ravenjax.stages.detectors
+    fusion: str
+    consecutive: int  # milliseconds in a row above the level that make an alarm
+    levels: tuple[float, ...]  # in the unit of the score
+
+
 class Manifest(BaseModel):
     """One campaign's record. Times are UTC, ISO 8601."""
 
@@ -57,6 +78,7 @@ class Manifest(BaseModel):
     duration_ms: int = Field(description="ms, length of every run")
     shape: schema.Shape = Field(description="which repeated columns the table has")
     cues: tuple[Cue, ...] = Field(default=(), description="haptic sets, in column order")
+    detectors: tuple[Detector, ...] = Field(default=(), description="detectors, in column order")
     verdict_cue: int = Field(default=0, description="number of the haptic set that the column `verdict` uses")
     verdict_jump: str = Field(default="jump_code", description="column of the jump rule that it uses")
     engine: str

@@ -6,8 +6,10 @@ Column names that repeat (fault slots, cues, checks, arms, varied parameters) fo
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import functools
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -22,7 +24,7 @@ from ravenjax.store.files import StoreError
 JOINTS = ("shoulder", "elbow", "insertion", "tool_roll", "wrist", "grasp1", "grasp2")
 """As ravenjax.types.JOINTS, which cannot be imported without importing jax; readers of results do without it."""
 
-VERSION = 1
+VERSION = 2
 """Raised whenever a column changes its name, type, unit or meaning; a new column alone does not raise it."""
 
 RESPONSES = ("stopped", "flagged", "silent")
@@ -79,6 +81,8 @@ class Shape:
     cues: int = 1  # haptic threshold and gain sets evaluated side by side
     checks: tuple[str, ...] = tuple(CHECKS)
     parameters: tuple[str, ...] = ()  # paths of the varied parameters
+    reacts: bool = False  # the operator may react to the cue
+    detectors: tuple[int, ...] = ()  # how many levels each detector has
 
 
 def columns(shape: Shape) -> tuple[Column, ...]:
@@ -91,7 +95,10 @@ def columns(shape: Shape) -> tuple[Column, ...]:
         *_course(),
         *(column for check in shape.checks for column in _check(check)),
         *(column for cue in range(shape.cues) for column in _cue(cue)),
+        *_reaction(shape),
+        *(column for d, levels in enumerate(shape.detectors) for column in _detector(d, levels)),
         *_motion(),
+        *_twin(shape),
         *(
             Column(f"peak_dac_{arm}_{joint}", "int32", "DAC counts", "largest |current_cmd| sent to the motor")
             for arm in shape.arms
@@ -105,6 +112,7 @@ def columns(shape: Shape) -> tuple[Column, ...]:
 def _identity() -> Iterator[Column]:
     yield Column("run_id", "string", "", "16 hex digits, hash of everything that decides the run's outcome")
     yield Column("index", "int32", "", "row of the campaign's fault table, from 0")
+    yield Column("pair", "int32", "", "index of the first run that differs in crossed parameters alone, or its own")
     yield Column("group", "category", "", "name of the campaign's design block")
     yield Column("seed", "int64", "", "seed of the run's random numbers")
     yield Column("operator", "category", "", "operator motion")
@@ -135,6 +143,8 @@ def _course() -> Iterator[Column]:
     yield Column("activated", "bool", "", "the fault changed at least one bit of a signal")
     yield Column("first_active_ms", "int32", "ms", "when it first did, -1 if never")
     yield Column("active_ticks", "int32", "ticks", "how many ticks it did")
+    yield Column("end_runlevel", "int8", "", "run level at the end: 0 E-stop, 1 init, 2 pedal up, 3 pedal down")
+    yield Column("pedal_down_ms", "int32", "ms", "time in pedal-down without software E-stop")
     yield Column("diverged", "bool", "", "the robot's course differs from that of the fault-free twin")
     yield Column("response", "category", "", 'built-in response: "none", "flagged" or "stopped"')
     yield Column("response_cause", "category", "", 'check that responded first, "" if none')
@@ -160,12 +170,54 @@ def _cue(cue: int) -> Iterator[Column]:
     yield Column(f"cue{cue}_count", "int32", "", "haptic cue: separate pulses")
 
 
+def _reaction(shape: Shape) -> Iterator[Column]:
+    if shape.reacts:
+        yield Column("reaction_ms", "int32", "ms", "when the operator began to react to the first cue, -1 if never")
+
+
+def _detector(detector: int, levels: int) -> Iterator[Column]:
+    name = f"detector{detector}"
+    yield Column(f"{name}_score", "float32", "of the detector", "detector: score of the run")
+    for level in range(levels):
+        yield Column(f"{name}_level{level}_first_ms", "int32", "ms", "detector: first alarm at this level, -1 if none")
+        yield Column(f"{name}_level{level}_alarms", "int32", "", "detector: separate alarms at this level")
+
+
+TWIN = "twin_"
+"""Prefix of what is kept of the fault-free twin's outcome."""
+_OF_TWIN = re.compile(
+    r"(cue|detector)\d+_(first_ms|score)|reaction_ms|tissue_depth_mm|tip_path_mm|pedal_down_ms|moved_first_ms"
+    r"|peak_live_deviation_mm"
+)
+
+
+def kept_of_twin(name: str) -> bool:
+    """Whether the fault-free twin's outcome of that name is kept beside the run's, as `twin_<name>`."""
+    return _OF_TWIN.fullmatch(name) is not None
+
+
+def _twin(shape: Shape) -> Iterator[Column]:
+    own = [
+        *_course(),
+        *(column for cue in range(shape.cues) for column in _cue(cue)),
+        *_reaction(shape),
+        *(column for d, levels in enumerate(shape.detectors) for column in _detector(d, levels)),
+        *_motion(),
+    ]
+    for column in own:
+        if kept_of_twin(column.name):
+            yield dataclasses.replace(column, name=TWIN + column.name, meaning=f"fault-free twin: {column.meaning}")
+
+
 def _motion() -> Iterator[Column]:
     yield Column("peak_model_deviation_mm", "float32", "mm", "largest distance of the tip from the nominal model's")
+    yield Column("peak_live_deviation_mm", "float32", "mm", "the same in pedal-down without software E-stop")
     yield Column("rms_model_deviation_mm", "float32", "mm", "root mean square of that distance")
     yield Column("peak_twin_deviation_mm", "float32", "mm", "largest distance of the tip from the fault-free twin's")
     yield Column("rms_twin_deviation_mm", "float32", "mm", "root mean square of that distance")
     yield Column("largest_step_mm", "float32", "mm", "largest motion of the tip within 1 ms")
+    yield Column("tip_path_mm", "float32", "mm", "way of the tip")
+    yield Column("moved_first_ms", "int32", "ms", "when first, live, over 3 mm from the nominal model's, -1 if never")
     yield Column(
         "jump_code",
         "bool",

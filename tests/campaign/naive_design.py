@@ -33,21 +33,23 @@ MASK = 2**64 - 1
 def expand(config):
     """Rows of the fault table as dicts; run_id an int."""
     planned = [run for group in config.group for run in runs_of(config, group)][: config.campaign.limit]
-    paths = list(dict.fromkeys(path for _, _, parameters, _ in planned for path in parameters))
+    paths = list(dict.fromkeys(path for _, _, parameters, _, _ in planned for path in parameters))
     common, copies, rows = _common(config), {}, []
-    for index, (group, faults, parameters, repeat) in enumerate(planned):
+    for index, (group, faults, parameters, repeat, behind) in enumerate(planned):
         seed = (config.campaign.seed + repeat) % 2**31
         content = {"seed": seed} | {f"param:{path}": value for path, value in parameters.items()}
         for slot, fault in enumerate(faults):
             content |= {f"fault{slot}_{name}": value for name, value in fault.items()}
         plain = mix(sum(hashed(common, name, value) for name, value in content.items()) & MASK)
         copy = copies[plain] = copies.get(plain, -1) + 1
-        row = {"run_id": mix(plain ^ mix(copy)) if copy else plain, "index": index, "group": group, "seed": seed}
-        row["operator"] = config.operator.label
+        row = {"run_id": mix(plain ^ mix(copy)) if copy else plain, "index": index, "pair": index - behind}
+        row |= {"group": group, "seed": seed, "operator": config.operator.label}
         for slot in range(config.slots):
             fault = faults[slot] if slot < len(faults) else EMPTY
             row |= {f"fault{slot}_{name}": fault[name] for name in fault}
         rows.append(row | {f"param:{path}": parameters.get(path, math.nan) for path in paths})
+    if any(behind for *_, behind in planned):
+        rows = [row | {"shared_id": rows[row["pair"]]["run_id"]} for row in rows]
     return rows
 
 
@@ -67,16 +69,21 @@ def hashed(common, name, value):
 
 
 def runs_of(config, group):
-    """(group, faults, parameters, repeat) of each run."""
+    """(group, faults, parameters, repeat, rows back to its first sibling) of each run."""
     rng = np.random.default_rng([config.campaign.seed, zlib.crc32(group.name.encode())])
     for run in group.run or (None,):
         faults = group.faults_of(run) if run else group.fault
         axes = {(f, name): axis for f, fault in enumerate(faults) for name, axis in axes_of(config, fault).items()}
         parameters = {**config.parameters, **group.parameters, **(run.parameters if run else {})}
         axes |= {("", path): axis for path, axis in parameters.items()}
-        for repeat, cell in cells(group, axes, rng):
-            rows = tuple(canonical(group.name, f, fault, axes, cell) for f, fault in enumerate(faults))
-            yield group.name, rows, {path: float(cell["", path][0]) for path in parameters}, repeat
+        drawn = list(cells(group, axes, rng))
+        crossed = {**config.cross, **group.cross}
+        for number, values in enumerate(itertools.product(*(axis.values for axis in crossed.values()))):
+            for repeat, cell in drawn:
+                rows = tuple(canonical(group.name, f, fault, axes, cell) for f, fault in enumerate(faults))
+                plain = {path: float(cell["", path][0]) for path in parameters}
+                of_cross = {path: float(value) for path, value in zip(crossed, values, strict=True)}
+                yield group.name, rows, plain | of_cross, repeat, number * len(drawn)
 
 
 def axes_of(config, fault):

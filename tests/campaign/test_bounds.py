@@ -9,7 +9,13 @@ from ravenjax.campaign import bounds, loading, plan
 from ravenjax.campaign.axis import Axis, fixed
 from ravenjax.errors import UserError
 
-BASE = {"campaign": {"name": "x", "duration_s": 0.01}, "operator": {"motion": "still"}, "group": [{"name": "g"}]}
+BASE = {
+    "campaign": {"name": "x", "duration_s": 0.01},
+    "operator": {"motion": "still"},
+    "reaction": {},
+    "detector": [{"name": "model", "kind": "steps", "level": [1, 2, 3]}],
+    "group": [{"name": "g"}],
+}
 
 
 def leaves(**campaign):
@@ -113,7 +119,7 @@ def test_the_ends_of_every_range_can_be_run(every):
         for row in bounds.of(path):
             groups += [{"name": f"{path} = {end}", "parameters": {path: end}} for end in (row.low, row.high)]
     campaign = {"name": "ends", "duration_s": 0.4, "noise": True, "console": "absolute"}
-    table = rj.run({"campaign": campaign, "operator": {"motion": "reach"}, "group": groups}, engine="simd")
+    table = rj.run({**BASE, "campaign": campaign, "operator": {"motion": "reach"}, "group": groups}, engine="simd")
     assert len(table) == len(groups) > 300
     failed = table.loc[table["failed"].astype(str) != "", "group"].tolist()
     assert failed == []

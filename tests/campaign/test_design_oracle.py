@@ -59,6 +59,11 @@ def faults(draw, length):
     return fault | {name: draw(values) for name, values in more.items() if draw(st.booleans())}
 
 
+CROSS = st.dictionaries(
+    st.sampled_from(["plant.mass_scale", "operator.scale"]), st.lists(st.sampled_from([0.5, 1, 0.25]), min_size=1)
+)
+
+
 @st.composite
 def groups(draw, name):
     kind = draw(st.sampled_from(["grid", "zip", "list", "random", "lhs", "sobol"]))
@@ -76,6 +81,7 @@ def groups(draw, name):
         group["run"] = draw(
             st.lists(st.fixed_dictionaries({"fault": fault, "parameters": scale}), min_size=1, max_size=3)
         )
+    group["cross"] = draw(CROSS)
     if kind in ("random", "lhs", "sobol"):
         group["runs"] = draw(st.integers(1, 9))
     return group
@@ -90,6 +96,7 @@ def campaigns(draw):
         "campaign": campaign,
         "operator": {"motion": "still"},
         "parameters": draw(st.dictionaries(st.just("operator.scale"), st.sampled_from([0.5, 1]))),
+        "cross": draw(CROSS),
         "group": [draw(groups(name)) for name in "abc"[: draw(st.integers(1, 3))]],
     }
 

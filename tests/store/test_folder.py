@@ -213,11 +213,13 @@ def test_damaged_part_is_named_with_the_remedy_and_the_remedy_works(tmp_path, da
 def test_newer_schema_is_refused_politely(tmp_path, monkeypatch):
     fill(tmp_path, chunk=40)
     path = tmp_path / "manifest.json"
-    path.write_text(path.read_text().replace('"schema_version": 1', '"schema_version": 2'))
-    with pytest.raises(StoreError, match=r"manifest.json: has result schema 2; this ravenjax reads up to 1.*is fine"):
+    mine, newer = schema.VERSION, schema.VERSION + 1
+    path.write_text(path.read_text().replace(f'"schema_version": {mine}', f'"schema_version": {newer}'))
+    told = rf"manifest.json: has result schema {newer}; this ravenjax reads up to {mine}.*is fine"
+    with pytest.raises(StoreError, match=told):
         read_all(tmp_path)
     monkeypatch.setattr(schema, "VERSION", 0)
-    with pytest.raises(StoreError, match=r"parquet: has result schema 1; this ravenjax reads up to 0"):
+    with pytest.raises(StoreError, match=rf"parquet: has result schema {mine}; this ravenjax reads up to 0"):
         parts.read(a_part(tmp_path))
 
 

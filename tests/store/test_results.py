@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pandas as pd
 import pytest
 import synthetic_results as synthetic
@@ -46,7 +48,7 @@ def test_verdicts_are_counted_over_the_faulty_runs(in_memory, in_folder):
 
 
 def test_a_campaign_without_fault_slots_has_no_faulty_runs():
-    form = schema.Shape(slots=0, checks=SHAPE.checks, cues=SHAPE.cues, parameters=SHAPE.parameters)
+    form = dataclasses.replace(SHAPE, slots=0)
     free = FRAME.drop(columns=[name for name in FRAME if name.startswith(("fault0", "applied0"))])
     assert Results(form, None, [schema.conform(free, form)]).verdicts() == {}
 

@@ -39,7 +39,8 @@ def test_each_column_is_named_once_and_described(form):
     )
 
 
-UNITLESS = {"index", "seed"} | {f"cue{k}_count" for k in range(9)}
+UNITLESS = {"index", "pair", "seed", "end_runlevel"} | {f"cue{k}_count" for k in range(9)}
+UNITLESS |= {f"detector{d}_level{k}_alarms" for d in range(9) for k in range(9)}
 
 
 def test_repeated_columns_follow_the_shape():
@@ -97,10 +98,14 @@ def test_verdict_words():
 
 def test_results_readme_describes_each_column():
     text = (Path(__file__).resolve().parents[2] / "results" / "README.md").read_text(encoding="utf-8")
-    form = schema.Shape(arms=("<arm>",), joints=("<joint>",), checks=("<check>",), parameters=("<path>",))
+    names = {"arms": ("<arm>",), "joints": ("<joint>",), "checks": ("<check>",), "parameters": ("<path>",)}
+    form = schema.Shape(**names, reacts=True, detectors=(1,))
     for column in schema.columns(form):
-        name = re.sub("^(fault|cue|applied)0", r"\1<k>", column.name)
-        assert f"| `{name}` | {column.dtype} |" in text
+        name = re.sub("(fault|cue|applied|level)0", r"\1<k>", column.name).replace("detector0", "detector<d>")
+        if name.startswith(schema.TWIN):
+            assert f"`{name.removeprefix(schema.TWIN)}`" in text.partition("`twin_<column>`")[2]
+        else:
+            assert f"| `{name}` | {column.dtype} |" in text
     assert all(f"| `{check}` | {unit} | {what} |" in text for check, (unit, what) in schema.CHECKS.items())
     assert f"schema version {schema.VERSION} " in text
 

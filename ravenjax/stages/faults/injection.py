@@ -49,13 +49,20 @@ def write(signal: Any, path: Path, value: Scalar) -> Any:
 
 
 def _store(kind: str, y: Scalar, old: Scalar) -> Scalar:
-    """`y` (float) as the channel holds it: integers truncate, 16-bit ones wrap, what no int32 holds is -2147483648."""
+    """`y` (float) as the channel holds it: integers truncate, 16-bit ones wrap or saturate, what no int32 holds is
+    -2147483648."""
     if kind == "float":
         return lax.convert_element_type(y, old.dtype)
     if kind == "bool":
         return lax.convert_element_type(y != 0.0, old.dtype)
-    whole = to_int32(y)
-    return lax.convert_element_type(wrap16(whole) if kind == "int16" else whole, old.dtype)
+    return lax.convert_element_type(_fitted(kind, to_int32(y)), old.dtype)
+
+
+def _fitted(kind: str, whole: Scalar) -> Scalar:
+    """An int32 as a channel of this kind holds it."""
+    if kind == "int16":
+        return wrap16(whole)
+    return jnp.minimum(jnp.maximum(whole, -32768), 32767) if kind == "int16 saturated" else whole
 
 
 def _strike(
@@ -84,7 +91,7 @@ def _strike(
         value = _store(kind, y, number)
         if "bit_flip" in use.effects and kind != "float":
             bits = effects.flipped(lax.convert_element_type(number, jnp.int32), fault)
-            bits = wrap16(bits) if kind == "int16" else bits
+            bits = _fitted(kind, bits)
             flips = fault.effect == EFFECT_CODES["bit_flip"]
             value = jnp.where(flips, lax.convert_element_type(bits, number.dtype), value)
         stored = jnp.where(hit & aim, value, number)
@@ -112,9 +119,9 @@ def inject(
 ) -> tuple[State, Any]:
     """The signal of `site` as the faults leave it.
 
-    paths: where each channel of `channel_keys` stands in its site's signal, and its kind ("int16", "int32", "float",
-    "bool"). present: bool, whether there is anything to strike in this tick. A site that the campaign does not use
-    costs nothing.
+    paths: where each channel of `channel_keys` stands in its site's signal, and its kind ("int16", "int16 saturated",
+    "int32", "float", "bool"). present: bool, whether there is anything to strike in this tick. A site that the campaign
+    does not use costs nothing.
     """
     keys = channel_keys(setup)
     for use in setup.injection.sites:

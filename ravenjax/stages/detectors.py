@@ -1,0 +1,215 @@
+"""Detectors: observers of the robot that give a score in each millisecond, and an alarm where it is above a level.
+
+They watch and never act. Four kinds, each of which sees the worse of the arms:
+
+- `steps`: the model-based detector of DSN'16. A dynamic model that gets the command actually written says how motors
+  and joints 1-3 move; the virtual robot is that model here. Score: steps of motor position, of motor velocity and of
+  joint position within 1 ms, each over its threshold, the largest of the three joints, and then *fused*: `all` (the
+  published rule) takes the least of the three, `two` the middle one, `any` the largest; `mpos`, `mvel`, `jpos` one
+  alone. As published, a step of velocity counts when two in a row have it.
+- `derivative_sum`: |link velocities| + |link accelerations| + 0.001 (|motor velocities| + |motor accelerations|),
+  summed over joints 1-3, in the authors' mixed units (sys_dyn_gold_euler_detect of raven2_sim, level 55).
+- `tip_error`: distance in mm between nominal model and reported tip, on which the haptic cue works.
+- `overdrive`: |current_cmd| over the limit at which the control software clips, the largest of its checked joints.
+
+An alarm needs the score above its level in `consecutive` milliseconds in a row, so the *score of a run* is the largest
+over time of the least in that many: one campaign tells what every level would have done. Detectors are armed in
+pedal-down, without software E-stop, once `armed_after` has passed.
+"""
+
+from __future__ import annotations
+
+from functools import reduce
+
+import jax.numpy as jnp
+import numpy as np
+
+from ravenjax.types import DetectorUse, Scalar, Setup, Vec, as_int, per_arm, real, record
+
+POSITIONING = 3
+TICK_S = 1e-3
+MOTOR_SHARE = 0.001
+"""Weight of motor derivatives in `derivative_sum`; raven2_sim."""
+
+LEARNED = {
+    "shoulder": (0.1, 1.0, 0.001),
+    "elbow": (0.1, 1.0, 0.001),
+    "insertion": (0.1, 1.0, 0.0001),
+}
+"""Steps of motor position [rad], motor velocity [rad/s] and joint position [rad; insertion m]."""
+
+
+@record
+class Step:
+    """What a joint's motion within 1 ms is measured in, by `steps`."""
+
+    mpos: Scalar  # rad
+    mvel: Scalar  # rad/s
+    jpos: Scalar  # rad; insertion m
+
+
+@record
+class Params:
+    """What a campaign may vary."""
+
+    shoulder: Step
+    elbow: Step
+    insertion: Step
+    armed_after: Scalar  # int32 ms since the run began
+    levels: tuple[tuple[Scalar, ...], ...]  # of each detector, in the unit of its score
+
+
+@record
+class ArmState:
+    """What is remembered of one arm from the last tick."""
+
+    mpos: Vec  # 3, rad
+    mvel: Vec  # 3, rad/s
+    jpos: Vec  # 3, rad and m
+    jvel: Vec  # 3, rad/s and m/s
+    mvel_step: Scalar  # 1, largest step of motor velocity over its threshold
+
+
+@record
+class LevelState:
+    """What became of one level of a detector so far."""
+
+    first_tick: Scalar  # int32, tick of the first alarm; -1: none
+    alarms: Scalar  # int32, separate alarms
+    over: Scalar  # bool, in alarm
+
+
+@record
+class DetectorState:
+    """What became of one detector so far."""
+
+    recent: Vec  # scores of the last ticks, latest first, one less than `consecutive`
+    peak: Scalar  # score of the run so far
+    levels: tuple[LevelState, ...]
+
+
+@record
+class State:
+    arms: tuple[ArmState, ...]
+    detectors: tuple[DetectorState, ...]
+
+
+@record
+class Signal:
+    """What the detectors see in this tick; tuples have one entry an arm."""
+
+    mpos: tuple[Vec, ...]  # 7, rad, motors of the dynamic model
+    mvel: tuple[Vec, ...]  # 7, rad/s
+    jpos: tuple[Vec, ...]  # 7, rad and m, links of the dynamic model
+    jvel: tuple[Vec, ...]  # 7, rad/s and m/s
+    tip_error: tuple[Scalar, ...]  # m
+    command: tuple[Vec, ...]  # 7 int32 DAC counts, before the overdrive check
+    command_limit: Vec  # 7 int32 DAC counts, at which that clips
+    armed: Scalar  # bool, pedal-down without software E-stop
+    tick: Scalar  # int32
+
+
+def params(setup: Setup) -> Params:
+    """Steps learned from fault-free runs (`LEARNED`); levels of 1 until a campaign names them."""
+    steps = {joint: Step(*values) for joint, values in LEARNED.items()}
+    return Params(**steps, armed_after=np.int32(500), levels=tuple((1.0,) * use.levels for use in setup.detectors))
+
+
+def init(setup: Setup) -> State:
+    """Nothing seen."""
+    zero = real(setup, 0.0)
+    still = Vec.full(POSITIONING, zero)
+    level = LevelState(jnp.int32(-1), jnp.int32(0), jnp.bool_(False))
+    detectors = tuple(
+        DetectorState(Vec.full(use.consecutive - 1, zero), zero, (level,) * use.levels) for use in setup.detectors
+    )
+    return State(per_arm(setup, lambda *_: ArmState(still, still, still, still, zero)), detectors)
+
+
+def step(setup: Setup, params: Params, state: State, signal: Signal) -> State:
+    """The detectors after this tick."""
+    seen = per_arm(setup, lambda i, _: _arm(setup, params, state.arms[i], signal, i))
+    armed = signal.armed & (signal.tick >= params.armed_after)
+    detectors = []
+    for use, levels, before in zip(setup.detectors, params.levels, state.detectors, strict=True):
+        score = reduce(jnp.maximum, [_score(use, scores) for _, scores in seen])
+        detectors.append(_watch(before, levels, jnp.where(armed, score, 0.0), signal.tick))
+    return State(tuple(arm for arm, _ in seen), tuple(detectors))
+
+
+def outcomes(setup: Setup, state: State) -> dict[str, Scalar]:
+    """Outcome columns of a run."""
+    out: dict[str, Scalar] = {}
+    for d, detector in enumerate(state.detectors):
+        out[f"detector{d}_score"] = detector.peak
+        for k, level in enumerate(detector.levels):
+            out[f"detector{d}_level{k}_first_ms"] = level.first_tick
+            out[f"detector{d}_level{k}_alarms"] = level.alarms
+    return out
+
+
+@record
+class _Scores:
+    """One arm's scores by kind."""
+
+    mpos: Scalar
+    mvel: Scalar
+    jpos: Scalar
+    derivative_sum: Scalar
+    tip_error: Scalar
+    overdrive: Scalar
+
+
+def _arm(setup: Setup, params: Params, before: ArmState, signal: Signal, i: int) -> tuple[ArmState, _Scores]:
+    mpos, mvel, jpos, jvel = (Vec(values[i][:POSITIONING]) for values in _motion(signal))
+
+    learned = (params.shoulder, params.elbow, params.insertion)
+
+    def largest(name: str, now: Vec, then: Vec) -> Scalar:
+        steps = [jnp.abs(a - b) / getattr(step, name) for a, b, step in zip(now, then, learned, strict=True)]
+        return reduce(jnp.maximum, steps)
+
+    mvel_step = largest("mvel", mvel, before.mvel)
+    link = sum(jnp.abs(v) + jnp.abs(v - w) * (1.0 / TICK_S) for v, w in zip(jvel, before.jvel, strict=True))
+    motor = sum(jnp.abs(v) + jnp.abs(v - w) * (1.0 / TICK_S) for v, w in zip(mvel, before.mvel, strict=True))
+    shares = [
+        real(setup, jnp.abs(command)) / real(setup, jnp.maximum(limit, 1))
+        for command, limit in zip(signal.command[i][:6], signal.command_limit[:6], strict=True)
+    ]
+    scores = _Scores(
+        mpos=largest("mpos", mpos, before.mpos),
+        mvel=jnp.minimum(mvel_step, before.mvel_step),
+        jpos=largest("jpos", jpos, before.jpos),
+        derivative_sum=link + MOTOR_SHARE * motor,
+        tip_error=signal.tip_error[i] * 1e3,
+        overdrive=reduce(jnp.maximum, shares),
+    )
+    return ArmState(mpos, mvel, jpos, jvel, mvel_step), scores
+
+
+def _motion(signal: Signal) -> tuple[tuple[Vec, ...], ...]:
+    return signal.mpos, signal.mvel, signal.jpos, signal.jvel
+
+
+def _score(use: DetectorUse, scores: _Scores) -> Scalar:
+    if use.kind != "steps":
+        return getattr(scores, use.kind)
+    if use.fusion in ("mpos", "mvel", "jpos"):
+        return getattr(scores, use.fusion)
+    a, b, c = scores.mpos, scores.mvel, scores.jpos
+    low, high = jnp.minimum(a, b), jnp.maximum(a, b)
+    if use.fusion == "all":
+        return jnp.minimum(low, c)
+    return jnp.maximum(high, c) if use.fusion == "any" else jnp.maximum(low, jnp.minimum(high, c))
+
+
+def _watch(before: DetectorState, levels: tuple[Scalar, ...], score: Scalar, tick: Scalar) -> DetectorState:
+    held = reduce(jnp.minimum, [score, *before.recent])
+    after = []
+    for level, state in zip(levels, before.levels, strict=True):
+        over = held > level
+        begins = over & ~state.over
+        first = jnp.where(begins & (state.first_tick < 0), tick, state.first_tick)
+        after.append(LevelState(first, state.alarms + as_int(begins), over))
+    recent = Vec((score, *before.recent)[: len(before.recent)])
+    return DetectorState(recent, jnp.maximum(before.peak, held), tuple(after))

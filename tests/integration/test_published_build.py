@@ -1,0 +1,58 @@
+"""The fork's dynamics-simulator build, and how a DAC command behind the checks is stored."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ravenjax as rj
+from ravenjax.errors import UserError
+
+HOOK = {"site": "usb_out", "channel": "shoulder", "effect": "latch_offset", "trigger": "packet"}
+CAMPAIGN = {"name": "hook", "duration_s": 1.6, "software": "fork2015", "console": "absolute"}
+
+
+def campaign(fault, **changes):
+    return {"campaign": {**CAMPAIGN, **changes}, "group": [{"name": "f", "fault": [HOOK | fault]}]}
+
+
+@pytest.fixture(scope="module")
+def stopping():
+    """The series of a run in which the overdrive check stops the robot in the middle of a long window, by build."""
+    fault = {"value": 8000, "start_ms": 700, "duration_ms": 300}
+    return {build: rj.simulate(campaign(fault, build=build), 0, engine="simd") for build in ("robot", "dyn_sim")}
+
+
+def test_packets_end_with_the_software_stop_in_the_simulator_build_alone(stopping):
+    for build, series in stopping.items():
+        stop = int(np.argmax(series["soft_estopped"] != 0))
+        assert stop > 700
+        grows = np.diff(series["last_seq"][stop + 1 :])
+        assert (grows == (1 if build == "robot" else 0)).all()
+
+
+def test_the_window_stays_open_on_the_frozen_packet(stopping):
+    active = stopping["dyn_sim"]["fault0_active"]
+    assert active[700:].all()
+    assert not stopping["robot"]["fault0_active"][1010:].any()
+
+
+def test_the_simulator_build_reads_its_model_without_encoders(stopping):
+    """Motors 1-3 as they were after the last cycle, to the bit; tool joints where they should be."""
+    series = stopping["dyn_sim"]
+    np.testing.assert_array_equal(series["gold/mpos"][1:, :3], series["gold/motor_mpos"][:-1, :3].astype(np.float32))
+    np.testing.assert_array_equal(series["gold/mvel"][1:, :3], series["gold/motor_mvel"][:-1, :3].astype(np.float32))
+    np.testing.assert_array_equal(series["gold/mpos"][1:, 3:], series["gold/mpos_d"][:-1, 3:])
+    assert (series["gold/mvel"][1:, 3:] == 0).all()
+
+
+@pytest.mark.parametrize("words, stored", [("wrap", 14464), ("saturate", 32767), ("unwrapped", 80000)])
+def test_a_large_command_is_stored_as_asked(words, stored):
+    fault = {"effect": "overwrite", "value": 80000, "start_ms": 700, "duration_ms": 1}
+    series = rj.simulate(campaign(fault, dac_words=words), 0, engine="simd")
+    assert (series["gold/dac_cnt"][:, 0] == stored).sum() == 1
+
+
+def test_the_present_software_was_not_built_so():
+    with pytest.raises(UserError, match=r"dyn_sim.*fork2015"):
+        rj.load_campaign({"campaign": {"name": "x", "build": "dyn_sim"}, "group": [{"name": "g"}]})

@@ -1,0 +1,97 @@
+"""The reacting operator: when the action begins, and what the hands then do."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ravenjax.stages import reaction
+from ravenjax.types import REFERENCE, Setup, Vec, replace
+
+SETUP = Setup(precision=REFERENCE, reacts=True)
+
+
+@pytest.fixture(autouse=True)
+def x64():
+    with jax.enable_x64(True):
+        yield
+
+
+def params(action, **changes):
+    return replace(reaction.params(SETUP), action=jnp.int32(reaction.ACTIONS[action]), **changes)
+
+
+def felt(force, tick, tip=(0.0, 0.0, 0.0), model=(0.0, 0.0, 0.0), down=True):
+    three = lambda values: (Vec(jnp.float64(v) for v in values),)  # noqa: E731
+    return reaction.Felt((jnp.float64(force),), three(tip), three(model), jnp.bool_(down), jnp.int32(tick))
+
+
+def after_pull(action, **changes):
+    """State at tick 400, packet 390, of an operator who felt a pull in tick 100."""
+    asked = params(action, **changes)
+    state = reaction.feel(SETUP, asked, reaction.init(SETUP), felt(0.01, 100), True)
+    return asked, reaction.act(SETUP, asked, state, jnp.int32(400), jnp.int32(390))
+
+
+def test_the_action_begins_after_the_reaction_time():
+    asked = params("release", delay_ms=250.0)
+    state = reaction.feel(SETUP, asked, reaction.init(SETUP), felt(0.01, 100), True)
+    state = reaction.feel(SETUP, asked, state, felt(0.02, 101), True)
+    assert int(state.felt) == 100
+    early = reaction.act(SETUP, asked, state, jnp.int32(349), jnp.int32(349))
+    assert int(early.acted) == -1
+    due = reaction.act(SETUP, asked, early, jnp.int32(350), jnp.int32(350))
+    assert int(due.acted) == 350
+    later = reaction.act(SETUP, asked, due, jnp.int32(351), jnp.int32(351))
+    assert int(later.acted) == 350 and int(later.acted_packet) == 350
+
+
+@pytest.mark.parametrize("force, down", [(0.0, True), (0.005, True), (0.02, False)])
+def test_what_is_too_weak_or_comes_with_the_pedal_up_is_not_felt(force, down):
+    asked = params("release", felt_force=0.005)
+    state = reaction.feel(SETUP, asked, reaction.init(SETUP), felt(force, 100, down=down), True)
+    assert int(state.felt) == -1
+
+
+def test_an_operator_without_a_device_never_acts():
+    _, state = after_pull("none")
+    assert int(state.felt) == 100 and int(state.acted) == -1
+
+
+def test_release_holds_from_its_packet_on_and_not_in_older_ones():
+    asked, state = after_pull("release")
+    released = [bool(reaction.hands(SETUP, asked, state, jnp.int32(k)).released) for k in (389, 390, 1000)]
+    assert released == [False, True, True]
+
+
+@pytest.mark.parametrize("slow_to", [0.0, 0.25, 1.0])
+def test_slowed_hands_fall_behind_in_proportion(slow_to):
+    asked, state = after_pull("slow", slow_to=slow_to)
+    lags = [int(reaction.hands(SETUP, asked, state, jnp.int32(k)).lag) for k in (100, 390, 394, 790)]
+    assert lags == [0, 0, int(4 * (1 - slow_to)), int(400 * (1 - slow_to))]
+    assert not bool(reaction.hands(SETUP, asked, state, jnp.int32(790)).released)
+
+
+def test_correction_goes_to_where_the_instrument_was_meant_to_be():
+    """A robot 4 mm off that follows its hands: the remaining distance shrinks by exp(-t/0.2 s), at most 50 mm/s."""
+    asked, state = after_pull("correct")
+    offset = np.array([0.004, 0.0, 0.0])
+    distances = []
+    for tick in range(400, 1400):
+        moved = np.array([float(x) for x in state.correction[0]])
+        distances.append(np.linalg.norm(offset + moved))
+        state = reaction.feel(SETUP, asked, state, felt(0.05, tick, tip=offset + moved, model=moved), True)
+    speed = -np.diff(distances) / 1e-3
+    assert speed.max() <= 0.05 + 1e-9
+    np.testing.assert_allclose(distances[200] / distances[0], np.exp(-1.0), rtol=0.01)
+    assert distances[-1] < 0.01 * distances[0]
+
+
+def test_the_packet_before_has_the_correction_of_its_own_time():
+    asked, state = after_pull("correct")
+    state = reaction.feel(SETUP, asked, state, felt(0.05, 400, tip=(0.004, 0, 0)), True)
+    now = reaction.hands(SETUP, asked, state, jnp.int32(391)).correction[0][0]
+    before = reaction.hands_before(SETUP, asked, state, jnp.int32(390)).correction[0][0]
+    assert float(before) == 0.0 and float(now) == pytest.approx(-2e-5)
