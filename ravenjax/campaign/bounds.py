@@ -131,6 +131,8 @@ BOUNDS: tuple[Bound, ...] = (
     Bound("monitor.jump_step", 0, 1, "m", "a distance"),
     Bound("monitor.large_jump", 0, 1, "m", "a distance"),
     Bound("monitor.diverged", 0, 1, "m", "a distance"),
+    Bound("monitor.idle_share", 0, 1, "", "a share of the twin's step"),
+    Bound("monitor.idle_step", 0, 1, "m", "a distance"),
 )
 
 RESERVED = {

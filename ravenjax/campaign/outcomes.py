@@ -53,7 +53,7 @@ def columns(config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, twins
     """
     found = {name: np.asarray(values) for name, values in outcomes.items()}
     diverged, failed = found.pop("diverged_ms"), found.pop("failed_ms")
-    jumps = {rule: found.pop(f"jump_{rule}_ms") for rule in ("code", "text")}
+    jumps = {rule: found.pop(f"jump_{rule}_ms") for rule in ("code", "text", "tip")}
     depth, distance = found["tissue_depth_mm"], found["tip_distance_mm"]
     out: dict[str, Any] = {
         **{name: runs[name].array for name in runs.columns if name != SHARED},

@@ -10,7 +10,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 
 from ravenjax.robot.algebra import dot
-from ravenjax.types import JOINTS, Scalar, Setup, Vec, as_int, per_arm, real, record, replace
+from ravenjax.types import JOINTS, Scalar, Setup, Vec, as_int, per_arm, real, record, replace, where
 
 UM = 1e-6
 
@@ -30,6 +30,8 @@ class Params:
     jump_step: Scalar  # m per packet, on two packets in a row; 0.1 mm, CSLDepend/raven2_sim analyze_faulty.py
     large_jump: Scalar  # m within 2 ms; 1 mm, the rule in the text of DSN'16
     diverged: Scalar  # m from the twin above which a run counts as diverged; 1 um, the resolution of `pos`
+    idle_share: Scalar  # share of the twin's step below which a step counts as none; a quarter, ours
+    idle_step: Scalar  # m per tick, steps of the twin that count; 1 um, the resolution of `pos`
     moved: Scalar  # m from the nominal model above which the instrument counts as moved; 3 mm, the published cue's
 
 
@@ -39,20 +41,26 @@ class ArmState:
 
     tip: Vec  # m, true tip in the last tick
     tip_before: Vec  # m, true tip in the tick before it
+    twin_tip: Vec  # m, the twin's true tip in the last tick
+    missed: Vec  # m, sum of the twin's steps while this robot was told to stand, or stood
     pos: Vec  # um, measured tip at the last packet
     twin_pos: Vec  # um, the twin's
     over: Scalar  # bool, the last packet's step was over the jump limit and the twin's was not
+    leapt: Scalar  # bool, the true tip's last step was over the jump limit and the twin's was not
     peak_model: Scalar  # m, largest distance from the nominal model
     peak_live: Scalar  # m, the same while the robot was live
     square_model: Scalar  # m^2, sum over ticks
     peak_twin: Scalar  # m, largest distance from the twin
     square_twin: Scalar  # m^2, sum over ticks
+    peak_stray: Scalar  # m, largest distance both from the twin and from where standing would have left the tip
+    idle_ticks: Scalar  # int32, ticks in which the twin moved and this robot did not
     peak_step: Scalar  # m per tick, largest step of the true tip
     path: Scalar  # m, way of the true tip
     depth: Scalar  # m, deepest penetration of tissue by the true tip; negative: never touched
     peak_dac: Vec  # counts, largest magnitude written to USB
     jump: Scalar  # int32, tick of the first jump by the code's rule; -1: none
     large_jump: Scalar  # int32, tick of the first jump by the text's rule; -1: none
+    tip_jump: Scalar  # int32, tick of the first jump by the code's rule on the true tip, tick by tick; -1: none
 
 
 @record
@@ -84,7 +92,7 @@ class Signal:
 
 def params(setup: Setup) -> Params:
     """The published limits."""
-    return Params(jump_step=1e-4, large_jump=1e-3, diverged=1e-6, moved=3e-3)
+    return Params(jump_step=1e-4, large_jump=1e-3, diverged=1e-6, moved=3e-3, idle_share=0.25, idle_step=1e-6)
 
 
 def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> State:
@@ -96,8 +104,30 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Sta
         tip, pos = real(setup, tips[i]), real(setup, positions[i])
         dac = Vec.full(7, jnp.int32(0))
         depth = real(setup, -jnp.inf)
+        still, no = real(setup, Vec.full(3, 0.0)), jnp.bool_(False)
         return ArmState(
-            tip, tip, pos, pos, jnp.bool_(False), zero, zero, zero, zero, zero, zero, zero, depth, dac, never, never
+            tip=tip,
+            tip_before=tip,
+            twin_tip=tip,
+            missed=still,
+            pos=pos,
+            twin_pos=pos,
+            over=no,
+            leapt=no,
+            peak_model=zero,
+            peak_live=zero,
+            square_model=zero,
+            peak_twin=zero,
+            square_twin=zero,
+            peak_stray=zero,
+            idle_ticks=jnp.int32(0),
+            peak_step=zero,
+            path=zero,
+            depth=depth,
+            peak_dac=dac,
+            jump=never,
+            large_jump=never,
+            tip_jump=never,
         )
 
     return State(per_arm(setup, lambda i, arm: arm_state(i)), real(setup, jnp.inf), never, never, never, jnp.int32(0))
@@ -117,8 +147,15 @@ def _arm(
     """The arm after this tick, and its distances from twin and nominal model."""
     tip, pos, twin_pos = signal.tip[i], signal.pos[i], reference.pos[i]
     model = _norm(tip - signal.model_tip[i])
-    twin = _norm(tip - reference.tip[i])
+    twin_tip = reference.tip[i]
+    twin = _norm(tip - twin_tip)
     step = _norm(tip - state.tip)
+    asked = twin_tip - state.twin_tip
+    twin_step_true = _norm(asked)
+    idle = (twin_step_true > params.idle_step) & (step < params.idle_share * twin_step_true)
+    missed = where(idle | ~signal.live, state.missed + asked, state.missed)
+    stray = jnp.minimum(twin, _norm(tip - twin_tip + missed))
+    leapt = (step > params.jump_step) & ~(twin_step_true > params.jump_step)
     both = _norm(tip - state.tip_before)
     packet_step = _norm(pos - state.pos) * UM
     twin_step = _norm(twin_pos - state.twin_pos) * UM
@@ -128,20 +165,26 @@ def _arm(
         state,
         tip=tip,
         tip_before=state.tip,
+        twin_tip=twin_tip,
+        missed=missed,
         pos=pos.map(lambda a, b: jnp.where(fresh, a, b), state.pos),
         twin_pos=twin_pos.map(lambda a, b: jnp.where(fresh, a, b), state.twin_pos),
         over=jnp.where(fresh, over, state.over),
+        leapt=leapt,
         peak_model=jnp.maximum(state.peak_model, model),
         peak_live=jnp.where(signal.live, jnp.maximum(state.peak_live, model), state.peak_live),
         square_model=state.square_model + model * model,
         peak_twin=jnp.maximum(state.peak_twin, twin),
         square_twin=state.square_twin + twin * twin,
+        peak_stray=jnp.maximum(state.peak_stray, stray),
+        idle_ticks=state.idle_ticks + as_int(idle),
         peak_step=jnp.maximum(state.peak_step, step),
         path=state.path + step,
         depth=jnp.maximum(state.depth, signal.depth[i]),
         peak_dac=state.peak_dac.map(lambda peak, dac: jnp.maximum(peak, jnp.abs(dac)), signal.dac[i]),
         jump=_first(signal.tick, fresh & over & state.over, state.jump),
         large_jump=_first(signal.tick, (step > params.large_jump) | (both > params.large_jump), state.large_jump),
+        tip_jump=_first(signal.tick, leapt & state.leapt, state.tip_jump),
     )
     return new, twin, model
 
@@ -192,6 +235,8 @@ def outcomes(setup: Setup, state: State) -> dict[str, Scalar]:
         "rms_model_deviation_mm": jnp.sqrt(worst("square_model") / count) * 1e3,
         "peak_twin_deviation_mm": worst("peak_twin") * 1e3,
         "rms_twin_deviation_mm": jnp.sqrt(worst("square_twin") / count) * 1e3,
+        "stray_mm": worst("peak_stray") * 1e3,
+        "idle_ms": worst("idle_ticks"),
         "largest_step_mm": worst("peak_step") * 1e3,
         "tip_path_mm": worst("path") * 1e3,
         "moved_first_ms": state.moved,
@@ -199,6 +244,7 @@ def outcomes(setup: Setup, state: State) -> dict[str, Scalar]:
         "tip_distance_mm": state.tip_distance * 1e3,
         "jump_code_ms": earliest("jump"),
         "jump_text_ms": earliest("large_jump"),
+        "jump_tip_ms": earliest("tip_jump"),
         "diverged_ms": state.diverged,
         "failed_ms": state.failed,
     }

@@ -215,6 +215,13 @@ def _motion() -> Iterator[Column]:
     yield Column("rms_model_deviation_mm", "float32", "mm", "root mean square of that distance")
     yield Column("peak_twin_deviation_mm", "float32", "mm", "largest distance of the tip from the fault-free twin's")
     yield Column("rms_twin_deviation_mm", "float32", "mm", "root mean square of that distance")
+    yield Column(
+        "stray_mm",
+        "float32",
+        "mm",
+        "largest distance of the tip both from the twin's and from where standing would have left it",
+    )
+    yield Column("idle_ms", "int32", "ms", "time in which the twin's tip moved, > 1 um/ms, and this one less than 1/4")
     yield Column("largest_step_mm", "float32", "mm", "largest motion of the tip within 1 ms")
     yield Column("tip_path_mm", "float32", "mm", "way of the tip")
     yield Column("moved_first_ms", "int32", "ms", "when first, live, over 3 mm from the nominal model's, -1 if never")
@@ -227,6 +234,8 @@ def _motion() -> Iterator[Column]:
     yield Column("jump_code_first_ms", "int32", "ms", "when first, -1 if never")
     yield Column("jump_text", "bool", "", "tip motion > 1 mm within 2 ms (published text)")
     yield Column("jump_text_first_ms", "int32", "ms", "when first, -1 if never")
+    yield Column("jump_tip", "bool", "", "step of the true tip > 0.1 mm in 2 ticks in a row, twin's not")
+    yield Column("jump_tip_first_ms", "int32", "ms", "when first, -1 if never")
     yield Column("tissue_depth_mm", "float32", "mm", "deepest penetration of the phantom tissue, 0 if none")
     yield Column("tip_distance_mm", "float32", "mm", "smallest distance of the two tips, NaN with one arm")
 

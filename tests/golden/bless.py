@@ -28,7 +28,7 @@ RESULTS = FOLDER / "results.csv"
 TICKS_OFF = 2
 RELATIVE, ABSOLUTE = 5e-4, 5e-4
 DAC_OFF = 20  # counts; the command follows the encoders, of which one count is up to 8 DAC counts
-FREE = ("index",)  # where a run stands in its campaign is no result
+FREE = ("index", "pair")  # where a run stands in its campaign is no result
 
 
 def compute(overrides: tuple[str, ...] = (), engine: str = "xla") -> pd.DataFrame:

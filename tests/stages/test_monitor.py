@@ -1,0 +1,135 @@
+"""The observer against its rules written out in NumPy over whole series."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ravenjax.stages import monitor
+from ravenjax.types import REFERENCE, Setup, Vec
+
+TICKS = 400
+SETUP = Setup(precision=REFERENCE)
+THREE = ("tip", "twin", "model", "pos", "twin_pos")
+
+
+def course(kind: str) -> dict[str, np.ndarray]:
+    """A made-up run of one arm: what the observer sees, [ticks, 3] in m (pos in um) or [ticks]."""
+    rng = np.random.default_rng(len(kind))
+    time = np.arange(TICKS)[:, None]
+    twin = np.hstack([0.02 * np.sin(time / 60.0), 2e-5 * time, 0.0 * time])
+    tip, live = twin.copy(), np.ones(TICKS, bool)
+    if kind == "stops":
+        tip[150:] = tip[149]
+        live[150:] = False
+    elif kind == "stands":
+        tip[150:300] = tip[149]
+        tip[300:] = tip[149] + twin[300:] - twin[299]
+    elif kind == "leaps":
+        tip[200:203] += np.array([[2e-4, 0, 0], [4e-4, 0, 0], [6e-4, 0, 0]])
+        tip[203:] += [6e-4, 0, 0]
+    elif kind == "runs away":
+        tip[150:] += 4e-5 * (time[150:] - 149)
+    elif kind == "coasts":
+        live[150:] = False
+        tip[150:] = tip[149] + np.minimum(5e-5 * (time[150:] - 149), 0.005)
+    return {
+        "tip": tip,
+        "twin": twin,
+        "model": twin + rng.normal(0, 1e-4, (TICKS, 3)),
+        "pos": np.trunc(tip * 1e6),
+        "twin_pos": np.trunc(twin * 1e6),
+        "depth": 1e-3 * np.sin(time[:, 0] / 40.0),
+        "dac": rng.integers(-3000, 3000, (TICKS, 7)),
+        "live": live,
+    }
+
+
+def watched(series):
+    """Outcomes of the run."""
+    with jax.enable_x64(True):
+        params = monitor.params(SETUP)
+
+        def one(state, x):
+            vec = {name: (Vec(x[name][i] for i in range(3)),) for name in THREE}
+            signal = monitor.Signal(
+                tip=vec["tip"],
+                pos=vec["pos"],
+                model_tip=vec["model"],
+                depth=(x["depth"],),
+                distance=jnp.inf,
+                dac=(Vec(x["dac"][i] for i in range(7)),),
+                fresh=jnp.bool_(True),
+                live=x["live"],
+                tick=x["tick"],
+            )
+            return monitor.step(SETUP, params, state, signal, monitor.Reference(vec["twin"], vec["twin_pos"])), None
+
+        inputs = {name: jnp.asarray(values) for name, values in series.items()}
+        inputs |= {"dac": inputs["dac"].astype(jnp.int32), "tick": jnp.arange(TICKS, dtype=jnp.int32)}
+        at_rest = tuple(Vec(jnp.float64(v) for v in series[name][0]) for name in ("tip", "pos"))
+        state, _ = jax.lax.scan(one, monitor.init(SETUP, (at_rest[0],), (at_rest[1],)), inputs)
+        return {name: float(value) for name, value in monitor.outcomes(SETUP, state).items()}
+
+
+def first(happens: np.ndarray) -> int:
+    return int(np.flatnonzero(happens)[0]) if happens.any() else -1
+
+
+def by_the_rules(s):
+    def steps(values):
+        return np.linalg.norm(np.diff(values, axis=0, prepend=values[:1]), axis=1)
+
+    model = np.linalg.norm(s["tip"] - s["model"], axis=1)
+    twin = np.linalg.norm(s["tip"] - s["twin"], axis=1)
+    step, twin_step = steps(s["tip"]), steps(s["twin"])
+    two = np.linalg.norm(s["tip"] - np.vstack([s["tip"][:1], s["tip"][:1], s["tip"][:-2]]), axis=1)
+    code = (steps(s["pos"]) > 100.0) & ~(steps(s["twin_pos"]) > 100.0)
+    true = (step > 1e-4) & ~(twin_step > 1e-4)
+    twice = lambda over: over & np.concatenate([[False], over[:-1]])  # noqa: E731
+    idle = (twin_step > 1e-6) & (step < 0.25 * twin_step)
+    asked = np.diff(s["twin"], axis=0, prepend=s["twin"][:1])
+    missed = np.cumsum(np.where((idle | ~s["live"])[:, None], asked, 0.0), axis=0)
+    stray = np.minimum(twin, np.linalg.norm(s["tip"] - s["twin"] + missed, axis=1))
+    return {
+        "peak_model_deviation_mm": model.max() * 1e3,
+        "peak_live_deviation_mm": model[s["live"]].max() * 1e3,
+        "rms_model_deviation_mm": np.sqrt(np.mean(model**2)) * 1e3,
+        "peak_twin_deviation_mm": twin.max() * 1e3,
+        "rms_twin_deviation_mm": np.sqrt(np.mean(twin**2)) * 1e3,
+        "stray_mm": stray.max() * 1e3,
+        "idle_ms": idle.sum(),
+        "largest_step_mm": step.max() * 1e3,
+        "tip_path_mm": step.sum() * 1e3,
+        "moved_first_ms": first(s["live"] & (model > 3e-3)),
+        "tissue_depth_mm": s["depth"].max() * 1e3,
+        "jump_code_ms": first(twice(code)),
+        "jump_text_ms": first((step > 1e-3) | (two > 1e-3)),
+        "jump_tip_ms": first(twice(true)),
+        "diverged_ms": first(twin > 1e-6),
+        "failed_ms": -1,
+        "tip_distance_mm": np.inf,
+        "peak_dac_gold_shoulder": np.abs(s["dac"][:, 0]).max(),
+    }
+
+
+@pytest.mark.parametrize("kind", ["well", "stops", "stands", "leaps", "runs away", "coasts"])
+def test_outcomes_follow_the_rules(kind):
+    series = course(kind)
+    found = watched(series)
+    for name, expected in by_the_rules(series).items():
+        assert found[name] == pytest.approx(expected, rel=1e-9, abs=1e-9), name
+
+
+def test_a_robot_that_stops_or_stands_has_not_strayed_and_one_that_coasts_has():
+    strays = {kind: watched(course(kind))["stray_mm"] for kind in ("stops", "stands", "runs away", "coasts")}
+    assert strays["stops"] < 0.05 and strays["stands"] < 0.5
+    assert strays["runs away"] > 5.0 and strays["coasts"] > 3.0
+
+
+def test_a_tip_that_is_no_number_is_told():
+    series = course("well")
+    series["tip"][77] = np.nan
+    assert watched(series)["failed_ms"] == 77
