@@ -133,6 +133,7 @@ class Hazard(Section):
         default=(), description="training scenarios of IROS 2016 that it belongs to"
     )
     note: str = Field(default="", description="what of it is run, and where that departs from the source")
+    departure: str = Field(default="", description="where the simulated outcome differs from the published, likely why")
     documented_only: str = Field(default="", description="why the simulator cannot run it: what is missing")
     case: tuple[Case, ...] = ()
 

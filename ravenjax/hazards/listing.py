@@ -46,6 +46,7 @@ def _lines(row: Hazard) -> Iterator[tuple[str, str]]:
     yield "training scenario", ", ".join(row.scenarios)
     yield "source", row.source
     yield "note", row.note
+    yield "departs from the published", row.departure
     yield "not run", row.documented_only
     for case in row.case:
         yield f"run {case.name}".strip(), _case(case)

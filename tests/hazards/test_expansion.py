@@ -10,7 +10,7 @@ import pytest
 from ravenjax.campaign import design, loading
 from ravenjax.campaign.config import CampaignConfig
 from ravenjax.errors import UserError
-from ravenjax.hazards import expansion, library
+from ravenjax.hazards import expansion, library, naming
 from ravenjax.hazards.expansion import WrongGroup, expand
 
 RUNNABLE = [row.id for row in library.rows() if row.runnable]
@@ -148,3 +148,25 @@ start_ms = START
     file.write_text(text.replace('"C09"', '"C9"').replace("START", "900"))
     with pytest.raises(UserError, match=rf"{file}:14: group.1..hazards.*C9"):
         loading.load(file)
+
+
+@pytest.mark.parametrize(
+    ("group", "ids"),
+    [
+        ("library/B24", ("B24",)),
+        ("library/C01-below", ("C01",)),
+        ("B07,B08,B10 boards not written", ("B07", "B08", "B10")),
+        ("K15-K17 run level stuck", ("K15", "K16", "K17")),
+        ("both/K06", ("K06",)),
+        ("fault_free", ()),
+        ("C09x", ()),
+    ],
+)
+def test_hazards_of_a_group(group: str, ids: tuple[str, ...]) -> None:
+    assert naming.hazards_of(group) == ids
+
+
+def test_every_expanded_group_tells_its_hazard() -> None:
+    for row in library.rows():
+        for group in expand({"name": "x/y", "hazards": row.id}) if row.runnable else ():
+            assert naming.hazards_of(group["name"]) == (row.id,)

@@ -122,3 +122,10 @@ def test_a_wrong_row_is_told_with_its_place(old: str, new: str, message: str) ->
     assert ROW.count(old) == 1
     with pytest.raises(UserError, match=message):
         library.parse(ROW.replace(old, new), "L7.toml")
+
+
+def test_expected_classes_and_departures_say_something() -> None:
+    words = library.terms()["classes"]
+    for row in library.rows():
+        assert row.expected_class and set(row.expected_class) <= set(words), row.id
+        assert not row.departure or row.runnable, f"{row.id}: what is not run departs from nothing"

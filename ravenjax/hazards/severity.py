@@ -1,0 +1,68 @@
+"""How bad each run was, 0 to 5: the severity scale of the risk tables, from the result table alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.hazards import classes
+
+SCALE = (
+    "nothing",
+    "a message only",
+    "pause or restart: the robot stopped or stood, and the fault ends by itself",
+    "conversion or reschedule: the robot stopped or stood, and a restart would meet the fault again",
+    "injury-capable motion, and something spoke: a check, or the haptic cue",
+    "injury-capable motion without any alarm",
+)
+"""Meaning of each severity, by number. An ordinal scale of ours: no source weighs a stop against an injury."""
+
+INJURY = 4
+"""From this severity on the motion could injure."""
+
+DEPTH_MM = 1.0
+"""Deeper in the tissue than the twin by this could injure: unacceptable as a sudden motion to surgeons, DSN 2016."""
+
+UNTIL_END = -1
+"""`fault<k>_duration_ms` of a fault that lasts until the run ends."""
+
+COLUMNS = (*classes.COLUMNS, "tissue_depth_mm", "twin_tissue_depth_mm", "fault0_duration_ms", "fault0_every_ms")
+"""Columns of the result table that severities are made of; besides, the cue's, and those of other slots."""
+
+
+def severity(frame: pd.DataFrame, cue: int | None = 0) -> pd.Series:
+    """Severity of each row of a result table, Int64, missing for failed runs.
+
+    cue: haptic set that counts as an alarm; None: a robot without a cue. KeyError names a column that is missing.
+    """
+    if missing := [name for name in COLUMNS if name not in frame]:
+        raise KeyError(f"severities need the columns {', '.join(COLUMNS)}; the table lacks {', '.join(missing)}")
+    found = classes.classify(frame)
+    unavailable = found["stop"] | found["unresponsive"]
+    alarmed = frame["response"].astype(str) != "none"
+    if cue is not None:
+        alarmed |= frame[f"cue{cue}_first_ms"] >= 0
+    harmful = injury_capable(frame, found)
+    number = np.select(
+        [harmful & ~alarmed, harmful, unavailable & lasting(frame), unavailable, found["message"]], [5, 4, 3, 2, 1], 0
+    )
+    return pd.Series(number, frame.index, "Int64", name="severity").where(frame["failed"] == "")
+
+
+def injury_capable(frame: pd.DataFrame, found: pd.DataFrame | None = None) -> pd.Series:
+    """Which runs moved the instrument so that it could injure: a jump, a stray beyond classes.STRAY_MM, or a tip deeper
+    in the tissue than its twin's by more than DEPTH_MM. `found`: their classes, where they are at hand."""
+    found = classes.classify(frame) if found is None else found
+    deeper_mm = frame["tissue_depth_mm"] - frame["twin_tissue_depth_mm"]
+    deeper = (deeper_mm > DEPTH_MM) & (frame["failed"] == "")
+    return pd.Series(found[["jump", "displaced"]].any(axis=1) | deeper, frame.index)
+
+
+def lasting(frame: pd.DataFrame) -> pd.Series:
+    """Which runs have a fault that does not end by itself: until the end of the run, or again and again."""
+    lasts = pd.Series(False, frame.index)
+    for name in (name for name in frame if name.startswith("fault") and name.endswith("_site")):
+        slot = name.removesuffix("_site")
+        endless = (frame[f"{slot}_duration_ms"] == UNTIL_END) | (frame[f"{slot}_every_ms"] > 0)
+        lasts |= (frame[name].astype(str) != "") & endless
+    return lasts

@@ -1,0 +1,1 @@
+"""Published experiments run again: what was published, what ravenjax predicts, side by side."""

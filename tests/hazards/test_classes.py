@@ -1,0 +1,79 @@
+"""Outcome classes of rows made by hand, each with a class that is known."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import result_rows
+
+from ravenjax.hazards import classes, library
+
+STANDS = {"idle_ms": 900, "peak_twin_deviation_mm": 12.0, "tip_path_mm": 40.0}
+HALTED = {"pedal_down_ms": 500, **STANDS}
+
+KNOWN = [
+    ({}, {"none"}),
+    ({"response": "flagged"}, {"message"}),
+    ({"response": "stopped"}, {"stop"}),
+    ({"response": "stopped", **HALTED}, {"stop"}),
+    (HALTED, {"stop"}),  # pedal-up without any check: run level stuck
+    ({**HALTED, "response": "flagged"}, {"stop"}),
+    ({**HALTED, "pedal_down_ms": 0}, {"unresponsive"}),  # never started
+    (STANDS, {"unresponsive"}),
+    ({**STANDS, "response": "flagged"}, {"unresponsive", "message"}),
+    ({"pedal_down_ms": 2800 - classes.HALT_MS}, {"none"}),  # too short for the brakes
+    ({"pedal_down_ms": 2799 - classes.HALT_MS}, {"stop"}),
+    ({"stray_mm": 5.0, "peak_twin_deviation_mm": 5.0}, {"displaced"}),
+    ({"stray_mm": 5.0, "peak_twin_deviation_mm": 5.0, "response": "stopped"}, {"displaced", "stop"}),
+    ({"jump_tip": True, "largest_step_mm": 0.5, "stray_mm": 30.0, "peak_twin_deviation_mm": 30.0}, {"jump"}),
+    ({"jump_text": True, "largest_step_mm": 0.9}, {"jump"}),
+    ({"jump_tip": True, "largest_step_mm": 0.5, "response": "stopped"}, {"jump", "stop"}),
+    ({"failed": "nan", "jump_text": True, "response": "stopped"}, set()),
+]
+
+
+def named(row: dict[str, Any]) -> set[str]:
+    found = classes.classify(result_rows.frame(row))
+    return {name for name in found if found.loc[0, name]}
+
+
+def test_the_classes_are_those_of_the_terms() -> None:
+    words = library.terms()["classes"]
+    assert tuple(words)[: len(classes.CLASSES)] == classes.CLASSES
+    assert set(words) - set(classes.CLASSES) == {"withheld", "unpublished"}
+
+
+@pytest.mark.parametrize(("row", "expected"), KNOWN)
+def test_known_rows(row: dict[str, Any], expected: set[str]) -> None:
+    assert named(row) == expected
+
+
+def test_a_reported_leap_is_no_jump() -> None:
+    """Estimates that jump (jump_code) move no instrument."""
+    found = classes.classify(result_rows.frame({"response": "stopped"}).assign(jump_code=True))
+    assert not found.loc[0, "jump"]
+
+
+def test_a_robot_that_stays_behind_its_twin_has_not_strayed() -> None:
+    stopped = {"response": "stopped", **HALTED}
+    assert "displaced" not in named(stopped)
+    assert "displaced" in named({**stopped, "stray_mm": 4.0})
+
+
+def test_the_limit_of_a_stray_can_be_chosen() -> None:
+    table = result_rows.frame({"stray_mm": 2.0})
+    assert not classes.classify(table).loc[0, "displaced"]
+    assert classes.classify(table, stray_mm=1.0).loc[0, "displaced"]
+
+
+def test_the_index_is_kept_and_none_excludes_others() -> None:
+    table = result_rows.frame(*(row for row, _ in KNOWN)).set_index([[10 + k for k in range(len(KNOWN))]])
+    found = classes.classify(table)
+    assert (found.index == table.index).all()
+    assert not found.loc[found["none"]].drop(columns="none").any(axis=None)
+
+
+def test_a_missing_column_is_told() -> None:
+    with pytest.raises(KeyError, match="lacks twin_pedal_down_ms"):
+        classes.classify(result_rows.frame({}).drop(columns="twin_pedal_down_ms"))

@@ -1,0 +1,65 @@
+"""Severities of rows made by hand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pandas as pd
+import pytest
+import result_rows
+
+from ravenjax.hazards import severity
+
+ENDLESS = {"fault0_duration_ms": severity.UNTIL_END}
+STANDS = {"idle_ms": 900}
+STRAYS = {"stray_mm": 5.0}
+
+
+@pytest.mark.parametrize(
+    ("row", "expected"),
+    [
+        ({}, 0),
+        ({"response": "flagged"}, 1),
+        ({"response": "stopped"}, 2),
+        (STANDS, 2),
+        ({"response": "stopped", **ENDLESS}, 3),
+        ({**STANDS, "fault0_every_ms": 100}, 3),
+        ({**STRAYS, "response": "flagged"}, 4),
+        ({**STRAYS, "cue0_first_ms": 700}, 4),
+        (STRAYS, 5),
+        ({"jump_tip": True, **ENDLESS}, 5),
+        ({"jump_tip": True, "response": "stopped", **ENDLESS}, 4),
+        ({"tissue_depth_mm": 4.5, "twin_tissue_depth_mm": 3.0}, 5),
+        ({"tissue_depth_mm": 4.0, "twin_tissue_depth_mm": 3.5}, 0),  # the operator went there
+    ],
+)
+def test_known_rows(row: dict[str, Any], expected: int) -> None:
+    assert severity.severity(result_rows.frame(row))[0] == expected
+
+
+def test_without_a_cue_what_only_it_told_is_silent() -> None:
+    table = result_rows.frame({**STRAYS, "cue0_first_ms": 700})
+    assert severity.severity(table, cue=None)[0] == 5
+
+
+def test_a_failed_run_has_none() -> None:
+    found = severity.severity(result_rows.frame({}, {"failed": "nan", "jump_text": True}))
+    assert found[0] == 0
+    assert found.isna().tolist() == [False, True]
+
+
+def test_any_slot_may_last() -> None:
+    second = {"fault1_site": "brake", "fault1_duration_ms": severity.UNTIL_END, "fault1_every_ms": 0}
+    table = pd.concat([result_rows.frame(second), result_rows.frame({**second, "fault1_site": ""})], ignore_index=True)
+    assert severity.lasting(table).tolist() == [True, False]
+
+
+def test_a_missing_column_is_told() -> None:
+    with pytest.raises(KeyError, match="lacks twin_tissue_depth_mm"):
+        severity.severity(result_rows.frame({}).drop(columns="twin_tissue_depth_mm"))
+
+
+def test_the_end_is_written_as_campaigns_write_it() -> None:
+    from ravenjax.campaign.group import UNTIL_END
+
+    assert severity.UNTIL_END == UNTIL_END

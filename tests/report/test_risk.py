@@ -1,0 +1,69 @@
+"""Risk tables of rows made by hand."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import result_rows
+
+from ravenjax.report import risk
+from ravenjax.report.risk import Pool
+
+JUMPS = {"jump_tip": True}
+TOLD = {"response": "stopped"}
+
+
+def test_counts_by_hazard_and_severity() -> None:
+    table = result_rows.frame(
+        {"group": "library/B24", **JUMPS},
+        {"group": "library/B24", **JUMPS, **TOLD},
+        {"group": "library/B24", "failed": "nan"},
+        {"group": "B07,B08 not written", **TOLD},
+        {"group": "fault_free"},
+    )
+    found = risk.counts(table)
+    assert {name: number.tolist() for name, number in found.items()} == {
+        "B24": [0, 0, 0, 0, 1, 1],
+        "B07": [0, 0, 1, 0, 0, 0],
+        "B08": [0, 0, 1, 0, 0, 0],
+    }
+
+
+def test_the_cue_can_be_left_out() -> None:
+    table = result_rows.frame({**JUMPS, "cue0_first_ms": 100})
+    assert risk.counts(table)["B24"].tolist() == [0, 0, 0, 0, 1, 0]
+    assert risk.counts(table, cue=None)["B24"].tolist() == [0, 0, 0, 0, 0, 1]
+
+
+def test_hazards_come_worst_first() -> None:
+    table = result_rows.frame(
+        {"group": "g/C06"}, {"group": "g/B24", **JUMPS}, {"group": "g/B24"}, {"group": "g/K01", **TOLD}
+    )
+    rows = risk.by_hazard(risk.counts(table))
+    assert [row.hazard for row in rows] == ["B24", "K01", "C06"]
+    assert rows[0].mean == pytest.approx(2.5)  # 5 and 0
+    assert (rows[0].injury.k, rows[0].injury.n, rows[0].silent.k) == (1, 2, 1)
+
+
+def test_hazards_of_a_pool_count_alike_however_many_runs_they_have() -> None:
+    table = result_rows.frame(*({"group": "g/B24", **JUMPS} for _ in range(9)), {"group": "g/C09"})
+    row = risk.by_pool(risk.counts(table), Pool("H1-2", "", ("B24", "C09", "C10")))
+    assert row.pool.hazards == ("B24", "C09")
+    assert row.injury is not None and row.injury.value == pytest.approx(0.5)
+    assert row.injury.low < 0.5 < row.injury.high
+    assert row.mean == pytest.approx(2.5)
+
+
+def test_pools_weigh_against_each_other_and_leave_out_what_was_not_run() -> None:
+    pools = [Pool("a", "", ("M01",), 0.4), Pool("b", "", ("C08", "C12"), 0.1), Pool("c", "", ("M06",), 0.5)]
+    table = result_rows.frame({"group": "g/M01", **JUMPS}, {"group": "g/C08"}, {"group": "g/C12"})
+    whole = risk.together(risk.counts(table), pools, "all", "")
+    assert whole.pool.weight == pytest.approx(0.5)
+    assert whole.injury is not None and whole.injury.value == pytest.approx(0.8)
+
+
+def test_without_runs_there_is_no_risk() -> None:
+    assert risk.by_hazard({}) == []
+    row = risk.by_pool({}, Pool("a", "", ("B24",)))
+    assert row.injury is None and math.isnan(row.mean)

@@ -1,0 +1,72 @@
+"""Verdicts on made-up runs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import result_rows
+
+from ravenjax.hazards import library
+from ravenjax.studies import agreement
+
+STOP = {"response": "stopped"}
+JUMP = {"jump_tip": True}
+STRAY = {"stray_mm": 9.0}
+SAID = {"response": "flagged"}
+
+
+def outcome(name: str, *rows: dict[str, Any], **rules: float) -> agreement.Outcome:
+    table = result_rows.frame(*({"group": f"list/{name}", **row} for row in rows), {"group": "fault_free"})
+    (found,) = agreement.outcomes(table, (library.find(name),), **rules)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("name", "rows", "verdict"),
+    [
+        ("K01", [STOP, STOP], agreement.AGREE),  # published: stop
+        ("K01", [STOP, {**STOP, **STRAY}], agreement.PARTLY),
+        ("K01", [STRAY], agreement.DIFFER),
+        ("K10", [{}, SAID], agreement.AGREE),  # published: none; a message alone is without effect
+        ("K10", [STOP], agreement.DIFFER),
+        ("K11", [{**SAID}, STOP], agreement.AGREE),  # published: message, stop
+        ("K06", [JUMP], agreement.AGREE),
+        ("B24", [JUMP], agreement.UNPUBLISHED),
+        ("M01", [JUMP], agreement.UNPUBLISHED),  # added for completeness
+        ("K09", [], agreement.NOT_SIMULATED),
+    ],
+)
+def test_verdicts(name: str, rows: list[dict[str, Any]], verdict: str) -> None:
+    found = outcome(name, *rows)
+    assert found.verdict == verdict
+    assert found.reason == {
+        agreement.NOT_SIMULATED: found.hazard.documented_only,
+        agreement.PARTLY: found.hazard.departure,
+        agreement.DIFFER: found.hazard.departure,
+    }.get(verdict, "")
+
+
+def test_a_class_of_fewer_than_one_run_in_ten_is_not_shown() -> None:
+    rare = [*[STOP] * 10, {**STOP, **STRAY}]
+    assert outcome("K01", *rare).shown == {"stop"}
+    assert outcome("K01", *rare[1:]).shown == {"stop", "displaced"}
+    assert outcome("K01", *rare, seen_share=0.0).verdict == agreement.PARTLY
+
+
+def test_only_activated_runs_with_an_outcome_count() -> None:
+    found = outcome("K01", STOP, {"activated": False}, {"failed": "nan", **JUMP})
+    assert (found.runs, found.activated, found.failed, found.valid, found.fitting) == (3, 2, 1, 1, 1)
+    assert found.verdict == agreement.AGREE
+    assert found.said == "stop 1"
+
+
+def test_runs_that_fit_and_runs_without_effect() -> None:
+    found = outcome("K01", STOP, {**STOP, **JUMP}, SAID, {})
+    assert (found.fitting, found.without_effect) == (1, 2)
+
+
+def test_other_limits() -> None:
+    near = {**STOP, "stray_mm": 2.0}
+    assert outcome("K01", near).verdict == agreement.AGREE
+    assert outcome("K01", near, stray_mm=1.0).verdict == agreement.PARTLY

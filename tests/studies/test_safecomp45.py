@@ -1,0 +1,122 @@
+"""The study of the 45 injections: its rows, its arithmetic on made-up runs, and the whole on the simulator."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import result_rows
+
+from ravenjax.campaign import loading
+from ravenjax.hazards import library, naming
+from ravenjax.studies import agreement, literature, running, safecomp45
+from ravenjax.studies.study import Findings
+
+NOT_SIMULATED = {4, 13, 14, 17, 18, 19, 32, 44, 45}
+
+
+def table() -> pd.DataFrame:
+    """Each simulated row stops once by the PLC, but K01 by the overdrive check and B11 with a jump."""
+    rows = []
+    for number, row in safecomp45.injections().items():
+        if number in NOT_SIMULATED:
+            continue
+        cause = "overdrive" if row.id in ("K01", "B11") else "plc"
+        rows.append(
+            {
+                "group": f"list/{row.id}",
+                "response": "stopped",
+                "response_cause": cause,
+                "jump_tip": row.id == "B11",
+            }
+        )
+    return result_rows.frame(*rows, {"group": "fault_free"})
+
+
+def findings(monkeypatch: pytest.MonkeyPatch) -> Findings:
+    monkeypatch.setattr(safecomp45.folder, "read_all", lambda path: table())
+    return safecomp45.compare(safecomp45.Context({"list": Path("a"), "present_limits": Path("b")}))
+
+
+def test_the_list_has_45_rows_and_the_campaign_runs_all_that_can_be_run() -> None:
+    rows = safecomp45.injections()
+    assert list(rows) == list(range(1, 46))
+    assert {number for number, row in rows.items() if not row.runnable} == NOT_SIMULATED
+    groups = loading.load(safecomp45.CAMPAIGN).group
+    run = {name for group in groups for name in naming.hazards_of(group.name)}
+    assert run == {row.id for row in rows.values() if row.runnable}
+    assert any(not group.fault for group in groups)  # a fault-free run
+
+
+@pytest.mark.parametrize("variant", safecomp45.STUDY.variants, ids=lambda v: v.name)
+def test_every_variant_loads(variant: safecomp45.Variant) -> None:
+    assert loading.load(variant.campaign, variant.overrides).campaign.duration_s == 7.0
+
+
+def test_rows_that_are_not_simulated_never_agree(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = findings(monkeypatch).tables[0]
+    assert len(rows.rows) == 45
+    place = rows.columns.index("verdict")
+    assert {row[0] for row in rows.rows if row[place] == agreement.NOT_SIMULATED} == NOT_SIMULATED
+
+
+def test_agreement_is_counted_over_simulated_rows_with_an_exact_interval(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = findings(monkeypatch)
+    line = found.lines[0]
+    stops = sum(row.expected_class == ("stop",) for row in safecomp45.injections().values() if row.runnable)
+    assert line.predicted is not None and line.target == "A7"
+    assert line.predicted.n == 36
+    assert line.predicted.value == pytest.approx(100 * (stops + 1) / 36)  # B11: stop and jump
+    assert line.predicted.low < line.predicted.value < line.predicted.high
+
+
+def test_totals(monkeypatch: pytest.MonkeyPatch) -> None:
+    by_quantity = {line.quantity: line for line in findings(monkeypatch).lines}
+
+    def pair(begins: str) -> tuple[float, float, int]:
+        (line,) = (line for quantity, line in by_quantity.items() if quantity.startswith(begins))
+        assert line.published is not None and line.predicted is not None
+        return line.published.value, line.predicted.value, line.predicted.n
+
+    assert pair("unintended motion") == (6, 1, 36)
+    assert pair("USB and PLC") == (17, 18, 19)  # all but B11, of which the software's check told
+    assert pair("console and control: stopped by the overdrive") == (9, 1, 17)
+    assert pair("console and control: stopped or unresponsive otherwise") == (4, 16, 17)
+
+
+def test_other_rules_have_their_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    verdicts = findings(monkeypatch).tables[1]
+    assert [row[0] for row in verdicts.rows] == [
+        "list",
+        "present_limits",
+        *(f"list, {words}" for words in safecomp45.OTHER_RULES),
+    ]
+    assert all(sum(row[1:5]) == 45 for row in verdicts.rows)
+
+
+def test_published_counts_are_those_of_the_list() -> None:
+    published = literature.read("safecomp")
+    assert published.value("scenarios") == len(safecomp45.injections())
+    assert published.value("usb_rows") + published.value("console_rows") == 45
+    assert sum(row.injected or 0 for row in safecomp45.injections().values()) <= 363
+
+
+def test_values_against_normal() -> None:
+    assert safecomp45.normal(library.find("K06")) == "in range"
+    assert safecomp45.normal(library.find("K01")) == "out of range"
+    assert safecomp45.normal(library.find("K09")) == ""
+
+
+@pytest.mark.slow
+def test_the_study_runs(tmp_path: Path) -> None:
+    found = running.run(safecomp45.STUDY, tmp_path)
+    rows = found.tables[0]
+    activated = rows.columns.index("activated, of")
+    for row in rows.rows:
+        if row[0] not in NOT_SIMULATED:
+            k, _, n = str(row[activated]).partition(" of ")
+            assert int(k) == int(n) > 0, row
+    by_hazard = {row[1]: row[rows.columns.index("verdict")] for row in rows.rows}
+    assert by_hazard["K02"] == by_hazard["B12"] == agreement.AGREE
+    assert by_hazard["B13"] == agreement.DIFFER  # a watchdog's wave does not pass a stuck byte
