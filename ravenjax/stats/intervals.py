@@ -1,7 +1,8 @@
 """Confidence intervals of a rate k/n.
 
-Wilson for display, Clopper-Pearson for guarantees (never covers less than promised). Both from scipy.stats.binomtest.
-They take the n trials as independent: repeats of a deterministic run are not, so count distinct faults.
+Wilson for display, Clopper-Pearson for guarantees (never covers less than promised), Jeffreys for small rates; all from
+statsmodels' proportion_confint (Brown, Cai, DasGupta, Statistical Science 16, 2001). They take the n trials as
+independent: repeats of a deterministic run are not, so count distinct faults, or resample clusters (`cluster`).
 """
 
 from __future__ import annotations
@@ -9,8 +10,11 @@ from __future__ import annotations
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-import pandas as pd
-from scipy.stats import binomtest
+from numpy.typing import ArrayLike
+
+Method = Literal["wilson", "clopper_pearson", "jeffreys"]
+
+_NAMES = {"wilson": "wilson", "clopper_pearson": "beta", "jeffreys": "jeffreys"}  # as proportion_confint calls them
 
 
 class Rate(NamedTuple):
@@ -23,35 +27,80 @@ class Rate(NamedTuple):
     high: float
 
 
+_NONE = Rate(0, 0, np.nan, np.nan, np.nan)  # one object, since tuples with different NaN differ
+
+
+class Estimate(NamedTuple):
+    """A value with its confidence interval, in the unit of what was estimated; arrays of one shape for a curve."""
+
+    value: Any
+    low: Any
+    high: Any
+
+
 def wilson(k: int, n: int, confidence: float = 0.95) -> Rate:
     """Rate with its Wilson score interval. ValueError unless 0 <= k <= n and 0 < confidence < 1."""
-    return _rate(k, n, confidence, "wilson")
+    return rates([k], [n], confidence, "wilson")[0]
 
 
 def clopper_pearson(k: int, n: int, confidence: float = 0.95) -> Rate:
     """Rate with its exact (Clopper-Pearson) interval. ValueError unless 0 <= k <= n and 0 < confidence < 1."""
-    return _rate(k, n, confidence, "exact")
+    return rates([k], [n], confidence, "clopper_pearson")[0]
 
 
-def rule_of_three(n: int) -> float:
-    """Upper bound (95 %, one-sided) of a rate of which no case was seen in n trials: about 3/n, at most 1."""
-    if n < 0:
-        raise ValueError(f"rule_of_three: n must not be negative, got {n}")
-    return min(1.0, 3.0 / n) if n else 1.0
+def jeffreys(k: int, n: int, confidence: float = 0.95) -> Rate:
+    """Rate with its Jeffreys interval. ValueError unless 0 <= k <= n and 0 < confidence < 1."""
+    return rates([k], [n], confidence, "jeffreys")[0]
 
 
-def _rate(k: int, n: int, confidence: float, method: Literal["wilson", "exact"]) -> Rate:
-    k, n = int(k), int(n)
-    if not 0 <= k <= n:
-        raise ValueError(f"a rate needs 0 <= k <= n, got k = {k}, n = {n}")
-    if n == 0:
-        return Rate(0, 0, np.nan, np.nan, np.nan)
-    interval = binomtest(k, n).proportion_ci(confidence, method)
-    return Rate(k, n, k / n, float(interval.low), float(interval.high))
+def rates(k: ArrayLike, n: ArrayLike, confidence: float = 0.95, method: Method = "wilson") -> list[Rate]:
+    """Rates k[i] of n[i] with their intervals: thousands at the price of one.
+
+    k and n are whole numbers of one shape [m] or a number each. ValueError unless 0 <= k <= n and 0 < confidence < 1.
+    """
+    hits, trials = (np.atleast_1d(part) for part in np.broadcast_arrays(whole(k, "k"), whole(n, "n")))
+    wrong = np.flatnonzero((hits < 0) | (hits > trials))
+    if len(wrong):
+        raise ValueError(f"a rate needs 0 <= k <= n, got k = {hits[wrong[0]]}, n = {trials[wrong[0]]}")
+    low, high = bounds(hits, trials, confidence, method)
+    with np.errstate(invalid="ignore"):
+        value = hits / trials
+    rows = zip(*(part.tolist() for part in (hits, trials, value, low, high)), strict=True)
+    return [Rate(*row) if row[1] else _NONE for row in rows]
 
 
-def rate_table(hits: Any, groups: pd.Series | list[pd.Series], confidence: float = 0.95) -> pd.DataFrame:
-    """Wilson rate per group of the Series of truth values `hits`: columns k, n, value, low, high, indexed by group."""
-    counts = hits.astype(bool).groupby(groups, observed=True, sort=True).agg(["sum", "size"])
-    rates = [wilson(k, n, confidence) for k, n in counts.itertuples(index=False)]
-    return pd.DataFrame(rates, index=counts.index, columns=list(Rate._fields))
+def bounds(
+    k: np.ndarray, n: np.ndarray, confidence: float = 0.95, method: Method = "wilson"
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper bounds [m] of the rates k/n, NaN where n is 0; k may be a fraction, as an expected count is.
+
+    Where k is 0 the lower bound is 0, and where k is n the upper is 1, for Jeffreys too (Brown et al. 2001, 4.1.2).
+    """
+    from statsmodels.stats.proportion import proportion_confint  # slow to import
+
+    alpha = alpha_of(confidence)
+    if method not in _NAMES:
+        raise ValueError(f"unknown method {method!r} of an interval; known are {', '.join(_NAMES)}")
+    with np.errstate(all="ignore"):
+        low, high = proportion_confint(np.asarray(k), np.asarray(n), alpha, _NAMES[method])
+    none = np.asarray(n) == 0
+    low = np.where(none, np.nan, np.where(np.asarray(k) == 0, 0.0, low))
+    high = np.where(none, np.nan, np.where(np.asarray(k) == n, 1.0, high))
+    return low, high
+
+
+def alpha_of(confidence: float) -> float:
+    """1 - confidence, the chance to miss. ValueError unless 0 < confidence < 1."""
+    if not 0 < confidence < 1:
+        raise ValueError(f"a confidence lies between 0 and 1, as 0.95 does, got {confidence}")
+    return 1 - confidence
+
+
+def whole(counts: ArrayLike, name: str) -> np.ndarray:
+    """`counts` as int64. ValueError with their `name` where one is not a whole number."""
+    given = np.asarray(counts)
+    with np.errstate(invalid="ignore"):
+        numbers = given.astype(np.int64)
+    if not np.array_equal(numbers, given):
+        raise ValueError(f"{name} counts, so it must be whole numbers, got {given[np.asarray(numbers != given)]}")
+    return numbers

@@ -1,18 +1,23 @@
-"""Delays to an event that may never come: a run that ends without it is censored, not dropped."""
+"""Delays to an event that may never come: a run that ends without it is censored, not dropped.
+
+Censoring is taken as uninformative: a run that a stop ended early would have gone on like the others.
+"""
 
 from __future__ import annotations
 
 import warnings
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import CensoredData, ecdf
+from numpy.typing import ArrayLike
+
+from ravenjax.stats.intervals import Estimate, Rate, alpha_of, wilson
 
 
 class Incidence(NamedTuple):
     """Kaplan-Meier estimate of the fraction of runs in which the event came by `time`, with its confidence band."""
 
-    time: np.ndarray  # as given, increasing, from 0
+    time: np.ndarray  # as given, increasing, from 0 (a lead time: from the least)
     fraction: np.ndarray
     low: np.ndarray
     high: np.ndarray
@@ -21,39 +26,160 @@ class Incidence(NamedTuple):
 
     def quantile(self, fraction: float) -> float:
         """First time by which `fraction` of the runs had the event; NaN where that is never reached."""
-        reached = np.flatnonzero(self.fraction >= fraction)
-        return float(self.time[reached[0]]) if len(reached) else float("nan")
+        return _first(self.time, self.fraction, fraction)
+
+    def quantile_interval(self, fraction: float) -> Estimate:
+        """`quantile` with its interval: the times whose band holds `fraction`.
+
+        Brookmeyer, Crowley, Biometrics 38, 1982. A bound is NaN where the runs are too few or end too early for it.
+        """
+        return Estimate(self.quantile(fraction), *(_first(self.time, edge, fraction) for edge in (self.high, self.low)))
 
 
-def incidence(delay: np.ndarray, happened: np.ndarray, confidence: float = 0.95) -> Incidence:
-    """Incidence over time of an event: `delay` to it where `happened`, else to the end of observation.
+class Lead(NamedTuple):
+    """How long before the harm the alarm came, over all harmed runs.
 
-    ValueError where a delay is negative or not a number, or the lengths differ.
+    lag: incidence of the alarm over alarm minus harm (negative: before the harm), runs without an alarm censored where
+    their observation ended. before: rate of harmed runs whose alarm came strictly before the harm. alarmed: in how many
+    it came at all.
     """
-    delay, happened = np.asarray(delay, float), np.asarray(happened, bool)
-    if delay.shape != happened.shape or delay.ndim != 1:
+
+    lag: Incidence
+    before: Rate
+    alarmed: int
+    n: int
+
+    def quantile(self, fraction: float) -> Estimate:
+        """Lead that this fraction of the harmed runs had or exceeded, with its interval; negative: after the harm.
+
+        NaN where so many never had an alarm while they were watched; a bound is NaN where it is not known.
+        """
+        value, low, high = self.lag.quantile_interval(fraction)
+        return Estimate(-value, -high, -low)
+
+
+class LogRank(NamedTuple):
+    """Log-rank test that two groups have the same law of delay; statistic is positive where the first's events come
+    later. NaN where no event came."""
+
+    statistic: float
+    p: float
+
+
+def incidence(delay: ArrayLike, happened: ArrayLike, confidence: float = 0.95) -> Incidence:
+    """Incidence over time of an event: `delay` [n] to it where `happened` (bool [n]), else to the end of observation.
+
+    Any unit of time. The band is pointwise, by Greenwood's variance of log(-log). ValueError where a delay is negative
+    or not a number, or the lengths differ.
+    """
+    times, came = _delays(delay, happened, "incidence")
+    return _curve(times, came, 0.0, confidence)
+
+
+def restricted_mean(delay: ArrayLike, happened: ArrayLike, horizon: float, confidence: float = 0.95) -> Estimate:
+    """Mean of the delay where a longer one counts as `horizon`: the area under the curve of runs still without event.
+
+    Unit of the delay. Normal interval with Greenwood's variance (Klein, Moeschberger, Survival Analysis, 2003, 4.5),
+    within 0..horizon. NaN where n is 0. ValueError as `incidence`, where horizon is not positive, or where it lies
+    beyond the last observation of runs still without event: nothing is known there.
+    """
+    from scipy.stats import norm
+    from statsmodels.duration.survfunc import SurvfuncRight  # slow to import
+
+    z = norm.isf(alpha_of(confidence) / 2)
+    times, came = _delays(delay, happened, "restricted_mean")
+    if not horizon > 0:
+        raise ValueError(f"restricted_mean: horizon must be positive, got {horizon}")
+    if not len(times):
+        return Estimate(np.nan, np.nan, np.nan)
+    last = times == times.max()
+    if times.max() < horizon and not came[last].all():
         raise ValueError(
-            f"incidence: delay {delay.shape} and happened {happened.shape} must be one-dimensional and equal"
+            f"restricted_mean: the horizon {horizon:g} lies beyond the last observation, {times.max():g}, of runs "
+            f"without event; take that or less"
         )
-    if not (delay >= 0).all():
-        raise ValueError(f"incidence: a delay is never negative, got {delay[~(delay >= 0)][0]}")
-    if not happened.any():
+    found: Any = SurvfuncRight(times, came)
+    inside = found.surv_times < horizon
+    left = np.concatenate([[0.0], found.surv_times[inside]])
+    area = np.concatenate([[1.0], found.surv_prob[inside]]) * np.diff(left, append=[horizon])
+    after = area[::-1].cumsum()[::-1][1:]  # from each event on to the horizon
+    events, at_risk = found.n_events[inside], found.n_risk[inside]
+    staying = at_risk - events
+    weight = np.divide(events, at_risk * staying, out=np.zeros(len(events)), where=staying > 0)  # nobody stays: no area
+    half = z * np.sqrt(np.sum(after**2 * weight))
+    mean = float(area.sum())
+    return Estimate(mean, max(0.0, float(mean - half)), min(float(horizon), float(mean + half)))
+
+
+def lead_time(alarm: ArrayLike, harm: ArrayLike, end: ArrayLike | float, confidence: float = 0.95) -> Lead:
+    """Lead of the alarm over the harm: times [n] of both, NaN where one never came, in any unit; `end` [n] or one
+    number is when the observation of the run ended.
+
+    Runs without harm have no lead and are left out (Lead.n counts the rest); an alarm that never came is censored at
+    the end, so a detector cannot gain by missing. ValueError where lengths differ, a time lies after the end, or the
+    end is not a number.
+    """
+    alarmed, harmed = np.asarray(alarm, float), np.asarray(harm, float)
+    if alarmed.shape != harmed.shape or alarmed.ndim != 1:
+        raise ValueError(f"lead_time: alarm {alarmed.shape} and harm {harmed.shape} must be of one length")
+    ended = np.broadcast_to(np.asarray(end, float), alarmed.shape)
+    if not np.isfinite(ended).all() or (alarmed > ended).any() or (harmed > ended).any():
+        raise ValueError("lead_time: each run needs a finite end, and no alarm or harm comes after it")
+    chosen = ~np.isnan(harmed)
+    came = ~np.isnan(alarmed[chosen])
+    lag = np.where(came, alarmed[chosen], ended[chosen]) - harmed[chosen]
+    curve = _curve(lag, came, lag.min(initial=0.0), confidence)
+    before = wilson(int((came & (lag < 0)).sum()), len(lag), confidence)
+    return Lead(curve, before, int(came.sum()), len(lag))
+
+
+def log_rank(first: ArrayLike, first_happened: ArrayLike, second: ArrayLike, second_happened: ArrayLike) -> LogRank:
+    """Log-rank test (Mantel 1966) of two groups' delays [n1], [n2] with `happened` bool as in `incidence`."""
+    from scipy.stats import CensoredData, logrank
+
+    groups = [_delays(*group, "log_rank") for group in ((first, first_happened), (second, second_happened))]
+    if not any(came.any() for _, came in groups) or not all(len(times) for times, _ in groups):
+        return LogRank(float("nan"), float("nan"))
+    one, two = (CensoredData(uncensored=times[came], right=times[~came]) for times, came in groups)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        found: Any = logrank(one, two)
+    return LogRank(-float(found.statistic), float(found.pvalue))
+
+
+def _curve(times: np.ndarray, came: np.ndarray, start: float, confidence: float) -> Incidence:
+    from scipy.stats import CensoredData, ecdf
+
+    alpha_of(confidence)
+    if not came.any():
         zero = np.zeros(1)
-        return Incidence(zero, zero, zero, zero, 0, len(delay))
-    result = ecdf(CensoredData(uncensored=delay[happened], right=delay[~happened])).cdf
-    with (
-        warnings.catch_warnings()
-    ):  # no value before the first event and after the last: the neighbour's or the trivial bound stands
+        return Incidence(np.full(1, start), zero, zero, zero, 0, len(times))
+    result = ecdf(CensoredData(uncensored=times[came], right=times[~came])).cdf
+    with warnings.catch_warnings():
+        # no value before the first event and after the last: the neighbour's or the trivial bound stands
         warnings.simplefilter("ignore", RuntimeWarning)
         band = result.confidence_interval(confidence, method="log-log")
     low = np.maximum.accumulate(np.nan_to_num(band.low.probabilities, nan=0.0))
     high = np.minimum.accumulate(np.nan_to_num(band.high.probabilities, nan=1.0)[::-1])[::-1]
     time, fraction = result.quantiles, result.probabilities
     return Incidence(
-        np.concatenate([[0.0], time]),
+        np.concatenate([[start], time]),
         np.concatenate([[0.0], fraction]),
         np.concatenate([[0.0], np.minimum(low, fraction)]),
         np.concatenate([[0.0], np.maximum(high, fraction)]),
-        int(happened.sum()),
-        len(delay),
+        int(came.sum()),
+        len(times),
     )
+
+
+def _delays(delay: ArrayLike, happened: ArrayLike, caller: str) -> tuple[np.ndarray, np.ndarray]:
+    times, came = np.asarray(delay, float), np.asarray(happened).astype(bool)
+    if times.shape != came.shape or times.ndim != 1:
+        raise ValueError(f"{caller}: delay {times.shape} and happened {came.shape} must be one-dimensional and equal")
+    if not (times >= 0).all():
+        raise ValueError(f"{caller}: a delay is never negative, got {times[~(times >= 0)][0]}")
+    return times, came
+
+
+def _first(time: np.ndarray, fraction: np.ndarray, wanted: float) -> float:
+    reached = np.flatnonzero(fraction >= wanted)
+    return float(time[reached[0]]) if len(reached) else float("nan")

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 import pytest
-from scipy.stats import binom
+from scipy.stats import beta, binom, binomtest
 
-from ravenjax.stats.intervals import clopper_pearson, rate_table, rule_of_three, wilson
+from ravenjax.stats.intervals import bounds, clopper_pearson, jeffreys, rates, wilson
 
 
 @pytest.mark.parametrize(
@@ -50,37 +49,50 @@ def test_clopper_pearson_solves_its_equations(k):
     assert binom.cdf(k, 40, rate.high) == pytest.approx(0.025, rel=1e-6)
 
 
-def exact_coverage(interval, n, chances):
+@pytest.mark.parametrize("k", [1, 7, 39])
+def test_jeffreys_is_the_posterior_of_its_prior(k):
+    rate = jeffreys(k, 40)
+    posterior = beta(k + 0.5, 40 - k + 0.5)
+    assert posterior.cdf(rate.low) == pytest.approx(0.025) and posterior.sf(rate.high) == pytest.approx(0.025)
+
+
+def test_jeffreys_holds_its_estimate_at_both_ends():
+    none, all_ = jeffreys(0, 400), jeffreys(400, 400)
+    assert none.low == 0 and all_.high == 1
+    assert none.high < min(wilson(0, 400).high, clopper_pearson(0, 400).high)  # the sharpest where cases are rare
+
+
+@pytest.mark.parametrize(("method", "name"), [("wilson", "wilson"), ("clopper_pearson", "exact")])
+def test_many_rates_at_once_are_scipys_one_by_one(method, name):
+    k, n = np.arange(0, 300, 7), 300
+    for rate in rates(k, n, 0.9, method):
+        interval = binomtest(rate.k, n).proportion_ci(0.9, name)
+        assert (rate.low, rate.high) == pytest.approx((interval.low, interval.high), abs=1e-12)
+
+
+def exact_coverage(method, n, chances):
     """Chance that the interval holds p, for each p: a sum over all outcomes, no sampling error."""
     k = np.arange(n + 1)
-    low, high = np.array([interval(int(i), n)[3:] for i in k]).T
+    low, high = bounds(k, np.full(n + 1, n), 0.95, method)
     return [float(binom.pmf(k, n, p)[(low <= p) & (p <= high)].sum()) for p in chances]
 
 
 @pytest.mark.parametrize("n", [20, 170])
 def test_coverage(n):
     chances = np.linspace(0.02, 0.98, 49)
-    exact = exact_coverage(clopper_pearson, n, chances)
-    score = exact_coverage(wilson, n, chances)
+    exact, score, bayes = (exact_coverage(name, n, chances) for name in ("clopper_pearson", "wilson", "jeffreys"))
     assert min(exact) >= 0.95
-    assert np.mean(score) == pytest.approx(0.95, abs=0.01) and min(score) > 0.83
+    for near in (score, bayes):
+        assert np.mean(near) == pytest.approx(0.95, abs=0.01) and min(near) > 0.83
 
 
 def test_coverage_simulated():
     random = np.random.default_rng(11)
     for p in (0.05, 0.3):
-        counts = random.binomial(170, p, 2000)
-        bounds = {k: wilson(int(k), 170) for k in np.unique(counts)}
-        inside = np.mean([bounds[k].low <= p <= bounds[k].high for k in counts])
-        (expected,) = exact_coverage(wilson, 170, [p])
+        found = rates(random.binomial(170, p, 2000), 170)
+        inside = np.mean([rate.low <= p <= rate.high for rate in found])
+        (expected,) = exact_coverage("wilson", 170, [p])
         assert inside == pytest.approx(expected, abs=0.02)  # 4 standard errors of 2000 draws
-
-
-def test_rule_of_three_bounds_the_exact_one_sided_limit():
-    for n in (30, 100, 1000, 10_000):
-        exact = 1 - 0.05 ** (1 / n)
-        assert exact < rule_of_three(n) < 1.06 * exact
-    assert (rule_of_three(0), rule_of_three(2)) == (1.0, 1.0)
 
 
 @pytest.mark.parametrize(("k", "n"), [(3, 2), (-1, 2), (0, -1)])
@@ -90,11 +102,15 @@ def test_impossible_counts_are_refused(k, n):
 
 
 def test_no_trials_have_no_rate():
-    assert np.isnan(wilson(0, 0)[2:]).all()
+    assert np.isnan(wilson(0, 0)[2:]).all() and wilson(0, 0) == rates([1, 0], [2, 0])[1]
 
 
-def test_rate_table():
-    groups = pd.Series(["b", "a", "b", "b"], dtype="category").cat.add_categories("unused")
-    table = rate_table(pd.Series([True, False, False, True]), groups)
-    assert list(table.index) == ["a", "b"] and list(table["k"]) == [0, 2] and list(table["n"]) == [1, 3]
-    assert tuple(table.loc["b"]) == wilson(2, 3)
+@pytest.mark.parametrize("confidence", [0, 1, 95])
+def test_impossible_confidence_is_refused(confidence):
+    with pytest.raises(ValueError, match=str(confidence)):
+        wilson(1, 2, confidence)
+
+
+def test_half_a_case_is_refused():
+    with pytest.raises(ValueError, match=r"k counts, .* got \[1.5\]"):
+        rates([1, 1.5], 2)

@@ -5,7 +5,121 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ravenjax.stats.latency import incidence
+from ravenjax.stats.intervals import wilson
+from ravenjax.stats.latency import incidence, lead_time, log_rank, restricted_mean
+
+# Weeks in remission, 6-MP against placebo: Freireich et al. 1963, the example of every textbook (Cox 1972; Klein and
+# Moeschberger 2003, 1.2); True where the remission ended
+DRUG = [6, 6, 6, 7, 10, 13, 16, 22, 23, 6, 9, 10, 11, 17, 19, 20, 25, 32, 32, 34, 35]
+DRUG_ENDED = [True] * 9 + [False] * 12
+PLACEBO = [1, 1, 2, 2, 3, 4, 4, 5, 5, 8, 8, 8, 8, 11, 11, 12, 12, 15, 17, 22, 23]
+
+
+def test_textbook_curve():
+    curve = incidence(DRUG, DRUG_ENDED)
+    survival = {6: 0.8571, 7: 0.8067, 10: 0.7529, 13: 0.6902, 16: 0.6275, 22: 0.5378, 23: 0.4482}
+    at = dict(zip(curve.time, 1 - curve.fraction, strict=True))
+    assert {time: at[time] for time in survival} == pytest.approx(survival, abs=5e-5)
+    assert curve.quantile(0.5) == 23 and (curve.events, curve.n) == (9, 21)
+
+
+def test_textbook_median_interval():
+    # survival::survfit(conf.type = "log-log"): placebo median 8, 4 to 11; drug 23, 13 to unknown
+    assert incidence(PLACEBO, np.ones(21, bool)).quantile_interval(0.5) == (8, 4, 11)
+    found = incidence(DRUG, DRUG_ENDED).quantile_interval(0.5)
+    assert found[:2] == (23, 13) and np.isnan(found.high)
+
+
+def test_textbook_log_rank():
+    found = log_rank(DRUG, DRUG_ENDED, PLACEBO, np.ones(21, bool))
+    assert found.statistic**2 == pytest.approx(16.79, abs=0.01) and found.p == pytest.approx(4.17e-5, rel=0.01)
+    assert found.statistic > 0  # the drug's come later
+    same = log_rank(DRUG, DRUG_ENDED, DRUG, DRUG_ENDED)
+    assert same.statistic == pytest.approx(0) and same.p == pytest.approx(1)
+    assert np.isnan(log_rank([1.0], [False], [2.0], [False]).p)
+
+
+def test_log_rank_is_level():
+    random = np.random.default_rng(4)
+    p = []
+    for _ in range(400):
+        delay, end = random.exponential(50, (2, 60)), random.uniform(0, 120, (2, 60))
+        times, came = np.minimum(delay, end), delay <= end
+        p.append(log_rank(times[0], came[0], times[1], came[1]).p)
+    assert np.mean(np.array(p) < 0.05) == pytest.approx(0.05, abs=0.04)
+
+
+def test_restricted_mean_by_hand():
+    # survival 1 to time 1, then 4/5 to 3, then 8/15 to 4, then 4/15: 1 + 8/5 + 8/15 + 1/2 * 4/15 to horizon 4.5
+    delay, came = [1, 2, 3, 4, 5], [True, False, True, True, False]
+    found = restricted_mean(delay, came, 4.5)
+    assert found.value == pytest.approx(1 + 8 / 5 + 8 / 15 + 2 / 15)
+    # Greenwood: areas beyond 1, 3, 4 are 34/15, 2/3, 2/15; times 1/(5*4), 1/(3*2), 1/(2*1)
+    error = np.sqrt((34 / 15) ** 2 / 20 + (2 / 3) ** 2 / 6 + (2 / 15) ** 2 / 2)
+    assert found.value - found.low == pytest.approx(1.959964 * error)
+    assert found.high - found.value == pytest.approx(found.value - found.low)
+    assert restricted_mean(delay, came, 1.5).high == 1.5  # never longer than the horizon
+
+
+def test_restricted_mean_without_censoring_is_the_mean():
+    delay = np.random.default_rng(0).exponential(50, 500)
+    found = restricted_mean(delay, np.ones(500, bool), 1000)
+    assert found.value == pytest.approx(delay.mean())
+    assert found.high - found.low == pytest.approx(2 * 1.959964 * delay.std() / np.sqrt(500))
+
+
+def test_coverage_of_mean_and_median():
+    random = np.random.default_rng(6)
+    truth = 50 * (1 - np.exp(-100 / 50)), 50 * np.log(2)
+    inside = np.zeros(2)
+    for _ in range(400):
+        delay, end = random.exponential(50, 120), random.uniform(100, 200, 120)
+        times, came = np.minimum(delay, end), delay <= end
+        for i, one in enumerate((restricted_mean(times, came, 100), incidence(times, came).quantile_interval(0.5))):
+            inside[i] += one.low <= truth[i] <= one.high
+    assert (inside / 400 > 0.91).all() and (inside / 400 < 0.985).all()
+
+
+def test_horizon_beyond_what_was_watched_is_refused():
+    with pytest.raises(ValueError, match="horizon 10 lies beyond the last observation, 6"):
+        restricted_mean([5.0, 6.0], [True, False], 10)
+    assert restricted_mean([5.0, 6.0], [False, True], 10).value == 6  # all have had the event by then
+    assert restricted_mean([5.0, 6.0], [False, False], 4)[:3] == (4, 4, 4)
+
+
+def test_lead_by_hand():
+    nan = np.nan
+    #        early  late  never  no harm  at once
+    alarm = [10.0, 60.0, nan, 5.0, 30.0]
+    harm = [40.0, 50.0, 20.0, nan, 30.0]
+    lead = lead_time(alarm, harm, 100)
+    assert (lead.n, lead.alarmed) == (4, 3) and lead.before == wilson(1, 4)
+    assert lead.lag.time.tolist() == [-30, -30, 0, 10, 80][: len(lead.lag.time)]
+    assert lead.quantile(0.25).value == 30 and lead.quantile(0.5).value == 0 and lead.quantile(0.75).value == -10
+    assert np.isnan(lead.quantile(0.9).value)  # a quarter never had an alarm while they were watched
+
+
+def test_lead_of_a_detector_that_misses_is_not_flattered():
+    random = np.random.default_rng(7)
+    harm = random.uniform(200, 400, 4000)
+    alarm = harm - random.normal(20, 30, 4000)
+    missed = random.random(4000) < 0.3
+    lead = lead_time(np.where(missed | (alarm > 500), np.nan, alarm), harm, 500)
+    assert lead.before.value == pytest.approx(0.7 * 0.7475, abs=0.025)  # Phi(20 / 30) = 0.7475
+    known = lead.quantile(0.35)  # half of those that alarm
+    assert known.value == pytest.approx(20, abs=4) and known.low < 20 < known.high
+
+
+def test_lead_without_harm_or_alarm():
+    nothing = lead_time([np.nan, 3.0], [np.nan, np.nan], 10)
+    assert nothing.n == 0 and np.isnan(nothing.before.value) and np.isnan(nothing.quantile(0.5).value)
+    silent = lead_time([np.nan], [4.0], 10)
+    assert (silent.alarmed, silent.before.k) == (0, 0) and np.isnan(silent.quantile(0.5).value)
+
+
+def test_lead_refuses_what_comes_after_the_end():
+    with pytest.raises(ValueError, match="after it"):
+        lead_time([11.0], [4.0], 10)
 
 
 def test_textbook_product():

@@ -1,0 +1,66 @@
+"""What a search found: numbers for programs, tables and sentences for readers, figures."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclasses.dataclass(frozen=True)
+class Table:
+    """A table of text."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    note: str = ""  # how to read it
+
+
+@dataclasses.dataclass(frozen=True)
+class Findings:
+    """Of one search."""
+
+    numbers: dict[str, Any]  # as JSON has them, NaN as None
+    sentences: tuple[str, ...]  # the answer in short
+    tables: tuple[Table, ...]
+    figures: Mapping[str, Callable[[], Figure]]  # name of the file without suffix -> draws it
+
+
+def number(value: float, digits: int = 4) -> str:
+    """A number as readers want it; nothing of NaN."""
+    return "" if math.isnan(value) else f"{value:.{digits}g}" if abs(value) < 10**digits else f"{value:.0f}"
+
+
+def plain(value: Any) -> Any:
+    """Nested values as JSON has them: no NumPy, None for NaN and infinities."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    value = value.tolist() if hasattr(value, "tolist") else value
+    if isinstance(value, list):
+        return plain(value)
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def short(name: str) -> str:
+    """An axis as readers want it: a field of the first fault, or of which other one, with ms as its unit."""
+    match = re.fullmatch(r"fault(\d+)_(\w+?)(_ms)?", name)
+    if match is None:
+        return name
+    which = f" (fault {match[1]})" if int(match[1]) else ""
+    return match[2] + which + (", ms" if match[3] else "")
+
+
+def words(case: Mapping[str, Any]) -> str:
+    """A case in words."""
+    told = ((*short(name).partition(", "), value) for name, value in case.items())
+    return ", ".join(
+        f"{name} {value}" + (f" {unit}" if value != "end" and unit else "") for name, _, unit, value in told
+    )

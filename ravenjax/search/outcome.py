@@ -1,0 +1,140 @@
+"""What a search asks of a run: a number of the result table, or whether an event happened.
+
+peak_model_deviation_mm            the number
+jump_code                          an event: the truth value
+peak_model_deviation_mm >= 3       an event: a number against a bound; also <=
+response = stopped                 an event: the word
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.errors import shown, suggestion
+from ravenjax.store import schema
+
+_FORM = re.compile(r"^\s*(\w+)\s*(?:(>=|<=|=)\s*(.*?)\s*)?$")
+_TIMES = ("first_ms", "last_ms", "first_active_ms", "response_ms", "reaction_ms")
+"""Ends of columns that hold -1 where the time never came."""
+_GIVEN = ("run_id", "index", "group", "seed", "operator")
+
+_WORDS = {"verdict": schema.VERDICTS, "response": ("stopped", "flagged", "none")}
+"""Columns of words of which all words are known here."""
+
+FORMS = "'peak_model_deviation_mm', 'jump_code', 'peak_model_deviation_mm >= 3' or 'response = stopped'"
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """One number a run: of a column, or 1 where the event happened and 0 where it did not."""
+
+    column: str
+    relation: str = ""  # ">=", "<=", "=", or "" for the column itself
+    bound: float = 0.0
+    word: str = ""  # with "="
+
+    def __str__(self) -> str:
+        if not self.relation:
+            return self.column
+        return f"{self.column} {self.relation} {self.word or f'{self.bound:g}'}"
+
+    @property
+    def unit(self) -> str:
+        """Of the column."""
+        return self.column.rpartition("_")[2] if self.column.endswith(("_mm", "_ms")) and not self.relation else ""
+
+    def values(self, columns: schema.Columns) -> np.ndarray:
+        """float64 [rows] of columns of the result table; NaN where a run failed, or has no such number."""
+        if self.word:
+            found = np.asarray(pd.Categorical(columns[self.column]) == self.word, np.float64)
+        else:
+            found = self._numbers(columns)
+            if self.relation:
+                reached = found >= self.bound if self.relation == ">=" else found <= self.bound
+                found = np.where(np.isnan(found) & (not self._may_be_absent), np.nan, reached)
+        return np.where(np.asarray(columns["failed"] == ""), found, np.nan)
+
+    def margins(self, columns: schema.Columns) -> np.ndarray:
+        """float64 [rows]: how far the column is beyond its bound, from 0 on where the event happened; NaN as above."""
+        beyond = self._numbers(columns) - self.bound
+        found = beyond if self.relation == ">=" else -beyond
+        return np.where(np.asarray(columns["failed"] == ""), found, np.nan)
+
+    @property
+    def _may_be_absent(self) -> bool:
+        return self.column.endswith(_TIMES)
+
+    def _numbers(self, columns: schema.Columns) -> np.ndarray:
+        found = np.asarray(columns[self.column]).astype(np.float64)
+        return np.where(found < 0, np.nan, found) if self._may_be_absent else found  # a time that never came is -1
+
+    def complaints(self, shape: schema.Shape) -> Iterator[str]:
+        """What is wrong with it for a table of this shape."""
+        known = {c.name: c.dtype for c in schema.columns(shape) if _is_outcome(c.name)}
+        if self.column not in known:
+            near = suggestion(self.column, known)
+            yield f"unknown outcome {self.column!r}, expected an outcome column of results/README.md{near}"
+            return
+        text = known[self.column] == "category"
+        words = _WORDS.get(self.column, ())
+        if text and not self.word:
+            example = f" such as '{self.column} = {words[0]}'" if words else ""
+            yield f"{self.column} holds words: write an event{example}"
+        elif self.word and not text:
+            yield f"{self.column} holds numbers: got the word {self.word!r}, expected >= or <= and a number"
+        elif words and self.word not in words:
+            near = suggestion(self.word, words)
+            yield f"{self.column} is never {self.word!r}, expected one of {', '.join(words)}{near}"
+        if not self.relation and self._may_be_absent:
+            yield f"{self.column} is -1 where it never came: write an event such as '{self.column} <= 1000'"
+
+
+def _is_outcome(column: str) -> bool:
+    return column not in _GIVEN and not re.match(r"fault\d+_|param:", column)
+
+
+def parse(text: str) -> Outcome:
+    """The outcome that a text names. ValueError where it has another form."""
+    match = _FORM.match(text)
+    if match is None:
+        raise ValueError(f"got {shown(text)}, expected a column or an event, such as {FORMS}")
+    column, relation, right = match[1], match[2] or "", match[3] or ""
+    if relation == "=":
+        if not right:
+            raise ValueError(f"got {shown(text)}, expected a word after =, such as 'response = stopped'")
+        return Outcome(column, relation, word=right)
+    if relation:
+        try:
+            return Outcome(column, relation, float(right))
+        except ValueError:
+            raise ValueError(f"got {shown(text)}, expected a number after {relation}, such as {FORMS}") from None
+    return Outcome(column)
+
+
+def is_event(found: Outcome) -> bool:
+    """Whether it is 1 or 0 for every run."""
+    truths = {c.name for c in schema.columns(schema.Shape()) if c.dtype == "bool"}
+    return bool(found.relation) or found.column in truths
+
+
+def require_event(text: str) -> str:
+    """`text`, or ValueError where it names a number rather than an event."""
+    if not is_event(parse(text)):
+        raise ValueError(f"got {shown(text)}, a number; expected an event, such as '{text} >= 1'")
+    return text
+
+
+def require_margin(text: str) -> str:
+    """`text`, or ValueError where it is not a column against a number, so that runs can be nearer to it or farther."""
+    found = parse(text)
+    if found.relation not in (">=", "<=") or found.column.endswith(_TIMES):
+        raise ValueError(
+            f"got {shown(text)}, expected a measured number against a bound, such as 'peak_model_deviation_mm >= 10': "
+            "the search must see how near a run came"
+        )
+    return text

@@ -1,0 +1,58 @@
+"""Many hypotheses at once: p-values adjusted so that a promise holds for all of them together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from ravenjax.stats.intervals import alpha_of
+
+
+class Finding(NamedTuple):
+    """p-value of one hypothesis, the same adjusted for its family, and whether it is rejected."""
+
+    p: float
+    adjusted: float
+    rejected: bool
+
+
+def holm(p: Mapping[str, float], confidence: float = 0.95) -> dict[str, Finding]:
+    """Holm's step-down: with this confidence not one rejection is wrong, whatever the dependence (Holm 1979).
+
+    Named p-values in, findings out in the same order. A NaN p (nothing to test) is not part of the family and never
+    rejected. ValueError where a p is outside 0..1.
+    """
+
+    def adjust(values: np.ndarray) -> np.ndarray:
+        from statsmodels.stats.multitest import multipletests  # slow to import
+
+        return np.asarray(multipletests(values, alpha_of(confidence), "holm")[1])
+
+    return _findings(p, confidence, adjust)
+
+
+def benjamini_hochberg(p: Mapping[str, float], confidence: float = 0.95) -> dict[str, Finding]:
+    """Benjamini-Hochberg: of the rejections at most 1 - confidence are wrong on average (JRSS B 57, 1995).
+
+    Holds for independent and for positively dependent hypotheses. NaN and errors as in `holm`.
+    """
+    from scipy.stats import false_discovery_control
+
+    return _findings(p, confidence, false_discovery_control)
+
+
+def _findings(
+    p: Mapping[str, float], confidence: float, adjust: Callable[[np.ndarray], np.ndarray]
+) -> dict[str, Finding]:
+    values = np.array(list(p.values()), float)
+    tested = ~np.isnan(values)
+    if ((values < 0) | (values > 1)).any():
+        raise ValueError(f"p-values lie in 0..1, got {dict(p)}")
+    adjusted = np.full(len(values), np.nan)
+    if tested.any():
+        adjusted[tested] = adjust(values[tested])
+    rejected = adjusted <= alpha_of(confidence)
+    rows = zip(p, values.tolist(), adjusted.tolist(), rejected.tolist(), strict=True)
+    return {name: Finding(*found) for name, *found in rows}

@@ -1,0 +1,91 @@
+"""A rate over strata that were not sampled as often as they occur."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ravenjax.stats.intervals import alpha_of, bounds, whole
+
+
+class StratifiedRate(NamedTuple):
+    """Weighted rate sum w p with its interval; error is its standard error, sqrt(sum w^2 p (1 - p) / n)."""
+
+    value: float
+    low: float
+    high: float
+    error: float
+    n: int
+
+
+def stratified(k: ArrayLike, n: ArrayLike, weight: ArrayLike, confidence: float = 0.95) -> StratifiedRate:
+    """Rate over strata of k[s] hits in n[s] runs that occur in proportion to weight[s]; arrays [strata].
+
+    Weights are normalised to sum 1. Estimate and variance: Powell, Martins, Arlat, Crouzet (IEEE Trans. Computers 44,
+    1995). The interval is Wilson's at the effective number of runs, that of a plain sample with the same variance
+    (Korn, Graubard, Survey Methodology 24, 1998; Dean, Pagano, J. Surv. Stat. Methodol. 3, 2015), here taken at each
+    stratum's Wilson centre, so the interval does not collapse where a stratum saw no hit; one stratum gives
+    Wilson's interval itself. ValueError where shapes differ, a weight is negative, all are 0, a stratum of positive
+    weight has no run, or a count is impossible.
+    """
+    from scipy.stats import norm
+
+    hits, runs, share = whole(k, "k"), whole(n, "n"), np.asarray(weight, float)
+    if not hits.shape == runs.shape == share.shape or hits.ndim != 1:
+        raise ValueError(f"stratified: k {hits.shape}, n {runs.shape} and weight {share.shape} must be of one length")
+    share = _normalised(share)
+    used = share > 0
+    if (runs[used] == 0).any():
+        raise ValueError("stratified: a stratum of positive weight has no run; run it, or set its weight to 0")
+    if ((hits < 0) | (hits > runs)).any():
+        raise ValueError(f"stratified: a rate needs 0 <= k <= n, got k = {hits}, n = {runs}")
+    hits, runs, share = hits[used], runs[used], share[used]
+    rate = hits / runs
+    z = norm.isf(alpha_of(confidence) / 2)
+    centre = (hits + z**2 / 2) / (runs + z**2)
+    overall = share @ centre
+    effective = overall * (1 - overall) / np.sum(share**2 * centre * (1 - centre) / runs)
+    value = float(share @ rate)
+    low, high = bounds(np.array(value * effective), np.array(effective), confidence, "wilson")
+    error = float(np.sqrt(np.sum(share**2 * rate * (1 - rate) / runs)))
+    return StratifiedRate(value, float(low), float(high), error, int(runs.sum()))
+
+
+def neyman(total: int, weight: ArrayLike, rate: ArrayLike, least: int = 1) -> np.ndarray:
+    """Runs per stratum [strata], summing to `total`, that give the weighted rate its smallest variance.
+
+    Neyman allocation, n proportional to weight sqrt(rate (1 - rate)), at least `least` runs each; rate[strata] is a
+    guess or a pilot's rate (where a pilot saw none, give its upper bound). Where every spread is 0, as the weights.
+    ValueError where a rate is not in 0..1, or total < least * strata.
+    """
+    share, guess = np.asarray(weight, float), np.asarray(rate, float)
+    if share.shape != guess.shape or share.ndim != 1:
+        raise ValueError(f"neyman: weight {share.shape} and rate {guess.shape} must be of one length")
+    if not ((guess >= 0) & (guess <= 1)).all():
+        raise ValueError(f"neyman: rates lie in 0..1, got {guess}")
+    if total < least * len(share):
+        raise ValueError(f"neyman: {total} runs are fewer than {least} for each of {len(share)} strata")
+    share = _normalised(share)
+    spread = share * np.sqrt(guess * (1 - guess))
+    spread = spread / spread.sum() if spread.any() else share
+    runs = np.full(len(share), least)
+    free = np.ones(len(share), bool)
+    while True:  # a stratum that would get fewer than `least` is held there, and the rest shared again
+        wanted = np.where(free, spread, 0.0)
+        wanted = wanted / wanted.sum() * (total - least * int((~free).sum()))
+        held = free & (wanted < least)
+        if not held.any():
+            break
+        free &= ~held
+    runs[free] = np.floor(wanted[free])
+    largest = np.argsort(-np.where(free, wanted - np.floor(wanted), -1.0), kind="stable")
+    runs[largest[: total - int(runs.sum())]] += 1
+    return runs
+
+
+def _normalised(weight: np.ndarray) -> np.ndarray:
+    if not (weight >= 0).all() or not np.isfinite(weight).all() or not weight.any():
+        raise ValueError(f"weights of strata must be finite, not negative and not all 0, got {weight}")
+    return weight / weight.sum()
