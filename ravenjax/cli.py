@@ -130,6 +130,67 @@ def trace(
 
 
 @app.command
+def search(
+    file: str,
+    *,
+    out: Annotated[Path | None, Parameter(help="folder; default results/NAME of the search")] = None,
+    engine: Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")] = "auto",
+    overrides: Overrides = None,
+) -> None:
+    """Find what matters: the smallest harmful fault, the parameters that decide, how rare an outcome is.
+
+    Parameters
+    ----------
+    file
+        Search file, or the name of a bundled one (see `ravenjax campaigns`).
+    """
+    from ravenjax import terminal
+    from ravenjax.search import runner
+
+    with terminal.Watch(_out) as watch:
+        found = runner.run(file, out, engine, overrides or (), watch)
+    for sentence in found.findings.sentences:
+        _out.print(f"- {sentence}", markup=False, highlight=False)
+    _out.print(f"search: {found.out}", highlight=False, soft_wrap=True)
+
+
+@app.command
+def reproduce(
+    name: str | None = None,
+    *,
+    out: Annotated[Path, Parameter(help="folder; each study has one inside")] = Path("results/reproduce"),
+    engine: Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")] = "auto",
+    keep: Annotated[Path | None, Parameter(help="also copy the findings, without pictures, into this folder")] = None,
+) -> None:
+    """Run a published experiment, or a study of our own, and set what is predicted beside what was published.
+
+    Parameters
+    ----------
+    name
+        The study, or "all". Without one: list them.
+    """
+    from ravenjax import terminal
+    from ravenjax.studies import catalogue, markdown, running, writing
+
+    if name is None:
+        rows = [
+            (one.name, one.title, ", ".join(one.targets), f"{one.minutes:g}")
+            for one in map(catalogue.find, catalogue.NAMES)
+        ]
+        _out.print(terminal.table("Studies: ravenjax reproduce NAME", ("name", "what", "targets", "minutes"), rows))
+        return
+    for study in catalogue.NAMES if name == "all" else (catalogue.find(name).name,):
+        with terminal.Watch(_out) as watch:
+            findings = running.reproduce(study, out, engine, watch)
+        if findings.lines:
+            columns, rows = markdown.LINE_COLUMNS[:-1], [row[:-1] for row in markdown.line_rows(findings)]
+            _out.print(terminal.table(catalogue.find(study).title, columns, rows))
+        _out.print(f"findings: {out / study / writing.PAGE}", highlight=False, soft_wrap=True)
+        if keep is not None:
+            writing.keep(out / study, keep / study)
+
+
+@app.command
 def campaigns() -> None:
     """List the bundled campaigns."""
     from ravenjax import resources, terminal
@@ -139,7 +200,13 @@ def campaigns() -> None:
     for path in resources.bundled("campaigns", "*.toml"):
         config = loading.load(path)
         rows.append((path.name, str(design.count(config)), config.campaign.description))
-    _out.print(terminal.table("Campaigns", ("file", "runs", "what it asks"), rows))
+    _out.print(terminal.table("Campaigns: ravenjax run FILE", ("file", "runs", "what it asks"), rows))
+    from ravenjax.search import loading as searches
+
+    found = [(path.name, searches.load(path)) for path in resources.bundled("campaigns/searches", "*.toml")]
+    rows = [(name, one.search.kind, one.campaign.campaign.description) for name, one in found]
+    _out.print()
+    _out.print(terminal.table("Searches: ravenjax search FILE", ("file", "kind", "what it asks"), rows))
 
 
 @app.command

@@ -19,6 +19,9 @@ from rich.table import Table
 PLAIN_EVERY_S = 5.0
 """Time between two lines of progress where the output is no terminal."""
 
+LONGEST_NAME = 48
+"""Characters of a name; a first column with more holds sentences, which are broken like any other."""
+
 PACKAGES = (
     "ravenjax",
     "jax",
@@ -108,9 +111,11 @@ class Watch:
 
 def table(title: str, columns: tuple[str, ...], rows: Iterator[tuple[str, ...]] | list[tuple[str, ...]]) -> Table:
     """A table of text; square brackets are text, too. What the first column names stays in one piece, to be copied."""
+    rows = list(rows)
     shown = Table(title=title, title_justify="left", show_edge=False)
+    names = max((len(row[0]) for row in rows), default=0) <= LONGEST_NAME
     for place, column in enumerate(columns):
-        shown.add_column(column, overflow="fold", no_wrap=place == 0)
+        shown.add_column(column, overflow="fold", no_wrap=names and place == 0)
     for row in rows:
         shown.add_row(*(cell.replace("[", r"\[") for cell in row))
     return shown

@@ -38,6 +38,7 @@ class Params:
 
     operator: operator.Params
     network: NetworkParams
+    usb: UsbParams
     control: control.Params
     plc: plc.Params
     plant: tuple[plant.Params, ...]
@@ -57,12 +58,20 @@ class NetworkParams:
 
 
 @record
+class UsbParams:
+    """The way from USB board to motor."""
+
+    command_delay: Scalar  # int32 ms, at most Setup.command_delay
+
+
+@record
 class State:
     """What is remembered from one tick to the next; each part is written by its own stage only."""
 
     faults: fault.State
     control: control.State
     board_cmd: tuple[Vec, ...]  # int32 DAC counts that each USB board holds
+    commands: tuple[tuple[Vec, ...], ...]  # int32, what the boards held in the ticks before, latest first
     plc: plc.State
     plant: tuple[plant.State, ...]
     enc_val: tuple[Vec, ...]  # int32 counts that the encoders show
@@ -167,10 +176,11 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
         for site, neutral in _MECHANICS.items()
         if inject.strikes(site)
     }
+    driven = _delayed(params.usb, board_cmd, state.commands)
     moved = per_arm(
         setup,
         lambda i, arm: plant.step(
-            setup, arm, params.plant[i], state.plant[i], _plant_signal(board_cmd[i], brakes, multipliers, i)
+            setup, arm, params.plant[i], state.plant[i], _plant_signal(driven[i], brakes, multipliers, i)
         ),
     )
     robots = tuple(out for _, out in moved)
@@ -221,6 +231,7 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
         faults=inject.state,
         control=software,
         board_cmd=board_cmd,
+        commands=(board_cmd, *state.commands)[: setup.command_delay],
         plc=controller,
         plant=tuple(new for new, _ in moved),
         enc_val=tuple(out.enc_val for out in robots),
@@ -261,6 +272,7 @@ def params(setup: Setup, start_jpos: tuple[tuple[float, ...], ...], parameter_se
     return Params(
         operator=operator.params(setup, start_jpos),
         network=NetworkParams(np.int32(1)),
+        usb=UsbParams(np.int32(0)),
         control=control.params(setup),
         plc=plc.params(setup),
         plant=per_arm(setup, lambda _, arm: plant.params(setup, arm, parameter_set)),
@@ -287,6 +299,7 @@ def init(setup: Setup, params: Params) -> State:
         faults=fault.init(setup),
         control=software,
         board_cmd=_each(setup, Vec.full(7, zero)),
+        commands=(_each(setup, Vec.full(7, zero)),) * setup.command_delay,
         plc=plc.init(setup, params.plc, ready),
         plant=plants,
         enc_val=tuple(out.enc_val for out in robots),
@@ -458,6 +471,14 @@ def _packet_due(setup: Setup, params: Params, state: State, now: Scalar) -> tupl
     elif every_tick:
         return jnp.bool_(True), now
     return index != state.packet, index
+
+
+def _delayed(params: UsbParams, now: tuple[Vec, ...], before: tuple[tuple[Vec, ...], ...]) -> tuple[Vec, ...]:
+    """The commands that reach the motors in this tick."""
+    arrives = now
+    for ticks, then in enumerate(before, start=1):
+        arrives = where(params.command_delay == ticks, then, arrives)
+    return arrives
 
 
 def _motors(setup: Setup, robots: tuple[plant.Out, ...]) -> tuple[tuple[Vec, Vec], ...] | None:

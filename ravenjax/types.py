@@ -163,6 +163,7 @@ class Setup:
     substeps: int = 1  # plant steps per 1 ms tick
     injection: Injection = Injection()
     cues: int = 1  # haptic threshold and gain sets evaluated side by side
+    command_delay: int = 0  # ms, the longest that a DAC command may take from USB write to motor
     detectors: tuple[DetectorUse, ...] = ()
     reacts: bool = False  # the operator may react to the cue
     noise: bool = False  # encoder and torque noise drawn

@@ -43,7 +43,7 @@ SETUPS = {
     "fork, absolute console": Setup(software="fork2015", console="absolute"),
     "noise and substeps": Setup(noise=True, substeps=2),
     "detectors and reaction": Setup(
-        detectors=(DetectorUse("steps", "two", 2, 2), DetectorUse("derivative_sum")), reacts=True
+        detectors=(DetectorUse("steps", "two", 2, 2), DetectorUse("derivative_sum")), reacts=True, command_delay=2
     ),
     "dynamics simulator": Setup(software="fork2015", build="dyn_sim", console="absolute"),
     "every fault site": Setup(injection=everywhere(("gold",))),

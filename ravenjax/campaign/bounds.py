@@ -60,6 +60,7 @@ BOUNDS: tuple[Bound, ...] = (
     Bound("operator.start_quat", -1, 1, "", "component of a unit quaternion"),
     Bound("operator.start_grasp", -6300, 6300, "mrad", "jaw opening where an absolute console starts"),
     Bound("network.cycles_per_packet", 1, 1000, "cycles", "from one packet to the next", whole=True),
+    Bound("usb.command_delay", 0, 16, "ms", "from USB write to motor", whole=True),
     Bound("control.teleoperation.grasp_gain", -100, 100, "", "mrad of opening per mrad of a packet", whole=True),
     Bound("control.teleoperation.grasp_min_mrad", -6300, 6300, "mrad", "smallest jaw opening", whole=True),
     Bound("control.teleoperation.grasp_max_mrad", -6300, 6300, "mrad", "largest jaw opening", whole=True),

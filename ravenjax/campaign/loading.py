@@ -14,14 +14,10 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationError
 
 from ravenjax import resources
-from ravenjax.campaign import design, location, semantics
+from ravenjax.campaign import design, location, overriding, semantics
 from ravenjax.campaign.config import CampaignConfig
-from ravenjax.campaign.group import flatten_parameters
 from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.hazards import expansion
-
-MOST_COMPLAINTS = 12
-"""Complaints printed before the rest is only counted."""
 
 MOST_RUNS = 100_000_000
 """Rows of a fault table."""
@@ -72,10 +68,10 @@ def from_dict(
     Raises UserError.
     """
     replaced = []
-    for override in _listed(overrides):
-        raw, key = _override(raw, override)
+    for override in overriding.listed(overrides):
+        raw, key = overriding.applied(raw, override)
         replaced.append(key)
-    where = _Where(source, location.lines(text), replaced)
+    where = location.Where(source, location.lines(text), replaced)
     try:
         if isinstance(raw, dict):  # anything else is refused below
             raw, where.written = expansion.plain(raw)
@@ -94,13 +90,7 @@ def from_dict(
     return config if source is None else config.with_source(source)
 
 
-def _listed(overrides: Sequence[str]) -> Sequence[str]:
-    if isinstance(overrides, str) or not all(isinstance(override, str) for override in overrides):
-        raise UserError(f"overrides are {shown(overrides)}, expected a list of texts such as ['campaign.seed=1']")
-    return overrides
-
-
-def _too_many(config: CampaignConfig) -> Iterable[semantics.Complaint]:
+def _too_many(config: CampaignConfig) -> Iterable[location.Complaint]:
     whole = config.model_copy(update={"campaign": config.campaign.model_copy(update={"limit": None})})
     if (runs := design.count(whole)) > MOST_RUNS:
         yield ("group",), f"the groups make {shown(runs)} runs, expected at most {MOST_RUNS}"
@@ -111,35 +101,7 @@ def check_parameters(config: CampaignConfig, known: Iterable[str]) -> None:
     if wrong := list(semantics.unknown_parameters(config, known)):
         source = config.source
         text = source.read_text(encoding="utf-8") if source is not None and source.is_file() else ""
-        raise _Where(source, location.lines(text), []).error(wrong)
-
-
-class _Where:
-    """Turns (key, message) into a line of an error."""
-
-    def __init__(self, source: Path | None, lines: dict[str, int], replaced: Sequence[location.Key]) -> None:
-        self.source, self.lines, self.replaced = source, lines, [location.dotted(key) for key in replaced]
-        self.written: list[int] = []  # of each group, the number of the one in the file that it comes from
-
-    def error(self, complaints: Iterable[semantics.Complaint]) -> UserError:
-        found = dict.fromkeys((self._in_file(key), message) for key, message in complaints)
-        in_order = sorted(found, key=lambda complaint: location.nearest(self.lines, complaint[0]) or 0)
-        rows = [f"{self._place(key)}{location.dotted(key) or 'the file'}: {message}" for key, message in in_order]
-        more = f"\n.. and {len(rows) - MOST_COMPLAINTS} more" if len(rows) > MOST_COMPLAINTS else ""
-        return UserError("\n".join(rows[:MOST_COMPLAINTS]) + more)
-
-    def _in_file(self, key: location.Key) -> location.Key:
-        if len(key) > 1 and key[0] == "group" and isinstance(key[1], int) and key[1] < len(self.written):
-            return ("group", self.written[key[1]], *key[2:])
-        return key
-
-    def _place(self, key: location.Key) -> str:
-        if any(location.dotted(key).startswith(replaced) for replaced in self.replaced):
-            return "--set: "
-        if self.source is None:
-            return ""
-        line = location.nearest(self.lines, key)
-        return f"{self.source}:{line}: " if line else f"{self.source}: "
+        raise location.Where(source, location.lines(text), []).error(wrong)
 
 
 def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
@@ -187,47 +149,3 @@ def _models(annotation: Any) -> Iterable[type[BaseModel]]:
         yield annotation
     for inner in get_args(annotation):
         yield from _models(inner)
-
-
-# --- overrides --------------------------------------------------------------------------------------------------------
-
-
-def _override(raw: dict[str, Any], override: str) -> tuple[dict[str, Any], location.Key]:
-    """`raw` with `key.path=value` entered, and its key; the value is TOML, or text. Entries of arrays go by number or
-    name."""
-    path, equals, text = override.partition("=")
-    parts = [part.strip() for part in path.strip().split(".")]
-    if not equals or not all(parts):
-        raise UserError(f"--set {override}: expected key.path=value, such as campaign.duration_s=5 or group.0.runs=100")
-    try:
-        value = tomllib.loads(f"x = {text}")["x"]
-    except (ValueError, RecursionError):
-        value = text.strip()
-    return _entered(raw, parts, value, override)
-
-
-def _entered(table: Any, parts: list[str], value: Any, override: str) -> tuple[Any, location.Key]:
-    if not parts:
-        return value, ()
-    head, rest = parts[0], parts[1:]
-    if isinstance(table, list):
-        index = _index(table, head, override)
-        entry, key = _entered(table[index], rest, value, override)
-        return [*table[:index], entry, *table[index + 1 :]], (index, *key)
-    if not isinstance(table, dict):
-        raise UserError(f"--set {override}: {head!r} is no key of the value {shown(table)}")
-    table = flatten_parameters(table)
-    if head == "parameters" and rest:  # paths of parameters hold dots
-        rest = [".".join(rest)]
-    entry, key = _entered(table.get(head, {}), rest, value, override)
-    return {**table, head: entry}, (head, *key)
-
-
-def _index(table: list[Any], part: str, override: str) -> int:
-    names = [entry.get("name") for entry in table if isinstance(entry, dict)]
-    if part in names:
-        return names.index(part)
-    if part.isdecimal() and int(part) < len(table):
-        return int(part)
-    expected = f"a number 0..{len(table) - 1}" + (f" or a name of {', '.join(map(str, names))}" if any(names) else "")
-    raise UserError(f"--set {override}: got {part!r}, expected {expected}{suggestion(part, [str(n) for n in names])}")

@@ -1,14 +1,23 @@
-"""On which line of a TOML file a key is written; tomllib does not say."""
+"""On which line of a TOML file a key is written, which tomllib does not say; and complaints that name it."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from ravenjax.errors import UserError
 
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?$")
 _KEY = re.compile(r"""^\s*((?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*'))*)\s*=""")
 _PART = re.compile(r""""([^"]*)"|'([^']*)'|([A-Za-z0-9_-]+)""")
 
 Key = tuple[str | int, ...]
+Complaint = tuple[Key, str]
+"""A key, and what is wrong with it."""
+
+MOST_COMPLAINTS = 12
+"""Complaints printed before the rest is only counted."""
 
 
 def dotted(key: Key) -> str:
@@ -61,3 +70,32 @@ def _enter(parts: Key, array: bool, counts: dict[Key, int]) -> Key:
         if key in counts:
             key = (*key, counts[key])
     return key
+
+
+class Where:
+    """Turns (key, message) into a line of an error: of which file, on which line, or from which override."""
+
+    def __init__(self, source: Path | None, lines: dict[str, int], replaced: Sequence[Key]) -> None:
+        self.source, self.lines, self.replaced = source, lines, [dotted(key) for key in replaced]
+        self.written: list[int] = []  # of each group, the number of the one in the file that it comes from
+
+    def error(self, complaints: Iterable[Complaint]) -> UserError:
+        """All of them as one error, in the order of the file, each told once."""
+        found = dict.fromkeys((self._in_file(key), message) for key, message in complaints)
+        in_order = sorted(found, key=lambda complaint: nearest(self.lines, complaint[0]) or 0)
+        rows = [f"{self._place(key)}{dotted(key) or 'the file'}: {message}" for key, message in in_order]
+        more = f"\n.. and {len(rows) - MOST_COMPLAINTS} more" if len(rows) > MOST_COMPLAINTS else ""
+        return UserError("\n".join(rows[:MOST_COMPLAINTS]) + more)
+
+    def _in_file(self, key: Key) -> Key:
+        if len(key) > 1 and key[0] == "group" and isinstance(key[1], int) and key[1] < len(self.written):
+            return ("group", self.written[key[1]], *key[2:])
+        return key
+
+    def _place(self, key: Key) -> str:
+        if any(dotted(key).startswith(replaced) for replaced in self.replaced):
+            return "--set: "
+        if self.source is None:
+            return ""
+        line = nearest(self.lines, key)
+        return f"{self.source}:{line}: " if line else f"{self.source}: "

@@ -27,6 +27,9 @@ POLICIES = {
 NOISE_KEY = "plant.noise_key"
 """Parameter that a campaign with noise sets from each run's id, which hashes its seed: every run draws its own."""
 
+DELAY, LONGEST_DELAY = "usb.command_delay", 16
+"""Parameter that makes the tick keep commands of the past, and the most it keeps, ms."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Plan:
@@ -64,6 +67,7 @@ class Plan:
 def make(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
     """Plan a campaign. Raises UserError for what cannot be run."""
     rows = design.expand(config)
+    varied = table.parameters(rows)
     motion = operator_motion(config)
     injection = table.injection(rows)
     setup = Setup(
@@ -77,12 +81,12 @@ def make(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
         substeps=config.campaign.substeps,
         injection=injection,
         cues=len(config.haptics.cues()),
+        command_delay=_longest(varied.get(DELAY)),
         detectors=tuple(use for _, use, _ in config.detectors),
         reacts=config.reaction is not None,
         noise=config.campaign.noise,
     )
     params = _params(config, setup, motion)
-    varied = table.parameters(rows)
     loading.check_parameters(config, known_parameters(params, setup))
     values = _filled(varied, params, setup)
     if setup.noise:
@@ -97,6 +101,13 @@ def make(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
         varied=values,
         twin=_twins(values, len(rows)),
     )
+
+
+def _longest(delays: np.ndarray | None) -> int:
+    """Room that the delay line needs, ms: one for each tick of the longest delay that can be run."""
+    if delays is None or np.isnan(delays).all():
+        return 0
+    return int(np.clip(np.nanmax(delays), 0, LONGEST_DELAY))
 
 
 def operator_motion(config: CampaignConfig) -> Motion:

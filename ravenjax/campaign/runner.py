@@ -48,7 +48,7 @@ def run_campaign(
     ready = plan.make(config)
     chosen = selection.select(engine, ready.program.setup.precision, compile_cache.objects())
     folder = ResultFolder.open(out, _manifest(ready, chosen)) if out is not None else None
-    shape, chunk = _shape(ready), config.campaign.chunk or parts.rows_of_a_part(ready.runs)
+    shape, chunk = shape_of(ready), config.campaign.chunk or parts.rows_of_a_part(ready.runs)
     missing = list(folder.missing(chunk) if folder else parts.gaps((), ready.runs, chunk))
     rows, words = sum(map(len, missing)), f"{chosen.name} on {chosen.device}"
     progress = Progress(words, ready.runs, rows, ready.program.ticks, on_progress)
@@ -98,7 +98,7 @@ def _manifest(ready: Plan, engine: Engine) -> manifest.Manifest:
         seed=config.campaign.seed,
         runs=ready.runs,
         duration_ms=ready.program.ticks,
-        shape=_shape(ready),
+        shape=shape_of(ready),
         cues=tuple(
             manifest.Cue(threshold_mm=c.threshold_m * 1e3, kp_per_mm=c.kp / 1e3, kd_s_per_mm=c.kd / 1e3, cap=c.cap)
             for c in config.haptics.cues()
@@ -114,7 +114,8 @@ def _manifest(ready: Plan, engine: Engine) -> manifest.Manifest:
     )
 
 
-def _shape(ready: Plan) -> schema.Shape:
+def shape_of(ready: Plan) -> schema.Shape:
+    """Which repeated columns a plan's result table has."""
     setup = ready.program.setup
     return schema.Shape(
         arms=setup.arms,

@@ -15,6 +15,7 @@ from ravenjax.campaign.bounds import extent
 from ravenjax.campaign.config import CampaignConfig
 from ravenjax.campaign.group import Fault, Group
 from ravenjax.campaign.legal import complaint, legal
+from ravenjax.campaign.location import Complaint, Key
 from ravenjax.errors import shown, suggestion
 from ravenjax.robot.sites import SITES, Channel, Site
 from ravenjax.robot.tools import TOOLS
@@ -38,9 +39,6 @@ FIELDS = {
 
 LARGEST = 3.4028234663852886e38
 """Values are held in single precision."""
-
-Key = tuple[str | int, ...]
-Complaint = tuple[Key, str]
 
 
 def complaints(config: CampaignConfig) -> Iterator[Complaint]:

@@ -47,7 +47,7 @@ class Evaluator:
         self.template, self.wanted = template, tuple(wanted)
         self._margins = margins
         self._plan = plan.make(template.config)  # one run a case: what picks code is the same for every point
-        self.shape = runner._shape(self._plan)
+        self.shape = runner.shape_of(self._plan)
         if wrong := [complaint for outcome in wanted for complaint in outcome.complaints(self.shape)]:
             source = f"{template.config.source}: " if template.config.source is not None else ""
             raise UserError("\n".join(f"{source}search: {complaint}" for complaint in wrong))

@@ -14,8 +14,8 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from ravenjax import resources
-from ravenjax.campaign import loading, location
-from ravenjax.campaign.semantics import Complaint
+from ravenjax.campaign import loading, location, overriding
+from ravenjax.campaign.location import Complaint
 from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.search import template
 from ravenjax.search.config import KINDS, Search, SearchConfig
@@ -70,13 +70,13 @@ def from_dict(
     """
     replaced: list[location.Key] = []
     left: list[str] = []
-    for override in loading._listed(overrides):
+    for override in overriding.listed(overrides):
         if override.partition("=")[0].partition(".")[0].strip() == SECTION:
-            raw, key = loading._override(raw, override)
+            raw, key = overriding.applied(raw, override)
             replaced.append(key)
         else:
             left.append(override)
-    where = loading._Where(source, location.lines(text), replaced)
+    where = location.Where(source, location.lines(text), replaced)
     told: list[str] = []
     campaign = search = None
     try:

@@ -56,3 +56,16 @@ def test_a_large_command_is_stored_as_asked(words, stored):
 def test_the_present_software_was_not_built_so():
     with pytest.raises(UserError, match=r"dyn_sim.*fork2015"):
         rj.load_campaign({"campaign": {"name": "x", "build": "dyn_sim"}, "group": [{"name": "g"}]})
+
+
+def test_a_delayed_command_moves_the_motor_so_much_later():
+    """4000 counts make 3 rad/s of motor speed in a tick; the hands make a tenth of that."""
+    fault = {"site": "usb_out", "channel": "shoulder", "effect": "offset", "value": 4000, "start_ms": 900}
+    raw = {
+        "campaign": {"name": "late", "duration_s": 1.0},
+        "group": [{"name": "f", "parameters": {"usb": {"command_delay": [0, 1, 5]}}, "fault": [fault]}],
+    }
+    config = rj.load_campaign(raw)
+    speeds = [rj.simulate(config, k, engine="simd")["gold/motor_mvel"][:, 0] for k in range(3)]
+    struck = [int(np.flatnonzero(np.abs(np.diff(speed)) > 2.0)[0]) + 1 for speed in speeds]
+    assert struck == [900, 901, 905]
