@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -65,6 +66,47 @@ class Campaign(Section):
         return max(1, round(self.duration_s * 1000.0))
 
 
+HARD_RANGES = {
+    "shoulder_deg": (0.0, 90.0),
+    "elbow_deg": (45.0, 137.5),
+    "insertion_m": (0.23, 0.562),
+    "tool_roll_deg": (-330.0, 330.0),
+    "wrist_deg": (-100.0, 100.0),
+}
+"""Where the joint meets its hard stop, or its original soft limit where no stop is published; raven2 `defines.h`,
+`tools.cpp` (r_grasper)."""
+
+
+class Start(Section):
+    """[operator.start]: joints in which a generated motion begins; what is left out is as after homing."""
+
+    shoulder_deg: float | None = Field(default=None, description="deg")
+    elbow_deg: float | None = Field(default=None, description="deg")
+    insertion_m: float | None = Field(default=None, description="m; less draws the instrument back")
+    tool_roll_deg: float | None = Field(default=None, description="deg")
+    wrist_deg: float | None = Field(default=None, description="deg")
+
+    @field_validator(*HARD_RANGES)
+    @classmethod
+    def _within(cls, value: float | None, info: ValidationInfo) -> float | None:
+        low, high = HARD_RANGES[str(info.field_name)]
+        if value is not None and not low <= value <= high:
+            raise ValueError(f"got {value:g}, expected {low:g}..{high:g} (the hard stops)")
+        return value
+
+    def si(self) -> dict[str, float]:
+        """The joints that were given, rad and m."""
+        return {joint: value * factor for joint, factor, value in _given(self)}
+
+
+def _given(section: Section) -> Iterator[tuple[str, float, Any]]:
+    """(joint, factor to rad or m, what was given) of each key of HARD_RANGES that a section holds."""
+    for name in HARD_RANGES:
+        if (value := getattr(section, name)) is not None:
+            joint, _, unit = name.rpartition("_")
+            yield joint, math.pi / 180.0 if unit == "deg" else 1.0, value
+
+
 class Operator(Section):
     """[operator]: whose hands move."""
 
@@ -76,6 +118,7 @@ class Operator(Section):
     seed: int = Field(default=0, ge=0, lt=2**31, description="seed of the generated motion")
     window_s: tuple[float, float] | None = Field(default=None, description="[begin, end] within a recorded motion, s")
     cutoff_hz: float = Field(default=5.0, gt=0.0, lt=500.0, description="low-pass of a recorded motion, Hz")
+    start: Start = Start()
     slow_down: float = Field(default=1.0, ge=0.1, le=100.0, description="how much slower than recorded it is replayed")
 
     @model_validator(mode="before")
@@ -94,6 +137,10 @@ class Operator(Section):
 
     @model_validator(mode="after")
     def _window(self) -> Operator:
+        if self.file is not None and self.start.si():
+            raise ValueError(
+                "start belongs to a generated motion; a recorded one begins where it was recorded: remove it"
+            )
         if self.window_s is not None:
             if self.file is None:
                 raise ValueError("window_s cuts a recorded motion; a generated one needs none: remove it")
@@ -160,17 +207,6 @@ class Haptics(Section):
         return tuple(CueSet(threshold / 1e3, kp * 1e3, kd * 1e3, cap) for threshold, kp, kd, cap in rows)
 
 
-HARD_RANGES = {
-    "shoulder_deg": (0.0, 90.0),
-    "elbow_deg": (45.0, 137.5),
-    "insertion_m": (0.23, 0.562),
-    "tool_roll_deg": (-330.0, 330.0),
-    "wrist_deg": (-100.0, 100.0),
-}
-"""Where the joint meets its hard stop, or its original soft limit where no stop is published; raven2 `defines.h`,
-`tools.cpp` (r_grasper)."""
-
-
 class Limits(Section):
     """[limits]: soft joint limits of the control software; what is left out keeps the original's."""
 
@@ -190,13 +226,7 @@ class Limits(Section):
 
     def si(self) -> dict[str, tuple[float, float]]:
         """The limits that were given, by joint, in rad and m."""
-        given = {name: getattr(self, name) for name in HARD_RANGES if getattr(self, name) is not None}
-        out = {}
-        for name, (low, high) in given.items():
-            joint, _, unit = name.rpartition("_")
-            factor = math.pi / 180.0 if unit == "deg" else 1.0
-            out[joint] = (low * factor, high * factor)
-        return out
+        return {joint: (low * factor, high * factor) for joint, factor, (low, high) in _given(self)}
 
 
 class Reaction(Section):

@@ -17,7 +17,7 @@ from ravenjax.robot.motion import Motion
 from ravenjax.stages import motions, overdrive, reaction
 from ravenjax.stages.faults.fault import Fault, Faults
 from ravenjax.store import motion_file
-from ravenjax.types import CAMPAIGN, Precision, Setup, replace
+from ravenjax.types import CAMPAIGN, JOINTS, Precision, Setup, replace
 
 POLICIES = {
     "no_regulation": overdrive.NO_REGULATION,
@@ -117,7 +117,12 @@ def operator_motion(config: CampaignConfig) -> Motion:
         recorded = motion_file.read(operator.file, arms, operator.window_s, operator.cutoff_hz, operator.slow_down)
         return recorded.first(config.campaign.ticks)
     name = operator.motion or "suture"
-    return motions.generate(name, config.campaign.duration_s, arms, operator.seed).first(config.campaign.ticks)
+    generated = motions.generate(name, config.campaign.duration_s, arms, operator.seed).first(config.campaign.ticks)
+    start = operator.start.si()
+    begins = (
+        tuple(start.get(joint, q) for joint, q in zip(JOINTS, jpos, strict=True)) for jpos in generated.start_jpos
+    )
+    return dataclasses.replace(generated, start_jpos=tuple(begins))
 
 
 def known_parameters(params: Any, setup: Setup) -> list[str]:

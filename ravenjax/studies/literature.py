@@ -11,6 +11,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -26,6 +27,9 @@ class _Row(BaseModel):
     key: str = Field(pattern=r"^[a-z0-9_.-]+$", description="name under which the studies look it up")
     unit: str = Field(description='as printed beside the number, "" for none')
     source: str = Field(min_length=1, description="where it was read")
+
+
+_R = TypeVar("_R", bound=_Row)
 
 
 class Number(_Row):
@@ -126,7 +130,7 @@ def parse(text: str, where: str) -> Published:
     return Published({row.key: row for row in found.number}, {row.key: row for row in found.band})
 
 
-def _at(rows: Mapping[str, Number] | Mapping[str, Band], key: str):
+def _at(rows: Mapping[str, _R], key: str) -> _R:
     if key not in rows:
         raise KeyError(f"no published number or band is named {key!r}{suggestion(key, rows)}")
     return rows[key]

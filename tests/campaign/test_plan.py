@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 import ravenjax as rj
-from ravenjax.campaign import plan
+from ravenjax.campaign import loading, plan
+from ravenjax.errors import UserError
 
 FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "value": [1, 2, 3], "start_ms": 5}
 CAMPAIGN = {"campaign": {"name": "x", "duration_s": 0.02}, "group": [{"name": "a", "fault": [FAULT]}]}
@@ -37,3 +39,31 @@ def test_with_noise_every_run_draws_its_own_and_has_a_twin_that_draws_the_same()
     assert keys.dtype == np.uint32 and len(set(keys.tolist())) == 3
     assert ready.twin.tolist() == [0, 1, 2]
     assert not np.isin(keys, ready.faults["key"]).any(), "noise and random effects are strangers"
+
+
+def test_a_generated_motion_may_begin_elsewhere():
+    raw = {"campaign": {"name": "x"}, "group": [{"name": "g"}]}
+    home = plan.make(loading.from_dict(raw)).motion
+    drawn_back = plan.make(loading.from_dict(raw, overrides=["operator.start.insertion_m=0.3"])).motion
+    assert home.start_jpos[0][2] != 0.3
+    assert drawn_back.start_jpos == ((*home.start_jpos[0][:2], 0.3, *home.start_jpos[0][3:]),)
+    assert (drawn_back.position_um == home.position_um).all()
+
+
+@pytest.mark.parametrize(
+    ("key", "told"),
+    [("operator.start.insertion_m=0.9", r"0\.23\.\.0\.562"), ("operator.start.elbow_deg=10", r"45\.\.137\.5")],
+)
+def test_a_start_beyond_the_hard_stops_is_refused(key, told):
+    with pytest.raises(UserError, match=told):
+        loading.from_dict({"campaign": {"name": "x"}, "group": [{"name": "g"}]}, overrides=[key])
+
+
+def test_a_recorded_motion_begins_where_it_was_recorded():
+    raw = {
+        "campaign": {"name": "x"},
+        "operator": {"file": "a.csv", "start": {"wrist_deg": 5}},
+        "group": [{"name": "g"}],
+    }
+    with pytest.raises(UserError, match="generated motion"):
+        loading.from_dict(raw)

@@ -1,0 +1,86 @@
+"""Whose hands moved while the attacks struck, and the lever of a shoulder fault: the tip's distance to the first axis.
+
+The two published trajectories are not at hand; the recording of one of them has levers of 77 to 85 mm, as have the
+generated motions, which begin at home. Three variants are the same stitches with the instrument drawn back, so that
+levers of 80 to 180 mm are covered. Where the environment variable RAVENJAX_DATA names a folder that holds the
+public `operator_positions.parquet`, four windows of it are added: real hands, at 105 to 181 mm. The windows were chosen
+by length and reach alone.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ravenjax.campaign import plan
+from ravenjax.campaign.config import CampaignConfig
+from ravenjax.robot import kinematics
+from ravenjax.robot.mapping import ITP_AXES
+from ravenjax.types import Vec
+
+DATA = "RAVENJAX_DATA"
+RECORDING = "operator_positions.parquet"
+WINDOWS_S = ((0.0, 2.95), (6.4, 14.9), (18.2, 47.9), (50.7, 60.9))
+"""Stretches of the public recording, s, that the arm reaches with a fixed wrist: the longest, and the first."""
+
+MOTIONS: Mapping[str, tuple[str, ...]] = {
+    "peg_transfer": ("operator.motion=peg_transfer",),
+    "palpate": ("operator.motion=palpate",),
+    "circle": ("operator.motion=circle",),
+    "reach": ("operator.motion=reach",),
+    "still": ("operator.motion=still",),
+}
+"""Other motions that begin at home."""
+
+LEVERS: Mapping[str, tuple[str, ...]] = {
+    f"suture_{lever}mm": (f"operator.start.insertion_m={insertion}",)
+    for lever, insertion in ((110, 0.372), (145, 0.336), (180, 0.300))
+}
+"""The stitches of the baseline with the insertion drawn back at the start."""
+
+
+def recorded(environment: Mapping[str, str] | None = None) -> dict[str, tuple[str, ...]]:
+    """Overrides of each window of the public recording, none where it is not at hand."""
+    folder = (os.environ if environment is None else environment).get(DATA)
+    path = Path(folder or ".").absolute() / RECORDING
+    if not folder or not path.is_file():
+        return {}
+    return {
+        f"recorded_{begin:.0f}s": ("operator={}", f"operator.file={path}", f"operator.window_s=[{begin},{end}]")
+        for begin, end in WINDOWS_S
+    }
+
+
+class Lever(NamedTuple):
+    """Distance of the desired tip from the first axis over some packets, mm."""
+
+    low: float
+    high: float
+
+    @property
+    def words(self) -> str:
+        """As a range."""
+        return f"{self.low:.0f} mm" if round(self.low) == round(self.high) else f"{self.low:.0f}-{self.high:.0f} mm"
+
+
+def lever(config: CampaignConfig, packets: np.ndarray) -> Lever:
+    """Of the gold arm's desired tip at these packets (from 1). The first axis is the z axis of the arm's frame 0."""
+    tips = desired_tip(config)
+    rows = np.minimum(np.asarray(packets, int) - 1, len(tips) - 1)
+    distance = np.hypot(tips[rows, 0], tips[rows, 1]) * 1e3
+    return Lever(float(distance.min()), float(distance.max()))
+
+
+def desired_tip(config: CampaignConfig) -> np.ndarray:
+    """Where the operator wants the gold tip, [packets, 3] m in frame 0."""
+    import jax
+
+    motion = plan.operator_motion(config)
+    with jax.enable_x64(True):
+        start = kinematics.forward("gold", Vec(np.float64(q) for q in motion.start_jpos[0])).position
+    axes = np.array(ITP_AXES["gold"], float)
+    return np.array([float(x) for x in start]) + motion.position_um[:, 0] @ axes.T * config.operator.scale * 1e-6

@@ -1,0 +1,147 @@
+"""Time series of many runs of a campaign: the tick as vector code that tells a few chosen signals, compiled once.
+
+They come from the code of engine `simd`, whatever engine the campaign ran on: on a CPU the same bits, from a GPU the
+last digits may differ. Each run is measured at once and its series dropped.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.campaign import compile_cache, plan
+from ravenjax.campaign.config import CampaignConfig
+from ravenjax.campaign.plan import Plan
+from ravenjax.engines import jit, traced
+from ravenjax.engines.interface import Block
+from ravenjax.engines.vector_code import Lanes, VectorCode
+from ravenjax.store import folder as results
+from ravenjax.store import manifest
+
+T = TypeVar("T")
+Series = Mapping[str, np.ndarray]
+"""Name of SIGNALS -> [ticks] or [ticks, k], of the first arm."""
+
+Row = Mapping[str, Any]
+"""A row of the result table."""
+
+SIGNALS: dict[str, tuple[Callable[[Any], Any], float]] = {
+    "fault_active": (lambda signals: signals.fault_active[0], 1.0),  # of the first fault slot
+    "tip": (lambda signals: signals.tip[0], 1.0),  # m, true
+    "position": (lambda signals: signals.control.arms[0].pos.position_um, 1e-6),  # m, as the software measures it
+    "model_position": (lambda signals: signals.nominal[0].tip_position, 1.0),  # m
+    "jpos": (lambda signals: signals.control.arms[0].jpos, 1.0),  # rad, m; measured
+    "tip_error_mm": (lambda signals: signals.haptics[0].distance, 1e3),  # mm, measured tip to nominal model
+    "cue_force": (lambda signals: signals.haptics[0].force[0], 1.0),  # device units, first cue
+}
+"""Name -> where it stands in `tick.Signals`, and the factor to its unit here."""
+
+
+class Recorder:
+    """Measures runs on their time series; campaigns whose programs are alike share compiled code."""
+
+    def __init__(self) -> None:
+        self._codes: dict[Hashable, _Code] = {}
+
+    def measure(
+        self,
+        path: Path,
+        measured: Callable[[Row, Series], T],
+        chosen: Callable[[pd.DataFrame], Sequence[int]] | None = None,
+    ) -> list[T]:
+        """What `measured` makes of each run of result folder `path`: of its row of the result table and its series.
+
+        chosen: indices of the runs wanted, of the result table; None takes all. Raises StoreError as `read_all`.
+        """
+        config = CampaignConfig.model_validate(manifest.read(path).config)
+        table = results.read_all(path).set_index("index", drop=False)
+        ready = plan.make(config)
+        code = self._code(ready)
+        rows = table["index"].tolist() if chosen is None else list(chosen(table))
+        blocks = [rows[i : i + code.width] for i in range(0, len(rows), code.width)]
+
+        def block(rows: list[int]) -> list[T]:
+            found = zip(table.loc[rows].to_dict("records"), code.run(ready, rows), strict=True)
+            return [measured({str(k): v for k, v in row.items()}, series) for row, series in found]
+
+        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+            return [one for of_block in pool.map(block, blocks) for one in of_block]
+
+    def _code(self, ready: Plan) -> _Code:
+        program = ready.program
+        key = (program.setup, program.varied, program.ticks, _numbers(program.params))
+        if key not in self._codes:
+            compile_cache.enable()
+            self._codes[key] = _Code(ready)
+        return self._codes[key]
+
+
+class _Code:
+    """The loop of a program that tells SIGNALS in each tick."""
+
+    def __init__(self, ready: Plan) -> None:
+        import jax
+
+        self.program = traced.unrolled(ready.program)
+        self.width = jit.host().width
+        found = traced.trace(self.program, self._block(ready, [0]), ready.columns)
+        leaves, structure = jax.tree.flatten(found.signals)
+        numbered = jax.tree.unflatten(structure, list(range(len(leaves))))
+        loop = found.loop
+        before, picked, dtypes = loop.states + found.series, [], []
+        for name, (where, _) in SIGNALS.items():
+            numbers = jax.tree.leaves(where(numbered))
+            dtypes.append((name, [np.dtype(leaves[k].dtype) for k in numbers]))
+            picked += [loop.step.outputs[before + k] for k in numbers]
+        self._dtypes: list[tuple[str, list[np.dtype]]] = dtypes
+        step = dataclasses.replace(loop.step, outputs=(*loop.step.outputs[: loop.states], *picked))
+        shared = len(self.program.varied)
+        self._series = found.series
+        objects = compile_cache.objects()
+        self._code = VectorCode(dataclasses.replace(loop, step=step), shared, not shared, self.width, objects)
+
+    def _block(self, ready: Plan, rows: Sequence[int]) -> Block:
+        return Block(*ready.lanes(rows, self.width), None)
+
+    def run(self, ready: Plan, rows: Sequence[int]) -> Iterator[dict[str, np.ndarray]]:
+        """The series of these rows, at most `width`, one after another."""
+        ticks, real = self.program.ticks, np.dtype(self.program.setup.precision.real)
+        inputs = traced.inputs(self.program, self._block(ready, rows))
+        # Only outcomes, unused here, look at a fault-free twin.
+        twin = np.zeros((1, self._series) if self._code.grouped else (1, self._series, self.width), real)
+        out = np.zeros((ticks, self._code.outputs, self.width), real)
+        self._code.run(Lanes(inputs, twin, np.concatenate(ready.columns), out), ticks)
+        for lane in range(len(rows)):
+            yield self._named(np.ascontiguousarray(out[:, :, lane].T))
+
+    def _named(self, columns: np.ndarray) -> dict[str, np.ndarray]:
+        """columns: [numbers, ticks], whole numbers and truth values as the bits of 32-bit integers."""
+        series, first = {}, 0
+        for (name, dtypes), (_, factor) in zip(self._dtypes, SIGNALS.values(), strict=True):
+            found = [
+                column if dtype.kind == "f" else column.view(np.int32)
+                for column, dtype in zip(columns[first : first + len(dtypes)], dtypes, strict=True)
+            ]
+            first += len(dtypes)
+            values = found[0] if len(found) == 1 else np.stack(found, axis=-1)
+            series[name] = values.astype(bool) if dtypes[0].kind == "b" else values * factor
+        return series
+
+
+def _numbers(params: Any) -> str:
+    """Every number of a parameter record, as text that tells two records apart."""
+    import jax
+
+    return repr([np.asarray(leaf).item() for leaf in jax.tree.leaves(params)])
+
+
+def rises(active: np.ndarray) -> list[int]:
+    """Ticks at which `active`, bool [ticks], becomes true."""
+    return np.flatnonzero(active & ~np.concatenate([[False], active[:-1]])).tolist()

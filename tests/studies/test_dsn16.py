@@ -1,0 +1,327 @@
+"""The studies of the targeted attacks: their campaigns, published numbers, trajectories, and findings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import jax
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.figure import Figure
+
+from ravenjax.campaign import design, loading, runner
+from ravenjax.campaign.config import CampaignConfig
+from ravenjax.robot import kinematics
+from ravenjax.robot.limits import HOME_JPOS
+from ravenjax.stages import motions
+from ravenjax.stats.intervals import wilson
+from ravenjax.studies import (
+    catalogue,
+    dsn16_b,
+    dsn16_cells,
+    dsn16_drawings,
+    dsn16_runs,
+    dsn16_sensitivity,
+    dsn16_statements,
+    dsn16_trajectory,
+    literature,
+)
+from ravenjax.studies.dsn16_cells import DURATIONS
+from ravenjax.studies.dsn16_runs import Runs, stored
+from ravenjax.studies.dsn16_sensitivity import Case
+from ravenjax.studies.dsn16_trajectory import Lever
+from ravenjax.studies.study import Context, Findings, Study
+from ravenjax.types import Vec
+
+STUDIES = ("dsn16_a", "dsn16_b", "dsn16_thresholds")
+ONSETS_B, ONSETS_A = range(1000, 2000, 100), range(1000, 2000, 50)
+VALUES = (100, 1000, 10000, 40000)
+
+
+def table(jumps: dict[tuple[float, int], int]) -> pd.DataFrame:
+    """A result table of ten onsets a cell, of which so many jump, and a fault-free run; a jump is ten packets late."""
+    cells = [(v, d) for v in VALUES for d in DURATIONS]
+    rows = [(v, d, t1, k < jumps.get((v, d), 0)) for v, d in cells for k, t1 in enumerate(ONSETS_B)]
+    value, duration, start, jump = (np.array(column) for column in zip(*rows, strict=True))
+    faulty = pd.DataFrame(
+        {
+            "index": np.arange(len(rows)) + 1,
+            "group": "scenario_b",
+            "response": np.where(value >= 40000, "stopped", "none"),
+            "jump_code": jump,
+            "jump_code_first_ms": np.where(jump, start + 11, -1),
+            "check_ik_reject_count": np.where(value >= 10000, 3, 1),
+            "fault0_site": "usb_out",
+            "fault0_value": value.astype(float),
+            "fault0_start_ms": start,
+            "fault0_duration_ms": duration,
+        }
+    )
+    free = faulty.iloc[:1].assign(
+        index=0, group="fault_free", response="none", jump_code=False, jump_code_first_ms=-1, check_ik_reject_count=1
+    )
+    return pd.concat([free.assign(fault0_site="", fault0_value=np.nan), faulty.iloc[::-1]])
+
+
+def runs_of(jumps: dict[tuple[float, int], int], name: str = "made_up") -> Runs:
+    return dsn16_runs.of(name, loading.load("dsn16_b.toml"), table(jumps), 1)
+
+
+# --- campaigns and published numbers ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("campaign", "faulty"), [("dsn16_b.toml", 1360), ("dsn16_a.toml", 1920)])
+def test_grids_are_the_published_ones(campaign: str, faulty: int) -> None:
+    sites = design.expand(loading.load(campaign))["fault0_site"].tolist()
+    assert len(sites) == faulty + 1
+    assert sites.count("") == 1
+
+
+def test_every_cell_of_scenario_b_has_its_ten_onsets() -> None:
+    rows = design.expand(loading.load("dsn16_b.toml"))
+    rows = rows[rows["fault0_site"] != ""]
+    cells = rows.groupby(["fault0_value", "fault0_duration_ms"])["fault0_start_ms"].agg(list)
+    assert len(cells) == 17 * 8
+    assert all(sorted(onsets) == list(ONSETS_B) for onsets in cells)
+
+
+def test_every_cell_of_scenario_a_displaces_three_axes_alike() -> None:
+    rows = design.expand(loading.load("dsn16_a.toml"))
+    rows = rows[rows["fault0_site"] != ""]
+    for column in ("value", "start_ms", "duration_ms"):
+        for slot in (1, 2):
+            assert rows[f"fault{slot}_{column}"].tolist() == rows[f"fault0_{column}"].tolist()
+    assert set(rows["fault0_channel"]) | set(rows["fault1_channel"]) | set(rows["fault2_channel"]) == {
+        "delx",
+        "dely",
+        "delz",
+    }
+    displacement = np.array([int(group[1:]) for group in rows["group"]])
+    assert rows["fault0_value"].tolist() == np.trunc(displacement / np.sqrt(3.0)).tolist()
+    cells = rows.groupby([displacement, "fault0_duration_ms"])["fault0_start_ms"].agg(list)
+    assert len(cells) == 12 * 8
+    assert all(sorted(onsets) == list(ONSETS_A) for onsets in cells)
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_every_variant_is_a_valid_campaign_of_its_own(name: str) -> None:
+    study = catalogue.find(name)
+    names = [variant.name for variant in study.variants]
+    assert len(set(names)) == len(names)
+    first, *others = study.variants
+    assert first.question == ""
+    assert all(variant.question for variant in others)
+    for variant in study.variants:
+        if not variant.name.startswith("recorded"):
+            loading.load(variant.campaign, variant.overrides)
+
+
+def test_bands_are_the_wilson_intervals_widened_by_ten_points() -> None:
+    published = literature.read("dsn16")
+    for duration in DURATIONS:
+        low, high = published.band(f"b.jump.{duration}ms")
+        rate = wilson(int(published.value(f"b.jump.{duration}ms")), int(published.value("b.runs")))
+        if duration <= 2:
+            assert (low, high) == (0.0, 0.0)
+        else:
+            assert low == pytest.approx(max(0.0, 100 * rate.low - 10), abs=0.06)
+            assert high == pytest.approx(100 * rate.high + 10, abs=0.06)
+
+
+def test_published_file_holds_nothing_that_was_withheld() -> None:
+    known = {"b.jump", "b.estop", "b.runs", "thresholds", "step", "earlier", "largest", "integrator", "rms", "dac"}
+    known |= {"tip_error"}
+    for key in literature.read("dsn16").numbers:
+        assert any(key == k or key.startswith(f"{k}.") for k in known), key
+
+
+# --- trajectories -----------------------------------------------------------------------------------------------------
+
+
+def test_levers_cover_80_to_180_mm() -> None:
+    packets = np.array(list(ONSETS_B))
+    base = dsn16_trajectory.lever(loading.load("dsn16_b.toml"), packets)
+    assert 75.0 <= base.low <= base.high <= 86.0
+    for nominal, overrides in zip((110, 145, 180), dsn16_trajectory.LEVERS.values(), strict=True):
+        found = dsn16_trajectory.lever(loading.load("dsn16_b.toml", list(overrides)), packets)
+        assert found.low == pytest.approx(nominal, rel=0.07)
+        assert found.high == pytest.approx(nominal, rel=0.02)
+
+
+def test_longer_levers_are_the_stitches_of_the_baseline_drawn_back() -> None:
+    """Their desired tip is the baseline's, shifted along the shaft by what the insertion was drawn back."""
+    home = Vec(np.float64(q) for q in HOME_JPOS)
+    plain = dsn16_trajectory.desired_tip(loading.load("dsn16_b.toml"))
+    for overrides, insertion in zip(dsn16_trajectory.LEVERS.values(), (0.372, 0.336, 0.300), strict=True):
+        config = loading.load("dsn16_b.toml", list(overrides))
+        with jax.enable_x64(True):
+            back = kinematics.forward("gold", Vec((*home[:2], np.float64(insertion), *home[3:]))).position
+            there = kinematics.forward("gold", home).position
+        shift = [float(a) - float(b) for a, b in zip(back, there, strict=True)]
+        np.testing.assert_allclose(dsn16_trajectory.desired_tip(config), plain + shift, atol=1e-9)
+
+
+def test_recording_is_used_only_where_it_is(tmp_path: Path) -> None:
+    assert dsn16_trajectory.recorded({}) == {}
+    assert dsn16_trajectory.recorded({"RAVENJAX_DATA": str(tmp_path)}) == {}
+    (tmp_path / "operator_positions.parquet").touch()
+    found = dsn16_trajectory.recorded({"RAVENJAX_DATA": str(tmp_path)})
+    assert list(found) == ["recorded_0s", "recorded_6s", "recorded_18s", "recorded_51s"]
+    assert all(f"operator.file={tmp_path / 'operator_positions.parquet'}" in overrides for overrides in found.values())
+
+
+def test_lever_in_words() -> None:
+    assert Lever(81.6, 82.3).words == "82 mm"
+    assert Lever(75.1, 83.9).words == "75-84 mm"
+
+
+def test_motion_of_the_baseline_is_generated() -> None:
+    config = loading.load("dsn16_b.toml")
+    assert config.operator.motion in motions.MOTIONS
+
+
+# --- counting ---------------------------------------------------------------------------------------------------------
+
+
+def test_runs_are_counted_from_a_table_in_any_order() -> None:
+    runs = runs_of({(1000, 64): 4, (40000, 8): 10})
+    assert runs.index.tolist() == list(range(1, 1 + len(VALUES) * 8 * 10))
+    assert runs.percent("jump").tolist() == [0, 0, 0, 25.0, 0, 0, 10.0, 0]
+    assert runs.percent("stop").tolist() == [25.0] * 8
+    assert runs.percent("missed").tolist() == [0, 0, 0, 0, 0, 0, 10.0, 0]
+    assert runs.percent("ik").tolist() == [50.0] * 8  # more often than the fault-free run
+    assert runs.percent("inside").tolist() == [0, 0, 0, 0, 0, 0, 10.0, 0]  # ten packets are past t1 + 8 + 1
+    assert len(np.unique(runs.cell)) == len(VALUES) * 8
+
+
+@pytest.mark.parametrize(
+    ("value", "wrapped", "saturated"),
+    [(20000, 20000, 20000), (40000, -25536, 32767), (80000, 14464, 32767), (100000, -31072, 32767)]
+    + [(200000, 3392, 32767), (400000, 6784, 32767), (800000, 13568, 32767), (-40000, 25536, -32768)],
+)
+def test_large_values_wrap_or_saturate(value: int, wrapped: int, saturated: int) -> None:
+    assert stored(value) == wrapped
+    assert stored(value, "saturate") == saturated
+    assert stored(value, "unwrapped") == value
+
+
+def test_sensitivity_table_compares_cell_by_cell() -> None:
+    base = runs_of({(40000, d): 10 for d in (8, 16)})
+    more = runs_of({(40000, d): 10 for d in (8, 16, 32)}, "more")
+    published = np.array([0, 0, 0, 25.0, 25.0, 25.0, 0, 0])
+    bands = [(0.0, 30.0)] * 8
+    found = dsn16_sensitivity.table("t", [Case(base, "", label="b"), Case(more, "q")], base, published, bands, 0.6)
+    by_name = {row[0]: dict(zip(found.columns, row, strict=True)) for row in found.rows}
+    assert by_name["b"]["cells changed"] == 0 and by_name["b"]["points from baseline"] == "0"
+    assert by_name["more"]["cells changed"] == 1
+    assert str(by_name["more"]["points from baseline"]).startswith("+3.1 [")  # 1 of 32 cells
+    assert by_name["more"]["32 ms"] == 25.0
+    assert by_name["b"]["points from publication"] == "-3.1"
+    assert by_name["b"]["above / below"] == "0 / 1"
+    assert by_name["more"]["in band"] == "8 of 8"
+    assert [name for name, *_ in dsn16_sensitivity.ranked([Case(base, ""), Case(more, "q")], base)] == [
+        "more",
+        "made_up",
+    ]
+
+
+def test_statements_hold_or_not_as_the_counts_say() -> None:
+    published = np.array([0, 0, 5, 27, 37, 61, 68, 65.0])
+    stops = np.array([1, 0, 1, 1, 20, 50, 64, 78.0])
+    calm = runs_of({(10000, d): 10 for d in (16, 32, 64, 128)})
+    moved = np.where(np.isin(calm.duration, (2, 4)), 2.0, 0.0)
+    lines = dsn16_statements.scenario_b(calm, moved, published, stops)
+    assert [line.predicted.value for line in lines if line.predicted] == [1.0, 1.0, 0.0, 0.0]
+    assert [line.passed for line in lines] == [True, True, False, False]
+    wild = runs_of({(100, 8): 1, (1000, 2): 1})
+    small, bursts, *_ = dsn16_statements.scenario_b(wild, moved, published, stops)
+    assert small.passed is False and "1 of 70 runs" in small.reason  # 100 counts, seven durations
+    assert bursts.passed is False
+    open_window = runs_of({(10000, d): 10 for d in DURATIONS[1:]})
+    assert dsn16_statements.of_attack(open_window)[1].passed is True
+
+
+def test_fit_needs_every_band_and_no_bias() -> None:
+    jumps, bands = np.full(8, 50.0), [(40.0, 60.0)] * 8
+    assert dsn16_b._fits(jumps + np.tile([5.0, -5.0], 4), jumps, bands, 0.6)
+    assert not dsn16_b._fits(jumps + 5.0, jumps, bands, 0.6)  # all above
+    assert not dsn16_b._fits(jumps + np.tile([5.0, -11.0], 4), jumps, bands, 0.6)  # outside
+
+
+def test_drawings_draw() -> None:
+    runs = runs_of({(40000, 8): 10, (10000, 64): 4})
+    percent = runs.percent("jump")
+    panel = dsn16_drawings.Panel(
+        "P(jump)", percent, np.stack([percent, percent + 5]), percent + 10, {"other": percent}, percent, None, None
+    )
+    figure = Figure()
+    dsn16_drawings.rates([panel, panel], "made up")(figure)
+    assert [axis.get_title() for axis in figure.axes] == ["P(jump)", "P(jump)"]
+    figure = Figure()
+    dsn16_drawings.maps({"jump": runs.share("jump")}, [str(v) for v in VALUES], "value")(figure)
+    written = [text.get_text() for text in figure.axes[0].texts]
+    assert sorted(written) == ["100", "40"]
+
+
+# --- end to end -------------------------------------------------------------------------------------------------------
+
+
+def smaller(study: Study, overrides: dict[str, tuple[str, ...]], out: Path) -> Findings:
+    """The findings of a few variants, thinned."""
+    folders = {}
+    for variant in study.variants:
+        if variant.name in overrides:
+            config = loading.load(variant.campaign, (*variant.overrides, *overrides[variant.name]))
+            folders[variant.name] = out / variant.name
+            runner.run_campaign(config, folders[variant.name])
+    return study.compare(Context(folders))
+
+
+@pytest.mark.slow
+def test_scenario_b_end_to_end(tmp_path: Path) -> None:
+    thin = ("group.scenario_b.fault.0.start_ms=[1000,1500]",)
+    few = ("group.fault_free.repeats=2",)
+    found = smaller(
+        catalogue.find("dsn16_b"),
+        {"baseline": thin, "cycles_2": thin, "build_robot": thin, "training_suture": few, "training_peg_transfer": few},
+        tmp_path,
+    )
+    lines = {line.quantity: line for line in found.lines}
+    assert sum(line.target == "A1" for line in found.lines) == 9
+    short = next(line for name, line in lines.items() if name.startswith("P(jump), 2 packets"))
+    assert short.predicted is not None and short.predicted.value == 0.0 and short.passed
+    rows = next(t for t in found.tables if t.title.startswith("P(jump)")).rows
+    assert {row[0] for row in rows} == {
+        "published",
+        "baseline",
+        "inside_window",
+        "jump_text",
+        "cycles_2",
+        "build_robot",
+    }
+    assert len(next(t for t in found.tables if t.title.startswith("By injected value")).rows) == 17
+
+
+@pytest.mark.slow
+def test_scenario_a_and_thresholds_end_to_end(tmp_path: Path) -> None:
+    few = ("group.fault_free.repeats=2",)
+    a = catalogue.find("dsn16_a")
+    training = {"training_suture": few, "training_peg_transfer": few}
+    found = smaller(a, {"baseline": (), "drift": (), **training}, tmp_path / "a")
+    assert all(line.published is None or "stated" in line.published.of for line in found.lines)
+    grid = next(t for t in found.tables if t.title == "P(jump), %, by displacement and duration; baseline")
+    assert [row[0] for row in grid.rows] == [250, 350, 500, 700, 1000, 1500, 2000, 3000, 4000, 6000, 8000, 9000]
+    few = ("group.fault_free.repeats=3",)
+    found = smaller(catalogue.find("dsn16_thresholds"), {"suture": few, "peg_transfer": few}, tmp_path / "t")
+    assert len(found.tables[0].rows) == 18
+    steps = [line for line in found.lines if line.quantity.startswith("standard deviation of a step, motor position")]
+    assert all(line.predicted is not None and line.predicted.value > 0 for line in steps)
+
+
+def test_cells_of_the_study_are_those_of_the_config() -> None:
+    config = loading.load("dsn16_b.toml", ["parameters.network.cycles_per_packet=2", "campaign.duration_s=5"])
+    assert isinstance(config, CampaignConfig)
+    assert dsn16_runs.cycles_of(config) == 2
+    assert dsn16_runs.cycles_of(loading.load("dsn16_b.toml")) == 1
+    assert dsn16_cells.RESAMPLES >= 1000
