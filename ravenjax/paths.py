@@ -87,18 +87,12 @@ COMPONENTS = frozenset((*JOINTS, *_AXES))
 """Names of the numbers inside vectors."""
 
 
-def first(node: Any, arms: tuple[str, ...], path: str) -> Scalar:
-    """The first number that `path` names. KeyError if it names none."""
-    for full, value in leaves(assign_marks(node, arms, path), arms):
-        if isinstance(value, _Mark):
-            return dict(leaves(node, arms))[full]
-    raise KeyError(path)
+def named(node: Any, arms: tuple[str, ...], path: str) -> dict[str, Scalar]:
+    """Full path -> value of each number that `path` names, in order. KeyError if it names none."""
+    marked = leaves(assign(node, arms, path, _Mark()), arms)
+    own = dict(leaves(node, arms))
+    return {full: own[full] for full, value in marked if isinstance(value, _Mark)}
 
 
 class _Mark:
     """Stands where a path leads."""
-
-
-def assign_marks(node: Any, arms: tuple[str, ...], path: str) -> Any:
-    """The record with a mark at each number that `path` names."""
-    return assign(node, arms, path, _Mark())

@@ -20,6 +20,7 @@ from ravenjax.campaign import loading, plan, replay
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
 from ravenjax.hazards import ranges
+from ravenjax.robot.mapping import quat_from_matrix
 from ravenjax.robot.sites import ARM, SITES, Channel
 from ravenjax.stages import plc
 from ravenjax.stages.faults.injection import read
@@ -31,7 +32,9 @@ SECONDS = 20.0
 TARGET = Path(ranges.__file__).parent / "data" / ranges.FILE
 
 NEUTRAL = {
+    "hand": 0.0,
     "network": 0.0,
+    "buttons": 0.0,
     "usb_status": 1.0,
     "torque_scale": 1.0,
     "cable_scale": 1.0,
@@ -54,8 +57,12 @@ def crossing(signals: Any, scale: float) -> dict[str, Any]:
         "encoder": tuple(out.enc_val for out in signals.plant),
         "usb_in": _Fields(enc_val=of("enc_val"), pins=(plc.input_pins(np.asarray(signals.plc.runlevel)),) * len(ARMS)),
         "runlevel": signals.control.runlevel,
-        **{name: of(name) for name in ("mpos", "mvel", "jpos", "jpos_d", "mpos_d", "tau_d", "current_cmd")},
-        "pos_d": tuple(Vec(pose.position_um) for pose in of("pos_d")),
+        **{name: of(name) for name in ("mpos", "mvel", "jpos", "jvel", "jpos_d", "mpos_d", "tau_d", "current_cmd")},
+        **{name: tuple(Vec(pose.position_um) for pose in of(name)) for name in ("pos", "pos_d")},
+        **{
+            name: tuple(quat_from_matrix(Vec(map(Vec, pose.rotation))) for pose in of(pose_name))
+            for name, pose_name in (("ori", "pos"), ("ori_d", "pos_d"))
+        },
         "usb_out": of("current_cmd_written"),
         "pins_out": signals.control.pins_out,
         "plc": signals.plc.runlevel,

@@ -166,13 +166,18 @@ def _params(config: CampaignConfig, setup: Setup, motion: Motion) -> tick.Params
 
 
 def _filled(varied: dict[str, np.ndarray], params: Any, setup: Setup) -> dict[str, np.ndarray]:
-    """Varied values in the parameter's own type, the robot's own where a group leaves the parameter alone."""
+    """Varied values in the parameter's own type, the robot's own where a group leaves the parameter alone.
+
+    A path of several numbers which a group leaves alone, and which are not all alike, becomes one path a number.
+    """
     filled = {}
     for path, values in varied.items():
-        own = paths.first(params, setup.arms, path)
-        dtype = np.asarray(own).dtype
-        dtype = np.dtype(setup.precision.real) if dtype.kind == "f" else np.dtype(np.int32)
-        filled[path] = np.where(np.isnan(values), np.asarray(own, np.float64), values).astype(dtype)
+        alone, own = np.isnan(values), paths.named(params, setup.arms, path)
+        alike = len({float(value) for value in own.values()}) == 1
+        for place, value in {path: next(iter(own.values()))}.items() if alike or not alone.any() else own.items():
+            dtype = np.asarray(value).dtype
+            dtype = np.dtype(setup.precision.real) if dtype.kind == "f" else np.dtype(np.int32)
+            filled[place] = np.where(alone, np.asarray(value, np.float64), values).astype(dtype)
     return filled
 
 

@@ -18,7 +18,7 @@ from typing import TypeVar
 import numpy as np
 
 from ravenjax import tick
-from ravenjax.campaign import assembly, compile_cache, outcomes, plan, run_id
+from ravenjax.campaign import assembly, compile_cache, outcomes, plan, run_id, table
 from ravenjax.campaign.assembly import Part
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.config import CampaignConfig
@@ -74,8 +74,8 @@ def _run(
     stored: list[Future[T]] = []
 
     def finish(part: Part) -> T:
-        table = ready.table.iloc[part.rows.start : part.rows.stop]
-        rows = outcomes.columns(ready.config, table, *part.tables())
+        runs = ready.table.iloc[part.rows.start : part.rows.stop]
+        rows = outcomes.columns(ready.config, runs, *part.tables())
         found = store(rows)
         progress.rows(len(part.rows), int(np.count_nonzero(rows["failed"] != "")))
         return found
@@ -122,7 +122,7 @@ def shape_of(ready: Plan) -> schema.Shape:
         slots=setup.injection.slots,
         cues=setup.cues,
         checks=tick.CHECKS,
-        parameters=tuple(path for path in ready.varied if path != plan.NOISE_KEY),
+        parameters=tuple(table.parameters(ready.table)),
         reacts=setup.reacts,
         detectors=tuple(use.levels for use in setup.detectors),
     )

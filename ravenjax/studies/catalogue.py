@@ -15,6 +15,8 @@ NAMES = (
     "dsn16_thresholds",
     "safecomp45",
     "hazard_library",
+    "reacting_operator",
+    "uncertain_robot",
 )
 """In the order in which they are listed."""
 

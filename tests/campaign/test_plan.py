@@ -67,3 +67,17 @@ def test_a_recorded_motion_begins_where_it_was_recorded():
     }
     with pytest.raises(UserError, match="generated motion"):
         loading.from_dict(raw)
+
+
+def test_a_group_that_leaves_a_vector_alone_keeps_the_robots_own():
+    """Beside a group that sets all joints of a vector to one number."""
+    raw = {
+        "campaign": {"name": "x", "duration_s": 0.8},
+        "group": [{"name": "set", "parameters": {"nominal": {"kc": 0}}}, {"name": "own"}],
+    }
+    alone = rj.run({**raw, "group": [{"name": "own"}]}, engine="simd")
+    both = rj.run(raw, engine="simd")
+    for name in ("peak_model_deviation_mm", "rms_model_deviation_mm", "check_joint_limit_margin"):
+        assert both.loc[1, name] == alone.loc[0, name]
+        assert name.startswith("check") or both.loc[0, name] != alone.loc[0, name]
+    assert both["param:nominal.kc"].tolist()[0] == 0 and np.isnan(both["param:nominal.kc"][1])

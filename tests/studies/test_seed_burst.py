@@ -1,0 +1,165 @@
+"""The burst study: its campaign is the published burst, its findings follow from its runs, no constant is chosen."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+
+from ravenjax import paths
+from ravenjax.campaign import loading, plan
+from ravenjax.studies import catalogue, drawing, running, seed_burst
+from ravenjax.studies.seed_burst import BURST, CONSTANTS, FREE, MODELLED, PACKETS, SETTINGS, STUDY
+from ravenjax.studies.seed_burst_tables import ranges, span
+from ravenjax.studies.seed_events import DRAWN_TICKS, Drawn, Event, Run
+from ravenjax.studies.seed_motions import MOTIONS
+from ravenjax.studies.study import Context
+
+
+def own(ready, path):
+    """The robot's own value of the first number that a path names."""
+    return float(next(iter(paths.named(ready.program.params, ("gold",), path).values())))
+
+
+@pytest.fixture(scope="module")
+def ready():
+    return plan.make(loading.load(seed_burst.CAMPAIGN))
+
+
+def test_the_catalogue_finds_it():
+    assert catalogue.find("seed_burst") is STUDY
+    assert len({variant.name for variant in STUDY.variants}) == len(STUDY.variants)
+
+
+def test_every_variant_is_a_valid_campaign():
+    for variant in STUDY.variants:
+        loading.load(variant.campaign, variant.overrides)
+
+
+def test_the_campaign_is_the_published_burst(ready):
+    table = ready.table
+    assert table["group"].tolist() == [FREE] + [BURST] * CONSTANTS + [PACKETS] * 11
+    bursts = table[table["group"] == BURST]
+    assert (bursts["fault0_site"] == "usb_out").all() and (bursts["fault0_channel"] == "shoulder").all()
+    assert (bursts["fault0_duration_ms"] == 300).all() and (bursts["fault0_every_ms"] == 8000).all()
+    assert (bursts["fault0_trigger"] == "pedal").all()
+    values = bursts["fault0_value"].to_numpy()
+    assert np.array_equal(values, -values[::-1]) and 0.0 in values and len(set(values)) == CONSTANTS
+    assert (table.loc[table["group"] == PACKETS, "fault0_site"] == "packet").all()
+    assert own(ready, "operator.scale") == 0.1
+
+
+def test_the_setting_with_stiffer_model_has_four_times_its_gains(ready):
+    changed = dict(text.removeprefix("parameters.").split("=") for text in SETTINGS["model gains x 4"][1])
+    for path, value in changed.items():
+        factor = 4.0 if ".kp." in path else 2.0
+        assert float(value) == pytest.approx(factor * own(ready, path), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [([], ""), ([-100.0, -50.0, 0.0], "-100 to +0"), ([-50.0, 100.0, 150.0], "-50, +100 to +150"), ([2000.0], "+2000")],
+)
+def test_neighbours_are_joined(values, words):
+    assert ranges(values) == words
+
+
+def test_a_span_leaves_out_what_is_not_there():
+    assert span([1.0, math.nan, 2.0], ".1f") == "1.0 to 2.0"
+    assert span([1.0, 1.01], ".1f") == "1.0" and span([math.nan], ".1f") == "–"
+
+
+TIME = np.array(DRAWN_TICKS) / 1e3
+GOOD = Event(0, 5.0, False, 5.0, 150.0, 0.2, 0.024, False, Drawn(TIME, 0 * TIME, 0 * TIME + 5.0, 0 * TIME + 0.02))
+LAST = dataclasses.replace(GOOD, peak_mm=6.6, cut=True, rebound_deg=math.nan, rebound_ms=math.nan, force=0.05)
+
+
+def runs(whole_at=()):
+    """Three constants; those of `whole_at` as published, the others hold through four bursts of 8 mm."""
+    large = dataclasses.replace(GOOD, peak_mm=8.0)
+    found = [
+        Run(
+            FREE,
+            math.nan,
+            (),
+            "",
+            -1,
+            1,
+            True,
+        ),
+        Run(PACKETS, 20.0, (large,) * 4, "", -1, 0, True),
+    ]
+    for value in (700.0, 750.0, 800.0):
+        if value in whole_at:
+            found.append(Run(BURST, value, (GOOD, GOOD, GOOD, LAST), "overdrive", 32_500, 0, True))
+        else:
+            found.append(Run(BURST, value, (large,) * 4, "", -1, 0, True))
+    return found
+
+
+def compared(monkeypatch, whole_at):
+    measured = {
+        MODELLED: {motion: runs(whole_at if motion == MOTIONS[0] else ()) for motion in MOTIONS},
+        "stop above 13000 counts": {motion: runs((800.0,)) for motion in MOTIONS},
+        "hard regulation": {MOTIONS[0]: runs()},
+    }
+    monkeypatch.setattr(seed_burst, "_measured", lambda context: measured)
+    return seed_burst.compare(Context({}))
+
+
+def test_a_run_as_published_meets_a4_and_a5(monkeypatch):
+    findings = compared(monkeypatch, (750.0, 800.0))
+    lines = {line.quantity: line for line in findings.lines}
+    together = lines["runs in which all of A4 holds at once"]
+    assert together.predicted.value == 2 and together.predicted.n == 3 * len(MOTIONS) and together.passed
+    assert together.reason.startswith("2 constants: +750 to +800")
+    assert all(line.passed for line in findings.lines if line.target)
+    rebound = lines["rebound of the shoulder, events with a peak of 3 to 7 mm"]
+    assert rebound.predicted.value == pytest.approx(5.0) and rebound.published.value == pytest.approx(5.2)
+    force = lines["peak force over tip error peak, events with a peak of 3 to 7 mm"]
+    assert force.published.value == pytest.approx((0.0166 / 3.65 + 0.0133 / 3.3 + 0.0296 / 5.0) / 3)
+    assert lines["cue pulses without fault at scale 0.1"].predicted.value == len(MOTIONS)
+
+
+def test_without_one_it_does_not(monkeypatch):
+    findings = compared(monkeypatch, (750.0,))
+    constants, settings, packets = findings.tables
+    by_value = {row[0]: row for row in constants.rows}
+    assert by_value["+750"][-1] == 1 and by_value["+700"][-1] == 0
+    assert by_value["+750"][2] == "0 0 0 1" and by_value["+700"][2] == "none"
+    by_name = {row[0]: row for row in settings.rows}
+    assert by_name["stop above 13000 counts"][8] == len(MOTIONS) and by_name["hard regulation"][1] == 3
+    assert [row[0] for row in packets.rows] == ["+20"]
+
+
+def test_nothing_as_published_fails_a4_and_says_where_stops_come(monkeypatch):
+    measured = compared(monkeypatch, (700.0,))
+    assert measured.lines[0].passed
+    whole = {MODELLED: {motion: runs() for motion in MOTIONS}}
+    whole["stop above 13000 counts"] = {motion: runs((800.0,)) for motion in MOTIONS}
+    monkeypatch.setattr(seed_burst, "_measured", lambda context: whole)
+    monkeypatch.setattr(seed_burst, "_events", lambda bursts, published: ())
+    line = seed_burst.compare(Context({})).lines[0]
+    assert line.passed is False and "6.6 mm (stop above 13000 counts); the paper's has 6.65 mm" in line.reason
+
+
+def test_the_drawings_are_drawn_the_same_each_time(monkeypatch, tmp_path):
+    (tmp_path / "again").mkdir()
+    for one in compared(monkeypatch, (750.0,)).drawings:
+        drawing.save(one, tmp_path)
+        drawing.save(one, tmp_path / "again")
+        text = (tmp_path / f"{one.name}.svg").read_text()
+        assert "DAC constant" in text and text == (tmp_path / "again" / f"{one.name}.svg").read_text()
+
+
+@pytest.mark.slow
+def test_the_whole_study(tmp_path):
+    findings = running.reproduce("seed_burst", tmp_path)
+    assert {line.target for line in findings.lines} == {"", "A4", "A5"}
+    record = json.loads((tmp_path / "seed_burst" / "findings.json").read_text())
+    assert len(record["tables"][0]["rows"]) == CONSTANTS and len(record["provenance"]["campaigns"]) == len(
+        STUDY.variants
+    )

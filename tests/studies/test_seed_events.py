@@ -1,0 +1,156 @@
+"""Bursts measured on made series whose answers are known."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from ravenjax.studies import literature, seed_events
+from ravenjax.studies.seed_events import EVENT_TICKS, Event, Run, criteria, jump_ticks, rebound
+
+TICKS = 20_000
+ONSETS = (2000, 10_000)
+
+
+def made(peak_mm=5.0, reach_deg=-2.0, back_deg=6.0, after_ms=150, cue_ms=200):
+    """Two bursts: the shoulder goes to `reach_deg` in 300 ms and back by `back_deg` within `after_ms`."""
+    time = np.arange(TICKS)
+    shoulder, error, force = np.full(TICKS, 30.0), np.full(TICKS, 0.5), np.zeros(TICKS)
+    active = np.zeros(TICKS, bool)
+    for onset in ONSETS:
+        active[onset : onset + 300] = True
+        since = time - onset
+        going = (since >= 0) & (since < 300)
+        coming = (since >= 300) & (since < 300 + after_ms)
+        shoulder[going] = 30.0 + reach_deg * (since[going] + 1) / 300.0
+        shoulder[coming] = 30.0 + reach_deg + back_deg * (since[coming] - 299) / after_ms
+        shoulder[(since >= 300 + after_ms) & (since < 1500)] = 30.0 + reach_deg + back_deg
+        error[onset + 310] = peak_mm
+        force[onset + cue_ms : onset + cue_ms + 100] = 0.02
+        shoulder[since >= 1500] = 30.0
+    jpos = np.zeros((TICKS, 7))
+    jpos[:, 0] = np.radians(shoulder)
+    still = np.zeros((TICKS, 3))
+    return {"fault_active": active, "jpos": jpos, "tip_error_mm": error, "cue_force": force, "position": still}
+
+
+def row(**changed):
+    plain = {
+        "group": "burst",
+        "fault0_value": 500.0,
+        "response": "none",
+        "response_cause": "",
+        "response_ms": -1,
+        "cue0_first_ms": ONSETS[0] + 200,
+    }
+    return plain | changed
+
+
+def measured(series, **changed):
+    return seed_events.run(row(**changed), series, np.zeros((TICKS, 3)))
+
+
+def test_both_bursts_are_measured():
+    run = measured(made())
+    assert [event.onset_ms for event in run.events] == list(ONSETS)
+    for event in run.events:
+        assert event.peak_mm == 5.0 and event.force == 0.02 and event.cue_s == pytest.approx(0.2)
+        assert event.rebound_deg == pytest.approx(6.0) and event.rebound_ms == 150
+        assert not event.jumped and not event.cut
+    assert run.cause == "" and run.stop_ms == -1 and run.false_cues == 0 and run.same_cue
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_rebound_goes_back_from_the_farthest_point_either_way(sign):
+    shoulder = np.concatenate([np.linspace(0, 4, 301), np.linspace(4, -1, 101)[1:], np.full(199, -1.0)])
+    degrees, ms = rebound(30.0 + sign * shoulder)
+    assert degrees == pytest.approx(5.0) and ms == 100
+
+
+def test_what_does_not_go_back_has_no_time():
+    degrees, ms = rebound(np.concatenate([np.linspace(0, 4, 350), np.full(250, 4.0)]))
+    assert degrees == 0.0 and math.isnan(ms)
+
+
+def test_a_stop_ends_its_burst_and_those_after_it():
+    stopped = {"response": "stopped", "response_cause": "overdrive", "response_ms": ONSETS[0] + 305}
+    run = measured(made(), **stopped)
+    assert len(run.events) == 1 and run.cause == "overdrive" and run.stop_ms == ONSETS[0] + 305
+    event = run.events[0]
+    assert event.cut and math.isnan(event.rebound_deg) and event.peak_mm == 0.5  # the peak would come at 310
+
+
+def test_a_cue_outside_the_bursts_is_false_one_inside_is_not():
+    series = made()
+    series["cue_force"][5000:5050] = 0.01
+    series["cue_force"][ONSETS[0] + EVENT_TICKS - 1] = 0.01
+    assert measured(series).false_cues == 1
+    assert not measured(series, cue0_first_ms=5000).same_cue
+
+
+def test_a_burst_without_cue_has_no_onset():
+    series = made()
+    series["cue_force"][:] = 0.0
+    run = measured(series, cue0_first_ms=-1)
+    assert all(math.isnan(event.cue_s) and event.force == 0.0 for event in run.events) and run.same_cue
+
+
+def test_a_jump_is_two_long_steps_in_a_row_that_the_twin_does_not_make():
+    twin = np.zeros((50, 3))
+    tip = twin.copy()
+    tip[20:, 0] += 150.0
+    assert len(jump_ticks(tip, twin)) == 0
+    tip[21:, 0] += 150.0
+    assert jump_ticks(tip, twin).tolist() == [21]
+    assert len(jump_ticks(tip, tip)) == 0
+    series = made()
+    series["position"][ONSETS[1] + 100 :, 0] += 150e-6
+    series["position"][ONSETS[1] + 101 :, 0] += 150e-6
+    assert [event.jumped for event in measured(series).events] == [False, True]
+
+
+def test_series_for_a_figure_end_with_the_stop():
+    run = seed_events.run(row(), made(), np.zeros((TICKS, 3)), drawn=True)
+    drawn = run.events[0].drawn
+    assert drawn is not None and drawn.time_s[0] == -0.1 and drawn.time_s[-1] == pytest.approx(0.795)
+    assert drawn.shoulder_deg[20] == pytest.approx(0.0) and drawn.shoulder_deg.min() == pytest.approx(-2.0, abs=0.1)
+    stopped = {"response": "stopped", "response_cause": "overdrive", "response_ms": ONSETS[0] + 250}
+    short = seed_events.run(row(**stopped), made(), np.zeros((TICKS, 3)), drawn=True).events[0].drawn
+    assert short is not None and short.time_s[-1] < 0.25
+
+
+GOOD = Event(0, 5.0, False, 5.0, 150.0, 0.2, 0.02, False)
+LAST = Event(0, 6.6, True, math.nan, math.nan, 0.2, 0.05, False)
+WHOLE = Run("burst", 800.0, (GOOD, GOOD, GOOD, LAST), "overdrive", 32_500, 0, True)
+RULES = criteria(literature.read("seed"))
+
+
+def test_the_published_run_meets_every_band():
+    assert RULES.all_of_a4(WHOLE) and RULES.met(WHOLE) == tuple(RULES.tests)
+
+
+@pytest.mark.parametrize(
+    ("changed", "lost"),
+    [
+        ({"peak_mm": 7.1}, {"peaks"}),
+        ({"rebound_deg": 2.9}, {"rebounds"}),
+        ({"rebound_ms": 210.0}, {"rebound times"}),
+        ({"rebound_ms": math.nan}, {"rebound times"}),
+        ({"cue_s": math.nan}, {"cue onsets"}),
+        ({"cue_s": 0.26}, {"cue onsets"}),
+    ],
+)
+def test_one_burst_outside_a_band_loses_that_band(changed, lost):
+    run = dataclasses.replace(WHOLE, events=(dataclasses.replace(GOOD, **changed), GOOD, GOOD, LAST))
+    assert set(RULES.tests) - set(RULES.met(run)) == lost
+
+
+def test_the_stop_must_come_in_the_fourth_burst_and_by_the_dac():
+    held = dataclasses.replace(WHOLE, events=(GOOD,) * 4, cause="", stop_ms=-1)
+    assert set(RULES.tests) - set(RULES.met(held)) == {"stop in the fourth"}
+    other = dataclasses.replace(WHOLE, cause="joint_limit")
+    assert set(RULES.tests) - set(RULES.met(other)) == {"stop in the fourth"}
+    assert RULES.met(dataclasses.replace(WHOLE, events=(GOOD, GOOD, LAST))) == ()

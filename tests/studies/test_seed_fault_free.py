@@ -1,0 +1,144 @@
+"""The fault-free study: its campaigns say what their names say, its findings follow from its segments."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from ravenjax import paths
+from ravenjax.campaign import loading, plan
+from ravenjax.studies import catalogue, drawing, running, seed_fault_free
+from ravenjax.studies.seed_fault_free import MODELLED, MOTIONS, SCALES, SETTINGS, STUDY, Setting
+from ravenjax.studies.seed_segments import Segment
+from ravenjax.studies.study import Context
+
+
+def own(ready, path):
+    """The robot's own value of the first number that a path names."""
+    return float(next(iter(paths.named(ready.program.params, ("gold",), path).values())))
+
+
+@pytest.fixture(scope="module")
+def ready():
+    return plan.make(loading.load(seed_fault_free.CAMPAIGN))
+
+
+def test_the_catalogue_finds_it():
+    assert catalogue.find("seed_fault_free") is STUDY
+    assert len({variant.name for variant in STUDY.variants}) == len(STUDY.variants) == len(MOTIONS) + len(SETTINGS)
+
+
+def test_every_variant_is_a_valid_campaign():
+    for variant in STUDY.variants:
+        config = loading.load(variant.campaign, variant.overrides)
+        assert config.campaign.name == "seed_fault_free"
+
+
+def test_the_first_four_runs_are_as_modelled(ready):
+    first = ready.table.iloc[: len(SCALES)]
+    assert (first["group"] == MODELLED).all() and first["param:operator.scale"].tolist() == list(SCALES)
+    noises = ("plant.gold.encoder_noise", "plant.gold.torque_noise")
+    for path, values in ready.varied.items():
+        if path not in ("operator.scale", plan.NOISE_KEY, *noises):
+            assert values[0] == pytest.approx(own(ready, path)), path
+    assert all((ready.varied[path][: len(SCALES)] == 0.0).all() for path in noises)
+
+
+def test_noise_has_the_robots_own_sizes(ready):
+    row = ready.table.index[ready.table["group"] == seed_fault_free.NOISE][0]
+    for path in ("plant.gold.encoder_noise", "plant.gold.torque_noise"):
+        value = own(ready, path)
+        assert value > 0.0 and ready.varied[path][row] == pytest.approx(value, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("group", "gain"), [("model gains x 1/4", 0.25), ("model gains x 4", 4.0), ("model gains x 100", 100.0)]
+)
+def test_changed_gains_are_so_many_times_the_models_own(ready, group, gain):
+    row = ready.table.index[ready.table["group"] == group][0]
+    for joint in ("shoulder", "elbow", "insertion"):
+        for name, factor in (("kp", gain), ("kd", math.sqrt(gain))):
+            path = f"nominal.gold.{name}.{joint}"
+            value = own(ready, path)
+            assert ready.varied[path][row] == pytest.approx(factor * value, rel=1e-4), path
+
+
+def test_friction_is_taken_from_the_model_where_the_name_says_so(ready):
+    joints = ("shoulder", "elbow", "insertion", "tool_roll", "wrist")
+    for group, none in (("model without dry friction", ("kc",)), ("model without friction", ("kc", "kv"))):
+        row = ready.table.index[ready.table["group"] == group][0]
+        for name in ("kc", "kv"):
+            for joint in joints:
+                path = f"nominal.gold.{name}.{joint}"
+                value = ready.varied[path][row] if path in ready.varied else 1.0
+                assert (value == 0.0) == (name in none), (group, path)
+
+
+def made(mean_of, peak_of=lambda motion, scale: 15.0 * scale, pulses=0):
+    def one(motion, scale):
+        mean = mean_of(motion, scale)
+        drawn = np.full(500, mean, np.float32)
+        return Segment("", scale, peak_of(motion, scale), mean, mean - 0.1, mean - 0.2, 0.3, pulses, -1, drawn)
+
+    return {motion: {scale: one(motion, scale) for scale in SCALES} for motion in MOTIONS}
+
+
+@pytest.fixture
+def settings():
+    found = {MODELLED: made(lambda motion, scale: 8.0 * scale), "noise": made(lambda m, s: 8.0 * s, pulses=1)}
+    found |= {"robot slow": made(lambda m, s: 9.0 * s), "set B": made(lambda m, s: 0.1)}
+    return {name: Setting(name, segments) for name, segments in found.items()}
+
+
+def compared(monkeypatch, settings):
+    monkeypatch.setattr(seed_fault_free, "_measured", lambda context: settings)
+    return seed_fault_free.compare(Context({}))
+
+
+def test_findings_follow_from_the_segments(monkeypatch, settings):
+    findings = compared(monkeypatch, settings)
+    lines = {line.quantity: line for line in findings.lines}
+    mean = lines["mean tip error of all segments"]
+    assert mean.predicted.value == pytest.approx(1.0) and mean.passed and mean.target == "A6"
+    assert mean.published.value == pytest.approx(0.8) and "robot slow 1.12 mm" in mean.reason
+    slope = lines["mean tip error, slope over the scale"]
+    assert slope.predicted.value == pytest.approx(8.0) and slope.published.value == pytest.approx(7.2)
+    straight = lines["variance of the means that a straight line over the scale explains"]
+    assert straight.predicted.value == pytest.approx(1.0) and straight.published.value == pytest.approx(0.982, abs=1e-3)
+    cues = lines["fault-free segments with noise in which the cue fires"]
+    assert cues.predicted.value == 4 * len(MOTIONS) and cues.passed and cues.target == "A5"
+    assert lines["peak tip error, scale 0.2"].predicted.value == pytest.approx(3.0)
+    assert "above the 3.00 to 3.00 mm" in lines["peak tip error, scale 0.2"].reason
+    rows = {row[0]: row for row in findings.tables[0].rows}
+    assert rows["robot slow"][5].startswith("1.12") and rows["set B"][6] == "no"
+
+
+def test_a_small_error_fails_a6(monkeypatch, settings):
+    settings[MODELLED] = Setting(MODELLED, made(lambda motion, scale: 0.4 + scale))
+    findings = compared(monkeypatch, settings)
+    assert findings.lines[0].predicted.value == pytest.approx(0.525) and findings.lines[0].passed is False
+
+
+def test_the_drawings_are_drawn_the_same_each_time(monkeypatch, settings, tmp_path):
+    (tmp_path / "again").mkdir()
+    for one in compared(monkeypatch, settings).drawings:
+        drawing.save(one, tmp_path)
+        drawing.save(one, tmp_path / "again")
+        text = (tmp_path / f"{one.name}.svg").read_text()
+        assert "tip error" in text and text == (tmp_path / "again" / f"{one.name}.svg").read_text()
+
+
+@pytest.mark.slow
+def test_the_whole_study(tmp_path):
+    findings = running.reproduce("seed_fault_free", tmp_path)
+    assert {line.target for line in findings.lines} == {"", "A5", "A6"}
+    folder = tmp_path / "seed_fault_free"
+    record = json.loads((folder / "findings.json").read_text())
+    assert len(record["provenance"]["campaigns"]) == len(STUDY.variants)
+    assert (folder / "figure_3.pdf").is_file() and (folder / "sensitivity.svg").is_file()
+    before = (folder / "findings.json").read_bytes()
+    running.reproduce("seed_fault_free", tmp_path)
+    assert (folder / "findings.json").read_bytes() == before
