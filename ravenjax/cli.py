@@ -183,8 +183,8 @@ def reproduce(
         with terminal.Watch(_out) as watch:
             findings = running.reproduce(study, out, engine, watch)
         if findings.lines:
-            columns, rows = markdown.LINE_COLUMNS[:-1], [row[:-1] for row in markdown.line_rows(findings)]
-            _out.print(terminal.table(catalogue.find(study).title, columns, rows))
+            title = catalogue.find(study).title
+            _out.print(terminal.table(title, markdown.BRIEF_COLUMNS, markdown.line_rows(findings)))
         _out.print(f"findings: {out / study / writing.PAGE}", highlight=False, soft_wrap=True)
         if keep is not None:
             writing.keep(out / study, keep / study)

@@ -3,9 +3,9 @@
     python analysis/detector_thresholds/learn.py
 
 Every generated motion, 20 s each, at teleoperation scales 0.05 and 0.1, with encoder and torque noise, both arms,
-present software. The rule is the published one: the percentile of all steps of 1 ms of all runs, per variable and joint;
-99.8 to 99.9 was published without saying which for which, so it is 99.85 for all. Ticks before the pedal is down and
-the first half second of a run are left out.
+present software. The rule is the published one: the percentile of all steps of 1 ms of all runs, per variable and
+joint; 99.8 to 99.9 was published without saying which for which, so it is 99.85 for all. Ticks before the pedal is down
+and the first half second of a run are left out.
 """
 
 from __future__ import annotations
@@ -44,7 +44,10 @@ def steps(motion: str) -> np.ndarray:
         down = np.asarray(signals.control.runlevel) == state_machine.PEDAL_DOWN
         for out in signals.plant:
             values = np.stack(
-                [np.stack([np.asarray(x) for x in getattr(out, name)[:3]], axis=-1) for name in ("mpos", "mvel", "jpos")],
+                [
+                    np.stack([np.asarray(x) for x in getattr(out, name)[:3]], axis=-1)
+                    for name in ("mpos", "mvel", "jpos")
+                ],
                 axis=1,
             )
             kept = down[1:] & (np.arange(1, len(down)) >= ARMED_AFTER)

@@ -23,31 +23,13 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pandas as pd
 from scipy.signal import butter, filtfilt
 
-from ravenjax.robot import kinematics, transmission
+from ravenjax.robot import transmission
 from ravenjax.stages.plant import authors, robot
-from ravenjax.types import REFERENCE, Setup, Vec, replace
-
-FILE = "recording_gold_joints123.parquet"
-JOINTS = ("shoulder", "elbow", "insertion")
-SETUP = Setup(software="fork2015", precision=REFERENCE)
-ARM, TOOL = "gold", "r_grasper"
-TOOL_POSE = (0.0, 0.0, math.radians(45), math.radians(45))  # rad; the recording has no tool joints: held at home
-KP, KD = np.array((0.3, 0.3, 0.15)), np.array((0.008, 0.008, 0.012))  # raven2: params/r2params.yaml
-TOOL_KP, TOOL_KD = (0.09, 0.05, 0.02, 0.02), (0.001, 0.0, 0.0, 0.0)  # of the fork
-NUMERATOR, DENOMINATOR = (0.02864, 0.08591, 0.08591, 0.02864), (1.5189, -0.9600, 0.2120)  # 120 Hz, state_estimate.cpp
-
-
-def load(folder: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Motor angles (rad), velocities (rad/s) and DAC counts, [T, 3] each."""
-    if not (folder / FILE).exists():
-        sys.exit(f"{folder / FILE} is absent; give the folder that holds it as argument or in RAVENJAX_DATA")
-    table = pd.read_parquet(folder / FILE).iloc[1:]
-    angle = np.radians(table[[f"mpos_{joint}_deg" for joint in JOINTS]].to_numpy(float))
-    speed = np.radians(table[[f"mvel_{joint}_deg_s" for joint in JOINTS]].to_numpy(float))
-    return angle, speed, table[[f"dac_{joint}" for joint in JOINTS]].to_numpy(float)
+from ravenjax.studies import recording
+from ravenjax.studies.recording import ARM, FILE, JOINTS, SETUP, closed_loop, started, tips
+from ravenjax.types import Vec
 
 
 def windows(values: np.ndarray, length: int) -> np.ndarray:
@@ -101,68 +83,6 @@ def compare(window, angle, speed, dac, length: int) -> tuple[np.ndarray, np.ndar
     return rms(np.asarray(found_angle) - ends), rms(np.asarray(found_speed) - windows(speed[1:], length))
 
 
-def motors(three, still: bool = False) -> Vec:
-    """Seven motors from three: the tool's follow the insertion and hold its joints."""
-    pose = Vec((0.0, 0.0, 0.0, *((0.0,) * 4 if still else TOOL_POSE)))
-    tool = transmission.motor_from_joint(ARM, TOOL, pose, three[2], "fork2015")[3:]
-    return Vec((three[0], three[1], three[2], *tool))
-
-
-def started(params: robot.Params, angle, speed) -> robot.State:
-    """Brakes off, motors at `angle` (rad, 3) and `speed` (rad/s, 3), links where loaded cables then hold them."""
-    slack = transmission.joint_from_motor(ARM, TOOL, motors(angle), "fork2015")
-    stretch = robot.init(SETUP, ARM, params, slack).stretch
-    jpos0 = slack - transmission.joint_from_motor(ARM, TOOL, stretch, "fork2015")
-    state = robot.init(SETUP, ARM, params, jpos0)
-    mvel = motors(speed, still=True)
-    jvel = transmission.joint_from_motor(ARM, TOOL, mvel, "fork2015")
-    return replace(state, mvel=mvel, jvel=jvel, brakes=replace(state.brakes, engaged=jnp.int32(0)))
-
-
-def closed_loop(asked, first_angle, first_speed, parameter_set: str = "traj3") -> dict[str, np.ndarray]:
-    """The fork's loop on the virtual robot: filtered encoders, PD, truncation; `asked` motor angles (rad, [T, 3])."""
-    params = robot.params(SETUP, ARM, parameter_set)
-    reading, drive = (signs(ARM, TOOL, "fork2015") for signs in (transmission.encoder_signs, transmission.tau_signs))
-    kp, kd = Vec((*KP, *TOOL_KP)), Vec((*KD, *TOOL_KD))
-
-    def read(state):
-        out = robot.observe(SETUP, ARM, params, state)
-        return jnp.stack([s * e * transmission.ENCODER_RAD for s, e in zip(reading, out.enc_val, strict=True)])
-
-    def tick(carry, row):
-        state, raw, smooth = carry
-        new = read(state)
-        raw = jnp.stack([new, *raw[:3]])
-        filtered = sum(b * x for b, x in zip(NUMERATOR, raw, strict=True))
-        filtered = filtered + sum(a * y for a, y in zip(DENOMINATOR, smooth, strict=True))
-        speed = (filtered - smooth[0]) / 1e-3
-        smooth = jnp.stack([filtered, *smooth[:2]])
-        pose = Vec((0.0, 0.0, 0.0, *TOOL_POSE))
-        tool = transmission.motor_from_joint(ARM, TOOL, pose, filtered[2], "fork2015")[3:]
-        desired = Vec((row[0], row[1], row[2], *tool))
-        tau = (desired - Vec(filtered)) * kp - Vec(speed) * kd
-        counts = (tau * transmission.COUNTS_PER_NM * drive).map(lambda x: jnp.trunc(x).astype(jnp.int32))
-        state, out = robot.step(SETUP, ARM, params, state, robot.nominal_signal(counts, jnp.int32(0)))
-        return (state, raw, smooth), (jnp.stack(out.mpos), jnp.stack(out.jpos), jnp.stack(counts), speed)
-
-    start = started(params, first_angle, first_speed)
-    history = jnp.stack([read(start)] * 4)
-    _, (mpos, jpos, counts, speed) = jax.jit(lambda c, u: jax.lax.scan(tick, c, u))(
-        (start, history, history[:3]), jnp.asarray(asked)
-    )
-    return {name: np.asarray(x) for name, x in (("mpos", mpos), ("jpos", jpos), ("dac", counts), ("mvel", speed))}
-
-
-def tips(mpos: np.ndarray) -> np.ndarray:
-    """Tip (m) of forward-coupled motor angles, tool joints ideal."""
-
-    def tip(three):
-        jpos = transmission.joint_from_motor(ARM, TOOL, motors(three), "fork2015")
-        return jnp.stack(kinematics.forward(ARM, Vec((*jpos[:3], *TOOL_POSE))).position)
-
-    return np.asarray(jax.jit(jax.vmap(tip))(jnp.asarray(mpos)))
-
-
 def row(label: str, *groups: np.ndarray) -> None:
     print(f"{label:34s}" + "   ".join(" ".join(f"{x:9.4g}" for x in group) for group in groups))
 
@@ -185,7 +105,11 @@ def report_closed_loop(label: str, asked, angle, speed, dac, parameter_set: str 
 
 def main() -> None:
     default = Path(os.environ.get("RAVENJAX_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
-    angle, speed, dac = load(Path(sys.argv[1]) if len(sys.argv) > 1 else default)
+    path = (Path(sys.argv[1]) if len(sys.argv) > 1 else default) / FILE
+    if not path.is_file():
+        sys.exit(f"{path} is absent; give the folder that holds it as argument or in RAVENJAX_DATA")
+    found = recording.read(path)
+    angle, speed, dac = found
     with jax.enable_x64(True):
         print(f"{'':34s}motor rms (rad) of {', '.join(JOINTS)}; speed rms (rad/s)")
         for length in (1, 20, len(dac) - 1):
@@ -197,10 +121,8 @@ def main() -> None:
         hold = np.diff(angle, axis=0) - speed[:-1] * 1e-3, np.diff(speed, axis=0)
         row("speed held, reset every 1 ms", *(rms(x) for x in hold))
         print("\nclosed loop; desired motor angles recovered from the recorded torque")
-        torque = -dac / np.array(transmission.COUNTS_PER_NM[:3])
-        recovered = angle + (torque + KD * speed) / KP
         for name in ("traj3", "E", "B", "matlab_global"):
-            report_closed_loop(f"set {name}", recovered, angle, speed, dac, name)
+            report_closed_loop(f"set {name}", found.asked, angle, speed, dac, name)
         print("\nclosed loop; asked for the recording itself, low-passed at 20 Hz (both ways, no delay)")
         low_passed = filtfilt(*butter(2, 20, fs=1000), angle, axis=0)
         report_closed_loop("set traj3", low_passed, angle, speed, dac)

@@ -84,6 +84,30 @@ def apart(work: Callable[..., Peer], *arguments: Any, limit_s: float = LIMIT_S) 
         pool.shutdown(wait=False, cancel_futures=True)
 
 
+PUBLISHED_EULER_S = 0.011e-3
+"""s of one Euler step of the published model on one core, the authors' C++; DSN 2016, Figure 8."""
+
+
+def published_model(steps: int, repeats: int, enough_s: float) -> Peer:
+    """The published three-joint model of one robot, explicit Euler at 1 ms as printed, in float64, on one core."""
+    import jax
+    import jax.numpy as jnp
+
+    from ravenjax.stages.plant import authors
+    from ravenjax.types import Vec
+
+    def advance(start: authors.State) -> authors.State:
+        command = Vec.full(3, jnp.float64(0.0))
+        return jax.lax.fori_loop(0, steps, lambda _, now: authors.euler(now, command, tension_bug=True), start)
+
+    with jax.enable_x64(True), jax.default_device(jax.devices("cpu")[0]):
+        rest = authors.initial(Vec(jnp.float64(m) for m in (50.0, 100.0, 800.0)), Vec.full(3, jnp.float64(0.0)))
+        with clock.xla_compiling() as compiling:
+            compiled = jax.jit(advance).lower(rest).compile()
+        timing = clock.timed(lambda: jax.block_until_ready(compiled(rest)), repeats, enough_s)
+    return Peer("published 3-joint Euler model", "CPU, 1 core", 1, steps, sum(compiling), timing)
+
+
 def mjx_step(robots: int, steps: int, repeats: int, enough_s: float) -> Peer:
     """MJX: `jax.vmap(mjx.step)`, the loop over steps inside `jit`."""
     import jax

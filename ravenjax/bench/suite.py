@@ -49,7 +49,7 @@ QUICK = Effort(
     repeats=3,
     enough_s=1.0,
 )
-MJX_STEPS, ROLLOUT_ROBOTS, ROLLOUT_STEPS = 20, 1024, 200
+MJX_STEPS, ROLLOUT_ROBOTS, ROLLOUT_STEPS, EULER_STEPS = 20, 1024, 200, 20_000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,6 +92,7 @@ class Findings:
     operations: Operations
     peak: Mapping[str, float]  # printing engine -> operations/s of the device it runs on
     peers: tuple[Peer, ...]
+    published_model: Peer  # its three joints alone
     campaigns: Campaigns
 
     def engine(self, name: str) -> Speed | None:
@@ -146,6 +147,8 @@ def measure(effort: Effort = FULL, tell: Callable[[str], None] = lambda _: None)
         tell("mujoco.rollout")
         often = effort.repeats, effort.enough_s
         others = [peers.rollout(cores, ROLLOUT_ROBOTS, ROLLOUT_STEPS, *often)]
+        tell("published model")
+        euler = peers.published_model(EULER_STEPS, *often)
         tell("mjx.step")
         stepped = peers.apart(peers.mjx_step, effort.mjx_robots, MJX_STEPS, *often)
         if isinstance(stepped, str):
@@ -156,7 +159,7 @@ def measure(effort: Effort = FULL, tell: Callable[[str], None] = lambda _: None)
         whole = _campaigns(engines[0], effort.campaign_runs)
     finally:
         jax.config.update("jax_enable_compilation_cache", caching)
-    return Findings(_machine(cores, before), engines, absent, counted, peaks, tuple(others), whole)
+    return Findings(_machine(cores, before), engines, absent, counted, peaks, tuple(others), euler, whole)
 
 
 def _engines(effort: Effort, tell: Callable[[str], None]) -> tuple[tuple[Speed, ...], dict[str, str]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from ravenjax.bench import peers
 from ravenjax.bench.suite import Findings
 
 Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
@@ -30,8 +31,9 @@ def tables(found: Findings) -> Iterator[Table]:
     """Each table."""
     yield "Machine", ("what", "is"), _machine(found)
     yield "Engines: full ticks a second", _ENGINE_COLUMNS, _engines(found)
-    peers = [(p.name, p.device, f"{p.robots}", f"{p.compile_s:.1f} s", _millions(p.steps_per_s)) for p in found.peers]
-    yield "Peers: rigid-body steps a second of the same arm", ("what", "on", "robots", "compile", "M steps/s"), peers
+    others = [(p.name, p.device, f"{p.robots}", f"{p.compile_s:.1f} s", _millions(p.steps_per_s)) for p in found.peers]
+    yield "Peers: rigid-body steps a second of the same arm", ("what", "on", "robots", "compile", "M steps/s"), others
+    yield "Target A2: one Euler step of the published three-joint model, one robot, one core", _A2_COLUMNS, _a2(found)
     ratios = [
         (f"{name} / {other}", f"{ratio:,.0f}" if ratio >= 10 else f"{ratio:.2g}")
         for name, others in found.ratios().items()
@@ -52,6 +54,18 @@ def markdown(found: Findings, command: str) -> str:
 
 
 _ENGINE_COLUMNS = ("engine", "runs", "lanes of a block", "M ticks/s", "median", "start", "ready", "share of peak")
+
+
+_A2_COLUMNS = ("what", "us a step", "of the published time", "inside the band")
+
+
+def _a2(found: Findings) -> list[tuple[str, ...]]:
+    published, ours = peers.PUBLISHED_EULER_S, 1.0 / found.published_model.steps_per_s
+    verdict = "yes" if ours <= published else "NO"
+    return [
+        ("the authors' C++, DSN 2016, Figure 8", f"{published * 1e6:.3g}", "", ""),
+        ("the same equations compiled by XLA", f"{ours * 1e6:.3g}", f"{ours / published:.2f}", verdict),
+    ]
 
 
 def _machine(found: Findings) -> list[tuple[str, str]]:

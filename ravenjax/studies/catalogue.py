@@ -13,6 +13,7 @@ NAMES = (
     "dsn16_a",
     "dsn16_b",
     "dsn16_thresholds",
+    "dsn16_model",
     "safecomp45",
     "hazard_library",
     "reacting_operator",

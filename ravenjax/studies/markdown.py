@@ -12,12 +12,13 @@ Record = Mapping[str, Any]
 """findings.json."""
 
 LINE_COLUMNS = ("quantity", "published", "predicted", "band", "inside", "likely reason of a difference")
+BRIEF_COLUMNS = LINE_COLUMNS[:-1]
 INSIDE = {True: "yes", False: "NO", None: ""}
 
 
 def line_rows(findings: Findings) -> list[tuple[str, ...]]:
-    """The lines of findings as a terminal's table shows them, columns as in LINE_COLUMNS."""
-    return [_line(line) for line in plain(findings)["lines"]]
+    """The lines as a terminal has room for them, columns as in BRIEF_COLUMNS: numbers without their origin."""
+    return [tuple(cell.partition(";")[0] for cell in _line(line)[:-1]) for line in plain(findings)["lines"]]
 
 
 def page(record: Record, pictures: bool) -> str:

@@ -41,6 +41,7 @@ def findings():
         Operations({"robot.step": 1000, "": 500}, {"nominal.step": 200}),
         {"simd": 3e9},
         (Peer("mujoco.rollout", "CPU", 10, 200, 0.0, Timing(0.01, 0.02, 3)),),
+        Peer("published 3-joint Euler model", "CPU, 1 core", 1, 1000, 0.1, Timing(0.0055, 0.006, 3)),
         Campaigns("simd", 1000, {100: 3.0, 1100: 4.0}),
     )
 
@@ -62,10 +63,15 @@ def test_json_and_tables_tell_everything():
     assert again["engines"][0]["batches"][1]["ticks_per_s"] == 1e6
     assert again["machine"]["load_after"] == 1.5
     page = tables.markdown(found, "ravenjax bench")
-    for text in ("CPU [4]", "no GPU", "0.5 before, 1.5 after", "50 %", "simd / engine mjx | 1,000"):
+    for text in ("CPU [4]", "no GPU", "0.5 before, 1.5 after", "50 %", "simd / engine mjx | 1,000", "5.5 | 0.50 | yes"):
         assert text in page
     for _, columns, rows in tables.tables(found):
         assert rows and all(len(row) == len(columns) for row in rows)
+
+
+def test_the_published_model_is_stepped():
+    found = peers.published_model(50, 1, 0.01)
+    assert (found.robots, found.steps) == (1, 50) and found.steps_per_s > 1000
 
 
 def test_no_two_runs_are_alike(work):
