@@ -72,7 +72,11 @@ def run(
 
 
 @app.command(name="report")
-def report_(folder: Path) -> None:
+def report_(
+    folder: Path,
+    *,
+    figures: Annotated[Path | None, Parameter(help="also draw the main figures into this folder, SVG and PDF")] = None,
+) -> None:
     """Write report.html into a result folder.
 
     Parameters
@@ -81,6 +85,11 @@ def report_(folder: Path) -> None:
         What `ravenjax run` wrote.
     """
     _report(folder)
+    if figures is not None:
+        from ravenjax.report import paper
+
+        for path in paper.write(folder, figures):
+            _out.print(f"wrote {path}", highlight=False, soft_wrap=True)
 
 
 @app.command

@@ -42,7 +42,11 @@ def replay(config: CampaignConfig, run: str | int, engine: str = "auto") -> Repl
     own, result, signals = chosen.trace(ready.program, twin, Block(varied, faults, None), ready.columns)
     found, fault_free = ({name: values[:1] for name, values in one.outcomes.items()} for one in (result, own))
     frame = outcomes.frame(config, ready.table.iloc[row : row + 1], found, fault_free)
-    return Replay(frame.iloc[0], series(ready.program.setup, signals))
+    setup = ready.program.setup
+    twin_tips = {
+        f"{arm}/twin_tip": np.asarray(own.reference)[:, 6 * i : 6 * i + 3, 0] for i, arm in enumerate(setup.arms)
+    }
+    return Replay(frame.iloc[0], series(setup, signals) | twin_tips)
 
 
 def from_folder(folder: Path, run: str | int, engine: str = "auto") -> Replay:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.report import tables
-from ravenjax.report.style import CUE, GRID, RESPONSE, SAME, faded, json_of, look, round_step
+from ravenjax.report.style import CUE, GRID, RESPONSE, SAME, band, json_of, look, round_step, stepped, thinned
 from ravenjax.stats.latency import Incidence, incidence
 from ravenjax.store.manifest import Manifest
 
@@ -20,7 +20,7 @@ BINS = 40
 def incidence_curves(facts: pd.DataFrame, manifest: Manifest) -> tuple[str, dict[str, Any]]:
     """Figure of how soon cue and built-in response come after the fault's first effect, and its numbers."""
     share = {"title": {"text": "share of activated faults"}, "tickformat": ".0%", "rangemode": "tozero"}
-    layout = look(HEIGHT) | {"xaxis": _log_time(), "yaxis": share | {"gridcolor": GRID, "zeroline": False}}
+    layout = look(HEIGHT) | {"xaxis": log_time(), "yaxis": share | {"gridcolor": GRID, "zeroline": False}}
     traces: list[dict[str, Any]] = []
     numbers: dict[str, Any] = {}
     for key, name, column, colour in (
@@ -34,7 +34,16 @@ def incidence_curves(facts: pd.DataFrame, manifest: Manifest) -> tuple[str, dict
     return json_of(traces, layout), numbers
 
 
-def _log_time() -> dict[str, Any]:
+def points(curve: Incidence) -> list[dict[str, float]]:
+    """A curve point by point, thinned as it is drawn."""
+    kept = thinned(len(curve.time))
+    columns = (curve.time[kept], curve.fraction[kept], curve.low[kept], curve.high[kept])
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    return [dict(zip(("ms", "share", "low", "high"), row, strict=True)) for row in rows]
+
+
+def log_time() -> dict[str, Any]:
+    """Axis of delays after a fault's first effect."""
     return {
         "title": {"text": "time after the fault's first effect, ms"},
         "type": "log",
@@ -45,31 +54,17 @@ def _log_time() -> dict[str, Any]:
 
 
 def _curve(curve: Incidence, name: str, colour: str, end_ms: int) -> list[dict[str, Any]]:
-    time = np.maximum(np.append(curve.time, end_ms), 1.0)  # a log axis has no zero: the first tick stands for it
-
-    def held(values: np.ndarray) -> np.ndarray:
-        return np.append(values, values[-1]).round(6)
-
-    band = {
-        "type": "scatter",
-        "x": np.concatenate([time, time[::-1]]).tolist(),
-        "y": np.concatenate([held(curve.high), held(curve.low)[::-1]]).tolist(),
-        "fill": "toself",
-        "fillcolor": faded(colour),
-        "line": {"width": 0, "shape": "hv"},
-        "hoverinfo": "skip",
-        "showlegend": False,
-    }
+    drawn = stepped(curve, end_ms, start=1.0)  # a log axis has no zero: the first tick stands for it
     line = {
         "type": "scatter",
         "mode": "lines",
-        "x": time.tolist(),
-        "y": held(curve.fraction).tolist(),
+        "x": drawn["x"].tolist(),
+        "y": drawn["y"].tolist(),
         "name": f"{name} ({curve.events:,} of {curve.n:,})",
         "line": {"color": colour, "width": 2.2, "shape": "hv"},
         "hovertemplate": f"{name} by %{{x:.0f}} ms: %{{y:.1%}}<extra></extra>",
     }
-    return [band, line]
+    return [band(drawn["x"], drawn["low"], drawn["high"], colour, "hv"), line]
 
 
 def lead_histogram(facts: pd.DataFrame) -> str | None:

@@ -43,6 +43,19 @@ def evasion_maps(facts: pd.DataFrame) -> list[dict[str, Any]]:
     return sorted(maps, key=lambda item: -item["evaded"].value)
 
 
+def cells(made: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Maps cell by cell, those without runs left out."""
+    return [
+        {"block": item["name"], "across": panel["across"], "column": column, "up": panel["up"], "row": row["label"]}
+        | {"evaded": cell}
+        for item in made
+        for panel in item["panels"]
+        for row in panel["rows"]
+        for column, cell in zip(panel["columns"], row["cells"], strict=True)
+        if cell is not None
+    ]
+
+
 def _axes(part: pd.DataFrame) -> dict[str, Axis]:
     """{title: (bin number of each run, label of each bin)} of the inputs that vary."""
     axes = {}

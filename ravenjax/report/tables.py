@@ -13,7 +13,6 @@ import pandas as pd
 from ravenjax.report import wording
 from ravenjax.report.facts import OUTCOMES
 from ravenjax.stats.intervals import Rate, wilson
-from ravenjax.stats.latency import incidence
 from ravenjax.store import schema
 from ravenjax.store.manifest import Manifest
 
@@ -34,7 +33,11 @@ def rate_of(k: int, n: int) -> Rate:
 
 
 def headline(facts: pd.DataFrame) -> dict[str, Any]:
-    """Counts of distinct faults: a fault that was run several times counts once, and as evading if it ever did."""
+    """Counts of distinct faults: a fault that was run several times counts once, and as evading if it ever did.
+
+    Where some operators react to the cue, all is of the runs in which nobody does.
+    """
+    facts = facts.loc[facts["plain"]]
     faulty = facts.loc[facts["faulty"]]
     ever = faulty["evaded"].groupby(faulty["distinct"].to_numpy()).any()
     free = facts.loc[~facts["faulty"] & ~facts["failed"]]
@@ -79,6 +82,16 @@ def verdict_matrix(facts: pd.DataFrame) -> list[dict[str, Any]]:
     return rows
 
 
+def matrix_cells(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """A verdict matrix cell by cell."""
+    names = [(cue, jump) for cue in ("haptic", "no haptic") for jump in ("jump", "no jump")]
+    return [
+        {"response": row["name"], "cue": cue, "jump": jump, "share": cell["rate"]}
+        for row in rows
+        for (cue, jump), cell in zip(names, row["cells"], strict=True)
+    ]
+
+
 def group_rows(facts: pd.DataFrame) -> list[dict[str, Any]]:
     """One row per group: its outcomes as rates and its own verdict matrix."""
     rows = []
@@ -111,30 +124,6 @@ def delays(facts: pd.DataFrame, event_ms: np.ndarray, end_ms: int) -> tuple[np.n
     came = event >= 0
     delay = np.where(came, event, np.maximum(stop, start)) - start
     return delay[~early].astype(float), came[~early], int(early.sum())
-
-
-def cue_rows(frame: pd.DataFrame, facts: pd.DataFrame, manifest: Manifest) -> list[dict[str, Any]]:
-    """One row per haptic set: how often it fired, on which runs, how soon."""
-    valid = ~facts["failed"]
-    rows = []
-    for k, cue in enumerate(manifest.cues):
-        fired = frame[f"cue{k}_first_ms"] >= 0
-        silent = facts["faulty"] & valid & (facts["response"] == "silent")
-        delay, came, _ = delays(facts, frame[f"cue{k}_first_ms"].to_numpy(), manifest.duration_ms)
-        force = frame.loc[fired & valid & facts["faulty"], f"cue{k}_peak_force"]
-        rows.append(
-            {
-                "cue": cue,
-                "number": k,
-                "faulty": rate(fired[facts["faulty"] & valid]),
-                "silent": rate(fired[silent]),
-                "jumps": rate(fired[silent & facts["jump"]]),
-                "false": rate(fired[~facts["faulty"] & valid]),
-                "delay_ms": incidence(delay, came).quantile(0.25) if len(delay) else float("nan"),
-                "force": float(force.median()) if len(force) else float("nan"),
-            }
-        )
-    return sorted(rows, key=lambda row: (row["cue"].threshold_mm, row["cue"].kp_per_mm))
 
 
 def check_rows(frame: pd.DataFrame, facts: pd.DataFrame, manifest: Manifest) -> list[dict[str, Any]]:

@@ -28,7 +28,7 @@ SHOWN_JOINTS = 3
 SUBTITLE_LETTERS = 105
 """Letters in a line of the subtitle."""
 
-_STYLE: dict[Any, Any] = {
+STYLE: dict[Any, Any] = {
     "font.size": 9,
     "font.family": "sans-serif",
     "svg.fonttype": "none",
@@ -73,7 +73,7 @@ def trace_plot(
     dac_panels = [arm for arm in arms if f"{arm}/current_cmd" in arrays]
     heights = [2.2, 1.2, *(1.8 for _ in dac_panels), 0.9]
     path = Path(path)
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.6, 1.25 * sum(heights)), layout="constrained")
         error, force, *dacs, state = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
         _tip_error(error, time_s, arrays, arms, threshold_mm)

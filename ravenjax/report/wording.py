@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from ravenjax.stats.intervals import Rate
+from ravenjax.stats.intervals import Estimate, Rate
 
 NARROW = "\u202f"
 DASH = "–"
@@ -47,6 +47,55 @@ def interval(rate: Rate) -> str:
         return "no runs"
     digits = max(_decimals(rate.low), _decimals(rate.high))
     return f"{100 * rate.low:.{digits}f}{DASH}{100 * rate.high:.{digits}f}{NARROW}%"
+
+
+def estimate(value: Estimate, unit: str = "") -> str:
+    """12 ms (9–15), of an estimate; a bound that is not known is a dash, and so is the whole where nothing is known."""
+    if not math.isfinite(value.value):
+        return DASH
+    unit = f" {unit}" if unit else ""
+    if not (math.isfinite(value.low) or math.isfinite(value.high)):
+        return f"{number(value.value)}{unit}"
+    return f"{number(value.value)}{unit} ({span(value.low, value.high)})"
+
+
+def signed_points(difference: float) -> str:
+    """−3.1 points, of a difference of rates."""
+    if not math.isfinite(difference):
+        return DASH
+    shown = f"{100 * difference:+.1f}"
+    return f"{'0.0' if shown in ('+0.0', '-0.0') else shown} points".replace("-", "−")
+
+
+def point_bounds(value: Estimate) -> str:
+    """−4.0 to −2.2, the interval of a difference of rates in points."""
+    if not (math.isfinite(value.low) and math.isfinite(value.high)):
+        return ""
+    return f"{100 * value.low:+.1f} to {100 * value.high:+.1f}".replace("-", "−")
+
+
+def points(value: Estimate) -> str:
+    """−3.1 points (−4.0 to −2.2)."""
+    bounds = point_bounds(value)
+    return signed_points(value.value) + (f" ({bounds})" if bounds else "")
+
+
+def bounds(value: Estimate, decimals: int | None = None) -> str:
+    """9–15, the interval of an estimate; empty where nothing is known. decimals: of rounded numbers."""
+    low, high = (bound if decimals is None else round(bound, decimals) for bound in (value.low, value.high))
+    return span(low, high) if math.isfinite(low) or math.isfinite(high) else ""
+
+
+def hundredths(value: float) -> str:
+    """−0.04, at most two decimals."""
+    return number(round(value, 2)) if math.isfinite(value) else DASH
+
+
+def span(low: float, high: float) -> str:
+    """9–15, or −4 to 2 where a bound is negative; an unknown bound is open."""
+    if math.isfinite(low) and math.isfinite(high):
+        return f"{number(low)}{DASH}{number(high)}" if low >= 0 else f"{number(low)} to {number(high)}"
+    return f"from {number(low)}" if math.isfinite(low) else f"up to {number(high)}"
 
 
 def fault(row: Mapping[str, Any]) -> str:

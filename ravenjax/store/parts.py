@@ -188,11 +188,12 @@ def _require_known_version(path: Path, metadata: dict[bytes, bytes]) -> None:
 
 
 def require_version(path: Path, version: int) -> None:
-    """StoreError where `path` was written with a newer schema than this reader knows."""
-    if version > schema.VERSION:
+    """StoreError where `path` was written with another schema than this reader knows."""
+    if version != schema.VERSION:
+        way = "upgrade ravenjax" if version > schema.VERSION else "run the campaign again into another folder"
         raise StoreError(
-            f"{path}: has result schema {version}; this ravenjax reads up to {schema.VERSION}. The file is fine: "
-            "read it with the ravenjax that wrote it (versions in manifest.json), or upgrade ravenjax."
+            f"{path}: has result schema {version}; this ravenjax reads {schema.VERSION}. The file is fine: "
+            f"read it with the ravenjax that wrote it (versions in manifest.json), or {way}."
         )
 
 

@@ -99,6 +99,15 @@ def test_a_trace_is_a_log_and_a_plot(traced):
     assert any(row["run_id"] in entry.values() for entry in metadata.values())
 
 
+def test_the_report_replays_what_was_traced_and_draws_figures(out, traced, tmp_path):
+    row, _, _ = traced
+    assert call("report", out, "--figures", tmp_path / "figures") == 0
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert row["run_id"] in page and "scatter3d" in page
+    drawn = {path.suffix for path in (tmp_path / "figures").iterdir()}
+    assert drawn == {".svg", ".pdf"}
+
+
 def test_a_second_start_computes_nothing(out, monkeypatch):
     from ravenjax.campaign import runner
 
@@ -119,6 +128,8 @@ def test_the_notebook_sees_the_same_series(out, traced):
     series = rj.simulate(out.parent / "tiny.toml", row["run_id"], engine="simd")
     assert len(series["gold/tip"]) == 400
     assert np.abs(series["gold/dac_cnt"][250:290, 0]).min() >= 9000
+    off_twin = np.linalg.norm(series["gold/tip"] - series["gold/twin_tip"], axis=1).max() * 1e3
+    assert off_twin == pytest.approx(row["peak_twin_deviation_mm"], rel=1e-3)
     apart = np.linalg.norm(series["gold/tip"] - series["gold/model_position"], axis=1).max() * 1e3
     assert apart == pytest.approx(row["peak_model_deviation_mm"], rel=1e-3)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 from html.parser import HTMLParser
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import reacting_results as reacting
 import synthetic_results as synthetic
 
 from ravenjax.report import facts as run_facts
@@ -222,16 +224,6 @@ def test_delays_are_censored_at_stop_and_end():
     assert delay.tolist() == [50, 2900, 300] and came.tolist() == [True, False, False] and early == 1
 
 
-def test_cue_sweep_against_a_plain_count():
-    rows = {row["number"]: row for row in tables.cue_rows(FRAME, FACTS, MANIFEST)}
-    good = FRAME["failed"] == ""
-    for k in range(len(MANIFEST.cues)):
-        free = FRAME[good & (FRAME["fault0_site"] == "")]
-        assert rows[k]["false"] == wilson((free[f"cue{k}_first_ms"] >= 0).sum(), len(free))
-    thresholds = [row["cue"].threshold_mm for row in tables.cue_rows(FRAME, FACTS, MANIFEST)]
-    assert thresholds == sorted(thresholds)
-
-
 @pytest.mark.parametrize("values", [np.arange(200, 2400), np.linspace(-3, 3, 500), 2.0 ** np.linspace(0, 9, 300)])
 def test_bins_hold_their_values(values):
     number, labels = maps.bins(values)
@@ -397,3 +389,51 @@ def test_fault_in_words():
 
 def test_round_steps():
     assert [round_step(x) for x in (0.0, 0.9, 274.0, 6.1, 0.031)] == [1.0, 1.0, 250.0, 5.0, pytest.approx(0.025)]
+
+
+# --- campaigns of another shape ---------------------------------------------------------------------------------------
+
+
+def test_a_campaign_without_fault_slots_has_a_page():
+    form = dataclasses.replace(synthetic.shape(), slots=0)
+    frame = synthetic.frame(80).assign(group="fault_free")[[column.name for column in schema.columns(form)]]
+    html = page.render(frame, synthetic.manifest(80, shape=form), Path("out"))
+    assert "This campaign injected no fault." in words(Page(html))
+
+
+def test_reactions_without_any_fault_still_show_their_interruptions():
+    frame = reacting.frame(60)
+    free = frame.assign(**{name: "" for name in frame if re.fullmatch(r"fault0_(site|effect)", name)})
+    text = words(Page(page.render(free, reacting.manifest(len(free)), Path("out"))))
+    assert "Interruptions of fault-free motion" in text and "nothing to compare" in text
+
+
+def test_everybody_reacts_so_there_are_no_pairs():
+    frame = reacting.frame(120)
+    frame = frame[frame["param:reaction.action"] == 1].reset_index(drop=True)
+    text = words(Page(page.render(frame, reacting.manifest(len(frame)), Path("out"))))
+    assert "nothing to compare" in text and "The 3 mm cue announces" in text
+
+
+def test_sections_that_have_nothing_to_say_are_left_out():
+    form = dataclasses.replace(synthetic.shape(), detectors=(), parameters=())
+    frame = FRAME[[column.name for column in schema.columns(form)]]
+    parsed = Page(page.render(frame, synthetic.manifest(RUNS, shape=form, detectors=()), Path("out")))
+    assert not {"detectors", "reaction", "robots", "risk"} & set(parsed.ids)
+    assert {"cues", "precision", "paths", "worst"} <= set(parsed.ids)
+    assert {target.removeprefix("#") for target in parsed.targets} <= set(parsed.ids)
+
+
+def test_the_first_page_answers_three_questions(built):
+    text = words(Page(built[1]))
+    for question in ("Which faults evade?", "How long before anyone can know?", "What would the cue change?"):
+        assert question in text
+    known = re.search(r"Half of the ([\d,]+) faults that did harm could be known within ([\d.,]+) ms", text)
+    harmful = FAULTY[(FAULTY["failed"] == "") & FAULTY["activated"]]
+    assert known and int(known[1].replace(",", "")) == ((harmful["moved_first_ms"] >= 0) | harmful["jump_code"]).sum()
+
+
+def test_hazards_of_the_library_have_a_risk_table():
+    frame = FRAME.assign(group=FRAME["group"].where(FRAME["group"] != "encoder", "library/B24"))
+    parsed = Page(page.render(frame, MANIFEST, Path("out")))
+    assert "risk" in parsed.ids and "B24" in words(parsed)

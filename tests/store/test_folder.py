@@ -215,12 +215,20 @@ def test_newer_schema_is_refused_politely(tmp_path, monkeypatch):
     path = tmp_path / "manifest.json"
     mine, newer = schema.VERSION, schema.VERSION + 1
     path.write_text(path.read_text().replace(f'"schema_version": {mine}', f'"schema_version": {newer}'))
-    told = rf"manifest.json: has result schema {newer}; this ravenjax reads up to {mine}.*is fine"
+    told = rf"manifest.json: has result schema {newer}; this ravenjax reads {mine}.*is fine.*upgrade"
     with pytest.raises(StoreError, match=told):
         read_all(tmp_path)
     monkeypatch.setattr(schema, "VERSION", 0)
-    with pytest.raises(StoreError, match=rf"parquet: has result schema {mine}; this ravenjax reads up to 0"):
+    with pytest.raises(StoreError, match=rf"parquet: has result schema {mine}; this ravenjax reads 0"):
         parts.read(a_part(tmp_path))
+
+
+def test_older_schema_is_refused_with_what_to_do(tmp_path):
+    fill(tmp_path, chunk=40)
+    path = tmp_path / "manifest.json"
+    path.write_text(path.read_text().replace(f'"schema_version": {schema.VERSION}', '"schema_version": 1'))
+    with pytest.raises(StoreError, match=r"has result schema 1; .*run the campaign again"):
+        read_all(tmp_path)
 
 
 def test_foreign_parquet_is_refused(tmp_path):
@@ -230,7 +238,7 @@ def test_foreign_parquet_is_refused(tmp_path):
         parts.read(path)
 
 
-@pytest.mark.parametrize("text", ["{", "[]", '{"schema_version": 1}'])
+@pytest.mark.parametrize("text", ["{", "[]", f'{{"schema_version": {schema.VERSION}}}'])
 def test_damaged_manifest_is_named_and_parts_survive_without_it(tmp_path, text):
     fill(tmp_path, chunk=40)
     path = tmp_path / "manifest.json"

@@ -1,0 +1,45 @@
+"""A table of the page as CSV: one column a number, so that a rate becomes k, n, value, low and high."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel
+
+
+def text(rows: Iterable[Any]) -> str:
+    """Rows (mappings or named tuples, nested) as CSV with a header; empty where there are none.
+
+    Nested values become columns joined by "_"; lists, arrays and curves belong to figures and are left out. What is
+    not a number is empty.
+    """
+    flat = [dict(_flat("", row)) for row in rows]
+    names = list(dict.fromkeys(name for row in flat for name in row))
+    out = io.StringIO()
+    writer = csv.DictWriter(out, names, lineterminator="\n", restval="")
+    if flat:
+        writer.writeheader()
+        writer.writerows(flat)
+    return out.getvalue()
+
+
+def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    if isinstance(value, BaseModel):
+        value = dict(value)
+    if hasattr(value, "_asdict"):
+        value = value._asdict()
+    if isinstance(value, Mapping):
+        for key, part in value.items():
+            word = str(key).rstrip("_")
+            yield from _flat(f"{name}_{word}" if name else word, part)
+    elif isinstance(value, list | tuple | np.ndarray):
+        return
+    elif isinstance(value, float | np.floating):
+        yield name, float(value) if math.isfinite(value) else ""
+    else:
+        yield name, "" if value is None else value

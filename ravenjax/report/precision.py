@@ -1,0 +1,49 @@
+"""How sharp each rate is, and how many runs a sharper one needs."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import NamedTuple
+
+import pandas as pd
+
+from ravenjax.report import tables
+from ravenjax.stats.intervals import Rate
+from ravenjax.stats.planning import MoreRuns, more_runs
+
+POINTS = (0.03, 0.01)
+"""Half-widths asked for, as fractions."""
+
+
+class Row(NamedTuple):
+    """The rate of evading faults of one group."""
+
+    group: str
+    runs: int
+    rate: Rate  # of distinct faults
+    half_width: float  # fraction
+    within_3: MoreRuns  # further distinct faults for +- 3 points
+    within_1: MoreRuns  # for +- 1 point
+
+
+def rows(facts: pd.DataFrame) -> list[Row]:
+    """All faults first, then each group, the widest first. A fault that was run several times counts once."""
+    faulty = facts.loc[facts["faulty"] & facts["plain"]]
+    groups = [_row(str(name), part) for name, part in faulty.groupby("group", observed=True)] if len(faulty) else []
+    groups.sort(key=lambda row: -row.half_width)
+    return [_row("all faults", faulty), *groups] if len(groups) > 1 else groups
+
+
+def _row(name: str, part: pd.DataFrame) -> Row:
+    ever = part["evaded"].groupby(part["distinct"].to_numpy()).any()
+    rate = tables.rate(ever)
+    wide, narrow = (_more(rate.k, rate.n, half) if rate.n else MoreRuns(0, 0) for half in POINTS)
+    half = (rate.high - rate.low) / 2 if rate.n else math.nan
+    return Row(name, len(part), rate, half, wide, narrow)
+
+
+@functools.lru_cache(maxsize=10_000)
+def _more(k: int, n: int, half_width: float) -> MoreRuns:
+    """Groups of one size share their few counts."""
+    return more_runs(k, n, half_width)

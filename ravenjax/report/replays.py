@@ -1,0 +1,119 @@
+"""Tip paths of the worst runs that were traced: read from the folder's MCAP files, thinned for a page.
+
+`ravenjax trace` writes one file a run into traces/; those that are there are shown. A file that cannot be read is
+named on the page and left out: it is no part of the result.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.report import wording
+
+FOLDER = "traces"
+MOST = 6
+POINTS = 300
+"""Of each path: a tip that is drawn every 10 ms of 3 s."""
+SIGNALS = "/ravenjax/signals"
+ARMS = {"gold": "arm1", "green": "arm2"}
+MARKS = {"first effect": "active_ms", "cue": "cue_ms", "response": "response_ms", "harm": "harm_ms"}
+"""What is marked on a path, and the column of facts that says when."""
+
+
+class Replay(NamedTuple):
+    """One traced run. Paths are [points, 3] in mm about the first point of the true tip, frame 0 of the arm."""
+
+    run_id: str
+    arm: str  # the one whose tip went farthest from the model
+    told: str  # group and fault in words
+    time_ms: np.ndarray  # [points]
+    paths: dict[str, np.ndarray]  # "true tip", "nominal model", "fault-free twin" where the trace has it
+    deviation_mm: np.ndarray  # [points], true tip from the model
+    marks: dict[str, int]  # label -> index of the point
+
+
+def find(folder: Path, frame: pd.DataFrame, facts: pd.DataFrame) -> tuple[list[Replay], list[str]]:
+    """The MOST worst traced runs, the farthest from the model first; and the files that could not be read."""
+    traced = {path.stem: path for path in sorted((folder / FOLDER).glob("*.mcap"))}
+    mine = frame.loc[frame["run_id"].isin(list(traced))]
+    worst = mine.sort_values("peak_live_deviation_mm", ascending=False, kind="stable").head(MOST)
+    found, broken = [], []
+    for index, row in zip(worst.index, worst.to_dict("records"), strict=True):
+        path = traced[row["run_id"]]
+        try:
+            series = read(path)
+            found.append(_replay(row, facts.loc[index].to_dict(), series))
+        except (OSError, ValueError, KeyError, struct.error, *_damage()) as error:
+            broken.append(f"{path.name}: {error or type(error).__name__}")
+    return found, broken
+
+
+def read(path: Path) -> dict[str, np.ndarray]:
+    """Tips of a trace as it names them, [T, 3] in m: <arm>/tip, <arm>/model, <arm>/twin where there; and time_ms [T].
+
+    Raises ValueError, KeyError or what the mcap library raises where the file is no trace of ravenjax.
+    """
+    from mcap.reader import make_reader
+
+    topics = [SIGNALS, *(f"/{topic}/model_cp" for topic in ARMS.values())]
+    numbers: dict[str, list[bytes]] = {}
+    names: list[str] = []
+    with open(path, "rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages(topics=topics):
+            if channel.topic == SIGNALS and not names and schema is not None:
+                names = re.findall(r"^float64 (\w+)$", schema.data.decode().partition("=")[0], re.M)
+            width = len(names) if channel.topic == SIGNALS else 7
+            numbers.setdefault(channel.topic, []).append(message.data[-8 * width :])
+    signals = _rows(numbers[SIGNALS], len(names))
+    out = {"time_ms": np.arange(len(signals))}
+    for arm, topic in ARMS.items():
+        for name in ("tip", "twin_tip"):
+            columns = [f"{arm}_{name}_{axis}" for axis in range(3)]
+            if columns[0] in names:
+                out[f"{arm}/{name.removesuffix('_tip')}"] = signals[:, [names.index(column) for column in columns]]
+        if f"/{topic}/model_cp" in numbers:
+            out[f"{arm}/model"] = _rows(numbers[f"/{topic}/model_cp"], 7)[:, :3]
+    return out
+
+
+def _rows(messages: Iterable[bytes], width: int) -> np.ndarray:
+    """The doubles at the end of each little-endian CDR message, [messages, width]."""
+    return np.frombuffer(b"".join(messages), "<f8").reshape(-1, width)
+
+
+def _damage() -> tuple[type[Exception], ...]:
+    """What a damaged file makes the library and its decompressors raise."""
+    import zstandard
+    from mcap.exceptions import McapError
+
+    return McapError, zstandard.ZstdError, RuntimeError
+
+
+def _replay(row: dict[Any, Any], facts: dict[Any, Any], series: dict[str, np.ndarray]) -> Replay:
+    arms = [arm for arm in ARMS if f"{arm}/tip" in series and f"{arm}/model" in series]
+    if not arms:
+        raise ValueError("the trace holds no tip beside its model")
+    distance = {arm: 1e3 * np.linalg.norm(series[f"{arm}/tip"] - series[f"{arm}/model"], axis=1) for arm in arms}
+    arm = max(arms, key=lambda one: distance[one].max())
+    ticks = len(series["time_ms"])
+    events = {label: int(facts[column]) for label, column in MARKS.items() if 0 <= facts[column] < ticks}
+    even = np.linspace(0, ticks - 1, min(POINTS, ticks)).round().astype(int)
+    kept = np.unique(np.concatenate([even, [*events.values(), int(distance[arm].argmax())]]).astype(int))
+    start = series[f"{arm}/tip"][0]
+    named = {"true tip": "tip", "nominal model": "model", "fault-free twin": "twin"}
+    return Replay(
+        row["run_id"],
+        arm,
+        f"{row['group']}: {wording.fault(row)}",
+        series["time_ms"][kept],
+        {name: 1e3 * (series[f"{arm}/{key}"][kept] - start) for name, key in named.items() if f"{arm}/{key}" in series},
+        distance[arm][kept],
+        {label: int(np.searchsorted(kept, ms)) for label, ms in events.items()},
+    )

@@ -1,0 +1,40 @@
+"""Figures for print."""
+
+from __future__ import annotations
+
+import reacting_results as reacting
+import synthetic_results as synthetic
+
+from ravenjax.report import paper
+from ravenjax.store.folder import ResultFolder
+
+
+def folder_of(path, frame, manifest):
+    results = ResultFolder.open(path, manifest)
+    for rows in results.missing(1000):
+        results.add(frame.iloc[rows.start : rows.stop])
+    results.close(compile_s=1.0, run_s=1.0, rows=len(frame))
+    return path
+
+
+def test_main_figures_as_svg_and_pdf_alike_each_time(tmp_path):
+    frame = reacting.frame(150)
+    folder = folder_of(tmp_path / "results", frame, reacting.manifest(len(frame)))
+    paths = paper.write(folder, tmp_path / "one")
+    names = [path.name for path in paths]
+    assert names == [
+        f"{name}.{kind}" for name in ("verdicts", "time_to_know", "roc", "tradeoff") for kind in ("svg", "pdf")
+    ]
+    assert all(path.stat().st_size > 5000 for path in paths)
+    again = paper.write(folder, tmp_path / "two")
+    assert [path.read_bytes() for path in paths] == [path.read_bytes() for path in again]
+    verdicts = paths[0].read_text()
+    assert "moved, cue fired" in verdicts and "packet_position" in verdicts
+
+
+def test_what_has_no_runs_is_left_out(tmp_path):
+    frame = synthetic.frame(200)
+    frame = frame[frame["group"] == "fault_free"].reset_index(drop=True)
+    frame = frame.assign(index=frame.index, moved_first_ms=-1, jump_code=False)
+    folder = folder_of(tmp_path / "results", frame, synthetic.manifest(len(frame)))
+    assert paper.write(folder, tmp_path / "figures") == []

@@ -1,0 +1,44 @@
+"""How sharp the rates are, against the formula and plain counts."""
+
+from __future__ import annotations
+
+import pytest
+import synthetic_results as synthetic
+
+from ravenjax.report import facts as run_facts
+from ravenjax.report import precision
+from ravenjax.stats.intervals import wilson
+
+FRAME = synthetic.frame(900)
+FACTS = run_facts.derive(FRAME)
+ROWS = precision.rows(FACTS)
+
+
+def test_rates_are_of_distinct_faults():
+    evading = FRAME["verdict"].astype(str).str.startswith("silent/haptic")
+    for row in ROWS[1:]:
+        mine = FRAME["group"] == row.group
+        assert row.rate == wilson(int((evading & mine).sum()), int(mine.sum())) and row.runs == row.rate.n
+    assert ROWS[0].group == "all faults" and ROWS[0].rate.n == (FRAME["fault0_site"] != "").sum()
+    widths = [row.half_width for row in ROWS[1:]]
+    assert widths == sorted(widths, reverse=True)
+
+
+def test_repeats_sharpen_nothing():
+    import pandas as pd
+
+    again = pd.concat([FRAME, FRAME.assign(seed=8, pair=FRAME["pair"] + 900)], ignore_index=True)
+    rows = {row.group: row for row in precision.rows(run_facts.derive(again))}
+    for row in ROWS:
+        assert rows[row.group].rate == row.rate and rows[row.group].runs == 2 * row.runs
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.group)
+def test_the_runs_asked_for_are_enough_and_not_too_many(row):
+    for more, half in ((row.within_3, 0.03), (row.within_1, 0.01)):
+        n = row.rate.n + more.expected
+        found = wilson(round(row.rate.value * n), n)
+        assert (found.high - found.low) / 2 <= half * 1.02
+        assert more.safe >= more.expected
+        if more.expected == 0:
+            assert row.half_width <= half * 1.001
