@@ -198,12 +198,15 @@ def cycle(
     mpos = inject("mpos", tuple(positions for positions, _ in measured))
     mvel = inject("mvel", tuple(velocities for _, velocities in measured))
     jpos = inject("jpos", each(lambda i, arm, tool: estimator.joints(setup, arm, tool, mpos[i])))
+    jvel = inject("jvel", each(lambda i, *_: estimator.joint_velocities(setup, mvel[i])))
 
     # --- decide ---
     slave = (level != state_machine.PEDAL_DOWN) & (level != state_machine.INIT)
-    cartesian = cartesian_control.sense(setup, cartesian, jpos, slave)
-    positions = inject("pos_d", tuple(arm.pos_d.position_um for arm in cartesian))
-    cartesian = each(lambda i, *_: replace(cartesian[i], pos_d=replace(cartesian[i].pos_d, position_um=positions[i])))
+    cartesian = cartesian_control.sense(setup, cartesian, jpos)
+    poses = _struck(inject, ("pos", "ori"), tuple(arm.pos for arm in cartesian))
+    cartesian = cartesian_control.follow(each(lambda i, *_: replace(cartesian[i], pos=poses[i])), slave)
+    poses_d = _struck(inject, ("pos_d", "ori_d"), tuple(arm.pos_d for arm in cartesian))
+    cartesian = each(lambda i, *_: replace(cartesian[i], pos_d=poses_d[i]))
     cartesian, clamped = cartesian_control.solve(setup, params.cartesian, cartesian, tick, active, jpos)
     teleop = teleoperation.reset_origin(
         setup, teleop, slave | following | clamped, tuple(arm.pos_d for arm in cartesian)
@@ -248,7 +251,7 @@ def cycle(
                 mpos=mpos[i],
                 mvel=mvel[i],
                 jpos=jpos[i],
-                jvel=estimator.joint_velocities(setup, mvel[i]),
+                jvel=jvel[i],
                 pos=cartesian[i].pos,
                 pos_d=cartesian[i].pos_d,
                 jpos_d=jpos_d[i],
@@ -285,6 +288,17 @@ def cycle(
         watchdog=dog,
     )
     return state, signals
+
+
+def _struck(inject: Inject, sites: tuple[str, str], poses: tuple[StoredPose, ...]) -> tuple[StoredPose, ...]:
+    """Poses as faults at `sites`, of position and of rotation, leave them."""
+    position, rotation = sites
+    positions = inject(position, tuple(pose.position_um for pose in poses))
+    rotations = inject(rotation, tuple(pose.rotation for pose in poses))
+    return tuple(
+        replace(pose, position_um=at, rotation=turned)
+        for pose, at, turned in zip(poses, positions, rotations, strict=True)
+    )
 
 
 def _measured(

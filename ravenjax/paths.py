@@ -19,12 +19,11 @@ _AXES = ("x", "y", "z")
 def _entries(node: Any, arms: tuple[str, ...]) -> dict[str, tuple[Any, bool]] | None:
     """Name of each entry of `node` -> (entry, may the name be left out); None for a number."""
     if dataclasses.is_dataclass(node):
-        return {f.name: (getattr(node, f.name), False) for f in dataclasses.fields(node)}
+        fields = {f.name: getattr(node, f.name) for f in dataclasses.fields(node)}
+        return {name: (value, False) for name, value in fields.items() if value is not None}  # None: not in this setup
     if isinstance(node, Vec):
         names = {7: JOINTS, 5: JOINTS[:5], 3: _AXES}.get(len(node), tuple(str(i) for i in range(len(node))))
         return {name: (item, True) for name, item in zip(names, node, strict=True)}
-    if node is None:  # a part that this setup has not
-        return {}
     if isinstance(node, tuple):
         per_arm = len(node) == len(arms) and all(dataclasses.is_dataclass(n) or isinstance(n, Vec) for n in node)
         names = arms if per_arm else tuple(str(i) for i in range(len(node)))

@@ -7,7 +7,7 @@ operator input; the monitor compares it with the robot and the console's haptic 
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, reduce
 from typing import Any
 
 import jax
@@ -18,12 +18,13 @@ from jax import lax
 from ravenjax import control
 from ravenjax.robot import kinematics, scene, transmission
 from ravenjax.robot.check import Check
+from ravenjax.robot.mapping import matrix_from_quat, quat_from_matrix
 from ravenjax.robot.sites import ARM, SITES
-from ravenjax.stages import detectors, haptics, monitor, operator, plc, reaction, state_machine, usb
+from ravenjax.stages import channel, detectors, haptics, monitor, operator, plc, reaction, state_machine, usb
 from ravenjax.stages.faults import fault, injection, window
 from ravenjax.stages.plant import nominal, nominal_target
 from ravenjax.stages.plant import robot as plant
-from ravenjax.types import ArmName, Scalar, Setup, Vec, as_int, per_arm, real, record, replace, where
+from ravenjax.types import ArmName, Scalar, Setup, Vec, as_int, narrow, per_arm, real, record, replace, where, wide
 
 UM = 1e-6
 """Metres in a micrometre."""
@@ -70,7 +71,7 @@ class State:
 
     faults: fault.State
     control: control.State
-    board_cmd: tuple[Vec, ...]  # int32 DAC counts that each USB board holds
+    boards: usb.UsbOut  # what the USB boards hold
     commands: tuple[tuple[Vec, ...], ...]  # int32, what the boards held in the ticks before, latest first
     plc: plc.State
     plant: tuple[plant.State, ...]
@@ -78,7 +79,9 @@ class State:
     motors: tuple[tuple[Vec, Vec], ...] | None  # rad, rad/s of motors 1-3, for build "dyn_sim" alone
     nominal: tuple[nominal.State, ...]
     haptics: tuple[haptics.State, ...]
+    hands: operator.Hands | None  # where they may do more than is planned
     reaction: reaction.State | None
+    channel: channel.State | None  # where faults seed it
     detectors: detectors.State | None
     monitor: monitor.State
     pedal_ticks: Scalar  # int32, ticks since pedal-down was entered; negative: not in it
@@ -122,6 +125,14 @@ class _Network:
     lag: Scalar  # int32 packets, sent again
     delay: Scalar  # int32 packets, of a channel that delivers in order
     lost: Scalar  # bool
+    bursts: Scalar  # float, seed of the channel's losses; 0: none
+    jitter: Scalar  # float, seed of the channel's delays; 0: none
+
+
+@record
+class _Buttons:
+    estop: Scalar  # bool
+    start: Scalar  # bool
 
 
 @record
@@ -141,15 +152,18 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
     inject = _Injector(setup, faults, window.open_windows(setup, faults, state.faults, clock), clock)
 
     # --- console and network: the robot's packet, and the clean one that the nominal model follows ---
+    reacting = _reacting(setup, params, state, now, sequence)
+    hands = state.hands
+    if hands is not None and inject.strikes("hand"):
+        hands = operator.strayed(hands, inject("hand", _each(setup, Vec.full(3, real(setup, 0.0)))))
+    clean = _packet(setup, params, params.operator, signal.motion, reacting, hands, sequence)
     console = inject("console", _Console(params.operator.scale))
-    network = inject("network", _Network(jnp.int32(0), jnp.int32(0), jnp.bool_(False)))
-    hands = _reacting(setup, params, state, now, sequence)
-    clean = _packet(setup, params, params.operator, signal.motion, hands, sequence)
+    line, network = _network(setup, params, inject, state, sequence, fresh)
     sent = clean
     if inject.strikes("console", "network"):
         index = sequence - network.lag - network.delay
         struck = replace(params.operator, scale=console.scale)
-        sent = _packet(setup, params, struck, signal.motion, hands, index)
+        sent = _packet(setup, params, struck, signal.motion, reacting, hands, index)
     arrives = fresh & ~network.lost
     if inject.strikes("network"):
         index = sent.sequence - 1
@@ -159,24 +173,24 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
     # --- control computer ---
     status = inject("usb_status", _UsbStatus(_each(setup, jnp.int32(1)), _each(setup, jnp.int32(1))))
     pins = plc.input_pins(inject("plc", state.plc.runlevel))
-    boards = usb.UsbIn(inject("encoder", state.enc_val), _each(setup, pins))
+    delivered = usb.UsbIn(inject("encoder", state.enc_val), _each(setup, pins))
     software, signals = control.cycle(
-        setup, params.control, state.control, control.Inputs(packet, boards, status.read_ok, state.motors), inject
+        setup, params.control, state.control, control.Inputs(packet, delivered, status.read_ok, state.motors), inject
     )
-    board_cmd = tuple(
-        where(ok != 0, arm.current_cmd_written, held)
-        for ok, arm, held in zip(status.write_ok, signals.arms, state.board_cmd, strict=True)
-    )
+    message = usb.UsbOut(tuple(arm.current_cmd_written for arm in signals.arms), _each(setup, signals.pins_out))
+    boards = usb.write(setup, state.boards, message, status.write_ok)
 
     # --- PLC, motors, cables, links ---
-    controller, relays = plc.step(setup, params.plc, state.plc, plc.Signal(signals.pins_out, jnp.int32(0)))
+    buttons = inject("buttons", _Buttons(jnp.bool_(False), jnp.bool_(False)))
+    told = plc.Signal(boards.pins[: _boards_apart(setup)], buttons.estop, buttons.start)
+    controller, relays = plc.step(setup, params.plc, state.plc, told)
     brakes = inject("brake", _brakes(setup, signals, relays))
     multipliers = {
         site: inject(site, _each(setup, Vec.full(7, neutral)))
         for site, neutral in _MECHANICS.items()
         if inject.strikes(site)
     }
-    driven = _delayed(params.usb, board_cmd, state.commands)
+    driven = _delayed(params.usb, boards.current_cmd, state.commands)
     moved = per_arm(
         setup,
         lambda i, arm: plant.step(
@@ -211,7 +225,7 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
             model_tip=tuple(out.tip_position for _, out in models),
             depth=depth,
             distance=distance,
-            dac=board_cmd,
+            dac=boards.current_cmd,
             fresh=fresh,
             live=live,
             tick=now,
@@ -223,22 +237,28 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
     if params.detectors is not None and state.detectors is not None:
         shown = _watched(setup, params, signals, robots, cues, live, now)
         watched = detectors.step(setup, params.detectors, state.detectors, shown)
-    if params.reaction is not None and hands is not None:
-        pulls = tuple(out.force[0] for _, out in cues)
-        seen_tips = reaction.Felt(pulls, tips, tuple(out.tip_position for _, out in models), down, now)
-        hands = reaction.feel(setup, params.reaction, hands, seen_tips, fresh)
+    if hands is not None:
+        off_plan = operator.tip_offset(setup, params.operator, hands)
+        hands = operator.sent(hands, fresh)
+        if params.reaction is not None and reacting is not None:
+            pulls = tuple(out.force[0] for _, out in cues)
+            shown = reaction.Felt(pulls, tips, tuple(out.tip_position for _, out in models), off_plan, down, now)
+            reacting, correction = reaction.feel(setup, params.reaction, reacting, shown)
+            hands = operator.steered(setup, params.operator, hands, correction)
     state = State(
         faults=inject.state,
         control=software,
-        board_cmd=board_cmd,
-        commands=(board_cmd, *state.commands)[: setup.command_delay],
+        boards=boards,
+        commands=(boards.current_cmd, *state.commands)[: setup.command_delay],
         plc=controller,
         plant=tuple(new for new, _ in moved),
         enc_val=tuple(out.enc_val for out in robots),
         motors=_motors(setup, robots),
         nominal=tuple(new for new, _ in models),
         haptics=tuple(new for new, _ in cues),
-        reaction=hands,
+        hands=hands,
+        reaction=reacting,
+        channel=line,
         detectors=watched,
         monitor=seen,
         pedal_ticks=jnp.where(down, jnp.maximum(state.pedal_ticks, -1) + 1, -1),
@@ -298,15 +318,17 @@ def init(setup: Setup, params: Params) -> State:
     return State(
         faults=fault.init(setup),
         control=software,
-        board_cmd=_each(setup, Vec.full(7, zero)),
+        boards=usb.init_out(setup),
         commands=(_each(setup, Vec.full(7, zero)),) * setup.command_delay,
-        plc=plc.init(setup, params.plc, ready),
+        plc=plc.init(setup, params.plc, ready, _boards_apart(setup)),
         plant=plants,
         enc_val=tuple(out.enc_val for out in robots),
         motors=_motors(setup, robots),
         nominal=per_arm(setup, lambda i, arm: nominal.init(setup, arm, params.nominal[i], start[i])),
         haptics=per_arm(setup, lambda i, arm: haptics.init(setup, params.haptics)),
+        hands=operator.at_plan(setup) if setup.reacts or _strikes(setup, "hand") else None,
         reaction=reaction.init(setup) if setup.reacts else None,
+        channel=channel.init() if _seeded(setup, "bursts") else None,
         detectors=detectors.init(setup) if setup.detectors else None,
         monitor=monitor.init(setup, tips, tuple(tip * (1.0 / UM) for tip in tips)),
         pedal_ticks=jnp.int32(-1),
@@ -418,6 +440,13 @@ class _Injector:
         self.setup, self.faults, self.state, self.clock = setup, faults, state, clock
 
     def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:
+        if site in _ROTATIONS and self.strikes(site):
+            quats = tuple(quat_from_matrix(wide(self.setup, rotation)) for rotation in signal)
+            struck = self._inject(site, quats, present)
+            return tuple(_rotated(self.setup, *of_arm) for of_arm in zip(signal, quats, struck, strict=True))
+        return self._inject(site, signal, present)
+
+    def _inject(self, site: str, signal: Any, present: Scalar) -> Any:
         self.state, signal = injection.inject(
             self.setup, _paths(self.setup), self.faults, self.state, self.clock, site, signal, present
         )
@@ -425,7 +454,31 @@ class _Injector:
 
     def strikes(self, *sites: str) -> bool:
         """Whether the campaign hits any of these sites."""
-        return any(use.site in sites for use in self.setup.injection.sites)
+        return _strikes(self.setup, *sites)
+
+
+_ROTATIONS = ("ori", "ori_d")
+"""Sites whose signal is rotation matrices, struck as quaternions."""
+
+
+def _rotated(setup: Setup, rotation: Vec, quat: Vec, struck: Vec) -> Vec:
+    """The rotation of a quaternion that a fault changed; one that none changed keeps every bit of its matrix."""
+    changed = reduce(lambda a, b: a | b, quat.map(lambda before, after: before != after, struck))
+    return where(changed, narrow(setup, matrix_from_quat(struck)), rotation)
+
+
+def _strikes(setup: Setup, *sites: str) -> bool:
+    return any(use.site in sites for use in setup.injection.sites)
+
+
+def _seeded(setup: Setup, what: str) -> bool:
+    """Whether faults seed the channel's `bursts`, or its `jitter`."""
+    return ("network", "", what) in injection.channel_keys(setup)
+
+
+def _boards_apart(setup: Setup) -> int:
+    """USB boards whose output pins may differ: all are written alike, unless a write can fail."""
+    return len(setup.arms) if _strikes(setup, "usb_status") else 1
 
 
 @cache
@@ -495,22 +548,44 @@ def _reacting(setup: Setup, params: Params, state: State, now: Scalar, sequence:
     return reaction.act(setup, params.reaction, state.reaction, now, sequence)
 
 
+def _network(
+    setup: Setup, params: Params, inject: _Injector, state: State, sequence: Scalar, fresh: Scalar
+) -> tuple[channel.State | None, _Network]:
+    """What becomes of this tick's packet on its way, and the channel after it."""
+    ideal = _Network(jnp.int32(0), jnp.int32(0), jnp.bool_(False), real(setup, 0.0), real(setup, 0.0))
+    network, line = inject("network", ideal), state.channel
+    if line is not None:
+        line = channel.step(line, network.bursts, sequence, fresh)
+        network = replace(network, lost=network.lost | (line.burst > 0))
+    if _seeded(setup, "jitter"):
+        cycles = jnp.maximum(params.network.cycles_per_packet, 1)
+        late = channel.delay_ms(network.jitter, sequence) + cycles - 1
+        network = replace(network, delay=network.delay + lax.div(late, cycles))
+    return line, network
+
+
 def _packet(
     setup: Setup,
     params: Params,
     console: operator.Params,
     motion: tuple[Any, ...],
-    hands: reaction.State | None,
+    reacting: reaction.State | None,
+    hands: operator.Hands | None,
     index: Scalar,
 ) -> Any:
     """The packet of that index, as `console` (the operator's own, or one that a fault struck) sends it."""
-    row, before = operator.lookup(motion, index), operator.lookup(motion, index - 1)
-    if params.reaction is not None and hands is not None:
-        now = reaction.hands(setup, params.reaction, hands, index)
-        then = reaction.hands_before(setup, params.reaction, hands, index - 1)
-        row = operator.moved(setup, params.operator, operator.lookup(motion, index - now.lag), now)
-        before = operator.moved(setup, params.operator, operator.lookup(motion, index - 1 - then.lag), then)
-    return operator.packet(setup, console, row, before, index + 1)
+
+    def row(index: Scalar, offset: tuple[Vec, ...] | None) -> operator.Row:
+        if params.reaction is None or reacting is None:
+            found = operator.lookup(motion, index)
+        else:
+            pace = reaction.pace(setup, params.reaction, reacting, index)
+            found = operator.lookup(motion, index - pace.lag)
+            found = replace(found, surgeon_mode=jnp.where(pace.released, 0, found.surgeon_mode))
+        return found if offset is None else operator.moved(found, offset)
+
+    now, before = (None, None) if hands is None else (hands.offset, hands.offset_before)
+    return operator.packet(setup, console, row(index, now), row(index - 1, before), index + 1)
 
 
 def _watched(

@@ -49,7 +49,7 @@ def test_faults_lists_every_word(run):
 def test_campaigns_lists_the_bundled_ones_with_their_runs(run):
     code, out, _ = run("campaigns")
     assert code == 0
-    assert "quick.toml" in out and "2388" in out and "seed_burst.toml" in out
+    assert "quick.toml" in out and "2571" in out and "seed_burst.toml" in out
 
 
 @pytest.mark.parametrize(

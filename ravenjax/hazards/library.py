@@ -49,8 +49,9 @@ class Struck(Section):
     unit: str | None = Field(default=None, description="of the value, to read and to check")
     trigger: str = "time"
     start_ms: Numbers
-    duration_ms: Numbers | str | tuple[Number | str, ...] = "end"
+    duration_ms: Numbers | str | tuple[Number | str, ...] | dict[str, tuple[Number | str, ...]] = "end"
     every_ms: Numbers = 0
+    period_ms: Numbers = 0
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -80,7 +81,9 @@ class Struck(Section):
             raise ValueError(f"effect {self.effect!r} takes {expected}, got {self.value!r}")
         if self.unit != (unit := _unit(site, self)):
             raise ValueError(f"unit: got {self.unit!r}, expected {unit!r}, that of {site.name} and its effect")
-        lists = (self.value, self.start_ms, self.duration_ms, self.every_ms)
+        if (self.effect == "periodic") != bool(self.period_ms):
+            raise ValueError(f"period_ms belongs to effect 'periodic', got effect {self.effect!r}, {self.period_ms!r}")
+        lists = (self.value, self.start_ms, self.duration_ms, self.every_ms, self.period_ms)
         for kind in (kind for numbers in lists if isinstance(numbers, dict) for kind in numbers):
             _known("distribution", kind, ("uniform", "choice"))
         if self.along is not None and any(isinstance(numbers, dict) for numbers in lists):

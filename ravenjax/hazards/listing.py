@@ -61,9 +61,10 @@ def _struck(struck: Struck) -> str:
     target = f"{struck.site} {' + '.join(struck.along) if struck.along else ', '.join(struck.channels)}"
     value = "" if struck.value is None else f" {_numbers(struck.value)} {struck.unit}"
     again = f", again every {_numbers(struck.every_ms)}" if struck.every_ms else ""
+    period = f", period {_numbers(struck.period_ms)} ms" if struck.period_ms else ""
     window = f"from {struck.trigger} {_numbers(struck.start_ms)} for {_numbers(struck.duration_ms)}{again} ms"
     verdict = ranges.verdict(struck)
-    return f"{struck.effect}{value} at {target}, {window}" + (f" ({verdict})" if verdict else "")
+    return f"{struck.effect}{value}{period} at {target}, {window}" + (f" ({verdict})" if verdict else "")
 
 
 def _numbers(value: Any) -> str:

@@ -56,9 +56,25 @@ def _vector(names: tuple[str, ...], kind: Kind, unit: str, *prefix: str | int) -
     return tuple(Channel(name, (*prefix, i), kind, unit) for i, name in enumerate(names))
 
 
+def _position() -> tuple[Channel, ...]:
+    return tuple(Channel(axis, (ARM, i), "int32", "um") for i, axis in enumerate("xyz"))
+
+
+def _rotation() -> tuple[Channel, ...]:
+    return _vector(("qx", "qy", "qz", "qw"), "float", "1", ARM)
+
+
 SITES: dict[str, Site] = {
     site.name: site
     for site in (
+        Site(
+            "hand",
+            "L1",
+            True,
+            tuple(Channel(axis, (ARM, i), "float", "um") for i, axis in enumerate("xyz")),
+            "what the hand moves beyond the plan in this ms, before scaling (so mm/s); it stays where it was taken; "
+            "robot and nominal model follow it alike",
+        ),
         Site(
             "console",
             "L1",
@@ -74,8 +90,11 @@ SITES: dict[str, Site] = {
                 Channel("lag", ("lag",), "int32", "packets"),
                 Channel("delay", ("delay",), "int32", "packets"),
                 Channel("lost", ("lost",), "bool", "1"),
+                Channel("bursts", ("bursts",), "float", "1"),
+                Channel("jitter", ("jitter",), "float", "1"),
             ),
-            "between console and robot: which packet arrives in a cycle, if one does; lag sends old ones again",
+            "between console and robot: which packet arrives in a cycle, if one does; lag sends old ones again; bursts "
+            "and jitter seed the channel of stages.channel, which is ideal where they are 0",
         ),
         Site(
             "packet",
@@ -120,13 +139,11 @@ SITES: dict[str, Site] = {
         Site("mpos", "L5", True, _joints("float", ("rad", "rad")), "estimated motor positions"),
         Site("mvel", "L5", True, _joints("float", ("rad/s", "rad/s")), "estimated motor velocities"),
         Site("jpos", "L5", True, _joints("float", ("rad", "m")), "joint positions after forward cable coupling"),
-        Site(
-            "pos_d",
-            "L3",
-            True,
-            tuple(Channel(axis, (ARM, i), "int32", "um") for i, axis in enumerate("xyz")),
-            "desired tip position, before inverse kinematics",
-        ),
+        Site("jvel", "L5", True, _joints("float", ("rad/s", "m/s")), "joint velocities; nothing in the loop uses them"),
+        Site("pos", "L5", True, _position(), "measured tip position, before the desired one follows it"),
+        Site("ori", "L5", True, _rotation(), "measured tip rotation, likewise; as a quaternion of any length but 0"),
+        Site("pos_d", "L3", True, _position(), "desired tip position, before inverse kinematics"),
+        Site("ori_d", "L3", True, _rotation(), "desired tip rotation, likewise; as a quaternion of any length but 0"),
         Site("jpos_d", "L3", True, _joints("float", ("rad", "m")), "desired joints, after kinematics and joint limits"),
         Site("mpos_d", "L3", True, _joints("float", ("rad", "rad")), "desired motor positions"),
         Site("tau_d", "L4", True, _joints("float", ("N m", "N m")), "desired torque at the capstan, before the DAC"),
@@ -134,6 +151,13 @@ SITES: dict[str, Site] = {
         Site("usb_out", "L7", True, _joints("int16", ("cnt", "cnt")), "DAC command, after every software check"),
         Site("pins_out", "L8", False, (Channel("pins", (), "int32", "bits"),), "output pins to the PLC"),
         Site("plc", "L8", False, (Channel("runlevel", (), "int32", "1"),), "run level that the PLC puts on its pins"),
+        Site(
+            "buttons",
+            "L8",
+            False,
+            tuple(Channel(name, (name,), "bool", "1") for name in ("estop", "start")),
+            "the PLC's buttons, 1 while pressed; without faults nobody touches them",
+        ),
         Site("torque_scale", "L7", True, _joints("float", ("1", "1")), "motor constant of each motor, times this"),
         Site("cable_scale", "L10", True, _joints("float", ("1", "1")), "cable stiffness and damping, times this"),
         Site("friction_scale", "L10", True, _joints("float", ("1", "1")), "friction of motor and joint, times this"),

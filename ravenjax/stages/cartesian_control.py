@@ -97,14 +97,9 @@ def follow(state: State, condition: Scalar) -> State:
     return tuple(replace(arm, pos_d=where(condition, arm.pos, arm.pos_d)) for arm in state)
 
 
-def sense(setup: Setup, state: State, jpos: tuple[Vec, ...], slave: Scalar) -> State:
-    """Enter this cycle's measured poses; where `slave` (run levels 0 and 2), the desired ones follow them."""
-
-    def entered(i: int, arm: ArmName) -> Arm:
-        pos = measure(setup, arm, jpos[i])
-        return replace(state[i], pos=pos, pos_d=where(slave, pos, state[i].pos_d))
-
-    return per_arm(setup, entered)
+def sense(setup: Setup, state: State, jpos: tuple[Vec, ...]) -> State:
+    """Enter this cycle's measured poses."""
+    return per_arm(setup, lambda i, arm: replace(state[i], pos=measure(setup, arm, jpos[i])))
 
 
 def solve(

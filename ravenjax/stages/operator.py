@@ -1,4 +1,7 @@
-"""Operator: the hands' motion, looked up by tick, becomes the packets that the console sends. Traced; no state.
+"""Operator: the hands' motion, looked up by tick, becomes the packets that the console sends. Traced.
+
+What hands do beyond the motion, of their own or to correct by eye, is one offset of theirs: robot and nominal model
+follow it alike. It is all that is remembered.
 
 A packet carries whole numbers. The console truncates the *scaled position* and sends the difference of two truncated
 ones, so that the robot's accumulator never drifts from the hand by more than a micrometre.
@@ -6,7 +9,7 @@ ones, so that the robot's accumulator never drifts from the hand by more than a 
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +18,7 @@ from ravenjax.robot import kinematics
 from ravenjax.robot.mapping import position_from_itp, position_to_itp, quat_from_matrix, quat_mul
 from ravenjax.robot.motion import ARM_COLUMNS, NOMINAL_SCALE
 from ravenjax.robot.packet import SIZE_BYTES, Packet
-from ravenjax.types import Scalar, Setup, Vec, as_int, per_arm, real, record, replace, to_int32
+from ravenjax.types import Scalar, Setup, Vec, as_int, per_arm, real, record, replace, to_int32, where
 
 
 @record
@@ -68,28 +71,45 @@ def lookup(table: tuple[Any, ...], k: Scalar) -> Row:
     )
 
 
-class Doing(Protocol):
-    """What hands and foot do beyond what was planned."""
+@record
+class Hands:
+    """How far the hands are from where the plan has them: by a tremor, or to correct by eye. One entry an arm."""
 
-    @property
-    def released(self) -> Scalar:
-        """bool, the foot is off the pedal"""
-        ...
-
-    @property
-    def correction(self) -> tuple[Vec, ...]:
-        """m, frame 0, by which each tip is moved"""
-        ...
+    offset: tuple[Vec, ...]  # um before scaling, axes of an ITP packet
+    offset_before: tuple[Vec, ...]  # the same when the last packet was made
 
 
-def moved(setup: Setup, params: Params, row: Row, doing: Doing) -> Row:
-    """The row of an operator who does more than was planned."""
+def at_plan(setup: Setup) -> Hands:
+    """Hands that are where the plan has them."""
+    still = per_arm(setup, lambda *_: Vec.full(3, real(setup, 0.0)))
+    return Hands(still, still)
 
-    def hand(i: int, arm: str) -> Vec:
-        return row.position[i] + position_to_itp(arm, doing.correction[i]) * (1e6 / params.scale)
 
-    released = jnp.where(doing.released, 0, row.surgeon_mode)
-    return replace(row, position=per_arm(setup, hand), surgeon_mode=released)
+def strayed(hands: Hands, motion: tuple[Vec, ...]) -> Hands:
+    """The hands after a motion beyond the plan, um before scaling about the axes of an ITP packet."""
+    return replace(hands, offset=tuple(a + b for a, b in zip(hands.offset, motion, strict=True)))
+
+
+def steered(setup: Setup, params: Params, hands: Hands, tips: tuple[Vec, ...]) -> Hands:
+    """The hands after a motion that takes each tip along by `tips`, m in frame 0."""
+    per_m = 1e6 / params.scale
+    return strayed(hands, per_arm(setup, lambda i, arm: position_to_itp(arm, tips[i]) * per_m))
+
+
+def tip_offset(setup: Setup, params: Params, hands: Hands) -> tuple[Vec, ...]:
+    """By how much the hands ask each tip off its plan, m in frame 0."""
+    m_each = params.scale * 1e-6
+    return per_arm(setup, lambda i, arm: position_from_itp(arm, hands.offset[i]) * m_each)
+
+
+def sent(hands: Hands, fresh: Scalar) -> Hands:
+    """The hands after a tick, in which they made a packet where `fresh` (bool)."""
+    return replace(hands, offset_before=where(fresh, hands.offset, hands.offset_before))
+
+
+def moved(row: Row, offset: tuple[Vec, ...]) -> Row:
+    """The row of hands that are off the plan by `offset`, as in `Hands`."""
+    return replace(row, position=tuple(a + b for a, b in zip(row.position, offset, strict=True)))
 
 
 def packet(setup: Setup, params: Params, row: Row, row_before: Row, sequence: Scalar) -> Packet:

@@ -4,15 +4,21 @@ No source publishes the PLC's program: start and E-stop buttons, brake relays an
 control software implies (raven2: defines.h, state_machine.cpp, update_atmel_io.cpp) and what is assumed here:
 
 - it puts a run level on its pins PS0, PS1 (bits 6 and 7 of the input byte; bits 7..6 read as a number);
-- E-STOP (0) to INIT (1) by the start button, pressed automatically where `auto_start` says so, never after a trip;
+- E-STOP (0) to INIT (1) by the start button, while the watchdog lives and the E-stop button is out; it is pressed
+  automatically where `auto_start` says so, never after a trip;
 - INIT to PEDAL_UP (2) when the software reports READY; PEDAL_UP to PEDAL_DN (3) while the foot pedal pin is set and the
   software is ready, back to PEDAL_UP otherwise;
 - any level to E-STOP when the watchdog pin has had no edge for longer than 1.5 of its 50 ms periods, or by the
   E-stop button. A trip latches: a person must press start;
+- it has the output pins of each USB board: it misses the watchdog of any board, and pedal and READY count where all
+  boards say so;
 - brakes are commanded on in E-STOP and PEDAL_UP. Their relay delay belongs to the virtual robot's brakes.
 """
 
 from __future__ import annotations
+
+import operator
+from functools import reduce
 
 import jax.numpy as jnp
 
@@ -41,17 +47,18 @@ class Params:
 class State:
     tick: Scalar  # ms since the start, int32
     runlevel: Scalar  # 0..3, int32
-    watchdog: Scalar  # watchdog pin at the last tick, int32
-    quiet_ticks: Scalar  # ms since its last edge, int32
+    watchdog: tuple[Scalar, ...]  # watchdog pin of each board at the last tick, int32
+    quiet_ticks: tuple[Scalar, ...]  # ms since its last edge, int32
     alive_ticks: Scalar  # ms in E-STOP with a living watchdog, int32
-    trip_cause: Scalar  # CAUSE_* of the first trip, latched; int32
+    trip_cause: Scalar  # CAUSE_* of the first trip since start was pressed, latched; int32
     watchdog_lost: Check  # trips by the watchdog; margin: ms left before one, negative: tripped
 
 
 @record
 class Signal:
-    output_pins: Scalar  # byte written by the control computer, int32
-    estop_button: Scalar  # 1 while pressed, int32
+    output_pins: tuple[Scalar, ...]  # byte that each board holds for the PLC, int32
+    estop_button: Scalar  # bool, pressed
+    start_button: Scalar  # bool, pressed
 
 
 @record
@@ -65,14 +72,17 @@ def params(setup: Setup) -> Params:
     return Params(watchdog_ticks=75, auto_start=1, start_ticks=100)
 
 
-def init(setup: Setup, params: Params, runlevel: int = PEDAL_UP) -> State:
-    """Starts in `runlevel`: PEDAL_UP for a robot that is homed and ready, E_STOP for one just switched on."""
+def init(setup: Setup, params: Params, runlevel: int = PEDAL_UP, boards: int = 1) -> State:
+    """Starts in `runlevel`: PEDAL_UP for a robot that is homed and ready, E_STOP for one just switched on.
+
+    boards: those whose pins may differ; 1 where all are written alike.
+    """
     zero = jnp.int32(0)
     return State(
         tick=zero,
         runlevel=jnp.int32(runlevel),
-        watchdog=zero,
-        quiet_ticks=zero,
+        watchdog=(zero,) * boards,
+        quiet_ticks=(zero,) * boards,
         alive_ticks=zero,
         trip_cause=zero,
         watchdog_lost=check.init(setup),
@@ -91,19 +101,25 @@ def brakes_commanded(runlevel: Scalar) -> Scalar:
 
 def step(setup: Setup, params: Params, state: State, signal: Signal) -> tuple[State, Out]:
     """One tick: read the software's pins, decide the run level."""
-    pedal = (signal.output_pins >> PIN_FP) & 1
-    ready = (signal.output_pins >> PIN_READY) & 1
-    watchdog = (signal.output_pins >> PIN_WATCHDOG) & 1
+    told = reduce(operator.and_, signal.output_pins)
+    pedal = (told >> PIN_FP) & 1
+    ready = (told >> PIN_READY) & 1
+    watchdog = tuple((pins >> PIN_WATCHDOG) & 1 for pins in signal.output_pins)
 
-    quiet_ticks = jnp.where(watchdog != state.watchdog, 0, state.quiet_ticks + 1)
-    margin = params.watchdog_ticks - quiet_ticks
-    button = signal.estop_button != 0
+    quiet_ticks = tuple(
+        jnp.where(now != before, 0, quiet + 1)
+        for now, before, quiet in zip(watchdog, state.watchdog, state.quiet_ticks, strict=True)
+    )
+    margin = params.watchdog_ticks - reduce(jnp.maximum, quiet_ticks)
+    button = signal.estop_button
     lost = margin < 0
     stopped = state.runlevel == E_STOP
-    alive_ticks = jnp.where(stopped & ~lost & ~button, state.alive_ticks + 1, 0)
+    may_start = stopped & ~lost & ~button
+    alive_ticks = jnp.where(may_start, state.alive_ticks + 1, 0)
 
     untripped = state.trip_cause == CAUSE_NONE
-    start = untripped & (params.auto_start != 0) & (alive_ticks > params.start_ticks)
+    pressed = signal.start_button & may_start
+    start = pressed | (untripped & (params.auto_start != 0) & (alive_ticks > params.start_ticks))
     after_stop = jnp.where(start, INIT, E_STOP)
     after_init = jnp.where(ready != 0, PEDAL_UP, INIT)
     in_operation = jnp.where((pedal & ready) != 0, PEDAL_DN, PEDAL_UP)
@@ -113,13 +129,14 @@ def step(setup: Setup, params: Params, state: State, signal: Signal) -> tuple[St
     watched = ~stopped & untripped
     tripped_now = watched & (lost | button)
     cause = jnp.where(button, CAUSE_BUTTON, CAUSE_WATCHDOG)
+    latched = jnp.where(pressed, CAUSE_NONE, state.trip_cause)
     state = State(
         tick=state.tick + 1,
         runlevel=runlevel,
         watchdog=watchdog,
-        quiet_ticks=as_int(quiet_ticks),
+        quiet_ticks=tuple(map(as_int, quiet_ticks)),
         alive_ticks=as_int(alive_ticks),
-        trip_cause=as_int(jnp.where(tripped_now, cause, state.trip_cause)),
+        trip_cause=as_int(jnp.where(tripped_now, cause, latched)),
         watchdog_lost=check.update(
             state.watchdog_lost, state.tick, tripped_now & ~button, jnp.where(watched, real(setup, margin), jnp.inf)
         ),

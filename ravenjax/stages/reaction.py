@@ -7,8 +7,8 @@ one without a haptic device, which makes pairs of runs: the same fault, with the
 - 1 release: the foot leaves the pedal.
 - 2 slow: the hands go on along their way at `slow_to` of their speed.
 - 3 correct: the hands move the instrument back to where it was meant to be, as far as the eye can tell (true tip
-  against the nominal model without the correction so far), by `correct_per_s` of the distance, at `correct_speed` at
-  most.
+  against the nominal model without what the hands did beyond the plan), by `correct_per_s` of the distance, at
+  `correct_speed` at most.
 
 Assumptions, as no source measured them on this robot: 0.25 s from the first pull to the action (a simple reaction to a
 touch takes 0.15 to 0.3 s, a foot a little longer than a finger); a correction by eye closes with a time constant of
@@ -23,7 +23,7 @@ import numpy as np
 from jax import lax
 
 from ravenjax.robot.algebra import dot
-from ravenjax.types import Scalar, Setup, Vec, as_int, per_arm, real, record, replace
+from ravenjax.types import Scalar, Setup, Vec, as_int, per_arm, record, replace
 
 NONE, RELEASE, SLOW, CORRECT = 0, 1, 2, 3
 ACTIONS = {"none": NONE, "release": RELEASE, "slow": SLOW, "correct": CORRECT}
@@ -52,17 +52,14 @@ class State:
     felt: Scalar  # int32, tick of the first pull that was felt in pedal-down; -1: none
     acted: Scalar  # int32, first tick of the action; -1: none
     acted_packet: Scalar  # int32, index of the first packet of the action
-    correction: tuple[Vec, ...]  # m, frame 0, by which the hands have moved each tip so far
-    correction_before: tuple[Vec, ...]  # m, the same when the last packet was made
 
 
 @record
-class Hands:
+class Pace:
     """What the action makes of the planned motion in one packet."""
 
     released: Scalar  # bool, the foot is off the pedal
     lag: Scalar  # int32 packets that slowed hands are behind
-    correction: tuple[Vec, ...]  # m, frame 0, added to each tip
 
 
 @record
@@ -72,6 +69,7 @@ class Felt:
     force: tuple[Scalar, ...]  # device units, of the first haptic set
     tip: tuple[Vec, ...]  # m, true tip
     model_tip: tuple[Vec, ...]  # m, that of the nominal model
+    off_plan: tuple[Vec, ...]  # m, frame 0, by which the hands asked for more than the plan, of both alike
     pedal_down: Scalar  # bool
     tick: Scalar  # int32
 
@@ -83,8 +81,7 @@ def params(setup: Setup) -> Params:
 
 def init(setup: Setup) -> State:
     """Nothing felt."""
-    still = per_arm(setup, lambda *_: Vec.full(3, real(setup, 0.0)))
-    return State(jnp.int32(-1), jnp.int32(-1), jnp.int32(-1), still, still)
+    return State(jnp.int32(-1), jnp.int32(-1), jnp.int32(-1))
 
 
 def act(setup: Setup, params: Params, state: State, tick: Scalar, packet: Scalar) -> State:
@@ -98,43 +95,30 @@ def act(setup: Setup, params: Params, state: State, tick: Scalar, packet: Scalar
     )
 
 
-def hands(setup: Setup, params: Params, state: State, packet: Scalar) -> Hands:
-    """What the hands do in the packet of that index."""
+def pace(setup: Setup, params: Params, state: State, packet: Scalar) -> Pace:
+    """Foot and hands in the packet of that index."""
     since = packet - state.acted_packet
     acting = (state.acted >= 0) & (since >= 0)
     behind = lax.convert_element_type(since, setup.precision.real) * (1.0 - params.slow_to)
-    return Hands(
+    return Pace(
         released=acting & (params.action == RELEASE),
         lag=jnp.where(acting & (params.action == SLOW), as_int(behind), 0),
-        correction=state.correction,
     )
 
 
-def hands_before(setup: Setup, params: Params, state: State, packet: Scalar) -> Hands:
-    """The same of the packet made before, of that index."""
-    return replace(hands(setup, params, state, packet), correction=state.correction_before)
-
-
-def feel(setup: Setup, params: Params, state: State, felt: Felt, fresh: Scalar) -> State:
-    """After this tick's cue. fresh: bool, a packet was made in this tick."""
+def feel(setup: Setup, params: Params, state: State, felt: Felt) -> tuple[State, tuple[Vec, ...]]:
+    """After this tick's cue: the state, and by how much the hands take each tip along to correct, m in frame 0."""
     noticed = felt.force[0] > params.felt_force
     for force in felt.force[1:]:
         noticed = noticed | (force > params.felt_force)
     correcting = (state.acted >= 0) & (params.action == CORRECT) & felt.pedal_down
 
     def corrected(i: int) -> Vec:
-        wanted = felt.model_tip[i] - state.correction[i] - felt.tip[i]
+        wanted = felt.model_tip[i] - felt.off_plan[i] - felt.tip[i]
         distance = jnp.sqrt(dot(wanted, wanted))
         speed = jnp.minimum(distance * params.correct_per_s, params.correct_speed)
         share = jnp.where(correcting, speed * TICK_S / jnp.maximum(distance, TINY_M), 0.0)
-        return state.correction[i] + wanted * share
+        return wanted * share
 
-    def latest(i: int) -> Vec:
-        return state.correction[i].map(lambda new, old: jnp.where(fresh, new, old), state.correction_before[i])
-
-    return replace(
-        state,
-        felt=jnp.where(noticed & felt.pedal_down & (state.felt < 0), felt.tick, state.felt),
-        correction=per_arm(setup, lambda i, _: corrected(i)),
-        correction_before=per_arm(setup, lambda i, _: latest(i)),
-    )
+    first = noticed & felt.pedal_down & (state.felt < 0)
+    return replace(state, felt=jnp.where(first, felt.tick, state.felt)), per_arm(setup, lambda i, _: corrected(i))

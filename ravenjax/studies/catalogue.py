@@ -18,6 +18,8 @@ NAMES = (
     "hazard_library",
     "reacting_operator",
     "uncertain_robot",
+    "detectors",
+    "haptic_cue",
 )
 """In the order in which they are listed."""
 

@@ -36,7 +36,8 @@ def error(asked: np.ndarray, found: recording.Recording, parameter_set: str = "t
     apart = np.abs((motors - found.angle[SETTLING_MS:]) * to_joint)
     stretches = np.array([part.mean(axis=0) for part in np.array_split(apart, BLOCKS)])
     bands = [bootstrap(len(stretches), lambda drawn, k=k: stretches[drawn, k].mean(axis=1)) for k in range(3)]
-    return Error(apart.mean(axis=0), *(np.array([getattr(band, end) for band in bands]) for end in ("low", "high")))
+    low, high = ([float(getattr(band, end)) for band in bands] for end in ("low", "high"))
+    return Error(apart.mean(axis=0), np.array(low), np.array(high))
 
 
 def compare(context: Context) -> Findings:
@@ -52,9 +53,10 @@ def compare(context: Context) -> Findings:
     with jax.enable_x64(True):
         errors = {name: error(found.asked, found, name) for name in SETS}
         smooth = error(_low_passed(found.angle), found)
+    best = errors["traj3"]
     lines = [
-        _line(published, joint, Estimate(*(float(part[k]) for part in errors["traj3"]), BLOCKS, "stretches of 2 s"))
-        for k, joint in enumerate(UNITS)
+        _line(published, joint, Estimate(float(mean), float(low), float(high), BLOCKS, "stretches of 2 s"))
+        for joint, mean, low, high in zip(UNITS, best.mean, best.low, best.high, strict=True)
     ]
     rows = [(f"set {name}, asked for what the recorded robot was asked for", *_cells(e)) for name, e in errors.items()]
     rows.append((f"set traj3, asked for the recording itself, low-passed at {LOW_PASS_HZ:g} Hz", *_cells(smooth)))
@@ -74,14 +76,15 @@ def _line(published: literature.Published, joint: str, predicted: Estimate | Non
 
 
 def _cells(found: Error) -> tuple[str, ...]:
-    ends = zip(found.mean, found.low, found.high, strict=True)
+    ends = zip(found.mean.tolist(), found.low.tolist(), found.high.tolist(), strict=True)
     return tuple(f"{mean:.3f} ({low:.3f} to {high:.3f})" for mean, low, high in ends)
 
 
 def _low_passed(angle: np.ndarray) -> np.ndarray:
     from scipy.signal import butter, filtfilt
 
-    return filtfilt(*butter(2, LOW_PASS_HZ, fs=1000), angle, axis=0)
+    numerator, denominator = butter(2, LOW_PASS_HZ, fs=1000, output="ba")
+    return filtfilt(numerator, denominator, angle, axis=0)
 
 
 _NOTES = (

@@ -26,7 +26,9 @@ def page(record: Record, pictures: bool) -> str:
     study, made = record["study"], record["provenance"]
     parts = [f"# {study['title']}", f"{study['question']}", f"Source: {study['source']}", _verdict(record["lines"])]
     if record["lines"]:
-        parts += ["## Published and predicted", _LEGEND, _table(LINE_COLUMNS, map(_line, record["lines"]))]
+        compared = any(line["published"] for line in record["lines"])
+        heading = "## Published and predicted" if compared else "## In numbers"
+        parts += [heading, _LEGEND, _table(LINE_COLUMNS, map(_line, record["lines"]))]
     if pictures and record["drawings"]:
         parts.append("## Figures")
         for drawing in record["drawings"]:

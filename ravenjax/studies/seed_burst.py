@@ -164,12 +164,13 @@ def _events(bursts: Runs, published: literature.Published) -> tuple[Line, ...]:
         of: Callable[[Event], float],
         band: tuple[float, float] | None,
         target: str,
+        caveat: str = "",
     ) -> Line:
         values = {m: [v for v in map(of, events) if not math.isnan(v)] for m, events in sized.items()}
         found = over_kinds({m: float(np.mean(v)) for m, v in values.items() if v})
         every = [value for of_motion in values.values() for value in of_motion]
-        spread = f"middle 90 % of {len(every)} events {_percentiles(every)}"
-        return Line(f"{what}, events with a peak of {low:g} to {high:g} mm", unit, read, found, band, target, spread)
+        words = f"middle 90 % of {len(every)} events {_percentiles(every)}{caveat}"
+        return Line(f"{what}, events with a peak of {low:g} to {high:g} mm", unit, read, found, band, target, words)
 
     rebounds = [published.value(f"burst.{k}.rebound") for k in (1, 2, 3)]
     read = Estimate(float(np.mean(rebounds)), min(rebounds), max(rebounds), 3, "events read off Figure 4")
@@ -193,7 +194,15 @@ def _events(bursts: Runs, published: literature.Published) -> tuple[Line, ...]:
             published.band("a5.onset"),
             "A5",
         ),
-        line("peak force over tip error peak", "1/mm", force, lambda e: e.force / e.peak_mm, None, ""),
+        line(
+            "peak force over tip error peak",
+            "1/mm",
+            force,
+            lambda e: e.force / e.peak_mm,
+            None,
+            "",
+            "; no evidence: the cue's gains were read off Figure 5",
+        ),
     )
 
 

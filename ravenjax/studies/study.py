@@ -18,7 +18,7 @@ import numpy as np
 
 @dataclasses.dataclass(frozen=True)
 class Variant:
-    """One campaign of a study: the baseline, or the baseline with one open question of the papers answered otherwise."""
+    """One campaign of a study: the baseline, or that with one open question of the papers answered otherwise."""
 
     name: str  # also its folder
     campaign: str  # file name of a bundled campaign

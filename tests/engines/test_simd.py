@@ -176,8 +176,8 @@ def integer_columns(leaves, size=4000):
     return [column.astype(np.asarray(leaf).dtype) for column, leaf in zip(columns, leaves, strict=True)]
 
 
-def _plc(setup, state, pins, button):
-    return plc.step(setup, plc.params(setup), state, plc.Signal(pins, button))
+def _plc(setup, state, pins, estop, start):
+    return plc.step(setup, plc.params(setup), state, plc.Signal((pins,), estop != 0, start != 0))
 
 
 def _network(setup, state, tick, received, size, sequence):
@@ -191,7 +191,7 @@ def _watchdog(setup, state, *numbers):
 @pytest.mark.parametrize(
     ("stage", "begin", "numbers"),
     [
-        (_plc, lambda setup: plc.init(setup, plc.params(setup)), 2),
+        (_plc, lambda setup: plc.init(setup, plc.params(setup)), 3),
         (_network, network.init, 4),
         (_watchdog, watchdog.init, 4),
     ],

@@ -97,7 +97,7 @@ def test_an_unknown_fault_site(campaign, refused, tmp_path):
     path = campaign(site="usb_output")
     out = tmp_path / "out"
     where = f"{path}:{line_of(path, 'usb_output')}: group[1].fault[0].site"
-    refused(["run", path, "--out", out], where, "'usb_output'", "expected one of console, network", "'usb_out'")
+    refused(["run", path, "--out", out], where, "'usb_output'", "expected one of hand, console, network", "'usb_out'")
     assert not out.exists()
 
 

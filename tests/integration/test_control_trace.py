@@ -20,8 +20,8 @@ ALLOWED = {
     *("eq", "ne", "lt", "le", "gt", "ge", "and", "or", "not", "xor", "select_n", "convert_element_type"),
     *("shift_left", "shift_right_arithmetic"),
 }
-ORDER = ["packet", "packet_header", "usb_in", "runlevel", "mpos", "mvel", "jpos", "pos_d", "jpos_d", "mpos_d", "tau_d"]
-ORDER += ["current_cmd", "usb_out", "pins_out"]
+ORDER = ["packet", "packet_header", "usb_in", "runlevel", "mpos", "mvel", "jpos", "jvel", "pos", "ori", "pos_d"]
+ORDER += ["ori_d", "jpos_d", "mpos_d", "tau_d", "current_cmd", "usb_out", "pins_out"]
 
 
 def inputs(setup):
@@ -66,6 +66,9 @@ def test_every_site_of_the_control_software_is_passed_once_in_order():
 
     def note(site, signal, present=True):
         passed.append(site)
+        if site in ("ori", "ori_d"):  # rotation matrices, which are struck as quaternions
+            assert [[jnp.shape(x) for x in row] for row in signal[1]] == [[()] * 3] * 3
+            return signal
         for channel in SITES[site].channels:
             value = signal
             for step in channel.path:

@@ -101,7 +101,7 @@ def test_the_limits_of_the_first_tool_serve_both_arms():
 
 def test_follow_and_sense_set_the_wanted_pose_where_told():
     state = control.init(SETUP, (HOME_JPOS, HOME_JPOS))
-    moved = control.sense(SETUP, state, (joints(*AWAY),) * 2, jnp.bool_(False))
+    moved = control.sense(SETUP, state, (joints(*AWAY),) * 2)
     assert [int(x) for x in moved[0].pos_d.position_um] == [-77946, -25265, 13225]
     assert [int(x) for x in moved[0].pos.position_um] != [-77946, -25265, 13225]
     followed = control.follow(moved, jnp.bool_(True))

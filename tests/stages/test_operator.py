@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from ravenjax.robot.mapping import ITP_AXES
 from ravenjax.robot.motion import columns
 from ravenjax.stages import motions, operator
-from ravenjax.types import CAMPAIGN, REFERENCE, Setup
+from ravenjax.types import CAMPAIGN, REFERENCE, Setup, Vec
 
 BOTH = ("gold", "green")
 
@@ -154,3 +154,51 @@ def test_scale_is_a_parameter(motion):
     params = operator.params(make_setup(), motion.start_jpos)
     assert params.scale == 0.1
     assert dataclasses.replace(params, scale=0.2).scale == 0.2
+
+
+def vectors(*rows):
+    return tuple(Vec(jnp.float64(x) for x in row) for row in rows)
+
+
+def numbers(vecs):
+    return np.array([[float(x) for x in vec] for vec in vecs])
+
+
+def test_what_hands_do_beyond_the_plan_is_sent_once_and_adds_up(motion):
+    """Increments follow the plan and the strays: after any packet the sum is the truncated scaled hand."""
+    setup = make_setup(precision=REFERENCE)
+    with jax.enable_x64(True):
+        table = tuple(jnp.asarray(column) for column in motion.table().T)
+        params = operator.params(setup, motion.start_jpos, 0.1)
+        hands, total, rng = operator.at_plan(setup), np.zeros((2, 3)), np.random.default_rng(4)
+        for k in range(300, 330):
+            stray = rng.uniform(-50.0, 50.0, (2, 3))
+            hands = operator.strayed(hands, vectors(*stray))
+            rows = [operator.lookup(table, k), operator.lookup(table, k - 1)]
+            row, before = operator.moved(rows[0], hands.offset), operator.moved(rows[1], hands.offset_before)
+            total += numbers(operator.packet(setup, params, row, before, k + 1).delta)
+            hands = operator.sent(hands, jnp.bool_(True))
+        begun = np.trunc(motion.position_um[299].astype(np.float32).astype(float) * 0.1)
+        whole = np.trunc((motion.position_um[329].astype(np.float32) + numbers(hands.offset)) * 0.1)
+        assert np.abs(numbers(hands.offset)).max() > 100.0
+        np.testing.assert_array_equal(total, whole - begun)
+
+
+def test_between_packets_the_hands_wait_to_be_sent():
+    setup = make_setup(precision=REFERENCE)
+    with jax.enable_x64(True):
+        hands = operator.strayed(operator.at_plan(setup), vectors((1, 2, 3), (4, 5, 6)))
+        assert (numbers(operator.sent(hands, jnp.bool_(False)).offset_before) == 0.0).all()
+        assert (numbers(operator.sent(hands, jnp.bool_(True)).offset_before) == [[1, 2, 3], [4, 5, 6]]).all()
+
+
+@pytest.mark.parametrize("scale", [0.05, 0.2])
+def test_hands_that_steer_tips_ask_them_there(motion, scale):
+    setup = make_setup(precision=REFERENCE)
+    tips = np.array([[1e-3, -2e-3, 5e-4], [0.0, 3e-4, -1e-3]])
+    with jax.enable_x64(True):
+        params = operator.params(setup, motion.start_jpos, scale)
+        hands = operator.steered(setup, params, operator.at_plan(setup), vectors(*tips))
+        np.testing.assert_allclose(numbers(operator.tip_offset(setup, params, hands)), tips, atol=1e-15)
+        axes = np.array(ITP_AXES["gold"])
+        np.testing.assert_allclose(numbers(hands.offset)[0], axes.T @ tips[0] * 1e6 / scale, rtol=1e-12)

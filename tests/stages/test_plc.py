@@ -11,7 +11,7 @@ from ravenjax.types import Setup
 
 SETUP = Setup()
 PARAMS = plc.params(SETUP)
-STEP = jax.jit(lambda state, pins, button: plc.step(SETUP, PARAMS, state, plc.Signal(pins, button)))
+STEP = jax.jit(lambda state, pins, estop, start: plc.step(SETUP, PARAMS, state, plc.Signal(pins, estop, start)))
 READY, PEDAL = 1 << 3, 1 << 2
 
 
@@ -20,10 +20,14 @@ def watchdog(tick: int) -> int:
     return (1 << 4) if tick % 50 < 25 else 0
 
 
-def drive(state: plc.State, ticks: int, pins=READY, wave=watchdog, button: int = 0) -> tuple[plc.State, list[plc.Out]]:
+def drive(
+    state: plc.State, ticks: int, pins=READY, wave=watchdog, estop: bool = False, start: bool = False, second=None
+) -> tuple[plc.State, list[plc.Out]]:
+    """Ticks of a PLC; `second`: what a second board's byte is where it is not written like the first."""
     outs = []
     for tick in range(ticks):
-        state, out = STEP(state, jnp.int32(pins | wave(tick)), jnp.int32(button))
+        told = [pins | wave(tick)] + ([] if second is None else [second(tick)])
+        state, out = STEP(state, tuple(map(jnp.int32, told)), jnp.bool_(estop), jnp.bool_(start))
         outs.append(out)
     return state, outs
 
@@ -48,7 +52,7 @@ def test_power_up_to_pedal_down_and_back() -> None:
 def test_a_watchdog_without_edges_trips_after_one_and_a_half_periods(level: int) -> None:
     state, _ = drive(plc.init(SETUP, PARAMS), 100, pins=READY | PEDAL)
     assert int(state.runlevel) == plc.PEDAL_DN
-    quiet = int(state.quiet_ticks) if level == 0 else -1  # the wave ends low: a high pin is one more edge
+    quiet = int(state.quiet_ticks[0]) if level == 0 else -1  # the wave ends low: a high pin is one more edge
     state, outs = drive(state, 120, pins=READY | PEDAL, wave=lambda _: level)
     levels = [int(out.runlevel) for out in outs]
     assert levels.index(plc.E_STOP) == 75 - quiet
@@ -64,17 +68,53 @@ def test_a_living_watchdog_never_trips_and_keeps_a_margin() -> None:
 
 
 def test_button_trips_at_once_and_the_trip_latches() -> None:
-    state, outs = drive(plc.init(SETUP, PARAMS), 1, button=1)
+    state, outs = drive(plc.init(SETUP, PARAMS), 1, estop=True)
     assert int(outs[0].runlevel) == plc.E_STOP and int(state.trip_cause) == plc.CAUSE_BUTTON
     state, outs = drive(state, 400)
     assert {int(out.runlevel) for out in outs} == {plc.E_STOP}
+
+
+def test_start_is_obeyed_after_a_trip_and_the_next_trip_counts_again() -> None:
+    state, _ = drive(plc.init(SETUP, PARAMS), 10, estop=True)
+    state, outs = drive(state, 1, start=True)
+    assert int(outs[0].runlevel) == plc.INIT and int(state.trip_cause) == plc.CAUSE_NONE
+    state, outs = drive(state, 100, pins=READY | PEDAL)
+    assert int(outs[-1].runlevel) == plc.PEDAL_DN
+    state, _ = drive(state, 120, pins=READY | PEDAL, wave=lambda _: 0)
+    assert int(state.trip_cause) == plc.CAUSE_WATCHDOG and int(state.watchdog_lost.count) == 1
+
+
+def test_start_is_not_obeyed_while_the_button_is_in_or_the_watchdog_dead() -> None:
+    tripped, _ = drive(plc.init(SETUP, PARAMS), 10, estop=True)
+    state, outs = drive(tripped, 50, estop=True, start=True)
+    assert {int(out.runlevel) for out in outs} == {plc.E_STOP} and int(state.trip_cause) == plc.CAUSE_BUTTON
+    silent, _ = drive(tripped, 100, wave=lambda _: 0)
+    _, outs = drive(silent, 50, wave=lambda _: 0, start=True)
+    assert {int(out.runlevel) for out in outs} == {plc.E_STOP}
+
+
+@pytest.mark.parametrize("held", [READY | PEDAL, READY | PEDAL | 16])
+def test_the_watchdog_of_every_board_is_missed(held: int) -> None:
+    both = lambda tick: READY | PEDAL | watchdog(tick)  # noqa: E731
+    state, outs = drive(plc.init(SETUP, PARAMS, boards=2), 300, pins=READY | PEDAL, second=both)
+    assert int(outs[-1].runlevel) == plc.PEDAL_DN
+    state, outs = drive(state, 120, pins=READY | PEDAL, second=lambda _: held)
+    assert int(outs[-1].runlevel) == plc.E_STOP and int(state.trip_cause) == plc.CAUSE_WATCHDOG
+
+
+@pytest.mark.parametrize(("second", "level"), [(READY | PEDAL, 3), (READY, 2), (PEDAL, 2), (0, 2)])
+def test_pedal_and_ready_count_where_all_boards_say_so(second: int, level: int) -> None:
+    other = lambda tick: second | watchdog(tick)  # noqa: E731
+    _, outs = drive(plc.init(SETUP, PARAMS, boards=2), 5, pins=READY | PEDAL, second=other)
+    assert int(outs[-1].runlevel) == level
 
 
 def test_without_auto_start_it_stays_stopped() -> None:
     params = plc.Params(watchdog_ticks=75, auto_start=0, start_ticks=100)
     state = plc.init(SETUP, params, plc.E_STOP)
     for tick in range(300):
-        state, out = plc.step(SETUP, params, state, plc.Signal(jnp.int32(watchdog(tick)), jnp.int32(0)))
+        told = plc.Signal((jnp.int32(watchdog(tick)),), jnp.bool_(False), jnp.bool_(False))
+        state, out = plc.step(SETUP, params, state, told)
     assert int(out.runlevel) == plc.E_STOP
 
 

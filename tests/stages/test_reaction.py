@@ -23,22 +23,23 @@ def params(action, **changes):
     return replace(reaction.params(SETUP), action=jnp.int32(reaction.ACTIONS[action]), **changes)
 
 
-def felt(force, tick, tip=(0.0, 0.0, 0.0), model=(0.0, 0.0, 0.0), down=True):
+def felt(force, tick, tip=(0.0, 0.0, 0.0), model=(0.0, 0.0, 0.0), off_plan=(0.0, 0.0, 0.0), down=True):
     three = lambda values: (Vec(jnp.float64(v) for v in values),)  # noqa: E731
-    return reaction.Felt((jnp.float64(force),), three(tip), three(model), jnp.bool_(down), jnp.int32(tick))
+    force = (jnp.float64(force),)
+    return reaction.Felt(force, three(tip), three(model), three(off_plan), jnp.bool_(down), jnp.int32(tick))
 
 
 def after_pull(action, **changes):
     """State at tick 400, packet 390, of an operator who felt a pull in tick 100."""
     asked = params(action, **changes)
-    state = reaction.feel(SETUP, asked, reaction.init(SETUP), felt(0.01, 100), True)
+    state, _ = reaction.feel(SETUP, asked, reaction.init(SETUP), felt(0.01, 100))
     return asked, reaction.act(SETUP, asked, state, jnp.int32(400), jnp.int32(390))
 
 
 def test_the_action_begins_after_the_reaction_time():
     asked = params("release", delay_ms=250.0)
-    state = reaction.feel(SETUP, asked, reaction.init(SETUP), felt(0.01, 100), True)
-    state = reaction.feel(SETUP, asked, state, felt(0.02, 101), True)
+    state, _ = reaction.feel(SETUP, asked, reaction.init(SETUP), felt(0.01, 100))
+    state, _ = reaction.feel(SETUP, asked, state, felt(0.02, 101))
     assert int(state.felt) == 100
     early = reaction.act(SETUP, asked, state, jnp.int32(349), jnp.int32(349))
     assert int(early.acted) == -1
@@ -51,7 +52,7 @@ def test_the_action_begins_after_the_reaction_time():
 @pytest.mark.parametrize("force, down", [(0.0, True), (0.005, True), (0.02, False)])
 def test_what_is_too_weak_or_comes_with_the_pedal_up_is_not_felt(force, down):
     asked = params("release", felt_force=0.005)
-    state = reaction.feel(SETUP, asked, reaction.init(SETUP), felt(force, 100, down=down), True)
+    state, _ = reaction.feel(SETUP, asked, reaction.init(SETUP), felt(force, 100, down=down))
     assert int(state.felt) == -1
 
 
@@ -62,36 +63,36 @@ def test_an_operator_without_a_device_never_acts():
 
 def test_release_holds_from_its_packet_on_and_not_in_older_ones():
     asked, state = after_pull("release")
-    released = [bool(reaction.hands(SETUP, asked, state, jnp.int32(k)).released) for k in (389, 390, 1000)]
+    released = [bool(reaction.pace(SETUP, asked, state, jnp.int32(k)).released) for k in (389, 390, 1000)]
     assert released == [False, True, True]
 
 
 @pytest.mark.parametrize("slow_to", [0.0, 0.25, 1.0])
 def test_slowed_hands_fall_behind_in_proportion(slow_to):
     asked, state = after_pull("slow", slow_to=slow_to)
-    lags = [int(reaction.hands(SETUP, asked, state, jnp.int32(k)).lag) for k in (100, 390, 394, 790)]
+    lags = [int(reaction.pace(SETUP, asked, state, jnp.int32(k)).lag) for k in (100, 390, 394, 790)]
     assert lags == [0, 0, int(4 * (1 - slow_to)), int(400 * (1 - slow_to))]
-    assert not bool(reaction.hands(SETUP, asked, state, jnp.int32(790)).released)
+    assert not bool(reaction.pace(SETUP, asked, state, jnp.int32(790)).released)
 
 
 def test_correction_goes_to_where_the_instrument_was_meant_to_be():
     """A robot 4 mm off that follows its hands: the remaining distance shrinks by exp(-t/0.2 s), at most 50 mm/s."""
     asked, state = after_pull("correct")
-    offset = np.array([0.004, 0.0, 0.0])
+    offset, moved = np.array([0.004, 0.0, 0.0]), np.zeros(3)
     distances = []
     for tick in range(400, 1400):
-        moved = np.array([float(x) for x in state.correction[0]])
         distances.append(np.linalg.norm(offset + moved))
-        state = reaction.feel(SETUP, asked, state, felt(0.05, tick, tip=offset + moved, model=moved), True)
+        shown = felt(0.05, tick, tip=offset + moved, model=moved, off_plan=moved)
+        state, (more,) = reaction.feel(SETUP, asked, state, shown)
+        moved = moved + np.array([float(x) for x in more])
     speed = -np.diff(distances) / 1e-3
     assert speed.max() <= 0.05 + 1e-9
     np.testing.assert_allclose(distances[200] / distances[0], np.exp(-1.0), rtol=0.01)
     assert distances[-1] < 0.01 * distances[0]
 
 
-def test_the_packet_before_has_the_correction_of_its_own_time():
-    asked, state = after_pull("correct")
-    state = reaction.feel(SETUP, asked, state, felt(0.05, 400, tip=(0.004, 0, 0)), True)
-    now = reaction.hands(SETUP, asked, state, jnp.int32(391)).correction[0][0]
-    before = reaction.hands_before(SETUP, asked, state, jnp.int32(390)).correction[0][0]
-    assert float(before) == 0.0 and float(now) == pytest.approx(-2e-5)
+@pytest.mark.parametrize("action, down", [("release", True), ("slow", True), ("correct", False)])
+def test_nobody_else_corrects(action, down):
+    asked, state = after_pull(action)
+    _, (more,) = reaction.feel(SETUP, asked, state, felt(0.05, 400, tip=(0.004, 0, 0), down=down))
+    assert [float(x) for x in more] == [0.0, 0.0, 0.0]

@@ -1,4 +1,4 @@
-"""Stale buffers after a failed read."""
+"""Stale buffers after a failed read, and boards that a failed write leaves as they were."""
 
 from __future__ import annotations
 
@@ -17,3 +17,13 @@ def test_a_failed_read_reuses_that_boards_last_counts_and_pins():
     state = usb.step(SETUP, state, second, (0, 1))
     assert [[int(x) for x in arm] for arm in state.enc_val] == [[5] * 7, [9] * 7]
     assert [int(pins) for pins in state.pins] == [64, 192]
+
+
+def test_a_failed_write_leaves_that_boards_command_and_pins():
+    messages = [
+        usb.UsbOut((Vec.full(7, np.int32(command)),) * 2, (np.int32(pins),) * 2) for command, pins in ((5, 31), (9, 15))
+    ]
+    boards = usb.write(SETUP, usb.init_out(SETUP), messages[0], (1, 1))
+    boards = usb.write(SETUP, boards, messages[1], (0, 1))
+    assert [[int(x) for x in arm] for arm in boards.current_cmd] == [[5] * 7, [9] * 7]
+    assert [int(pins) for pins in boards.pins] == [31, 15]

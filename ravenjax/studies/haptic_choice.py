@@ -1,0 +1,87 @@
+"""Which threshold the data would choose, and how sure that choice is.
+
+A threshold costs what it misses and what it says for nothing:
+
+    cost = weight x (share of hazards missed) + false cues an hour
+
+`weight` is false cues an hour: how many of them a missed hazard is worth, times the hazards an hour. Neither is known,
+so it is swept. How sure a choice is: faults and recordings are drawn anew with replacement, and the winners counted.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ravenjax.stats.cluster import codes
+
+RESAMPLES = 2000
+WEIGHTS = (1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0)
+"""In tables."""
+
+
+class Counts(NamedTuple):
+    """Sums of each unit that is drawn anew: faults [cells, sets] and recordings [recordings, sets]."""
+
+    missed: np.ndarray
+    hazards: np.ndarray  # [cells]
+    false: np.ndarray
+    hours: np.ndarray  # [recordings]
+
+
+class Winners(NamedTuple):
+    """The choice at each weight."""
+
+    weight: np.ndarray  # [weights]
+    chosen: np.ndarray  # [weights], number of the set
+    wins: np.ndarray  # [weights, sets], share of resamples in which it wins; sums to 1
+    cost: np.ndarray  # [weights, sets], false cues an hour
+
+
+def counts(missed: np.ndarray, cell: np.ndarray, false: np.ndarray, hours: np.ndarray, recording: np.ndarray) -> Counts:
+    """Sums by unit of missed (bool [hazards, sets]) by cell and of false cues [runs, sets] by recording."""
+    return Counts(
+        _by(cell, missed.astype(float)), _by(cell, np.ones(len(cell))), _by(recording, false), _by(recording, hours)
+    )
+
+
+def choose(found: Counts, weights: np.ndarray, resamples: int = RESAMPLES, seed: int = 0) -> Winners:
+    """The cheapest set at each weight, the highest-numbered of equals (the highest threshold, where sets rise).
+
+    ValueError without hazards or hours.
+    """
+    if not len(found.hazards) or not found.hours.sum() > 0:
+        raise ValueError("a choice needs hazards and motion without a fault")
+    weight = np.asarray(weights, float)
+    share, rate = found.missed.sum(axis=0) / found.hazards.sum(), found.false.sum(axis=0) / found.hours.sum()
+    rng = np.random.default_rng(seed)
+    faults, recordings = (_drawn(rng, len(part), resamples) for part in (found.hazards, found.hours))
+    shares = (faults @ found.missed) / (faults @ found.hazards)[:, None]
+    rates = (recordings @ found.false) / (recordings @ found.hours)[:, None]
+    wins = np.stack([_won(_cheapest(one * shares + rates), found.missed.shape[1]) for one in weight])
+    cost = weight[:, None] * share + rate
+    return Winners(weight, _cheapest(cost), wins, cost)
+
+
+def _cheapest(cost: np.ndarray) -> np.ndarray:
+    """Last of the cheapest [..., sets]; equal but for rounding is equal."""
+    near = cost <= cost.min(axis=-1, keepdims=True) * (1 + 1e-12)
+    return cost.shape[-1] - 1 - np.argmax(near[..., ::-1], axis=-1)
+
+
+def _won(chosen: np.ndarray, sets: int) -> np.ndarray:
+    return np.bincount(chosen, minlength=sets) / len(chosen)
+
+
+def _drawn(rng: np.random.Generator, units: int, resamples: int) -> np.ndarray:
+    """How often each unit is drawn [resamples, units]."""
+    return rng.multinomial(units, np.full(units, 1.0 / units), size=resamples).astype(float)
+
+
+def _by(unit: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Sums [units, ...] of values [n, ...]."""
+    code, units = codes(unit)
+    total = np.zeros((units, *values.shape[1:]))
+    np.add.at(total, code, values)
+    return total

@@ -1,0 +1,299 @@
+"""The study of detectors: choices, rates, areas and tables on made-up runs with known answers, and the whole."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import synthetic_results
+
+from ravenjax.campaign import design, loading
+from ravenjax.store.manifest import Detector
+from ravenjax.studies import (
+    catalogue,
+    detector_areas,
+    detector_drawings,
+    detector_points,
+    detector_runs,
+    detector_tables,
+    detectors,
+    drawing,
+    running,
+)
+from ravenjax.studies.detector_points import CLIP, FORK, PUBLISHED, Chosen
+from ravenjax.studies.detector_runs import AS_MODELLED, CHECKS, CUE, OTHERS, STOPS, UNCERTAIN, Faulty, Free
+from ravenjax.studies.study import plain
+
+DETECTORS = (
+    Detector("steps/all/1", "steps", "all", 1, (0.5, 1.0, 2.0, 4.0)),
+    Detector("steps/any/1", "steps", "any", 1, (0.5, 1.0, 2.0, 4.0)),
+    Detector("derivative_sum", "derivative_sum", "all", 1, (10.0, 55.0)),
+    Detector("tip_error", "tip_error", "all", 1, (1.0, 3.0)),
+    Detector("overdrive", "overdrive", "all", 1, (0.5, 1.0)),
+)
+
+
+def faulty(first: list[list[int]], harm_ms: list[int], cell: list[int] | None = None, **others: list[int]) -> Faulty:
+    """Runs with an alarm of each detector at `first` [runs][detectors], at every level; effects begin at 100 ms."""
+    times, n = np.array(first), len(first)
+    harm = np.array(harm_ms)
+    return Faulty(
+        DETECTORS,
+        np.arange(n) if cell is None else np.array(cell),
+        np.zeros(n, int),
+        np.full(n, "packets", object),
+        np.full(n, 100),
+        harm,
+        harm >= 0,
+        np.zeros(n, bool),
+        np.zeros(n, bool),
+        np.where(times >= 0, 9.0, 0.1),
+        tuple(np.repeat(times[:, [d]], len(one.levels), axis=1) for d, one in enumerate(DETECTORS)),
+        {name: np.array(others.get(name, [-1] * n)) for name in OTHERS},
+        1000,
+    )
+
+
+def free(alarms: list[list[int]], hours: float = 1.0, robot: str = AS_MODELLED) -> Free:
+    """One recording a row; `alarms` of steps/all/1 by level, nothing from the others."""
+    n = len(alarms)
+    counts = [np.zeros((n, len(one.levels)), int) for one in DETECTORS]
+    counts[0] = np.array(alarms)
+    return Free(
+        DETECTORS,
+        np.full(n, robot, object),
+        np.array([f"reach {k}" for k in range(n)], object),
+        np.full(n, 0.1),
+        np.full(n, hours),
+        np.zeros((n, len(DETECTORS))),
+        tuple(counts),
+        {name: np.zeros(n, int) for name in OTHERS},
+    )
+
+
+def random_runs(n: int = 300, motions: int = 2, seed: int = 0) -> Faulty:
+    """Runs whose scores tell harm the better, the more they are of tip_error."""
+    rng = np.random.default_rng(seed)
+    cells = n // motions
+    harm_of = rng.random(cells) < 0.4
+    harm = np.tile(harm_of, motions)
+    skill = np.array([1.0, 0.3, 0.5, 3.0, 0.7])
+    score = np.exp(rng.normal(size=(len(harm), 5)) + harm[:, None] * skill)
+    first = tuple(
+        np.where(score[:, [d]] > np.array(one.levels), rng.integers(100, 400, (len(harm), 1)), -1)
+        for d, one in enumerate(DETECTORS)
+    )
+    harm_ms = np.where(harm, 250, -1)
+    return Faulty(
+        DETECTORS,
+        np.tile(np.arange(cells), motions),
+        np.repeat(np.arange(motions), cells),
+        np.tile(rng.choice(["packets", "USB in"], cells).astype(object), motions),
+        np.full(len(harm), 100),
+        harm_ms,
+        harm,
+        np.tile(harm_of & (rng.random(cells) < 0.5), motions),
+        np.tile(harm_of & (rng.random(cells) < 0.5), motions),
+        score,
+        first,
+        {CHECKS: np.where(harm, 260, -1), STOPS: np.where(score[:, 0] > 3, 300, -1), CUE: np.where(harm, 240, -1)},
+        1000,
+    )
+
+
+def test_the_catalogue_finds_it() -> None:
+    assert catalogue.find("detectors") is detectors.STUDY
+
+
+def test_a_level_is_the_lowest_from_which_on_alarms_are_rare_enough() -> None:
+    # 2 h: 20, 0, 3 and 2 alarms at levels 0.5, 1, 2, 4: level 1 is quiet by chance, level 2 is not
+    motion = free([[20, 0, 3, 2], [0, 0, 0, 0]])
+    assert detector_points.level_for(motion, "steps/all/1") == 4.0
+    assert detector_points.level_for(motion, "steps/all/1", per_hour=1.5) == 1.0
+    assert detector_points.level_for(motion, "steps/all/1", per_hour=0.9) is None
+    assert detector_points.level_for(motion, "tip_error") == 1.0
+    with pytest.raises(ValueError, match="no motion without a fault"):
+        detector_points.level_for(motion.where(np.zeros(2, bool)), "tip_error")
+
+
+def test_a_point_counts_what_is_caught_before_the_harm_and_for_nothing() -> None:
+    runs = faulty(
+        [[150, 110, -1, -1, -1], [300, 110, -1, -1, -1], [-1, 110, -1, -1, -1], [120, 110, -1, -1, -1]],
+        harm_ms=[200, 200, 200, -1],
+    )
+    found = detector_points.point(runs, free([[0, 0, 0, 0]] * 2), *PUBLISHED)
+    assert (found.caught.value, found.caught.n) == (pytest.approx(2 / 3), 3)
+    assert found.before.value == pytest.approx(1 / 3)
+    assert found.disturbed.value == 1.0
+    assert found.precision.value == pytest.approx(2 / 3)
+    assert found.delay_ms.value == 200  # of 50, 200 and never
+    assert found.lead_ms.value == -100
+    assert found.mean_delay_ms.value == pytest.approx((50 + 200 + 900) / 3)
+    assert (found.false.value, found.false.n) == (0.0, 0)
+    assert found.false.high == pytest.approx(3.689 / 2, rel=1e-3)
+
+
+def test_a_rate_without_spread_has_the_interval_of_its_cells() -> None:
+    hit, every = np.ones(40, bool), np.ones(40, bool)
+    found = detector_points.share(hit, every, np.repeat(np.arange(4), 10), "runs")
+    assert (found.value, found.high, found.n) == (1.0, 1.0, 40)
+    assert found.low == pytest.approx(0.5101, abs=1e-3)  # Wilson of 4 of 4, not of 40 of 40
+    assert detector_points.percent(detector_points.share(hit, ~every, np.arange(40), "runs")) == "no runs"
+
+
+def test_one_run_of_each_fault_is_taken_with_the_motions_in_turn() -> None:
+    runs = faulty([[-1] * 5] * 6, [-1] * 6, cell=[0, 1, 2, 0, 1, 3])._replace(motion=np.array([0, 0, 0, 1, 1, 1]))
+    once = runs.once()
+    assert sorted(once.cell.tolist()) == [0, 1, 2, 3]
+    assert dict(zip(once.cell.tolist(), once.motion.tolist(), strict=True)) == {0: 0, 1: 1, 2: 0, 3: 1}
+
+
+def test_alarms_before_the_first_effect_do_not_count() -> None:
+    made = synthetic_results.manifest(runs=400)
+    frame = synthetic_results.frame(400)
+    early = frame.copy()
+    early["detector0_level0_first_ms"] = np.where(frame["detector0_level0_first_ms"] >= 0, 0, -1)
+    late, soon = detector_runs.pooled([frame], made), detector_runs.pooled([early], made)
+    assert (late.spoke_ms("dsn16", 0.5) >= 0).sum() > 50
+    assert (soon.spoke_ms("dsn16", 0.5) >= 0).sum() == 0
+    assert (soon.spoke_ms("dsn16", 1.0) == late.spoke_ms("dsn16", 1.0)).all()
+
+
+def test_motions_of_other_faults_are_refused() -> None:
+    made, frame = synthetic_results.manifest(runs=50), synthetic_results.frame(50)
+    with pytest.raises(ValueError, match="other groups"):
+        detector_runs.pooled([frame, frame.iloc[::-1].reset_index(drop=True)], made)
+
+
+@pytest.mark.parametrize(
+    ("noise", "robots"), [(False, {AS_MODELLED, UNCERTAIN}), (True, {"noise", "more noise", f"{UNCERTAIN}, noise"})]
+)
+def test_noise_makes_another_robot(noise: bool, robots: set[str]) -> None:
+    groups = [f"free/{AS_MODELLED}", "free/more noise", f"free/{UNCERTAIN}", "library/C09"] * 5
+    frame = synthetic_results.frame(20).assign(group=groups, failed="")
+    frame[detector_runs.SCALE] = 0.1
+    made = synthetic_results.manifest(runs=20, config={"campaign": {"noise": noise}})
+    found = detector_runs.alone(frame, made, "reach 1")
+    assert set(found.robot) == robots
+    assert len(found.hours) == 5 * len(robots)
+
+
+def test_areas_are_those_of_scikit_learn_and_variances_those_of_delong() -> None:
+    from sklearn.metrics import roc_auc_score
+
+    rng = np.random.default_rng(3)
+    positive = rng.random(60) < 0.4
+    score = np.round(rng.normal(size=(60, 2)) + positive[:, None] * np.array([1.0, 0.5]), 1)  # with ties
+    found = detector_areas.areas(score, positive, np.arange(60))
+    assert found.value == pytest.approx([roc_auc_score(positive, score[:, d]) for d in range(2)])
+    # DeLong 1988, in loops
+    x, y = score[positive], score[~positive]
+    beats = (x[:, None] > y[None]) + 0.5 * (x[:, None] == y[None])  # [m, n, 2]
+    delong = np.cov(beats.mean(axis=1).T) / len(x) + np.cov(beats.mean(axis=0).T) / len(y)
+    assert found.covariance == pytest.approx(delong)
+
+
+def test_runs_of_one_cell_add_no_certainty() -> None:
+    rng = np.random.default_rng(4)
+    positive = rng.random(80) < 0.5
+    score = rng.normal(size=(80, 2)) + positive[:, None]
+    once = detector_areas.areas(score, positive, np.arange(80))
+    thrice = detector_areas.areas(np.tile(score, (3, 1)), np.tile(positive, 3), np.tile(np.arange(80), 3))
+    assert thrice.value == pytest.approx(once.value)
+    assert thrice.covariance == pytest.approx(once.covariance)
+
+
+def test_differences_of_areas_are_paired() -> None:
+    rng = np.random.default_rng(5)
+    positive = rng.random(200) < 0.5
+    good = rng.normal(size=200) + 2 * positive
+    score = np.stack([good, good, rng.normal(size=200)], axis=1)
+    found = detector_areas.areas(score, positive, np.arange(200))
+    same, sure = found.difference(0, 1)
+    assert (same.value, same.low, same.high, sure) == (0.0, 0.0, 0.0, 1.0)
+    gain, p = found.difference(0, 2)
+    assert gain.value > 0.3 and p < 1e-6 and gain.low > 0
+    with pytest.raises(ValueError, match="NaN"):
+        detector_areas.areas(np.full((3, 1), np.nan), np.array([True, False, True]), np.arange(3))
+    nothing = detector_areas.areas(np.ones((3, 1)), np.ones(3, bool), np.arange(3))
+    assert np.isnan(nothing.value).all()
+
+
+def test_who_knows_first_shares_ties_and_counts_the_silent() -> None:
+    runs = faulty(
+        [[150, -1, -1, 150, -1], [-1, -1, -1, 180, -1], [-1] * 5, [400, -1, -1, 300, -1]],
+        harm_ms=[200, 200, 200, 200],
+    )
+    shown = detector_tables.first_table(runs, [Chosen(*PUBLISHED), Chosen("tip_error", 3.0)])
+    cells = {row[0]: [str(cell).split("%")[0].strip().replace("\u202f", "") for cell in row[1:]] for row in shown.rows}
+    assert cells["steps/all/1, level 1"] == ["25.0", "0.0", "0.0"]
+    assert cells["tip_error, level 3"] == ["75.0", "50.0", "25.0"]
+    assert cells["someone, but not before the harm"][0] == "25.0"
+    assert cells["nobody"][0] == "25.0"
+
+
+def test_the_findings_are_the_same_each_time_and_can_be_drawn(tmp_path: Path) -> None:
+    runs = random_runs()
+    motion = [free([[9, 3, 1, 0]] * 6), free([[9, 9, 5, 1]] * 6, robot=UNCERTAIN)]
+    both = motion[0]._replace(
+        **{name: np.concatenate([getattr(one, name) for one in motion]) for name in detector_runs._FREE_BY_RUN},
+        alarms=tuple(np.concatenate(counts) for counts in zip(*(one.alarms for one in motion), strict=True)),
+        others={name: np.zeros(12, int) for name in OTHERS},
+    )
+    first, second = (detectors.findings(runs, runs.where(runs.motion == 0), both) for _ in range(2))
+    text = json.dumps(plain(first), allow_nan=False)
+    assert text == json.dumps(plain(second), allow_nan=False)
+    assert all(line.published is None for line in first.lines)
+    for table in first.tables:
+        assert table.rows and all(len(row) == len(table.columns) for row in table.rows), table.title
+    area = next(table for table in first.tables if table.title.startswith("Areas"))
+    assert {row[0]: row[5] for row in area.rows}["tip_error"] == "yes"
+    for one in first.drawings:
+        drawing.save(one, tmp_path)
+        assert (tmp_path / f"{one.name}.svg").stat().st_size > 5_000
+
+
+def test_a_curve_ends_where_it_is_quiet() -> None:
+    points = detector_drawings._trade(random_runs(), free([[9, 3, 0, 0]] * 2), "steps/all/1")
+    assert points[-1, 0] == 0.0
+    assert (points[:, 0] == 0.0).sum() == 1
+    assert points[0, 1] == points[:, 1].max()
+
+
+@pytest.mark.parametrize("variant", detectors.STUDY.variants, ids=lambda v: v.name)
+def test_every_variant_loads(variant: detectors.Variant) -> None:
+    config = loading.load(variant.campaign, variant.overrides)
+    named = {name: levels for name, _, levels in config.detectors}
+    for name, level in (PUBLISHED, FORK, CLIP):
+        assert level in named[name]
+    assert len(named) == 6 * 3 + 3
+
+
+def test_the_groups_without_faults_come_first_and_fit_the_limits() -> None:
+    config = loading.load(detectors.CAMPAIGN)
+    without = [group for group in config.group if group.name.startswith(detector_runs.FREE)]
+    assert config.group[: len(without)] == tuple(without)
+    assert all(group.fault for group in config.group[len(without) :])
+
+    def runs(groups: list) -> int:
+        return design.count(config.model_copy(update={"group": tuple(groups)}))
+
+    assert runs(without) == detectors.FREE_RUNS
+    assert runs(without[:2]) == detectors.FREE_RUNS_NOISY
+    assert [group.name for group in without[:2]] == ["free/as modelled", "free/more noise"]
+
+
+@pytest.mark.slow
+def test_the_study_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(detectors, "MOTIONS", (detectors.BASELINE, "reach"))
+    monkeypatch.setattr(detectors, "RECORDINGS", tuple((motion, 11) for motion in ("suture", "reach", "clutched")))
+    monkeypatch.setattr(detectors, "NOISY", (("suture", 11),))
+    monkeypatch.setattr(detectors, "FREE_S", 20)
+    found = running.run(dataclasses.replace(detectors.STUDY, variants=detectors._variants()), tmp_path)
+    lines = {line.quantity: line.predicted for line in found.lines}
+    tip, steps = lines["AUC, tip_error"], lines["AUC, steps/all/1"]
+    assert tip and steps and 0.5 < steps.low < steps.value < tip.value <= 1.0
+    assert (tmp_path / "detectors" / "findings.md").read_text().count("\n| steps/all/1") > 3

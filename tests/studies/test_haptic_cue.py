@@ -1,0 +1,204 @@
+"""The study of the haptic cue: choices, rates and tables on made-up runs with known answers, and the whole."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import synthetic_results
+
+from ravenjax.campaign import design, loading
+from ravenjax.stages import haptics
+from ravenjax.store.manifest import Cue
+from ravenjax.studies import catalogue, drawing, haptic_choice, haptic_cue, haptic_runs, haptic_tables, running
+from ravenjax.studies.detector_runs import AS_MODELLED, UNCERTAIN
+from ravenjax.studies.haptic_runs import KINDS, Faulty, Free
+from ravenjax.studies.study import plain
+from ravenjax.types import Setup
+
+CUES = tuple(
+    Cue(threshold_mm=mm, kp_per_mm=kp, kd_s_per_mm=9e-5, cap=0.05) for mm in (1.0, 3.0, 8.0) for kp in (0.0045, 0.009)
+)
+PUBLISHED = 2
+
+
+def faulty(first: list[list[int]], harm_ms: list[int]) -> Faulty:
+    """Runs felt at `first` [runs][thresholds], with either gain; effects begin at 100 ms."""
+    n, harm = len(first), np.array(harm_ms)
+    told = np.repeat(np.array(first), 2, axis=1)
+    return Faulty(
+        CUES,
+        PUBLISHED,
+        np.arange(n),
+        np.zeros(n, int),
+        np.full(n, "packets", object),
+        np.full(n, 100),
+        harm,
+        harm,
+        np.repeat((harm >= 0)[:, None], len(KINDS), axis=1),
+        told,
+        np.zeros(told.shape, bool),
+        np.where(told >= 0, np.array([0.02, 0.04, 0.03, 0.05, 0.05, 0.05]), 0.0),
+        np.where(told >= 0, 500, 0),
+        1000,
+    )
+
+
+def free(count: list[list[int]], hours: float = 1.0, robot: str = AS_MODELLED) -> Free:
+    """One recording a row, pulses by threshold."""
+    n = len(count)
+    return Free(
+        CUES,
+        np.full(n, robot, object),
+        np.array([f"reach {k}" for k in range(n)], object),
+        np.full(n, 0.1),
+        np.full(n, hours),
+        np.repeat(np.array(count), 2, axis=1),
+        np.repeat(np.array(count), 2, axis=1) * 0.01,
+    )
+
+
+def test_the_catalogue_finds_it() -> None:
+    assert catalogue.find("haptic_cue") is haptic_cue.STUDY
+
+
+def test_the_choice_weighs_missed_hazards_against_false_cues() -> None:
+    # thresholds 1, 3, 8 mm miss 0, 1/4 and 3/4 of 4 hazards, with 20, 1 and 0 false cues an hour
+    missed = np.array([[0, 0, 0], [0, 0, 1], [0, 0, 1], [0, 1, 1]], bool)
+    counts = haptic_choice.counts(missed, np.arange(4), np.array([[20, 1, 0]]), np.array([1.0]), np.array(["a"]))
+    found = haptic_choice.choose(counts, np.array([1.0, 10.0, 1000.0]))
+    assert found.cost.tolist() == [[20.0, 1.25, 0.75], [20.0, 3.5, 7.5], [20.0, 251.0, 750.0]]
+    assert found.chosen.tolist() == [2, 1, 0]
+    assert found.wins.sum(axis=1) == pytest.approx(1.0)
+
+
+def test_a_sure_choice_always_wins_and_equals_go_to_the_higher_threshold() -> None:
+    missed = np.zeros((50, 3), bool)
+    missed[:, 2] = True
+    counts = haptic_choice.counts(missed, np.arange(50), np.array([[2, 2, 2]] * 4), np.ones(4), np.arange(4))
+    found = haptic_choice.choose(counts, np.array([100.0]))
+    assert found.chosen.tolist() == [1]
+    assert found.wins[0].tolist() == [0.0, 1.0, 0.0]
+
+
+def test_an_even_choice_is_told_as_one() -> None:
+    # sets 0 and 1 each miss one of two alike halves of the hazards: a coin
+    half = np.arange(400) < 200
+    missed = np.stack([half, ~half], axis=1)
+    counts = haptic_choice.counts(missed, np.arange(400), np.zeros((2, 2)), np.ones(2), np.arange(2))
+    wins = haptic_choice.choose(counts, np.array([1.0])).wins[0]
+    assert wins == pytest.approx([0.5, 0.5], abs=0.06)
+    with pytest.raises(ValueError, match="needs hazards"):
+        haptic_choice.choose(counts._replace(hours=np.zeros(2)), np.array([1.0]))
+
+
+def test_runs_of_one_fault_are_drawn_together() -> None:
+    # 3 faults of 100 runs each: were runs drawn, set 1 would win almost always
+    cell = np.repeat(np.arange(3), 100)
+    missed = np.stack([cell != 2, cell == 2], axis=1)
+    counts = haptic_choice.counts(missed, cell, np.zeros((1, 2)), np.ones(1), np.zeros(1))
+    assert counts.hazards.tolist() == [100, 100, 100]
+    wins = haptic_choice.choose(counts, np.array([1.0])).wins[0]
+    assert wins[0] == pytest.approx(7 / 27, abs=0.03)  # two or three of three draws are fault 2
+
+
+def test_what_is_felt_is_measured_from_the_first_effect() -> None:
+    runs = faulty([[110, 150, -1], [120, 250, -1], [-1, -1, -1], [130, -1, -1]], harm_ms=[200, 200, 200, -1])
+    found = haptic_tables.felt(runs, PUBLISHED)
+    assert (found.missed.value, found.missed.n) == (pytest.approx(1 / 3), 3)
+    assert found.before.value == pytest.approx(1 / 3)
+    assert found.harmless.value == 0.0
+    assert found.delay_ms.value == 150  # of 50, 150 and never
+    assert found.lead_harm_ms.value == -50
+    assert found.force == "0.03 (0.03 to 0.03)"
+    assert found.at_cap.value == 0.0
+    assert haptic_tables.felt(runs, PUBLISHED + 1).at_cap.value == 1.0
+    late = haptic_tables.missed(runs, [PUBLISHED], before=True)[:, 0]
+    assert late.tolist() == [False, True, True, True]
+
+
+def test_a_cue_of_the_twin_does_not_count() -> None:
+    made = synthetic_results.manifest(runs=300)
+    frame = synthetic_results.frame(300)
+    plainly = haptic_runs.pooled([frame], made)
+    shared = haptic_runs.pooled([frame.assign(twin_cue0_first_ms=0)], made)
+    assert (plainly.first_ms[:, 0] >= 0).sum() > 20
+    assert (shared.first_ms[:, 0] >= 0).sum() == 0
+    assert shared.shared[:, 0].all() and not shared.shared[:, 1].any()
+    assert (shared.first_ms[:, 1:] == plainly.first_ms[:, 1:]).all()
+
+
+def test_the_sets_of_the_published_gains_rise_by_threshold() -> None:
+    assert haptic_runs.default_sets(CUES, PUBLISHED) == [0, 2, 4]
+    assert haptic_runs.sets_at(CUES, 3.0) == [2, 3]
+
+
+def test_the_time_with_a_false_cue_is_a_share_of_the_motion() -> None:
+    motion = free([[20, 1, 0], [0, 1, 0]], hours=0.5)
+    assert haptic_tables.false_time(motion, 0, AS_MODELLED).startswith("20.0")
+    assert haptic_tables.false_time(motion, 4, AS_MODELLED).startswith("0.0")
+
+
+def test_the_front_names_sets_that_do_the_same_together() -> None:
+    runs = faulty([[110, 150, -1], [120, -1, -1]], harm_ms=[200, 200])
+    shown = haptic_tables.front_table(runs, free([[5, 1, 1]]))
+    # 8 mm misses more than 3 mm with as many false cues
+    assert [(row[0], row[1]) for row in shown.rows] == [("3", "all"), ("1", "all")]
+
+
+def test_the_findings_are_the_same_each_time_and_can_be_drawn(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    times = np.where(rng.random((80, 3)) < [0.95, 0.9, 0.6], rng.integers(110, 400, (80, 3)), -1)
+    runs = faulty(times.tolist(), np.where(rng.random(80) < 0.5, 300, -1).tolist())
+    motion = [free([[50, 4, 0]] * 6), free([[60, 9, 2]] * 6, robot=UNCERTAIN)]
+    both = motion[0]._replace(
+        **{name: np.concatenate([getattr(one, name) for one in motion]) for name in haptic_runs._FREE_BY_RUN}
+    )
+    first, second = (haptic_cue.findings(runs, both) for _ in range(2))
+    text = json.dumps(plain(first), allow_nan=False)
+    assert text == json.dumps(plain(second), allow_nan=False)
+    assert all(line.published is None for line in first.lines)
+    for table in first.tables:
+        assert all(len(row) == len(table.columns) for row in table.rows), table.title
+    for one in first.drawings:
+        drawing.save(one, tmp_path)
+        assert (tmp_path / f"{one.name}.svg").stat().st_size > 5_000
+
+
+@pytest.mark.parametrize("variant", haptic_cue.STUDY.variants, ids=lambda v: v.name)
+def test_every_variant_loads(variant: haptic_cue.Variant) -> None:
+    config = loading.load(variant.campaign, variant.overrides)
+    assert len({cue.threshold_m for cue in config.haptics.cues()}) >= 12
+
+
+def test_the_published_set_is_that_of_the_stage() -> None:
+    config = loading.load(haptic_cue.CAMPAIGN)
+    chosen = config.haptics.cues()[config.outcomes.cue]
+    (own,) = haptics.params(Setup()).cues
+    assert tuple(chosen) == pytest.approx((own.threshold_m, own.kp, own.kd, own.cap))
+
+
+def test_the_groups_without_faults_come_first_and_fit_the_limit() -> None:
+    config = loading.load(haptic_cue.CAMPAIGN)
+    without = [group for group in config.group if group.name.startswith(haptic_runs.FREE)]
+    assert config.group[: len(without)] == tuple(without)
+    assert design.count(config.model_copy(update={"group": tuple(without)})) == haptic_cue.FREE_RUNS
+
+
+@pytest.mark.slow
+def test_the_study_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(haptic_cue, "MOTIONS", (haptic_cue.BASELINE, "reach"))
+    monkeypatch.setattr(haptic_cue, "RECORDINGS", tuple((motion, 11) for motion in ("suture", "peg_transfer")))
+    monkeypatch.setattr(haptic_cue, "FREE_S", 20)
+    found = running.run(dataclasses.replace(haptic_cue.STUDY, variants=haptic_cue._variants()), tmp_path)
+    shown = next(table for table in found.tables if table.title.startswith("Thresholds"))
+    assert len(shown.rows) >= 12
+    by_kind = next(table for table in found.tables if table.title.startswith("What the choice"))
+    assert {row[0] for row in by_kind.rows} == set(KINDS)
+    lines = {line.quantity: line.predicted for line in found.lines}
+    published = lines["3 mm (published): harm missed"]
+    assert published and 0 <= published.low <= published.value <= published.high < 50
+    assert (tmp_path / "haptic_cue" / "findings.md").is_file()

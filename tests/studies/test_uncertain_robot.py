@@ -1,0 +1,203 @@
+"""The study of the uncertain robot: rates and dependences of made-up runs with known answers, and the whole."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+import pytest
+
+from ravenjax.campaign import design, loading, plan
+from ravenjax.stats.intervals import Rate
+from ravenjax.studies import running, uncertain_rates, uncertain_robot, uncertain_search, uncertain_tables
+from ravenjax.studies import uncertain_drawings as drawings
+from ravenjax.studies.uncertain_parameters import PARAMETERS, SETS, Uncertain
+from ravenjax.studies.uncertain_rates import EVENTS, Robot
+
+FRICTION = PARAMETERS[0]
+
+
+def table(faults: int, **hits: list[int]) -> pd.DataFrame:
+    """Events of so many faults: the numbers of those that have each, none for the others."""
+    columns = {event: np.isin(np.arange(faults), hits.get(event, [])) for event in EVENTS}
+    return pd.DataFrame({**columns, "layer": np.where(np.arange(faults) % 2, "packets", "USB in")})
+
+
+def test_ranges_and_laws_agree() -> None:
+    known = plan.make(loading.load(uncertain_robot.CAMPAIGN, ("campaign.limit=1",)))
+    assert known.runs == 1
+    for one in PARAMETERS:
+        (kind, values), *_ = uncertain_search.drawn([one])[one.path].items()
+        assert (min(values), max(values)) == (one.low, one.high), one.path
+        assert one.low <= one.known <= one.high, one.path
+        assert kind == "choice" or len(values) == 2
+        assert one.source
+    assert len({one.path for one in PARAMETERS}) == len(PARAMETERS)
+
+
+def test_a_parameter_that_is_left_alone_has_its_known_value() -> None:
+    frame = pd.DataFrame({FRICTION.column: [0.5, math.nan]})
+    assert FRICTION.values(frame).tolist() == [0.5, 1.0]
+    assert PARAMETERS[1].values(frame).tolist() == [1.0, 1.0]
+
+
+def test_ends_are_compared_on_the_same_faults() -> None:
+    """Fault 2 changed a bit at the high end alone: it is left out."""
+    frame = pd.DataFrame({uncertain_rates.FAULT: [0, 1, 0, 1, 2], FRICTION.column: [0.5, 0.5, 2.0, 2.0, 2.0]})
+    found = table(5, harm=[0, 1, 2, 4])
+    low, high = uncertain_rates.robots(frame, found, FRICTION)
+    assert low.events.index.tolist() == high.events.index.tolist() == [0, 1]
+    assert (low.rate("harm").k, high.rate("harm").k) == (2, 1)
+
+
+def test_a_fault_has_the_same_number_in_every_variant() -> None:
+    """Two groups of two faults, once and at two ends each, as a campaign's column `pair` tells."""
+    assert uncertain_rates.numbered(np.array([0, 1, 2, 3])).tolist() == [0, 1, 2, 3]
+    assert uncertain_rates.numbered(np.array([0, 1, 0, 1, 4, 5, 4, 5])).tolist() == [0, 1, 0, 1, 2, 3, 2, 3]
+
+
+def ends(faults: int, low: list[int], high: list[int]) -> dict[Uncertain, tuple[Robot, Robot]]:
+    return {FRICTION: (Robot("low", table(faults, harm=low)), Robot("high", table(faults, harm=high)))}
+
+
+def test_an_effect_is_a_paired_difference() -> None:
+    found = {one.event: one for one in uncertain_rates.effects(ends(100, list(range(20)), list(range(10))))}
+    harm = found["harm"]
+    assert harm.difference.value == pytest.approx(-0.1)
+    assert harm.p == pytest.approx(2 * 0.5**10)
+    assert math.isnan(found["jump"].p)  # no fault differs: nothing to test
+    assert [one.rejected for one in uncertain_rates.judged([harm.p, math.nan])] == [True, False]
+
+
+def test_thirds_find_the_parameter_that_decides() -> None:
+    rng = np.random.default_rng(0)
+    first, second = PARAMETERS[:2]
+    values = rng.uniform(0.5, 2.0, (600, 2))
+    frame = pd.DataFrame({first.column: values[:, 0], second.column: values[:, 1]})
+    found = table(600, harm=np.flatnonzero(values[:, 0] > 1.5).tolist())
+    told = {(event, one.name): one for event, one in uncertain_rates.thirds(frame, found, (first, second))}
+    assert told["harm", first.path].depends
+    assert not told["harm", second.path].depends
+    assert told["harm", first.path].levels[-1].rate.value == 1.0
+    assert math.isnan(told["jump", first.path].p)
+
+
+def test_the_range_names_its_robots() -> None:
+    robots = [Robot("a", table(10, cue=[1])), Robot("b", table(10, cue=[])), Robot("c", table(10, cue=[1, 2, 3]))]
+    span = uncertain_rates.over(robots, "cue")
+    assert (span.low_robot, span.low.k, span.high_robot, span.high.k) == ("b", 0, "c", 3)
+
+
+def test_rounding_is_what_sets_the_known_robot_apart_from_itself() -> None:
+    known = Robot("known", table(100, harm=[1, 2]))
+    one = FRICTION._replace(low=FRICTION.known)
+    again = {one: (Robot("low", table(100, harm=[1, 2, 3])), Robot("high", table(100, harm=list(range(50)))))}
+    assert uncertain_rates.rounding(known, again) == (pytest.approx(0.01), 1)
+    apart, same = uncertain_rates.rounding(known, ends(100, [1], [2]))
+    assert math.isnan(apart)
+    assert same == 0
+
+
+def test_the_plain_table_names_what_a_conclusion_depends_on() -> None:
+    known = Robot("known robot", table(100, harm=list(range(15))))
+    pairs = ends(100, list(range(20)), list(range(5)))
+    robots = [known, *pairs[FRICTION]]
+    shown = uncertain_tables.conclusions(known, robots, uncertain_rates.effects(pairs), [], {})
+    rows = {str(row[0]): row for row in shown.rows}
+    assert rows[EVENTS["harm"]][2] == "5.0\u202f% to 20.0\u202f%"
+    assert rows[EVENTS["harm"]][3] == "high; low"
+    assert rows[EVENTS["harm"]][4] == "friction (−15)"
+    assert rows[EVENTS["jump"]][4] == uncertain_tables.NONE
+
+
+def test_layers_have_places() -> None:
+    robots = [Robot("a", table(10, harm=[1, 3])), Robot("b", table(10, harm=[0, 2, 4, 1]))]
+    rows = {str(row[0]): row for row in uncertain_tables.by_layer(robots, "harm").rows}
+    assert rows["packets"][4:] == (1, "1 to 2")
+    assert rows["USB in"][4:] == (2, "1 to 2")
+
+
+def record(paths: list[str], **indices: dict[str, list[float]]) -> dict[str, Any]:
+    case = {"case": {"fault0_channel": "elbow"}, "mean": 2.0, "deviation": 0.5, "indices": indices}
+    return {"results": [case], "points": 10, "inputs": paths}
+
+
+def test_indices_of_both_searches_are_joined_by_parameter() -> None:
+    a, b = PARAMETERS[0].path, PARAMETERS[1].path
+    morris = record([b, a], mu_star={"value": [1, 2], "low": [0, 1], "high": [2, 3]}, sigma={"value": [5, 6]})
+    shares = {"value": [0.1, 0.7], "low": [0.0, 0.6], "high": [0.2, 0.8]}
+    found = uncertain_search.indices({"morris": morris, "sobol": record([a, b], ST=shares, S1=shares)})
+    assert [(one.parameter.path, one.total[0], one.effect[0], one.spread) for one in found] == [
+        (b, 0.7, 1.0, 5.0),
+        (a, 0.1, 2.0, 6.0),
+    ]
+    assert found[0].runs == 20
+
+
+def test_the_drawings_draw() -> None:
+    known = Robot("known", table(10, harm=[1]))
+    pair = (known, known)
+    index = uncertain_search.Index("elbow", FRICTION, 1.0, 0.1, (1, 0, 2), 0.1, (0.5, 0.4, 0.6), (0.5, 0.4, 0.6), 9)
+    rates = {"packets": [Rate(1, 10, 0.1, 0.01, 0.4), Rate(2, 10, 0.2, 0.05, 0.5)]}
+    cases = (
+        (drawings.ranges(known, {"friction": pair}, [known]), len(drawings.SHOWN)),
+        (drawings.layers(rates, "harm"), 1),
+        (drawings.indices([index]), 1),
+    )
+    for draw, panels in cases:
+        figure = plt.figure()
+        draw(figure)
+        assert len(figure.axes) == panels
+        assert all(axis.get_xlabel() for axis in figure.axes)
+        plt.close(figure)
+
+
+@pytest.mark.parametrize("variant", uncertain_robot.STUDY.variants, ids=lambda v: v.name)
+def test_every_variant_loads(variant: uncertain_robot.Variant) -> None:
+    config = loading.load(variant.campaign, variant.overrides)
+    varied = {*config.parameters, *config.cross}
+    assert varied <= {one.path for one in PARAMETERS}
+    assert len(varied) == {"known": 0, "set": 0, "alone": 1, "drawn": len(PARAMETERS)}[variant.name.split("_")[0]]
+
+
+def test_one_parameter_alone_has_the_faults_of_the_known_robot() -> None:
+    inputs = ["group", "fault0_channel", "fault0_effect", "fault0_value", "fault0_start_ms", "fault0_duration_ms"]
+    known = design.expand(loading.load(uncertain_robot.CAMPAIGN))
+    crossed = design.expand(loading.load(uncertain_robot.CAMPAIGN, (FRICTION.crossed,)))
+    for value in (FRICTION.low, FRICTION.high):
+        mine = crossed.loc[crossed[FRICTION.column] == value, inputs].reset_index(drop=True)
+        assert mine.equals(known[inputs])
+
+
+def test_the_faults_are_those_of_the_quick_campaign() -> None:
+    ours, quick = (loading.load(name) for name in (uncertain_robot.CAMPAIGN, "quick.toml"))
+    theirs = {group.name: group for group in quick.group}
+    missing = {*theirs} - {group.name for group in ours.group}
+    assert missing == {"fault_free"}, "uncertain_robot.toml has every family of quick.toml, with fewer runs"
+    for group in ours.group:
+        assert group.fault == theirs[group.name].fault, group.name
+
+
+def test_the_published_sets_are_all_there() -> None:
+    from ravenjax.stages.plant import published
+
+    assert {*SETS, "traj3"} == set(published.SETS)
+
+
+@pytest.mark.slow
+def test_the_study_runs(tmp_path: Path) -> None:
+    found = running.run(uncertain_robot.STUDY, tmp_path)
+    plain = found.tables[0]
+    assert [row[0] for row in plain.rows] == [*EVENTS.values()]
+    for line in found.lines:
+        assert line.published is None
+        if line.quantity.endswith("over robots"):
+            assert line.predicted
+            assert line.predicted.low <= line.predicted.value <= line.predicted.high
+    decided = next(one for one in found.tables if one.title.startswith("What decides"))
+    assert len(decided.rows) == 3 * len(PARAMETERS)
+    assert (tmp_path / "uncertain_robot" / "ranges.svg").is_file()
