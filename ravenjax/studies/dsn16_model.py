@@ -81,10 +81,9 @@ def _cells(found: Error) -> tuple[str, ...]:
 
 
 def _low_passed(angle: np.ndarray) -> np.ndarray:
-    from scipy.signal import butter, filtfilt
+    from scipy.signal import butter, sosfiltfilt
 
-    numerator, denominator = butter(2, LOW_PASS_HZ, fs=1000, output="ba")
-    return filtfilt(numerator, denominator, angle, axis=0)
+    return sosfiltfilt(butter(2, LOW_PASS_HZ, fs=1000, output="sos"), angle, axis=0)
 
 
 _NOTES = (
