@@ -131,6 +131,7 @@ def test_peak_is_that_of_real_multiply_adds():
     assert 1e8 < peak.cpu(1, repeats=1, rounds=200_000) < 4 * 16 * 8e9
 
 
+@pytest.mark.slow
 def test_peers_step_the_arm():
     """MuJoCo's step and MJX's agree on the model that both are timed on, as far as float32 goes."""
     model = peers.arm()

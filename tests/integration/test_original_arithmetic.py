@@ -332,6 +332,7 @@ def test_increments_in_init_wait_for_pedal_down():
 # --- 10, 11 ---
 
 
+@pytest.mark.slow
 def test_at_the_remote_centre_the_selection_runs_on_what_the_failed_solution_left():
     rng, accepted = random.Random(10), 0
     for _ in range(20_000):
