@@ -7,7 +7,6 @@ operator input; the monitor compares it with the robot and the console's haptic 
 
 from __future__ import annotations
 
-from functools import cache, reduce
 from typing import Any
 
 import jax
@@ -15,16 +14,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ravenjax import control
-from ravenjax.robot import kinematics, scene, transmission
+from ravenjax import connections, control
+from ravenjax.injector import Injector, strikes
+from ravenjax.robot import check, kinematics, scene
 from ravenjax.robot.check import Check
-from ravenjax.robot.mapping import matrix_from_quat, quat_from_matrix
-from ravenjax.robot.sites import ARM, SITES
 from ravenjax.stages import channel, detectors, haptics, monitor, operator, plc, reaction, state_machine, usb
 from ravenjax.stages.faults import fault, injection, window
-from ravenjax.stages.plant import nominal, nominal_target
+from ravenjax.stages.plant import nominal
 from ravenjax.stages.plant import robot as plant
-from ravenjax.types import ArmName, Scalar, Setup, Vec, as_int, narrow, per_arm, real, record, replace, where, wide
+from ravenjax.types import Scalar, Setup, Vec, as_int, per_arm, real, record, replace
 
 UM = 1e-6
 """Metres in a micrometre."""
@@ -149,21 +147,21 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
     now = signal.tick
     fresh, sequence = _packet_due(setup, params, state, now)
     clock = window.Clock(now, sequence + 1, state.pedal_ticks)
-    inject = _Injector(setup, faults, window.open_windows(setup, faults, state.faults, clock), clock)
+    inject = Injector(setup, faults, window.open_windows(setup, faults, state.faults, clock), clock)
 
     # --- console and network: the robot's packet, and the clean one that the nominal model follows ---
     reacting = _reacting(setup, params, state, now, sequence)
     hands = state.hands
     if hands is not None and inject.strikes("hand"):
         hands = operator.strayed(hands, inject("hand", _each(setup, Vec.full(3, real(setup, 0.0)))))
-    clean = _packet(setup, params, params.operator, signal.motion, reacting, hands, sequence)
+    clean = connections.packet(setup, params.operator, params.reaction, signal.motion, reacting, hands, sequence)
     console = inject("console", _Console(params.operator.scale))
     line, network = _network(setup, params, inject, state, sequence, fresh)
     sent = clean
     if inject.strikes("console", "network"):
         index = sequence - network.lag - network.delay
         struck = replace(params.operator, scale=console.scale)
-        sent = _packet(setup, params, struck, signal.motion, reacting, hands, index)
+        sent = connections.packet(setup, struck, params.reaction, signal.motion, reacting, hands, index)
     arrives = fresh & ~network.lost
     if inject.strikes("network"):
         index = sent.sequence - 1
@@ -184,17 +182,17 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
     buttons = inject("buttons", _Buttons(jnp.bool_(False), jnp.bool_(False)))
     told = plc.Signal(boards.pins[: _boards_apart(setup)], buttons.estop, buttons.start)
     controller, relays = plc.step(setup, params.plc, state.plc, told)
-    brakes = inject("brake", _brakes(setup, signals, relays))
+    brakes = inject("brake", connections.brakes(setup, signals, relays))
     multipliers = {
         site: inject(site, _each(setup, Vec.full(7, neutral)))
         for site, neutral in _MECHANICS.items()
         if inject.strikes(site)
     }
-    driven = _delayed(params.usb, boards.current_cmd, state.commands)
+    driven = connections.delayed(params.usb.command_delay, boards.current_cmd, state.commands)
     moved = per_arm(
         setup,
         lambda i, arm: plant.step(
-            setup, arm, params.plant[i], state.plant[i], _plant_signal(driven[i], brakes, multipliers, i)
+            setup, arm, params.plant[i], state.plant[i], connections.plant_signal(driven[i], brakes, multipliers, i)
         ),
     )
     robots = tuple(out for _, out in moved)
@@ -202,13 +200,15 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
     # --- nominal model, haptics, monitor ---
     models = per_arm(
         setup,
-        lambda i, arm: nominal.step(setup, arm, params.nominal[i], state.nominal[i], _clean(setup, clean, fresh, i)),
+        lambda i, arm: nominal.step(
+            setup, arm, params.nominal[i], state.nominal[i], connections.clean(setup, clean, fresh, i)
+        ),
     )
     tips = per_arm(setup, lambda i, arm: kinematics.forward(arm, robots[i].jpos).position)
     cues = per_arm(
         setup,
         lambda i, arm: haptics.step(
-            setup, params.haptics, state.haptics[i], _felt(setup, arm, i, models[i][1], signals)
+            setup, params.haptics, state.haptics[i], connections.felt(setup, arm, i, models[i][1], signals)
         ),
     )
     depth = per_arm(setup, lambda i, arm: scene.tissue_depth(arm, tips[i]))
@@ -221,7 +221,7 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
         state.monitor,
         monitor.Signal(
             tip=tips,
-            pos=_measured(setup, signals),
+            pos=connections.measured(setup, signals),
             model_tip=tuple(out.tip_position for _, out in models),
             depth=depth,
             distance=distance,
@@ -235,7 +235,7 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
 
     watched = None
     if params.detectors is not None and state.detectors is not None:
-        shown = _watched(setup, params, signals, robots, cues, live, now)
+        shown = connections.watched(params.control.overdrive.dac_max, signals, robots, cues, live, now)
         watched = detectors.step(setup, params.detectors, state.detectors, shown)
     if hands is not None:
         off_plan = operator.tip_offset(setup, params.operator, hands)
@@ -253,7 +253,7 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
         plc=controller,
         plant=tuple(new for new, _ in moved),
         enc_val=tuple(out.enc_val for out in robots),
-        motors=_motors(setup, robots),
+        motors=connections.motors(setup, robots),
         nominal=tuple(new for new, _ in models),
         haptics=tuple(new for new, _ in cues),
         hands=hands,
@@ -323,10 +323,10 @@ def init(setup: Setup, params: Params) -> State:
         plc=plc.init(setup, params.plc, ready, _boards_apart(setup)),
         plant=plants,
         enc_val=tuple(out.enc_val for out in robots),
-        motors=_motors(setup, robots),
+        motors=connections.motors(setup, robots),
         nominal=per_arm(setup, lambda i, arm: nominal.init(setup, arm, params.nominal[i], start[i])),
         haptics=per_arm(setup, lambda i, arm: haptics.init(setup, params.haptics)),
-        hands=operator.at_plan(setup) if setup.reacts or _strikes(setup, "hand") else None,
+        hands=operator.at_plan(setup) if setup.reacts or strikes(setup, "hand") else None,
         reaction=reaction.init(setup) if setup.reacts else None,
         channel=channel.init() if _seeded(setup, "bursts") else None,
         detectors=detectors.init(setup) if setup.detectors else None,
@@ -350,13 +350,13 @@ def outcomes(setup: Setup, params: Params, state: State) -> dict[str, Scalar]:
         first = jnp.where(earlier, slot.first_tick, first)
         ticks = ticks + slot.changed_ticks
     out["first_active_ms"], out["active_ticks"] = first, ticks
-    for name, check in checks(state).items():
-        out[f"check_{name}_first_ms"] = check.first_tick
-        out[f"check_{name}_count"] = check.count
-        out[f"check_{name}_margin"] = check.margin
+    for name, one in checks(state).items():
+        out[f"check_{name}_first_ms"] = one.first_tick
+        out[f"check_{name}_count"] = one.count
+        out[f"check_{name}_margin"] = one.margin
     for k in range(setup.cues):
         arms = [arm.cues[k] for arm in state.haptics]
-        out[f"cue{k}_first_ms"] = _earliest([cue.first_tick for cue in arms])
+        out[f"cue{k}_first_ms"] = check.earliest([cue.first_tick for cue in arms])
         out[f"cue{k}_peak_force"] = _largest([cue.peak_force for cue in arms])
         out[f"cue{k}_ms"] = _largest([cue.ticks_active for cue in arms])
         out[f"cue{k}_count"] = _largest([cue.impulses for cue in arms])
@@ -372,7 +372,7 @@ def outcomes(setup: Setup, params: Params, state: State) -> dict[str, Scalar]:
 
 def reference_series(setup: Setup, signals: Signals) -> tuple[Scalar, ...]:
     """The numbers of a fault-free tick that its faulty brothers are compared with."""
-    measured = _measured(setup, signals.control)
+    measured = connections.measured(setup, signals.control)
     return tuple(x for tip, pos in zip(signals.tip, measured, strict=True) for x in (*tip, *pos))
 
 
@@ -398,8 +398,8 @@ def checks(state: State) -> dict[str, Check]:
         "soft_estop": machine.soft_estop,
         "plc_watchdog": state.plc.watchdog_lost,
         "estop": machine.estop,
-        "ik_reject": _worse([arm.ik_reject for arm in software.cartesian]),
-        "joint_limit": _worse([arm.joint_limit for arm in software.cartesian]),
+        "ik_reject": check.worse([arm.ik_reject for arm in software.cartesian]),
+        "joint_limit": check.worse([arm.joint_limit for arm in software.cartesian]),
         "master_timeout": software.teleoperation.timeout,
         "packet_size": net.size,
         "packet_zero": net.zero,
@@ -433,44 +433,6 @@ CHECKS = (
 # --- parts ---
 
 
-class _Injector:
-    """`inject(site, signal)` for one tick, carrying the faults' state from site to site."""
-
-    def __init__(self, setup: Setup, faults: fault.Faults, state: fault.State, clock: window.Clock) -> None:
-        self.setup, self.faults, self.state, self.clock = setup, faults, state, clock
-
-    def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:
-        if site in _ROTATIONS and self.strikes(site):
-            quats = tuple(quat_from_matrix(wide(self.setup, rotation)) for rotation in signal)
-            struck = self._inject(site, quats, present)
-            return tuple(_rotated(self.setup, *of_arm) for of_arm in zip(signal, quats, struck, strict=True))
-        return self._inject(site, signal, present)
-
-    def _inject(self, site: str, signal: Any, present: Scalar) -> Any:
-        self.state, signal = injection.inject(
-            self.setup, _paths(self.setup), self.faults, self.state, self.clock, site, signal, present
-        )
-        return signal
-
-    def strikes(self, *sites: str) -> bool:
-        """Whether the campaign hits any of these sites."""
-        return _strikes(self.setup, *sites)
-
-
-_ROTATIONS = ("ori", "ori_d")
-"""Sites whose signal is rotation matrices, struck as quaternions."""
-
-
-def _rotated(setup: Setup, rotation: Vec, quat: Vec, struck: Vec) -> Vec:
-    """The rotation of a quaternion that a fault changed; one that none changed keeps every bit of its matrix."""
-    changed = reduce(lambda a, b: a | b, quat.map(lambda before, after: before != after, struck))
-    return where(changed, narrow(setup, matrix_from_quat(struck)), rotation)
-
-
-def _strikes(setup: Setup, *sites: str) -> bool:
-    return any(use.site in sites for use in setup.injection.sites)
-
-
 def _seeded(setup: Setup, what: str) -> bool:
     """Whether faults seed the channel's `bursts`, or its `jitter`."""
     return ("network", "", what) in injection.channel_keys(setup)
@@ -478,23 +440,7 @@ def _seeded(setup: Setup, what: str) -> bool:
 
 def _boards_apart(setup: Setup) -> int:
     """USB boards whose output pins may differ: all are written alike, unless a write can fail."""
-    return len(setup.arms) if _strikes(setup, "usb_status") else 1
-
-
-@cache
-def _paths(setup: Setup) -> dict[injection.ChannelKey, tuple[injection.Path, str]]:
-    """Where each channel that the campaign hits stands in its site's signal."""
-    found = {}
-    for site, arm, name in injection.channel_keys(setup):
-        channel = SITES[site].channel(name)
-        path = tuple(setup.arms.index(arm) if step == ARM else step for step in channel.path)
-        kind = _STORED[setup.dac_words] if site == "usb_out" else channel.kind
-        found[site, arm, name] = (path, kind)
-    return found
-
-
-_STORED = {"wrap": "int16", "saturate": "int16 saturated", "unwrapped": "int32"}
-"""`Setup.dac_words` as the number that the USB hook stores."""
+    return len(setup.arms) if strikes(setup, "usb_status") else 1
 
 
 _MECHANICS: dict[str, float] = {
@@ -504,10 +450,6 @@ _MECHANICS: dict[str, float] = {
     "external_torque": 0.0,
 }
 """Sites of the robot's mechanics, with what they are where nothing is wrong."""
-
-
-def _plant_signal(current_cmd: Vec, brakes: Scalar, multipliers: dict[str, tuple[Vec, ...]], i: int) -> plant.Signal:
-    return replace(plant.nominal_signal(current_cmd, brakes), **{site: arms[i] for site, arms in multipliers.items()})
 
 
 def _each(setup: Setup, item: Any) -> tuple[Any, ...]:
@@ -526,21 +468,6 @@ def _packet_due(setup: Setup, params: Params, state: State, now: Scalar) -> tupl
     return index != state.packet, index
 
 
-def _delayed(params: UsbParams, now: tuple[Vec, ...], before: tuple[tuple[Vec, ...], ...]) -> tuple[Vec, ...]:
-    """The commands that reach the motors in this tick."""
-    arrives = now
-    for ticks, then in enumerate(before, start=1):
-        arrives = where(params.command_delay == ticks, then, arrives)
-    return arrives
-
-
-def _motors(setup: Setup, robots: tuple[plant.Out, ...]) -> tuple[tuple[Vec, Vec], ...] | None:
-    """What the dynamics-simulator build reads in place of encoders: motors 1-3 of each arm."""
-    if setup.build == "robot":
-        return None
-    return tuple((Vec(out.mpos[:3]), Vec(out.mvel[:3])) for out in robots)
-
-
 def _reacting(setup: Setup, params: Params, state: State, now: Scalar, sequence: Scalar) -> reaction.State | None:
     """The operator's reaction before the packet of this tick; None where nobody reacts."""
     if params.reaction is None or state.reaction is None:
@@ -549,7 +476,7 @@ def _reacting(setup: Setup, params: Params, state: State, now: Scalar, sequence:
 
 
 def _network(
-    setup: Setup, params: Params, inject: _Injector, state: State, sequence: Scalar, fresh: Scalar
+    setup: Setup, params: Params, inject: Injector, state: State, sequence: Scalar, fresh: Scalar
 ) -> tuple[channel.State | None, _Network]:
     """What becomes of this tick's packet on its way, and the channel after it."""
     ideal = _Network(jnp.int32(0), jnp.int32(0), jnp.bool_(False), real(setup, 0.0), real(setup, 0.0))
@@ -564,97 +491,8 @@ def _network(
     return line, network
 
 
-def _packet(
-    setup: Setup,
-    params: Params,
-    console: operator.Params,
-    motion: tuple[Any, ...],
-    reacting: reaction.State | None,
-    hands: operator.Hands | None,
-    index: Scalar,
-) -> Any:
-    """The packet of that index, as `console` (the operator's own, or one that a fault struck) sends it."""
-
-    def row(index: Scalar, offset: tuple[Vec, ...] | None) -> operator.Row:
-        if params.reaction is None or reacting is None:
-            found = operator.lookup(motion, index)
-        else:
-            pace = reaction.pace(setup, params.reaction, reacting, index)
-            found = operator.lookup(motion, index - pace.lag)
-            found = replace(found, surgeon_mode=jnp.where(pace.released, 0, found.surgeon_mode))
-        return found if offset is None else operator.moved(found, offset)
-
-    now, before = (None, None) if hands is None else (hands.offset, hands.offset_before)
-    return operator.packet(setup, console, row(index, now), row(index - 1, before), index + 1)
-
-
-def _watched(
-    setup: Setup,
-    params: Params,
-    signals: control.Signals,
-    robots: tuple[plant.Out, ...],
-    cues: tuple[Any, ...],
-    armed: Scalar,
-    now: Scalar,
-) -> detectors.Signal:
-    """What the detectors see."""
-    return detectors.Signal(
-        mpos=tuple(out.mpos for out in robots),
-        mvel=tuple(out.mvel for out in robots),
-        jpos=tuple(out.jpos for out in robots),
-        jvel=tuple(out.jvel for out in robots),
-        tip_error=tuple(out.distance for _, out in cues),
-        command=tuple(arm.current_cmd for arm in signals.arms),
-        command_limit=params.control.overdrive.dac_max,
-        armed=armed,
-        tick=now,
-    )
-
-
-def _clean(setup: Setup, packet: Any, fresh: Scalar, i: int) -> nominal_target.Clean:
-    """What the console asks of the nominal model: each increment once, also where a packet spans several cycles."""
-    delta, quat, grasp = packet.delta[i], packet.quat[i], packet.grasp[i]
-    if setup.console == "increments":
-        delta, quat, grasp = where(fresh, (delta, quat, grasp), (Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0))
-    return nominal_target.Clean(delta, quat, grasp, packet.surgeon_mode)
-
-
-def _brakes(setup: Setup, signals: control.Signals, relays: plc.Out) -> Scalar:
-    """Brakes follow the PLC; the simulator builds of the 2015 fork have none."""
-    return relays.brakes if setup.software == "raven2" else jnp.int32(0)
-
-
-def _measured(setup: Setup, signals: control.Signals) -> tuple[Vec, ...]:
-    """Measured tip of each arm, whole um."""
-    return tuple(real(setup, arm.pos.position_um) for arm in signals.arms)
-
-
-def _felt(setup: Setup, arm: ArmName, i: int, model: nominal.Out, signals: control.Signals) -> haptics.Signal:
-    """What the console compares: the nominal model and the robot as its control software reports it."""
-    measured = signals.arms[i]
-    jpos, mvel = real(setup, (measured.jpos, measured.mvel))
-    jvel = real(setup, transmission.joint_from_motor(arm, setup.tools[i], mvel, software=setup.software))
-    position = kinematics.forward(arm, jpos).position
-    return haptics.Signal(model.tip_position, model.tip_velocity, position, kinematics.tip_velocity(arm, jpos, jvel))
-
-
-def _earliest(ticks: list[Scalar]) -> Scalar:
-    first = ticks[0]
-    for t in ticks[1:]:
-        first = jnp.where((t >= 0) & ((first < 0) | (t < first)), t, first)
-    return first
-
-
 def _largest(values: list[Scalar]) -> Scalar:
     largest = values[0]
     for value in values[1:]:
         largest = jnp.maximum(largest, value)
     return largest
-
-
-def _worse(arms: list[Check]) -> Check:
-    """The checks of all arms as one."""
-    count, margin = arms[0].count, arms[0].margin
-    for arm in arms[1:]:
-        count, margin = count + arm.count, jnp.minimum(margin, arm.margin)
-    return Check(_earliest([arm.first_tick for arm in arms]), count, margin)

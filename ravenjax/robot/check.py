@@ -29,3 +29,19 @@ def update(check: Check, tick: Scalar, tripped: Scalar, margin: Scalar | None = 
     if margin is not None:
         nearest = jnp.where(margin < nearest, margin, nearest)  # a NaN margin says nothing
     return Check(jnp.where(first, tick, check.first_tick), check.count + as_int(tripped), nearest)
+
+
+def earliest(ticks: list[Scalar]) -> Scalar:
+    """The first of some ticks, of which -1 is never."""
+    first = ticks[0]
+    for t in ticks[1:]:
+        first = jnp.where((t >= 0) & ((first < 0) | (t < first)), t, first)
+    return first
+
+
+def worse(arms: list[Check]) -> Check:
+    """The checks of all arms as one."""
+    count, margin = arms[0].count, arms[0].margin
+    for arm in arms[1:]:
+        count, margin = count + arm.count, jnp.minimum(margin, arm.margin)
+    return Check(earliest([arm.first_tick for arm in arms]), count, margin)
