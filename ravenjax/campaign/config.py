@@ -244,8 +244,8 @@ class Reaction(Section):
     correct_mm_s: float = Field(default=50.0, ge=0.0, le=10_000.0, description="fastest correction of the tip, mm/s")
 
 
-MOST_DETECTORS, MOST_LEVELS = 32, 64
-"""Each detector costs every run some time, each level two columns."""
+MOST_LEVELS = 64
+"""Of a detector: each costs every run some time and two columns."""
 
 Fusion = Literal["all", "two", "any", "mpos", "mvel", "jpos"]
 

@@ -12,10 +12,10 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ravenjax.figure_style import STYLE
 from ravenjax.report import answers, cue_sweep, detectors, tables
 from ravenjax.report import facts as run_facts
 from ravenjax.report.style import CUE, RESPONSE, SAME, SERIES
-from ravenjax.report.trace_plot import STYLE
 from ravenjax.stats.latency import Incidence, incidence
 from ravenjax.store import folder as results
 from ravenjax.store import manifest as manifests

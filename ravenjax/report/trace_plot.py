@@ -9,13 +9,13 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ravenjax.figure_style import STYLE
 from ravenjax.store.files import write_aside
 from ravenjax.store.schema import JOINTS
 
@@ -27,22 +27,6 @@ SHOWN_JOINTS = 3
 """Joints in the DAC panel: those told to go to, or the ones with the largest peaks."""
 SUBTITLE_LETTERS = 105
 """Letters in a line of the subtitle."""
-
-STYLE: dict[Any, Any] = {
-    "font.size": 9,
-    "font.family": "sans-serif",
-    "svg.fonttype": "none",
-    "svg.hashsalt": "ravenjax",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": "#8a8f96",
-    "axes.grid": True,
-    "grid.color": "#e8e6e1",
-    "grid.linewidth": 0.6,
-    "legend.frameon": False,
-    "xtick.color": "#3a424c",
-    "ytick.color": "#3a424c",
-}
 
 
 def trace_plot(

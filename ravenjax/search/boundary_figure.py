@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ravenjax.figure_style import INK, SOFT
 from ravenjax.search.bracketing import ALWAYS, CROSSING, INVALID, NEVER
 from ravenjax.search.findings import short, words
-from ravenjax.search.style import COLOURS, INK, MARKERS, SOFT, STYLE
+from ravenjax.search.style import COLOURS, MARKERS, STYLE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ravenjax.figure_style import INK
 from ravenjax.search.findings import words
-from ravenjax.search.style import COLOURS, INK, STYLE
+from ravenjax.search.style import COLOURS, STYLE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

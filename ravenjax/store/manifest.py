@@ -34,6 +34,7 @@ _READERS = (
     "stats",
     "studies",
     "search",
+    "figure_style.py",
     "software.py",
     "software_inputs.py",
 )

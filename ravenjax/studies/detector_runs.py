@@ -19,6 +19,7 @@ from ravenjax.stats.cluster import cluster_ratio
 from ravenjax.stats.false_alarms import alarm_rate
 from ravenjax.store import folder, manifest
 from ravenjax.store.manifest import Detector, Manifest
+from ravenjax.studies import motions_alike
 from ravenjax.studies.study import Estimate
 
 FREE = "free/"
@@ -141,16 +142,9 @@ def faulty(folders: Sequence[Path]) -> Faulty:
 
 def pooled(frames: Sequence[pd.DataFrame], made: Manifest) -> Faulty:
     """As `faulty`, of result tables at hand; `made`: manifest of the first."""
-    first_facts = run_facts.of(frames[0], made)
-    parts = []
-    for number, frame in enumerate(frames):
-        if not np.array_equal(frame["group"].astype(str), frames[0]["group"].astype(str)):
-            raise ValueError(f"campaign {number} of a comparison of motions has other groups than the first")
-        facts = run_facts.of(frame, made)
-        chosen = (facts["faulty"] & facts["activated"] & ~facts["failed"]).to_numpy()
-        cell = first_facts["distinct"].to_numpy()[chosen]
-        parts.append(_faulty(frame.loc[chosen], facts.loc[chosen], made, cell, number))
-    return _joined(parts)
+    return _joined(
+        [_faulty(one.frame, one.facts, made, one.cell, one.motion) for one in motions_alike.activated(frames, made)]
+    )
 
 
 def _faulty(frame: pd.DataFrame, facts: pd.DataFrame, made: Manifest, cell: np.ndarray, motion: int) -> Faulty:

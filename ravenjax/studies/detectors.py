@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ravenjax.report import facts as run_facts
-from ravenjax.studies import detector_drawings, detector_runs, detector_tables
+from ravenjax.studies import detector_drawings, detector_runs, detector_tables, motions_alike
 from ravenjax.studies.detector_areas import Areas, areas
 from ravenjax.studies.detector_points import (
     CLIP,
@@ -164,17 +164,7 @@ def _notes(faulty: Faulty, modelled: Free, best: Point | None) -> tuple[str, ...
 
 def _variants() -> tuple[Variant, ...]:
     free = [
-        Variant(
-            f"free_{motion}_{seed}",
-            CAMPAIGN,
-            (
-                f"campaign.limit={FREE_RUNS}",
-                f"campaign.duration_s={FREE_S}",
-                f"operator.motion={motion}",
-                f"operator.seed={seed}",
-            ),
-            f"How often is there an alarm for nothing? {motion}, seed {seed}",
-        )
+        motions_alike.fault_free(CAMPAIGN, motion, seed, FREE_RUNS, FREE_S, "How often is there an alarm for nothing?")
         for motion, seed in RECORDINGS
     ]
     noisy = [

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from ravenjax import figure_style
 from ravenjax.report.style import CUE
 from ravenjax.store.files import write_aside
 from ravenjax.studies.study import Drawing
@@ -14,27 +15,14 @@ PUBLISHED, PREDICTED, THRESHOLD, MUTED = "#1b1f24", "#0072b2", CUE, "#5b6470"
 SERIES = ("#0072b2", "#d9571b", "#009e73", "#8b2a6b", "#b8860b", "#56b4e9", "#7a6a00", "#555555")
 FAULT = "#d9571b"
 
-STYLE: dict[Any, Any] = {
-    "font.size": 9,
-    "font.family": "sans-serif",
-    "svg.fonttype": "none",
-    "svg.hashsalt": "ravenjax",
+STYLE: dict[Any, Any] = figure_style.STYLE | {
     "pdf.fonttype": 42,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": "#8a8f96",
-    "axes.grid": True,
     "axes.axisbelow": True,
     "axes.titlesize": 9.5,
     "axes.titlelocation": "left",
     "axes.titleweight": "bold",
     "axes.unicode_minus": True,
-    "grid.color": "#e8e6e1",
-    "grid.linewidth": 0.6,
-    "legend.frameon": False,
     "legend.fontsize": 8,
-    "xtick.color": "#3a424c",
-    "ytick.color": "#3a424c",
 }
 DATELESS: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None, "ModDate": None}}
 WIDTH_IN = 7.6

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ravenjax.report import facts as run_facts
-from ravenjax.studies import haptic_choice, haptic_drawings, haptic_runs, haptic_tables
+from ravenjax.studies import haptic_choice, haptic_drawings, haptic_runs, haptic_tables, motions_alike
 from ravenjax.studies.detector_points import share
 from ravenjax.studies.detector_runs import AS_MODELLED, per_hour
 from ravenjax.studies.haptic_choice import Winners
@@ -144,17 +144,7 @@ def _variants() -> tuple[Variant, ...]:
             for motion in MOTIONS[1:]
         ),
         *(
-            Variant(
-                f"free_{motion}_{seed}",
-                CAMPAIGN,
-                (
-                    f"campaign.limit={FREE_RUNS}",
-                    f"campaign.duration_s={FREE_S}",
-                    f"operator.motion={motion}",
-                    f"operator.seed={seed}",
-                ),
-                f"How often is there a cue for nothing? {motion}, seed {seed}",
-            )
+            motions_alike.fault_free(CAMPAIGN, motion, seed, FREE_RUNS, FREE_S, "How often is there a cue for nothing?")
             for motion, seed in RECORDINGS
         ),
     )

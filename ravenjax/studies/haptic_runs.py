@@ -17,6 +17,7 @@ from ravenjax.hazards import severity
 from ravenjax.report import facts as run_facts
 from ravenjax.store import folder, manifest
 from ravenjax.store.manifest import Cue, Manifest
+from ravenjax.studies import motions_alike
 from ravenjax.studies.detector_runs import FREE, SCALE
 
 HARM, INJURY, JUMP = "harm", "injury-capable motion", "jump of the true tip"
@@ -98,14 +99,7 @@ def faulty(folders: Sequence[Path]) -> Faulty:
 
 def pooled(frames: Sequence[pd.DataFrame], made: Manifest) -> Faulty:
     """As `faulty`, of result tables at hand; `made`: manifest of the first."""
-    distinct = run_facts.of(frames[0], made)["distinct"].to_numpy()
-    parts = []
-    for number, frame in enumerate(frames):
-        if not np.array_equal(frame["group"].astype(str), frames[0]["group"].astype(str)):
-            raise ValueError(f"campaign {number} of a comparison of motions has other groups than the first")
-        facts = run_facts.of(frame, made)
-        chosen = (facts["faulty"] & facts["activated"] & ~facts["failed"]).to_numpy()
-        parts.append(_faulty(frame.loc[chosen], facts.loc[chosen], made, distinct[chosen], number))
+    parts = [_faulty(one.frame, one.facts, made, one.cell, one.motion) for one in motions_alike.activated(frames, made)]
     return parts[0]._replace(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in _BY_RUN})
 
 
