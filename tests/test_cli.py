@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from ravenjax import cli
+from ravenjax.cli import console, main
 from ravenjax.robot.sites import SITES
 from ravenjax.stages.faults.vocabulary import EFFECTS, TRIGGERS
 
@@ -14,11 +14,11 @@ from ravenjax.stages.faults.vocabulary import EFFECTS, TRIGGERS
 @pytest.fixture
 def run(capsys, monkeypatch):
     """(code, stdout, stderr) of a command line, on a wide terminal."""
-    monkeypatch.setattr(cli, "_out", type(cli._out)(width=400))
-    monkeypatch.setattr(cli, "_err", type(cli._err)(width=400, stderr=True))
+    monkeypatch.setattr(console, "out", type(console.out)(width=400))
+    monkeypatch.setattr(console, "err", type(console.err)(width=400, stderr=True))
 
     def run(*tokens):
-        code = cli.main(list(tokens))
+        code = main(list(tokens))
         captured = capsys.readouterr()
         return code, captured.out, captured.err
 
@@ -27,7 +27,7 @@ def run(capsys, monkeypatch):
 
 def test_help_and_version_are_fast_and_import_nothing_slow():
     code = (
-        "import sys; from ravenjax import cli; cli.main(['--help']); cli.main(['--version']);"
+        "import sys; from ravenjax.cli import main; main(['--help']); main(['--version']);"
         "slow = {'jax', 'mujoco', 'pandas', 'scipy', 'plotly', 'pydantic'} & set(sys.modules); sys.exit(len(slow))"
     )
     begin = time.perf_counter()
@@ -87,8 +87,8 @@ def test_parameters_are_listed_with_their_ranges(run):
 
 
 def test_names_stay_whole_on_a_narrow_terminal(capsys, monkeypatch):
-    monkeypatch.setattr(cli, "_out", type(cli._out)(width=70))
-    assert cli.main(["parameters"]) == 0
+    monkeypatch.setattr(console, "out", type(console.out)(width=70))
+    assert main(["parameters"]) == 0
     assert "plant.gold.actuators.torque_per_count" in capsys.readouterr().out
 
 
@@ -100,7 +100,7 @@ def test_a_bug_is_not_hidden(monkeypatch):
 
     monkeypatch.setattr(loading, "load", broken)
     with pytest.raises(ZeroDivisionError):
-        cli.main(["run", "quick.toml"])
+        main(["run", "quick.toml"])
 
 
 def test_interrupt_says_how_to_go_on(run, monkeypatch):

@@ -26,7 +26,8 @@ from ravenjax.store.parts import Part, require_version
 FILE = "manifest.json"
 PARTS_FILE = "parts.jsonl"
 _READERS = (
-    "cli.py",
+    "cli",
+    "trainer",
     "terminal.py",
     "api.py",
     "bench",

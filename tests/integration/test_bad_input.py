@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ravenjax import cli
+from ravenjax.cli import USER_ERROR, console, main
 
 CAMPAIGN = """
 [campaign]
@@ -53,11 +53,11 @@ def campaign(tmp_path):
 @pytest.fixture
 def run(capsys, monkeypatch):
     """(code, stdout, stderr) of a command line, on a wide terminal."""
-    monkeypatch.setattr(cli, "_out", type(cli._out)(width=400))
-    monkeypatch.setattr(cli, "_err", type(cli._err)(width=400, stderr=True))
+    monkeypatch.setattr(console, "out", type(console.out)(width=400))
+    monkeypatch.setattr(console, "err", type(console.err)(width=400, stderr=True))
 
     def run(*tokens):
-        code = cli.main([str(token) for token in tokens])
+        code = main([str(token) for token in tokens])
         captured = capsys.readouterr()
         return code, captured.out, captured.err
 
@@ -70,7 +70,7 @@ def refused(run):
 
     def refused(tokens, *words):
         code, out, err = run(*tokens)
-        assert code == cli.USER_ERROR, out + err
+        assert code == USER_ERROR, out + err
         assert err.count("error:") == 1 and "Traceback" not in out + err
         for word in words:
             assert str(word) in err, f"{word!r} is not in: {err}"
@@ -222,7 +222,7 @@ def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("finished")
     path = folder / "small.toml"
     path.write_text(CAMPAIGN.format(**PLAIN))
-    assert cli.main(["run", str(path), "--out", str(folder / "out"), "--engine", "simd", "--no-report"]) == 0
+    assert main(["run", str(path), "--out", str(folder / "out"), "--engine", "simd", "--no-report"]) == 0
     return path, folder / "out"
 
 
@@ -360,7 +360,7 @@ def test_a_disk_that_fills_up_keeps_the_parts_that_are_there(copied, run, monkey
 
     monkeypatch.setattr(os, "replace", full)
     code, _, err = run("run", path, "--out", out, "--engine", "simd", "--no-report")
-    assert code == cli.USER_ERROR and err.count("error:") == 1
+    assert code == USER_ERROR and err.count("error:") == 1
     assert str(parts[2]) in err and "No space left on device" in err and "same command again" in err
     assert sorted((out / "parts").iterdir()) == parts[:2]
     monkeypatch.setattr(os, "replace", replace)

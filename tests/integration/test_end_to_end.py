@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from ravenjax import cli
+from ravenjax.cli import main
 from ravenjax.store.folder import read_all
 
 CAMPAIGN = """
@@ -39,7 +39,7 @@ RUNS = 7
 
 def call(*tokens):
     """Exit code of a command line."""
-    return cli.main([str(token) for token in tokens])
+    return main([str(token) for token in tokens])
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,74 @@
+"""The command line: parses, joins the parts below, prints. Everything slow is imported inside the commands."""
+
+from __future__ import annotations
+
+from cyclopts import App
+
+from ravenjax.cli import catalogue, console, machine, results, running
+
+USER_ERROR, INTERRUPTED = 2, 130
+"""Exit codes: bad input, and Ctrl-C."""
+
+app = App(
+    name="ravenjax",
+    help="A virtual Raven-II surgical robot: faults, built-in checks, haptics, thousands of runs in parallel.",
+    version=lambda: _version(),
+    suppress_keyboard_interrupt=False,
+)
+for _command in (
+    running.run,
+    results.report,
+    results.trace,
+    running.search,
+    running.reproduce,
+    catalogue.campaigns,
+    catalogue.faults,
+    catalogue.parameters,
+    machine.bench,
+    machine.doctor,
+):
+    app.command(_command)
+
+
+def main(tokens: list[str] | None = None) -> int:
+    """Run the command line; what a user can mend becomes one message and exit code 2."""
+    from ravenjax.errors import UserError
+
+    try:
+        code = app(tokens, exit_on_error=False, print_error=True, result_action="return_value")
+    except KeyboardInterrupt:
+        console.err.print("stopped; finished parts are kept, and the same command goes on from there", highlight=False)
+        return INTERRUPTED
+    except SystemExit as leaving:
+        return leaving.code if isinstance(leaving.code, int) else 1
+    except Exception as error:
+        if isinstance(error, UserError) or _is_mendable(error):
+            if not _is_parse_error(error):
+                console.err.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
+            return USER_ERROR
+        raise
+    return code if isinstance(code, int) else 0
+
+
+def _is_parse_error(error: Exception) -> bool:
+    """Whether the command line itself was wrong; that has been printed already."""
+    from cyclopts import CycloptsError
+
+    return isinstance(error, CycloptsError)
+
+
+def _is_mendable(error: Exception) -> bool:
+    if _is_parse_error(error):
+        return True
+    from ravenjax.store.files import StoreError
+
+    return isinstance(error, StoreError)
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("ravenjax")
+    except PackageNotFoundError:
+        return "unknown (not installed as a package)"

@@ -1,0 +1,7 @@
+"""`python -m ravenjax.cli`."""
+
+import sys
+
+from ravenjax.cli import main
+
+sys.exit(main())

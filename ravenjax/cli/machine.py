@@ -1,0 +1,103 @@
+"""Commands about this machine: `bench`, `doctor`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from ravenjax.cli import console
+
+
+def bench(
+    *,
+    json: Annotated[bool, Parameter(negative="", help="print every number as JSON")] = False,
+    quick: Annotated[bool, Parameter(negative="", help="half a minute instead of minutes")] = False,
+    markdown: Annotated[Path | None, Parameter(help="also write the tables to this file")] = None,
+) -> None:
+    """Measure this machine: full ticks a second of each engine, beside MJX and mujoco.rollout on the same arm."""
+    import json as json_format
+
+    from ravenjax import terminal
+    from ravenjax.bench import suite, tables
+    from ravenjax.errors import UserError
+
+    if markdown is not None and not markdown.absolute().parent.is_dir():
+        raise UserError(f"--markdown {markdown}: the folder does not exist, expected a file in a folder that does")
+    effort = suite.QUICK if quick else suite.FULL
+    found = suite.measure(effort, lambda what: console.err.print(f"measuring: {what}", highlight=False))
+    if markdown is not None:
+        markdown.write_text(tables.markdown(found, f"ravenjax bench{' --quick' if quick else ''} --markdown FILE"))
+    if json:
+        print(json_format.dumps(found.as_json(), indent=1))
+        return
+    for title, columns, rows in tables.tables(found):
+        console.out.print(terminal.table(title, columns, rows))
+        console.out.print()
+
+
+def doctor() -> int:
+    """Check this machine: versions, devices, CPU, memory, and that each part works."""
+    from ravenjax import terminal
+    from ravenjax.robot.packet import UDP_PORT
+
+    console.out.print(terminal.table("This machine", ("what", "is"), list(terminal.machine())))
+    console.out.print()
+    tests: dict[str, Callable[[], str]] = {
+        "jax computes": _jax_computes,
+        "engine auto": _engine_chosen,
+        "robot model": _model_loads,
+        "campaigns": _campaigns_load,
+        "results": _results_writable,
+        "console port": lambda: terminal.udp_port(UDP_PORT),
+    }
+    found = list(terminal.checks(tests))
+    console.out.print(terminal.table("What works", ("what", "state", "detail"), found))
+    return int(any(state != "ok" for _, state, _ in found))
+
+
+def _jax_computes() -> str:
+    import jax
+    import jax.numpy as jnp
+
+    total = float(jax.jit(lambda x: (x * x).sum())(jnp.arange(4.0)))
+    if total != 14.0:
+        raise ArithmeticError(f"0 + 1 + 4 + 9 came out as {total}")
+    return ", ".join(f"{device.platform}:{device.id} {device.device_kind}" for device in jax.devices())
+
+
+def _engine_chosen() -> str:
+    from ravenjax.engines import selection
+    from ravenjax.types import CAMPAIGN
+
+    name, why = selection.fastest(CAMPAIGN)
+    return f"{name} on {selection.select(name, CAMPAIGN).device}" + (f"; {why}" if why else "")
+
+
+def _model_loads() -> str:
+    import mujoco
+
+    from ravenjax import resources
+
+    path = resources.model("raven2/raven2.xml")
+    model = mujoco.MjModel.from_xml_path(str(path))  # pyright: ignore[reportAttributeAccessIssue]
+    return f"{path}, {model.njnt} joints"
+
+
+def _campaigns_load() -> str:
+    from ravenjax import resources
+    from ravenjax.campaign import loading
+
+    files = resources.bundled("campaigns", "*.toml")
+    for path in files:
+        loading.load(path)
+    return f"{len(files)} bundled campaigns are valid"
+
+
+def _results_writable() -> str:
+    import tempfile
+
+    with tempfile.TemporaryDirectory(dir=Path.cwd()):
+        return f"{Path.cwd()} can be written to"

@@ -1,0 +1,1 @@
+"""The training session: the campaigns' tick, once a millisecond, for a person."""
