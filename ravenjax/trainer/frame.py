@@ -1,0 +1,128 @@
+"""One millisecond of a session as a row of float32 numbers with names: what page, recording and judges read.
+
+Whole numbers among them stay below 2^24, which float32 holds exactly: four and a half hours of ticks. Lengths are
+m and angles rad where no suffix says otherwise; `tip`, `position` and `force` are in the arm's frame 0.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from ravenjax.types import ArmName
+
+SIMULATED = {
+    "tick": 1,  # ms of the robot since it was switched on
+    "runlevel": 1,  # 0 E-stop, 1 init, 2 pedal up, 3 pedal down
+    "surgeon_mode": 1,  # 1: the robot has heard that the pedal is down
+    "soft_estopped": 1,  # 1: the software holds its E-stop
+    "plc_runlevel": 1,
+    "brakes": 1,  # 1: on
+    "last_seq": 1,  # number of the last packet taken
+    "fault_active": 1,  # 1: a fault is at work in this tick
+    "tip_distance_mm": 1,  # between the arms' tips; infinite with one arm
+}
+"""Channels that the robot's tick fills, and how many numbers each has."""
+
+SIMULATED_ARM = {
+    "jpos": 7,  # joints as the control software measures them
+    "jpos_d": 7,  # and as it wants them
+    "link_jpos": 7,  # where the links truly are
+    "model_jpos": 7,  # of the nominal model, the ghost
+    "tip": 3,  # where the tip truly is
+    "model_tip": 3,
+    "position": 3,  # tip as measured
+    "error_mm": 1,  # of the measured tip from the nominal model's
+    "force": 3,  # of the haptic cue, device units, as the operator's hand would feel it with the cue on
+    "dac": 7,  # counts that the motors get
+    "depth_mm": 1,  # of the tip below the tissue's surface, negative above
+}
+"""The same of each arm."""
+
+SESSION = {
+    "session_tick": 1,  # ms since the session began, pauses left out
+    "phase": 1,  # number of `PHASES`
+    "view": 1,  # number of `VIEWS`
+    "pedal": 1,  # 1: the operator holds it down
+    "console_alive": 1,  # 0: input is stale; pedal up and no force then
+    "hazard": 1,  # number of the hazard in the session's list of hazards that is armed or at work; -1: none
+    "target": 1,  # number of the task's present goal; -1: none
+    "progress": 1,  # of the task, 0 to 1
+    "cue_on": 1,  # 1: the force is felt
+    "compute_us": 1,  # of the tick before
+    "lateness_us": 1,  # of the start of the tick before
+    "late_ticks": 1,  # so far
+}
+"""Channels that the session fills."""
+
+SESSION_ARM = {
+    "hand": 3,  # um, the operator's hand before scaling, ITP frame
+    "hand_quat": 4,  # x, y, z, w
+    "grasp": 1,  # mrad, positive closes
+    "virtual_jpos": 7,  # of the robot that is tried in place of the real one; link_jpos where there is none
+    "virtual_tip": 3,
+    "stray_mm": 1,  # of the true tip from where it would be without a fault
+    "known_mm": 1,  # of the measured tip from where it would be measured without a fault: what could be known
+}
+
+PHASES = ("ready", "running", "paused", "stopped", "over")
+"""Waiting for the first pedal; at work; paused by the instructor; the robot's own E-stop; ended."""
+VIEWS = ("real", "virtual", "replay")
+"""Who follows the hand: the robot; the virtual robot alone (the robot rests); the robot, with what was tried."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Layout:
+    """Where each channel stands in a row."""
+
+    arms: tuple[ArmName, ...]
+    places: dict[str, slice]
+    size: int
+
+    @staticmethod
+    def of(arms: Sequence[ArmName]) -> Layout:
+        """The layout of a session with these arms: the tick's channels first, the session's after them."""
+        places: dict[str, slice] = {}
+        at = 0
+        for common, each in ((SIMULATED, SIMULATED_ARM), (SESSION, SESSION_ARM)):
+            named = common | {f"{arm}/{name}": size for arm in arms for name, size in each.items()}
+            for name, size in named.items():
+                places[name] = slice(at, at + size)
+                at += size
+        return Layout(tuple(arms), places, at)
+
+    @property
+    def simulated(self) -> int:
+        """How many numbers the tick fills."""
+        return self.places["session_tick"].start
+
+    def names(self) -> list[str]:
+        """A name for each number: `gold/jpos/0` and so on, without a number where a channel has one only."""
+        return [
+            name if place.stop - place.start == 1 else f"{name}/{i}"
+            for name, place in self.places.items()
+            for i in range(place.stop - place.start)
+        ]
+
+
+class Frame:
+    """A row, by names: `frame["gold/tip"]` is an array, `frame.number("runlevel")` a number."""
+
+    __slots__ = ("layout", "row")
+
+    def __init__(self, layout: Layout, row: np.ndarray | None = None) -> None:
+        """row: float32 [layout.size]; zeros if left out."""
+        self.layout = layout
+        self.row = np.zeros(layout.size, np.float32) if row is None else row
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.row[self.layout.places[name]]
+
+    def __setitem__(self, name: str, value: object) -> None:
+        self.row[self.layout.places[name]] = value
+
+    def number(self, name: str) -> float:
+        """The number of a channel that has one."""
+        return float(self.row[self.layout.places[name].start])

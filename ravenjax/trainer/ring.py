@@ -1,0 +1,97 @@
+"""Shared memory between the realtime process, which writes, and page and recorder, which read; nobody waits.
+
+A writer never looks at readers. A reader that is too slow finds out: rows that were overwritten are told, not invented.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from multiprocessing import resource_tracker, shared_memory
+from typing import Any
+
+import numpy as np
+
+_HEADER = 64  # bytes: rows written so far, rows, bytes of a row
+
+
+class Ring:
+    """Rows of one NumPy type in shared memory, the last `capacity` of them."""
+
+    def __init__(self, memory: shared_memory.SharedMemory, owner: bool) -> None:
+        self._memory, self._owner = memory, owner
+        self._header = np.ndarray((3,), np.int64, memory.buf)
+        self.capacity, self.row_bytes = int(self._header[1]), int(self._header[2])
+        self._rows = np.ndarray((self.capacity, self.row_bytes), np.uint8, memory.buf, _HEADER)
+
+    @staticmethod
+    def create(capacity: int, row_bytes: int) -> Ring:
+        """A new ring; its `name` lets other processes attach."""
+        memory = shared_memory.SharedMemory(create=True, size=_HEADER + capacity * row_bytes)
+        np.ndarray((3,), np.int64, memory.buf)[:] = 0, capacity, row_bytes
+        return Ring(memory, owner=True)
+
+    @staticmethod
+    def attach(name: str) -> Ring:
+        """The ring that another process created. It stays the creator's to remove."""
+        memory = shared_memory.SharedMemory(name=name)
+        resource_tracker.unregister(memory._name, "shared_memory")  # type: ignore[attr-defined]
+        return Ring(memory, owner=False)
+
+    @property
+    def name(self) -> str:
+        """What `attach` takes."""
+        return self._memory.name
+
+    @property
+    def written(self) -> int:
+        """Rows so far."""
+        return int(self._header[0])
+
+    def next_row(self) -> np.ndarray:
+        """uint8 [row_bytes], the row to fill before `publish`."""
+        return self._rows[self.written % self.capacity]
+
+    def publish(self) -> None:
+        """Make the filled row known."""
+        self._header[0] += 1
+
+    def read(self, first: int, limit: int | None = None) -> tuple[int, np.ndarray]:
+        """Rows from number `first` on: (number of the first returned, copies, uint8 [n, row_bytes]).
+
+        The first returned is later than asked for where rows were overwritten already.
+        """
+        end = self.written
+        first = max(first, end - self.capacity + 1, 0)
+        last = end if limit is None else min(end, first + limit)
+        rows = self._rows[np.arange(first, last) % self.capacity].copy()
+        lost = max(0, self.written - self.capacity + 1 - first)  # overwritten while they were copied
+        return first + lost, rows[lost:]
+
+    def close(self) -> None:
+        """Let go of the memory; the creator removes it."""
+        del self._header, self._rows
+        self._memory.close()
+        if self._owner:
+            self._memory.unlink()
+
+
+EVENT_BYTES = 1024
+"""Room of one event as JSON."""
+
+
+def put_event(ring: Ring, event: dict[str, Any]) -> None:
+    """Append an event; ValueError where it is longer than a row."""
+    text = json.dumps(event, separators=(",", ":")).encode()
+    if len(text) >= ring.row_bytes:
+        raise ValueError(f"event {event.get('kind')!r} has {len(text)} bytes, expected less than {ring.row_bytes}")
+    row = ring.next_row()
+    row[: len(text)] = np.frombuffer(text, np.uint8)
+    row[len(text)] = 0
+    ring.publish()
+
+
+def events(rows: np.ndarray) -> Iterator[dict[str, Any]]:
+    """The events in rows that `Ring.read` gave."""
+    for row in rows:
+        yield json.loads(row.tobytes().split(b"\0", 1)[0])
