@@ -95,6 +95,7 @@ class Input:
     tick: Scalar  # int32, ticks since the run began
     motion: tuple[Any, ...]  # columns of the operator's motion, each a 1-D array: the only arrays of the tick
     reference: monitor.Reference  # the fault-free twin in this tick
+    packet: Any = None  # packet.Packet of a console outside, in place of those that the motion makes
 
 
 @record
@@ -145,7 +146,7 @@ class _UsbStatus:
 def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signal: Input) -> tuple[State, Signals]:
     """One millisecond of one robot."""
     now = signal.tick
-    fresh, sequence = _packet_due(setup, params, state, now)
+    fresh, sequence = _packet_due(setup, params, state, signal)
     clock = window.Clock(now, sequence + 1, state.pedal_ticks)
     inject = Injector(setup, faults, window.open_windows(setup, faults, state.faults, clock), clock)
 
@@ -154,16 +155,18 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
     hands = state.hands
     if hands is not None and inject.strikes("hand"):
         hands = operator.strayed(hands, inject("hand", _each(setup, Vec.full(3, real(setup, 0.0)))))
-    clean = connections.packet(setup, params.operator, params.reaction, signal.motion, reacting, hands, sequence)
+    clean = signal.packet
+    if clean is None:
+        clean = connections.packet(setup, params.operator, params.reaction, signal.motion, reacting, hands, sequence)
     console = inject("console", _Console(params.operator.scale))
     line, network = _network(setup, params, inject, state, sequence, fresh)
-    sent = clean
-    if inject.strikes("console", "network"):
+    sent, again = clean, signal.packet is None  # a packet from outside is not there to be sent again
+    if again and inject.strikes("console", "network"):
         index = sequence - network.lag - network.delay
         struck = replace(params.operator, scale=console.scale)
         sent = connections.packet(setup, struck, params.reaction, signal.motion, reacting, hands, index)
     arrives = fresh & ~network.lost
-    if inject.strikes("network"):
+    if again and inject.strikes("network"):
         index = sent.sequence - 1
         arrives = arrives & (index >= 0) & ((network.delay == 0) | (index > state.delivered))
     packet = replace(sent, received=as_int(arrives))
@@ -456,9 +459,12 @@ def _each(setup: Setup, item: Any) -> tuple[Any, ...]:
     return tuple(item for _ in setup.arms)
 
 
-def _packet_due(setup: Setup, params: Params, state: State, now: Scalar) -> tuple[Scalar, Scalar]:
-    """Whether a new packet is due in this tick, and the index of the newest one."""
-    cycles = params.network.cycles_per_packet
+def _packet_due(setup: Setup, params: Params, state: State, signal: Input) -> tuple[Scalar, Scalar]:
+    """Whether there is a new packet in this tick, and the index of the newest one."""
+    if signal.packet is not None:
+        fresh = signal.packet.received != 0
+        return fresh, state.packet + as_int(fresh)
+    now, cycles = signal.tick, params.network.cycles_per_packet
     every_tick = isinstance(cycles, np.integer) and cycles == 1
     index = now if every_tick else lax.div(now, jnp.maximum(cycles, 1))
     if setup.build == "dyn_sim":  # its packet generator ends with the robot's software E-stop

@@ -38,6 +38,8 @@ SIMULATED_ARM = {
     "force": 3,  # of the haptic cue, device units, as the operator's hand would feel it with the cue on
     "dac": 7,  # counts that the motors get
     "depth_mm": 1,  # of the tip below the tissue's surface, negative above
+    "stray_mm": 1,  # of the true tip from where it would be without a fault
+    "known_mm": 1,  # of the measured tip from where it would be measured without a fault: what could be known
 }
 """The same of each arm."""
 
@@ -63,8 +65,6 @@ SESSION_ARM = {
     "grasp": 1,  # mrad, positive closes
     "virtual_jpos": 7,  # of the robot that is tried in place of the real one; link_jpos where there is none
     "virtual_tip": 3,
-    "stray_mm": 1,  # of the true tip from where it would be without a fault
-    "known_mm": 1,  # of the measured tip from where it would be measured without a fault: what could be known
 }
 
 PHASES = ("ready", "running", "paused", "stopped", "over")

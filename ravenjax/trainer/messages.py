@@ -20,8 +20,8 @@ what is there at the beginning of a tick, so that a list of (tick, command) is a
 Events that a session tells have "tick" (ms since the session began, pauses left out) and "kind":
 
     phase (phase), view (view), console (alive, source), pedal (down), runlevel (runlevel), alarm (check),
-    hazard_armed (number), hazard_struck (number), knowable (number, by), cue (number or -1, arm), stray (number, arm, mm),
-    response (number, what, ok, ms), hazard_over (number, outcome), target (target), task_done, note (text),
+    hazard_armed (number), hazard_struck (number), knowable (number, by), cue (number or -1, arm),
+    stray (number, arm, mm), response (number, what, ok, ms), hazard_over (number, outcome), target (target), task_done, note (text),
     overrun (late_ticks), end (reason)
 
 `number` counts the hazards of the session's list (`session.json`, "hazards").

@@ -1,0 +1,152 @@
+"""What a session compiles: a campaign's tick, with a frame of numbers going out, and its fault table to arm rows of.
+
+Every hazard that can strike in a session is one row of a campaign's fault table, so that it is checked, named and
+replayed like any other. One fault slot more than the table needs is kept for the buttons beside the robot.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from ravenjax import paths, tick
+from ravenjax.campaign import compile_cache, plan, table
+from ravenjax.campaign.config import CampaignConfig
+from ravenjax.campaign.plan import Plan
+from ravenjax.engines import traced
+from ravenjax.engines.stepper import StepCode
+from ravenjax.errors import UserError
+from ravenjax.robot.algebra import minus
+from ravenjax.robot.packet import SIZE_BYTES, Packet
+from ravenjax.stages.faults.fault import Fault, Faults
+from ravenjax.trainer.frame import Layout
+from ravenjax.types import Scalar, Setup, Vec, as_int, replace
+
+SPARE_MS = 60_000
+"""Rows of the motion beyond the session's length, for ticks after its end and for packets sent again."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Blueprint:
+    """A compiled session; robots are made from it."""
+
+    plan: Plan
+    layout: Layout
+    code: StepCode
+    inputs: Any  # varied parameters and faults as the robot begins with: none
+    fault_slots: int  # of a row; the buttons' slot comes after them
+    packets: bool  # packets come from a console outside, not from the motion
+
+    @property
+    def setup(self) -> Setup:
+        """What picks code."""
+        return self.plan.program.setup
+
+
+def make(config: CampaignConfig, packets: bool = False) -> Blueprint:
+    """Compile what `config` describes; its duration is the session's.
+
+    packets: packets come from outside, one at most a tick; UserError where a hazard needs the console's older packets.
+    """
+    ready = plan.make(config)
+    slots = ready.program.setup.injection.slots
+    if packets:
+        _require_strikable(ready)
+    setup = replace(ready.program.setup, injection=replace(ready.program.setup.injection, slots=slots + 1))
+    program = dataclasses.replace(ready.program, setup=setup)
+    ready = dataclasses.replace(ready, program=program)
+    layout = Layout.of(setup.arms)
+    own = [np.asarray(_own(program.params, setup, path), values.dtype) for path, values in ready.varied.items()]
+    inputs = own, Faults(tuple(_empty() for _ in range(slots + 1)))
+    entering = np.zeros(tick.series_length(setup), np.float32), _silence(setup) if packets else None
+    columns = len(ready.columns)
+    length = 1 if packets else config.campaign.ticks + SPARE_MS
+
+    def begin(inputs: Any) -> tick.State:
+        return tick.init(setup, traced.params(program, inputs[0]))
+
+    def step(
+        inputs: Any, state: tick.State, now: Scalar, entering: Any, motion: Any
+    ) -> tuple[tick.State, list[Scalar]]:
+        series, packet = entering
+        signal = tick.Input(now, motion, tick.reference_from(setup, series), packet)
+        new, signals = tick.tick(setup, traced.params(program, inputs[0]), inputs[1], state, signal)
+        shown = [
+            jnp.float32(x) for x in (*_frame(setup, now, new, signals, signal), *tick.reference_series(setup, signals))
+        ]
+        return new, shown
+
+    def finish(inputs: Any, state: tick.State) -> dict[str, Scalar]:
+        return tick.outcomes(setup, traced.params(program, inputs[0]), state)
+
+    entering = list(entering[0]), entering[1]
+    compile_cache.enable()
+    tables = (length,) * columns
+    code = StepCode(begin, step, finish, inputs, entering, tables, compile_cache.objects())
+    return Blueprint(ready, layout, code, inputs, slots, packets)
+
+
+def _frame(setup: Setup, now: Scalar, state: tick.State, out: tick.Signals, signal: tick.Input) -> list[Scalar]:
+    """The numbers of `frame.SIMULATED`, then of `frame.SIMULATED_ARM` for each arm."""
+    struck = jnp.bool_(False)
+    for active in out.fault_active:
+        struck = struck | active
+    software = out.control
+    found = [now, software.runlevel, software.surgeon_mode, software.soft_estopped, out.plc.runlevel, out.plc.brakes]
+    found += [software.last_seq, as_int(struck), out.tip_distance * 1e3]
+    for i, measured in enumerate(software.arms):
+        cue = out.haptics[i]
+        position = measured.pos.position_um
+        found += [*measured.jpos, *measured.jpos_d, *out.plant[i].jpos, *out.nominal[i].jpos]
+        found += [*out.tip[i], *out.nominal[i].tip_position, *(jnp.float32(x) * 1e-6 for x in position)]
+        found += [cue.distance * 1e3, *(x * cue.force[0] for x in cue.direction), *measured.current_cmd_written]
+        found += [out.depth[i] * 1e3, _distance(out.tip[i], signal.reference.tip[i]) * 1e3]
+        found += [_distance(Vec(jnp.float32(x) for x in position), signal.reference.pos[i]) * 1e-3]
+    return found
+
+
+def _distance(a: Vec, b: Vec) -> Scalar:
+    x, y, z = minus(a, b)
+    return jnp.sqrt(x * x + y * y + z * z)
+
+
+def _own(params: Any, setup: Setup, path: str) -> Any:
+    """The robot's own value of a parameter that some hazard changes."""
+    return next(iter(paths.named(params, setup.arms, path).values()))
+
+
+def _empty() -> Fault:
+    zeros = {name: np.zeros((), dtype) for name, dtype in table.ARRAYS.items()}
+    return Fault(**(zeros | {"period": np.ones((), np.int32)}))
+
+
+def _silence(setup: Setup) -> Packet:
+    """No packet in this tick; the right types."""
+    arms, zero = range(len(setup.arms)), np.int32(0)
+    return Packet(
+        received=zero,
+        size=np.int32(SIZE_BYTES[setup.console]),
+        sequence=zero,
+        delta=tuple(Vec.full(3, zero) for _ in arms),
+        quat=tuple(Vec(map(np.float32, (0.0, 0.0, 0.0, 1.0))) for _ in arms),
+        grasp=tuple(zero for _ in arms),
+        surgeon_mode=zero,
+    )
+
+
+OLDER_PACKETS: dict[str, Sequence[str]] = {"console": (), "hand": (), "network": ("lost",)}
+"""Sites that change what the console sends, and which of their channels need no packet but the newest."""
+
+
+def _require_strikable(ready: Plan) -> None:
+    for use in ready.program.setup.injection.sites:
+        for _, channel in use.channels:
+            if use.site in OLDER_PACKETS and channel not in OLDER_PACKETS[use.site]:
+                raise UserError(
+                    f"a hazard strikes site {use.site!r}, channel {channel!r}: the console's side of the network, "
+                    "which is another process here. Leave it out of the robot's scenario, or train without --robot."
+                )

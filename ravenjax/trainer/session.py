@@ -1,0 +1,278 @@
+"""A training session, one millisecond at a time: hands in, robots moved, hazards armed, what happened judged and told.
+
+A session is a function of its scenario, its seed and a list of (tick, command): no clock, file, socket or thread is
+touched here. The realtime loop calls `tick` once a millisecond; a headless run calls it as fast as it can.
+
+Three robots run side by side, all with the campaigns' tick: the one that is driven, its fault-free twin, and the
+virtual one on which a motion can be tried while the robot rests; what was tried is then given to the robot, row by row,
+for as long as the pedal is held.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from ravenjax.robot import kinematics
+from ravenjax.trainer import blueprint, director, hands, judge, scenario, tasks
+from ravenjax.trainer.frame import PHASES, VIEWS, Frame, Layout
+from ravenjax.trainer.messages import INSTRUCTOR, OPERATOR
+from ravenjax.trainer.scenario import Scenario
+from ravenjax.trainer.simulation import Robot
+from ravenjax.types import Vec
+
+Event = dict[str, Any]
+READY, RUNNING, PAUSED, STOPPED, OVER = range(len(PHASES))
+REAL, VIRTUAL, REPLAY = range(len(VIEWS))
+E_STOP, PEDAL_DOWN = 0, 3
+OUTCOMES_EVERY = 10
+"""Ticks between two looks at the robot's checks."""
+
+
+class Driven(Protocol):
+    """The robot of a session, here or elsewhere; as `simulation.Robot`."""
+
+    motion: np.ndarray
+    now: int
+    row: np.ndarray
+
+    def step(self) -> None: ...
+    def outcomes(self) -> dict[str, Any]: ...
+    def reset(self) -> None: ...
+    def arm(self, row: int) -> None: ...
+    def disarm(self) -> None: ...
+    def press(self, row: int, ticks: int = 100) -> None: ...
+
+
+class Session:
+    """One session. `tick` until `over`."""
+
+    def __init__(self, chosen: Scenario, seed: int, *, cue: bool | None = None, robot: Driven | None = None) -> None:
+        """cue: whether the force is felt, the scenario's own if None. robot: in place of the virtual one."""
+        self.scenario, self.seed = chosen, seed
+        config = scenario.campaign(chosen, seed)
+        self.blueprint = blueprint.make(config)
+        self.layout: Layout = self.blueprint.layout
+        self.arms = self.layout.arms
+        self.hazards = scenario.armable(chosen, self.blueprint.plan.table)
+        self.robot: Driven = Robot(self.blueprint) if robot is None else robot
+        self.virtual = Robot(self.blueprint)
+        self.frame = Frame(self.layout)
+        self.cue_on = chosen.cue.on if cue is None else cue
+        self.estop_row = self.blueprint.plan.runs - 1
+        self.task = tasks.make(chosen, self._tips(), seed)
+        self.director = director.Director(chosen, self.hazards, seed)
+        self.judge = judge.Judge(chosen, self.hazards, cue_on=self.cue_on)
+        self.phase, self.view = READY, REAL
+        self.ticks = 0  # ms of the session, without pauses
+        self.ended = ""  # why it is over
+        self._hands = self._new_hands()
+        self._resume_to = READY
+        self._rest: np.ndarray | None = None  # row of the resting robot while the virtual one is driven
+        self._tried = (0, 0)  # ticks of the motion that was tried
+        self._replayed = 0  # how far the robot has followed it
+        self._told: dict[str, Any] = {}
+        self._events: list[Event] = []
+
+    @property
+    def over(self) -> bool:
+        """Whether it has ended."""
+        return self.phase == OVER
+
+    def tick(self, commands: list[dict[str, Any]]) -> list[Event]:
+        """One millisecond: `frame` is filled, events are returned."""
+        self._events = []
+        for command in commands:
+            self._command(command)
+        if self.phase in (PAUSED, OVER):
+            self._publish()
+            return self._events
+        hand = self._hands.advance(self.ticks)
+        self._drive(hand)
+        for order in self.director.step(self.ticks, self.frame):
+            self._order(order)
+        self.robot.step()
+        if self.view == VIRTUAL:
+            self.virtual.step()
+        self._publish(hand)
+        self._follow(hand)
+        self.ticks += 1
+        return self._events
+
+    def rows(self) -> list[dict[str, Any]]:
+        """hazards.csv: one row a hazard so far."""
+        return self.judge.rows()
+
+    # --- commands ---
+
+    def _command(self, command: dict[str, Any]) -> None:
+        kind, do = command.get("type"), command.get("do")
+        if kind in ("input", "increments"):
+            self._hands.take(command, self.ticks)
+        elif kind == "operator" and do in OPERATOR:
+            self._operator(command)
+        elif kind == "instructor" and do in INSTRUCTOR:
+            self._instructor(command)
+
+    def _operator(self, command: dict[str, Any]) -> None:
+        do = command["do"]
+        self._events += self.judge.command(command, self.ticks)
+        if do == "estop":
+            self.robot.press(self.estop_row)
+        elif do == "restart" and self.phase == STOPPED:
+            self._restart()
+        elif do == "rehearse" and self.view == REAL and self.phase == RUNNING:
+            self._rehearse()
+        elif do == "reengage" and self.view == VIRTUAL:
+            self._reengage()
+        elif do == "discard" and self.view != REAL:
+            self._discard()
+        elif do == "note":
+            self._tell("note", text=str(command.get("text", ""))[:500])
+
+    def _instructor(self, command: dict[str, Any]) -> None:
+        do = command["do"]
+        if do in ("arm", "disarm"):
+            self.director.command(command, self.ticks)
+        elif do == "pause" and self.phase in (READY, RUNNING, STOPPED):
+            self._resume_to, self.phase = self.phase, PAUSED
+        elif do == "resume" and self.phase == PAUSED:
+            self._hands.take({"type": "input", "pedal": False, "arms": {}}, self.ticks)  # what was held may be gone
+            self.phase = self._resume_to
+        elif do == "reset" and self.phase != OVER:
+            self._restart()
+        elif do == "end":
+            self._end("instructor")
+        elif do == "cue":
+            self.cue_on = bool(command.get("on"))
+            self.judge.cue_on = self.cue_on
+
+    def _order(self, order: Any) -> None:
+        if order.kind == "arm":
+            self.robot.arm(self.hazards[order.number].row)
+            self._events += self.judge.armed(order.number, self.ticks)
+        else:
+            self.robot.disarm()
+            self._events += self.judge.disarmed(self.ticks)
+
+    # --- the three robots ---
+
+    def _drive(self, hand: hands.Row) -> None:
+        """Write this tick's rows of motion: who follows the hand depends on the view."""
+        now = self.robot.now
+        if self.view == VIRTUAL:
+            self.virtual.motion[:, self.virtual.now] = hand.columns
+            self.robot.motion[:, now] = self._rest
+        elif self.view == REPLAY and hand.columns[-1]:
+            first, last = self._tried
+            self.robot.motion[:, now] = self.virtual.motion[:, first + self._replayed]
+            self._replayed += 1
+            if first + self._replayed >= last:
+                self._hands.place(self.robot.motion[:, now])
+                self.view = REAL
+        elif self.view == REPLAY:  # the pedal is up: the robot waits where it is
+            self.robot.motion[:, now] = self.robot.motion[:, max(now - 1, 0)]
+            self.robot.motion[-1, now] = 0
+        else:
+            self.robot.motion[:, now] = hand.columns
+
+    def _rehearse(self) -> None:
+        """The robot rests, the virtual one takes over its place and the hand."""
+        now = self.robot.now
+        if not isinstance(self.robot, Robot) or now == 0:
+            return
+        self.virtual.copy_from(self.robot)
+        self._rest = self.robot.motion[:, now - 1].copy()
+        self._rest[-1] = 0
+        self._tried = (now, now)
+        self.view = VIRTUAL
+
+    def _reengage(self) -> None:
+        """The robot follows what was tried."""
+        self._tried = (self._tried[0], self.virtual.now)
+        self._replayed = 0
+        self.view = REPLAY if self._tried[1] > self._tried[0] else REAL
+
+    def _discard(self) -> None:
+        """Back to the robot, which stands where it rested; the hand goes on from there."""
+        now = self.robot.now
+        self._hands.place(self.robot.motion[:, now - 1])
+        self.view = REAL
+
+    def _restart(self) -> None:
+        """The robot is homed again and stands at its beginning, ready."""
+        self.robot.reset()
+        self._hands = self._new_hands()
+        self.director.reset(self.ticks)
+        self._events += self.judge.restarted(self.ticks)
+        self.task.restart()
+        self.phase, self.view = READY, REAL
+
+    # --- what is shown and told ---
+
+    def _publish(self, hand: hands.Row | None = None) -> None:
+        frame = self.frame
+        if hand is not None:
+            frame.row[: self.robot.row.size] = self.robot.row
+            for i, arm in enumerate(self.arms):
+                first = 8 * i
+                frame[f"{arm}/hand"] = hand.columns[first : first + 3]
+                frame[f"{arm}/hand_quat"] = hand.columns[first + 3 : first + 7]
+                frame[f"{arm}/grasp"] = hand.columns[first + 7]
+                shown = self.virtual if self.view == VIRTUAL else self.robot
+                places = self.layout.places
+                frame[f"{arm}/virtual_jpos"] = shown.row[places[f"{arm}/link_jpos"]]
+                frame[f"{arm}/virtual_tip"] = shown.row[places[f"{arm}/tip"]]
+            frame["pedal"], frame["console_alive"] = hand.columns[-1], hand.alive
+        frame["session_tick"], frame["phase"], frame["view"] = self.ticks, self.phase, self.view
+        frame["hazard"], frame["cue_on"] = self.director.at_work, self.cue_on
+        frame["target"], frame["progress"] = self.task.target, self.task.progress
+        changed = {"phase": PHASES[self.phase], "view": VIEWS[self.view]}
+        if hand is not None:
+            changed |= {
+                "console": bool(hand.alive),
+                "pedal": bool(hand.columns[-1]),
+                "runlevel": int(frame.number("runlevel")),
+            }
+        words = {"phase": "phase", "view": "view", "console": "alive", "pedal": "down", "runlevel": "runlevel"}
+        for kind, value in changed.items():
+            if self._told.get(kind) != value:
+                self._told[kind] = value
+                self._tell(kind, **{words[kind]: value})
+
+    def _follow(self, hand: hands.Row) -> None:
+        """Task, judge and phase after the tick."""
+        frame = self.frame
+        self._events += self.task.step(frame, self.ticks)
+        outcomes = self.robot.outcomes() if self.ticks % OUTCOMES_EVERY == 0 else None
+        self._events += self.judge.step(self.ticks, frame, outcomes)
+        runlevel = frame.number("runlevel")
+        if self.phase == READY and runlevel == PEDAL_DOWN:
+            self.phase = RUNNING
+        elif self.phase == RUNNING and (runlevel == E_STOP or frame.number("soft_estopped")):
+            self.phase = STOPPED
+        if self.ticks + 1 >= self.scenario.duration_s * 1000:
+            self._end("time")
+        elif self.task.done:
+            self._end("task")
+
+    def _end(self, reason: str) -> None:
+        if self.phase != OVER:
+            self._events += self.judge.close(self.ticks)
+            self.phase, self.ended = OVER, reason
+            self._tell("end", reason=reason)
+
+    def _tell(self, kind: str, **what: Any) -> None:
+        self._events.append({"tick": self.ticks, "kind": kind, **what})
+
+    def _new_hands(self) -> hands.Hands:
+        return hands.Hands(self.arms, self.scenario.scale, self.scenario.speeds)
+
+    def _tips(self) -> dict[str, tuple[float, float, float]]:
+        """Where the tips begin, m, frame 0."""
+        starts = self.blueprint.plan.motion.start_jpos
+        return {
+            arm: tuple(float(x) for x in kinematics.forward(arm, Vec(jpos)).position)  # type: ignore[misc]
+            for arm, jpos in zip(self.arms, starts, strict=True)
+        }

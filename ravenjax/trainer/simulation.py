@@ -1,0 +1,176 @@
+"""The robots of a session: the one that is driven, its fault-free twin, and one to try things on."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from ravenjax import tick
+from ravenjax.campaign.config import CampaignConfig
+from ravenjax.engines.stepper import Stepper
+from ravenjax.robot.packet import Packet
+from ravenjax.stages.faults.fault import Fault
+from ravenjax.stages.faults.vocabulary import TRIGGER_CODES
+from ravenjax.trainer import blueprint
+from ravenjax.trainer.blueprint import Blueprint
+from ravenjax.trainer.frame import Frame
+
+_FIELDS = tuple(field.name for field in dataclasses.fields(Fault))
+HISTORY_MS = 2000
+"""How far back a packet may be sent again: rows that a copied robot takes along."""
+
+
+class Robot:
+    """One robot, its fault-free twin beside it; `frame` is what it shows after each `step`."""
+
+    def __init__(self, blueprint: Blueprint, twin: Stepper | None = None) -> None:
+        """twin: of another robot that moves alike, so that it is computed once; None: one of its own."""
+        self.blueprint = blueprint
+        code = blueprint.code
+        self._own = Stepper(code, blueprint.inputs)
+        self._twin = Stepper(code, blueprint.inputs, self._own.flat)
+        self._shown = np.zeros((2, code.outputs), np.float32)
+        self._addresses = [self._shown.ctypes.data + i * self._shown.strides[0] for i in (0, 1)]
+        self.row = self._shown[0, : blueprint.layout.simulated]
+        self.motion = self._own.flat.reshape(len(code.tables), -1)  # [columns, ticks], row by row as it happens
+        self.now = 0  # tick to come
+        series = tick.series_length(blueprint.setup)
+        self._series = self._shown[1, -series:]
+        self._reference = self._own._entering[0, : 4 * series].view(np.float32)
+        self._fresh = self._own.snapshot()
+        self._slots = _slot_leaves(code.state)
+        self._fault_inputs = len(code.input_types) - len(_FIELDS) * (blueprint.fault_slots + 1)
+
+    def step(self) -> None:
+        """One tick."""
+        self._twin.step(self.now, self._addresses[1])
+        self._reference[:] = self._series
+        self._own.step(self.now, self._addresses[0])
+        self.now += 1
+
+    def outcomes(self) -> dict[str, Any]:
+        """What became of it so far: outcome columns of a campaign."""
+        return self._own.outcomes()
+
+    def reset(self) -> None:
+        """Back to its beginning: homed, at rest, pedal up, no fault armed."""
+        self.disarm()
+        for robot in (self._own, self._twin):
+            robot.begin()
+        self.now = 0
+
+    def copy_from(self, other: Robot) -> None:
+        """Stand where another robot of the same blueprint stands, without its faults."""
+        self.disarm()
+        for mine, theirs in ((self._own, other._own), (self._twin, other._twin)):
+            mine.restore(theirs.snapshot())
+        begin = max(0, other.now - HISTORY_MS)
+        self.motion[:, begin : other.now] = other.motion[:, begin : other.now]
+        self._shown[:] = other._shown
+        self.now = other.now
+
+    # --- faults ---
+
+    def arm(self, row: int) -> None:
+        """Let the fault of this row of the fault table strike from the next tick on.
+
+        Several slots of a row keep their distances in time; what waits for the pedal in a campaign does not wait here.
+        """
+        faults = self.blueprint.plan.faults
+        slots = range(self.blueprint.fault_slots)
+        used = [slot for slot in slots if faults["code"][row, slot]]
+        first = min((int(faults["start"][row, slot]) for slot in used), default=0)
+        for slot in slots:
+            values = {name: column[row, slot] for name, column in faults.items()}
+            packets = values["trigger"] == TRIGGER_CODES["packet"]  # the first is number 1
+            values["trigger"] = TRIGGER_CODES["packet" if packets else "time"]
+            values["start"] = self.now + packets + int(values["start"]) - first
+            self._write(slot, values if slot in used else None)
+        for k, values in enumerate(self.blueprint.plan.varied.values()):
+            self._own.inputs[k][0] = values[row]
+        self._forget(slots)
+
+    def disarm(self) -> None:
+        """Take back what `arm` and `press` armed."""
+        slots = range(self.blueprint.fault_slots + 1)
+        for slot in slots:
+            self._write(slot, None)
+        for k, value in enumerate(self.blueprint.inputs[0]):
+            self._own.inputs[k][0] = value
+        self._forget(slots)
+
+    def press(self, row: int, ticks: int = 100) -> None:
+        """Hold the button that this row of the fault table strikes for so many ticks."""
+        values = {name: column[row, 0] for name, column in self.blueprint.plan.faults.items()}
+        slot = self.blueprint.fault_slots
+        self._write(slot, values | {"trigger": TRIGGER_CODES["time"], "start": self.now, "duration": ticks})
+        self._forget([slot])
+
+    def _write(self, slot: int, values: dict[str, Any] | None) -> None:
+        first = self._fault_inputs + slot * len(_FIELDS)
+        for k, name in enumerate(_FIELDS):
+            self._own.inputs[first + k][0] = (name == "period") if values is None else values[name]
+
+    def _forget(self, slots: Sequence[int] | range) -> None:
+        """Take the changed inputs over; what these slots remember of earlier faults goes."""
+        self._own.restore_leaves(self._fresh, [leaf for slot in slots for leaf in self._slots[slot]])
+        self._own.inputs_changed()
+
+
+class PacketRobot:
+    """A robot whose packets come from a console outside: `step(packet)` once a millisecond."""
+
+    def __init__(self, config: CampaignConfig) -> None:
+        """UserError where a hazard of `config` strikes the console's side of the network."""
+        self._robot = Robot(blueprint.make(config, packets=True))
+        made = self._robot.blueprint
+        self.arms = made.setup.arms
+        self.frame = Frame(made.layout)
+        series = tick.series_length(made.setup)
+        self._packets = [stepper.entering[series:] for stepper in (self._robot._own, self._robot._twin)]
+        self._mode = 0
+
+    def step(self, packet: Packet | None) -> Frame:
+        """One tick with the packet that arrived, None: none did. The frame is the same object each time."""
+        if packet is not None:
+            self._mode = int(packet.surgeon_mode)
+            leaves = jax.tree.leaves(packet)
+            for entering in self._packets:
+                for place, number in zip(entering, leaves, strict=True):
+                    place[0] = number
+        else:
+            for entering in self._packets:
+                entering[0][0] = 0  # received
+        self._robot.step()
+        self.frame.row[: self._robot.row.size] = self._robot.row
+        return self.frame
+
+    def arm(self, row: int) -> None:
+        """See `Robot.arm`."""
+        self._robot.arm(row)
+
+    def disarm(self) -> None:
+        """See `Robot.disarm`."""
+        self._robot.disarm()
+
+    def press(self, row: int) -> None:
+        """See `Robot.press`."""
+        self._robot.press(row)
+
+    def reset(self) -> None:
+        """See `Robot.reset`."""
+        self._robot.reset()
+
+    def outcomes(self) -> dict[str, Any]:
+        """See `Robot.outcomes`."""
+        return self._robot.outcomes()
+
+
+def _slot_leaves(state: Any) -> list[list[int]]:
+    """Of each fault slot, the places of what it remembers among the leaves of the state."""
+    numbered = jax.tree.unflatten(jax.tree.structure(state), range(len(jax.tree.leaves(state))))
+    return [jax.tree.leaves(slot) for slot in numbered.faults.slots]
