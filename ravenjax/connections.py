@@ -11,7 +11,41 @@ from ravenjax.robot import kinematics, transmission
 from ravenjax.stages import detectors, haptics, operator, plc, reaction
 from ravenjax.stages.plant import nominal, nominal_target
 from ravenjax.stages.plant import robot as plant
-from ravenjax.types import ArmName, Scalar, Setup, Vec, real, replace, where
+from ravenjax.types import ArmName, Scalar, Setup, Vec, real, record, replace, where
+
+
+@record
+class Console:
+    """What a fault may change of the console."""
+
+    scale: Scalar
+
+
+@record
+class Network:
+    """What a fault may do to the newest packet on its way."""
+
+    lag: Scalar  # int32 packets, sent again
+    delay: Scalar  # int32 packets, of a channel that delivers in order
+    lost: Scalar  # bool
+    bursts: Scalar  # float, seed of the channel's losses; 0: none
+    jitter: Scalar  # float, seed of the channel's delays; 0: none
+
+
+@record
+class Buttons:
+    """The buttons beside the robot: 1 pressed."""
+
+    estop: Scalar  # bool
+    start: Scalar  # bool
+
+
+@record
+class UsbStatus:
+    """Whether USB transfers succeed, one entry an arm."""
+
+    read_ok: tuple[Scalar, ...]
+    write_ok: tuple[Scalar, ...]
 
 
 def packet(

@@ -114,32 +114,6 @@ class Signals:
     fault_active: tuple[Scalar, ...]  # bool, one a slot
 
 
-@record
-class _Console:
-    scale: Scalar
-
-
-@record
-class _Network:
-    lag: Scalar  # int32 packets, sent again
-    delay: Scalar  # int32 packets, of a channel that delivers in order
-    lost: Scalar  # bool
-    bursts: Scalar  # float, seed of the channel's losses; 0: none
-    jitter: Scalar  # float, seed of the channel's delays; 0: none
-
-
-@record
-class _Buttons:
-    estop: Scalar  # bool
-    start: Scalar  # bool
-
-
-@record
-class _UsbStatus:
-    read_ok: tuple[Scalar, ...]
-    write_ok: tuple[Scalar, ...]
-
-
 # --- the tick ---
 
 
@@ -158,7 +132,7 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
     clean = signal.packet
     if clean is None:
         clean = connections.packet(setup, params.operator, params.reaction, signal.motion, reacting, hands, sequence)
-    console = inject("console", _Console(params.operator.scale))
+    console = inject("console", connections.Console(params.operator.scale))
     line, network = _network(setup, params, inject, state, sequence, fresh)
     sent, again = clean, signal.packet is None  # a packet from outside is not there to be sent again
     if again and inject.strikes("console", "network"):
@@ -172,7 +146,7 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
     packet = replace(sent, received=as_int(arrives))
 
     # --- control computer ---
-    status = inject("usb_status", _UsbStatus(_each(setup, jnp.int32(1)), _each(setup, jnp.int32(1))))
+    status = inject("usb_status", connections.UsbStatus(_each(setup, jnp.int32(1)), _each(setup, jnp.int32(1))))
     pins = plc.input_pins(inject("plc", state.plc.runlevel))
     delivered = usb.UsbIn(inject("encoder", state.enc_val), _each(setup, pins))
     software, signals = control.cycle(
@@ -182,7 +156,7 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
     boards = usb.write(setup, state.boards, message, status.write_ok)
 
     # --- PLC, motors, cables, links ---
-    buttons = inject("buttons", _Buttons(jnp.bool_(False), jnp.bool_(False)))
+    buttons = inject("buttons", connections.Buttons(jnp.bool_(False), jnp.bool_(False)))
     told = plc.Signal(boards.pins[: _boards_apart(setup)], buttons.estop, buttons.start)
     controller, relays = plc.step(setup, params.plc, state.plc, told)
     brakes = inject("brake", connections.brakes(setup, signals, relays))
@@ -483,9 +457,9 @@ def _reacting(setup: Setup, params: Params, state: State, now: Scalar, sequence:
 
 def _network(
     setup: Setup, params: Params, inject: Injector, state: State, sequence: Scalar, fresh: Scalar
-) -> tuple[channel.State | None, _Network]:
+) -> tuple[channel.State | None, connections.Network]:
     """What becomes of this tick's packet on its way, and the channel after it."""
-    ideal = _Network(jnp.int32(0), jnp.int32(0), jnp.bool_(False), real(setup, 0.0), real(setup, 0.0))
+    ideal = connections.Network(jnp.int32(0), jnp.int32(0), jnp.bool_(False), real(setup, 0.0), real(setup, 0.0))
     network, line = inject("network", ideal), state.channel
     if line is not None:
         line = channel.step(line, network.bursts, sequence, fresh)

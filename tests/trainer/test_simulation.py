@@ -1,0 +1,139 @@
+"""The robot of a session is the robot of a campaign: same motion, same fault, same bits, however it is stepped."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ravenjax import tick
+from ravenjax.campaign import loading, replay
+from ravenjax.errors import UserError
+from ravenjax.robot.motion import columns
+from ravenjax.stages.operator import lookup, packet
+from ravenjax.trainer import blueprint
+from ravenjax.trainer.frame import Frame
+from ravenjax.trainer.simulation import PacketRobot, Robot
+
+TICKS = 900
+
+
+def config(**fault):
+    struck = {"site": "usb_out", "arm": "gold", "channel": "shoulder", "effect": "overwrite", "value": 9000}
+    return loading.from_dict(
+        {
+            "campaign": {"name": "live", "duration_s": TICKS / 1000, "arms": ["gold", "green"]},
+            "operator": {"motion": "suture", "scale": 0.1},
+            "group": [
+                {"name": "burst", "fault": [struck | {"start_ms": 600, "duration_ms": 24} | fault]},
+                {"name": "estop", "fault": [{"site": "buttons", "channel": "estop", "effect": "overwrite", "value": 1,
+                                             "start_ms": 0}]},
+            ],
+        }
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def made():
+    return blueprint.make(config())
+
+
+def robot_of(made):
+    robot = Robot(made)
+    for column, values in zip(robot.motion, made.plan.columns, strict=True):
+        column[: len(values)], column[len(values) :] = values, values[-1]
+    return robot
+
+
+def run(robot, ticks):
+    return np.stack([(robot.step(), robot.row.copy())[1] for _ in range(ticks)])
+
+
+def test_an_armed_row_does_what_it_does_in_its_campaign(made):
+    robot = robot_of(made)
+    before = run(robot, 600)
+    robot.arm(0)
+    rows = np.concatenate([before, run(robot, TICKS - 600)])
+    again = replay.replay(config(), 0, engine="simd")
+    places = made.layout.places
+    for arm in ("gold", "green"):
+        for name, series in (("jpos", "jpos"), ("link_jpos", "link_jpos"), ("tip", "tip"), ("dac", "dac_cnt")):
+            mine = rows[:, places[f"{arm}/{name}"]]
+            np.testing.assert_array_equal(mine, again.series[f"{arm}/{series}"].astype(np.float32), err_msg=name)
+        stray = np.linalg.norm(again.series[f"{arm}/tip"] - again.series[f"{arm}/twin_tip"], axis=1) * 1e3
+        np.testing.assert_allclose(rows[:, places[f"{arm}/stray_mm"]].ravel(), stray, atol=1e-4)
+    assert rows[:600, places["fault_active"]].sum() == 0 and rows[600:, places["fault_active"]].sum() == 24
+    found = robot.outcomes()
+    for name in ("first_active_ms", "cue0_first_ms", "check_soft_estop_first_ms", "stray_mm", "end_runlevel"):
+        assert found[name] == pytest.approx(again.row[name], nan_ok=True, rel=1e-6), name
+
+
+def test_a_fault_may_be_armed_again_and_taken_back(made):
+    robot = robot_of(made)
+    place = made.layout.places["fault_active"].start
+    run(robot, 500)
+    for _ in range(2):
+        robot.arm(0)
+        assert run(robot, 30)[:, place].sum() == 24
+    robot.arm(0)
+    run(robot, 5)
+    robot.disarm()
+    assert run(robot, 30)[:, place].sum() == 0
+    assert robot.outcomes()["first_active_ms"] == -1  # what is armed is what is told of
+
+
+def test_the_button_beside_the_robot_stops_it(made):
+    robot = robot_of(made)
+    run(robot, 600)
+    robot.press(made.plan.runs - 1)
+    rows = run(robot, 200)
+    assert rows[0, made.layout.places["runlevel"]] == 3 and rows[-1, made.layout.places["runlevel"]] == 0
+    assert robot.outcomes()["check_estop_first_ms"] >= 600
+
+
+def test_a_copy_goes_on_alike_and_a_reset_begins_anew(made):
+    robot, other = robot_of(made), robot_of(made)
+    first = run(robot, 700)
+    other.copy_from(robot)
+    np.testing.assert_array_equal(run(robot, 100), run(other, 100))
+    robot.reset()
+    np.testing.assert_array_equal(run(robot, 700), first)
+
+
+def packets(made, count):
+    setup, params = made.setup, made.plan.program.params
+    motion = tuple(map(jnp.asarray, made.plan.columns))
+
+    def one(k):
+        return packet(setup, params.operator, lookup(motion, k), lookup(motion, k - 1), k + 1)
+
+    many = jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(jnp.arange(count, dtype=jnp.int32)))
+    return [jax.tree.map(lambda leaf: leaf[k], many) for k in range(count)]  # noqa: B023
+
+
+def test_every_packet_from_outside_gives_the_same_bits(made):
+    outside, inside = PacketRobot(config()), robot_of(made)
+    for sent in packets(made, 500):
+        frame = outside.step(sent)
+        inside.step()
+        np.testing.assert_array_equal(frame.row[: inside.row.size], inside.row)
+    assert frame.number("runlevel") == 3
+
+
+def test_packets_that_do_not_arrive_are_missed_by_the_robot(made):
+    outside = PacketRobot(config())
+    for k, sent in enumerate(packets(made, 450)):
+        frame = outside.step(None if k == 400 else sent)
+    found = outside.outcomes()
+    assert found["check_packet_skip_count"] == 1 and found["check_packet_skip_first_ms"] == 401
+    assert frame.number("last_seq") == 450
+
+
+def test_a_robot_with_a_console_elsewhere_refuses_faults_of_that_console():
+    with pytest.raises(UserError, match="site 'network', channel 'delay'"):
+        PacketRobot(config(site="network", arm=None, channel="delay", effect="overwrite", value=3))
+
+
+def test_names_of_a_frame_are_the_numbers_of_a_row(made):
+    assert len(made.layout.names()) == made.layout.size == Frame(made.layout).row.size
+    assert made.code.outputs == made.layout.simulated + tick.series_length(made.setup)
+    assert made.plan.motion.table().shape[1] == len(columns(made.setup.arms))
