@@ -110,10 +110,9 @@ def measured(setup: Setup, signals: control.Signals) -> tuple[Vec, ...]:
     return tuple(real(setup, arm.pos.position_um) for arm in signals.arms)
 
 
-def felt(setup: Setup, arm: ArmName, i: int, model: nominal.Out, signals: control.Signals) -> haptics.Signal:
-    """What the console compares: the nominal model and the robot as its control software reports it."""
-    measured = signals.arms[i]
-    jpos, mvel = real(setup, (measured.jpos, measured.mvel))
+def felt(setup: Setup, arm: ArmName, i: int, model: nominal.Out, jpos: Vec, mvel: Vec) -> haptics.Signal:
+    """What the console compares: the nominal model and the robot as its control software reports joints and motors."""
+    jpos, mvel = real(setup, (jpos, mvel))
     jvel = real(setup, transmission.joint_from_motor(arm, setup.tools[i], mvel, software=setup.software))
     position = kinematics.forward(arm, jpos).position
     return haptics.Signal(model.tip_position, model.tip_velocity, position, kinematics.tip_velocity(arm, jpos, jvel))

@@ -185,7 +185,10 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
     cues = per_arm(
         setup,
         lambda i, arm: haptics.step(
-            setup, params.haptics, state.haptics[i], connections.felt(setup, arm, i, models[i][1], signals)
+            setup,
+            params.haptics,
+            state.haptics[i],
+            connections.felt(setup, arm, i, models[i][1], signals.arms[i].jpos, signals.arms[i].mvel),
         ),
     )
     depth = per_arm(setup, lambda i, arm: scene.tissue_depth(arm, tips[i]))

@@ -101,7 +101,8 @@ def _frame(setup: Setup, now: Scalar, state: tick.State, out: tick.Signals, sign
     for i, measured in enumerate(software.arms):
         cue = out.haptics[i]
         position = measured.pos.position_um
-        found += [*measured.jpos, *measured.jpos_d, *out.plant[i].jpos, *out.nominal[i].jpos]
+        found += [*measured.jpos, *measured.jpos_d, *measured.mpos, *measured.mvel]
+        found += [*out.plant[i].jpos, *out.nominal[i].jpos]
         found += [*out.tip[i], *out.nominal[i].tip_position, *(jnp.float32(x) * 1e-6 for x in position)]
         found += [cue.distance * 1e3, *(x * cue.force[0] for x in cue.direction), *measured.current_cmd_written]
         found += [out.depth[i] * 1e3, _distance(out.tip[i], signal.reference.tip[i]) * 1e3]

@@ -29,6 +29,8 @@ SIMULATED = {
 SIMULATED_ARM = {
     "jpos": 7,  # joints as the control software measures them
     "jpos_d": 7,  # and as it wants them
+    "mpos": 7,  # motors as measured, rad
+    "mvel": 7,  # as the control software estimates, rad/s
     "link_jpos": 7,  # where the links truly are
     "model_jpos": 7,  # of the nominal model, the ghost
     "tip": 3,  # where the tip truly is

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from multiprocessing import resource_tracker, shared_memory
+from multiprocessing import shared_memory
 from typing import Any
 
 import numpy as np
@@ -33,10 +33,8 @@ class Ring:
 
     @staticmethod
     def attach(name: str) -> Ring:
-        """The ring that another process created. It stays the creator's to remove."""
-        memory = shared_memory.SharedMemory(name=name)
-        resource_tracker.unregister(memory._name, "shared_memory")  # type: ignore[attr-defined]
-        return Ring(memory, owner=False)
+        """The ring that this process or the one that spawned it created. It stays the creator's to remove."""
+        return Ring(shared_memory.SharedMemory(name=name), owner=False)
 
     @property
     def name(self) -> str:

@@ -1,0 +1,125 @@
+"""Commands of the training session: `train`, `robot`, `study`, `log recover`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import App, Parameter
+
+from ravenjax.cli import console
+from ravenjax.cli.console import Overrides
+
+log = App(name="log", help="Recordings of sessions.")
+
+
+def train(
+    scenario: str = "first_steps",
+    *,
+    out: Annotated[Path | None, Parameter(help="session folder; default results/sessions/NAME-TIME")] = None,
+    overrides: Overrides = None,
+    seed: Annotated[int | None, Parameter(help="of the hazards' timing; default the scenario's")] = None,
+    participant: Annotated[str, Parameter(help="who drives, for studies")] = "",
+    group: Annotated[str, Parameter(help="group of the study")] = "",
+    cue: Annotated[bool | None, Parameter(help="whether the force is felt; default the scenario's")] = None,
+    blinded: Annotated[bool | None, Parameter(help="tell nobody which group this is; default the scenario's")] = None,
+    script: Annotated[str | None, Parameter(help="drive by a scripted operator, or by a recorded FILE.jsonl")] = None,
+    page: Annotated[bool, Parameter(help="serve the page in the browser")] = True,
+    headless: Annotated[bool, Parameter(negative="", help="as fast as it goes, without clock and page")] = False,
+    linger: Annotated[float | None, Parameter(help="s that the page stays after the end; default until Ctrl-C")] = None,
+    host: Annotated[str, Parameter(help="address to listen on; others than this machine's need a token")] = "127.0.0.1",
+    port: Annotated[int, Parameter(help="of the page; 0: any free one")] = 8080,
+    token: Annotated[str | None, Parameter(help="that the page asks for; made up where one is needed")] = None,
+    itp_port: Annotated[int | None, Parameter(help="also take an ITP console on this UDP port (36000)")] = None,
+    robot: Annotated[str | None, Parameter(help="HOST[:PORT] of `ravenjax robot`, or of a real Raven")] = None,
+) -> None:
+    """Train on one robot in real time, in the browser: drive, meet a hazard, respond, read the debrief.
+
+    Parameters
+    ----------
+    scenario
+        Scenario file, or the name of a bundled one (see `ravenjax campaigns`).
+    """
+    from ravenjax.errors import UserError
+    from ravenjax.trainer import launch, scripts
+    from ravenjax.trainer import scenario as scenarios
+
+    chosen = scenarios.load(scenario, overrides or ())
+    options = launch.Options(
+        scenario=chosen,
+        folder=out or launch.fresh_folder(chosen.name),
+        seed=chosen.seed if seed is None else seed,
+        participant=participant,
+        group=group,
+        cue=cue,
+        blinded=blinded,
+        host=host,
+        port=port,
+        token=token,
+        itp_port=itp_port,
+        robot=robot,
+    )
+    operator = None if script is None else scripts.named(script, chosen)
+
+    def say(text: str) -> None:
+        console.out.print(text, markup=False, highlight=False, soft_wrap=True)
+
+    if headless:
+        if operator is None:
+            raise UserError("--headless needs someone who drives: add --script, as in --script release")
+        found = launch.headless(options, operator, say)
+    else:
+        found = launch.realtime(options, operator=operator, with_page=page, linger_s=linger, say=say)
+    say(f"session: {found.folder} ({found.ended})")
+
+
+def robot(
+    scenario: str = "robot",
+    *,
+    overrides: Overrides = None,
+    host: Annotated[str, Parameter(help="address to listen on")] = "127.0.0.1",
+    itp_port: Annotated[int, Parameter(help="UDP port of the console; 0: any free one")] = 36000,
+    joint_port: Annotated[int, Parameter(help="TCP port of the joint state; 0: any free one")] = 36010,
+    hazard: Annotated[str | None, Parameter(help="arm this hazard of the library at --at")] = None,
+    at: Annotated[float, Parameter(help="s after the first pedal-down")] = 5.0,
+    seconds: Annotated[float | None, Parameter(help="end after so long; default until Ctrl-C")] = None,
+    token: Annotated[str | None, Parameter(help="that orders from other machines must carry")] = None,
+) -> None:
+    """Run the control software and the virtual robot as a process that any ITP console can drive.
+
+    Parameters
+    ----------
+    scenario
+        Scenario whose robot and hazards it has.
+    """
+    raise NotImplementedError
+
+
+def study(
+    folders: list[Path],
+    *,
+    out: Annotated[Path, Parameter(help="folder of the comparison")] = Path("results/study"),
+    unblind: Annotated[bool, Parameter(negative="", help="show the groups' names instead of A and B")] = False,
+) -> None:
+    """Collect sessions and compare their groups: effect sizes and intervals.
+
+    Parameters
+    ----------
+    folders
+        Session folders, or folders of session folders.
+    """
+    raise NotImplementedError
+
+
+@log.command
+def recover(
+    file: Path, *, out: Annotated[Path | None, Parameter(help="whole file; default FILE-recovered")] = None
+) -> None:
+    """Make a recording that was cut short whole again, as far as it goes.
+
+    Parameters
+    ----------
+    file
+        session.mcap of a session that was killed.
+    """
+    raise NotImplementedError

@@ -1,0 +1,173 @@
+"""A robot elsewhere, `ravenjax robot` or a real Raven: driven over ITP, compared with the nominal model here.
+
+The console's half of the tick runs here, compiled as the whole is: packets of the operator's motion, the nominal model
+on that clean input, the cue from what the robot reports of itself. What cannot be seen from here, where the links truly
+are and what a fault-free twin would do, is not made up: `link_jpos` and `tip` are the measured ones, `stray_mm` and
+`known_mm` the distance from the nominal model.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from ravenjax import connections
+from ravenjax.campaign import compile_cache
+from ravenjax.engines.stepper import StepCode, Stepper
+from ravenjax.robot import scene
+from ravenjax.robot.packet import U_STRUCT
+from ravenjax.stages import haptics
+from ravenjax.stages.plant import nominal
+from ravenjax.trainer.blueprint import Blueprint
+from ravenjax.trainer.frame import Frame
+from ravenjax.trainer.joint_record import JointReport
+from ravenjax.trainer.remote import RemoteRobot
+from ravenjax.types import ARMS, Scalar, Vec, per_arm, record
+
+_SEEN = ("model_jpos", "tip", "model_tip", "error_mm", "force", "depth_mm")
+_U_FIELDS = struct.Struct("<3I6i8d2i2i2i")
+assert _U_FIELDS.size == U_STRUCT.itemsize
+
+
+@record
+class _State:
+    nominal: tuple[nominal.State, ...]
+    haptics: tuple[haptics.State, ...]
+
+
+class DistantRobot:
+    """As `simulation.Robot`, for a session; the robot itself is at the other end of `remote`."""
+
+    def __init__(self, blueprint: Blueprint, remote: RemoteRobot) -> None:
+        self.blueprint, self.remote = blueprint, remote
+        self.arms = blueprint.setup.arms
+        self._stepper = Stepper(_half(blueprint), ())
+        self.motion = self._stepper.flat.reshape(len(self._stepper.tables), -1)
+        self._frame = Frame(blueprint.layout)
+        self.row = self._frame.row[: blueprint.layout.simulated]
+        self.now = 0
+        self._out = np.zeros(self._stepper.code.outputs, np.float32)
+        self._report: JointReport | None = None
+        self._sequence = 0
+        self._places = [blueprint.layout.places[name] for name in _names(self.arms)]
+        self._outcomes: dict[str, Any] = {}
+
+    def step(self) -> None:
+        """One tick: the model moves, the packet goes out, the newest report comes in."""
+        self._stepper.step(self.now, self._out.ctypes.data)
+        at = self._show()
+        self._sequence += 1
+        report = self.remote.exchange(self._datagram(self._out[at:].tolist()))
+        if report is not None:
+            self._report = report
+            self._take(report)
+        self.row[0] = self.now
+        self.now += 1
+
+    def outcomes(self) -> dict[str, Any]:
+        """The few outcome columns that can be known here."""
+        return dict(self._outcomes)
+
+    def reset(self) -> None:
+        """Ask the robot to begin anew; the model does."""
+        self.remote.order({"order": "reset"})
+        self._stepper.begin()
+        self.now, self._outcomes = 0, {}
+
+    def arm(self, row: int) -> None:
+        """Let the hazard of this row strike in the robot's process."""
+        self.remote.order({"order": "arm", "row": row})
+
+    def disarm(self) -> None:
+        """Take it back."""
+        self.remote.order({"order": "disarm"})
+
+    def press(self, row: int, ticks: int = 100) -> None:
+        """Press the E-stop button of the robot's process."""
+        self.remote.order({"order": "estop"})
+
+    def _show(self) -> int:
+        """Fill the row with what the half tick told; where the packet begins in it."""
+        at = 0
+        for place in self._places:
+            size = place.stop - place.start
+            self.row[place] = self._out[at : at + size]
+            at += size
+        for arm in self.arms:
+            self._frame[f"{arm}/stray_mm"] = self._frame[f"{arm}/known_mm"] = self._frame[f"{arm}/error_mm"]
+        return at
+
+    def _datagram(self, numbers: list[float]) -> bytes:
+        """The 124 bytes of this tick's packet: pedal, then increments, quaternion and grasp of each arm."""
+        delta, quat, grasp = [0] * 6, [0.0] * 6 + [1.0] * 2, [0] * 2
+        for i, arm in enumerate(self.arms):
+            slot, first = ARMS.index(arm), 1 + 8 * i
+            delta[slot::2] = [int(x) for x in numbers[first : first + 3]]
+            quat[slot::2] = numbers[first + 3 : first + 7]
+            grasp[slot] = int(numbers[first + 7])
+        mode = int(numbers[0])
+        total = (mode + self._sequence + sum(delta) + 2**31) % 2**32 - 2**31
+        return _U_FIELDS.pack(self._sequence, 0, 0, *delta, *quat, 0, 0, *grasp, mode, total)
+
+    def _take(self, report: JointReport) -> None:
+        report.fill(self._frame)
+        entering = self._stepper.entering
+        for i, arm in enumerate(self.arms):
+            numbers = [*self._frame[f"{arm}/jpos"].tolist(), *self._frame[f"{arm}/mvel"].tolist()]
+            for place, number in zip(entering[14 * i : 14 * i + 14], numbers, strict=True):
+                place[0] = number
+        if self._frame.number("soft_estopped"):
+            self._outcomes.setdefault("check_soft_estop_first_ms", self.now)
+        if report.runlevel == 0:
+            self._outcomes.setdefault("check_estop_first_ms", self.now)
+
+
+def _names(arms: tuple[str, ...]) -> list[str]:
+    return [f"{arm}/{name}" for arm in arms for name in _SEEN]
+
+
+def _half(blueprint: Blueprint) -> StepCode:
+    """The compiled half: what enters a tick are joints (7) and motor velocities (7) of each arm."""
+    setup, params = blueprint.setup, blueprint.plan.program.params
+    columns = len(blueprint.plan.columns)
+    start = params.start
+
+    def begin(inputs: Any) -> _State:
+        return _State(
+            tuple(nominal.init(setup, arm, params.nominal[i], start[i]) for i, arm in enumerate(setup.arms)),
+            tuple(haptics.init(setup, params.haptics) for _ in setup.arms),
+        )
+
+    def step(inputs: Any, state: _State, now: Scalar, entering: Any, motion: Any) -> tuple[_State, list[Scalar]]:
+        packet = connections.packet(setup, params.operator, None, motion, None, None, now)
+        fresh = jnp.bool_(True)
+        models = per_arm(
+            setup,
+            lambda i, arm: nominal.step(
+                setup, arm, params.nominal[i], state.nominal[i], connections.clean(setup, packet, fresh, i)
+            ),
+        )
+        out: list[Scalar] = []
+        cues = []
+        for i, arm in enumerate(setup.arms):
+            jpos, mvel = (Vec(entering[14 * i + 7 * part : 14 * i + 7 * part + 7]) for part in (0, 1))
+            signal = connections.felt(setup, arm, i, models[i][1], jpos, mvel)
+            moved, cue = haptics.step(setup, params.haptics, state.haptics[i], signal)
+            cues.append(moved)
+            tip = signal.robot_position
+            out += [*models[i][1].jpos, *tip, *models[i][1].tip_position, cue.distance * 1e3]
+            out += [*(x * cue.force[0] for x in cue.direction), scene.tissue_depth(arm, tip) * 1e3]
+        out.append(packet.surgeon_mode)
+        for i in range(len(setup.arms)):
+            out += [*packet.delta[i], *packet.quat[i], packet.grasp[i]]
+        return _State(tuple(model for model, _ in models), tuple(cues)), [jnp.float32(x) for x in out]
+
+    def finish(inputs: Any, state: _State) -> dict[str, Scalar]:
+        return {"cue0_first_ms": state.haptics[0].cues[0].first_tick}
+
+    length = blueprint.code.tables[0]
+    rest = [np.float32(x) for i in range(len(setup.arms)) for x in (*start[i], *([0.0] * 7))]
+    return StepCode(begin, step, finish, (), rest, (length,) * columns, compile_cache.objects())

@@ -1,0 +1,343 @@
+"""A whole session: its processes, from the scenario to the debrief.
+
+    realtime   this process, one thread: consoles in, tick, rows and events into two rings
+    page       serves the browser: reads the rings, sends commands (not without a page)
+    recorder   reads the rings, writes the folder
+
+Neither of the others can make the realtime loop wait, and both end when it is gone.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import dataclasses
+import json
+import multiprocessing
+import secrets
+import signal
+import socket
+import time
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from ravenjax.errors import UserError
+from ravenjax.store import files, manifest, session_file, session_log
+from ravenjax.trainer import clock, judge, loop, page, recorder
+from ravenjax.trainer.clock import Timing
+from ravenjax.trainer.frame import Frame
+from ravenjax.trainer.itp import ItpServer
+from ravenjax.trainer.ring import EVENT_BYTES, Ring
+from ravenjax.trainer.scenario import Scenario
+from ravenjax.trainer.session import Driven, Session
+
+FRAMES, EVENTS = 4096, 1024
+"""Rows of the rings: four seconds of frames."""
+STARTING_S = 60.0
+"""Longest that page and recorder may take to be there."""
+HAZARDS = "hazards.csv"
+Say = Callable[[str], None]
+
+
+class Operator(Protocol):
+    """One who drives in place of a person; as in `scripts`."""
+
+    def step(self, frame: Frame, tick: int) -> list[dict[str, Any]]:
+        """What is sent in this tick, having seen the frame of the last."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """What a session is started with."""
+
+    scenario: Scenario
+    folder: Path
+    seed: int
+    participant: str = ""
+    group: str = ""
+    cue: bool | None = None  # None: the scenario's own
+    blinded: bool | None = None
+    host: str = "127.0.0.1"
+    port: int = 0
+    token: str | None = None
+    itp_port: int | None = None  # None: no console over the network
+    robot: str | None = None  # HOST[:PORT] of a robot elsewhere
+
+
+@dataclasses.dataclass(frozen=True)
+class Finished:
+    """What a session left."""
+
+    folder: Path
+    hazards: list[dict[str, Any]]
+    timing: Timing | None
+    ended: str
+
+
+def realtime(
+    options: Options,
+    *,
+    operator: Operator | None = None,
+    robot: Driven | None = None,
+    with_page: bool = True,
+    linger_s: float | None = None,
+    say: Say = print,
+) -> Finished:
+    """Run a session against the clock.
+
+    operator: drives in place of a person. linger_s: how long the page stays after the end, None: until Ctrl-C.
+    """
+    files.require_writable(options.folder)
+    session = Session(options.scenario, options.seed, cue=options.cue, robot=robot)
+    header = _header(options, session)
+    with contextlib.ExitStack() as stack:
+        frames, events = Ring.create(FRAMES, 4 * session.layout.size), Ring.create(EVENTS, EVENT_BYTES)
+        stack.callback(events.close)
+        stack.callback(frames.close)
+        inbox, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        stack.callback(inbox.close)
+        names = tuple(session.layout.names())
+        recording = _spawn(
+            stack, recorder.run, recorder.Options(frames.name, events.name, names, options.folder, header)
+        )
+        consoles: list[loop.Console] = []
+        if with_page:
+            _open_page(stack, options, session, header, frames, events, inbox, theirs, say)
+            consoles.append(loop.Inbox(inbox))
+        theirs.close()
+        if options.itp_port is not None:
+            server = ItpServer(session.arms, options.host, options.itp_port)
+            stack.callback(server.close)
+            stack.callback(lambda: say(f"console: {_counted(server.counters())}"))
+            consoles.append(_ItpConsole(server, session))
+            say("console: ITP over UDP {}:{}".format(*server.address))
+        if operator is not None:
+            consoles.append(_Scripted(operator, session))
+        _wait_for(recording, options.folder / session_log.FILE)
+        stop = stack.enter_context(_until_interrupted())
+        say(f"realtime: {clock.prefer_realtime()}")
+        timing = loop.run(session, frames, events, consoles, lambda: bool(stop))
+        recording.join(STARTING_S)
+        found = _conclude(options, session, timing, say)
+        if with_page and linger_s != 0:
+            say("the page stays until Ctrl-C" if linger_s is None else f"the page stays for {linger_s:g} s")
+            end = float("inf") if linger_s is None else time.monotonic() + linger_s
+            while len(stop) < 2 and time.monotonic() < end:
+                time.sleep(0.05)
+                if linger_s is None and stop:
+                    break
+    return found
+
+
+def headless(options: Options, operator: Operator, say: Say = lambda _: None) -> Finished:
+    """Run a session as fast as it goes, without page and clock: the same folder, the same bits each time."""
+    files.require_writable(options.folder)
+    session = Session(options.scenario, options.seed, cue=options.cue)
+    header = {"started": recorder.now(), **_header(options, session), "ended": None}
+    session_file.write(options.folder, header)
+    log = session_log.Writer(options.folder / session_log.FILE, tuple(session.layout.names()), header)
+    block: list[np.ndarray] = []
+    told: list[dict[str, Any]] = []
+    first = 0
+    with contextlib.closing(log):
+        while not session.over:
+            told += session.tick(operator.step(session.frame, session.ticks))
+            block.append(session.frame.row.copy())
+            if len(block) == recorder.BLOCK or session.over:
+                log.add(first, np.stack(block), told)
+                first += len(block)
+                block, told = [], []
+    session_file.update(options.folder, {"ended": recorder.now()})
+    return _conclude(options, session, None, say)
+
+
+def fresh_folder(name: str, base: Path = Path("results/sessions")) -> Path:
+    """A folder for a session that begins now."""
+    return base / f"{name}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
+
+
+# --- parts ---
+
+
+def _header(options: Options, session: Session) -> dict[str, Any]:
+    chosen = options.scenario
+    shown = [
+        {key: value for key, value in dataclasses.asdict(hazard).items() if key != "row"} for hazard in session.hazards
+    ]
+    return {
+        "name": options.folder.name,
+        "scenario": chosen.model_dump(mode="json"),
+        "seed": options.seed,
+        "participant": options.participant,
+        "group": options.group,
+        "cue": session.cue_on,
+        "blinded": chosen.cue.blinded if options.blinded is None else options.blinded,
+        "cue_threshold_mm": chosen.cue.threshold_mm,
+        "versions": manifest.package_versions(),
+        "arms": list(session.arms),
+        "robot": "virtual",
+        "hazards": json.loads(json.dumps(shown)),
+        "task": session.task.geometry(),
+        "summary": {},
+    }
+
+
+def _open_page(
+    stack: contextlib.ExitStack,
+    options: Options,
+    session: Session,
+    header: dict[str, Any],
+    frames: Ring,
+    events: Ring,
+    inbox: socket.socket,
+    theirs: socket.socket,
+    say: Say,
+) -> None:
+    """Spawn the page's process, wait until it listens, and say where."""
+    token = options.token
+    if token is None and not page.options.loopback(options.host):
+        token = secrets.token_urlsafe(24)
+    given = page.Options(
+        frames=frames.name,
+        events=events.name,
+        commands=theirs,
+        arms=session.arms,
+        header=header,
+        folder=str(options.folder.absolute()),
+        host=options.host,
+        port=options.port,
+        token=token,
+    )
+    process = _spawn(stack, page.run, given)
+    inbox.settimeout(STARTING_S)
+    try:
+        port = json.loads(inbox.recv(loop.LONGEST_COMMAND))["port"]
+    except TimeoutError:
+        raise UserError(
+            f"the page did not start within {STARTING_S:g} s; try `--no-page`, or `ravenjax doctor`"
+        ) from None
+    except (OSError, ValueError, KeyError):
+        raise UserError(f"the page's process ended with code {process.exitcode}; its message stands above") from None
+    ask = f"&token={token}" if token else ""
+    host = "127.0.0.1" if options.host in ("0.0.0.0", "") else options.host
+    for role in ("operator", "instructor"):
+        say(f"{role}: http://{host}:{port}/?role={role}{ask}")
+
+
+def _spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any) -> BaseProcess:
+    """A process of its own, never a fork: jax does not survive one."""
+    process = multiprocessing.get_context("spawn").Process(target=target, args=(given,), daemon=True)
+    process.start()
+
+    def end() -> None:
+        process.terminate()
+        process.join(5.0)
+        if process.is_alive():
+            process.kill()
+
+    stack.callback(end)
+    return process
+
+
+def _wait_for(recording: BaseProcess, path: Path) -> None:
+    end = time.monotonic() + STARTING_S
+    while not path.exists():
+        if not recording.is_alive() or time.monotonic() > end:
+            raise UserError(f"{path.parent}: the recorder did not start (exit code {recording.exitcode})")
+        time.sleep(0.02)
+
+
+def _conclude(options: Options, session: Session, timing: Timing | None, say: Say) -> Finished:
+    """Table, summary and debrief once the recording is whole."""
+    from ravenjax.trainer import debrief  # plotly: a second, after the session
+
+    rows = [_common(options, session) | row for row in session.rows()]
+    with open(options.folder / HAZARDS, "w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, [*_common(options, session), *judge.COLUMNS])
+        writer.writeheader()
+        writer.writerows(rows)
+    summary: dict[str, Any] = {"ended": session.ended, "task": session.task.result(), "ticks": session.ticks}
+    if timing is not None:
+        summary["timing"] = facts(timing)
+    session_file.update(options.folder, {"summary": summary})
+    say(f"debrief: {debrief.write(options.folder)}")
+    return Finished(options.folder, rows, timing, session.ended)
+
+
+def facts(timing: Timing) -> dict[str, float]:
+    """A loop's timing in numbers, us."""
+    found: dict[str, float] = {"ticks": timing.ticks, "late_ticks": timing.late, "skipped_ms": timing.skipped}
+    for what in ("compute", "lateness"):
+        for name, share in (("p50", 0.5), ("p99", 0.99), ("p99_9", 0.999)):
+            found[f"{what}_{name}_us"] = timing.percentile(what, share)
+    return found
+
+
+def _common(options: Options, session: Session) -> dict[str, Any]:
+    """Columns of hazards.csv that are alike in all rows of a session."""
+    return {
+        "session": options.folder.name,
+        "participant": options.participant,
+        "group": options.group,
+        "scenario": options.scenario.name,
+        "seed": options.seed,
+        "cue": "on" if session.cue_on else "off",
+        "blinded": options.scenario.cue.blinded if options.blinded is None else options.blinded,
+    }
+
+
+def _counted(counts: dict[str, int]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in counts.items() if count) or "nothing arrived"
+
+
+@contextlib.contextmanager
+def _until_interrupted() -> Iterator[list[int]]:
+    """A list that Ctrl-C and SIGTERM fill: the session ends, files are closed; twice: at once."""
+    seen: list[int] = []
+
+    def note(number: int, frame: Any) -> None:
+        seen.append(number)
+        if len(seen) > 2:
+            raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield seen
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class _Scripted:
+    """A scripted operator as a console."""
+
+    def __init__(self, operator: Operator, session: Session) -> None:
+        self._operator, self._session = operator, session
+
+    def poll(self) -> list[dict[str, Any]]:
+        return self._operator.step(self._session.frame, self._session.ticks)
+
+    def tell(self, frame: Frame) -> None:
+        """It sees the frame when it is asked."""
+
+
+class _ItpConsole:
+    """A console over the network: increments in, force out."""
+
+    def __init__(self, server: ItpServer, session: Session) -> None:
+        self._server, self._arms = server, session.arms
+        self._still = dict.fromkeys(session.arms, (0.0, 0.0, 0.0))
+
+    def poll(self) -> list[dict[str, Any]]:
+        return self._server.poll()
+
+    def tell(self, frame: Frame) -> None:
+        felt = frame.number("cue_on") and frame.number("console_alive")
+        forces = {arm: frame[f"{arm}/force"].tolist() for arm in self._arms} if felt else self._still
+        self._server.send_force(forces, int(frame.number("runlevel")), bool(frame.number("soft_estopped")))

@@ -1,0 +1,106 @@
+"""How well this machine keeps time: an empty loop, a session without and with its page, side by side."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from ravenjax.trainer import clock, launch, scenario, scripts
+from ravenjax.trainer.clock import Clock, Timing
+
+COLUMNS = ("loop", "compute us p50", "p99", "p99.9", "lateness us p50", "p99", "p99.9", "late ticks", "of")
+AIM_US = 100
+"""p99.9 of a tick's compute time at most: a tenth of the cycle, so that a slower machine keeps up too."""
+SCENARIO = "first_steps"
+
+
+@dataclasses.dataclass(frozen=True)
+class Measured:
+    """One loop, for so many seconds."""
+
+    loop: str
+    timing: Timing
+
+    def row(self) -> tuple[str, ...]:
+        """As `COLUMNS`."""
+        timing = self.timing
+        shares = (0.5, 0.99, 0.999)
+        numbers = [f"{timing.percentile(what, s):.0f}" for what in ("compute", "lateness") for s in shares]
+        return (self.loop, *numbers, f"{timing.late}", f"{timing.ticks}")
+
+
+def measure(seconds: float, say: Callable[[str], None] = lambda _: None) -> list[Measured]:
+    """The empty loop first and last, between them a session without and with a visitor on its page."""
+    found = [Measured("empty", _empty(seconds, say))]
+    for name, visited in (("session, page closed", False), ("session, page open", True)):
+        say(f"{name}: {seconds:g} s")
+        found.append(Measured(name, _session(seconds, visited)))
+    return [*found, Measured("empty again", _empty(seconds, say))]
+
+
+def verdict(found: list[Measured]) -> list[tuple[str, str]]:
+    """(state, sentence) of each thing that is asked for."""
+    out = []
+    for one in found:
+        if one.loop.startswith("session"):
+            slow = one.timing.percentile("compute", 0.999)
+            state = "ok" if slow <= AIM_US else "slow"
+            out.append((state, f"{one.loop}: 99.9 % of ticks are computed within {slow:.0f} us, expected {AIM_US}"))
+    idle = [one.timing for one in found if one.loop.startswith("empty")]
+    worst = max(timing.late / timing.ticks for timing in idle)
+    for one in found:
+        if one.loop.startswith("session"):
+            late, ticks = one.timing.late, one.timing.ticks
+            noise = 3 * max(1.0, (worst * ticks) ** 0.5)  # three standard deviations of a count
+            state = "ok" if late <= worst * ticks + noise else "late"
+            empty = ", ".join(f"{timing.late}" for timing in idle)
+            out.append((state, f"{one.loop}: {late} late ticks of {ticks}; the empty loops had {empty}"))
+    return out
+
+
+def _empty(seconds: float, say: Callable[[str], None]) -> Timing:
+    say(f"empty loop: {seconds:g} s")
+    clock.prefer_realtime()
+    paced = Clock()
+    for _ in range(round(seconds * 1000)):
+        paced.wait()
+        paced.done()
+    return paced.timing
+
+
+def _session(seconds: float, visited: bool) -> Timing:
+    chosen = scenario.load(SCENARIO, [f"duration_s={seconds}"])
+    with tempfile.TemporaryDirectory() as place, contextlib.ExitStack() as stack:
+        told: list[str] = []
+
+        def say(text: str) -> None:
+            told.append(text)
+            if visited and text.startswith("operator: "):
+                stack.enter_context(_visitor(text.removeprefix("operator: ")))
+
+        options = launch.Options(scenario=chosen, folder=Path(place) / "session", seed=0)
+        operator = scripts.named("follow", chosen)
+        finished = launch.realtime(options, operator=operator, with_page=visited, linger_s=0.0, say=say)
+        assert finished.timing is not None
+        return finished.timing
+
+
+@contextlib.contextmanager
+def _visitor(url: str) -> Iterator[None]:
+    """Someone who looks at the page: a process that takes everything the page sends."""
+    from multiprocessing import get_context
+
+    from ravenjax.trainer.page import visitor
+
+    process = get_context("spawn").Process(target=visitor.look, args=(url,), daemon=True)
+    process.start()
+    time.sleep(2.0)
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.join(5.0)
