@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cyclopts import App
 
-from ravenjax.cli import catalogue, console, machine, results, running
+from ravenjax.cli import catalogue, console, machine, results, running, training
 
 USER_ERROR, INTERRUPTED = 2, 130
 """Exit codes: bad input, and Ctrl-C."""
@@ -21,6 +21,10 @@ for _command in (
     results.trace,
     running.search,
     running.reproduce,
+    training.train,
+    training.robot,
+    training.study,
+    training.log,
     catalogue.campaigns,
     catalogue.faults,
     catalogue.parameters,

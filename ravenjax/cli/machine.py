@@ -38,9 +38,16 @@ def bench(
         console.out.print()
 
 
-def doctor() -> int:
+def doctor(
+    *,
+    realtime: Annotated[bool, Parameter(negative="", help="measure how well a session keeps time instead")] = False,
+    seconds: Annotated[float, Parameter(help="of each of the four loops that --realtime measures")] = 60.0,
+) -> int:
     """Check this machine: versions, devices, CPU, memory, and that each part works."""
     from ravenjax import terminal
+
+    if realtime:
+        return _keeps_time(seconds)
     from ravenjax.robot.packet import UDP_PORT
 
     console.out.print(terminal.table("This machine", ("what", "is"), list(terminal.machine())))
@@ -56,6 +63,19 @@ def doctor() -> int:
     found = list(terminal.checks(tests))
     console.out.print(terminal.table("What works", ("what", "state", "detail"), found))
     return int(any(state != "ok" for _, state, _ in found))
+
+
+def _keeps_time(seconds: float) -> int:
+    from ravenjax import terminal
+    from ravenjax.trainer import realtime_check
+
+    found = realtime_check.measure(seconds, lambda what: console.err.print(what, highlight=False))
+    rows = [one.row() for one in found]
+    console.out.print(terminal.table("One tick a millisecond", realtime_check.COLUMNS, rows))
+    states = realtime_check.verdict(found)
+    for state, sentence in states:
+        console.out.print(f"{state}: {sentence}", markup=False, highlight=False, soft_wrap=True)
+    return int(any(state != "ok" for state, _ in states))
 
 
 def _jax_computes() -> str:

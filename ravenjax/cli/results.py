@@ -1,4 +1,4 @@
-"""Commands on a result folder: `report`, `trace`."""
+"""Commands on result folders: `report`, `trace`, `verify`, `merge`."""
 
 from __future__ import annotations
 
@@ -73,6 +73,68 @@ def trace(
     )
     for path in (log, plot):
         console.out.print(f"wrote {path}", highlight=False, soft_wrap=True)
+
+
+def verify(
+    folder: Path,
+    *,
+    sample: Annotated[int, Parameter(help="runs that are made again, 0 for none")] = 64,
+    engine: Annotated[str, Parameter(help="auto is the engine that the campaign ran on")] = "auto",
+    seed: Annotated[int, Parameter(help="of the sample")] = 0,
+) -> int:
+    """Check a result folder: checksums, rows, values, and a random sample of its runs made again.
+
+    Ends with code 1 where something is wrong. Runs made again on another engine may differ: it is told by how much.
+
+    Parameters
+    ----------
+    folder
+        What `ravenjax run` wrote.
+    """
+    from ravenjax import terminal
+    from ravenjax.campaign import verification
+
+    found = verification.verify(folder, sample, engine, seed)
+    rows = [(check.name, "ok" if check.fine else "WRONG", check.looked_at) for check in found.checks]
+    console.out.print(terminal.table(f"Verified: {folder}", ("what", "", "looked at"), rows))
+    for check in found.checks:
+        for problem in check.problems:
+            console.err.print(f"{check.name}: {problem}", style="red", markup=False, highlight=False, soft_wrap=True)
+    if found.rerun is not None and found.rerun.differing:
+        n = len(found.rerun.rows)
+        apart = [(one.name, f"{n - one.equal} of {n}", f"{one.largest:.3g}") for one in found.rerun.differing]
+        columns = ("column", "rows that differ", "largest difference")
+        console.out.print(terminal.table("Not equal to the bit", columns, apart))
+    return 0 if found.fine else 1
+
+
+def merge(
+    out: Path,
+    shards: Annotated[list[Path], Parameter(consume_multiple=True)],
+    *,
+    partial: Annotated[bool, Parameter(help="merge though rows are missing")] = False,
+) -> None:
+    """Join the shards of a campaign into one result folder.
+
+    Their parts are linked or copied, each checked; the shards stay as they are. May be given again after an
+    interruption, or with further shards.
+
+    Parameters
+    ----------
+    out
+        Folder to merge into.
+    shards
+        Result folders of the same campaign, as `ravenjax run --shard` wrote them.
+    """
+    from ravenjax.store import merging, query
+
+    done = merging.merge(out, shards, partial)
+    record = done.manifest
+    told = f"{record.done} of {record.runs} runs in {len(record.parts)} parts"
+    ways = f"{done.linked} linked, {done.copied} copied, {done.kept} there before"
+    console.out.print(f"merged: {out}: {told} ({ways})", highlight=False, soft_wrap=True)
+    if done.missing:
+        console.out.print(f"missing: rows {query.in_words(done.missing)}", highlight=False, soft_wrap=True)
 
 
 def _plotted(series: dict[str, Any], cue: int) -> dict[str, Any]:

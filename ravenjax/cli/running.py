@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
+import signal
+import sys
+import threading
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from ravenjax.cli import console
 from ravenjax.cli.console import Overrides
 from ravenjax.cli.results import write_report
+
+if TYPE_CHECKING:
+    from ravenjax.store.results import Results
 
 
 def run(
@@ -20,9 +28,20 @@ def run(
     overrides: Overrides = None,
     chunk: Annotated[int | None, Parameter(help="runs per part of the result")] = None,
     limit: Annotated[int | None, Parameter(help="compute only the first runs")] = None,
+    executor: Annotated[
+        str | None, Parameter(help="local (this process), processes (of this machine) or ray (a cluster)")
+    ] = None,
+    workers: Annotated[
+        int | None, Parameter(help="processes or tasks side by side; default one a GPU, or one for some cores")
+    ] = None,
+    ray_address: Annotated[str | None, Parameter(help="of a running Ray cluster; default one on this machine")] = None,
+    shard: Annotated[str | None, Parameter(help="i/N: only the i-th of N shares, for batch schedulers")] = None,
     report: Annotated[bool, Parameter(help="write report.html at the end")] = True,
 ) -> None:
     """Run a campaign, or finish it where OUT holds a part of it.
+
+    Exit codes: 0 done, 2 something to mend (the campaign file, a full disk, workers that die), 128 + n ended by signal
+    n: 130 Ctrl-C, 143 SIGTERM, 129 SIGHUP. Whatever ends it, finished parts are kept and the same command goes on.
 
     Parameters
     ----------
@@ -31,24 +50,61 @@ def run(
     """
     from ravenjax import terminal
     from ravenjax.campaign import loading
+    from ravenjax.campaign.executors import choice, shards
 
     sizes = {"chunk": chunk, "limit": limit}
     given = [*(overrides or ()), *(f"campaign.{key}={value}" for key, value in sizes.items() if value is not None)]
+    share = shards.parse(shard) if shard is not None else None
+    who = choice.executor(executor, workers, ray_address)
     config = loading.load(file, given)
-    folder = out or Path("results") / config.campaign.name
+    folder = out or Path("results") / config.campaign.name / (share.folder if share is not None else "")
 
     from ravenjax.campaign import runner
 
-    with terminal.Watch(console.out) as watch:
-        results = runner.run_campaign(config, folder, engine, on_progress=watch)
-    rows = terminal.outcome_rows(results.verdicts())
-    if rows:
-        console.out.print(
-            terminal.table("Faulty runs", ("response / haptic / jump", "runs", "share, 95 % interval"), rows)
+    with _ended_by_signals(), terminal.Watch(console.out) as watch:
+        results = runner.run_campaign(
+            config, folder, engine, on_progress=watch, executor=who, shard=share, command=sys.argv
         )
-    console.out.print(f"results: {folder}", highlight=False, soft_wrap=True)
-    if report:
+    _summary(folder, results)
+    if share is not None:
+        console.out.print(f"one of {share.of} shards; `ravenjax merge` joins them", highlight=False)
+    elif report:
         write_report(folder)
+
+
+def _summary(folder: Path, results: Results) -> None:
+    """What came out: verdicts, failures by cause, where it is."""
+    from ravenjax import terminal
+    from ravenjax.store import manifest
+
+    if rows := terminal.outcome_rows(results.verdicts()):
+        columns = ("response / haptic / jump", "runs", "share, 95 % interval")
+        console.out.print(terminal.table("Faulty runs", columns, rows))
+    record = manifest.read(folder)
+    if rows := terminal.failure_rows(record.failures, record.done):
+        console.out.print(terminal.table("Runs without a valid outcome", ("cause", "runs", "share"), rows))
+    console.out.print(f"results: {folder}", highlight=False, soft_wrap=True)
+
+
+@contextlib.contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """SIGTERM and SIGHUP end the work as Ctrl-C does, with exit code 128 + the signal's number."""
+
+    def leave(number: int, _: object) -> None:
+        raise SystemExit(128 + number)
+
+    if threading.current_thread() is not threading.main_thread():  # then signals are somebody else's
+        yield
+        return
+    before = {number: signal.signal(number, leave) for number in (signal.SIGTERM, signal.SIGHUP)}
+    try:
+        yield
+    except SystemExit:
+        console.err.print("ended by a signal; finished parts are kept, and the same command goes on", highlight=False)
+        raise
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def search(

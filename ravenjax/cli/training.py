@@ -40,8 +40,7 @@ def train(
     scenario
         Scenario file, or the name of a bundled one (see `ravenjax campaigns`).
     """
-    from ravenjax.errors import UserError
-    from ravenjax.trainer import launch, scripts
+    from ravenjax.trainer import launch
     from ravenjax.trainer import scenario as scenarios
 
     chosen = scenarios.load(scenario, overrides or ())
@@ -56,20 +55,18 @@ def train(
         host=host,
         port=port,
         token=token,
+        script=script,
         itp_port=itp_port,
         robot=robot,
     )
-    operator = None if script is None else scripts.named(script, chosen)
 
     def say(text: str) -> None:
         console.out.print(text, markup=False, highlight=False, soft_wrap=True)
 
     if headless:
-        if operator is None:
-            raise UserError("--headless needs someone who drives: add --script, as in --script release")
-        found = launch.headless(options, operator, say)
+        found = launch.headless(options, say)
     else:
-        found = launch.realtime(options, operator=operator, with_page=page, linger_s=linger, say=say)
+        found = launch.realtime(options, with_page=page, linger_s=linger, say=say)
     say(f"session: {found.folder} ({found.ended})")
 
 

@@ -8,6 +8,7 @@ operator's motion may be written row by row as it happens.
 from __future__ import annotations
 
 import ctypes
+import struct
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -19,9 +20,10 @@ from ravenjax.engines.loop_kernel import FUNCTIONS, print_kernel
 from ravenjax.engines.memory import Layout
 from ravenjax.engines.straight import contract
 from ravenjax.engines.time_loop import TimeLoop, split
-from ravenjax.engines.vector_code import _at, _buffer, _packed, _unpacked
+from ravenjax.engines.vector_code import _at, _buffer, _packed
 
 _POINTER, _LONG, _INT = ctypes.c_void_p, ctypes.c_int64, ctypes.c_int32
+_FORMATS = {"float32": "f", "float64": "d", "int32": "i", "uint32": "I", "bool": "i"}
 _NUMBER = 4  # bytes of a number that enters or leaves a tick
 
 
@@ -62,6 +64,7 @@ class StepCode:
         loop = TimeLoop(*(contract(lowering.lower(jaxpr)) for jaxpr in (first, middle, last)))
         self.split = split(loop, (), (0,))
         self.kernel = print_kernel(self.split, 1, jit.host().features)
+        self.results = struct.Struct("=" + "".join(_FORMATS[dtype] for dtype in self.kernel.results.types))
         self._module = module = jit.compile(self.kernel.text, FUNCTIONS, objects)
         run = [_POINTER] * 4
         self.shared_begin = module.function("shared_begin", [_POINTER] * 2)
@@ -116,6 +119,7 @@ class Stepper:
         self.tables = [self.flat[end - length : end] for end, length in zip(ends, code.tables, strict=True)]
         self._shared = (_at(self._inputs), _at(self._group), self.flat.ctypes.data, _at(self._entering), 0, _NUMBER)
         self._lane = (_at(self._inputs), _at(self._held), _at(self._state), self.flat.ctypes.data)
+        self._finish = (_at(self._inputs), _at(self._state), _at(self._group), _at(self._results))
         self._between = (_at(self._entering), 0, _NUMBER, _at(self._row))
         self.begin()
 
@@ -136,11 +140,9 @@ class Stepper:
         self._state[:] = kept
 
     def outcomes(self) -> dict[str, Any]:
-        """What became of it so far."""
-        code = self.code
-        code.lane_finish(_at(self._inputs), _at(self._state), _at(self._group), _at(self._results))
-        values = _unpacked(code.kernel.results, self._results)
-        return {name: value[0].item() for name, value in zip(code.names, values, strict=True)}
+        """What became of it so far; a truth value is 0 or -1."""
+        self.code.lane_finish(*self._finish)
+        return dict(zip(self.code.names, self.code.results.unpack_from(self._results.data), strict=True))
 
     def snapshot(self) -> tuple[np.ndarray, np.ndarray]:
         """A copy of its state, for `restore` of any stepper of the same code."""

@@ -22,34 +22,26 @@ from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from ravenjax.errors import UserError
 from ravenjax.store import files, manifest, session_file, session_log
-from ravenjax.trainer import clock, judge, loop, page, recorder
+from ravenjax.trainer import clock, hazard_table, judge, loop, page, recorder, scripts
 from ravenjax.trainer.clock import Timing
 from ravenjax.trainer.frame import Frame
 from ravenjax.trainer.itp import ItpServer
+from ravenjax.trainer.page.options import loopback
 from ravenjax.trainer.ring import EVENT_BYTES, Ring
 from ravenjax.trainer.scenario import Scenario
-from ravenjax.trainer.session import Driven, Session
+from ravenjax.trainer.session import Session
 
 FRAMES, EVENTS = 4096, 1024
 """Rows of the rings: four seconds of frames."""
 STARTING_S = 60.0
 """Longest that page and recorder may take to be there."""
-HAZARDS = "hazards.csv"
 Say = Callable[[str], None]
-
-
-class Operator(Protocol):
-    """One who drives in place of a person; as in `scripts`."""
-
-    def step(self, frame: Frame, tick: int) -> list[dict[str, Any]]:
-        """What is sent in this tick, having seen the frame of the last."""
-        ...
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,6 +58,7 @@ class Options:
     host: str = "127.0.0.1"
     port: int = 0
     token: str | None = None
+    script: str | None = None  # who drives in place of a person: a reaction of `scripts`, or a file of commands
     itp_port: int | None = None  # None: no console over the network
     robot: str | None = None  # HOST[:PORT] of a robot elsewhere
 
@@ -83,18 +76,16 @@ class Finished:
 def realtime(
     options: Options,
     *,
-    operator: Operator | None = None,
-    robot: Driven | None = None,
     with_page: bool = True,
     linger_s: float | None = None,
     say: Say = print,
 ) -> Finished:
     """Run a session against the clock.
 
-    operator: drives in place of a person. linger_s: how long the page stays after the end, None: until Ctrl-C.
+    linger_s: how long the page stays after the end, None: until Ctrl-C.
     """
     files.require_writable(options.folder)
-    session = Session(options.scenario, options.seed, cue=options.cue, robot=robot)
+    session = Session(options.scenario, options.seed, cue=options.cue)
     header = _header(options, session)
     with contextlib.ExitStack() as stack:
         frames, events = Ring.create(FRAMES, 4 * session.layout.size), Ring.create(EVENTS, EVENT_BYTES)
@@ -117,8 +108,8 @@ def realtime(
             stack.callback(lambda: say(f"console: {_counted(server.counters())}"))
             consoles.append(_ItpConsole(server, session))
             say("console: ITP over UDP {}:{}".format(*server.address))
-        if operator is not None:
-            consoles.append(_Scripted(operator, session))
+        if options.script is not None:
+            consoles.append(_Scripted(options.script, session))
         _wait_for(recording, options.folder / session_log.FILE)
         stop = stack.enter_context(_until_interrupted())
         say(f"realtime: {clock.prefer_realtime()}")
@@ -135,19 +126,25 @@ def realtime(
     return found
 
 
-def headless(options: Options, operator: Operator, say: Say = lambda _: None) -> Finished:
-    """Run a session as fast as it goes, without page and clock: the same folder, the same bits each time."""
+def headless(options: Options, say: Say = lambda _: None) -> Finished:
+    """Run a session as fast as it goes, without page and clock: the same folder, the same bits each time.
+
+    UserError without a script: somebody must drive.
+    """
+    if options.script is None:
+        raise UserError(f"nobody drives: give a script, one of {', '.join(scripts.REACTIONS)} or a file of commands")
     files.require_writable(options.folder)
     session = Session(options.scenario, options.seed, cue=options.cue)
     header = {"started": recorder.now(), **_header(options, session), "ended": None}
     session_file.write(options.folder, header)
     log = session_log.Writer(options.folder / session_log.FILE, tuple(session.layout.names()), header)
+    driver = _Scripted(options.script, session)
     block: list[np.ndarray] = []
     told: list[dict[str, Any]] = []
     first = 0
     with contextlib.closing(log):
         while not session.over:
-            told += session.tick(operator.step(session.frame, session.ticks))
+            told += session.tick(driver.poll())
             block.append(session.frame.row.copy())
             if len(block) == recorder.BLOCK or session.over:
                 log.add(first, np.stack(block), told)
@@ -167,22 +164,19 @@ def fresh_folder(name: str, base: Path = Path("results/sessions")) -> Path:
 
 def _header(options: Options, session: Session) -> dict[str, Any]:
     chosen = options.scenario
-    shown = [
-        {key: value for key, value in dataclasses.asdict(hazard).items() if key != "row"} for hazard in session.hazards
-    ]
     return {
         "name": options.folder.name,
-        "scenario": chosen.model_dump(mode="json"),
+        "scenario": chosen.resolved(),
         "seed": options.seed,
         "participant": options.participant,
         "group": options.group,
         "cue": session.cue_on,
-        "blinded": chosen.cue.blinded if options.blinded is None else options.blinded,
+        "blinded": _blinded(options),
         "cue_threshold_mm": chosen.cue.threshold_mm,
         "versions": manifest.package_versions(),
         "arms": list(session.arms),
         "robot": "virtual",
-        "hazards": json.loads(json.dumps(shown)),
+        "hazards": [hazard.header() for hazard in session.hazards],
         "task": session.task.geometry(),
         "summary": {},
     }
@@ -201,7 +195,7 @@ def _open_page(
 ) -> None:
     """Spawn the page's process, wait until it listens, and say where."""
     token = options.token
-    if token is None and not page.options.loopback(options.host):
+    if token is None and not loopback(options.host):
         token = secrets.token_urlsafe(24)
     given = page.Options(
         frames=frames.name,
@@ -257,12 +251,19 @@ def _conclude(options: Options, session: Session, timing: Timing | None, say: Sa
     """Table, summary and debrief once the recording is whole."""
     from ravenjax.trainer import debrief  # plotly: a second, after the session
 
-    rows = [_common(options, session) | row for row in session.rows()]
-    with open(options.folder / HAZARDS, "w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [*_common(options, session), *judge.COLUMNS])
+    rows = session.judge.rows(
+        session=options.folder.name,
+        participant=options.participant,
+        group=options.group,
+        seed=options.seed,
+        blinded=_blinded(options),
+    )
+    with open(options.folder / hazard_table.FILE, "w", newline="", encoding="utf-8") as file:
+        writer: csv.DictWriter[str] = csv.DictWriter(file, judge.COLUMNS)
         writer.writeheader()
         writer.writerows(rows)
     summary: dict[str, Any] = {"ended": session.ended, "task": session.task.result(), "ticks": session.ticks}
+    summary["hazards"] = session.judge.result()
     if timing is not None:
         summary["timing"] = facts(timing)
     session_file.update(options.folder, {"summary": summary})
@@ -279,17 +280,8 @@ def facts(timing: Timing) -> dict[str, float]:
     return found
 
 
-def _common(options: Options, session: Session) -> dict[str, Any]:
-    """Columns of hazards.csv that are alike in all rows of a session."""
-    return {
-        "session": options.folder.name,
-        "participant": options.participant,
-        "group": options.group,
-        "scenario": options.scenario.name,
-        "seed": options.seed,
-        "cue": "on" if session.cue_on else "off",
-        "blinded": options.scenario.cue.blinded if options.blinded is None else options.blinded,
-    }
+def _blinded(options: Options) -> bool:
+    return options.scenario.cue.blinded if options.blinded is None else options.blinded
 
 
 def _counted(counts: dict[str, int]) -> str:
@@ -315,13 +307,19 @@ def _until_interrupted() -> Iterator[list[int]]:
 
 
 class _Scripted:
-    """A scripted operator as a console."""
+    """A scripted or recorded operator as a console."""
 
-    def __init__(self, operator: Operator, session: Session) -> None:
-        self._operator, self._session = operator, session
+    def __init__(self, script: str, session: Session) -> None:
+        self._session = session
+        self._operator: scripts.Operator
+        if script in scripts.REACTIONS:
+            speeds = session.scenario.speeds
+            self._operator = scripts.Follower(session.task, session.arms, speeds, reaction=script)  # type: ignore[arg-type]
+        else:
+            self._operator = scripts.load(script)
 
     def poll(self) -> list[dict[str, Any]]:
-        return self._operator.step(self._session.frame, self._session.ticks)
+        return self._operator.messages(self._session.ticks, self._session.frame)
 
     def tell(self, frame: Frame) -> None:
         """It sees the frame when it is asked."""
@@ -332,12 +330,14 @@ class _ItpConsole:
 
     def __init__(self, server: ItpServer, session: Session) -> None:
         self._server, self._arms = server, session.arms
-        self._still = dict.fromkeys(session.arms, (0.0, 0.0, 0.0))
+        self._still: dict[str, Any] = dict.fromkeys(session.arms, (0.0, 0.0, 0.0))
 
     def poll(self) -> list[dict[str, Any]]:
         return self._server.poll()
 
     def tell(self, frame: Frame) -> None:
         felt = frame.number("cue_on") and frame.number("console_alive")
-        forces = {arm: frame[f"{arm}/force"].tolist() for arm in self._arms} if felt else self._still
+        forces = self._still
+        if felt:
+            forces = {arm: frame[f"{arm}/force"].tolist() for arm in self._arms}
         self._server.send_force(forces, int(frame.number("runlevel")), bool(frame.number("soft_estopped")))

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from ravenjax.trainer import clock, launch, scenario, scripts
+from ravenjax.trainer import clock, launch, scenario
 from ravenjax.trainer.clock import Clock, Timing
 
 COLUMNS = ("loop", "compute us p50", "p99", "p99.9", "lateness us p50", "p99", "p99.9", "late ticks", "of")
@@ -82,9 +82,8 @@ def _session(seconds: float, visited: bool) -> Timing:
             if visited and text.startswith("operator: "):
                 stack.enter_context(_visitor(text.removeprefix("operator: ")))
 
-        options = launch.Options(scenario=chosen, folder=Path(place) / "session", seed=0)
-        operator = scripts.named("follow", chosen)
-        finished = launch.realtime(options, operator=operator, with_page=visited, linger_s=0.0, say=say)
+        options = launch.Options(scenario=chosen, folder=Path(place) / "session", seed=0, script="none")
+        finished = launch.realtime(options, with_page=visited, linger_s=0.0, say=say)
         assert finished.timing is not None
         return finished.timing
 

@@ -10,22 +10,27 @@ for as long as the pedal is held.
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from ravenjax.robot import kinematics
 from ravenjax.trainer import blueprint, director, hands, judge, scenario, tasks
+from ravenjax.trainer.blueprint import Blueprint
 from ravenjax.trainer.frame import PHASES, VIEWS, Frame, Layout
 from ravenjax.trainer.messages import INSTRUCTOR, OPERATOR
 from ravenjax.trainer.scenario import Scenario
 from ravenjax.trainer.simulation import Robot
-from ravenjax.types import Vec
+from ravenjax.trainer.world import Point
+from ravenjax.types import ArmName, Vec
 
 Event = dict[str, Any]
 READY, RUNNING, PAUSED, STOPPED, OVER = range(len(PHASES))
 REAL, VIRTUAL, REPLAY = range(len(VIEWS))
 E_STOP, PEDAL_DOWN = 0, 3
+_TOLD = (("phase", "phase"), ("view", "view"), ("console", "alive"), ("pedal", "down"), ("runlevel", "runlevel"))
+"""Events that tell of each change of a state, and their word for it."""
 OUTCOMES_EVERY = 10
 """Ticks between two looks at the robot's checks."""
 
@@ -45,18 +50,41 @@ class Driven(Protocol):
     def press(self, row: int, ticks: int = 100) -> None: ...
 
 
+class _Places(NamedTuple):
+    """Where an arm's channels stand in a row."""
+
+    hand: slice  # hand, hand_quat and grasp: as in a row of motion
+    link_jpos: slice
+    tip: slice
+    virtual_jpos: slice
+    virtual_tip: slice
+
+    @staticmethod
+    def of(places: dict[str, slice], arm: str) -> _Places:
+        hand = slice(places[f"{arm}/hand"].start, places[f"{arm}/grasp"].stop)
+        return _Places(hand, *(places[f"{arm}/{name}"] for name in _Places._fields[1:]))
+
+
 class Session:
     """One session. `tick` until `over`."""
 
-    def __init__(self, chosen: Scenario, seed: int, *, cue: bool | None = None, robot: Driven | None = None) -> None:
-        """cue: whether the force is felt, the scenario's own if None. robot: in place of the virtual one."""
+    def __init__(
+        self,
+        chosen: Scenario,
+        seed: int,
+        *,
+        cue: bool | None = None,
+        made: Blueprint | None = None,
+        robot: Callable[[Blueprint], Driven] = Robot,
+    ) -> None:
+        """cue: whether the force is felt, the scenario's own if None. made: compiled before, for the same scenario and
+        seed. robot: what makes the robot that is driven."""
         self.scenario, self.seed = chosen, seed
-        config = scenario.campaign(chosen, seed)
-        self.blueprint = blueprint.make(config)
+        self.blueprint = blueprint.make(scenario.campaign(chosen, seed)) if made is None else made
         self.layout: Layout = self.blueprint.layout
         self.arms = self.layout.arms
         self.hazards = scenario.armable(chosen, self.blueprint.plan.table)
-        self.robot: Driven = Robot(self.blueprint) if robot is None else robot
+        self.robot = robot(self.blueprint)
         self.virtual = Robot(self.blueprint)
         self.frame = Frame(self.layout)
         self.cue_on = chosen.cue.on if cue is None else cue
@@ -72,7 +100,12 @@ class Session:
         self._rest: np.ndarray | None = None  # row of the resting robot while the virtual one is driven
         self._tried = (0, 0)  # ticks of the motion that was tried
         self._replayed = 0  # how far the robot has followed it
-        self._told: dict[str, Any] = {}
+        self._pedal, self._alive = 0.0, False
+        self._told: tuple[Any, ...] = (None,) * len(_TOLD)
+        places = self.layout.places
+        self._places = [_Places.of(places, arm) for arm in self.arms]
+        self._common = slice(places["session_tick"].start, places["cue_on"].stop)
+        self._runlevel = places["runlevel"].start
         self._events: list[Event] = []
 
     @property
@@ -99,10 +132,6 @@ class Session:
         self._follow(hand)
         self.ticks += 1
         return self._events
-
-    def rows(self) -> list[dict[str, Any]]:
-        """hazards.csv: one row a hazard so far."""
-        return self.judge.rows()
 
     # --- commands ---
 
@@ -212,34 +241,25 @@ class Session:
     # --- what is shown and told ---
 
     def _publish(self, hand: hands.Row | None = None) -> None:
-        frame = self.frame
+        """Fill the frame; without a hand what the robot and the hand show stays."""
+        row, task = self.frame.row, self.task
         if hand is not None:
-            frame.row[: self.robot.row.size] = self.robot.row
-            for i, arm in enumerate(self.arms):
-                first = 8 * i
-                frame[f"{arm}/hand"] = hand.columns[first : first + 3]
-                frame[f"{arm}/hand_quat"] = hand.columns[first + 3 : first + 7]
-                frame[f"{arm}/grasp"] = hand.columns[first + 7]
-                shown = self.virtual if self.view == VIRTUAL else self.robot
-                places = self.layout.places
-                frame[f"{arm}/virtual_jpos"] = shown.row[places[f"{arm}/link_jpos"]]
-                frame[f"{arm}/virtual_tip"] = shown.row[places[f"{arm}/tip"]]
-            frame["pedal"], frame["console_alive"] = hand.columns[-1], hand.alive
-        frame["session_tick"], frame["phase"], frame["view"] = self.ticks, self.phase, self.view
-        frame["hazard"], frame["cue_on"] = self.director.at_work, self.cue_on
-        frame["target"], frame["progress"] = self.task.target, self.task.progress
-        changed = {"phase": PHASES[self.phase], "view": VIEWS[self.view]}
-        if hand is not None:
-            changed |= {
-                "console": bool(hand.alive),
-                "pedal": bool(hand.columns[-1]),
-                "runlevel": int(frame.number("runlevel")),
-            }
-        words = {"phase": "phase", "view": "view", "console": "alive", "pedal": "down", "runlevel": "runlevel"}
-        for kind, value in changed.items():
-            if self._told.get(kind) != value:
-                self._told[kind] = value
-                self._tell(kind, **{words[kind]: value})
+            row[: self.robot.row.size] = self.robot.row
+            shown = self.virtual.row if self.view == VIRTUAL else self.robot.row
+            for i, places in enumerate(self._places):
+                row[places.hand] = hand.columns[8 * i : 8 * i + 8]
+                row[places.virtual_jpos], row[places.virtual_tip] = shown[places.link_jpos], shown[places.tip]
+            self._pedal, self._alive = float(hand.columns[-1]), hand.alive
+        row[self._common] = (
+            *(self.ticks, self.phase, self.view, self._pedal, self._alive),
+            *(self.director.at_work, task.target, task.progress, self.cue_on),
+        )
+        told = (PHASES[self.phase], VIEWS[self.view], self._alive, self._pedal != 0.0, int(row[self._runlevel]))
+        if told != self._told:
+            for (kind, word), value, before in zip(_TOLD, told, self._told, strict=True):
+                if value != before:
+                    self._tell(kind, **{word: value})
+            self._told = told
 
     def _follow(self, hand: hands.Row) -> None:
         """Task, judge and phase after the tick."""
@@ -269,10 +289,11 @@ class Session:
     def _new_hands(self) -> hands.Hands:
         return hands.Hands(self.arms, self.scenario.scale, self.scenario.speeds)
 
-    def _tips(self) -> dict[str, tuple[float, float, float]]:
+    def _tips(self) -> dict[ArmName, Point]:
         """Where the tips begin, m, frame 0."""
         starts = self.blueprint.plan.motion.start_jpos
-        return {
-            arm: tuple(float(x) for x in kinematics.forward(arm, Vec(jpos)).position)  # type: ignore[misc]
-            for arm, jpos in zip(self.arms, starts, strict=True)
-        }
+        found: dict[ArmName, Point] = {}
+        for arm, jpos in zip(self.arms, starts, strict=True):
+            x, y, z = (float(number) for number in kinematics.forward(arm, Vec(jpos)).position)
+            found[arm] = (x, y, z)
+        return found
