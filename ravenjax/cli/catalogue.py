@@ -7,7 +7,7 @@ from ravenjax.cli.console import Overrides
 
 
 def campaigns() -> None:
-    """List the bundled campaigns."""
+    """List the bundled campaigns, searches and training scenarios."""
     from ravenjax import resources, terminal
     from ravenjax.campaign import design, loading
 
@@ -22,6 +22,12 @@ def campaigns() -> None:
     rows = [(name, one.search.kind, one.campaign.campaign.description) for name, one in found]
     console.out.print()
     console.out.print(terminal.table("Searches: ravenjax search FILE", ("file", "kind", "what it asks"), rows))
+    from ravenjax.trainer import scenario
+
+    chosen = [(path.name, scenario.load(path)) for path in scenario.bundled()]
+    rows = [(name, f"{one.duration_s:g}", one.title) for name, one in chosen]
+    console.out.print()
+    console.out.print(terminal.table("Training: ravenjax train FILE", ("file", "s", "what it trains"), rows))
 
 
 def faults(hazard: str | None = None) -> None:

@@ -31,7 +31,7 @@ def train(
     port: Annotated[int, Parameter(help="of the page; 0: any free one")] = 8080,
     token: Annotated[str | None, Parameter(help="that the page asks for; made up where one is needed")] = None,
     itp_port: Annotated[int | None, Parameter(help="also take an ITP console on this UDP port (36000)")] = None,
-    robot: Annotated[str | None, Parameter(help="HOST[:PORT] of `ravenjax robot`, or of a real Raven")] = None,
+    robot: Annotated[str | None, Parameter(help="drive one elsewhere: HOST[:ITP_PORT[:JOINT_PORT]]")] = None,
 ) -> None:
     """Train on one robot in real time, in the browser: drive, meet a hazard, respond, read the debrief.
 
@@ -60,36 +60,48 @@ def train(
         robot=robot,
     )
 
-    def say(text: str) -> None:
-        console.out.print(text, markup=False, highlight=False, soft_wrap=True)
-
     if headless:
-        found = launch.headless(options, say)
+        found = launch.headless(options, _say)
     else:
-        found = launch.realtime(options, with_page=page, linger_s=linger, say=say)
-    say(f"session: {found.folder} ({found.ended})")
+        found = launch.realtime(options, with_page=page, linger_s=linger, say=_say)
+    _say(f"session: {found.folder} ({found.ended})")
 
 
 def robot(
-    scenario: str = "robot",
+    scenario: str = "first_steps",
     *,
     overrides: Overrides = None,
+    seed: Annotated[int | None, Parameter(help="that draws the hazards; default the scenario's")] = None,
     host: Annotated[str, Parameter(help="address to listen on")] = "127.0.0.1",
     itp_port: Annotated[int, Parameter(help="UDP port of the console; 0: any free one")] = 36000,
-    joint_port: Annotated[int, Parameter(help="TCP port of the joint state; 0: any free one")] = 36010,
-    hazard: Annotated[str | None, Parameter(help="arm this hazard of the library at --at")] = None,
-    at: Annotated[float, Parameter(help="s after the first pedal-down")] = 5.0,
-    seconds: Annotated[float | None, Parameter(help="end after so long; default until Ctrl-C")] = None,
+    joint_port: Annotated[int, Parameter(help="TCP port of the joint state; 0: any free one")] = 36002,
+    hazard: Annotated[list[str] | None, Parameter(negative="", help="NUMBER@MS: arm a hazard then")] = None,
+    seconds: Annotated[float | None, Parameter(help="end after so long; default at Ctrl-C")] = None,
     token: Annotated[str | None, Parameter(help="that orders from other machines must carry")] = None,
+    console_host: Annotated[str | None, Parameter(help="the only host that may drive; default any")] = None,
 ) -> None:
     """Run the control software and the virtual robot as a process that any ITP console can drive.
 
     Parameters
     ----------
     scenario
-        Scenario whose robot and hazards it has.
+        Scenario whose robot and hazards it has; `ravenjax train SCENARIO --robot HOST` drives it.
     """
-    raise NotImplementedError
+    from ravenjax.trainer import robot_process
+    from ravenjax.trainer import scenario as scenarios
+
+    robot_process.run(
+        scenarios.load(scenario, overrides or ()),
+        seed,
+        host=host,
+        itp_port=itp_port,
+        joint_port=joint_port,
+        hazards=[robot_process.Strike.parse(text) for text in hazard or ()],
+        token=token,
+        console=console_host,
+        seconds=seconds,
+        say=_say,
+    )
 
 
 def study(
@@ -120,3 +132,7 @@ def recover(
         session.mcap of a session that was killed.
     """
     raise NotImplementedError
+
+
+def _say(text: str) -> None:
+    console.out.print(text, markup=False, highlight=False, soft_wrap=True)

@@ -1,9 +1,9 @@
 """A robot elsewhere, `ravenjax robot` or a real Raven: driven over ITP, compared with the nominal model here.
 
 The console's half of the tick runs here, compiled as the whole is: packets of the operator's motion, the nominal model
-on that clean input, the cue from what the robot reports of itself. What cannot be seen from here, where the links truly
-are and what a fault-free twin would do, is not made up: `link_jpos` and `tip` are the measured ones, `stray_mm` and
-`known_mm` the distance from the nominal model.
+on that clean input, the cue from what the robot reports of itself. A robot that nothing is heard of counts as stopped.
+What cannot be seen from here, where the links truly are and what a fault-free twin would do, is not made up:
+`link_jpos` and `tip` are the measured ones, `stray_mm` and `known_mm` the distance from the nominal model.
 """
 
 from __future__ import annotations
@@ -50,7 +50,6 @@ class DistantRobot:
         self.row = self._frame.row[: blueprint.layout.simulated]
         self.now = 0
         self._out = np.zeros(self._stepper.code.outputs, np.float32)
-        self._report: JointReport | None = None
         self._sequence = 0
         self._places = [blueprint.layout.places[name] for name in _names(self.arms)]
         self._outcomes: dict[str, Any] = {}
@@ -61,10 +60,11 @@ class DistantRobot:
         at = self._show()
         self._sequence += 1
         report = self.remote.exchange(self._datagram(self._out[at:].tolist()))
-        if report is not None:
-            self._report = report
+        if report is not None and not self.remote.stale:
             self._take(report)
-        self.row[0] = self.now
+        else:
+            self._lose()
+        self._frame["tick"] = self.now
         self.now += 1
 
     def outcomes(self) -> dict[str, Any]:
@@ -79,7 +79,7 @@ class DistantRobot:
 
     def arm(self, row: int) -> None:
         """Let the hazard of this row strike in the robot's process."""
-        self.remote.order({"order": "arm", "row": row})
+        self.remote.order({"order": "arm", "number": row})
 
     def disarm(self) -> None:
         """Take it back."""
@@ -123,6 +123,13 @@ class DistantRobot:
             self._outcomes.setdefault("check_soft_estop_first_ms", self.now)
         if report.runlevel == 0:
             self._outcomes.setdefault("check_estop_first_ms", self.now)
+
+    def _lose(self) -> None:
+        """Nothing is heard of the robot: it counts as stopped, and nobody is pulled toward it."""
+        for name in ("runlevel", "surgeon_mode", "plc_runlevel", "fault_active"):
+            self._frame[name] = 0
+        for arm in self.arms:
+            self._frame[f"{arm}/force"] = 0.0
 
 
 def _names(arms: tuple[str, ...]) -> list[str]:

@@ -15,10 +15,9 @@ import dataclasses
 import json
 import multiprocessing
 import secrets
-import signal
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from datetime import UTC, datetime
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -27,15 +26,23 @@ from typing import Any
 import numpy as np
 
 from ravenjax.errors import UserError
+from ravenjax.robot.packet import UDP_PORT
 from ravenjax.store import files, manifest, session_file, session_log
-from ravenjax.trainer import clock, hazard_table, judge, loop, page, recorder, scripts
+from ravenjax.trainer import clock, hazard_table, judge, loop, page, recorder, scenario, scripts
+from ravenjax.trainer.blueprint import Blueprint
 from ravenjax.trainer.clock import Timing
+from ravenjax.trainer.distant import DistantRobot
 from ravenjax.trainer.frame import Frame
+from ravenjax.trainer.interruption import until_interrupted
 from ravenjax.trainer.itp import ItpServer
+from ravenjax.trainer.joint_stream import JOINT_PORT
 from ravenjax.trainer.page.options import loopback
+from ravenjax.trainer.remote import RemoteRobot
 from ravenjax.trainer.ring import EVENT_BYTES, Ring
+from ravenjax.trainer.robot_process import digest
 from ravenjax.trainer.scenario import Scenario
-from ravenjax.trainer.session import Session
+from ravenjax.trainer.session import Driven, Session
+from ravenjax.trainer.simulation import Robot
 
 FRAMES, EVENTS = 4096, 1024
 """Rows of the rings: four seconds of frames."""
@@ -60,7 +67,7 @@ class Options:
     token: str | None = None
     script: str | None = None  # who drives in place of a person: a reaction of `scripts`, or a file of commands
     itp_port: int | None = None  # None: no console over the network
-    robot: str | None = None  # HOST[:PORT] of a robot elsewhere
+    robot: str | None = None  # a robot elsewhere, HOST[:ITP_PORT[:JOINT_PORT]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,9 +92,9 @@ def realtime(
     linger_s: how long the page stays after the end, None: until Ctrl-C.
     """
     files.require_writable(options.folder)
-    session = Session(options.scenario, options.seed, cue=options.cue)
-    header = _header(options, session)
     with contextlib.ExitStack() as stack:
+        session = Session(options.scenario, options.seed, cue=options.cue, robot=_robot(stack, options))
+        header = _header(options, session)
         frames, events = Ring.create(FRAMES, 4 * session.layout.size), Ring.create(EVENTS, EVENT_BYTES)
         stack.callback(events.close)
         stack.callback(frames.close)
@@ -111,7 +118,7 @@ def realtime(
         if options.script is not None:
             consoles.append(_Scripted(options.script, session))
         _wait_for(recording, options.folder / session_log.FILE)
-        stop = stack.enter_context(_until_interrupted())
+        stop = stack.enter_context(until_interrupted())
         say(f"realtime: {clock.prefer_realtime()}")
         timing = loop.run(session, frames, events, consoles, lambda: bool(stop))
         recording.join(STARTING_S)
@@ -175,11 +182,41 @@ def _header(options: Options, session: Session) -> dict[str, Any]:
         "cue_threshold_mm": chosen.cue.threshold_mm,
         "versions": manifest.package_versions(),
         "arms": list(session.arms),
-        "robot": "virtual",
+        "robot": options.robot or "virtual",
         "hazards": [hazard.header() for hazard in session.hazards],
         "task": session.task.geometry(),
         "summary": {},
     }
+
+
+def _robot(stack: contextlib.ExitStack, options: Options) -> Callable[[Blueprint], Driven]:
+    """What makes the robot that is driven: the virtual one, or a connection to one elsewhere."""
+    if options.robot is None:
+        return Robot
+    host, ports = address(options.robot)
+
+    def connected(made: Blueprint) -> Driven:
+        remote = RemoteRobot(host, *ports, made.setup.arms, options.token)
+        stack.callback(remote.close)
+        mine, theirs = digest(scenario.armable(options.scenario, made.plan.table)), remote.greeting.get("hazards")
+        if mine != theirs:
+            told = f"scenario {remote.greeting.get('scenario')!r}, seed {remote.greeting.get('seed')}"
+            raise UserError(
+                f"the robot at {host} ({told}) has other hazards than this session ({options.scenario.name!r}, seed "
+                f"{options.seed}): start both with the same scenario, --seed and --set"
+            )
+        return DistantRobot(made, remote)
+
+    return connected
+
+
+def address(text: str) -> tuple[str, tuple[int, int]]:
+    """Host, and ports of ITP and of the joint stream, of HOST[:ITP_PORT[:JOINT_PORT]]. UserError."""
+    host, *given = text.split(":")
+    if not host or len(given) > 2 or not all(port.isdecimal() and int(port) < 65536 for port in given):
+        raise UserError(f"robot is {text!r}, expected HOST[:ITP_PORT[:JOINT_PORT]], such as 127.0.0.1:36000:36002")
+    itp, joint = [*map(int, given), *(UDP_PORT, JOINT_PORT)[len(given) :]]
+    return host, (itp, joint)
 
 
 def _open_page(
@@ -286,24 +323,6 @@ def _blinded(options: Options) -> bool:
 
 def _counted(counts: dict[str, int]) -> str:
     return ", ".join(f"{name} {count}" for name, count in counts.items() if count) or "nothing arrived"
-
-
-@contextlib.contextmanager
-def _until_interrupted() -> Iterator[list[int]]:
-    """A list that Ctrl-C and SIGTERM fill: the session ends, files are closed; twice: at once."""
-    seen: list[int] = []
-
-    def note(number: int, frame: Any) -> None:
-        seen.append(number)
-        if len(seen) > 2:
-            raise KeyboardInterrupt
-
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield seen
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 class _Scripted:

@@ -127,17 +127,15 @@ class PacketRobot:
     def __init__(self, config: CampaignConfig) -> None:
         """UserError where a hazard of `config` strikes the console's side of the network."""
         self._robot = Robot(blueprint.make(config, packets=True))
-        made = self._robot.blueprint
+        made = self.blueprint = self._robot.blueprint
         self.arms = made.setup.arms
         self.frame = Frame(made.layout)
         series = tick.series_length(made.setup)
         self._packets = [stepper.entering[series:] for stepper in (self._robot._own, self._robot._twin)]
-        self._mode = 0
 
     def step(self, packet: Packet | None) -> Frame:
         """One tick with the packet that arrived, None: none did. The frame is the same object each time."""
         if packet is not None:
-            self._mode = int(packet.surgeon_mode)
             leaves = jax.tree.leaves(packet)
             for entering in self._packets:
                 for place, number in zip(entering, leaves, strict=True):

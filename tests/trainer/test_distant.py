@@ -1,0 +1,89 @@
+"""A robot elsewhere, driven by packets and compared with the model here, goes as the one in this process does."""
+
+import numpy as np
+import pytest
+
+from ravenjax.campaign import loading
+from ravenjax.robot.packet import decode
+from ravenjax.trainer import blueprint
+from ravenjax.trainer.distant import DistantRobot
+from ravenjax.trainer.frame import Layout
+from ravenjax.trainer.joint_record import Decoder, Reporter
+from ravenjax.trainer.simulation import PacketRobot, Robot
+
+TICKS = 800
+
+
+class Wire:
+    """The other end: a robot that steps when a packet comes, and whose report is back at once."""
+
+    def __init__(self, robot):
+        self.robot, self.orders, self.stale = robot, [], False
+        self._reporter, self._decoder, self._tick = Reporter(Layout.of(robot.arms)), Decoder(), 0
+
+    def exchange(self, datagram):
+        assert len(datagram) == 124
+        frame = self.robot.step(decode(datagram, self.robot.arms))
+        self._tick += 1
+        return self._decoder.feed(self._reporter.encode(frame, self._tick, self._tick))[-1]
+
+    def order(self, content):
+        self.orders.append(content)
+
+
+@pytest.fixture(scope="module")
+def driven():
+    """Rows of a robot here and of one elsewhere on the same motion, and the one elsewhere."""
+    config = loading.from_dict(
+        {
+            "campaign": {"name": "far", "duration_s": TICKS / 1000, "arms": ["gold", "green"]},
+            "operator": {"motion": "suture", "scale": 0.1},
+            "group": [{"name": "estop", "fault": [{"site": "buttons", "channel": "estop", "effect": "overwrite",
+                                                   "value": 1, "start_ms": 0}]}],
+        }
+    )  # fmt: skip
+    made = blueprint.make(config)
+    far = DistantRobot(made, Wire(PacketRobot(config)))
+    rows = []
+    for robot in (Robot(made), far):
+        for column, values in zip(robot.motion, made.plan.columns, strict=True):
+            column[: len(values)] = values
+        rows.append(np.stack([(robot.step(), robot.row.copy())[1] for _ in range(TICKS)]))
+    return made.layout.places, *rows, far
+
+
+def test_packets_on_the_wire_move_it_as_the_motion_does(driven):
+    places, here, there, far = driven
+    assert here[-1, places["runlevel"]] == 3 and there[-1, places["runlevel"]] == 3
+    for arm in ("gold", "green"):
+        for name in ("jpos", "jpos_d", "mpos", "dac"):
+            np.testing.assert_allclose(there[:, places[f"{arm}/{name}"]], here[:, places[f"{arm}/{name}"]], atol=2e-6)
+    assert far.outcomes() == {}
+
+
+def test_the_model_here_is_the_model_of_the_tick_and_the_error_that_of_a_tick_ago(driven):
+    places, here, there, _ = driven
+    for arm in ("gold", "green"):
+        for name in ("model_jpos", "model_tip"):
+            np.testing.assert_allclose(there[:, places[f"{arm}/{name}"]], here[:, places[f"{arm}/{name}"]], atol=2e-6)
+        error = places[f"{arm}/error_mm"]
+        # the robot's report of this tick comes after the packet of this tick: one tick of motion, at most 60 mm/s
+        assert np.abs(there[1:, error] - here[1:, error]).max() < 0.06
+        np.testing.assert_array_equal(there[:, places[f"{arm}/stray_mm"]], there[:, error])
+
+
+def test_orders_go_to_the_robots_process(driven):
+    *_, far = driven
+    far.arm(0)
+    far.press(1)
+    far.disarm()
+    assert [order["order"] for order in far.remote.orders] == ["arm", "estop", "disarm"]
+    assert far.remote.orders[0]["number"] == 0
+
+
+def test_a_robot_that_is_silent_counts_as_stopped_and_does_not_pull(driven):
+    places, *_, far = driven
+    far.remote.stale = True
+    far.motion[:, far.now] = far.motion[:, far.now - 1]
+    far.step()
+    assert far.row[places["runlevel"]] == 0 and not far.row[places["gold/force"]].any()

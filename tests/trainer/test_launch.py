@@ -1,0 +1,81 @@
+"""Whole sessions: the folder that one leaves, headless and against the clock, and what is asked before one starts."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from ravenjax.errors import UserError
+from ravenjax.trainer import launch, recording, scenario
+from ravenjax.trainer.launch import Options
+
+CHOSEN = scenario.from_dict(
+    {
+        "name": "tiny",
+        "duration_s": 5,
+        "task": {"kind": "reach", "targets": 50},
+        "hazard": [{"when": [1.5, 1.5], "within_s": 1.0, "right_response": ["release"],
+                    "fault": [{"site": "usb_out", "channel": "shoulder", "effect": "overwrite", "value": 9000,
+                               "start_ms": 0, "duration_ms": 40}]}],
+    }
+)  # fmt: skip
+
+
+def options(folder, **more):
+    return Options(scenario=CHOSEN, folder=folder, seed=3, participant="P7", group="A", script="release", **more)
+
+
+@pytest.fixture(scope="module")
+def headless(tmp_path_factory):
+    return launch.headless(options(tmp_path_factory.mktemp("sessions") / "one"))
+
+
+def test_a_session_leaves_a_folder_that_says_everything(headless):
+    header = json.loads((headless.folder / "session.json").read_text())
+    assert header["participant"] == "P7" and header["scenario"]["name"] == "tiny" and header["ended"]
+    assert header["summary"]["ended"] == "time" and header["summary"]["hazards"]["struck"] == 1
+    with open(headless.folder / "hazards.csv", newline="") as file:
+        (row,) = csv.DictReader(file)
+    assert row["session"] == "one" and row["group"] == "A" and row["response"] == "release"
+    read = recording.read(headless.folder)
+    assert read.complete and len(read.rows) == 5000 and read["tick"][-1] == 4999
+    assert {event["kind"] for event in read.events} >= {"hazard_struck", "cue", "response", "end"}
+    assert "<html" in (headless.folder / "debrief.html").read_text()
+
+
+def test_the_same_session_again_has_the_same_bits(headless, tmp_path):
+    again = launch.headless(options(tmp_path / "one"))
+    np.testing.assert_array_equal(recording.read(again.folder).rows, recording.read(headless.folder).rows)
+    assert (again.folder / "hazards.csv").read_bytes() == (headless.folder / "hazards.csv").read_bytes()
+
+
+def test_against_the_clock_it_is_the_same_session_but_for_the_timing(headless, tmp_path):
+    found = launch.realtime(options(tmp_path / "one"), with_page=False, say=lambda _: None)
+    assert found.hazards == headless.hazards and found.ended == "time"
+    real, plain = recording.read(found.folder), recording.read(headless.folder)
+    assert real.complete and len(real.rows) >= len(plain.rows)
+    timing = [plain.layout.places[name].start for name in ("compute_us", "lateness_us", "late_ticks")]
+    untimed = np.delete(np.arange(plain.layout.size), timing)
+    np.testing.assert_array_equal(real.rows[: len(plain.rows), untimed], plain.rows[:, untimed])
+    assert json.loads((found.folder / "session.json").read_text())["summary"]["timing"]["ticks"] > 5000
+
+
+def test_somebody_must_drive_a_headless_session(tmp_path):
+    with pytest.raises(UserError, match="give a script, one of none, release"):
+        launch.headless(Options(scenario=CHOSEN, folder=tmp_path / "x", seed=0))
+    assert not (tmp_path / "x").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [("host", ("host", (36000, 36002))), ("h:1", ("h", (1, 36002))), ("127.0.0.1:1:2", ("127.0.0.1", (1, 2)))],
+)
+def test_addresses_of_robots(text, meant):
+    assert launch.address(text) == meant
+
+
+@pytest.mark.parametrize("text", ["", ":1", "h:x", "h:1:2:3", "h:70000"])
+def test_addresses_that_are_none(text):
+    with pytest.raises(UserError, match="expected HOST"):
+        launch.address(text)
