@@ -178,7 +178,12 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
     models = per_arm(
         setup,
         lambda i, arm: nominal.step(
-            setup, arm, params.nominal[i], state.nominal[i], connections.clean(setup, clean, fresh, i)
+            setup,
+            arm,
+            params.nominal[i],
+            state.nominal[i],
+            connections.clean(setup, clean, fresh, i),
+            real(setup, signals.arms[i].jpos),
         ),
     )
     tips = per_arm(setup, lambda i, arm: kinematics.forward(arm, robots[i].jpos).position)

@@ -109,6 +109,7 @@ BOUNDS: tuple[Bound, ...] = (
     Bound("nominal.kv", 0, 1e6, "N m s/rad; insertion N s/m", "friction opposes motion"),
     Bound("nominal.kc", 0, 1e6, "N m; insertion N", "dry friction opposes motion"),
     Bound("nominal.mass_scale", 0.01, 100, "", "times masses and inertias of the model, which are positive"),
+    Bound("nominal.resync", 0, 1, "", "1: the model goes where the robot is while the pedal is up", whole=True),
     *_per_joint("nominal.target.lower", _TURN, _TRAVEL, "soft limit of the joint"),
     *_per_joint("nominal.target.upper", _TURN, _TRAVEL, "soft limit of the joint"),
     Bound("haptics.cues.threshold_m", 0, 1, "m", "a distance; [haptics] threshold_mm is in mm"),

@@ -11,6 +11,7 @@ from ravenjax.cli import console
 from ravenjax.cli.console import Overrides
 
 log = App(name="log", help="Recordings of sessions.")
+study = App(name="study", help="Compare groups of sessions: ravenjax study FOLDERS; and draw who is in which group.")
 
 
 def train(
@@ -104,11 +105,14 @@ def robot(
     )
 
 
-def study(
+@study.default
+def compare(
     folders: list[Path],
     *,
     out: Annotated[Path, Parameter(help="folder of the comparison")] = Path("results/study"),
+    by: Annotated[str | None, Parameter(help="what makes the groups: group, cue; default group, else cue")] = None,
     unblind: Annotated[bool, Parameter(negative="", help="show the groups' names instead of A and B")] = False,
+    mixed: Annotated[bool, Parameter(negative="", help="let sessions of several scenarios or versions in")] = False,
 ) -> None:
     """Collect sessions and compare their groups: effect sizes and intervals.
 
@@ -117,12 +121,36 @@ def study(
     folders
         Session folders, or folders of session folders.
     """
-    raise NotImplementedError
+    from ravenjax.trainer import study
+
+    found = study.run(folders, out, by, unblind=unblind, mixed=mixed)
+    _say(found.text.rstrip())
+    _say(f"study: {found.page}")
+
+
+@study.command
+def assign(
+    participants: list[str],
+    *,
+    groups: Annotated[list[str], Parameter(consume_multiple=True, help="names of the groups")] = ["on", "off"],  # noqa: B006
+    seed: int = 0,
+    block: Annotated[int | None, Parameter(help="participants of a block; default twice the groups")] = None,
+) -> None:
+    """Draw who belongs to which group: balanced in blocks, the same for the same seed; CSV.
+
+    Parameters
+    ----------
+    participants
+        Their codes, in the order in which they come.
+    """
+    from ravenjax.trainer import assignment
+
+    _say(assignment.as_csv(assignment.assign(participants, groups, seed, block)).rstrip())
 
 
 @log.command
 def recover(
-    file: Path, *, out: Annotated[Path | None, Parameter(help="whole file; default FILE-recovered")] = None
+    file: Path, *, out: Annotated[Path | None, Parameter(help="whole file; default FILE.recovered.mcap")] = None
 ) -> None:
     """Make a recording that was cut short whole again, as far as it goes.
 
@@ -131,7 +159,9 @@ def recover(
     file
         session.mcap of a session that was killed.
     """
-    raise NotImplementedError
+    from ravenjax.store import recover as store
+
+    _say(str(store.recover(file, out)))
 
 
 def _say(text: str) -> None:

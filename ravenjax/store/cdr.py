@@ -20,7 +20,7 @@ class Layout:
     def __init__(self, frame_id: str) -> None:
         """Begins with a std_msgs/Header: stamp, then the constant `frame_id`."""
         self._bytes = bytearray(8)  # stamp: int32 sec, uint32 nanosec
-        self._holes: list[tuple[int, int]] = []  # first byte, how many float64
+        self._holes: list[tuple[int, int, int]] = []  # first byte, how many numbers, bytes of each
         self.text(frame_id)
 
     def _align(self, size: int) -> None:
@@ -45,10 +45,17 @@ class Layout:
 
     def numbers(self, how_many: int) -> None:
         """A hole of `how_many` float64 in a row."""
+        self._hole(how_many, 8)
+
+    def singles(self, how_many: int) -> None:
+        """A hole of `how_many` float32 in a row."""
+        self._hole(how_many, 4)
+
+    def _hole(self, how_many: int, size: int) -> None:
         if how_many:
-            self._align(8)
-            self._holes.append((len(self._bytes), how_many))
-            self._bytes += bytes(8 * how_many)
+            self._align(size)
+            self._holes.append((len(self._bytes), how_many, size))
+            self._bytes += bytes(size * how_many)
 
     def sequence(self, how_many: int) -> None:
         """A sequence of float64: its length and its hole."""
@@ -62,10 +69,23 @@ class Layout:
         stamp = np.stack([time_ns // 1_000_000_000, time_ns % 1_000_000_000], axis=1).astype("<u4")
         rows[:, :8] = stamp.view(np.uint8)
         column = 0
-        for start, how_many in self._holes:
-            filled = np.ascontiguousarray(values[:, column : column + how_many], "<f8")
-            rows[:, start : start + 8 * how_many] = filled.view(np.uint8)
+        for start, how_many, size in self._holes:
+            filled = np.ascontiguousarray(values[:, column : column + how_many], f"<f{size}")
+            rows[:, start : start + size * how_many] = filled.view(np.uint8)
             column += how_many
         if column != values.shape[1]:
             raise ValueError(f"message layout has {column} numbers, got {values.shape[1]}")
         return [_HEADER + row.tobytes() for row in rows]
+
+
+def string(text: str) -> bytes:
+    """A whole message that is one string, std_msgs/String."""
+    encoded = text.encode() + b"\0"
+    return _HEADER + len(encoded).to_bytes(4, "little") + encoded
+
+
+def read_string(message: bytes) -> str:
+    """The text of a message that `string` made. ValueError where it is none."""
+    if message[:4] != _HEADER or len(message) < 9:
+        raise ValueError("not a string in little-endian CDR")
+    return message[8 : 7 + int.from_bytes(message[4:8], "little")].decode()

@@ -26,6 +26,7 @@ QUATERNION = """float64 x
 float64 y
 float64 z
 float64 w"""
+STRING = """string data"""
 WRENCH_STAMPED = """std_msgs/Header header
 geometry_msgs/Wrench wrench"""
 WRENCH = """geometry_msgs/Vector3 force
@@ -38,9 +39,9 @@ def _joined(main: str, **parts: str) -> str:
     return main + "".join(f"\n{_RULE}\nMSG: {name.replace('__', '/')}\n{text}" for name, text in parts.items())
 
 
-def signals(names: Sequence[str]) -> str:
-    """Definition of the flat message: a header, then one float64 per name."""
-    return _joined("\n".join(["std_msgs/Header header", *(f"float64 {name}" for name in names)]))
+def signals(names: Sequence[str], kind: str = "float64") -> str:
+    """Definition of the flat message: a header, then one number of this ROS type per name."""
+    return _joined("\n".join(["std_msgs/Header header", *(f"{kind} {name}" for name in names)]))
 
 
 DEFINITIONS = {
@@ -51,5 +52,6 @@ DEFINITIONS = {
     "geometry_msgs/msg/WrenchStamped": _joined(
         WRENCH_STAMPED, geometry_msgs__Wrench=WRENCH, geometry_msgs__Vector3=POINT
     ),
+    "std_msgs/msg/String": STRING,
 }
 SIGNALS = "ravenjax_msgs/msg/Signals"

@@ -15,21 +15,18 @@ Every other series, [T] or [T, k], becomes one or k named float64 of the flat me
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from mcap.writer import Writer
 from scipy.spatial.transform import Rotation
 
-from ravenjax.store import ros_messages
-from ravenjax.store.cdr import Layout
+from ravenjax.store import topics
 from ravenjax.store.files import StoreError, write_aside
 from ravenjax.store.schema import JOINTS
+from ravenjax.store.topics import ARM_TOPICS, Topic
 
-ARM_TOPICS = {"gold": "arm1", "green": "arm2"}
 CHUNK_BYTES = 64 * 1024  # a kill loses at most one chunk, a few ticks; the library's default of 1 MiB nearly a second
 TICK_NS = 1_000_000  # ns, one control tick
 
@@ -43,15 +40,6 @@ _FORCE = "haptic_force"
 _TOPIC_SERIES = {"jpos", "jvel", "jpos_d", "tau_d", _FORCE} | {name for pair in _POSES.values() for name in pair}
 
 
-@dataclass(frozen=True)
-class _Topic:
-    name: str
-    schema: str
-    definition: str  # ros2msg text of the schema
-    layout: Layout
-    values: np.ndarray  # [T, numbers of the layout]
-
-
 def write(path: Path, series: Mapping[str, np.ndarray], metadata: Mapping[str, str] | None = None) -> None:
     """Write the time series of one run, one message per topic and millisecond, first tick at time 0.
 
@@ -61,15 +49,15 @@ def write(path: Path, series: Mapping[str, np.ndarray], metadata: Mapping[str, s
     arrays = {name: np.asarray(values) for name, values in series.items()}
     ticks = _ticks(path, arrays)
     time_ns = np.arange(ticks, dtype=np.int64) * TICK_NS
-    topics = [*_arm_topics(arrays), *_signals(arrays)]
-    messages = [topic.layout.encode(time_ns, topic.values) for topic in topics]
+    filled = [*_arm_topics(arrays), *_signals(arrays)]
+    messages = [topic.layout.encode(time_ns, values) for topic, values in filled]
 
     def fill(target: Path) -> None:
         with open(target, "wb") as file:
             writer = Writer(file, chunk_size=CHUNK_BYTES)
             writer.start(profile="ros2", library="ravenjax")
             writer.add_metadata("ravenjax", dict(metadata or {}))
-            channels = _register(writer, topics)
+            channels = topics.register(writer, [topic for topic, _ in filled])
             for tick, stamp in enumerate(time_ns.tolist()):
                 for channel, encoded in zip(channels, messages, strict=True):
                     writer.add_message(channel, stamp, encoded[tick], stamp, tick)
@@ -87,69 +75,32 @@ def _ticks(path: Path, arrays: Mapping[str, np.ndarray]) -> int:
     return counts.pop()
 
 
-def _register(writer: Writer, topics: list[_Topic]) -> list[int]:
-    schemas: dict[str, int] = {}
-    for topic in topics:
-        if topic.schema not in schemas:
-            schemas[topic.schema] = writer.register_schema(topic.schema, "ros2msg", topic.definition.encode())
-    return [writer.register_channel(topic.name, "cdr", schemas[topic.schema]) for topic in topics]
-
-
-# --- topics -----------------------------------------------------------------------------------------------------------
-
-
-def _arm_topics(arrays: Mapping[str, np.ndarray]) -> Iterator[_Topic]:
-    for arm, topic in ARM_TOPICS.items():
+def _arm_topics(arrays: Mapping[str, np.ndarray]) -> Iterator[tuple[Topic, np.ndarray]]:
+    for arm in ARM_TOPICS:
         get = {
             name.removeprefix(f"{arm}/"): values for name, values in arrays.items() if name.startswith(f"{arm}/")
         }.get
-        for name, (position, velocity, effort) in _JOINT_STATES.items():
+        for name, (position, *others) in _JOINT_STATES.items():
             if (jpos := get(position)) is not None:
-                yield _joint_state(f"/{topic}/{name}", f"{topic}_base", jpos, get(velocity), get(effort))
+                found = [get(other) if other else None for other in others]
+                there = [values is not None for values in found]
+                values = [jpos, *(values for values in found if values is not None)]
+                yield topics.joint_state(arm, name, True, *there), np.concatenate(values, axis=1)
         for name, (place, turn) in _POSES.items():
             if (points := get(place)) is not None:
-                yield _pose(f"/{topic}/{name}", f"{topic}_base", points, get(turn))
+                yield topics.pose(arm, name), np.concatenate([points, _quaternions(len(points), get(turn))], axis=1)
         if (force := get(_FORCE)) is not None:
-            yield _wrench(f"/{topic}/haptic_cf", f"{topic}_base", force)
+            yield topics.wrench(arm, "haptic_cf"), np.concatenate([force, np.zeros_like(force)], axis=1)
 
 
-def _joint_state(
-    name: str, frame: str, position: np.ndarray, velocity: np.ndarray | None, effort: np.ndarray | None
-) -> _Topic:
-    layout = Layout(frame)
-    layout.texts(JOINTS)
-    found = []
-    for values in (position, velocity, effort):
-        layout.sequence(0 if values is None else len(JOINTS))
-        if values is not None:
-            found.append(values)
-    return _topic(name, "sensor_msgs/msg/JointState", layout, np.concatenate(found, axis=1))
+def _quaternions(ticks: int, rotation: np.ndarray | None) -> np.ndarray:
+    """[T, 4]; all zero is not a rotation, so viewers and readers can tell that there is none."""
+    if rotation is None:
+        return np.zeros((ticks, 4))
+    return Rotation.from_matrix(rotation.astype(float).reshape(ticks, 3, 3)).as_quat()
 
 
-def _pose(name: str, frame: str, position: np.ndarray, rotation: np.ndarray | None) -> _Topic:
-    ticks = len(position)
-    if rotation is None:  # all zero is not a rotation, so viewers and readers can tell that there is none
-        turns = np.zeros((ticks, 4))
-    else:
-        turns = Rotation.from_matrix(rotation.astype(float).reshape(ticks, 3, 3)).as_quat()
-    layout = Layout(frame)
-    layout.numbers(7)
-    return _topic(name, "geometry_msgs/msg/PoseStamped", layout, np.concatenate([position, turns], axis=1))
-
-
-def _wrench(name: str, frame: str, force: np.ndarray) -> _Topic:
-    layout = Layout(frame)
-    layout.numbers(6)
-    return _topic(
-        name, "geometry_msgs/msg/WrenchStamped", layout, np.concatenate([force, np.zeros_like(force)], axis=1)
-    )
-
-
-def _topic(name: str, schema: str, layout: Layout, values: np.ndarray) -> _Topic:
-    return _Topic(name, schema, ros_messages.DEFINITIONS[schema], layout, values)
-
-
-def _signals(arrays: Mapping[str, np.ndarray]) -> Iterator[_Topic]:
+def _signals(arrays: Mapping[str, np.ndarray]) -> Iterator[tuple[Topic, np.ndarray]]:
     names, found = [], []
     for name, values in arrays.items():
         if name.partition("/")[0] in ARM_TOPICS and name.partition("/")[2] in _TOPIC_SERIES:
@@ -158,20 +109,11 @@ def _signals(arrays: Mapping[str, np.ndarray]) -> Iterator[_Topic]:
         names += _scalar_names(name, flat.shape[1])
         found.append(flat)
     if found:
-        layout = Layout("")
-        layout.numbers(len(names))
-        yield _Topic(
-            "/ravenjax/signals",
-            ros_messages.SIGNALS,
-            ros_messages.signals(names),
-            layout,
-            np.concatenate(found, axis=1, dtype=float),
-        )
+        yield topics.signals(names), np.concatenate(found, axis=1, dtype=float)
 
 
 def _scalar_names(name: str, width: int) -> list[str]:
-    """Field names as ROS 2 allows them: lower case letters, digits, single underscores."""
-    base = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+    base = topics.field(name)
     if width == 1:
         return [base]
     return [f"{base}_{JOINTS[i] if width == len(JOINTS) else i}" for i in range(width)]

@@ -1,7 +1,8 @@
 """What a session compiles: a campaign's tick, with a frame of numbers going out, and its fault table to arm rows of.
 
 Every hazard that can strike in a session is one row of a campaign's fault table, so that it is checked, named and
-replayed like any other. One fault slot more than the table needs is kept for the buttons beside the robot.
+replayed like any other; the last row is that of the E-stop button. One fault slot more than the table needs is kept
+for the button.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from ravenjax import paths, tick
+from ravenjax import tick
 from ravenjax.campaign import compile_cache, plan, table
 from ravenjax.campaign.config import CampaignConfig
 from ravenjax.campaign.plan import Plan
@@ -60,7 +61,7 @@ def make(config: CampaignConfig, packets: bool = False) -> Blueprint:
     program = dataclasses.replace(ready.program, setup=setup)
     ready = dataclasses.replace(ready, program=program)
     layout = Layout.of(setup.arms)
-    own = [np.asarray(_own(program.params, setup, path), values.dtype) for path, values in ready.varied.items()]
+    own = [values[-1] for values in ready.varied.values()]  # those of the last row, the button's: no hazard's
     inputs = own, Faults(tuple(_empty() for _ in range(slots + 1)))
     entering = np.zeros(tick.series_length(setup), np.float32), _silence(setup) if packets else None
     columns = len(ready.columns)
@@ -113,11 +114,6 @@ def _frame(setup: Setup, now: Scalar, state: tick.State, out: tick.Signals, sign
 def _distance(a: Vec, b: Vec) -> Scalar:
     x, y, z = minus(a, b)
     return jnp.sqrt(x * x + y * y + z * z)
-
-
-def _own(params: Any, setup: Setup, path: str) -> Any:
-    """The robot's own value of a parameter that some hazard changes."""
-    return next(iter(paths.named(params, setup.arms, path).values()))
 
 
 def _empty() -> Fault:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import dataclasses
+import gc
 import os
 import sys
 import time
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -87,3 +90,16 @@ def prefer_realtime() -> str:
         except OSError:
             granted.append("normal priority")
     return ", ".join(granted) or "as the system schedules"
+
+
+@contextlib.contextmanager
+def no_collection() -> Iterator[None]:
+    """Without the garbage collector, whose pauses are longer than a tick; a tick makes no cycles."""
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+        gc.unfreeze()

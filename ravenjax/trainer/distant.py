@@ -53,6 +53,7 @@ class DistantRobot:
         self._sequence = 0
         self._places = [blueprint.layout.places[name] for name in _names(self.arms)]
         self._outcomes: dict[str, Any] = {}
+        self._at_rest()
 
     def step(self) -> None:
         """One tick: the model moves, the packet goes out, the newest report comes in."""
@@ -75,6 +76,7 @@ class DistantRobot:
         """Ask the robot to begin anew; the model does."""
         self.remote.order({"order": "reset"})
         self._stepper.begin()
+        self._at_rest()
         self.now, self._outcomes = 0, {}
 
     def arm(self, row: int) -> None:
@@ -88,6 +90,12 @@ class DistantRobot:
     def press(self, row: int, ticks: int = 100) -> None:
         """Press the E-stop button of the robot's process."""
         self.remote.order({"order": "estop"})
+
+    def _at_rest(self) -> None:
+        """Until the robot reports, it counts as standing where it begins."""
+        for i, start in enumerate(self.blueprint.plan.program.params.start):
+            for place, number in zip(self._stepper.entering[14 * i : 14 * i + 14], [*start, *[0.0] * 7], strict=True):
+                place[0] = number
 
     def _show(self) -> int:
         """Fill the row with what the half tick told; where the packet begins in it."""
@@ -150,18 +158,22 @@ def _half(blueprint: Blueprint) -> StepCode:
 
     def step(inputs: Any, state: _State, now: Scalar, entering: Any, motion: Any) -> tuple[_State, list[Scalar]]:
         packet = connections.packet(setup, params.operator, None, motion, None, None, now)
-        fresh = jnp.bool_(True)
+        told = [[Vec(entering[14 * i + 7 * part :][:7]) for part in (0, 1)] for i in range(len(setup.arms))]
         models = per_arm(
             setup,
             lambda i, arm: nominal.step(
-                setup, arm, params.nominal[i], state.nominal[i], connections.clean(setup, packet, fresh, i)
+                setup,
+                arm,
+                params.nominal[i],
+                state.nominal[i],
+                connections.clean(setup, packet, jnp.bool_(True), i),
+                told[i][0],
             ),
         )
         out: list[Scalar] = []
         cues = []
         for i, arm in enumerate(setup.arms):
-            jpos, mvel = (Vec(entering[14 * i + 7 * part : 14 * i + 7 * part + 7]) for part in (0, 1))
-            signal = connections.felt(setup, arm, i, models[i][1], jpos, mvel)
+            signal = connections.felt(setup, arm, i, models[i][1], *told[i])
             moved, cue = haptics.step(setup, params.haptics, state.haptics[i], signal)
             cues.append(moved)
             tip = signal.robot_position

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import gc
 import json
 import socket
 from collections.abc import Callable
@@ -11,6 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ravenjax.trainer import clock
 from ravenjax.trainer.clock import Clock, Timing
 from ravenjax.trainer.frame import Frame
 from ravenjax.trainer.ring import Ring, put_event
@@ -70,40 +69,27 @@ def run(
     timing: Timing | None = None,
 ) -> Timing:
     """Run `session` in real time until it is over, or `stopped` says so."""
-    clock = Clock(timing)
+    paced = Clock(timing)
     layout, frame = session.layout, session.frame
     reported = left = 0
-    with _no_collection():
+    with clock.no_collection():
         while left < AFTER_END_MS:
-            clock.wait()
+            paced.wait()
             commands = [command for console in consoles for command in console.poll()]
             if not session.over and stopped():
                 commands.append({"type": "instructor", "do": "end"})
             told = session.tick(commands)
-            frame["compute_us"], frame["lateness_us"] = clock.compute_us, clock.lateness_us
-            frame["late_ticks"] = clock.timing.late
+            frame["compute_us"], frame["lateness_us"] = paced.compute_us, paced.lateness_us
+            frame["late_ticks"] = paced.timing.late
             frames.next_row().view(np.float32)[: layout.size] = frame.row
             frames.publish()
-            if clock.timing.late > reported and session.ticks % 100 == 0:
-                reported = clock.timing.late
+            if paced.timing.late > reported and session.ticks % 100 == 0:
+                reported = paced.timing.late
                 told.append({"tick": session.ticks, "kind": "overrun", "late_ticks": reported})
             for event in told:
                 put_event(events, event)
             for console in consoles:
                 console.tell(frame)
             left += session.over
-            clock.done()
-    return clock.timing
-
-
-@contextlib.contextmanager
-def _no_collection() -> Any:
-    """Without the garbage collector, whose pauses are longer than a tick; a tick makes no cycles."""
-    gc.collect()
-    gc.freeze()
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.enable()
-        gc.unfreeze()
+            paced.done()
+    return paced.timing

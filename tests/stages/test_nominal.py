@@ -148,10 +148,10 @@ def test_it_tracks_like_the_robot() -> None:
     assert apart.mean() < 0.5e-3 < lagging.mean() and apart.max() < 1e-3
 
 
-def run(setup: Setup, commands: list[nominal_target.Clean], start=HOME_JPOS):
-    params = nominal.params(setup, "gold")
+def run(setup: Setup, commands: list[nominal_target.Clean], start=HOME_JPOS, measured=HOME_JPOS, resync=0):
+    params = replace(nominal.params(setup, "gold"), resync=np.int32(resync))
     state = nominal.init(setup, "gold", params, start)
-    step = jax.jit(lambda s, c: nominal.step(setup, "gold", params, s, c))
+    step = jax.jit(lambda s, c: nominal.step(setup, "gold", params, s, c, Vec(measured)))
     for command in commands:
         state, out = step(state, command)
     return state, out
@@ -166,6 +166,21 @@ def test_it_follows_increments_to_where_they_lead() -> None:
         np.testing.assert_allclose(np.array(state.target.position_um) * 1e-6, expected, atol=2e-6)
         np.testing.assert_allclose(np.array(out.tip_position), expected, atol=3e-4)
         assert np.abs(np.array(out.tip_velocity)).max() < 1e-3
+
+
+def test_with_the_pedal_up_it_goes_where_the_robot_is_measured_if_told_so() -> None:
+    with jax.enable_x64(True):
+        there = tuple(q + 0.01 * (i + 1) for i, q in enumerate(HOME_JPOS))
+        moving, lifted = [clean((30, 0, 0))] * 100, [clean(engaged=0)] * 2
+        left, _ = run(SETUP, moving + lifted, measured=there)
+        along, _ = run(SETUP, moving + lifted, measured=there, resync=1)
+        assert np.abs(np.array(left.jpos) - np.array(there)).min() > 1e-3
+        np.testing.assert_allclose(np.array(along.jpos), there, atol=1e-9)
+        np.testing.assert_allclose(np.array(along.target.jpos_d), there, atol=1e-9)
+        on, _ = run(SETUP, moving + lifted + [clean()] * 500, measured=there, resync=1)
+        np.testing.assert_allclose(
+            np.array(on.jpos), there, atol=1e-4
+        )  # and stays there: no jump at the next pedal-down
 
 
 def test_the_pedal_up_holds_and_reanchors() -> None:

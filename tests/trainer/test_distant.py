@@ -8,7 +8,8 @@ from ravenjax.robot.packet import decode
 from ravenjax.trainer import blueprint
 from ravenjax.trainer.distant import DistantRobot
 from ravenjax.trainer.frame import Layout
-from ravenjax.trainer.joint_record import Decoder, Reporter
+from ravenjax.trainer.joint_decoder import Decoder
+from ravenjax.trainer.joint_record import Reporter
 from ravenjax.trainer.simulation import PacketRobot, Robot
 
 TICKS = 800

@@ -25,6 +25,7 @@ Integration is linearly implicit in gains and friction: stable at 1 kHz for any 
 from __future__ import annotations
 
 import jax.numpy as jnp
+import numpy as np
 
 from ravenjax.robot import kinematics, limits, link_dynamics, transmission
 from ravenjax.robot.algebra import mul
@@ -54,6 +55,7 @@ class Params:
     kv: Vec  # 5: N m s/rad; insertion N s/m
     kc: Vec  # 5: N m; insertion N
     mass_scale: Scalar  # 1
+    resync: Scalar  # int32, 1: while the pedal is up the model stands where the robot is measured; 0: where it was left
     target: nominal_target.Params
 
 
@@ -101,6 +103,7 @@ def params(setup: Setup, arm: ArmName) -> Params:
         kv=Vec(kv[:LAGRANGE]),
         kc=Vec(kc[:LAGRANGE]),
         mass_scale=1.0,
+        resync=np.int32(0),
         target=nominal_target.params(setup),
     )
 
@@ -113,8 +116,17 @@ def init(setup: Setup, arm: ArmName, params: Params, jpos0: Vec) -> State:
     return State(jpos=jpos, jvel=still, integral=still[0], target=nominal_target.init(setup, arm, jpos))
 
 
-def step(setup: Setup, arm: ArmName, params: Params, state: State, clean: Clean) -> tuple[State, Out]:
-    """One tick (1 ms) of the model under the operator's clean command; it holds still while the pedal is up."""
+def step(setup: Setup, arm: ArmName, params: Params, state: State, clean: Clean, measured: Vec) -> tuple[State, Out]:
+    """One tick (1 ms) of the model under the operator's clean command; it holds still while the pedal is up.
+
+    measured: the robot's joints as its control software has them (rad, m). With each lift of the pedal the robot takes
+    its measured pose, which hangs a little below the desired one, for the desired one, and sags on; `Params.resync`
+    lets the model go along, so that clutching adds up to no error of its own.
+    """
+    stands = (params.resync != 0) & (clean.engaged == 0)
+    state = State(
+        jpos=where(stands, measured, state.jpos), jvel=state.jvel, integral=state.integral, target=state.target
+    )
     target = nominal_target.step(setup, arm, params.target, state.target, clean, state.jpos)
     moved = track(setup, arm, params, state, target.jpos_d)
     held = State(jpos=state.jpos, jvel=state.jvel * 0.0, integral=state.integral, target=target)

@@ -1,0 +1,107 @@
+"""hazards.csv read back: a row a hazard of a session, what happened and when; nothing where it did not happen."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+from pathlib import Path
+
+from ravenjax.store.files import StoreError
+
+FILE = "hazards.csv"
+NUMBERS = ("armed_ms", "struck_ms", "knowable_ms", "cue_ms", "alarm_ms", "response_ms", "reaction_ms")
+SIZES = ("peak_error_mm", "peak_stray_mm", "deepest_mm", "score")
+OUTCOMES = {
+    "avoided": "no harm was done",
+    "harm": "harm was done",
+    "stopped": "the robot stopped itself",
+    "unaffected": "it had hardly an effect",
+    "missed": "it passed without the right response",
+}
+"""How a hazard may end, in words."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Hazard:
+    """One row. Times are ms since the session began, None where it never happened; sizes None where not measured."""
+
+    session: str
+    participant: str
+    group: str
+    scenario: str
+    seed: str
+    cue: str  # on, off
+    number: int
+    hazard: str  # id in the library
+    title: str
+    arm: str
+    armed_ms: float | None
+    struck_ms: float | None
+    knowable_ms: float | None
+    knowable_by: str
+    cue_ms: float | None
+    alarm_ms: float | None
+    alarm: str
+    response: str
+    response_ms: float | None
+    reaction_ms: float | None
+    right_response: str
+    response_ok: bool
+    peak_error_mm: float | None
+    peak_stray_mm: float | None
+    deepest_mm: float | None
+    stopped: bool
+    outcome: str
+    score: float | None
+    blinded: bool = False
+
+    @property
+    def after(self) -> dict[str, float]:
+        """ms after the strike of whatever happened: knowable, cue, alarm, response."""
+        if self.struck_ms is None:
+            return {}
+        times = {"knowable": self.knowable_ms, "cue": self.cue_ms, "alarm": self.alarm_ms, "response": self.response_ms}
+        return {name: time - self.struck_ms for name, time in times.items() if time is not None}
+
+
+def read(folder: Path) -> list[Hazard]:
+    """Hazards of a session's folder in the order of their strike; none where it has no hazards.csv.
+
+    Raises StoreError where the file is damaged or lacks a column.
+    """
+    path = Path(folder) / FILE
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            reader = csv.DictReader(file)
+            columns = list(reader.fieldnames or [])
+            lines = list(reader)
+    except FileNotFoundError:
+        return []
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise StoreError(f"{path}: cannot be read ({error})") from error
+    wanted = [one.name for one in dataclasses.fields(Hazard)]
+    if missing := [name for name in wanted if name not in columns]:
+        raise StoreError(f"{path}: has no column {', '.join(missing)}; expected those that `ravenjax train` writes")
+    found = [_hazard(path, i + 2, {name: line[name] or "" for name in wanted}) for i, line in enumerate(lines)]
+    return sorted(found, key=lambda one: (one.struck_ms is None, one.struck_ms or 0.0, one.number))
+
+
+def _hazard(path: Path, line: int, cells: dict[str, str]) -> Hazard:
+    values: dict[str, object] = dict(cells)
+    for name in (*NUMBERS, *SIZES):
+        values[name] = _number(path, line, name, cells[name])
+    for name in ("response_ok", "stopped", "blinded"):
+        values[name] = cells[name].strip().lower() in ("true", "1", "yes")
+    number = _number(path, line, "number", cells["number"])
+    if number is None:
+        raise StoreError(f"{path}: line {line}: number is empty, expected the hazard's number in session.json")
+    values["number"] = int(number)
+    return Hazard(**values)  # type: ignore[arg-type]
+
+
+def _number(path: Path, line: int, name: str, text: str) -> float | None:
+    try:
+        value = float(text) if text.strip() else None
+    except ValueError:
+        raise StoreError(f"{path}: line {line}: {name} is {text!r}, expected a number or nothing") from None
+    return value if value is None or abs(value) < float("inf") else None

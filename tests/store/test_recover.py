@@ -1,0 +1,110 @@
+"""Recovery of MCAP files that were cut short anywhere or damaged."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+
+from ravenjax.store import mcap_records, recover, session_log
+from ravenjax.store.files import StoreError
+
+NAMES = ["tick", "runlevel", *(f"gold/jpos/{i}" for i in range(7))]
+BLOCKS = 12
+BLOCK = 20
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A recording, its bytes, and where each of its chunks ends with everything that belongs to it."""
+    path = tmp_path_factory.mktemp("recover") / session_log.FILE
+    rows = np.random.default_rng(2).normal(size=(BLOCKS * BLOCK, len(NAMES))).astype(np.float32)
+    writer = session_log.Writer(path, NAMES, {"arms": ["gold"]})
+    for block in range(BLOCKS):
+        part = slice(block * BLOCK, (block + 1) * BLOCK)
+        writer.add(part.start, rows[part], [{"kind": "target", "tick": block}])
+    writer.close()
+    with open(path, "rb") as file:
+        index = make_reader(file).get_summary().chunk_indexes
+    ends = sorted(one.chunk_start_offset + one.chunk_length for one in index)
+    return path.read_bytes(), rows, ends
+
+
+def seeking(path):
+    """Sequence numbers of the flat messages as the library's seeking reader gives them."""
+    with open(path, "rb") as file:
+        return [one.sequence for _, _, one in make_reader(file).iter_messages(topics=["/ravenjax/signals"])]
+
+
+def test_a_file_cut_anywhere_keeps_every_whole_chunk(whole, tmp_path):
+    data, rows, ends = whole
+    assert len(ends) == BLOCKS
+    cuts = {end + more for end in ends for more in (-1, 0, 1)} | set(range(ends[0], len(data), 211))
+    path, out = tmp_path / "cut.mcap", tmp_path / "out.mcap"
+    for cut in sorted(cut for cut in cuts if cut >= ends[0]):
+        path.write_bytes(data[:cut])
+        chunks = sum(end <= cut for end in ends)
+        log = session_log.read(path)
+        assert log.complete == (cut == len(data)), cut
+        np.testing.assert_array_equal(log.rows, rows[: chunks * BLOCK])
+        assert [one["tick"] for one in log.events] == list(range(chunks))
+        told = recover.recover(path, out)
+        assert seeking(out) == list(range(chunks * BLOCK))
+        assert told.seconds == pytest.approx((chunks * BLOCK - 1) * 1e-3) and told.complete == log.complete
+        assert told.lost_bytes == log.lost_bytes <= max(np.diff([*ends, len(data)]))
+        again = session_log.read(out)
+        assert again.complete and again.header == log.header and again.events == log.events
+
+
+def test_a_file_without_a_whole_chunk_is_refused(whole, tmp_path):
+    data, _, ends = whole
+    path = tmp_path / "cut.mcap"
+    for cut in (8, 60, ends[0] - 1):
+        path.write_bytes(data[:cut])
+        with pytest.raises(StoreError, match=r"cut\.mcap: holds no whole message"):
+            recover.recover(path)
+    path.write_bytes(b"plain text, not a log")
+    with pytest.raises(StoreError, match="is no MCAP file"):
+        recover.recover(path)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_damaged_chunk_is_left_out_and_counted(whole, tmp_path):
+    data, _, ends = whole
+    path = tmp_path / session_log.FILE
+    at = ends[4] - 40  # within the fifth chunk's compressed records
+    path.write_bytes(data[:at] + bytes(byte ^ 0xFF for byte in data[at : at + 8]) + data[at + 8 :])
+    told = recover.recover(path)
+    assert told.path == tmp_path / "session.recovered.mcap"
+    missing = set(range(4 * BLOCK, 5 * BLOCK))
+    assert set(seeking(told.path)) == set(range(BLOCKS * BLOCK)) - missing
+    assert told.complete and told.lost_bytes > 100 and "recovered" in str(told)
+
+
+def test_a_file_may_be_recovered_in_place(whole, tmp_path):
+    data, _, ends = whole
+    path = tmp_path / session_log.FILE
+    path.write_bytes(data[: ends[6] + 5])
+    recover.recover(path, path)
+    assert seeking(path) == list(range(7 * BLOCK)) and list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.LZ4])
+@pytest.mark.parametrize("chunked", [True, False])
+def test_any_mcap_file_is_recovered(tmp_path, compression, chunked):
+    path = tmp_path / "other.mcap"
+    with open(path, "wb") as file:
+        writer = Writer(file, chunk_size=200, compression=compression, use_chunking=chunked)
+        writer.start("", "other")
+        channel = writer.register_channel("/text", "json", 0, {"unit": "none"})
+        for i in range(50):
+            writer.add_message(channel, 1000 * i, b"{}" * 10, 1000 * i + 7, i)
+        writer.finish()
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 3])
+    told = recover.recover(path)
+    with open(told.path, "rb") as file:
+        found = [(one.log_time, one.publish_time, one.data) for _, _, one in make_reader(file).iter_messages()]
+    assert 5 < len(found) < 50 and found == [(1000 * i, 1000 * i + 7, b"{}" * 10) for i in range(len(found))]
+    assert mcap_records.scan(told.path).channels[0].metadata == {"unit": "none"}

@@ -1,0 +1,46 @@
+"""Frames of a session that runs well, to be changed by tests; and scenarios of a line or two."""
+
+from __future__ import annotations
+
+from ravenjax.campaign import design
+from ravenjax.trainer import scenario
+from ravenjax.trainer.frame import PHASES, Frame, Layout
+from ravenjax.trainer.world import from_world
+
+HOME = (-0.07794699817895889, -0.02526555210351944, 0.013225629925727844)
+TIPS = {"gold": HOME, "green": (HOME[0], -HOME[1], HOME[2])}
+"""m, frame 0: the home pose."""
+
+
+def running(arms=("gold",)):
+    """A frame of a session at work: pedal down, the robot follows, no force."""
+    frame = Frame(Layout.of(arms))
+    for name, value in {
+        "phase": PHASES.index("running"),
+        "runlevel": 3,
+        "pedal": 1,
+        "console_alive": 1,
+        "cue_on": 1,
+        "hazard": -1,
+    }.items():
+        frame[name] = value
+    for arm in arms:
+        frame[f"{arm}/tip"] = TIPS[arm]
+        frame[f"{arm}/link_jpos"] = (0.5, 1.6, 0.4, 0.0, 0.0, 0.785, 0.785)
+        frame[f"{arm}/depth_mm"] = -20.0
+    return frame
+
+
+def put(frame, arm, point):
+    """Put a tip at a point of the world, m."""
+    frame[f"{arm}/tip"] = from_world(arm, point)
+
+
+def made(**keys):
+    """A scenario of these keys and its hazards, seed 0."""
+    chosen = scenario.from_dict({"name": "made", "duration_s": 60, **keys})
+    return chosen, scenario.armable(chosen, design.expand(scenario.campaign(chosen, 0)))
+
+
+def kinds(events):
+    return [event["kind"] for event in events]

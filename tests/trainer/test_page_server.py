@@ -1,0 +1,217 @@
+"""The page's process with a session of its own: who gets what, and what reaches the session."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import time
+
+import numpy as np
+import pytest
+from fake_session import HEADER, FakeSession
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+PRESSED = {"type": "input", "source": "keyboard", "pedal": True, "arms": {"gold": {"move": [1, 0, 0]}}}
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    made = FakeSession(folder=tmp_path_factory.mktemp("session"))
+    made.wait()
+    yield made
+    made.close()
+
+
+class Window:
+    """A browser's end of the websocket."""
+
+    def __init__(self, session, role="operator", **headers):
+        address = f"ws://127.0.0.1:{session.port}/session?role={role}"
+        self.socket = connect(address, additional_headers=headers, open_timeout=30)
+        self.welcome = self.text("welcome")
+        self.layout, self.first = self.welcome["layout"], 2 * len(self.welcome["arms"])
+
+    def say(self, told):
+        self.socket.send(told if isinstance(told, str | bytes) else json.dumps(told))
+
+    def text(self, what=None, timeout=20.0, **parts):
+        end = time.monotonic() + timeout
+        while time.monotonic() < end:
+            message = self.socket.recv(timeout=timeout)
+            if isinstance(message, str):
+                told = json.loads(message)
+                if what in (None, told["type"]) and all(told.get(name) == value for name, value in parts.items()):
+                    return told
+        raise AssertionError(f"nothing of {what} with {parts}")
+
+    def frame(self):
+        while True:
+            message = self.socket.recv(timeout=20)
+            if isinstance(message, bytes):
+                return np.frombuffer(message, np.float32)
+
+    def until(self, name, wanted, timeout=20.0):
+        """The first frame in which a channel's number is `wanted` (a predicate)."""
+        end = time.monotonic() + timeout
+        while time.monotonic() < end:
+            numbers = self.frame()
+            if wanted(numbers[self.first + self.layout[name][0]]):
+                return numbers
+        raise AssertionError(f"{name} did not come")
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.socket.close()
+
+
+def get(session, path, **headers):
+    connection = http.client.HTTPConnection("127.0.0.1", session.port, timeout=20)
+    connection.request("GET", path, headers={name.replace("_", "-"): value for name, value in headers.items()})
+    answer = connection.getresponse()
+    body = answer.read()
+    connection.close()
+    return answer, body
+
+
+def refused(session, **headers):
+    with pytest.raises(InvalidStatus) as error:
+        connect(f"ws://127.0.0.1:{session.port}/session", additional_headers=headers, open_timeout=20)
+    return error.value.response.status_code
+
+
+def test_pages_and_files(session):
+    answer, body = get(session, "/")
+    assert answer.status == 200 and answer.getheader("Content-Encoding") == "gzip" and len(body) > 100_000
+    policy = answer.getheader("Content-Security-Policy") or ""
+    assert f"connect-src 'self' ws://127.0.0.1:{session.port} " in policy and "frame-ancestors 'self'" in policy
+    assert len(get(session, "/?scene=off")[1]) < 20_000
+    assert get(session, "/static/page.js")[0].getheader("Content-Type") == "text/javascript; charset=utf-8"
+    for path in ("/static/../door.py", "/static/%2e%2e/door.py", "/etc/passwd", "/index.html", "/debrief.html"):
+        assert get(session, path)[0].status == 404
+    assert json.loads(get(session, "/debrief.json")[1]) == {"ready": False}
+
+
+def test_strangers_stay_outside(session):
+    assert get(session, "/", Host=f"evil.example:{session.port}")[0].status == 403
+    assert refused(session, Origin="http://evil.example") == 403
+    for path in ("", "/scene/x", "/session"):  # viser's own socket is behind the door too
+        with pytest.raises(InvalidStatus):
+            connect(f"ws://127.0.0.1:{session.port}{path}", origin="http://evil.example", open_timeout=20)
+
+
+def test_an_operator_drives_and_letting_go_releases(session):
+    with Window(session) as window:
+        assert window.welcome["role"] == "operator" and "hazards" not in window.welcome["header"]
+        start = window.frame()
+        tip = slice(window.first + window.layout["gold/tip"][0], window.first + window.layout["gold/tip"][0] + 3)
+        window.say(PRESSED)
+        window.until("runlevel", lambda level: level == 3)
+        for _ in range(100):
+            moved = window.frame()
+            if np.abs(moved[tip] - start[tip]).max() > 1e-5:
+                break
+        else:
+            raise AssertionError("the tip stands still")
+        before = len(session.commands)
+    released = {"type": "input", "pedal": False, "arms": {}}
+    deadline = time.monotonic() + 10
+    while not any(released.items() <= one.items() for one in session.commands[before:]):
+        assert time.monotonic() < deadline, "a closed window did not let go of the pedal"
+        time.sleep(0.01)
+
+
+def test_one_drives_and_the_next_looks_on_until_the_seat_is_free(session):
+    with Window(session) as second_try:
+        assert second_try.welcome["role"] == "operator"
+        with Window(session) as watcher:
+            assert watcher.welcome["role"] == "watcher"
+            watcher.say(PRESSED)
+            assert "watcher" in watcher.text("refused")["why"]
+            watcher.say({"type": "page", "do": "take"})
+            second_try.socket.close()
+            assert watcher.text("seat")["free"] is True
+            watcher.say({"type": "page", "do": "take"})
+            assert watcher.text("welcome")["role"] == "operator"
+
+
+def test_what_is_malformed_oversized_or_too_much_is_dropped_and_counted(session):
+    with Window(session) as window:
+        before = len(session.commands)
+        for bad in ("{", b"\x00" * 50, json.dumps(PRESSED | {"arms": {"gold": {"move": [9, 0, 0]}}}), "x" * 5000):
+            window.say(bad)
+            window.text("refused")
+        for _ in range(2000):
+            window.say('{"type": "page", "do": "ping"}')
+        time.sleep(1.2)
+        window.say({"type": "page", "do": "ping", "stamp": 1.5})
+        assert window.text("pong", stamp=1.5)["dropped"] > 4
+        assert session.commands[before:] == []
+        window.say(PRESSED)
+        session.heard(**PRESSED | {"arms": {"gold": {"move": [1.0, 0.0, 0.0], "turn": [0.0, 0.0, 0.0], "grasp": 0.0}}})
+
+
+def test_a_flood_of_bytes_closes_its_own_window_only(session):
+    with Window(session, "instructor") as other:
+        with Window(session) as window, pytest.raises(ConnectionClosed):
+            window.say("x" * 200_000)
+            for _ in range(1000):
+                window.frame()
+        assert len(other.frame()) == other.first + other.welcome["size"]
+
+
+def test_the_instructor_arms_and_the_operator_does_not_see_it(session):
+    with Window(session) as operator, Window(session, "instructor") as instructor:
+        assert [one["hazard"] for one in instructor.welcome["header"]["hazards"]] == ["C09", "L7"]
+        operator.say(PRESSED)
+        instructor.say({"type": "instructor", "do": "arm", "hazard": 1})
+        assert instructor.text("event", kind="hazard_armed")["number"] == 1
+        instructor.text("event", kind="hazard_struck")
+        numbers = instructor.until("hazard", lambda number: number == 1)
+        assert instructor.until("gold/error_mm", lambda error: error > 3)[1] > 0  # and the force that goes with it
+        seen = [operator.frame() for _ in range(20)]
+        at = operator.first + operator.layout["hazard"][0]
+        assert {float(one[at]) for one in seen} == {-1.0} and len(numbers) == len(seen[0])
+        operator.say(PRESSED | {"pedal": False})
+        told = operator.text("event", kind="response")
+        assert told["ok"] is True
+        instructor.text("event", kind="hazard_over", outcome="avoided")
+    with Window(session) as late:
+        kinds = {event["kind"] for event in late.welcome["events"]}
+        assert {"alarm", "cue", "response"} <= kinds and not kinds & {"hazard_armed", "hazard_struck", "hazard_over"}
+
+
+def test_anyone_may_stop_the_robot(session):
+    with Window(session, "instructor") as instructor:
+        instructor.say({"type": "operator", "do": "estop"})
+        session.heard(type="operator", do="estop")
+        instructor.until("runlevel", lambda level: level == 0)
+        instructor.say({"type": "operator", "do": "restart"})
+        assert "instructor" in instructor.text("refused")["why"]
+
+
+def test_the_debrief_is_served_once_it_is_there(session):
+    with Window(session, "instructor") as instructor:
+        instructor.say({"type": "instructor", "do": "end"})
+        instructor.text("event", kind="end")
+    assert json.loads(get(session, "/debrief.json")[1]) == {"ready": True}
+    assert b"Debrief" in get(session, "/debrief.html")[1]
+
+
+def test_a_token_is_asked_of_everyone():
+    made = FakeSession(HEADER | {"blinded": True}, arms=("gold",), token="t0ken")
+    try:
+        made.wait()
+        assert get(made, "/")[0].status == 403
+        assert refused(made) == 403
+        answer, _ = get(made, "/?token=t0ken")
+        cookie = (answer.getheader("Set-Cookie") or "").partition(";")[0]
+        assert answer.status == 200 and get(made, "/static/page.js", Cookie=cookie)[0].status == 200
+        with Window(made, "operator&token=t0ken") as window:
+            assert not {"cue", "group", "hazards", "seed"} & set(window.welcome["header"])
+            window.say({"type": "instructor", "do": "cue", "on": False})
+            window.text("refused")
+    finally:
+        made.close()
