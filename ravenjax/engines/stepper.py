@@ -8,6 +8,7 @@ operator's motion may be written row by row as it happens.
 from __future__ import annotations
 
 import ctypes
+import functools
 import struct
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -75,6 +76,7 @@ class StepCode:
         )
         self.lane_finish = module.function("lane_finish", [_POINTER] * 4)
 
+    @functools.cached_property
     def state_places(self) -> dict[int, tuple[bool, int, int]]:
         """Of each number of the state that is kept, by its place among the state's leaves: whether it stands in the
         group's buffer, its offset there and its bytes."""
@@ -152,9 +154,17 @@ class Stepper:
         """Take over a state."""
         self._state[:], self._group[:] = snapshot
 
+    def write(self, leaves: Sequence[int], values: Sequence[float]) -> None:
+        """Change some numbers of the state, float32, by their places among the leaves of its record."""
+        places = self.code.state_places
+        for k, value in zip(leaves, values, strict=True):
+            if k in places:
+                group, start, size = places[k]
+                (self._group if group else self._state)[0, start : start + size].view(np.float32)[:] = value
+
     def restore_leaves(self, snapshot: tuple[np.ndarray, np.ndarray], leaves: Sequence[int]) -> None:
         """Take over some numbers of a state, by their places among the leaves of its record."""
-        places = self.code.state_places()
+        places = self.code.state_places
         for k in leaves:
             if k in places:
                 group, start, size = places[k]

@@ -21,7 +21,7 @@ from ravenjax.campaign.plan import Plan
 from ravenjax.engines import traced
 from ravenjax.engines.stepper import StepCode
 from ravenjax.errors import UserError
-from ravenjax.robot.algebra import minus
+from ravenjax.robot.algebra import dot, minus
 from ravenjax.robot.packet import SIZE_BYTES, Packet
 from ravenjax.stages.faults.fault import Fault, Faults
 from ravenjax.trainer.frame import Layout
@@ -106,7 +106,10 @@ def _frame(setup: Setup, now: Scalar, state: tick.State, out: tick.Signals, sign
         found += [*out.plant[i].jpos, *out.nominal[i].jpos]
         found += [*out.tip[i], *out.nominal[i].tip_position, *(jnp.float32(x) * 1e-6 for x in position)]
         found += [cue.distance * 1e3, *(x * cue.force[0] for x in cue.direction), *measured.current_cmd_written]
-        found += [out.depth[i] * 1e3, _distance(out.tip[i], signal.reference.tip[i]) * 1e3]
+        seen = state.monitor.arms[i]  # as its peak_stray: standing while the twin goes on is no stray
+        stood = seen.tip - seen.twin_tip + seen.missed
+        stray = jnp.minimum(_distance(seen.tip, seen.twin_tip), jnp.sqrt(dot(stood, stood)))
+        found += [out.depth[i] * 1e3, stray * 1e3]
         found += [_distance(Vec(jnp.float32(x) for x in position), signal.reference.pos[i]) * 1e-3]
     return found
 

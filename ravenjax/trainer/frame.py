@@ -40,7 +40,7 @@ SIMULATED_ARM = {
     "force": 3,  # of the haptic cue, device units, as the operator's hand would feel it with the cue on
     "dac": 7,  # counts that the motors get
     "depth_mm": 1,  # of the tip below the tissue's surface, negative above
-    "stray_mm": 1,  # of the true tip from where it would be without a fault
+    "stray_mm": 1,  # of the true tip from where it would be without a fault, or by standing, whichever is nearer
     "known_mm": 1,  # of the measured tip from where it would be measured without a fault: what could be known
 }
 """The same of each arm."""

@@ -21,8 +21,8 @@ Events that a session tells have "tick" (ms since the session began, pauses left
 
     phase (phase), view (view), console (alive, source), pedal (down), runlevel (runlevel), alarm (check),
     hazard_armed (number), hazard_struck (number), knowable (number, by), cue (number or -1, arm),
-    stray (number, arm, mm), response (number, what, ok, ms), hazard_over (number, outcome), target (target), task_done, note (text),
-    overrun (late_ticks), end (reason)
+    stray (number, arm, mm), response (number, what, ok, ms), hazard_over (number, outcome, score), target (target),
+    object (held, at), task_done, note (text), overrun (late_ticks), end (reason)
 
 `number` counts the hazards of the session's list (`session.json`, "hazards").
 """

@@ -149,7 +149,7 @@ class Session:
         self._events += self.judge.command(command, self.ticks)
         if do == "estop":
             self.robot.press(self.estop_row)
-        elif do == "restart" and self.phase == STOPPED:
+        elif do == "restart" and (self.phase == STOPPED or self.frame.number("runlevel") != PEDAL_DOWN):
             self._restart()
         elif do == "rehearse" and self.view == REAL and self.phase == RUNNING:
             self._rehearse()

@@ -42,7 +42,9 @@ class Robot:
         self._series = self._shown[1, -series:]
         self._reference = self._own._entering[0, : 4 * series].view(np.float32)
         self._fresh = self._own.snapshot()
-        self._slots = _slot_leaves(code.state)
+        self._record = jax.tree.unflatten(jax.tree.structure(code.state), range(len(jax.tree.leaves(code.state))))
+        """The state's record with the place of each number among its leaves."""
+        self._slots = [jax.tree.leaves(slot) for slot in self._record.faults.slots]
         self._fault_inputs = len(code.input_types) - len(_FIELDS) * (blueprint.fault_slots + 1)
 
     def step(self) -> None:
@@ -73,6 +75,18 @@ class Robot:
         self._shown[:] = other._shown
         self.now = other.now
 
+    def _realign(self) -> None:
+        """From now on the twin is what would be without a fault: a hazard that is over has left the robot beside it.
+
+        The model comes along by itself at the next pedal-up (`nominal.resync`).
+        """
+        places = self.blueprint.layout.places
+        for i, arm in enumerate(self.blueprint.layout.arms):
+            seen = self._record.monitor.arms[i]
+            tip = self.row[places[f"{arm}/tip"]].tolist()
+            self._own.write([*seen.missed, *seen.twin_tip], [0.0, 0.0, 0.0, *tip])
+        self._twin.restore(self._own.snapshot())
+
     # --- faults ---
 
     def arm(self, row: int) -> None:
@@ -93,6 +107,7 @@ class Robot:
         for k, values in enumerate(self.blueprint.plan.varied.values()):
             self._own.inputs[k][0] = values[row]
         self._forget(slots)
+        self._realign()
 
     def disarm(self) -> None:
         """Take back what `arm` and `press` armed."""
@@ -102,6 +117,7 @@ class Robot:
         for k, value in enumerate(self.blueprint.inputs[0]):
             self._own.inputs[k][0] = value
         self._forget(slots)
+        self._realign()
 
     def press(self, row: int, ticks: int = 100) -> None:
         """Hold the button that this row of the fault table strikes for so many ticks."""
@@ -166,9 +182,3 @@ class PacketRobot:
     def outcomes(self) -> dict[str, Any]:
         """See `Robot.outcomes`."""
         return self._robot.outcomes()
-
-
-def _slot_leaves(state: Any) -> list[list[int]]:
-    """Of each fault slot, the places of what it remembers among the leaves of the state."""
-    numbered = jax.tree.unflatten(jax.tree.structure(state), range(len(jax.tree.leaves(state))))
-    return [jax.tree.leaves(slot) for slot in numbered.faults.slots]

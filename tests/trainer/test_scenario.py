@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
-
 import numpy as np
 import pytest
 from made_frames import made
@@ -255,29 +253,3 @@ def test_expansion_and_session_name_cases_alike():
         for group in expansion.expand({"name": "x", "hazards": [row.id]}) if row.runnable else []:
             entry, identity, case = hazards.named(group["name"])
             assert (entry, identity) == ("x", row.id) and case in [one.name for one in row.case]
-
-
-@pytest.mark.slow
-def test_a_wheel_holds_the_scenarios(tmp_path):
-    import subprocess
-    import sys
-
-    root = BUNDLED[0].parents[2]
-    subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "pip",
-            "wheel",
-            "--no-deps",
-            "--no-build-isolation",
-            "-q",
-            "-w",
-            str(tmp_path),
-            str(root),
-        ],
-        check=True,
-    )
-    with zipfile.ZipFile(next(tmp_path.glob("*.whl"))) as wheel:
-        held = {name for name in wheel.namelist() if "bundle/campaigns/training/" in name}
-    assert held == {f"ravenjax/bundle/campaigns/training/{path.name}" for path in BUNDLED}

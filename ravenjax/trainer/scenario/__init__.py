@@ -1,0 +1,25 @@
+"""A training scenario: a TOML file that says what is to be done, what may go wrong, and what the right response is."""
+
+from ravenjax.trainer.scenario.campaign import armable, campaign
+from ravenjax.trainer.scenario.config import Cue, Entry, Free, Harm, Path, PegTransfer, Reach, Scenario, Speeds, Task
+from ravenjax.trainer.scenario.hazard import Armable
+from ravenjax.trainer.scenario.loading import bundled, from_dict, load
+
+__all__ = [
+    "Armable",
+    "Cue",
+    "Entry",
+    "Free",
+    "Harm",
+    "Path",
+    "PegTransfer",
+    "Reach",
+    "Scenario",
+    "Speeds",
+    "Task",
+    "armable",
+    "bundled",
+    "campaign",
+    "from_dict",
+    "load",
+]

@@ -1,0 +1,247 @@
+"""The scenario file: its keys and tables, with units and ranges. `loading` reads it, `campaign` makes runs of it.
+
+name = "dac_burst"                 # and title, description, arms, software, duration_s, seed, scale
+[speeds]                           # of tips at full deflection of keys, mouse or gamepad
+[cue]                              # the haptic cue
+[task]                             # what is to be done: reach, peg_transfer, path, free
+[[hazard]]                         # what may go wrong, when, and what is the right response
+hazards = ["B27"]                  # ids and layers of the hazard library, or "all"; or [[hazard.fault]]
+when = [20, 30]                    # s; or one time, or "instructor"
+right_response = ["release"]
+[harm] [parameters] [robot]
+"""
+
+from __future__ import annotations
+
+from pathlib import Path as FilePath
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, PrivateAttr, field_validator, model_validator
+
+from ravenjax.campaign.axis import Number
+from ravenjax.campaign.config import Start
+from ravenjax.campaign.group import Fault, Section, flatten_parameters
+from ravenjax.errors import shown
+from ravenjax.types import ARMS, ArmName
+
+Response = Literal["release", "slow", "restart", "convert", "stop", "continue"]
+"""What an operator can do: lift the pedal, slow down, restart after an E-stop, say that the procedure is converted,
+press the E-stop; or rightly go on."""
+
+INSTRUCTOR = "instructor"
+"""`when` of a hazard that strikes when the instructor says so."""
+
+
+class Speeds(Section):
+    """[speeds]: of the tips where keys or sticks are fully deflected."""
+
+    move_mm_s: float = Field(default=30.0, gt=0.0, le=500.0, description="tip, mm/s; surgery moves at some 5 to 60")
+    turn_rad_s: float = Field(default=1.0, gt=0.0, le=20.0, description="tip about an axis, rad/s")
+    grasp_mrad_s: float = Field(default=1500.0, gt=0.0, le=20_000.0, description="jaws, mrad/s")
+
+
+class Cue(Section):
+    """[cue]: the force at the operator's hand. Its values are one set of a campaign's [haptics]."""
+
+    on: bool = Field(default=True, description="whether the force is felt")
+    blinded: bool = Field(default=False, description="the operator's page tells nothing of hazards, cue and score")
+    threshold_mm: float = Field(default=3.0, ge=0.0, le=1e6, description="tip distance above which it pulls, mm")
+    kp_per_mm: float = Field(default=0.0045, ge=0.0, le=1e6, description="spring, device units per mm")
+    kd_per_mm_s: float = Field(default=0.00009, ge=0.0, le=1e6, description="damper, device units per mm/s")
+    cap: float = Field(default=0.05, ge=0.0, le=1e6, description="largest force, device units")
+
+
+class Harm(Section):
+    """[harm]: from when on a hazard has harmed."""
+
+    stray_mm: float = Field(
+        default=10.0, gt=0.0, le=1000.0, description="true tip off where it would be without the fault, mm"
+    )
+    depth_mm: float = Field(
+        default=5.0, gt=0.0, le=1000.0, description="deeper in the tissue than when the hazard struck, mm; palpation: 5"
+    )
+
+
+class _Task(Section):
+    tolerance_mm: float = Field(default=2.0, gt=0.0, le=100.0, description="how near is there, mm")
+    seed: int = Field(default=0, ge=0, lt=2**31, description="of what is drawn, besides the session's seed")
+    arms: tuple[ArmName, ...] = Field(default=(), max_length=2, description="whose task, in turn; default: all arms")
+
+
+class Reach(_Task):
+    """[task] kind = "reach": one target after another, each to be held for a moment."""
+
+    kind: Literal["reach"]
+    targets: int = Field(default=12, ge=1, le=1000, description="how many")
+    extent_mm: float = Field(default=12.0, gt=0.0, le=20.0, description="to each side of the field's middle, mm")
+    height_mm: tuple[float, float] = Field(
+        default=(3.0, 18.0), description="[least, greatest] height above the tissue, mm"
+    )
+    dwell_ms: int = Field(default=300, ge=0, le=60_000, description="to be held there, ms")
+
+    @field_validator("height_mm")
+    @classmethod
+    def _ordered(cls, heights: tuple[float, float]) -> tuple[float, float]:
+        if not -10.0 <= heights[0] <= heights[1] <= 30.0:
+            raise ValueError(f"got {list(heights)}, expected [least, greatest] within -10..30")
+        return heights
+
+
+class PegTransfer(_Task):
+    """[task] kind = "peg_transfer": take the object from its peg, carry it, set it down on another."""
+
+    kind: Literal["peg_transfer"]
+    transfers: int = Field(default=6, ge=1, le=1000, description="how many")
+    pegs: Literal[2, 4, 6, 8] = Field(default=6, description="in two rows")
+    spacing_mm: float = Field(default=10.0, ge=4.0, le=12.0, description="between pegs of a row, mm")
+    height_mm: float = Field(default=6.0, ge=1.0, le=20.0, description="of the pegs, mm above the tissue")
+
+
+class Path(_Task):
+    """[task] kind = "path": go along a closed line."""
+
+    kind: Literal["path"]
+    shape: Literal["circle", "eight", "line"] = Field(default="circle", description="line: there and back")
+    radius_mm: float = Field(default=10.0, gt=0.0, le=20.0, description="half of its width, mm")
+    height_mm: float = Field(default=6.0, ge=-10.0, le=30.0, description="above the tissue, mm")
+    laps: int = Field(default=3, ge=1, le=1000, description="how often round")
+
+
+class Free(_Task):
+    """[task] kind = "free": nothing is asked."""
+
+    kind: Literal["free"]
+
+
+Task = Annotated[Reach | PegTransfer | Path | Free, Field(discriminator="kind")]
+TASKS: dict[str, type[_Task]] = {"reach": Reach, "peg_transfer": PegTransfer, "path": Path, "free": Free}
+
+
+def _when(raw: Any) -> Any:
+    numbers = raw if isinstance(raw, list | tuple) else (raw, raw)
+    good = len(numbers) == 2 and all(isinstance(x, int | float) and not isinstance(x, bool) for x in numbers)
+    if raw == INSTRUCTOR:
+        return raw
+    if not good or not 0.0 <= numbers[0] <= numbers[1] <= 3600.0:
+        raise ValueError(f"got {shown(raw)}, expected a time in s, [earliest, latest] or {INSTRUCTOR!r}")
+    return float(numbers[0]), float(numbers[1])
+
+
+def _words(raw: Any) -> Any:
+    return (raw,) if isinstance(raw, str) else raw
+
+
+When = Annotated[tuple[float, float] | Literal["instructor"], BeforeValidator(_when)]
+
+
+class Entry(Section):
+    """[[hazard]]: hazards of the library or a fault, and what they ask of the operator."""
+
+    name: str = Field(default="", description="names it in tables", pattern=r"^[A-Za-z0-9_.-]*$", max_length=60)
+    title: str = Field(default="", description="what is told of it; default: the library's")
+    hazards: Annotated[tuple[str, ...], BeforeValidator(_words)] = Field(
+        default=(), description='ids and layers of the hazard library, or "all"'
+    )
+    fault: tuple[Fault, ...] = Field(default=(), max_length=8, description="in place of hazards, as in [[group.fault]]")
+    arm: ArmName | None = Field(default=None, description="that is struck; default: drawn among the session's")
+    value: Number | None = Field(default=None, description="in place of the library's")
+    when: When = Field(
+        default=INSTRUCTOR, description='s since the beginning, [earliest, latest] to draw from, or "instructor"'
+    )
+    times: int = Field(default=1, ge=1, le=100, description="as many hazards of each case, drawn apart")
+    right_response: tuple[Response, ...] | None = Field(
+        default=None, min_length=1, description="any of these is right; default: what the library's row asks for"
+    )
+    within_s: float = Field(default=2.0, gt=0.0, le=600.0, description="time for the response, s")
+    lasts_s: float | None = Field(
+        default=None, gt=0.0, le=3600.0, description="longest at work, s; default: its own, or 5 where it has no end"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _start_now(cls, raw: Any) -> Any:
+        """A fault strikes when the hazard does, so it needs no start_ms of its own."""
+        if isinstance(raw, dict) and isinstance(raw.get("fault"), list):
+            faults = [{"start_ms": 0, **fault} if isinstance(fault, dict) else fault for fault in raw["fault"]]
+            return {**raw, "fault": faults}
+        return raw
+
+    @model_validator(mode="after")
+    def _either(self) -> Entry:
+        if bool(self.hazards) == bool(self.fault):
+            raise ValueError('expected either hazards = ["B27"] (ids, layers, "all") or [[hazard.fault]]')
+        if self.fault and (self.arm is not None or self.value is not None):
+            raise ValueError("arm and value belong to hazards of the library; write them into [[hazard.fault]]")
+        if self.right_response is not None and "continue" in self.right_response and len(self.right_response) > 1:
+            raise ValueError('right_response: "continue" stands alone')
+        return self
+
+
+class Robot(Section):
+    """[robot]: which robot; keys as in [campaign]."""
+
+    tools: tuple[str, ...] | None = Field(default=None, description="one per arm; default: the software's own")
+    policy: Literal["no_regulation", "soft_regulation", "hard_regulation"] = Field(
+        default="soft_regulation", description="overdrive policy of raven2"
+    )
+    level: Literal["beginner", "moderate", "advanced", "fork2015"] | None = Field(
+        default=None, description="overdrive DAC limits"
+    )
+    parameter_set: Literal["traj3", "A", "B", "C", "D", "E", "matlab_main", "matlab_global"] = Field(
+        default="traj3", description="published parameters of the first three joints"
+    )
+    noise: bool = Field(default=False, description="encoder and torque noise")
+    start: Start = Field(default=Start(), description="joints in which the session begins")
+
+
+class Scenario(Section):
+    """A whole scenario file."""
+
+    name: str = Field(description="short name", pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$", max_length=100)
+    title: str = Field(default="", max_length=200, description="what the page shows")
+    description: str = Field(default="", description="what the operator is to do and to learn")
+    arms: tuple[ArmName, ...] = Field(default=("gold",), min_length=1, max_length=2, description="arms, gold first")
+    software: Literal["raven2", "fork2015"] = Field(default="raven2", description="present raven2, or the 2015 fork")
+    duration_s: float = Field(default=120.0, gt=0.0, le=3600.0, description="length of the session, s")
+    seed: int = Field(default=0, ge=0, lt=2**31, description="of a session that is given none")
+    scale: float = Field(default=0.1, gt=0.0, le=1.0, description="teleoperation scale, tip motion per hand motion")
+    speeds: Speeds = Speeds()
+    cue: Cue = Cue()
+    task: Task = Field(default=Free(kind="free"), description="what is to be done")
+    hazard: tuple[Entry, ...] = Field(default=(), description="what may go wrong")
+    harm: Harm = Harm()
+    parameters: dict[str, Number] = Field(
+        default_factory=dict, description="path = value as in campaigns; of a list or distribution a session draws one"
+    )
+    robot: Robot = Robot()
+    _source: FilePath | None = PrivateAttr(None)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _flat(cls, raw: Any) -> Any:
+        return flatten_parameters(raw)
+
+    @field_validator("arms")
+    @classmethod
+    def _in_order(cls, arms: tuple[ArmName, ...]) -> tuple[ArmName, ...]:
+        if list(arms) != [arm for arm in ARMS if arm in arms]:
+            raise ValueError(f"got {list(arms)}, expected each arm once, in the order {list(ARMS)}")
+        return arms
+
+    @property
+    def source(self) -> FilePath | None:
+        """The file that it was read from."""
+        return self._source
+
+    @property
+    def ticks(self) -> int:
+        """Milliseconds of a session."""
+        return max(1, round(self.duration_s * 1000.0))
+
+    def entry_name(self, number: int) -> str:
+        """Name of the hazard entry of that number, from 0: its own, or `hazardN` from 1."""
+        return self.hazard[number].name or f"hazard{number + 1}"
+
+    def resolved(self) -> dict[str, object]:
+        """As a file would have it, everything written out; JSON."""
+        return self.model_dump(mode="json", exclude_none=True)

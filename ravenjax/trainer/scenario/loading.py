@@ -1,0 +1,138 @@
+"""Reads a scenario file: TOML, then overrides, then `Scenario`, then the words of its hazards. Nothing is compiled.
+
+All that is wrong is told at once, each complaint with file, line, key, what was got and what was expected.
+"""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from ravenjax import resources
+from ravenjax.campaign import location, overriding
+from ravenjax.campaign.loading import SUFFIX
+from ravenjax.errors import UserError, shown, suggestion
+from ravenjax.trainer.scenario.campaign import complaints
+from ravenjax.trainer.scenario.config import TASKS, Scenario
+
+FOLDER = "campaigns/training"
+"""Where bundled scenarios lie."""
+
+
+def load(name: str | Path, overrides: Sequence[str] = ()) -> Scenario:
+    """The scenario of a TOML file, or of a bundled one by name, with `key.path=value` overrides.
+
+    `.toml` may be left out. Raises UserError.
+    """
+    found = _found(name)
+    try:
+        text = found.read_text(encoding="utf-8-sig")  # some editors put a byte order mark first
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{found}: cannot be read: {error}. Expected a TOML file in UTF-8") from None
+    try:
+        raw = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise UserError(f"{found}: not valid TOML: {error}") from None
+    return from_dict(raw, source=found, text=text, overrides=overrides)
+
+
+def bundled() -> list[Path]:
+    """The bundled scenario files."""
+    return resources.bundled(FOLDER, f"*{SUFFIX}")
+
+
+def from_dict(
+    raw: dict[str, Any], source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
+) -> Scenario:
+    """The scenario of nested tables as TOML has them; `source` and `text` say where from. Raises UserError."""
+    replaced = []
+    for override in overriding.listed(overrides):
+        raw, key = overriding.applied(raw, override)
+        replaced.append(key)
+    where = location.Where(source, location.lines(text), replaced)
+    try:
+        scenario = Scenario.model_validate(raw)
+    except ValidationError as error:
+        # a list is also called too short when its only entries are bad
+        faults = [one for one in error.errors() if one["type"] != "too_short" or not one["input"]]
+        raise where.error((_key(one["loc"], raw), _message(one)) for one in faults) from None
+    except RecursionError:
+        raise UserError("the scenario's tables are nested too deeply to be read") from None
+    if wrong := list(complaints(scenario)):
+        raise where.error(wrong)
+    scenario._source = source
+    return scenario
+
+
+def _found(name: str | Path) -> Path:
+    if not isinstance(name, str | os.PathLike) or not str(name):
+        raise UserError(f"got {shown(name)}, expected the path of a scenario file or the name of a bundled scenario")
+    path = Path(name)
+    for candidate in (path, path.with_name(path.name + SUFFIX)) if path.name else ():
+        try:
+            return resources.find(FOLDER, candidate)
+        except FileNotFoundError:
+            continue
+        except OSError as error:
+            raise UserError(f"{shown(str(name))}: cannot be read ({error.strerror})") from None
+    names = [file.stem for file in bundled()]
+    problem = "is a folder, expected a scenario file" if path.is_dir() else "no such scenario file"
+    near = suggestion(path.name.removesuffix(SUFFIX), names)
+    raise UserError(f"{name}: {problem}; bundled are {', '.join(names) or 'none'}{near}")
+
+
+def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
+    """The part of pydantic's `loc` that stands in the file: without the names of a union's members."""
+    key: location.Key = ()
+    for i, part in enumerate(loc):
+        last = i == len(loc) - 1
+        if isinstance(raw, Mapping) and (part in raw or last):
+            key, raw = (*key, part), raw.get(part)
+        elif isinstance(raw, list | tuple) and isinstance(part, int):
+            key, raw = (*key, part), raw[part] if part < len(raw) else None
+    return key
+
+
+def _message(error: Any) -> str:
+    kind, loc = error["type"], error["loc"]
+    if kind in ("union_tag_invalid", "union_tag_not_found"):
+        got = f"got {shown(error['input'].get('kind'))}" if kind == "union_tag_invalid" else "kind is missing"
+        return f"{got}, expected kind = one of {', '.join(TASKS)}" + (
+            suggestion(str(error["input"].get("kind")), TASKS) if kind == "union_tag_invalid" else ""
+        )
+    if kind == "extra_forbidden":
+        known = list(_model(loc[:-1]).model_fields)
+        return f"unknown key, expected one of {', '.join(known)}{suggestion(str(loc[-1]), known)}"
+    if kind == "missing":
+        field = _model(loc[:-1]).model_fields.get(str(loc[-1]))
+        return "missing" + (f": {field.description}" if field is not None and field.description else "")
+    text = error["msg"].removeprefix("Value error, ")
+    if kind == "value_error":
+        return text
+    near = suggestion(str(error["input"]), error["ctx"]["expected"].split("'")[1::2]) if kind == "literal_error" else ""
+    return (
+        f"got {shown(error['input'])}, expected {text.removeprefix('Input should be ').replace('String', 'text')}{near}"
+    )
+
+
+def _model(loc: Sequence[str | int]) -> type[BaseModel]:
+    """The model of the table at `loc`."""
+    model: type[BaseModel] = Scenario
+    for part in loc:
+        if isinstance(part, str) and part in model.model_fields:
+            model = next(_models(model.model_fields[part].annotation), model)
+        elif part in TASKS:
+            model = TASKS[str(part)]
+    return model
+
+
+def _models(annotation: Any) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for inner in get_args(annotation):
+        yield from _models(inner)

@@ -1,0 +1,38 @@
+"""What the operator is asked to do: reach targets, transfer an object between pegs, follow a line, or nothing.
+
+Everything lies in world coordinates, m, in the field around the middle of the tips at the beginning. Tips in a frame
+are in frame 0 of their arm. Nothing here touches the robot: pegs and objects stay where they are, without contact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ravenjax.trainer.scenario import Scenario
+from ravenjax.trainer.scenario.config import Path, PegTransfer, Reach
+from ravenjax.trainer.tasks.base import Task, Wish
+from ravenjax.trainer.tasks.free import FreeTask
+from ravenjax.trainer.tasks.path import PathTask
+from ravenjax.trainer.tasks.pegs import PegTask
+from ravenjax.trainer.tasks.reach import ReachTask
+from ravenjax.trainer.world import Point, to_world
+from ravenjax.types import ArmName
+
+__all__ = ["Task", "Wish", "make"]
+
+
+def make(scenario: Scenario, tips: Mapping[ArmName, Point], seed: int) -> Task:
+    """The task of a session. tips: where the tips begin, m, frame 0 of their arm."""
+    settings = scenario.task
+    arms = settings.arms or scenario.arms
+    begin: dict[ArmName, Point] = {arm: to_world(arm, tips[arm]) for arm in scenario.arms}
+    x, y = (sum(begin[arm][axis] for arm in arms) / len(arms) for axis in (0, 1))
+    match settings:
+        case Reach():
+            return ReachTask(settings, arms, begin, (x, y), seed)
+        case PegTransfer():
+            return PegTask(settings, arms, begin, (x, y), seed)
+        case Path():
+            return PathTask(settings, arms, begin, (x, y))
+        case _:
+            return FreeTask(begin)

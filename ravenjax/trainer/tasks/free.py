@@ -1,0 +1,20 @@
+"""Nothing is asked: look around, feel the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ravenjax.trainer.frame import Frame
+from ravenjax.trainer.tasks.base import Event, Task
+from ravenjax.trainer.world import Point
+from ravenjax.types import ArmName
+
+
+class FreeTask(Task):
+    """No goal, never done."""
+
+    def __init__(self, begin: Mapping[ArmName, Point]) -> None:
+        super().__init__("free", begin)
+
+    def _step(self, frame: Frame, tips: Mapping[ArmName, Point], tick: int, events: list[Event]) -> None:
+        """Nothing to do."""
