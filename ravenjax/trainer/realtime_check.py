@@ -12,7 +12,7 @@ from pathlib import Path
 from ravenjax.trainer import clock, launch, scenario
 from ravenjax.trainer.clock import Clock, Timing
 
-COLUMNS = ("loop", "compute us p50", "p99", "p99.9", "lateness us p50", "p99", "p99.9", "late ticks", "of")
+COLUMNS = ("loop", "compute, us: p50 / p99 / p99.9", "lateness, us", "late ticks", "of")
 AIM_US = 100
 """p99.9 of a tick's compute time at most: a tenth of the cycle, so that a slower machine keeps up too."""
 SCENARIO = "first_steps"
@@ -28,8 +28,10 @@ class Measured:
     def row(self) -> tuple[str, ...]:
         """As `COLUMNS`."""
         timing = self.timing
-        shares = (0.5, 0.99, 0.999)
-        numbers = [f"{timing.percentile(what, s):.0f}" for what in ("compute", "lateness") for s in shares]
+        numbers = (
+            " / ".join(f"{timing.percentile(what, share):.0f}" for share in (0.5, 0.99, 0.999))
+            for what in ("compute", "lateness")
+        )
         return (self.loop, *numbers, f"{timing.late}", f"{timing.ticks}")
 
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from ravenjax.robot import kinematics
-from ravenjax.trainer import blueprint, director, hands, judge, scenario, tasks
+from ravenjax.trainer import blueprint, director, hands, judge, scenario, scripts, tasks
 from ravenjax.trainer.blueprint import Blueprint
 from ravenjax.trainer.frame import PHASES, VIEWS, Frame, Layout
 from ravenjax.trainer.messages import INSTRUCTOR, OPERATOR
@@ -95,6 +95,7 @@ class Session:
         self.phase, self.view = READY, REAL
         self.ticks = 0  # ms of the session, without pauses
         self.ended = ""  # why it is over
+        self.heard: list[str] = []  # every command as a line of JSON: with scenario and seed the whole session
         self._hands = self._new_hands()
         self._resume_to = READY
         self._rest: np.ndarray | None = None  # row of the resting robot while the virtual one is driven
@@ -117,6 +118,7 @@ class Session:
         """One millisecond: `frame` is filled, events are returned."""
         self._events = []
         for command in commands:
+            self.heard.append(scripts.line(self.ticks, command))
             self._command(command)
         if self.phase in (PAUSED, OVER):
             self._publish()

@@ -1,6 +1,7 @@
 """Whole sessions: the folder that one leaves, headless and against the clock, and what is asked before one starts."""
 
 import csv
+import dataclasses
 import json
 
 import numpy as np
@@ -44,8 +45,12 @@ def test_a_session_leaves_a_folder_that_says_everything(headless):
     assert "<html" in (headless.folder / "debrief.html").read_text()
 
 
-def test_the_same_session_again_has_the_same_bits(headless, tmp_path):
-    again = launch.headless(options(tmp_path / "one"))
+@pytest.mark.parametrize("by", ["script", "commands"])
+def test_the_same_session_again_has_the_same_bits(headless, tmp_path, by):
+    said = options(tmp_path / "one")
+    if by == "commands":
+        said = dataclasses.replace(said, script=str(headless.folder / "commands.jsonl"))
+    again = launch.headless(said)
     np.testing.assert_array_equal(recording.read(again.folder).rows, recording.read(headless.folder).rows)
     assert (again.folder / "hazards.csv").read_bytes() == (headless.folder / "hazards.csv").read_bytes()
 
