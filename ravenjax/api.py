@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ravenjax.campaign import loading
+from ravenjax.campaign import adaptive, loading
 from ravenjax.campaign.config import CampaignConfig
+from ravenjax.campaign.progress import OnProgress
 from ravenjax.campaign.replay import replay
-from ravenjax.campaign.runner import OnProgress, run_campaign
 from ravenjax.errors import UserError, shown
 
 
@@ -44,7 +44,7 @@ def run(
     if on_progress is not None and not callable(on_progress):
         raise UserError(f"on_progress is {shown(on_progress)}, expected a function of one Status, or None")
     config = _config(campaign)
-    return run_campaign(config, None if out is None else Path(out), _engine(engine), on_progress=on_progress).frame()
+    return adaptive.run(config, None if out is None else Path(out), _engine(engine), on_progress=on_progress).frame()
 
 
 def simulate(

@@ -8,7 +8,7 @@ import platform
 import socket
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -38,7 +38,7 @@ PACKAGES = (
 
 
 class Status(Protocol):
-    """How far a campaign is; `ravenjax.campaign.runner.Status`."""
+    """How far a campaign is; `ravenjax.campaign.progress.Status`."""
 
     @property
     def phase(self) -> str: ...
@@ -55,6 +55,16 @@ class Status(Protocol):
     @property
     def failed(self) -> int: ...
     @property
+    def failures(self) -> Mapping[str, int]: ...
+    @property
+    def parts(self) -> int: ...
+    @property
+    def workers(self) -> int: ...
+    @property
+    def notes(self) -> Sequence[str]: ...
+    @property
+    def runs_per_s(self) -> float | None: ...
+    @property
     def left_s(self) -> float | None: ...
     @property
     def engine(self) -> str: ...
@@ -70,7 +80,7 @@ class Watch:
         )
         self._task = self._bar.add_task("waiting", total=1.0, text="")
         self._last, self._phase = 0.0, ""
-        self._first: Status | None = None
+        self._engine, self._notes = "", 0
 
     def __enter__(self) -> Watch:
         if self._console.is_terminal:
@@ -82,10 +92,13 @@ class Watch:
             self._bar.stop()
 
     def __call__(self, status: Status) -> None:
-        if self._first is None:
-            self._first = status
+        if not self._engine:
+            self._engine = status.engine
             self._console.print(f"engine: {status.engine}", highlight=False)
-        text = self._words(status)
+        for note in status.notes[self._notes :]:
+            self._console.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
+        self._notes = len(status.notes)
+        text = words(status)
         if self._console.is_terminal:
             self._bar.update(self._task, completed=status.progress, description=status.phase, text=text)
             return
@@ -94,19 +107,32 @@ class Watch:
             self._last, self._phase = now, status.phase
             self._console.print(f"{status.phase}: {text}", highlight=False)
 
-    def _words(self, status: Status) -> str:
-        parts = [f"{status.done} of {status.total} runs"]
-        earlier = self._first.done if self._first is not None else 0
-        rows = (status.total - earlier) * status.progress
-        if status.run_s > 0.0 and status.progress > 0.0:
-            parts.append(f"{rows / status.run_s:.0f} runs/s")
-        if status.phase == "run" and status.left_s is not None:
-            parts.append(f"{status.left_s:.0f} s left")
-        if status.compile_s > 0.0:
-            parts.append(f"compiled in {status.compile_s:.1f} s")
-        if status.failed:
-            parts.append(f"{status.failed} failed")
-        return ", ".join(parts)
+
+def words(status: Status) -> str:
+    """How far a campaign is, in one line."""
+    said = [f"{status.done} of {status.total} runs"]
+    if status.runs_per_s is not None:
+        said.append(f"{status.runs_per_s:.0f} runs/s")
+    if status.phase == "run" and status.left_s is not None:
+        said.append(f"{duration(status.left_s)} left")
+    if status.parts:
+        said.append(f"{status.parts} parts" if status.parts > 1 else "1 part")
+    if status.workers > 1:
+        said.append(f"{status.workers} workers")
+    if status.compile_s > 0.0:
+        said.append(f"compiled in {status.compile_s:.1f} s")
+    if status.failed:
+        said.append(f"{status.failed} failed")
+    said += [f"{cause} {count}" for cause, count in sorted(status.failures.items())]
+    return ", ".join(said)
+
+
+def duration(seconds: float) -> str:
+    """A time in the words that suit its length."""
+    if seconds < 120.0:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60.0)
+    return f"{minutes} min" if minutes < 120 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
 def table(title: str, columns: tuple[str, ...], rows: Iterator[tuple[str, ...]] | list[tuple[str, ...]]) -> Table:
@@ -180,3 +206,10 @@ def outcome_rows(runs: Mapping[str, int]) -> list[tuple[str, ...]]:
         share = f"{100 * rate.value:.1f} % ({100 * rate.low:.1f} to {100 * rate.high:.1f})"
         rows.append((verdict or "failed", str(count), share))
     return rows
+
+
+def failure_rows(failures: Mapping[str, int], runs: int) -> list[tuple[str, ...]]:
+    """(cause, runs, share) of the runs without a valid outcome, most frequent cause first."""
+    causes = {"nan": "nan: a number of the run was none"}
+    ordered = sorted(failures.items(), key=lambda item: (-item[1], item[0]))
+    return [(causes.get(cause, cause), str(count), f"{100 * count / max(1, runs):.2g} %") for cause, count in ordered]

@@ -50,7 +50,8 @@ def test_overrides_are_a_list_of_texts(overrides):
     ],
 )
 def test_what_run_does_not_take(given, words, monkeypatch):
-    monkeypatch.setattr(runner, "_run", None)
+    for computes in ("_into", "_in_memory"):
+        monkeypatch.setattr(runner, computes, None)
     with pytest.raises(UserError, match=words):
         rj.run(CAMPAIGN, **given)
 

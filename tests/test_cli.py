@@ -34,7 +34,20 @@ def test_help_and_version_are_fast_and_import_nothing_slow():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert time.perf_counter() - begin < 2.0  # 0.2 s alone; the machine may be busy
-    for command in ("run", "report", "trace", "campaigns", "faults", "parameters", "doctor"):
+    for command in (
+        "run",
+        "report",
+        "trace",
+        "verify",
+        "merge",
+        "train",
+        "robot",
+        "study",
+        "campaigns",
+        "faults",
+        "parameters",
+        "doctor",
+    ):
         assert command in done.stdout
 
 

@@ -6,6 +6,7 @@ slowest; the twins of the next stretch are computed while the last blocks of thi
 
 from __future__ import annotations
 
+import copy
 import time
 from collections import deque
 from collections.abc import Generator, Sequence
@@ -32,10 +33,19 @@ Columns = dict[str, np.ndarray]
 class Computation:
     """A plan and the kernel that its rows go through."""
 
-    def __init__(self, ready: Plan, engine: Engine, progress: Progress) -> None:
+    def __init__(
+        self,
+        ready: Plan,
+        engine: Engine,
+        progress: Progress,
+        runs: int | None = None,
+        threads: int | None = None,
+    ) -> None:
+        """runs: how many are computed at a time, which sizes blocks; threads: blocks side by side, where the engine is
+        not to decide."""
         self.ready, self.progress = ready, progress
-        self.threads = max(1, engine.threads)
-        self.kernel = engine.compile(ready.program, ready.runs)
+        self.threads = max(1, threads or engine.threads)
+        self.kernel = engine.compile(ready.program, runs or ready.runs)
 
     def compile(self) -> None:
         """Trace and compile, before the clock of the runs starts."""
@@ -45,6 +55,12 @@ class Computation:
         block = Block(*self.ready.lanes(rows, self.kernel.size(len(rows))), None)
         self.kernel.prepare(block, self.ready.columns)
         self.progress.began(time.perf_counter() - start)
+
+    def of(self, ready: Plan) -> Computation:
+        """The same kernel for other rows of the same program."""
+        other = copy.copy(self)
+        other.ready = ready
+        return other
 
     def blocks(self, ranges: Sequence[range]) -> Generator[tuple[Columns, Columns]]:
         """Outcomes of the rows of `ranges`, in order, block by block; and `outcomes.of_twin` of their twins.

@@ -9,7 +9,7 @@ import itertools
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
@@ -292,6 +292,10 @@ class Detector(Section):
         )
 
 
+Rate = Literal["evades", "harm", "stopped", "flagged", "silent", "cue", "jump", "activated", "diverged"]
+"""A rate of the table, as `ravenjax.campaign.events` counts it."""
+
+
 class Outcomes(Section):
     """[outcomes]: which of the recorded outcomes the headline verdict uses."""
 
@@ -301,6 +305,40 @@ class Outcomes(Section):
         "within 2 ms",
     )
     cue: int = Field(default=0, ge=0, description="number of the haptic set, from 0")
+
+
+class Stop(Section):
+    """[stop]: compute the table by looks that are planned here, and stop once every rate is known well enough.
+
+    Groups without faults are computed as a whole and not judged.
+    """
+
+    half_width: float = Field(gt=0.0, lt=0.5, description="stop once each rate is known within +- this fraction")
+    rates: tuple[Rate, ...] = Field(
+        default=("evades", "harm"), min_length=1, description="which rates: " + ", ".join(get_args(Rate))
+    )
+    of: Literal["groups", "whole"] = Field(
+        default="groups", description="groups: the rates of each group; whole: those of the whole table"
+    )
+    looks: tuple[float, ...] = Field(
+        default=(0.1, 0.2, 0.4, 0.7, 1.0),
+        min_length=1,
+        max_length=100,
+        description="shares of each group after which one looks, increasing; no more than the last is computed",
+    )
+    confidence: float = Field(default=0.95, gt=0.0, lt=1.0, description="with which all intervals of all looks hold")
+    allocation: Literal["proportional", "neyman"] = Field(
+        default="proportional",
+        description="proportional: as many of each group; neyman: after the first look where it narrows most",
+    )
+
+    @model_validator(mode="after")
+    def _increasing(self) -> Stop:
+        if list(self.looks) != sorted(set(self.looks)) or not 0.0 < self.looks[0] <= self.looks[-1] <= 1.0:
+            raise ValueError(f"looks = {list(self.looks)}, expected increasing shares, above 0 and at most 1")
+        if len(set(self.rates)) < len(self.rates):
+            raise ValueError(f"rates = {list(self.rates)}, expected each once")
+        return self
 
 
 class CampaignConfig(Section):
@@ -318,6 +356,7 @@ class CampaignConfig(Section):
     reaction: Reaction | None = Field(default=None, description="an operator who reacts; without it nobody does")
     detector: tuple[Detector, ...] = Field(default=(), description="observers that are scored")
     outcomes: Outcomes = Outcomes()
+    stop: Stop | None = Field(default=None, description="when to stop; without it the whole table is computed")
     group: tuple[Group, ...] = Field(min_length=1, description="the runs")
     _source: Path | None = PrivateAttr(None)
 
@@ -325,6 +364,24 @@ class CampaignConfig(Section):
     @classmethod
     def _flat(cls, raw: Any) -> Any:
         return flatten_parameters(raw)
+
+    @field_validator("group")
+    @classmethod
+    def _judged(cls, groups: tuple[Group, ...], info: ValidationInfo) -> tuple[Group, ...]:
+        if info.data.get("stop") is not None and not any(group.fault for group in groups):
+            raise ValueError("no group has a fault: there is nothing that [stop] could judge; remove it")
+        return groups
+
+    @field_validator("stop")
+    @classmethod
+    def _unlimited(cls, stop: Stop | None, info: ValidationInfo) -> Stop | None:
+        campaign = info.data.get("campaign")
+        if stop is not None and campaign is not None and campaign.limit is not None:
+            raise ValueError(
+                f"campaign.limit = {campaign.limit} would cut the groups that the looks are shares of; "
+                "to compute less write a smaller last look, such as looks = [0.01, 0.05]"
+            )
+        return stop
 
     @property
     def source(self) -> Path | None:

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from ravenjax.campaign import run_id, sampling
+from ravenjax.campaign import run_id, sampled_order, sampling
 from ravenjax.campaign.axis import Axis, fixed
 from ravenjax.campaign.config import CampaignConfig
 from ravenjax.campaign.group import Fault, Group, Run
@@ -60,6 +60,7 @@ class _Piece(NamedTuple):
 
 def expand(config: CampaignConfig) -> pd.DataFrame:
     """The fault table, columns as in `ravenjax.store.schema`; words are categorical, `run_id` is a number (uint64).
+    With [stop] it stands in the order of `sampled_order`.
 
     A parameter that a group leaves alone is NaN in its rows: the robot's own value. Raises UserError for drawn values
     that the channel cannot take.
@@ -96,7 +97,8 @@ def expand(config: CampaignConfig) -> pd.DataFrame:
         **parameters,
         **({SHARED: ids[pair]} if any(piece.behind for piece in pieces) else {}),
     }
-    return pd.DataFrame(table, copy=False)
+    frame = pd.DataFrame(table, copy=False)
+    return frame if config.stop is None else sampled_order.arranged(config, frame)
 
 
 def count(config: CampaignConfig) -> int:

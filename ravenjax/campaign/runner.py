@@ -1,91 +1,149 @@
-"""Runs a campaign: blocks of lanes through an engine, finished rows into parts, always resumable.
+"""Runs a campaign: what is missing of it through an executor, finished chunks into parts, always resumable.
 
-Blocks are cut from whatever rows are missing, as large as the engine likes them, parts have the campaign's chunk size;
-a run's result depends on neither. What is under way between plan and disk is bounded: memory grows with the number of
-runs by the plan alone.
+Parts are cut at the multiples of the campaign's chunk; a run's result depends on neither chunk, nor executor, nor on
+what was computed before.
 """
 
 from __future__ import annotations
 
 import contextlib
 import functools
-import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
-import numpy as np
+import pyarrow as pa
 
 from ravenjax import tick
-from ravenjax.campaign import assembly, compile_cache, outcomes, plan, run_id, table
-from ravenjax.campaign.assembly import Part
-from ravenjax.campaign.computation import Computation
+from ravenjax.campaign import compile_cache, plan, run_id, table
 from ravenjax.campaign.config import CampaignConfig
+from ravenjax.campaign.executors.local import Local
+from ravenjax.campaign.executors.protocol import Executor, Finished, Work
+from ravenjax.campaign.executors.shards import Shard
 from ravenjax.campaign.plan import Plan
-from ravenjax.campaign.progress import OnProgress, Progress
+from ravenjax.campaign.progress import OnProgress, Progress, Status
+from ravenjax.campaign.progress_file import ProgressFile
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Engine
-from ravenjax.store import manifest, parts, schema
+from ravenjax.errors import UserError
+from ravenjax.store import files, lock, manifest, parts, schema
+from ravenjax.store.files import StoreError
 from ravenjax.store.folder import ResultFolder
 from ravenjax.store.results import Results
 
-WRITERS = 4
-"""Parts that are made into tables and written side by side, at most."""
-
-T = TypeVar("T")
-
 
 def run_campaign(
-    config: CampaignConfig, out: Path | None = None, engine: str = "auto", *, on_progress: OnProgress | None = None
+    config: CampaignConfig,
+    out: Path | None = None,
+    engine: str = "auto",
+    *,
+    on_progress: OnProgress | None = None,
+    rows: Sequence[range] | None = None,
+    executor: Executor | None = None,
+    shard: Shard | None = None,
+    command: Sequence[str] = (),
 ) -> Results:
     """Run `config`, or finish it where `out` holds a part of it.
 
-    out: result folder, None to keep everything in memory. Raises UserError and StoreError for what the user can mend;
-    whatever happens, finished parts stay.
+    out: result folder, None to keep everything in memory. rows: compute these only; a folder that already holds, or is
+    to hold, others goes on with both. shard: compute its share only. command: the command line, for the record. Raises
+    UserError and StoreError for what the user can mend; whatever happens, finished parts stay.
     """
     compile_cache.enable()
     ready = plan.make(config)
     chosen = selection.select(engine, ready.program.setup.precision, compile_cache.objects())
-    folder = ResultFolder.open(out, _manifest(ready, chosen)) if out is not None else None
-    shape, chunk = shape_of(ready), config.campaign.chunk or parts.rows_of_a_part(ready.runs)
-    missing = list(folder.missing(chunk) if folder else parts.gaps((), ready.runs, chunk))
-    rows, words = sum(map(len, missing)), f"{chosen.name} on {chosen.device}"
-    progress = Progress(words, ready.runs, rows, ready.program.ticks, on_progress)
-    store = folder.add if folder else functools.partial(schema.conform, shape=shape)
-    kept = []
+    executor = executor or Local()
+    chunk = config.campaign.chunk or parts.rows_of_a_part(ready.runs)
+    if shard is not None:
+        if rows is not None:
+            raise UserError(f"rows and shard {shard} were both given, expected one of them")
+        chunk = config.campaign.chunk or shard.chunk(ready.runs, chunk)
+        rows = shard.rows(ready.runs, chunk)
+    record = _manifest(ready, chosen).model_copy(
+        update={
+            "rows": None if rows is None else _pairs(rows, ready.runs),
+            "shard": None if shard is None else str(shard),
+            "command": tuple(command),
+            "executor": executor.name,
+            "workers": executor.workers,
+        }
+    )
+    if out is None:
+        return _in_memory(ready, chosen, executor, list(parts.gaps((), record.wanted, chunk)), on_progress)
+    files.require_writable(out)
+    with lock.held(out):
+        folder = ResultFolder.open(out, record)
+        _into(folder, ready, chosen, executor, list(folder.missing(chunk)), on_progress)
+    return Results(record.shape, out)
+
+
+def _into(
+    folder: ResultFolder,
+    ready: Plan,
+    engine: Engine,
+    executor: Executor,
+    missing: Sequence[range],
+    on_progress: OnProgress | None,
+) -> None:
+    """Compute what is missing into its folder."""
+    file, shape = ProgressFile(folder.path), shape_of(ready)
+
+    def told(status: Status) -> None:
+        file(status)
+        if on_progress is not None:
+            on_progress(status)
+
+    due = folder.manifest.due
+    progress = _progress(ready, engine, due, missing, told, folder.notes)
+    progress.known(folder.manifest.failures)
+
+    def deliver(done: Finished[parts.Encoded]) -> None:
+        folder.put(done.packed)
+        progress.part(len(done.rows), done.failures)
+
+    pack = functools.partial(parts.encode, shape=shape, config_hash=folder.manifest.config_hash)
     try:
         if missing:
-            kept = _run(ready, chosen, missing, progress, store)
-    finally:
-        if folder:
+            executor.run(Work(ready, engine, pack, deliver, progress), missing)
+    except BaseException:
+        with contextlib.suppress(StoreError):  # a disk that is full, or gone, has been told of
             folder.close(progress.compile_s, progress.run_s, progress.stored)
+        progress.tell("stopped")
+        raise
+    folder.close(progress.compile_s, progress.run_s, progress.stored)
     progress.tell("done")
-    return Results(shape, out, () if folder else tuple(kept))
 
 
-def _run(
-    ready: Plan, engine: Engine, missing: Sequence[range], progress: Progress, store: Callable[[schema.Columns], T]
-) -> list[T]:
-    """Compute the rows of these ranges, each of which is one part; what `store` returned of each, in order."""
-    computation = Computation(ready, engine, progress)
-    computation.compile()
-    writers = min(WRITERS, len(os.sched_getaffinity(0)))
-    stored: list[Future[T]] = []
+def _in_memory(
+    ready: Plan, engine: Engine, executor: Executor, chunks: Sequence[range], on_progress: OnProgress | None
+) -> Results:
+    """Compute chunks into tables."""
+    shape, kept = shape_of(ready), dict[int, pa.Table]()
+    progress = _progress(ready, engine, sum(map(len, chunks)), chunks, on_progress, ())
 
-    def finish(part: Part) -> T:
-        runs = ready.table.iloc[part.rows.start : part.rows.stop]
-        rows = outcomes.columns(ready.config, runs, *part.tables())
-        found = store(rows)
-        progress.rows(len(part.rows), int(np.count_nonzero(rows["failed"] != "")))
-        return found
+    def deliver(done: Finished[pa.Table]) -> None:
+        kept[done.rows.start] = done.packed
+        progress.part(len(done.rows), done.failures)
 
-    with ThreadPoolExecutor(writers) as pool, contextlib.closing(computation.blocks(missing)) as blocks:
-        for part in assembly.parts(missing, blocks):
-            if len(stored) >= 2 * writers:
-                stored[-2 * writers].result()  # neither rows nor errors pile up
-            stored.append(pool.submit(finish, part))
-        return [future.result() for future in stored]
+    if chunks:
+        executor.run(Work(ready, engine, functools.partial(schema.conform, shape=shape), deliver, progress), chunks)
+    progress.tell("done")
+    return Results(shape, None, tuple(kept[first] for first in sorted(kept)))
+
+
+def _progress(
+    ready: Plan, engine: Engine, due: int, missing: Sequence[range], told: Any, notes: tuple[str, ...]
+) -> Progress:
+    words, rows = f"{engine.name} on {engine.device}", sum(map(len, missing))
+    return Progress(words, due, rows, ready.program.ticks, told, notes=notes)
+
+
+def _pairs(rows: Sequence[range], runs: int) -> tuple[tuple[int, int], ...]:
+    """Row ranges as a manifest has them; raises UserError for rows that the campaign has not."""
+    for some in rows:
+        if some.step != 1 or (some and not 0 <= some.start < some.stop <= runs):
+            raise UserError(f"rows {some}: expected ranges of step 1 within 0 to {runs}, the runs of the campaign")
+    return manifest.joined(tuple((some.start, some.stop - 1) for some in rows if some)) or ()
 
 
 def _manifest(ready: Plan, engine: Engine) -> manifest.Manifest:

@@ -19,6 +19,8 @@ for _command in (
     running.run,
     results.report,
     results.trace,
+    results.verify,
+    results.merge,
     running.search,
     running.reproduce,
     training.train,

@@ -59,15 +59,13 @@ def run(
     config = loading.load(file, given)
     folder = out or Path("results") / config.campaign.name / (share.folder if share is not None else "")
 
-    from ravenjax.campaign import runner
+    from ravenjax.campaign import adaptive
 
     with _ended_by_signals(), terminal.Watch(console.out) as watch:
-        results = runner.run_campaign(
-            config, folder, engine, on_progress=watch, executor=who, shard=share, command=sys.argv
-        )
+        results = adaptive.run(config, folder, engine, on_progress=watch, executor=who, shard=share, command=sys.argv)
     _summary(folder, results)
     if share is not None:
-        console.out.print(f"one of {share.of} shards; `ravenjax merge` joins them", highlight=False)
+        console.out.print(f"one of {share.of} shards; `ravenjax merge OUT SHARD...` joins them", highlight=False)
     elif report:
         write_report(folder)
 
@@ -75,14 +73,17 @@ def run(
 def _summary(folder: Path, results: Results) -> None:
     """What came out: verdicts, failures by cause, where it is."""
     from ravenjax import terminal
+    from ravenjax.campaign import decisions
     from ravenjax.store import manifest
 
-    if rows := terminal.outcome_rows(results.verdicts()):
+    record = manifest.read(folder)
+    if record.done and (rows := terminal.outcome_rows(results.verdicts())):
         columns = ("response / haptic / jump", "runs", "share, 95 % interval")
         console.out.print(terminal.table("Faulty runs", columns, rows))
-    record = manifest.read(folder)
     if rows := terminal.failure_rows(record.failures, record.done):
         console.out.print(terminal.table("Runs without a valid outcome", ("cause", "runs", "share"), rows))
+    if why := decisions.sentence(folder):
+        console.out.print(why, markup=False, highlight=False)
     console.out.print(f"results: {folder}", highlight=False, soft_wrap=True)
 
 
@@ -96,7 +97,10 @@ def _ended_by_signals() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():  # then signals are somebody else's
         yield
         return
-    before = {number: signal.signal(number, leave) for number in (signal.SIGTERM, signal.SIGHUP)}
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN:  # as nohup has it
+            signal.signal(number, leave)
     try:
         yield
     except SystemExit:

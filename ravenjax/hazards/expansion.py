@@ -116,6 +116,8 @@ def _check(name: str, case: Case, overrides: Mapping[str, Any]) -> None:
         if not library.takes_value(first.effect):
             raise WrongGroup("value", f"{name} has effect {first.effect!r}, which takes none")
     for key, value in overrides.items():
+        if value == []:
+            raise WrongGroup(key, f"{name}: the list is empty, expected at least one value")
         if (others or first.along) and isinstance(value, dict):
             raise WrongGroup(key, f"{name} strikes several channels at once, expected numbers, got {shown(value)}")
         if others and isinstance(value, list) and key != "arm":

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
-import pandas as pd
-
-from ravenjax.report import facts as run_facts
-from ravenjax.report import tables
+from ravenjax.report import counted, tables
+from ravenjax.report.counted import NONE, Delays
 from ravenjax.report.reactions import Difference
+from ravenjax.report.runs import HARMFUL, Ever, Runs, after_onset
 from ravenjax.stats.intervals import Estimate, Rate
-from ravenjax.stats.latency import Incidence, Lead, incidence, lead_time
+from ravenjax.stats.latency import Incidence, Lead
 from ravenjax.store.manifest import Cue, Manifest
 
 CLASSES = {"layer": "Layer", "site": "Site", "group": "Group"}
@@ -58,42 +56,46 @@ class Changed(NamedTuple):
     better: Announced | None  # the cue that announces most without a false one, where it is another
 
 
-def knowledge(facts: pd.DataFrame, known_ms: np.ndarray, manifest: Manifest) -> Knowledge:
-    """known_ms [rows of facts]: when anyone could first know, -1 if never."""
-    chosen = _harmful(facts)
-    known, active, harm = _times(facts, known_ms, chosen)
-    came = ~np.isnan(known)
-    delay = incidence(np.where(came, known, manifest.duration_ms) - active, came)
+def knowledge(runs: Runs, known: str, manifest: Manifest) -> Knowledge:
+    """known: when anyone could first know, -1 if never; an expression of columns of facts (`detectors.known`)."""
+    delay, lags = (
+        runs.delays(known, start, str(manifest.duration_ms), HARMFUL)[""] for start in ("active_ms", "harm_ms")
+    )
+    found, lead = counted.incidence(delay), counted.lead(lags)
     return Knowledge(
-        delay,
-        delay.quantile_interval(0.5),
-        delay.quantile_interval(0.25),
-        lead_time(known, harm, float(manifest.duration_ms)),
-        tables.rate(~came),
+        found,
+        found.quantile_interval(0.5),
+        found.quantile_interval(0.25),
+        lead,
+        tables.rate_of(lead.n - lead.alarmed, lead.n),
         bool(manifest.detectors),
     )
 
 
-def classes(facts: pd.DataFrame, known_ms: np.ndarray, manifest: Manifest) -> dict[str, list[ClassRow]]:
-    """Rows by each of CLASSES, most evasive first; a kind of class that is the same for all faults is left out."""
-    faulty = (facts["faulty"] & facts["plain"]).to_numpy()
+def classes(runs: Runs, known: str, manifest: Manifest) -> dict[str, list[ClassRow]]:
+    """Rows by each of CLASSES, most evasive first; a kind of class that is the same for all faults is left out.
+
+    known: as of `knowledge`.
+    """
     made = {}
     for kind in CLASSES:
-        names = facts[kind].astype(str).to_numpy()
-        present = np.unique(names[faulty])
-        if len(present) > 1 or (kind == "group" and len(present)):
-            rows = [_class(str(name), facts, faulty & (names == name), known_ms, manifest) for name in present]
+        present = runs.ever("faulty AND plain", kind)
+        if len(present) > 1 or (kind == "group" and present):
+            delay, lags = (
+                runs.delays(known, start, str(manifest.duration_ms), HARMFUL, kind)
+                for start in ("active_ms", "harm_ms")
+            )
+            rows = [_class(one, delay.get(one.name, NONE), lags.get(one.name, NONE)) for one in present]
             made[kind] = sorted(rows, key=lambda row: (-row.evaded.value, -row.harm.value, row.name))
     return made
 
 
-def changed(frame: pd.DataFrame, facts: pd.DataFrame, manifest: Manifest, differences: Sequence[Difference]) -> Changed:
+def changed(runs: Runs, manifest: Manifest, differences: Sequence[Difference]) -> Changed:
     """differences: of all reactions, none where the campaign has no pairs."""
-    chosen = (facts["sample"] & facts["evaded"] & (facts["moved_ms"] >= 0) & facts["activated"]).to_numpy()
-    free = run_facts.motions(frame, facts)
+    chosen = "sample AND evaded AND moved_ms >= 0 AND activated"
     told = []
-    if chosen.any() and len(free):
-        told = [_announced(frame, facts, manifest, free, k, chosen) for k in range(len(manifest.cues))]
+    if runs.count(chosen) and runs.motions().count:
+        told = [_announced(runs, manifest, k, chosen) for k in range(len(manifest.cues))]
     first = told[manifest.verdict_cue] if told else None
     quiet = [one for one in told if not one.false.k]
     best = max(quiet, key=lambda one: (one.lead.before.value, one.cue.threshold_mm), default=None)
@@ -101,37 +103,18 @@ def changed(frame: pd.DataFrame, facts: pd.DataFrame, manifest: Manifest, differ
     return Changed([row for row in differences if row.among == "all faults"], first, better)
 
 
-def _announced(
-    frame: pd.DataFrame, facts: pd.DataFrame, manifest: Manifest, free: pd.DataFrame, k: int, chosen: np.ndarray
-) -> Announced:
-    warned, _, _ = _times(facts, run_facts.warned(frame, k), chosen)
-    lead = lead_time(warned, facts.loc[chosen, "moved_ms"].to_numpy(float), float(manifest.duration_ms))
-    false = tables.rate(run_facts.first_came(free, f"twin_cue{k}_first_ms"))
+def _announced(runs: Runs, manifest: Manifest, k: int, chosen: str) -> Announced:
+    free = runs.motions()
+    lead = counted.lead(runs.delays(after_onset(f"warned{k}_ms"), "moved_ms", str(manifest.duration_ms), chosen)[""])
+    false = tables.rate_of(free.came(f"twin_cue{k}_first_ms"), free.count)
     return Announced(manifest.cues[k], lead, lead.quantile(0.5), false)
 
 
-def _class(name: str, facts: pd.DataFrame, mine: np.ndarray, known_ms: np.ndarray, manifest: Manifest) -> ClassRow:
-    ever = facts.loc[mine, ["evaded", "harm"]].groupby(facts.loc[mine, "distinct"].to_numpy()).any()
-    chosen = mine & _harmful(facts)
-    known, active, harm = _times(facts, known_ms, chosen)
-    came = ~np.isnan(known)
-    delay = incidence(np.where(came, known, manifest.duration_ms) - active, came)
+def _class(ever: Ever, delay: Delays, lags: Delays) -> ClassRow:
     return ClassRow(
-        name,
-        tables.rate(ever["evaded"]),
-        tables.rate(ever["harm"]),
-        tables.rate(known < harm),
-        delay.quantile_interval(0.5),
+        ever.name,
+        tables.rate_of(ever.evaded, ever.faults),
+        tables.rate_of(ever.harm, ever.faults),
+        counted.lead(lags).before,
+        counted.incidence(delay).quantile_interval(0.5),
     )
-
-
-def _harmful(facts: pd.DataFrame) -> np.ndarray:
-    return (facts["sample"] & facts["faulty"] & facts["activated"] & facts["harm"]).to_numpy()
-
-
-def _times(facts: pd.DataFrame, event_ms: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of the chosen runs: an event (NaN where it never came or before the first effect), first effect, harm; ms."""
-    active, harm = (facts.loc[chosen, name].to_numpy(float) for name in ("active_ms", "harm_ms"))
-    event = event_ms[chosen].astype(float)
-    event[(event < 0) | (event < active)] = np.nan
-    return event, active, harm

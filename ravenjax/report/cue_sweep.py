@@ -11,22 +11,25 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
 import pandas as pd
 
-from ravenjax.report import facts as run_facts
-from ravenjax.report import tables
+from ravenjax.report import counted, tables
+from ravenjax.report.facts import FACTS
+from ravenjax.report.runs import HARMFUL, Runs, after_onset
 from ravenjax.stats.false_alarms import AlarmRate, alarm_rate
 from ravenjax.stats.intervals import Estimate, Rate
-from ravenjax.stats.latency import incidence, lead_time
 from ravenjax.stats.pareto import front
 from ravenjax.store.manifest import Cue, Manifest
+from ravenjax.store.query import RESULTS
 
 COST_RATIOS = (1, 10, 100, 1000)
 """How many false cues a missed hazard weighs, where harmful and fault-free runs come equally often."""
 FELT = ("peak_force", "ms", "count")
 """What is told of a cue that is felt, by the ends of its columns."""
+MOST = 500_000
+"""Harmful runs that the medians of what is felt are of; of more, about so many are drawn."""
 FALSE_PER_HOUR = (0.5, 1, 10, 60)
+HARMLESS = "sample AND faulty AND NOT harm"
 
 
 class Row(NamedTuple):
@@ -60,36 +63,32 @@ class Choice(NamedTuple):
     alike: int
 
 
-def rows(frame: pd.DataFrame, facts: pd.DataFrame, manifest: Manifest) -> list[Row]:
+def rows(runs: Runs, manifest: Manifest) -> list[Row]:
     """One row a haptic set, by threshold and gain."""
-    free = run_facts.motions(frame, facts)
-    hours = run_facts.hours(free)
-    sample = facts["sample"].to_numpy()
-    harmful = (facts["sample"] & facts["harm"] & facts["faulty"] & facts["activated"]).to_numpy()
-    harmless = sample & ~facts["harm"].to_numpy() & facts["faulty"].to_numpy()
-    active, harm = (facts.loc[harmful, name].to_numpy(float) for name in ("active_ms", "harm_ms"))
+    free = runs.motions()
+    felt = runs.counts([f"warned{k}_ms >= 0" for k in range(len(manifest.cues))], where=HARMLESS)
+    harmless = runs.count(HARMLESS)
+    drawn = _felt(runs, len(manifest.cues))
     made = []
     for k, cue in enumerate(manifest.cues):
-        warned = run_facts.warned(frame, k)
-        first = np.where(warned[harmful] >= 0, warned[harmful], np.nan).astype(float)
-        first[first < active] = np.nan
-        came = ~np.isnan(first)
-        false = tables.rate(run_facts.first_came(free, f"twin_cue{k}_first_ms"))
-        lead = lead_time(first, harm, float(manifest.duration_ms))
-        felt = frame.loc[harmful, [f"cue{k}_{what}" for what in FELT]].loc[came]
+        event, end = after_onset(f"warned{k}_ms"), str(manifest.duration_ms)
+        delay, lags = (runs.delays(event, start, end, HARMFUL)[""] for start in ("active_ms", "harm_ms"))
+        lead = counted.lead(lags)
+        false = tables.rate_of(free.came(f"twin_cue{k}_first_ms"), free.count)
+        when = (drawn[f"warned{k}_ms"] >= drawn["active_ms"]) & (drawn[f"warned{k}_ms"] >= 0)
         made.append(
             Row(
                 k,
                 cue,
-                tables.rate(~came),
+                tables.rate_of(lead.n - lead.alarmed, lead.n),
                 false,
-                alarm_rate(false.k, hours) if hours else None,
-                tables.rate(warned[harmless] >= 0),
+                alarm_rate(false.k, free.hours) if free.hours else None,
+                tables.rate_of(felt[k], harmless),
                 False,
-                incidence(np.where(came, first, manifest.duration_ms) - active, came).quantile_interval(0.5),
+                counted.incidence(delay).quantile_interval(0.5),
                 lead.before,
                 lead.quantile(0.5),
-                *(_median(felt[name]) for name in felt),
+                *(_median(drawn.loc[when, f"cue{k}_{what}"]) for what in FELT),
             )
         )
     best = front([row.missed.value for row in made], [row.false.value for row in made])
@@ -135,6 +134,13 @@ def _joined(rule: str, found: Sequence[tuple[str, tuple[Row | None, int]]]) -> l
         numbers = same[0][0] if len(same) == 1 else f"{same[0][0]} to {same[-1][0]}"
         made.append(Choice(rule.format(numbers), *same[0][1]))
     return made
+
+
+def _felt(runs: Runs, cues: int) -> pd.DataFrame:
+    """Of harmful runs what was felt of each cue, and when."""
+    numbers = range(cues)
+    felt = [f"{RESULTS}.cue{k}_{what}" for k in numbers for what in FELT]
+    return runs.drawn(", ".join([f"{FACTS}.active_ms", *(f"warned{k}_ms" for k in numbers), *felt]), HARMFUL, MOST)
 
 
 def _median(values: pd.Series) -> float:

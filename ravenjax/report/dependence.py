@@ -8,11 +8,16 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.report import tables
+from ravenjax.report.facts import FACTS
+from ravenjax.report.runs import Runs
 from ravenjax.stats.association import Dependence, dependences
 from ravenjax.stats.intervals import Rate
+from ravenjax.store.query import quoted
 
 LEAST_RUNS = 20
 """Of a conclusion; with fewer, thirds of a parameter hold too few for any statement."""
+MOST = 200_000
+"""Runs that are looked at one by one; a dependence that these do not show changes a rate by less than a point."""
 
 
 class Conclusion(NamedTuple):
@@ -20,30 +25,40 @@ class Conclusion(NamedTuple):
 
     name: str
     rate: Rate
+    drawn: int  # runs that the dependences are of
     found: list[Dependence]
 
 
-def conclusions(frame: pd.DataFrame, facts: pd.DataFrame) -> list[Conclusion]:
-    """The report's rates over one run of each fault, against every parameter that varies among them."""
-    chosen = facts["sample"] & facts["faulty"]
-    names = varied(frame.loc[chosen])
+def conclusions(runs: Runs) -> list[Conclusion]:
+    """The report's rates over one run of each fault, against every parameter that varies among them.
+
+    Rates are of all such runs; how they depend on a parameter is asked of MOST of them, drawn, where there are more.
+    """
+    chosen = "sample AND faulty"
+    asked = {
+        "evades the checks and moves the instrument": ("true", "evaded"),
+        "does harm": ("true", "harm"),
+        "a check responds": ("true", "response <> 'silent'"),
+        "the cue fires before the harm": ("harm", "warned_ms >= 0 AND warned_ms < harm_ms"),
+    }
+    hits = ", ".join(
+        f"{among} AND {hit} AS hit{i}, {among} AS among{i}" for i, (among, hit) in enumerate(asked.values())
+    )
+    told = f"SELECT row, {hits} FROM {FACTS} WHERE {chosen}"
+    inputs = [quoted(name) for name in runs.names if name.startswith("param:")]
+    drawn = runs.drawn(", ".join([*inputs, f"{FACTS}.*"]), chosen, MOST, of=told) if inputs else pd.DataFrame()
+    names = varied(drawn)
     if not names:
         return []
-    asked = {
-        "evades the checks and moves the instrument": (chosen, facts["evaded"]),
-        "does harm": (chosen, facts["harm"]),
-        "a check responds": (chosen, facts["response"] != "silent"),
-        "the cue fires before the harm": (
-            chosen & facts["harm"],
-            (facts["warned_ms"] >= 0) & (facts["warned_ms"] < facts["harm_ms"]),
-        ),
-    }
+    counts = runs.counts([sql for among, hit in asked.values() for sql in (among, f"{among} AND {hit}")], where=chosen)
     made = []
-    for name, (among, hit) in asked.items():
-        hits = np.asarray(hit)[np.asarray(among)]
-        if len(hits) >= LEAST_RUNS:
-            inputs = {path.removeprefix("param:"): frame.loc[among, path].to_numpy() for path in names}
-            made.append(Conclusion(name, tables.rate(hits), dependences(hits, inputs)))
+    for i, name in enumerate(asked):
+        n, k = counts[2 * i : 2 * i + 2]
+        if n >= LEAST_RUNS:
+            mine = drawn.loc[drawn[f"among{i}"]]
+            given = {path.removeprefix("param:"): mine[path].to_numpy(float) for path in names}
+            found = dependences(mine[f"hit{i}"].to_numpy(bool), given)
+            made.append(Conclusion(name, tables.rate_of(k, n), len(mine), found))
     return made
 
 

@@ -1,21 +1,24 @@
 """Detectors against harm: how well they tell it, how early, and how often they disturb when nothing is wrong.
 
 The robot's own checks and the haptic cue of the verdicts stand beside the campaign's detectors as two that have a
-single level. Rates and times are of one run of each fault; curves are of every run, their bands resample faults.
+single level. Rates and times are of one run of each fault; curves are of every run, or of so many drawn, their bands
+resample faults.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
+from ravenjax.report import counted
 from ravenjax.report import facts as run_facts
+from ravenjax.report.runs import HARMFUL, Motions, Runs, after_onset
 from ravenjax.stats.false_alarms import AlarmRate, alarm_rate
 from ravenjax.stats.intervals import Estimate, Rate, wilson
-from ravenjax.stats.latency import Incidence, Lead, incidence, lead_time
+from ravenjax.stats.latency import Incidence, Lead
 from ravenjax.stats.resample import Band
 from ravenjax.stats.roc import CurveBand
 from ravenjax.store.manifest import Detector, Manifest
@@ -26,7 +29,8 @@ GRID = np.unique(np.concatenate([np.linspace(0, 0.1, 41), np.linspace(0.1, 1, 91
 DRAWS = 1_000_000
 """Runs drawn for the bands of one curve, all resamples together; between 100 and 400 resamples."""
 MOST_DRAWN = 20_000
-"""Runs that bands are made of; of more, so many are drawn, and the bands are too wide rather than too narrow."""
+"""Runs that curves are made of; of more, about so many are drawn, and bands are too wide rather than too narrow."""
+SCORED = "plain AND NOT failed"
 MOST_LEVELS = 12
 """Levels of a detector in the table; of more, so many, evenly taken, and the quiet one."""
 
@@ -51,7 +55,7 @@ class Alarms(NamedTuple):
 
     name: str
     level: float
-    first_ms: np.ndarray
+    column: str  # of facts
     free: int | None  # fault-free motions in which it spoke; None: not known
     quiet: bool
 
@@ -77,47 +81,44 @@ class Curves(NamedTuple):
     lead: Lead
 
 
-def alarms(frame: pd.DataFrame, facts: pd.DataFrame, manifest: Manifest) -> list[Alarms]:
+def alarms(runs: Runs, manifest: Manifest) -> list[Alarms]:
     """Everything that can speak, level by level: the campaign's detectors, the checks, the cue of the verdicts."""
-    free = run_facts.motions(frame, facts)
-    found = [one for d, detector in enumerate(manifest.detectors) for one in _levels(frame, free, d, detector)]
-    found.append(Alarms(CHECKS, np.nan, facts["response_ms"].to_numpy(), None, False))
+    free = runs.motions()
+    found = [one for d, detector in enumerate(manifest.detectors) for one in _levels(free, d, detector)]
+    found.append(Alarms(CHECKS, math.nan, "response_ms", None, False))
     if manifest.cues:
-        told = int(run_facts.first_came(free, f"twin_cue{manifest.verdict_cue}_first_ms").sum())
+        told = free.came(f"twin_cue{manifest.verdict_cue}_first_ms")
         name = f"{CUE}, {manifest.cues[manifest.verdict_cue].threshold_mm:g} mm"
-        found.append(Alarms(name, np.nan, facts["warned_ms"].to_numpy(), told, told == 0))
+        found.append(Alarms(name, math.nan, "warned_ms", told, told == 0))
     return found
 
 
-def _levels(frame: pd.DataFrame, free: pd.DataFrame, d: int, detector: Detector) -> Iterator[Alarms]:
-    score = free[f"twin_detector{d}_score"].to_numpy()
-    false = [int((score > level).sum()) for level in detector.levels]
+def _levels(free: Motions, d: int, detector: Detector) -> Iterator[Alarms]:
+    score, types = f"twin_detector{d}_score", free.runs.types
+    false = [free.with_event(run_facts.beyond_sql(score, level, types)) for level in detector.levels]
     quiet = min((level for level, count in zip(detector.levels, false, strict=True) if not count), default=None)
     for k, (level, count) in enumerate(zip(detector.levels, false, strict=True)):
-        first = frame[f"detector{d}_level{k}_first_ms"].to_numpy()
-        yield Alarms(detector.name, level, first, count, level == quiet)
+        yield Alarms(detector.name, level, f"alarm{d}_{k}_ms", count, level == quiet)
 
 
-def known_ms(facts: pd.DataFrame, found: list[Alarms]) -> np.ndarray:
-    """When anyone could first know of each run's fault, -1 if never: the cue, a check, or a detector at its lowest
-    level without a false alarm; what spoke before the fault had any effect does not know of it."""
-    able = [one for one in found if one.quiet or one.free is None or np.isnan(one.level)]
-    active = facts["active_ms"].to_numpy()
-    return run_facts.first_of(*(np.where(one.first_ms >= active, one.first_ms, -1) for one in able))
+def known(found: list[Alarms]) -> str:
+    """When anyone could first know of each run's fault, -1 if never, as an expression of columns of facts: the cue, a
+    check, or a detector at its lowest level without a false alarm; what spoke before the fault had any effect does not
+    know of it."""
+    able = [one for one in found if one.quiet or one.free is None or math.isnan(one.level)]
+    return run_facts.first_sql(*(f"({after_onset(one.column)})" for one in able))
 
 
-def rows(frame: pd.DataFrame, facts: pd.DataFrame, manifest: Manifest, found: list[Alarms]) -> list[Row]:
+def rows(runs: Runs, manifest: Manifest, found: list[Alarms]) -> list[Row]:
     """One row a detector, then the checks and the cue."""
-    hours = run_facts.hours(run_facts.motions(frame, facts))
     names = list(dict.fromkeys(one.name for one in found))
-    chosen = facts["plain"] & ~facts["failed"]
+    shown = {name: _shown([one for one in found if one.name == name]) for name in names}
+    counts = _caught(runs, [one for own in shown.values() for one in own])
     made = []
     for number, name in enumerate(names):
-        levels = [_level(facts, manifest, one, hours) for one in _shown([one for one in found if one.name == name])]
+        levels = [_level(runs, manifest, one, counts[one.column]) for one in shown[name]]
         scored = number < len(manifest.detectors)
-        roc = recall = None
-        if scored and (facts.loc[chosen, ["harm", "distinct"]].nunique() > 1).all():
-            roc, recall = _bands(frame.loc[chosen, f"detector{number}_score"], facts.loc[chosen])
+        roc, recall = _bands(runs, number) if scored else (None, None)
         made.append(
             Row(
                 name,
@@ -132,13 +133,19 @@ def rows(frame: pd.DataFrame, facts: pd.DataFrame, manifest: Manifest, found: li
     return made
 
 
-def curves(facts: pd.DataFrame, manifest: Manifest, found: list[Alarms]) -> list[Curves]:
+def curve_runs(runs: Runs) -> tuple[int, int]:
+    """Runs that curves are made of, about, and runs that there are."""
+    n = runs.count(SCORED)
+    return min(n, MOST_DRAWN), n
+
+
+def curves(runs: Runs, manifest: Manifest, found: list[Alarms]) -> list[Curves]:
     """How early each detector speaks, in the order of `found`."""
     made = []
     for name in dict.fromkeys(one.name for one in found):
         own = [one for one in found if one.name == name]
         one = next((level for level in own if level.quiet), own[-1])
-        made.append(Curves(name, one.level, *_times(facts, manifest, one)))
+        made.append(Curves(name, one.level, *_times(runs, manifest, one)))
     return made
 
 
@@ -156,17 +163,32 @@ def _what(detector: Detector) -> str:
     return ", ".join(words)
 
 
-def _level(facts: pd.DataFrame, manifest: Manifest, one: Alarms, hours: float) -> Level:
-    sample = facts["sample"].to_numpy()
-    harm, spoke = facts["harm"].to_numpy(), one.first_ms >= 0
-    hits, misses = int((sample & harm & spoke).sum()), int((sample & ~harm & spoke).sum())
-    delay, lead = _times(facts, manifest, one)
+class _Caught(NamedTuple):
+    """Runs, one of each fault: harmful and harmless, and those of both with an alarm."""
+
+    harm: int
+    harmless: int
+    hits: int
+    misses: int
+
+
+def _caught(runs: Runs, found: list[Alarms]) -> dict[str, _Caught]:
+    """By column."""
+    asked = [f"{harm} AND {one.column} >= 0" for one in found for harm in ("harm", "NOT harm")]
+    harm, harmless, *counts = runs.counts(["harm", "NOT harm", *asked], where="sample")
+    pairs = zip(counts[::2], counts[1::2], strict=True)
+    return {one.column: _Caught(harm, harmless, *pair) for one, pair in zip(found, pairs, strict=True)}
+
+
+def _level(runs: Runs, manifest: Manifest, one: Alarms, counts: _Caught) -> Level:
+    hours = runs.motions().hours
+    delay, lead = _times(runs, manifest, one)
     return Level(
         one.name,
         one.level,
-        wilson(hits, int((sample & harm).sum())),
-        wilson(misses, int((sample & ~harm).sum())),
-        wilson(hits, hits + misses),
+        wilson(counts.hits, counts.harm),
+        wilson(counts.misses, counts.harmless),
+        wilson(counts.hits, counts.hits + counts.misses),
         None if one.free is None else alarm_rate(one.free, hours) if hours else None,
         delay.quantile_interval(0.5),
         lead.before,
@@ -175,25 +197,23 @@ def _level(facts: pd.DataFrame, manifest: Manifest, one: Alarms, hours: float) -
     )
 
 
-def _times(facts: pd.DataFrame, manifest: Manifest, one: Alarms) -> tuple[Incidence, Lead]:
+def _times(runs: Runs, manifest: Manifest, one: Alarms) -> tuple[Incidence, Lead]:
     """Delay after the first effect, and lead over the harm, of harmful runs; an alarm before the first effect counts
     as none, for it tells of something else."""
-    chosen = (facts["sample"] & facts["harm"] & facts["faulty"] & facts["activated"]).to_numpy()
-    active, harm = facts.loc[chosen, "active_ms"].to_numpy(float), facts.loc[chosen, "harm_ms"].to_numpy(float)
-    alarm = one.first_ms[chosen].astype(float)
-    alarm[(alarm < 0) | (alarm < active)] = np.nan
-    came = ~np.isnan(alarm)
-    delay = incidence(np.where(came, alarm, manifest.duration_ms) - active, came)
-    return delay, lead_time(alarm, harm, float(manifest.duration_ms))
+    event, end = after_onset(one.column), str(manifest.duration_ms)
+    delay, lags = (runs.delays(event, start, end, HARMFUL)[""] for start in ("active_ms", "harm_ms"))
+    return counted.incidence(delay), counted.lead(lags)
 
 
-def _bands(score: pd.Series, facts: pd.DataFrame) -> tuple[CurveBand, CurveBand]:
+def _bands(runs: Runs, number: int) -> tuple[CurveBand, CurveBand] | tuple[None, None]:
+    """Of the runs drawn; none where they do not differ in harm, or are all of one fault."""
     from ravenjax.stats.roc import precision_recall_band, roc_band
 
-    values, harm, cell = score.to_numpy(float), facts["harm"].to_numpy(), facts["distinct"].to_numpy()
-    if len(values) > MOST_DRAWN:
-        drawn = np.random.default_rng(0).choice(len(values), MOST_DRAWN, replace=False)
-        values, harm, cell = values[drawn], harm[drawn], cell[drawn]
+    score = f"detector{number}_score"
+    drawn = runs.drawn(f'{score} AS score, harm, "distinct" AS cell', SCORED, MOST_DRAWN)
+    values, harm, cell = (drawn[name].to_numpy() for name in ("score", "harm", "cell"))
+    if min(len(np.unique(harm)), len(np.unique(cell))) < 2:
+        return None, None
     given: dict[str, Any] = {"resamples": int(np.clip(DRAWS // len(values), 100, 400))}
     return (
         roc_band(values, harm, cell, grid=GRID, **given),

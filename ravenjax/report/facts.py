@@ -1,12 +1,21 @@
-"""What the report says about each run, derived once from the result table."""
+"""What the report says about each run, derived once from the result table: SQL, so that a table may exceed memory.
+
+`define` makes the table `facts` beside a result table, `derive` the same of a DataFrame.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 
 from ravenjax.report import layers
+from ravenjax.store import query, schema
 from ravenjax.store.manifest import Manifest
+from ravenjax.store.query import RESULTS, Table, quoted, text
 
 OUTCOMES = {
     "stopped": "a built-in check stopped the robot",
@@ -34,13 +43,24 @@ ACTION = "param:reaction.action"
 ACTIONS = ("none", "release", "slow", "correct")
 """As ravenjax.stages.reaction.ACTIONS, which cannot be imported without importing jax."""
 
+FACTS = "facts"
+"""The table of what `define` derives."""
 
-def of(frame: pd.DataFrame, manifest: Manifest) -> pd.DataFrame:
-    """`derive` with the cue, the jump rule and the reaction of the campaign that a manifest describes."""
+
+class Rules(NamedTuple):
+    """What the words mean in one campaign."""
+
+    cue: int = 0  # haptic set of the verdicts
+    threshold_mm: float = HARM_MM  # its own
+    jump: str = "jump_code"  # column of the jump rule
+    action: int = 0  # what the operator does at a cue where the run's parameters do not say, of ACTIONS
+
+
+def rules(manifest: Manifest) -> Rules:
+    """Those of the campaign that a manifest describes."""
     cue = manifest.cues[manifest.verdict_cue] if manifest.cues else None
     reaction = manifest.config.get("reaction") or {}
-    return derive(
-        frame,
+    return Rules(
         manifest.verdict_cue,
         cue.threshold_mm if cue else HARM_MM,
         manifest.verdict_jump,
@@ -48,78 +68,196 @@ def of(frame: pd.DataFrame, manifest: Manifest) -> pd.DataFrame:
     )
 
 
+def of(frame: pd.DataFrame, manifest: Manifest) -> pd.DataFrame:
+    """`derive` with the cue, the jump rule and the reaction of the campaign that a manifest describes."""
+    return derive(frame, *rules(manifest))
+
+
 def derive(
     frame: pd.DataFrame, cue: int = 0, threshold_mm: float = HARM_MM, jump: str = "jump_code", action: int = 0
 ) -> pd.DataFrame:
-    """One row per run, the index of `frame` kept; `cue` is the haptic set of the verdicts, `threshold_mm` its own,
-    `jump` the column of the jump rule, `action` what the operator does at a cue where the run's parameters do not say.
+    """The facts of a result table in memory, one row per run, the index of `frame` kept; arguments as in `Rules`.
 
-    Columns: run_id, group, faulty, activated, failed, response, haptic, jump (from the verdict), moved (the true tip
+    Columns as of `define`, and run_id.
+    """
+    asked = Rules(cue, threshold_mm, jump, action)
+    with query.empty() as table:
+        take(table, frame.loc[:, needed(list(frame), asked)])
+        define(table, asked)
+        facts = table.frame(f"SELECT * EXCLUDE row FROM {FACTS} ORDER BY row")
+    words = ("response", "outcome", "site", "layer", "block")
+    facts = facts.astype({name: "str" for name in words if name in facts})
+    facts.index = frame.index
+    facts.insert(0, "run_id", frame["run_id"])
+    facts["group"] = facts["group"].astype("category")
+    return facts
+
+
+def take(table: Table, frame: pd.DataFrame) -> None:
+    """Make a DataFrame the result table of a connection."""
+    # a NaN stays one, as in the parts: Arrow would make it a missing value
+    plain = {name: frame[name].to_numpy() if frame[name].dtype.kind == "f" else frame[name] for name in frame}
+    given = {name: pa.array(values, from_pandas=not isinstance(values, np.ndarray)) for name, values in plain.items()}
+    table.register("given", pa.table({"row": np.arange(len(frame), dtype=np.int32), **given}))
+    table.run(f"CREATE VIEW {RESULTS} AS SELECT * FROM given")
+
+
+def needed(names: Sequence[str], rules: Rules) -> list[str]:
+    """Columns of a result table, among its own, that `define` reads."""
+    cue, jump = f"cue{rules.cue}_first_ms", rules.jump
+    plain = {"verdict", "failed", "group", "activated", "pair", "operator", "first_active_ms", "response_ms", "run_id"}
+    plain |= {"peak_model_deviation_mm", cue, f"twin_{cue}", "moved_first_ms", "twin_moved_first_ms", jump}
+    plain.add(f"{jump}_first_ms")
+    return [name for name in names if name in plain or name.startswith(("fault", "param:"))]
+
+
+def define(table: Table, rules: Rules, more: Mapping[str, str] | None = None) -> bool:
+    """Make the table `facts` of a connection that has `results` with a column `row`, different in each.
+
+    Columns: row, group, faulty, activated, failed, response, haptic, jump (from the verdict), moved (the true tip
     left the nominal model by more than the threshold, which encoders need not see), outcome (of OUTCOMES), evaded,
     distinct (equal for runs that differ in seed or in crossed parameters alone), action (of ACTIONS, by number), plain
     (nobody reacts, or everybody does; so that one fault is not counted once for each action), sample (the first valid
     plain run of each distinct input: what intervals and tests take as one draw), site, layer and block (site and
     effect) of the first fault, onset_ms, length_ms, magnitude (of the first fault), active_ms, cue_ms, response_ms,
     warned_ms (the cue, where the fault-free twin had none by then), moved_ms (more than HARM_MM off, and the twin not),
-    harm_ms (see HARM); times are -1 where never. harm is whether it came.
+    harm_ms (see HARM); times are -1 where never. harm is whether it came. `more`: further columns, by expressions of
+    columns of `results`.
+
+    Returns whether no input occurs twice; then `distinct` is `row`.
     """
-    words = {
-        verdict: tuple(verdict.split("/")) if verdict else ("", "", "")
-        for verdict in frame["verdict"].unique().tolist()
+    types = table.types()
+    names = list(types)
+    unique = _number(table, types)
+    action, anybody = action_sql(names, rules), "true"
+    if ACTION in names:
+        (idle,) = table.row(f"SELECT count(*) FILTER ({action} = 0) FROM {RESULTS}")
+        anybody = f"{action} = 0" if idle else "true"
+    base = {
+        "row": "row",
+        "group": '"group"',
+        "faulty": faulty_sql(names),
+        "activated": "activated::BOOLEAN",
+        "failed": "failed <> ''",
+        "response": "split_part(verdict, '/', 1)",
+        "haptic": "split_part(verdict, '/', 2) = 'haptic'",
+        "jump": "split_part(verdict, '/', 3) = 'jump'",
+        "moved": beyond_sql("peak_model_deviation_mm", rules.threshold_mm, types),
+        "active_ms": "first_active_ms",
+        "cue_ms": f"cue{rules.cue}_first_ms",
+        "response_ms": "response_ms",
+        "warned_ms": warned_sql(rules.cue),
+        "moved_ms": f"CASE WHEN failed <> '' THEN -1 ELSE {own_sql('moved_first_ms')} END",
+        "jumped_ms": f"CASE WHEN {rules.jump} AND failed = '' THEN {rules.jump}_first_ms ELSE -1 END",
+        "action": f"({action})::TINYINT",
+        "plain": anybody,
+        **_first_fault(names),
+        **(more or {}),
     }
-    response, haptic, jumped = np.array([words[v] for v in frame["verdict"]], object).reshape(-1, 3).T
-    facts = pd.DataFrame(
-        {
-            "run_id": frame["run_id"],
-            "group": frame["group"].astype("category"),
-            "faulty": _faulty(frame),
-            "activated": frame["activated"].astype(bool),
-            "failed": (frame["failed"] != "").to_numpy(),
-            "response": response,
-            "haptic": haptic == "haptic",
-            "jump": jumped == "jump",
-            "moved": (frame["peak_model_deviation_mm"] > threshold_mm).to_numpy(),
-            "active_ms": frame["first_active_ms"],
-            "cue_ms": frame[f"cue{cue}_first_ms"],
-            "response_ms": frame["response_ms"],
-            "warned_ms": warned(frame, cue),
-        },
-        index=frame.index,
+    told = {
+        "outcome": "CASE WHEN failed OR response = '' THEN 'failed' WHEN response <> 'silent' THEN response "
+        "WHEN haptic AND moved THEN 'felt' WHEN moved THEN 'unseen' WHEN haptic THEN 'phantom' "
+        "WHEN jump THEN 'jumped' ELSE 'quiet' END",
+        "harm_ms": first_sql("moved_ms", "jumped_ms"),
+        "harm": f"{first_sql('moved_ms', 'jumped_ms')} >= 0",
+    }
+    for name, words in _words(table, names).items():
+        base[name] = f"({base[name]})::{query.enum(words)}"
+    base["response"] = f"({base['response']})::{query.enum(['', *schema.RESPONSES])}"
+    told["outcome"] = f"({told['outcome']})::{query.enum(list(OUTCOMES))}"
+    numbered, own = (f"{RESULTS}", "row") if unique else (f"{RESULTS} JOIN numbers USING (row)", '"distinct"')
+    table.run(
+        f'CREATE TABLE {FACTS} AS WITH base AS (SELECT {_listed(base)}, {own} AS "distinct" FROM {numbered}), '
+        f"told AS (SELECT * EXCLUDE jumped_ms, {_listed(told)} FROM base) "
+        f"SELECT *, outcome IN ({', '.join(map(text, EVADED))}) AS evaded, plain AND NOT failed AS sample FROM told"
     )
-    silent = facts["response"] == "silent"
-    facts["outcome"] = np.select(
-        [
-            facts["failed"],
-            ~silent,
-            facts["haptic"] & facts["moved"],
-            facts["moved"],
-            facts["haptic"],
-            facts["jump"],
-        ],
-        ["failed", facts["response"], "felt", "unseen", "phantom", "jumped"],
-        "quiet",
-    )
-    facts["evaded"] = facts["outcome"].isin(EVADED)
-    facts["moved_ms"] = np.where(
-        facts["failed"], -1, own(frame["moved_first_ms"].to_numpy(), frame["twin_moved_first_ms"].to_numpy())
-    )
-    jumped_ms = np.where(frame[jump] & ~facts["failed"], frame[f"{jump}_first_ms"], -1)
-    facts["harm_ms"] = first_of(facts["moved_ms"].to_numpy(), jumped_ms)
-    facts["harm"] = facts["harm_ms"] >= 0
-    facts["distinct"] = _distinct(frame)
-    facts["action"] = frame[ACTION].fillna(action).astype(int) if ACTION in frame else action
-    facts["plain"] = (facts["action"] == 0) | ~(facts["action"] == 0).any()
-    chosen = facts.loc[facts["plain"] & ~facts["failed"], "distinct"]
-    facts["sample"] = False
-    facts.loc[chosen.index[~chosen.duplicated()], "sample"] = True
-    facts["site"] = frame["fault0_site"].astype(str) if "fault0_site" in frame else ""
-    facts["layer"] = facts["site"].map(layers.name)
-    if "fault0_site" in frame:
-        facts["block"] = facts["site"] + " · " + frame["fault0_effect"].astype(str)
-        facts["onset_ms"] = frame["fault0_start_ms"]
-        facts["length_ms"] = frame["fault0_duration_ms"]
-        facts["magnitude"] = frame["fault0_value"]
-    return facts
+    if not unique:
+        table.run(
+            f"UPDATE {FACTS} SET sample = false WHERE sample AND row NOT IN "
+            f'(SELECT min(row) FROM {FACTS} WHERE sample GROUP BY "distinct")'
+        )
+        table.run("DROP TABLE numbers")
+    return unique
+
+
+def faulty_sql(names: Sequence[str]) -> str:
+    """Whether a run has a fault, of columns of `results`."""
+    sites = [name for name in names if name.startswith("fault") and name.endswith("_site")]
+    return "(" + (" OR ".join(f"{quoted(name)} <> ''" for name in sites) or "false") + ")"
+
+
+def action_sql(names: Sequence[str], rules: Rules) -> str:
+    """What the operator does at a cue, by number, of columns of `results`."""
+    if ACTION not in names:
+        return str(rules.action)
+    given = quoted(ACTION)
+    return f"CASE WHEN {given} IS NULL OR isnan({given}) THEN {rules.action} ELSE {given}::INTEGER END"
+
+
+def own_sql(name: str) -> str:
+    """As `own`, of a column and its twin's."""
+    mine, twin = quoted(name), quoted(f"twin_{name}")
+    return f"CASE WHEN {mine} >= 0 AND NOT ({twin} >= 0 AND {twin} <= {mine}) THEN {mine} ELSE -1 END"
+
+
+def warned_sql(cue: int) -> str:
+    """As `warned`."""
+    return own_sql(f"cue{cue}_first_ms")
+
+
+def first_sql(*times_ms: str) -> str:
+    """As `first_of`, of expressions."""
+    came = [f"CASE WHEN {time} >= 0 THEN {time} END" for time in times_ms]
+    return f"coalesce(least({', '.join(came)}), -1)"
+
+
+def beyond_sql(name: str, limit: float, types: Mapping[str, str]) -> str:
+    """Whether a number, which may be NaN, is above a limit; compared in the precision that the table has."""
+    return f"({quoted(name)} > {limit!r}::{types[name]} AND NOT isnan({quoted(name)}::DOUBLE))"
+
+
+def _number(table: Table, types: Mapping[str, str]) -> bool:
+    """Make the table `numbers` (row, distinct) where some input occurs twice, and say whether none does."""
+    inputs = [name for name in types if name == "operator" or name.startswith(("param:", "fault"))]
+    # 0 + x: a negative zero is a zero
+    given = [f"0 + {quoted(name)}" if types[name] in ("FLOAT", "DOUBLE") else quoted(name) for name in inputs]
+    key = f"hash({', '.join(given) or '0'})"
+    (unique,) = table.row(f"SELECT count(*) = count(DISTINCT {key}) AND bool_and(pair = row) FROM {RESULTS}")
+    if not unique:
+        table.run(
+            f"CREATE TABLE numbers AS WITH keyed AS (SELECT row, pair, {key} AS input FROM {RESULTS}), "
+            "inputs AS (SELECT input, min(row) AS first FROM keyed GROUP BY input), "
+            'pairs AS (SELECT pair, min(first) AS "distinct" FROM keyed JOIN inputs USING (input) GROUP BY pair) '
+            'SELECT row, "distinct" FROM keyed JOIN pairs USING (pair)'
+        )
+    return bool(unique)
+
+
+def _words(table: Table, names: Sequence[str]) -> dict[str, list[str]]:
+    """Columns of words that a campaign chooses, and which occur; they are stored as one small number a row."""
+    first = {name: sql for name, sql in _first_fault(names).items() if name in ("site", "block")}
+    asked = {"group": '"group"', **first}
+    found = table.rows(f"SELECT DISTINCT {', '.join(asked.values())} FROM {RESULTS}")
+    told = {name: sorted({row[place] for row in found}) for place, name in enumerate(asked)}
+    return told | {"layer": [*layers.LAYERS.values(), layers.OTHER]}
+
+
+def _first_fault(names: Sequence[str]) -> dict[str, str]:
+    if "fault0_site" not in names:
+        return {"site": "''", "layer": text(layers.OTHER)}  # a campaign without any fault
+    known = " ".join(f"WHEN {text(site)} THEN {text(layers.name(site))}" for site in layers.OF_SITE)
+    return {
+        "site": "fault0_site",
+        "layer": f"CASE fault0_site {known} ELSE {text(layers.OTHER)} END",
+        "block": "fault0_site || ' · ' || fault0_effect",
+        "onset_ms": "fault0_start_ms",
+        "length_ms": "fault0_duration_ms",
+        "magnitude": "fault0_value",
+    }
+
+
+def _listed(columns: Mapping[str, str]) -> str:
+    return ", ".join(f"{sql} AS {quoted(name)}" for name, sql in columns.items())
 
 
 def own(first_ms: np.ndarray, twin_ms: np.ndarray) -> np.ndarray:
@@ -162,15 +300,3 @@ def hours(free: pd.DataFrame) -> float:
 def first_came(frame: pd.DataFrame, column: str) -> np.ndarray:
     """Whether an event came at all, bool [rows]; its column holds when it first did."""
     return frame[column].to_numpy() >= 0
-
-
-def _faulty(frame: pd.DataFrame) -> np.ndarray:
-    sites = [name for name in frame if name.startswith("fault") and name.endswith("_site")]
-    return np.any([frame[name] != "" for name in sites], axis=0) if sites else np.zeros(len(frame), bool)
-
-
-def _distinct(frame: pd.DataFrame) -> np.ndarray:
-    """Number of the run's input among the campaign's inputs, random numbers and crossed parameters apart."""
-    inputs = [n for n in frame if n == "operator" or n.startswith("param:") or n.startswith("fault")]
-    number = frame[inputs].groupby(inputs, observed=True, dropna=False, sort=False).ngroup()
-    return number.groupby(frame["pair"]).transform("min").to_numpy()

@@ -6,18 +6,20 @@ import math
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from ravenjax.report import tables
+from ravenjax.report.counted import incidence
+from ravenjax.report.facts import FACTS
+from ravenjax.report.runs import Runs
 from ravenjax.report.style import CUE, GRID, RESPONSE, SAME, band, json_of, look, round_step, stepped, thinned
-from ravenjax.stats.latency import Incidence, incidence
+from ravenjax.stats.latency import Incidence
 from ravenjax.store.manifest import Manifest
 
 HEIGHT = 360  # px
 BINS = 40
 
 
-def incidence_curves(facts: pd.DataFrame, manifest: Manifest) -> tuple[str, dict[str, Any]]:
+def incidence_curves(runs: Runs, manifest: Manifest) -> tuple[str, dict[str, Any]]:
     """Figure of how soon cue and built-in response come after the fault's first effect, and its numbers."""
     share = {"title": {"text": "share of activated faults"}, "tickformat": ".0%", "rangemode": "tozero"}
     layout = look(HEIGHT) | {"xaxis": log_time(), "yaxis": share | {"gridcolor": GRID, "zeroline": False}}
@@ -27,8 +29,8 @@ def incidence_curves(facts: pd.DataFrame, manifest: Manifest) -> tuple[str, dict
         ("cue", "haptic cue", "cue_ms", CUE),
         ("response", "built-in response", "response_ms", RESPONSE),
     ):
-        delay, came, early = tables.delays(facts, facts[column].to_numpy(), manifest.duration_ms)
-        curve = incidence(delay, came)
+        found, early = tables.delays(runs, column, manifest.duration_ms)
+        curve = incidence(found)
         numbers[key] = {"curve": curve, "early": early, "quarter": curve.quantile(0.25), "half": curve.quantile(0.5)}
         traces += _curve(curve, name, colour, manifest.duration_ms)
     return json_of(traces, layout), numbers
@@ -67,15 +69,18 @@ def _curve(curve: Incidence, name: str, colour: str, end_ms: int) -> list[dict[s
     return [band(drawn["x"], drawn["low"], drawn["high"], colour, "hv"), line]
 
 
-def lead_histogram(facts: pd.DataFrame) -> str | None:
+def lead_histogram(runs: Runs) -> str | None:
     """Figure of response time minus cue time where both came; None where they never both did.
 
     Runs in which both came in the same millisecond stand in grey on those of the bin from 0 in which the cue was first.
     """
-    both = facts.loc[facts["faulty"] & ~facts["failed"] & (facts["cue_ms"] >= 0) & (facts["response_ms"] >= 0)]
-    if both.empty:
+    found = runs.table.frame(
+        f"SELECT response_ms - cue_ms AS lead, count(*) AS runs FROM {FACTS} "
+        "WHERE faulty AND NOT failed AND cue_ms >= 0 AND response_ms >= 0 GROUP BY lead ORDER BY lead"
+    )
+    if found.empty:
         return None
-    lead = (both["response_ms"] - both["cue_ms"]).to_numpy(float)
+    lead, count = found["lead"].to_numpy(float), found["runs"].to_numpy()
     step = max(1.0, round_step((lead.max() - lead.min()) / BINS))  # ms, at least the tick
     edges = np.arange(math.floor(lead.min() / step), math.floor(lead.max() / step) + 2) * step
     layout = look(HEIGHT) | {
@@ -90,21 +95,22 @@ def lead_histogram(facts: pd.DataFrame) -> str | None:
         "yaxis": {"title": {"text": "runs"}, "gridcolor": GRID},
     }
     parts = (
-        ("response first", RESPONSE, lead[lead < 0]),
-        ("cue first", CUE, lead[lead > 0]),
-        ("same millisecond", SAME, lead[lead == 0]),
+        ("response first", RESPONSE, lead < 0),
+        ("cue first", CUE, lead > 0),
+        ("same millisecond", SAME, lead == 0),
     )
-    return json_of([_bars(name, colour, leads, edges) for name, colour, leads in parts], layout)
+    traces = [_bars(name, colour, lead[chosen], count[chosen], edges) for name, colour, chosen in parts]
+    return json_of(traces, layout)
 
 
-def _bars(name: str, colour: str, leads: np.ndarray, edges: np.ndarray) -> dict[str, Any]:
-    counts, _ = np.histogram(leads, edges)
+def _bars(name: str, colour: str, leads: np.ndarray, runs: np.ndarray, edges: np.ndarray) -> dict[str, Any]:
+    counts, _ = np.histogram(leads, edges, weights=runs)
     filled = counts > 0
     low, high = edges[:-1][filled], edges[1:][filled]
     told = ["0 ms" if name == "same millisecond" else f"{a:g} to {b:g} ms" for a, b in zip(low, high, strict=True)]
     return {
         "type": "bar",
-        "name": f"{name} ({len(leads):,})",
+        "name": f"{name} ({runs.sum():,})",
         "x": ((low + high) / 2).tolist(),
         "y": counts[filled].tolist(),
         "width": (edges[1] - edges[0]) * 0.94,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from pathlib import Path
 from typing import Any
 
 import jinja2
 import markupsafe
-import pandas as pd
 import plotly.offline
 
 from ravenjax.hazards import naming, severity
@@ -32,7 +32,7 @@ from ravenjax.report import (
     wording,
 )
 from ravenjax.report import facts as run_facts
-from ravenjax.store import folder as results
+from ravenjax.report.runs import Runs
 from ravenjax.store import manifest as manifests
 from ravenjax.store import schema
 from ravenjax.store.files import write_aside
@@ -66,21 +66,21 @@ def build(folder: Path) -> Path:
     """
     folder = Path(folder)
     manifest = manifests.read(folder)
-    html = render(results.read_all(folder), manifest, folder)
+    with contextlib.closing(Runs.open(folder, manifest)) as runs:
+        html = render(runs, manifest, folder)
     path = folder / FILE
     write_aside(path, lambda target: target.write_bytes(html.encode()))
     return path
 
 
-def render(frame: pd.DataFrame, manifest: Manifest, folder: Path) -> str:
+def render(runs: Runs, manifest: Manifest, folder: Path) -> str:
     """The page of a result table; `folder` is what the replay commands name, and where traces are looked for."""
     cue = manifest.cues[manifest.verdict_cue] if manifest.cues else None
-    facts = run_facts.of(frame, manifest)
     told: dict[str, Any] = {
-        **_verdicts(frame, facts, manifest, folder),
-        **_knowledge(frame, facts, manifest),
-        **_robots(frame, facts, manifest),
-        **_paths(frame, facts, folder),
+        **_verdicts(runs, manifest, folder),
+        **_knowledge(runs, manifest),
+        **_robots(runs, manifest),
+        **_paths(runs, folder),
     }
     absent = {
         "detectors": not manifest.detectors,
@@ -98,7 +98,7 @@ def render(frame: pd.DataFrame, manifest: Manifest, folder: Path) -> str:
             cue=cue,
             harm=run_facts.HARM,
             jump=next(c.meaning for c in schema.columns(manifest.shape) if c.name == manifest.verdict_jump),
-            frame_rows=len(frame),
+            frame_rows=runs.rows,
             outcomes=run_facts.OUTCOMES,
             plotly_js=markupsafe.Markup(plotly.offline.get_plotlyjs()),
             **told,
@@ -106,52 +106,56 @@ def render(frame: pd.DataFrame, manifest: Manifest, folder: Path) -> str:
     )
 
 
-def _verdicts(frame: pd.DataFrame, facts: pd.DataFrame, manifest: Manifest, folder: Path) -> dict[str, Any]:
+def _verdicts(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
     """What became of the runs."""
-    curves, timing = figures.incidence_curves(facts, manifest)
-    matrix, shares = tables.verdict_matrix(facts.loc[facts["faulty"]]), maps.evasion_maps(facts.loc[facts["plain"]])
+    curves, timing = figures.incidence_curves(runs, manifest)
+    matrix, shares = tables.verdict_matrix(runs), maps.evasion_maps(runs)
     return {
-        "head": tables.headline(facts),
+        "head": tables.headline(runs),
         "matrix_rows": matrix,
         "matrix_csv": tables.matrix_cells(matrix),
-        "groups": tables.group_rows(facts),
+        "groups": tables.group_rows(runs),
         "maps": shares,
         "map_csv": maps.cells(shares),
         "curve_csv": {name: figures.points(timing[name]["curve"]) for name in ("cue", "response")},
         "curves": curves,
         "timing": timing,
-        "lead": figures.lead_histogram(facts),
-        "checks": tables.check_rows(frame, facts, manifest),
-        "causes": tables.cause_rows(frame, facts),
-        "worst": tables.worst_rows(frame, facts, folder),
-        "failures": tables.failure_rows(frame, facts, folder),
+        "lead": figures.lead_histogram(runs),
+        "checks": tables.check_rows(runs, manifest),
+        "causes": tables.cause_rows(runs),
+        "worst": tables.worst_rows(runs, folder),
+        "failures": tables.failure_rows(runs, folder),
     }
 
 
-def _knowledge(frame: pd.DataFrame, facts: pd.DataFrame, manifest: Manifest) -> dict[str, Any]:
+def _knowledge(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     """Who could know when, and what the cue would change."""
-    found = detectors.alarms(frame, facts, manifest)
-    known_ms = detectors.known_ms(facts, found)
-    differences = reactions.differences(frame, facts) if reactions.crossed(frame, facts) else []
-    sweep = cue_sweep.rows(frame, facts, manifest)
+    found = detectors.alarms(runs, manifest)
+    known = detectors.known(found)
+    pairs = reactions.drawn(runs) if manifest.shape.reacts else None
+    differences = reactions.differences(pairs.frame, pairs.facts) if pairs and pairs.crossed else []
+    sweep = cue_sweep.rows(runs, manifest)
     out: dict[str, Any] = {
-        "free": run_facts.motions(frame, facts),
+        "free_motions": runs.motions().count,
+        "free_hours": runs.motions().hours,
         "class_words": answers.CLASSES,
         "most_classes": answers.MOST_CLASSES,
-        "known": answers.knowledge(facts, known_ms, manifest),
-        "classes": answers.classes(facts, known_ms, manifest),
-        "changed": answers.changed(frame, facts, manifest, differences),
+        "known": answers.knowledge(runs, known, manifest),
+        "classes": answers.classes(runs, known, manifest),
+        "changed": answers.changed(runs, manifest, differences),
         "cues": sweep,
         "choices": cue_sweep.choices(sweep),
         "tradeoff": cue_figure.tradeoff(sweep),
+        "felt_runs": min(cue_sweep.MOST, sweep[0].missed.n) if sweep else 0,
         "detectors": [],
+        "curve_runs": detectors.curve_runs(runs),
         "differences": differences,
-        "interruptions": reactions.interruptions(frame, facts) if manifest.shape.reacts else [],
+        "interruptions": reactions.interruptions(pairs.frame, pairs.facts) if pairs else [],
+        "reaction_runs": (len(pairs.frame), runs.rows) if pairs else (0, 0),
         "distances": reactions.DISTANCES,
     }
-    out["free_hours"] = run_facts.hours(out["free"])
     if manifest.detectors:
-        rows, times = detectors.rows(frame, facts, manifest, found), detectors.curves(facts, manifest, found)
+        rows, times = detectors.rows(runs, manifest, found), detectors.curves(runs, manifest, found)
         out |= {
             "detectors": rows,
             "roc": detector_figures.roc(rows),
@@ -159,9 +163,9 @@ def _knowledge(frame: pd.DataFrame, facts: pd.DataFrame, manifest: Manifest) -> 
             "alarm_delays": detector_figures.delays(times, manifest.duration_ms),
             "alarm_leads": detector_figures.leads(times),
         }
-    if differences:
+    if pairs and differences:
         spared, height = reaction_figures.spared(differences)
-        exceedance, measure = reaction_figures.exceedance(frame, facts)
+        exceedance, measure = reaction_figures.exceedance(pairs.frame, pairs.facts)
         out |= {
             "spared": spared,
             "spared_height": height,
@@ -171,11 +175,11 @@ def _knowledge(frame: pd.DataFrame, facts: pd.DataFrame, manifest: Manifest) -> 
     return out
 
 
-def _robots(frame: pd.DataFrame, facts: pd.DataFrame, manifest: Manifest) -> dict[str, Any]:
+def _robots(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     """What depends on the robot, what is risky, and how sharp it all is."""
-    conclusions, risks = dependence.conclusions(frame, facts), []
-    if any(naming.hazards_of(str(group)) for group in facts["group"].cat.categories):
-        risks = risk.by_hazard(risk.counts(frame, manifest.verdict_cue if manifest.cues else None))
+    conclusions, risks = dependence.conclusions(runs), []
+    if any(naming.hazards_of(group) for group in runs.groups()):
+        risks = risk.by_hazard(risk.counted(runs, manifest.verdict_cue if manifest.cues else None))
     return {
         "conclusions": conclusions,
         "dependence_rows": dependence.flat(conclusions),
@@ -186,13 +190,13 @@ def _robots(frame: pd.DataFrame, facts: pd.DataFrame, manifest: Manifest) -> dic
             for one in risks
         ],
         "severities": severity.SCALE,
-        "precision": precision.rows(facts),
+        "precision": precision.rows(runs),
     }
 
 
-def _paths(frame: pd.DataFrame, facts: pd.DataFrame, folder: Path) -> dict[str, Any]:
+def _paths(runs: Runs, folder: Path) -> dict[str, Any]:
     """Tip paths of traced runs."""
-    found, broken = replays.find(folder, frame, facts)
+    found, broken = replays.find(folder, runs)
     return {
         "replays": found,
         "replay_figures": [replay_figure.path(one) for one in found],

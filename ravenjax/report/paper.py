@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import matplotlib
 import matplotlib.ticker
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ravenjax.figure_style import STYLE
 from ravenjax.report import answers, cue_sweep, detectors, tables
-from ravenjax.report import facts as run_facts
+from ravenjax.report.counted import incidence
+from ravenjax.report.runs import Runs
 from ravenjax.report.style import CUE, RESPONSE, SAME, SERIES
-from ravenjax.stats.latency import Incidence, incidence
-from ravenjax.store import folder as results
+from ravenjax.stats.latency import Incidence
 from ravenjax.store import manifest as manifests
 from ravenjax.store.files import require_writable, write_aside
 from ravenjax.store.manifest import Manifest
@@ -47,12 +47,10 @@ def write(folder: Path, out: Path) -> list[Path]:
     """
     folder, out = Path(folder), Path(out)
     manifest = manifests.read(folder)
-    frame = results.read_all(folder)
-    facts = run_facts.of(frame, manifest)
     require_writable(out)
     paths = []
-    with matplotlib.rc_context(STYLE):
-        for name, figure in _figures(frame, facts, manifest):
+    with contextlib.closing(Runs.open(folder, manifest)) as runs, matplotlib.rc_context(STYLE):
+        for name, figure in _figures(runs, manifest):
             for kind, dateless in (("svg", {"Date": None}), ("pdf", {"CreationDate": None})):
                 path = out / f"{name}.{kind}"
                 write_aside(path, _saved(figure, kind, dateless))
@@ -64,17 +62,17 @@ def _saved(figure: Figure, kind: str, metadata: dict[str, None]) -> Callable[[Pa
     return lambda target: figure.savefig(target, format=kind, metadata=metadata)
 
 
-def _figures(frame: pd.DataFrame, facts: pd.DataFrame, manifest: Manifest) -> Iterator[tuple[str, Figure]]:
-    found = detectors.alarms(frame, facts, manifest)
-    rows = [row for row in tables.group_rows(facts.loc[facts["plain"]]) if row["faulty"]][:MOST_GROUPS]
+def _figures(runs: Runs, manifest: Manifest) -> Iterator[tuple[str, Figure]]:
+    found = detectors.alarms(runs, manifest)
+    rows = [row for row in tables.group_rows(runs, plain=True) if row["faulty"]][:MOST_GROUPS]
     if rows:
         yield "verdicts", _verdicts(rows)
-        yield "time_to_know", _times(facts, manifest, detectors.known_ms(facts, found))
+        yield "time_to_know", _times(runs, manifest, detectors.known(found))
     if manifest.detectors:
-        told = detectors.rows(frame, facts, manifest, found)
+        told = detectors.rows(runs, manifest, found)
         if any(row.roc for row in told):
             yield "roc", _roc(told)
-    sweep = [row for row in cue_sweep.rows(frame, facts, manifest) if row.missed.n and row.per_hour]
+    sweep = [row for row in cue_sweep.rows(runs, manifest) if row.missed.n and row.per_hour]
     if sweep:
         yield "tradeoff", _tradeoff(sweep)
 
@@ -99,17 +97,13 @@ def _verdicts(rows: list[dict]) -> Figure:
     return figure
 
 
-def _times(facts: pd.DataFrame, manifest: Manifest, known_ms: np.ndarray) -> Figure:
+def _times(runs: Runs, manifest: Manifest, known_sql: str) -> Figure:
     figure = Figure(figsize=(WIDTH / 2, 3.1), layout="constrained")
     axes = figure.subplots()
-    sample = facts["sample"].to_numpy()
-    for name, event, colour in (
-        ("haptic cue", facts["cue_ms"].to_numpy(), CUE),
-        ("built-in response", facts["response_ms"].to_numpy(), RESPONSE),
-    ):
-        delay, came, _ = tables.delays(facts.loc[sample], event[sample], manifest.duration_ms)
-        _curve(axes, incidence(delay, came), name, colour, manifest.duration_ms)
-    known = answers.knowledge(facts, known_ms, manifest)
+    for name, event, colour in (("haptic cue", "cue_ms", CUE), ("built-in response", "response_ms", RESPONSE)):
+        delay, _ = tables.delays(runs, event, manifest.duration_ms, "sample")
+        _curve(axes, incidence(delay), name, colour, manifest.duration_ms)
+    known = answers.knowledge(runs, known_sql, manifest)
     _curve(axes, known.delay, "anyone, of harmful faults", SAME, manifest.duration_ms)
     axes.set_xscale("log")
     axes.set_xlim(1, manifest.duration_ms)

@@ -6,9 +6,8 @@ import functools
 import math
 from typing import NamedTuple
 
-import pandas as pd
-
 from ravenjax.report import tables
+from ravenjax.report.runs import Ever, Runs
 from ravenjax.stats.intervals import Rate
 from ravenjax.stats.planning import MoreRuns, more_runs
 
@@ -27,20 +26,21 @@ class Row(NamedTuple):
     within_1: MoreRuns  # for +- 1 point
 
 
-def rows(facts: pd.DataFrame) -> list[Row]:
+def rows(runs: Runs) -> list[Row]:
     """All faults first, then each group, the widest first. A fault that was run several times counts once."""
-    faulty = facts.loc[facts["faulty"] & facts["plain"]]
-    groups = [_row(str(name), part) for name, part in faulty.groupby("group", observed=True)] if len(faulty) else []
+    groups = [_row(one) for one in runs.ever("faulty AND plain", "group")]
     groups.sort(key=lambda row: -row.half_width)
-    return [_row("all faults", faulty), *groups] if len(groups) > 1 else groups
+    if len(groups) < 2:
+        return groups
+    (together,) = runs.ever("faulty AND plain")
+    return [_row(together._replace(name="all faults")), *groups]
 
 
-def _row(name: str, part: pd.DataFrame) -> Row:
-    ever = part["evaded"].groupby(part["distinct"].to_numpy()).any()
-    rate = tables.rate(ever)
+def _row(ever: Ever) -> Row:
+    rate = tables.rate_of(ever.evaded, ever.faults)
     wide, narrow = (_more(rate.k, rate.n, half) if rate.n else MoreRuns(0, 0) for half in POINTS)
     half = (rate.high - rate.low) / 2 if rate.n else math.nan
-    return Row(name, len(part), rate, half, wide, narrow)
+    return Row(ever.name, ever.runs, rate, half, wide, narrow)
 
 
 @functools.lru_cache(maxsize=10_000)

@@ -15,10 +15,13 @@ import pandas as pd
 
 from ravenjax.report import facts as run_facts
 from ravenjax.report import tables
+from ravenjax.report.facts import FACTS
+from ravenjax.report.runs import Runs
 from ravenjax.stats.false_alarms import AlarmRate, alarm_rate
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.stats.paired import mcnemar, mean_difference, rate_difference
 from ravenjax.stats.resample import Band
+from ravenjax.store.query import RESULTS, quoted
 
 TOLD = {
     "none": "nobody reacts",
@@ -39,6 +42,9 @@ DISTANCES = {"peak_live_deviation_mm": "off the model, live", "stray_mm": "stray
 """Those columns in words."""
 MOST_VALUES = 12
 """Values of a crossed parameter that get rows of their own."""
+MOST = 400_000
+"""Runs that are looked at pair by pair; of more, pairs are drawn."""
+OF_FACTS = ("failed", "faulty", "action", "distinct", "harm")
 RESAMPLES = 1000
 DRAWS = 20_000_000
 """Pairs drawn for one band of a mean, all resamples together."""
@@ -83,6 +89,29 @@ class Idle(NamedTuple):
     motions: Rate  # of fault-free motions, those in which the operator acted
     per_hour: AlarmRate | None
     lost_ms: float  # mean of pedal-down time lost in those, ms; NaN: none
+
+
+class Drawn(NamedTuple):
+    """Runs that are looked at pair by pair: all, or so many that every pair is there as a whole."""
+
+    frame: pd.DataFrame
+    facts: pd.DataFrame
+
+    @property
+    def crossed(self) -> bool:
+        """As `crossed`."""
+        return crossed(self.frame, self.facts)
+
+
+def drawn(runs: Runs) -> Drawn:
+    """The runs of about MOST of a table's rows, all that share a pair together."""
+    plain = ("pair", "operator", "reaction_ms", "pedal_down_ms", "tissue_depth_mm", *DISTANCES)
+    names = [name for name in runs.names if name in plain or name.startswith(("param:", "twin_"))]
+    raw = ", ".join(f"{RESULTS}.{quoted(name)}" for name in names)
+    own = ", ".join(f'{FACTS}.{name} AS "fact {name}"' for name in OF_FACTS)
+    both = runs.drawn(f"{raw}, {own}, {FACTS}.layer::VARCHAR AS layer", "true", MOST, by="pair")
+    facts = pd.DataFrame({name: both[f"fact {name}"] for name in OF_FACTS} | {"layer": both["layer"]})
+    return Drawn(both.loc[:, names], facts)
 
 
 def crossed(frame: pd.DataFrame, facts: pd.DataFrame) -> bool:

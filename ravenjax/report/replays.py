@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from ravenjax.report import wording
+from ravenjax.report.runs import Runs
+from ravenjax.store.query import RESULTS
 
 FOLDER = "traces"
 MOST = 6
@@ -39,20 +40,29 @@ class Replay(NamedTuple):
     marks: dict[str, int]  # label -> index of the point
 
 
-def find(folder: Path, frame: pd.DataFrame, facts: pd.DataFrame) -> tuple[list[Replay], list[str]]:
+def find(folder: Path, runs: Runs) -> tuple[list[Replay], list[str]]:
     """The MOST worst traced runs, the farthest from the model first; and the files that could not be read."""
     traced = {path.stem: path for path in sorted((folder / FOLDER).glob("*.mcap"))}
-    mine = frame.loc[frame["run_id"].isin(list(traced))]
-    worst = mine.sort_values("peak_live_deviation_mm", ascending=False, kind="stable").head(MOST)
     found, broken = [], []
-    for index, row in zip(worst.index, worst.to_dict("records"), strict=True):
+    for row in runs.numbered(_worst(runs, list(traced))):
         path = traced[row["run_id"]]
         try:
-            series = read(path)
-            found.append(_replay(row, facts.loc[index].to_dict(), series))
+            found.append(_replay(row, read(path)))
         except (OSError, ValueError, KeyError, struct.error, *_damage()) as error:
             broken.append(f"{path.name}: {error or type(error).__name__}")
     return found, broken
+
+
+def _worst(runs: Runs, run_ids: list[str]) -> list[int]:
+    if not run_ids:
+        return []
+    far = "peak_live_deviation_mm"
+    found = runs.table.rows(
+        f"SELECT row FROM {RESULTS} WHERE run_id IN (SELECT unnest(?)) ORDER BY isnan({far}), {far} DESC, row "
+        f"LIMIT {MOST}",
+        [run_ids],
+    )
+    return [row for (row,) in found]
 
 
 def read(path: Path) -> dict[str, np.ndarray]:
@@ -96,14 +106,14 @@ def _damage() -> tuple[type[Exception], ...]:
     return McapError, zstandard.ZstdError, RuntimeError
 
 
-def _replay(row: dict[Any, Any], facts: dict[Any, Any], series: dict[str, np.ndarray]) -> Replay:
+def _replay(row: dict[Any, Any], series: dict[str, np.ndarray]) -> Replay:
     arms = [arm for arm in ARMS if f"{arm}/tip" in series and f"{arm}/model" in series]
     if not arms:
         raise ValueError("the trace holds no tip beside its model")
     distance = {arm: 1e3 * np.linalg.norm(series[f"{arm}/tip"] - series[f"{arm}/model"], axis=1) for arm in arms}
     arm = max(arms, key=lambda one: distance[one].max())
     ticks = len(series["time_ms"])
-    events = {label: int(facts[column]) for label, column in MARKS.items() if 0 <= facts[column] < ticks}
+    events = {label: int(row[column]) for label, column in MARKS.items() if 0 <= row[column] < ticks}
     even = np.linspace(0, ticks - 1, min(POINTS, ticks)).round().astype(int)
     kept = np.unique(np.concatenate([even, [*events.values(), int(distance[arm].argmax())]]).astype(int))
     start = series[f"{arm}/tip"][0]

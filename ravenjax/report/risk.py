@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.hazards import naming, severity
+from ravenjax.report.runs import Runs
 from ravenjax.stats.intervals import Rate, wilson
 from ravenjax.stats.strata import StratifiedRate, stratified
 
@@ -62,6 +63,17 @@ def counts(frame: pd.DataFrame, cue: int | None = 0) -> dict[str, np.ndarray]:
     for group, part in grades.groupby(frame["group"].astype(str)):
         number = np.bincount(part.dropna().to_numpy(int), minlength=len(severity.SCALE))
         for name in naming.hazards_of(str(group)):
+            found[name] = found.get(name, 0) + number
+    return found
+
+
+def counted(runs: Runs, cue: int | None = 0) -> dict[str, np.ndarray]:
+    """`counts` of every run of a table, a batch of rows at a time."""
+    needed = [*severity.COLUMNS, "group", *([] if cue is None else [f"cue{cue}_first_ms"])]
+    slots = [name for name in runs.names if name.startswith("fault")]
+    found: dict[str, np.ndarray] = {}
+    for frame in runs.batches(list(dict.fromkeys([*needed, *slots]))):
+        for name, number in counts(frame, cue).items():
             found[name] = found.get(name, 0) + number
     return found
 

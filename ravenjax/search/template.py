@@ -73,6 +73,8 @@ def complaints(config: CampaignConfig, search: Search | None) -> Iterator[Compla
             yield key, "a search crosses nothing: write the list into parameters; each of its values is a case"
     if config.campaign.limit is not None:
         yield ("campaign", "limit"), "a search decides how many runs it makes; remove limit, and see section [search]"
+    if config.stop is not None:
+        yield ("stop",), "a search decides how many runs it makes; remove the section, and see section [search]"
     drawn = {key: axis for key, axis in axes(config).items() if axis.drawn}
     for key in drawn:
         if key[0] != PARAMETER and key[1] in WORDS:

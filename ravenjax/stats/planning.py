@@ -1,14 +1,11 @@
-"""How many runs a wanted precision needs, and when to stop."""
+"""How many runs a wanted precision needs; `sequential` says when to stop."""
 
 from __future__ import annotations
 
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from ravenjax.stats.intervals import Method, Rate, alpha_of, bounds, rates
+from ravenjax.stats.intervals import alpha_of, rates
 
 
 def runs_for_half_width(
@@ -60,74 +57,17 @@ def more_runs(k: int, n: int, half_width: float, confidence: float = 0.95) -> Mo
     return MoreRuns(*(max(0, _wilson_runs(p, half_width, confidence) - seen.n) for p in (seen.value, worst)))
 
 
-class Decision(NamedTuple):
-    """What a planned look says: stop or go on, why, and every rate with an interval that stays honest."""
-
-    stop: bool
-    reached: bool  # every interval is as narrow as asked
-    widest: float  # half-width, fraction; 1 where a group has no run yet
-    rates: list[Rate]
-
-
-class StopRule(NamedTuple):
-    """Stop at the first planned look at which every interval is as narrow as asked.
-
-    A user who looks at each of m looks and stops when it suits has m chances to be wrong. So the looks are fixed before
-    the first run (`looks`, total numbers of runs, increasing), and each look's intervals are made at confidence
-    1 - (1 - confidence) / (m * groups): by Bonferroni's inequality all `groups` intervals of all looks hold together
-    with the wanted confidence, hence those of the look one stops at, whatever the reason to stop. groups = 1 promises
-    it for each rate alone. With the exact method the promise holds for every n; with "wilson" nearly.
-    """
-
-    half_width: float
-    looks: tuple[int, ...]
-    confidence: float = 0.95
-    groups: int = 1
-    method: Method = "clopper_pearson"
-
-    def look_confidence(self) -> float:
-        """Confidence at which each interval of each look is made."""
-        return 1 - alpha_of(self.confidence) / (len(self.looks) * self.groups)
-
-    def decide(self, runs: int, k: ArrayLike, n: ArrayLike) -> Decision:
-        """Decision at the planned look after `runs` runs, with k[g] cases in n[g] runs of each group.
-
-        ValueError where `runs` is no planned look, the looks do not increase, or half_width is no fraction.
-        """
-        _fraction(self.half_width, "half_width")
-        if not self.looks or list(self.looks) != sorted(set(self.looks)) or self.looks[0] < 1:
-            raise ValueError(f"a stop rule needs increasing numbers of runs as its looks, got {self.looks}")
-        if runs not in self.looks:
-            raise ValueError(
-                f"a look after {runs} runs was not planned, only after {self.looks}: it would not be honest"
-            )
-        found = rates(k, n, self.look_confidence(), self.method)
-        half = [(rate.high - rate.low) / 2 if rate.n else 1.0 for rate in found]
-        widest = max(half, default=1.0)
-        reached = widest <= self.half_width
-        return Decision(reached or runs == self.looks[-1], reached, widest, found)
-
-
-def doubling_looks(first: int, last: int) -> tuple[int, ...]:
-    """Looks after first, 2 first, 4 first ... runs and after `last`: few, so that each costs little confidence."""
-    if not 1 <= first <= last:
-        raise ValueError(f"doubling_looks needs 1 <= first <= last, got {first}, {last}")
-    count = math.floor(math.log2(last / first)) + 1
-    return tuple(sorted({*(first * 2**i for i in range(count)), last}))
-
-
 def _wilson_runs(rate: float, half_width: float, confidence: float) -> int:
-    """Fewest runs with which a Wilson interval about `rate` is +- half_width or narrower."""
-    from scipy.optimize import root_scalar
+    """Fewest runs with which a Wilson interval about `rate` is +- half_width or narrower.
 
-    def excess(log_n: float) -> float:
-        low, high = bounds(np.array(rate * math.exp(log_n)), np.array(math.exp(log_n)), confidence)
-        return float(high - low) / 2 - half_width
+    With z the normal quantile the interval's half-width is z sqrt(p (1 - p) / n + (z / 2 n)^2) / (1 + z^2 / n), which
+    falls with n; set to half_width it is a quadratic equation in n with one positive root.
+    """
+    from scipy.special import ndtri
 
-    most = math.log(runs_for_half_width(half_width, confidence)) + 1
-    if excess(0.0) <= 0:
-        return 1
-    return _up(math.exp(root_scalar(excess, bracket=(0.0, most), xtol=1e-12).root))
+    z, square = float(ndtri(1 - alpha_of(confidence) / 2)), half_width**2
+    excess = rate * (1 - rate) - 2 * square
+    return max(1, _up(z**2 * (excess + math.sqrt(excess**2 + square * (1 - 4 * square))) / (2 * square)))
 
 
 def _up(count: float) -> int:

@@ -69,20 +69,42 @@ def neyman(total: int, weight: ArrayLike, rate: ArrayLike, least: int = 1) -> np
         raise ValueError(f"neyman: {total} runs are fewer than {least} for each of {len(share)} strata")
     share = _normalised(share)
     spread = share * np.sqrt(guess * (1 - guess))
-    spread = spread / spread.sum() if spread.any() else share
-    runs = np.full(len(share), least)
-    free = np.ones(len(share), bool)
-    while True:  # a stratum that would get fewer than `least` is held there, and the rest shared again
-        wanted = np.where(free, spread, 0.0)
-        wanted = wanted / wanted.sum() * (total - least * int((~free).sum()))
-        held = free & (wanted < least)
-        if not held.any():
-            break
-        free &= ~held
-    runs[free] = np.floor(wanted[free])
-    largest = np.argsort(-np.where(free, wanted - np.floor(wanted), -1.0), kind="stable")
+    return allocate(total, spread if spread.any() else share, np.full(len(share), least), np.full(len(share), total))
+
+
+def allocate(total: int, spread: ArrayLike, least: ArrayLike, most: ArrayLike) -> np.ndarray:
+    """Runs per stratum, int64 [strata], in proportion to spread[s], none below least[s] nor above most[s].
+
+    They sum to `total`, or to the nearest sum that the bounds allow. Where strata without spread must take what the
+    others cannot hold, they share it evenly. ValueError where shapes differ, a spread is negative or not finite, or
+    bounds are not 0 <= least <= most.
+    """
+    want, low, high = np.asarray(spread, float), whole(least, "least"), whole(most, "most")
+    if not want.shape == low.shape == high.shape or want.ndim != 1:
+        raise ValueError(
+            f"allocate: spread {want.shape}, least {low.shape} and most {high.shape} must be of one length"
+        )
+    if not ((want >= 0) & np.isfinite(want)).all():
+        raise ValueError(f"allocate: spreads are finite and not negative, got {want}")
+    if not ((low >= 0) & (low <= high)).all():
+        raise ValueError(f"allocate: bounds must be 0 <= least <= most, got {low} and {high}")
+    total = int(np.clip(total, low.sum(), high.sum()))
+    if total > np.where(want > 0, high, low).sum():  # all that has a spread is full
+        full = np.where(want > 0, high, low)
+        return allocate(total, np.ones(len(want)), full, high)
+    exact = np.clip(_level(total, want, low, high) * want, low, high)
+    runs = np.floor(exact).astype(np.int64)
+    largest = np.argsort(runs - exact, kind="stable")  # remainders, the largest first
     runs[largest[: total - int(runs.sum())]] += 1
     return runs
+
+
+def _level(total: int, spread: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
+    """The factor at which the clipped multiples of `spread` sum to `total`: their sum is a polygon in the factor."""
+    used = spread > 0
+    corners = np.unique(np.concatenate([[0.0], low[used] / spread[used], high[used] / spread[used]]))
+    sums = np.clip(corners[:, None] * spread, low, high).sum(axis=1)
+    return float(np.interp(total, sums, corners))
 
 
 def _normalised(weight: np.ndarray) -> np.ndarray:

@@ -35,6 +35,16 @@ def write_aside(path: Path, write: Callable[[Path], object]) -> None:
         ) from error
 
 
+def replace(path: Path, text: str) -> None:
+    """Put `text` in place of a file's content in one step, without waiting for the disk; OSError where it refuses.
+
+    For what may be lost in a power cut but must never be read by halves.
+    """
+    temporary = path.with_name(f".{path.name}.tmp")
+    temporary.write_text(text, encoding="utf-8")
+    os.replace(temporary, path)
+
+
 def _sync_folder(folder: Path) -> None:
     """Flush the rename itself; file systems that cannot sync a folder are left alone."""
     with contextlib.suppress(OSError):

@@ -15,7 +15,9 @@ from ravenjax.store import parts, schema
 from ravenjax.store.files import StoreError, require_writable
 from ravenjax.store.manifest import Manifest
 
-PARTS = "parts"
+PARTS, SET_ASIDE = "parts", "set-aside"
+"""Folders of parts: of those that count, and of those that could not be used. The second is not inside the first, which
+any tool may read as a whole."""
 READERS = 4
 """Parts that are read side by side."""
 
@@ -26,8 +28,8 @@ R = TypeVar("R")
 class ResultFolder:
     """An open result folder. Only `open` makes one; it is then safe to add parts, also from several threads."""
 
-    def __init__(self, path: Path, manifest: Manifest) -> None:
-        self.path = path
+    def __init__(self, path: Path, manifest: Manifest, notes: tuple[str, ...] = ()) -> None:
+        self.path, self.notes = path, notes
         self._manifest, self._parts = manifest, list(manifest.parts)
         self._lock = threading.Lock()
 
@@ -38,24 +40,38 @@ class ResultFolder:
 
     @staticmethod
     def open(path: Path, wanted: Manifest) -> ResultFolder:
-        """Start or resume campaign `wanted` in folder `path`.
+        """Start or resume campaign `wanted` in folder `path`, which nobody else writes to (see `lock`).
 
-        Whole parts of the same campaign are taken over. StoreError, before any work, where the folder cannot be
-        written to, holds another campaign, or holds a damaged part.
+        Whole parts of the same campaign are taken over; what is damaged, foreign or overlaps another is moved to
+        `SET_ASIDE` and noted. StoreError, before any work and any change, where the folder cannot be written to or
+        holds another campaign.
         """
         require_writable(path / PARTS)
-        kept = wanted
-        if (path / manifests.FILE).exists():
+        kept, known = wanted, (path / manifests.FILE).exists()
+        if known:
             kept = manifests.read(path)
             _require_same(path, kept, wanted)
-            kept = kept.model_copy(update={"starts": kept.starts + 1})
+            kept = kept.model_copy(
+                update={name: getattr(wanted, name) for name in ("command", "executor", "workers")}
+                | {"rows": manifests.joined(kept.rows, wanted.rows), "starts": kept.starts + 1}
+            )
         recorded = {part.file: part for part in kept.parts}
         there = parts.files(path / PARTS)
         found = _side_by_side(lambda file: _finished(file, recorded.get(file.name), wanted.config_hash), there)
-        parts.require_disjoint(path / PARTS, found)
-        whole = sum(len(part.rows) for part in found) == kept.runs
-        finished = kept.finished if whole else None  # a part that was lost is computed again
-        folder = ResultFolder(path, kept.model_copy(update={"parts": tuple(found), "finished": finished}))
+        if not known:  # then what is foreign may be somebody's only copy of another campaign
+            for what in found:
+                if isinstance(what, parts.ForeignPart):
+                    raise what
+        whole, over = parts.apart([part for part in found if isinstance(part, parts.Part)], recorded)
+        useless = {file.name: str(why) for file, why in zip(there, found, strict=True) if isinstance(why, StoreError)}
+        useless |= {part.file: f"{path / PARTS / part.file}: holds rows that another part holds, too" for part in over}
+        notes = tuple(_set_aside(path, name, why) for name, why in useless.items())
+        for torn in (path / PARTS).glob(".part-*.tmp"):
+            torn.unlink(missing_ok=True)
+        kept = kept.model_copy(update={"parts": tuple(whole)})
+        folder = ResultFolder(path, kept, notes)
+        if any(True for _ in folder.missing(kept.runs)):  # a part that was lost is computed again, or there is more
+            folder._manifest = kept.model_copy(update={"finished": None})
         manifests.write(path, folder.manifest)
         return folder
 
@@ -66,12 +82,16 @@ class ResultFolder:
             return sum(len(part.rows) for part in self._parts)
 
     def missing(self, chunk: int) -> Iterator[range]:
-        """Row ranges still to compute, each of at most `chunk` rows."""
-        return parts.gaps(self._parts, self._manifest.runs, chunk)
+        """Row ranges still to compute, cut at the multiples of `chunk`."""
+        return parts.gaps(self._parts, self._manifest.wanted, chunk)
 
     def add(self, rows: schema.Columns) -> None:
         """Store finished rows, consecutive by `index`, as one part."""
-        part = parts.write(self.path / PARTS, rows, self._manifest.shape, self._manifest.config_hash)
+        self.put(parts.encode(rows, self._manifest.shape, self._manifest.config_hash))
+
+    def put(self, encoded: parts.Encoded) -> None:
+        """Store a finished part."""
+        part = parts.put(self.path / PARTS, encoded)
         with self._lock:
             manifests.record(self.path, part)
             self._parts.append(part)
@@ -83,7 +103,7 @@ class ResultFolder:
             self._manifest = self._manifest.model_copy(
                 update={"compile_s": compile_s, "run_s": run_s, "runs_per_s": rate}
             )
-        if self._manifest.finished is None and self.done == self._manifest.runs:
+        if self._manifest.finished is None and not any(True for _ in self.missing(self._manifest.runs)):
             self._manifest = self._manifest.model_copy(update={"finished": manifests.now()})
         manifests.write(self.path, self.manifest)
 
@@ -98,9 +118,9 @@ def read_all(path: str | Path, columns: Sequence[str] | None = None) -> pd.DataF
     manifest = manifests.read(path)
     if not manifest.parts:
         raise StoreError(f"{path}: holds no finished part yet; start or resume it with `ravenjax run`")
-    if manifest.finished is not None and manifest.done < manifest.runs:
+    if manifest.finished is not None and manifest.done < manifest.due:
         raise StoreError(
-            f"{path / manifests.PARTS_FILE}: names parts of {manifest.done} of the {manifest.runs} finished runs. "
+            f"{path / manifests.PARTS_FILE}: names parts of {manifest.done} of the {manifest.due} finished runs. "
             "Start the same `ravenjax run` again: it takes over whole parts and computes what is missing."
         )
     parts.require_disjoint(path / PARTS, manifest.parts)
@@ -111,12 +131,32 @@ def read_all(path: str | Path, columns: Sequence[str] | None = None) -> pd.DataF
     )
 
 
-def _finished(file: Path, recorded: parts.Part | None, config_hash: str) -> parts.Part:
-    """Record of a whole part; one that was renamed but not yet recorded when the power went is taken over."""
-    if recorded is None:
-        return parts.inspect(file, config_hash)
-    parts.verify(file, config_hash, recorded)
-    return recorded
+def _finished(file: Path, recorded: parts.Part | None, config_hash: str) -> parts.Part | StoreError:
+    """Record of a whole part, one that was renamed but not yet recorded when the power went too; or why it is none."""
+    try:
+        if recorded is None:
+            return parts.inspect(file, config_hash)
+        parts.verify(file, config_hash, recorded)
+        return recorded
+    except StoreError as error:
+        return error
+    except OSError as error:  # of the disk, not of what is on it
+        raise StoreError(f"{file}: cannot be read ({error.strerror or error}). Nothing was changed.") from error
+
+
+def _set_aside(path: Path, name: str, why: str) -> str:
+    """Move a part out of the way, over nothing that is there; a sentence that says so. StoreError on refusal."""
+    place = path / SET_ASIDE
+    target, number = place / name, 1
+    while target.exists():
+        number += 1
+        target = place / f"{name}.{number}"
+    try:
+        place.mkdir(exist_ok=True)
+        (path / PARTS / name).rename(target)
+    except OSError as error:
+        raise StoreError(f"{target}: cannot be written ({error.strerror or error}). {why}") from error
+    return f"set aside as {target}, to be computed again: {why}"
 
 
 def _side_by_side(work: Callable[[T], R], items: Iterable[T]) -> list[R]:

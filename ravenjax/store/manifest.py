@@ -38,8 +38,32 @@ _READERS = (
     "figure_style.py",
     "software.py",
     "software_inputs.py",
+    "store/lock.py",
+    "store/query.py",
+    "store/checking.py",
+    "store/merging.py",
+    "store/results.py",
+    "store/trace_log.py",
+    "store/session_log.py",
+    "store/session_file.py",
+    "store/recover.py",
+    "store/mcap_records.py",
+    "store/topics.py",
+    "campaign/verification.py",
+    "campaign/progress.py",
+    "campaign/progress_file.py",
+    "campaign/executors/choice.py",
+    "campaign/executors/processes.py",
+    "campaign/executors/worker.py",
+    "campaign/executors/placement.py",
+    "campaign/executors/cluster.py",
+    "campaign/executors/attempts.py",
+    "campaign/executors/behind.py",
 )
-"""Modules that decide no outcome: a change there must not forbid to resume."""
+"""Modules and folders that decide no outcome: a change there must not forbid to resume.
+
+Those of executors only carry: what they carry is made in `executors/remote.py`, and each part says which rows it holds.
+"""
 _SHOWN = 60
 """Characters of a value in an error."""
 PACKAGES = ("ravenjax", "jax", "jaxlib", "mujoco", "mujoco-mjx", "numpy", "pandas", "pyarrow", "scipy")
@@ -92,6 +116,15 @@ class Manifest(BaseModel):
     )
     started: str = Field(default_factory=lambda: now())
     finished: str | None = None
+    command: tuple[str, ...] = Field(default=(), description="command line of the last start, where there was one")
+    executor: str = Field(default="local", description="who computed at the last start")
+    workers: int | None = Field(
+        default=1, description="side by side, as asked for at the last start; None: as many as there was room for"
+    )
+    shard: str | None = Field(default=None, description="which share of the campaign this is, as 2/7; None: no share")
+    rows: tuple[tuple[int, int], ...] | None = Field(
+        default=None, description="row ranges (first, last inclusive) that this folder is to hold, None: all of them"
+    )
     starts: int = Field(default=1, description="how often the command was started, interruptions included")
     compile_s: float | None = Field(default=None, description="s, tracing and compiling, last start")
     run_s: float | None = Field(default=None, description="s, executing, last start")
@@ -103,8 +136,27 @@ class Manifest(BaseModel):
         """How many rows are finished."""
         return sum(len(part.rows) for part in self.parts)
 
+    @property
+    def failures(self) -> dict[str, int]:
+        """Runs of finished parts without a valid outcome, by cause; of parts that nobody counted, none."""
+        found: dict[str, int] = {}
+        for part in self.parts:
+            for cause, count in (part.failed or {}).items():
+                found[cause] = found.get(cause, 0) + count
+        return found
+
+    @property
+    def wanted(self) -> tuple[range, ...]:
+        """The rows that this folder is to hold, as ranges in order."""
+        return (range(self.runs),) if self.rows is None else tuple(range(a, b + 1) for a, b in self.rows)
+
+    @property
+    def due(self) -> int:
+        """How many rows this folder is to hold."""
+        return sum(map(len, self.wanted))
+
     def _identity(self) -> dict[str, str]:
-        fields = self.model_dump(include={"config", "config_hash", "seed", "engine", "device", "versions"})
+        fields = self.model_dump(include={"config", "config_hash", "seed", "engine", "device", "versions", "shard"})
         return _flat(fields | {"code": self.code_hash[:16]})
 
     def differences(self, other: Manifest) -> list[str]:
@@ -192,6 +244,19 @@ def _line(part: Part) -> str:
     return part.model_dump_json() + "\n"
 
 
+def joined(*some: tuple[tuple[int, int], ...] | None) -> tuple[tuple[int, int], ...] | None:
+    """Row ranges (first, last inclusive) that hold every row of these, in order and apart; None: all rows."""
+    if any(ranges is None for ranges in some):
+        return None
+    found: list[tuple[int, int]] = []
+    for first, last in sorted(pair for ranges in some if ranges is not None for pair in ranges):
+        if found and first <= found[-1][1] + 1:
+            found[-1] = found[-1][0], max(last, found[-1][1])
+        else:
+            found.append((first, last))
+    return tuple(found)
+
+
 def now() -> str:
     """The present time, UTC, ISO 8601 to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")
@@ -222,7 +287,7 @@ def code_hash() -> str:
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
         name = path.relative_to(package)
-        if name.parts[0] not in _READERS:
+        if name.parts[0] not in _READERS and name.as_posix() not in _READERS:
             digest.update(name.as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import bisect
 import contextlib
+import hashlib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -25,6 +27,10 @@ FEWEST_ROWS, MOST_ROWS = 1024, 65_536
 """Rows of a part where the user names no number: fewer cost more to write than to compute, more are late to be safe."""
 
 
+class ForeignPart(StoreError):
+    """A part that is whole, but of another campaign, another schema, or not of this program."""
+
+
 class Part(BaseModel):
     """One finished part, as the manifest records it."""
 
@@ -35,6 +41,7 @@ class Part(BaseModel):
     last: int  # index of the last row, inclusive
     sha256: str  # hex digest of the file
     size: int  # bytes
+    failed: dict[str, int] | None = None  # runs without a valid outcome, by cause; None where nobody counted them
 
     @property
     def rows(self) -> range:
@@ -47,10 +54,17 @@ def rows_of_a_part(runs: int) -> int:
     return min(max(-(-runs // 64), FEWEST_ROWS), MOST_ROWS)
 
 
-def write(folder: Path, columns: schema.Columns, shape: schema.Shape, config_hash: str) -> Part:
-    """Write rows, whose column `index` counts up by one, as one part of `folder`.
+class Encoded(NamedTuple):
+    """A finished part that is in no folder yet: its record, and the bytes of its file."""
 
-    Raises StoreError where the columns do not fit the schema or the disk refuses.
+    part: Part
+    content: bytes
+
+
+def encode(columns: schema.Columns, shape: schema.Shape, config_hash: str) -> Encoded:
+    """Rows, whose column `index` counts up by one, as the file of one part; equal rows give equal bytes.
+
+    Raises StoreError where the columns do not fit the schema.
     """
     index = np.asarray(columns["index"])
     first, last = int(index[0]), int(index[-1])
@@ -58,9 +72,37 @@ def write(folder: Path, columns: schema.Columns, shape: schema.Shape, config_has
         raise StoreError(f"a part holds consecutive rows in order, got {len(index)} rows with index {first} to {last}")
     table = schema.conform(columns, shape)
     table = table.replace_schema_metadata({**table.schema.metadata, b"ravenjax.config_hash": config_hash.encode()})
-    path = folder / f"part-{first:09d}-{last:09d}.parquet"
-    write_aside(path, lambda target: pq.write_table(table, target, **_encoding(table.schema)))
-    return Part(file=path.name, first=first, last=last, sha256=sha256(path), size=path.stat().st_size)
+    sink = pa.BufferOutputStream()
+    pq.write_table(table, sink, **_encoding(table.schema))
+    content = sink.getvalue().to_pybytes()
+    return Encoded(
+        Part(
+            file=f"part-{first:09d}-{last:09d}.parquet",
+            first=first,
+            last=last,
+            sha256=hashlib.sha256(content).hexdigest(),
+            size=len(content),
+            failed=failures(table),
+        ),
+        content,
+    )
+
+
+def put(folder: Path, encoded: Encoded) -> Part:
+    """Write a part into `folder`, whole or not at all; its record. Raises StoreError where the disk refuses."""
+    write_aside(folder / encoded.part.file, lambda target: target.write_bytes(encoded.content))
+    return encoded.part
+
+
+def write(folder: Path, columns: schema.Columns, shape: schema.Shape, config_hash: str) -> Part:
+    """`encode` and `put`."""
+    return put(folder, encode(columns, shape, config_hash))
+
+
+def failures(table: pa.Table) -> dict[str, int]:
+    """How many rows of a result table have no valid outcome, by cause."""
+    counted = table.column("failed").value_counts().to_pylist()
+    return {entry["values"]: entry["counts"] for entry in counted if entry["values"]}
 
 
 def _encoding(columns: pa.Schema) -> dict[str, Any]:
@@ -68,11 +110,13 @@ def _encoding(columns: pa.Schema) -> dict[str, Any]:
 
     Numbers of floating point and ids seldom repeat, words and whole numbers do, and the row's index only counts up.
     """
-    repeated = [c.name for c in columns if not pa.types.is_floating(c.type) and c.name not in ("run_id", "index")]
+    counting = [name for name in ("index", "pair") if name in columns.names]
+    once = ("run_id", *counting)
+    repeated = [c.name for c in columns if not pa.types.is_floating(c.type) and c.name not in once]
     return {
         "compression": "zstd",
         "use_dictionary": repeated,
-        "column_encoding": {"index": "DELTA_BINARY_PACKED"},
+        "column_encoding": dict.fromkeys(counting, "DELTA_BINARY_PACKED"),
         "write_page_checksum": True,
     }
 
@@ -129,9 +173,10 @@ def _opened(path: Path, config_hash: str | None) -> Iterator[pq.ParquetFile]:
 
 def inspect(path: Path, config_hash: str | None = None) -> Part:
     """Record of a part found on disk, after reading it in full."""
-    read(path, config_hash)
+    digest, size = sha256(path), path.stat().st_size
+    failed = failures(read(path, config_hash))
     first, last = _row_range(path)
-    return Part(file=path.name, first=first, last=last, sha256=sha256(path), size=path.stat().st_size)
+    return Part(file=path.name, first=first, last=last, sha256=digest, size=size, failed=failed)
 
 
 def concatenate(tables: Sequence[pa.Table]) -> pd.DataFrame:
@@ -143,15 +188,41 @@ def concatenate(tables: Sequence[pa.Table]) -> pd.DataFrame:
     return frame
 
 
-def gaps(finished: Sequence[Part], total: int, chunk: int) -> Iterator[range]:
-    """Row ranges of at most `chunk` rows that no finished part holds, in order."""
-    row = 0
-    for part in [*sorted(finished, key=lambda p: p.first), None]:
-        end = total if part is None else part.first
-        for start in range(row, end, chunk):
-            yield range(start, min(start + chunk, end))
-        if part is not None:
-            row = max(row, part.last + 1)
+def gaps(finished: Iterable[Part], wanted: Iterable[range], chunk: int) -> Iterator[range]:
+    """What no finished part holds of the `wanted` rows (ranges in order, apart from one another), in order.
+
+    Cut at the multiples of `chunk`, wherever a gap begins: the same rows make the same parts whoever computes them.
+    """
+    held = sorted((part.rows for part in finished), key=lambda rows: rows.start)
+    next_held = 0
+    for rows in wanted:
+        row = rows.start
+        while row < rows.stop:
+            while next_held < len(held) and held[next_held].stop <= row:
+                next_held += 1
+            following = held[next_held] if next_held < len(held) else range(rows.stop, rows.stop)
+            if following.start <= row < following.stop:
+                row = following.stop
+                continue
+            stop = min(rows.stop, following.start if following.start > row else rows.stop, row - row % chunk + chunk)
+            yield range(row, stop)
+            row = stop
+
+
+def apart(found: Sequence[Part], trusted: Iterable[str] = ()) -> tuple[list[Part], list[Part]]:
+    """(parts of which no two hold the same row, those that overlap one of them); files of these names go first."""
+    names = set(trusted)
+    kept: list[Part] = []  # by first row
+    over: list[Part] = []
+    for part in sorted(found, key=lambda part: (part.file not in names, part.first, part.last)):
+        place = bisect.bisect(kept, part.first, key=lambda other: other.first)
+        before, after = kept[max(0, place - 1) : place], kept[place : place + 1]
+        clash = any(other.last >= part.first for other in before) or any(other.first <= part.last for other in after)
+        if clash:
+            over.append(part)
+        else:
+            kept.insert(place, part)
+    return kept, over
 
 
 def require_disjoint(folder: Path, finished: Sequence[Part]) -> None:
@@ -160,8 +231,8 @@ def require_disjoint(folder: Path, finished: Sequence[Part]) -> None:
     for one, other in pairwise(ordered):
         if other.first <= one.last:
             raise StoreError(
-                f"{folder / other.file} and {folder / one.file} both hold row {other.first}. Two runs wrote to this "
-                "folder at once: delete either file and start the same command again."
+                f"{folder / other.file} and {folder / one.file} both hold row {other.first}. Start the same "
+                "`ravenjax run` again: it sets one of them aside and recomputes what is then missing."
             )
 
 
@@ -183,7 +254,7 @@ def _require_unchanged(path: Path, recorded: Part) -> None:
 def _require_known_version(path: Path, metadata: dict[bytes, bytes]) -> None:
     version = metadata.get(b"ravenjax.schema_version", b"").decode()
     if not version.isdigit():
-        raise StoreError(f"{path}: is Parquet, but not a ravenjax result part (it names no schema version)")
+        raise ForeignPart(f"{path}: is Parquet, but not a ravenjax result part (it names no schema version)")
     require_version(path, int(version))
 
 
@@ -191,7 +262,7 @@ def require_version(path: Path, version: int) -> None:
     """StoreError where `path` was written with another schema than this reader knows."""
     if version != schema.VERSION:
         way = "upgrade ravenjax" if version > schema.VERSION else "run the campaign again into another folder"
-        raise StoreError(
+        raise ForeignPart(
             f"{path}: has result schema {version}; this ravenjax reads {schema.VERSION}. The file is fine: "
             f"read it with the ravenjax that wrote it (versions in manifest.json), or {way}."
         )
@@ -200,7 +271,7 @@ def require_version(path: Path, version: int) -> None:
 def _require_campaign(path: Path, metadata: dict[bytes, bytes], config_hash: str | None) -> None:
     found = metadata.get(b"ravenjax.config_hash", b"").decode()
     if config_hash is not None and found != config_hash:
-        raise StoreError(
+        raise ForeignPart(
             f"{path}: belongs to another campaign (config hash {found[:16]}, expected {config_hash[:16]}). "
             "Move it away, or choose another output folder with --out."
         )
@@ -208,8 +279,8 @@ def _require_campaign(path: Path, metadata: dict[bytes, bytes], config_hash: str
 
 def _damaged(path: Path, what: str) -> StoreError:
     return StoreError(
-        f"{path}: {what}. Every other part is untouched: delete this file and start the same `ravenjax run` again, "
-        "which recomputes its rows only."
+        f"{path}: {what}. Every other part is untouched: start the same `ravenjax run` again, which sets this file "
+        "aside and recomputes its rows only."
     )
 
 

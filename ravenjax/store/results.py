@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from ravenjax.store import folder, parts, schema
+from ravenjax.store import folder, parts, query, schema
 
 
 @dataclass(frozen=True)
@@ -28,10 +30,25 @@ class Results:
         return parts.concatenate([table if columns is None else table.select(columns) for table in self.tables])
 
     def verdicts(self) -> dict[str, int]:
-        """How many of the faulty runs have each verdict, most frequent first; "" is that of failed runs."""
+        """How many of the faulty runs have each verdict, most frequent first; "" is that of failed runs.
+
+        Read part by part, so that memory does not grow with the table. Raises StoreError as `folder.read_all`.
+        """
         sites = [f"fault{slot}_site" for slot in range(self.shape.slots)]
-        frame = self.frame(["verdict", *sites])
-        faulty = (frame[sites] != "").any(axis=1)
-        return {
-            str(verdict): int(runs) for verdict, runs in frame.loc[faulty, "verdict"].value_counts().items() if runs
-        }
+        counts: Counter[str] = Counter()
+        for table in self._parts(["verdict", *sites]):
+            faulty = np.zeros(table.num_rows, bool)
+            for site in sites:
+                faulty |= np.asarray(table.column(site).to_pandas() != "")
+            for found in table.column("verdict").filter(pa.array(faulty)).value_counts().to_pylist():
+                counts[found["values"]] += found["counts"]
+        return dict(counts.most_common())
+
+    def _parts(self, columns: list[str]) -> Iterator[pa.Table]:
+        """Columns of each part."""
+        if self.path is None:
+            yield from (table.select(columns) for table in self.tables)
+            return
+        record = query.readable(self.path)
+        for part in record.parts:
+            yield parts.read(self.path / folder.PARTS / part.file, record.config_hash, part, columns)

@@ -281,9 +281,13 @@ def _array(values: Any, field: pa.Field) -> pa.Array:
         if pa.types.is_string(field.type):
             return pa.array(values, pa.string(), from_pandas=True).fill_null("")
         array = pa.array(np.asarray(values), from_pandas=False)
+        if array.null_count:
+            raise pa.ArrowInvalid("a value is missing")
+        if pa.types.is_boolean(field.type) and not pa.types.is_boolean(array.type):
+            raise pa.ArrowInvalid("only true and false fit")
         return array if array.type == field.type else array.cast(field.type)
-    except pa.ArrowException as error:
-        got = np.asarray(values).dtype
+    except (pa.ArrowException, OverflowError, TypeError, ValueError) as error:
+        got = getattr(values, "dtype", type(values).__name__)
         raise StoreError(f"result column {field.name!r} must hold {field.type}, got {got}: {error}") from error
 
 

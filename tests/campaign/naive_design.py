@@ -34,7 +34,7 @@ def expand(config):
     """Rows of the fault table as dicts; run_id an int."""
     planned = [run for group in config.group for run in runs_of(config, group)][: config.campaign.limit]
     paths = list(dict.fromkeys(path for _, _, parameters, _, _ in planned for path in parameters))
-    common, copies, rows = _common(config), {}, []
+    common, copies, rows, repeats = _common(config), {}, [], []
     for index, (group, faults, parameters, repeat, behind) in enumerate(planned):
         seed = (config.campaign.seed + repeat) % 2**31
         content = {"seed": seed} | {f"param:{path}": value for path, value in parameters.items()}
@@ -48,9 +48,33 @@ def expand(config):
             fault = faults[slot] if slot < len(faults) else EMPTY
             row |= {f"fault{slot}_{name}": fault[name] for name in fault}
         rows.append(row | {f"param:{path}": parameters.get(path, math.nan) for path in paths})
+        repeats.append(repeat)
     if any(behind for *_, behind in planned):
         rows = [row | {"shared_id": rows[row["pair"]]["run_id"]} for row in rows]
-    return rows
+    return rows if config.stop is None else arranged(config, rows, repeats)
+
+
+def arranged(config, rows, repeats):
+    """The rows of a campaign with [stop]: each group's draws one after another, those of lists in a drawn order."""
+    out = []
+    for group in config.group:
+        draws, of = [], {}
+        for row in (row for row in rows if row["group"] == group.name):
+            if row["pair"] != row["index"]:  # a crossed variant goes with the first of its kind
+                of[row["index"]] = of[row["pair"]]
+            elif repeats[row["index"]]:  # a repeat goes with the one before
+                of[row["index"]] = of[row["index"] - 1]
+            else:
+                draws.append([])
+                of[row["index"]] = draws[-1]
+            of[row["index"]].append(row)
+        if group.design not in ("random", "lhs", "sobol"):
+            rng = np.random.default_rng([config.campaign.seed, zlib.crc32(group.name.encode()), 1])
+            places = rng.permutation(len(draws)).tolist()
+            draws = [draw for _, draw in sorted(zip(places, draws, strict=True), key=lambda pair: pair[0])]
+        out += [row for draw in draws for row in draw]
+    new = {row["index"]: place for place, row in enumerate(out)}
+    return [row | {"index": place, "pair": new[row["pair"]]} for place, row in enumerate(out)]
 
 
 def mix(x):

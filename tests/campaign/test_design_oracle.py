@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import naive_design
 
-from ravenjax.campaign import design, loading
+from ravenjax.campaign import design, loading, stopping
 from ravenjax.errors import UserError
+from ravenjax.hazards import library
 
 CHANNELS = {
     "usb_out": ("shoulder", "elbow", "wrist"),
@@ -37,7 +38,10 @@ def axis(values, ends=None, length=None):
     kinds = [values, several, several.map(lambda v: {"choice": v})]
     if ends is not None:
         pairs = st.lists(ends, min_size=2, max_size=2).map(sorted)
-        kinds += [pairs.map(lambda p: {"uniform": p}), pairs.map(lambda p: {"loguniform": [abs(x) + 0.5 for x in p]})]
+        kinds += [
+            pairs.map(lambda p: {"uniform": p}),
+            pairs.map(lambda p: {"loguniform": sorted(abs(x) + 0.5 for x in p)}),
+        ]
         kinds += [pairs.map(lambda p: {"normal": [p[0], abs(p[1])]})]
     return st.one_of(kinds)
 
@@ -87,18 +91,38 @@ def groups(draw, name):
     return group
 
 
+HAZARDS = [row.id for row in library.rows() if row.runnable]
+
+
+@st.composite
+def hazards(draw, name):
+    """A group that names rows of the library instead of faults of its own."""
+    group = {"name": name, "hazards": draw(st.lists(st.sampled_from(HAZARDS), min_size=1, max_size=2)), "arm": "gold"}
+    if draw(st.booleans()):
+        group["start_ms"] = draw(times)
+    return group | {"repeats": draw(st.integers(1, 2))}
+
+
+SECTIONS = {
+    "cross": CROSS,
+    "parameters": st.dictionaries(st.just("operator.scale"), st.sampled_from([0.5, 1])),
+    "reaction": st.fixed_dictionaries({"action": st.sampled_from(["none", "release", "slow"])}),
+    "detector": st.just([{"name": "d", "kind": "steps", "fusion": ["all", "any"], "level": [1, 2]}]),
+}
+
+
 @st.composite
 def campaigns(draw):
     campaign = {"name": "x", "noise": True, "arms": ["gold", "green"], "seed": draw(st.integers(0, 2**31 - 1))}
-    if draw(st.booleans()):
+    last = draw(st.sampled_from(["limit", "stop", None]))
+    if last == "limit":
         campaign["limit"] = draw(st.integers(1, 20))
-    return {
-        "campaign": campaign,
-        "operator": {"motion": "still"},
-        "parameters": draw(st.dictionaries(st.just("operator.scale"), st.sampled_from([0.5, 1]))),
-        "cross": draw(CROSS),
-        "group": [draw(groups(name)) for name in "abc"[: draw(st.integers(1, 3))]],
-    }
+    found = {"campaign": campaign, "operator": {"motion": "still"}}
+    found |= {name: draw(values) for name, values in SECTIONS.items() if draw(st.booleans())}
+    if last == "stop":
+        found["stop"] = {"half_width": 0.1, "allocation": draw(st.sampled_from(["proportional", "neyman"]))}
+    kinds = [draw(st.sampled_from([groups, groups, groups, hazards])) for _ in range(draw(st.integers(1, 3)))]
+    return found | {"group": [draw(kind(name)) for kind, name in zip(kinds, "abc", strict=False)]}
 
 
 FAULT = {"site": "usb_out", "arm": "gold", "channel": "elbow", "effect": "overwrite", "start_ms": 5}
@@ -137,6 +161,23 @@ def test_columns_are_those_written_out_row_by_row(campaign):
             np.testing.assert_array_equal(table[name].to_numpy(), naive[name].to_numpy(table[name].dtype), name)
     assert table["run_id"].is_unique
     assert design.count(config) == len(table)
+    if config.stop is not None:
+        beginnings(config, table)
+
+
+def beginnings(config, table):
+    """Of a campaign that may stop, the beginning of each group's rows is so many whole draws of that group."""
+    draws = stopping.draws(config)
+    assert [of.first for of in draws] == [(table["group"] == group.name).argmax() for group in config.group]
+    plain = design.expand(config.model_copy(update={"stop": None}))
+    assert sorted(table["run_id"]) == sorted(plain["run_id"]), "the order decides no run"
+    for group, of in zip(config.group, draws, strict=True):
+        assert of.number * of.rows == (table["group"] == group.name).sum()
+        for taken in {1, of.number // 2, of.number}:
+            rows = table.iloc[list(of.range(taken))]
+            assert set(rows["pair"]) <= set(rows["index"]), "crossed variants are taken together"
+            assert (rows.groupby("pair").size() == of.rows // group.repeats).all()
+            assert (rows["seed"].value_counts() == len(rows) // group.repeats).all(), "and so are repeats"
 
 
 def complaint(config):

@@ -1,6 +1,7 @@
 """Campaigns with anything wrong anywhere: loading gives a campaign or a UserError, never another exception."""
 
 import copy
+import re
 import tomllib
 
 from hypothesis import HealthCheck, example, given, settings
@@ -68,6 +69,19 @@ FULL = {
             "run": [{"fault": [{"value": 2, "duration_ms": "end"}]}, {"parameters": {"plant.mass_scale": 1.1}}],
         },
     ],
+}
+LIMITED = FULL
+FULL = {
+    **FULL,
+    "campaign": {name: value for name, value in FULL["campaign"].items() if name != "limit"},
+    "cross": {"reaction": {"action": [0, 1]}, "plant.mass_scale": [1, 1.1]},
+    "reaction": {"action": "slow", "delay_ms": 200, "slow_to": 0.5},
+    "detector": [
+        {"name": "model", "kind": "steps", "fusion": ["all", "any"], "consecutive": [1, 3], "level": [0.5, 1]},
+        {"name": "tip", "kind": "tip_error", "level": 3},
+    ],
+    "stop": {"half_width": 0.05, "rates": ["harm", "cue"], "of": "whole", "looks": [0.1, 1.0], "allocation": "neyman"},
+    "group": [*FULL["group"], {"name": "library", "hazards": ["C02", "B25"], "arm": "gold", "start_ms": 100}],
 }
 BUNDLED = [tomllib.loads(path.read_text()) for path in resources.bundled("campaigns", "*.toml")]
 
@@ -143,7 +157,7 @@ RELAXED = settings(max_examples=250, deadline=None, suppress_health_check=list(H
 
 
 @RELAXED
-@given(campaigns([FULL]))
+@given(campaigns([FULL, LIMITED]))
 def test_a_changed_campaign(raw):
     config = loaded(raw)
     if config is not None:
@@ -203,3 +217,132 @@ def test_a_damaged_file(tmp_path_factory, noise, at):
         loading.load(path)
     except UserError as error:
         assert str(path) in str(error)
+
+
+TEXT = """
+[campaign]
+name = "text"
+duration_s = 4.0
+seed = 3
+arms = ["gold", "green"]
+
+[operator]
+motion = "suture"
+scale = 0.1
+
+[parameters]
+plant.friction_scale = { uniform = [0.5, 2.0] }
+
+[cross]
+reaction.action = [0, 1]
+
+[limits]
+elbow_deg = [50, 120]
+
+[haptics]
+threshold_mm = [3, 2]
+combine = "grid"
+
+[reaction]
+action = "slow"
+delay_ms = 200
+
+[[detector]]
+name = "model"
+kind = "steps"
+fusion = ["all", "any"]
+level = [0.5, 1]
+
+[outcomes]
+jump = "text"
+cue = 1
+
+[stop]
+half_width = 0.05
+rates = ["harm", "cue"]
+looks = [0.1, 1.0]
+allocation = "neyman"
+
+[[group]]
+name = "drawn"
+design = "sobol"
+runs = 16
+[[group.fault]]
+site = "usb_out"
+arm = "gold"
+channel = ["shoulder", "elbow"]
+effect = ["overwrite", "latch_offset"]
+value = { uniform = [-200, 200] }
+start_ms = [10, 20]
+duration_ms = [5, "end"]
+
+[[group]]
+name = "library"
+hazards = ["C09", "L7"]
+arm = "gold"
+start_ms = 100
+"""
+WRITTEN = [number for number, line in enumerate(TEXT.splitlines()) if " = " in line]
+WRONG = (
+    "-1",
+    "1e9",
+    '"nonsense"',
+    "[]",
+    "[1, 2, 3]",
+    '["x"]',
+    "{ x = 1 }",
+    "{ uniform = [2, 1] }",
+    "true",
+    '""',
+    "nan",
+)
+SAYS = ("expected", "exactly one of", "missing", "unknown key", "remove", "write", "belongs to", "needs", "give", "got")
+"""Each complaint has at least one of these words: it says what was got, or what to write instead."""
+
+
+@settings(RELAXED, max_examples=150)
+@given(st.sampled_from(WRITTEN), st.sampled_from(WRONG))
+@example(WRITTEN[-1], "[]")
+def test_a_wrong_value_is_located(tmp_path_factory, number, wrong):
+    """One value of a file replaced: a campaign, or complaints that name file, line and key and what was expected."""
+    rows = TEXT.splitlines()
+    key = rows[number].partition(" = ")[0]
+    rows[number] = f"{key} = {wrong}"
+    path = tmp_path_factory.mktemp("c", numbered=True) / "c.toml"
+    path.write_text("\n".join(rows))
+    try:
+        loading.load(path)
+    except UserError as error:
+        for complaint in str(error).splitlines():
+            assert complaint.startswith(f"{path}:") and any(word in complaint for word in SAYS), complaint
+            line, named, _ = complaint.removeprefix(f"{path}:").split(": ", 2)
+            there = rows[int(line) - 1]
+            last = re.sub(r"\[\d+\]", "", named).rpartition(".")[2]
+            assert there.startswith("[") or last in there, complaint  # of a key that is missing, the table
+
+
+@settings(RELAXED, max_examples=60)
+@given(st.sampled_from(WRITTEN), st.integers(0, 20), st.sampled_from("xq_7"))
+def test_a_misspelt_key_is_located(tmp_path_factory, number, at, letter):
+    """An unknown key is named with its line, beside the keys that are known there."""
+    rows = TEXT.splitlines()
+    key, _, value = rows[number].partition(" = ")
+    misspelt = key[: at % (len(key) + 1)] + letter + key[at % (len(key) + 1) :]
+    rows[number] = f"{misspelt} = {value}"
+    path = tmp_path_factory.mktemp("c", numbered=True) / "c.toml"
+    path.write_text("\n".join(rows))
+    if "." in key:
+        return  # paths of parameters are known once the campaign is planned
+    try:
+        loading.load(path)
+    except UserError as error:
+        assert f"{path}:{number + 1}: " in str(error) and misspelt in str(error) and "expected one of" in str(error)
+        return
+    raise AssertionError(f"{misspelt} was taken")
+
+
+def test_the_text_is_a_campaign(tmp_path):
+    path = tmp_path / "c.toml"
+    path.write_text(TEXT)
+    assert len(loading.load(path).group) > 2
+    assert loaded(FULL) is not None and loaded(LIMITED) is not None

@@ -12,6 +12,7 @@ import pytest
 
 import ravenjax as rj
 from ravenjax.campaign import computation, replay, runner
+from ravenjax.campaign.executors import local
 from ravenjax.engines import simd
 from ravenjax.engines.vector_code import VectorCode
 from ravenjax.errors import UserError
@@ -84,17 +85,17 @@ def test_rows_do_not_depend_on_chunks_nor_on_the_store(whole, tmp_path):
 
 
 def test_an_interrupted_campaign_resumes_where_it_stopped(whole, tmp_path, monkeypatch):
-    left, add = iter(range(2)), runner.ResultFolder.add
+    left, put = iter(range(2)), runner.ResultFolder.put
 
-    def interrupted(self, rows):
+    def interrupted(self, part):
         if next(left, None) is None:
             raise KeyboardInterrupt
-        add(self, rows)
+        put(self, part)
 
-    monkeypatch.setattr(runner.ResultFolder, "add", interrupted)
+    monkeypatch.setattr(runner.ResultFolder, "put", interrupted)
     with pytest.raises(KeyboardInterrupt):
         rj.run(config(chunk=4), out=tmp_path)
-    monkeypatch.setattr(runner.ResultFolder, "add", add)
+    monkeypatch.setattr(runner.ResultFolder, "put", put)
     parts = {path: path.stat().st_mtime_ns for path in (tmp_path / "parts").iterdir()}
     assert len(parts) == 2
     same(whole, rj.run(config(chunk=9), out=tmp_path))
@@ -103,7 +104,7 @@ def test_an_interrupted_campaign_resumes_where_it_stopped(whole, tmp_path, monke
 
 def test_a_finished_campaign_computes_nothing_again(whole, tmp_path, monkeypatch):
     rj.run(config(), out=tmp_path)
-    monkeypatch.setattr(runner, "Computation", None)
+    monkeypatch.setattr(local, "Computation", None)
     same(whole, rj.run(config(), out=tmp_path))
 
 
@@ -146,23 +147,23 @@ def test_a_block_is_as_large_as_its_rows_ask_for(blocks):
 def test_nothing_piles_up_behind_a_slow_disk(blocks, monkeypatch, tmp_path):
     """While the first parts cannot be written, no more blocks are computed than may be under way."""
     monkeypatch.setattr(simd, "MAX_LANES", 16)
-    add, stuck = runner.ResultFolder.add, []
+    put, stuck = runner.ResultFolder.put, []
 
-    def waiting(self, rows):
+    def waiting(self, part):
         before = -1
         while not stuck and before != len(blocks):
             before = len(blocks)
             time.sleep(0.2)
         stuck.append(len(blocks))
-        add(self, rows)
+        put(self, part)
 
-    monkeypatch.setattr(runner.ResultFolder, "add", waiting)
+    monkeypatch.setattr(runner.ResultFolder, "put", waiting)
     many = {**CAMPAIGN["group"][1], "runs": 640}
     wanted = {"name": "many", "duration_s": 0.02, "chunk": 16}
     many["fault"] = [{**many["fault"][0], "start_ms": 5}]
     table = rj.run(rj.load_campaign({**CAMPAIGN, "campaign": wanted, "group": [many]}), tmp_path, engine="simd")
     threads = len(os.sched_getaffinity(0))
-    a_twin, in_hand, under_way, written = 1, 1, 2 * threads, 2 * min(runner.WRITERS, threads)
+    a_twin, in_hand, under_way, written = 1, 1, 2 * threads, 2 * min(local.WRITERS, threads)
     assert stuck[0] <= a_twin + under_way + in_hand + written
     assert len(table) == 640
 

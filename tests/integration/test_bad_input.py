@@ -244,15 +244,18 @@ def test_a_truncated_part(copied, refused, run):
     whole = parts[1].read_bytes()
     parts[1].write_bytes(whole[: len(whole) // 2])
     before = contents(out)
-    for command in (["run", path, "--out", out, "--engine", "simd"], ["report", out]):
-        err = refused(command, parts[1], f"{len(whole) // 2} bytes", f"recorded {len(whole)}", "delete this file")
-        assert str(parts[0]) not in err
-        assert contents(out) == before, "nothing is written over what is there"
-    parts[1].unlink()
-    code, _, err = run("run", path, "--out", out, "--engine", "simd", "--no-report")
+    err = refused(
+        ["report", out], parts[1], f"{len(whole) // 2} bytes", f"recorded {len(whole)}", "`ravenjax run` again"
+    )
+    assert str(parts[0]) not in err
+    assert contents(out) == before, "nothing is written over what is there"
+    code, printed, err = run("run", path, "--out", out, "--engine", "simd", "--no-report")
     assert code == 0, err
+    assert str(parts[1]) in printed and "set aside" in printed and str(parts[0]) not in printed
     assert {p.name for p in (out / "parts").iterdir()} == {p.name for p in parts}
     assert parts[0].read_bytes() == before[parts[0]] and parts[2].read_bytes() == before[parts[2]]
+    assert parts[1].read_bytes() == whole, "computed again to the byte"
+    assert (out / "set-aside" / parts[1].name).read_bytes() == before[parts[1]], "and what was there is kept"
 
 
 def test_a_damaged_manifest(copied, refused):

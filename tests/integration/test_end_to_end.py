@@ -109,11 +109,11 @@ def test_the_report_replays_what_was_traced_and_draws_figures(out, traced, tmp_p
 
 
 def test_a_second_start_computes_nothing(out, monkeypatch):
-    from ravenjax.campaign import runner
+    from ravenjax.campaign.executors import local
 
     before = {path: path.stat().st_mtime_ns for path in (out / "parts").iterdir()}
     table = read_all(out)
-    monkeypatch.setattr(runner, "Computation", None)
+    monkeypatch.setattr(local, "Computation", None)
     assert call("run", out.parent / "tiny.toml", "--out", out, "--engine", "simd") == 0
     assert {path: path.stat().st_mtime_ns for path in (out / "parts").iterdir()} == before
     assert read_all(out).equals(table)

@@ -7,14 +7,15 @@ import pytest
 import synthetic_results as synthetic
 
 from ravenjax.report import answers, detectors
-from ravenjax.report import facts as run_facts
+from ravenjax.report.runs import Runs
 from ravenjax.stats.intervals import wilson
 
 MANIFEST = synthetic.manifest(1200)
 FRAME = synthetic.frame(1200)
-FACTS = run_facts.of(FRAME, MANIFEST)
-ALARMS = detectors.alarms(FRAME, FACTS, MANIFEST)
-KNOWN = detectors.known_ms(FACTS, ALARMS)
+RUNS = Runs.of(FRAME, MANIFEST)
+ALARMS = detectors.alarms(RUNS, MANIFEST)
+SAID = detectors.known(ALARMS)
+KNOWN = RUNS.table.frame(f"SELECT {SAID} AS ms FROM facts ORDER BY row")["ms"].to_numpy()
 VALID = (FRAME["failed"] == "") & FRAME["activated"]
 HARM_MS = np.array(
     [
@@ -39,7 +40,7 @@ def test_first_possible_knowledge():
 
 
 def test_time_to_know_is_of_harmful_faults_and_censored():
-    found = answers.knowledge(FACTS, KNOWN, MANIFEST)
+    found = answers.knowledge(RUNS, SAID, MANIFEST)
     known, harm = KNOWN[HARMFUL], HARM_MS[HARMFUL]
     assert found.delay.n == HARMFUL.sum() and found.never == wilson(int((known < 0).sum()), len(known))
     assert found.lead.before == wilson(int(((known >= 0) & (known < harm)).sum()), len(known))
@@ -51,13 +52,13 @@ def test_time_to_know_is_of_harmful_faults_and_censored():
 
 
 def test_nobody_can_know_what_nothing_tells():
-    found = answers.knowledge(FACTS, np.full(len(FACTS), -1), MANIFEST)
+    found = answers.knowledge(RUNS, "-1", MANIFEST)
     assert found.never.value == 1 and np.isnan(found.half_ms.value) and found.lead.before.k == 0
 
 
 @pytest.mark.parametrize(("kind", "column"), [("group", "group"), ("site", "fault0_site")])
 def test_classes_against_a_plain_count(kind, column):
-    rows = {row.name: row for row in answers.classes(FACTS, KNOWN, MANIFEST)[kind]}
+    rows = {row.name: row for row in answers.classes(RUNS, SAID, MANIFEST)[kind]}
     faulty = FRAME["fault0_site"] != ""
     assert set(rows) == set(FRAME.loc[faulty, column].astype(str))
     for name, row in rows.items():
@@ -72,13 +73,13 @@ def test_classes_against_a_plain_count(kind, column):
 
 
 def test_most_evasive_classes_come_first():
-    for rows in answers.classes(FACTS, KNOWN, MANIFEST).values():
+    for rows in answers.classes(RUNS, SAID, MANIFEST).values():
         shares = [row.evaded.value for row in rows]
         assert shares == sorted(shares, reverse=True)
 
 
 def test_what_the_cue_announces_of_the_evading():
-    found = answers.changed(FRAME, FACTS, MANIFEST, [])
+    found = answers.changed(RUNS, MANIFEST, [])
     evading = FRAME["verdict"].astype(str).str.startswith("silent/haptic") & (FRAME["moved_first_ms"] >= 0) & VALID
     early = evading & (FRAME["cue0_first_ms"] < FRAME["moved_first_ms"])
     assert found.pairs == [] and found.announced is not None
@@ -89,4 +90,4 @@ def test_what_the_cue_announces_of_the_evading():
 
 def test_a_cue_that_disturbs_is_no_better_one():
     frame = FRAME.assign(**{f"twin_cue{k}_first_ms": 2999 for k in range(1, len(MANIFEST.cues))})
-    assert answers.changed(frame, FACTS, MANIFEST, []).better is None
+    assert answers.changed(Runs.of(frame, MANIFEST), MANIFEST, []).better is None

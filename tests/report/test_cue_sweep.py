@@ -10,6 +10,7 @@ import synthetic_results as synthetic
 
 from ravenjax.report import cue_figure, cue_sweep
 from ravenjax.report import facts as run_facts
+from ravenjax.report.runs import Runs
 from ravenjax.stats.intervals import wilson
 
 RUNS = 900
@@ -19,7 +20,7 @@ LOW = [k for k, cue in enumerate(MANIFEST.cues) if cue.threshold_mm == 1.0]
 for _k in LOW:  # at 1 mm every tenth motion has a cue without any fault, late
     FRAME[f"twin_cue{_k}_first_ms"] = np.where(FRAME["twin_tip_path_mm"] % 10 == 0.5, 700, -1)
 FACTS = run_facts.of(FRAME, MANIFEST)
-ROWS = {row.number: row for row in cue_sweep.rows(FRAME, FACTS, MANIFEST)}
+ROWS = {row.number: row for row in cue_sweep.rows(Runs.of(FRAME, MANIFEST), MANIFEST)}
 VALID = (FRAME["failed"] == "").to_numpy()
 HARM = FACTS["harm"].to_numpy() & FRAME["activated"].to_numpy()
 
@@ -40,7 +41,7 @@ def test_a_set_against_a_plain_count(k):
 def test_a_cue_that_the_twin_has_is_missed():
     assert any((FRAME["cue2_first_ms"] >= 700) & HARM & (FRAME["twin_cue2_first_ms"] == 700))
     quiet = FRAME.assign(**{f"twin_cue{k}_first_ms": -1 for k in LOW})
-    rows = {row.number: row for row in cue_sweep.rows(quiet, FACTS, MANIFEST)}
+    rows = {row.number: row for row in cue_sweep.rows(Runs.of(quiet, MANIFEST), MANIFEST)}
     assert rows[2].missed.k < ROWS[2].missed.k
 
 
@@ -70,12 +71,12 @@ def test_the_data_choose_the_cheapest():
 
 def test_no_set_keeps_an_impossible_rule():
     loud = FRAME.assign(**{f"twin_cue{k}_first_ms": 5 for k in range(len(MANIFEST.cues))})
-    found = cue_sweep.choices(cue_sweep.rows(loud, run_facts.of(loud, MANIFEST), MANIFEST))
+    found = cue_sweep.choices(cue_sweep.rows(Runs.of(loud, MANIFEST), MANIFEST))
     assert [one.row for one in found if one.rule.startswith("at most")] == [None]
 
 
 def test_sets_come_by_threshold():
-    made = [row.cue.threshold_mm for row in cue_sweep.rows(FRAME, FACTS, MANIFEST)]
+    made = [row.cue.threshold_mm for row in cue_sweep.rows(Runs.of(FRAME, MANIFEST), MANIFEST)]
     assert made == sorted(made)
 
 
@@ -87,4 +88,4 @@ def test_figure():
     figure = go.Figure(json.loads(text))
     assert sum(len(trace.x) for trace in figure.data[1:]) == len(ROWS)
     calm = FRAME.assign(moved_first_ms=-1, jump_code=False)
-    assert cue_figure.tradeoff(cue_sweep.rows(calm, run_facts.of(calm, MANIFEST), MANIFEST)) is None
+    assert cue_figure.tradeoff(cue_sweep.rows(Runs.of(calm, MANIFEST), MANIFEST)) is None

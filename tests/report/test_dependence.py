@@ -6,7 +6,7 @@ import numpy as np
 import synthetic_results as synthetic
 
 from ravenjax.report import dependence
-from ravenjax.report import facts as run_facts
+from ravenjax.report.runs import Runs
 from ravenjax.stats.intervals import wilson
 
 RUNS = 900
@@ -14,6 +14,10 @@ FRAME = synthetic.frame(RUNS)
 FRAME["param:plant.mass_scale"] = np.linspace(0.9, 1.1, RUNS)
 FRAME["param:reaction.delay_ms"] = np.arange(RUNS) % 7.0
 FRAME["param:operator.scale"] = np.nan
+
+
+def runs_of(frame):
+    return Runs.of(frame, synthetic.manifest(len(frame)))
 
 
 def decided():
@@ -24,8 +28,7 @@ def decided():
 
 def test_the_parameter_that_decides_is_found_and_the_others_are_not():
     frame = decided()
-    facts = run_facts.derive(frame)
-    found = {one.name: one for one in dependence.conclusions(frame, facts)}
+    found = {one.name: one for one in dependence.conclusions(runs_of(frame))}
     harm = found["does harm"]
     chosen = (frame["fault0_site"] != "") & (frame["failed"] == "")
     hits = chosen & (frame["moved_first_ms"] >= 0)
@@ -40,16 +43,16 @@ def test_the_parameter_that_decides_is_found_and_the_others_are_not():
 def test_only_what_varies_of_the_robot_is_asked():
     names = dependence.varied(FRAME)
     assert names == ["param:plant.friction_scale", "param:plant.mass_scale"]
-    assert dependence.conclusions(FRAME.drop(columns=names), run_facts.derive(FRAME)) == []
+    assert dependence.conclusions(runs_of(FRAME.drop(columns=names))) == []
 
 
 def test_rows_for_a_table_have_levels_side_by_side():
     frame = decided()
-    rows = dependence.flat(dependence.conclusions(frame, run_facts.derive(frame)))
+    rows = dependence.flat(dependence.conclusions(runs_of(frame)))
     one = next(row for row in rows if row["conclusion"] == "does harm" and row["parameter"] == "plant.friction_scale")
     assert one["lowest_third"].rate.value == 1 and one["highest_third"].rate.value == 0
 
 
 def test_a_rate_of_few_runs_is_no_conclusion():
     frame = decided().head(dependence.LEAST_RUNS - 1)
-    assert dependence.conclusions(frame, run_facts.derive(frame)) == []
+    assert dependence.conclusions(runs_of(frame)) == []

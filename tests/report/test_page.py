@@ -10,12 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pytest
 import reacting_results as reacting
 import synthetic_results as synthetic
 
 from ravenjax.report import facts as run_facts
 from ravenjax.report import figures, maps, page, tables, wording
+from ravenjax.report.runs import Runs
 from ravenjax.report.style import round_step
 from ravenjax.stats.intervals import wilson
 from ravenjax.store import schema
@@ -27,6 +29,21 @@ FRAME = synthetic.frame(RUNS)
 FACTS = run_facts.derive(FRAME)
 FAULTY = FRAME[FRAME["fault0_site"] != ""]
 MANIFEST = synthetic.manifest(RUNS)
+TABLE = Runs.of(FRAME, MANIFEST)
+
+
+def rendered(frame, manifest):
+    return page.render(Runs.of(frame, manifest), manifest, Path("out"))
+
+
+def of_facts(**columns):
+    """Runs of which nothing but these facts is known."""
+    runs = len(next(values for values in columns.values() if np.ndim(values)))
+    told = Runs.of(synthetic.frame(runs), synthetic.manifest(runs))
+    told.table.run("DROP TABLE facts")
+    told.table.register("facts", pa.table(pd.DataFrame(columns, range(runs)).to_dict("list")))
+    told.facts = list(columns)
+    return told
 
 
 class Page(HTMLParser):
@@ -154,7 +171,7 @@ def edge(name):
 )
 def test_edge_cases_have_a_page(name, told):
     frame = edge(name)
-    html = page.render(frame, synthetic.manifest(len(frame)), Path("out"))
+    html = rendered(frame, synthetic.manifest(len(frame)))
     parsed = Page(html)
     assert told in words(parsed)
     assert not re.search(r"\bnan\b.?(%|mm|ms)", words(parsed), re.I)
@@ -164,15 +181,13 @@ def test_edge_cases_have_a_page(name, told):
 def test_names_are_escaped():
     frame = synthetic.frame(60)
     frame["group"] = "<script>alert(1)</script>"
-    html = page.render(frame, synthetic.manifest(60, campaign="a & <b>"), Path("out"))
+    html = rendered(frame, synthetic.manifest(60, campaign="a & <b>"))
     assert "<script>alert" not in html and "a &amp; &lt;b&gt;" in html
 
 
 def test_verdicts_may_use_another_cue():
     frame = FRAME.assign(verdict=schema.verdict(FRAME, 6, "jump_text"))
-    text = words(
-        Page(page.render(frame, synthetic.manifest(RUNS, verdict_cue=6, verdict_jump="jump_text"), Path("out")))
-    )
+    text = words(Page(rendered(frame, synthetic.manifest(RUNS, verdict_cue=6, verdict_jump="jump_text"))))
     good = FAULTY[(FAULTY["failed"] == "") & (FAULTY["response"] == "none")]
     assert f"{(good['cue6_first_ms'] >= 0).sum()} (" in text
     assert "more than 5 mm away from its nominal model" in text and "tip motion > 1 mm within 2 ms" in text
@@ -182,7 +197,7 @@ def test_verdicts_may_use_another_cue():
 
 
 def test_verdict_matrix_against_a_plain_count():
-    matrix = tables.verdict_matrix(FACTS[FACTS["faulty"]])
+    matrix = tables.verdict_matrix(TABLE)
     counts = FAULTY["verdict"].astype(str).value_counts()
     for row in matrix:
         for cell, tail in zip(
@@ -195,38 +210,38 @@ def test_verdict_matrix_against_a_plain_count():
 def test_every_run_has_one_outcome_and_failures_are_kept():
     assert set(FACTS["outcome"]) <= set(run_facts.OUTCOMES)
     assert (FACTS["outcome"] == "failed").sum() == (FRAME["failed"] != "").sum() > 0
-    rows = tables.group_rows(FACTS)
+    rows = tables.group_rows(TABLE)
     assert sum(row["n"] for row in rows) == RUNS
     assert all(sum(rate.k for rate in row["outcomes"].values()) == row["n"] for row in rows)
-    assert sum(row["n"] for row in tables.failure_rows(FRAME, FACTS, Path("x"))) == (FRAME["failed"] != "").sum()
+    assert sum(row["n"] for row in tables.failure_rows(TABLE, Path("x"))) == (FRAME["failed"] != "").sum()
 
 
 def test_repeats_count_once():
     twice = pd.concat([FRAME, FRAME.assign(seed=8)], ignore_index=True)
-    once, again = tables.headline(FACTS), tables.headline(run_facts.derive(twice))
+    once, again = tables.headline(TABLE), tables.headline(Runs.of(twice, MANIFEST))
     assert again["evaded"] == once["evaded"] and again["repeated"] and not once["repeated"]
     assert again["runs"] == 2 * once["runs"]
 
 
 def test_delays_are_censored_at_stop_and_end():
-    facts = pd.DataFrame(
-        {
-            "activated": True,
-            "failed": False,
-            "faulty": True,
-            "active_ms": [100, 100, 100, 100],
-            "cue_ms": [150, -1, -1, 50],
-            "response_ms": [-1, -1, 400, -1],
-            "response": ["silent", "silent", "stopped", "silent"],
-        }
+    runs = of_facts(
+        activated=True,
+        failed=False,
+        faulty=True,
+        active_ms=[100, 100, 100, 100],
+        cue_ms=[150, -1, -1, 50],
+        response_ms=[-1, -1, 400, -1],
+        response=["silent", "silent", "stopped", "silent"],
     )
-    delay, came, early = tables.delays(facts, facts["cue_ms"].to_numpy(), 3000)
-    assert delay.tolist() == [50, 2900, 300] and came.tolist() == [True, False, False] and early == 1
+    delays, early = tables.delays(runs, "cue_ms", 3000)
+    assert delays.time.tolist() == [50, 300, 2900] and delays.came.tolist() == [True, False, False]
+    assert delays.count.tolist() == [1, 1, 1] and early == 1
 
 
 @pytest.mark.parametrize("values", [np.arange(200, 2400), np.linspace(-3, 3, 500), 2.0 ** np.linspace(0, 9, 300)])
 def test_bins_hold_their_values(values):
-    number, labels = maps.bins(values)
+    axis = maps.bins(values)
+    number, labels = axis.number(values), axis.labels
     limits = [[float(edge.replace("−", "-").replace("k", "e3")) for edge in label.split(" to ")] for label in labels]
     assert number.min() == 0 and number.max() == len(labels) - 1 <= 12
     for value, i in zip(values, number, strict=True):
@@ -234,13 +249,14 @@ def test_bins_hold_their_values(values):
 
 
 def test_few_values_have_a_bin_each():
-    number, labels = maps.bins(np.array([8.0, 1, 64, 8]))
-    assert labels == ["1", "8", "64"] and number.tolist() == [1, 0, 2, 1]
+    values = np.array([8.0, 1, 64, 8])
+    axis = maps.bins(values)
+    assert axis.labels == ["1", "8", "64"] and axis.number(values).tolist() == [1, 0, 2, 1]
 
 
 def test_maps_count_each_valid_faulty_run_once():
     valid = FAULTY[FAULTY["failed"] == ""]
-    made = maps.evasion_maps(FACTS)
+    made = maps.evasion_maps(TABLE)
     assert sum(item["n"] for item in made) == len(valid)
     assert sum(item["evaded"].k for item in made) == valid["verdict"].astype(str).str.startswith("silent/haptic").sum()
     for item in made:
@@ -253,8 +269,9 @@ def test_maps_count_each_valid_faulty_run_once():
 def a_map(**columns):
     """The one map of faults with these inputs; every second one evades."""
     runs = len(next(iter(columns.values())))
-    same = {"faulty": True, "failed": False, "block": "a · b", "onset_ms": 5, "length_ms": 7, "magnitude": 1.0}
-    (made,) = maps.evasion_maps(pd.DataFrame(same | {"evaded": np.arange(runs) % 2 == 1} | columns, range(runs)))
+    same = {"faulty": True, "failed": False, "plain": True, "block": "a · b", "onset_ms": 5, "length_ms": 7}
+    given = same | {"magnitude": 1.0, "evaded": np.arange(runs) % 2 == 1} | columns
+    (made,) = maps.evasion_maps(of_facts(**given))
     return made
 
 
@@ -273,8 +290,6 @@ def test_durations_that_are_binned_leave_those_until_the_end_alone():
     assert panel["columns"][-1] == "to the end" and "-1" not in "".join(panel["columns"]).replace("−", "-")
     last = [row["cells"][-1].n for row in panel["rows"]]
     assert sum(last) == 57
-    number, labels = maps._durations(np.full(5, -1.0))
-    assert labels == ["to the end"] and set(number) == {0}
 
 
 def test_a_bin_without_runs_is_no_rate():
@@ -306,14 +321,15 @@ def test_each_outcome_is_what_it_says():
     facts = run_facts.derive(frame, threshold_mm=3.0)
     assert facts["outcome"].tolist() == list(CASES) == list(run_facts.OUTCOMES)
     assert facts.loc[facts["evaded"], "outcome"].tolist() == ["felt", "unseen"]
-    head = tables.headline(facts)
+    runs = Runs.of(frame, synthetic.manifest(len(frame)))
+    head = tables.headline(runs)
     assert head["evaded"] == wilson(2, 8) and (head["felt"], head["unseen"], head["phantom"]) == (1, 1, 1)
-    assert tables.group_rows(facts.assign(group="g"))[0]["evaded"] == wilson(2, 8)
+    again = Runs.of(frame.assign(group="g"), synthetic.manifest(len(frame)))
+    assert tables.group_rows(again)[0]["evaded"] == wilson(2, 8)
 
 
 def leads(cue_ms, response_ms):
-    columns = {"faulty": True, "failed": False, "cue_ms": cue_ms, "response_ms": response_ms}
-    figure = figures.lead_histogram(pd.DataFrame(columns))
+    figure = figures.lead_histogram(of_facts(faulty=True, failed=False, cue_ms=cue_ms, response_ms=response_ms))
     return {trace["name"].partition(" (")[0]: sum(trace["y"]) for trace in json.loads(figure)["data"]}
 
 
@@ -321,16 +337,16 @@ def test_a_tie_is_neither_first():
     response = [100, 150, 90, 100, 300, 100, 100]
     assert leads(100, response) == {"response first": 1, "cue first": 2, "same millisecond": 4}
     assert leads([5, 5], [5, 5]) == {"response first": 0, "cue first": 0, "same millisecond": 2}
-    facts = FACTS.assign(cue_ms=100, response_ms=100)
-    head = tables.headline(facts)
+    runs = Runs.of(FRAME.assign(cue0_first_ms=100, response_ms=100), MANIFEST)
+    head = tables.headline(runs)
     assert head["same_ms"] == head["cue_first"].n > 0 == head["cue_first"].k
 
 
 def test_figures_fit_plotlys_schema():
     import plotly.graph_objects as go
 
-    curves, _ = figures.incidence_curves(FACTS, MANIFEST)
-    for text in (curves, figures.lead_histogram(FACTS)):
+    curves, _ = figures.incidence_curves(TABLE, MANIFEST)
+    for text in (curves, figures.lead_histogram(TABLE)):
         figure = go.Figure(json.loads(text))
         assert figure.data and figure.layout.height == figures.HEIGHT
 
@@ -338,7 +354,7 @@ def test_figures_fit_plotlys_schema():
 def test_sites_where_nothing_evaded_are_named_with_their_bound():
     frame = FRAME.assign(response=FRAME["response"].where(FRAME["fault0_site"] != "encoder", "stopped"))
     frame["verdict"] = schema.verdict(frame)
-    text = words(Page(page.render(frame, MANIFEST, Path("out"))))
+    text = words(Page(rendered(frame, MANIFEST)))
     runs = ((frame["fault0_site"] == "encoder") & (frame["failed"] == "")).sum()
     bound = wording.percent(wilson(0, int(runs)).high)
     assert f"No run evaded among encoder · bit_flip ({runs} runs, at most {bound})." in text
@@ -397,28 +413,28 @@ def test_round_steps():
 def test_a_campaign_without_fault_slots_has_a_page():
     form = dataclasses.replace(synthetic.shape(), slots=0)
     frame = synthetic.frame(80).assign(group="fault_free")[[column.name for column in schema.columns(form)]]
-    html = page.render(frame, synthetic.manifest(80, shape=form), Path("out"))
+    html = rendered(frame, synthetic.manifest(80, shape=form))
     assert "This campaign injected no fault." in words(Page(html))
 
 
 def test_reactions_without_any_fault_still_show_their_interruptions():
     frame = reacting.frame(60)
     free = frame.assign(**{name: "" for name in frame if re.fullmatch(r"fault0_(site|effect)", name)})
-    text = words(Page(page.render(free, reacting.manifest(len(free)), Path("out"))))
+    text = words(Page(rendered(free, reacting.manifest(len(free)))))
     assert "Interruptions of fault-free motion" in text and "nothing to compare" in text
 
 
 def test_everybody_reacts_so_there_are_no_pairs():
     frame = reacting.frame(120)
     frame = frame[frame["param:reaction.action"] == 1].reset_index(drop=True)
-    text = words(Page(page.render(frame, reacting.manifest(len(frame)), Path("out"))))
+    text = words(Page(rendered(frame, reacting.manifest(len(frame)))))
     assert "nothing to compare" in text and "The 3 mm cue announces" in text
 
 
 def test_sections_that_have_nothing_to_say_are_left_out():
     form = dataclasses.replace(synthetic.shape(), detectors=(), parameters=())
     frame = FRAME[[column.name for column in schema.columns(form)]]
-    parsed = Page(page.render(frame, synthetic.manifest(RUNS, shape=form, detectors=()), Path("out")))
+    parsed = Page(rendered(frame, synthetic.manifest(RUNS, shape=form, detectors=())))
     assert not {"detectors", "reaction", "robots", "risk"} & set(parsed.ids)
     assert {"cues", "precision", "paths", "worst"} <= set(parsed.ids)
     assert {target.removeprefix("#") for target in parsed.targets} <= set(parsed.ids)
@@ -435,5 +451,5 @@ def test_the_first_page_answers_three_questions(built):
 
 def test_hazards_of_the_library_have_a_risk_table():
     frame = FRAME.assign(group=FRAME["group"].where(FRAME["group"] != "encoder", "library/B24"))
-    parsed = Page(page.render(frame, MANIFEST, Path("out")))
+    parsed = Page(rendered(frame, MANIFEST))
     assert "risk" in parsed.ids and "B24" in words(parsed)

@@ -5,13 +5,12 @@ from __future__ import annotations
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.report import facts as run_facts
 from ravenjax.report import precision
+from ravenjax.report.runs import Runs
 from ravenjax.stats.intervals import wilson
 
 FRAME = synthetic.frame(900)
-FACTS = run_facts.derive(FRAME)
-ROWS = precision.rows(FACTS)
+ROWS = precision.rows(Runs.of(FRAME, synthetic.manifest(900)))
 
 
 def test_rates_are_of_distinct_faults():
@@ -28,7 +27,7 @@ def test_repeats_sharpen_nothing():
     import pandas as pd
 
     again = pd.concat([FRAME, FRAME.assign(seed=8, pair=FRAME["pair"] + 900)], ignore_index=True)
-    rows = {row.group: row for row in precision.rows(run_facts.derive(again))}
+    rows = {row.group: row for row in precision.rows(Runs.of(again, synthetic.manifest(1800)))}
     for row in ROWS:
         assert rows[row.group].rate == row.rate and rows[row.group].runs == 2 * row.runs
 

@@ -10,11 +10,13 @@ import synthetic_results as synthetic
 
 from ravenjax.report import facts as run_facts
 from ravenjax.report import replay_figure, replays
+from ravenjax.report.runs import Runs
 from ravenjax.store import trace_log
 
 TICKS = 1500
 FRAME = synthetic.frame(60)
 FACTS = run_facts.derive(FRAME)
+RUNS = Runs.of(FRAME, synthetic.manifest(len(FRAME)))
 WORST = FRAME.loc[FACTS["faulty"]].nlargest(3, "peak_live_deviation_mm")
 
 
@@ -49,7 +51,7 @@ def test_what_was_written_is_read(tmp_path):
 
 
 def test_the_worst_come_first_and_are_thinned(tmp_path):
-    found, broken = replays.find(folder_with(tmp_path, WORST), FRAME, FACTS)
+    found, broken = replays.find(folder_with(tmp_path, WORST), RUNS)
     assert broken == [] and [one.run_id for one in found] == WORST["run_id"].tolist()
     one = found[0]
     assert len(one.time_ms) <= replays.POINTS + len(replays.MARKS) + 1
@@ -59,7 +61,7 @@ def test_the_worst_come_first_and_are_thinned(tmp_path):
 
 
 def test_marks_stand_at_their_times(tmp_path):
-    found, _ = replays.find(folder_with(tmp_path, WORST), FRAME, FACTS)
+    found, _ = replays.find(folder_with(tmp_path, WORST), RUNS)
     for one, index in zip(found, WORST.index, strict=True):
         for label, column in replays.MARKS.items():
             ms = FACTS.at[index, column]
@@ -70,7 +72,7 @@ def test_marks_stand_at_their_times(tmp_path):
 
 
 def test_the_arm_that_went_farther(tmp_path):
-    found, _ = replays.find(folder_with(tmp_path, WORST.head(1), arms=("gold", "green")), FRAME, FACTS)
+    found, _ = replays.find(folder_with(tmp_path, WORST.head(1), arms=("gold", "green")), RUNS)
     assert found[0].arm == "green" and found[0].deviation_mm.max() == pytest.approx(8.0)
 
 
@@ -81,18 +83,18 @@ def test_damaged_and_foreign_files_are_named(tmp_path):
     two.write_bytes(b"no mcap at all")
     trace_log.write(three, {"gold/position": np.zeros((5, 3))})
     (folder / "traces" / "unknown.mcap").write_bytes(b"of another campaign")
-    found, broken = replays.find(folder, FRAME, FACTS)
+    found, broken = replays.find(folder, RUNS)
     assert found == [] and [name.partition(":")[0] for name in broken] == [one.name, two.name, three.name]
 
 
 def test_without_traces_there_is_nothing(tmp_path):
-    assert replays.find(tmp_path, FRAME, FACTS) == ([], [])
+    assert replays.find(tmp_path, RUNS) == ([], [])
 
 
 def test_figure_and_course(tmp_path):
     import plotly.graph_objects as go
 
-    (one,), _ = replays.find(folder_with(tmp_path, WORST.head(1), twin=True), FRAME, FACTS)
+    (one,), _ = replays.find(folder_with(tmp_path, WORST.head(1), twin=True), RUNS)
     figure = go.Figure(json.loads(replay_figure.path(one)))
     assert [trace.name for trace in figure.data[:3]] == ["instrument", "nominal model", "fault-free twin"]
     assert [trace.name for trace in figure.data[-2:]] == ["instrument now", "model now"]

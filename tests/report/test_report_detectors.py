@@ -11,6 +11,7 @@ import synthetic_results as synthetic
 
 from ravenjax.report import detector_figures, detectors
 from ravenjax.report import facts as run_facts
+from ravenjax.report.runs import Runs
 from ravenjax.stats.intervals import wilson
 from ravenjax.store.manifest import Detector
 
@@ -19,8 +20,9 @@ MANIFEST = synthetic.manifest(RUNS)
 FRAME = synthetic.frame(RUNS).assign(twin_tip_path_mm=np.arange(RUNS) % 50 + 0.5)  # 50 fault-free motions an operator
 FRAME["twin_detector0_score"] = np.where(FRAME["twin_tip_path_mm"] < 3, 0.7, 0.4)  # over the lowest level in 3 of 50
 FACTS = run_facts.of(FRAME, MANIFEST)
-FOUND = detectors.alarms(FRAME, FACTS, MANIFEST)
-ROWS = {row.name: row for row in detectors.rows(FRAME, FACTS, MANIFEST, FOUND)}
+TABLE = Runs.of(FRAME, MANIFEST)
+FOUND = detectors.alarms(TABLE, MANIFEST)
+ROWS = {row.name: row for row in detectors.rows(TABLE, MANIFEST, FOUND)}
 VALID = FRAME["failed"] == ""
 HARM = ((FRAME["moved_first_ms"] >= 0) | FRAME["jump_code"]) & VALID
 
@@ -74,13 +76,14 @@ def test_area_is_the_chance_to_rank_harm_higher():
 def test_knowledge_comes_from_quiet_levels_alone():
     noisy = next(one for one in FOUND if one.name == "dsn16" and one.level == 0.5)
     everything = [noisy._replace(quiet=True), *FOUND]
-    assert (detectors.known_ms(FACTS, everything) >= 0).sum() > (detectors.known_ms(FACTS, FOUND) >= 0).sum()
+    more, less = (TABLE.count(f"{detectors.known(found)} >= 0") for found in (everything, FOUND))
+    assert more > less
 
 
 def test_no_curve_without_harm_or_without_a_second_fault():
     nothing = FRAME.assign(moved_first_ms=-1, jump_code=False)
-    facts = run_facts.of(nothing, MANIFEST)
-    rows = detectors.rows(nothing, facts, MANIFEST, detectors.alarms(nothing, facts, MANIFEST))
+    runs = Runs.of(nothing, MANIFEST)
+    rows = detectors.rows(runs, MANIFEST, detectors.alarms(runs, MANIFEST))
     assert all(row.roc is None for row in rows)
     assert detector_figures.roc(rows) is None and detector_figures.precision_recall(rows) is None
 
@@ -92,8 +95,8 @@ def test_many_levels_are_thinned_and_the_quiet_one_stays():
     }
     frame = pd.concat([FRAME.drop(columns=[c for c in columns if c in FRAME]), pd.DataFrame(columns)], axis=1)
     manifest = synthetic.manifest(RUNS, detectors=(Detector("many", "steps", "all", 1, levels), MANIFEST.detectors[1]))
-    facts = run_facts.of(frame, manifest)
-    row = detectors.rows(frame, facts, manifest, detectors.alarms(frame, facts, manifest))[0]
+    runs = Runs.of(frame, manifest)
+    row = detectors.rows(runs, manifest, detectors.alarms(runs, manifest))[0]
     assert detectors.MOST_LEVELS <= len(row.levels) <= detectors.MOST_LEVELS + 1
     assert [level.level for level in row.levels if level.quiet] == [min(x for x in levels if x >= 0.7)]
 
@@ -101,7 +104,7 @@ def test_many_levels_are_thinned_and_the_quiet_one_stays():
 def test_figures_are_valid_and_small():
     import plotly.graph_objects as go
 
-    curves = detectors.curves(FACTS, MANIFEST, FOUND)
+    curves = detectors.curves(TABLE, MANIFEST, FOUND)
     rows = list(ROWS.values())
     for text in (
         detector_figures.roc(rows),

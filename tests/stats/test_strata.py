@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from ravenjax.stats.intervals import wilson
-from ravenjax.stats.strata import neyman, stratified
+from ravenjax.stats.strata import allocate, neyman, stratified
 
 
 def test_hand_computed_rate_and_error():
@@ -56,6 +58,47 @@ def test_neyman_never_starves_a_stratum():
     runs = neyman(100, [1, 1, 1], [0.5, 0.0, 1e-6], least=10)
     assert runs.tolist() == [80, 10, 10]
     assert neyman(7, [1, 1, 1], [0, 0, 0]).tolist() == [3, 2, 2]
+
+
+STRATA = st.lists(
+    st.tuples(st.sampled_from([0.0, 0.3, 1.0, 2.5]), st.integers(0, 4), st.integers(0, 5)), min_size=1, max_size=4
+)
+
+
+@given(STRATA, st.integers(0, 30))
+def test_allocation_keeps_its_bounds_and_is_the_best_there_is(strata, total):
+    """Against every other allocation within the bounds: none has a smaller sum of spread^2 / runs."""
+    spread, low, more = (np.array(column) for column in zip(*strata, strict=True))
+    high = low + more
+    runs = allocate(total, spread, low, high)
+    assert ((low <= runs) & (runs <= high)).all() and runs.sum() == np.clip(total, low.sum(), high.sum())
+
+    def variance(n):
+        return np.where(spread > 0, spread**2 / np.maximum(n, 1e-9), 0.0).sum()
+
+    near = [
+        runs + np.eye(len(runs), dtype=int)[i] - np.eye(len(runs), dtype=int)[j]
+        for i in range(len(runs))
+        for j in range(len(runs))
+    ]
+    within = [n for n in near if ((low <= n) & (n <= high)).all()]
+    exact = allocate(total * 1000, spread, low * 1000, high * 1000) / 1000  # where whole numbers hardly round
+    assert all(variance(exact) <= variance(exact + (n - runs) / 1000) * (1 + 1e-6) for n in within)
+
+
+def test_what_has_no_spread_takes_what_is_left_over():
+    assert allocate(20, [1, 0, 0], [0, 0, 0], [10, 3, 50]).tolist() == [10, 3, 7]
+    assert allocate(10, [1, 0], [0, 2], [100, 100]).tolist() == [8, 2]
+
+
+@pytest.mark.parametrize(
+    ("spread", "least", "most", "message"),
+    [([1], [0, 1], [2, 2], "length"), ([-1], [0], [1], "negative"), ([np.inf], [0], [1], "finite"),
+     ([1], [2], [1], "least <= most")],
+)  # fmt: skip
+def test_allocations_that_cannot_be_are_refused(spread, least, most, message):
+    with pytest.raises(ValueError, match=message):
+        allocate(5, spread, least, most)
 
 
 @pytest.mark.parametrize(

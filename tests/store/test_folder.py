@@ -6,11 +6,14 @@ import json
 import os
 import stat
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 import synthetic_results as synthetic
+from hypothesis import given
+from hypothesis import strategies as st
 
 from ravenjax.store import manifest as manifests
 from ravenjax.store import parts, schema
@@ -166,15 +169,106 @@ def test_lost_part_is_computed_again(tmp_path):
 
 
 def test_gaps_between_parts_of_any_size():
-    finished = [parts.Part(file="", first=a, last=b, sha256="", size=0) for a, b in [(0, 2), (3, 3), (7, 8)]]
-    assert list(parts.gaps(finished, 12, 2)) == [range(4, 6), range(6, 7), range(9, 11), range(11, 12)]
+    finished = [a_record(a, b) for a, b in [(0, 2), (3, 3), (7, 8)]]
+    assert list(parts.gaps(finished, [range(12)], 2)) == [range(4, 6), range(6, 7), range(9, 10), range(10, 12)]
 
 
-def test_overlapping_parts_are_refused(tmp_path):
+def a_record(first, last):
+    return parts.Part(file=f"{first}", first=first, last=last, sha256="", size=0)
+
+
+def apart(numbers):
+    """Ranges between each two of these numbers, in turn in and out."""
+    cuts = sorted(numbers)
+    return [range(a, b) for a, b in zip(cuts[::2], cuts[1::2], strict=False)]
+
+
+numbers = st.sets(st.integers(0, 60), max_size=12)
+
+
+@given(numbers, numbers, st.integers(1, 20))
+def test_gaps_are_the_wanted_rows_that_no_part_holds(held, asked, chunk):
+    finished = [a_record(rows.start, rows.stop - 1) for rows in apart(held)]
+    found = list(parts.gaps(finished, apart(asked), chunk))
+    rows = [row for some in found for row in some]
+    there = {row for part in finished for row in part.rows}
+    assert rows == [row for some in apart(asked) for row in some if row not in there]
+    assert all(some.start // chunk == (some.stop - 1) // chunk for some in found), "none reaches over a cut"
+    edges = {r.start for r in apart(asked)} | {part.last + 1 for part in finished}
+    assert all(some.start % chunk == 0 or some.start in edges for some in found), "and none is cut elsewhere"
+
+
+@given(st.lists(st.tuples(st.integers(0, 40), st.integers(0, 10)), max_size=12), st.integers(0, 12))
+def test_parts_are_told_apart_as_one_by_one(spans, trusted):
+    found = [a_record(first, first + more) for first, more in spans]
+    found = [part.model_copy(update={"file": str(k)}) for k, part in enumerate(found)]
+    names = [part.file for part in found[:trusted]]
+    kept, over = parts.apart(found, names)
+    assert sorted(part.file for part in kept + over) == sorted(part.file for part in found)
+    taken: set[int] = set()
+    for part in sorted(found, key=lambda part: (part.file not in names, part.first, part.last)):
+        assert (part in kept) == taken.isdisjoint(part.rows)
+        if part in kept:
+            taken |= set(part.rows)
+
+
+def test_overlapping_parts_are_set_aside_the_unrecorded_first(tmp_path):
     folder = fill(tmp_path, chunk=40)
+    whole = read_all(tmp_path)
     parts.write(tmp_path / "parts", FRAME.iloc[70:90], folder.manifest.shape, folder.manifest.config_hash)
-    with pytest.raises(StoreError, match=r"both hold row 70.*delete either"):
-        ResultFolder.open(tmp_path, wanted())
+    again = ResultFolder.open(tmp_path, wanted())
+    assert len(again.notes) == 1 and "part-000000070-000000089.parquet" in again.notes[0]
+    assert (tmp_path / "set-aside" / "part-000000070-000000089.parquet").exists()
+    assert list(again.missing(40)) == []
+    pd.testing.assert_frame_equal(read_all(tmp_path), whole)
+
+
+def test_a_reader_refuses_parts_that_overlap(tmp_path):
+    folder = fill(tmp_path, chunk=40)
+    one_more = parts.write(tmp_path / "parts", FRAME.iloc[70:90], folder.manifest.shape, folder.manifest.config_hash)
+    manifests.record(tmp_path, one_more)
+    with pytest.raises(StoreError, match=r"both hold row 70.*sets one of them aside"):
+        read_all(tmp_path)
+
+
+# --- rows of their own ------------------------------------------------------------------------------------------------
+
+
+def test_rows_of_a_folder_may_grow_and_the_table_is_the_same(tmp_path):
+    fill(tmp_path / "whole", chunk=40)
+    for rows in (((0, 9), (50, 69)), ((10, 19),), ((60, 99),), None):
+        folder = ResultFolder.open(tmp_path / "grown", wanted(rows=rows))
+        assert folder.manifest.finished is None, "there is more to do"
+        for some in folder.missing(40):
+            folder.add(FRAME.iloc[some.start : some.stop])
+        folder.close(1.0, 1.0, 1)
+        assert folder.manifest.finished is not None and folder.done == folder.manifest.due
+        assert len(read_all(tmp_path / "grown")) == folder.done
+    assert manifests.read(tmp_path / "grown").rows is None
+    pd.testing.assert_frame_equal(read_all(tmp_path / "grown"), read_all(tmp_path / "whole"))
+
+
+def test_a_folder_of_all_rows_stays_one(tmp_path):
+    fill(tmp_path, chunk=40, stop_after=30)
+    folder = ResultFolder.open(tmp_path, wanted(rows=((0, 9),)))
+    assert folder.manifest.rows is None and list(folder.missing(60)) == [range(40, 60), range(60, 100)]
+
+
+@given(st.lists(st.lists(st.tuples(st.integers(0, 30), st.integers(0, 5)), max_size=5), max_size=4))
+def test_joined_ranges_hold_the_rows_of_all(some):
+    ranges = [tuple((first, first + more) for first, more in one) for one in some]
+    found = manifests.joined(*ranges)
+    assert found is not None
+    rows = [row for first, last in found for row in range(first, last + 1)]
+    assert rows == sorted({row for one in ranges for first, last in one for row in range(first, last + 1)})
+    assert all(b[0] > a[1] + 1 for a, b in pairwise(found)), "as few as can be"
+    assert manifests.joined(*ranges, None) is None
+
+
+def test_another_shard_is_refused(tmp_path):
+    ResultFolder.open(tmp_path, wanted(shard="1/3", rows=((0, 9),)))
+    with pytest.raises(StoreError, match=r'shard: "1/3" here, "2/3" asked for'):
+        ResultFolder.open(tmp_path, wanted(shard="2/3", rows=((10, 19),)))
 
 
 # --- damage -----------------------------------------------------------------------------------------------------------
@@ -192,7 +286,7 @@ def change_a_byte(path):
 
 @pytest.mark.parametrize("damage", [truncate, change_a_byte])
 @pytest.mark.parametrize("recorded", [True, False])
-def test_damaged_part_is_named_with_the_remedy_and_the_remedy_works(tmp_path, damage, recorded):
+def test_damaged_part_is_named_and_set_aside_and_computed_again(tmp_path, damage, recorded):
     fill(tmp_path, chunk=40)
     if not recorded:  # then the Parquet footer and page checksums alone must tell
         record = manifests.read(tmp_path)
@@ -201,13 +295,19 @@ def test_damaged_part_is_named_with_the_remedy_and_the_remedy_works(tmp_path, da
     others = {p: p.read_bytes() for p in parts.files(tmp_path / "parts") if p != path}
     damage(path)
     with pytest.raises(StoreError) as caught:
-        ResultFolder.open(tmp_path, wanted())
+        parts.read(path, wanted().config_hash)
     message = str(caught.value)
-    assert str(path) in message and "delete this file" in message and "\n" not in message
-    assert {p: p.read_bytes() for p in others} == others
-    path.unlink()
-    fill(tmp_path, chunk=40)
-    assert len(read_all(tmp_path)) == RUNS
+    assert str(path) in message and "start the same `ravenjax run` again" in message and "\n" not in message
+    damaged = path.read_bytes()
+    for name in (path.name, f"{path.name}.2"):
+        folder = ResultFolder.open(tmp_path, wanted())
+        assert len(folder.notes) == 1 and str(path) in folder.notes[0] and "to be computed again" in folder.notes[0]
+        assert (tmp_path / "set-aside" / name).read_bytes() == damaged, "nothing that was there is lost"
+        assert {p: p.read_bytes() for p in others} == others
+        assert list(folder.missing(40)) == [range(40, 80)] and folder.manifest.finished is None
+        fill(tmp_path, chunk=40)
+        assert len(read_all(tmp_path)) == RUNS
+        damage(path)
 
 
 def test_newer_schema_is_refused_politely(tmp_path, monkeypatch):
@@ -280,11 +380,53 @@ def test_folder_of_another_campaign_is_refused_with_what_differs(tmp_path, chang
     assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
 
 
+def test_a_foreign_part_in_a_folder_of_this_campaign_is_set_aside(tmp_path):
+    fill(tmp_path, chunk=40)
+    path = a_part(tmp_path)
+    pq.write_table(schema.conform(FRAME.iloc[40:80], synthetic.shape()), path)
+    with_another = parts.write(tmp_path / "parts", FRAME.iloc[:7], synthetic.shape(), "0" * 64)
+    folder = ResultFolder.open(tmp_path, wanted())
+    told = " ".join(folder.notes)
+    assert len(folder.notes) == 2 and path.name in told and "belongs to another campaign" in told
+    assert {p.name for p in (tmp_path / "set-aside").iterdir()} == {path.name, with_another.file}
+    assert list(folder.missing(1000)) == [range(40, 80)]
+
+
 def test_parts_of_another_campaign_without_manifest_are_refused(tmp_path):
     fill(tmp_path, chunk=40)
     (tmp_path / "manifest.json").unlink()
     with pytest.raises(StoreError, match="belongs to another campaign"):
         ResultFolder.open(tmp_path, wanted(config_hash="0" * 64))
+    assert len(parts.files(tmp_path / "parts")) == 3, "they may be somebody's only copy"
+
+
+def test_a_part_that_the_disk_cannot_read_is_not_taken_for_a_damaged_one(tmp_path, monkeypatch):
+    fill(tmp_path, chunk=40)
+
+    def broken(_):
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(parts, "sha256", broken)
+    with pytest.raises(StoreError, match=r"parquet: cannot be read \(Input/output error\)"):
+        ResultFolder.open(tmp_path, wanted())
+    assert len(parts.files(tmp_path / "parts")) == 3 and not (tmp_path / "set-aside").exists()
+
+
+def test_what_a_crash_tore_is_cleared_away(tmp_path):
+    fill(tmp_path, chunk=40)
+    torn = tmp_path / "parts" / ".part-000000040-000000079.parquet.tmp"
+    torn.write_bytes(b"half written")
+    ResultFolder.open(tmp_path, wanted())
+    assert not torn.exists()
+
+
+def test_failures_are_counted_by_cause_in_each_record(tmp_path):
+    fill(tmp_path, chunk=40)
+    failed = int((FRAME["failed"] != "").sum())
+    assert manifests.read(tmp_path).failures == ({"nan": failed} if failed else {})
+    recorded = [part.failed for part in manifests.read(tmp_path).parts]
+    (tmp_path / "parts.jsonl").unlink()
+    assert [part.failed for part in ResultFolder.open(tmp_path, wanted()).manifest.parts] == recorded
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write to a read-only folder")

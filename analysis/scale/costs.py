@@ -1,0 +1,168 @@
+"""Measures what each step of a campaign costs beside the computing itself; writes costs.json beside this file.
+
+    python analysis/scale/costs.py [FOLDER]
+
+FOLDER is on the disk whose writes are measured, default a temporary folder of this machine. Steps that compute are
+timed by the CPU time of this process, so other processes hardly disturb them; steps that wait for a disk by the clock.
+Each figure is the least of several repeats. The campaign is one group of Sobol draws with one fault slot, the usual
+shape. A Ray task is timed empty, with one local worker: what it takes of the process that starts it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import pickle
+import platform
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from ravenjax.campaign import compile_cache, loading, plan, runner
+from ravenjax.campaign.executors import remote
+from ravenjax.campaign.executors.protocol import Work
+from ravenjax.campaign.plan import Plan
+from ravenjax.campaign.progress import Progress
+from ravenjax.engines import selection
+from ravenjax.store import manifest, parts
+from ravenjax.store.folder import ResultFolder
+
+CHUNKS = (64, 256, 1024, 4096, 16_384, 65_536, 202_752)
+PLANNED = 1_000_000
+TICKS = 500
+REPEATS = 3
+
+
+def campaign(runs: int) -> Plan:
+    """The plan of so many runs."""
+    fault = {
+        "site": "usb_out",
+        "channel": ["shoulder", "elbow", "insertion"],
+        "effect": ["overwrite", "latch_offset"],
+        "value": {"uniform": [-20_000, 20_000]},
+        "start_ms": {"uniform": [100, 400]},
+        "duration_ms": [1, 2, 4, 8, 16, 32, 64, 128],
+    }
+    group = {"name": "unchecked command", "design": "sobol", "runs": runs, "fault": [fault]}
+    raw = {"campaign": {"name": "costs", "duration_s": TICKS / 1e3}, "group": [group]}
+    return plan.make(loading.from_dict(raw))
+
+
+def least(work: Callable[[], Any], clock: Callable[[], float] = time.process_time, repeats: int = REPEATS) -> float:
+    """Seconds of the quickest of several calls."""
+    found = []
+    for _ in range(repeats):
+        start = clock()
+        work()
+        found.append(clock() - start)
+    return min(found)
+
+
+def bytes_of(ready: Plan) -> int:
+    """Bytes that a plan holds for its runs."""
+    arrays = [*ready.faults.values(), *ready.varied.values(), ready.twin]
+    return int(ready.table.memory_usage(index=False).sum()) + sum(array.nbytes for array in arrays)
+
+
+def main(folder: Path) -> dict[str, Any]:
+    """All costs: s, and B where the name says bytes."""
+    compile_cache.enable()
+    plan_s = least(lambda: campaign(PLANNED), repeats=2)
+    ready = campaign(CHUNKS[-1])
+    engine = selection.select("simd", ready.program.setup.precision, compile_cache.objects())
+    record = runner._manifest(ready, engine)
+    pack = partial(parts.encode, shape=record.shape, config_hash=record.config_hash)
+    work = Work(ready, engine, pack, lambda finished: None, Progress("", 0, 0, 1, None))
+    head = remote.head(work, [range(CHUNKS[-1])])
+    start = time.perf_counter()
+    bench = remote.Bench(head, work.progress, 1)
+    bench.compute(remote.share(ready, range(CHUNKS[0])))
+    ready_s = time.perf_counter() - start
+    rows = [chunk_costs(bench, ready, chunk, folder / str(chunk), record) for chunk in CHUNKS]
+    return {
+        "machine": f"{platform.processor() or platform.machine()}, {engine.device}",
+        "plan_s_per_million": plan_s * 1e6 / PLANNED,
+        "plan_bytes_per_run": bytes_of(campaign(PLANNED)) / PLANNED,
+        "ready_s": ready_s,
+        "head_bytes": len(pickle.dumps(head)),
+        "chunks": rows,
+        "folder": folder_costs(folder / "many", record),
+        "sha256_s_per_byte": least(lambda: hashlib.sha256(b"\0" * 2**26).digest()) / 2**26,
+        "ray_task_s": ray_task(),
+    }
+
+
+def ray_task(tasks: int = 300) -> float:
+    """CPU seconds of this process for each empty Ray task with a small argument."""
+    import ray
+
+    ray.init(num_cpus=1, include_dashboard=False, log_to_driver=False, logging_level=logging.ERROR)
+    nothing = ray.remote(lambda given: given)
+
+    def some() -> None:
+        under_way = [nothing.remote(ray.put(b"x" * 1000)) for _ in range(tasks)]
+        while under_way:
+            done, under_way = ray.wait(under_way, num_returns=1)
+            ray.get(done)
+
+    try:
+        some()
+        return least(some) / tasks
+    finally:
+        ray.shutdown()
+
+
+def chunk_costs(
+    bench: remote.Bench, ready: Plan, chunk: int, folder: Path, record: manifest.Manifest
+) -> dict[str, Any]:
+    """What one chunk of so many rows costs at each step."""
+    share = remote.share(ready, range(chunk))
+    sent = pickle.dumps(share, protocol=5)
+    repeats = REPEATS if chunk > 1024 else 5 * REPEATS
+    computed = bench.compute(share)
+    finished = bench.finish(*computed)
+    back = pickle.dumps(finished, protocol=5)
+    store = ResultFolder.open(folder, record)
+    part = finished.packed.part
+    return {
+        "rows": chunk,
+        "share_s": least(lambda: pickle.dumps(remote.share(ready, range(chunk)), protocol=5), repeats=repeats),
+        "share_bytes": len(sent),
+        "compute_s_per_tick": least(lambda: bench.compute(share), repeats=2) / (chunk * TICKS),
+        "table_s": least(lambda: bench.finish(*computed), repeats=repeats),
+        "receive_s": least(lambda: pickle.loads(back), repeats=repeats),
+        "part_bytes": part.size,
+        "put_s": least(lambda: parts.put(folder / "parts", finished.packed), time.perf_counter, 3 * repeats),
+        "put_cpu_s": least(lambda: parts.put(folder / "parts", finished.packed), repeats=3 * repeats),
+        "record_s": least(lambda: manifest.record(store.path, part), time.perf_counter, 3 * repeats),
+    }
+
+
+def folder_costs(folder: Path, record: manifest.Manifest, count: int = 2000) -> dict[str, float]:
+    """What the record of a folder costs for each of its parts."""
+    (folder / "parts").mkdir(parents=True)
+    listed = [
+        parts.Part(file=f"part-{i:09d}-{i:09d}.parquet", first=i, last=i, sha256="0" * 64, size=1) for i in range(count)
+    ]
+    whole = record.model_copy(update={"parts": tuple(listed), "runs": count})
+    write = least(lambda: manifest.write(folder, whole), time.perf_counter)
+    read = least(lambda: manifest.read(folder))
+    return {"parts": count, "write_s_per_part": write / count, "read_s_per_part": read / count}
+
+
+if __name__ == "__main__":
+    given = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(tempfile.mkdtemp())
+    place = given / "ravenjax-costs"
+    try:
+        found = main(place)
+    finally:
+        shutil.rmtree(place, ignore_errors=True)
+    text = json.dumps(found, indent=1) + "\n"
+    (Path(__file__).parent / "costs.json").write_text(text)
+    print(text)

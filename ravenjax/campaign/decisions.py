@@ -1,0 +1,38 @@
+"""decisions.jsonl of a result folder: what each look of a stop rule found and decided, one line each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ravenjax.stats import sequential
+from ravenjax.stats.sequential import Look
+from ravenjax.store.files import StoreError, write_aside
+
+FILE = "decisions.jsonl"
+
+
+def write(folder: Path, looks: Sequence[Look]) -> None:
+    """All looks so far, in one step. Raises StoreError where the disk refuses."""
+    text = "".join(look.line() for look in looks)
+    write_aside(folder / FILE, lambda target: target.write_text(text, encoding="utf-8"))
+
+
+def read(folder: Path) -> list[Look]:
+    """The looks of a folder, none where its campaign has no stop rule. StoreError for a file that cannot be read."""
+    path = folder / FILE
+    try:
+        return [sequential.parse(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    except FileNotFoundError:
+        return []
+    except (OSError, ValueError) as error:
+        raise StoreError(
+            f"{path}: cannot be read ({error}). It follows from the parts: delete it and start the same "
+            "`ravenjax run` again, which writes it anew."
+        ) from error
+
+
+def sentence(folder: Path) -> str:
+    """Why the campaign of a folder stopped, "" where it has no stop rule. Raises StoreError as `read`."""
+    looks = read(folder)
+    return sequential.sentence(looks) if looks else ""

@@ -1,0 +1,1 @@
+"""Who computes a campaign's chunks: this process, others of this machine, a cluster."""

@@ -1,0 +1,34 @@
+"""Work that is done behind the back of who computes: a few threads, a short queue, errors that do not get lost."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+
+class Behind:
+    """Calls made in other threads; a context manager, which waits for those that are under way."""
+
+    def __init__(self, threads: int) -> None:
+        self._pool = ThreadPoolExecutor(threads)
+        self._most = 2 * threads
+        self._under_way: deque[Future[Any]] = deque()
+
+    def __enter__(self) -> Behind:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._pool.shutdown(wait=True)
+
+    def call(self, function: Callable[..., Any], *given: Any) -> None:
+        """Call it soon; waits where too much is under way, and raises what an earlier call raised."""
+        while self._under_way and (len(self._under_way) >= self._most or self._under_way[0].done()):
+            self._under_way.popleft().result()
+        self._under_way.append(self._pool.submit(function, *given))
+
+    def finish(self) -> None:
+        """Wait for every call; raises what one raised."""
+        while self._under_way:
+            self._under_way.popleft().result()

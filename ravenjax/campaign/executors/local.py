@@ -1,0 +1,37 @@
+"""Executor `local`: this process. Threads inside the engine compute, others pack and deliver behind them.
+
+Blocks are cut from whatever rows are missing, as large as the engine likes them, across the borders of chunks. What is
+under way between plan and disk is bounded: memory grows with the number of runs by the plan alone.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Sequence
+from typing import Any
+
+from ravenjax.campaign import assembly
+from ravenjax.campaign.computation import Computation
+from ravenjax.campaign.executors.behind import Behind
+from ravenjax.campaign.executors.chunk import finished
+from ravenjax.campaign.executors.protocol import Work
+
+WRITERS = 4
+"""Chunks that are packed and delivered side by side, at most."""
+
+
+class Local:
+    """See `protocol.Executor`."""
+
+    name, workers = "local", 1
+
+    def run(self, work: Work[Any], chunks: Sequence[range]) -> None:
+        """See `protocol.Executor`."""
+        computation = Computation(work.ready, work.engine, work.progress)
+        computation.compile()
+        writers = min(WRITERS, len(os.sched_getaffinity(0)))
+        with Behind(writers) as behind, contextlib.closing(computation.blocks(chunks)) as blocks:
+            for part in assembly.parts(chunks, blocks):
+                behind.call(lambda part: work.deliver(finished(work.ready, part, work.pack)), part)
+            behind.finish()

@@ -1,0 +1,205 @@
+"""A result table that need not fit in memory: the parts of a folder as a DuckDB relation, read-only, in bounded memory.
+
+Every query reads from the view `results`, one row a run: columns as in `schema`, and `row`, the number of the run. What
+does not fit in the memory that was given goes to a temporary folder, which is deleted at the end. Only the parts that
+the manifest names are read, each checked against its checksum first.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ravenjax.store import manifest as manifests
+from ravenjax.store import parts
+from ravenjax.store.files import StoreError
+from ravenjax.store.folder import PARTS, READERS
+from ravenjax.store.manifest import Manifest
+
+if TYPE_CHECKING:
+    import duckdb
+    import pandas as pd
+    import pyarrow as pa
+
+MEMORY_MB = 1000
+"""Memory that DuckDB may take, of which it spills what does not fit."""
+RESULTS = "results"
+"""The view of the whole table."""
+
+
+class Table:
+    """SQL over one result table. Use as a context manager, or `close` it."""
+
+    def __init__(self, connection: duckdb.DuckDBPyConnection, closing: contextlib.ExitStack) -> None:
+        self._connection, self._closing = connection, closing
+
+    def __enter__(self) -> Table:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connection and delete what it wrote aside."""
+        self._closing.close()
+
+    def run(self, sql: str) -> None:
+        """A statement without a result, as the definition of a view."""
+        self._told(sql)
+
+    def rows(self, sql: str, given: Sequence[Any] = ()) -> list[tuple[Any, ...]]:
+        """The rows of a query; `given` replaces its question marks."""
+        return self._told(sql, given).fetchall()
+
+    def row(self, sql: str, given: Sequence[Any] = ()) -> tuple[Any, ...]:
+        """The one row of a query."""
+        (found,) = self.rows(sql, given)
+        return found
+
+    def frame(self, sql: str, given: Sequence[Any] = ()) -> pd.DataFrame:
+        """A query as a DataFrame, for what is known to be small."""
+        return self._told(sql, given).df()
+
+    def batches(self, sql: str, rows: int) -> Iterator[pa.RecordBatch]:
+        """A query as Arrow, so many rows at a time."""
+        yield from self._connection.sql(sql).to_arrow_reader(rows)
+
+    def types(self, name: str = RESULTS) -> dict[str, str]:
+        """Columns of a table or view, in order, and their SQL types."""
+        return dict(self.rows(f"SELECT column_name, column_type FROM (DESCRIBE {quoted(name)})"))
+
+    def register(self, name: str, table: pa.Table) -> None:
+        """Make an Arrow table readable under a name."""
+        self._connection.register(name, table)
+
+    def _told(self, sql: str, given: Sequence[Any] = ()) -> duckdb.DuckDBPyConnection:
+        import duckdb
+
+        try:
+            return self._connection.execute(sql, list(given))
+        except duckdb.OutOfMemoryException as error:
+            raise StoreError(
+                f"a query of the result table needs more memory than DuckDB may take: {_first_line(error)}. "
+                "Give it more with RAVENJAX_QUERY_MB=4000 (in MB), or free space on the disk it spills to."
+            ) from error
+        except duckdb.IOException as error:
+            raise StoreError(f"a query of the result table failed: {_first_line(error)}") from error
+
+
+def open_folder(path: str | Path, memory_mb: int | None = None) -> Table:
+    """The finished rows of a result folder.
+
+    memory_mb: of DuckDB, in MB; None is MEMORY_MB, or what the environment variable RAVENJAX_QUERY_MB says. Raises
+    StoreError where the folder holds no result, a part is missing or damaged, or one is of another schema version.
+    """
+    path = Path(path)
+    record = readable(path)
+    with ThreadPoolExecutor(READERS) as pool:
+        list(pool.map(lambda part: parts.verify(path / PARTS / part.file, record.config_hash, part), record.parts))
+    return open_parts([path / PARTS / part.file for part in record.parts], path, memory_mb)
+
+
+def open_parts(
+    files: Sequence[Path], aside: Path | None = None, memory_mb: int | None = None, numbered: bool = False
+) -> Table:
+    """The rows of these Parquet files, taken as they are.
+
+    aside: where there is room to spill, if it may be written to. numbered: with columns `filename` and
+    `file_row_number`, which counts from 0.
+    """
+    table = empty(aside, memory_mb)
+    names = ", ".join(_literal(file) for file in files)
+    more = ", filename = true, file_row_number = true" if numbered else ""
+    table.run(f'CREATE VIEW {RESULTS} AS SELECT *, "index" AS row FROM read_parquet([{names}]{more})')
+    return table
+
+
+def empty(aside: Path | None = None, memory_mb: int | None = None) -> Table:
+    """A connection without a table; arguments as of `open_parts`."""
+    import duckdb
+
+    given = memory_mb or _memory_mb()
+    with contextlib.ExitStack() as closing:
+        place = aside if aside is not None and os.access(aside, os.W_OK) else None
+        folder = closing.enter_context(tempfile.TemporaryDirectory(prefix=".query-", dir=place))
+        connection = duckdb.connect(
+            config={
+                "memory_limit": f"{given}MB",
+                "temp_directory": folder,
+                "threads": len(os.sched_getaffinity(0)),
+                "preserve_insertion_order": False,  # who needs an order says so; keeping one takes memory
+                "autoinstall_known_extensions": False,
+            },
+        )
+        closing.callback(connection.close)
+        connection.execute("SET enable_progress_bar = false")
+        connection.execute("ATTACH ':memory:' AS aside (COMPRESS)")  # tables made on the way take a third of the room
+        connection.execute("USE aside")
+        return Table(connection, closing.pop_all())
+
+
+def readable(path: Path) -> Manifest:
+    """The manifest of a folder that holds rows to read. Raises StoreError where it holds none, or lacks what it names
+    as finished."""
+    record = manifests.read(path)
+    if not record.parts:
+        raise StoreError(f"{path}: holds no finished part yet; start or resume it with `ravenjax run`")
+    if over := parts.apart(record.parts)[1]:
+        raise StoreError(
+            f"{path / PARTS / over[0].file}: holds rows that another part holds, too. "
+            "Start the same `ravenjax run` again, which sets one of them aside."
+        )
+    if record.finished is not None and record.done < record.due:
+        raise StoreError(
+            f"{path / manifests.PARTS_FILE}: names parts of {record.done} of the {record.due} finished runs. "
+            "Start the same `ravenjax run` again: it takes over whole parts and computes what is missing."
+        )
+    return record
+
+
+def lacking(wanted: Sequence[range], held: Sequence[parts.Part]) -> list[range]:
+    """Rows of `wanted` that no part holds, as ranges in order."""
+    return list(parts.gaps(held, wanted, 2**62))
+
+
+def in_words(ranges: Sequence[range], most: int = 5) -> str:
+    """Row ranges as an error tells them: `0 to 99, 300 and 2 more ranges`."""
+    told = [f"{rows.start:,}" + (f" to {rows.stop - 1:,}" if len(rows) > 1 else "") for rows in ranges[:most]]
+    more = f" and {len(ranges) - most} more ranges" if len(ranges) > most else ""
+    return ", ".join(told) + more
+
+
+def quoted(name: str) -> str:
+    """A column's name as SQL takes it."""
+    return '"' + name.replace('"', '""') + '"'
+
+
+def enum(words: Sequence[str]) -> str:
+    """A type that holds one byte a word, of these words."""
+    return "ENUM (" + ", ".join(text(word) for word in words) + ")"
+
+
+def text(word: str) -> str:
+    """A word as SQL takes it."""
+    return "'" + word.replace("'", "''") + "'"
+
+
+def _literal(path: Path) -> str:
+    """A file's path as DuckDB reads it: to the letter, not as a pattern."""
+    return text("".join(f"[{letter}]" if letter in "*?[" else letter for letter in str(path)))
+
+
+def _memory_mb() -> int:
+    given = os.environ.get("RAVENJAX_QUERY_MB", "")
+    if given and not (given.isdecimal() and int(given)):
+        raise StoreError(f"RAVENJAX_QUERY_MB={given}: expected a number of MB, as 4000")
+    return int(given) if given else MEMORY_MB
+
+
+def _first_line(error: BaseException) -> str:
+    return str(error).strip().splitlines()[0].rstrip(".")

@@ -1,0 +1,217 @@
+"""A campaign that stops by itself: as far as its rule asks, the same way however often it is interrupted."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+import synthetic_results as synthetic
+
+from ravenjax.campaign import adaptive, decisions, design, events, loading, stopping
+from ravenjax.campaign.executors.shards import Shard
+from ravenjax.campaign.marks import Marks
+from ravenjax.errors import UserError
+from ravenjax.store import manifest as manifests
+from ravenjax.store import schema
+from ravenjax.store.files import StoreError
+from ravenjax.store.folder import ResultFolder, read_all
+from ravenjax.store.results import Results
+
+FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "start_ms": 5}
+CHUNK = 64
+LOOKS = [0.05, 0.1, 0.2, 0.4, 0.7, 1.0]
+
+
+def config(allocation="proportional", of="groups", half_width=0.06, repeats=1):
+    return loading.from_dict(
+        {
+            "campaign": {"name": "x", "noise": True},
+            "stop": {
+                "half_width": half_width,
+                "rates": ["harm", "flagged"],
+                "looks": LOOKS,
+                "allocation": allocation,
+                "of": of,
+            },
+            "group": [
+                {"name": "free"},
+                {"name": "grid", "repeats": repeats, "fault": [FAULT | {"value": list(range(600)), "duration_ms": 4}]},
+                {"name": "drawn", "design": "sobol", "runs": 1500, "fault": [FAULT | {"value": {"uniform": [0, 99]}}]},
+            ],
+        }
+    )
+
+
+class Stand:
+    """Takes the place of the runner: rows of a made-up table, through the real store; dies after so many parts."""
+
+    def __init__(self, rows=2101, parts_to_live=None):
+        self.table = synthetic.frame(rows)
+        drawn = self.table.index >= rows - 1500
+        self.table["jump_code"] = np.random.default_rng(1).random(rows) < np.where(drawn, 0.4, 0.03)
+        self.table["moved_first_ms"] = -1
+        self.left, self.asked = parts_to_live, []
+
+    def __call__(self, config, out, engine, *, rows, **_):
+        self.asked.append(rows)
+        if out is None:
+            kept = [schema.conform(self.table.iloc[r.start : r.stop], synthetic.shape()) for r in rows]
+            return Results(synthetic.shape(), None, kept)
+        asked = tuple((r.start, r.stop - 1) for r in rows)
+        folder = ResultFolder.open(out, synthetic.manifest(len(self.table), rows=asked))
+        try:
+            for span in folder.missing(CHUNK):
+                if self.left is not None:
+                    self.left -= 1
+                    if self.left < 0:
+                        raise KeyboardInterrupt
+                folder.add(self.table.iloc[span.start : span.stop])
+        finally:
+            folder.close(0.0, 0.0, 0)
+        return Results(synthetic.shape(), out)
+
+
+@pytest.fixture
+def run(monkeypatch):
+    def go(config, out=None, **stand):
+        stands = Stand(**stand)
+        monkeypatch.setattr(adaptive.runner, "run_campaign", stands)
+        return adaptive.run(config, out), stands
+
+    return go
+
+
+@pytest.mark.parametrize("of", ["groups", "whole"])
+@pytest.mark.parametrize("allocation", ["proportional", "neyman"])
+def test_it_stops_at_the_first_look_at_which_every_interval_is_narrow(run, tmp_path, allocation, of):
+    results, _ = run(config(allocation, of), tmp_path)
+    looks, rows = decisions.read(tmp_path), results.frame()
+    assert looks[-1].stop and not looks[-1].waiting and 1 < looks[-1].number < len(LOOKS)
+    assert all(look.waiting and look.widest > 0.06 for look in looks[:-1])
+    assert all(interval.half_width <= 0.06 for interval in looks[-1].intervals)
+    assert len(rows) == sum(looks[-1].taken.values()) < 2101
+    if (allocation, of) == ("neyman", "groups"):
+        assert looks[-1].taken["grid"] < 600 * LOOKS[looks[-1].number - 1], "a group that is known well gets no more"
+
+
+def test_a_look_counts_what_the_table_says(run, tmp_path):
+    table = run(config("neyman"), tmp_path)[0].frame().set_index("index")
+    first = {of.first: of for of in stopping.draws(config())}
+    for look in decisions.read(tmp_path):
+        for interval in look.intervals:
+            start = {"grid": 1, "drawn": 601}[interval.stratum]
+            rows = table.loc[[*first[start].range(look.taken[interval.stratum])]]
+            rows = rows[rows["failed"] == ""]
+            came = rows["jump_code"] if interval.rate == "harm" else rows["response"] == "flagged"
+            assert (interval.k, interval.n) == (came.sum(), len(rows))
+
+
+def test_memory_and_folder_hold_the_same(run, tmp_path):
+    in_memory, stand = run(config("neyman"))
+    in_folder, _ = run(config("neyman"), tmp_path)
+    assert in_memory.frame()["run_id"].tolist() == in_folder.frame()["run_id"].tolist()
+    computed = [row for rows in stand.asked for span in rows for row in span]
+    assert len(computed) == len(set(computed)) == len(in_memory.frame()), "no row is computed twice"
+
+
+def test_an_interrupted_campaign_takes_the_same_way(run, tmp_path):
+    run(config("neyman"), tmp_path / "whole")
+    whole = (tmp_path / "whole" / decisions.FILE).read_bytes()
+    starts = []
+    for lives in (1, 2, 5):
+        folder = tmp_path / f"{lives}"
+        starts.append(0)
+        done = False
+        while not done:
+            starts[-1] += 1
+            try:
+                run(config("neyman"), folder, parts_to_live=lives)
+                done = True
+            except KeyboardInterrupt:
+                cut = folder / decisions.FILE
+                assert whole.startswith(cut.read_bytes() if cut.exists() else b"")
+        assert (folder / decisions.FILE).read_bytes() == whole
+        assert read_all(folder).equals(read_all(tmp_path / "whole"))
+    assert starts[0] > starts[1] > starts[2] > 1
+
+
+def test_lost_decisions_and_lost_parts_are_made_again(run, tmp_path):
+    run(config(), tmp_path)
+    whole, table = (tmp_path / decisions.FILE).read_bytes(), read_all(tmp_path)
+    (tmp_path / decisions.FILE).write_text("rubbish")
+    for number, part in enumerate(sorted((tmp_path / "parts").iterdir())):
+        if number % 3 == 0:
+            part.unlink()
+    _, stand = run(config(), tmp_path)
+    assert (tmp_path / decisions.FILE).read_bytes() == whole and read_all(tmp_path).equals(table)
+    assert len(stand.asked) == 1, "the first start completes what the folder was to hold"
+    assert manifests.read(tmp_path).finished is not None
+
+
+def test_parts_do_not_shatter(run, tmp_path):
+    run(config(half_width=0.001), tmp_path)
+    found = manifests.read(tmp_path).parts
+    assert sum(len(part.rows) for part in found) == 2101, "a width that cannot be had takes the whole table"
+    assert len(found) <= -(-2101 // CHUNK) + 3 * len(LOOKS), "a look leaves at most one small part a group"
+    assert decisions.sentence(tmp_path).startswith("Stopped at look 6 of 6: every rate is known within +-0.001, or its")
+
+
+def test_of_repeats_the_first_valid_one_counts():
+    one = config(repeats=3)
+    draws = stopping.draws(one)
+    marks = Marks(3301, ("harm",), events.rules(one))
+    marks.valid[:] = True
+    marks.valid[[1, 4, 5, 6]] = False  # of draw 0 the first repeat, of draw 1 all three
+    marks.cases[0, [2, 8]] = True  # the second repeat of draw 0 and the second of draw 2
+    k, n = marks.counts(draws, np.array([1, 3, 0]))
+    assert k.tolist() == [[0, 1, 0]] and n.tolist() == [1, 2, 0]
+
+
+def test_without_a_stop_section_nothing_is_different(monkeypatch):
+    plain, share = config().model_copy(update={"stop": None}), Shard(2, 7)
+    calls = []
+    monkeypatch.setattr(adaptive.runner, "run_campaign", lambda *args, **kwargs: calls.append((args, kwargs)))
+    adaptive.run(plain, None, "simd", shard=share, command=["ravenjax"])
+    ((args, given),) = calls
+    assert args == (plain, None, "simd") and "rows" not in given
+    assert (given["shard"], given["command"]) == (share, ["ravenjax"])
+
+
+def test_a_shard_of_it_is_refused():
+    with pytest.raises(UserError, match=r"--shard 2/7: a campaign with \[stop\] decides by all its rows"):
+        adaptive.run(config(), shard=Shard(2, 7))
+
+
+def test_a_real_campaign_stops_and_resumes(tmp_path, monkeypatch):
+    """The same rows as of the whole table, whether in one go or cut short in the middle of a look."""
+    raw = {
+        "campaign": {"name": "real", "duration_s": 0.3, "chunk": 64},
+        "stop": {"half_width": 0.2, "looks": [0.02, 0.1, 0.5, 1], "allocation": "neyman"},
+        "group": [
+            {"name": "list", "fault": [FAULT | {"value": list(range(-9000, 9000, 90)), "duration_ms": 4}]},
+            {"name": "drawn", "design": "sobol", "runs": 300, "fault": [FAULT | {"value": {"uniform": [0, 30000]}}]},
+        ],
+    }
+    real = loading.from_dict(raw)
+    whole = adaptive.run(real, tmp_path / "whole").frame()
+    looks = decisions.read(tmp_path / "whole")
+    assert looks[-1].stop and not looks[-1].waiting and len(whole) == sum(looks[-1].taken.values()) < 500
+    table = design.expand(real).set_index("index")
+    assert whole["run_id"].tolist() == [f"{table.at[i, 'run_id']:016x}" for i in whole["index"]]
+
+    put, left = ResultFolder.put, iter(range(3))
+
+    def dies(self, encoded):
+        if next(left, None) is None:
+            raise KeyboardInterrupt
+        put(self, encoded)
+
+    monkeypatch.setattr(ResultFolder, "put", dies)
+    with pytest.raises(KeyboardInterrupt):
+        adaptive.run(real, tmp_path / "cut")
+    monkeypatch.setattr(ResultFolder, "put", put)
+    pd.testing.assert_frame_equal(adaptive.run(real, tmp_path / "cut").frame(), whole)
+    assert (tmp_path / "cut" / decisions.FILE).read_bytes() == (tmp_path / "whole" / decisions.FILE).read_bytes()
+    assert manifests.read(tmp_path / "cut").finished
+    with pytest.raises(StoreError, match=r"config.stop.half_width: 0.2 here, 0.1 asked for"):
+        adaptive.run(loading.from_dict(raw | {"stop": raw["stop"] | {"half_width": 0.1}}), tmp_path / "cut")

@@ -1,0 +1,66 @@
+"""Executor `ray`: the same table from two nodes of which one goes away on the way."""
+
+from __future__ import annotations
+
+import pytest
+import tiny_campaign as tiny
+
+ray = pytest.importorskip("ray")
+
+from ray.cluster_utils import Cluster  # noqa: E402
+
+from ravenjax.campaign import runner  # noqa: E402
+from ravenjax.campaign.executors import cluster as executor  # noqa: E402
+from ravenjax.errors import UserError  # noqa: E402
+from ravenjax.store import manifest, parts  # noqa: E402
+
+SIZE = {"runs": 2000, "chunk": 20, "duration_s": 0.3}
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def cluster():
+    """A head node without cores for tasks, and two nodes of one core each."""
+    made = Cluster(initialize_head=True, head_node_args={"num_cpus": 0, "include_dashboard": False})
+    nodes = [made.add_node(num_cpus=1) for _ in range(2)]
+    yield made, nodes
+    ray.shutdown()
+    made.shutdown()
+
+
+def test_two_nodes_of_which_one_is_killed_make_the_same_folder(cluster, tmp_path):
+    made, nodes = cluster
+    runner.run_campaign(tiny.config(**SIZE), tmp_path / "here", "simd")
+    killed, told = [], []
+
+    def kill_one(status):
+        told.append(status)
+        if status.parts >= 5 and not killed:
+            killed.append(nodes[0])
+            made.remove_node(nodes[0], allow_graceful=False)
+
+    there = tmp_path / "there"
+    ran = executor.Ray(2, made.address)
+    runner.run_campaign(tiny.config(**SIZE), there, "simd", executor=ran, on_progress=kill_one)
+    assert killed and told[-1].workers == 2 and told[-1].done == SIZE["runs"]
+    assert tiny.digest(there) == tiny.digest(tmp_path / "here")
+    for path in parts.files(tmp_path / "here" / "parts"):
+        assert (there / "parts" / path.name).read_bytes() == path.read_bytes()
+    assert manifest.read(there).executor == "ray"
+
+
+def test_an_address_where_nobody_answers():
+    with pytest.raises(UserError, match=r"--ray-address 127\.0\.0\.1:1: no Ray cluster answers"):
+        runner.run_campaign(tiny.config(), None, "simd", executor=executor.Ray(1, "127.0.0.1:1"))
+
+
+def test_a_task_has_the_coordinators_environment(monkeypatch):
+    monkeypatch.setenv("XLA_FLAGS", "--xla_flag")
+    monkeypatch.delenv("JAX_PLATFORMS", raising=False)
+    assert executor.environment("simd") == {"JAX_PLATFORMS": "cpu", "XLA_FLAGS": "--xla_flag"} | {
+        name: value for name, value in executor.environment("xla").items() if name == "RAVENJAX_CACHE"
+    }
+    assert "JAX_PLATFORMS" not in executor.environment("xla")
+    monkeypatch.setenv("JAX_PLATFORMS", "cuda")
+    assert executor.environment("simd")["JAX_PLATFORMS"] == "cuda"

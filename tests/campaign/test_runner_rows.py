@@ -1,0 +1,131 @@
+"""What a start computes and what it tells: rows that grow, shards, one writer, progress for whoever watches."""
+
+from __future__ import annotations
+
+import json
+import os
+
+import pytest
+import tiny_campaign as tiny
+
+from ravenjax.campaign import progress_file, runner
+from ravenjax.campaign.executors.shards import Shard
+from ravenjax.campaign.progress import Progress, Status
+from ravenjax.errors import UserError
+from ravenjax.store import lock, manifest, parts
+from ravenjax.store.files import StoreError
+from ravenjax.store.folder import read_all
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    out = tmp_path_factory.mktemp("whole")
+    told: list[Status] = []
+    runner.run_campaign(tiny.config(), out, "simd", on_progress=told.append, command=["ravenjax", "run", "tiny.toml"])
+    return out, told
+
+
+def test_rows_may_grow_and_no_part_is_made_twice(whole, tmp_path):
+    steps = ([range(30, 50), range(100, 101)], [range(0, 30), range(30, 50)], [range(200, 300)], None)
+    expected = (21, 51, 151, 300)
+    for rows, count in zip(steps, expected, strict=True):
+        before = {path: path.stat().st_mtime_ns for path in parts.files(tmp_path / "parts")}
+        told: list[Status] = []
+        table = runner.run_campaign(tiny.config(), tmp_path, "simd", rows=rows, on_progress=told.append).frame()
+        assert len(table) == count == manifest.read(tmp_path).done
+        assert manifest.read(tmp_path).finished is not None
+        assert (told[-1].phase, told[-1].done, told[-1].total) == ("done", count, count)
+        assert {path: path.stat().st_mtime_ns for path in before} == before
+    assert tiny.digest(tmp_path) == tiny.digest(whole[0])
+
+
+def test_rows_in_memory(whole):
+    table = runner.run_campaign(tiny.config(), None, "simd", rows=[range(95, 105), range(0, 2)]).frame()
+    expected = read_all(whole[0])
+    assert table["run_id"].tolist() == expected["run_id"].iloc[[0, 1, *range(95, 105)]].tolist()
+
+
+@pytest.mark.parametrize("rows", [[range(-1, 2)], [range(290, 301)], [range(0, 10, 2)]])
+def test_rows_that_the_campaign_has_not(rows):
+    with pytest.raises(UserError, match="expected ranges of step 1 within 0 to 300"):
+        runner.run_campaign(tiny.config(), None, "simd", rows=rows)
+
+
+def test_a_shard_has_its_rows_and_says_so(whole, tmp_path):
+    expected = read_all(whole[0])
+    for number in (1, 2):
+        out = tmp_path / f"{number}"
+        runner.run_campaign(tiny.config(), out, "simd", shard=Shard(number, 2))
+        rows = [row for row in range(300) if row // 20 % 2 == number - 1]
+        assert read_all(out)["run_id"].tolist() == expected["run_id"].iloc[rows].tolist()
+        record = manifest.read(out)
+        assert record.shard == f"{number}/2" and [row for some in record.wanted for row in some] == rows
+        for path in parts.files(out / "parts"):
+            assert path.read_bytes() == (whole[0] / "parts" / path.name).read_bytes(), "the very parts of the whole"
+    with pytest.raises(StoreError, match='shard: "2/2" here, null asked for'):
+        runner.run_campaign(tiny.config(), tmp_path / "2", "simd")
+
+
+def test_a_folder_that_is_being_written_to_is_left_alone(tmp_path):
+    with lock.held(tmp_path), pytest.raises(StoreError, match=f"being written by process {os.getpid()}"):
+        runner.run_campaign(tiny.config(), tmp_path, "simd")
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".lock"]
+
+
+def test_the_manifest_says_how_it_was_made(whole):
+    record = manifest.read(whole[0])
+    assert record.command == ("ravenjax", "run", "tiny.toml")
+    assert (record.executor, record.workers, record.shard, record.rows) == ("local", 1, None, None)
+    assert record.failures == {} and all(part.failed == {} for part in record.parts)
+
+
+def test_progress_counts_up_to_the_whole(whole):
+    _, told = whole
+    assert [status.phase for status in told][:1] == ["compile"] and told[-1].phase == "done"
+    done = [status.done for status in told]
+    assert done == sorted(done) and done[-1] == 300 and told[-1].parts == 15
+    assert told[-1].progress == 1.0 and told[-1].left_s == 0.0 and told[-1].runs_per_s is not None
+
+
+def test_the_progress_file_tells_what_the_watcher_was_told(whole):
+    out, told = whole
+    found = json.loads((out / "progress.json").read_text())
+    assert {"phase", "done", "total", "runs_per_s", "eta_s", "failed", "workers", "started", "updated"} <= found.keys()
+    assert (found["phase"], found["done"], found["total"], found["eta_s"]) == ("done", 300, 300, 0.0)
+    assert found["pid"] == os.getpid() and found["parts"] == told[-1].parts
+
+
+def test_the_progress_file_is_written_at_most_once_a_second_but_for_a_new_phase(tmp_path, monkeypatch):
+    now, written = [0.0], []
+    monkeypatch.setattr(progress_file.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(progress_file.files, "replace", lambda path, text: written.append(json.loads(text)))
+    progress = Progress("e", 10, 10, 1, progress_file.ProgressFile(tmp_path))
+    progress.tell("compile")
+    progress.began(1.0)
+    for _ in range(30):
+        now[0] += 0.1
+        progress.part(0, {"nan": 1})
+        progress.ticks(0)
+    progress.tell("done")
+    assert [one["phase"] for one in written] == ["compile", "run", "run", "run", "done"]
+    assert written[-1]["failed"] == {"nan": 30}
+
+
+def test_a_progress_file_that_cannot_be_written_stops_nothing(tmp_path):
+    (tmp_path / "progress.json").mkdir()
+    table = runner.run_campaign(tiny.config(runs=20), tmp_path, "simd").frame()
+    assert len(table) == 20
+
+
+def test_failures_of_earlier_starts_are_counted_too():
+    told: list[Status] = []
+    progress = Progress("e", 100, 40, 10, told.append, notes=("one part was set aside",))
+    progress.known({"nan": 2})
+    progress.began(0.5)
+    progress.began(9.0)
+    progress.part(20, {"nan": 1})
+    progress.lost({"worker killed by SIGKILL": 7})
+    progress.tell("run")
+    status = told[-1]
+    assert (status.done, status.failed, status.compile_s) == (80, 3, 0.5), "the first that is ready starts the clock"
+    assert status.failures == {"nan": 3, "worker killed by SIGKILL": 7} and status.notes == ("one part was set aside",)

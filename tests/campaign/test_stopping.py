@@ -1,0 +1,155 @@
+"""What a stop rule sees of a campaign: groups as strata, events as the report means them, its mistakes named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+import synthetic_results as synthetic
+
+from ravenjax.campaign import decisions, design, events, loading, stopping
+from ravenjax.campaign.config import Rate
+from ravenjax.errors import UserError
+from ravenjax.report import facts
+from ravenjax.search import loading as searches
+from ravenjax.store import schema
+from ravenjax.store.files import StoreError
+
+FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "start_ms": 5}
+GROUPS = [
+    {"name": "free"},
+    {"name": "grid", "fault": [FAULT | {"value": list(range(40)), "duration_ms": [1, 2, 4, 8, 16]}]},
+    {"name": "drawn", "design": "sobol", "runs": 64, "fault": [FAULT | {"value": {"uniform": [0, 99]}}]},
+]
+
+
+def config(stop=None, groups=GROUPS, **more):
+    return loading.from_dict(
+        {"campaign": {"name": "x"}, "stop": {"half_width": 0.1} | (stop or {}), "group": groups, **more}
+    )
+
+
+def test_each_group_is_a_stratum_and_one_without_faults_is_not_judged():
+    found = stopping.rule(config({"rates": ["harm"], "looks": [0.25, 1], "of": "whole", "allocation": "neyman"}))
+    assert [(s.name, s.size, s.judged) for s in found.strata] == [
+        ("free", 1, False),
+        ("grid", 200, True),
+        ("drawn", 64, True),
+    ]
+    assert found.first().tolist() == [1, 50, 16]
+    assert (found.rates, found.of, found.allocation, found.half_width) == (("harm",), "whole", "neyman", 0.1)
+
+
+def test_repeats_and_crossed_variants_are_one_draw():
+    groups = [GROUPS[0], GROUPS[1] | {"repeats": 3}]
+    one = config(groups=groups, campaign={"name": "x", "noise": True}, cross={"operator.scale": [0.1, 0.2]})
+    assert [tuple(of) for of in stopping.draws(one)] == [(0, 1, 2), (2, 200, 6)]
+    assert stopping.draws(one)[1].range(10) == range(2, 62)
+
+
+def test_the_beginning_of_a_grid_is_a_sample_of_it():
+    table = design.expand(config())
+    rows = table[table["group"] == "grid"]
+    begun = rows.iloc[:100]
+    assert len(begun.groupby(["fault0_value", "fault0_duration_ms"])) == 100
+    assert (begun["fault0_duration_ms"].value_counts().reindex([1, 2, 4, 8, 16]) >= 10).all(), "not a corner of it"
+    assert abs(begun["fault0_value"].mean() - 19.5) < 4
+    again = design.expand(config(campaign={"name": "x", "seed": 1}))
+    assert again["fault0_value"].tolist() != table["fault0_value"].tolist(), "the seed draws the order"
+
+
+def test_a_sequence_is_begun_as_it_was_drawn():
+    plain = config().model_copy(update={"stop": None})
+    assert_alike = [design.expand(one).query("group == 'drawn'") for one in (config(), plain)]
+    pd.testing.assert_frame_equal(*assert_alike)
+
+
+@pytest.mark.parametrize("rate", Rate.__args__)
+def test_events_are_those_of_the_report(rate):
+    frame = synthetic.frame(3000)
+    frame["twin_moved_first_ms"] = np.where(frame.index % 7 == 0, 900, -1)
+    rules = events.Rules(cue=2, threshold_mm=1.0, jump="jump_text")
+    frame["verdict"] = schema.verdict(frame, rules.cue, rules.jump)
+    said = facts.derive(frame, *rules)
+    expected = {
+        "evades": said["evaded"],
+        "harm": said["harm"],
+        "cue": said["haptic"],
+        "activated": frame["activated"],
+        "diverged": frame["diverged"],
+    }
+    expected = expected.get(rate, said["jump"] if rate == "jump" else said["response"] == rate)
+    rows = frame[events.columns([rate], rules)]
+    valid = events.valid(rows)
+    assert valid.tolist() == (~said["failed"]).tolist() and 0 < valid.sum() < len(frame)
+    assert events.happened(rate, rows, rules)[valid].tolist() == expected[valid].tolist()
+    assert 0 < expected[valid].sum() < valid.sum(), "the example tells them apart"
+
+
+def test_rules_are_the_campaigns():
+    one = config(haptics={"threshold_mm": [3, 2.5]}, outcomes={"cue": 1, "jump": "text"})
+    assert events.rules(one) == events.Rules(1, 2.5, "jump_text")
+
+
+@pytest.mark.parametrize(
+    ("stop", "key", "message"),
+    [
+        ({"half_width": 0}, "stop.half_width", "got 0, expected greater than 0"),
+        ({"half_width": 0.7}, "stop.half_width", "got 0.7, expected less than 0.5"),
+        ({"rates": ["harms"]}, "stop.rates[0]", "got 'harms', expected 'evades', 'harm'"),
+        ({"rates": ["harm", "harm"]}, "stop", "rates = ['harm', 'harm'], expected each once"),
+        ({"rates": []}, "stop.rates", "at least 1"),
+        ({"looks": [0.5, 0.2]}, "stop", "looks = [0.5, 0.2], expected increasing shares"),
+        ({"looks": [0.5, 1.2]}, "stop", "at most 1"),
+        ({"looks": []}, "stop.looks", "at least 1"),
+        ({"confidence": 1}, "stop.confidence", "got 1, expected less than 1"),
+        ({"allocation": "equal"}, "stop.allocation", "got 'equal', expected 'proportional' or 'neyman'"),
+        ({"of": "all"}, "stop.of", "got 'all', expected 'groups' or 'whole'"),
+        ({"width": 0.1}, "stop.width", "unknown key, expected one of half_width, rates"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_said_with_its_key(stop, key, message):
+    with pytest.raises(UserError) as wrong:
+        config(stop)
+    assert f"{key}: " in str(wrong.value) and message in str(wrong.value)
+
+
+def test_a_limit_and_a_stop_rule_exclude_each_other(tmp_path):
+    path = tmp_path / "c.toml"
+    fault = "".join(f"{key} = {value!r}\n" for key, value in FAULT.items())
+    group = f'[[group]]\nname = "g"\n[[group.fault]]\n{fault}value = 1\n'
+    path.write_text(f'[campaign]\nname = "x"\n\n[stop]\nhalf_width = 0.1\n\n{group}')
+    assert loading.load(path).stop is not None
+    with pytest.raises(
+        UserError, match=r"c.toml:4: stop: campaign.limit = 5 would cut the groups .* such as looks = \[0.01, 0.05\]"
+    ):
+        loading.load(path, ["campaign.limit=5"])
+
+
+def test_a_campaign_without_anything_to_judge_is_refused():
+    with pytest.raises(UserError, match=r"group: no group has a fault: there is nothing that \[stop\] could judge"):
+        config(groups=[{"name": "free"}])
+
+
+def test_a_search_has_none():
+    """It takes its points in the order in which it asked for them."""
+    raw = {
+        "campaign": {"name": "x"},
+        "stop": {"half_width": 0.1},
+        "search": {"kind": "sobol", "outcomes": ["jump_code"]},
+    }
+    group = {"name": "g", "fault": [FAULT | {"value": {"uniform": [0, 99]}}]}
+    with pytest.raises(UserError, match=r"stop: a search decides how many runs it makes; remove the section"):
+        searches.from_dict(raw | {"group": [group]})
+
+
+def test_decisions_are_read_back_and_a_damaged_file_is_named(tmp_path):
+    assert decisions.read(tmp_path) == [] and decisions.sentence(tmp_path) == ""
+    rule = stopping.rule(config())
+    look = rule.look(1, rule.first(), np.array([[0, 1, 0], [0, 2, 0]]), rule.first())
+    decisions.write(tmp_path, [look])
+    assert [one.line() for one in decisions.read(tmp_path)] == [look.line()]
+    assert decisions.sentence(tmp_path).startswith("Not stopped yet: at look 1 of 5")
+    (tmp_path / decisions.FILE).write_text(look.line()[:50])
+    with pytest.raises(StoreError, match=r"decisions.jsonl: cannot be read .* delete it and start the same"):
+        decisions.read(tmp_path)

@@ -1,0 +1,215 @@
+"""A folder is believed where all is as it must be; each kind of damage is found, and runs made again are the same."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import ravenjax as rj
+from ravenjax.campaign import runner, verification
+from ravenjax.cli import results
+from ravenjax.errors import UserError
+from ravenjax.store import manifest as manifests
+from ravenjax.store import parts, schema
+from ravenjax.store.files import StoreError
+from ravenjax.store.folder import read_all
+
+CAMPAIGN = {
+    "campaign": {"name": "tiny", "duration_s": 0.3, "seed": 3, "chunk": 10},
+    "operator": {"motion": "reach"},
+    "group": [
+        {"name": "free"},
+        {
+            "name": "dac",
+            "design": "random",
+            "runs": 39,
+            "fault": [
+                {
+                    "site": "usb_out",
+                    "channel": ["shoulder", "elbow"],
+                    "effect": "overwrite",
+                    "value": {"uniform": [-9000, 9000]},
+                    "start_ms": {"uniform": [150, 200]},
+                    "duration_ms": {"uniform": [1, 90]},
+                }
+            ],
+        },
+    ],
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def computed(tmp_path_factory):
+    path = tmp_path_factory.mktemp("verified") / "tiny"
+    runner.run_campaign(rj.load_campaign(CAMPAIGN), path, "simd")
+    return path
+
+
+@pytest.fixture
+def folder(computed, tmp_path):
+    return shutil.copytree(computed, tmp_path / "tiny")
+
+
+def wrong(found):
+    return {check.name: check.problems for check in found.checks if check.problems}
+
+
+def rewritten(folder, change, place=1):
+    """Part number `place` with changed rows, recorded as if a campaign had written it."""
+    record = manifests.read(folder)
+    part = record.parts[place]
+    frame = read_all(folder).iloc[part.first : part.last + 1].reset_index(drop=True)
+    frame = pd.DataFrame({name: np.array(frame[name]) for name in frame})
+    change(frame)
+    (folder / "parts" / part.file).unlink()
+    new = parts.write(folder / "parts", frame, record.shape, record.config_hash)
+    listed = (*record.parts[:place], new, *record.parts[place + 1 :])
+    manifests.write(folder, record.model_copy(update={"parts": listed}))
+
+
+def test_runs_made_again_are_equal_to_the_bit(folder):
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    found = verification.verify(folder, sample=12)
+    assert found.fine and found.rerun is not None and found.rerun.other == []
+    assert len(set(found.rerun.rows.tolist())) == found.rerun.verdicts == 12 and found.rerun.differing == []
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+
+
+def test_the_sample_is_that_of_its_seed_and_never_larger_than_the_table():
+    whole = [parts.Part(file="", first=a, last=b, sha256="", size=0) for a, b in [(0, 9), (20, 24)]]
+    there = [*range(10), *range(20, 25)]
+    drawn = verification._drawn(whole, 6, seed=4)
+    assert drawn.tolist() == verification._drawn(whole, 6, seed=4).tolist() == sorted(set(drawn.tolist()))
+    assert set(drawn.tolist()) < set(there) and verification._drawn(whole, 6, seed=5).tolist() != drawn.tolist()
+    assert verification._drawn(whole, 99, seed=0).tolist() == there
+
+
+def test_one_changed_number_is_found_by_running_it_again(folder):
+    def change(frame):
+        frame.loc[3, "tip_path_mm"] = np.nextafter(frame.loc[3, "tip_path_mm"], np.float32(9e9))
+
+    rewritten(folder, change)
+    assert wrong(verification.verify(folder, sample=0)) == {}
+    found = verification.verify(folder, sample=99)
+    assert wrong(found) == {"runs made again": ["tip_path_mm: differs in 1 of 40 rows"]}
+
+
+def test_other_code_is_told_and_excuses_outcomes_not_inputs(folder):
+    def change(frame):
+        frame.loc[3, "tip_path_mm"] += 1
+        frame.loc[3, "fault0_value"] += 1
+
+    rewritten(folder, change)
+    record = manifests.read(folder)
+    manifests.write(folder, record.model_copy(update={"code_hash": "f" * 64}))
+    found = verification.verify(folder, sample=99)
+    assert found.rerun is not None and found.rerun.other == ["another version of the code"]
+    apart = {one.name: one.largest for one in found.rerun.differing}
+    assert apart == {"tip_path_mm": pytest.approx(1, abs=1e-4), "fault0_value": pytest.approx(1)}
+    assert wrong(found) == {"runs made again": ["fault0_value: differs in 1 of 40 rows"]}
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "check", "told"),
+    [
+        ("response_ms", 999_999, "ranges", "response_ms: lies outside -1 to 300 ms in 1 row, the first is 13"),
+        ("cue0_count", -4, "ranges", "cue0_count: is negative in 1 row, the first is 13"),
+        ("stray_mm", np.inf, "finite numbers", "stray_mm: is not finite in 1 row, the first is 13"),
+        ("check_estop_margin", np.nan, "finite numbers", "check_estop_margin: is not a number in 1 row"),
+        ("verdict", "stopped/haptic/jump", "verdicts", "verdict: does not follow from response, cue and jump in 1 row"),
+        ("failed", "lost", "ranges", "failed: is none of the words that it can be in 1 row"),
+        ("run_id", "f" * 16, "campaign", "its run ids are not those of the campaign's rows 10 to 19"),
+        ("run_id", "no id", "row numbers", "run_id: is not 16 hex digits in 1 row"),
+    ],
+)
+def test_a_value_that_cannot_be_is_told_with_its_row(folder, column, value, check, told):
+    def change(frame):
+        frame[column] = frame[column].astype(object)
+        frame.loc[3, column] = value
+
+    rewritten(folder, change)
+    problems = wrong(verification.verify(folder, sample=0))
+    assert any(told in problem for problem in problems[check])
+
+
+def test_damaged_missing_and_stray_parts_are_each_named(folder):
+    files = parts.files(folder / "parts")
+    files[0].write_bytes(files[0].read_bytes()[:-50])
+    files[1].unlink()
+    shutil.copy(files[2], folder / "parts" / "part-000000025-000000034.parquet")
+    problems = wrong(verification.verify(folder, sample=0))["parts"]
+    assert [problem.partition(":")[0].rpartition("/")[2] for problem in problems] == [
+        files[0].name,
+        files[1].name,
+        "part-000000025-000000034.parquet",
+    ]
+
+
+def test_missing_and_double_rows(folder):
+    record, frame = manifests.read(folder), read_all(folder)
+    manifests.write(folder, record.model_copy(update={"parts": (*record.parts[:1], *record.parts[2:])}))
+    problems = wrong(verification.verify(folder, sample=0))
+    assert problems["rows"] == ["10 rows are missing: 10 to 19"] and "no record names" in problems["parts"][0]
+    double = parts.write(folder / "parts", frame.iloc[2:5], record.shape, record.config_hash)
+    manifests.write(folder, record.model_copy(update={"parts": (*record.parts, double)}))
+    (problem,) = wrong(verification.verify(folder, sample=0))["rows"]
+    assert double.file in problem and "another part holds" in problem
+
+
+def test_a_shard_is_asked_for_its_own_rows_only(folder):
+    record = manifests.read(folder)
+    for part in record.parts[2:]:
+        (folder / "parts" / part.file).unlink()
+    share = record.model_copy(update={"parts": record.parts[:2], "rows": ((0, 19),), "shard": "1/2"})
+    manifests.write(folder, share)
+    assert verification.verify(folder, sample=5).fine
+    manifests.write(folder, share.model_copy(update={"rows": ((0, 9), (20, 29))}))
+    problems = wrong(verification.verify(folder, sample=0))["rows"]
+    assert problems[0] == "10 rows are missing: 20 to 29" and "not asked of this folder" in problems[1]
+
+
+def test_another_config_under_the_same_hash(folder):
+    record = manifests.read(folder)
+    record.config["campaign"]["seed"] = 4
+    manifests.write(folder, record)
+    assert "config_hash is not that of its config" in wrong(verification.verify(folder))["campaign"][0]
+
+
+def test_a_config_of_another_time_is_told(folder):
+    record = manifests.read(folder)
+    record.config["campaign"]["unheard_of"] = 4
+    manifests.write(folder, record)
+    assert "unheard_of" in wrong(verification.verify(folder))["campaign"][0]
+
+
+def test_what_is_newer_is_refused_politely(folder, monkeypatch):
+    monkeypatch.setattr(schema, "VERSION", schema.VERSION - 1)
+    with pytest.raises(StoreError, match=r"this ravenjax reads .* upgrade ravenjax"):
+        verification.verify(folder)
+
+
+def test_what_a_user_asks_wrongly(folder, tmp_path):
+    with pytest.raises(UserError, match="--sample -1"):
+        verification.verify(folder, sample=-1)
+    with pytest.raises(UserError, match="engine 'smd' is unknown"):
+        verification.verify(folder, engine="smd")
+    with pytest.raises(StoreError, match=r"holds no manifest.json"):
+        verification.verify(tmp_path)
+
+
+def test_the_command_ends_with_code_1_where_something_is_wrong(folder, capsys):
+    assert results.verify(folder, sample=3) == 0
+    path = parts.files(folder / "parts")[0]
+    path.write_bytes(path.read_bytes()[:-50])
+    assert results.verify(folder, sample=0) == 1
+    told = capsys.readouterr()
+    assert "WRONG" in told.out and path.name in told.err
+
+
+def test_the_command_joins_shards(folder, tmp_path, capsys):
+    results.merge(tmp_path / "merged", [folder])
+    assert "40 of 40 runs in 4 parts (4 linked" in capsys.readouterr().out
+    pd.testing.assert_frame_equal(read_all(tmp_path / "merged"), read_all(folder))

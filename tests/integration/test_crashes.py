@@ -1,0 +1,213 @@
+"""Campaigns that are killed, run out of disk, are started twice or told to stop: what is finished is kept, the same
+command goes on, and the table is that of a campaign that nobody disturbed."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import tiny_campaign as tiny
+
+from ravenjax.campaign import runner
+from ravenjax.cli import USER_ERROR, main
+from ravenjax.store import manifest, merging
+
+DRIVER = Path(__file__).with_name("killing_driver.py")
+SIZE = {"runs": 40_000, "chunk": 100, "duration_s": 0.3}
+"""More parts than fifty kills leave behind."""
+SMALL = {"runs": 3_000, "chunk": 50, "duration_s": 0.3}
+
+
+def command(file: Path, out: Path, *more: object) -> list[str]:
+    return [sys.executable, "-m", "ravenjax.cli", "run", str(file), "--out", str(out), "--engine", "simd",
+            "--no-report", *map(str, more)]  # fmt: skip
+
+
+def started(file: Path, out: Path, *more: object) -> subprocess.Popen[str]:
+    return subprocess.Popen(command(file, out, *more), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def until(condition, process: subprocess.Popen[str], seconds: float = 120.0) -> None:
+    """Wait for a condition while a process lives."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < end, "it never came to that"
+        time.sleep(0.02)
+
+
+def stored(out: Path) -> list[Path]:
+    return sorted(out.glob("parts/part-*.parquet"))
+
+
+def finish(file: Path, out: Path, *more: object) -> str:
+    """What the same command prints that computes the rest."""
+    done = subprocess.run(command(file, out, *more), capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def undisturbed(folder: Path, **size) -> str:
+    """Digest of the table of a campaign that nobody disturbed."""
+    return tiny.digest(runner.run_campaign(tiny.config(**size), folder, "simd").frame())
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """File of a campaign, and the digest of its table."""
+    folder = tmp_path_factory.mktemp("small")
+    return tiny.file(folder, **SMALL), undisturbed(folder / "whole", **SMALL)
+
+
+@pytest.mark.slow
+def test_fifty_kills_lose_nothing_and_do_nothing_twice(tmp_path):
+    file, out = tiny.file(tmp_path, **SIZE), tmp_path / "out"
+    told = subprocess.run(
+        [sys.executable, str(DRIVER), str(file), str(out), "2016", "50"], capture_output=True, text=True, check=False
+    )
+    assert told.returncode == 0, told.stdout + told.stderr
+    left = json.loads(told.stdout.splitlines()[-1])
+    assert len(left) == 50 and left == sorted(left) and len(set(left)) > 20, "most kills hit it while it stored parts"
+    before = {path: path.stat().st_mtime_ns for path in stored(out)}
+    assert len(before) == left[-1] < SIZE["runs"] // SIZE["chunk"]
+    finish(file, out)
+    assert {path: path.stat().st_mtime_ns for path in before} == before, "finished parts are left alone"
+    record = manifest.read(out)
+    assert record.done == SIZE["runs"] == sum(len(part.rows) for part in record.parts) and record.finished is not None
+    assert not (out / "set-aside").exists(), "no kill left half a part"
+    assert not list(out.rglob(".*.tmp"))
+    assert tiny.digest(out) == undisturbed(tmp_path / "whole", **SIZE)
+
+
+@pytest.mark.slow
+def test_a_second_process_is_refused_and_the_first_not_disturbed(small, tmp_path, capsys):
+    file, whole = small
+    first = started(file, tmp_path)
+    until(lambda: len(stored(tmp_path)) > 2, first)
+    assert main(command(file, tmp_path)[3:]) == USER_ERROR
+    told = capsys.readouterr().err.replace("\n", " ")
+    assert f"is being written by process {first.pid} on" in told and "since" in told
+    out, err = first.communicate(timeout=120)
+    assert first.returncode == 0, out + err
+    assert tiny.digest(tmp_path) == whole and manifest.read(tmp_path).starts == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT], ids=lambda one: one.name)
+@pytest.mark.parametrize("more", [(), ("--workers", 2)], ids=["local", "processes"])
+def test_a_signal_ends_it_cleanly(small, tmp_path, number, more):
+    file, whole = small
+    process = started(file, tmp_path, *more)
+    until(lambda: len(stored(tmp_path)) > 2, process)
+    process.send_signal(number)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 128 + number, out + err
+    assert "finished parts are kept, and the same command goes on" in err.replace("\n", " ") and "Traceback" not in err
+    there = len(stored(tmp_path))
+    record, told = manifest.read(tmp_path), json.loads((tmp_path / "progress.json").read_text())
+    assert 2 < there == len(record.parts) < SMALL["runs"] // SMALL["chunk"] and record.finished is None
+    assert told["phase"] == "stopped" and told["done"] == record.done
+    finish(file, tmp_path)
+    assert tiny.digest(tmp_path) == whole
+
+
+@pytest.fixture
+def tiny_disk(tmp_path):
+    """A file system of 1 MiB, and a function that makes it larger."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(disk)]
+    if os.geteuid() or subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("a file system may not be mounted here")
+    yield disk, lambda: subprocess.run(["mount", "-o", "remount,size=200m", str(disk)], check=True)
+    subprocess.run(["umount", "-l", str(disk)], check=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("more", [(), ("--workers", 2)], ids=["local", "processes"])
+def test_a_full_disk_keeps_what_was_written(small, tiny_disk, more):
+    (file, whole), (disk, enlarge) = small, tiny_disk
+    out = disk / "out"
+    process = started(file, out, *more)
+    printed, err = process.communicate(timeout=120)
+    told = err.replace("\n", " ")
+    assert process.returncode == USER_ERROR and "Traceback" not in err, printed + err
+    assert re.search(rf"{out}/\S+: cannot be written \(No space left on device\)", told), told
+    assert "free space" in told and "same command again" in told
+    kept = {path: path.read_bytes() for path in stored(out)}
+    assert 2 < len(kept) < SMALL["runs"] // SMALL["chunk"]
+    enlarge()
+    finish(file, out, *more)
+    assert {path: path.read_bytes() for path in kept} == kept
+    assert tiny.digest(out) == whole and not (out / "set-aside").exists()
+
+
+@pytest.mark.slow
+def test_a_limit_on_the_size_of_files_is_a_full_disk(small, tmp_path):
+    """Every part is too large; the manifest is not."""
+    file, whole = small
+    line = f"ulimit -f 24; exec {' '.join(command(file, tmp_path))}"
+    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == USER_ERROR and "File too large" in done.stderr and "Traceback" not in done.stderr
+    assert not stored(tmp_path) and not list(tmp_path.rglob(".*.tmp"))
+    finish(file, tmp_path)
+    assert tiny.digest(tmp_path) == whole
+
+
+@pytest.mark.slow
+def test_a_folder_that_goes_away_ends_it_cleanly(small, tmp_path):
+    """As a mount that is lost; where it comes back, with what it held, the same command goes on."""
+    file, whole = small
+    out, away = tmp_path / "out", tmp_path / "away"
+    process = started(file, out)
+    until(lambda: len(stored(out)) > 2, process)
+    out.rename(away)
+    printed, err = process.communicate(timeout=120)
+    assert process.returncode == USER_ERROR and "cannot be written" in err and "Traceback" not in err, printed + err
+    assert not out.exists(), "nothing is made where the mount was"
+    away.rename(out)
+    finish(file, out)
+    assert tiny.digest(out) == whole
+
+
+@pytest.mark.slow
+def test_workers_do_not_outlive_a_coordinator_that_is_killed(small, tmp_path):
+    file, whole = small
+    process = started(file, tmp_path, "--workers", 2)
+    until(lambda: len(stored(tmp_path)) > 2, process)
+    workers = workers_of(process.pid)
+    assert len(workers) == 2
+    process.kill()
+    process.communicate()
+    end = time.monotonic() + 30.0
+    while any((Path("/proc") / str(pid)).exists() for pid in workers):
+        assert time.monotonic() < end, "a worker still runs"
+        time.sleep(0.05)
+    finish(file, tmp_path, "--workers", 2)
+    assert tiny.digest(tmp_path) == whole
+
+
+def workers_of(coordinator: int) -> list[int]:
+    listed = subprocess.run(["ps", "-o", "pid=,args=", "--ppid", str(coordinator)], capture_output=True, text=True)
+    return [int(line.split()[0]) for line in listed.stdout.splitlines() if "executors.worker" in line]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("of", [1, 3, 7])
+def test_shards_hold_the_rows_of_the_whole_campaign(small, tmp_path, of):
+    file, whole = small
+    folders = [tmp_path / f"{number}" for number in range(1, of + 1)]
+    for number, folder in enumerate(folders, start=1):
+        assert main(command(file, folder, "--shard", f"{number}/{of}")[3:]) == 0
+        held = manifest.read(folder)
+        assert held.shard == f"{number}/{of}" and held.finished is not None and held.done == held.due
+    merging.merge(tmp_path / "joined", folders)
+    assert tiny.digest(tmp_path / "joined") == whole
+    assert main(command(file, folders[0], "--shard", f"2/{of + 1}")[3:]) == USER_ERROR, "another shard's folder"

@@ -1,0 +1,102 @@
+"""What sections ask of a table: counts of all rows, rows of a few, the same each time, in little memory."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+import reacting_results as reacting
+import synthetic_results as synthetic
+
+from ravenjax.report import cue_sweep, dependence, detectors, page, reactions, risk
+from ravenjax.report import facts as run_facts
+from ravenjax.report.runs import Runs
+from ravenjax.store import schema
+from ravenjax.store.folder import ResultFolder
+
+FRAME = synthetic.frame(3000)
+MANIFEST = synthetic.manifest(3000)
+RUNS = Runs.of(FRAME, MANIFEST)
+FACTS = run_facts.of(FRAME, MANIFEST)
+
+
+def test_facts_of_a_folder_are_those_of_its_table(tmp_path):
+    folder = ResultFolder.open(tmp_path, MANIFEST)
+    for rows in folder.missing(700):
+        folder.add(FRAME.iloc[rows.start : rows.stop])
+    runs = Runs.open(tmp_path, MANIFEST)
+    stored = schema.conform(FRAME, MANIFEST.shape).to_pandas()  # in the precision of the table
+    told = run_facts.of(stored, MANIFEST)
+    found = runs.table.frame("SELECT * FROM facts ORDER BY row")
+    runs.close()
+    for name in told.columns.drop("run_id"):
+        one, other = (part[name].astype(str).fillna("none") for part in (found, told))
+        assert (one == other).all(), name
+    assert list(tmp_path.glob(".query*")) == []
+
+
+def test_drawn_rows_are_the_same_each_time_about_as_many_as_asked_and_fair():
+    one, other = (RUNS.drawn("results.run_id, facts.harm", "true", 1000) for _ in range(2))
+    pd.testing.assert_frame_equal(one, other)
+    assert 850 < len(one) < 1150 and one["run_id"].is_unique
+    assert one["harm"].mean() == pytest.approx(FACTS["harm"].mean(), abs=0.05)
+    assert len(RUNS.drawn("row", "true", 3000)) == 3000
+    harmful = RUNS.drawn("results.run_id", "harm", 10**9)
+    assert harmful["run_id"].tolist() == FACTS.loc[FACTS["harm"], "run_id"].tolist()
+
+
+def test_pairs_are_drawn_as_a_whole(monkeypatch):
+    frame = reacting.frame(400)
+    runs = Runs.of(frame, reacting.manifest(len(frame)))
+    monkeypatch.setattr(reactions, "MOST", 300)
+    drawn = reactions.drawn(runs)
+    assert 150 < len(drawn.frame) < 450 and set(drawn.frame.groupby("pair").size()) == {3}
+    rows = [row for row in reactions.differences(drawn.frame, drawn.facts) if row.among == "all faults"]
+    assert len(rows) == 2 and all(row.n < len(drawn.frame) / 3 for row in rows)
+
+
+def test_distinct_faults_however_often_they_were_run():
+    twice = pd.concat([FRAME, FRAME.assign(seed=8, pair=FRAME["pair"] + 3000)], ignore_index=True)
+    again = Runs.of(twice, MANIFEST)
+    for by in (None, "group", "site", "layer"):
+        for one, other in zip(RUNS.ever("faulty", by), again.ever("faulty", by), strict=True):
+            assert other == one._replace(runs=2 * one.runs)
+    assert again.count("sample") == RUNS.count("sample") == (FRAME["failed"] == "").sum()
+    assert sum(one.faults for one in RUNS.ever("faulty", "group")) == RUNS.ever("faulty")[0].faults
+
+
+def test_severities_do_not_depend_on_the_batches(monkeypatch):
+    frame = FRAME.assign(group=np.where(FRAME["group"] == "encoder", "C09 encoder", "B24,B25 others"))
+    monkeypatch.setattr("ravenjax.report.runs.BATCH", 130)
+    found, whole = risk.counted(Runs.of(frame, MANIFEST)), risk.counts(frame)
+    assert {name: number.tolist() for name, number in found.items()} == {
+        name: number.tolist() for name, number in whole.items()
+    }
+
+
+def test_a_page_of_a_sample_says_so_and_counts_all(tmp_path, monkeypatch):
+    frame = reacting.frame(1500)
+    manifest = reacting.manifest(len(frame))
+    whole = words(page.render(Runs.of(frame, manifest), manifest, tmp_path))
+    assert "drawn by a fixed rule" not in whole
+    monkeypatch.setattr(reactions, "MOST", 900)
+    monkeypatch.setattr(dependence, "MOST", 500)
+    monkeypatch.setattr(detectors, "MOST_DRAWN", 400)
+    monkeypatch.setattr(cue_sweep, "MOST", 300)
+    some = words(page.render(Runs.of(frame, manifest), manifest, tmp_path))
+    assert len(re.findall(r"Of about [\d,]+ of [\d,]+ runs, drawn by a fixed rule", some)) == 4
+    for sentence in re.findall(r"Of [\d,]+ distinct faults.*?\)", whole) + re.findall(r"[\d,]+ harmful faults", whole):
+        assert sentence in some
+
+
+def words(html):
+    return re.sub(r"<[^>]*>|\s+", " ", html[html.index("<body>") :]).replace("  ", " ")
+
+
+def test_a_report_needs_no_more_memory_than_it_is_given(tmp_path, monkeypatch):
+    folder = ResultFolder.open(tmp_path, MANIFEST)
+    folder.add(FRAME)
+    monkeypatch.setenv("RAVENJAX_QUERY_MB", "64")
+    assert page.build(tmp_path).stat().st_size > 1_000_000

@@ -1,0 +1,96 @@
+"""One writer a folder: the second is told who the first is; a lock dies with its process."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+
+import pytest
+
+from ravenjax.store import lock
+from ravenjax.store.files import StoreError
+
+HOLD = """
+import sys, time, pathlib
+from ravenjax.store import lock
+with lock.held(pathlib.Path(sys.argv[1])):
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.fixture
+def holder(tmp_path):
+    process = subprocess.Popen([sys.executable, "-c", HOLD, str(tmp_path)], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None and process.stdout.readline() == "held\n"
+    yield process
+    process.kill()
+    process.wait()
+
+
+def test_the_second_is_told_who_holds_it_and_since_when(tmp_path, holder):
+    before = (tmp_path / ".lock").read_bytes()
+    who = f"process {holder.pid} on {socket.gethostname()}, since {json.loads(before)['since']}"
+    with pytest.raises(StoreError, match=re.escape(f"{tmp_path}: is being written by {who}.")), lock.held(tmp_path):
+        pytest.fail("held twice")
+    assert (tmp_path / ".lock").read_bytes() == before
+
+
+def test_the_lock_of_a_killed_process_does_not_block(tmp_path, holder):
+    holder.send_signal(signal.SIGKILL)
+    holder.wait()
+    assert json.loads((tmp_path / ".lock").read_text())["pid"] == holder.pid, "what it wrote is still there"
+    with lock.held(tmp_path):
+        assert json.loads((tmp_path / ".lock").read_text())["pid"] == os.getpid()
+    assert (tmp_path / ".lock").read_text() == ""
+
+
+def test_held_twice_in_one_process_is_refused_too_and_free_after_an_error(tmp_path):
+    with pytest.raises(StoreError, match=f"process {os.getpid()} on"), lock.held(tmp_path), lock.held(tmp_path):
+        pytest.fail("held twice")
+    with lock.held(tmp_path):
+        pass
+
+
+@pytest.fixture
+def no_locks(monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+
+
+@pytest.mark.parametrize(
+    ("told", "free"),
+    [
+        ("", True),
+        ('{"pid": 1, "ho', True),
+        ({"pid": 2**22 + 1, "host": socket.gethostname()}, True),
+        ({"pid": os.getpid(), "host": socket.gethostname(), "since": "now"}, False),
+        ({"pid": 2**22 + 1, "host": "another.host", "since": "now"}, False),
+    ],
+)
+def test_where_there_are_no_locks_the_words_must_do(tmp_path, no_locks, told, free):
+    (tmp_path / ".lock").write_text(told if isinstance(told, str) else json.dumps(told))
+    if free:
+        with lock.held(tmp_path):
+            assert json.loads((tmp_path / ".lock").read_text())["pid"] == os.getpid()
+    else:
+        with (
+            pytest.raises(StoreError, match=r"no locks: if that process is gone, delete .*\.lock"),
+            lock.held(tmp_path),
+        ):
+            pytest.fail("held twice")
+
+
+def test_a_folder_that_takes_no_lock_file(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StoreError, match="cannot be written"), lock.held(tmp_path / "file"):
+        pass

@@ -1,0 +1,195 @@
+"""Shards joined: the table of one folder, whatever the cuts and the order; what does not fit is named."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import tempfile
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import synthetic_results as synthetic
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ravenjax.store import manifest as manifests
+from ravenjax.store import merging, parts, schema
+from ravenjax.store.files import StoreError
+from ravenjax.store.folder import ResultFolder, read_all
+
+RUNS = 120
+FRAME = synthetic.frame(RUNS)
+
+
+def shard(path, ranges, **changes):
+    """A folder that holds these rows, each range one part."""
+    folder = ResultFolder.open(path, synthetic.manifest(RUNS, **changes))
+    for first, stop in ranges:
+        folder.add(FRAME.iloc[first:stop])
+    folder.close(compile_s=1.0, run_s=2.0, rows=RUNS)
+    return path
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return read_all(shard(tmp_path_factory.mktemp("whole"), [(0, RUNS)]))
+
+
+def two(tmp_path, **changes):
+    return [shard(tmp_path / "a", [(0, 30), (60, 120)]), shard(tmp_path / "b", [(30, 60)], **changes)]
+
+
+def content(folder):
+    return {path: path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+@settings(max_examples=12)
+@given(st.data())
+def test_any_cut_into_parts_and_shards_in_any_order_is_the_same_table(whole, data):
+    cuts = sorted({0, RUNS, *data.draw(st.sets(st.integers(1, RUNS - 1), max_size=9))})
+    ranges = list(itertools.pairwise(cuts))
+    owner = data.draw(st.lists(st.integers(0, 2), min_size=len(ranges), max_size=len(ranges)))
+    order = data.draw(st.permutations(sorted(set(owner))))
+    with tempfile.TemporaryDirectory() as place:
+        root = Path(place)
+        shards = {
+            n: shard(root / str(n), [r for r, o in zip(ranges, owner, strict=True) if o == n]) for n in set(owner)
+        }
+        done = merging.merge(root / "out", [shards[n] for n in order])
+        assert done.missing == [] and done.linked == len(ranges)
+        pd.testing.assert_frame_equal(read_all(root / "out"), whole)
+        assert [part.first for part in done.manifest.parts] == cuts[:-1]
+        again = merging.merge(root / "out", [shards[n] for n in reversed(order)])
+        assert (again.kept, again.linked, again.copied) == (len(ranges), 0, 0)
+        pd.testing.assert_frame_equal(read_all(root / "out"), whole)
+
+
+def test_a_merged_folder_is_finished_and_goes_on_as_any_other(tmp_path):
+    shards = two(tmp_path)
+    merging.merge(tmp_path / "out", shards)
+    record = manifests.read(tmp_path / "out")
+    assert record.finished and record.done == RUNS and record.run_s == 4.0
+    assert list(ResultFolder.open(tmp_path / "out", synthetic.manifest(RUNS)).missing(50)) == []
+
+
+def test_shards_are_left_as_they_are(tmp_path):
+    shards = two(tmp_path)
+    before = [content(folder) for folder in shards]
+    merging.merge(tmp_path / "out", shards)
+    assert [content(folder) for folder in shards] == before
+
+
+def test_where_links_are_not_possible_parts_are_copied(tmp_path, monkeypatch, whole):
+    def refused(*_):
+        raise OSError(18, "Invalid cross-device link")
+
+    monkeypatch.setattr(os, "link", refused)
+    done = merging.merge(tmp_path / "out", two(tmp_path))
+    assert (done.linked, done.copied) == (0, 3)
+    pd.testing.assert_frame_equal(read_all(tmp_path / "out"), whole)
+
+
+def test_missing_rows_are_named_unless_a_part_of_the_table_will_do(tmp_path):
+    a, b = two(tmp_path)
+    with pytest.raises(StoreError, match=r"120 runs; no shard holds 30 of them: rows 30 to 59\..*--partial"):
+        merging.merge(tmp_path / "out", [a])
+    assert not (tmp_path / "out").exists()
+    done = merging.merge(tmp_path / "out", [a], partial=True)
+    assert done.missing == [range(30, 60)] and manifests.read(tmp_path / "out").finished is None
+    assert len(read_all(tmp_path / "out")) == 90
+    done = merging.merge(tmp_path / "out", [b])  # what is merged already counts
+    assert (done.kept, done.linked, done.missing) == (2, 1, [])
+    assert manifests.read(tmp_path / "out").finished is not None
+
+
+def test_an_interrupted_merge_is_finished_by_the_same_command(tmp_path, monkeypatch, whole):
+    shards = two(tmp_path)
+    real, calls = merging.write_aside, []
+
+    def killed(path, write):
+        calls.append(path)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        real(path, write)
+
+    monkeypatch.setattr(merging, "write_aside", killed)
+    with pytest.raises(KeyboardInterrupt):
+        merging.merge(tmp_path / "out", shards)
+    (tmp_path / "out" / "parts" / f".{calls[1].name}.tmp").write_bytes(b"half a copy")
+    monkeypatch.setattr(merging, "write_aside", real)
+    done = merging.merge(tmp_path / "out", shards)
+    assert (done.kept, done.linked) == (1, 2)
+    pd.testing.assert_frame_equal(read_all(tmp_path / "out"), whole)
+
+
+def test_a_shard_named_twice_and_rows_held_alike_count_once(tmp_path, whole):
+    a, b = two(tmp_path)
+    done = merging.merge(tmp_path / "out", [a, b, a, shard(tmp_path / "c", [(0, 30)])])
+    assert done.linked == 3
+    pd.testing.assert_frame_equal(read_all(tmp_path / "out"), whole)
+
+
+def test_overlapping_rows_are_named(tmp_path):
+    a, b = two(tmp_path)
+    other = shard(tmp_path / "c", [(25, 40)])
+    with pytest.raises(
+        StoreError, match=r"part-000000000-000000029.*part-000000025-000000039.* both hold row 25 to 29"
+    ):
+        merging.merge(tmp_path / "out", [a, b, other])
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"config": {"duration_s": 4.0}, "config_hash": "0"}, "config.duration_s: 3.0 here, 4.0 there"),
+        ({"code_hash": "f" * 64}, "code: "),
+        ({"engine": "simd"}, 'engine: "xla" here, "simd" there'),
+        ({"versions": {"jax": "0.1"}}, "versions.jax: "),
+    ],
+)
+def test_another_campaign_code_or_engine_is_no_shard(tmp_path, changes, told):
+    with pytest.raises(StoreError, match="is no shard of the campaign") as caught:
+        merging.merge(tmp_path / "out", two(tmp_path, **changes))
+    assert told in str(caught.value) and not (tmp_path / "out").exists()
+
+
+def test_another_machine_may_have_computed_a_shard(tmp_path):
+    done = merging.merge(tmp_path / "out", two(tmp_path, device="4 cores"))
+    assert done.manifest.device == "2 cores of a made-up processor; 4 cores"
+
+
+def test_a_damaged_part_is_named_and_nothing_written(tmp_path):
+    shards = two(tmp_path)
+    path = parts.files(shards[1] / "parts")[0]
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(StoreError, match=rf"{path}: has .* bytes"):
+        merging.merge(tmp_path / "out", shards)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_part_without_a_record_is_taken(tmp_path, whole):
+    shards = two(tmp_path)
+    (shards[0] / "parts.jsonl").write_bytes(b"")
+    merging.merge(tmp_path / "out", shards)
+    pd.testing.assert_frame_equal(read_all(tmp_path / "out"), whole)
+
+
+def test_shards_of_a_newer_version_are_refused_politely(tmp_path, monkeypatch):
+    shards = two(tmp_path)
+    monkeypatch.setattr(schema, "VERSION", schema.VERSION - 1)
+    with pytest.raises(StoreError, match=r"manifest.json: has result schema .*upgrade ravenjax"):
+        merging.merge(tmp_path / "out", shards)
+
+
+def test_a_folder_with_foreign_parts_and_one_without_shards(tmp_path):
+    shards = two(tmp_path)
+    shard(tmp_path / "out", [(10, 20)])
+    (tmp_path / "out" / "manifest.json").unlink()
+    with pytest.raises(StoreError, match=r"part-000000010-000000019.parquet: is in the folder to merge into"):
+        merging.merge(tmp_path / "out", shards)
+    with pytest.raises(StoreError, match="nothing to merge"):
+        merging.merge(tmp_path / "out", [])
+    with pytest.raises(StoreError, match=r"holds no manifest.json"):
+        merging.merge(tmp_path / "new", [tmp_path])

@@ -1,0 +1,135 @@
+"""A folder as a relation: the same table however it is cut, only what the manifest names, nothing left behind."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import pytest
+import synthetic_results as synthetic
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ravenjax.store import manifest as manifests
+from ravenjax.store import parts, query, schema
+from ravenjax.store.files import StoreError
+from ravenjax.store.folder import ResultFolder, read_all
+
+RUNS = 90
+FRAME = synthetic.frame(RUNS)
+
+
+def fill(path, chunk):
+    folder = ResultFolder.open(path, synthetic.manifest(RUNS))
+    for rows in folder.missing(chunk):
+        folder.add(FRAME.iloc[rows.start : rows.stop])
+    folder.close(compile_s=1.0, run_s=2.0, rows=RUNS)
+    return path
+
+
+@settings(max_examples=5)
+@given(st.integers(9, RUNS))
+def test_the_relation_is_the_table_whatever_the_parts(chunk):
+    with tempfile.TemporaryDirectory() as place:
+        folder = fill(Path(place) / "results", chunk)
+        with query.open_folder(folder) as table:
+            found = table.frame('SELECT * EXCLUDE row FROM results ORDER BY "index"')
+            assert table.row('SELECT count(*), bool_and(row = "index") FROM results') == (RUNS, True)
+        whole = read_all(folder)
+        for name in whole:
+            assert found[name].astype(str).tolist() == whole[name].astype(str).tolist(), name
+        assert sorted(path.name for path in folder.iterdir() if path.name.startswith(".query")) == []
+
+
+@pytest.mark.parametrize("name", ["with space", "a[1]b", "what?*", "quote's", 'say "x"'])
+def test_any_path_will_do(tmp_path, name):
+    with query.open_folder(fill(tmp_path / name, 40)) as table:
+        assert table.row("SELECT count(*) FROM results") == (RUNS,)
+
+
+def test_parts_that_nobody_recorded_are_not_read(tmp_path):
+    fill(tmp_path, 40)
+    record = manifests.read(tmp_path)
+    manifests.write(tmp_path, record.model_copy(update={"parts": record.parts[:1], "finished": None}))
+    with query.open_folder(tmp_path) as table:
+        assert table.row("SELECT count(*) FROM results") == (40,)
+
+
+def test_damage_and_other_versions_are_refused_before_a_query(tmp_path, monkeypatch):
+    fill(tmp_path, 40)
+    path = parts.files(tmp_path / "parts")[1]
+    content = path.read_bytes()
+    path.write_bytes(content[:-10])
+    with pytest.raises(StoreError, match=rf"{path}: has .* bytes"):
+        query.open_folder(tmp_path)
+    path.write_bytes(content)
+    text = (tmp_path / "manifest.json").read_text()
+    newer = text.replace(f'"schema_version": {schema.VERSION}', f'"schema_version": {schema.VERSION + 1}')
+    (tmp_path / "manifest.json").write_text(newer)
+    with pytest.raises(StoreError, match=r"manifest.json: has result schema .*upgrade ravenjax"):
+        query.open_folder(tmp_path)
+    (tmp_path / "manifest.json").write_text(text)
+    written, known = schema.VERSION, schema.VERSION - 1
+    record = manifests.read(tmp_path)
+    monkeypatch.setattr(query.manifests, "read", lambda _: record)
+    monkeypatch.setattr(schema, "VERSION", known)
+    with pytest.raises(
+        StoreError, match=rf"parquet: has result schema {written}; this ravenjax reads {known}.*upgrade"
+    ):
+        query.open_folder(tmp_path)
+
+
+def test_an_empty_and_an_incomplete_folder(tmp_path):
+    ResultFolder.open(tmp_path, synthetic.manifest(RUNS))
+    with pytest.raises(StoreError, match="no finished part yet"):
+        query.open_folder(tmp_path)
+    fill(tmp_path, 40)
+    listed = tmp_path / "parts.jsonl"
+    listed.write_bytes(listed.read_bytes().splitlines(keepends=True)[0])
+    with pytest.raises(StoreError, match=r"names parts of 40 of the 90 finished runs"):
+        query.open_folder(tmp_path)
+
+
+def test_what_does_not_fit_in_memory_is_spilled_and_what_cannot_be_is_told(tmp_path):
+    with query.empty(tmp_path, memory_mb=60) as table:
+        table.run("CREATE TABLE long AS SELECT i, hash(i) AS h FROM range(6000000) AS made(i)")
+        assert table.row("SELECT count(*) FROM (SELECT h FROM long ORDER BY h)") == (6_000_000,)
+    assert list(tmp_path.iterdir()) == []
+    with query.empty(tmp_path, memory_mb=40) as table, pytest.raises(StoreError, match="RAVENJAX_QUERY_MB=4000"):
+        table.row("SELECT len(list(hash(i))) FROM range(20000000) AS made(i)")
+
+
+def test_the_memory_that_a_user_gives(monkeypatch):
+    monkeypatch.setenv("RAVENJAX_QUERY_MB", "123")
+    with query.empty() as table:
+        assert table.row("SELECT current_setting('memory_limit')")[0].startswith("117")  # MiB
+    monkeypatch.setenv("RAVENJAX_QUERY_MB", "lots")
+    with pytest.raises(StoreError, match="RAVENJAX_QUERY_MB=lots: expected a number of MB"):
+        query.empty()
+
+
+@pytest.mark.parametrize(
+    ("wanted", "held", "lacking", "words"),
+    [
+        ([(0, 99)], [(0, 99)], [], ""),
+        ([(0, 99)], [(10, 19), (30, 99)], [range(10), range(20, 30)], "0 to 9, 20 to 29"),
+        ([(0, 9), (50, 50)], [(0, 9)], [range(50, 51)], "50"),
+        ([(1000, 1999)], [], [range(1000, 2000)], "1,000 to 1,999"),
+    ],
+)
+def test_rows_that_are_lacking(wanted, held, lacking, words):
+    ranges = [range(first, last + 1) for first, last in wanted]
+    there = [parts.Part(file="", first=first, last=last, sha256="", size=0) for first, last in held]
+    assert query.lacking(ranges, there) == lacking and query.in_words(lacking) == words
+
+
+def test_many_ranges_are_cut_short():
+    assert query.in_words([range(i, i + 1) for i in range(9)], most=2) == "0, 1 and 7 more ranges"
+
+
+def test_words_of_sql():
+    name, word = 'a"b', "it's"
+    with query.empty() as table:
+        table.run(f"CREATE TABLE made ({query.quoted(name)} {query.enum([word, 'x'])})")
+        table.run(f"INSERT INTO made VALUES ({query.text(word)})")
+        assert table.types("made") == {name: "ENUM('it''s', 'x')"} and table.row("SELECT * FROM made") == (word,)

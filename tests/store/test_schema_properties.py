@@ -1,0 +1,111 @@
+"""Whatever the shape and the values: what fits comes back to the bit, what does not is refused by name."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import made_up_rows
+
+from ravenjax.store import parts, schema
+from ravenjax.store.files import StoreError
+
+names = st.text("abcdefghijklmnopqrstuvwxyz_.0123456789", min_size=1, max_size=12)
+SHAPES = st.builds(
+    schema.Shape,
+    arms=st.sampled_from([("gold",), ("green",), ("gold", "green")]),
+    joints=st.sampled_from([("shoulder",), schema.JOINTS]),
+    slots=st.integers(0, 3),
+    cues=st.integers(0, 3),
+    checks=st.lists(st.sampled_from([*schema.CHECKS, "a_new_one"]), unique=True, max_size=3).map(tuple),
+    parameters=st.lists(names, unique=True, max_size=3).map(tuple),
+    reacts=st.booleans(),
+    detectors=st.lists(st.integers(1, 3), max_size=2).map(tuple),
+)
+FEW = settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+@FEW
+@given(SHAPES)
+def test_names_are_unique_and_types_known(shape):
+    columns = schema.columns(shape)
+    assert len({column.name for column in columns}) == len(columns)
+    assert schema.arrow_schema(shape).names == [column.name for column in columns]
+    schema.require_columns(shape, [column.name for column in columns])
+
+
+@FEW
+@given(SHAPES, st.integers(1, 40), st.integers(0, 2**31), st.randoms())
+def test_a_part_gives_back_what_went_in(tmp_path, shape, rows, seed, random):
+    frame = made_up_rows.frame(shape, rows, seed)
+    shuffled = random.sample(list(frame.columns), len(frame.columns))
+    as_written = random.choice([frame[shuffled], {name: frame[name].to_numpy() for name in shuffled}])
+    written = parts.write(tmp_path, as_written, shape, "of this campaign")
+    table = parts.read(tmp_path / written.file, "of this campaign", written)
+    assert table.schema.equals(schema.arrow_schema(shape))
+    back = parts.concatenate([table])
+    for name in frame:
+        if isinstance(back[name].dtype, pd.CategoricalDtype) or frame[name].dtype == object:
+            assert back[name].tolist() == frame[name].tolist(), name
+        else:
+            assert back[name].dtype == frame[name].dtype, name
+            np.testing.assert_array_equal(_bits(back[name]), _bits(frame[name]), name)
+
+
+def _bits(values):
+    plain = values.to_numpy()
+    return np.where(np.isnan(plain), np.inf, plain).view(f"i{plain.itemsize}") if plain.dtype.kind == "f" else plain
+
+
+@FEW
+@given(SHAPES, st.data())
+def test_columns_that_lack_or_are_too_many_are_named(shape, data):
+    frame = made_up_rows.frame(shape, 2)
+    lost = data.draw(st.lists(st.sampled_from(list(frame.columns)), unique=True, max_size=3))
+    more = data.draw(st.lists(names.filter(lambda name: name not in frame), unique=True, max_size=2))
+    changed = frame.drop(columns=lost).assign(**dict.fromkeys(more, 0))
+    if not lost and not more:
+        assert schema.conform(changed, shape).num_rows == 2
+        return
+    with pytest.raises(StoreError) as wrong:
+        schema.conform(changed, shape)
+    assert all(name in str(wrong.value) for name in (*lost, *more))
+
+
+JUNK = st.one_of(
+    st.none(),
+    st.floats(),
+    st.integers(-(2**70), 2**70),
+    st.text(max_size=3),
+    st.binary(max_size=3),
+    st.booleans(),
+    st.just({"a": 1}),
+    st.just([1, 2]),
+    st.just(object()),
+    st.complex_numbers(),
+)
+
+
+@settings(FEW, max_examples=200)
+@given(st.sampled_from([c.name for c in schema.columns(schema.Shape(checks=(), parameters=("p",)))]), st.data())
+def test_any_value_at_all_is_taken_as_it_is_or_refused_by_name(name, data):
+    shape = schema.Shape(checks=(), parameters=("p",))
+    frame = made_up_rows.frame(shape, 3)
+    junk = data.draw(st.lists(JUNK, min_size=3, max_size=3))
+    try:
+        table = schema.conform(frame.astype({name: object}).assign(**{name: pd.Series(junk, dtype=object)}), shape)
+    except StoreError as wrong:
+        assert repr(name) in str(wrong)
+        return
+    got, kind = table[name], table.schema.field(name).type
+    assert got.null_count == 0
+    if pa.types.is_integer(kind) or pa.types.is_boolean(kind):
+        assert [int(one) for one in got.to_pylist()] == [float(one) for one in junk], "none becomes another one"

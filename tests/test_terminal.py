@@ -1,0 +1,60 @@
+"""What the terminal shows of a campaign: one line that says all, notes once, failures by cause."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+
+import pytest
+from rich.console import Console
+
+from ravenjax import terminal
+from ravenjax.campaign.progress import Status
+
+STATUS = Status(
+    phase="run", done=150, total=400, compile_s=2.0, run_s=10.0, progress=0.25, failed=3, engine="simd on a CPU",
+    earlier=100, parts=5, workers=4, failures={"worker killed by SIGKILL": 20, "nan": 3},
+)  # fmt: skip
+
+
+def test_one_line_says_how_far_it_is():
+    assert terminal.words(STATUS) == (
+        "150 of 400 runs, 8 runs/s, 30 s left, 5 parts, 4 workers, compiled in 2.0 s, 3 failed, nan 3, "
+        "worker killed by SIGKILL 20"
+    )
+    quiet = dataclasses.replace(STATUS, run_s=0.0, compile_s=0.0, failed=0, failures={}, parts=0, workers=1)
+    assert terminal.words(quiet) == "150 of 400 runs, 0 s left"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"), [(0.4, "0 s"), (119.0, "119 s"), (180.0, "3 min"), (7000.0, "117 min"), (7300.0, "2 h 02 min")]
+)
+def test_times_in_words(seconds, said):
+    assert terminal.duration(seconds) == said
+
+
+def test_where_there_is_no_terminal_lines_come_now_and_then_and_each_note_once():
+    out = io.StringIO()
+    with terminal.Watch(Console(file=out, width=300)) as watch:
+        watch(dataclasses.replace(STATUS, phase="compile", notes=("part [x] was set aside",)))
+        for _ in range(5):
+            watch(dataclasses.replace(STATUS, notes=("part [x] was set aside", "a worker died")))
+        watch(dataclasses.replace(STATUS, phase="done"))
+    lines = out.getvalue().splitlines()
+    assert lines[:3] == ["engine: simd on a CPU", "note: part [x] was set aside", "compile: " + terminal.words(
+        dataclasses.replace(STATUS, phase="compile"))]  # fmt: skip
+    assert sum("a worker died" in line for line in lines) == 1
+    assert sum(line.startswith("run:") for line in lines) == 1 and lines[-1].startswith("done:")
+
+
+def test_a_terminal_shows_a_bar():
+    out = io.StringIO()
+    with terminal.Watch(Console(file=out, width=200, force_terminal=True)) as watch:
+        watch(STATUS)
+    assert "4 workers" in out.getvalue() and "━" in out.getvalue()
+
+
+def test_failures_by_cause():
+    rows = terminal.failure_rows({"nan": 5, "worker killed by SIGKILL": 20}, 1000)
+    assert rows == [("worker killed by SIGKILL", "20", "2 %"), ("nan: a number of the run was none", "5", "0.5 %")]
+    assert terminal.failure_rows({}, 0) == []
