@@ -30,7 +30,7 @@ class Window:
         address = f"ws://127.0.0.1:{session.port}/session?role={role}"
         self.socket = connect(address, additional_headers=headers, open_timeout=30)
         self.welcome = self.text("welcome")
-        self.layout, self.first = self.welcome["layout"], 2 * len(self.welcome["arms"])
+        self.layout, self.first = self.welcome["layout"], 5 * len(self.welcome["arms"])
 
     def say(self, told):
         self.socket.send(told if isinstance(told, str | bytes) else json.dumps(told))

@@ -25,11 +25,11 @@ def seen(role, blinded, cue_on=1.0):
     row = np.arange(1, LAYOUT.size + 1, dtype=np.float32)
     frame = Frame(LAYOUT, row)
     frame["cue_on"], frame["hazard"], frame["fault_active"] = cue_on, 2, 1
-    peaks = np.array([[4.0, 0.05], [1.0, 0.02]], np.float32)
+    peaks = np.array([[4.0, 0.05, 7, 8, 9], [1.0, 0.02, 7, 8, 9]], np.float32)
     before = row.copy()
     numbers = np.frombuffer(Sight(LAYOUT, role, blinded).frame(row, peaks), np.float32)
     np.testing.assert_array_equal(row, before)  # the ring's row is others' too
-    return numbers[:4].reshape(2, 2), Frame(LAYOUT, numbers[4:]), Frame(LAYOUT, before)
+    return numbers[:10].reshape(2, 5), Frame(LAYOUT, numbers[10:]), Frame(LAYOUT, before)
 
 
 @pytest.mark.parametrize("role", ["operator", "watcher"])
@@ -54,6 +54,7 @@ def test_a_blinded_operator_sees_the_field_alone():
     np.testing.assert_array_equal(frame["gold/model_tip"], whole["gold/tip"])
     np.testing.assert_array_equal(frame["green/model_jpos"], whole["green/link_jpos"])
     assert frame.number("gold/error_mm") == 0 and not peaks[:, 0].any()
+    np.testing.assert_array_equal(peaks[0, 2:], whole["gold/tip"])  # not where the software wants it
     np.testing.assert_array_equal(frame["gold/tip"], whole["gold/tip"])
     on, off = (seen("operator", True, cue)[1].number("cue_on") for cue in (1, 0))
     assert on == off
@@ -62,7 +63,7 @@ def test_a_blinded_operator_sees_the_field_alone():
 def test_the_instructor_sees_everything_but_the_cue_of_a_blinded_session():
     peaks, frame, whole = seen("instructor", False)
     np.testing.assert_array_equal(frame.row, whole.row)
-    assert peaks[0].tolist() == [4.0, np.float32(0.05)]
+    assert peaks[0].tolist() == [4.0, np.float32(0.05), 7, 8, 9]
     frames = [seen("instructor", True, cue)[1] for cue in (0, 1)]
     np.testing.assert_array_equal(frames[0].row, frames[1].row)
     assert frames[0].number("hazard") == 2

@@ -1,0 +1,105 @@
+"""Shapes of the robot and its surroundings out of the MuJoCo model, as glTF that viser takes."""
+
+# MuJoCo's compiled module carries no types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+import trimesh
+from mjviser import conversions
+from trimesh.visual import TextureVisuals
+from trimesh.visual.material import PBRMaterial
+
+from ravenjax.types import ArmName
+
+DEFAULT = 0.5
+"""Of a geom's own colour in MuJoCo: it has none, and its material's counts."""
+CREASE = math.radians(35.0)
+"""Faces that meet at less are drawn as one smooth surface."""
+
+
+def fixed(model: mujoco.MjModel) -> list[int]:
+    """Bodies that never move."""
+    return [body for body in range(model.nbody) if conversions.is_fixed_body(model, body)]
+
+
+def moving(model: mujoco.MjModel, arm: ArmName) -> list[int]:
+    """Moving links of an arm."""
+    own = f"{arm}_"
+    bodies = range(model.nbody)
+    return [i for i in bodies if not conversions.is_fixed_body(model, i) and model.body(i).name.startswith(own)]
+
+
+def coloured(model: mujoco.MjModel, body: int) -> bytes:
+    """The body's shapes in its frame, m, a mesh for each look, as binary glTF."""
+    scene = trimesh.Scene()
+    for look, geoms in _looks(model, body).items():
+        mesh = trimesh.graph.smooth_shade(conversions.merge_geoms(model, geoms), angle=CREASE)
+        mesh.visual = TextureVisuals(material=_material(model, geoms[0]))
+        scene.add_geometry(mesh, geom_name=str(look))
+    data = scene.export(file_type="glb")
+    assert isinstance(data, bytes)
+    return data
+
+
+def plain(model: mujoco.MjModel, body: int) -> trimesh.Trimesh:
+    """The same shapes as one mesh without colour."""
+    mesh = conversions.merge_geoms(model, _drawn(model, body))
+    return trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
+
+
+def _drawn(model: mujoco.MjModel, body: int) -> list[int]:
+    """Geoms of a body; the unbounded floor is left out."""
+    return [
+        geom
+        for geom in np.flatnonzero(model.geom_bodyid == body).tolist()
+        if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE
+    ]
+
+
+def _looks(model: mujoco.MjModel, body: int) -> dict[tuple[float, ...], list[int]]:
+    found: dict[tuple[float, ...], list[int]] = {}
+    for geom in _drawn(model, body):
+        look = (float(model.geom_matid[geom]), *model.geom_rgba[geom].round(3).tolist())
+        found.setdefault(look, []).append(geom)
+    return found
+
+
+def _material(model: mujoco.MjModel, geom: int) -> PBRMaterial:
+    """MuJoCo's colour and gloss as glTF has them: colours linear, roughness in place of shininess."""
+    number = int(model.geom_matid[geom])
+    material = model.mat(number)
+    textured = [int(i) for i in material.texid if i >= 0]
+    own = model.geom_rgba[geom][:3]
+    plain = material.rgba[:3] if np.allclose(own, DEFAULT) else own
+    colour = _flat(model, textured[0]) * own if textured else plain
+    metal = material.name in ("steel", "silver", "extrusion")
+    return PBRMaterial(
+        baseColorFactor=[*_linear(colour).tolist(), 1.0],
+        metallicFactor=0.55 if metal else 0.0,
+        roughnessFactor=float(np.clip(0.95 - 0.75 * material.shininess[0], 0.2, 1.0)),
+        doubleSided=True,
+    )
+
+
+def _flat(model: mujoco.MjModel, texture: int) -> np.ndarray:
+    """The colour of a texture that has one, 0 to 1."""
+    start = int(model.tex_adr[texture])
+    return model.tex_data[start : start + 3] / 255.0
+
+
+def _linear(colour: np.ndarray) -> np.ndarray:
+    """Of sRGB."""
+    return np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
+
+
+def names(model: mujoco.MjModel, bodies: list[int]) -> Iterator[tuple[int, str]]:
+    """Each body with its name, those without shapes left out."""
+    for body in bodies:
+        if _drawn(model, body):
+            yield body, model.body(body).name

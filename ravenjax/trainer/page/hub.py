@@ -1,0 +1,206 @@
+"""The windows that are open: who drives, who instructs, who looks on; what they say and what they are told.
+
+Everything here runs in the server's event loop. A window that takes frames slowly gets the newest, never a backlog.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import socket
+import time
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from websockets.asyncio.server import ServerConnection
+from websockets.exceptions import ConnectionClosed
+
+from ravenjax.trainer import messages
+from ravenjax.trainer.frame import PHASES, VIEWS, Layout
+from ravenjax.trainer.page.door import query
+from ravenjax.trainer.page.inbox import Inbox, Refused
+from ravenjax.trainer.page.sight import Sight
+
+MOST_PER_S = 400  # messages of one window; a gamepad at 144 Hz with all keys stays below
+KEPT_EVENTS = 1000
+RELEASE = {"type": "input", "source": "keyboard", "pedal": False, "arms": {}}
+"""What is said for an operator whose window is gone."""
+
+
+class Client:
+    """One window's socket."""
+
+    def __init__(self, connection: ServerConnection, role: str, window: str) -> None:
+        self.connection, self.role, self.window = connection, role, window
+        self._texts: list[str] = []
+        self._frame: tuple[np.ndarray, np.ndarray] | None = None
+        self._wake = asyncio.Event()
+        self._room, self._counted = float(MOST_PER_S), time.monotonic()
+
+    def tell(self, told: dict[str, Any]) -> None:
+        """Send a text, in order."""
+        self._texts.append(json.dumps(told, separators=(",", ":")))
+        self._wake.set()
+
+    def show(self, row: np.ndarray, extras: np.ndarray) -> None:
+        """Send a frame, in place of one that still waits."""
+        if self._frame:
+            extras = np.column_stack([np.maximum(extras[:, :2], self._frame[1][:, :2]), extras[:, 2:]])
+        self._frame = row, extras
+        self._wake.set()
+
+    def admits(self) -> bool:
+        """Whether one more message is within the window's rate."""
+        now = time.monotonic()
+        self._room = min(MOST_PER_S, self._room + (now - self._counted) * MOST_PER_S)
+        self._counted = now
+        if self._room < 1:
+            return False
+        self._room -= 1
+        return True
+
+    async def send(self, sight: Callable[[], Sight]) -> None:
+        """Until the socket closes."""
+        while True:
+            await self._wake.wait()
+            self._wake.clear()
+            texts, self._texts = self._texts, []
+            for text in texts:
+                await self.connection.send(text)
+            if self._frame:
+                frame, self._frame = self._frame, None
+                await self.connection.send(sight().frame(*frame))
+
+
+class Hub:
+    """All windows of a session."""
+
+    def __init__(
+        self,
+        header: dict[str, Any],
+        place: dict[str, Any],
+        layout: Layout,
+        commands: socket.socket,
+        inbox: Inbox,
+        on_page: Callable[[Client, dict[str, Any]], None],
+        on_input: Callable[[], None],
+    ) -> None:
+        """place: what a window needs to draw tips itself.
+
+        on_page: takes what is for the page's process itself; on_input: called where the operator's input changes.
+        """
+        self._header, self._place, self._layout = header, place, layout
+        self._commands, self._inbox = commands, inbox
+        self._on_page, self._on_input = on_page, on_input
+        blinded = bool(header.get("blinded"))
+        self._sights = {role: Sight(layout, role, blinded) for role in ("operator", "watcher", "instructor")}
+        self._clients: list[Client] = []
+        self._events: list[dict[str, Any]] = []
+        self._last_input = b""
+        self.dropped: Counter[str] = Counter()
+
+    async def serve(self, connection: ServerConnection) -> None:
+        """One websocket, from its greeting to its end."""
+        asked = query(connection.request.path if connection.request else "")
+        role = "instructor" if asked.get("role") == "instructor" else self._free_seat()
+        client = Client(connection, role, asked.get("window", "")[:64])
+        self._greet(client)
+        self._clients.append(client)
+        sender = asyncio.create_task(client.send(lambda: self._sights[client.role]))
+        try:
+            async for message in connection:
+                self._take(client, message)
+        except ConnectionClosed:
+            pass  # a tab that vanished; what it held is let go below
+        finally:
+            self._clients.remove(client)
+            sender.cancel()
+            with contextlib.suppress(asyncio.CancelledError, ConnectionClosed):
+                await sender
+            if client.role == "operator":
+                self._forward(RELEASE)
+                self._seat_told()
+
+    def show(self, row: np.ndarray, extras: np.ndarray) -> None:
+        """A new frame (float32) and what belongs to it, see `Sight.frame`."""
+        for client in self._clients:
+            client.show(row, extras)
+
+    def tell(self, events: list[dict[str, Any]]) -> None:
+        """New events of the session."""
+        self._events = [*self._events, *events][-KEPT_EVENTS:]
+        for client in self._clients:
+            for event in events:
+                if self._sights[client.role].event(event.get("kind", "")):
+                    client.tell({"type": "event", **event})
+
+    @property
+    def open(self) -> int:
+        """Windows."""
+        return len(self._clients)
+
+    def _free_seat(self) -> str:
+        return "watcher" if any(client.role == "operator" for client in self._clients) else "operator"
+
+    def _greet(self, client: Client) -> None:
+        sight = self._sights[client.role]
+        places = {name: [place.start, place.stop - place.start] for name, place in self._layout.places.items()}
+        client.tell(
+            {
+                "type": "welcome",
+                "role": client.role,
+                "header": sight.header(self._header),
+                **self._place,
+                "arms": self._layout.arms,
+                "layout": places,
+                "size": self._layout.size,
+                "phases": PHASES,
+                "views": VIEWS,
+                "stale_ms": messages.STALE_MS,
+                "events": [event for event in self._events if sight.event(event.get("kind", ""))],
+            }
+        )
+
+    def _seat_told(self) -> None:
+        free = self._free_seat() == "operator"
+        for client in self._clients:
+            if client.role == "watcher":
+                client.tell({"type": "seat", "free": free})
+
+    def _take(self, client: Client, message: str | bytes) -> None:
+        if not client.admits():
+            self.dropped["too many"] += 1
+            return
+        try:
+            told = self._inbox.read(message, client.role)
+        except Refused as reason:
+            self.dropped["refused"] += 1
+            client.tell({"type": "refused", "why": str(reason), "dropped": self.dropped["refused"]})
+            return
+        if told["type"] == "page":
+            self._page(client, told)
+        else:
+            self._forward(told)
+
+    def _page(self, client: Client, told: dict[str, Any]) -> None:
+        if told["do"] == "ping":
+            client.tell({"type": "pong", "stamp": told.get("stamp", 0.0), "dropped": sum(self.dropped.values())})
+        elif told["do"] != "take":
+            self._on_page(client, told)
+        elif self._free_seat() == "operator":
+            client.role = "operator"
+            self._greet(client)
+            self._seat_told()
+
+    def _forward(self, told: dict[str, Any]) -> None:
+        data = json.dumps(told, separators=(",", ":")).encode()
+        try:
+            self._commands.send(data)
+        except OSError:  # full, or nobody there any more: a console's next heartbeat says the same
+            self.dropped["not taken"] += 1
+        if told["type"] == "input" and data != self._last_input:
+            self._last_input = data
+            self._on_input()

@@ -1,0 +1,200 @@
+// What stands on the panel beside the plots: lamps, figures, lists, banners.
+
+const $ = (id) => document.getElementById(id);
+const WORDS = {
+  hazard_armed: (e) => `hazard ${e.number} armed`,
+  hazard_struck: (e) => `hazard ${e.number} struck`,
+  knowable: (e) => `could be known: ${e.by}`,
+  cue: (e) => (e.number < 0 ? "cue without a hazard" : `cue on ${e.arm}`),
+  stray: (e) => `${e.arm} strays ${Number(e.mm).toFixed(1)} mm`,
+  response: (e) => `response: ${e.what}${e.ok ? "" : ", not the right one"}`,
+  hazard_over: (e) => `hazard ${e.number}: ${e.outcome}`,
+  alarm: (e) => `check: ${e.check}`,
+  phase: (e) => e.phase,
+  view: (e) => `view: ${e.view}`,
+  pedal: (e) => `pedal ${e.down ? "down" : "up"}`,
+  console: (e) => `console ${e.alive ? `alive${e.source ? ` (${e.source})` : ""}` : "silent"}`,
+  runlevel: (e) => `runlevel ${e.runlevel}`,
+  note: (e) => `“${e.text}”`,
+  overrun: (e) => `late ticks: ${e.late_ticks}`,
+  task_done: () => "task done",
+  end: (e) => `ended: ${e.reason}`,
+};
+const BANNERS = {
+  down: ["bad", "No connection", "The session does not answer. The robot takes this console for dead and holds still."],
+  stopped: ["bad", "Robot stopped", "It holds its brakes. Find out why, then restart.", "Restart"],
+  paused: ["wait", "Paused", "The instructor has paused the session."],
+  watcher: ["wait", "View only", "Another window holds the console."],
+  free: ["wait", "The console is free", "Nobody drives.", "Take it"],
+  over: ["wait", "Session over", "What happened, and when you could have known:", "Debrief"],
+  virtual: ["virtual", "Virtual robot", "The robot rests. What you try now happens to the virtual robot alone."],
+  replay: ["virtual", "Re-engaged", "Hold the pedal: the robot follows what you tried."],
+};
+
+export class Panels {
+  constructor(root, send) {
+    this.root = root;
+    this.send = send;
+    this.shown = "";
+    this.free = false;
+    this.debrief = null; // opens it, once there is one
+    $("banner").querySelector("button").addEventListener("click", () => this.act());
+  }
+
+  welcome({ role, header, arms, phases, views }) {
+    Object.assign(this, { role, header, arms, phases, views });
+    this.root.dataset.role = role;
+    $("role").textContent = role === "watcher" ? "view only" : role;
+    $("title").textContent = header.title || header.name || "";
+    $("about").textContent = header.description ?? "";
+    $("task-kind").textContent = (header.task?.kind ?? "").replaceAll("_", " ");
+    $("who").textContent = header.participant ?? "";
+    $("blinded").hidden = !header.blinded;
+    $("cue-box").hidden = Boolean(header.blinded);
+    const hidden = Boolean(header.blinded) && role !== "instructor";
+    for (const id of ["error-card", "force-card", "layer-ghost", "layer-force"]) $(id).hidden = hidden;
+    for (const pad of document.querySelectorAll("#hands .pad")) pad.hidden = !arms.includes(pad.dataset.arm);
+    for (const id of ["alarms", "log", "hazards"]) $(id).replaceChildren();
+    $("alarms").append(element("li", "none", "no alarm"));
+    this.alarms = new Map();
+    for (const hazard of header.hazards ?? []) $("hazards").append(this.hazard(hazard));
+  }
+
+  hazard({ number, hazard, title, right_response: right = [], within_s: within }) {
+    const item = element("li", "", element("b", "", `${hazard} ${title}`), element("small", "", `${right.join(", ")} within ${within} s`));
+    const arm = element("button", "", "arm");
+    arm.type = "button";
+    arm.addEventListener("click", () => this.send({ type: "instructor", do: "arm", hazard: number }));
+    item.append(arm);
+    item.dataset.number = number;
+    return item;
+  }
+
+  event(event) {
+    if (event.kind === "alarm") this.alarm(event);
+    if (!$("hazard-card") || this.role !== "instructor") return;
+    const say = WORDS[event.kind];
+    if (say) {
+      $("log").prepend(element("li", "", time(event.tick), element("span", "", say(event))));
+      while ($("log").children.length > 200) $("log").lastChild.remove();
+    }
+    const item = $("hazards").querySelector(`[data-number="${event.number}"]`);
+    if (!item) return;
+    const states = { hazard_armed: "armed", hazard_struck: "struck", hazard_over: "over" };
+    if (states[event.kind]) item.className = states[event.kind];
+    if (event.kind === "hazard_over") item.querySelector("small").textContent = event.outcome;
+  }
+
+  alarm({ tick, check }) {
+    const known = this.alarms.get(check);
+    known?.item.remove();
+    const count = (known?.count ?? 0) + 1;
+    const item = element("li", "alarm", time(tick), element("span", "", String(check).replaceAll("_", " ") + (count > 1 ? ` ×${count}` : "")));
+    this.alarms.set(check, { item, count });
+    $("alarms").querySelector(".none")?.remove();
+    $("alarms").prepend(item);
+  }
+
+  frame(frame, rate) {
+    const phase = this.phases[frame.number("phase")] ?? "";
+    const view = this.views[frame.number("view")] ?? "real";
+    this.root.dataset.phase = phase;
+    set("phase", phase);
+    const level = String(frame.number("runlevel"));
+    for (const lamp of $("runlevel").children) lamp.classList.toggle("on", lamp.dataset.level === level);
+    set("clock", clock(frame.number("session_tick")));
+    set("rate", `${rate} Hz`);
+    set("compute", `${frame.number("compute_us").toFixed(0)} µs`);
+    set("lateness", `${frame.number("lateness_us").toFixed(0)} µs`);
+    const late = frame.number("late_ticks");
+    set("late", String(late));
+    $("late-box").classList.toggle("bad", late > 0);
+    const target = frame.number("target");
+    set("target", this.goal(target));
+    set("percent", `${(100 * frame.number("progress")).toFixed(0)} %`);
+    $("progress").style.width = `${100 * frame.number("progress")}%`;
+    const down = frame.number("pedal") === 1;
+    $("pedal").classList.toggle("down", down);
+    set("pedal-state", down ? (level === "3" ? "down, driving" : "down") : "up");
+    set("view-name", view === "real" ? "real field" : view === "virtual" ? "virtual field" : "robot follows");
+    const buttons = document.querySelectorAll("[data-operator]");
+    for (const button of buttons) {
+      const can = { rehearse: view === "real" && phase === "running", reengage: view === "virtual", discard: view !== "real", restart: phase === "stopped" };
+      button.disabled = !can[button.dataset.operator];
+    }
+    if (this.role === "instructor") this.instructor(frame, phase);
+    this.state = { phase, view };
+    this.banner();
+  }
+
+  goal(target) {
+    const { object, pegs = [] } = this.header.task ?? {};
+    if (target < 0) return "no goal now";
+    if (object?.number === target) return "fetch the object";
+    return pegs.length ? `to peg ${target + 1}` : `goal ${target + 1}`;
+  }
+
+  instructor(frame, phase) {
+    const on = frame.number("hazard");
+    for (const button of $("hazards").querySelectorAll("button")) button.disabled = on >= 0 || phase === "over";
+    const can = { pause: phase !== "paused" && phase !== "over", resume: phase === "paused", reset: phase !== "over", end: phase !== "over", disarm: on >= 0 };
+    for (const button of document.querySelectorAll("[data-instructor]")) button.disabled = !can[button.dataset.instructor];
+    if (document.activeElement !== $("cue")) $("cue").checked = frame.number("cue_on") === 1;
+  }
+
+  link(up) {
+    this.root.dataset.link = up ? "up" : "down";
+    if (!up) set("phase", "no connection");
+    this.banner();
+  }
+
+  seat(free) {
+    this.free = free;
+    this.banner();
+  }
+
+  banner() {
+    const { phase, view } = this.state ?? {};
+    const over = phase === "over";
+    let kind = "";
+    if (this.root.dataset.link === "down") kind = over ? "" : "down";
+    else if (over) kind = document.getElementById("debrief").hidden && this.debrief ? "over" : "";
+    else if (this.role === "watcher") kind = this.free ? "free" : "watcher";
+    else if (phase === "stopped") kind = "stopped";
+    else if (phase === "paused") kind = "paused";
+    else if (view === "virtual" || view === "replay") kind = view;
+    if (kind === this.shown) return;
+    this.shown = kind;
+    const banner = $("banner");
+    banner.hidden = !kind;
+    if (!kind) return;
+    const [look, head, text, act] = BANNERS[kind];
+    banner.dataset.kind = look;
+    banner.querySelector("b").textContent = head;
+    banner.querySelector("span").textContent = text;
+    const button = banner.querySelector("button");
+    button.hidden = !act || (kind === "stopped" && this.role === "instructor");
+    button.textContent = act ?? "";
+  }
+
+  act() {
+    if (this.shown === "free") this.send({ type: "page", do: "take" });
+    if (this.shown === "over") this.debrief();
+    if (this.shown === "stopped") this.send({ type: "operator", do: "restart" });
+  }
+}
+
+function set(id, text) {
+  const place = $(id);
+  if (place.textContent !== text) place.textContent = text;
+}
+
+function element(tag, kind, ...parts) {
+  const made = document.createElement(tag);
+  if (kind) made.className = kind;
+  made.append(...parts);
+  return made;
+}
+
+const time = (tick) => element("time", "", clock(tick));
+const clock = (ms) => `${Math.floor(ms / 60000)}:${String(((ms / 1000) % 60).toFixed(1)).padStart(4, "0")}`;

@@ -1,0 +1,91 @@
+"""The task in the scene: targets to reach, a path to follow, pegs and what they carry; the present goal shines."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import viser
+
+GLOW = (255, 214, 50)
+DIM = 0.55  # size of what is not the goal
+
+
+class Task:
+    """Nodes of one task, from its geometry: world, m.
+
+    {"targets": [{"number", "at", "radius_m", "colour"}], "pegs": [{"number", "top", "height_m", "radius_m", "colour"}],
+    "object": {"number", "at", "radius_m", "colour"} or None, "path": {"points", "colour"} or None}; all optional.
+    """
+
+    def __init__(self, server: viser.ViserServer, geometry: dict[str, Any]) -> None:
+        self._goal: int | None = None
+        self._spots: dict[int, tuple[Any, tuple[int, int, int]]] = {}
+        self._object: Any = None
+        self._held = ""
+        if geometry.get("path"):
+            _path(server, geometry["path"])
+        for target in geometry.get("targets") or ():
+            self._add(server, f"target/{target['number']}", target, target["at"], 0.55)
+        for peg in geometry.get("pegs") or ():
+            x, y, top = peg["top"]
+            height = peg["height_m"]
+            server.scene.add_cylinder(
+                f"/task/stem/{peg['number']}",
+                peg["radius_m"],
+                height,
+                color=_rgb(peg["colour"]),
+                position=(x, y, top - height / 2),
+            )
+            self._add(server, f"peg/{peg['number']}", peg, peg["top"], 0.7)
+        if geometry.get("object"):
+            self._object = self._add(server, "object", geometry["object"], geometry["object"]["at"], 1.0)
+
+    def moved(self, event: dict[str, Any]) -> None:
+        """An event of kind "object": an arm took it, or let it go somewhere."""
+        self._held = event.get("held", "")
+        if self._object is not None and "at" in event:
+            self._object.position = tuple(event["at"])
+
+    def show(self, goal: int, tips: dict[str, np.ndarray]) -> None:
+        """Mark the present goal, -1: none; what is held goes with the tip, world, m."""
+        if self._object is not None and self._held in tips:
+            self._object.position = tips[self._held]
+        if goal == self._goal:
+            return
+        self._goal = goal
+        for number, (node, colour) in self._spots.items():
+            node.color = (
+                tuple((np.array(colour) * 0.3 + np.array(GLOW) * 0.7).astype(int)) if number == goal else colour
+            )
+            node.scale = 1.0 if number == goal else DIM
+
+    def _add(self, server: viser.ViserServer, name: str, spot: dict[str, Any], at: Any, opacity: float) -> Any:
+        colour = _rgb(spot["colour"])
+        node = server.scene.add_icosphere(
+            f"/task/{name}",
+            float(spot["radius_m"]),
+            color=colour,
+            opacity=None if opacity == 1.0 else opacity,
+            cast_shadow=False,
+            receive_shadow=False,
+            position=tuple(at),
+        )
+        self._spots[int(spot["number"])] = node, colour
+        return node
+
+
+def _path(server: viser.ViserServer, path: dict[str, Any]) -> None:
+    points = np.asarray(path["points"], np.float32)
+    server.scene.add_line_segments(
+        "/task/path",
+        np.stack([points[:-1], points[1:]], axis=1),
+        _rgb(path["colour"]),
+        thickness=3.0,
+        thickness_units="screen",
+    )
+
+
+def _rgb(colour: str) -> tuple[int, int, int]:
+    """Of #rrggbb."""
+    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
