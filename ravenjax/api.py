@@ -13,6 +13,7 @@ import pandas as pd
 
 from ravenjax.campaign import adaptive, loading
 from ravenjax.campaign.config import CampaignConfig
+from ravenjax.campaign.executors import choice
 from ravenjax.campaign.progress import OnProgress
 from ravenjax.campaign.replay import replay
 from ravenjax.errors import UserError, shown
@@ -33,18 +34,22 @@ def run(
     out: str | Path | None = None,
     engine: str = "auto",
     on_progress: OnProgress | None = None,
+    executor: str | None = None,
+    workers: int | None = None,
 ) -> pd.DataFrame:
     """Run a campaign; one row a run, columns as in results/README.md.
 
-    out: result folder, resumed where it holds a part of this campaign; None keeps everything in memory. Raises
-    UserError and, for what is wrong with `out`, StoreError.
+    out: result folder, resumed where it holds a part of this campaign; None keeps everything in memory. executor:
+    "local" (this process), "processes" or "ray"; workers: processes or tasks side by side; the table is the same.
+    Raises UserError and, for what is wrong with `out`, StoreError.
     """
     if out is not None and (not isinstance(out, str | os.PathLike) or not str(out)):
         raise UserError(f"out is {shown(out)}, expected the path of a result folder, or None to keep it in memory")
     if on_progress is not None and not callable(on_progress):
         raise UserError(f"on_progress is {shown(on_progress)}, expected a function of one Status, or None")
     config = _config(campaign)
-    return adaptive.run(config, None if out is None else Path(out), _engine(engine), on_progress=on_progress).frame()
+    folder, who = None if out is None else Path(out), choice.executor(executor, workers)
+    return adaptive.run(config, folder, _engine(engine), on_progress=on_progress, executor=who).frame()
 
 
 def simulate(

@@ -1,6 +1,6 @@
 """What the coordinator of worker processes costs: its own time a chunk, beside the time that chunks take to compute.
 
-    python analysis/scale/coordinator.py [--workers N]
+    python analysis/scale/coordinator.py [--workers N] [--case CHUNKS ROWS SECONDS]
 
 Runs campaigns of 10 000 tiny chunks, of chunks of the smallest and of the largest default size through executor
 `processes` into a temporary folder. Counted is the CPU time of this process, which hands out, receives, writes, records
@@ -125,10 +125,12 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--workers", type=int, default=2)
-    workers = parser.parse_args().workers
+    parser.add_argument("--case", nargs=3, type=float, metavar=("CHUNKS", "ROWS", "SECONDS"), help="only this campaign")
+    given = parser.parse_args()
+    cases = CASES if given.case is None else ((int(given.case[0]), int(given.case[1]), given.case[2]),)
     print("| " + " | ".join(COLUMNS) + " |\n|" + "--:|" * len(COLUMNS))
-    for chunks, rows, duration_s in CASES:
-        print("| " + " | ".join(measure(chunks, rows, duration_s, workers).cells()) + " |", flush=True)
+    for chunks, rows, duration_s in cases:
+        print("| " + " | ".join(measure(chunks, rows, duration_s, given.workers).cells()) + " |", flush=True)
 
 
 if __name__ == "__main__":

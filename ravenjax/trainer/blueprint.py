@@ -98,7 +98,10 @@ def _frame(setup: Setup, now: Scalar, state: tick.State, out: tick.Signals, sign
         struck = struck | active
     software = out.control
     found = [now, software.runlevel, software.surgeon_mode, software.soft_estopped, out.plc.runlevel, out.plc.brakes]
-    found += [software.last_seq, as_int(struck), out.tip_distance * 1e3]
+    trips = jnp.int32(0)
+    for one in tick.checks(state).values():
+        trips = trips + one.count
+    found += [software.last_seq, as_int(struck), trips, out.tip_distance * 1e3]
     for i, measured in enumerate(software.arms):
         cue = out.haptics[i]
         position = measured.pos.position_um

@@ -131,6 +131,7 @@ class DistantRobot:
             self._outcomes.setdefault("check_soft_estop_first_ms", self.now)
         if report.runlevel == 0:
             self._outcomes.setdefault("check_estop_first_ms", self.now)
+        self._frame["trips"] = len(self._outcomes)
 
     def _lose(self) -> None:
         """Nothing is heard of the robot: it counts as stopped, and nobody is pulled toward it."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,7 @@ SIMULATED = {
     "brakes": 1,  # 1: on
     "last_seq": 1,  # number of the last packet taken
     "fault_active": 1,  # 1: a fault is at work in this tick
+    "trips": 1,  # how often the robot's own checks have tripped so far, all together
     "tip_distance_mm": 1,  # between the arms' tips; infinite with one arm
 }
 """Channels that the robot's tick fills, and how many numbers each has."""
@@ -122,7 +124,7 @@ class Frame:
     def __getitem__(self, name: str) -> np.ndarray:
         return self.row[self.layout.places[name]]
 
-    def __setitem__(self, name: str, value: object) -> None:
+    def __setitem__(self, name: str, value: Any) -> None:
         self.row[self.layout.places[name]] = value
 
     def number(self, name: str) -> float:

@@ -25,7 +25,7 @@ from ravenjax.trainer.scenario import Speeds
 from ravenjax.trainer.world import itp_from_view, turned
 from ravenjax.types import ArmName
 
-SMOOTHING_MS = 60.0
+SMOOTHING_MS = 30.0
 """Time in which hands reach 90 % of a new speed: keys have no ramp of their own, and a hand cannot jump. Ours."""
 _RATE = 3.8897 / SMOOTHING_MS  # 1/ms; a critically damped step, 1 - (1 + s) exp(-s), is 0.9 at s = 3.8897
 _DECAY = math.exp(-_RATE)

@@ -49,7 +49,7 @@ FRAMES, EVENTS = 4096, 1024
 STARTING_S = 60.0
 """Longest that page and recorder may take to be there."""
 COMMANDS = "commands.jsonl"
-"""Everything that was said to the session: a script that makes it again."""
+"""What was said to the session (up to `session.MOST_HEARD`): a script that makes it again."""
 Say = Callable[[str], None]
 
 
@@ -301,7 +301,7 @@ def _conclude(options: Options, session: Session, timing: Timing | None, say: Sa
         writer: csv.DictWriter[str] = csv.DictWriter(file, judge.COLUMNS)
         writer.writeheader()
         writer.writerows(rows)
-    (options.folder / COMMANDS).write_text("".join(f"{line}\n" for line in session.heard), encoding="utf-8")
+    scripts.save(options.folder / COMMANDS, session.heard)
     summary: dict[str, Any] = {"ended": session.ended, "task": session.task.result(), "ticks": session.ticks}
     summary["hazards"] = session.judge.result()
     if timing is not None:

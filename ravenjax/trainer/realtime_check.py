@@ -36,11 +36,19 @@ class Measured:
 
 
 def measure(seconds: float, say: Callable[[str], None] = lambda _: None) -> list[Measured]:
-    """The empty loop first and last, between them a session without and with a visitor on its page."""
+    """The empty loop first and last, between them a session without and with a visitor on its page.
+
+    The session is driven by commands that were recorded before, as many as a page sends.
+    """
+    chosen = scenario.load(SCENARIO, [f"duration_s={seconds}", "task.targets=1000"])
     found = [Measured("empty", _empty(seconds, say))]
-    for name, visited in (("session, page closed", False), ("session, page open", True)):
-        say(f"{name}: {seconds:g} s")
-        found.append(Measured(name, _session(seconds, visited)))
+    with tempfile.TemporaryDirectory() as place:
+        driven = launch.Options(scenario=chosen, folder=Path(place) / "driven", seed=0, script="none")
+        commands = launch.headless(driven).folder / launch.COMMANDS
+        for name, visited in (("session, page closed", False), ("session, page open", True)):
+            say(f"{name}: {seconds:g} s")
+            options = dataclasses.replace(driven, folder=Path(place) / name, script=str(commands))
+            found.append(Measured(name, _session(options, visited)))
     return [*found, Measured("empty again", _empty(seconds, say))]
 
 
@@ -74,17 +82,13 @@ def _empty(seconds: float, say: Callable[[str], None]) -> Timing:
     return paced.timing
 
 
-def _session(seconds: float, visited: bool) -> Timing:
-    chosen = scenario.load(SCENARIO, [f"duration_s={seconds}"])
-    with tempfile.TemporaryDirectory() as place, contextlib.ExitStack() as stack:
-        told: list[str] = []
+def _session(options: launch.Options, visited: bool) -> Timing:
+    with contextlib.ExitStack() as stack:
 
         def say(text: str) -> None:
-            told.append(text)
             if visited and text.startswith("operator: "):
                 stack.enter_context(_visitor(text.removeprefix("operator: ")))
 
-        options = launch.Options(scenario=chosen, folder=Path(place) / "session", seed=0, script="none")
         finished = launch.realtime(options, with_page=visited, linger_s=0.0, say=say)
         assert finished.timing is not None
         return finished.timing

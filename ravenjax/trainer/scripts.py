@@ -173,14 +173,10 @@ class Recording:
         return out
 
 
-def line(tick: int, message: Mapping[str, Any]) -> str:
-    """What was said at a tick, as a line of the file that `load` reads."""
-    return json.dumps({"tick": tick, "message": message}, separators=(",", ":"))
-
-
 def save(path: str | Path, said: Iterable[tuple[int, Mapping[str, Any]]]) -> None:
     """Write what was said as JSON lines, {"tick": ms, "message": {..}} each."""
-    Path(path).write_text("".join(f"{line(tick, message)}\n" for tick, message in said), encoding="utf-8")
+    lines = (json.dumps({"tick": tick, "message": message}, separators=(",", ":")) for tick, message in said)
+    Path(path).write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
 
 
 def load(path: str | Path) -> Recorded:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from ravenjax.robot import kinematics
-from ravenjax.trainer import blueprint, director, hands, judge, scenario, scripts, tasks
+from ravenjax.trainer import blueprint, director, hands, judge, scenario, tasks
 from ravenjax.trainer.blueprint import Blueprint
 from ravenjax.trainer.frame import PHASES, VIEWS, Frame, Layout
 from ravenjax.trainer.messages import INSTRUCTOR, OPERATOR
@@ -31,8 +31,10 @@ REAL, VIRTUAL, REPLAY = range(len(VIEWS))
 E_STOP, PEDAL_DOWN = 0, 3
 _TOLD = (("phase", "phase"), ("view", "view"), ("console", "alive"), ("pedal", "down"), ("runlevel", "runlevel"))
 """Events that tell of each change of a state, and their word for it."""
+MOST_HEARD = 1_000_000
+"""Commands that are kept: hours of a page's, a quarter of an hour of a console's that sends one a millisecond."""
 OUTCOMES_EVERY = 10
-"""Ticks between two looks at the robot's checks."""
+"""Ticks between two looks at the robot's checks, at least."""
 
 
 class Driven(Protocol):
@@ -95,7 +97,7 @@ class Session:
         self.phase, self.view = READY, REAL
         self.ticks = 0  # ms of the session, without pauses
         self.ended = ""  # why it is over
-        self.heard: list[str] = []  # every command as a line of JSON: with scenario and seed the whole session
+        self.heard: list[tuple[int, dict[str, Any]]] = []  # with scenario and seed these are the whole session
         self._hands = self._new_hands()
         self._resume_to = READY
         self._rest: np.ndarray | None = None  # row of the resting robot while the virtual one is driven
@@ -106,7 +108,8 @@ class Session:
         places = self.layout.places
         self._places = [_Places.of(places, arm) for arm in self.arms]
         self._common = slice(places["session_tick"].start, places["cue_on"].stop)
-        self._runlevel = places["runlevel"].start
+        self._runlevel, self._trips = places["runlevel"].start, places["trips"].start
+        self._seen_trips, self._looked = 0.0, -OUTCOMES_EVERY
         self._events: list[Event] = []
 
     @property
@@ -118,7 +121,8 @@ class Session:
         """One millisecond: `frame` is filled, events are returned."""
         self._events = []
         for command in commands:
-            self.heard.append(scripts.line(self.ticks, command))
+            if len(self.heard) < MOST_HEARD:
+                self.heard.append((self.ticks, command))
             self._command(command)
         if self.phase in (PAUSED, OVER):
             self._publish()
@@ -267,8 +271,7 @@ class Session:
         """Task, judge and phase after the tick."""
         frame = self.frame
         self._events += self.task.step(frame, self.ticks)
-        outcomes = self.robot.outcomes() if self.ticks % OUTCOMES_EVERY == 0 else None
-        self._events += self.judge.step(self.ticks, frame, outcomes)
+        self._events += self.judge.step(self.ticks, frame, self._tripped())
         runlevel = frame.number("runlevel")
         if self.phase == READY and runlevel == PEDAL_DOWN:
             self.phase = RUNNING
@@ -278,6 +281,14 @@ class Session:
             self._end("time")
         elif self.task.done:
             self._end("task")
+
+    def _tripped(self) -> dict[str, Any] | None:
+        """Outcomes of the robot where a check has tripped since the last look: looking costs as much as a tick."""
+        trips = float(self.frame.row[self._trips])
+        if trips == self._seen_trips or self.ticks - self._looked < OUTCOMES_EVERY:
+            return None
+        self._seen_trips, self._looked = trips, self.ticks
+        return self.robot.outcomes()
 
     def _end(self, reason: str) -> None:
         if self.phase != OVER:

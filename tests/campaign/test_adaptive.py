@@ -114,6 +114,7 @@ def test_memory_and_folder_hold_the_same(run, tmp_path):
     assert len(computed) == len(set(computed)) == len(in_memory.frame()), "no row is computed twice"
 
 
+@pytest.mark.slow
 def test_an_interrupted_campaign_takes_the_same_way(run, tmp_path):
     run(config("neyman"), tmp_path / "whole")
     whole = (tmp_path / "whole" / decisions.FILE).read_bytes()

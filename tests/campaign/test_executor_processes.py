@@ -44,6 +44,7 @@ def children() -> list[int]:
     return found
 
 
+@pytest.mark.slow
 def test_two_workers_of_which_one_is_killed_make_the_same_folder(whole, tmp_path):
     killed, told = [], []
 

@@ -146,6 +146,7 @@ def test_start_brings_the_robot_back_unless_the_stop_persists(table):
     assert 400 < back["twin_pedal_down_ms"] - back["pedal_down_ms"] + 100 < 600
 
 
+@pytest.mark.slow
 def test_engines_agree_on_the_struck_seams(table):
     other = rj.run(CAMPAIGN, engine="xla")
     words = ["run_id", "activated", "response", "response_cause", "end_runlevel", "active_ticks"]

@@ -76,6 +76,7 @@ def test_severities_do_not_depend_on_the_batches(monkeypatch):
     }
 
 
+@pytest.mark.slow
 def test_a_page_of_a_sample_says_so_and_counts_all(tmp_path, monkeypatch):
     frame = reacting.frame(1500)
     manifest = reacting.manifest(len(frame))

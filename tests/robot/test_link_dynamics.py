@@ -119,7 +119,7 @@ def test_both_arms_equal_mujoco(arm):
         np.testing.assert_allclose(bias[i], expected_bias[own], rtol=1e-10, atol=1e-12)
 
 
-@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize("arm", [pytest.param("gold", marks=pytest.mark.slow), "green"])
 def test_mjx_equals_unrolled(arm):
     """In any gravity, with scaled masses."""
     rng = np.random.default_rng(3)

@@ -170,17 +170,16 @@ def test_it_follows_increments_to_where_they_lead() -> None:
 
 def test_with_the_pedal_up_it_goes_where_the_robot_is_measured_if_told_so() -> None:
     with jax.enable_x64(True):
-        there = tuple(q + 0.01 * (i + 1) for i, q in enumerate(HOME_JPOS))
+        there = tuple(q + 0.01 * (i + 1) * (i < 5) for i, q in enumerate(HOME_JPOS))  # jaws are asked for, not left
         moving, lifted = [clean((30, 0, 0))] * 100, [clean(engaged=0)] * 2
         left, _ = run(SETUP, moving + lifted, measured=there)
         along, _ = run(SETUP, moving + lifted, measured=there, resync=1)
-        assert np.abs(np.array(left.jpos) - np.array(there)).min() > 1e-3
+        assert np.abs(np.array(left.jpos) - np.array(there))[:5].min() > 1e-3
         np.testing.assert_allclose(np.array(along.jpos), there, atol=1e-9)
         np.testing.assert_allclose(np.array(along.target.jpos_d), there, atol=1e-9)
         on, _ = run(SETUP, moving + lifted + [clean()] * 500, measured=there, resync=1)
-        np.testing.assert_allclose(
-            np.array(on.jpos), there, atol=1e-4
-        )  # and stays there: no jump at the next pedal-down
+        np.testing.assert_allclose(np.array(on.jpos)[:5], there[:5], atol=1e-4)  # no jump at the next pedal-down
+        np.testing.assert_allclose(np.array(on.jpos)[5:], there[5:], atol=1e-3)  # openings are whole mrad
 
 
 def test_the_pedal_up_holds_and_reanchors() -> None:

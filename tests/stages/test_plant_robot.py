@@ -240,6 +240,7 @@ def by_a_stiff_solver(commands: np.ndarray, params: robot.Params, start: Vec) ->
     return np.array(found)
 
 
+@pytest.mark.slow
 def test_halving_the_step_halves_the_distance_to_a_stiff_solver() -> None:
     with jax.enable_x64(True):
         params = robot.params(setup(), "gold")

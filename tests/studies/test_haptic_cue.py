@@ -149,6 +149,7 @@ def test_the_front_names_sets_that_do_the_same_together() -> None:
     assert [(row[0], row[1]) for row in shown.rows] == [("3", "all"), ("1", "all")]
 
 
+@pytest.mark.slow
 def test_the_findings_are_the_same_each_time_and_can_be_drawn(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     times = np.where(rng.random((80, 3)) < [0.95, 0.9, 0.6], rng.integers(110, 400, (80, 3)), -1)

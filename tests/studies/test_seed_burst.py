@@ -146,6 +146,7 @@ def test_nothing_as_published_fails_a4_and_says_where_stops_come(monkeypatch):
     assert line.passed is False and "6.6 mm (stop above 13000 counts); the paper's has 6.65 mm" in line.reason
 
 
+@pytest.mark.slow
 def test_the_drawings_are_drawn_the_same_each_time(monkeypatch, tmp_path):
     (tmp_path / "again").mkdir()
     for one in compared(monkeypatch, (750.0,)).drawings:

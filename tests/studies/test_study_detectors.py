@@ -235,6 +235,7 @@ def test_who_knows_first_shares_ties_and_counts_the_silent() -> None:
     assert cells["nobody"][0] == "25.0"
 
 
+@pytest.mark.slow
 def test_the_findings_are_the_same_each_time_and_can_be_drawn(tmp_path: Path) -> None:
     runs = random_runs()
     motion = [free([[9, 3, 1, 0]] * 6), free([[9, 9, 5, 1]] * 6, robot=UNCERTAIN)]

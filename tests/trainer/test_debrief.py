@@ -200,6 +200,7 @@ def test_text_from_a_session_cannot_become_markup(tmp_path):
     assert "<script>alert" not in html.lower() and "<b>P</b>" not in html and "&lt;b&gt;P" in html
 
 
+@pytest.mark.slow
 def test_the_page_opens_offline_and_fits(folder):
     sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

@@ -14,7 +14,7 @@ from ravenjax.trainer.launch import Options
 CHOSEN = scenario.from_dict(
     {
         "name": "tiny",
-        "duration_s": 5,
+        "duration_s": 4,
         "task": {"kind": "reach", "targets": 50},
         "hazard": [{"when": [1.5, 1.5], "within_s": 1.0, "right_response": ["release"],
                     "fault": [{"site": "usb_out", "channel": "shoulder", "effect": "overwrite", "value": 9000,
@@ -40,7 +40,7 @@ def test_a_session_leaves_a_folder_that_says_everything(headless):
         (row,) = csv.DictReader(file)
     assert row["session"] == "one" and row["group"] == "A" and row["response"] == "release"
     read = recording.read(headless.folder)
-    assert read.complete and len(read.rows) == 5000 and read["tick"][-1] == 4999
+    assert read.complete and len(read.rows) == 4000 and read["tick"][-1] == 3999
     assert {event["kind"] for event in read.events} >= {"hazard_struck", "cue", "response", "end"}
     assert "<html" in (headless.folder / "debrief.html").read_text()
 
@@ -63,7 +63,7 @@ def test_against_the_clock_it_is_the_same_session_but_for_the_timing(headless, t
     timing = [plain.layout.places[name].start for name in ("compute_us", "lateness_us", "late_ticks")]
     untimed = np.delete(np.arange(plain.layout.size), timing)
     np.testing.assert_array_equal(real.rows[: len(plain.rows), untimed], plain.rows[:, untimed])
-    assert json.loads((found.folder / "session.json").read_text())["summary"]["timing"]["ticks"] > 5000
+    assert json.loads((found.folder / "session.json").read_text())["summary"]["timing"]["ticks"] > 4000
 
 
 def test_somebody_must_drive_a_headless_session(tmp_path):

