@@ -17,7 +17,7 @@ CHOSEN = scenario.from_dict(
         "duration_s": 4,
         "task": {"kind": "reach", "targets": 50},
         "hazard": [{"when": [1.5, 1.5], "within_s": 1.0, "right_response": ["release"],
-                    "fault": [{"site": "usb_out", "channel": "shoulder", "effect": "overwrite", "value": 9000,
+                    "fault": [{"site": "usb_out", "channel": "shoulder", "effect": "overwrite", "value": 6000,
                                "start_ms": 0, "duration_ms": 40}]}],
     }
 )  # fmt: skip

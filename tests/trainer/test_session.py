@@ -14,7 +14,7 @@ CHOSEN = scenario.from_dict(
         "task": {"kind": "reach", "targets": 100, "tolerance_mm": 2.5, "dwell_ms": 100},
         "hazard": [
             {"name": "burst", "when": [3, 3], "within_s": 1.5, "right_response": ["release"],
-             "fault": [{"site": "usb_out", "channel": "shoulder", "effect": "overwrite", "value": 9000,
+             "fault": [{"site": "usb_out", "channel": "shoulder", "effect": "overwrite", "value": 6000,
                         "start_ms": 0, "duration_ms": 40}]},
             {"name": "other", "when": "instructor",
              "fault": [{"site": "usb_out", "channel": "elbow", "effect": "overwrite", "value": -6000,
