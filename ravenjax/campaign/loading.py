@@ -6,7 +6,6 @@ All that is wrong is told at once, each complaint with file, line, key, what was
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, get_args
@@ -31,14 +30,7 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> CampaignConfig:
     `.toml` may be left out. A recorded operator's path is taken from the campaign file's folder. Raises UserError.
     """
     found = _found(path)
-    try:
-        text = found.read_text(encoding="utf-8-sig")  # some editors put a byte order mark first
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{found}: cannot be read: {error}. Expected a TOML file in UTF-8") from None
-    try:
-        raw = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # ValueError also where a number has thousands of digits
-        raise UserError(f"{found}: not valid TOML: {error}") from None
+    raw, text = location.read(found)
     return from_dict(raw, source=found, text=text, overrides=overrides)
 
 

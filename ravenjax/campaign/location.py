@@ -1,10 +1,12 @@
-"""On which line of a TOML file a key is written, which tomllib does not say; and complaints that name it."""
+"""A TOML file and on which line of it a key is written, which tomllib does not say; complaints that name it."""
 
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 from ravenjax.errors import UserError
 
@@ -18,6 +20,18 @@ Complaint = tuple[Key, str]
 
 MOST_COMPLAINTS = 12
 """Complaints printed before the rest is only counted."""
+
+
+def read(path: Path) -> tuple[dict[str, Any], str]:
+    """The tables of a TOML file, and its text. Raises UserError."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")  # some editors put a byte order mark first
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{path}: cannot be read: {error}. Expected a TOML file in UTF-8") from None
+    try:
+        return tomllib.loads(text), text
+    except (ValueError, RecursionError) as error:  # ValueError also where a number has thousands of digits
+        raise UserError(f"{path}: not valid TOML: {error}") from None
 
 
 def dotted(key: Key) -> str:

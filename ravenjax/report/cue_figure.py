@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from ravenjax.figure_style import GRID, json_of, look
 from ravenjax.report import wording
 from ravenjax.report.cue_sweep import Row
-from ravenjax.report.style import CUE, GRID, SAME, json_of, look
+from ravenjax.report.style import CUE, SAME
 
 HEIGHT = 380  # px
 

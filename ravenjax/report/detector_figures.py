@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from ravenjax.figure_style import GRID, json_of, look
 from ravenjax.report.detectors import Curves, Level, Row
 from ravenjax.report.figures import log_time
-from ravenjax.report.style import GRID, SERIES, band, json_of, look, stepped
+from ravenjax.report.style import SERIES, band, stepped
 
 HEIGHT = 430  # px
 DRAWN = 6

@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from ravenjax.figure_style import GRID, json_of, look
 from ravenjax.report import tables
 from ravenjax.report.counted import incidence
 from ravenjax.report.facts import FACTS
 from ravenjax.report.runs import Runs
-from ravenjax.report.style import CUE, GRID, RESPONSE, SAME, band, json_of, look, round_step, stepped, thinned
+from ravenjax.report.style import CUE, RESPONSE, SAME, band, round_step, stepped, thinned
 from ravenjax.stats.latency import Incidence
 from ravenjax.store.manifest import Manifest
 

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ravenjax.figure_style import GRID, json_of, look
 from ravenjax.report import facts as run_facts
 from ravenjax.report import reactions
 from ravenjax.report.reactions import Difference
-from ravenjax.report.style import GRID, SAME, SERIES, json_of, look, thinned
+from ravenjax.report.style import SAME, SERIES, thinned
 
 HEIGHT = 360  # px
 ROW = 26  # px, of the figure of differences

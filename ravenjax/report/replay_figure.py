@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from ravenjax.figure_style import FONT, json_of
 from ravenjax.report.replays import Replay
-from ravenjax.report.style import CUE, FONT, RESPONSE, json_of
+from ravenjax.report.style import CUE, RESPONSE
 
 HEIGHT = 460  # px
 SCALE = [[0.0, "#56b4e9"], [0.5, "#0072b2"], [0.75, "#8b2a6b"], [1.0, "#d9571b"]]

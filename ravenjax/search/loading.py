@@ -6,7 +6,6 @@ The campaign's part goes through `ravenjax.campaign.loading`; all that is wrong 
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -28,14 +27,7 @@ FOLDER = "campaigns/searches"
 def load(path: str | Path, overrides: Sequence[str] = ()) -> SearchConfig:
     """The search of a TOML file, or of a bundled one by name (`.toml` may be left out). Raises UserError."""
     found = _found(path)
-    try:
-        text = found.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{found}: cannot be read: {error}. Expected a TOML file in UTF-8") from None
-    try:
-        raw = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise UserError(f"{found}: not valid TOML: {error}") from None
+    raw, text = location.read(found)
     return from_dict(raw, source=found, text=text, overrides=overrides)
 
 

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ravenjax.figure_style import GRID, json_of, look
 from ravenjax.trainer.debrief_course import Course, peaks
 from ravenjax.trainer.debrief_words import Step
 from ravenjax.trainer.hazard_table import Hazard
 
-FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif'
-GRID = "rgba(128,128,128,0.2)"
 MARKS = {"strike": "#a23b82", "knowable": "#8a8f96", "cue": "#c2410c", "alarm": "#a67c00", "response": "#0072b2"}
 """Colour of each moment; blue and vermilion differ in every colour blindness."""
 STRAY, ERROR, KNOWN, DEPTH, FORCE, LINE = "#a23b82", "#0072b2", "#56b4e9", "#009e73", "#c2410c", "#8a8f96"
@@ -260,24 +258,10 @@ def _time_axis(title: str, anchor: str) -> dict[str, Any]:
 
 
 def _look(height: int) -> dict[str, Any]:
-    clear = "rgba(0,0,0,0)"
-    return {
-        "height": height,
-        "margin": MARGIN,
-        "paper_bgcolor": clear,
-        "plot_bgcolor": clear,
-        "font": {"family": FONT, "size": 12},
-        "hovermode": "x unified" if height < HEIGHT else "closest",
-        "legend": {
-            "orientation": "h",
-            "x": 0,
-            "y": -52 * _pixel(height),
-            "yanchor": "top",
-            "traceorder": "normal",
-        },
-        "hoverlabel": {"font": {"family": FONT}},
-    }
+    legend = {"orientation": "h", "x": 0, "y": -52 * _pixel(height), "yanchor": "top", "traceorder": "normal"}
+    hover = "x unified" if height < HEIGHT else "closest"
+    return look(height) | {"margin": MARGIN, "hovermode": hover, "legend": legend}
 
 
 def _figure(traces: list[dict[str, Any]], layout: dict[str, Any]) -> Figure:
-    return Figure(json.dumps({"data": traces, "layout": layout}, allow_nan=False), layout["height"])
+    return Figure(json_of(traces, layout), layout["height"])

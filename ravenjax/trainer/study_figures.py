@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import math
 from typing import Any
 
 import numpy as np
 
+from ravenjax.figure_style import GRID, faded, json_of, look
 from ravenjax.trainer.study_compare import RIGHT, TIME, Comparison, Group
 
-FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif'
-GRID = "rgba(128,128,128,0.2)"
 COLOURS = ("#8a8f96", "#0072b2", "#c2410c", "#009e73", "#8b2a6b", "#56b4e9", "#a67c00")
 """Of the groups; the reference is grey."""
 CURVE_HEIGHT, POINTS_HEIGHT = 340, 300
@@ -50,14 +48,14 @@ def forest(found: list[Comparison], labels: list[str]) -> str:
                 "hovertemplate": "%{y}: %{x:.2f} standard deviations better<extra></extra>",
             }
         )
-    layout = _look(forest_height(found)) | {
+    layout = look(forest_height(found)) | {
         "margin": {"l": 210, "r": 24, "t": 14, "b": 50},
         "showlegend": len(labels) > 2,
         "xaxis": _axis(f"better than {labels[0]}, standard deviations →")
         | {"zeroline": True, "zerolinecolor": "#8a8f96", "rangemode": "tozero"},
         "yaxis": {"autorange": "reversed", "type": "category", "gridcolor": GRID, "automargin": True},
     }
-    return _json(traces, layout)
+    return json_of(traces, layout)
 
 
 def curves(found: list[Comparison], labels: list[str], horizon: float) -> str | None:
@@ -79,7 +77,7 @@ def curves(found: list[Comparison], labels: list[str], horizon: float) -> str | 
                 "x": np.concatenate([step_x, step_x[::-1]]).round(2).tolist(),
                 "y": np.concatenate([np.repeat(high, 2)[:-1], np.repeat(low, 2)[:-1][::-1]]).round(5).tolist(),
                 "fill": "toself",
-                "fillcolor": _faded(colour),
+                "fillcolor": faded(colour),
                 "line": {"width": 0},
                 "hoverinfo": "skip",
                 "showlegend": False,
@@ -99,11 +97,11 @@ def curves(found: list[Comparison], labels: list[str], horizon: float) -> str | 
     if not traces:
         return None
     share_axis = _axis("hazards answered") | {"tickformat": ".0%", "range": [0, 1.02]}
-    layout = _look(CURVE_HEIGHT) | {
+    layout = look(CURVE_HEIGHT) | {
         "xaxis": _axis("ms after the strike") | {"range": [0, horizon]},
         "yaxis": share_axis,
     }
-    return _json(traces, layout)
+    return json_of(traces, layout)
 
 
 def participants(one: Comparison, found: list[Comparison], labels: list[str]) -> str:
@@ -139,7 +137,7 @@ def participants(one: Comparison, found: list[Comparison], labels: list[str]) ->
         | {"rangemode": "tozero"}
         | ({"tickformat": ".0%", "range": [-0.04, 1.04]} if one.outcome is RIGHT else {})
     )
-    layout = _look(POINTS_HEIGHT) | {
+    layout = look(POINTS_HEIGHT) | {
         "showlegend": False,
         "title": {"text": one.outcome.name, "x": 0.5, "font": {"size": 13}},
         "xaxis": {
@@ -151,7 +149,7 @@ def participants(one: Comparison, found: list[Comparison], labels: list[str]) ->
         "yaxis": axis,
         "margin": {"l": 54, "r": 8, "t": 38, "b": 36},
     }
-    return _json(traces, layout)
+    return json_of(traces, layout)
 
 
 def _groups(found: list[Comparison]) -> list[Group]:
@@ -168,27 +166,5 @@ def _finite(values: list[float]) -> list[float | None]:
     return [round(float(value), 5) if math.isfinite(value) else None for value in values]
 
 
-def _faded(colour: str) -> str:
-    red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
-    return f"rgba({red},{green},{blue},0.16)"
-
-
 def _axis(title: str) -> dict[str, Any]:
     return {"title": {"text": title}, "gridcolor": GRID, "zeroline": False}
-
-
-def _look(height: int) -> dict[str, Any]:
-    clear = "rgba(0,0,0,0)"
-    return {
-        "height": height,
-        "margin": {"l": 62, "r": 16, "t": 34, "b": 48},
-        "paper_bgcolor": clear,
-        "plot_bgcolor": clear,
-        "font": {"family": FONT, "size": 12},
-        "legend": {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom", "traceorder": "normal"},
-        "hoverlabel": {"font": {"family": FONT}},
-    }
-
-
-def _json(traces: list[dict[str, Any]], layout: dict[str, Any]) -> str:
-    return json.dumps({"data": traces, "layout": layout}, allow_nan=False)
