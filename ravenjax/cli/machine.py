@@ -41,7 +41,7 @@ def bench(
 def doctor(
     *,
     realtime: Annotated[bool, Parameter(negative="", help="measure how well a session keeps time instead")] = False,
-    seconds: Annotated[float, Parameter(help="of each of the four loops that --realtime measures")] = 60.0,
+    seconds: Annotated[float, Parameter(help="of each of the five loops that --realtime measures")] = 60.0,
 ) -> int:
     """Check this machine: versions, devices, CPU, memory, and that each part works."""
     from ravenjax import terminal

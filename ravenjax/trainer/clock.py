@@ -9,7 +9,7 @@ import gc
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -19,6 +19,7 @@ MOST_BEHIND = 100
 """Ticks that are made up for; further behind (a suspended machine), the schedule moves on instead."""
 LATE_US = 1000
 """A tick that begins a whole period late has overrun."""
+_SET_TIMER_SLACK = 29  # linux/prctl.h, PR_SET_TIMERSLACK, ns
 BINS = 20_000
 """Of a histogram, one microsecond each; what is longer is in the last."""
 
@@ -78,18 +79,39 @@ class Clock:
         self.compute_us = float(took)
 
 
-def prefer_realtime() -> str:
-    """Ask the system for punctual wake-ups and, where it lets us, a realtime priority; what was granted, in words."""
-    granted = []
-    if sys.platform == "linux":
-        if ctypes.CDLL(None).prctl(29, 1, 0, 0, 0) == 0:  # PR_SET_TIMERSLACK, ns
-            granted.append("timer slack 1 ns")
-        try:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
-            granted.append("SCHED_FIFO")
-        except OSError:
-            granted.append("normal priority")
-    return ", ".join(granted) or "as the system schedules"
+@contextlib.contextmanager
+def realtime(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
+    """Punctual wake-ups, one CPU and, where the system lets us, a realtime priority; says what was granted.
+
+    choose: which of the CPUs; a robot in a process of its own takes another than the session that drives it.
+    The process is as before afterwards. Processes that it has spawned should be sent elsewhere: `other_cpus`.
+    """
+    if sys.platform != "linux":
+        yield "as the system schedules"
+        return
+    prctl = ctypes.CDLL(None).prctl
+    cpus, policy, priority = os.sched_getaffinity(0), os.sched_getscheduler(0), os.sched_getparam(0)
+    granted = ["timer slack 1 ns"] if prctl(_SET_TIMER_SLACK, 1, 0, 0, 0) == 0 else []
+    if len(cpus) > 1:
+        os.sched_setaffinity(0, {choose(cpus)})
+        granted.append(f"CPU {choose(cpus)}")
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
+        granted.append("SCHED_FIFO")
+    except OSError:
+        granted.append("normal priority")
+    try:
+        yield ", ".join(granted)
+    finally:
+        os.sched_setscheduler(0, policy, priority)
+        os.sched_setaffinity(0, cpus)
+        prctl(_SET_TIMER_SLACK, 0, 0, 0, 0)  # 0: the system's own
+
+
+def other_cpus() -> set[int]:
+    """CPUs that `realtime` leaves to others; empty where there are none to choose from."""
+    cpus = os.sched_getaffinity(0) if sys.platform == "linux" else set[int]()
+    return cpus - {max(cpus)} if len(cpus) > 1 else set()
 
 
 @contextlib.contextmanager

@@ -14,6 +14,7 @@ import csv
 import dataclasses
 import json
 import multiprocessing
+import os
 import secrets
 import socket
 import time
@@ -121,8 +122,9 @@ def realtime(
             consoles.append(_Scripted(options.script, session))
         _wait_for(recording, options.folder / session_log.FILE)
         stop = stack.enter_context(until_interrupted())
-        say(f"realtime: {clock.prefer_realtime()}")
-        timing = loop.run(session, frames, events, consoles, lambda: bool(stop))
+        with clock.realtime() as granted:
+            say(f"realtime: {granted}")
+            timing = loop.run(session, frames, events, consoles, lambda: bool(stop))
         recording.join(STARTING_S)
         found = _conclude(options, session, timing, say)
         if with_page and linger_s != 0:
@@ -267,6 +269,8 @@ def _spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: An
     """A process of its own, never a fork: jax does not survive one."""
     process = multiprocessing.get_context("spawn").Process(target=target, args=(given,), daemon=True)
     process.start()
+    if process.pid is not None and (cpus := clock.other_cpus()):
+        os.sched_setaffinity(process.pid, cpus)
 
     def end() -> None:
         process.terminate()

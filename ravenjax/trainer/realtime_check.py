@@ -1,4 +1,4 @@
-"""How well this machine keeps time: an empty loop, a session without and with its page, side by side."""
+"""How well this machine keeps time: an empty loop, the compiled tick alone, a session without and with its page."""
 
 from __future__ import annotations
 
@@ -9,13 +9,15 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from ravenjax.trainer import clock, launch, scenario
+from ravenjax.trainer import blueprint, clock, launch, scenario
 from ravenjax.trainer.clock import Clock, Timing
+from ravenjax.trainer.simulation import Robot
 
 COLUMNS = ("loop", "compute, us: p50 / p99 / p99.9", "lateness, us", "late ticks", "of")
 AIM_US = 100
 """p99.9 of a tick's compute time at most: a tenth of the cycle, so that a slower machine keeps up too."""
 SCENARIO = "first_steps"
+TICK = "tick alone"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,12 +38,13 @@ class Measured:
 
 
 def measure(seconds: float, say: Callable[[str], None] = lambda _: None) -> list[Measured]:
-    """The empty loop first and last, between them a session without and with a visitor on its page.
+    """The empty loop first and last; between them the compiled tick of robot and twin with nothing around it, and a
+    session with all that is around it, without and with a visitor on its page.
 
     The session is driven by commands that were recorded before, as many as a page sends.
     """
     chosen = scenario.load(SCENARIO, [f"duration_s={seconds}", "task.targets=1000"])
-    found = [Measured("empty", _empty(seconds, say))]
+    found = [Measured("empty", _empty(seconds, say)), Measured(TICK, _tick_alone(chosen, seconds, say))]
     with tempfile.TemporaryDirectory() as place:
         driven = launch.Options(scenario=chosen, folder=Path(place) / "driven", seed=0, script="none")
         commands = launch.headless(driven).folder / launch.COMMANDS
@@ -56,7 +59,7 @@ def verdict(found: list[Measured]) -> list[tuple[str, str]]:
     """(state, sentence) of each thing that is asked for."""
     out = []
     for one in found:
-        if one.loop.startswith("session"):
+        if one.loop.startswith(("session", TICK)):
             slow = one.timing.percentile("compute", 0.999)
             state = "ok" if slow <= AIM_US else "slow"
             out.append((state, f"{one.loop}: 99.9 % of ticks are computed within {slow:.0f} us, expected {AIM_US}"))
@@ -74,11 +77,23 @@ def verdict(found: list[Measured]) -> list[tuple[str, str]]:
 
 def _empty(seconds: float, say: Callable[[str], None]) -> Timing:
     say(f"empty loop: {seconds:g} s")
-    clock.prefer_realtime()
     paced = Clock()
-    for _ in range(round(seconds * 1000)):
-        paced.wait()
-        paced.done()
+    with clock.realtime(), clock.no_collection():
+        for _ in range(round(seconds * 1000)):
+            paced.wait()
+            paced.done()
+    return paced.timing
+
+
+def _tick_alone(chosen: scenario.Scenario, seconds: float, say: Callable[[str], None]) -> Timing:
+    say(f"{TICK}: {seconds:g} s")
+    robot = Robot(blueprint.make(scenario.campaign(chosen, 0)))
+    paced = Clock()
+    with clock.realtime(), clock.no_collection():
+        for _ in range(round(seconds * 1000)):
+            paced.wait()
+            robot.step()
+            paced.done()
     return paced.timing
 
 

@@ -20,7 +20,7 @@ from typing import Any
 from ravenjax.errors import UserError, shown
 from ravenjax.robot.packet import UDP_PORT
 from ravenjax.trainer import scenario
-from ravenjax.trainer.clock import Clock, Timing, no_collection, prefer_realtime
+from ravenjax.trainer.clock import Clock, Timing, no_collection, realtime
 from ravenjax.trainer.gate import Limits
 from ravenjax.trainer.interruption import until_interrupted
 from ravenjax.trainer.itp import LOOPBACK, ItpServer
@@ -121,9 +121,10 @@ def run(
             say(warning)
         for one in armables:
             say(f"hazard {one.number}: {one.title} ({one.hazard})")
-        say(f"realtime: {prefer_realtime()}")
         lasting = {one.number: one.lasts_ms for one in armables}
-        timing = serve(station, due(hazards, lasting), seconds, lambda: bool(stop))
+        with realtime(min) as granted:
+            say(f"realtime: {granted}")
+            timing = serve(station, due(hazards, lasting), seconds, lambda: bool(stop))
         counters = Counters(timing, itp.counters(), joints.counts)
     for line in counters.lines():
         say(line)

@@ -1,6 +1,8 @@
 """The clock: ticks are a period apart by the monotonic clock, however long they take; what is late is counted."""
 
 import itertools
+import os
+import sys
 
 import pytest
 
@@ -72,3 +74,15 @@ def test_quantiles_of_a_histogram():
     assert timing.percentile("compute", 0.5) != timing.percentile("compute", 0.5)  # NaN
     timing.compute[[10, 20, 30]] = 98, 1, 1
     assert [timing.percentile("compute", share) for share in (0.5, 0.98, 0.99, 1.0)] == [10, 10, 20, 30]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="schedulers and affinities are Linux's")
+def test_what_is_asked_of_the_system_is_given_back():
+    def now():
+        return os.sched_getaffinity(0), os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
+
+    before, others = now(), clock.other_cpus()
+    with clock.realtime() as granted:
+        assert "priority" in granted or "SCHED_FIFO" in granted
+        assert len(now()[0]) == 1 and not others & now()[0]
+    assert now() == before
