@@ -183,6 +183,7 @@ def test_a_shard_of_it_is_refused():
         adaptive.run(config(), shard=Shard(2, 7))
 
 
+@pytest.mark.slow
 def test_a_real_campaign_stops_and_resumes(tmp_path, monkeypatch):
     """The same rows as of the whole table, whether in one go or cut short in the middle of a look."""
     raw = {

@@ -87,7 +87,8 @@ def opened(browser, report):
 
 
 @pytest.mark.parametrize(
-    ("width", "scheme"), [(1280, "light"), pytest.param(1280, "dark", marks=pytest.mark.slow), (420, "light")]
+    ("width", "scheme"),
+    [(1280, "light"), *(pytest.param(*look, marks=pytest.mark.slow) for look in ((1280, "dark"), (420, "light")))],
 )
 def test_the_page_opens_offline_and_fits(browser, report, width, scheme):
     window = Window(browser, report, width, scheme)

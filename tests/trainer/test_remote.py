@@ -293,6 +293,7 @@ def test_a_hazard_strikes_in_the_robots_process_while_the_console_is_clean(proce
     session.close()
 
 
+@pytest.mark.slow
 def test_a_session_with_its_robot_elsewhere(process):
     """The instructor arms a hazard here and it strikes there: reported joints leave the model here, the cue pulls."""
     _, ports = process
