@@ -24,7 +24,7 @@ from ravenjax import control, paths
 from ravenjax import software_inputs as given_inputs
 from ravenjax.engines import scalar
 from ravenjax.errors import UserError, shown
-from ravenjax.robot.packet import SIZE_BYTES, Packet, decode
+from ravenjax.robot.packet import SIZE_BYTES, Packet, decode, silence
 from ravenjax.robot.tools import DEFAULT_TOOLS
 from ravenjax.stages import overdrive
 from ravenjax.stages.usb import UsbIn
@@ -99,7 +99,7 @@ class ControlSoftware:
             chosen = chosen if params is None else _changed(self.setup, chosen, params)
             state = control.init(self.setup, runlevel=runlevel)
         self._params, self._states, self._inputs = _Kind(chosen), _Kind(state), _Kind(_example_inputs(self.setup))
-        self._packets_kind = _Kind(_silence(self.setup))
+        self._packets_kind = _Kind(silence(self.setup))
         self._fixed, self._now = self._params.represent(chosen), self._states.represent(state)
         self._signals, self._cycle = _cycle(self.setup, self._params, self._states, self._inputs)
         places = jax.tree.unflatten(self._signals, range(self._signals.num_leaves))
@@ -153,7 +153,7 @@ class ControlSoftware:
 
     def _packet(self, given: bytes | Packet | None) -> Packet:
         if given is None:
-            return _silence(self.setup)
+            return silence(self.setup)
         if isinstance(given, Packet):
             return given_inputs.packet(self.setup, given)
         if not isinstance(given, (bytes, bytearray, memoryview)):
@@ -208,22 +208,6 @@ def _reception(setup: Setup, params: _Kind, state: _Kind, packet: _Kind) -> scal
         return scalar.compile(jax.make_jaxpr(receive)(params.abstract(), state.abstract(), packet.abstract()))
 
 
-@functools.lru_cache(maxsize=16)
-def _silence(setup: Setup) -> Packet:
-    """No packet in this cycle."""
-    arms, zero = range(len(setup.arms)), np.int32(0)
-    number = np.dtype(setup.precision.wide).type
-    return Packet(
-        received=zero,
-        size=np.int32(SIZE_BYTES[setup.console]),
-        sequence=zero,
-        delta=tuple(Vec.full(3, zero) for _ in arms),
-        quat=tuple(Vec(map(number, (0.0, 0.0, 0.0, 1.0))) for _ in arms),
-        grasp=tuple(zero for _ in arms),
-        surgeon_mode=zero,
-    )
-
-
 def _changed(setup: Setup, own: control.Params, change: Any) -> control.Params:
     """The parameters as `change` returns them, each number in its own type."""
     if not callable(change):
@@ -250,7 +234,7 @@ def _of_type(name: str, old: Any, new: Any) -> Any:
 
 def _example_inputs(setup: Setup) -> control.Inputs:
     flags = (np.int32(1),) * len(setup.arms)
-    return control.Inputs(_silence(setup), UsbIn(tuple(Vec.full(7, np.int32(0)) for _ in flags), flags), flags)
+    return control.Inputs(silence(setup), UsbIn(tuple(Vec.full(7, np.int32(0)) for _ in flags), flags), flags)
 
 
 def _widths(setup: Setup) -> AbstractContextManager[Any]:

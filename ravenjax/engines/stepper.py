@@ -7,7 +7,6 @@ operator's motion may be written row by row as it happens.
 
 from __future__ import annotations
 
-import ctypes
 import functools
 import struct
 from collections.abc import Callable, Sequence
@@ -21,9 +20,8 @@ from ravenjax.engines.loop_kernel import FUNCTIONS, print_kernel
 from ravenjax.engines.memory import Layout
 from ravenjax.engines.straight import contract
 from ravenjax.engines.time_loop import TimeLoop, split
-from ravenjax.engines.vector_code import _at, _buffer, _packed
+from ravenjax.engines.vector_code import at, bound, buffer, packed
 
-_POINTER, _LONG, _INT = ctypes.c_void_p, ctypes.c_int64, ctypes.c_int32
 _FORMATS = {"float32": "f", "float64": "d", "int32": "i", "uint32": "I", "bool": "i"}
 _NUMBER = 4  # bytes of a number that enters or leaves a tick
 
@@ -67,14 +65,7 @@ class StepCode:
         self.kernel = print_kernel(self.split, 1, jit.host().features)
         self.results = struct.Struct("=" + "".join(_FORMATS[dtype] for dtype in self.kernel.results.types))
         self._module = module = jit.compile(self.kernel.text, FUNCTIONS, objects)
-        run = [_POINTER] * 4
-        self.shared_begin = module.function("shared_begin", [_POINTER] * 2)
-        self.shared_run = module.function("shared_run", [*run, _LONG, _LONG, _POINTER, _INT, _LONG])
-        self.lane_begin = module.function("lane_begin", [_POINTER] * 3)
-        self.lane_run = module.function(
-            "lane_run", [*run, _POINTER, _LONG, _LONG, _POINTER, _POINTER, _LONG, _LONG, _LONG]
-        )
-        self.lane_finish = module.function("lane_finish", [_POINTER] * 4)
+        self.call = bound(module)
 
     @functools.cached_property
     def state_places(self) -> dict[int, tuple[bool, int, int]]:
@@ -106,12 +97,12 @@ class Stepper:
         leaves = [
             np.asarray(x, dtype).reshape(1) for x, dtype in zip(jax.tree.leaves(inputs), code.input_types, strict=True)
         ]
-        self._inputs = _packed(kernel.inputs, leaves, 1)
+        self._inputs = packed(kernel.inputs, leaves, 1)
         self.inputs = _views(self._inputs[0], kernel.inputs, code.input_types)
-        self._state, self._held = _buffer(1, kernel.state.bytes), _buffer(1, kernel.held.bytes)
-        self._group, self._row = _buffer(1, kernel.group_state.bytes), _buffer(1, kernel.row.bytes)
-        self._results = _buffer(1, kernel.results.bytes)
-        self._entering = _buffer(1, max(_NUMBER * len(code.entering_types), _NUMBER))
+        self._state, self._held = buffer(1, kernel.state.bytes), buffer(1, kernel.held.bytes)
+        self._group, self._row = buffer(1, kernel.group_state.bytes), buffer(1, kernel.row.bytes)
+        self._results = buffer(1, kernel.results.bytes)
+        self._entering = buffer(1, max(_NUMBER * len(code.entering_types), _NUMBER))
         self.entering = [
             self._entering[0, _NUMBER * k : _NUMBER * (k + 1)].view(np.int32 if dtype.kind == "b" else dtype)
             for k, dtype in enumerate(code.entering_types)
@@ -119,31 +110,31 @@ class Stepper:
         self.flat = np.zeros(sum(code.tables), np.float32) if tables is None else tables
         ends = np.cumsum(code.tables)
         self.tables = [self.flat[end - length : end] for end, length in zip(ends, code.tables, strict=True)]
-        self._shared = (_at(self._inputs), _at(self._group), self.flat.ctypes.data, _at(self._entering), 0, _NUMBER)
-        self._lane = (_at(self._inputs), _at(self._held), _at(self._state), self.flat.ctypes.data)
-        self._finish = (_at(self._inputs), _at(self._state), _at(self._group), _at(self._results))
-        self._between = (_at(self._entering), 0, _NUMBER, _at(self._row))
+        self._shared = (at(self._inputs), at(self._group), self.flat.ctypes.data, at(self._entering), 0, _NUMBER)
+        self._lane = (at(self._inputs), at(self._held), at(self._state), self.flat.ctypes.data)
+        self._finish = (at(self._inputs), at(self._state), at(self._group), at(self._results))
+        self._between = (at(self._entering), 0, _NUMBER, at(self._row))
         self.begin()
 
     def begin(self) -> None:
         """Back to before the first tick."""
-        self.code.shared_begin(_at(self._inputs), _at(self._group))
-        self.code.lane_begin(_at(self._inputs), _at(self._state), _at(self._held))
+        self.code.call.shared_begin(at(self._inputs), at(self._group))
+        self.code.call.lane_begin(at(self._inputs), at(self._state), at(self._held))
 
     def step(self, tick: int, out: int) -> None:
         """One tick; writes what goes out as float32 numbers to address `out`."""
-        self.code.shared_run(*self._shared, self._between[3], tick, 1)
-        self.code.lane_run(*self._lane, *self._between, out, 0, _NUMBER, 1)
+        self.code.call.shared_run(*self._shared, self._between[3], tick, 1)
+        self.code.call.lane_run(*self._lane, *self._between, out, 0, _NUMBER, 1)
 
     def inputs_changed(self) -> None:
         """Take over changed inputs; the state stays."""
         kept = self._state.copy()
-        self.code.lane_begin(_at(self._inputs), _at(self._state), _at(self._held))
+        self.code.call.lane_begin(at(self._inputs), at(self._state), at(self._held))
         self._state[:] = kept
 
     def outcomes(self) -> dict[str, Any]:
         """What became of it so far; a truth value is 0 or -1."""
-        self.code.lane_finish(*self._finish)
+        self.code.call.lane_finish(*self._finish)
         return dict(zip(self.code.names, self.code.results.unpack_from(self._results.data), strict=True))
 
     def snapshot(self) -> tuple[np.ndarray, np.ndarray]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import dataclasses
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -44,72 +45,87 @@ class VectorCode:
         self.split = split(loop, range(shared) if grouped else (), ticks if grouped else ticks[:1])
         self.kernel = print_kernel(self.split, width, jit.host().features)
         self._module = module = jit.compile(self.kernel.text, FUNCTIONS, objects)
-        run = [_POINTER] * 4
-        self._shared_begin = module.function("shared_begin", [_POINTER] * 2)
-        self._shared_run = module.function("shared_run", [*run, _LONG, _LONG, _POINTER, _INT, _LONG])
-        self._lane_begin = module.function("lane_begin", [_POINTER] * 3)
-        self._lane_run = module.function(
-            "lane_run", [*run, _POINTER, _LONG, _LONG, _POINTER, _POINTER, _LONG, _LONG, _LONG]
-        )
-        self._lane_finish = module.function("lane_finish", [_POINTER] * 4)
+        self._call = bound(module)
 
     def run(self, lanes: Lanes, ticks: int, progress: Progress | None = None) -> list[np.ndarray]:
         """Run one group from the beginning; its results, each [lanes]."""
         kernel, width = self.kernel, self.width
         vectors = len(lanes.inputs[0]) // width if lanes.inputs else 1
-        inputs = _packed(kernel.inputs, lanes.inputs, vectors)
-        group_inputs = _packed(kernel.group_inputs, [column[:1] for column in lanes.inputs], 1)
-        state, held = _buffer(vectors, kernel.state.bytes), _buffer(vectors, kernel.held.bytes)
-        group_state, results = _buffer(1, kernel.group_state.bytes), _buffer(vectors, kernel.results.bytes)
-        rows = _buffer(min(CHUNK, ticks), kernel.row.bytes)
+        inputs = packed(kernel.inputs, lanes.inputs, vectors)
+        group_inputs = packed(kernel.group_inputs, [column[:1] for column in lanes.inputs], 1)
+        state, held = buffer(vectors, kernel.state.bytes), buffer(vectors, kernel.held.bytes)
+        group_state, results = buffer(1, kernel.group_state.bytes), buffer(vectors, kernel.results.bytes)
+        rows = buffer(min(CHUNK, ticks), kernel.row.bytes)
         given, tables = lanes.given, lanes.tables.ctypes.data
         stride = given.strides[0] if len(given) > 1 else 0
         spare = np.empty((1, self.outputs, width * _SLOT), np.uint8)
         out = spare if lanes.out is None else lanes.out
         out_stride = out.strides[0] if len(out) > 1 else 0
 
-        self._shared_begin(_at(group_inputs), _at(group_state))
+        self._call.shared_begin(at(group_inputs), at(group_state))
         for v in range(vectors):
-            self._lane_begin(_at(inputs, v), _at(state, v), _at(held, v))
+            self._call.lane_begin(at(inputs, v), at(state, v), at(held, v))
         for first in range(0, ticks, CHUNK):
             count = min(CHUNK, ticks - first)
             entering = (given.ctypes.data + first * stride, stride, given.strides[1])
-            self._shared_run(_at(group_inputs), _at(group_state), tables, *entering, _at(rows), first, count)
+            self._call.shared_run(at(group_inputs), at(group_state), tables, *entering, at(rows), first, count)
             for v in range(vectors):
-                mine = _at(inputs, v), _at(held, v), _at(state, v), tables
+                mine = at(inputs, v), at(held, v), at(state, v), tables
                 here = entering[0] + (v * width * given.itemsize if given.ndim == 3 else 0)
                 leaving = out.ctypes.data + first * out_stride + (0 if out is spare else v * width * out.itemsize)
-                self._lane_run(*mine, here, *entering[1:], _at(rows), leaving, out_stride, out.strides[1], count)
+                self._call.lane_run(*mine, here, *entering[1:], at(rows), leaving, out_stride, out.strides[1], count)
             if progress is not None:
                 progress(count * vectors * width)
         for v in range(vectors):
-            self._lane_finish(_at(inputs, v), _at(state, v), _at(group_state), _at(results, v))
+            self._call.lane_finish(at(inputs, v), at(state, v), at(group_state), at(results, v))
         return _unpacked(kernel.results, results)
 
 
-def _buffer(rows: int, size: int) -> np.ndarray:
+class Functions(NamedTuple):
+    """The functions of a loop's kernel, see `loop_kernel`."""
+
+    shared_begin: Any
+    shared_run: Any
+    lane_begin: Any
+    lane_run: Any
+    lane_finish: Any
+
+
+def bound(module: jit.Module) -> Functions:
+    """They, as ctypes calls them; the module must outlive them."""
+    run, outside = [_POINTER] * 4, [_LONG, _LONG, _POINTER]
+    return Functions(
+        module.function("shared_begin", [_POINTER] * 2),
+        module.function("shared_run", [*run, *outside, _INT, _LONG]),
+        module.function("lane_begin", [_POINTER] * 3),
+        module.function("lane_run", [*run, _POINTER, *outside, _POINTER, _LONG, _LONG, _LONG]),
+        module.function("lane_finish", [_POINTER] * 4),
+    )
+
+
+def buffer(rows: int, size: int) -> np.ndarray:
     """Zeroed bytes [rows, size], on a cache line."""
     raw = np.zeros(rows * size + 64, np.uint8)
     start = -raw.ctypes.data % 64
     return raw[start : start + rows * size].reshape(rows, size)
 
 
-def _at(buffer: np.ndarray, row: int = 0) -> int:
+def at(rows: np.ndarray, row: int = 0) -> int:
     """Address of a row."""
-    return buffer.ctypes.data + row * buffer.strides[0]
+    return rows.ctypes.data + row * rows.strides[0]
 
 
 def _stored(dtype: str) -> np.dtype:
     return np.dtype(np.int32 if dtype == "bool" else dtype)
 
 
-def _packed(layout: Layout, columns: list[np.ndarray], vectors: int) -> np.ndarray:
+def packed(layout: Layout, columns: list[np.ndarray], vectors: int) -> np.ndarray:
     """Columns as the kernel reads them: bytes [vectors, ..]."""
-    buffer = _buffer(vectors, layout.bytes)
+    found = buffer(vectors, layout.bytes)
     for dtype, offset, column in zip(layout.types, layout.offsets, columns, strict=True):
         stored = np.ascontiguousarray(column.reshape(vectors, layout.width).astype(_stored(dtype)))
-        buffer[:, offset : offset + stored.shape[1] * stored.itemsize] = stored.view(np.uint8)
-    return buffer
+        found[:, offset : offset + stored.shape[1] * stored.itemsize] = stored.view(np.uint8)
+    return found
 
 
 def _unpacked(layout: Layout, buffer: np.ndarray) -> list[np.ndarray]:

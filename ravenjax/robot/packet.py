@@ -6,11 +6,12 @@ pair is the gold arm, 1 the green one.
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numpy as np
 
-from ravenjax.types import ARMS, ArmName, Scalar, Vec, record
+from ravenjax.types import ARMS, ArmName, Scalar, Setup, Vec, record
 
 UDP_PORT = 36000
 """Port the control software listens on; raven2 `network_layer.cpp`."""
@@ -71,6 +72,22 @@ class Packet:
     quat: tuple[Vec, ...]  # (x, y, z, w)
     grasp: tuple[Scalar, ...]  # int32 mrad, positive closes
     surgeon_mode: Scalar  # int32, 1 pedal down
+
+
+@functools.lru_cache(maxsize=16)
+def silence(setup: Setup) -> Packet:
+    """No packet in this cycle."""
+    arms, zero = range(len(setup.arms)), np.int32(0)
+    number = np.dtype(setup.precision.wide).type
+    return Packet(
+        received=zero,
+        size=np.int32(SIZE_BYTES[setup.console]),
+        sequence=zero,
+        delta=tuple(Vec.full(3, zero) for _ in arms),
+        quat=tuple(Vec(map(number, (0.0, 0.0, 0.0, 1.0))) for _ in arms),
+        grasp=tuple(zero for _ in arms),
+        surgeon_mode=zero,
+    )
 
 
 def checksum(fields: Any) -> int:

@@ -22,7 +22,7 @@ from ravenjax.engines import traced
 from ravenjax.engines.stepper import StepCode
 from ravenjax.errors import UserError
 from ravenjax.robot.algebra import dot, minus
-from ravenjax.robot.packet import SIZE_BYTES, Packet
+from ravenjax.robot.packet import silence
 from ravenjax.stages.faults.fault import Fault, Faults
 from ravenjax.trainer.frame import Layout
 from ravenjax.types import Scalar, Setup, Vec, as_int, replace
@@ -63,7 +63,7 @@ def make(config: CampaignConfig, packets: bool = False) -> Blueprint:
     layout = Layout.of(setup.arms)
     own = [values[-1] for values in ready.varied.values()]  # those of the last row, the button's: no hazard's
     inputs = own, Faults(tuple(_empty() for _ in range(slots + 1)))
-    entering = np.zeros(tick.series_length(setup), np.float32), _silence(setup) if packets else None
+    entering = [np.float32(0.0)] * tick.series_length(setup), silence(setup) if packets else None
     columns = len(ready.columns)
     length = 1 if packets else config.campaign.ticks + SPARE_MS
 
@@ -84,7 +84,6 @@ def make(config: CampaignConfig, packets: bool = False) -> Blueprint:
     def finish(inputs: Any, state: tick.State) -> dict[str, Scalar]:
         return tick.outcomes(setup, traced.params(program, inputs[0]), state)
 
-    entering = list(entering[0]), entering[1]
     compile_cache.enable()
     tables = (length,) * columns
     code = StepCode(begin, step, finish, inputs, entering, tables, compile_cache.objects())
@@ -125,20 +124,6 @@ def _distance(a: Vec, b: Vec) -> Scalar:
 def _empty() -> Fault:
     zeros = {name: np.zeros((), dtype) for name, dtype in table.ARRAYS.items()}
     return Fault(**(zeros | {"period": np.ones((), np.int32)}))
-
-
-def _silence(setup: Setup) -> Packet:
-    """No packet in this tick; the right types."""
-    arms, zero = range(len(setup.arms)), np.int32(0)
-    return Packet(
-        received=zero,
-        size=np.int32(SIZE_BYTES[setup.console]),
-        sequence=zero,
-        delta=tuple(Vec.full(3, zero) for _ in arms),
-        quat=tuple(Vec(map(np.float32, (0.0, 0.0, 0.0, 1.0))) for _ in arms),
-        grasp=tuple(zero for _ in arms),
-        surgeon_mode=zero,
-    )
 
 
 OLDER_PACKETS: dict[str, Sequence[str]] = {"console": (), "hand": (), "network": ("lost",)}

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from ravenjax.robot import kinematics
+from ravenjax.stages.state_machine import E_STOP, PEDAL_DOWN
 from ravenjax.trainer import blueprint, director, hands, judge, scenario, tasks
 from ravenjax.trainer.blueprint import Blueprint
 from ravenjax.trainer.frame import PHASES, VIEWS, Frame, Layout
@@ -28,7 +29,6 @@ from ravenjax.types import ArmName, Vec
 Event = dict[str, Any]
 READY, RUNNING, PAUSED, STOPPED, OVER = range(len(PHASES))
 REAL, VIRTUAL, REPLAY = range(len(VIEWS))
-E_STOP, PEDAL_DOWN = 0, 3
 _TOLD = (("phase", "phase"), ("view", "view"), ("console", "alive"), ("pedal", "down"), ("runlevel", "runlevel"))
 """Events that tell of each change of a state, and their word for it."""
 MOST_HEARD = 1_000_000
