@@ -7,6 +7,7 @@ operator's motion may be written row by row as it happens.
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import struct
 from collections.abc import Callable, Sequence
@@ -24,6 +25,23 @@ from ravenjax.engines.vector_code import at, bound, buffer, packed
 
 _FORMATS = {"float32": "f", "float64": "d", "int32": "i", "uint32": "I", "bool": "i"}
 _NUMBER = 4  # bytes of a number that enters or leaves a tick
+_POINTERS = ("inputs", "group", "tables", "entering", "row", "held", "state")
+"""Of a stepper's buffers, as `one_tick` finds them one after the other."""
+
+
+def _one_tick() -> str:
+    """Both runs of one tick in a single call: calls from Python cost as much as either of them."""
+    loads = (
+        f"  %at_{name} = getelementptr ptr, ptr %buffers, i64 {k}\n  %{name} = load ptr, ptr %at_{name}\n"
+        for k, name in enumerate(_POINTERS)
+    )
+    entering = f"ptr %entering, i64 0, i64 {_NUMBER}, ptr %row"
+    return (
+        f"define void @one_tick(ptr %buffers, i32 %tick, ptr %out) {{\n{''.join(loads)}"
+        f"  call void @shared_run(ptr %inputs, ptr %group, ptr %tables, {entering}, i32 %tick, i64 1)\n"
+        f"  call void @lane_run(ptr %inputs, ptr %held, ptr %state, ptr %tables, {entering}, ptr %out, i64 0, "
+        f"i64 {_NUMBER}, i64 1)\n  ret void\n}}\n"
+    )
 
 
 class StepCode:
@@ -64,8 +82,10 @@ class StepCode:
         self.split = split(loop, (), (0,))
         self.kernel = print_kernel(self.split, 1, jit.host().features)
         self.results = struct.Struct("=" + "".join(_FORMATS[dtype] for dtype in self.kernel.results.types))
-        self._module = module = jit.compile(self.kernel.text, FUNCTIONS, objects)
+        text = f"{self.kernel.text}\n{_one_tick()}"
+        self._module = module = jit.compile(text, (*FUNCTIONS, "one_tick"), objects)
         self.call = bound(module)
+        self.one_tick = module.function("one_tick", [ctypes.c_void_p, ctypes.c_int32, ctypes.c_void_p])
 
     @functools.cached_property
     def state_places(self) -> dict[int, tuple[bool, int, int]]:
@@ -107,13 +127,21 @@ class Stepper:
             self._entering[0, _NUMBER * k : _NUMBER * (k + 1)].view(np.int32 if dtype.kind == "b" else dtype)
             for k, dtype in enumerate(code.entering_types)
         ]
-        self.flat = np.zeros(sum(code.tables), np.float32) if tables is None else tables
+        self.flat = np.full(sum(code.tables), 0.0, np.float32) if tables is None else tables  # there before it is used
         ends = np.cumsum(code.tables)
         self.tables = [self.flat[end - length : end] for end, length in zip(ends, code.tables, strict=True)]
-        self._shared = (at(self._inputs), at(self._group), self.flat.ctypes.data, at(self._entering), 0, _NUMBER)
-        self._lane = (at(self._inputs), at(self._held), at(self._state), self.flat.ctypes.data)
+        buffers = {
+            "inputs": at(self._inputs),
+            "group": at(self._group),
+            "tables": self.flat.ctypes.data,
+            "entering": at(self._entering),
+            "row": at(self._row),
+            "held": at(self._held),
+            "state": at(self._state),
+        }
+        self._pointers = np.array([buffers[name] for name in _POINTERS], np.uintp)
+        self._buffers = self._pointers.ctypes.data
         self._finish = (at(self._inputs), at(self._state), at(self._group), at(self._results))
-        self._between = (at(self._entering), 0, _NUMBER, at(self._row))
         self.begin()
 
     def begin(self) -> None:
@@ -123,8 +151,7 @@ class Stepper:
 
     def step(self, tick: int, out: int) -> None:
         """One tick; writes what goes out as float32 numbers to address `out`."""
-        self.code.call.shared_run(*self._shared, self._between[3], tick, 1)
-        self.code.call.lane_run(*self._lane, *self._between, out, 0, _NUMBER, 1)
+        self.code.one_tick(self._buffers, tick, out)
 
     def inputs_changed(self) -> None:
         """Take over changed inputs; the state stays."""

@@ -15,20 +15,34 @@ import numpy as np
 
 PERIOD_NS = 1_000_000
 """The robot's control cycle."""
+PHASE_NS = PERIOD_NS // 2
+"""When in its millisecond a tick is due: Linux's own timer interrupts, 10-50 us on a virtual machine, come at whole
+ones (kernels since 6.5 with 100, 250 or 1000 of them a second)."""
+_CPUS = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+LEAD_NS = PERIOD_NS if _CPUS >= 4 else 300_000 if _CPUS > 1 else 0
+"""Awake so long before a tick is due: what a sleep leaves behind, a late interrupt, a slow clock and caches that others
+have filled, is over when the tick begins. With four CPUs one has nothing else to do and never sleeps; where there is
+one only, others need it more."""
+MEANWHILE_NS = 80_000
+"""What is done while the clock waits begins so long before a tick is due: a tick's time and some more."""
 MOST_BEHIND = 100
 """Ticks that are made up for; further behind (a suspended machine), the schedule moves on instead."""
 LATE_US = 1000
 """A tick that begins a whole period late has overrun."""
 _SET_TIMER_SLACK = 29  # linux/prctl.h, PR_SET_TIMERSLACK, ns
+_CURRENT_AND_FUTURE = 3  # linux/mman.h, MCL_CURRENT | MCL_FUTURE
+_CAP_IPC_LOCK = 14  # linux/capability.h
 BINS = 20_000
 """Of a histogram, one microsecond each; what is longer is in the last."""
 
 
 @dataclasses.dataclass
 class Timing:
-    """Histograms of a loop, in microseconds: what ticks took, and how late they began."""
+    """Histograms of a loop, in microseconds: what ticks took until frame and force were out, what they took with all
+    that follows, how late they began."""
 
     compute: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(BINS, np.int64))
+    whole: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(BINS, np.int64))
     lateness: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(BINS, np.int64))
     late: int = 0  # ticks that began a period late
     skipped: int = 0  # ms by which the schedule was moved on
@@ -39,7 +53,7 @@ class Timing:
         return int(self.lateness.sum())
 
     def percentile(self, what: str, share: float) -> float:
-        """The given share's quantile of "compute" or "lateness", us; NaN before the first tick."""
+        """The given share's quantile of "compute", "whole" or "lateness", us; NaN before the first tick."""
         counts = getattr(self, what).cumsum()
         if not counts[-1]:
             return float("nan")
@@ -47,41 +61,55 @@ class Timing:
 
 
 class Clock:
-    """Says when the next tick begins: `wait()`, the tick, `done()`."""
+    """Says when the next tick begins: `wait()`, the tick, `done()`; what can follow, `rest()`."""
 
     def __init__(self, timing: Timing | None = None) -> None:
         self.timing = Timing() if timing is None else timing
         self.compute_us = self.lateness_us = 0.0
-        self._due = self._began = time.monotonic_ns()
+        self._began = time.monotonic_ns()
+        self._due = self._began // PERIOD_NS * PERIOD_NS + PHASE_NS
 
-    def wait(self) -> None:
-        """Sleep until the next tick is due."""
+    def wait(self, meanwhile: Callable[[], None] | None = None) -> None:
+        """Sleep until shortly before the next tick is due, then look at the clock until it is; do `meanwhile` between,
+        as late as possible, if there is time left."""
         self._due += PERIOD_NS
-        now = time.monotonic_ns()
-        if now < self._due:
-            time.sleep((self._due - now) * 1e-9)
+        due, now = self._due, time.monotonic_ns()
+        if now < due - LEAD_NS:
+            time.sleep((due - LEAD_NS - now) * 1e-9)
             now = time.monotonic_ns()
-        late = (now - self._due) // 1000
+        if meanwhile is not None and now < due - MEANWHILE_NS // 2:
+            while now < due - MEANWHILE_NS:
+                now = time.monotonic_ns()
+            meanwhile()
+            now = time.monotonic_ns()
+        while now < due:
+            now = time.monotonic_ns()
+        self.lateness_us, self._began = float((now - due) // 1000), now
+
+    def done(self) -> None:
+        """The tick is computed: what others wait for is out."""
+        took = (time.monotonic_ns() - self._began) // 1000
+        late = int(self.lateness_us)
         timing = self.timing
-        timing.lateness[min(max(late, 0), BINS - 1)] += 1
+        timing.compute[min(took, BINS - 1)] += 1
+        timing.lateness[min(late, BINS - 1)] += 1
         if late >= LATE_US:
             timing.late += 1
-            behind = (now - self._due) // PERIOD_NS
+            behind = (self._began - self._due) // PERIOD_NS
             if behind > MOST_BEHIND:
                 timing.skipped += behind
                 self._due += behind * PERIOD_NS
-        self.lateness_us, self._began = float(late), now
-
-    def done(self) -> None:
-        """The tick is computed."""
-        took = (time.monotonic_ns() - self._began) // 1000
-        self.timing.compute[min(took, BINS - 1)] += 1
         self.compute_us = float(took)
+
+    def rest(self) -> None:
+        """What could follow is done too."""
+        self.timing.whole[min((time.monotonic_ns() - self._began) // 1000, BINS - 1)] += 1
 
 
 @contextlib.contextmanager
 def realtime(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
-    """Punctual wake-ups, one CPU and, where the system lets us, a realtime priority; says what was granted.
+    """Punctual wake-ups, one CPU and, where the system lets us, memory that stays and a realtime priority; says what
+    was granted.
 
     choose: which of the CPUs; a robot in a process of its own takes another than the session that drives it.
     The process is as before afterwards. Processes that it has spawned should be sent elsewhere: `other_cpus`.
@@ -89,23 +117,45 @@ def realtime(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
     if sys.platform != "linux":
         yield "as the system schedules"
         return
-    prctl = ctypes.CDLL(None).prctl
+    libc = ctypes.CDLL(None)
+    prctl = libc.prctl
     cpus, policy, priority = os.sched_getaffinity(0), os.sched_getscheduler(0), os.sched_getparam(0)
     granted = ["timer slack 1 ns"] if prctl(_SET_TIMER_SLACK, 1, 0, 0, 0) == 0 else []
+    if _may_lock_memory() and libc.mlockall(_CURRENT_AND_FUTURE) == 0:
+        granted.append("memory locked")
     if len(cpus) > 1:
         os.sched_setaffinity(0, {choose(cpus)})
         granted.append(f"CPU {choose(cpus)}")
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
-        granted.append("SCHED_FIFO")
-    except OSError:
-        granted.append("normal priority")
+    if LEAD_NS >= PERIOD_NS:
+        granted.append("always awake")  # with a realtime priority it would be stopped for 50 ms in every second
+    else:
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
+            granted.append("SCHED_FIFO")
+        except OSError:
+            granted.append("normal priority")
     try:
         yield ", ".join(granted)
     finally:
         os.sched_setscheduler(0, policy, priority)
         os.sched_setaffinity(0, cpus)
+        libc.munlockall()
         prctl(_SET_TIMER_SLACK, 0, 0, 0, 0)  # 0: the system's own
+
+
+def _may_lock_memory() -> bool:
+    """Whether all memory, also what is asked for later, may be kept in place: a first touch takes as long as a tick.
+
+    Under a limit what is asked for later would be refused, so then nothing is locked.
+    """
+    import resource
+
+    soft, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+    if soft == resource.RLIM_INFINITY:
+        return True
+    with open("/proc/self/status", encoding="ascii") as status:
+        capabilities = next(line for line in status if line.startswith("CapEff:"))
+    return bool(int(capabilities.split()[1], 16) >> _CAP_IPC_LOCK & 1)
 
 
 def other_cpus() -> set[int]:

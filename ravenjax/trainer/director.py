@@ -81,8 +81,8 @@ class Director:
             places = frame.layout.places
             names = ("phase", "view", "pedal", "console_alive", "runlevel", "soft_estopped")
             self._columns = tuple(places[name].start for name in names)
-        row = frame.row
-        phase, view, pedal, alive, runlevel, stopped = (row[i] for i in self._columns)
+        numbers = frame.numbers
+        phase, view, pedal, alive, runlevel, stopped = [numbers[i] for i in self._columns]
         ready = phase == _RUNNING and view == _REAL and pedal and alive and runlevel == _PEDAL_DOWN and not stopped
         self._down = self._down + 1 if ready else 0
         self._up = 0 if pedal else self._up + 1

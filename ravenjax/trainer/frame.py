@@ -112,20 +112,32 @@ class Layout:
 
 
 class Frame:
-    """A row, by names: `frame["gold/tip"]` is an array, `frame.number("runlevel")` a number."""
+    """A row, by names: `frame["gold/tip"]` is an array, `frame.number("runlevel")` a number.
 
-    __slots__ = ("layout", "row")
+    `numbers` is the same row as Python has numbers, for those who look at many one by one. Writing by names changes
+    both; who has filled the row itself calls `settle()`.
+    """
+
+    __slots__ = ("layout", "numbers", "row")
 
     def __init__(self, layout: Layout, row: np.ndarray | None = None) -> None:
         """row: float32 [layout.size]; zeros if left out."""
         self.layout = layout
         self.row = np.zeros(layout.size, np.float32) if row is None else row
+        self.numbers: list[float] = []
+        self.settle()
+
+    def settle(self) -> None:
+        """Take the row over into `numbers`."""
+        self.numbers = self.row.tolist()
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.row[self.layout.places[name]]
 
     def __setitem__(self, name: str, value: Any) -> None:
-        self.row[self.layout.places[name]] = value
+        place = self.layout.places[name]
+        self.row[place] = value
+        self.numbers[place] = self.row[place].tolist()
 
     def number(self, name: str) -> float:
         """The number of a channel that has one."""

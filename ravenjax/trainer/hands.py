@@ -30,6 +30,7 @@ SMOOTHING_MS = 30.0
 _RATE = 3.8897 / SMOOTHING_MS  # 1/ms; a critically damped step, 1 - (1 + s) exp(-s), is 0.9 at s = 3.8897
 _DECAY = math.exp(-_RATE)
 _AT_REST = 1e-6  # share of the fastest speed below which a hand stands
+_SETTLED = 1e-12  # and below which it no longer comes nearer to the speed that it goes for
 
 GRASP_MRAD = (-400.0, 1500.0)
 """How far speeds open and close the jaws from where they began (about 90 degrees open); increments are not limited."""
@@ -159,6 +160,8 @@ class _Hand:
                 slope = change[i] + _RATE * off
                 v[i] = aim + (off + slope) * _DECAY
                 change[i] = (change[i] - _RATE * slope) * _DECAY
+                if abs(off) < _SETTLED and abs(change[i]) < _SETTLED:
+                    v[i], change[i] = aim, 0.0
         if self._aim is STILL and max(map(abs, v)) < _AT_REST:
             self.stop()
             return

@@ -39,13 +39,13 @@ from ravenjax.trainer.itp import ItpServer
 from ravenjax.trainer.joint_stream import JOINT_PORT
 from ravenjax.trainer.page.options import loopback
 from ravenjax.trainer.remote import RemoteRobot
-from ravenjax.trainer.ring import EVENT_BYTES, Ring
+from ravenjax.trainer.ring import COMMAND_BYTES, EVENT_BYTES, Ring
 from ravenjax.trainer.robot_process import digest
 from ravenjax.trainer.scenario import Scenario
 from ravenjax.trainer.session import Driven, Session
 from ravenjax.trainer.simulation import Robot
 
-FRAMES, EVENTS = 4096, 1024
+FRAMES, EVENTS, COMMANDS_KEPT = 4096, 1024, 256
 """Rows of the rings: four seconds of frames."""
 STARTING_S = 60.0
 """Longest that page and recorder may take to be there."""
@@ -101,17 +101,16 @@ def realtime(
         frames, events = Ring.create(FRAMES, 4 * session.layout.size), Ring.create(EVENTS, EVENT_BYTES)
         stack.callback(events.close)
         stack.callback(frames.close)
-        inbox, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-        stack.callback(inbox.close)
         names = tuple(session.layout.names())
         recording = _spawn(
             stack, recorder.run, recorder.Options(frames.name, events.name, names, options.folder, header)
         )
         consoles: list[loop.Console] = []
         if with_page:
-            _open_page(stack, options, session, header, frames, events, inbox, theirs, say)
-            consoles.append(loop.Inbox(inbox))
-        theirs.close()
+            commands = Ring.create(COMMANDS_KEPT, COMMAND_BYTES)
+            stack.callback(commands.close)
+            _open_page(stack, options, session, header, (frames, events, commands), say)
+            consoles.append(loop.Inbox(commands))
         if options.itp_port is not None:
             server = ItpServer(session.arms, options.host, options.itp_port)
             stack.callback(server.close)
@@ -228,20 +227,20 @@ def _open_page(
     options: Options,
     session: Session,
     header: dict[str, Any],
-    frames: Ring,
-    events: Ring,
-    inbox: socket.socket,
-    theirs: socket.socket,
+    rings: tuple[Ring, Ring, Ring],
     say: Say,
 ) -> None:
     """Spawn the page's process, wait until it listens, and say where."""
     token = options.token
     if token is None and not loopback(options.host):
         token = secrets.token_urlsafe(24)
+    mine, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    stack.callback(mine.close)  # the page ends when it is gone
     given = page.Options(
-        frames=frames.name,
-        events=events.name,
-        commands=theirs,
+        frames=rings[0].name,
+        events=rings[1].name,
+        commands=rings[2].name,
+        channel=theirs,
         arms=session.arms,
         header=header,
         folder=str(options.folder.absolute()),
@@ -250,9 +249,10 @@ def _open_page(
         token=token,
     )
     process = _spawn(stack, page.run, given)
-    inbox.settimeout(STARTING_S)
+    theirs.close()
+    mine.settimeout(STARTING_S)
     try:
-        port = json.loads(inbox.recv(loop.LONGEST_COMMAND))["port"]
+        port = json.loads(mine.recv(1024))["port"]
     except TimeoutError:
         raise UserError(
             f"the page did not start within {STARTING_S:g} s; try `--no-page`, or `ravenjax doctor`"
@@ -318,7 +318,7 @@ def _conclude(options: Options, session: Session, timing: Timing | None, say: Sa
 def facts(timing: Timing) -> dict[str, float]:
     """A loop's timing in numbers, us."""
     found: dict[str, float] = {"ticks": timing.ticks, "late_ticks": timing.late, "skipped_ms": timing.skipped}
-    for what in ("compute", "lateness"):
+    for what in ("compute", "whole", "lateness"):
         for name, share in (("p50", 0.5), ("p99", 0.99), ("p99_9", 0.999)):
             found[f"{what}_{name}_us"] = timing.percentile(what, share)
     return found

@@ -13,7 +13,7 @@ from ravenjax.trainer import blueprint, clock, launch, scenario
 from ravenjax.trainer.clock import Clock, Timing
 from ravenjax.trainer.simulation import Robot
 
-COLUMNS = ("loop", "compute, us: p50 / p99 / p99.9", "lateness, us", "late ticks", "of")
+COLUMNS = ("loop", "compute, us: p50 / p99 / p99.9", "with judge and log", "lateness, us", "late ticks", "of")
 AIM_US = 100
 """p99.9 of a tick's compute time at most: a tenth of the cycle, so that a slower machine keeps up too."""
 SCENARIO = "first_steps"
@@ -30,11 +30,13 @@ class Measured:
     def row(self) -> tuple[str, ...]:
         """As `COLUMNS`."""
         timing = self.timing
-        numbers = (
-            " / ".join(f"{timing.percentile(what, share):.0f}" for share in (0.5, 0.99, 0.999))
-            for what in ("compute", "lateness")
-        )
-        return (self.loop, *numbers, f"{timing.late}", f"{timing.ticks}")
+        levels = {
+            what: " / ".join(f"{timing.percentile(what, share):.0f}" for share in (0.5, 0.99, 0.999))
+            for what in ("compute", "whole", "lateness")
+        }
+        if not timing.whole.any():
+            levels["whole"] = ""  # nothing follows
+        return (self.loop, *levels.values(), f"{timing.late}", f"{timing.ticks}")
 
 
 def measure(seconds: float, say: Callable[[str], None] = lambda _: None) -> list[Measured]:

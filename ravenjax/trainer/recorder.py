@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.store import session_file, session_log
-from ravenjax.trainer.ring import Ring, events
+from ravenjax.trainer.ring import Ring, read_json
 
 POLL_S = 0.015
 """s between looks at the rings: what a kill loses at most is this, one block and the scheduler's delay."""
@@ -73,7 +73,7 @@ def _record(frames: Ring, told: Ring, log: session_log.Writer, names: list[str],
         leaving = stop.now()  # asked before the look, so that what came before it is taken
         first_event, rows_of_events = told.read(event)
         first, raw = frames.read(row, BLOCK)
-        found = list(events(rows_of_events))
+        found = list(read_json(rows_of_events))
         if lost := first - row:
             found.append({"kind": "lost_rows", "tick": row, "rows": lost})
         if lost_events := first_event - event:

@@ -1,6 +1,8 @@
-"""Shared memory between the realtime process, which writes, and page and recorder, which read; nobody waits.
+"""Shared memory between processes of a session, one of which writes while others read; nobody waits.
 
-A writer never looks at readers. A reader that is too slow finds out: rows that were overwritten are told, not invented.
+The realtime process writes frames and events for page and recorder, the page writes commands for it: to look there
+costs less than a system call, which matters a thousand times a second. A writer never looks at readers. A reader that
+is too slow finds out: rows that were overwritten are told, not invented.
 """
 
 from __future__ import annotations
@@ -23,11 +25,14 @@ class Ring:
         self._header = np.ndarray((3,), np.int64, memory.buf)
         self.capacity, self.row_bytes = int(self._header[1]), int(self._header[2])
         self._rows = np.ndarray((self.capacity, self.row_bytes), np.uint8, memory.buf, _HEADER)
+        self._written = int(self._header[0])  # by this side, if it writes
 
     @staticmethod
     def create(capacity: int, row_bytes: int) -> Ring:
         """A new ring; its `name` lets other processes attach."""
-        memory = shared_memory.SharedMemory(create=True, size=_HEADER + capacity * row_bytes)
+        size = _HEADER + capacity * row_bytes
+        memory = shared_memory.SharedMemory(create=True, size=size)
+        np.ndarray((size,), np.uint8, memory.buf)[:] = 0  # every page is there before the first tick needs it
         np.ndarray((3,), np.int64, memory.buf)[:] = 0, capacity, row_bytes
         return Ring(memory, owner=True)
 
@@ -46,13 +51,11 @@ class Ring:
         """Rows so far."""
         return int(self._header[0])
 
-    def next_row(self) -> np.ndarray:
-        """uint8 [row_bytes], the row to fill before `publish`."""
-        return self._rows[self.written % self.capacity]
-
-    def publish(self) -> None:
-        """Make the filled row known."""
-        self._header[0] += 1
+    def put(self, row: np.ndarray) -> None:
+        """Append a row, uint8 [row_bytes] or less; what it leaves of the row stays as it was."""
+        self._rows[self._written % self.capacity, : row.size] = row
+        self._written += 1
+        self._header[0] = self._written
 
     def read(self, first: int, limit: int | None = None) -> tuple[int, np.ndarray]:
         """Rows from number `first` on: (number of the first returned, copies, uint8 [n, row_bytes]).
@@ -76,20 +79,22 @@ class Ring:
 
 EVENT_BYTES = 1024
 """Room of one event as JSON."""
+COMMAND_BYTES = 4096
+"""Room of one command to a session."""
+_encode = json.JSONEncoder(separators=(",", ":")).encode
 
 
-def put_event(ring: Ring, event: dict[str, Any]) -> None:
-    """Append an event; ValueError where it is longer than a row."""
-    text = json.dumps(event, separators=(",", ":")).encode()
+def put_json(ring: Ring, message: dict[str, Any]) -> None:
+    """Append an event or a command; ValueError where it is longer than a row."""
+    text = _encode(message).encode()
     if len(text) >= ring.row_bytes:
-        raise ValueError(f"event {event.get('kind')!r} has {len(text)} bytes, expected less than {ring.row_bytes}")
-    row = ring.next_row()
-    row[: len(text)] = np.frombuffer(text, np.uint8)
-    row[len(text)] = 0
-    ring.publish()
+        raise ValueError(
+            f"{message.get('kind', message.get('type'))!r} has {len(text)} bytes, expected less than {ring.row_bytes}"
+        )
+    ring.put(np.frombuffer(text + b"\0", np.uint8))
 
 
-def events(rows: np.ndarray) -> Iterator[dict[str, Any]]:
-    """The events in rows that `Ring.read` gave."""
+def read_json(rows: np.ndarray) -> Iterator[dict[str, Any]]:
+    """The events or commands in rows that `Ring.read` gave."""
     for row in rows:
         yield json.loads(row.tobytes().split(b"\0", 1)[0])

@@ -109,8 +109,10 @@ class Session:
         self._places = [_Places.of(places, arm) for arm in self.arms]
         self._common = slice(places["session_tick"].start, places["cue_on"].stop)
         self._runlevel, self._trips = places["runlevel"].start, places["trips"].start
+        self._soft_estopped = places["soft_estopped"].start
         self._seen_trips, self._looked = 0.0, -OUTCOMES_EVERY
         self._events: list[Event] = []
+        self._moved = False  # the robots, in this tick
 
     @property
     def over(self) -> bool:
@@ -119,14 +121,19 @@ class Session:
 
     def tick(self, commands: list[dict[str, Any]]) -> list[Event]:
         """One millisecond: `frame` is filled, events are returned."""
-        self._events = []
+        self.move(commands)
+        return self.conclude()
+
+    def move(self, commands: list[dict[str, Any]]) -> None:
+        """First half: hands, hazards and robots; `frame` is filled. Nobody outside waits for the other half."""
+        self._events, self._moved = [], False
         for command in commands:
             if len(self.heard) < MOST_HEARD:
                 self.heard.append((self.ticks, command))
             self._command(command)
         if self.phase in (PAUSED, OVER):
             self._publish()
-            return self._events
+            return
         hand = self._hands.advance(self.ticks)
         self._drive(hand)
         for order in self.director.step(self.ticks, self.frame):
@@ -135,8 +142,15 @@ class Session:
         if self.view == VIRTUAL:
             self.virtual.step()
         self._publish(hand)
-        self._follow(hand)
-        self.ticks += 1
+        self._moved = True
+
+    def conclude(self) -> list[Event]:
+        """Second half: what task, judge and phase make of it; the events of both."""
+        self.frame.settle()
+        self._tell_changes()
+        if self._moved:
+            self._follow()
+            self.ticks += 1
         return self._events
 
     # --- commands ---
@@ -260,22 +274,25 @@ class Session:
             *(self.ticks, self.phase, self.view, self._pedal, self._alive),
             *(self.director.at_work, task.target, task.progress, self.cue_on),
         )
-        told = (PHASES[self.phase], VIEWS[self.view], self._alive, self._pedal != 0.0, int(row[self._runlevel]))
+
+    def _tell_changes(self) -> None:
+        runlevel = int(self.frame.numbers[self._runlevel])
+        told = (PHASES[self.phase], VIEWS[self.view], self._alive, self._pedal != 0.0, runlevel)
         if told != self._told:
             for (kind, word), value, before in zip(_TOLD, told, self._told, strict=True):
                 if value != before:
                     self._tell(kind, **{word: value})
             self._told = told
 
-    def _follow(self, hand: hands.Row) -> None:
+    def _follow(self) -> None:
         """Task, judge and phase after the tick."""
         frame = self.frame
         self._events += self.task.step(frame, self.ticks)
         self._events += self.judge.step(self.ticks, frame, self._tripped())
-        runlevel = frame.number("runlevel")
+        runlevel = frame.numbers[self._runlevel]
         if self.phase == READY and runlevel == PEDAL_DOWN:
             self.phase = RUNNING
-        elif self.phase == RUNNING and (runlevel == E_STOP or frame.number("soft_estopped")):
+        elif self.phase == RUNNING and (runlevel == E_STOP or frame.numbers[self._soft_estopped]):
             self.phase = STOPPED
         if self.ticks + 1 >= self.scenario.duration_s * 1000:
             self._end("time")
@@ -284,7 +301,7 @@ class Session:
 
     def _tripped(self) -> dict[str, Any] | None:
         """Outcomes of the robot where a check has tripped since the last look: looking costs as much as a tick."""
-        trips = float(self.frame.row[self._trips])
+        trips = self.frame.numbers[self._trips]
         if trips == self._seen_trips or self.ticks - self._looked < OUTCOMES_EVERY:
             return None
         self._seen_trips, self._looked = trips, self.ticks

@@ -5,6 +5,7 @@ It answers commands the way a session would (pedal, E-stop, hazards, phases), so
 
 from __future__ import annotations
 
+import contextlib
 import json
 import multiprocessing
 import socket
@@ -17,7 +18,7 @@ import numpy as np
 from ravenjax.robot import arm_model
 from ravenjax.trainer import page
 from ravenjax.trainer.frame import PHASES, VIEWS, Frame, Layout
-from ravenjax.trainer.ring import EVENT_BYTES, Ring, put_event
+from ravenjax.trainer.ring import COMMAND_BYTES, EVENT_BYTES, Ring, put_json, read_json
 
 HEADER = {
     "version": 1,
@@ -59,6 +60,7 @@ class FakeSession:
     def __init__(self, header=HEADER, arms=("gold", "green"), folder=None, **options):
         self.layout = Layout.of(arms)
         self.frames, self.events = Ring.create(4096, 4 * self.layout.size), Ring.create(1024, EVENT_BYTES)
+        self._said, self._next = Ring.create(256, COMMAND_BYTES), 0
         self.mine, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
         self.mine.setblocking(False)
         self.frame = Frame(self.layout)
@@ -72,7 +74,14 @@ class FakeSession:
         self._stop = threading.Event()
         context = multiprocessing.get_context("spawn")
         self.options = page.Options(
-            self.frames.name, self.events.name, theirs, tuple(arms), dict(header), folder and str(folder), **options
+            self.frames.name,
+            self.events.name,
+            self._said.name,
+            theirs,
+            tuple(arms),
+            dict(header),
+            folder and str(folder),
+            **options,
         )
         self.process = context.Process(target=page.run, args=(self.options,), daemon=True)
         self.process.start()
@@ -99,7 +108,7 @@ class FakeSession:
         raise AssertionError(f"no command with {parts}; the last: {self.commands[-3:]}")
 
     def event(self, kind, **more):
-        put_event(self.events, {"tick": self.tick, "kind": kind, **more})
+        put_json(self.events, {"tick": self.tick, "kind": kind, **more})
 
     def close(self):
         self._stop.set()
@@ -112,6 +121,7 @@ class FakeSession:
         self.mine.close()
         self.frames.close()
         self.events.close()
+        self._said.close()
         assert not alive, "the page did not stop when told to"
 
     def _work(self):
@@ -124,14 +134,11 @@ class FakeSession:
             time.sleep(max(0.0, due - time.monotonic()))
 
     def _take(self):
-        while True:
-            try:
-                told = json.loads(self.mine.recv(4096))
-            except BlockingIOError:
-                return
-            if told["type"] == "page":
-                self.port = told["port"]
-                continue
+        with contextlib.suppress(BlockingIOError):
+            self.port = json.loads(self.mine.recv(4096))["port"]
+        first, rows = self._said.read(self._next)
+        self._next = first + len(rows)
+        for told in read_json(rows):
             self.commands.append(told)
             if told["type"] == "input":
                 self._moves, self._heard = told["arms"], time.monotonic()
@@ -195,8 +202,7 @@ class FakeSession:
         frame["progress"] = min(1.0, self.tick / 60000)
         frame["compute_us"] = 62 + 6 * np.sin(self.tick / 50)
         frame["lateness_us"] = 9 + 4 * np.cos(self.tick / 70)
-        self.frames.next_row()[:] = frame.row.view(np.uint8)
-        self.frames.publish()
+        self.frames.put(frame.row.view(np.uint8))
 
 
 class _Robot:

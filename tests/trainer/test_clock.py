@@ -12,12 +12,13 @@ from ravenjax.trainer.clock import PERIOD_NS, Clock, Timing
 
 @pytest.fixture
 def fake(monkeypatch):
-    """A clock that passes only while someone sleeps or `spend`s."""
+    """A clock that passes while someone sleeps or `spend`s, and a little with each look at it."""
 
     class Fake:
         now = 5_000_000_000
 
         def monotonic_ns(self):
+            self.now += 20
             return self.now
 
         def sleep(self, seconds):
@@ -63,8 +64,8 @@ def test_after_a_long_sleep_the_schedule_moves_on_instead(fake):
     fake.spend(10_000_000)  # the lid was closed
     paced.done()
     paced.wait()
-    assert paced.timing.skipped == 9999 and paced.timing.late == 1
     paced.done()
+    assert paced.timing.skipped == 9999 and paced.timing.late == 1
     paced.wait()
     assert paced.lateness_us == 0
 
@@ -83,6 +84,6 @@ def test_what_is_asked_of_the_system_is_given_back():
 
     before, others = now(), clock.other_cpus()
     with clock.realtime() as granted:
-        assert "priority" in granted or "SCHED_FIFO" in granted
+        assert any(word in granted for word in ("always awake", "SCHED_FIFO", "normal priority"))
         assert len(now()[0]) == 1 and not others & now()[0]
     assert now() == before

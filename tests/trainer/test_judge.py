@@ -31,7 +31,7 @@ class Play:
             self.frame[name.replace("__", "/")] = value
         for _ in range(ticks):
             self.frame["tick"] = self.tick + 5000  # the robot was on before the session began
-            self.frame["gold/hand"][0] += self.speed
+            self.frame["gold/hand"] = self.frame["gold/hand"] + (self.speed, 0, 0)
             outcomes = self.outcomes if self.tick % 10 == 0 and self.outcomes else None
             self.events += self.judge.step(self.tick, self.frame, outcomes)
             self.tick += 1

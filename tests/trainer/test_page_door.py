@@ -94,7 +94,15 @@ def test_query_takes_the_last_of_each():
 )
 def test_only_a_loopback_address_goes_without_a_token(host, own):
     assert loopback(host) == own
-    given = {"frames": "f", "events": "e", "commands": None, "arms": ("gold",), "header": {}, "host": host}
+    given = {
+        "frames": "f",
+        "events": "e",
+        "commands": "c",
+        "channel": None,
+        "arms": ("gold",),
+        "header": {},
+        "host": host,
+    }
     if own:
         Options(**given)
     else:
@@ -105,4 +113,4 @@ def test_only_a_loopback_address_goes_without_a_token(host, own):
 
 def test_frames_come_at_30_hz_at_least():
     with pytest.raises(UserError, match="fps is 10"):
-        Options("f", "e", None, ("gold",), {}, fps=10)  # type: ignore[arg-type]
+        Options("f", "e", "c", None, ("gold",), {}, fps=10)  # type: ignore[arg-type]

@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 from ravenjax.store import recover, session_file, session_log
 from ravenjax.trainer import recorder, recording
 from ravenjax.trainer.frame import Layout
-from ravenjax.trainer.ring import EVENT_BYTES, Ring, put_event
+from ravenjax.trainer.ring import EVENT_BYTES, Ring, put_json
 
 LAYOUT = Layout.of(("gold", "green"))
 HEADER = {"arms": ["gold", "green"], "name": "synthetic", "seed": 7, "started": "2026-01-02T03:04:05.678+00:00"}
@@ -43,8 +43,7 @@ class Session:
 
     def write(self, count):
         for _ in range(count):
-            self.frames.next_row()[:] = row_of(self.frames.written).view(np.uint8)
-            self.frames.publish()
+            self.frames.put(row_of(self.frames.written).view(np.uint8))
 
     def start(self):
         self.process.start()
@@ -78,9 +77,9 @@ def test_a_session_is_recorded_to_the_last_row(session):
     assert told["ended"] is None and told["seed"] == 7
     for i in range(10):
         session.write(50)
-        put_event(session.events, {"tick": session.frames.written, "kind": "target", "target": i})
+        put_json(session.events, {"tick": session.frames.written, "kind": "target", "target": i})
         time.sleep(0.01)
-    put_event(session.events, {"tick": 500, "kind": "end", "reason": "time"})
+    put_json(session.events, {"tick": 500, "kind": "end", "reason": "time"})
     session.process.join(30)
     assert session.process.exitcode == 0
     found = recording.read(session.folder)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ravenjax.trainer.ring import EVENT_BYTES, Ring, events, put_event
+from ravenjax.trainer.ring import EVENT_BYTES, Ring, put_json, read_json
 
 
 @pytest.fixture
@@ -18,8 +18,7 @@ def ring():
 
 
 def put(ring, number):
-    ring.next_row().view(np.float32)[:] = number
-    ring.publish()
+    ring.put(np.full(ring.row_bytes // 4, number, np.float32).view(np.uint8))
 
 
 def numbers(rows):
@@ -32,7 +31,7 @@ def test_rows_come_in_order_and_only_once_written(ring):
         put(ring, number)
     first, rows = ring.read(2, limit=2)
     assert first == 2 and numbers(rows) == [2, 3]
-    ring.next_row().view(np.float32)[:] = 99  # not published
+    ring._rows[ring.written % ring.capacity].view(np.float32)[:] = 99  # being written, not published
     assert numbers(ring.read(0)[1]) == [0, 1, 2, 3, 4]
 
 
@@ -73,14 +72,14 @@ def test_another_process_reads_the_same(ring):
 def test_events_are_dicts_again_and_one_that_is_too_long_is_refused():
     ring = Ring.create(4, EVENT_BYTES)
     try:
-        put_event(ring, {"tick": 1, "kind": "note", "text": "zwölf"})
-        put_event(ring, {"tick": 2, "kind": "cue"})
-        assert list(events(ring.read(0)[1])) == [
+        put_json(ring, {"tick": 1, "kind": "note", "text": "zwölf"})
+        put_json(ring, {"tick": 2, "kind": "cue"})
+        assert list(read_json(ring.read(0)[1])) == [
             {"tick": 1, "kind": "note", "text": "zwölf"},
             {"tick": 2, "kind": "cue"},
         ]
         with pytest.raises(ValueError, match="'note' has"):
-            put_event(ring, {"kind": "note", "text": "x" * EVENT_BYTES})
+            put_json(ring, {"kind": "note", "text": "x" * EVENT_BYTES})
         assert ring.written == 2
     finally:
         ring.close()

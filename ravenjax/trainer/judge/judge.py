@@ -90,8 +90,8 @@ class Judge:
             places = frame.layout.places
             self._columns = tuple(places[name].start for name in _COMMON)
             self._arms = tuple(_Arm(frame, name) for name in frame.layout.arms)
-        row: list[float] = frame.row.tolist()
-        robot_tick, runlevel, estopped, active, pedal, alive = (row[i] for i in self._columns)
+        row = frame.numbers
+        robot_tick, runlevel, estopped, active, pedal, alive = [row[i] for i in self._columns]
         was_down = self._down
         self._down = runlevel == _PEDAL_DOWN and not estopped
         self._pace.step(tick, [x for arm in self._arms for x in row[arm.hand]])

@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import socket
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -23,6 +22,7 @@ from ravenjax.trainer.frame import PHASES, VIEWS, Layout
 from ravenjax.trainer.page.door import query
 from ravenjax.trainer.page.inbox import Inbox, Refused
 from ravenjax.trainer.page.sight import Sight
+from ravenjax.trainer.ring import Ring, put_json
 
 MOST_PER_S = 400  # messages of one window; a gamepad at 144 Hz with all keys stays below
 KEPT_EVENTS = 1000
@@ -83,7 +83,7 @@ class Hub:
         header: dict[str, Any],
         place: dict[str, Any],
         layout: Layout,
-        commands: socket.socket,
+        commands: Ring,
         inbox: Inbox,
         on_page: Callable[[Client, dict[str, Any]], None],
         on_input: Callable[[], None],
@@ -99,7 +99,7 @@ class Hub:
         self._sights = {role: Sight(layout, role, blinded) for role in ("operator", "watcher", "instructor")}
         self._clients: list[Client] = []
         self._events: list[dict[str, Any]] = []
-        self._last_input = b""
+        self._last_input: dict[str, Any] = {}
         self.dropped: Counter[str] = Counter()
 
     async def serve(self, connection: ServerConnection) -> None:
@@ -196,11 +196,7 @@ class Hub:
             self._seat_told()
 
     def _forward(self, told: dict[str, Any]) -> None:
-        data = json.dumps(told, separators=(",", ":")).encode()
-        try:
-            self._commands.send(data)
-        except OSError:  # full, or nobody there any more: a console's next heartbeat says the same
-            self.dropped["not taken"] += 1
-        if told["type"] == "input" and data != self._last_input:
-            self._last_input = data
+        put_json(self._commands, told)
+        if told["type"] == "input" and told != self._last_input:
+            self._last_input = told
             self._on_input()

@@ -17,7 +17,8 @@ class Options:
 
     frames: str  # name of the ring of frames
     events: str  # name of the ring of events
-    commands: socket.socket  # AF_UNIX datagram socket, its other end is the session's
+    commands: str  # name of the ring of commands, which the page writes
+    channel: socket.socket  # AF_UNIX datagram socket, its other end is the session's: the port, and when to stop
     arms: tuple[ArmName, ...]
     header: dict[str, Any]  # as in session.json: name, hazards, task, blinded; cue_threshold_mm besides
     folder: str | None = None  # where debrief.html appears once the session is over

@@ -24,7 +24,7 @@ from ravenjax.trainer.page.options import Options
 from ravenjax.trainer.page.server import Server
 from ravenjax.trainer.page.site import Site
 from ravenjax.trainer.page.world import World, place
-from ravenjax.trainer.ring import Ring, events
+from ravenjax.trainer.ring import Ring, read_json
 
 PROMPT_S = 0.004  # between frames while the answer to a key is awaited
 ANSWER_S = 0.06
@@ -49,8 +49,9 @@ class Page:
         self._options = options
         self._layout = Layout.of(options.arms)
         self._frames, self._events = Ring.attach(options.frames), Ring.attach(options.events)
-        self._commands = options.commands
-        self._commands.setblocking(False)
+        self._commands = Ring.attach(options.commands)
+        self._channel = options.channel
+        self._channel.setblocking(False)
         self._next_event = 0
         self._seen = 0  # frames
         self._answer_until = 0.0
@@ -73,7 +74,7 @@ class Page:
         self._server = Server(options.host, options.port, door, Site(door, options.folder), self._hub.serve)
         self._windows.watch(self._server.viser)
         self._world = World(self._server.viser, options.arms, options.header.get("task"), blinded)
-        self._commands.send(json.dumps({"type": "page", "port": self._server.port}).encode())
+        self._channel.send(json.dumps({"type": "page", "port": self._server.port}).encode())
 
     @property
     def port(self) -> int:
@@ -105,13 +106,14 @@ class Page:
         self._frames.close()
         self._events.close()
         self._commands.close()
+        self._channel.close()
 
     def _tell(self) -> None:
         """What is new, to the windows."""
         first, rows = self._events.read(self._next_event)
         if len(rows):
             self._next_event = first + len(rows)
-            told = list(events(rows))
+            told = list(read_json(rows))
             for event in told:
                 self._world.tell(event)
             self._server.loop.call_soon_threadsafe(self._hub.tell, told)
@@ -144,7 +146,7 @@ class Page:
 
     def _told_to_stop(self) -> bool:
         try:
-            told: Any = json.loads(self._commands.recv(4096))
+            told: Any = json.loads(self._channel.recv(4096))
         except (BlockingIOError, ValueError):
             return False
         except OSError:

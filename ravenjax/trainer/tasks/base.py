@@ -86,23 +86,28 @@ class Task(abc.ABC):
 class Travel:
     """The way of one tip."""
 
-    __slots__ = ("_depth", "_last", "_tip", "arm", "deepest_mm", "path_mm")
+    __slots__ = ("_last", "_places", "arm", "deepest_mm", "path_mm")
 
     def __init__(self, arm: ArmName) -> None:
         self.arm: ArmName = arm
         self.path_mm = 0.0
         self.deepest_mm = -math.inf
-        self._tip, self._depth = f"{arm}/tip", f"{arm}/depth_mm"
+        self._places: tuple[int, int] | None = None  # of tip and depth in a frame
         self._last: Point | None = None
 
     def step(self, frame: Frame) -> Point:
         """The tip in the world, m."""
-        x, y, z = frame[self._tip].tolist()
+        if self._places is None:
+            places = frame.layout.places
+            self._places = places[f"{self.arm}/tip"].start, places[f"{self.arm}/depth_mm"].start
+        first, deep = self._places
+        numbers = frame.numbers
+        x, y, z = numbers[first : first + 3]
         tip = to_world(self.arm, (x, y, z))
         if self._last is not None:
             self.path_mm += 1e3 * math.dist(tip, self._last)
         self._last = tip
-        depth = frame.number(self._depth)
+        depth = numbers[deep]
         if depth > self.deepest_mm:
             self.deepest_mm = depth
         return tip
