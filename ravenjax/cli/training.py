@@ -164,5 +164,19 @@ def recover(
     _say(str(store.recover(file, out)))
 
 
+@log.command
+def debrief(folder: Path) -> None:
+    """Write the debrief of a session, also of one that was cut short: as far as its recording goes.
+
+    Parameters
+    ----------
+    folder
+        Folder of the session, such as results/sessions/dac_burst-20260101-120000.
+    """
+    from ravenjax.trainer import debrief as page
+
+    _say(f"debrief: {page.write(folder)}")
+
+
 def _say(text: str) -> None:
     console.out.print(text, markup=False, highlight=False, soft_wrap=True)

@@ -123,7 +123,9 @@ def realtime(
         stop = stack.enter_context(until_interrupted())
         with clock.realtime() as granted:
             say(f"realtime: {granted}")
-            timing = loop.run(session, frames, events, consoles, lambda: bool(stop))
+            timing = loop.run(session, frames, events, consoles, lambda: bool(stop), lambda: _ended(recording))
+        if trouble := _ended(recording):
+            say(trouble)
         recording.join(STARTING_S)
         found = _conclude(options, session, timing, say)
         if with_page and linger_s != 0:
@@ -288,6 +290,13 @@ def _wait_for(recording: BaseProcess, path: Path) -> None:
         if not recording.is_alive() or time.monotonic() > end:
             raise UserError(f"{path.parent}: the recorder did not start (exit code {recording.exitcode})")
         time.sleep(0.02)
+
+
+def _ended(recording: BaseProcess) -> str | None:
+    """What to tell where the recorder has ended before the session."""
+    if recording.is_alive() or recording.exitcode == 0:
+        return None
+    return f"the recorder has ended (exit code {recording.exitcode}): the session goes on unrecorded"
 
 
 def _conclude(options: Options, session: Session, timing: Timing | None, say: Say) -> Finished:

@@ -53,14 +53,19 @@ def run(
     events: Ring,
     consoles: list[Console],
     stopped: Callable[[], bool] = lambda: False,
-    timing: Timing | None = None,
+    trouble: Callable[[], str | None] = lambda: None,
 ) -> Timing:
-    """Run `session` in real time until it is over, or `stopped` says so."""
-    paced, understudy = Clock(timing), _Understudy(session)
+    """Run `session` in real time until it is over, or `stopped` says so.
+
+    trouble: asked once a second for what goes wrong elsewhere; its first answer is told.
+    """
+    understudy = _Understudy(session)
     frame, places = session.frame, session.layout.places
     row, kept = frame.row.view(np.uint8), slice(places["compute_us"].start, places["late_ticks"].stop)
-    reported = left = 0
+    reported = left = ticks = 0
+    troubled = None
     with clock.no_collection():
+        paced = Clock()
         while left < AFTER_END_MS:
             paced.wait(understudy.tick)
             commands = [command for console in consoles for command in console.poll()]
@@ -77,6 +82,9 @@ def run(
             if paced.timing.late > reported and session.ticks % 100 == 0:
                 reported = paced.timing.late
                 told.append({"tick": session.ticks, "kind": "overrun", "late_ticks": reported})
+            ticks += 1
+            if troubled is None and ticks % 1000 == 0 and (troubled := trouble()):
+                told.append({"tick": session.ticks, "kind": "trouble", "text": troubled})
             for event in told:  # for log and page, which look every few ms
                 put_json(events, event)
             left += session.over

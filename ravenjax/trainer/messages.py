@@ -1,7 +1,7 @@
 """What consoles and instructors say to a session, and what a session tells: plain dicts, JSON on the way.
 
-Commands reach the session as datagrams on a local socket pair, one JSON object each, at any rate; the session takes
-what is there at the beginning of a tick, so that a list of (tick, command) is all that a session depends on.
+Commands reach the session through a ring in shared memory, one JSON object each, at any rate; the session takes what
+is there at the beginning of a tick, so that a list of (tick, command) is all that a session depends on.
 
     {"type": "input", "source": "keyboard", "pedal": true,
      "arms": {"gold": {"move": [x, y, z], "turn": [x, y, z], "grasp": g}}}
@@ -22,7 +22,8 @@ Events that a session tells have "tick" (ms since the session began, pauses left
     phase (phase), view (view), console (alive, source), pedal (down), runlevel (runlevel), alarm (check),
     hazard_armed (number), hazard_struck (number), knowable (number, by), cue (number or -1, arm),
     stray (number, arm, mm), response (number, what, ok, ms), hazard_over (number, outcome, score), target (target),
-    object (held, at), task_done, note (text), overrun (late_ticks), end (reason)
+    object (held, at), task_done, note (text), overrun (late_ticks), trouble (text),
+    end (reason)
 
 `number` counts the hazards of the session's list (`session.json`, "hazards").
 """

@@ -79,8 +79,8 @@ def verdict(found: list[Measured]) -> list[tuple[str, str]]:
 
 def _empty(seconds: float, say: Callable[[str], None]) -> Timing:
     say(f"empty loop: {seconds:g} s")
-    paced = Clock()
     with clock.realtime(), clock.no_collection():
+        paced = Clock()
         for _ in range(round(seconds * 1000)):
             paced.wait()
             paced.done()
@@ -90,8 +90,8 @@ def _empty(seconds: float, say: Callable[[str], None]) -> Timing:
 def _tick_alone(chosen: scenario.Scenario, seconds: float, say: Callable[[str], None]) -> Timing:
     say(f"{TICK}: {seconds:g} s")
     robot = Robot(blueprint.make(scenario.campaign(chosen, 0)))
-    paced = Clock()
     with clock.realtime(), clock.no_collection():
+        paced = Clock()
         for _ in range(round(seconds * 1000)):
             paced.wait()
             robot.step()

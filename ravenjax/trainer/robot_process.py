@@ -138,9 +138,10 @@ def serve(
     stopped: Callable[[], bool] = lambda: False,
 ) -> Timing:
     """Tick `station` against the clock. orders: (tick, order), in the order of their ticks."""
-    clock, waiting = Clock(), list(orders)
+    waiting = list(orders)
     end = float("inf") if seconds is None else seconds * 1000.0
     with no_collection():
+        clock = Clock()
         while station.ticks < end and not stopped():
             clock.wait()
             while waiting and waiting[0][0] <= station.ticks:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import synthetic_session as synthetic
 
+from ravenjax.cli import main
 from ravenjax.store import session_log
 from ravenjax.store.files import StoreError
 from ravenjax.trainer import (
@@ -180,7 +181,9 @@ def test_hazards_of_a_killed_session_come_from_its_events(tmp_path):
     )
     assert first.peak_stray_mm == pytest.approx(6.5, rel=1e-3) and first.right_response == "release stop"
     assert second.struck_ms == 3950 and second.outcome == "" and second.score is None and second.response_ms is None
-    page = text_of(debrief.render(tmp_path))
+    assert main(["log", "debrief", str(tmp_path)]) == 0
+    assert main(["log", "debrief", str(tmp_path / "none")]) == 2
+    page = text_of((tmp_path / debrief.FILE).read_text())
     assert "put together from what the recording tells" in page and "1 of 2 hazards met" in page
     assert "How it ended is not known" in page
 

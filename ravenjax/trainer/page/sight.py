@@ -19,6 +19,7 @@ _OPERATOR = {
     "object",
     "task_done",
     "overrun",
+    "trouble",
     "end",
 }
 _FELT = {"cue", "response"}  # what the operator's own hand knows; in a blinded session it would tell the group

@@ -17,6 +17,7 @@ const WORDS = {
   runlevel: (e) => `runlevel ${e.runlevel}`,
   note: (e) => `“${e.text}”`,
   overrun: (e) => `late ticks: ${e.late_ticks}`,
+  trouble: (e) => e.text,
   task_done: () => "task done",
   end: (e) => `ended: ${e.reason}`,
 };
