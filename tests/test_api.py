@@ -70,6 +70,7 @@ def test_a_run_that_is_not_there(run):
         rj.simulate(CAMPAIGN, run)
 
 
+@pytest.mark.slow
 def test_nested_tables_need_not_be_loaded_first():
     table = rj.run(CAMPAIGN, engine="simd")
     assert table["group"].tolist() == ["a", "b"]

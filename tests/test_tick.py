@@ -103,6 +103,7 @@ def test_faults_that_a_campaign_does_not_name_are_not_in_its_tick():
     assert 0 < with_one - without < 60
 
 
+@pytest.mark.slow
 def test_every_state_keeps_its_type():
     """A carried number whose type changes would compile twice, or not at all."""
     for setup in SETUPS.values():

@@ -1,8 +1,8 @@
 """A training session, one millisecond at a time: hands in, robots moved, hazards armed, what happened judged and told.
 
 A session is a function of its scenario, its seed and a list of (tick, command): no clock, file, socket or thread is
-touched here. A headless run calls `tick` as fast as it can; the realtime loop calls its halves once a millisecond, `move`
-before frame and force go out, `conclude` after.
+touched here. A headless run calls `tick` as fast as it can; the realtime loop calls its halves once a millisecond,
+`move` before frame and force go out, `conclude` after.
 
 Three robots run side by side, all with the campaigns' tick: the one that is driven, its fault-free twin, and the
 virtual one on which a motion can be tried while the robot rests; what was tried is then given to the robot, row by row,

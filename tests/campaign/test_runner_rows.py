@@ -25,6 +25,7 @@ def whole(tmp_path_factory):
     return out, told
 
 
+@pytest.mark.slow
 def test_rows_may_grow_and_no_part_is_made_twice(whole, tmp_path):
     steps = ([range(30, 50), range(100, 101)], [range(0, 30), range(30, 50)], [range(200, 300)], None)
     expected = (21, 51, 151, 300)

@@ -185,7 +185,9 @@ def _dac_differences(pair, ticks, closed):
     return differing, total, largest
 
 
-@pytest.mark.parametrize("closed", [False, True], ids=["open loop", "closed loop"])
+@pytest.mark.parametrize(
+    "closed", [pytest.param(False, id="open loop", marks=pytest.mark.slow), pytest.param(True, id="closed loop")]
+)
 def test_float32_campaigns_stay_near_exact_arithmetic(closed, capsys):
     # A straight wrist leaves the roll to rounding errors, which are larger in float32.
     differing, total, largest = _dac_differences(Pair(11, bad=False, calm=True, wrist_rad=0.2), 2000, closed)

@@ -55,6 +55,7 @@ def test_the_same_session_again_has_the_same_bits(headless, tmp_path, by):
     assert (again.folder / "hazards.csv").read_bytes() == (headless.folder / "hazards.csv").read_bytes()
 
 
+@pytest.mark.slow
 def test_against_the_clock_it_is_the_same_session_but_for_the_timing(headless, tmp_path):
     found = launch.realtime(options(tmp_path / "one"), with_page=False, say=lambda _: None)
     assert found.hazards == headless.hazards and found.ended == "time"

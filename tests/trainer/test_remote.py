@@ -276,6 +276,7 @@ class Driver:
         until(lambda: told in answers, lambda: (self.session.exchange(b""), answers.extend(self.session.answers())))
 
 
+@pytest.mark.slow
 def test_a_hazard_strikes_in_the_robots_process_while_the_console_is_clean(process):
     """The same input three times: twice without a fault, once with; only then do the reported joints part."""
     _, ports = process
