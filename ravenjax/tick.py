@@ -96,6 +96,7 @@ class Input:
     motion: tuple[Any, ...]  # columns of the operator's motion, each a 1-D array: the only arrays of the tick
     reference: monitor.Reference  # the fault-free twin in this tick
     packet: Any = None  # packet.Packet of a console outside, in place of those that the motion makes
+    apart: Any = None  # bool, False: nothing has struck so far, and the robot is its own twin
 
 
 @record
@@ -215,7 +216,7 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
             live=live,
             tick=now,
         ),
-        signal.reference,
+        reference(setup, signal, tips, signals),
     )
 
     watched = None
@@ -359,6 +360,15 @@ def reference_series(setup: Setup, signals: Signals) -> tuple[Scalar, ...]:
     """The numbers of a fault-free tick that its faulty brothers are compared with."""
     measured = connections.measured(setup, signals.control)
     return tuple(x for tip, pos in zip(signals.tip, measured, strict=True) for x in (*tip, *pos))
+
+
+def reference(setup: Setup, signal: Input, tips: tuple[Vec, ...], signals: control.Signals) -> monitor.Reference:
+    """What the robot is compared with: its twin, or itself as long as they are the same."""
+    twin = signal.reference
+    if signal.apart is None:
+        return twin
+    own = monitor.Reference(tips, connections.measured(setup, signals))
+    return jax.tree.map(lambda there, here: jnp.where(signal.apart, there, real(setup, here)), twin, own)
 
 
 def series_length(setup: Setup) -> int:

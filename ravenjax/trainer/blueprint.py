@@ -63,7 +63,7 @@ def make(config: CampaignConfig, packets: bool = False) -> Blueprint:
     layout = Layout.of(setup.arms)
     own = [values[-1] for values in ready.varied.values()]  # those of the last row, the button's: no hazard's
     inputs = own, Faults(tuple(_empty() for _ in range(slots + 1)))
-    entering = [np.float32(0.0)] * tick.series_length(setup), silence(setup) if packets else None
+    entering = [np.float32(0.0)] * tick.series_length(setup), np.bool_(False), silence(setup) if packets else None
     columns = len(ready.columns)
     length = 1 if packets else config.campaign.ticks + SPARE_MS
 
@@ -73,8 +73,8 @@ def make(config: CampaignConfig, packets: bool = False) -> Blueprint:
     def step(
         inputs: Any, state: tick.State, now: Scalar, entering: Any, motion: Any
     ) -> tuple[tick.State, list[Scalar]]:
-        series, packet = entering
-        signal = tick.Input(now, motion, tick.reference_from(setup, series), packet)
+        series, apart, packet = entering
+        signal = tick.Input(now, motion, tick.reference_from(setup, series), packet, apart)
         new, signals = tick.tick(setup, traced.params(program, inputs[0]), inputs[1], state, signal)
         shown = [
             jnp.float32(x) for x in (*_frame(setup, now, new, signals, signal), *tick.reference_series(setup, signals))
@@ -101,6 +101,7 @@ def _frame(setup: Setup, now: Scalar, state: tick.State, out: tick.Signals, sign
     for one in tick.checks(state).values():
         trips = trips + one.count
     found += [software.last_seq, as_int(struck), trips, out.tip_distance * 1e3]
+    twin = tick.reference(setup, signal, out.tip, software)
     for i, measured in enumerate(software.arms):
         cue = out.haptics[i]
         position = measured.pos.position_um
@@ -112,7 +113,7 @@ def _frame(setup: Setup, now: Scalar, state: tick.State, out: tick.Signals, sign
         stood = seen.tip - seen.twin_tip + seen.missed
         stray = jnp.minimum(_distance(seen.tip, seen.twin_tip), jnp.sqrt(dot(stood, stood)))
         found += [out.depth[i] * 1e3, stray * 1e3]
-        found += [_distance(Vec(jnp.float32(x) for x in position), signal.reference.pos[i]) * 1e-3]
+        found += [_distance(Vec(jnp.float32(x) for x in position), twin.pos[i]) * 1e-3]
     return found
 
 

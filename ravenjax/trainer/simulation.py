@@ -25,10 +25,12 @@ HISTORY_MS = 2000
 
 
 class Robot:
-    """One robot, its fault-free twin beside it; `frame` is what it shows after each `step`."""
+    """One robot, its fault-free twin beside it; `row` is what it shows after each `step`.
 
-    def __init__(self, blueprint: Blueprint, twin: Stepper | None = None) -> None:
-        """twin: of another robot that moves alike, so that it is computed once; None: one of its own."""
+    As long as nothing is armed both are the same, and one is computed.
+    """
+
+    def __init__(self, blueprint: Blueprint) -> None:
         self.blueprint = blueprint
         code = blueprint.code
         self._own = Stepper(code, blueprint.inputs)
@@ -41,6 +43,8 @@ class Robot:
         series = tick.series_length(blueprint.setup)
         self._series = self._shown[1, -series:]
         self._reference = self._own._entering[0, : 4 * series].view(np.float32)
+        self._apart = False
+        self._told_apart = self._own.entering[series]
         self._fresh = self._own.snapshot()
         self._record = jax.tree.unflatten(jax.tree.structure(code.state), range(len(jax.tree.leaves(code.state))))
         """The state's record with the place of each number among its leaves."""
@@ -49,8 +53,9 @@ class Robot:
 
     def step(self) -> None:
         """One tick."""
-        self._twin.step(self.now, self._addresses[1])
-        self._reference[:] = self._series
+        if self._apart:
+            self._twin.step(self.now, self._addresses[1])
+            self._reference[:] = self._series
         self._own.step(self.now, self._addresses[0])
         self.now += 1
 
@@ -70,6 +75,7 @@ class Robot:
         self.disarm()
         for mine, theirs in ((self._own, other._own), (self._twin, other._twin)):
             mine.restore(theirs.snapshot())
+        self._part(other._apart)
         begin = max(0, other.now - HISTORY_MS)
         self.motion[:, begin : other.now] = other.motion[:, begin : other.now]
         self._shown[:] = other._shown
@@ -86,6 +92,11 @@ class Robot:
             tip = self.row[places[f"{arm}/tip"]].tolist()
             self._own.write([*seen.missed, *seen.twin_tip], [0.0, 0.0, 0.0, *tip])
         self._twin.restore(self._own.snapshot())
+
+    def _part(self, apart: bool) -> None:
+        """Whether robot and twin may differ from now on."""
+        self._apart = apart
+        self._told_apart[0] = -int(apart)
 
     # --- faults ---
 
@@ -108,6 +119,7 @@ class Robot:
             self._own.inputs[k][0] = values[row]
         self._forget(slots)
         self._realign()
+        self._part(True)
 
     def disarm(self) -> None:
         """Take back what `arm` and `press` armed."""
@@ -118,9 +130,13 @@ class Robot:
             self._own.inputs[k][0] = value
         self._forget(slots)
         self._realign()
+        self._part(False)
 
     def press(self, row: int, ticks: int = 100) -> None:
         """Hold the button that this row of the fault table strikes for so many ticks."""
+        if not self._apart:
+            self._twin.restore(self._own.snapshot())
+            self._part(True)
         values = {name: column[row, 0] for name, column in self.blueprint.plan.faults.items()}
         slot = self.blueprint.fault_slots
         self._write(slot, values | {"trigger": TRIGGER_CODES["time"], "start": self.now, "duration": ticks})
@@ -146,8 +162,8 @@ class PacketRobot:
         made = self.blueprint = self._robot.blueprint
         self.arms = made.setup.arms
         self.frame = Frame(made.layout)
-        series = tick.series_length(made.setup)
-        self._packets = [stepper.entering[series:] for stepper in (self._robot._own, self._robot._twin)]
+        first = tick.series_length(made.setup) + 1  # after the twin's series and whether it is apart
+        self._packets = [stepper.entering[first:] for stepper in (self._robot._own, self._robot._twin)]
 
     def step(self, packet: Packet | None) -> Frame:
         """One tick with the packet that arrived, None: none did. The frame is the same object each time."""

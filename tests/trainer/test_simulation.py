@@ -67,6 +67,27 @@ def test_an_armed_row_does_what_it_does_in_its_campaign(made):
         assert found[name] == pytest.approx(again.row[name], nan_ok=True, rel=1e-6), name
 
 
+def test_as_long_as_nothing_has_struck_the_robot_is_its_own_twin(made):
+    """The twin is computed from the first arming on only; computed all along it gives the same bits."""
+    lazy, eager = robot_of(made), robot_of(made)
+    eager._part(True)
+    for robot in (lazy, eager):
+        robot.rows = [run(robot, 600)]
+        robot.press(1)
+        robot.rows += [run(robot, 100)]
+        robot.disarm()
+    assert not lazy._apart
+    eager._part(True)
+    places = made.layout.places
+    for robot in (lazy, eager):
+        robot.rows += [run(robot, 100)]
+    np.testing.assert_array_equal(np.concatenate(lazy.rows), np.concatenate(eager.rows))
+    for arm in ("gold", "green"):
+        for name in ("known_mm", "stray_mm"):
+            place = places[f"{arm}/{name}"]
+            assert not lazy.rows[0][:, place].any() and lazy.rows[1][:, place].any()
+
+
 def test_a_fault_may_be_armed_again_and_taken_back(made):
     robot = robot_of(made)
     place = made.layout.places["fault_active"].start
