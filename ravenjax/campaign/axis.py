@@ -142,6 +142,8 @@ def _number(raw: Any) -> Axis:
 
 
 def _milliseconds(raw: Any) -> Axis:
+    if isinstance(raw, bool) or (isinstance(raw, list) and any(isinstance(x, bool) for x in raw)):
+        raise ValueError(f"got {raw!r}, expected a whole number of milliseconds")
     return _parse(raw, (int,), "a whole number of milliseconds")
 
 

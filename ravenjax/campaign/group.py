@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from typing import Annotated, Any, Literal
+from types import NoneType
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import (
     AfterValidator,
@@ -34,6 +35,19 @@ class Section(BaseModel):
     """A table of the file: frozen, unknown keys refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _true_is_no_number(cls, raw: Any) -> Any:
+        """Pydantic takes true for 1 where a number is asked for; a word it refuses, and says where it stands."""
+        if not isinstance(raw, dict):
+            return raw
+        return raw | {
+            name: str(raw[name]).lower()
+            for name, field in cls.model_fields.items()
+            if isinstance(raw.get(name), bool)
+            and {*(get_args(field.annotation) or (field.annotation,))} <= {int, float, NoneType}
+        }
 
 
 PATHS = ("parameters", "cross")

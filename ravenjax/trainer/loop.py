@@ -11,7 +11,7 @@ from ravenjax.trainer import clock
 from ravenjax.trainer.clock import Clock, Timing
 from ravenjax.trainer.frame import Frame
 from ravenjax.trainer.ring import Ring, put_json, read_json
-from ravenjax.trainer.session import Session
+from ravenjax.trainer.session import PAUSED, Session
 
 MOST_COMMANDS = 16
 """Commands taken in a tick; what is more waits for the next."""
@@ -100,6 +100,7 @@ class _Understudy:
     """
 
     def __init__(self, session: Session) -> None:
+        self._seen = session
         self._session = Session(session.scenario, session.seed, made=session.blueprint)
         self._commands: list[dict[str, Any]] = []
 
@@ -109,7 +110,7 @@ class _Understudy:
             self._commands = [one for one in commands if one.get("type") in ("input", "increments")]
 
     def tick(self) -> None:
-        """What the session did, once more."""
-        if not self._session.over:
+        """What the session did, once more; while that is paused this waits too, so that both last as long."""
+        if not self._session.over and self._seen.phase != PAUSED:
             self._session.tick(self._commands)
             self._session.heard.clear()

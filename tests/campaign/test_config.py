@@ -94,6 +94,8 @@ def test_quick_is_what_the_readme_says():
         ('name = "x"', 'name = "x"\nsed = 3', [":3: campaign.sed: unknown key", "Did you mean 'seed'"]),
         ("duration_s = 2.0", "duration_s = -2", [":3: campaign.duration_s: got -2, expected greater than 0"]),
         ("duration_s = 2.0", "duration_s = nan", [":3: campaign.duration_s", "nan", "finite"]),
+        ("duration_s = 2.0", "duration_s = true", [":3: campaign.duration_s: got 'true', expected a valid number"]),
+        ("start_ms = 1000", "start_ms = true", [":23:", "start_ms: got True", "whole number of milliseconds"]),
         ("[operator]", "[operatr]", ["operatr: unknown key", "Did you mean 'operator'"]),
         ('motion = "reach"', 'motion = "rech"', [":6: operator.motion: unknown motion 'rech'", "Did you mean 'reach'"]),
         ('motion = "reach"', 'motion = "reach"\nfile = "a.csv"', ["operator", "either motion", "or file"]),
