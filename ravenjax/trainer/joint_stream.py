@@ -3,7 +3,7 @@
 To a listener: `joint_record.RECORD`s, one a millisecond, and text records that greet it and answer its orders. One that
 reads too slowly loses whole records, never parts of one. From a listener: orders, one JSON object a line,
 
-    {"order": "arm", "number": 3, "token": "..."}     other orders: disarm, estop, start, reset
+    {"order": "arm", "number": 3, "token": "..."}     other orders: disarm, estop, reset
 
 `token` is needed unless the listener is on the same machine. A line that is no JSON object ends the connection: it is
 no console's, but perhaps a web page's that knocks on local ports.
