@@ -30,8 +30,16 @@ def command(file: Path, out: Path, *more: object) -> list[str]:
             "--no-report", *map(str, more)]  # fmt: skip
 
 
+HEARING = (
+    "import os, signal, sys; [signal.signal(n, signal.SIG_DFL) for n in (signal.SIGINT, signal.SIGHUP)];"
+    "os.execv(sys.executable, [sys.executable, *sys.argv[1:]])"
+)
+"""Signals are as at a terminal, also where the tests run in the background or under nohup, which ignore some."""
+
+
 def started(file: Path, out: Path, *more: object) -> subprocess.Popen[str]:
-    return subprocess.Popen(command(file, out, *more), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    hearing = [sys.executable, "-c", HEARING, *command(file, out, *more)[1:]]
+    return subprocess.Popen(hearing, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 def until(condition, process: subprocess.Popen[str], seconds: float = 120.0) -> None:
