@@ -23,7 +23,7 @@ LEAD_NS = PERIOD_NS if _CPUS >= 4 else 300_000 if _CPUS > 1 else 0
 """Awake so long before a tick is due: what a sleep leaves behind, a late interrupt, a slow clock and caches that others
 have filled, is over when the tick begins. With four CPUs one has nothing else to do and never sleeps; where there is
 one only, others need it more."""
-MEANWHILE_NS = 80_000
+MEANWHILE_NS = 110_000
 """What is done while the clock waits begins so long before a tick is due: a tick's time and some more."""
 MOST_BEHIND = 100
 """Ticks that are made up for; further behind (a suspended machine), the schedule moves on instead."""
