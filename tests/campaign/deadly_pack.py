@@ -8,11 +8,24 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ravenjax.store import schema
+from ravenjax.store import parts, schema
 
 
 def pack(columns: Mapping[str, Any], shape: schema.Shape, dies: Mapping[int, int], notes: Path, way: str) -> Any:
-    """As the runner's, but the chunk that begins with row r kills its worker the first `dies[r]` times."""
+    """As the runner's into tables, but the chunk that begins with row r kills its worker the first `dies[r]` times."""
+    _die(columns, dies, notes, way)
+    return schema.conform(columns, shape)
+
+
+def encode(
+    columns: Mapping[str, Any], shape: schema.Shape, config_hash: str, dies: Mapping[int, int], notes: Path
+) -> Any:
+    """As the runner's into files; see `pack`."""
+    _die(columns, dies, notes, "killed")
+    return parts.encode(columns, shape, config_hash)
+
+
+def _die(columns: Mapping[str, Any], dies: Mapping[int, int], notes: Path, way: str) -> None:
     first = int(columns["index"][0])
     note = notes / f"{first}"
     seen = len(note.read_bytes()) if note.exists() else 0
@@ -21,4 +34,3 @@ def pack(columns: Mapping[str, Any], shape: schema.Shape, dies: Mapping[int, int
         if way == "raises":
             raise MemoryError("no memory left")
         os.kill(os.getpid(), signal.SIGKILL)
-    return schema.conform(columns, shape)
