@@ -12,7 +12,6 @@ from __future__ import annotations
 import contextlib
 import csv
 import dataclasses
-import json
 import multiprocessing
 import os
 import secrets
@@ -45,8 +44,8 @@ from ravenjax.trainer.scenario import Scenario
 from ravenjax.trainer.session import Driven, Session
 from ravenjax.trainer.simulation import Robot
 
-FRAMES, EVENTS, COMMANDS_KEPT = 4096, 1024, 256
-"""Rows of the rings: four seconds of frames."""
+KEPT_FRAMES, KEPT_EVENTS, KEPT_COMMANDS = 4096, 1024, 256
+"""Rows of the rings: four seconds of frames, more events and commands than come in that time."""
 STARTING_S = 60.0
 """Longest that page and recorder may take to be there."""
 COMMANDS = "commands.jsonl"
@@ -94,11 +93,13 @@ def realtime(
 
     linger_s: how long the page stays after the end, None: until Ctrl-C.
     """
+    if with_page:
+        _require_address(options.host, options.port)
     files.require_writable(options.folder)
     with contextlib.ExitStack() as stack:
         session = Session(options.scenario, options.seed, cue=options.cue, robot=_robot(stack, options))
         header = _header(options, session)
-        frames, events = Ring.create(FRAMES, 4 * session.layout.size), Ring.create(EVENTS, EVENT_BYTES)
+        frames, events = Ring.create(KEPT_FRAMES, 4 * session.layout.size), Ring.create(KEPT_EVENTS, EVENT_BYTES)
         stack.callback(events.close)
         stack.callback(frames.close)
         names = tuple(session.layout.names())
@@ -107,7 +108,7 @@ def realtime(
         )
         consoles: list[loop.Console] = []
         if with_page:
-            commands = Ring.create(COMMANDS_KEPT, COMMAND_BYTES)
+            commands = Ring.create(KEPT_COMMANDS, COMMAND_BYTES)
             stack.callback(commands.close)
             _open_page(stack, options, session, header, (frames, events, commands), say)
             consoles.append(loop.Inbox(commands))
@@ -236,13 +237,13 @@ def _open_page(
     token = options.token
     if token is None and not loopback(options.host):
         token = secrets.token_urlsafe(24)
-    mine, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-    stack.callback(mine.close)  # the page ends when it is gone
+    port_told, port_taken = multiprocessing.Pipe(duplex=False)
+    stack.callback(port_told.close)
     given = page.Options(
         frames=rings[0].name,
         events=rings[1].name,
         commands=rings[2].name,
-        channel=theirs,
+        port_taken=port_taken,
         arms=session.arms,
         header=header,
         folder=str(options.folder.absolute()),
@@ -251,20 +252,34 @@ def _open_page(
         token=token,
     )
     process = _spawn(stack, page.run, given)
-    theirs.close()
-    mine.settimeout(STARTING_S)
+    port_taken.close()
+    if not port_told.poll(STARTING_S):
+        raise UserError(f"the page did not start within {STARTING_S:g} s; try `--no-page`, or `ravenjax doctor`")
     try:
-        port = json.loads(mine.recv(1024))["port"]
-    except TimeoutError:
-        raise UserError(
-            f"the page did not start within {STARTING_S:g} s; try `--no-page`, or `ravenjax doctor`"
-        ) from None
-    except (OSError, ValueError, KeyError):
+        port = port_told.recv()
+    except EOFError:
+        process.join(STARTING_S)
         raise UserError(f"the page's process ended with code {process.exitcode}; its message stands above") from None
     ask = f"&token={token}" if token else ""
     host = "127.0.0.1" if options.host in ("0.0.0.0", "") else options.host
     for role in ("operator", "instructor"):
         say(f"{role}: http://{host}:{port}/?role={role}{ask}")
+
+
+def _require_address(host: str, port: int) -> None:
+    """Told before a process is started for it: viser would wait forever."""
+    try:
+        found = socket.getaddrinfo(host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        for family, kind, protocol, _, address in found:
+            with socket.socket(family, kind, protocol) as probe:
+                probe.bind(address)
+    except OSError as error:
+        raise UserError(
+            f"host is {host!r}, where the page cannot listen ({error}); "
+            "give an address of this machine, 127.0.0.1 for itself alone, or 0.0.0.0 for all it has"
+        ) from None
+    if not 0 <= port <= 65535:
+        raise UserError(f"port is {port}, expected 0 (any free one) to 65535")
 
 
 def _spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any) -> BaseProcess:

@@ -5,10 +5,7 @@ It answers commands the way a session would (pedal, E-stop, hazards, phases), so
 
 from __future__ import annotations
 
-import contextlib
-import json
 import multiprocessing
-import socket
 import threading
 import time
 
@@ -61,8 +58,7 @@ class FakeSession:
         self.layout = Layout.of(arms)
         self.frames, self.events = Ring.create(4096, 4 * self.layout.size), Ring.create(1024, EVENT_BYTES)
         self._said, self._next = Ring.create(256, COMMAND_BYTES), 0
-        self.mine, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self.mine.setblocking(False)
+        self._port_told, port_taken = multiprocessing.Pipe(duplex=False)
         self.frame = Frame(self.layout)
         self.commands, self.port, self.tick = [], 0, 0
         self.folder = folder
@@ -77,7 +73,7 @@ class FakeSession:
             self.frames.name,
             self.events.name,
             self._said.name,
-            theirs,
+            port_taken,
             tuple(arms),
             dict(header),
             folder and str(folder),
@@ -85,7 +81,7 @@ class FakeSession:
         )
         self.process = context.Process(target=page.run, args=(self.options,), daemon=True)
         self.process.start()
-        theirs.close()
+        port_taken.close()
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
 
@@ -113,16 +109,16 @@ class FakeSession:
     def close(self):
         self._stop.set()
         self._thread.join()
-        self.mine.send(b'{"type":"stop"}')
+        self.process.terminate()
         self.process.join(10)
         alive = self.process.is_alive()
         if alive:
             self.process.kill()
-        self.mine.close()
+        self._port_told.close()
         self.frames.close()
         self.events.close()
         self._said.close()
-        assert not alive, "the page did not stop when told to"
+        assert not alive, "the page outlives its end"
 
     def _work(self):
         due = time.monotonic()
@@ -134,8 +130,8 @@ class FakeSession:
             time.sleep(max(0.0, due - time.monotonic()))
 
     def _take(self):
-        with contextlib.suppress(BlockingIOError):
-            self.port = json.loads(self.mine.recv(4096))["port"]
+        if not self.port and self._port_told.poll():
+            self.port = self._port_told.recv()
         first, rows = self._said.read(self._next)
         self._next = first + len(rows)
         for told in read_json(rows):

@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -71,6 +72,36 @@ def test_somebody_must_drive_a_headless_session(tmp_path):
     with pytest.raises(UserError, match="give a script, one of none, release"):
         launch.headless(Options(scenario=CHOSEN, folder=tmp_path / "x", seed=0))
     assert not (tmp_path / "x").exists()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        (
+            {"host": "203.0.113.1"},
+            r"host is '203\.0\.113\.1', where the page cannot listen \(.*\); give an address of this",
+        ),
+        ({"host": "no.such.host.invalid"}, "where the page cannot listen"),
+        ({"port": 65536}, "port is 65536, expected 0"),
+    ],
+)
+def test_an_address_where_no_page_can_be_is_refused_at_once(tmp_path, wrong, told):
+    with pytest.raises(UserError, match=told):
+        launch.realtime(options(tmp_path / "x", **wrong))
+    assert not (tmp_path / "x").exists()
+
+
+def leave(_):
+    """In place of a page."""
+    sys.exit(3)
+
+
+@pytest.mark.slow
+def test_a_page_that_ends_at_its_start_is_told_of_at_once(tmp_path, monkeypatch):
+    monkeypatch.setattr(launch.page, "run", leave)
+    monkeypatch.setattr(launch, "STARTING_S", 600.0)
+    with pytest.raises(UserError, match="the page's process ended with code 3"):
+        launch.realtime(options(tmp_path / "x"))
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,9 @@ __all__ = ["Options", "run"]
 
 
 def run(options: Options) -> None:
-    """Serve the page until the session's end of the channel is closed. The entry point of a spawned process.
+    """Serve the page until the process is terminated or the session's is gone. The entry point of a spawned process.
 
-    Sends {"type": "page", "port": N} through the channel once it listens.
+    Sends its port through `options.port_taken` once it listens.
     """
     from ravenjax.trainer.page import process  # viser and MuJoCo: seconds, wanted in the page's process alone
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import ipaddress
-import socket
+from multiprocessing.connection import Connection
 from typing import Any
 
 from ravenjax.errors import UserError
@@ -18,7 +18,7 @@ class Options:
     frames: str  # name of the ring of frames
     events: str  # name of the ring of events
     commands: str  # name of the ring of commands, which the page writes
-    channel: socket.socket  # AF_UNIX datagram socket, its other end is the session's: the port, and when to stop
+    port_taken: Connection  # the page says here which port it took, once it listens
     arms: tuple[ArmName, ...]
     header: dict[str, Any]  # as in session.json: name, hazards, task, blinded; cue_threshold_mm besides
     folder: str | None = None  # where debrief.html appears once the session is over

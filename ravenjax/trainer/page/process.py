@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import io
-import json
 import logging
 import multiprocessing
 import signal
 import threading
 import time
-from typing import Any
 
 import numpy as np
 
@@ -50,8 +48,6 @@ class Page:
         self._layout = Layout.of(options.arms)
         self._frames, self._events = Ring.attach(options.frames), Ring.attach(options.events)
         self._commands = Ring.attach(options.commands)
-        self._channel = options.channel
-        self._channel.setblocking(False)
         self._next_event = 0
         self._seen = 0  # frames
         self._answer_until = 0.0
@@ -74,18 +70,14 @@ class Page:
         self._server = Server(options.host, options.port, door, Site(door, options.folder), self._hub.serve)
         self._windows.watch(self._server.viser)
         self._world = World(self._server.viser, options.arms, options.header.get("task"), blinded)
-        self._channel.send(json.dumps({"type": "page", "port": self._server.port}).encode())
-
-    @property
-    def port(self) -> int:
-        """That it listens on."""
-        return self._server.port
+        options.port_taken.send(self._server.port)
+        options.port_taken.close()
 
     def work(self) -> None:
-        """Until the session says stop, or its process is gone."""
+        """Until the session's process is gone."""
         period = 1.0 / self._options.fps
         drawn = asked = time.monotonic()
-        while not self._told_to_stop():
+        while True:
             now = time.monotonic()
             self._tell()
             if now >= drawn + period - 1e-3:
@@ -106,7 +98,6 @@ class Page:
         self._frames.close()
         self._events.close()
         self._commands.close()
-        self._channel.close()
 
     def _tell(self) -> None:
         """What is new, to the windows."""
@@ -143,12 +134,3 @@ class Page:
     def _await_answer(self) -> None:
         self._answer_until = time.monotonic() + ANSWER_S
         self._changed.set()
-
-    def _told_to_stop(self) -> bool:
-        try:
-            told: Any = json.loads(self._channel.recv(4096))
-        except (BlockingIOError, ValueError):
-            return False
-        except OSError:
-            return True
-        return isinstance(told, dict) and told.get("type") == "stop"
