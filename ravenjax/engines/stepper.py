@@ -130,16 +130,16 @@ class Stepper:
         self.flat = np.full(sum(code.tables), 0.0, np.float32) if tables is None else tables  # there before it is used
         ends = np.cumsum(code.tables)
         self.tables = [self.flat[end - length : end] for end, length in zip(ends, code.tables, strict=True)]
-        buffers = {
-            "inputs": at(self._inputs),
-            "group": at(self._group),
-            "tables": self.flat.ctypes.data,
-            "entering": at(self._entering),
-            "row": at(self._row),
-            "held": at(self._held),
-            "state": at(self._state),
-        }
-        self._pointers = np.array([buffers[name] for name in _POINTERS], np.uintp)
+        pointers = (  # in the order of _POINTERS
+            at(self._inputs),
+            at(self._group),
+            self.flat.ctypes.data,
+            at(self._entering),
+            at(self._row),
+            at(self._held),
+            at(self._state),
+        )
+        self._pointers = np.array(pointers, np.uintp)
         self._buffers = self._pointers.ctypes.data
         self._finish = (at(self._inputs), at(self._state), at(self._group), at(self._results))
         self.begin()

@@ -63,8 +63,8 @@ class Timing:
 class Clock:
     """Says when the next tick begins: `wait()`, the tick, `done()`; what can follow, `rest()`."""
 
-    def __init__(self, timing: Timing | None = None) -> None:
-        self.timing = Timing() if timing is None else timing
+    def __init__(self) -> None:
+        self.timing = Timing()
         self.compute_us = self.lateness_us = 0.0
         self._began = time.monotonic_ns()
         self._due = self._began // PERIOD_NS * PERIOD_NS + PHASE_NS
@@ -118,9 +118,8 @@ def realtime(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
         yield "as the system schedules"
         return
     libc = ctypes.CDLL(None)
-    prctl = libc.prctl
     cpus, policy, priority = os.sched_getaffinity(0), os.sched_getscheduler(0), os.sched_getparam(0)
-    granted = ["timer slack 1 ns"] if prctl(_SET_TIMER_SLACK, 1, 0, 0, 0) == 0 else []
+    granted = ["timer slack 1 ns"] if libc.prctl(_SET_TIMER_SLACK, 1, 0, 0, 0) == 0 else []
     if _may_lock_memory() and libc.mlockall(_CURRENT_AND_FUTURE) == 0:
         granted.append("memory locked")
     if len(cpus) > 1:
@@ -140,7 +139,7 @@ def realtime(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
         os.sched_setscheduler(0, policy, priority)
         os.sched_setaffinity(0, cpus)
         libc.munlockall()
-        prctl(_SET_TIMER_SLACK, 0, 0, 0, 0)  # 0: the system's own
+        libc.prctl(_SET_TIMER_SLACK, 0, 0, 0, 0)  # 0: the system's own
 
 
 def _may_lock_memory() -> bool:

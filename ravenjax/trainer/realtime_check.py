@@ -40,7 +40,7 @@ class Measured:
 
 
 def measure(seconds: float, say: Callable[[str], None] = lambda _: None) -> list[Measured]:
-    """The empty loop first and last; between them the compiled tick of robot and twin with nothing around it, and a
+    """The empty loop first and last; between them the compiled tick of the robot with nothing around it, and a
     session with all that is around it, without and with a visitor on its page.
 
     The session is driven by commands that were recorded before, as many as a page sends.

@@ -128,7 +128,7 @@ def campaigns(draw):
 FAULT = {"site": "usb_out", "arm": "gold", "channel": "elbow", "effect": "overwrite", "start_ms": 5}
 
 
-@settings(max_examples=80)
+@settings(max_examples=150)
 @given(campaigns())
 @example({"campaign": {"name": "x"}, "group": [{"name": "a", "fault": [FAULT | {"value": [1.0, 1, -0.0, 0, 1.5]}]}]})
 @example(
