@@ -9,7 +9,7 @@ generators", 2014), which `pandas.util.hash_array` applies to whole arrays.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import pandas as pd
@@ -50,6 +50,11 @@ def text(ids: np.ndarray) -> pa.Array:
     offsets = np.arange(len(ids) + 1, dtype=np.int32) * DIGITS
     digits = ids.astype(">u8").tobytes().hex().encode()
     return pa.StringArray.from_buffers(len(ids), pa.py_buffer(offsets), pa.py_buffer(digits))
+
+
+def numbers(text: Iterable[str]) -> np.ndarray:
+    """Ids from their hex digits, uint64 [rows]: the inverse of `text`."""
+    return np.frombuffer(bytes.fromhex("".join(text)), ">u8").astype(np.uint64)
 
 
 def digest(ids: np.ndarray) -> str:

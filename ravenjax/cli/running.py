@@ -120,6 +120,8 @@ def search(
 ) -> None:
     """Find what matters: the smallest harmful fault, the parameters that decide, how rare an outcome is.
 
+    Whatever ends it, finished runs are kept and the same command goes on. Exit codes as of `run`.
+
     Parameters
     ----------
     file
@@ -128,7 +130,7 @@ def search(
     from ravenjax import terminal
     from ravenjax.search import runner
 
-    with terminal.Watch(console.out) as watch:
+    with _ended_by_signals(), terminal.Watch(console.out) as watch:
         found = runner.run(file, out, engine, overrides or (), watch)
     for sentence in found.findings.sentences:
         console.out.print(f"- {sentence}", markup=False, highlight=False)

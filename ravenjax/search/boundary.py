@@ -56,7 +56,7 @@ def due(template: Template, search: Boundary) -> int:
     return template.cases * len(search.signs) * (search.scan + math.ceil(steps) * (search.sections - 1))
 
 
-def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path, engine: str) -> Findings:
+def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) -> Findings:
     """Search, verify in folder `out`/verified, and put into words."""
     axis, grid = template.axis(0), cells(template, search)
     low, high = (float(value) for value in axis.values)
@@ -67,7 +67,7 @@ def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path, 
 
     whole = template.whole(grid.case)[:, 0]
     found = bracketing.bracket(harm, within, whole, search.scan, search.sections)
-    sides = _verified(template, search, evaluator, grid, found, out, engine)
+    sides = _verified(template, search, evaluator, grid, found, out)
     records = [_record(grid, found, sides, cell) for cell in range(len(grid.case))]
     numbers = {
         "harm": search.harm,
@@ -95,7 +95,7 @@ def _along(told: tuple[dict[str, Any], ...]) -> str | None:
 
 
 def _verified(
-    template: Template, search: Boundary, evaluator: Evaluator, grid: Cells, found: Brackets, out: Path, engine: str
+    template: Template, search: Boundary, evaluator: Evaluator, grid: Cells, found: Brackets, out: Path
 ) -> pd.DataFrame:
     """Rows of an ordinary campaign of both sides of every bracket: indexed by cell and harm (bool).
 
@@ -105,7 +105,7 @@ def _verified(
     if not len(crossed):
         return pd.DataFrame()
     case, values = grid.points(np.tile(crossed, 2), np.concatenate([found.low[crossed], found.high[crossed]]))
-    rows = runner.run_campaign(template.campaign(case, values), out / FOLDER, engine).frame()
+    rows = runner.run_campaign(template.campaign(case, values), out / FOLDER, evaluator.engine.name).frame()
     expected = np.repeat([0.0, 1.0], len(crossed))
     said = outcome.parse(search.harm).values(rows)
     if not np.array_equal(said, expected) or rows["run_id"].tolist() != evaluator.ids(case, values):

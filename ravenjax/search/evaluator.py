@@ -1,11 +1,13 @@
 """Runs of a template as a function of their inputs: planned once, compiled once, then batch after batch.
 
 The same point is the same run: its id hashes its content, as that of any campaign's run, so what a run draws (effect
-"random", noise) is drawn in a campaign with that row, too, and a point that comes again is not run again.
+"random", noise) is drawn in a campaign with that row, too, and a point that comes again is not run again, nor is one
+that an earlier start of the same search has run (`journal`).
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import time
 from collections.abc import Sequence
@@ -14,17 +16,19 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from ravenjax.campaign import compile_cache, design, outcomes, plan, run_id, runner, table
+from ravenjax.campaign import assembly, compile_cache, design, plan, run_id, runner, table
 from ravenjax.campaign.computation import Computation
+from ravenjax.campaign.executors.chunk import finished
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress import OnProgress, Progress
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block, Kernel, Result
 from ravenjax.engines.interface import Progress as OnTicks
 from ravenjax.errors import UserError
+from ravenjax.search.journal import Journal
 from ravenjax.search.outcome import Outcome
 from ravenjax.search.template import Template
-from ravenjax.store import schema
+from ravenjax.store import parts, schema
 
 
 class Evaluator:
@@ -35,11 +39,9 @@ class Evaluator:
         template: Template,
         wanted: Sequence[Outcome],
         engine: str = "auto",
-        on_progress: OnProgress | None = None,
-        due: int = 1,
         margins: bool = False,
     ) -> None:
-        """due: about how many runs will be asked for, for `on_progress`. margins: of `wanted` rather than 0 and 1.
+        """margins: of `wanted` rather than 0 and 1.
 
         Raises UserError for what cannot be run and for outcomes that there are not.
         """
@@ -52,18 +54,35 @@ class Evaluator:
             source = f"{template.config.source}: " if template.config.source is not None else ""
             raise UserError("\n".join(f"{source}search: {complaint}" for complaint in wrong))
         self.engine = selection.select(engine, self._plan.program.setup.precision, compile_cache.objects())
-        words, ticks = f"{self.engine.name} on {self.engine.device}", self._plan.program.ticks
-        self.progress = Progress(words, due, due, ticks, on_progress)
         self.batches, self.run_s = 0, 0.0
+        self.progress = self._progress(1, None, 0, ())
+        self._journal: Journal | None = None
         self._computation: Computation | None = None
         self._kernel: Kernel | None = None
         self._tables: list[pa.Table] = []
-        self._known = pd.Index(np.zeros(0, np.uint64))
-        self._values = np.zeros((0, len(self.wanted)))
+        self._known = pd.Index(np.zeros(0, np.uint64))  # of the tables' rows
+        self._values = np.zeros((0, len(self.wanted)))  # of `_known`
+        self._asked = pd.Index(np.zeros(0, np.uint64))
+
+    def keep_in(self, journal: Journal, due: int, on_progress: OnProgress | None) -> None:
+        """Keep every run in `journal` from now on, and take over those that it holds. due: about how many runs will be
+        asked for."""
+        self._journal = journal
+        self._take(journal.tables)
+        self.progress = self._progress(due, on_progress, min(self.held, due - 1), journal.notes)
+
+    def _progress(self, due: int, told: OnProgress | None, earlier: int, notes: tuple[str, ...]) -> Progress:
+        words, ticks = f"{self.engine.name} on {self.engine.device}", self._plan.program.ticks
+        return Progress(words, due, due - earlier, ticks, told, notes=notes)
 
     @property
     def runs(self) -> int:
-        """Runs so far; a point that came again counts once."""
+        """Runs that were asked for so far; a point that came again counts once."""
+        return len(self._asked)
+
+    @property
+    def held(self) -> int:
+        """Runs that are known, those of earlier starts included."""
         return len(self._known)
 
     def __call__(self, case: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -72,11 +91,13 @@ class Evaluator:
         points, place = np.unique(np.column_stack([case, values]), axis=0, return_inverse=True)
         rows = design.expand(self.template.campaign(points[:, 0].astype(np.int64), points[:, 1:]))
         ids = rows["run_id"].to_numpy()
+        fresh = ids[self._asked.get_indexer(ids) < 0]
+        if len(fresh):
+            self._asked, self.batches = self._asked.append(pd.Index(fresh)), self.batches + 1
         new = np.flatnonzero(self._known.get_indexer(ids) < 0)
         if len(new):
             compiled = self.progress.compile_s
             self._run(rows.iloc[new])
-            self.batches += 1
             self.run_s += time.perf_counter() - start - (self.progress.compile_s - compiled)
         return self._values[self._known.get_indexer(ids)][place.reshape(-1)]
 
@@ -86,25 +107,42 @@ class Evaluator:
         return run_id.text(rows["run_id"].to_numpy()).to_pylist()
 
     def rows(self) -> pa.Table:
-        """Every run so far as rows of the result table, in the order in which they came."""
-        whole = pa.concat_tables(self._tables).unify_dictionaries()
-        numbers = pa.array(np.arange(self.runs, dtype=np.int32))
-        for name in ("index", "pair"):
-            place = whole.schema.get_field_index(name)
-            whole = whole.set_column(place, whole.schema.field(place), numbers)
-        return whole
+        """Every run that was asked for so far as rows of the result table, in the order in which they were first asked
+        for: the same table wherever earlier starts ended."""
+        place, numbers = self._known.get_indexer(self._asked), np.arange(self.runs, dtype=np.int32)
+        return schema.conform(
+            parts.concatenate(self._tables).iloc[place].assign(index=numbers, pair=numbers), self.shape
+        )
 
     def _run(self, rows: pd.DataFrame) -> None:
+        """Run these rows of the fault table, part by part."""
         ready = self._planned(rows)
-        blocks = list(self._blocks(ready))
-        found, twins = ({name: np.concatenate([block[i][name] for block in blocks]) for name in blocks[0][i]}
-                        for i in (0, 1))  # fmt: skip
-        columns = outcomes.columns(ready.config, ready.table, found, twins)
-        wanted = [one.margins(columns) if self._margins else one.values(columns) for one in self.wanted]
-        self._values = np.concatenate([self._values, np.stack(wanted, axis=1)])
-        self._known = self._known.append(pd.Index(ready.table["run_id"].to_numpy()))
-        self._tables.append(schema.conform(columns, self.shape))
-        self.progress.rows(ready.runs, int(np.count_nonzero(columns["failed"] != "")))
+        size, tables = parts.rows_of_a_part(ready.runs), []
+        chunks = [range(first, min(first + size, ready.runs)) for first in range(0, ready.runs, size)]
+        with contextlib.closing(self._computation_of(ready).blocks(chunks)) as blocks:
+            for part in assembly.parts(chunks, blocks):
+                done = finished(ready, part, lambda columns: schema.conform(columns, self.shape))
+                tables.append(done.packed)
+                if self._journal is not None:
+                    self._journal.add(done.packed)
+                self.progress.rows(len(done.rows), sum(done.failures.values()))
+                self.progress.lost(done.failures)
+        self._take(tables)
+
+    def _take(self, tables: Sequence[pa.Table]) -> None:
+        """Make runs known; what is known already stays as it is."""
+        for rows in tables:
+            ids = run_id.numbers(rows.column("run_id").to_pylist())
+            new = np.flatnonzero(self._known.get_indexer(ids) < 0)
+            self._tables.append(rows.take(new))
+            self._known = self._known.append(pd.Index(ids[new]))
+        if tables:
+            self._values = np.concatenate([self._values, *map(self._wanted, self._tables[-len(tables) :])])
+
+    def _wanted(self, rows: pa.Table) -> np.ndarray:
+        """What is wanted of each row, float64 [rows, outcomes]."""
+        columns = rows.select(sorted({one.column for one in self.wanted} | {"failed"})).to_pandas()
+        return np.stack([one.margins(columns) if self._margins else one.values(columns) for one in self.wanted], axis=1)
 
     def _planned(self, rows: pd.DataFrame) -> Plan:
         """The template's plan with other rows; those that share a twin stand together, so that it is computed once."""
@@ -127,7 +165,8 @@ class Evaluator:
             twin=twin[order],
         )
 
-    def _blocks(self, ready: Plan):
+    def _computation_of(self, ready: Plan) -> Computation:
+        """Compiled for the first rows, and for others since."""
         if self._computation is None or self._kernel is None:
             self._computation = Computation(ready, self.engine, self.progress)
             self._kernel = self._computation.kernel
@@ -135,7 +174,7 @@ class Evaluator:
         share = -(-ready.runs // self._computation.threads)
         lanes = min(self._kernel.lanes, self._kernel.size(min(share, self._kernel.lanes)))
         self._computation.ready, self._computation.kernel = ready, _Narrow(self._kernel, lanes)
-        return self._computation.blocks([range(ready.runs)])
+        return self._computation
 
 
 class _Narrow:

@@ -1,4 +1,4 @@
-"""Writes what a search found: search.json, search.md, its figures and the runs behind it."""
+"""Writes what a search is and what it found: search.json, search.md and its figures."""
 
 from __future__ import annotations
 
@@ -8,45 +8,50 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-import pyarrow.parquet as pq
-
 from ravenjax.errors import UserError
 from ravenjax.search import style
 from ravenjax.search.findings import Findings, Table, plain
-from ravenjax.store import files
+from ravenjax.store import files, manifest
 
-NUMBERS, TEXT, ROWS = "search.json", "search.md", "rows.parquet"
+NUMBERS, TEXT = "search.json", "search.md"
 
 
-def open_folder(out: Path, identity: Mapping[str, str]) -> None:
-    """Make `out`, or take it over where it holds the same search. Raises UserError where it holds another one, and
-    StoreError where it cannot be written to.
+def open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
+    """Begin a search in `out`, or take it over where it holds the same one: what search.json says of the earlier start.
 
-    identity: the part of search.json that decides what comes out.
+    identity: the part of search.json that decides what comes out. Raises UserError where the folder holds another
+    search, and StoreError where it cannot be written to.
     """
-    files.require_writable(out)
     path = out / NUMBERS
     if not path.exists():
-        return
+        _json(path, dict(identity))
+        return {}
     try:
         held = json.loads(path.read_text(encoding="utf-8"))
-        different = [name for name, value in identity.items() if held[name] != value]
+        differences = manifest.differences({name: held[name] for name in identity}, dict(identity))
     except (OSError, ValueError, KeyError, TypeError):
         raise UserError(f"{path}: cannot be read as a search; delete it, or give another folder with --out") from None
-    if different:
-        told = f"{path} differs in {', '.join(different)}"
-        raise UserError(f"{out}: holds another search ({told}). Give another folder with --out, or delete this one")
+    if differences:
+        lines = "\n".join(f"  {line}" for line in differences[:8])
+        more = f"\n  and {len(differences) - 8} more" if len(differences) > 8 else ""
+        raise UserError(
+            f"{out}: holds another search, which differs:\n{lines}{more}\n"
+            "Nothing was changed. Give another folder with --out, or delete this one"
+        )
+    return held
 
 
-def write(out: Path, record: dict[str, Any], findings: Findings, rows: pa.Table) -> None:
+def write(out: Path, record: dict[str, Any], findings: Findings) -> None:
     """All files of a search; each is there whole or not at all. Raises StoreError where the disk refuses."""
-    files.write_aside(out / ROWS, lambda path: pq.write_table(rows, path, compression="zstd"))
     figures = {name: f"{name}.svg" for name in findings.figures}
     for name, draw in findings.figures.items():
         style.save(draw(), out / figures[name])
     _text(out / TEXT, _markdown(record, findings, figures))
-    _text(out / NUMBERS, json.dumps(plain(record | {"result": findings.numbers}), indent=1, allow_nan=False) + "\n")
+    _json(out / NUMBERS, record | {"result": findings.numbers})
+
+
+def _json(path: Path, record: dict[str, Any]) -> None:
+    _text(path, json.dumps(plain(record), indent=1, allow_nan=False) + "\n")
 
 
 def _text(path: Path, text: str) -> None:
@@ -65,7 +70,7 @@ def _markdown(record: dict[str, Any], findings: Findings, figures: dict[str, str
     lines += [f"- {sentence}" for sentence in findings.sentences]
     lines += [
         f"- {record['runs']} different runs of {campaign['duration_s']:g} s in {record['batches']} batches, "
-        f"{record['runs_per_s']:.0f} runs/s, on engine {record['engine']} ({record['device']}); seed {record['seed']}.",
+        f"{_pace(record)}on engine {record['engine']} ({record['device']}); seed {record['seed']}.",
         "",
     ]
     for name, file in figures.items():
@@ -73,6 +78,14 @@ def _markdown(record: dict[str, Any], findings: Findings, figures: dict[str, str
     for table in findings.tables:
         lines += _table(table)
     return "\n".join(lines)
+
+
+def _pace(record: dict[str, Any]) -> str:
+    """How fast, where anything was computed; of an earlier start nobody knows."""
+    if not record["runs_per_s"]:
+        return ""
+    last = "" if record["computed"] == record["runs"] else f" (the last {record['computed']} of them)"
+    return f"{record['runs_per_s']:.0f} runs/s{last}, "
 
 
 def _table(table: Table) -> list[str]:

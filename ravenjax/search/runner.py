@@ -1,4 +1,4 @@
-"""Runs a search file: template, evaluator, the search of its kind, output."""
+"""Runs a search file, or finishes it: template, evaluator, the search of its kind, output."""
 
 from __future__ import annotations
 
@@ -7,14 +7,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ravenjax.campaign.progress import OnProgress
+from ravenjax.campaign.progress import OnProgress, Status
+from ravenjax.campaign.progress_file import ProgressFile
 from ravenjax.search import boundary, indices, loading, output, rare
 from ravenjax.search import outcome as outcomes
 from ravenjax.search.config import Boundary, Rare, SearchConfig
 from ravenjax.search.evaluator import Evaluator
-from ravenjax.search.findings import Findings
+from ravenjax.search.findings import Findings, plain
+from ravenjax.search.journal import Journal
 from ravenjax.search.template import Template
-from ravenjax.store import manifest
+from ravenjax.store import files, lock, manifest
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,40 +35,69 @@ def run(
     overrides: Sequence[str] = (),
     on_progress: OnProgress | None = None,
 ) -> Result:
-    """Run the search of a file, of a bundled one by name, or a loaded one, and write it into `out`.
+    """Run the search of a file, of a bundled one by name, or a loaded one, and write it into `out`, or finish it where
+    `out` holds a part of it.
 
     out: folder, by default results/NAME. overrides: `key.path=value`, of a file. Raises UserError and StoreError for
     what the user can mend.
     """
     config = file if isinstance(file, SearchConfig) else loading.load(file, overrides)
     folder = Path("results") / config.campaign.campaign.name if out is None else Path(out)
-    template, search = Template(config.campaign), config.search
-    wanted = [outcomes.parse(text) for text in search.outcomes]
+    wanted = [outcomes.parse(text) for text in config.search.outcomes]
+    evaluator = Evaluator(Template(config.campaign), wanted, engine, margins=isinstance(config.search, Rare))
+    files.require_writable(folder)
+    with lock.held(folder):
+        return _into(folder, config, evaluator, on_progress)
+
+
+def _into(folder: Path, config: SearchConfig, evaluator: Evaluator, on_progress: OnProgress | None) -> Result:
+    """Search, in a folder that nobody else writes to."""
+    search, identity = config.search, _identity(config, evaluator)
+    earlier = output.open_folder(folder, identity)
+    journal = Journal(folder, manifest.config_hash(identity), earlier.get("rows_sha256"))
+    file = ProgressFile(folder)
+
+    def told(status: Status) -> None:
+        file(status)
+        if on_progress is not None:
+            on_progress(status)
+
     estimates = {Boundary: boundary.due, Rare: rare.due}
-    due = estimates.get(type(search), indices.due)(template, search)  # pyright: ignore[reportArgumentType]
-    evaluator = Evaluator(template, wanted, engine, on_progress, due, margins=isinstance(search, Rare))
-    identity = _identity(config, evaluator)
-    output.open_folder(folder, identity)
-    if isinstance(search, Boundary):
-        findings = boundary.find(template, search, evaluator, folder, engine)
-    elif isinstance(search, Rare):
-        findings = rare.find(template, search, evaluator)
-    else:
-        findings = indices.find(template, search, evaluator)
+    due = estimates.get(type(search), indices.due)(evaluator.template, search)  # pyright: ignore[reportArgumentType]
+    evaluator.keep_in(journal, due, told)
+    try:
+        with journal:
+            findings = _find(config, evaluator, folder)
+    except BaseException:
+        evaluator.progress.tell("stopped")
+        raise
+    record = identity | _record(config, evaluator) | {"rows_sha256": journal.conclude(evaluator.rows())}
+    output.write(folder, record, findings)
+    journal.forget()
     evaluator.progress.tell("done")
-    record = identity | _record(config, evaluator)
-    output.write(folder, record, findings, evaluator.rows())
     return Result(folder, findings, record)
 
 
-def _identity(config: SearchConfig, evaluator: Evaluator) -> dict[str, str]:
-    """What decides what comes out."""
-    return {
+def _find(config: SearchConfig, evaluator: Evaluator, folder: Path) -> Findings:
+    """The search of its kind."""
+    search, template = config.search, evaluator.template
+    if isinstance(search, Boundary):
+        return boundary.find(template, search, evaluator, folder)
+    if isinstance(search, Rare):
+        return rare.find(template, search, evaluator)
+    return indices.find(template, search, evaluator)
+
+
+def _identity(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
+    """What decides what comes out, as JSON has it."""
+    return plain({
+        "config": config.resolved(),
         "config_hash": manifest.config_hash(config.resolved()),
-        "code_hash": manifest.code_hash(),
+        "code": manifest.code_hash()[:16],
         "engine": evaluator.engine.name,
         "device": evaluator.engine.device,
-    }
+        "versions": manifest.package_versions(),
+    })  # fmt: skip
 
 
 def _record(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
@@ -74,12 +105,11 @@ def _record(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
         "kind": config.search.kind,
         "name": config.campaign.campaign.name,
         "file": str(config.source) if config.source is not None else None,
-        "config": config.resolved(),
         "seed": config.campaign.campaign.seed,
-        "versions": manifest.package_versions(),
         "runs": evaluator.runs,
         "batches": evaluator.batches,
+        "computed": evaluator.progress.stored,  # of them at the last start, whose times follow
         "compile_s": evaluator.progress.compile_s,
         "run_s": evaluator.run_s,
-        "runs_per_s": evaluator.runs / evaluator.run_s if evaluator.run_s else 0.0,
+        "runs_per_s": evaluator.progress.stored / evaluator.run_s if evaluator.run_s else None,
     }

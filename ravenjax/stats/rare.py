@@ -81,7 +81,7 @@ def subset(
             "or take plain Monte Carlo"
         ) from None
     runs = 0
-    failure: Exception | None = None
+    failure: BaseException | None = None
 
     def margins(points: object) -> np.ndarray:
         nonlocal runs, failure
@@ -89,9 +89,9 @@ def subset(
             if runs >= _MOST_LEVELS * per_level:
                 raise _Unreached
             found = _margins(g, np.asarray(points))
-        except Exception as error:  # OpenTURNS passes on its text only
+        except BaseException as error:  # a signal, too: OpenTURNS passes on its text only
             failure = error
-            raise
+            raise _Ended from None
         runs += len(found)
         return found[:, None]
 
@@ -133,6 +133,10 @@ def subset(
     cov = math.sqrt(np.sum((1 + correlation) * (1 - step) / (step * per_level)))
     low, high = lognorm.ppf([alpha / 2, 1 - alpha / 2], math.sqrt(math.log1p(cov**2)), scale=probability)
     return RareEvent(probability, float(low), min(1.0, float(high)), cov, runs, levels)
+
+
+class _Ended(Exception):
+    """`failure` has ended the sampling."""
 
 
 class _Unreached(Exception):

@@ -65,7 +65,7 @@ class ResultFolder:
         whole, over = parts.apart([part for part in found if isinstance(part, parts.Part)], recorded)
         useless = {file.name: str(why) for file, why in zip(there, found, strict=True) if isinstance(why, StoreError)}
         useless |= {part.file: f"{path / PARTS / part.file}: holds rows that another part holds, too" for part in over}
-        notes = tuple(_set_aside(path, name, why) for name, why in useless.items())
+        notes = tuple(set_aside(path, name, why) for name, why in useless.items())
         for torn in (path / PARTS).glob(".part-*.tmp"):
             torn.unlink(missing_ok=True)
         kept = kept.model_copy(update={"parts": tuple(whole)})
@@ -144,7 +144,7 @@ def _finished(file: Path, recorded: parts.Part | None, config_hash: str) -> part
         raise StoreError(f"{file}: cannot be read ({error.strerror or error}). Nothing was changed.") from error
 
 
-def _set_aside(path: Path, name: str, why: str) -> str:
+def set_aside(path: Path, name: str, why: str) -> str:
     """Move a part out of the way, over nothing that is there; a sentence that says so. StoreError on refusal."""
     place = path / SET_ASIDE
     target, number = place / name, 1

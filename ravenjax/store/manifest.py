@@ -155,18 +155,23 @@ class Manifest(BaseModel):
         """How many rows this folder is to hold."""
         return sum(map(len, self.wanted))
 
-    def _identity(self) -> dict[str, str]:
+    def _identity(self) -> dict[str, Any]:
         fields = self.model_dump(include={"config", "config_hash", "seed", "engine", "device", "versions", "shard"})
-        return _flat(fields | {"code": self.code_hash[:16]})
+        return fields | {"code": self.code_hash[:16]}
 
     def differences(self, other: Manifest) -> list[str]:
         """What decides outcomes and differs from `other`: 'name: mine, theirs', one line each."""
-        mine, theirs = self._identity(), other._identity()
-        names = sorted(mine.keys() | theirs.keys())
-        found = [name for name in names if mine.get(name) != theirs.get(name)]
-        if any(name.startswith("config.") for name in found):
-            found = [name for name in found if name != "config_hash"]  # follows, and says nothing by itself
-        return [f"{name}: {_short(mine.get(name))} here, {_short(theirs.get(name))} asked for" for name in found]
+        return differences(self._identity(), other._identity())
+
+
+def differences(here: dict[str, Any], wanted: dict[str, Any]) -> list[str]:
+    """Where nested values differ: 'path: here, asked for', one line each."""
+    mine, theirs = _flat(here), _flat(wanted)
+    names = sorted(mine.keys() | theirs.keys())
+    found = [name for name in names if mine.get(name) != theirs.get(name)]
+    if any(name.startswith("config.") for name in found):
+        found = [name for name in found if name != "config_hash"]  # follows, and says nothing by itself
+    return [f"{name}: {_short(mine.get(name))} here, {_short(theirs.get(name))} asked for" for name in found]
 
 
 def read(folder: Path) -> Manifest:
@@ -187,7 +192,7 @@ def read(folder: Path) -> Manifest:
         require_version(path, version)
     try:
         manifest = Manifest.model_validate(data)
-        listed = _parts(folder / PARTS_FILE)
+        listed = recorded(folder)
         return manifest if listed is None else manifest.model_copy(update={"parts": listed})
     except pydantic.ValidationError as error:
         first = error.errors()[0]
@@ -200,8 +205,9 @@ _RESTORE = (
 )
 
 
-def _parts(path: Path) -> tuple[Part, ...] | None:
-    """Records of the file's lines up to the first that is not whole; None where there is no file."""
+def recorded(folder: Path) -> tuple[Part, ...] | None:
+    """Parts that `record` listed, up to the first line that is not whole; None where there is no list."""
+    path = folder / PARTS_FILE
     if not path.exists():
         return None
     try:

@@ -66,11 +66,15 @@ def encode(columns: schema.Columns, shape: schema.Shape, config_hash: str) -> En
 
     Raises StoreError where the columns do not fit the schema.
     """
-    index = np.asarray(columns["index"])
+    return encode_table(schema.conform(columns, shape), config_hash)
+
+
+def encode_table(table: pa.Table, config_hash: str) -> Encoded:
+    """As `encode`, of rows that `schema.conform` returned."""
+    index = table.column("index").to_numpy()
     first, last = int(index[0]), int(index[-1])
     if not np.array_equal(index, np.arange(first, first + len(index))):
         raise StoreError(f"a part holds consecutive rows in order, got {len(index)} rows with index {first} to {last}")
-    table = schema.conform(columns, shape)
     table = table.replace_schema_metadata({**table.schema.metadata, b"ravenjax.config_hash": config_hash.encode()})
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink, **_encoding(table.schema))
@@ -140,7 +144,7 @@ def read(
         _require_unchanged(path, recorded)
     with _opened(path, config_hash) as file:
         table = file.read(columns if columns is None else list(columns), use_threads=False)
-    first, last = _row_range(path)
+    first, last = row_range(path)
     if table.num_rows != last - first + 1:
         raise _damaged(path, f"holds {table.num_rows} rows, expected rows {first} to {last}")
     return table
@@ -165,7 +169,7 @@ def _opened(path: Path, config_hash: str | None) -> Iterator[pq.ParquetFile]:
             yield file
     except (pa.ArrowException, OSError, ValueError) as error:  # ValueError: text in a damaged footer
         if not path.is_file():
-            raise StoreError(f"{path}: is missing. Every other part is untouched: start the same `ravenjax run` again, "
+            raise StoreError(f"{path}: is missing. Every other part is untouched: start the same command again, "
                              "which computes its rows anew.") from error  # fmt: skip
         size = path.stat().st_size
         raise _damaged(path, f"is not a readable Parquet file ({size} bytes): {_first_line(error)}") from error
@@ -175,7 +179,7 @@ def inspect(path: Path, config_hash: str | None = None) -> Part:
     """Record of a part found on disk, after reading it in full."""
     digest, size = sha256(path), path.stat().st_size
     failed = failures(read(path, config_hash))
-    first, last = _row_range(path)
+    first, last = row_range(path)
     return Part(file=path.name, first=first, last=last, sha256=digest, size=size, failed=failed)
 
 
@@ -236,7 +240,8 @@ def require_disjoint(folder: Path, finished: Sequence[Part]) -> None:
             )
 
 
-def _row_range(path: Path) -> tuple[int, int]:
+def row_range(path: Path) -> tuple[int, int]:
+    """First and last row of a part, by its name. StoreError where that is another."""
     match = _NAME.fullmatch(path.name)
     if match is None:
         raise StoreError(f"{path}: expected a name like part-000000000-000000255.parquet (first and last row)")
@@ -279,7 +284,7 @@ def _require_campaign(path: Path, metadata: dict[bytes, bytes], config_hash: str
 
 def _damaged(path: Path, what: str) -> StoreError:
     return StoreError(
-        f"{path}: {what}. Every other part is untouched: start the same `ravenjax run` again, which sets this file "
+        f"{path}: {what}. Every other part is untouched: start the same command again, which sets this file "
         "aside and recomputes its rows only."
     )
 

@@ -245,7 +245,7 @@ def test_a_truncated_part(copied, refused, run):
     parts[1].write_bytes(whole[: len(whole) // 2])
     before = contents(out)
     err = refused(
-        ["report", out], parts[1], f"{len(whole) // 2} bytes", f"recorded {len(whole)}", "`ravenjax run` again"
+        ["report", out], parts[1], f"{len(whole) // 2} bytes", f"recorded {len(whole)}", "start the same command again"
     )
     assert str(parts[0]) not in err
     assert contents(out) == before, "nothing is written over what is there"

@@ -10,9 +10,10 @@ import pandas as pd
 import pytest
 
 from ravenjax.errors import UserError
-from ravenjax.search import boundary, loading, output, runner
+from ravenjax.search import boundary, journal, loading, output, runner
 from ravenjax.search.findings import plain
-from ravenjax.store import folder
+from ravenjax.store import folder, lock
+from ravenjax.store.files import StoreError
 
 BASE = {
     "campaign": {"name": "small", "duration_s": 0.5, "seed": 3},
@@ -32,7 +33,7 @@ def files(path):
     for figure in re.findall(r"!\[\w+\]\((\w+\.svg)\)", text):
         assert (path / figure).read_text().startswith("<?xml")
     assert "nan" not in text.replace("Nan", "")
-    return json.loads((path / output.NUMBERS).read_text()), pd.read_parquet(path / output.ROWS), text
+    return json.loads((path / output.NUMBERS).read_text()), pd.read_parquet(path / journal.ROWS), text
 
 
 BOUNDARY = {
@@ -86,10 +87,42 @@ def test_what_never_harms_is_censored(tmp_path):
 
 def test_the_same_search_may_come_again_and_another_not(bounded):
     out, before = bounded
+    rows = (out / journal.ROWS).read_bytes()
     again = runner.run(search(**BOUNDARY), out)
     assert plain(again.findings.numbers) == plain(before.findings.numbers)
-    with pytest.raises(UserError, match=r"holds another search .* differs in config_hash"):
+    assert (out / journal.ROWS).read_bytes() == rows
+    assert again.record["computed"] == 0 and again.record["runs"] == before.record["computed"] == before.record["runs"]
+    text = (out / output.TEXT).read_text()
+    assert "runs/s" not in text and f"- {before.record['runs']} different runs" in text
+    with pytest.raises(
+        UserError, match=r"(?s)holds another search.*config\.search\.tolerance: 0\.05 here, 0\.1 asked for"
+    ):
         runner.run(search(**BOUNDARY | {"tolerance": 0.1}), out)
+
+
+def test_a_search_that_was_ended_goes_on(bounded, tmp_path):
+    """Ended twice with some runs done; the third start makes the rest."""
+    out, whole = bounded
+    for ended in (1, whole.record["runs"] // 2):
+
+        def end(status, ended=ended):
+            if status.done >= ended:
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            runner.run(search(**BOUNDARY), tmp_path, on_progress=end)
+        assert json.loads((tmp_path / "progress.json").read_text())["phase"] == "stopped"
+    found = runner.run(search(**BOUNDARY), tmp_path)
+    assert plain(found.findings.numbers) == plain(whole.findings.numbers)
+    assert (tmp_path / journal.ROWS).read_bytes() == (out / journal.ROWS).read_bytes()
+    assert 0 < found.record["computed"] < found.record["runs"] == whole.record["runs"]
+    assert found.record["batches"] == whole.record["batches"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(path.name for path in out.iterdir())
+
+
+def test_two_searches_in_one_folder_are_one_too_many(bounded):
+    with lock.held(bounded[0]), pytest.raises(StoreError, match="is being written by process"):
+        runner.run(search(**BOUNDARY), bounded[0])
 
 
 def test_a_searched_parameter_has_the_twin_of_its_own_value(tmp_path):

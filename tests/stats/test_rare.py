@@ -132,3 +132,13 @@ def test_without_openturns(monkeypatch):
     monkeypatch.setitem(sys.modules, "openturns", None)
     with pytest.raises(ValueError, match=r"ravenjax\[rare\]"):
         subset(plane(1e-3), D)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), SystemExit(143)])
+def test_what_ends_the_program_passes_through_the_library(error):
+    def ended(points):
+        raise error
+
+    with pytest.raises(type(error)) as raised:
+        subset(ended, 2, 100)
+    assert raised.value is error

@@ -297,7 +297,7 @@ def test_damaged_part_is_named_and_set_aside_and_computed_again(tmp_path, damage
     with pytest.raises(StoreError) as caught:
         parts.read(path, wanted().config_hash)
     message = str(caught.value)
-    assert str(path) in message and "start the same `ravenjax run` again" in message and "\n" not in message
+    assert str(path) in message and "start the same command again" in message and "\n" not in message
     damaged = path.read_bytes()
     for name in (path.name, f"{path.name}.2"):
         folder = ResultFolder.open(tmp_path, wanted())

@@ -98,7 +98,7 @@ def test_only_a_loopback_address_goes_without_a_token(host, own):
         "frames": "f",
         "events": "e",
         "commands": "c",
-        "channel": None,
+        "port_taken": None,
         "arms": ("gold",),
         "header": {},
         "host": host,
