@@ -10,7 +10,6 @@ from __future__ import annotations
 import collections
 import dataclasses
 import queue
-import threading
 from typing import Any
 
 import numpy as np
@@ -43,9 +42,7 @@ class CudaKernel:
         """signals: every signal goes out in each tick."""
         self.program, self.lanes, self.signals, self.devices = program, lanes, signals, devices
         self._cubins: Cubins = {} if cubins is None else cubins
-        self._traced: traced.TracedTick | None = None
-        self._codes: dict[tuple[bool, Device], CudaCode] = {}
-        self._lock = threading.Lock()
+        self._forms: traced.Forms | None = None
         self._seats: queue.Queue[Device] = queue.Queue()
         for device in devices * SEATS:
             self._seats.put(device)
@@ -67,8 +64,8 @@ class CudaKernel:
     def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[Result, Any]:
         """As `run`, and every signal of the first lane, each leaf [ticks]."""
         result, out = self._run(block, motion, None)
-        assert self._traced is not None
-        return result, self._traced.signals_of(out, lambda column, dtype: typed(column, dtype.name))
+        assert self._forms is not None
+        return result, self._forms.traced.signals_of(out, lambda column, dtype: typed(column, dtype.name))
 
     def _run(
         self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None
@@ -79,8 +76,9 @@ class CudaKernel:
         try:
             places, grouped = self._placed(inputs, device)
             code = self._code(block, motion, grouped, device)
-            assert self._traced is not None
-            ticks, lanes, series = self.program.ticks, len(places.thread), self._traced.series
+            assert self._forms is not None
+            own, ticks, lanes = self._forms.traced, self.program.ticks, len(places.thread)
+            series = own.series
             keep = self.signals or block.reference is None
             out = np.empty((ticks, len(code.source.outputs), lanes), np.uint32) if keep else None
             given = _given(block, places, grouped)
@@ -89,7 +87,7 @@ class CudaKernel:
             self._seats.put(device)
         if out is None:
             out = np.empty((0, series, lanes), np.uint32)
-        return Result(dict(zip(self._traced.outcomes, found, strict=True)), out[:, :series].view(np.float32)), out
+        return Result(dict(zip(own.outcomes, found, strict=True)), out[:, :series].view(np.float32)), out
 
     def _placed(self, inputs: list[np.ndarray], device: Device) -> tuple[Places, bool]:
         """Where lanes are computed, and whether by group: if that fits the device at once, or wastes half at most."""
@@ -102,14 +100,14 @@ class CudaKernel:
         return place(group if grouped else np.zeros_like(group), form.threads), grouped
 
     def _code(self, block: Block, motion: tuple[np.ndarray, ...], grouped: bool, device: Device) -> CudaCode:
-        with self._lock:
-            if self._traced is None:
-                self._traced = traced.trace(self.program, block, motion)
-            if (grouped, device) not in self._codes:
-                loop = self._traced.loop if self.signals else self._traced.without_signals()
-                shared, form = len(self.program.varied), form_for(device)
-                self._codes[grouped, device] = CudaCode(loop, shared, grouped, device, form, self._cubins)
-            return self._codes[grouped, device]
+        self._forms = forms = self._forms or traced.forms(self.program, block, motion)
+
+        def make() -> CudaCode:
+            loop = forms.traced.loop if self.signals else forms.traced.without_signals()
+            shared, form = len(self.program.varied), form_for(device)
+            return CudaCode(loop, shared, grouped, device, form, self._cubins)
+
+        return forms.code(("cuda", self.signals, grouped, device), make)
 
 
 def block_lanes(runs: int, devices: tuple[Device, ...]) -> int:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import threading
 from typing import Any
 
 import numpy as np
@@ -30,9 +29,7 @@ class SimdKernel:
         self.program, self.lanes, self.signals = program, lanes, signals
         self.width = 1 if signals else jit.host().width
         self._objects = objects
-        self._traced: traced.TracedTick | None = None
-        self._codes: dict[bool, VectorCode] = {}
-        self._lock = threading.Lock()
+        self._forms: traced.Forms | None = None
         self._dtype = np.dtype(program.setup.precision.real)
 
     def size(self, rows: int) -> int:
@@ -50,8 +47,8 @@ class SimdKernel:
     def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[Result, Any]:
         """As `run`, and every signal of the first lane, each leaf [ticks]."""
         result, out = self._run(block, motion, None)
-        assert self._traced is not None
-        return result, self._traced.signals_of(out, _from_slots)
+        assert self._forms is not None
+        return result, self._forms.traced.signals_of(out, _from_slots)
 
     def _run(
         self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None
@@ -59,8 +56,9 @@ class SimdKernel:
         inputs = traced.inputs(self.program, block)
         plan = self._plan(inputs)
         code = self._code(block, motion, plan.grouped)
-        assert self._traced is not None
-        ticks, lanes, series = self.program.ticks, len(plan.place), self._traced.series
+        assert self._forms is not None
+        own, ticks, lanes = self._forms.traced, self.program.ticks, len(plan.place)
+        series = own.series
         tables = np.concatenate([np.ascontiguousarray(column) for column in motion])
         keep = self.signals or block.reference is None
         kept = np.zeros((ticks if keep else 0, code.outputs, lanes), np.uint64 if self.signals else self._dtype)
@@ -77,7 +75,7 @@ class SimdKernel:
                 column[mine] = values[at]
             if out is not None:
                 kept[:, :, mine] = out[:, :, at]
-        named = dict(zip(self._traced.outcomes, outcomes, strict=True))
+        named = dict(zip(own.outcomes, outcomes, strict=True))
         reference = kept[:, :series]
         if self.signals:
             reference = np.ascontiguousarray(reference).view(self._dtype)[:, :, :: 8 // self._dtype.itemsize]
@@ -95,14 +93,13 @@ class SimdKernel:
         return _Plan(first, place, grouped, parts)
 
     def _code(self, block: Block, motion: tuple[np.ndarray, ...], grouped: bool) -> VectorCode:
-        with self._lock:
-            if self._traced is None:
-                self._traced = traced.trace(self.program, block, motion)
-            if grouped not in self._codes:
-                loop = self._traced.loop if self.signals else self._traced.without_signals()
-                shared = len(self.program.varied)
-                self._codes[grouped] = VectorCode(loop, shared, grouped, self.width, self._objects)
-            return self._codes[grouped]
+        self._forms = forms = self._forms or traced.forms(self.program, block, motion)
+
+        def make() -> VectorCode:
+            loop = forms.traced.loop if self.signals else forms.traced.without_signals()
+            return VectorCode(loop, len(self.program.varied), grouped, self.width, self._objects)
+
+        return forms.code(("simd", self.signals, grouped, self.width), make)
 
 
 @dataclasses.dataclass(frozen=True)

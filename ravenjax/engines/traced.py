@@ -1,9 +1,17 @@
-"""The tick of one robot traced for a program: beginning, step and end as straight-line programs."""
+"""The tick of one robot traced for a program: beginning, step and end as straight-line programs.
+
+Tracing takes a second of Python, so what this process traced last is kept with the code that was made of it: a campaign
+in several steps, or one beside another that needs the same code, traces once.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
+import hashlib
+import pickle
+import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -18,6 +26,9 @@ from ravenjax.engines.interface import Block, Program
 from ravenjax.engines.straight import contract
 from ravenjax.engines.time_loop import TimeLoop
 from ravenjax.types import Setup
+
+KEPT = 4
+"""Programs whose code is kept, up to 20 MB each."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,6 +62,58 @@ class TracedTick:
         )
 
 
+class Forms:
+    """A traced program and whatever code is made of it, by engine, form and device; from any thread."""
+
+    def __init__(self, traced: TracedTick) -> None:
+        self.traced = traced
+        self._codes: dict[Any, Any] = {}
+        self._lock = threading.Lock()
+
+    def code(self, key: tuple[Any, ...], make: Callable[[], Any]) -> Any:
+        """The code of this key, made by the first who asks."""
+        with self._lock:
+            if key not in self._codes:
+                self._codes[key] = make()
+            return self._codes[key]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Asked:
+    """What a trace depends on: equal digests, equal code."""
+
+    digest: bytes
+    program: Program = dataclasses.field(compare=False)
+    block: Block = dataclasses.field(compare=False)  # of no lanes
+    motion: tuple[jax.ShapeDtypeStruct, ...] = dataclasses.field(compare=False)
+
+
+def forms(program: Program, block: Block, motion: Sequence[np.ndarray]) -> Forms:
+    """`program` traced for blocks and motions like these, perhaps before."""
+    setup, shapes = program.setup, tuple(jax.ShapeDtypeStruct(c.shape, c.dtype) for c in motion)
+    none = Block(
+        {path: np.zeros(0, np.asarray(block.varied[path]).dtype) for path in program.varied},
+        jax.tree.map(lambda leaf: np.zeros(0, np.asarray(leaf).dtype), block.faults),
+        None,
+    )
+    decides = setup, program.params, program.varied, none, [(c.shape, c.dtype.str) for c in shapes]
+    with _TRACING:
+        return _forms(_Asked(hashlib.sha256(pickle.dumps(decides)).digest(), program, none, shapes))
+
+
+def forget() -> None:
+    """Keep nothing of what was traced so far."""
+    _forms.cache_clear()
+
+
+_TRACING = threading.Lock()  # who comes second waits instead of tracing the same
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _forms(asked: _Asked) -> Forms:
+    return Forms(trace(asked.program, asked.block, asked.motion))
+
+
 def unrolled(program: Program) -> Program:
     """`program` with link dynamics of single numbers: printed code has no arrays."""
     return dataclasses.replace(program, setup=dataclasses.replace(program.setup, link_dynamics="unrolled"))
@@ -76,7 +139,9 @@ def params(program: Program, varied: Sequence[Any]) -> Any:
     return found
 
 
-def jaxprs(program: Program, block: Block, motion: Sequence[np.ndarray]) -> tuple[list[core.ClosedJaxpr], TracedTick]:
+def jaxprs(
+    program: Program, block: Block, motion: Sequence[np.ndarray | jax.ShapeDtypeStruct]
+) -> tuple[list[core.ClosedJaxpr], TracedTick]:
     """The three closed jaxprs of `trace`, and what their results are (its loop is empty)."""
     setup, number = program.setup, jax.ShapeDtypeStruct
     real = np.dtype(setup.precision.real)
@@ -104,7 +169,10 @@ def jaxprs(program: Program, block: Block, motion: Sequence[np.ndarray]) -> tupl
 
 
 def trace(
-    program: Program, block: Block, motion: Sequence[np.ndarray], origin: lowering.Origin | None = None
+    program: Program,
+    block: Block,
+    motion: Sequence[np.ndarray | jax.ShapeDtypeStruct],
+    origin: lowering.Origin | None = None,
 ) -> TracedTick:
     """Trace the tick for blocks like this one; `origin` as for `lowering.lower`."""
     closed, traced = jaxprs(program, block, motion)

@@ -13,7 +13,7 @@ import pytest
 import ravenjax as rj
 from ravenjax.campaign import computation, replay, runner
 from ravenjax.campaign.executors import local
-from ravenjax.engines import simd
+from ravenjax.engines import simd, traced
 from ravenjax.engines.vector_code import VectorCode
 from ravenjax.errors import UserError
 from ravenjax.store.files import StoreError
@@ -170,6 +170,7 @@ def test_nothing_piles_up_behind_a_slow_disk(blocks, monkeypatch, tmp_path):
 
 def test_simd_prints_each_form_of_its_kernel_once(monkeypatch):
     printed = []
+    traced.forget()
     monkeypatch.setattr(simd, "VectorCode", lambda *given: printed.append(given) or VectorCode(*given))
     assert len(rj.run(config(duration_s=0.4), engine="simd")) == 27
     grouped = [given[2] for given in printed]

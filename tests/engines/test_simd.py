@@ -68,7 +68,7 @@ class Forced(SimdKernel):
 
     def __init__(self, program, loop, width, grouped):
         super().__init__(program, 16)
-        self._traced, self.width, self.forced = loop, width, grouped
+        self._forms, self.width, self.forced = traced.Forms(loop), width, grouped
 
     def _plan(self, inputs):
         found = super()._plan(inputs)
@@ -106,7 +106,7 @@ def test_vector_width_and_groups_change_no_bit(ready, loop, whole, width, groupe
 
 def test_a_lane_does_not_see_its_neighbours_nor_other_threads(ready, loop, whole):
     kernel = SimdKernel(ready.program, 16)
-    kernel._traced = loop
+    kernel._forms = traced.Forms(loop)
     rows = [np.array([25, 3, 3, 11]), np.arange(ready.runs)[::-1], np.array([0]), np.array([26, 21, 22])]
     with ThreadPoolExecutor(4) as pool:
         found = list(pool.map(lambda block: run(kernel, ready, block), rows))
@@ -145,7 +145,7 @@ def test_compiled_code_is_kept_and_used_again(ready, loop, whole, monkeypatch):
     objects = {}
     for _ in range(2):
         kernel = SimdKernel(ready.program, 16, objects)
-        kernel._traced = loop
+        kernel._forms = traced.Forms(loop)
         again = run(kernel, ready, np.arange(7))
         same_lanes(again, whole, slice(None), np.arange(7))
         assert len(objects) == 1

@@ -10,7 +10,7 @@ import pytest
 
 from ravenjax.campaign import loading as campaigns
 from ravenjax.campaign import plan, runner, sampling
-from ravenjax.engines import simd, traced
+from ravenjax.engines import traced
 from ravenjax.errors import UserError
 from ravenjax.search import loading, outcome
 from ravenjax.search.evaluator import Evaluator
@@ -104,7 +104,8 @@ def test_a_point_that_comes_again_is_not_run_again(points, evaluated):
 def test_the_tick_is_traced_once(template, monkeypatch):
     calls = []
     original = traced.trace
-    monkeypatch.setattr(simd.traced, "trace", lambda *args: calls.append(1) or original(*args))
+    traced.forget()
+    monkeypatch.setattr(traced, "trace", lambda *args: calls.append(1) or original(*args))
     evaluator = Evaluator(template, [outcome.parse(WANTED[0])], "simd")
     rng = np.random.default_rng(1)
     for rows in (3, 20, 2):
