@@ -146,9 +146,7 @@ RUNS = {
 }
 
 
-@pytest.mark.parametrize(
-    "run", [run if run in ("raven2", "fork2015") else pytest.param(run, marks=pytest.mark.slow) for run in RUNS]
-)
+@pytest.mark.parametrize("run", [run if run == "raven2" else pytest.param(run, marks=pytest.mark.slow) for run in RUNS])
 def test_every_number_equals_the_original_order_of_statements(run):
     seen = Pair(**RUNS[run]).compare(1200)
     if run == "raven2":

@@ -333,6 +333,7 @@ def test_a_session_with_its_robot_elsewhere(process):
     link.close()
 
 
+@pytest.mark.slow
 def test_the_process_ends_when_asked_and_says_what_it_saw(process):
     started, ports = process
     session = RemoteRobot("127.0.0.1", *ports, arms=GOLD)
