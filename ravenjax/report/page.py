@@ -11,6 +11,7 @@ import jinja2
 import markupsafe
 import plotly.offline
 
+from ravenjax.campaign import decisions
 from ravenjax.hazards import naming, severity
 from ravenjax.report import (
     answers,
@@ -99,6 +100,7 @@ def render(runs: Runs, manifest: Manifest, folder: Path) -> str:
             harm=run_facts.HARM,
             jump=next(c.meaning for c in schema.columns(manifest.shape) if c.name == manifest.verdict_jump),
             frame_rows=runs.rows,
+            stopped=decisions.sentence(folder),
             outcomes=run_facts.OUTCOMES,
             plotly_js=markupsafe.Markup(plotly.offline.get_plotlyjs()),
             **told,

@@ -70,6 +70,8 @@ class Evaluator:
         self._journal = journal
         self._take(journal.tables)
         self.progress = self._progress(due, on_progress, min(self.held, due - 1), journal.notes)
+        for rows in self._tables:
+            self.progress.known(parts.failures(rows))
 
     def _progress(self, due: int, told: OnProgress | None, earlier: int, notes: tuple[str, ...]) -> Progress:
         words, ticks = f"{self.engine.name} on {self.engine.device}", self._plan.program.ticks

@@ -15,11 +15,13 @@ import pytest
 import reacting_results as reacting
 import synthetic_results as synthetic
 
+from ravenjax.campaign import decisions
 from ravenjax.report import facts as run_facts
 from ravenjax.report import figures, maps, page, tables, wording
 from ravenjax.report.runs import Runs
 from ravenjax.report.style import round_step
 from ravenjax.stats.intervals import wilson
+from ravenjax.stats.sequential import Look
 from ravenjax.store import schema
 from ravenjax.store.files import StoreError
 from ravenjax.store.folder import ResultFolder
@@ -131,6 +133,17 @@ def test_unfinished_campaign_says_so(tmp_path):
     results = ResultFolder.open(tmp_path, MANIFEST)
     results.add(FRAME.iloc[:100])
     assert "Unfinished: 100 of 2,000 runs" in words(Page(page.build(tmp_path).read_text(encoding="utf-8")))
+
+
+@pytest.mark.parametrize("even", [True, False])
+def test_a_campaign_that_stopped_by_itself_says_why_and_what_its_pooled_rates_are(tmp_path, even):
+    results = ResultFolder.open(tmp_path, MANIFEST)
+    results.add(FRAME.iloc[:100])
+    look = Look(2, 4, {"dac": 60}, {"dac": 800}, (), 0.04, (), True, half_width=0.05, each=0.99, even=even)
+    decisions.write(tmp_path, [look])
+    text = words(Page(page.build(tmp_path).read_text(encoding="utf-8")))
+    assert "Stopped at look 2 of 4: every rate is known within +-0.05." in text
+    assert ("Groups were computed to different shares: weigh them for a rate over several." in text) is not even
 
 
 def test_folder_without_results(tmp_path):
