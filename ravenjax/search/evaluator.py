@@ -68,7 +68,10 @@ class Evaluator:
         """Keep every run in `journal` from now on, and take over those that it holds. due: about how many runs will be
         asked for."""
         self._journal = journal
-        self._take(journal.tables)
+        for rows in journal.tables:
+            ids = run_id.numbers(rows.column("run_id").to_pylist())
+            new = np.flatnonzero(self._known.get_indexer(ids) < 0)  # a kill may leave the same runs in two files
+            self._learn(ids[new], [rows.take(new)])
         self.progress = self._progress(due, on_progress, min(self.held, due - 1), journal.notes)
         for rows in self._tables:
             self.progress.known(parts.failures(rows))
@@ -129,17 +132,13 @@ class Evaluator:
                     self._journal.add(done.packed)
                 self.progress.rows(len(done.rows), sum(done.failures.values()))
                 self.progress.lost(done.failures)
-        self._take(tables)
+        self._learn(ready.table["run_id"].to_numpy(), tables)
 
-    def _take(self, tables: Sequence[pa.Table]) -> None:
-        """Make runs known; what is known already stays as it is."""
-        for rows in tables:
-            ids = run_id.numbers(rows.column("run_id").to_pylist())
-            new = np.flatnonzero(self._known.get_indexer(ids) < 0)
-            self._tables.append(rows.take(new))
-            self._known = self._known.append(pd.Index(ids[new]))
-        if tables:
-            self._values = np.concatenate([self._values, *map(self._wanted, self._tables[-len(tables) :])])
+    def _learn(self, ids: np.ndarray, tables: Sequence[pa.Table]) -> None:
+        """Make runs known that were not; ids: of all rows of the tables, in their order."""
+        self._tables += tables
+        self._known = self._known.append(pd.Index(ids))
+        self._values = np.concatenate([self._values, *map(self._wanted, tables)])
 
     def _wanted(self, rows: pa.Table) -> np.ndarray:
         """What is wanted of each row, float64 [rows, outcomes]."""

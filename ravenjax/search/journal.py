@@ -66,10 +66,13 @@ class Journal:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        # a disk that refuses is told of, unless something else has ended the work
-        with contextlib.suppress(*(() if kind is None else (StoreError,))), self._behind as behind:
-            self._write()
-            behind.finish()
+        with self._behind:
+            try:
+                self._write()
+                self._behind.finish()
+            except StoreError:
+                if kind is None:  # else something has ended the work before, and that is told of
+                    raise
 
     def add(self, rows: pa.Table) -> None:
         """Keep finished runs, rows of the result table; not from two threads at once.
