@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 
 class UserError(ValueError):
@@ -24,6 +24,12 @@ def shown(value: object) -> str:
         return _SHORT.repr(value)
     except Exception:  # a repr may fail in any way, and its owner still wants the error
         return f"<{type(value).__name__}>"
+
+
+def listed(lines: Sequence[str], most: int = 8) -> str:
+    """The first of some lines below each other, indented, and how many more there are."""
+    more = [f"and {len(lines) - most} more"] if len(lines) > most else []
+    return "\n".join(f"  {line}" for line in [*lines[:most], *more])
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:

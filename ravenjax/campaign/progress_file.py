@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from ravenjax.campaign.progress import Status
+from ravenjax.campaign.progress import OnProgress, Status
 from ravenjax.store import files, manifest
 
 FILE = "progress.json"
@@ -23,13 +23,19 @@ EVERY_S = 1.0
 
 
 class ProgressFile:
-    """Keeps progress.json of a folder up to date; call it with each `Status`."""
+    """Keeps progress.json of a folder up to date; call it with each `Status`, which it passes on to `then`."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, then: OnProgress | None = None) -> None:
+        self._then = then
         self._path, self._started = folder / FILE, manifest.now()
         self._phase, self._written = "", -EVERY_S
 
     def __call__(self, status: Status) -> None:
+        self._write(status)
+        if self._then is not None:
+            self._then(status)
+
+    def _write(self, status: Status) -> None:
         now = time.monotonic()
         if status.phase == self._phase and now - self._written < EVERY_S:
             return

@@ -21,7 +21,7 @@ from ravenjax.campaign.executors.local import Local
 from ravenjax.campaign.executors.protocol import Executor, Finished, Work
 from ravenjax.campaign.executors.shards import Shard
 from ravenjax.campaign.plan import Plan
-from ravenjax.campaign.progress import OnProgress, Progress, Status
+from ravenjax.campaign.progress import OnProgress, Progress
 from ravenjax.campaign.progress_file import ProgressFile
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Engine
@@ -86,13 +86,7 @@ def _into(
     on_progress: OnProgress | None,
 ) -> None:
     """Compute what is missing into its folder."""
-    file, shape = ProgressFile(folder.path), shape_of(ready)
-
-    def told(status: Status) -> None:
-        file(status)
-        if on_progress is not None:
-            on_progress(status)
-
+    told, shape = ProgressFile(folder.path, on_progress), shape_of(ready)
     due = folder.manifest.due
     progress = _progress(ready, engine, due, missing, told, folder.notes)
     progress.known(folder.manifest.failures)

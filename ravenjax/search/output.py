@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ravenjax.errors import UserError
+from ravenjax.errors import UserError, listed
 from ravenjax.search import style
 from ravenjax.search.findings import Findings, Table, plain
 from ravenjax.store import files, manifest
@@ -32,10 +32,8 @@ def open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
     except (OSError, ValueError, KeyError, TypeError):
         raise UserError(f"{path}: cannot be read as a search; delete it, or give another folder with --out") from None
     if differences:
-        lines = "\n".join(f"  {line}" for line in differences[:8])
-        more = f"\n  and {len(differences) - 8} more" if len(differences) > 8 else ""
         raise UserError(
-            f"{out}: holds another search, which differs:\n{lines}{more}\n"
+            f"{out}: holds another search, which differs:\n{listed(differences)}\n"
             "Nothing was changed. Give another folder with --out, or delete this one"
         )
     return held

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ravenjax.campaign.progress import OnProgress, Status
+from ravenjax.campaign.progress import OnProgress
 from ravenjax.campaign.progress_file import ProgressFile
 from ravenjax.search import boundary, indices, loading, output, rare
 from ravenjax.search import outcome as outcomes
@@ -55,16 +55,9 @@ def _into(folder: Path, config: SearchConfig, evaluator: Evaluator, on_progress:
     search, identity = config.search, _identity(config, evaluator)
     earlier = output.open_folder(folder, identity)
     journal = Journal(folder, manifest.config_hash(identity), earlier.get("rows_sha256"))
-    file = ProgressFile(folder)
-
-    def told(status: Status) -> None:
-        file(status)
-        if on_progress is not None:
-            on_progress(status)
-
     estimates = {Boundary: boundary.due, Rare: rare.due}
     due = estimates.get(type(search), indices.due)(evaluator.template, search)  # pyright: ignore[reportArgumentType]
-    evaluator.keep_in(journal, due, told)
+    evaluator.keep_in(journal, due, ProgressFile(folder, on_progress))
     try:
         with journal:
             findings = _find(config, evaluator, folder)

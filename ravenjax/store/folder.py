@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import pandas as pd
 
+from ravenjax.errors import listed
 from ravenjax.store import manifest as manifests
 from ravenjax.store import parts, schema
 from ravenjax.store.files import StoreError, require_writable
@@ -172,10 +173,8 @@ def _side_by_side(work: Callable[[T], R], items: Iterable[T]) -> list[R]:
 def _require_same(path: Path, kept: Manifest, wanted: Manifest) -> None:
     differences = kept.differences(wanted)
     if differences:
-        lines = "\n".join(f"  {line}" for line in differences[:8])
-        more = f"\n  and {len(differences) - 8} more" if len(differences) > 8 else ""
         raise StoreError(
             f"{path}: holds {kept.done} of {kept.runs} runs of campaign {kept.campaign!r}, which differs:\n"
-            f"{lines}{more}\nNothing was changed. To keep it, choose another --out; "
+            f"{listed(differences)}\nNothing was changed. To keep it, choose another --out; "
             f"to start anew, delete the folder: rm -r {path}"
         )

@@ -16,6 +16,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
+from ravenjax.errors import listed
 from ravenjax.store import lock, parts, query
 from ravenjax.store import manifest as manifests
 from ravenjax.store.files import StoreError, require_writable, sha256, write_aside
@@ -89,10 +90,9 @@ def _require_same(first: Path, one: Manifest, other: Path, two: Manifest) -> Non
     if one.runs != two.runs:
         differences.append(f"runs: {one.runs} here, {two.runs} asked for")
     if differences:
-        lines = "\n".join(f"  {line.removesuffix(' asked for')} there" for line in differences[:8])
-        more = f"\n  and {len(differences) - 8} more" if len(differences) > 8 else ""
+        told = listed([f"{line.removesuffix(' asked for')} there" for line in differences])
         raise StoreError(
-            f"{other}: is no shard of the campaign in {first}. Here {first}, there {other}:\n{lines}{more}\n"
+            f"{other}: is no shard of the campaign in {first}. Here {first}, there {other}:\n{told}\n"
             "Nothing was merged: shards are made by the same command and code, but for --shard and --out."
         )
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ravenjax.campaign.progress import Progress
-from ravenjax.errors import UserError
+from ravenjax.errors import UserError, listed
 
 ATTEMPTS = 3
 """How often a chunk is tried before it is given up."""
@@ -93,11 +93,10 @@ class Attempts:
             raise self._refusal()
 
     def _refusal(self) -> UserError:
-        lines = "\n".join(f"  rows {_named(rows)}: {why}" for rows, why in sorted(self._lost.items(), key=_first)[:8])
-        more = f"\n  and {len(self._lost) - 8} more" if len(self._lost) > 8 else ""
+        lost = listed([f"rows {_named(rows)}: {why}" for rows, why in sorted(self._lost.items(), key=_first)])
         rest = "every other chunk is finished and kept" if self._delivered else "no chunk was finished by any worker"
         return UserError(
-            f"{len(self._lost)} chunk(s) failed {ATTEMPTS} times each; {rest}:\n{lines}{more}\n"
+            f"{len(self._lost)} chunk(s) failed {ATTEMPTS} times each; {rest}:\n{lost}\n"
             "Start the same command again to try these alone; with --executor local the error itself comes to light."
         )
 
