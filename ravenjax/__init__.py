@@ -4,7 +4,7 @@
 
     config = rj.load_campaign("quick.toml", overrides=["campaign.duration_s=1"])
     table = rj.run(config)                       # one row a run
-    one = rj.simulate(config, 17)                # {name: time series} of run 17
+    one = rj.simulate(config, 17)                # xarray.Dataset: time series of run 17
     position, rotation = rj.forward_kinematics(jpos, "gold")
     software = rj.ControlSoftware()              # drive the control software alone
 

@@ -6,9 +6,8 @@ import numbers
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pandas as pd
 
 from ravenjax.campaign import adaptive, loading
@@ -17,6 +16,11 @@ from ravenjax.campaign.executors import choice
 from ravenjax.campaign.progress import OnProgress
 from ravenjax.campaign.replay import replay
 from ravenjax.errors import UserError, shown
+from ravenjax.report import wording
+from ravenjax.store import manifest, run_dataset, schema
+
+if TYPE_CHECKING:
+    import xarray
 
 
 def load_campaign(campaign: str | Path | dict[str, Any], overrides: Sequence[str] = ()) -> CampaignConfig:
@@ -37,7 +41,7 @@ def run(
     executor: str | None = None,
     workers: int | None = None,
 ) -> pd.DataFrame:
-    """Run a campaign; one row a run, columns as in results/README.md.
+    """Run a campaign; one row a run, columns as in results/README.md; their units and meanings are in `attrs`.
 
     out: result folder, resumed where it holds a part of this campaign; None keeps everything in memory. executor:
     "local" (this process), "processes" or "ray"; workers: processes or tasks side by side; the table is the same.
@@ -49,21 +53,45 @@ def run(
         raise UserError(f"on_progress is {shown(on_progress)}, expected a function of one Status, or None")
     config = _config(campaign)
     folder, who = None if out is None else Path(out), choice.executor(executor, workers)
-    return adaptive.run(config, folder, _engine(engine), on_progress=on_progress, executor=who).frame()
+    results = adaptive.run(config, folder, _engine(engine), on_progress=on_progress, executor=who)
+    table = results.frame()
+    table.attrs.update(described(results.shape))
+    return table
+
+
+def described(shape: schema.Shape) -> dict[str, dict[str, str]]:
+    """What `run` puts into the attrs of its table: {"units": {column: unit}, "meanings": {column: meaning}}."""
+    columns = schema.columns(shape)
+    return {
+        "units": {column.name: column.unit for column in columns},
+        "meanings": {column.name: column.meaning for column in columns},
+    }
 
 
 def simulate(
     campaign: CampaignConfig | str | Path | dict[str, Any], run: str | int = 0, engine: str = "auto"
-) -> dict[str, np.ndarray]:
-    """Time series of one run of a campaign: {name: [ticks] or [ticks, k]}, a tick a millisecond.
+) -> xarray.Dataset:
+    """Time series of one run of a campaign, a tick a millisecond, as an xarray.Dataset.
 
-    run: index, run id, or the beginning of one. Names are those of `ravenjax.campaign.replay.series`; SI units,
-    suffixes elsewhere. Raises UserError.
+    One variable a quantity (`ravenjax.store.time_series` lists them), with attrs units and long_name; coordinates time
+    (s), arm, joint, axis, fault and cue: `simulate(c, 42)["tip"].sel(arm="gold", axis="z")`. attrs of the dataset say
+    which run it is and what became of it. run: index, run id, or the beginning of one. Raises UserError.
     """
     if isinstance(run, bool) or not isinstance(run, str | numbers.Integral):
         raise UserError(f"run is {shown(run)}, expected its index (a whole number) or its run_id (text)")
     config = _config(campaign)
-    return replay(config, run if isinstance(run, str) else int(run), _engine(engine)).series
+    again = replay(config, run if isinstance(run, str) else int(run), _engine(engine))
+    row = again.row.to_dict()
+    plain = ("run_id", "group", "operator", "verdict", "response", "response_cause", "hazard")
+    attributes = {name: str(row[name]) for name in plain} | {
+        "index": int(row["index"]),
+        "seed": int(row["seed"]),
+        "fault": wording.fault(row),
+        "campaign": config.campaign.name,
+        "engine": again.engine,
+        "version": manifest.package_versions()["ravenjax"],
+    }
+    return run_dataset.dataset(again.series, attributes, [cue.threshold_m * 1e3 for cue in config.haptics.cues()])
 
 
 def _config(campaign: Any) -> CampaignConfig:

@@ -34,5 +34,7 @@ def listed(lines: Sequence[str], most: int = 8) -> str:
 
 def suggestion(word: str, known: Iterable[str]) -> str:
     """`. Did you mean 'x'?` for the known word nearest to `word`; "" where none is near."""
-    near = difflib.get_close_matches(str(word), list(known), n=1, cutoff=0.5)
+    known = list(known)
+    same = [one for one in known if one.lower() == str(word).lower()]
+    near = same or difflib.get_close_matches(str(word), known, n=1, cutoff=0.5)
     return f". Did you mean {near[0]!r}?" if near else ""

@@ -1,7 +1,7 @@
 """How every figure looks, whoever draws it.
 
-Printed ones by matplotlib's settings: text stays text, no file holds a date. Those of pages are plain dicts of plotly's
-schema, which tests validate: graph objects took most of the time of a report.
+Printed ones by matplotlib's settings: text stays text, no file holds a date. Those of the trainer's pages are plain
+dicts of plotly's schema, which tests validate: graph objects took most of the time of a report.
 """
 
 from __future__ import annotations

@@ -197,15 +197,14 @@ def udp_port(port: int) -> str:
 
 
 def outcome_rows(runs: Mapping[str, int]) -> list[tuple[str, ...]]:
-    """(verdict, runs, share with its 95 % Wilson interval) of the numbers of runs by verdict, most frequent first."""
-    from ravenjax.stats.intervals import wilson
+    """(verdict, runs, share) of the numbers of runs by verdict, most frequent first.
 
-    rows = []
-    for verdict, count in sorted(runs.items(), key=lambda item: (-item[1], item[0])):
-        rate = wilson(count, sum(runs.values()))
-        share = f"{100 * rate.value:.1f} % ({100 * rate.low:.1f} to {100 * rate.high:.1f})"
-        rows.append((verdict or "failed", str(count), share))
-    return rows
+    Runs without a valid outcome, whose verdict is "", are in no share. Repeats of a fault count each, so a share has no
+    interval here; that of the report counts every fault once.
+    """
+    valid = {verdict: count for verdict, count in runs.items() if verdict}
+    ordered = sorted(valid.items(), key=lambda item: (-item[1], item[0]))
+    return [(verdict, str(count), f"{100 * count / sum(valid.values()):.1f} %") for verdict, count in ordered]
 
 
 def failure_rows(failures: Mapping[str, int], runs: int) -> list[tuple[str, ...]]:

@@ -200,7 +200,7 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
     depth = per_arm(setup, lambda i, arm: scene.tissue_depth(arm, tips[i]))
     distance = scene.tip_distance(setup.arms, tips)
     down = signals.runlevel == state_machine.PEDAL_DOWN
-    live = down & (software.state_machine.soft_estopped == 0)
+    now_live = live(signals, software)
     seen = monitor.step(
         setup,
         params.monitor,
@@ -213,7 +213,8 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
             distance=distance,
             dac=boards.current_cmd,
             fresh=fresh,
-            live=live,
+            live=now_live,
+            pedal=clean.surgeon_mode != 0,
             tick=now,
         ),
         reference(setup, signal, tips, signals),
@@ -221,7 +222,7 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
 
     watched = None
     if params.detectors is not None and state.detectors is not None:
-        shown = connections.watched(params.control.overdrive.dac_max, signals, robots, cues, live, now)
+        shown = connections.watched(params.control.overdrive.dac_max, signals, robots, cues, now_live, now)
         watched = detectors.step(setup, params.detectors, state.detectors, shown)
     if hands is not None:
         off_plan = operator.tip_offset(setup, params.operator, hands)
@@ -248,7 +249,7 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
         detectors=watched,
         monitor=seen,
         pedal_ticks=jnp.where(down, jnp.maximum(state.pedal_ticks, -1) + 1, -1),
-        pedal_down_ticks=state.pedal_down_ticks + as_int(live),
+        pedal_down_ticks=state.pedal_down_ticks + as_int(now_live),
         packet=sequence,
         delivered=jnp.where(arrives, sent.sequence - 1, state.delivered),
     )
@@ -265,6 +266,11 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
         fault_active=tuple(slot.active for slot in inject.state.slots),
     )
     return state, out
+
+
+def live(signals: control.Signals, software: control.State) -> Scalar:
+    """Whether the robot is live, as `ravenjax.outcomes` says: run level pedal-down, no software E-stop."""
+    return (signals.runlevel == state_machine.PEDAL_DOWN) & (software.state_machine.soft_estopped == 0)
 
 
 # --- its beginning and end ---
@@ -383,7 +389,7 @@ def reference_from(setup: Setup, series: Any) -> monitor.Reference:
 
 
 def checks(state: State) -> dict[str, Check]:
-    """Every built-in check of control software and PLC by the name its columns have; that of the worse arm."""
+    """Every built-in check by its name in `ravenjax.outcomes.checks`; that of the worse arm."""
     software = state.control
     net, machine, over = software.network, software.state_machine, software.overdrive
     return {
@@ -403,26 +409,6 @@ def checks(state: State) -> dict[str, Check]:
         "packet_reset": net.reset,
         "packet_order": net.out_of_sequence,
     }
-
-
-CHECKS = (
-    "overdrive_instant",
-    "overdrive_hard",
-    "overdrive_clip",
-    "soft_estop",
-    "plc_watchdog",
-    "estop",
-    "ik_reject",
-    "joint_limit",
-    "master_timeout",
-    "packet_size",
-    "packet_zero",
-    "packet_skip",
-    "packet_duplicate",
-    "packet_reset",
-    "packet_order",
-)
-"""Names of `checks`, in order."""
 
 
 # --- parts ---

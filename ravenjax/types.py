@@ -18,12 +18,12 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from ravenjax.arms import ARMS as ARMS
+from ravenjax.arms import JOINTS as JOINTS
+from ravenjax.arms import ArmName as ArmName
+
 Scalar: TypeAlias = Any
 """One number: a Python number, a NumPy or JAX scalar, or a tracer of one."""
-
-ArmName = Literal["gold", "green"]
-ARMS: tuple[ArmName, ...] = ("gold", "green")
-JOINTS: tuple[str, ...] = ("shoulder", "elbow", "insertion", "tool_roll", "wrist", "grasp1", "grasp2")
 
 
 class Vec(tuple):

@@ -7,6 +7,7 @@ import hashlib
 import numpy as np
 import pandas as pd
 
+from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.store import schema
 from ravenjax.store.manifest import Cue, Detector, Manifest, config_hash
 
@@ -63,11 +64,20 @@ def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> 
     trips = random.random(runs) < chance * (1 - np.exp(-duration / 60))
     stopped = trips & (random.random(runs) < 0.8)
     activated = ~free & (random.random(runs) < 0.96)
-    cause = np.where(np.char.startswith(group.astype(str), "dac"), "overdrive", "joint_limit")
+    dac = np.char.startswith(group.astype(str), "dac")
+    limited = trips & ~stopped & dac  # a clipped command
+    cause = np.where(dac, "overdrive", "joint_limit")
+    cause = np.where(limited, "overdrive_clip", cause)
     cause = np.where(group == "packet_position", "ik_reject", np.where(group == "plc_pins", "plc", cause))
     failed = np.where(random.random(runs) < 0.003, "nan", "")
     failed = failed.astype(object)
     step = deviation * random.uniform(0.02, 0.12, runs)
+    told_ms = start + 5 + random.exponential(60, runs).astype(int)
+    lost = random.random(runs) < np.where(group == "plc_pins", 0.5, 0.1)  # what was off course stood still
+    unintended = np.where(lost | free, 0.3, np.maximum(deviation - 1, 0))
+    loss = np.where(lost & ~free, np.maximum(deviation - 1, 0), np.minimum(unintended, 2.9))
+    report = np.where(group == "encoder", np.maximum(6 - deviation, 0), 0.01)
+    halted = np.where(lost & (random.random(runs) < 0.2), 500, 4)
     columns: dict[str, object] = {
         "run_id": [hashlib.sha256(f"{seed}/{i}".encode()).hexdigest()[:16] for i in range(runs)],
         "index": np.arange(runs),
@@ -95,9 +105,10 @@ def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> 
         "end_runlevel": np.where(stopped, 0, 3),
         "pedal_down_ms": np.where(stopped, start, 2800),
         "diverged": activated,
-        "response": np.where(stopped, "stopped", np.where(trips, "flagged", "none")),
+        "response": np.select([stopped, limited, trips], ["stopped", "limited", "flagged"], "silent"),
         "response_cause": np.where(trips, cause, ""),
-        "response_ms": np.where(trips, start + 5 + random.exponential(60, runs).astype(int), -1),
+        "response_ms": np.where(trips, told_ms, -1),
+        "told_ms": np.where(trips & ~limited, told_ms, -1),
     }
     for check in form.checks:
         hit = trips & (cause == check.removesuffix("_instant"))
@@ -128,12 +139,18 @@ def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> 
         "rms_twin_deviation_mm": deviation * 0.3,
         "largest_step_mm": step,
         "tip_path_mm": 30 + push,
-        "moved_first_ms": np.where(deviation > 3, start + 60, -1),
+        "unintended_mm": unintended,
+        "unintended_first_ms": np.where(unintended > LIMIT_MM, start + 60, -1),
+        "unintended_off_mm": np.where(stopped, np.maximum(deviation - 2, 0), 0),
+        "loss_mm": loss,
+        "loss_first_ms": np.where(loss > LIMIT_MM, start + 90, -1),
+        "false_report_mm": report,
+        "false_report_first_ms": np.where(report > LIMIT_MM, start + 15, -1),
+        "halted_ms": halted,
         "jump_code": step > 0.1,
         "jump_code_first_ms": np.where(step > 0.1, start + 10, -1),
         "jump_tip": step > 0.1,
         "jump_tip_first_ms": np.where(step > 0.1, start + 10, -1),
-        "stray_mm": np.maximum(deviation - 1, 0),
         "idle_ms": np.where(stopped, 2000, 0),
         "jump_text": step > 0.5,
         "jump_text_first_ms": np.where(step > 0.5, start + 10, -1),
@@ -141,7 +158,7 @@ def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> 
         "tip_distance_mm": np.full(runs, np.nan),
         "failed": failed,
     }
-    quiet = {"cue": -1, "detector": 0.4, "tip_path_mm": 30.0, "pedal_down_ms": 2800, "moved": -1, "peak_live": 1.0}
+    quiet = {"cue": -1, "detector": 0.4, "tip_path_mm": 30.0, "pedal_down_ms": 2800, "halted_ms": 4, "peak_live": 1.0}
     for column in schema.columns(form):
         if column.name.startswith(schema.TWIN):
             plain = column.name.removeprefix(schema.TWIN)
@@ -151,8 +168,24 @@ def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> 
         for joint in form.joints:
             columns[f"peak_dac_{arm}_{joint}"] = random.integers(500, 20000, runs)
     table = pd.DataFrame(columns)
-    table["verdict"] = schema.verdict(table)
-    return table
+    return judged(table)
+
+
+def judged(table: pd.DataFrame, cue: int = 0) -> pd.DataFrame:
+    """A table whose hazard and verdict follow from its other columns, written out row by row."""
+    hazard, verdict = [], []
+    for row in table.to_dict("records"):
+        halted = row["halted_ms"] - row["twin_halted_ms"] > 200 and row["response"] != "stopped"
+        if row["unintended_first_ms"] >= 0:
+            hazard.append("unintended motion")
+        elif row["loss_first_ms"] >= 0 or halted:
+            hazard.append("loss of motion")
+        else:
+            hazard.append("false report" if row["false_report_first_ms"] >= 0 else "none")
+        own, golden = row[f"cue{cue}_first_ms"], row[f"twin_cue{cue}_first_ms"]
+        came = own >= 0 and not 0 <= golden <= own
+        verdict.append("" if row["failed"] else f"{row['response']}/{hazard[-1]}/{'cue' if came else 'no cue'}")
+    return table.assign(hazard=hazard, verdict=verdict)
 
 
 def manifest(runs: int = 2000, **changes: object) -> Manifest:

@@ -1,14 +1,20 @@
 """The command line: help is fast, errors are one message and code 2, lists are complete."""
 
+import json
+import re
 import subprocess
 import sys
 import time
 
 import pytest
+import synthetic_results as synthetic
 
-from ravenjax.cli import console, main
+from ravenjax.cli import console, main, running
+from ravenjax.hazards import library
 from ravenjax.robot.sites import SITES
 from ravenjax.stages.faults.vocabulary import EFFECTS, TRIGGERS
+from ravenjax.store.folder import ResultFolder
+from ravenjax.store.results import Results
 
 
 @pytest.fixture
@@ -36,10 +42,14 @@ def test_help_and_version_are_fast_and_import_nothing_slow():
     assert time.perf_counter() - begin < 2.0  # 0.2 s alone; the machine may be busy
     for command in (
         "run",
+        "fault-free",
+        "check",
+        "reference",
         "report",
         "trace",
         "verify",
         "merge",
+        "motion",
         "train",
         "robot",
         "study",
@@ -59,6 +69,63 @@ def test_faults_lists_every_word(run):
         assert word in words, word
 
 
+def tables(out):
+    """The rows of each table that was printed, by its title; cells of one line, so on a wide terminal."""
+    rows, title = {}, ""
+    for line in out.splitlines():
+        if "│" in line:
+            rows.setdefault(title, []).append([cell.strip() for cell in line.split("│")])
+        elif "┃" not in line and "━" not in line and line.strip():
+            title = line.strip()
+    return rows
+
+
+def test_faults_of_a_layer_lists_its_sites_and_hazards(run):
+    code, out, _ = run("faults", "L7")
+    sites, hazards = tables(out).values()
+    assert code == 0 and [row[1] for row in sites] == ["usb_out", "torque_scale", "brake"]
+    assert [row[0] for row in hazards] == [row.id for row in library.rows() if row.layer == "L7"]
+    assert {row[1] for row in hazards} == {"L7"}
+
+
+def test_faults_of_a_site_lists_channels_effects_and_hazards(run):
+    code, out, _ = run("faults", "usb_out")
+    about, channels, effects, hazards = tables(out).values()
+    assert code == 0 and about[0] == ["layer", "L7: USB write, motors and brakes: after every software check"]
+    assert channels[0][:3] == ["shoulder", "int16", "cnt"] and channels[0][3].startswith("gold -1871..2099, green ")
+    values = {row[0]: row[2] for row in effects}
+    assert set(values) == set(EFFECTS) - {"drop", "duplicate", "delay"}
+    assert values["overwrite"] == "-32768..32767 cnt, whole, beyond with wraps = true or campaign.dac_words"
+    assert (values["stuck"], values["bit_flip"], values["scale"]) == ("takes none", "bit 0..15", "any factor")
+    assert [row[0] for row in hazards] == ["B11", "B24", "B25", "B26", "B27"]
+
+
+def test_faults_of_an_effect_says_what_its_value_may_be(run):
+    _, out, _ = run("faults", "delay")
+    about, values = tables(out).values()
+    assert about == [["meaning", EFFECTS["delay"]]] and values == [["network", "1..100000 packets, whole"]]
+
+
+def test_layers_and_classes_are_defined_where_they_are_printed(run):
+    _, out, _ = run("faults")
+    layers = tables(out)["Layers of the loop"]
+    assert [row[0] for row in layers] == [f"L{number}" for number in range(1, 11)]
+    assert {site for row in layers for site in row[2].split(", ")} == set(SITES)
+    assert sum(int(row[3]) for row in layers) == len(library.rows())
+    _, out, _ = run("faults", "classes")
+    assert {name for row in library.rows() for name in row.expected_class} <= {
+        row[0] for row in tables(out)["Outcome classes of hazards"]
+    }
+
+
+@pytest.mark.parametrize(
+    "word, near", [("usb_ou", "usb_out"), ("c09", "C09"), ("L17", "L7"), ("drft", "drift"), ("hazard", "hazards")]
+)
+def test_an_unknown_word_gets_the_nearest(run, word, near):
+    code, _, err = run("faults", word)
+    assert code == 2 and f"unknown word {word!r}, expected a layer" in err and f"Did you mean {near!r}?" in err
+
+
 def test_campaigns_lists_the_bundled_ones_with_their_runs(run):
     code, out, _ = run("campaigns")
     assert code == 0
@@ -76,6 +143,8 @@ def test_campaigns_lists_the_bundled_ones_with_their_runs(run):
         (["bench", "--markdown", "nowhere/at/all.md"], ["--markdown nowhere/at/all.md", "folder does not exist"]),
         (["run", "quick.toml", "--set", "campaign.sed=1"], ["--set: campaign.sed: unknown key", "Did you mean 'seed'"]),
         (["run", "quick.toml", "--chunk", "0"], ["--set: campaign.chunk: got 0"]),
+        (["fault-free", "nowhere", "7.4"], ["nowhere: is not a result folder, it holds no manifest.json"]),
+        (["fault-free", "nowhere", "many"], ["HOURS", "many"]),
         (["rn"], ['Did you mean "run"']),
         (["run"], ["requires an argument"]),
     ],
@@ -97,6 +166,20 @@ def test_parameters_are_listed_with_their_ranges(run):
         and "1..1000 cycles, whole" in lines["network.cycles_per_packet"]
     )
     assert not [path for path in lines if "noise_key" in path or path.startswith("start")]
+
+
+def test_parameters_say_what_they_are_and_name_the_numbers_of_a_vector(run):
+    code, out, _ = run("parameters", "--path", "nominal.gold.k")
+    assert code == 0
+    rows = {row[0]: row[1:] for row in next(iter(tables(out).values()))}
+    assert list(rows) == [f"nominal.gold.{name}" for name in ("kp", "kd", "ki", "kv", "kc")]
+    value, span, meaning = rows["nominal.gold.kp"]
+    assert value.startswith("shoulder 199.433, elbow 104.535, insertion 195.205, tool_roll ")
+    assert span == "0..1000000 N m/rad; insertion N/m; jaws 1/s2"
+    assert meaning == "stiffness with which the nominal model follows its target"
+    assert all(meaning for _, _, meaning in rows.values())
+    code, _, err = run("parameters", "--path", "plant.gold.friction_scal3")
+    assert code == 2 and "no parameter's path holds it. Did you mean 'plant.gold.friction_scale'?" in err
 
 
 def test_names_stay_whole_on_a_narrow_terminal(capsys, monkeypatch):
@@ -133,6 +216,72 @@ def test_doctor(run):
     assert code == int("FAILED" in out)
 
 
+def test_what_came_out_is_told_at_the_end_of_a_run(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr(console, "out", type(console.out)(width=400))
+    frame, manifest = synthetic.frame(600), synthetic.manifest(600)
+    folder = ResultFolder.open(tmp_path, manifest)
+    folder.add(frame)
+    folder.close(compile_s=1.0, run_s=1.0, rows=600)
+    running._summary(tmp_path, Results(manifest.shape, tmp_path))
+    lines = [re.split(r" *[│┃] *", line.strip()) for line in capsys.readouterr().out.splitlines()]
+    valid = frame[(frame["fault0_site"] != "") & (frame["failed"] == "")]
+    shares = {row[0]: row[1:] for row in lines if "/" in row[0] and row[0].count("/") == 2 and len(row) == 3}
+    counts = valid["verdict"].value_counts()
+    assert shares.pop("response / hazard / cue") == ["runs", "share"]
+    assert shares == {word: [str(n), f"{100 * n / len(valid):.1f} %"] for word, n in counts.items()}
+    failed = int((frame["failed"] != "").sum())
+    assert ["nan: a number of the run was none", str(failed), f"{100 * failed / 600:.2g} %"] in lines and failed > 0
+
+
 def test_report_of_a_folder_without_results(run, tmp_path):
     code, _, err = run("report", str(tmp_path))
     assert code == 2 and str(tmp_path) in err
+
+
+def as_json(run, *tokens):
+    """(code, value) of a command line with --json: nothing but JSON is on standard output."""
+    code, out, _ = run(*tokens, "--json")
+    return code, json.loads(out)
+
+
+def test_lists_as_json(run):
+    code, told = as_json(run, "campaigns")
+    assert code == 0 and set(told) == {"campaigns", "searches", "training"}
+    quick = next(one for one in told["campaigns"] if one["file"] == "quick.toml")
+    assert quick["runs"] == "2571" and quick["what_it_asks"].startswith("faults at every layer")
+    assert all(set(one) == {"file", "kind", "what_it_asks"} for one in told["searches"])
+
+
+def test_faults_as_json(run):
+    _, told = as_json(run, "faults")
+    assert [one["site"] for one in told["sites"]] == list(SITES)
+    assert {one["effect"] for one in told["effects"]} == set(EFFECTS)
+    _, told = as_json(run, "faults", "C09")
+    assert told["hazard"][0] == {"what": "id", "is": "C09"}
+    _, told = as_json(run, "faults", "brake")
+    assert told["channels"] == [{"channel": "engaged", "number": "bool", "unit": "1", "without_a_fault": "0..1"}]
+
+
+def test_parameters_as_json(run):
+    _, told = as_json(run, "parameters", "--set", "campaign.software=fork2015")
+    assert {"path", "value", "may_be", "meaning"} == set(told["parameters"][0])
+    assert "network.cycles_per_packet" in {one["path"] for one in told["parameters"]}
+
+
+def test_studies_as_json(run):
+    from ravenjax.studies import catalogue as studies
+
+    _, told = as_json(run, "reproduce")
+    assert [one["name"] for one in told["studies"]] == list(studies.NAMES) and told["targets"][0]["target"] == "A1"
+
+
+def test_doctor_as_json(run):
+    code, told = as_json(run, "doctor")
+    assert {"what": "jax computes", "state": "ok"}.items() <= told["works"][0].items()
+    assert "python" in {one["what"] for one in told["machine"]}
+    assert code == int(any(one["state"] != "ok" for one in told["works"]))
+
+
+def test_an_error_leaves_standard_output_empty(run):
+    code, out, err = run("verify", "nowhere", "--json")
+    assert code == 2 and out == "" and "is not a result folder" in err

@@ -54,6 +54,16 @@ def test_a_terminal_shows_a_bar():
     assert "4 workers" in out.getvalue() and "━" in out.getvalue()
 
 
+def test_outcomes_are_shares_of_valid_runs():
+    counted = {"silent/none/no cue": 6, "": 5, "limited/unintended motion/cue": 1, "flagged/none/cue": 1}
+    assert terminal.outcome_rows(counted) == [
+        ("silent/none/no cue", "6", "75.0 %"),
+        ("flagged/none/cue", "1", "12.5 %"),
+        ("limited/unintended motion/cue", "1", "12.5 %"),
+    ]
+    assert terminal.outcome_rows({"": 3}) == terminal.outcome_rows({}) == []
+
+
 def test_failures_by_cause():
     rows = terminal.failure_rows({"nan": 5, "worker killed by SIGKILL": 20}, 1000)
     assert rows == [("worker killed by SIGKILL", "20", "2 %"), ("nan: a number of the run was none", "5", "0.5 %")]

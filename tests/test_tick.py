@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from ravenjax import tick
+from ravenjax.outcomes.checks import CHECKS
 from ravenjax.robot.sites import SITES
 from ravenjax.stages import monitor, motions
 from ravenjax.stages.faults import fault, vocabulary
@@ -119,8 +120,8 @@ def test_every_state_keeps_its_type():
 def test_checks_have_the_names_that_are_announced():
     setup = Setup()
     params, state, *_ = build(setup)
-    assert tuple(tick.checks(state)) == tick.CHECKS
-    assert {f"check_{name}_count" for name in tick.CHECKS} <= set(tick.outcomes(setup, params, state))
+    assert tuple(tick.checks(state)) == tuple(CHECKS)
+    assert {f"check_{name}_count" for name in CHECKS} <= set(tick.outcomes(setup, params, state))
 
 
 def test_the_reference_series_holds_what_it_gives_back():

@@ -31,6 +31,7 @@ from ravenjax.campaign import compile_cache, plan, runner
 from ravenjax.campaign.config import CampaignConfig
 from ravenjax.engines.interface import Block
 from ravenjax.engines.scan import LANE_MULTIPLE, ScanKernel
+from ravenjax.outcomes.events import Rules
 from ravenjax.software import ControlSoftware
 from ravenjax.stages import plc
 from ravenjax.stats.intervals import wilson
@@ -152,7 +153,7 @@ def _verdicts(config: CampaignConfig, *engines: str) -> Iterator[str]:
         rows.append((column, f"{np.mean(gap == 0):.0%}", f"{np.quantile(gap, 0.99):.1e}", f"{gap.max():.1e}", worst))
     yield from table(("column", "equal to the last bit", "99 % below", "largest", "in"), rows, "differences, mm")
     yield ""
-    rows = [_difference(a.iloc[i], b.iloc[i]) for i in np.flatnonzero(~same)]
+    rows = [_difference(a.iloc[i], b.iloc[i], config.rules) for i in np.flatnonzero(~same)]
     heads = ("run", "fault", *engines, "how near the deciding limit")
     yield from table(heads, rows, "runs with different verdicts")
 
@@ -163,19 +164,28 @@ def _fault(row: pd.Series) -> str:
     return f"{where}, {row['fault0_start_ms']} ms for {row['fault0_duration_ms']}"
 
 
-def _difference(a: pd.Series, b: pd.Series) -> tuple[str, ...]:
+HAZARDS = ("unintended", "loss", "false_report")
+"""Beginnings of the columns of each hazard that is judged by a distance."""
+
+
+def _difference(a: pd.Series, b: pd.Series, rules: Rules) -> tuple[str, ...]:
     reasons = []
     if (a["response"], a["response_cause"]) != (b["response"], b["response_cause"]):
         for name in (n for n in a.index if n.startswith("check_") and n.endswith("_count") and a[n] != b[n]):
             check = name.removeprefix("check_").removesuffix("_count")
             margins = [row[f"check_{check}_margin"] for row in (a, b)]
             reasons.append(f"{check}: {a[name]} / {b[name]} ticks, margin {margins[0]:.4g} / {margins[1]:.4g}")
-    if (a["cue0_first_ms"] >= 0) != (b["cue0_first_ms"] >= 0):
+    cue = f"cue{rules.cue}"
+    if (a[f"{cue}_first_ms"] >= 0) != (b[f"{cue}_first_ms"] >= 0):
         peaks = [row["peak_model_deviation_mm"] for row in (a, b)]
-        reasons.append(f"cue: {a['cue0_ms']} / {b['cue0_ms']} ms; tip {peaks[0]:.4f} / {peaks[1]:.4f} mm, limit 3")
-    if a["jump_code"] != b["jump_code"]:
-        steps = [row["largest_step_mm"] for row in (a, b)]
-        reasons.append(f"jump: largest step {steps[0]:.4f} / {steps[1]:.4f} mm/ms, limit 0.1 twice running")
+        near = f"tip {peaks[0]:.4f} / {peaks[1]:.4f} mm, limit {rules.threshold_mm:g}"
+        reasons.append(f"cue: {a[f'{cue}_ms']} / {b[f'{cue}_ms']} ms; {near}")
+    for hazard in HAZARDS:
+        if (a[f"{hazard}_first_ms"] >= 0) != (b[f"{hazard}_first_ms"] >= 0):
+            far = [row[f"{hazard}_mm"] for row in (a, b)]
+            reasons.append(f"{hazard}: {far[0]:.4f} / {far[1]:.4f} mm, limit {rules.limit_mm:g}")
+    if a["halted_ms"] != b["halted_ms"]:
+        reasons.append(f"not live: {a['halted_ms']} / {b['halted_ms']} ms")
     return str(a["index"]), _fault(a), str(a["verdict"]), str(b["verdict"]), "; ".join(reasons)
 
 

@@ -35,12 +35,12 @@ def steps(motion: str) -> np.ndarray:
         }
     )
     ready = plan.make(config)
-    engine = selection.select("auto", ready.program.setup.precision)
+    tracer = selection.select("auto", ready.program.setup.precision).tracer(ready.program, replay.LANES)
     varied, faults = ready.lanes(range(ready.runs), replay.LANES, harmless=True)
     block, found = Block(varied, faults, None), []
     for lane in range(ready.runs):
         one = Block({path: np.full_like(v, v[lane]) for path, v in block.varied.items()}, faults, None)
-        *_, signals = engine.trace(ready.program, one, one, ready.columns)
+        *_, signals = tracer.run(one, one, ready.columns)
         down = np.asarray(signals.control.runlevel) == state_machine.PEDAL_DOWN
         for out in signals.plant:
             values = np.stack(

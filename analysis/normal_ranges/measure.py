@@ -82,10 +82,10 @@ def runs() -> Iterator[tuple[Any, float]]:
         group = {"name": "fault_free", "parameters": {"operator.scale": list(SCALES)}}
         raw = {"campaign": campaign, "operator": {"motion": motion}, "group": [group]}
         ready = plan.make(loading.from_dict(raw))
-        engine = selection.select("simd", ready.program.setup.precision)
+        tracer = selection.select("simd", ready.program.setup.precision).tracer(ready.program, replay.LANES)
         for row, scale in enumerate(SCALES):
             block = Block(*ready.lanes([row], replay.LANES), None)
-            _, _, signals = engine.trace(ready.program, block, block, ready.columns)
+            _, _, signals = tracer.run(block, block, ready.columns)
             for arm in signals.control.arms:
                 if not np.array_equal(arm.current_cmd, arm.current_cmd_written):
                     raise SystemExit(f"{motion} at scale {scale}: the overdrive check clips, so the run is not normal")

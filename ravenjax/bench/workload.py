@@ -33,7 +33,7 @@ def campaign(runs: int, ticks: int) -> CampaignConfig:
         "channel": ["shoulder", "elbow", "insertion"],
         "effect": "overwrite",
         "value": {"uniform": [-DAC_CNT, DAC_CNT]},
-        "start_ms": {"uniform": [0, ticks]},
+        "start_ms": {"uniform": [0, ticks - 1]},
         "duration_ms": {"uniform": [1, 100]},
     }
     return loading.from_dict(

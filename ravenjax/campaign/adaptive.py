@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ravenjax.campaign import decisions, events, runner, stopping
+from ravenjax.campaign import decisions, runner, stopping
 from ravenjax.campaign.config import CampaignConfig
 from ravenjax.campaign.executors.protocol import Executor
 from ravenjax.campaign.executors.shards import Shard
@@ -49,7 +49,7 @@ def run(
             "of them. Take --executor ray or processes, or remove [stop]"
         )
     rule, draws = stopping.rule(config), stopping.draws(config)
-    marks = Marks(draws[-1].range(draws[-1].number).stop, rule.rates, events.rules(config))
+    marks = Marks(draws[-1].range(draws[-1].number).stop, rule.rates, config.rules)
     looks: list[Look] = []
     found: list[Results] = []
     taken, before = rule.first(), np.zeros(len(draws), np.int64)

@@ -1,4 +1,7 @@
-"""An axis of a campaign: one value, a list of values, or a distribution to draw from."""
+"""An axis of a campaign: one value, a list of values, or a distribution to draw from.
+
+A list may be written `{ list = [..] }`, too: the same values, told apart from one value for each number of a vector.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +23,13 @@ DISTRIBUTIONS = {
 }
 
 
+LIST = "list"
+"""A list that says of itself that it is one: each of its values is a run's."""
+
+FORMS = {**DISTRIBUTIONS, LIST: "[value, value, ..], the same as a plain list"}
+"""What a table may be in place of a value."""
+
+
 class Axis(BaseModel):
     """Values of one field over the runs of a group.
 
@@ -30,13 +40,14 @@ class Axis(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
     kind: Kind
     values: tuple[Any, ...]
+    explicit: bool = False  # a list that was written { list = [..] }
 
     @model_serializer
     def _plain(self) -> Any:
         """As it is written in a campaign file."""
         if self.kind == "fixed":
             return self.values[0]
-        return list(self.values) if self.kind == "list" else {self.kind: list(self.values)}
+        return list(self.values) if self.kind == LIST and not self.explicit else {self.kind: list(self.values)}
 
     @property
     def drawn(self) -> bool:
@@ -85,16 +96,24 @@ def _parse(raw: Any, types: tuple[type, ...], expected: str) -> Axis:
         return raw
     if isinstance(raw, dict):
         kind = next(iter(raw), None)
-        if len(raw) != 1 or kind not in DISTRIBUTIONS:
+        if len(raw) != 1 or kind not in FORMS:
             got = ", ".join(map(str, raw)) or "none"
-            expected_keys = f"a distribution has exactly one of the keys {', '.join(DISTRIBUTIONS)}"
-            raise ValueError(f"{expected_keys}, got {got}{suggestion(str(kind), DISTRIBUTIONS)}")
+            expected_keys = f"a table has exactly one of the keys {', '.join(FORMS)}"
+            raise ValueError(f"{expected_keys}, got {got}{suggestion(str(kind), FORMS)}")
+        if kind == LIST:
+            return _list(raw[kind], types, expected)
         return _distribution(kind, raw[kind], types, expected)
     if isinstance(raw, list | tuple):
         if not raw:
             raise ValueError(f"the list is empty; give at least one {expected}")
         return Axis(kind="list", values=tuple(_value(v, types, expected) for v in raw))
     return fixed(_value(raw, types, expected))
+
+
+def _list(raw: Any, types: tuple[type, ...], expected: str) -> Axis:
+    if not isinstance(raw, list | tuple) or not raw:
+        raise ValueError(f"list takes a list with at least one {expected}, got {raw!r}")
+    return Axis(kind="list", values=tuple(_value(v, types, expected) for v in raw), explicit=True)
 
 
 def _distribution(kind: Any, raw: Any, types: tuple[type, ...], expected: str) -> Axis:
@@ -130,7 +149,7 @@ def _value(raw: Any, types: tuple[type, ...], expected: str) -> Any:
     return raw
 
 
-_FORMS = ", ".join(f"{{{kind} = {form}}}" for kind, form in DISTRIBUTIONS.items())
+_FORMS = ", ".join(f"{{{kind} = {form}}}" for kind, form in FORMS.items())
 
 
 def _schema(expected: str) -> WithJsonSchema:

@@ -5,19 +5,23 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, get_args
+from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from ravenjax.campaign.axis import Number
 from ravenjax.campaign.group import Cross, Group, Section, flatten_parameters
-from ravenjax.errors import shown
+from ravenjax.errors import shown, suggestion
+from ravenjax.outcomes import events
+from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
 from ravenjax.robot.tools import DEFAULT_TOOLS
 from ravenjax.stages.motions import MOTIONS
+from ravenjax.store.motion.options import MAX_GAP_S, AtEnd, ReplayOptions, Spikes
 from ravenjax.types import ArmName, DetectorUse
 
 
@@ -33,29 +37,42 @@ class Campaign(Section):
     seed: int = Field(default=0, ge=0, lt=2**31, description="seed of designs, noise and random effects")
     duration_s: float = Field(default=3.0, gt=0.0, le=3600.0, description="length of each run, s")
     arms: tuple[ArmName, ...] = Field(default=("gold",), min_length=1, max_length=2, description="arms, gold first")
-    software: Literal["raven2", "fork2015"] = Field(default="raven2", description="present raven2, or the 2015 fork")
+    software: Literal["raven2", "fork2015"] = Field(
+        default="raven2", description="control software: present raven2, or the 2015 fork"
+    )
     build: Literal["robot", "dyn_sim"] = Field(
         default="robot",
         description="what the software was built for; dyn_sim, of fork2015: motors 1-3 read from the model without "
         "encoders and filter, ideal tool joints, packets that end with a software E-stop",
     )
-    dac_words: Literal["wrap", "saturate", "unwrapped"] = Field(
-        default="wrap", description="how a DAC command that a fault wrote behind the checks is stored for USB"
+    dac_words: Literal["wrap", "saturate", "unwrapped"] | None = Field(
+        default=None,
+        description="how a DAC command that a fault wrote behind the checks is stored in the 16 bits of a USB word; "
+        "left out, it wraps, and a fault's value beyond 16 bits is refused",
     )
     tools: tuple[str, ...] | None = Field(default=None, description="one tool per arm; default: the software's own")
-    console: Literal["increments", "absolute"] = Field(default="increments", description="what a packet carries")
+    console: Literal["increments", "absolute"] = Field(
+        default="increments", description="what a packet carries: increments of the hand's motion, or positions"
+    )
     policy: Literal["no_regulation", "soft_regulation", "hard_regulation"] = Field(
-        default="soft_regulation", description="overdrive policy of raven2; the fork has none"
+        default="soft_regulation",
+        description="what raven2's overdrive check does with a command above the limit of its level: nothing, clip it, "
+        "or stop after ten; the fork has no policy",
     )
     level: Literal["beginner", "moderate", "advanced", "fork2015"] | None = Field(
-        default=None, description="overdrive DAC limits; default moderate for raven2, fork2015 for the fork"
+        default=None,
+        description="limits of the overdrive check, counts a joint; default moderate for raven2, fork2015 for the fork",
     )
     parameter_set: Literal["traj3", "A", "B", "C", "D", "E", "matlab_main", "matlab_global"] = Field(
         "traj3", description="published parameters of the virtual robot's first three joints"
     )
-    noise: bool = Field(default=False, description="draw encoder and torque noise")
+    noise: bool = Field(
+        default=False, description="draw noise of the sizes plant.encoder_noise and plant.torque_noise, anew each run"
+    )
     substeps: int = Field(default=1, ge=1, le=100, description="plant steps per 1 ms tick")
-    limit: int | None = Field(default=None, ge=1, description="compute only so many runs, the first of the table")
+    limit: int | None = Field(
+        default=None, ge=1, description="compute only the first so many runs; a start with more, or with all, goes on"
+    )
     chunk: int | None = Field(
         default=None, ge=1, le=1_000_000, description="rows per Parquet part; default: by the number of runs"
     )
@@ -63,7 +80,22 @@ class Campaign(Section):
     @property
     def ticks(self) -> int:
         """Control cycles per run, 1 ms each."""
-        return max(1, round(self.duration_s * 1000.0))
+        return round(self.duration_s * 1000.0)
+
+    @field_validator("duration_s")
+    @classmethod
+    def _whole_ms(cls, duration: float) -> float:
+        ticks = round(duration * 1000.0)
+        if ticks < 1 or abs(duration * 1000.0 - ticks) > 1e-6 * ticks:
+            raise ValueError(
+                f"got {duration:.10g} s, expected whole milliseconds from 0.001 on, such as {max(1, ticks) / 1000:g}"
+            )
+        return duration
+
+    @property
+    def stored_words(self) -> Literal["wrap", "saturate", "unwrapped"]:
+        """How a DAC command behind the checks is stored."""
+        return self.dac_words or "wrap"
 
 
 HARD_RANGES = {
@@ -80,11 +112,11 @@ HARD_RANGES = {
 class Start(Section):
     """[operator.start]: joints in which a generated motion begins; what is left out is as after homing."""
 
-    shoulder_deg: float | None = Field(default=None, description="deg")
-    elbow_deg: float | None = Field(default=None, description="deg")
-    insertion_m: float | None = Field(default=None, description="m; less draws the instrument back")
-    tool_roll_deg: float | None = Field(default=None, description="deg")
-    wrist_deg: float | None = Field(default=None, description="deg")
+    shoulder_deg: float | None = Field(default=None, description="shoulder, between its hard stops")
+    elbow_deg: float | None = Field(default=None, description="elbow, between its hard stops")
+    insertion_m: float | None = Field(default=None, description="insertion; less draws the instrument back")
+    tool_roll_deg: float | None = Field(default=None, description="roll of the instrument")
+    wrist_deg: float | None = Field(default=None, description="wrist of the instrument")
 
     @field_validator(*HARD_RANGES)
     @classmethod
@@ -107,6 +139,11 @@ def _given(section: Section) -> Iterator[tuple[str, float, Any]]:
             yield joint, math.pi / 180.0 if unit == "deg" else 1.0, value
 
 
+RECORDED = tuple(field.name for field in dataclasses.fields(ReplayOptions))
+GENERATED = ("seed",)
+"""Keys of [operator] that only one kind of motion has."""
+
+
 class Operator(Section):
     """[operator]: whose hands move."""
 
@@ -114,10 +151,38 @@ class Operator(Section):
     file: Path | None = Field(
         default=None, description="a recorded motion (Parquet, CSV, MCAP), from this file's folder"
     )
-    scale: float = Field(default=0.1, gt=0.0, le=1.0, description="teleoperation scale; varied as operator.scale")
+    scale: float = Field(
+        default=0.1,
+        gt=0.0,
+        le=1.0,
+        description="teleoperation scale; varied as operator.scale. At the scale written here a recorded tip moves as "
+        "recorded; a generated motion is planned for 0.1",
+    )
     seed: int = Field(default=0, ge=0, lt=2**31, description="seed of the generated motion")
     window_s: tuple[float, float] | None = Field(default=None, description="[begin, end] within a recorded motion, s")
-    cutoff_hz: float = Field(default=5.0, gt=0.0, lt=500.0, description="low-pass of a recorded motion, Hz")
+    rate_hz: float | None = Field(
+        default=None,
+        gt=0.0,
+        le=100_000.0,
+        description="rows a second of a recorded motion, evenly spaced: where it has no times, or those of arrival",
+    )
+    cutoff_hz: float | None = Field(
+        default=None, gt=0.0, lt=500.0, description="low-pass of a recorded motion, Hz; without it none: tremor stays"
+    )
+    max_gap_s: float = Field(
+        default=MAX_GAP_S,
+        gt=0.0,
+        le=60.0,
+        description="longest gap of a recorded motion that is bridged by interpolation, s",
+    )
+    spikes: Spikes = Field(
+        default="refuse",
+        description="a recorded tip that jumps: refuse; remove: interpolate where it comes back; replay: as it is",
+    )
+    at_end: AtEnd = Field(
+        default="refuse",
+        description="a recorded motion that ends before the run: refuse; hold: hands rest; reverse: back and forth",
+    )
     start: Start = Start()
     slow_down: float = Field(default=1.0, ge=0.1, le=100.0, description="how much slower than recorded it is replayed")
 
@@ -141,12 +206,18 @@ class Operator(Section):
             raise ValueError(
                 "start belongs to a generated motion; a recorded one begins where it was recorded: remove it"
             )
-        if self.window_s is not None:
-            if self.file is None:
-                raise ValueError("window_s cuts a recorded motion; a generated one needs none: remove it")
-            if not 0.0 <= self.window_s[0] < self.window_s[1]:
-                raise ValueError(f"window_s = [begin, end] in s: expected 0 <= begin < end, got {list(self.window_s)}")
+        if self.window_s is not None and not 0.0 <= self.window_s[0] < self.window_s[1]:
+            raise ValueError(f"window_s = [begin, end] in s: expected 0 <= begin < end, got {list(self.window_s)}")
+        for name in RECORDED if self.file is None else GENERATED:
+            if getattr(self, name) != type(self).model_fields[name].default:
+                kind, other = ("recorded", "generated") if self.file is None else ("generated", "recorded")
+                raise ValueError(f"{name} belongs to a {kind} motion, a {other} one has none: remove it")
         return self
+
+    @property
+    def options(self) -> ReplayOptions:
+        """How a recorded motion is replayed."""
+        return ReplayOptions(**{name: getattr(self, name) for name in RECORDED})
 
     @property
     def label(self) -> str:
@@ -177,7 +248,9 @@ MOST_CUES = 256
 class Haptics(Section):
     """[haptics]: the cue's thresholds and gains, all evaluated in the same run."""
 
-    threshold_mm: _Numbers = Field(default=(3.0,), description="tip distance above which the cue pulls, mm")
+    threshold_mm: _Numbers = Field(
+        default=(PUBLISHED_CUE_MM,), description="tip distance above which the cue pulls, mm"
+    )
     kp_per_mm: _Numbers = Field(default=(0.0045,), description="spring, device units per mm")
     kd_per_mm_s: _Numbers = Field(default=(0.00009,), description="damper, device units per mm/s")
     cap: _Numbers = Field(default=(0.05,), description="largest force, device units")
@@ -210,11 +283,11 @@ class Haptics(Section):
 class Limits(Section):
     """[limits]: soft joint limits of the control software; what is left out keeps the original's."""
 
-    shoulder_deg: tuple[float, float] | None = Field(default=None, description="[min, max], deg")
-    elbow_deg: tuple[float, float] | None = Field(default=None, description="[min, max], deg")
-    insertion_m: tuple[float, float] | None = Field(default=None, description="[min, max], m")
-    tool_roll_deg: tuple[float, float] | None = Field(default=None, description="[min, max], deg")
-    wrist_deg: tuple[float, float] | None = Field(default=None, description="[min, max], deg")
+    shoulder_deg: tuple[float, float] | None = Field(default=None, description="[min, max] of the shoulder")
+    elbow_deg: tuple[float, float] | None = Field(default=None, description="[min, max] of the elbow")
+    insertion_m: tuple[float, float] | None = Field(default=None, description="[min, max] of the insertion")
+    tool_roll_deg: tuple[float, float] | None = Field(default=None, description="[min, max] of the instrument's roll")
+    wrist_deg: tuple[float, float] | None = Field(default=None, description="[min, max] of the instrument's wrist")
 
     @field_validator(*HARD_RANGES)
     @classmethod
@@ -292,8 +365,17 @@ class Detector(Section):
         )
 
 
-Rate = Literal["evades", "harm", "stopped", "flagged", "silent", "cue", "jump", "activated", "diverged"]
-"""A rate of the table, as `ravenjax.campaign.events` counts it."""
+def _rate(raw: Any) -> Any:
+    """The name of an event; ValueError where it is none, with what to write instead."""
+    if isinstance(raw, str) and raw not in events.EVENTS:
+        if raw in events.FORMER:
+            raise ValueError(f"got {raw!r}, which is now called {events.FORMER[raw]!r}: write that")
+        raise ValueError(f"got {raw!r}, expected one of {', '.join(events.EVENTS)}{suggestion(raw, events.EVENTS)}")
+    return raw
+
+
+Rate = Annotated[str, BeforeValidator(_rate)]
+"""A rate of the table: the share of runs with an event of `ravenjax.outcomes.events`."""
 
 
 class Outcomes(Section):
@@ -301,10 +383,19 @@ class Outcomes(Section):
 
     jump: Literal["code", "text"] = Field(
         default="code",
-        description="code: measured tip steps > 0.1 mm on two packets in a row, the twin's not; text: true tip > 1 mm "
-        "within 2 ms",
+        description="code: measured tip steps > jump_step_mm on two packets in a row, the golden run's not; text: true "
+        "tip > large_jump_mm within 2 ms",
     )
     cue: int = Field(default=0, ge=0, description="number of the haptic set, from 0")
+    jump_step_mm: float = Field(
+        default=0.1, gt=0.0, le=1000.0, description="of rule code: step of the measured tip per packet, mm"
+    )
+    large_jump_mm: float = Field(
+        default=1.0, gt=0.0, le=1000.0, description="of rule text: motion of the true tip within 2 ms, mm"
+    )
+    limit_mm: float = Field(
+        default=LIMIT_MM, gt=0.0, le=1000.0, description="distance from which on a motion, or a report, is a hazard, mm"
+    )
 
 
 class Stop(Section):
@@ -315,7 +406,7 @@ class Stop(Section):
 
     half_width: float = Field(gt=0.0, lt=0.5, description="stop once each rate is known within +- this fraction")
     rates: tuple[Rate, ...] = Field(
-        default=("evades", "harm"), min_length=1, description="which rates: " + ", ".join(get_args(Rate))
+        default=("evades", "unintended_motion"), min_length=1, description="which rates: " + ", ".join(events.EVENTS)
     )
     of: Literal["groups", "whole"] = Field(
         default="groups", description="groups: the rates of each group; whole: those of the whole table"
@@ -401,6 +492,12 @@ class CampaignConfig(Section):
     def detectors(self) -> tuple[tuple[str, DetectorUse, tuple[float, ...]], ...]:
         """(name, detector, levels) of every one, in order."""
         return tuple((name, use, one.level) for one in self.detector for name, use in one.uses())
+
+    @property
+    def rules(self) -> events.Rules:
+        """What it chooses of the definitions of outcomes."""
+        cue, jump = self.outcomes.cue, f"jump_{self.outcomes.jump}"
+        return events.Rules(cue, self.haptics.cues()[cue].threshold_m * 1e3, jump, self.outcomes.limit_mm)
 
     @property
     def slots(self) -> int:

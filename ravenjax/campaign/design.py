@@ -24,6 +24,7 @@ from ravenjax.campaign import run_id, sampled_order, sampling
 from ravenjax.campaign.axis import Axis, fixed
 from ravenjax.campaign.config import CampaignConfig
 from ravenjax.campaign.group import Fault, Group, Run
+from ravenjax.campaign.legal import says_beyond
 from ravenjax.campaign.sampling import Key
 from ravenjax.campaign.semantics import ALL
 from ravenjax.campaign.slot import FIELDS, NUMBERS, WORDS, slot
@@ -31,6 +32,9 @@ from ravenjax.campaign.table import SHARED
 from ravenjax.errors import UserError
 from ravenjax.robot.sites import SITES
 from ravenjax.store.words import column
+
+MOST_RUNS = 100_000_000
+"""Rows of a fault table."""
 
 _PARAMETER = -1
 """Stands for the fault slot in the key of a parameter's axis."""
@@ -46,26 +50,15 @@ class _Piece(NamedTuple):
     faults: list[dict[str, np.ndarray]]  # by slot
     parameters: dict[str, np.ndarray]  # path -> values
 
-    def first(self, runs: int) -> _Piece:
-        """At most so many runs."""
-        few = min(self.runs, runs)
-
-        def cut(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-            return {name: values[:few] if values.ndim else values for name, values in columns.items()}
-
-        return _Piece(
-            few, self.group, self.seed[:few], self.behind, [cut(fault) for fault in self.faults], cut(self.parameters)
-        )
-
 
 def expand(config: CampaignConfig) -> pd.DataFrame:
-    """The fault table, columns as in `ravenjax.store.schema`; words are categorical, `run_id` is a number (uint64).
-    With [stop] it stands in the order of `sampled_order`.
+    """The whole fault table, columns as in `ravenjax.store.schema`; words are categorical, `run_id` is a number
+    (uint64). With [stop] it stands in the order of `sampled_order`. `campaign.limit` cuts nothing here: see `runner`.
 
     A parameter that a group leaves alone is NaN in its rows: the robot's own value. Raises UserError for drawn values
     that the channel cannot take.
     """
-    pieces = _limited([piece for group in config.group for piece in _pieces(config, group)], config.campaign.limit)
+    pieces = [piece for group in config.group for piece in _pieces(config, group)]
     runs = sum(piece.runs for piece in pieces)
     seed = _joined(pieces, [piece.seed for piece in pieces], np.int64)
     words: dict[str, pd.Categorical] = {}
@@ -102,22 +95,23 @@ def expand(config: CampaignConfig) -> pd.DataFrame:
 
 
 def count(config: CampaignConfig) -> int:
-    """Number of runs, without expanding them."""
-    axes = [(group, axes) for group in config.group for _, axes in _faults_and_axes(config, group)]
-    total = sum(sampling.count(group, of) * group.repeats * len(_crossings(config, group)) for group, of in axes)
-    return total if config.campaign.limit is None else min(total, config.campaign.limit)
+    """Rows of the fault table, without expanding them; of them `campaign.limit` asks for the first."""
+    return sum(counts(config).values())
 
 
-def _limited(pieces: Sequence[_Piece], limit: int | None) -> list[_Piece]:
-    """The first runs of all, where there is a limit."""
-    if limit is None:
-        return list(pieces)
-    kept, left = [], limit
-    for piece in pieces:
-        if left:
-            kept.append(piece.first(left))
-            left -= kept[-1].runs
-    return kept
+def due(config: CampaignConfig) -> int:
+    """Rows that are asked for: all, or the first `campaign.limit`."""
+    return min(count(config), config.campaign.limit or MOST_RUNS)
+
+
+def counts(config: CampaignConfig) -> dict[str, int]:
+    """Rows of each group, in order, without expanding them."""
+    return {
+        group.name: group.repeats
+        * len(_crossings(config, group))
+        * sum(sampling.count(group, axes) for _, axes in faults_and_axes(config, group))
+        for group in config.group
+    }
 
 
 def _joined(pieces: Sequence[_Piece], columns: Sequence[Any], dtype: Any) -> np.ndarray:
@@ -140,6 +134,8 @@ def _common(config: CampaignConfig) -> str:
     # What is at its default is left out: a key that is added later changes no id of before.
     deciding_nothing = {"name", "description", "seed", "limit", "chunk"}
     campaign = config.campaign.model_dump(mode="json", exclude=deciding_nothing, exclude_defaults=True)
+    if campaign.get("dac_words") == "wrap":  # as without the key
+        del campaign["dac_words"]
     operator = config.operator.model_dump(mode="json", exclude={"file"}, exclude_defaults=True)
     if config.operator.file is not None:
         operator["file"] = _file_hash(config.operator.file)
@@ -148,7 +144,7 @@ def _common(config: CampaignConfig) -> str:
         "operator": operator,
         "limits": config.limits.si(),
         "cues": config.haptics.cues(),
-        "outcomes": config.outcomes.model_dump(),
+        "outcomes": {"jump": "code", "cue": 0, **config.outcomes.model_dump(exclude_defaults=True)},
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
@@ -166,9 +162,12 @@ def _file_hash(path: Path) -> str:
 
 def _pieces(config: CampaignConfig, group: Group) -> Iterator[_Piece]:
     rng = np.random.default_rng([config.campaign.seed, zlib.crc32(group.name.encode())])
-    for faults, axes in _faults_and_axes(config, group):
+    for faults, axes in faults_and_axes(config, group):
         runs, repeat, places = sampling.sample(group, axes, rng)
-        slots = [slot(fault, _of_slot(axes, f), _of_slot(places, f)) for f, fault in enumerate(faults)]
+        slots = [
+            slot(fault, _of_slot(axes, f), _of_slot(places, f), says_beyond(config.campaign, fault))
+            for f, fault in enumerate(faults)
+        ]
         if wrong := [(found.wrong[0], f, found.wrong[1]) for f, found in enumerate(slots) if found.wrong]:
             _, f, complaint = min(wrong)
             raise UserError(f"group {group.name!r}, fault[{f}].value: {complaint}")
@@ -191,7 +190,7 @@ def _crossings(config: CampaignConfig, group: Group) -> list[dict[str, np.ndarra
     return [{path: np.asarray(float(value)) for path, value in zip(axes, row, strict=True)} for row in rows]
 
 
-def _faults_and_axes(config: CampaignConfig, group: Group) -> Iterator[tuple[tuple[Fault, ...], dict[Key, Axis]]]:
+def faults_and_axes(config: CampaignConfig, group: Group) -> Iterator[tuple[tuple[Fault, ...], dict[Key, Axis]]]:
     """Of a group, or of each entry of design "list": its faults, and every axis in its order: slot by slot, field by
     field, then the parameters."""
     for run in group.run or [Run()]:

@@ -17,8 +17,8 @@ from pydantic import (
     model_validator,
 )
 
-from ravenjax.campaign.axis import DISTRIBUTIONS, Axis, Milliseconds, Number, Word, fixed
-from ravenjax.campaign.bounds import extent
+from ravenjax.campaign.axis import FORMS, Axis, Milliseconds, Number, Word, fixed
+from ravenjax.campaign.bounds import NAMES, extent
 from ravenjax.errors import shown, suggestion
 
 UNTIL_END = -1
@@ -27,7 +27,20 @@ UNTIL_END = -1
 LONGEST_MS = 1_000_000_000
 """No time of a fault is longer; the longest run is 3 600 000 ms."""
 
+LEAST_MS = {"start_ms": 0, "duration_ms": 1, "every_ms": 0, "period_ms": 0}
+"""The least that each time of a fault may be."""
+
 Design = Literal["grid", "zip", "list", "random", "lhs", "sobol"]
+DESIGNS: dict[Design, str] = {
+    "grid": "every combination of the lists, the last key varying fastest; each distribution is drawn once a run",
+    "zip": "lists side by side, first with first; all of one length, or single values",
+    "list": "each [[group.run]] in turn, with the group's values where it says nothing",
+    "random": "`runs` draws from every list and distribution, independent of each other",
+    "lhs": "`runs` draws as a Latin hypercube: each key's values are spread evenly",
+    "sobol": "`runs` draws as a scrambled Sobol sequence: all keys together are spread evenly; best is a power of two",
+}
+"""How lists and distributions become runs."""
+
 SAMPLED: tuple[Design, ...] = ("random", "lhs", "sobol")
 
 
@@ -87,7 +100,7 @@ Cross = Annotated[dict[str, Number], AfterValidator(crossed)]
 def _is_distribution(table: dict[str, Any]) -> bool:
     """Also of a misspelt one, or of one without its list, which is then refused as such."""
     return len(table) == 1 and all(
-        key in DISTRIBUTIONS or (isinstance(value, list) and suggestion(key, DISTRIBUTIONS))
+        key in FORMS or (isinstance(value, list) and key not in NAMES and suggestion(key, FORMS))
         for key, value in table.items()
     )
 
@@ -130,16 +143,28 @@ class Fault(Section):
 
     site: str = Field(description="where: a fault site, see `ravenjax faults`")
     arm: Word | None = Field(default=None, description="gold or green; may be left out with one arm")
-    channel: Word | None = Field(default=None, description='joint, axis or field of the site; "*": all of them')
-    effect: Word = Field(description="what: see `ravenjax faults`")
-    value: Number | None = Field(default=None, description="in the channel's unit; bit_flip: index of the bit")
-    trigger: Word = Field(default=fixed("time"), description="what start_ms counts from")
+    channel: Word | None = Field(
+        default=None,
+        description='joint, axis or field of the site; "*": each of them; may be left out where it has one',
+    )
+    effect: Word = Field(description="what becomes of the number, see Effects")
+    value: Number | None = Field(
+        default=None,
+        description="in the channel's unit; scale: a factor; bit_flip: index of the bit; delay: packets; stuck, drop "
+        "and duplicate take none",
+    )
+    trigger: Word = Field(default=fixed("time"), description="what start_ms counts from: time, packet or pedal")
     start_ms: Milliseconds = Field(description="onset: ms, packets or ms since pedal-down, as the trigger says")
     duration_ms: Annotated[Milliseconds, BeforeValidator(_duration)] = Field(
         default=fixed(UNTIL_END), description='length of the window, ms or packets; "end": until the run ends'
     )
     every_ms: Milliseconds = Field(default=fixed(0), description="the window opens again after each, 0: never")
     period_ms: Milliseconds = Field(default=fixed(0), description="period of effect periodic, ms")
+    wraps: bool = Field(
+        default=False,
+        description="a value beyond 16 bits is meant, and stored as the word holds it; without it such a value is "
+        "refused, but at usb_out where campaign.dac_words is set",
+    )
 
     @field_serializer("duration_ms")
     def _end(self, axis: Axis) -> Any:
@@ -147,7 +172,7 @@ class Fault(Section):
 
     @model_validator(mode="after")
     def _times(self) -> Fault:
-        for name, least in (("start_ms", 0), ("duration_ms", 1), ("every_ms", 0), ("period_ms", 0)):
+        for name, least in LEAST_MS.items():
             try:
                 _require_times(getattr(self, name), least, endless=name == "duration_ms")
             except ValueError as error:
@@ -172,12 +197,19 @@ class Group(Section):
 
     name: str = Field(description="names the group in tables and report", min_length=1)
     design: Design = Field(default="grid", description="how lists and distributions become runs")
-    runs: int | None = Field(default=None, ge=1, le=100_000_000, description="number of runs: random, lhs, sobol")
+    runs: int | None = Field(
+        default=None,
+        ge=1,
+        le=100_000_000,
+        description="how many are drawn; of designs random, lhs, sobol, and only there",
+    )
     repeats: int = Field(default=1, ge=1, le=1_000_000, description="each run so many times, with seeds of its own")
-    fault: tuple[Fault, ...] = Field(default=(), description="fault slots")
+    fault: tuple[Fault, ...] = Field(
+        default=(), description="faults that strike in the same run; none: fault-free runs"
+    )
     run: tuple[Run, ...] = Field(default=(), description="the runs of design list")
-    parameters: dict[str, Number] = Field(default_factory=dict, description="as [parameters], for this group")
-    cross: Cross = Field(default_factory=dict, description="as [cross], for this group")
+    parameters: dict[str, Number] = Field(default_factory=dict, description="as [parameters], for this group alone")
+    cross: Cross = Field(default_factory=dict, description="as [cross], for this group alone")
 
     @model_validator(mode="before")
     @classmethod

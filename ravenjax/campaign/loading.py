@@ -5,21 +5,20 @@ All that is wrong is told at once, each complaint with file, line, key, what was
 
 from __future__ import annotations
 
+import itertools
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
 from ravenjax import resources
-from ravenjax.campaign import design, location, overriding, semantics
+from ravenjax.campaign import bounds, copies, design, location, overriding, semantics
+from ravenjax.campaign.axis import Axis
 from ravenjax.campaign.config import CampaignConfig
 from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.hazards import expansion
-
-MOST_RUNS = 100_000_000
-"""Rows of a fault table."""
 
 SUFFIX = ".toml"
 
@@ -53,11 +52,15 @@ def _found(path: str | Path) -> Path:
 
 
 def from_dict(
-    raw: dict[str, Any], source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
+    raw: dict[str, Any],
+    source: Path | None = None,
+    text: str = "",
+    overrides: Sequence[str] = (),
+    template: bool = False,
 ) -> CampaignConfig:
     """The campaign of nested tables as TOML has them, with overrides; `source` and `text` say where from.
 
-    Raises UserError.
+    template: of a search, which draws from the distributions itself. Raises UserError.
     """
     replaced = []
     for override in overriding.listed(overrides):
@@ -66,7 +69,10 @@ def from_dict(
     where = location.Where(source, location.lines(text), replaced)
     try:
         if isinstance(raw, dict):  # anything else is refused below
+            groups = raw.get("group")
             raw, where.written = expansion.plain(raw)
+            if where.written and isinstance(groups, list):
+                where.groups, where.names = groups, [str(group.get("name")) for group in raw["group"]]
     except expansion.WrongGroup as error:
         raise where.error([(error.key, error.message)]) from None
     try:
@@ -74,26 +80,40 @@ def from_dict(
     except ValidationError as error:
         # a list is also called too short when its only entries are bad
         faults = [e for e in error.errors() if e["type"] != "too_short" or not e["input"]]
-        raise where.error((_key(e["loc"], raw), _message(e)) for e in faults) from None
+        raise where.error(_complaint(e, raw) for e in faults) from None
     except RecursionError:
         raise UserError("the campaign's tables are nested too deeply to be read") from None
-    if wrong := list(semantics.complaints(config)) or list(_too_many(config)):
+    if wrong := list(semantics.complaints(config)) or list(_wasted(config, template)) or list(_too_many(config)):
         raise where.error(wrong)
     return config if source is None else config.with_source(source)
 
 
+def _wasted(config: CampaignConfig, template: bool) -> Iterator[location.Complaint]:
+    yield from copies.complaints(config)
+    if not template:
+        yield from copies.drawn_once(config)
+
+
 def _too_many(config: CampaignConfig) -> Iterable[location.Complaint]:
-    whole = config.model_copy(update={"campaign": config.campaign.model_copy(update={"limit": None})})
-    if (runs := design.count(whole)) > MOST_RUNS:
-        yield ("group",), f"the groups make {shown(runs)} runs, expected at most {MOST_RUNS}"
+    if (runs := design.count(config)) > design.MOST_RUNS:
+        yield ("group",), f"the groups make {shown(runs)} runs, expected at most {design.MOST_RUNS}"
 
 
 def check_parameters(config: CampaignConfig, known: Iterable[str]) -> None:
-    """UserError for a varied parameter whose path is not among `known`."""
-    if wrong := list(semantics.unknown_parameters(config, known)):
+    """UserError for a varied parameter whose path is not among `known`, or whose list reads like a vector."""
+    if wrong := list(semantics.unfit_parameters(config, known)):
         source = config.source
         text = source.read_text(encoding="utf-8") if source is not None and source.is_file() else ""
         raise location.Where(source, location.lines(text), []).error(wrong)
+
+
+def _complaint(error: Any, raw: Any) -> location.Complaint:
+    """A complaint of pydantic's. A table that is looked at as a whole names the key of what is wrong first."""
+    key, message = _key(error["loc"], raw), _message(error)
+    name, colon, rest = message.partition(": ")
+    if error["type"] == "value_error" and colon and name in _keys(error["loc"]) and name not in key[-1:]:
+        return (*key, name), rest
+    return key, message
 
 
 def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
@@ -112,15 +132,61 @@ def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
 
 def _message(error: Any) -> str:
     if error["type"] == "extra_forbidden":
-        known = _keys(error["loc"][:-1])
-        return f"unknown key, expected one of {', '.join(known)}{suggestion(str(error['loc'][-1]), known)}"
+        known, key = _keys(error["loc"][:-1]), str(error["loc"][-1])
+        hint = _elsewhere(key, error["loc"][:-1]) or suggestion(key, known)
+        return f"unknown key, expected one of {', '.join(known)}{hint}"
     if error["type"] == "missing":
         field = _model(error["loc"][:-1]).model_fields.get(str(error["loc"][-1]))
         return "missing" + (f": {field.description}" if field is not None and field.description else "")
     text = error["msg"].removeprefix("Value error, ")
     if error["type"] == "value_error":
         return text
+    if error["type"] == "tuple_type":
+        path = tuple(part for part in error["loc"] if isinstance(part, str))
+        tables = isinstance(error["input"], dict) and path in dict(tables_of(CampaignConfig))
+        what = f"several: open each with [[{'.'.join(path)}]], in double brackets" if tables else "a list"
+        return f"got {'one table' if tables else shown(error['input'])}, expected {what}"
     return f"got {shown(error['input'])}, expected {text.removeprefix('Input should be ').replace('String', 'text')}"
+
+
+def _elsewhere(key: str, loc: Sequence[str | int]) -> str:
+    """What to add for a key that is known in another table of the file; "" where there is none."""
+    here = tuple(part for part in loc if isinstance(part, str))
+    if not here and key == "search":
+        return ". This is a search: start it with `ravenjax search`"
+    if not here and key in {row.path.partition(".")[0] for row in bounds.BOUNDS}:
+        return f". Parameters stand in [parameters], as parameters.{key}..."
+    tables = [path for path, model in tables_of(CampaignConfig) if key in model.model_fields and path]
+    if not tables:
+        return ""
+    nearest = max(tables, key=lambda path: _shared(path, here))
+    below = f", above [[{'.'.join(here)}]]" if here[: len(nearest)] == nearest and here != nearest else ""
+    return f". {key} is a key of {header(nearest)}: write it there{below}"
+
+
+def _shared(one: Sequence[str], other: Sequence[str]) -> int:
+    """How many first parts two paths share."""
+    pairs = zip(one, other, strict=False)
+    return sum(1 for _ in itertools.takewhile(lambda pair: pair[0] == pair[1], pairs))
+
+
+def tables_of(model: type[BaseModel], path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], type[BaseModel]]]:
+    """(path of the table, its model) of every table of a file, in order, the file itself first."""
+    yield path, model
+    for name, field in model.model_fields.items():
+        for inner in _models(field.annotation):
+            if inner is not Axis:
+                yield from tables_of(inner, (*path, name))
+
+
+def header(path: tuple[str, ...]) -> str:
+    """How a file opens the table at `path`: `[campaign]`, `[[group.fault]]`."""
+    name = ".".join(path)
+    return f"[[{name}]]" if path[0] in ARRAYS else f"[{name}]"
+
+
+ARRAYS = ("group", "detector")
+"""Tables that a file may have several of."""
 
 
 def _model(loc: Sequence[str | int]) -> type[BaseModel]:

@@ -92,19 +92,30 @@ class Where:
     def __init__(self, source: Path | None, lines: dict[str, int], replaced: Sequence[Key]) -> None:
         self.source, self.lines, self.replaced = source, lines, [dotted(key) for key in replaced]
         self.written: list[int] = []  # of each group, the number of the one in the file that it comes from
+        self.names: list[str] = []  # of each group
+        self.groups: Sequence[Any] = ()  # the groups of the file, as they are written there
 
     def error(self, complaints: Iterable[Complaint]) -> UserError:
         """All of them as one error, in the order of the file, each told once."""
-        found = dict.fromkeys((self._in_file(key), message) for key, message in complaints)
-        in_order = sorted(found, key=lambda complaint: nearest(self.lines, complaint[0]) or 0)
+        unique = dict.fromkeys(self._in_file(key, message) for key, message in complaints)
+        in_order = sorted(unique, key=lambda complaint: nearest(self.lines, complaint[0]) or 0)
         rows = [f"{self._place(key)}{dotted(key) or 'the file'}: {message}" for key, message in in_order]
         more = f"\n.. and {len(rows) - MOST_COMPLAINTS} more" if len(rows) > MOST_COMPLAINTS else ""
         return UserError("\n".join(rows[:MOST_COMPLAINTS]) + more)
 
-    def _in_file(self, key: Key) -> Key:
-        if len(key) > 1 and key[0] == "group" and isinstance(key[1], int) and key[1] < len(self.written):
-            return ("group", self.written[key[1]], *key[2:])
-        return key
+    def _in_file(self, key: Key, message: str) -> Complaint:
+        """A complaint with the key that stands in the file; one of a fault that the hazard library wrote names the
+        hazard and the key of the group that decides it."""
+        if len(key) < 2 or key[0] != "group" or not isinstance(key[1], int) or key[1] >= len(self.written):
+            return key, message
+        number = self.written[key[1]]
+        group = self.groups[number] if number < len(self.groups) else {}
+        if "hazards" not in group or key[2:3] != ("fault",):
+            return ("group", number, *key[2:]), message
+        if key[-1] in group:
+            return ("group", number, key[-1]), message
+        hazard = self.names[key[1]].rpartition("/")[2]
+        return ("group", number, "hazards"), f"{hazard}, {dotted(key[2:])}: {message}"
 
     def _place(self, key: Key) -> str:
         if any(dotted(key).startswith(replaced) for replaced in self.replaced):

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from ravenjax.campaign import events
-from ravenjax.campaign.events import Rules
 from ravenjax.campaign.stopping import Draws
+from ravenjax.outcomes import events
+from ravenjax.outcomes.events import Rules
 from ravenjax.store import manifest, parts
 from ravenjax.store.folder import PARTS
 from ravenjax.store.results import Results
@@ -23,6 +23,7 @@ class Marks:
         self.rates, self.rules = tuple(rates), rules
         self.seen, self.valid = np.zeros(rows, bool), np.zeros(rows, bool)
         self.cases = np.zeros((len(self.rates), rows), bool)
+        self._columns = ["index", *events.columns(self.rates, rules)]
         self._read: set[str] = set()
 
     def take(self, results: Results) -> None:
@@ -51,16 +52,14 @@ class Marks:
 
     def _new(self, folder: Path) -> Iterator[pa.Table]:
         record = manifest.read(folder)
-        columns = events.columns(self.rates, self.rules)
+        columns = self._columns
         for part in record.parts:
             if part.file not in self._read:
                 self._read.add(part.file)
                 yield parts.read(folder / PARTS / part.file, record.config_hash, part, columns)
 
     def _mark(self, table: pa.Table) -> None:
-        rows = table.select(events.columns(self.rates, self.rules)).to_pandas()
-        index = rows["index"].to_numpy()
-        self.seen[index] = True
-        self.valid[index] = events.valid(rows)
-        for r, rate in enumerate(self.rates):
-            self.cases[r, index] = events.happened(rate, rows, self.rules)
+        index = table.column("index").to_numpy()
+        valid, *cases = events.happened(table.select(self._columns), self.rates, self.rules)
+        self.seen[index], self.valid[index] = True, valid
+        self.cases[:, index] = cases

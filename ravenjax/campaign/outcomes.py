@@ -11,39 +11,17 @@ import pandas as pd
 from ravenjax.campaign import run_id
 from ravenjax.campaign.config import CampaignConfig
 from ravenjax.campaign.table import SHARED
+from ravenjax.outcomes import checks, verdict
 from ravenjax.store import schema, words
-
-STOPS: dict[str, str] = {
-    "overdrive_instant": "overdrive",
-    "overdrive_hard": "hard_counter",
-    "soft_estop": "soft_estop",
-    "plc_watchdog": "watchdog",
-    "estop": "plc",
-}
-"""Checks that stop the robot and the name of each as a cause, earliest in the loop first."""
-
-
-RESPONSES = ("none", "flagged", "stopped")
-"""Words of the column response."""
 
 Columns = Mapping[str, np.ndarray]
 """Outcome -> [rows], as an engine returns them; a DataFrame will do."""
 
 
-def checks(names: Iterable[str]) -> tuple[str, ...]:
-    """Names of the checks among outcome columns."""
-    return tuple(n.removeprefix("check_").removesuffix("_count") for n in counts(names))
-
-
-def counts(names: Iterable[str]) -> tuple[str, ...]:
-    """Those outcome columns that say how often a check tripped."""
-    return tuple(n for n in names if n.startswith("check_") and n.endswith("_count"))
-
-
 def of_twin(names: Iterable[str]) -> tuple[str, ...]:
     """Those outcome columns of which the fault-free twin's are needed, too: trips of checks, and what is kept of it."""
     names = tuple(names)
-    return counts(names) + tuple(name for name in names if schema.kept_of_twin(name))
+    return checks.count_columns(names) + tuple(name for name in names if schema.kept_of_twin(name))
 
 
 def columns(config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, twins: Columns) -> dict[str, Any]:
@@ -67,11 +45,9 @@ def columns(config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, twins
         "tissue_depth_mm": np.maximum(depth, depth.dtype.type(0)),
         "tip_distance_mm": np.where(np.isfinite(distance), distance, distance.dtype.type(np.nan)),
         **{f"twin_{name}": np.asarray(twins[name]) for name in found if schema.kept_of_twin(name)},
-        **responses(found, twins),
     }
     out["twin_tissue_depth_mm"] = np.maximum(out["twin_tissue_depth_mm"], depth.dtype.type(0))
-    out["verdict"] = schema.verdicts(out, config.outcomes.cue, f"jump_{config.outcomes.jump}")
-    return out
+    return out | judged(out, verdict.responses(found, twins), failed < 0, config.outcomes.cue)
 
 
 def frame(config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, twins: Columns) -> pd.DataFrame:
@@ -85,29 +61,19 @@ def _faulty(runs: pd.DataFrame) -> np.ndarray:
     return np.any([np.zeros(len(runs), bool), *((runs[name] != "").to_numpy() for name in sites)], axis=0)
 
 
-def responses(outcomes: Columns, twins: Columns) -> dict[str, np.ndarray | pd.Categorical]:
-    """Columns response, response_cause and response_ms.
+def judged(columns: schema.Columns, response: verdict.Response, valid: np.ndarray, cue: int) -> dict[str, Any]:
+    """Columns response, response_cause, response_ms, told_ms, hazard and verdict.
 
-    Checks trip on fault-free motion too: a command is clipped, the first packet of a stream lost. Only what the fault
-    changed counts: a check that tripped more often than in the fault-free twin.
+    columns: of the result table, the hazards' and the cues'. valid: bool [rows]. cue: number of the verdict's set.
     """
-    onset = outcomes["first_active_ms"]
-    names = checks(outcomes)
-    causes = ("", *(STOPS.get(name, name) for name in names))
-    response, cause = np.zeros((2, len(onset)), np.int8)
-    first = np.full(len(onset), -1, np.int32)
-    for place, name in enumerate(names, start=1):
-        kind = RESPONSES.index("stopped" if name in STOPS else "flagged")
-        tick, of_twin = outcomes[f"check_{name}_first_ms"], np.asarray(twins[f"check_{name}_count"])
-        more = outcomes[f"check_{name}_count"] > of_twin
-        if not more.any():
-            continue
-        # Where the twin trips as well, the first trip may precede the fault; the response then is not before its onset.
-        tick = np.where(of_twin > 0, np.maximum(tick, onset), tick)
-        entered = more & ((response < kind) | ((response == kind) & (tick < first)))
-        response[entered], cause[entered], first[entered] = kind, place, tick[entered]
+    hazard = verdict.hazards(columns, response.response == verdict.RESPONSES.index("stopped"))
+    came = verdict.beyond_golden(columns[f"cue{cue}_first_ms"], columns[f"twin_cue{cue}_first_ms"]) >= 0
+    place = verdict.verdicts(response.response, hazard, came, valid)
     return {
-        "response": words.column(response, RESPONSES),
-        "response_cause": words.column(cause, causes),
-        "response_ms": first,
+        "response": words.column(response.response, verdict.RESPONSES),
+        "response_cause": words.column(response.cause, response.causes),
+        "response_ms": response.ms,
+        "told_ms": response.told_ms,
+        "hazard": words.column(hazard, verdict.HAZARDS),
+        "verdict": words.column(place, (*verdict.VERDICTS, "")),
     }

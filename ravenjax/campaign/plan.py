@@ -13,10 +13,14 @@ from ravenjax import paths, tick
 from ravenjax.campaign import design, loading, run_id, table
 from ravenjax.campaign.config import CampaignConfig
 from ravenjax.engines.interface import Program
+from ravenjax.robot import limits
 from ravenjax.robot.motion import Motion
 from ravenjax.stages import motions, overdrive, reaction
 from ravenjax.stages.faults.fault import Fault, Faults
-from ravenjax.store import motion_file
+from ravenjax.store.motion import replay as recorded
+from ravenjax.store.motion.reach import Bounds
+from ravenjax.store.motion.replay import OperatorReplay
+from ravenjax.store.motion.summary import MotionSummary
 from ravenjax.types import CAMPAIGN, JOINTS, Precision, Setup, replace
 
 POLICIES = {
@@ -26,6 +30,9 @@ POLICIES = {
 }
 NOISE_KEY = "plant.noise_key"
 """Parameter that a campaign with noise sets from each run's id, which hashes its seed: every run draws its own."""
+
+SCALE = "operator.scale"
+"""Parameter that makes a tip move more or less far than the hands' motion was made for."""
 
 DELAY, LONGEST_DELAY = "usb.command_delay", 16
 """Parameter that makes the tick keep commands of the past, and the most it keeps, ms."""
@@ -39,6 +46,7 @@ class Plan:
     table: pd.DataFrame  # the fault table, one row a run
     program: Program
     motion: Motion
+    operator: MotionSummary | None  # what became of a recorded one
     columns: tuple[np.ndarray, ...]  # the motion's columns, float32 [ticks]
     faults: dict[str, np.ndarray]  # as table.arrays, [runs, slots]
     varied: dict[str, np.ndarray]  # path -> [runs]
@@ -68,7 +76,8 @@ def make(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
     """Plan a campaign. Raises UserError for what cannot be run."""
     rows = design.expand(config)
     varied = table.parameters(rows)
-    motion = operator_motion(config)
+    replay = operator_replay(config)
+    motion = operator_motion(config) if replay is None else replay.motion
     injection = table.injection(rows)
     setup = Setup(
         arms=config.campaign.arms,
@@ -76,7 +85,7 @@ def make(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
         tools=config.tools,
         build=config.campaign.build,
         console=config.campaign.console,
-        dac_words=config.campaign.dac_words,
+        dac_words=config.campaign.stored_words,
         precision=precision,
         substeps=config.campaign.substeps,
         injection=injection,
@@ -96,6 +105,7 @@ def make(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
         table=rows,
         program=Program(setup, params, tuple(values), config.campaign.ticks),
         motion=motion,
+        operator=None if replay is None else _scaled(replay, varied.get(SCALE)),
         columns=tuple(np.ascontiguousarray(column) for column in motion.table().T),
         faults=table.arrays(rows, injection),
         varied=values,
@@ -110,12 +120,41 @@ def _longest(delays: np.ndarray | None) -> int:
     return int(np.clip(np.nanmax(delays), 0, LONGEST_DELAY))
 
 
+def operator_replay(config: CampaignConfig, ticks: int | None = None) -> OperatorReplay | None:
+    """What becomes of a recorded operator in `ticks` ms, by default those of a run; None for a generated motion.
+
+    Raises UserError for a file that cannot be used as the campaign has it.
+    """
+    operator = config.operator
+    if operator.file is None:
+        return None
+    ticks, bounds = ticks or config.campaign.ticks, operator_bounds(config)
+    return recorded.replay(operator.file, config.campaign.arms, operator.options, ticks, operator.scale, bounds)
+
+
+def operator_bounds(config: CampaignConfig) -> Bounds:
+    """Soft limits of the positioning joints, the roll and the wrist in a campaign."""
+    soft = limits.soft_limits(config.tools[0], config.campaign.software)
+    own = config.limits.si()
+    pairs = zip(JOINTS, zip(soft.lower[:5], soft.upper[:5], strict=True), strict=False)
+    lower, upper = zip(*(own.get(joint, pair) for joint, pair in pairs), strict=True)
+    return Bounds(lower, upper)
+
+
+def _scaled(replay: OperatorReplay, scales: np.ndarray | None) -> MotionSummary:
+    """The summary of a replay whose teleoperation scale a campaign varies; UserError where that leaves the limits."""
+    if scales is None or np.isnan(scales).all():
+        return replay.summary
+    some = np.where(np.isnan(scales), replay.summary.scale, scales)
+    recorded.require_scales(replay, some)
+    return replay.summary.model_copy(update={"scales": (float(some.min()), float(some.max()))})
+
+
 def operator_motion(config: CampaignConfig) -> Motion:
-    """The operator's motion, one row a tick of the run; a recorded one that is shorter rests at its end."""
+    """The operator's motion, one row a tick of the run."""
     operator, arms = config.operator, config.campaign.arms
-    if operator.file is not None:
-        recorded = motion_file.read(operator.file, arms, operator.window_s, operator.cutoff_hz, operator.slow_down)
-        return recorded.first(config.campaign.ticks)
+    if (replay := operator_replay(config)) is not None:
+        return replay.motion
     name = operator.motion or "suture"
     generated = motions.generate(name, config.campaign.duration_s, arms, operator.seed).first(config.campaign.ticks)
     start = operator.start.si()
@@ -149,6 +188,13 @@ def _params(config: CampaignConfig, setup: Setup, motion: Motion) -> tick.Params
         for cue, new in zip(params.haptics.cues, config.haptics.cues(), strict=True)
     )
     params = replace(params, operator=operator, control=control, haptics=replace(params.haptics, cues=cues))
+    observer = replace(
+        params.monitor,
+        limit=config.outcomes.limit_mm / 1e3,
+        jump_step=config.outcomes.jump_step_mm / 1e3,
+        large_jump=config.outcomes.large_jump_mm / 1e3,
+    )
+    params = replace(params, monitor=observer)
     if params.detectors is not None:
         levels = tuple(levels for _, _, levels in config.detectors)
         params = replace(params, detectors=replace(params.detectors, levels=levels))

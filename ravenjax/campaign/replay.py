@@ -14,7 +14,10 @@ from ravenjax.campaign.config import CampaignConfig
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
 from ravenjax.errors import UserError
+from ravenjax.robot import scene
+from ravenjax.robot.geometry import jaw_rotation
 from ravenjax.store import manifest
+from ravenjax.store.trace_log import Base
 from ravenjax.types import Setup
 
 LANES = 16
@@ -23,40 +26,74 @@ LANES = 16
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Replay:
-    """What a replay gives."""
+    """One run, computed again."""
 
     row: pd.Series  # the run's row of the result table, computed anew
-    series: dict[str, np.ndarray]  # name -> [ticks] or [ticks, k], see `series`
-    tick_s: float = 1e-3
+    series: dict[str, np.ndarray]  # name -> [ticks] or [ticks, ...], those of `ravenjax.store.time_series`
+    golden: dict[str, Any]  # the golden run's outcomes, as the engine counts them
+    bases: dict[str, Base]  # of each arm, in the world
+    engine: str  # engine and device, in words
+
+
+class Replayer:
+    """Runs rows of one campaign again, one after the other: planned and compiled once."""
+
+    def __init__(self, config: CampaignConfig, engine: str = "auto") -> None:
+        """Raises UserError for a campaign or an engine that cannot be run."""
+        compile_cache.enable()
+        self.config = config
+        self._plan = plan.make(config)
+        self._ids = self._plan.table["run_id"].to_numpy()
+        program = self._plan.program
+        chosen = selection.select(engine, program.setup.precision, compile_cache.objects())
+        self.engine = f"{chosen.name} on {chosen.device}"
+        self._tracer = chosen.tracer(program, LANES)
+        self._bases = {arm: Base(*scene.base_pose(arm)) for arm in program.setup.arms}
+
+    @staticmethod
+    def of_folder(folder: Path, engine: str = "auto") -> Replayer:
+        """Of the campaign that a result folder holds, on the engine that computed it if "auto".
+
+        Raises StoreError as `manifest.read`, and UserError.
+        """
+        record = manifest.read(folder)
+        if engine == "auto":
+            # A GPU's results come again on a CPU, to the bit where that fuses multiply-adds.
+            engine = "auto" if record.engine == "cuda" else record.engine
+        return Replayer(CampaignConfig.model_validate(record.config), engine)
+
+    def index(self, run: str | int) -> int:
+        """Index of a run by its id, the beginning of its id, or its index. Raises UserError."""
+        return find(self._ids, run)
+
+    def replay(self, run: str | int) -> Replay:
+        """Run one row; `run` as for `index`. Raises UserError."""
+        row, program = self.index(run), self._plan.program
+        varied, harmless = self._plan.lanes([row], LANES, harmless=True)
+        _, faults = self._plan.lanes([row], LANES)
+        golden, result, signals = self._tracer.run(
+            Block(varied, harmless, None), Block(varied, faults, None), self._plan.columns
+        )
+        own, fault_free = ({name: values[:1] for name, values in one.outcomes.items()} for one in (result, golden))
+        frame = outcomes.frame(self.config, self._plan.table.iloc[row : row + 1], own, fault_free)
+        return Replay(
+            row=frame.iloc[0],
+            series=series(program.setup, signals) | _golden_tips(program.setup, golden.reference),
+            golden={name: values[0].item() for name, values in fault_free.items()},
+            bases=self._bases,
+            engine=self.engine,
+        )
 
 
 def replay(config: CampaignConfig, run: str | int, engine: str = "auto") -> Replay:
     """Run one row of a campaign: `run` is its run id (or the beginning of one that no other has) or its index."""
-    compile_cache.enable()
-    ready = plan.make(config)
-    row = find(ready.table["run_id"].to_numpy(), run)
-    varied, harmless = ready.lanes([row], LANES, harmless=True)
-    _, faults = ready.lanes([row], LANES)
-    twin = Block(varied, harmless, None)
-    chosen = selection.select(engine, ready.program.setup.precision, compile_cache.objects())
-    own, result, signals = chosen.trace(ready.program, twin, Block(varied, faults, None), ready.columns)
-    found, fault_free = ({name: values[:1] for name, values in one.outcomes.items()} for one in (result, own))
-    frame = outcomes.frame(config, ready.table.iloc[row : row + 1], found, fault_free)
-    setup = ready.program.setup
-    twin_tips = {
-        f"{arm}/twin_tip": np.asarray(own.reference)[:, 6 * i : 6 * i + 3, 0] for i, arm in enumerate(setup.arms)
-    }
-    return Replay(frame.iloc[0], series(setup, signals) | twin_tips)
+    return Replayer(config, engine).replay(run)
 
 
-def from_folder(folder: Path, run: str | int, engine: str = "auto") -> Replay:
-    """Run one row of the campaign that a result folder holds, on the engine that it was computed with if "auto"."""
-    record = manifest.read(folder)
-    config = CampaignConfig.model_validate(record.config)
-    if engine == "auto":
-        # A GPU's results come again on a CPU, to the bit where that fuses multiply-adds.
-        engine = "auto" if record.engine == "cuda" else record.engine
-    return replay(config, run, engine)
+def _golden_tips(setup: Setup, reference: np.ndarray) -> dict[str, np.ndarray]:
+    """The golden run's tips [ticks, 3] from its reference series [ticks, series, lanes]."""
+    tips = np.asarray(reference)[:, :, 0].reshape(len(reference), len(setup.arms), 2, 3)
+    return {f"{arm}/golden_tip": tips[:, i, 0] for i, arm in enumerate(setup.arms)}
 
 
 def find(ids: np.ndarray, run: str | int) -> int:
@@ -74,10 +111,7 @@ def find(ids: np.ndarray, run: str | int) -> int:
 
 
 def series(setup: Setup, signals: Any) -> dict[str, np.ndarray]:
-    """Named time series of a run's signals, SI units but for a suffix; arms are prefixes.
-
-    measured and desired values are those of the control software, `tip` and `link_jpos` the truth of the virtual robot.
-    """
+    """The time series of a run from its signals; names, axes, units and meanings in `ravenjax.store.time_series`."""
     control = signals.control
     out: dict[str, np.ndarray] = {
         "runlevel": control.runlevel,
@@ -94,14 +128,14 @@ def series(setup: Setup, signals: Any) -> dict[str, np.ndarray]:
     if len(setup.arms) > 1:
         out["tip_distance_mm"] = signals.tip_distance * 1e3
     for i, arm in enumerate(setup.arms):
-        out |= {f"{arm}/{name}": values for name, values in _arm(signals, i).items()}
+        out |= {f"{arm}/{name}": values for name, values in _arm(signals, i, arm).items()}
     return {name: np.asarray(values) for name, values in out.items()}
 
 
-def _arm(signals: Any, i: int) -> dict[str, np.ndarray]:
+def _arm(signals: Any, i: int, arm: str) -> dict[str, np.ndarray]:
     software, plant = signals.control.arms[i], signals.plant[i]
     model, cue = signals.nominal[i], signals.haptics[i]
-    direction = _stack(cue.direction)
+    direction, link_jpos, model_jpos = _stack(cue.direction), _stack(plant.jpos), _stack(model.jpos)
     return {
         "enc_val_cnt": _stack(software.enc_val),
         "mpos": _stack(software.mpos),
@@ -117,14 +151,16 @@ def _arm(signals: Any, i: int) -> dict[str, np.ndarray]:
         "rotation": np.stack([_stack(row) for row in software.pos.rotation], axis=1),
         "position_d": _stack(software.pos_d.position_um) * 1e-6,
         "rotation_d": np.stack([_stack(row) for row in software.pos_d.rotation], axis=1),
-        "link_jpos": _stack(plant.jpos),
+        "link_jpos": link_jpos,
         "link_jvel": _stack(plant.jvel),
         "motor_mpos": _stack(plant.mpos),
         "motor_mvel": _stack(plant.mvel),
         "cable_tension": _stack(plant.tension),
         "tip": _stack(signals.tip[i]),
+        "tip_rotation": jaw_rotation(arm, link_jpos),
         "model_position": _stack(model.tip_position),
-        "model_jpos": _stack(model.jpos),
+        "model_rotation": jaw_rotation(arm, model_jpos),
+        "model_jpos": model_jpos,
         "tip_error_mm": np.asarray(cue.distance) * 1e3,
         "haptic_force": direction * np.asarray(cue.force[0])[:, None],
         "cue_force": _stack(cue.force),

@@ -14,7 +14,6 @@ from typing import Any
 
 import pyarrow as pa
 
-from ravenjax import tick
 from ravenjax.campaign import compile_cache, plan, run_id, table
 from ravenjax.campaign.config import CampaignConfig
 from ravenjax.campaign.executors.local import Local
@@ -26,6 +25,7 @@ from ravenjax.campaign.progress_file import ProgressFile
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Engine
 from ravenjax.errors import UserError
+from ravenjax.outcomes import checks
 from ravenjax.store import files, lock, manifest, parts, schema
 from ravenjax.store.files import StoreError
 from ravenjax.store.folder import ResultFolder
@@ -43,7 +43,8 @@ def run_campaign(
     shard: Shard | None = None,
     command: Sequence[str] = (),
 ) -> Results:
-    """Run `config`, or finish it where `out` holds a part of it.
+    """Run `config`, or finish it where `out` holds a part of it. `campaign.limit` is no part of what identifies a
+    folder: with another one, or without, the same campaign goes on.
 
     out: result folder, None to keep everything in memory. rows: compute these only; a folder that already holds, or is
     to hold, others goes on with both. shard: compute its share only. command: the command line, for the record. Raises
@@ -54,11 +55,14 @@ def run_campaign(
     chosen = selection.select(engine, ready.program.setup.precision, compile_cache.objects())
     executor = executor or Local()
     chunk = config.campaign.chunk or parts.rows_of_a_part(ready.runs)
+    first = range(min(config.campaign.limit or ready.runs, ready.runs))
     if shard is not None:
         if rows is not None:
             raise UserError(f"rows and shard {shard} were both given, expected one of them")
-        chunk = config.campaign.chunk or shard.chunk(ready.runs, chunk)
-        rows = shard.rows(ready.runs, chunk)
+        chunk = config.campaign.chunk or shard.chunk(len(first), chunk)
+        rows = shard.rows(len(first), chunk)
+    elif rows is None and len(first) < ready.runs:
+        rows = [first]
     record = _manifest(ready, chosen).model_copy(
         update={
             "rows": None if rows is None else _pairs(rows, ready.runs),
@@ -142,7 +146,8 @@ def _pairs(rows: Sequence[range], runs: int) -> tuple[tuple[int, int], ...]:
 
 def _manifest(ready: Plan, engine: Engine) -> manifest.Manifest:
     config, setup = ready.config, ready.program.setup
-    content = config.model_dump(mode="json", exclude={"campaign": {"chunk"}})  # how rows are stored decides nothing
+    # How rows are stored, and how many of them are computed, decides no outcome.
+    content = config.model_dump(mode="json", exclude={"campaign": {"chunk", "limit"}})
     return manifest.Manifest(
         campaign=config.campaign.name,
         config=content,
@@ -159,8 +164,10 @@ def _manifest(ready: Plan, engine: Engine) -> manifest.Manifest:
             manifest.Detector(name, use.kind, use.fusion, use.consecutive, levels)
             for name, use, levels in config.detectors
         ),
+        operator=ready.operator,
         verdict_cue=config.outcomes.cue,
         verdict_jump=f"jump_{config.outcomes.jump}",
+        limit_mm=config.outcomes.limit_mm,
         engine=engine.name,
         device=f"{engine.device} ({'+'.join(setup.arms)})",
     )
@@ -173,7 +180,7 @@ def shape_of(ready: Plan) -> schema.Shape:
         arms=setup.arms,
         slots=setup.injection.slots,
         cues=setup.cues,
-        checks=tick.CHECKS,
+        checks=tuple(checks.CHECKS),
         parameters=tuple(table.parameters(ready.table)),
         reacts=setup.reacts,
         detectors=tuple(use.levels for use in setup.detectors),

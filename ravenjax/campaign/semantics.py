@@ -7,14 +7,15 @@ drawn the ends are looked at here, each one when the fault table is made.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
+from ravenjax import paths
 from ravenjax.campaign import bounds
 from ravenjax.campaign.axis import Axis
 from ravenjax.campaign.bounds import extent
-from ravenjax.campaign.config import CampaignConfig
+from ravenjax.campaign.config import Campaign, CampaignConfig
 from ravenjax.campaign.group import Fault, Group
-from ravenjax.campaign.legal import complaint, legal
+from ravenjax.campaign.legal import FIELDS, complaint, legal, rounding, says_beyond
 from ravenjax.campaign.location import Complaint, Key
 from ravenjax.errors import shown, suggestion
 from ravenjax.robot.sites import SITES, Channel, Site
@@ -29,13 +30,11 @@ ALL = "*"
 WITHOUT_VALUE = ("stuck", "drop", "duplicate")
 """Effects that take no value."""
 
-FIELDS = {
-    "rl_desired": (0, 3, "a run level"),
-    "runlevel": (0, 3, "a run level"),
-    "pins": (0, 255, "a byte"),
-    "size": (0, 65507, "the length of a datagram"),
-}
-"""Channels whose number has fewer values than its type: least, greatest and what it is, for what writes it anew."""
+NOISE = ("plant.encoder_noise", "plant.torque_noise")
+"""Parameters of what `campaign.noise` draws: its sizes."""
+
+CYCLES = "network.cycles_per_packet"
+"""Parameter that says how many milliseconds a packet lasts."""
 
 LARGEST = 3.4028234663852886e38
 """Values are held in single precision."""
@@ -49,21 +48,43 @@ def complaints(config: CampaignConfig) -> Iterator[Complaint]:
         if names.index(group.name) != g:
             yield ("group", g, "name"), f"got {group.name!r} twice, expected a name of its own for each group"
         yield from _group(config, group, ("group", g))
-    for key, table in _parameter_tables(config):
+    for key, table in parameter_tables(config):
         for path, axis in table.items():
             yield from (((*key, path), message) for message in bounds.complaints(path, axis))
 
 
-def unknown_parameters(config: CampaignConfig, known: Iterable[str]) -> Iterator[Complaint]:
-    """(key, message) of each varied parameter that is not a path in `known`."""
+def unfit_parameters(config: CampaignConfig, known: Iterable[str]) -> Iterator[Complaint]:
+    """(key, message) of each varied parameter that is not a path in `known`, or whose list reads like a vector."""
     known = list(known)
-    for key, table in _parameter_tables(config):
-        for path in table:
+    for key, table in parameter_tables(config):
+        for path, axis in table.items():
             if path not in known:
-                yield (*key, path), f"unknown parameter{suggestion(path, known)}"
+                yield (*key, path), f"unknown parameter{_section_of(path) or suggestion(path, known)}"
+            elif axis.kind == "list" and not axis.explicit:
+                parts = [full.rpartition(".")[2] for full in known if full.rpartition(".")[0] == path]
+                parts = [part for part in parts if part in paths.COMPONENTS]
+                if len(axis.values) == len(parts):
+                    yield (*key, path), _ambiguous(path, axis, parts)
 
 
-def _parameter_tables(config: CampaignConfig) -> Iterator[tuple[Key, dict[str, Axis]]]:
+def _section_of(path: str) -> str:
+    """What to add for a parameter that is there with another section of the file only."""
+    sections = {"reaction": "[reaction]", "detectors": "[[detector]]"}
+    section = sections.get(path.partition(".")[0])
+    return f": there is none without a section {section}; write one" if section else ""
+
+
+def _ambiguous(path: str, axis: Axis, parts: Sequence[str]) -> str:
+    each = ", ".join(f"{path}.{part} = {value:g}" for part, value in zip(parts, axis.values, strict=True))
+    levels = ", ".join(f"{value:g}" for value in axis.values)
+    return (
+        f"got a list of {len(parts)} for a vector of {len(parts)} numbers ({', '.join(parts)}), which may be meant in "
+        f"two ways. One number each: write {each}. {len(parts)} levels, each for all of them: write "
+        f"{{ list = [{levels}] }}"
+    )
+
+
+def parameter_tables(config: CampaignConfig) -> Iterator[tuple[Key, dict[str, Axis]]]:
     """(key, {path: axis}) of every table of parameters in the file."""
     yield ("parameters",), config.parameters
     yield ("cross",), config.cross
@@ -81,6 +102,8 @@ def _campaign(config: CampaignConfig) -> Iterator[Complaint]:
         yield ("campaign", "tools"), f"got {len(campaign.tools)}, expected one per arm ({len(campaign.arms)})"
     if campaign.build == "dyn_sim" and campaign.software != "fork2015":
         yield ("campaign", "build"), "got 'dyn_sim', expected software = 'fork2015': only the 2015 fork was built so"
+    if campaign.software == "fork2015" and campaign.policy != Campaign.model_fields["policy"].default:
+        yield ("campaign", "policy"), f"got {campaign.policy!r}, but the 2015 fork has no policy: remove the key"
     for tool in campaign.tools or ():
         if tool not in TOOLS:
             yield ("campaign", "tools"), _unknown("tool", tool, TOOLS)
@@ -102,7 +125,7 @@ def _group(config: CampaignConfig, group: Group, key: Key) -> Iterator[Complaint
         slots += [((*key, "run", r, "fault", f), fault) for f, fault in enumerate(group.faults_of(run))]
     for slot, fault in slots:
         wrong = list(_fault(config, fault, slot))
-        yield from wrong or _value(fault, SITES[fault.site], slot, paired=group.design == "zip")
+        yield from wrong or _value(config, fault, slot, paired=group.design == "zip")
     for r, run in enumerate(group.run):
         if len(run.fault) > len(group.fault):
             yield (*key, "run", r, "fault"), f"got {len(run.fault)} faults, the group has {len(group.fault)}"
@@ -114,8 +137,7 @@ def _group(config: CampaignConfig, group: Group, key: Key) -> Iterator[Complaint
         if len({length for length in lengths.values() if length > 1}) > 1:
             yield (*key, "design"), f"'zip' needs lists of one length, got lengths {lengths}"
     drawn = any(axis.drawn for _, axis in _axes(config, group))
-    random = any("random" in fault.effect.listed for fault in group.fault)
-    if group.repeats > 1 and not (drawn or random or config.campaign.noise):
+    if group.repeats > 1 and not (drawn or random_in_itself(config, group)):
         yield (
             (*key, "repeats"),
             (
@@ -123,6 +145,13 @@ def _group(config: CampaignConfig, group: Group, key: Key) -> Iterator[Complaint
                 "Set campaign.noise = true, vary start_ms instead, or remove repeats"
             ),
         )
+
+
+def random_in_itself(config: CampaignConfig, group: Group) -> bool:
+    """Whether two runs of a group with the same row but another seed may differ: by noise, or an effect's numbers."""
+    parameters = {bounds.plain(path): axis for path, axis in {**config.parameters, **group.parameters}.items()}
+    silent = all(name in parameters and parameters[name].values == (0,) for name in NOISE)
+    return (config.campaign.noise and not silent) or any("random" in fault.effect.listed for fault in group.fault)
 
 
 def _axes(config: CampaignConfig, group: Group) -> Iterator[tuple[str, Axis]]:
@@ -189,11 +218,12 @@ def _effect(fault: Fault, site: Site, key: Key) -> Iterator[Complaint]:
         yield (*key, "period_ms"), "effect 'periodic' needs a period of at least 1 ms"
 
 
-def _value(fault: Fault, site: Site, key: Key, paired: bool) -> Iterator[Complaint]:
+def _value(config: CampaignConfig, fault: Fault, key: Key, paired: bool) -> Iterator[Complaint]:
     """The first value, or end of what is drawn, that one of the channels cannot take. Lists that are `paired` side by
     side meet only in the fault table, which looks at each of its values again."""
     if fault.value is None:
         return
+    site, beyond = SITES[fault.site], says_beyond(config.campaign, fault)
     named = fault.channel.listed if fault.channel is not None and fault.channel.listed != (ALL,) else ()
     effects = [effect for effect in fault.effect.listed if effect not in WITHOUT_VALUE]
     channels = [channel for channel in site.channels if not named or channel.name in named]
@@ -203,35 +233,54 @@ def _value(fault: Fault, site: Site, key: Key, paired: bool) -> Iterator[Complai
         aimed = [site.channel(NETWORK_EFFECTS[effect][0])] if effect in NETWORK_EFFECTS else channels
         for channel in aimed:
             for value in fault.value.listed or extent(fault.value):
-                if wrong := _value_complaint(channel, effect, value, drawn=not fault.value.listed):
+                drawn = not fault.value.listed
+                if wrong := _value_complaint(site, channel, effect, value, drawn, beyond):
                     yield (*key, "value"), wrong
                     return
 
 
-def _value_complaint(channel: Channel, effect: str, value: float, drawn: bool) -> str | None:
+def _value_complaint(site: Site, channel: Channel, effect: str, value: float, drawn: bool, beyond: bool) -> str | None:
     if not abs(value) <= LARGEST:
         return f"got {shown(value)}, expected a number of single precision, at most {LARGEST:.4g}"
-    rule = legal(channel, effect)
+    rule = legal(channel, effect, beyond)
     value = math.floor(value) if drawn and rule.rounded else value
     if not rule.low <= value <= rule.high or (rule.whole and not drawn and value != math.floor(value)):
-        return complaint(channel, effect, value)
-    least, greatest, what = FIELDS.get(channel.name, (-math.inf, math.inf, ""))
+        return complaint(site.name, channel, effect, value, beyond)
+    least, greatest, what, _ = FIELDS.get(channel.name, (-math.inf, math.inf, "", 0))
     if effect in ("overwrite", "toggle") and not least <= value <= greatest:
         return f"{channel.name} is {what}: expected {least}..{greatest}, got {value:g}"
-    return None
+    return None if drawn else rounding(channel, effect, value)
 
 
 def _times(config: CampaignConfig, fault: Fault, key: Key) -> Iterator[Complaint]:
     ticks = config.campaign.ticks
-    if set(fault.trigger.listed) <= {"time", "packet"}:
-        for start in fault.start_ms.listed:
-            if start >= ticks:
-                yield (*key, "start_ms"), f"got {start}, expected less than the run's {ticks} ms: it would never strike"
-    every, duration = fault.every_ms.listed, fault.duration_ms.listed
-    if any(e > 0 for e in every) and duration:
-        longest = max(duration)
-        if min(duration) < 0 or any(0 < e < longest for e in every):
+    start, last = max(fault.start_ms.listed, default=0), last_start(config, fault, key)
+    if start > last:
+        of = "" if last == ticks - 1 else f"'s {last + 1} packets"
+        expected = f"less than the run{of}" if of else f"less than the run's {ticks} ms"
+        yield (
+            (*key, "start_ms"),
+            f"got {start}, expected {expected}: it would never strike. Write an earlier start_ms, or a longer "
+            "campaign.duration_s",
+        )
+    every, durations = fault.every_ms.listed or extent(fault.every_ms), fault.duration_ms.listed
+    durations = durations or tuple(math.floor(end) for end in extent(fault.duration_ms))
+    if any(e > 0 for e in every):
+        longest = max(durations)
+        if min(durations) < 0 or any(0 < e < longest for e in every):
             yield (*key, "every_ms"), "a window that opens again needs a duration_ms that is not longer than every_ms"
+
+
+def last_start(config: CampaignConfig, fault: Fault, key: Key) -> int:
+    """The last `start_ms` that a fault can have and yet strike; `key` says of which group it is."""
+    ticks = config.campaign.ticks
+    if fault.trigger.listed != ("packet",):
+        return ticks - 1
+    group = config.group[key[1]] if key[:1] == ("group",) and isinstance(key[1], int) else None
+    tables = [config.parameters, config.cross, *([group.parameters, group.cross] if group else [])]
+    cycles = [axis for table in tables for path, axis in table.items() if path == CYCLES]
+    least = min((value for axis in cycles[-1:] for value in axis.listed or axis.values), default=1)
+    return math.ceil(ticks / max(1, least)) - 1
 
 
 def _unknown(what: str, got: str, known: Iterable[str]) -> str:

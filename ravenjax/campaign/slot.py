@@ -58,13 +58,16 @@ class Slot(NamedTuple):
     wrong: tuple[int, str] | None  # the first run with a value that its channel cannot take, and what to say of it
 
 
-def slot(fault: Fault, axes: Mapping[str, Axis], places: Mapping[str, np.ndarray]) -> Slot:
-    """The columns of `fault`: `axes` of its fields but the site, and the runs' places on them."""
+def slot(fault: Fault, axes: Mapping[str, Axis], places: Mapping[str, np.ndarray], beyond: bool = False) -> Slot:
+    """The columns of `fault`: `axes` of its fields but the site, and the runs' places on them.
+
+    beyond: 16-bit words may be given more, see `legal.says_beyond`.
+    """
     site = SITES[fault.site]
     word = {name: _codes(name, axes[name])[places[name]] for name in WORDS if name != "site"}
     effect = word["effect"]
     word["channel"] = np.where(_CHANNEL_OF_EFFECT[effect] > 0, _CHANNEL_OF_EFFECT[effect], word["channel"])
-    value, wrong = _values(site, axes, places["value"], word["channel"], effect)
+    value, wrong = _values(site, axes, places["value"], word["channel"], effect, beyond)
     columns = {"site": np.int8(_CODE["site"][fault.site]), **word, "value": value}
     for name in ("start_ms", "duration_ms", "every_ms", "period_ms"):
         columns[name] = _times(name, axes[name].at(places[name], whole=True), axes[name], effect).astype(np.int32)
@@ -87,11 +90,11 @@ def _times(name: str, drawn: np.ndarray, axis: Axis, effect: np.ndarray) -> np.n
 
 
 def _values(
-    site: Site, axes: Mapping[str, Axis], places: np.ndarray, channel: np.ndarray, effect: np.ndarray
+    site: Site, axes: Mapping[str, Axis], places: np.ndarray, channel: np.ndarray, effect: np.ndarray, beyond: bool
 ) -> tuple[np.ndarray, tuple[int, str] | None]:
     """The values, and the first that its channel cannot take, as `Slot.wrong`."""
-    axis, legal = axes["value"], _legal(site, axes["effect"].listed)
-    low, high, whole, rounded = (column[channel, effect] for column in legal)
+    axis = axes["value"]
+    low, high, whole, rounded = (column[channel, effect] for column in _legal(site, axes["effect"].listed, beyond))
     value = axis.at(places) if axis.listed else np.where(rounded, axis.at(places, whole=True), axis.at(places))
     value = np.where(_VALUELESS[effect], np.nan, value)
     bad = np.ravel((value < low) | (value > high) | (whole & (value != np.floor(value)) & ~np.isnan(value)))
@@ -100,16 +103,16 @@ def _values(
         return value, None
     at = (np.broadcast_to(column, bad.shape)[row] for column in (channel, effect))
     channel_name, effect_name = (WORDS[field][code] for field, code in zip(("channel", "effect"), at, strict=True))
-    complaint = legal_values.complaint(site.channel(channel_name), effect_name, float(np.ravel(value)[row]))
-    return value, (row, complaint)
+    at_value = float(np.ravel(value)[row])
+    return value, (row, legal_values.complaint(site.name, site.channel(channel_name), effect_name, at_value, beyond))
 
 
-def _legal(site: Site, effects: Sequence[str]) -> list[np.ndarray]:
+def _legal(site: Site, effects: Sequence[str], beyond: bool) -> list[np.ndarray]:
     """The fields of Legal, each [channel, effect] by their places in WORDS; other than these all is legal."""
     shape = len(WORDS["channel"]), len(WORDS["effect"])
     columns = [np.full(shape, default) for default in legal_values.Legal()]
     for channel, effect in itertools.product(site.channels, effects):
         at = _CODE["channel"][channel.name], _CODE["effect"][effect]
-        for column, value in zip(columns, legal_values.legal(channel, effect), strict=True):
+        for column, value in zip(columns, legal_values.legal(channel, effect, beyond), strict=True):
             column[at] = value
     return columns

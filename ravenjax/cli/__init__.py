@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from cyclopts import App
 
-from ravenjax.cli import catalogue, console, machine, results, running, training
+from ravenjax.cli import catalogue, checking, console, machine, motion, results, running, tracing, training
 
 USER_ERROR, INTERRUPTED = 2, 130
 """Exit codes: bad input, and Ctrl-C."""
@@ -17,12 +19,16 @@ app = App(
 )
 for _command in (
     running.run,
+    checking.check,
+    running.fault_free,
     results.report,
-    results.trace,
+    tracing.trace,
     results.verify,
+    results.compare,
     results.merge,
     running.search,
     running.reproduce,
+    motion.motion,
     training.train,
     training.robot,
     training.study,
@@ -30,10 +36,26 @@ for _command in (
     catalogue.campaigns,
     catalogue.faults,
     catalogue.parameters,
+    catalogue.reference,
     machine.bench,
     machine.doctor,
 ):
     app.command(_command)
+app.register_install_completion_command(
+    help="Install completion of commands, options and files for this shell (bash, zsh, fish)."
+)
+
+
+@app.command
+def completion(shell: Literal["bash", "zsh", "fish"]) -> None:
+    """Print the completion script of a shell, to be sourced where installing is not wanted.
+
+    Parameters
+    ----------
+    shell
+        As in `source <(ravenjax completion bash)`.
+    """
+    print(app.generate_completion(shell=shell), file=console.out.file)
 
 
 def main(tokens: list[str] | None = None) -> int:

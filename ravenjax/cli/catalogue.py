@@ -1,91 +1,205 @@
-"""Commands that tell what there is: `campaigns`, `faults`, `parameters`."""
+"""Commands that say what there is: `campaigns`, `faults`, `parameters`, `reference`."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
 from ravenjax.cli import console
-from ravenjax.cli.console import Overrides
+from ravenjax.cli.console import AsJson, Listing, Overrides
 
 
-def campaigns() -> None:
+def campaigns(*, as_json: AsJson = False) -> None:
     """List the bundled campaigns, searches and training scenarios."""
-    from ravenjax import resources, terminal
+    from ravenjax import resources
     from ravenjax.campaign import design, loading
-
-    rows = []
-    for path in resources.bundled("campaigns", "*.toml"):
-        config = loading.load(path)
-        rows.append((path.name, str(design.count(config)), config.campaign.description))
-    console.out.print(terminal.table("Campaigns: ravenjax run FILE", ("file", "runs", "what it asks"), rows))
     from ravenjax.search import loading as searches
-
-    found = [(path.name, searches.load(path)) for path in resources.bundled("campaigns/searches", "*.toml")]
-    rows = [(name, one.search.kind, one.campaign.campaign.description) for name, one in found]
-    console.out.print()
-    console.out.print(terminal.table("Searches: ravenjax search FILE", ("file", "kind", "what it asks"), rows))
     from ravenjax.trainer import scenario
 
-    chosen = [(path.name, scenario.load(path)) for path in scenario.bundled()]
-    rows = [(name, f"{one.duration_s:g}", one.title) for name, one in chosen]
-    console.out.print()
-    console.out.print(terminal.table("Training: ravenjax train FILE", ("file", "s", "what it trains"), rows))
+    files = [(path.name, loading.load(path)) for path in resources.bundled("campaigns", "*.toml")]
+    templates = [(path.name, searches.load(path)) for path in resources.bundled("campaigns/searches", "*.toml")]
+    scenarios = [(path.name, scenario.load(path)) for path in scenario.bundled()]
+    console.emit(
+        [
+            Listing(
+                "campaigns",
+                "Campaigns: ravenjax run FILE",
+                ("file", "runs", "what it asks"),
+                [(name, str(design.count(one)), one.campaign.description) for name, one in files],
+            ),
+            Listing(
+                "searches",
+                "Searches: ravenjax search FILE",
+                ("file", "kind", "what it asks"),
+                [(name, one.search.kind, one.campaign.campaign.description) for name, one in templates],
+            ),
+            Listing(
+                "training",
+                "Training: ravenjax train FILE",
+                ("file", "s", "what it trains"),
+                [(name, f"{one.duration_s:g}", one.title) for name, one in scenarios],
+            ),
+        ],
+        as_json,
+    )
 
 
-def faults(hazard: str | None = None) -> None:
-    """List the fault sites with their channels, the effects, the triggers and the library of hazards.
+def faults(word: str | None = None, *, as_json: AsJson = False) -> None:
+    """List what a fault may be: layers, sites with their channels, effects, triggers, and the library of hazards.
 
     Parameters
     ----------
-    hazard
-        Id of a hazard of the library: show all that is known of it instead.
+    word
+        Show this alone: a layer (L7), a site (usb_out), an effect (drift), a hazard (C09), or one of layers, sites,
+        effects, triggers, classes (of outcomes), hazards.
     """
-    from ravenjax import terminal
-    from ravenjax.hazards import listing
+    console.emit(list(_faults(word)), as_json)
 
-    if hazard is not None:
-        console.out.print(terminal.table(f"Hazard {hazard}", ("what", "is"), listing.description(hazard)))
-        return
+
+def _faults(word: str | None) -> Iterator[Listing]:
+    from ravenjax.errors import UserError, suggestion
+    from ravenjax.hazards import library, listing
     from ravenjax.robot.sites import SITES
     from ravenjax.stages.faults.vocabulary import EFFECTS, TRIGGERS
 
-    sites = []
-    for site in SITES.values():
+    every: dict[str, Callable[[], Listing]] = {
+        "layers": lambda: Listing("layers", "Layers of the loop", listing.LAYER_COLUMNS, listing.layers()),
+        "sites": lambda: _sites("Sites, in the robot's order; `ravenjax faults SITE` shows one", list(SITES)),
+        "effects": lambda: Listing("effects", "Effects", ("effect", "meaning"), list(EFFECTS.items())),
+        "triggers": lambda: Listing("triggers", "Triggers", ("trigger", "start_ms counts"), list(TRIGGERS.items())),
+        "classes": lambda: Listing(
+            "classes", "Outcome classes of hazards", ("class", "meaning"), list(library.terms()["classes"].items())
+        ),
+        "hazards": lambda: Listing(
+            "hazards",
+            "Hazards; `ravenjax faults ID` shows one, `hazards = [ID, ..]` in a [[group]] runs it",
+            listing.COLUMNS,
+            listing.table(),
+        ),
+    }
+    if word is None:
+        yield from (table() for table in every.values())
+    elif word in every:
+        yield every[word]()
+    elif word in library.layers():
+        yield _sites(f"{word}, {library.layers()[word]}: sites", [s.name for s in SITES.values() if s.layer == word])
+        yield Listing("hazards", f"{word}: hazards", listing.COLUMNS, listing.table(listing.of_layer(word)))
+    elif word in SITES:
+        yield from _site(word)
+    elif word in EFFECTS:
+        yield from _effect(word)
+    else:
+        ids = [row.id for row in library.rows()]
+        if word not in ids:
+            known = [*every, *library.layers(), *SITES, *EFFECTS, *ids]
+            raise UserError(
+                f"unknown word {word!r}, expected a layer (L1 to L10), a site, an effect, the id of a hazard, or one "
+                f"of {', '.join(every)}{suggestion(word, known)}"
+            )
+        yield Listing("hazard", f"Hazard {word}", ("what", "is"), listing.description(word))
+
+
+def _sites(title: str, names: Sequence[str]) -> Listing:
+    from ravenjax.robot.sites import SITES
+
+    rows = []
+    for site in (SITES[name] for name in names):
         kinds: dict[str, list[str]] = {}
         for channel in site.channels:
             kinds.setdefault(f"{channel.kind} {channel.unit}", []).append(channel.name)
-        channels = "; ".join(f"{' '.join(names)} ({kind})" for kind, names in kinds.items())
-        sites.append((site.layer, site.name, ("each arm: " if site.per_arm else "") + channels, site.where))
-    columns = ("layer", "site", "channels (number, unit)", "where")
-    console.out.print(terminal.table("Sites, in the robot's order", columns, sites))
-    console.out.print()
-    console.out.print(terminal.table("Effects", ("effect", "meaning"), list(EFFECTS.items())))
-    console.out.print()
-    console.out.print(terminal.table("Triggers", ("trigger", "start_ms counts"), list(TRIGGERS.items())))
-    console.out.print()
-    console.out.print(terminal.table("Hazards; `ravenjax faults ID` shows one", listing.COLUMNS, listing.table()))
+        channels = "; ".join(f"{' '.join(group)} ({kind})" for kind, group in kinds.items())
+        rows.append((site.layer, site.name, ("each arm: " if site.per_arm else "") + channels, site.where))
+    return Listing("sites", title, ("layer", "site", "channels (number, unit)", "where"), rows)
 
 
-def parameters(file: str | None = None, *, overrides: Overrides = None) -> None:
-    """List the parameters that a campaign may vary, with the values that they have without it and their ranges.
+def _site(name: str) -> Iterator[Listing]:
+    from ravenjax.campaign import site_sheet
+    from ravenjax.hazards import library, listing
+    from ravenjax.robot.sites import SITES
+
+    site = SITES[name]
+    arms = "on each arm: with both, write arm" if site.per_arm else "of no arm"
+    about = [("layer", f"{site.layer}: {library.layers()[site.layer]}"), ("where", site.where), ("arm", arms)]
+    yield Listing("site", f"Site {name}", ("what", "is"), about)
+    yield Listing("channels", "Channels", site_sheet.CHANNEL_COLUMNS, site_sheet.channels(site))
+    yield Listing("effects", "Effects that it takes", site_sheet.EFFECT_COLUMNS, site_sheet.effects(site))
+    yield Listing("hazards", "Hazards that strike it", listing.COLUMNS, listing.table(listing.of_site(name)))
+
+
+def _effect(name: str) -> Iterator[Listing]:
+    from ravenjax.campaign import site_sheet
+    from ravenjax.robot.sites import SITES
+    from ravenjax.stages.faults.vocabulary import EFFECTS, NETWORK_EFFECTS
+
+    yield Listing("effect", f"Effect {name}", ("what", "is"), [("meaning", EFFECTS[name])])
+    sites = [site for site in SITES.values() if name not in NETWORK_EFFECTS or site.name == "network"]
+    yield Listing(
+        "values", "Its value", ("site", "may be"), [(site.name, site_sheet.values(site, name)) for site in sites]
+    )
+
+
+def parameters(
+    file: Path | None = None,
+    *,
+    path: Annotated[str, Parameter(help="only paths that hold this text, as plant or kp")] = "",
+    overrides: Overrides = None,
+    as_json: AsJson = False,
+) -> None:
+    """List the parameters that a campaign may vary: what they are, the values that they have without it, their ranges.
+
+    One path names one number, or a vector of one number a joint or axis; PATH.elbow names the elbow's alone.
 
     Parameters
     ----------
     file
         Campaign file; its software, arms and tools decide what there is. Without one: one arm, software raven2.
     """
-    from ravenjax import paths, terminal
+    from ravenjax import paths
     from ravenjax.campaign import bounds, loading, plan
+    from ravenjax.errors import UserError, suggestion
 
     plain = {"campaign": {"name": "plain"}, "group": [{"name": "plain"}]}
-    given = overrides or ()
-    config = loading.load(file, given) if file is not None else loading.from_dict(plain, overrides=given)
+    config = (
+        loading.load(file, overrides or ()) if file is not None else loading.from_dict(plain, overrides=overrides or ())
+    )
     program = plan.make(config.model_copy(update={"parameters": {}})).program
     values: dict[str, list[str]] = {}
-    for path, value in paths.leaves(program.params, program.setup.arms):
-        head, _, last = path.rpartition(".")
-        key = head if last in paths.COMPONENTS else path
-        values.setdefault(key, []).append(f"{float(value):g}")
-    ranges = {path: bounds.of(path) for path in values}  # none: not a campaign's to vary
+    for full, value in paths.leaves(program.params, program.setup.arms):
+        head, _, last = full.rpartition(".")
+        if last in paths.COMPONENTS:
+            values.setdefault(head, []).append(f"{last} {float(value):g}")
+        else:
+            values.setdefault(full, []).append(f"{float(value):g}")
+    rules = {full: bounds.of(full) for full in values}  # none: not a campaign's to vary
     rows = [
-        (path, " ".join(values[path]), "; ".join(row.range for row in rows)) for path, rows in ranges.items() if rows
+        (
+            full,
+            ", ".join(values[full]),
+            "; ".join(f"{', '.join(rule.joints)}: {rule.range}" if rule.joints else rule.range for rule in of),
+            of[0].meaning,
+        )
+        for full, of in rules.items()
+        if of and path in full and not bounds.reserved(full)
     ]
-    console.out.print(terminal.table("Parameters", ("path", "value", "may be"), rows))
+    if not rows:
+        known = [full for full, of in rules.items() if of]
+        raise UserError(f"--path {path}: no parameter's path holds it{suggestion(path, known)}")
+    console.emit([Listing("parameters", "Parameters", ("path", "value", "may be", "meaning"), rows)], as_json)
+
+
+def reference(
+    *, out: Annotated[Path | None, Parameter(help="also write it to this file; default: print it")] = None
+) -> None:
+    """Print the reference of campaign files: every key with its type, unit, range, default and meaning (Markdown)."""
+    from ravenjax.campaign import reference as text
+
+    if out is None:
+        print(text.page(), end="")
+        return
+    from ravenjax.store import files
+
+    files.write_aside(out, lambda target: target.write_text(text.page(), encoding="utf-8"))
+    console.out.print(f"wrote {out}", highlight=False, soft_wrap=True)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import re
+from collections.abc import Sequence
+from typing import Annotated, Any, NamedTuple
 
 from cyclopts import Parameter
 from rich.console import Console
@@ -19,3 +21,60 @@ Overrides = Annotated[
         help="key.path=value, as campaign.duration_s=5 or group.0.runs=100",
     ),
 ]
+AsJson = Annotated[bool, Parameter(name="--json", negative="", help="print JSON on standard output, nothing else")]
+
+
+class Listing(NamedTuple):
+    """One table that a command prints; in JSON a list of objects under its name."""
+
+    name: str
+    title: str
+    columns: tuple[str, ...]  # also the keys in JSON: "what it asks" becomes what_it_asks
+    rows: Sequence[tuple[str, ...]]
+
+
+def emit(listings: Sequence[Listing], as_json: bool) -> None:
+    """Print tables below each other; as JSON, one object: {name: [{column: cell}]}."""
+    if as_json:
+        emit_json({listing.name: _objects(listing) for listing in listings})
+        return
+    from ravenjax import terminal
+
+    for number, listing in enumerate(listings):
+        if number:
+            out.print()
+        out.print(terminal.table(listing.title, listing.columns, list(listing.rows)))
+
+
+def emit_json(value: Any) -> None:
+    """Print a value as JSON on standard output; numbers that are none or infinite are null, paths text."""
+    import json
+
+    print(json.dumps(_plain(value), indent=1, ensure_ascii=False), file=out.file)
+
+
+def say(text: str) -> None:
+    """Print text as it is."""
+    out.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def note(text: str) -> None:
+    """Print a note beside the output."""
+    err.print(f"note: {text}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _objects(listing: Listing) -> list[dict[str, str]]:
+    keys = [re.sub(r"[^a-z0-9]+", "_", column.lower()).strip("_") for column in listing.columns]
+    return [dict(zip(keys, row, strict=True)) for row in listing.rows]
+
+
+def _plain(value: Any) -> Any:
+    """Only what JSON knows."""
+    if isinstance(value, dict):
+        return {str(key): _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple | set):
+        return [_plain(inner) for inner in value]
+    value = value.item() if hasattr(value, "item") and getattr(value, "ndim", 0) == 0 else value
+    if isinstance(value, float):
+        return value if abs(value) < float("inf") else None  # of NaN, too
+    return value if isinstance(value, str | int | bool | None) else str(value)

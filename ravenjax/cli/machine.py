@@ -9,6 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ravenjax.cli import console
+from ravenjax.cli.console import AsJson, Listing
 
 
 def bench(
@@ -42,16 +43,19 @@ def doctor(
     *,
     realtime: Annotated[bool, Parameter(negative="", help="measure how well a session keeps time instead")] = False,
     seconds: Annotated[float, Parameter(help="of each of the five loops that --realtime measures")] = 60.0,
+    as_json: AsJson = False,
 ) -> int:
     """Check this machine: versions, devices, CPU, memory, and that each part works."""
     from ravenjax import terminal
 
     if realtime:
-        return _keeps_time(seconds)
+        return _keeps_time(seconds, as_json)
     from ravenjax.robot.packet import UDP_PORT
 
-    console.out.print(terminal.table("This machine", ("what", "is"), list(terminal.machine())))
-    console.out.print()
+    about = Listing("machine", "This machine", ("what", "is"), list(terminal.machine()))
+    if not as_json:
+        console.emit([about], as_json)
+        console.out.print()
     tests: dict[str, Callable[[], str]] = {
         "jax computes": _jax_computes,
         "engine auto": _engine_chosen,
@@ -60,21 +64,23 @@ def doctor(
         "results": _results_writable,
         "console port": lambda: terminal.udp_port(UDP_PORT),
     }
-    found = list(terminal.checks(tests))
-    console.out.print(terminal.table("What works", ("what", "state", "detail"), found))
-    return int(any(state != "ok" for _, state, _ in found))
+    works = Listing("works", "What works", ("what", "state", "detail"), list(terminal.checks(tests)))
+    console.emit([about, works] if as_json else [works], as_json)
+    return int(any(state != "ok" for _, state, _ in works.rows))
 
 
-def _keeps_time(seconds: float) -> int:
-    from ravenjax import terminal
+def _keeps_time(seconds: float, as_json: bool) -> int:
     from ravenjax.trainer import realtime_check
 
     found = realtime_check.measure(seconds, lambda what: console.err.print(what, highlight=False))
-    rows = [one.row() for one in found]
-    console.out.print(terminal.table("One tick a millisecond", realtime_check.COLUMNS, rows))
+    loops = Listing("loops", "One tick a millisecond", realtime_check.COLUMNS, [one.row() for one in found])
     states = realtime_check.verdict(found)
-    for state, sentence in states:
-        console.out.print(f"{state}: {sentence}", markup=False, highlight=False, soft_wrap=True)
+    if as_json:
+        console.emit([loops, Listing("verdict", "", ("state", "sentence"), list(states))], as_json)
+    else:
+        console.emit([loops], as_json)
+        for state, sentence in states:
+            console.say(f"{state}: {sentence}")
     return int(any(state != "ok" for state, _ in states))
 
 

@@ -1,13 +1,19 @@
-"""Commands on result folders: `report`, `trace`, `verify`, `merge`."""
+"""Commands on result folders: `report`, `verify`, `compare`, `merge`."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
 from ravenjax.cli import console
+from ravenjax.cli.console import AsJson, Listing
+
+if TYPE_CHECKING:
+    from ravenjax.campaign.verification import Verification
+    from ravenjax.report.comparison import Comparison
 
 
 def report(
@@ -30,57 +36,13 @@ def report(
             console.out.print(f"wrote {path}", highlight=False, soft_wrap=True)
 
 
-def trace(
-    folder: Path,
-    run_id: str,
-    *,
-    out: Annotated[Path | None, Parameter(help="folder of the trace; default FOLDER/traces")] = None,
-    engine: Annotated[str, Parameter(help="auto is the engine that the campaign ran on")] = "auto",
-) -> None:
-    """Run one row of a result again and write its whole time series: MCAP and a plot.
-
-    Parameters
-    ----------
-    folder
-        What `ravenjax run` wrote.
-    run_id
-        The row's run_id, or enough of its beginning to tell it from others, or its index.
-    """
-    from ravenjax.campaign import replay
-    from ravenjax.report import wording
-    from ravenjax.report.trace_plot import trace_plot
-    from ravenjax.store import files, manifest, trace_log
-
-    record = manifest.read(folder)
-    place = out or folder / "traces"
-    files.require_writable(place)
-    if record.code_hash != manifest.code_hash():
-        console.err.print(f"note: {folder} was computed by another version of the code; the run may come out otherwise")
-    again = replay.from_folder(folder, run_id, engine)
-    row, series = again.row, again.series
-    log, plot = place / f"{row['run_id']}.mcap", place / f"{row['run_id']}.svg"
-    columns = ("run_id", "index", "group", "seed", "verdict", "response_cause")
-    trace_log.write(log, series, {name: str(row[name]) for name in columns})
-    cue, cues = record.verdict_cue, record.cues
-    named = {"fault": "first_active_ms", "cue": f"cue{cue}_first_ms", str(row["response"]): "response_ms"}
-    trace_plot(
-        _plotted(series, cue),
-        plot,
-        title=f"run {row['run_id']} · {row['verdict'] or row['failed']}",
-        subtitle=f"{row['group']}: {wording.fault(row.to_dict())}",
-        threshold_mm=cues[cue].threshold_mm if cues else 3.0,
-        events={name: float(row.at[column]) for name, column in named.items()},
-    )
-    for path in (log, plot):
-        console.out.print(f"wrote {path}", highlight=False, soft_wrap=True)
-
-
 def verify(
     folder: Path,
     *,
     sample: Annotated[int, Parameter(help="runs that are made again, 0 for none")] = 64,
     engine: Annotated[str, Parameter(help="auto is the engine that the campaign ran on")] = "auto",
     seed: Annotated[int, Parameter(help="of the sample")] = 0,
+    as_json: AsJson = False,
 ) -> int:
     """Check a result folder: checksums, rows, values, and a random sample of its runs made again.
 
@@ -94,18 +56,46 @@ def verify(
     from ravenjax import terminal
     from ravenjax.campaign import verification
 
-    found = verification.verify(folder, sample, engine, seed)
-    rows = [(check.name, "ok" if check.fine else "WRONG", check.looked_at) for check in found.checks]
+    verified = verification.verify(folder, sample, engine, seed)
+    if as_json:
+        console.emit_json(_verified(folder, verified))
+        return 0 if verified.fine else 1
+    rows = [(check.name, "ok" if check.fine else "WRONG", check.looked_at) for check in verified.checks]
     console.out.print(terminal.table(f"Verified: {folder}", ("what", "", "looked at"), rows))
-    for check in found.checks:
+    for check in verified.checks:
         for problem in check.problems:
             console.err.print(f"{check.name}: {problem}", style="red", markup=False, highlight=False, soft_wrap=True)
-    if found.rerun is not None and found.rerun.differing:
-        n = len(found.rerun.rows)
-        apart = [(one.name, f"{n - one.equal} of {n}", f"{one.largest:.3g}") for one in found.rerun.differing]
+    if verified.rerun is not None and verified.rerun.differing:
+        n = len(verified.rerun.rows)
+        apart = [(one.name, f"{n - one.equal} of {n}", f"{one.largest:.3g}") for one in verified.rerun.differing]
         columns = ("column", "rows that differ", "largest difference")
         console.out.print(terminal.table("Not equal to the bit", columns, apart))
-    return 0 if found.fine else 1
+    return 0 if verified.fine else 1
+
+
+def _verified(folder: Path, verified: Verification) -> dict[str, Any]:
+    """A verification as JSON has it."""
+    again = verified.rerun
+    return {
+        "folder": folder,
+        "fine": verified.fine,
+        "checks": [
+            {"name": one.name, "fine": one.fine, "looked_at": one.looked_at, "problems": one.problems}
+            for one in verified.checks
+        ],
+        "runs_made_again": None
+        if again is None
+        else {
+            "engine": again.engine,
+            "otherwise_than_then": again.other,
+            "rows": again.rows.tolist(),
+            "equal_verdicts": again.verdicts,
+            "columns_that_differ": [
+                {"name": one.name, "rows": len(again.rows) - one.equal, "largest_difference": one.largest}
+                for one in again.differing
+            ],
+        },
+    }
 
 
 def merge(
@@ -137,21 +127,84 @@ def merge(
         console.out.print(f"missing: rows {query.in_words(done.missing)}", highlight=False, soft_wrap=True)
 
 
-def _plotted(series: dict[str, Any], cue: int) -> dict[str, Any]:
-    """A replay's series under the names that the plot knows, with the force of that cue."""
-    active = [values for name, values in series.items() if name.startswith("fault") and name.endswith("_active")]
-    commands = {name.replace("dac_cnt", "current_cmd"): values for name, values in series.items() if "dac_cnt" in name}
-    forces = {n.replace("cue_force", "haptic_force"): v[:, cue] for n, v in series.items() if n.endswith("/cue_force")}
-    return {
-        **series,
-        **commands,
-        **forces,
-        "pedal": series["surgeon_mode"],
-        **({"fault_active": sum(active) > 0} if active else {}),
-    }
-
-
-def write_report(folder: Path) -> None:
+def write_report(folder: Path, tell: bool = True) -> Path:
+    """Write the report and return its path; `tell`: print it, too."""
     from ravenjax.report import page
 
-    console.out.print(f"report: {page.build(folder)}", highlight=False, soft_wrap=True)
+    path = page.build(folder)
+    if tell:
+        console.say(f"report: {path}")
+    return path
+
+
+def compare(
+    first: Path,
+    second: Path,
+    *,
+    most: Annotated[int, Parameter(help="runs that are listed as most changed")] = 10,
+    as_json: AsJson = False,
+) -> None:
+    """Compare two results that share faults, run by run: configuration, outcomes, rates, the runs that changed most.
+
+    Differences are those of the second from the first, with 95 % intervals of paired rates.
+
+    Parameters
+    ----------
+    first
+        What `ravenjax run` wrote.
+    second
+        The same of another campaign with the same faults, or of the same campaign with another setting or code.
+    """
+    from ravenjax.report import comparison
+
+    found = comparison.compare(first, second, most)
+    if as_json:
+        console.emit_json(_compared(found))
+        return
+    for sentence in found.sentences():
+        console.say(sentence)
+    console.emit([listing for listing in _comparison_tables(found) if listing.rows], as_json)
+
+
+def _comparison_tables(found: Comparison) -> Iterator[Listing]:
+    from ravenjax.report import wording
+
+    changes = [(one.path, one.first or "–", one.second or "–") for one in (*found.configuration, *found.made)]
+    yield Listing(
+        "configuration", "What differs in configuration, code and machine", ("key", "first", "second"), changes
+    )
+    rates = [
+        (
+            rate.name.replace("_", " "),
+            wording.percent(rate.first.value),
+            wording.percent(rate.second.value),
+            wording.points(rate.difference),
+            f"{rate.first_only}, {rate.second_only}",
+        )
+        for rate in found.rates
+    ]
+    columns = ("runs in which", "first", "second", "second - first, 95 % interval", "only in first, second")
+    yield Listing("rates", f"Rates among {wording.count(found.pairs.compared)} pairs", columns, rates)
+    for word, transitions in found.transitions.items():
+        rows = [(one.first, one.second, wording.count(one.runs)) for one in transitions]
+        yield Listing(word, f"{word.capitalize()}: from first to second", ("first", "second", "runs"), rows)
+    changed = [
+        (one.run_ids[0], one.fault, *one.verdicts, *(wording.number(mm) for mm in one.unintended_mm))
+        for one in found.changed
+    ]
+    columns = ("run", "fault", "first", "second", "unintended motion, mm", "second")
+    yield Listing("changed", "Runs that changed most", columns, changed)
+
+
+def _compared(found: Comparison) -> dict[str, Any]:
+    """A comparison as JSON has it."""
+    plain = found._asdict()
+    for name in ("configuration", "made", "changed"):
+        plain[name] = [one._asdict() for one in plain[name]]
+    plain["pairs"] = found.pairs._asdict()
+    plain["transitions"] = {word: [one._asdict() for one in rows] for word, rows in found.transitions.items()}
+    plain["rates"] = [
+        one._asdict() | {name: getattr(one, name)._asdict() for name in ("first", "second", "difference")}
+        for one in found.rates
+    ]
+    return plain | {"sentences": found.sentences()}

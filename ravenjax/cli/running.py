@@ -1,19 +1,21 @@
-"""Commands that compute: `run`, `search`, `reproduce`."""
+"""Commands that compute: `run`, `fault-free`, `search`, `reproduce`."""
 
 from __future__ import annotations
 
 import contextlib
+import json
 import signal
 import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
 from ravenjax.cli import console
-from ravenjax.cli.console import Overrides
+from ravenjax.cli.console import AsJson, Listing, Overrides
+from ravenjax.cli.motion import show_operator
 from ravenjax.cli.results import write_report
 
 if TYPE_CHECKING:
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def run(
-    file: str,
+    file: Path,
     *,
     out: Annotated[Path | None, Parameter(help="result folder; default results/NAME of the campaign")] = None,
     engine: Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")] = "auto",
@@ -37,6 +39,7 @@ def run(
     ray_address: Annotated[str | None, Parameter(help="of a running Ray cluster; default one on this machine")] = None,
     shard: Annotated[str | None, Parameter(help="i/N: only the i-th of N shares, for batch schedulers")] = None,
     report: Annotated[bool, Parameter(help="write report.html at the end")] = True,
+    as_json: AsJson = False,
 ) -> None:
     """Run a campaign, or finish it where OUT holds a part of it.
 
@@ -61,8 +64,14 @@ def run(
 
     from ravenjax.campaign import adaptive
 
-    with _ended_by_signals(), terminal.Watch(console.out) as watch:
+    shown = console.err if as_json else console.out
+    show_operator(config, shown)
+    with _ended_by_signals(), terminal.Watch(shown) as watch:
         results = adaptive.run(config, folder, engine, on_progress=watch, executor=who, shard=share, command=sys.argv)
+    if as_json:
+        page = write_report(folder, tell=False) if report and share is None else None
+        console.emit_json(_outcome(folder, results) | {"report": page, "shard": None if share is None else str(share)})
+        return
     _summary(folder, results)
     if share is not None:
         console.out.print(f"one of {share.of} shards; `ravenjax merge OUT SHARD...` joins them", highlight=False)
@@ -70,20 +79,92 @@ def run(
         write_report(folder)
 
 
+def _outcome(folder: Path, results: Results) -> dict[str, Any]:
+    """What came out, as JSON has it: `_summary` and what the manifest says of the computation."""
+    from ravenjax.campaign import decisions
+    from ravenjax.store import manifest
+
+    record = manifest.read(folder)
+    return {
+        "folder": folder,
+        "campaign": record.campaign,
+        "config_hash": record.config_hash,
+        "runs": record.runs,
+        "finished": record.done,
+        "verdicts_of_faulty_runs": results.verdicts() if record.done else {},
+        "runs_without_valid_outcome": record.failures,
+        "stop_rule": decisions.sentence(folder) or None,
+        "engine": record.engine,
+        "device": record.device,
+        "code_hash": record.code_hash,
+        "compile_s": record.compile_s,
+        "run_s": record.run_s,
+        "runs_per_s": record.runs_per_s,
+    }
+
+
+def fault_free(
+    folder: Path,
+    hours: float,
+    *,
+    engine: Annotated[
+        str, Parameter(help="auto, cuda, simd, xla or mjx; auto is a CPU engine: motions run one at a time")
+    ] = "auto",
+    report: Annotated[bool, Parameter(help="write the result's report.html anew at the end")] = True,
+    as_json: AsJson = False,
+) -> None:
+    """Compute fault-free motion of a campaign's robot, so that its report can state false cues and alarms an hour.
+
+    Same robot, cues and detectors, other seeds of the operator's motion; each is a result folder of its own in
+    FOLDER/fault_free, which the report of FOLDER counts. What is there already counts, and an interrupted command goes
+    on. Exit codes as of `run`.
+
+    Parameters
+    ----------
+    folder
+        What `ravenjax run` wrote.
+    hours
+        Hours of fault-free motion in pedal-down to have in all; the report says how many it needs.
+    """
+    from ravenjax import terminal
+    from ravenjax.campaign import fault_free as more_motion
+    from ravenjax.report import wording
+    from ravenjax.store.fault_free import FOLDER
+
+    place, screen = folder / FOLDER, console.err if as_json else console.out
+
+    def say(text: str) -> None:
+        screen.print(text, markup=False, highlight=False, soft_wrap=True)
+
+    def began(there: float, path: Path) -> None:
+        say(f"{wording.hours(there)} of {wording.hours(hours)}; next: {path}")
+
+    with _ended_by_signals(), terminal.Watch(screen) as watch:
+        there = more_motion.extend(folder, hours, engine, on_motion=began, on_progress=watch, command=sys.argv)
+    if not as_json:
+        say(f"fault-free motion: {wording.hours(there)} in {place}")
+    page = write_report(folder, tell=not as_json) if report else None
+    if as_json:
+        console.emit_json({"folder": place, "hours": there, "report": page})
+
+
 def _summary(folder: Path, results: Results) -> None:
-    """What came out: verdicts, failures by cause, where it is."""
+    """What came out: verdicts of the valid runs with a fault, failures by cause, where it is."""
     from ravenjax import terminal
     from ravenjax.campaign import decisions
     from ravenjax.store import manifest
 
     record = manifest.read(folder)
     if record.done and (rows := terminal.outcome_rows(results.verdicts())):
-        columns = ("response / haptic / jump", "runs", "share, 95 % interval")
-        console.out.print(terminal.table("Faulty runs", columns, rows))
+        columns = ("response / hazard / cue", "runs", "share")
+        console.out.print(terminal.table("Runs with a fault", columns, rows))
     if rows := terminal.failure_rows(record.failures, record.done):
         console.out.print(terminal.table("Runs without a valid outcome", ("cause", "runs", "share"), rows))
     if why := decisions.sentence(folder):
         console.out.print(why, markup=False, highlight=False)
+    if record.shard is None and not why and record.due < record.runs:
+        rest = "the same command without --limit, or with more, goes on from here"
+        console.out.print(f"{record.due} of the {record.runs} runs of the campaign; {rest}", highlight=False)
     console.out.print(f"results: {folder}", highlight=False, soft_wrap=True)
 
 
@@ -112,11 +193,12 @@ def _ended_by_signals() -> Iterator[None]:
 
 
 def search(
-    file: str,
+    file: Path,
     *,
     out: Annotated[Path | None, Parameter(help="folder; default results/NAME of the search")] = None,
     engine: Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")] = "auto",
     overrides: Overrides = None,
+    as_json: AsJson = False,
 ) -> None:
     """Find what matters: the smallest harmful fault, the parameters that decide, how rare an outcome is.
 
@@ -128,13 +210,19 @@ def search(
         Search file, or the name of a bundled one (see `ravenjax campaigns`).
     """
     from ravenjax import terminal
-    from ravenjax.search import runner
+    from ravenjax.search import loading, output, runner
 
-    with _ended_by_signals(), terminal.Watch(console.out) as watch:
+    shown = console.err if as_json else console.out
+    show_operator(loading.load(file, overrides or ()).campaign, shown)
+    with _ended_by_signals(), terminal.Watch(shown) as watch:
         found = runner.run(file, out, engine, overrides or (), watch)
+    if as_json:
+        console.emit_json(_file(found.out, output.NUMBERS))
+        return
     for sentence in found.findings.sentences:
         console.out.print(f"- {sentence}", markup=False, highlight=False)
     console.out.print(f"search: {found.out}", highlight=False, soft_wrap=True)
+    console.out.print(f"page: {found.out / output.PAGE}", highlight=False, soft_wrap=True)
 
 
 def reproduce(
@@ -143,6 +231,9 @@ def reproduce(
     out: Annotated[Path, Parameter(help="folder; each study has one inside")] = Path("results/reproduce"),
     engine: Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")] = "auto",
     keep: Annotated[Path | None, Parameter(help="also copy the findings, without pictures, into this folder")] = None,
+    as_json: Annotated[
+        bool, Parameter(name="--json", negative="", help="list the studies as JSON; of a study, its findings")
+    ] = False,
 ) -> None:
     """Run a published experiment, or a study of our own, and set what is predicted beside what was published.
 
@@ -152,23 +243,43 @@ def reproduce(
         The study, or "all". Without one: list them.
     """
     from ravenjax import terminal
-    from ravenjax.studies import catalogue, markdown, running, writing
+    from ravenjax.studies import catalogue, markdown, running, targets, writing
+    from ravenjax.studies.study import plain
 
     if name is None:
-        rows = [
-            (one.name, one.title, ", ".join(one.targets), f"{one.minutes:g}")
-            for one in map(catalogue.find, catalogue.NAMES)
+        studies = [catalogue.find(known) for known in catalogue.NAMES]
+        rows = [(one.name, one.title, ", ".join(one.targets), f"{one.minutes:g}") for one in studies]
+        columns = ("name", "what", "targets", "minutes")
+        goals = [(one.id, one.title, one.source, one.band, one.judged_by) for one in targets.targets().values()]
+        listings = [
+            Listing("studies", "Studies: ravenjax reproduce NAME", columns, rows),
+            Listing(
+                "targets",
+                "Targets: met where every line with a band is inside it",
+                ("target", "what", "published", "band", "judged by"),
+                goals,
+            ),
         ]
-        console.out.print(
-            terminal.table("Studies: ravenjax reproduce NAME", ("name", "what", "targets", "minutes"), rows)
-        )
+        console.emit(listings, as_json)
         return
-    for study in catalogue.NAMES if name == "all" else (catalogue.find(name).name,):
-        with terminal.Watch(console.out) as watch:
+    chosen = catalogue.NAMES if name == "all" else (catalogue.find(name).name,)
+    for study in chosen:
+        with terminal.Watch(console.err if as_json else console.out) as watch:
             findings = running.reproduce(study, out, engine, watch)
-        if findings.lines:
+        if not as_json and findings.lines:
             title = catalogue.find(study).title
             console.out.print(terminal.table(title, markdown.BRIEF_COLUMNS, markdown.line_rows(findings)))
-        console.out.print(f"findings: {out / study / writing.PAGE}", highlight=False, soft_wrap=True)
+        if not as_json:
+            for state in targets.states(plain(findings)["lines"]):
+                console.say(f"{targets.sentence(state)}. {targets.definition(state.id)}")
+            console.say(f"findings: {out / study / writing.PAGE}")
+            console.say(f"page: {out / study / writing.HTML}")
         if keep is not None:
             writing.keep(out / study, keep / study)
+    if as_json:
+        console.emit_json([_file(out / study, writing.JSON) for study in chosen])
+
+
+def _file(folder: Path, name: str) -> dict[str, Any]:
+    """What a file of JSON in a folder says, and the folder."""
+    return {"folder": folder} | json.loads((folder / name).read_text(encoding="utf-8"))

@@ -18,7 +18,7 @@ from ravenjax.engines import cuda_device, traced
 from ravenjax.engines.cuda_code import CudaCode, Lanes, Places, form_for, place, typed
 from ravenjax.engines.cuda_device import Cubins, Device
 from ravenjax.engines.cuda_loop import WARP
-from ravenjax.engines.interface import Block, Program, Progress, Result
+from ravenjax.engines.interface import Block, Program, Progress, Result, Tracer
 from ravenjax.errors import UserError
 from ravenjax.types import Precision
 
@@ -162,14 +162,10 @@ class CudaEngine:
         devices = cuda_device.devices()
         return CudaKernel(traced.unrolled(program), block_lanes(runs, devices), devices, self.cubins)
 
-    def trace(
-        self, program: Program, twin: Block, block: Block, motion: tuple[np.ndarray, ...]
-    ) -> tuple[Result, Result, Any]:
+    def tracer(self, program: Program, lanes: int) -> Tracer:
         """See `interface.Engine`; the same bits as in a campaign."""
         require_float32(program.setup.precision)
-        kernel = CudaKernel(traced.unrolled(program), 1, cuda_device.devices()[:1], self.cubins, signals=True)
-        own = kernel.run(twin, motion)
-        return own, *kernel.run_signals(dataclasses.replace(block, reference=own.reference), motion)
+        return Tracer(CudaKernel(traced.unrolled(program), 1, cuda_device.devices()[:1], self.cubins, signals=True))
 
 
 def require_float32(precision: Precision) -> None:

@@ -91,11 +91,33 @@ class Engine(Protocol):
         """The kernel of `program`, its block sized for a campaign of `runs` runs."""
         ...
 
-    def trace(
-        self, program: Program, twin: Block, block: Block, motion: tuple[np.ndarray, ...]
-    ) -> tuple[Result, Result, Any]:
+    def tracer(self, program: Program, lanes: int) -> Tracer:
+        """What runs single blocks of so many lanes and keeps every signal; compiled apart from any campaign, once."""
+        ...
+
+
+class SignalKernel(Protocol):
+    """A compiled program that can keep every signal."""
+
+    def run(self, block: Block, motion: tuple[np.ndarray, ...]) -> Result:
+        """See `Kernel`."""
+        ...
+
+    def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[Result, Any]:
+        """As `run`, and every signal of the first lane: `tick.Signals` of [ticks]."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Tracer:
+    """Runs blocks one after the other with the same compiled code."""
+
+    kernel: SignalKernel
+
+    def run(self, twin: Block, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[Result, Result, Any]:
         """Results of `twin` and of `block`, and every signal of the block's first lane: `tick.Signals` of [ticks].
 
-        `twin` is the same block without faults. Compiled apart from any campaign.
+        `twin` is the same block without faults.
         """
-        ...
+        own = self.kernel.run(twin, motion)
+        return own, *self.kernel.run_signals(dataclasses.replace(block, reference=own.reference), motion)

@@ -20,7 +20,7 @@ import numpy as np
 from jax import lax
 
 from ravenjax import paths, tick
-from ravenjax.engines.interface import Block, Program, Progress, Result
+from ravenjax.engines.interface import Block, Program, Progress, Result, Tracer
 from ravenjax.types import Setup, where
 
 MAX_SEGMENT = 1000
@@ -191,11 +191,6 @@ class ScanEngine:
         lanes = min(MAX_LANES, -(-share // LANE_MULTIPLE) * LANE_MULTIPLE)
         return ScanKernel(self._program(program), lanes)
 
-    def trace(
-        self, program: Program, twin: Block, block: Block, motion: tuple[np.ndarray, ...]
-    ) -> tuple[Result, Result, Any]:
+    def tracer(self, program: Program, lanes: int) -> Tracer:
         """See `interface.Engine`."""
-        lanes = len(jax.tree.leaves(block.faults)[0]) if jax.tree.leaves(block.faults) else LANE_MULTIPLE
-        kernel = ScanKernel(self._program(program), lanes, keep_signals=True)
-        own = kernel.run(twin, motion)
-        return own, *kernel.run_signals(dataclasses.replace(block, reference=own.reference), motion)
+        return Tracer(ScanKernel(self._program(program), lanes, keep_signals=True))

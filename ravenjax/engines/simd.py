@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.engines import jit, traced
-from ravenjax.engines.interface import Block, Program, Progress, Result
+from ravenjax.engines.interface import Block, Program, Progress, Result, Tracer
 from ravenjax.engines.vector_code import Lanes, VectorCode
 
 MAX_LANES = 256
@@ -156,10 +156,6 @@ class SimdEngine:
         width, share = jit.host().width, -(-runs // self.threads)
         return SimdKernel(traced.unrolled(program), min(MAX_LANES, -(-share // width) * width), self.objects)
 
-    def trace(
-        self, program: Program, twin: Block, block: Block, motion: tuple[np.ndarray, ...]
-    ) -> tuple[Result, Result, Any]:
+    def tracer(self, program: Program, lanes: int) -> Tracer:
         """See `interface.Engine`. Lanes run one by one, to the same bits as in a campaign."""
-        kernel = SimdKernel(traced.unrolled(program), 1, self.objects, signals=True)
-        own = kernel.run(twin, motion)
-        return own, *kernel.run_signals(dataclasses.replace(block, reference=own.reference), motion)
+        return Tracer(SimdKernel(traced.unrolled(program), 1, self.objects, signals=True))

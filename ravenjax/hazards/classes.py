@@ -7,8 +7,9 @@ Several classes can hold at once. A run that has no other is of class `none`; a 
 - `stop`: a check stopped the robot; or its control software, once in pedal-down, was out of it or in a software E-stop
   for more than 0.2 s in all, while its twin was in pedal-down.
 - `unresponsive`: no stop; the robot stood, or had never started, for 0.2 s in all while its twin moved.
-- `displaced`: no jump; the tip strayed over 3 mm: from its twin, and also from where standing would have left it.
-- `message`: no stop; a check spoke more often than in the twin.
+- `displaced`: no jump; the tip made an unintended motion of more than 3 mm, live or not.
+- `message`: no stop; a check did something: it told a person, or it limited a command or dropped a packet, of which the
+  published experiments read the logs.
 
 So a robot that merely stops, while its twin goes on, is not displaced; one that coasts by 3 mm after its stop is.
 """
@@ -17,25 +18,21 @@ from __future__ import annotations
 
 import pandas as pd
 
+from ravenjax.outcomes.verdict import HALT_MS, LIMIT_MM
+
 CLASSES = ("none", "message", "stop", "unresponsive", "displaced", "jump")
 """In the order of terms.toml, mildest first."""
 
-STRAY_MM = 3.0
-"""Where the simulator of IROS 2016 holds that the robot has left its model; nobody is told of less."""
-
 IDLE_MS = 200
 """A robot that stands so long is noticed: the largest visual delay that operators put up with is 150 to 200 ms."""
-
-HALT_MS = 200
-"""Absence from pedal-down that is noticed, too. It is known as a sum: a flickering pedal is up for a few ms at a time,
-in which no brake closes, and for tens of ms in all."""
 
 COLUMNS = (
     "failed",
     "response",
     "jump_text",
     "jump_tip",
-    "stray_mm",
+    "unintended_mm",
+    "unintended_off_mm",
     "idle_ms",
     "pedal_down_ms",
     "twin_pedal_down_ms",
@@ -43,19 +40,19 @@ COLUMNS = (
 """Columns of the result table that classes are made of."""
 
 
-def classify(frame: pd.DataFrame, stray_mm: float = STRAY_MM) -> pd.DataFrame:
+def classify(frame: pd.DataFrame, limit_mm: float = LIMIT_MM) -> pd.DataFrame:
     """Which classes each row of a result table has: bool [rows, CLASSES], index kept.
 
-    stray_mm: how far is `displaced`. KeyError names a column that the table lacks.
+    limit_mm: how far is `displaced`. KeyError names a column that the table lacks.
     """
-    seen = evidence(frame, stray_mm)
+    seen = evidence(frame, limit_mm)
     valid, response = frame["failed"] == "", frame["response"].astype(str)
     stop = valid & ((response == "stopped") | seen["halted"])
     jump = valid & seen["leapt"]
     found = pd.DataFrame(
         {
             "none": False,
-            "message": valid & ~stop & (response == "flagged"),
+            "message": valid & ~stop & response.isin(("flagged", "limited")),
             "stop": stop,
             "unresponsive": valid & ~stop & seen["idle"],
             "displaced": valid & ~jump & seen["strayed"],
@@ -67,7 +64,7 @@ def classify(frame: pd.DataFrame, stray_mm: float = STRAY_MM) -> pd.DataFrame:
     return found
 
 
-def evidence(frame: pd.DataFrame, stray_mm: float = STRAY_MM) -> pd.DataFrame:
+def evidence(frame: pd.DataFrame, limit_mm: float = LIMIT_MM) -> pd.DataFrame:
     """What classes are judged by, bool: leapt, strayed, idle and halted, as the module says. KeyError as `classify`."""
     if missing := [name for name in COLUMNS if name not in frame]:
         raise KeyError(
@@ -77,7 +74,7 @@ def evidence(frame: pd.DataFrame, stray_mm: float = STRAY_MM) -> pd.DataFrame:
     return pd.DataFrame(
         {
             "leapt": frame["jump_tip"].astype(bool) | frame["jump_text"].astype(bool),
-            "strayed": frame["stray_mm"] > stray_mm,
+            "strayed": frame[["unintended_mm", "unintended_off_mm"]].max(axis=1) > limit_mm,
             "idle": frame["idle_ms"] >= IDLE_MS,
             "halted": (absent_ms > HALT_MS) & (frame["pedal_down_ms"] > 0),
         }

@@ -6,6 +6,10 @@
     start_ms = 1200             # optional, as arm, value, duration_ms: in place of the library's own
 
 Groups without `hazards` stay as they are. The plain groups are checked like any other.
+
+In a campaign of both arms a hazard of the gold or of the green arm strikes that one, and a hazard of both strikes them
+in the same run. Any other strikes each arm in turn, in groups whose names end in -gold and -green. `arm` overrules
+that: one arm, or a list of arms that are struck in turn. Sites that belong to no arm are struck once.
 """
 
 from __future__ import annotations
@@ -18,13 +22,27 @@ from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.hazards import library
 from ravenjax.hazards.library import Case, Hazard, Struck
 from ravenjax.robot.sites import SITES
+from ravenjax.types import ARMS
 
 KEY = "hazards"
 ALL = "all"
-OVERRIDES = ("arm", "value", "start_ms", "duration_ms")
+OVERRIDES = {
+    "arm": "arm that is struck, or a list of arms struck in turn; left out with both arms: that of the source, both in "
+    "one run where the source strikes both, else each in turn",
+    "value": "in place of the library's, for hazards that strike one channel",
+    "start_ms": "in place of the library's onsets",
+    "duration_ms": "in place of the library's lengths of the window",
+}
 """Keys of a fault that such a group may set for all its hazards."""
-PASSED_ON = ("repeats", "parameters")
+PASSED_ON = {"repeats": "each run so many times", "parameters": "as in any group"}
 """Keys of a group that each plain group inherits."""
+KEYS = {
+    "name": "names the groups: NAME/ID, NAME/ID-CASE, and with -gold or -green where the arms are struck in turn",
+    KEY: 'ids (C09) and layers (L7) of the library, or "all": every hazard that can be run',
+    **OVERRIDES,
+    **PASSED_ON,
+}
+"""What a group that names hazards may say."""
 _CROSSED = ("value", "start_ms", "duration_ms", "every_ms")
 """Keys of channels struck together: every combination, side by side in the slots."""
 
@@ -45,32 +63,43 @@ def plain(raw: Mapping[str, Any]) -> tuple[dict[str, Any], list[int]]:
     groups = raw.get("group")
     if not isinstance(groups, list) or not all(isinstance(group, Mapping) for group in groups):
         return dict(raw), []
-    found, written = [], []
+    arms = _arms_of(raw)
+    tables: list[dict[str, Any]] = []
+    written: list[int] = []
     for number, group in enumerate(groups):
         try:
-            expanded = expand(group)
+            expanded = expand(group, arms)
         except WrongGroup as error:
             raise WrongGroup(("group", number, *error.key), error.message) from None
-        found += expanded
+        tables += expanded
         written += [number] * len(expanded)
-    return {**raw, "group": found}, written
+    return {**raw, "group": tables}, written
 
 
-def expand(group: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The plain groups of a raw table [[group]] of a campaign file. Raises WrongGroup.
+def _arms_of(raw: Mapping[str, Any]) -> tuple[str, ...]:
+    """The arms of a campaign's tables; () where they are not named, or wrongly, which others refuse."""
+    campaign = raw.get("campaign")
+    arms = campaign.get("arms") if isinstance(campaign, Mapping) else None
+    return tuple(arms) if isinstance(arms, list | tuple) and all(arm in ARMS for arm in arms) else ()
 
-    They are named GROUP/ID, or GROUP/ID-CASE where a hazard has several cases.
+
+def expand(group: Mapping[str, Any], arms: Sequence[str] = ()) -> list[dict[str, Any]]:
+    """The plain groups of a raw table [[group]] of a campaign file with these arms. Raises WrongGroup.
+
+    They are named GROUP/ID, or GROUP/ID-CASE where a hazard has several cases, and end in -ARM where each arm is struck
+    in turn. arms: () for a campaign of one arm, which then strikes whatever belongs to an arm.
     """
     if KEY not in group:
         return [dict(group)]
-    known = ("name", KEY, *OVERRIDES, *PASSED_ON)
     for key in group:
-        if key not in known:
-            expected = f"unknown key in a group that names hazards, expected one of {', '.join(known)}"
-            raise WrongGroup(key, expected + suggestion(key, known))
+        if key not in KEYS:
+            expected = f"unknown key in a group that names hazards, expected one of {', '.join(KEYS)}"
+            raise WrongGroup(key, expected + suggestion(key, KEYS))
     if not isinstance(group.get("name"), str):
         raise WrongGroup("name", "missing: names the group in tables and report")
-    return [_group(group, hazard, case) for hazard in named(group[KEY]) for case in hazard.case]
+    return [
+        table for hazard in named(group[KEY]) for case in hazard.case for table in _groups(group, hazard, case, arms)
+    ]
 
 
 def named(words: Any) -> list[Hazard]:
@@ -95,21 +124,42 @@ def _meant(word: str) -> list[Hazard]:
     raise WrongGroup(KEY, f"unknown hazard {word!r}, expected an id, a layer or {ALL!r}{suggestion(word, every)}")
 
 
-def _group(group: Mapping[str, Any], hazard: Hazard, case: Case) -> dict[str, Any]:
+def _groups(group: Mapping[str, Any], hazard: Hazard, case: Case, arms: Sequence[str]) -> Iterator[dict[str, Any]]:
+    """The plain groups of one case: one, or one an arm."""
     name = f"{hazard.id}-{case.name}" if case.name else hazard.id
     overrides = {key: group[key] for key in OVERRIDES if key in group}
-    _check(name, case, overrides)
-    slots = [slot for struck in case.fault for slot in _slots(struck, overrides)]
-    design = "zip" if case.fault[0].along else case.design
-    table: dict[str, Any] = {"name": f"{group['name']}/{name}", "design": design, "fault": slots}
-    if case.runs is not None:
-        table["runs"] = case.runs
-    return table | {key: group[key] for key in PASSED_ON if key in group}
+    per_arm = any(SITES[struck.site].per_arm for struck in case.fault)
+    arm = overrides.pop("arm", None)
+    turns = _turns(hazard, arm, arms) if per_arm else [("", ())]
+    for suffix, together in turns:
+        _check(name, case, overrides, together)
+        slots = [slot for struck in case.fault for slot in _slots(struck, overrides, together)]
+        side_by_side = case.fault[0].along or len(together) > 1
+        design = "zip" if side_by_side else case.design
+        table: dict[str, Any] = {"name": f"{group['name']}/{name}{suffix}", "design": design, "fault": slots}
+        if case.runs is not None:
+            table["runs"] = case.runs
+        yield table | {key: group[key] for key in PASSED_ON if key in group}
 
 
-def _check(name: str, case: Case, overrides: Mapping[str, Any]) -> None:
+def _turns(hazard: Hazard, arm: Any, arms: Sequence[str]) -> list[tuple[str, tuple[Any, ...]]]:
+    """(how the group's name ends, what the key `arm` is in it, several for arms in one run) of each group of a case."""
+    if isinstance(arm, list | tuple) and len(arm) > 1:
+        return [(f"-{one}", (one,)) for one in arm]
+    if arm is not None:
+        return [("", (arm[0] if isinstance(arm, list | tuple) and arm else arm,))]
+    if len(arms) < 2:
+        return [("", ())]
+    if hazard.arm in arms:
+        return [("", (hazard.arm,))]
+    return [("", tuple(arms))] if hazard.arm == "both" else [(f"-{one}", (one,)) for one in arms]
+
+
+def _check(name: str, case: Case, overrides: Mapping[str, Any], arms: Sequence[Any]) -> None:
     """WrongGroup for an override that would tear apart what a case strikes together."""
     first, *others = case.fault
+    if [] in arms:
+        raise WrongGroup("arm", f"{name}: the list is empty, expected at least one value")
     if "value" in overrides:
         if others:
             raise WrongGroup("value", f"{name} strikes {len(case.fault)} channels, each with a value of its own")
@@ -118,28 +168,38 @@ def _check(name: str, case: Case, overrides: Mapping[str, Any]) -> None:
     for key, value in overrides.items():
         if value == []:
             raise WrongGroup(key, f"{name}: the list is empty, expected at least one value")
-        if (others or first.along) and isinstance(value, dict):
-            raise WrongGroup(key, f"{name} strikes several channels at once, expected numbers, got {shown(value)}")
-        if others and isinstance(value, list) and key != "arm":
+        if (others or first.along or len(arms) > 1) and isinstance(value, dict):
+            what = "both arms" if len(arms) > 1 else "several channels"
+            raise WrongGroup(key, f"{name} strikes {what} at once, expected numbers, got {shown(value)}")
+        if others and isinstance(value, list):
             raise WrongGroup(key, f"{name} strikes several channels at once, expected one number, got {shown(value)}")
 
 
-def _slots(struck: Struck, overrides: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """[[group.fault]] tables of one slot of the library."""
+def _slots(struck: Struck, overrides: Mapping[str, Any], arms: Sequence[Any]) -> Iterator[dict[str, Any]]:
+    """[[group.fault]] tables of one slot of the library, one for each channel and arm that is struck together."""
     table = struck.model_dump(exclude={"along", "unit"}, exclude_none=True, exclude_defaults=True, mode="json")
-    if not SITES[struck.site].per_arm:
-        overrides = {key: value for key, value in overrides.items() if key != "arm"}
     table |= overrides
-    if struck.along is None:
-        yield table
-        return
+    if "value" in overrides:
+        table.pop("wraps", None)  # said of the library's values
+    per_arm = arms if SITES[struck.site].per_arm else ()
     keys = [key for key in _CROSSED if key in table]
+    if struck.along is None and len(per_arm) > 1:
+        table["channel"] = list(struck.channels)
+        keys = ["channel", *keys]
+    elif struck.along is None:
+        yield table | ({"arm": per_arm[0]} if per_arm else {})
+        return
     rows = itertools.product(*(_listed(table[key]) for key in keys))
     crossed = dict(zip(keys, map(list, zip(*rows, strict=True)), strict=True))
-    for name, share in struck.along.items():
-        whole = SITES[struck.site].channel(name).kind != "float"
-        values = [share * value for value in crossed["value"]]
-        yield table | crossed | {"channel": name, "value": [int(v) for v in values] if whole else values}
+    for arm in per_arm or (None,):
+        place = {} if arm is None else {"arm": arm}
+        if struck.along is None:
+            yield table | crossed | place
+            continue
+        for name, share in struck.along.items():
+            whole = SITES[struck.site].channel(name).kind != "float"
+            values = [share * value for value in crossed["value"]]
+            yield table | crossed | place | {"channel": name, "value": [int(v) for v in values] if whole else values}
 
 
 def _listed(value: Any) -> list[Any]:

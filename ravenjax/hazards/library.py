@@ -52,6 +52,7 @@ class Struck(Section):
     duration_ms: Numbers | str | tuple[Number | str, ...] | dict[str, tuple[Number | str, ...]] = "end"
     every_ms: Numbers = 0
     period_ms: Numbers = 0
+    wraps: bool = Field(default=False, description="a value beyond 16 bits is meant")
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -117,7 +118,10 @@ class Hazard(Section):
     layer: str = Field(pattern=r"^L([1-9]|10)$", description="layer of the loop, L1 console .. L10 mechanics")
     title: str = Field(min_length=1)
     target: str = Field(min_length=1, description="what the source names")
-    arm: Literal["gold", "green", "both", "either"] | None = None
+    arm: Literal["gold", "green", "both", "either"] | None = Field(
+        default=None,
+        description="that the source strikes; both: at once; either or none: each in turn where there are two",
+    )
     hazards: tuple[str, ...]
     unsafe_control_actions: tuple[str, ...] = ()
     needs: tuple[Literal["D", "S", "O", "X"], ...] = Field(
@@ -158,6 +162,11 @@ class Hazard(Section):
         names = [case.name for case in self.case]
         if len(set(names)) != len(names):
             raise ValueError(f"cases are named {names}, expected a name of its own for each")
+        together = [struck for case in self.case for struck in case.fault] if self.arm == "both" else []
+        if any(len(case.fault) > 1 or case.design != "grid" for case in self.case if together) or any(
+            isinstance(value, dict) for struck in together for value in struck.model_dump().values()
+        ):
+            raise ValueError("arm both: expected cases of one slot, design grid and without distributions")
         if (self.activated is None) != (self.injected is None):
             raise ValueError("activated and injected go together")
         return self
@@ -172,6 +181,13 @@ def takes_value(effect: str) -> bool:
 def terms() -> dict[str, dict[str, str]]:
     """Accidents, hazards, unsafe control actions, outcome classes and sources: word -> meaning."""
     return tomllib.loads(_data("terms.toml"))
+
+
+@cache
+def layers() -> dict[str, str]:
+    """Each layer of the loop, in the order L1 to L10, and what it is."""
+    tables = (tomllib.loads(_data(name)) for name in files())
+    return {table["layer"]: table["title"] for table in tables}
 
 
 @cache

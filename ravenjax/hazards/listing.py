@@ -2,21 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from ravenjax.hazards import library, ranges
 from ravenjax.hazards.library import Case, Hazard, Struck
+from ravenjax.robot.sites import SITES
 
 COLUMNS = ("id", "layer", "title", "class", "runs")
 """Of `table`."""
 
+LAYER_COLUMNS = ("layer", "what", "sites", "hazards")
+"""Of `layers`."""
 
-def table() -> list[tuple[str, ...]]:
-    """One row a hazard: id, layer, title, expected outcome class, and whether the simulator runs it."""
+
+def table(hazards: Sequence[Hazard] | None = None) -> list[tuple[str, ...]]:
+    """One row a hazard: id, layer, title, expected outcome class, and whether the simulator runs it. None: of all."""
     return [
         (row.id, row.layer, row.title, ", ".join(row.expected_class), "yes" if row.runnable else "documented only")
-        for row in library.rows()
+        for row in (library.rows() if hazards is None else hazards)
+    ]
+
+
+def of_layer(layer: str) -> list[Hazard]:
+    """The hazards of a layer."""
+    return [row for row in library.rows() if row.layer == layer]
+
+
+def of_site(site: str) -> list[Hazard]:
+    """The hazards that strike a site when they are run."""
+    return [row for row in library.rows() if any(slot.site == site for case in row.case for slot in case.fault)]
+
+
+def layers() -> list[tuple[str, ...]]:
+    """One row a layer of the loop: what it is, its sites and how many hazards the library has of it."""
+    return [
+        (
+            layer,
+            what,
+            ", ".join(site.name for site in SITES.values() if site.layer == layer) or "none",
+            str(len(of_layer(layer))),
+        )
+        for layer, what in library.layers().items()
     ]
 
 
@@ -30,7 +57,7 @@ def _lines(row: Hazard) -> Iterator[tuple[str, str]]:
     words = library.terms()
     yield "id", row.id
     yield "title", row.title
-    yield "layer", row.layer
+    yield "layer", f"{row.layer}: {library.layers()[row.layer]}"
     yield "target", row.target
     yield "arm", row.arm or ""
     yield "hazard", "; ".join(f"{word}: {words['hazards'][word]}" for word in row.hazards)

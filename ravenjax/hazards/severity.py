@@ -6,14 +6,15 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.hazards import classes
+from ravenjax.outcomes.verdict import LIMIT_MM, TOLD, beyond_golden
 
 SCALE = (
     "nothing",
-    "a message only",
+    "a check spoke or limited a command, and nothing else happened",
     "pause or restart: the robot stopped or stood, and the fault ends by itself",
     "conversion or reschedule: the robot stopped or stood, and a restart would meet the fault again",
-    "injury-capable motion, and something spoke: a check, or the haptic cue",
-    "injury-capable motion without any alarm",
+    "injury-capable motion, and a person was told: by a check, or the haptic cue",
+    "injury-capable motion of which nobody was told",
 )
 """Meaning of each severity, by number. An ordinal scale of ours: no source weighs a stop against an injury."""
 
@@ -30,18 +31,19 @@ COLUMNS = (*classes.COLUMNS, "tissue_depth_mm", "twin_tissue_depth_mm", "fault0_
 """Columns of the result table that severities are made of; besides, the cue's, and those of other slots."""
 
 
-def severity(frame: pd.DataFrame, cue: int | None = 0) -> pd.Series:
+def severity(frame: pd.DataFrame, cue: int | None = 0, limit_mm: float = LIMIT_MM) -> pd.Series:
     """Severity of each row of a result table, Int64, missing for failed runs.
 
-    cue: haptic set that counts as an alarm; None: a robot without a cue. KeyError names a column that is missing.
+    cue: haptic set that counts as an alarm; None: a robot without a cue. limit_mm: of an unintended motion. KeyError
+    names a column that is missing.
     """
     if missing := [name for name in COLUMNS if name not in frame]:
         raise KeyError(f"severities need the columns {', '.join(COLUMNS)}; the table lacks {', '.join(missing)}")
-    found = classes.classify(frame)
+    found = classes.classify(frame, limit_mm)
     unavailable = found["stop"] | found["unresponsive"]
-    alarmed = frame["response"].astype(str) != "none"
+    alarmed = frame["response"].astype(str).isin(TOLD)
     if cue is not None:
-        alarmed |= frame[f"cue{cue}_first_ms"] >= 0
+        alarmed |= beyond_golden(frame[f"cue{cue}_first_ms"], frame[f"twin_cue{cue}_first_ms"]) >= 0
     harmful = injury_capable(frame, found)
     number = np.select(
         [harmful & ~alarmed, harmful, unavailable & lasting(frame), unavailable, found["message"]], [5, 4, 3, 2, 1], 0
@@ -50,8 +52,11 @@ def severity(frame: pd.DataFrame, cue: int | None = 0) -> pd.Series:
 
 
 def injury_capable(frame: pd.DataFrame, found: pd.DataFrame | None = None) -> pd.Series:
-    """Which runs moved the instrument so that it could injure: a jump, a stray beyond classes.STRAY_MM, or a tip deeper
-    in the tissue than its twin's by more than DEPTH_MM. `found`: their classes, where they are at hand."""
+    """Which runs moved the instrument so that it could injure.
+
+    A jump, an unintended motion beyond the limit, or a tip deeper in the tissue than its twin's by more than DEPTH_MM.
+    `found`: their classes, where they are at hand.
+    """
     found = classes.classify(frame) if found is None else found
     deeper_mm = frame["tissue_depth_mm"] - frame["twin_tissue_depth_mm"]
     deeper = (deeper_mm > DEPTH_MM) & (frame["failed"] == "")

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ravenjax.report import counted, tables
 from ravenjax.report.counted import NONE, Delays
 from ravenjax.report.reactions import Difference
-from ravenjax.report.runs import HARMFUL, Ever, Runs, after_onset
+from ravenjax.report.runs import UNINTENDED, Faults, Runs, after_onset
+from ravenjax.stats.false_alarms import AlarmRate
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.stats.latency import Incidence, Lead
 from ravenjax.store.manifest import Cue, Manifest
@@ -23,13 +24,14 @@ class ClassRow(NamedTuple):
 
     name: str
     evaded: Rate  # of distinct faults
-    harm: Rate  # of distinct faults
-    before: Rate  # of harmful faults, those that could be known before the harm
-    half_ms: Estimate  # time from the first effect by which half of the harmful faults could be known
+    unintended: Rate  # of distinct faults, whatever the checks did
+    loss: Rate  # of distinct faults, whatever the checks did
+    before: Rate  # of faults with an unintended motion, those that could be known before it
+    half_ms: Estimate  # time from the first effect by which half of those could be known
 
 
 class Knowledge(NamedTuple):
-    """Time from the first effect to the first possible knowledge, over harmful faults (one run of each)."""
+    """Time from the first effect to the first possible knowledge, over faults with an unintended motion."""
 
     delay: Incidence
     half_ms: Estimate
@@ -40,26 +42,27 @@ class Knowledge(NamedTuple):
 
 
 class Announced(NamedTuple):
-    """Of evading faults that moved the instrument, what a cue announces before it is HARM_MM off."""
+    """Of evading faults, what a cue announces before the motion exceeds the limit."""
 
     cue: Cue
     lead: Lead
     lead_ms: Estimate  # median
     false: Rate  # of fault-free motions, those with this cue
+    per_hour: AlarmRate | None  # false ones an hour
 
 
 class Changed(NamedTuple):
     """What the cue would change: pairs where the campaign has them, else what it announces."""
 
     pairs: list[Difference]  # all faults, one for each reaction
-    announced: Announced | None  # by the cue of the verdicts; None: no cue, or nothing evaded and moved
+    announced: Announced | None  # by the cue of the verdicts; None: no cue, or nothing evaded
     better: Announced | None  # the cue that announces most without a false one, where it is another
 
 
 def knowledge(runs: Runs, known: str, manifest: Manifest) -> Knowledge:
     """known: when anyone could first know, -1 if never; an expression of columns of facts (`detectors.known`)."""
     delay, lags = (
-        runs.delays(known, start, str(manifest.duration_ms), HARMFUL)[""] for start in ("active_ms", "harm_ms")
+        runs.delays(known, start, str(manifest.duration_ms), UNINTENDED)[""] for start in ("active_ms", "unintended_ms")
     )
     found, lead = counted.incidence(delay), counted.lead(lags)
     return Knowledge(
@@ -79,20 +82,20 @@ def classes(runs: Runs, known: str, manifest: Manifest) -> dict[str, list[ClassR
     """
     made = {}
     for kind in CLASSES:
-        present = runs.ever("faulty AND plain", kind)
+        present = runs.faults(kind)
         if len(present) > 1 or (kind == "group" and present):
             delay, lags = (
-                runs.delays(known, start, str(manifest.duration_ms), HARMFUL, kind)
-                for start in ("active_ms", "harm_ms")
+                runs.delays(known, start, str(manifest.duration_ms), UNINTENDED, kind)
+                for start in ("active_ms", "unintended_ms")
             )
             rows = [_class(one, delay.get(one.name, NONE), lags.get(one.name, NONE)) for one in present]
-            made[kind] = sorted(rows, key=lambda row: (-row.evaded.value, -row.harm.value, row.name))
+            made[kind] = sorted(rows, key=_most_evasive)
     return made
 
 
 def changed(runs: Runs, manifest: Manifest, differences: Sequence[Difference]) -> Changed:
     """differences: of all reactions, none where the campaign has no pairs."""
-    chosen = "sample AND evaded AND moved_ms >= 0 AND activated"
+    chosen = "sample AND faulty AND evaded"
     told = []
     if runs.count(chosen) and runs.motions().count:
         told = [_announced(runs, manifest, k, chosen) for k in range(len(manifest.cues))]
@@ -105,16 +108,23 @@ def changed(runs: Runs, manifest: Manifest, differences: Sequence[Difference]) -
 
 def _announced(runs: Runs, manifest: Manifest, k: int, chosen: str) -> Announced:
     free = runs.motions()
-    lead = counted.lead(runs.delays(after_onset(f"warned{k}_ms"), "moved_ms", str(manifest.duration_ms), chosen)[""])
+    lead = counted.lead(
+        runs.delays(after_onset(f"warned{k}_ms"), "unintended_ms", str(manifest.duration_ms), chosen)[""]
+    )
     false = tables.rate_of(free.came(f"twin_cue{k}_first_ms"), free.count)
-    return Announced(manifest.cues[k], lead, lead.quantile(0.5), false)
+    return Announced(manifest.cues[k], lead, lead.quantile(0.5), false, free.cue_rate(k))
 
 
-def _class(ever: Ever, delay: Delays, lags: Delays) -> ClassRow:
+def _most_evasive(row: ClassRow) -> tuple[Any, ...]:
+    return *tables.least_last(row.evaded), *tables.least_last(row.unintended), row.name
+
+
+def _class(faults: Faults, delay: Delays, lags: Delays) -> ClassRow:
     return ClassRow(
-        ever.name,
-        tables.rate_of(ever.evaded, ever.faults),
-        tables.rate_of(ever.harm, ever.faults),
+        faults.name,
+        tables.rate_of(faults.evaded, faults.faults),
+        tables.rate_of(faults.unintended, faults.faults),
+        tables.rate_of(faults.loss, faults.faults),
         counted.lead(lags).before,
         counted.incidence(delay).quantile_interval(0.5),
     )

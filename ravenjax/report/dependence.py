@@ -36,10 +36,11 @@ def conclusions(runs: Runs) -> list[Conclusion]:
     """
     chosen = "sample AND faulty"
     asked = {
-        "evades the checks and moves the instrument": ("true", "evaded"),
-        "does harm": ("true", "harm"),
-        "a check responds": ("true", "response <> 'silent'"),
-        "the cue fires before the harm": ("harm", "warned_ms >= 0 AND warned_ms < harm_ms"),
+        "evades the checks": ("true", "evaded"),
+        "makes an unintended motion": ("true", "unintended"),
+        "leads to a loss of motion": ("true", "loss"),
+        "is told of by a check": ("true", "told"),
+        "has the cue before the unintended motion": ("unintended", "warned_ms >= 0 AND warned_ms < unintended_ms"),
     }
     hits = ", ".join(
         f"{among} AND {hit} AS hit{i}, {among} AS among{i}" for i, (among, hit) in enumerate(asked.values())

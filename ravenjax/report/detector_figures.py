@@ -1,141 +1,110 @@
-"""Figures of detectors: how well they tell harm, how soon they speak, how long before the harm."""
+"""Charts of detectors: recall of unintended motions, delay and lead of alarms."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
-from ravenjax.figure_style import GRID, json_of, look
+from ravenjax.document import palette
+from ravenjax.document.chart import Axis, Chart, Curve, Dots, Mark
+from ravenjax.document.steps import steps
 from ravenjax.report.detectors import Curves, Level, Row
-from ravenjax.report.figures import log_time
-from ravenjax.report.style import SERIES, band, stepped
+from ravenjax.report.figures import log_time, of_incidence
 
-HEIGHT = 430  # px
+HEIGHT = 340  # px
 DRAWN = 6
 """Curves shown at first, the largest areas; others wait in the legend."""
-
-
+OTHERS = 2
+"""Built-in checks and cue, which stand beside the campaign's detectors."""
 NEAR_MS = 500.0
-"""About the harm, what the figure of leads shows at first."""
+"""About the unintended motion, what the chart of leads shows."""
+CAUGHT, DISTURBED = "share of unintended motions with an alarm", "share of other runs with an alarm"
+TELLING = "share of alarms with an unintended motion"
 
 
-def roc(rows: Sequence[Row]) -> str | None:
-    """Figure of caught harmful runs over alarms in harmless ones; None where no detector has a curve."""
-    return _figure(rows, "roc", "share of harmless runs with an alarm", "share of harmful runs with an alarm")
+def roc(rows: Sequence[Row]) -> Chart | None:
+    """Chart of recall over alarms in other runs; None where no detector has a curve."""
+    return _chart("Recall and false positives", rows, "roc", DISTURBED, CAUGHT)
 
 
-def precision_recall(rows: Sequence[Row]) -> str | None:
-    """Figure of the share of alarms that tell of harm over caught harmful runs."""
-    return _figure(rows, "recall", "share of harmful runs with an alarm", "share of alarms that tell of harm")
+def precision_recall(rows: Sequence[Row]) -> Chart | None:
+    """Chart of precision over recall."""
+    return _chart("Precision and recall", rows, "recall", CAUGHT, TELLING)
 
 
-def delays(curves: Sequence[Curves], end_ms: int) -> str:
-    """Figure of the time from the first effect to the alarm, over harmful runs."""
-    traces = []
+def delays(curves: Sequence[Curves], end_ms: int) -> Chart:
+    """Chart of the time from the first effect to the alarm, over unintended motions."""
+    marks = [of_incidence(one.delay, _label(one), palette.series(number), end_ms) for number, one in enumerate(curves)]
+    return Chart("How soon after the first effect", log_time(end_ms), _share(CAUGHT), _plain(marks), HEIGHT)
+
+
+def leads(curves: Sequence[Curves]) -> Chart:
+    """Chart of the time between alarm and unintended motion; left of 0 there is time to act."""
+    starts, ends = ([float(one.lead.lag.time[end]) for one in curves] for end in (0, -1))
+    marks = []
     for number, one in enumerate(curves):
-        traces += _steps(one, stepped(one.delay, end_ms, start=1.0), number, "%{x:.0f} ms after the first effect")
-    return json_of(traces, _layout(log_time(), "share of harmful runs with an alarm"))
+        lag = one.lead.lag
+        line = steps(lag.time, lag.fraction, lag.low, lag.high, end=max(ends))
+        marks.append(Curve.of(line, _label(one), palette.series(number)))
+    low, high = max(-NEAR_MS, min(starts) - 10.0), min(NEAR_MS, max(ends) + 10.0)
+    time = Axis("alarm minus unintended motion, ms", low, max(high, low + 20.0), unit="ms", line=0.0)
+    return Chart("How long before the motion", time, _share(CAUGHT), _plain(marks), HEIGHT)
 
 
-def leads(curves: Sequence[Curves]) -> str:
-    """Figure of the time between alarm and harm, over harmful runs; left of 0 there is time to act."""
-    starts, ends = ([one.lead.lag.time[end] for one in curves] for end in (0, -1))
-    traces = []
-    for number, one in enumerate(curves):
-        traces += _steps(one, stepped(one.lead.lag, float(max(ends))), number, "%{x:.0f} ms after the harm")
-    time = {
-        "title": {"text": "alarm minus harm, ms"},
-        "range": [max(-NEAR_MS, float(min(starts)) - 10.0), min(NEAR_MS, float(max(ends)) + 10.0)],
-        "gridcolor": GRID,
-        "zeroline": True,
-        "zerolinecolor": "rgba(128,128,128,0.8)",
-    }
-    return json_of(traces, _layout(time, "share of harmful runs with an alarm"))
+def _label(one: Curves) -> str:
+    return one.name if np.isnan(one.level) else f"{one.name} at {one.level:g}"
 
 
-def colour(number: int) -> str:
-    """Colour of the detector of this number, the same in every figure."""
-    return SERIES[number % len(SERIES)]
+def _plain(curves: Sequence[Curve]) -> tuple[Curve, ...]:
+    """Many side by side: without bands; shown are the first ones, and the built-in checks and the cue, the last."""
+    last = len(curves) - OTHERS
+    return tuple(
+        Curve(one.name, one.colour, one.x, one.y, step=True, visible=number < 2 * DRAWN or number >= last)
+        for number, one in enumerate(curves)
+    )
 
 
-def _layout(across: dict[str, Any], up: str) -> dict[str, Any]:
-    share = {"title": {"text": up}, "tickformat": ".0%", "range": [-0.02, 1.03], "gridcolor": GRID, "zeroline": False}
-    return look(HEIGHT) | {"xaxis": across, "yaxis": share}
+def _share(title: str) -> Axis:
+    return Axis(title, 0.0, 1.0, share=True)
 
 
-def _figure(rows: Sequence[Row], kind: str, across: str, up: str) -> str | None:
+def _chart(title: str, rows: Sequence[Row], kind: str, across: str, up: str) -> Chart | None:
     numbered = [(number, row) for number, row in enumerate(rows) if getattr(row, kind) is not None]
     if not numbered:
         return None
     largest = sorted(numbered, key=lambda pair: -getattr(pair[1], kind).area.value)[:DRAWN]
-    traces: list[dict[str, Any]] = []
-    for number, row in enumerate(rows):
-        shown = (number, row) in largest or getattr(row, kind) is None
-        traces += _one(row, number, kind, shown)
+    marks: list[Mark] = []
     if kind == "roc":
-        chance = {"type": "scatter", "mode": "lines", "x": [0, 1], "y": [0, 1], "showlegend": False}
-        traces.insert(0, chance | {"hoverinfo": "skip", "line": {"color": GRID, "width": 1.2, "dash": "dot"}})
-    axis = {"title": {"text": across}, "tickformat": ".0%", "range": [-0.02, 1.02], "gridcolor": GRID}
-    return json_of(traces, _layout(axis | {"zeroline": False}, up))
+        ends = np.array([0.0, 1.0])
+        marks.append(Curve("chance", palette.SAME, ends, ends, dashed=True, in_legend=False))
+    for number, row in enumerate(rows):
+        visible = (number, row) in largest or getattr(row, kind) is None
+        marks += _marks(row, number, kind, visible)
+    return Chart(title, _share(across), _share(up), tuple(marks), HEIGHT)
 
 
-def _one(row: Row, number: int, kind: str, shown: bool) -> list[dict[str, Any]]:
+def _marks(row: Row, number: int, kind: str, visible: bool) -> list[Mark]:
     """Curve with band and marks of the levels; of what has a single level, the mark alone."""
-    same: dict[str, Any] = {"type": "scatter", "legendgroup": row.name} | ({} if shown else {"visible": "legendonly"})
-    traces = []
-    found = getattr(row, kind)
-    if found is not None:
-        value = np.asarray(found.curve.value)
-        known = np.isfinite(value)
-        hue = band(found.grid, np.asarray(found.curve.low), np.asarray(found.curve.high), colour(number))
-        line = {
-            "mode": "lines",
-            "x": found.grid[known].round(5).tolist(),
-            "y": value[known].round(5).tolist(),
-            "name": f"{row.name} ({found.area.value:.3f})",
-            "line": {"color": colour(number), "width": 2},
-            "hovertemplate": f"{row.name}<br>%{{x:.1%}}, %{{y:.1%}}<extra></extra>",
-        }
-        traces += [hue | same, line | same]
-    points = [(level, *_place(level, kind)) for level in row.levels]
-    points = [point for point in points if np.isfinite(point[1:]).all()]
-    mark = {
-        "mode": "markers",
-        "cliponaxis": False,
-        "x": [x for _, x, _ in points],
-        "y": [y for _, _, y in points],
-        "marker": {
-            "color": colour(number),
-            "size": [11 if level.quiet else 7 for level, *_ in points] if found else 11,
-            "symbol": "circle" if found else "diamond",
-            "line": {"color": "#ffffff", "width": 1},
-        },
-        "name": row.name,
-        "showlegend": found is None,
-        "text": [f"{row.name}" if np.isnan(level.level) else f"{row.name} at {level.level:g}" for level, *_ in points],
-        "hovertemplate": "%{text}<br>%{x:.1%}, %{y:.1%}<extra></extra>",
-    }
-    return [*traces, mark | same] if points else traces
+    colour, name, marks = palette.series(number), row.name, []
+    band = getattr(row, kind)
+    if band is not None:
+        name = f"{row.name} ({band.area.value:.3f})"
+        edges = np.asarray(band.curve.low, float), np.asarray(band.curve.high, float)
+        marks.append(Curve(name, colour, band.grid, np.asarray(band.curve.value, float), *edges, visible=visible))
+    places = [(level, *_place(level, kind)) for level in row.levels]
+    places = [place for place in places if np.isfinite(place[1:]).all()]
+    if places:
+        levels, x, y = zip(*places, strict=True)
+        tips = tuple(row.name if np.isnan(level.level) else f"{row.name} at {level.level:g}" for level in levels)
+        size = tuple(11.0 if level.quiet or band is None else 7.0 for level in levels)
+        marks.append(
+            Dots(name, colour, np.array(x), np.array(y), size=size, tips=tips, diamond=band is None, visible=visible)
+        )
+    return marks
 
 
 def _place(level: Level, kind: str) -> tuple[float, float]:
     if kind == "roc":
         return level.harmless.value, level.caught.value
     return level.caught.value, level.precision.value
-
-
-def _steps(one: Curves, drawn: dict[str, np.ndarray], number: int, when: str) -> list[dict[str, Any]]:
-    name = one.name if np.isnan(one.level) else f"{one.name} at {one.level:g}"
-    same: dict[str, Any] = {"legendgroup": one.name} | ({} if number < 2 * DRAWN else {"visible": "legendonly"})
-    line = {
-        "type": "scatter",
-        "mode": "lines",
-        "x": drawn["x"].tolist(),
-        "y": drawn["y"].tolist(),
-        "name": name,
-        "line": {"color": colour(number), "width": 2, "shape": "hv"},
-        "hovertemplate": f"{name}: %{{y:.1%}} by {when}<extra></extra>",
-    }
-    return [line | same]

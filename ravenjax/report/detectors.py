@@ -1,4 +1,4 @@
-"""Detectors against harm: how well they tell it, how early, and how often they disturb when nothing is wrong.
+"""Detectors: which share of unintended motions they recall, how early, and how many false alarms they give.
 
 The robot's own checks and the haptic cue of the verdicts stand beside the campaign's detectors as two that have a
 single level. Rates and times are of one run of each fault; curves are of every run, or of so many drawn, their bands
@@ -15,8 +15,8 @@ import numpy as np
 
 from ravenjax.report import counted
 from ravenjax.report import facts as run_facts
-from ravenjax.report.runs import HARMFUL, Motions, Runs, after_onset
-from ravenjax.stats.false_alarms import AlarmRate, alarm_rate
+from ravenjax.report.runs import UNINTENDED, Runs, after_onset
+from ravenjax.stats.false_alarms import AlarmRate
 from ravenjax.stats.intervals import Estimate, Rate, wilson
 from ravenjax.stats.latency import Incidence, Lead
 from ravenjax.stats.resample import Band
@@ -30,7 +30,7 @@ DRAWS = 1_000_000
 """Runs drawn for the bands of one curve, all resamples together; between 100 and 400 resamples."""
 MOST_DRAWN = 20_000
 """Runs that curves are made of; of more, about so many are drawn, and bands are too wide rather than too narrow."""
-SCORED = "plain AND NOT failed"
+SCORED = "plain AND faulty AND NOT failed"
 MOST_LEVELS = 12
 """Levels of a detector in the table; of more, so many, evenly taken, and the quiet one."""
 
@@ -40,13 +40,13 @@ class Level(NamedTuple):
 
     detector: str
     level: float
-    caught: Rate  # of harmful runs, those with an alarm
-    harmless: Rate  # of runs without harm, those with an alarm
-    precision: Rate  # of alarms, those in harmful runs
+    caught: Rate  # of faults with an unintended motion, those with an alarm
+    harmless: Rate  # of faults without one, those with an alarm
+    precision: Rate  # of faults with an alarm, those with an unintended motion
     false: AlarmRate | None  # on fault-free motion; None: not known
-    delay_ms: Estimate  # median over harmful runs, from the fault's first effect
-    before: Rate  # of harmful runs, those with an alarm before the harm
-    lead_ms: Estimate  # median over harmful runs; NaN: half of them never had an alarm
+    delay_ms: Estimate  # median over faults with an unintended motion, from the fault's first effect
+    before: Rate  # of faults with an unintended motion, those with an alarm before it
+    lead_ms: Estimate  # median over faults with an unintended motion; NaN: half of them never had an alarm
     quiet: bool  # the lowest level without a false alarm on fault-free motion
 
 
@@ -57,6 +57,7 @@ class Alarms(NamedTuple):
     level: float
     column: str  # of facts
     free: int | None  # fault-free motions in which it spoke; None: not known
+    false: AlarmRate | None  # first false alarms an hour of them; None: not known
     quiet: bool
 
 
@@ -66,14 +67,14 @@ class Row(NamedTuple):
     name: str
     what: str  # kind and settings in words
     levels: list[Level]
-    roc: CurveBand | None  # None for a check or a cue, and where runs do not differ in harm or are all of one fault
+    roc: CurveBand | None  # None for a check or a cue, and where runs do not differ in it or are all of one fault
     recall: CurveBand | None
     auc: Band | None
     average_precision: Band | None
 
 
 class Curves(NamedTuple):
-    """How early one detector speaks at its quiet level (else its highest), over harmful runs."""
+    """How early one detector speaks at its quiet level (else its highest), over runs with an unintended motion."""
 
     name: str
     level: float
@@ -84,21 +85,24 @@ class Curves(NamedTuple):
 def alarms(runs: Runs, manifest: Manifest) -> list[Alarms]:
     """Everything that can speak, level by level: the campaign's detectors, the checks, the cue of the verdicts."""
     free = runs.motions()
-    found = [one for d, detector in enumerate(manifest.detectors) for one in _levels(free, d, detector)]
-    found.append(Alarms(CHECKS, math.nan, "response_ms", None, False))
+    found = [one for d, detector in enumerate(manifest.detectors) for one in _levels(runs, d, detector)]
+    found.append(Alarms(CHECKS, math.nan, "told_ms", None, None, False))
     if manifest.cues:
         told = free.came(f"twin_cue{manifest.verdict_cue}_first_ms")
         name = f"{CUE}, {manifest.cues[manifest.verdict_cue].threshold_mm:g} mm"
-        found.append(Alarms(name, math.nan, "warned_ms", told, told == 0))
+        rate = free.cue_rate(manifest.verdict_cue)
+        found.append(Alarms(name, math.nan, "warned_ms", told, rate, told == 0))
     return found
 
 
-def _levels(free: Motions, d: int, detector: Detector) -> Iterator[Alarms]:
-    score, types = f"twin_detector{d}_score", free.runs.types
-    false = [free.with_event(run_facts.beyond_sql(score, level, types)) for level in detector.levels]
-    quiet = min((level for level, count in zip(detector.levels, false, strict=True) if not count), default=None)
-    for k, (level, count) in enumerate(zip(detector.levels, false, strict=True)):
-        yield Alarms(detector.name, level, f"alarm{d}_{k}_ms", count, level == quiet)
+def _levels(runs: Runs, d: int, detector: Detector) -> Iterator[Alarms]:
+    free, score = runs.motions(), f"twin_detector{d}_score"
+    events = [run_facts.beyond_sql(score, level, runs.types) for level in detector.levels]
+    counts = [free.with_event(event) for event in events]
+    quiet = min((level for level, count in zip(detector.levels, counts, strict=True) if not count), default=None)
+    for k, (level, count, event) in enumerate(zip(detector.levels, counts, events, strict=True)):
+        rate = free.first_rate(event, f"detector{d}_level{k}_first_ms")
+        yield Alarms(detector.name, level, f"alarm{d}_{k}_ms", count, rate, level == quiet)
 
 
 def known(found: list[Alarms]) -> str:
@@ -164,32 +168,32 @@ def _what(detector: Detector) -> str:
 
 
 class _Caught(NamedTuple):
-    """Runs, one of each fault: harmful and harmless, and those of both with an alarm."""
+    """Distinct faults: those with an unintended motion and the others, and those of both with an alarm."""
 
-    harm: int
-    harmless: int
+    unintended: int
+    others: int
     hits: int
     misses: int
 
 
 def _caught(runs: Runs, found: list[Alarms]) -> dict[str, _Caught]:
     """By column."""
-    asked = [f"{harm} AND {one.column} >= 0" for one in found for harm in ("harm", "NOT harm")]
-    harm, harmless, *counts = runs.counts(["harm", "NOT harm", *asked], where="sample")
+    kinds = ("unintended", "NOT unintended")
+    asked = [f"{kind} AND {one.column} >= 0" for one in found for kind in kinds]
+    unintended, others, *counts = runs.counts([*kinds, *asked], where="sample AND faulty")
     pairs = zip(counts[::2], counts[1::2], strict=True)
-    return {one.column: _Caught(harm, harmless, *pair) for one, pair in zip(found, pairs, strict=True)}
+    return {one.column: _Caught(unintended, others, *pair) for one, pair in zip(found, pairs, strict=True)}
 
 
 def _level(runs: Runs, manifest: Manifest, one: Alarms, counts: _Caught) -> Level:
-    hours = runs.motions().hours
     delay, lead = _times(runs, manifest, one)
     return Level(
         one.name,
         one.level,
-        wilson(counts.hits, counts.harm),
-        wilson(counts.misses, counts.harmless),
+        wilson(counts.hits, counts.unintended),
+        wilson(counts.misses, counts.others),
         wilson(counts.hits, counts.hits + counts.misses),
-        None if one.free is None else alarm_rate(one.free, hours) if hours else None,
+        one.false,
         delay.quantile_interval(0.5),
         lead.before,
         lead.quantile(0.5),
@@ -198,24 +202,24 @@ def _level(runs: Runs, manifest: Manifest, one: Alarms, counts: _Caught) -> Leve
 
 
 def _times(runs: Runs, manifest: Manifest, one: Alarms) -> tuple[Incidence, Lead]:
-    """Delay after the first effect, and lead over the harm, of harmful runs; an alarm before the first effect counts
+    """Delay after the first effect, and lead over the unintended motion; an alarm before the first effect counts
     as none, for it tells of something else."""
     event, end = after_onset(one.column), str(manifest.duration_ms)
-    delay, lags = (runs.delays(event, start, end, HARMFUL)[""] for start in ("active_ms", "harm_ms"))
+    delay, lags = (runs.delays(event, start, end, UNINTENDED)[""] for start in ("active_ms", "unintended_ms"))
     return counted.incidence(delay), counted.lead(lags)
 
 
 def _bands(runs: Runs, number: int) -> tuple[CurveBand, CurveBand] | tuple[None, None]:
-    """Of the runs drawn; none where they do not differ in harm, or are all of one fault."""
+    """Of the runs drawn; none where they do not differ in it, or are all of one fault."""
     from ravenjax.stats.roc import precision_recall_band, roc_band
 
     score = f"detector{number}_score"
-    drawn = runs.drawn(f'{score} AS score, harm, "distinct" AS cell', SCORED, MOST_DRAWN)
-    values, harm, cell = (drawn[name].to_numpy() for name in ("score", "harm", "cell"))
-    if min(len(np.unique(harm)), len(np.unique(cell))) < 2:
+    drawn = runs.drawn(f'{score} AS score, unintended, "distinct" AS cell', SCORED, MOST_DRAWN)
+    values, unintended, cell = (drawn[name].to_numpy() for name in ("score", "unintended", "cell"))
+    if min(len(np.unique(unintended)), len(np.unique(cell))) < 2:
         return None, None
     given: dict[str, Any] = {"resamples": int(np.clip(DRAWS // len(values), 100, 400))}
     return (
-        roc_band(values, harm, cell, grid=GRID, **given),
-        precision_recall_band(values, harm, cell, grid=GRID[1:], **given),
+        roc_band(values, unintended, cell, grid=GRID, **given),
+        precision_recall_band(values, unintended, cell, grid=GRID[1:], **given),
     )

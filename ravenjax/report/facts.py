@@ -12,32 +12,26 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
+from ravenjax.outcomes import events, verdict
+from ravenjax.outcomes.events import Rules
 from ravenjax.report import layers
-from ravenjax.store import query, schema
+from ravenjax.store import query
 from ravenjax.store.manifest import Manifest
 from ravenjax.store.query import RESULTS, Table, quoted, text
 
 OUTCOMES = {
-    "stopped": "a built-in check stopped the robot",
-    "flagged": "a built-in check responded without a stop",
-    "felt": "no check; the instrument left the model, the cue fired",
-    "unseen": "no check; the instrument left the model, no cue fired",
-    "phantom": "no check; the instrument stayed near, the cue fired all the same",
-    "jumped": "no check, no cue; the reported tip jumped, the instrument stayed near",
-    "quiet": "no check, no cue, no jump; the instrument stayed near",
+    "stopped": "a check stopped the robot",
+    "flagged": "a check told a person, the robot went on",
+    "felt": "nobody was told by a check; unintended motion, the cue came",
+    "unseen": "nobody was told by a check; unintended motion, no cue",
+    "lost": "nobody was told by a check; loss of motion",
+    "misreported": "nobody was told by a check; only the robot's report went astray",
+    "phantom": "nobody was told by a check; no hazard, the cue came all the same",
+    "limited": "a check limited a command or dropped a packet; no hazard, no cue",
+    "quiet": "no check, no hazard, no cue",
     "failed": "the run gave no valid outcome",
 }
-"""Each run has exactly one; "felt" and "unseen" evaded the checks and moved the instrument off the model by more than
-the cue's threshold."""
-
-EVADED = ("felt", "unseen")
-
-
-HARM_MM = 3.0
-"""As the column moved_first_ms: the true tip is so far off the nominal model while the robot is live."""
-
-HARM = f"the true tip more than {HARM_MM:g} mm off the nominal model while the robot was live, or a jump"
-"""What counts as harm, for a run that its fault-free twin does not also have by then."""
+"""Each run has exactly one; those "felt" and "unseen" evaded the checks."""
 
 ACTION = "param:reaction.action"
 ACTIONS = ("none", "release", "slow", "correct")
@@ -47,45 +41,38 @@ FACTS = "facts"
 """The table of what `define` derives."""
 
 
-class Rules(NamedTuple):
-    """What the words mean in one campaign."""
+class Choices(NamedTuple):
+    """What a campaign chose."""
 
-    cue: int = 0  # haptic set of the verdicts
-    threshold_mm: float = HARM_MM  # its own
-    jump: str = "jump_code"  # column of the jump rule
+    rules: Rules = Rules()  # of the definitions of outcomes
     action: int = 0  # what the operator does at a cue where the run's parameters do not say, of ACTIONS
 
 
-def rules(manifest: Manifest) -> Rules:
+def choices(manifest: Manifest) -> Choices:
     """Those of the campaign that a manifest describes."""
-    cue = manifest.cues[manifest.verdict_cue] if manifest.cues else None
     reaction = manifest.config.get("reaction") or {}
-    return Rules(
-        manifest.verdict_cue,
-        cue.threshold_mm if cue else HARM_MM,
-        manifest.verdict_jump,
-        ACTIONS.index(reaction.get("action", "release")) if manifest.shape.reacts else 0,
-    )
+    return Choices(manifest.rules, ACTIONS.index(reaction.get("action", "release")) if manifest.shape.reacts else 0)
 
 
 def of(frame: pd.DataFrame, manifest: Manifest) -> pd.DataFrame:
-    """`derive` with the cue, the jump rule and the reaction of the campaign that a manifest describes."""
-    return derive(frame, *rules(manifest))
+    """`derive` with the choices of the campaign that a manifest describes."""
+    return derive(frame, choices(manifest))
 
 
-def derive(
-    frame: pd.DataFrame, cue: int = 0, threshold_mm: float = HARM_MM, jump: str = "jump_code", action: int = 0
-) -> pd.DataFrame:
-    """The facts of a result table in memory, one row per run, the index of `frame` kept; arguments as in `Rules`.
+USUAL = Choices()
+"""Of a campaign that chose nothing."""
+
+
+def derive(frame: pd.DataFrame, chosen: Choices = USUAL) -> pd.DataFrame:
+    """The facts of a result table in memory, one row per run, the index of `frame` kept.
 
     Columns as of `define`, and run_id.
     """
-    asked = Rules(cue, threshold_mm, jump, action)
     with query.empty() as table:
-        take(table, frame.loc[:, needed(list(frame), asked)])
-        define(table, asked)
+        take(table, frame.loc[:, needed(list(frame), chosen)])
+        define(table, chosen)
         facts = table.frame(f"SELECT * EXCLUDE row FROM {FACTS} ORDER BY row")
-    words = ("response", "outcome", "site", "layer", "block")
+    words = ("response", "hazard", "outcome", "site", "layer", "block")
     facts = facts.astype({name: "str" for name in words if name in facts})
     facts.index = frame.index
     facts.insert(0, "run_id", frame["run_id"])
@@ -102,74 +89,78 @@ def take(table: Table, frame: pd.DataFrame) -> None:
     table.run(f"CREATE VIEW {RESULTS} AS SELECT * FROM given")
 
 
-def needed(names: Sequence[str], rules: Rules) -> list[str]:
+def needed(names: Sequence[str], chosen: Choices) -> list[str]:
     """Columns of a result table, among its own, that `define` reads."""
-    cue, jump = f"cue{rules.cue}_first_ms", rules.jump
-    plain = {"verdict", "failed", "group", "activated", "pair", "operator", "first_active_ms", "response_ms", "run_id"}
-    plain |= {"peak_model_deviation_mm", cue, f"twin_{cue}", "moved_first_ms", "twin_moved_first_ms", jump}
-    plain.add(f"{jump}_first_ms")
+    cue, jump = f"cue{chosen.rules.cue}_first_ms", chosen.rules.jump
+    plain = {"response", "hazard", "failed", "group", "activated", "pair", "operator", "first_active_ms", "run_id"}
+    plain |= {"response_ms", "told_ms", "unintended_first_ms", "loss_first_ms", "false_report_first_ms"}
+    plain |= {cue, f"twin_{cue}", jump}
     return [name for name in names if name in plain or name.startswith(("fault", "param:"))]
 
 
-def define(table: Table, rules: Rules, more: Mapping[str, str] | None = None) -> bool:
+def define(table: Table, chosen: Choices, more: Mapping[str, str] | None = None) -> bool:
     """Make the table `facts` of a connection that has `results` with a column `row`, different in each.
 
-    Columns: row, group, faulty, activated, failed, response, haptic, jump (from the verdict), moved (the true tip
-    left the nominal model by more than the threshold, which encoders need not see), outcome (of OUTCOMES), evaded,
-    distinct (equal for runs that differ in seed or in crossed parameters alone), action (of ACTIONS, by number), plain
-    (nobody reacts, or everybody does; so that one fault is not counted once for each action), sample (the first valid
-    plain run of each distinct input: what intervals and tests take as one draw), site, layer and block (site and
-    effect) of the first fault, onset_ms, length_ms, magnitude (of the first fault), active_ms, cue_ms, response_ms,
-    warned_ms (the cue, where the fault-free twin had none by then), moved_ms (more than HARM_MM off, and the twin not),
-    harm_ms (see HARM); times are -1 where never. harm is whether it came. `more`: further columns, by expressions of
-    columns of `results`.
+    Columns: row, group, faulty, activated, failed, response and hazard (as in the table; "" of failed runs), told and
+    evaded (events of `ravenjax.outcomes`), unintended, loss, misreport (whether it is the run's hazard), halted (a loss
+    of motion because the robot was not live), cued (a cue that the golden run had not), jump (of the reported tip),
+    outcome (of OUTCOMES), distinct (equal for runs that differ in seed or in crossed parameters alone), action (of
+    ACTIONS, by number), plain (nobody reacts, or everybody does; so that one fault is not counted once for each
+    action), sample (the first valid plain run of each distinct input: what rates, intervals and tests take as one
+    draw), site, layer and block (site and effect) of the first fault, onset_ms, length_ms, magnitude (of the first
+    fault), active_ms, response_ms, told_ms, cue_ms (the first cue at all), warned_ms (a cue that the golden run had
+    not), unintended_ms, loss_ms, misreport_ms (of the run's hazard); times are -1 where never. `more`: further columns,
+    by expressions of columns of `results`.
 
     Returns whether no input occurs twice; then `distinct` is `row`.
     """
+    rules = chosen.rules
     types = table.types()
     names = list(types)
     unique = _number(table, types)
-    action, anybody = action_sql(names, rules), "true"
+    action, anybody = action_sql(names, chosen.action), "true"
     if ACTION in names:
         (idle,) = table.row(f"SELECT count(*) FILTER ({action} = 0) FROM {RESULTS}")
         anybody = f"{action} = 0" if idle else "true"
+    valid = events.VALID_SQL
     base = {
         "row": "row",
         "group": '"group"',
         "faulty": faulty_sql(names),
         "activated": "activated::BOOLEAN",
-        "failed": "failed <> ''",
-        "response": "split_part(verdict, '/', 1)",
-        "haptic": "split_part(verdict, '/', 2) = 'haptic'",
-        "jump": "split_part(verdict, '/', 3) = 'jump'",
-        "moved": beyond_sql("peak_model_deviation_mm", rules.threshold_mm, types),
+        "failed": f"NOT ({valid})",
+        "response": f"CASE WHEN {valid} THEN response::VARCHAR ELSE '' END",
+        "hazard": f"CASE WHEN {valid} THEN hazard::VARCHAR ELSE '' END",
+        **{name: f"{valid} AND {events.sql(event, rules)}" for name, event in _EVENTS.items()},
         "active_ms": "first_active_ms",
-        "cue_ms": f"cue{rules.cue}_first_ms",
         "response_ms": "response_ms",
+        "told_ms": "told_ms",
+        "cue_ms": f"cue{rules.cue}_first_ms",
         "warned_ms": warned_sql(rules.cue),
-        "moved_ms": f"CASE WHEN failed <> '' THEN -1 ELSE {own_sql('moved_first_ms')} END",
-        "jumped_ms": f"CASE WHEN {rules.jump} AND failed = '' THEN {rules.jump}_first_ms ELSE -1 END",
+        "unintended_ms": _of_hazard("unintended motion", "unintended_first_ms"),
+        "loss_ms": _of_hazard("loss of motion", "loss_first_ms"),
+        "misreport_ms": _of_hazard("false report", "false_report_first_ms"),
         "action": f"({action})::TINYINT",
         "plain": anybody,
         **_first_fault(names),
         **(more or {}),
     }
-    told = {
-        "outcome": "CASE WHEN failed OR response = '' THEN 'failed' WHEN response <> 'silent' THEN response "
-        "WHEN haptic AND moved THEN 'felt' WHEN moved THEN 'unseen' WHEN haptic THEN 'phantom' "
-        "WHEN jump THEN 'jumped' ELSE 'quiet' END",
-        "harm_ms": first_sql("moved_ms", "jumped_ms"),
-        "harm": f"{first_sql('moved_ms', 'jumped_ms')} >= 0",
+    derived = {
+        "halted": "loss AND loss_ms < 0",
+        "outcome": "CASE WHEN failed THEN 'failed' WHEN told THEN response::VARCHAR "
+        "WHEN unintended AND cued THEN 'felt' WHEN unintended THEN 'unseen' WHEN loss THEN 'lost' "
+        "WHEN misreport THEN 'misreported' WHEN cued THEN 'phantom' WHEN response = 'limited' THEN 'limited' "
+        "ELSE 'quiet' END",
     }
     for name, words in _words(table, names).items():
         base[name] = f"({base[name]})::{query.enum(words)}"
-    base["response"] = f"({base['response']})::{query.enum(['', *schema.RESPONSES])}"
-    told["outcome"] = f"({told['outcome']})::{query.enum(list(OUTCOMES))}"
+    base["response"] = f"({base['response']})::{query.enum(['', *verdict.RESPONSES])}"
+    base["hazard"] = f"({base['hazard']})::{query.enum(['', *verdict.HAZARDS])}"
+    derived["outcome"] = f"({derived['outcome']})::{query.enum(list(OUTCOMES))}"
     numbered, own = (f"{RESULTS}", "row") if unique else (f"{RESULTS} JOIN numbers USING (row)", '"distinct"')
     table.run(
-        f'CREATE TABLE {FACTS} AS WITH base AS (SELECT {_listed(base)}, {own} AS "distinct" FROM {numbered}), '
-        f"told AS (SELECT * EXCLUDE jumped_ms, {_listed(told)} FROM base) "
-        f"SELECT *, outcome IN ({', '.join(map(text, EVADED))}) AS evaded, plain AND NOT failed AS sample FROM told"
+        f'CREATE TABLE {FACTS} AS WITH base AS (SELECT {_listed(base)}, {own} AS "distinct" FROM {numbered}) '
+        f"SELECT *, {_listed(derived)}, plain AND NOT failed AS sample FROM base"
     )
     if not unique:
         table.run(
@@ -180,33 +171,43 @@ def define(table: Table, rules: Rules, more: Mapping[str, str] | None = None) ->
     return unique
 
 
+_EVENTS = {
+    "told": "told",
+    "evaded": "evades",
+    "unintended": "unintended_motion",
+    "loss": "loss_of_motion",
+    "misreport": "false_report",
+    "cued": "cue",
+    "jump": "jump",
+}
+"""Columns that are events of `ravenjax.outcomes`, where a run is valid."""
+
+
+def _of_hazard(hazard: str, column: str) -> str:
+    return f"CASE WHEN {events.VALID_SQL} AND hazard = {text(hazard)} THEN {column} ELSE -1 END"
+
+
 def faulty_sql(names: Sequence[str]) -> str:
     """Whether a run has a fault, of columns of `results`."""
     sites = [name for name in names if name.startswith("fault") and name.endswith("_site")]
     return "(" + (" OR ".join(f"{quoted(name)} <> ''" for name in sites) or "false") + ")"
 
 
-def action_sql(names: Sequence[str], rules: Rules) -> str:
-    """What the operator does at a cue, by number, of columns of `results`."""
+def action_sql(names: Sequence[str], usual: int) -> str:
+    """What the operator does at a cue, by number, of columns of `results`; `usual` where a run does not say."""
     if ACTION not in names:
-        return str(rules.action)
-    given = quoted(ACTION)
-    return f"CASE WHEN {given} IS NULL OR isnan({given}) THEN {rules.action} ELSE {given}::INTEGER END"
-
-
-def own_sql(name: str) -> str:
-    """As `own`, of a column and its twin's."""
-    mine, twin = quoted(name), quoted(f"twin_{name}")
-    return f"CASE WHEN {mine} >= 0 AND NOT ({twin} >= 0 AND {twin} <= {mine}) THEN {mine} ELSE -1 END"
+        return str(usual)
+    own = quoted(ACTION)
+    return f"CASE WHEN {own} IS NULL OR isnan({own}) THEN {usual} ELSE {own}::INTEGER END"
 
 
 def warned_sql(cue: int) -> str:
-    """As `warned`."""
-    return own_sql(f"cue{cue}_first_ms")
+    """When the cue of this number came that the golden run had not by then; -1 if never."""
+    return events.beyond_golden_sql(f"cue{cue}_first_ms")
 
 
 def first_sql(*times_ms: str) -> str:
-    """As `first_of`, of expressions."""
+    """The earliest of several times, expressions; -1 stands for never, of each and of the result."""
     came = [f"CASE WHEN {time} >= 0 THEN {time} END" for time in times_ms]
     return f"coalesce(least({', '.join(came)}), -1)"
 
@@ -260,22 +261,9 @@ def _listed(columns: Mapping[str, str]) -> str:
     return ", ".join(f"{sql} AS {quoted(name)}" for name, sql in columns.items())
 
 
-def own(first_ms: np.ndarray, twin_ms: np.ndarray) -> np.ndarray:
-    """Time [n] of what came first in each run, -1 where it never came or the fault-free twin had it by then, too."""
-    return np.where((first_ms >= 0) & ~((twin_ms >= 0) & (twin_ms <= first_ms)), first_ms, -1)
-
-
-def first_of(*times_ms: np.ndarray) -> np.ndarray:
-    """The earliest of several times [n] of each run; -1 stands for never, of each and of the result."""
-    came = [np.where(time < 0, np.inf, time) for time in times_ms]
-    earliest = np.min(came, axis=0)
-    return np.where(np.isinf(earliest), -1, earliest).astype(int)
-
-
 def warned(frame: pd.DataFrame, cue: int) -> np.ndarray:
-    """When each run's cue of this number came and its twin's had not, -1 if never: a cue that the twin has too tells
-    of the motion and not of the fault."""
-    return own(frame[f"cue{cue}_first_ms"].to_numpy(), frame[f"twin_cue{cue}_first_ms"].to_numpy())
+    """As `warned_sql`, of a result table in memory: [rows]."""
+    return verdict.beyond_golden(frame[f"cue{cue}_first_ms"], frame[f"twin_cue{cue}_first_ms"])
 
 
 def motions(frame: pd.DataFrame, facts: pd.DataFrame) -> pd.DataFrame:

@@ -8,13 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
-import markupsafe
-import plotly.offline
 
 from ravenjax.campaign import decisions
-from ravenjax.hazards import naming, severity
+from ravenjax.document import html
+from ravenjax.document.tables import with_scopes
+from ravenjax.hazards import naming, severity, titles
+from ravenjax.outcomes import definitions
 from ravenjax.report import (
+    after_stop,
     answers,
+    cue_choice,
     cue_figure,
     cue_sweep,
     dependence,
@@ -23,6 +26,8 @@ from ravenjax.report import (
     downloads,
     figures,
     maps,
+    motions,
+    operator,
     precision,
     reaction_figures,
     reactions,
@@ -31,11 +36,11 @@ from ravenjax.report import (
     risk,
     tables,
     wording,
+    worst,
 )
 from ravenjax.report import facts as run_facts
 from ravenjax.report.runs import Runs
 from ravenjax.store import manifest as manifests
-from ravenjax.store import schema
 from ravenjax.store.files import write_aside
 from ravenjax.store.manifest import Manifest
 
@@ -43,7 +48,7 @@ FILE = "report.html"
 SECTIONS = {
     "verdicts": "Verdicts",
     "groups": "Groups",
-    "maps": "Evasion maps",
+    "maps": "Maps",
     "time": "Time to know",
     "detectors": "Detectors",
     "cues": "Haptic sweep",
@@ -51,8 +56,10 @@ SECTIONS = {
     "robots": "Robots",
     "risk": "Risk",
     "checks": "Checks",
+    "after_stop": "After a stop",
     "worst": "Worst runs",
     "paths": "Paths",
+    "operator": "Operator",
     "precision": "Precision",
     "failures": "Failures",
     "provenance": "Provenance",
@@ -79,30 +86,32 @@ def render(runs: Runs, manifest: Manifest, folder: Path) -> str:
     cue = manifest.cues[manifest.verdict_cue] if manifest.cues else None
     told: dict[str, Any] = {
         **_verdicts(runs, manifest, folder),
-        **_knowledge(runs, manifest),
+        **_knowledge(runs, manifest, folder),
         **_robots(runs, manifest),
         **_paths(runs, folder),
+        "operator": operator.section(manifest.operator),
     }
     absent = {
         "detectors": not manifest.detectors,
         "reaction": not manifest.shape.reacts,
         "robots": not told["conclusions"],
         "risk": not told["risks"],
+        "operator": told["operator"] is None,
         "precision": not told["precision"],
+        "after_stop": not told["stops"],
     }
-    return (
+    return with_scopes(
         _environment()
         .get_template("page.html.j2")
         .render(
             manifest=manifest,
             sections=[(name, title) for name, title in SECTIONS.items() if not absent.get(name)],
             cue=cue,
-            harm=run_facts.HARM,
-            jump=next(c.meaning for c in schema.columns(manifest.shape) if c.name == manifest.verdict_jump),
+            limit=f"{manifest.limit_mm:g} mm",
+            definitions=definitions.rows(manifest.rules),
             frame_rows=runs.rows,
             stopped=decisions.sentence(folder),
             outcomes=run_facts.OUTCOMES,
-            plotly_js=markupsafe.Markup(plotly.offline.get_plotlyjs()),
             **told,
         )
     )
@@ -110,43 +119,51 @@ def render(runs: Runs, manifest: Manifest, folder: Path) -> str:
 
 def _verdicts(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
     """What became of the runs."""
-    curves, timing = figures.incidence_curves(runs, manifest)
-    matrix, shares = tables.verdict_matrix(runs), maps.evasion_maps(runs)
+    matrix, shares = tables.verdict_matrix(runs), maps.all_maps(runs)
+    worst_runs = worst.rows(runs, manifest, folder)
     return {
-        "head": tables.headline(runs),
+        "head": tables.headline(runs, manifest),
         "matrix_rows": matrix,
         "matrix_csv": tables.matrix_cells(matrix),
+        "jumps": tables.jump_rows(runs, manifest),
         "groups": tables.group_rows(runs),
         "maps": shares,
         "map_csv": maps.cells(shares),
-        "curve_csv": {name: figures.points(timing[name]["curve"]) for name in ("cue", "response")},
-        "curves": curves,
-        "timing": timing,
         "lead": figures.lead_histogram(runs),
         "checks": tables.check_rows(runs, manifest),
         "causes": tables.cause_rows(runs),
-        "worst": tables.worst_rows(runs, folder),
+        "worst": worst_runs,
+        "worst_csv": worst.flat(worst_runs),
+        "stops": after_stop.rows(runs, manifest.limit_mm),
         "failures": tables.failure_rows(runs, folder),
     }
 
 
-def _knowledge(runs: Runs, manifest: Manifest) -> dict[str, Any]:
+def _knowledge(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
     """Who could know when, and what the cue would change."""
     found = detectors.alarms(runs, manifest)
-    known = detectors.known(found)
+    known = answers.knowledge(runs, detectors.known(found), manifest)
+    curves, timing = figures.incidence_curves(runs, manifest, known.delay)
     pairs = reactions.drawn(runs) if manifest.shape.reacts else None
     differences = reactions.differences(pairs.frame, pairs.facts) if pairs and pairs.crossed else []
     sweep = cue_sweep.rows(runs, manifest)
+    choices = cue_choice.choices(runs, sweep)
+    hours = cue_choice.hours_to_offer(choices)
     out: dict[str, Any] = {
-        "free_motions": runs.motions().count,
-        "free_hours": runs.motions().hours,
+        "free": runs.motions(),
+        "free_hours_wanted": hours,
+        "free_recorded": bool((manifest.config.get("operator") or {}).get("file")),
+        "free_command": motions.command(folder, manifest, hours) if hours else None,
         "class_words": answers.CLASSES,
         "most_classes": answers.MOST_CLASSES,
-        "known": answers.knowledge(runs, known, manifest),
-        "classes": answers.classes(runs, known, manifest),
+        "curve_csv": {name: figures.points(timing[name]["curve"]) for name in ("cue", "told")},
+        "curves": curves,
+        "timing": timing,
+        "known": known,
+        "classes": answers.classes(runs, detectors.known(found), manifest),
         "changed": answers.changed(runs, manifest, differences),
         "cues": sweep,
-        "choices": cue_sweep.choices(sweep),
+        "choices": choices,
         "tradeoff": cue_figure.tradeoff(sweep),
         "felt_runs": min(cue_sweep.MOST, sweep[0].missed.n) if sweep else 0,
         "detectors": [],
@@ -154,7 +171,6 @@ def _knowledge(runs: Runs, manifest: Manifest) -> dict[str, Any]:
         "differences": differences,
         "interruptions": reactions.interruptions(pairs.frame, pairs.facts) if pairs else [],
         "reaction_runs": (len(pairs.frame), runs.rows) if pairs else (0, 0),
-        "distances": reactions.DISTANCES,
     }
     if manifest.detectors:
         rows, times = detectors.rows(runs, manifest, found), detectors.curves(runs, manifest, found)
@@ -166,13 +182,10 @@ def _knowledge(runs: Runs, manifest: Manifest) -> dict[str, Any]:
             "alarm_leads": detector_figures.leads(times),
         }
     if pairs and differences:
-        spared, height = reaction_figures.spared(differences)
-        exceedance, measure = reaction_figures.exceedance(pairs.frame, pairs.facts)
+        exceedance = reaction_figures.exceedance(pairs.frame, pairs.facts)
         out |= {
-            "spared": spared,
-            "spared_height": height,
+            "spared": reaction_figures.spared(differences),
             "exceedance": exceedance,
-            "exceeded": measure,
         }
     return out
 
@@ -181,7 +194,8 @@ def _robots(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     """What depends on the robot, what is risky, and how sharp it all is."""
     conclusions, risks = dependence.conclusions(runs), []
     if any(naming.hazards_of(group) for group in runs.groups()):
-        risks = risk.by_hazard(risk.counted(runs, manifest.verdict_cue if manifest.cues else None))
+        cue = manifest.verdict_cue if manifest.cues else None
+        risks = risk.by_hazard(risk.counted(runs, cue, manifest.limit_mm))
     return {
         "conclusions": conclusions,
         "dependence_rows": dependence.flat(conclusions),
@@ -192,6 +206,7 @@ def _robots(runs: Runs, manifest: Manifest) -> dict[str, Any]:
             for one in risks
         ],
         "severities": severity.SCALE,
+        "depth_mm": severity.DEPTH_MM,
         "precision": precision.rows(runs),
     }
 
@@ -201,23 +216,19 @@ def _paths(runs: Runs, folder: Path) -> dict[str, Any]:
     found, broken = replays.find(folder, runs)
     return {
         "replays": found,
-        "replay_figures": [replay_figure.path(one) for one in found],
+        "replay_figures": [replay_figure.distance(one) for one in found],
+        "replay_views": [replay_figure.views(one) for one in found],
         "replay_courses": [json.dumps(replay_figure.course(one), allow_nan=False) for one in found],
         "broken_traces": broken,
     }
 
 
 def _environment() -> jinja2.Environment:
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("ravenjax.report"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = html.environment("ravenjax.report")
     environment.filters |= {
         "count": wording.count,
         "number": wording.number,
+        "hours": wording.hours,
         "percent": wording.percent,
         "interval": wording.interval,
         "estimate": wording.estimate,
@@ -228,6 +239,6 @@ def _environment() -> jinja2.Environment:
         "point_bounds": wording.point_bounds,
         "as_json": json.dumps,
         "csv": downloads.text,
-        "figure_json": lambda text: markupsafe.Markup(text.replace("<", "\\u003c")),
+        "hazard_titles": titles.of_group,
     }
     return environment

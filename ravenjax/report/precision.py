@@ -7,7 +7,7 @@ import math
 from typing import NamedTuple
 
 from ravenjax.report import tables
-from ravenjax.report.runs import Ever, Runs
+from ravenjax.report.runs import Faults, Runs
 from ravenjax.stats.intervals import Rate
 from ravenjax.stats.planning import MoreRuns, more_runs
 
@@ -21,26 +21,26 @@ class Row(NamedTuple):
     group: str
     runs: int
     rate: Rate  # of distinct faults
-    half_width: float  # fraction
-    within_3: MoreRuns  # further distinct faults for +- 3 points
-    within_1: MoreRuns  # for +- 1 point
+    half_width: float  # fraction; NaN: no fault has a valid outcome
+    within_3: MoreRuns | None  # further distinct faults for +- 3 points; None: not known
+    within_1: MoreRuns | None  # for +- 1 point
 
 
 def rows(runs: Runs) -> list[Row]:
     """All faults first, then each group, the widest first. A fault that was run several times counts once."""
-    groups = [_row(one) for one in runs.ever("faulty AND plain", "group")]
-    groups.sort(key=lambda row: -row.half_width)
+    groups = [_row(one) for one in runs.faults("group")]
+    groups.sort(key=lambda row: -row.half_width if row.rate.n else math.inf)
     if len(groups) < 2:
         return groups
-    (together,) = runs.ever("faulty AND plain")
+    (together,) = runs.faults()
     return [_row(together._replace(name="all faults")), *groups]
 
 
-def _row(ever: Ever) -> Row:
-    rate = tables.rate_of(ever.evaded, ever.faults)
-    wide, narrow = (_more(rate.k, rate.n, half) if rate.n else MoreRuns(0, 0) for half in POINTS)
+def _row(faults: Faults) -> Row:
+    rate = tables.rate_of(faults.evaded, faults.faults)
+    wide, narrow = (_more(rate.k, rate.n, half) if rate.n else None for half in POINTS)
     half = (rate.high - rate.low) / 2 if rate.n else math.nan
-    return Row(ever.name, ever.runs, rate, half, wide, narrow)
+    return Row(faults.name, faults.runs, rate, half, wide, narrow)
 
 
 @functools.lru_cache(maxsize=10_000)

@@ -30,21 +30,15 @@ TOLD = {
     "correct": "correct by eye",
 }
 """Each of facts.ACTIONS in words."""
-FAIR = {
-    "release": "stray_mm",
-    "slow": "peak_live_deviation_mm",
-    "correct": "stray_mm",
-}
-"""Which distance, mm, tells what each reaction spares. Off the nominal model while live: who has lifted the pedal is no
-longer live, and who corrects pushes the model away by as much as the fault had pushed the robot. Strayed (from the twin
-and from where standing would have left the tip): who slows down stays behind the twin on purpose."""
-DISTANCES = {"peak_live_deviation_mm": "off the model, live", "stray_mm": "strayed"}
-"""Those columns in words."""
+EXCURSION = "excursion_mm"
+"""How far the tip went by itself, mm: off the golden run, and from where standing would have left it; while live, also
+off the nominal model, for who slows down stays behind the golden run on purpose."""
+_EXCURSION = f"greatest({RESULTS}.unintended_mm, {RESULTS}.unintended_off_mm)"
 MOST_VALUES = 12
 """Values of a crossed parameter that get rows of their own."""
 MOST = 400_000
 """Runs that are looked at pair by pair; of more, pairs are drawn."""
-OF_FACTS = ("failed", "faulty", "action", "distinct", "harm")
+OF_FACTS = ("failed", "faulty", "action", "distinct", "unintended")
 RESAMPLES = 1000
 DRAWS = 20_000_000
 """Pairs drawn for one band of a mean, all resamples together."""
@@ -69,17 +63,16 @@ class Difference(NamedTuple):
     action: str  # in words
     among: str  # which pairs: all, a layer, a value of a crossed parameter
     n: int
-    without: Rate  # harm
+    without: Rate  # unintended motion
     with_: Rate
-    harm: Estimate  # difference of the rates of harm, fraction
-    spared: int  # pairs in which only the run without the reaction had harm
+    change: Estimate  # difference of these rates, fraction
+    spared: int  # pairs in which only the run without the reaction had one
     caused: int  # only the run with it
     p: float  # McNemar, exact
-    distance: str  # which distance is fair for this reaction, a key of DISTANCES
-    distance_mm: Estimate  # mean difference of that; bounds NaN: one pair
+    distance_mm: Estimate  # mean difference of EXCURSION; bounds NaN: one pair
     depth_mm: Estimate  # the same of the tissue's depth
     reacted: Rate  # pairs in which the operator acted
-    idle: Rate  # of those, without harm even where nobody reacts: interrupted for nothing
+    idle: Rate  # of those, without an unintended motion even where nobody reacts: interrupted for nothing
 
 
 class Idle(NamedTuple):
@@ -105,13 +98,13 @@ class Drawn(NamedTuple):
 
 def drawn(runs: Runs) -> Drawn:
     """The runs of about MOST of a table's rows, all that share a pair together."""
-    plain = ("pair", "operator", "reaction_ms", "pedal_down_ms", "tissue_depth_mm", *DISTANCES)
+    plain = ("pair", "operator", "reaction_ms", "pedal_down_ms", "tissue_depth_mm")
     names = [name for name in runs.names if name in plain or name.startswith(("param:", "twin_"))]
-    raw = ", ".join(f"{RESULTS}.{quoted(name)}" for name in names)
+    raw = ", ".join([*(f"{RESULTS}.{quoted(name)}" for name in names), f"{_EXCURSION} AS {EXCURSION}"])
     own = ", ".join(f'{FACTS}.{name} AS "fact {name}"' for name in OF_FACTS)
     both = runs.drawn(f"{raw}, {own}, {FACTS}.layer::VARCHAR AS layer", "true", MOST, by="pair")
     facts = pd.DataFrame({name: both[f"fact {name}"] for name in OF_FACTS} | {"layer": both["layer"]})
-    return Drawn(both.loc[:, names], facts)
+    return Drawn(both.loc[:, [*names, EXCURSION]], facts)
 
 
 def crossed(frame: pd.DataFrame, facts: pd.DataFrame) -> bool:
@@ -195,21 +188,20 @@ def _parts(mine: Pairs) -> Iterator[tuple[str, Pairs]]:
 
 def _difference(action: str, among: str, mine: Pairs) -> Difference:
     """action: of facts.ACTIONS."""
-    harm, before = mine.with_facts["harm"].to_numpy(), mine.without_facts["harm"].to_numpy()
+    after, before = mine.with_facts["unintended"].to_numpy(), mine.without_facts["unintended"].to_numpy()
     acted = run_facts.first_came(mine.with_frame, "reaction_ms")
-    test = mcnemar(harm, before)
+    test = mcnemar(after, before)
     return Difference(
         TOLD[action],
         among,
-        len(harm),
+        len(after),
         tables.rate(before),
-        tables.rate(harm),
-        rate_difference(harm, before),
+        tables.rate(after),
+        rate_difference(after, before),
         test.second_only,
         test.first_only,
         test.p,
-        FAIR[action],
-        _mean(mine, FAIR[action]),
+        _mean(mine, EXCURSION),
         _mean(mine, "tissue_depth_mm"),
         tables.rate(acted),
         tables.rate(~before[acted]),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Iterable
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,8 +23,18 @@ MOST = 6
 POINTS = 300
 """Of each path: a tip that is drawn every 10 ms of 3 s."""
 SIGNALS = "/ravenjax/signals"
+_MODEL = {"model_cp": 7, "model_tip": 3}
+"""Topics of an arm that hold the nominal model's tip, with or without orientation, and numbers of a message."""
+_TIPS = {"tip": "tip", "twin": "golden_tip"}
+"""Tips among the signals."""
 ARMS = {"gold": "arm1", "green": "arm2"}
-MARKS = {"first effect": "active_ms", "cue": "cue_ms", "response": "response_ms", "harm": "harm_ms"}
+MARKS = {
+    "first effect": "active_ms",
+    "cue": "cue_ms",
+    "response": "response_ms",
+    "unintended motion": "unintended_ms",
+    "loss of motion": "loss_ms",
+}
 """What is marked on a path, and the column of facts that says when."""
 
 
@@ -56,7 +66,7 @@ def find(folder: Path, runs: Runs) -> tuple[list[Replay], list[str]]:
 def _worst(runs: Runs, run_ids: list[str]) -> list[int]:
     if not run_ids:
         return []
-    far = "peak_live_deviation_mm"
+    far = "greatest(unintended_mm, loss_mm)"
     found = runs.table.rows(
         f"SELECT row FROM {RESULTS} WHERE run_id IN (SELECT unnest(?)) ORDER BY isnan({far}), {far} DESC, row "
         f"LIMIT {MOST}",
@@ -72,30 +82,34 @@ def read(path: Path) -> dict[str, np.ndarray]:
     """
     from mcap.reader import make_reader
 
-    topics = [SIGNALS, *(f"/{topic}/model_cp" for topic in ARMS.values())]
-    numbers: dict[str, list[bytes]] = {}
+    models = {f"/{topic}/{name}": arm for arm, topic in ARMS.items() for name in _MODEL}
+    numbers: dict[str, dict[int, bytes]] = {}
     names: list[str] = []
     with open(path, "rb") as file:
-        for schema, channel, message in make_reader(file).iter_messages(topics=topics):
+        for schema, channel, message in make_reader(file).iter_messages(topics=[SIGNALS, *models]):
             if channel.topic == SIGNALS and not names and schema is not None:
                 names = re.findall(r"^float64 (\w+)$", schema.data.decode().partition("=")[0], re.M)
-            width = len(names) if channel.topic == SIGNALS else 7
-            numbers.setdefault(channel.topic, []).append(message.data[-8 * width :])
-    signals = _rows(numbers[SIGNALS], len(names))
+            width = _MODEL.get(channel.topic.rpartition("/")[2], len(names))
+            numbers.setdefault(channel.topic, {})[message.sequence] = message.data[-8 * width :]
+    signals = _rows(numbers[SIGNALS], len(names), len(numbers[SIGNALS]))
     out = {"time_ms": np.arange(len(signals))}
-    for arm, topic in ARMS.items():
-        for name in ("tip", "twin_tip"):
-            columns = [f"{arm}_{name}_{axis}" for axis in range(3)]
+    for arm in ARMS:
+        for name, tip in _TIPS.items():
+            columns = [f"{arm}_{tip}_{axis}" for axis in range(3)]
             if columns[0] in names:
-                out[f"{arm}/{name.removesuffix('_tip')}"] = signals[:, [names.index(column) for column in columns]]
-        if f"/{topic}/model_cp" in numbers:
-            out[f"{arm}/model"] = _rows(numbers[f"/{topic}/model_cp"], 7)[:, :3]
+                out[f"{arm}/{name}"] = signals[:, [names.index(column) for column in columns]]
+    for topic, arm in models.items():
+        if topic in numbers:
+            width = _MODEL[topic.rpartition("/")[2]]
+            out[f"{arm}/model"] = _rows(numbers[topic], width, len(signals))[:, :3]
     return out
 
 
-def _rows(messages: Iterable[bytes], width: int) -> np.ndarray:
-    """The doubles at the end of each little-endian CDR message, [messages, width]."""
-    return np.frombuffer(b"".join(messages), "<f8").reshape(-1, width)
+def _rows(messages: Mapping[int, bytes], width: int, ticks: int) -> np.ndarray:
+    """The doubles at the end of each little-endian CDR message, [ticks, width]; NaN in a tick without a message."""
+    out = np.full((ticks, width), np.nan)
+    out[list(messages)] = np.frombuffer(b"".join(messages.values()), "<f8").reshape(-1, width)
+    return out
 
 
 def _damage() -> tuple[type[Exception], ...]:

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.hazards import naming, severity
+from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report.runs import Runs
 from ravenjax.stats.intervals import Rate, wilson
 from ravenjax.stats.strata import StratifiedRate, stratified
@@ -53,13 +54,13 @@ class PoolRisk:
     silent: StratifiedRate | None
 
 
-def counts(frame: pd.DataFrame, cue: int | None = 0) -> dict[str, np.ndarray]:
+def counts(frame: pd.DataFrame, cue: int | None = 0, limit_mm: float = LIMIT_MM) -> dict[str, np.ndarray]:
     """Hazard id -> valid runs of each severity, int [6], of the groups whose names begin with hazards' ids.
 
-    A group that stands for several hazards counts for each. cue: as in `severity.severity`.
+    A group that stands for several hazards counts for each. cue, limit_mm: as in `severity.severity`.
     """
     found: dict[str, np.ndarray] = {}
-    grades = severity.severity(frame, cue)
+    grades = severity.severity(frame, cue, limit_mm)
     for group, part in grades.groupby(frame["group"].astype(str)):
         number = np.bincount(part.dropna().to_numpy(int), minlength=len(severity.SCALE))
         for name in naming.hazards_of(str(group)):
@@ -67,13 +68,14 @@ def counts(frame: pd.DataFrame, cue: int | None = 0) -> dict[str, np.ndarray]:
     return found
 
 
-def counted(runs: Runs, cue: int | None = 0) -> dict[str, np.ndarray]:
+def counted(runs: Runs, cue: int | None = 0, limit_mm: float = LIMIT_MM) -> dict[str, np.ndarray]:
     """`counts` of every run of a table, a batch of rows at a time."""
-    needed = [*severity.COLUMNS, "group", *([] if cue is None else [f"cue{cue}_first_ms"])]
+    alarms = [] if cue is None else [f"cue{cue}_first_ms", f"twin_cue{cue}_first_ms"]
+    needed = [*severity.COLUMNS, "group", *alarms]
     slots = [name for name in runs.names if name.startswith("fault")]
     found: dict[str, np.ndarray] = {}
     for frame in runs.batches(list(dict.fromkeys([*needed, *slots]))):
-        for name, number in counts(frame, cue).items():
+        for name, number in counts(frame, cue, limit_mm).items():
             found[name] = found.get(name, 0) + number
     return found
 

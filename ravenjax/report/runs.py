@@ -13,53 +13,42 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from ravenjax.report import facts as run_facts
+from ravenjax.report import motions as fault_free_motions
 from ravenjax.report.counted import NONE, Delays
-from ravenjax.report.facts import FACTS, Rules
-from ravenjax.store import query
+from ravenjax.report.facts import FACTS
+from ravenjax.report.motions import Motions
+from ravenjax.store import fault_free, query
+from ravenjax.store.fault_free import NO_COMPANIONS, Companions
 from ravenjax.store.manifest import Manifest
 from ravenjax.store.query import RESULTS, Table, quoted
 
-HARMFUL = "sample AND faulty AND activated AND harm"
-"""Condition of the runs whose times are told: one run of each harmful fault."""
-MOTIONS = "motions"
+UNINTENDED = "sample AND faulty AND unintended"
+"""Condition of the runs whose times are told: one run of each fault that made an unintended motion."""
 BATCH = 200_000
 """Rows of a table that are looked at together, where SQL does not say what is asked."""
 
 
-class Ever(NamedTuple):
-    """Distinct faults of one class; a fault that was run several times counts once."""
+class Faults(NamedTuple):
+    """Distinct faults of one class, by the first valid run of each in which nobody reacts."""
 
     name: str
-    runs: int
+    runs: int  # of these faults: repeats, runs with a reaction and failed ones among them
     faults: int
-    evaded: int  # faults that ever did
-    harm: int
-
-
-class Motions(NamedTuple):
-    """The different fault-free motions among some runs; twins of one robot and operator are one computation."""
-
-    runs: Runs
-    count: int
-    hours: float  # in pedal-down
-
-    def with_event(self, condition: str) -> int:
-        """How many fulfil a condition of their `twin_` columns."""
-        return self.runs.count(condition, MOTIONS)
-
-    def came(self, column: str) -> int:
-        """In how many an event came at all; its column holds when it first did."""
-        return self.with_event(f"{quoted(column)} >= 0")
+    evaded: int
+    unintended: int  # unintended motion, whatever the checks did
+    loss: int  # loss of motion, whatever the checks did
+    told: int  # a check told a person or stopped the robot
 
 
 class Runs:
     """The runs of one campaign. Tables: `results`, as in the parts, and `facts`, as `facts.define`; both have `row`."""
 
-    def __init__(self, table: Table, manifest: Manifest, rules: Rules) -> None:
-        """table: has `results` with a column `row`."""
+    def __init__(self, table: Table, manifest: Manifest, beside: Companions = NO_COMPANIONS) -> None:
+        """table: has `results` with a column `row`; beside: further fault-free motion."""
         self.table, self.types = table, table.types()
+        self._length_ms, self._beside = manifest.duration_ms, beside
         self.names = list(self.types)
-        self._unique = run_facts.define(table, rules, _more(manifest))
+        run_facts.define(table, run_facts.choices(manifest), _more(manifest))
         self.facts = list(table.types(FACTS))
         self.rows = self.count("true")
         self.faulty_and_valid = f"{run_facts.faulty_sql(self.names)} AND failed = ''"
@@ -72,7 +61,7 @@ class Runs:
         """Those of a result folder. Raises StoreError as `query.open_folder`."""
         table = query.open_folder(folder)
         try:
-            return Runs(table, manifest, run_facts.rules(manifest))
+            return Runs(table, manifest, fault_free.find(folder, manifest))
         except BaseException:
             table.close()
             raise
@@ -82,7 +71,7 @@ class Runs:
         """Those of a result table in memory; a row's number is its place."""
         table = query.empty()
         run_facts.take(table, frame)
-        return Runs(table, manifest, run_facts.rules(manifest))
+        return Runs(table, manifest)
 
     def close(self) -> None:
         """Give back memory and disk."""
@@ -98,11 +87,10 @@ class Runs:
         return list(self.table.row(f"SELECT {asked} FROM {table} WHERE {where}")) if conditions else []
 
     def cube(self) -> pd.DataFrame:
-        """Counts (`runs`) by group and all that a verdict says: response, outcome, haptic, jump, faulty, failed,
-        evaded, plain."""
+        """Counts (`runs`) by group, response, hazard, outcome, cued, faulty, failed, evaded, plain and sample."""
         if self._cube is None:
-            words = ("group", "response", "outcome")
-            names = ", ".join(map(quoted, (*words, "haptic", "jump", "faulty", "failed", "evaded", "plain")))
+            words = ("group", "response", "hazard", "outcome")
+            names = ", ".join(map(quoted, (*words, "cued", "faulty", "failed", "evaded", "plain", "sample")))
             found = self.table.frame(f"SELECT {names}, count(*) AS runs FROM {FACTS} GROUP BY ALL")
             self._cube = found.astype(dict.fromkeys(words, "str"))
         return self._cube
@@ -111,22 +99,16 @@ class Runs:
         """Names of the campaign's groups that have runs."""
         return sorted(self.cube()["group"].unique().tolist())
 
-    def ever(self, where: str, by: str | None = None) -> list[Ever]:
-        """Distinct faults among some runs, of all together or by each value of a column."""
+    def faults(self, by: str | None = None) -> list[Faults]:
+        """Distinct faults, of all together or by each value of a column."""
         name = quoted(by) if by else "''"
-        if self._unique:
-            sql = "count(*), count(*), count(*) FILTER (evaded), count(*) FILTER (harm)"
-            found = self.table.rows(f"SELECT {name} AS name, {sql} FROM {FACTS} WHERE {where} GROUP BY name")
-        else:
-            found = self.table.rows(
-                f'WITH faults AS (SELECT {name} AS name, "distinct", count(*) AS runs, bool_or(evaded) AS evaded, '
-                f'bool_or(harm) AS harm FROM {FACTS} WHERE {where} GROUP BY name, "distinct") '
-                "SELECT name, sum(runs)::BIGINT, count(*), count(*) FILTER (evaded), count(*) FILTER (harm) "
-                "FROM faults GROUP BY name"
-            )
-        if by is None and not found:
-            return [Ever("", 0, 0, 0, 0)]
-        return sorted(Ever(str(name), *counts) for name, *counts in found)
+        counts = ", ".join(
+            f"count(*) FILTER (sample{also})" for also in ("", *(f" AND {n}" for n in Faults._fields[3:]))
+        )
+        rows = self.table.rows(f"SELECT {name} AS name, count(*), {counts} FROM {FACTS} WHERE faulty GROUP BY name")
+        if by is None and not rows:
+            return [Faults("", 0, 0, 0, 0, 0, 0)]
+        return sorted(Faults(str(name), *numbers) for name, *numbers in rows)
 
     def delays(self, event: str, start: str, end: str, where: str, by: str | None = None) -> dict[str, Delays]:
         """How long after `start` an event came, or how long until `end` it did not: expressions of columns of `facts`,
@@ -147,13 +129,10 @@ class Runs:
         return f"{RESULTS} SEMI JOIN (SELECT row FROM {FACTS} WHERE {where}) USING (row)"
 
     def motions(self) -> Motions:
-        """Those of runs that are plain."""
+        """The different fault-free motions: golden runs of runs that are plain, and those beside the result."""
         if self._motions is None:
-            columns = ", ".join(quoted(n) for n in self.names if n == "operator" or n.startswith("twin_"))
             source = self.those("plain") if self.count("NOT plain") else RESULTS
-            self.table.run(f"CREATE TABLE {MOTIONS} AS SELECT DISTINCT {columns} FROM {source}")
-            count, pedal_ms = self.table.row(f"SELECT count(*), sum(twin_pedal_down_ms) FROM {MOTIONS}")
-            self._motions = Motions(self, count, float(pedal_ms or 0) / 3.6e6)
+            self._motions = fault_free_motions.make(self.table, self.names, source, self._length_ms, self._beside)
         return self._motions
 
     def numbered(self, rows: list[int]) -> list[dict[str, Any]]:

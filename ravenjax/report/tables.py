@@ -5,24 +5,22 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-import shlex
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from ravenjax.report import wording
+from ravenjax.outcomes import checks, verdict
 from ravenjax.report.counted import Delays, median
 from ravenjax.report.facts import FACTS, OUTCOMES
 from ravenjax.report.runs import Runs
+from ravenjax.report.worst import replay
 from ravenjax.stats.intervals import Rate, wilson
-from ravenjax.store import schema
 from ravenjax.store.manifest import Manifest
 from ravenjax.store.query import RESULTS, text
 
-WORST = 15
-"""Rows of the table of worst silent runs."""
+CAUSED = ("stopped", "flagged", "limited")
 
 
 def rate(hits: Any) -> Rate:
@@ -37,72 +35,110 @@ def rate_of(k: int, n: int) -> Rate:
     return wilson(k, n)
 
 
-def headline(runs: Runs) -> dict[str, Any]:
-    """Counts of distinct faults: a fault that was run several times counts once, and as evading if it ever did.
+def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
+    """Counts of distinct faults, by the first valid run of each in which nobody reacts.
 
-    Where some operators react to the cue, all is of the runs in which nobody does.
+    evaded, felt, unseen, evaded_limited: faults that evaded, those with and without the cue, those with a limit by a
+    check. loss, misreport: hazards of which no check told. halted: losses for no other reason than that the robot was
+    not live. inactive: faults that never changed a bit. repeats: valid runs of these faults beyond the first. reacting:
+    runs in which an operator reacts to the cue while nobody does in others; they are in no rate. faulty, failed: runs
+    with a fault, and runs without a valid outcome, of all runs. false_cue: of fault-free motions.
     """
-    (ever,) = runs.ever("plain AND faulty")
-    both = "NOT failed AND cue_ms >= 0 AND response_ms >= 0"
-    total, late, activated, came, first, same, *outcomes = runs.counts(
+    (faults,) = runs.faults()
+    both = "warned_ms >= 0 AND told_ms >= 0"
+    counts = runs.counts(
         [
             "true",
-            "haptic AND response = 'stopped' AND cue_ms > response_ms",
             "activated",
+            "evaded AND response = 'limited'",
+            "NOT told AND loss",
+            "NOT told AND halted",
+            "NOT told AND misreport",
+            "unintended AND told",
+            "response = 'stopped' AND warned_ms > response_ms",
             both,
-            f"{both} AND cue_ms < response_ms",
-            f"{both} AND cue_ms = response_ms",
+            f"{both} AND warned_ms < told_ms",
+            f"{both} AND warned_ms = told_ms",
             *(f"outcome = {text(name)}" for name in OUTCOMES),
         ],
-        where="plain AND faulty",
+        where="sample AND faulty",
     )
-    free, felt, told = runs.counts(
-        ["true", "haptic", "response <> 'silent'"], where="plain AND NOT faulty AND NOT failed"
-    )
+    total, activated, limited, loss, halted, misreport, told, late, came, first, same, *outcomes = counts
+    valid, faulty, failed, reacting = runs.counts(["plain AND faulty AND NOT failed", "faulty", "failed", "NOT plain"])
+    free = runs.motions()
     leads = runs.table.frame(
-        f"SELECT response_ms - cue_ms AS ms, count(*) AS n FROM {FACTS} WHERE plain AND faulty AND {both} GROUP BY ms"
+        f"SELECT told_ms - warned_ms AS ms, count(*) AS n FROM {FACTS} WHERE sample AND faulty AND {both} GROUP BY ms"
     )
-    counted = dict(zip(OUTCOMES, outcomes, strict=True))
+    by_outcome = dict(zip(OUTCOMES, outcomes, strict=True))
     return {
-        "evaded": rate_of(ever.evaded, ever.faults),
-        "felt": counted["felt"],
-        "phantom": counted["phantom"],
+        "evaded": rate_of(faults.evaded, total),
+        "unintended": rate_of(faults.unintended, total),
+        "unintended_told": told,
+        "felt": by_outcome["felt"],
+        "unseen": by_outcome["unseen"],
+        "phantom": by_outcome["phantom"],
+        "evaded_limited": limited,
+        "loss": rate_of(loss, total),
+        "halted": halted,
+        "misreport": rate_of(misreport, total),
         "late": late,
-        "unseen": counted["unseen"],
-        "runs": total,
-        "repeated": total > ever.faults,
-        "failed": counted["failed"],
+        "inactive": total - activated,
+        "repeats": valid - total,
+        "reacting": reacting,
+        "faulty": faulty,
+        "failed": failed,
         "activated": rate_of(activated, total),
-        "outcomes": {name: rate_of(k, total) for name, k in counted.items()},
+        "outcomes": {name: rate_of(k, total) for name, k in by_outcome.items() if name != "failed"},
         "cue_first": rate_of(first, came),
         "same_ms": same,
         "lead_ms": median(leads["ms"].to_numpy(), leads["n"].to_numpy()),
-        "false_cue": rate_of(felt, free),
-        "false_response": rate_of(told, free),
+        "false_cue": rate_of(free.came(f"twin_cue{manifest.verdict_cue}_first_ms"), free.count),
     }
 
 
 def verdict_matrix(runs: Runs) -> list[dict[str, Any]]:
-    """Rows stopped, flagged, silent; cells by haptic and jump, each a rate of all runs with a fault."""
+    """Rows by RESPONSES; cells by hazard and cue, each a rate of all distinct faults."""
     cube = runs.cube()
-    return _matrix(cube.loc[cube["faulty"]])
+    return _matrix(cube.loc[cube["faulty"] & cube["sample"]])
 
 
-def _matrix(counted: pd.DataFrame) -> list[dict[str, Any]]:
-    total = int(counted["runs"].to_numpy().sum())
-    found = _by(counted, ["response", "haptic", "jump"])
+def _matrix(cube: pd.DataFrame) -> list[dict[str, Any]]:
+    """Of valid runs."""
+    cube = cube.loc[~cube["failed"]]
+    total = int(cube["runs"].to_numpy().sum())
+    counts = _by(cube, ["response", "hazard", "cued"])
     rows = []
-    for response in schema.RESPONSES:
-        of_cells = {key: found.get((response, *key), 0) for key in itertools.product((True, False), repeat=2)}
+    for response in verdict.RESPONSES:
         cells = [
             {
-                "rate": rate_of(k, total),
-                "evades": response == "silent" and haptic,
-                "unseen": response == "silent" and jump and not haptic,
+                "hazard": hazard,
+                "cue": cued,
+                "rate": rate_of(counts.get((response, hazard, cued), 0), total),
+                "evades": response in verdict.UNTOLD and hazard == "unintended motion",
             }
-            for (haptic, jump), k in of_cells.items()
+            for hazard, cued in itertools.product(verdict.HAZARDS, (True, False))
         ]
-        rows.append({"name": response, "cells": cells, "total": rate_of(sum(of_cells.values()), total)})
+        rows.append({"name": response, "cells": cells, "total": rate_of(sum(cell["rate"].k for cell in cells), total)})
+    return rows
+
+
+def jump_rows(runs: Runs, manifest: Manifest) -> list[dict[str, Any]]:
+    """One row a jump rule: the distinct faults with such a jump, and which hazards they had."""
+    outcomes = manifest.config.get("outcomes") or {}
+    step, large = outcomes.get("jump_step_mm", 0.1), outcomes.get("large_jump_mm", 1.0)
+    rules = {
+        "jump_code": f"reported tip: steps over {step:g} mm on two packets in a row",
+        "jump_tip": f"true tip: steps over {step:g} mm in two ticks in a row",
+        "jump_text": f"true tip: over {large:g} mm within 2 ms",
+    }
+    source = f"{RESULTS} JOIN {FACTS} USING (row) WHERE sample AND faulty"
+    rows = []
+    for name, rule in rules.items():
+        n, k, unintended, misreport = runs.table.row(
+            f"SELECT count(*), count(*) FILTER ({name}), count(*) FILTER ({name} AND unintended), "
+            f"count(*) FILTER ({name} AND misreport) FROM {source}"
+        )
+        rows.append({"rule": rule, "rate": rate_of(k, n), "unintended": unintended, "misreport": misreport})
     return rows
 
 
@@ -116,38 +152,49 @@ def _by(counted: pd.DataFrame, names: list[str]) -> dict[tuple[Any, ...], int]:
 
 def matrix_cells(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """A verdict matrix cell by cell."""
-    names = [(cue, jump) for cue in ("haptic", "no haptic") for jump in ("jump", "no jump")]
     return [
-        {"response": row["name"], "cue": cue, "jump": jump, "share": cell["rate"]}
+        {
+            "response": row["name"],
+            "hazard": cell["hazard"],
+            "cue": "cue" if cell["cue"] else "no cue",
+            "share": cell["rate"],
+        }
         for row in rows
-        for (cue, jump), cell in zip(names, row["cells"], strict=True)
+        for cell in row["cells"]
     ]
 
 
-def group_rows(runs: Runs, plain: bool = False) -> list[dict[str, Any]]:
-    """One row per group: its outcomes as rates and its own verdict matrix; plain: of runs that are."""
+def group_rows(runs: Runs) -> list[dict[str, Any]]:
+    """One row per group: outcomes of its distinct faults as rates, and their verdict matrix; of a group without faults
+    those of its runs in which nobody reacts. The most evasive first. runs, failed: of all runs of the group."""
     cube = runs.cube()
-    faults = {one.name: one.faults for one in runs.ever("plain" if plain else "true", "group")}
     rows = []
-    for name, part in (cube.loc[cube["plain"]] if plain else cube).groupby("group"):
-        n = int(part["runs"].to_numpy().sum())
-        counted = _by(part, ["outcome"])
+    for name, part in cube.groupby("group"):
+        faulty = bool(part["faulty"].any())
+        mine = part.loc[~part["failed"] & (part["sample"] | (part["plain"] & (not faulty)))]
+        n = int(mine["runs"].to_numpy().sum())
+        counts = _by(mine, ["outcome"])
         rows.append(
             {
                 "name": name,
+                "runs": int(part["runs"].to_numpy().sum()),
                 "n": n,
-                "faulty": bool(part["faulty"].any()),
-                "distinct": faults[str(name)],
-                "outcomes": {key: rate_of(counted.get((key,), 0), n) for key in OUTCOMES},
-                "evaded": rate_of(_by(part, ["evaded"]).get((True,), 0), n),
-                "matrix": _matrix(part),
+                "faulty": faulty,
+                "outcomes": {key: rate_of(counts.get((key,), 0), n) for key in OUTCOMES if key != "failed"},
+                "evaded": rate_of(_by(mine, ["evaded"]).get((True,), 0), n),
+                "matrix": _matrix(mine),
                 "failed": _by(part, ["failed"]).get((True,), 0),
             }
         )
-    return sorted(rows, key=lambda row: (not row["faulty"], -row["evaded"].value))
+    return sorted(rows, key=lambda row: (not row["faulty"], *least_last(row["evaded"])))
 
 
-def delays(runs: Runs, event: str, end_ms: int, where: str = "true") -> tuple[Delays, int]:
+def least_last(rate: Rate) -> tuple[bool, float]:
+    """To sort by: the largest rate first, one of nothing last."""
+    return not rate.n, -rate.value if rate.n else 0.0
+
+
+def delays(runs: Runs, event: str, end_ms: int, where: str = "sample") -> tuple[Delays, int]:
     """Delay (ms) of an event, a column of facts, after the fault's first effect, for activated valid runs; to the end
     of observation where it never came: a stop or the end of the run.
 
@@ -161,21 +208,22 @@ def delays(runs: Runs, event: str, end_ms: int, where: str = "true") -> tuple[De
 
 
 def check_rows(runs: Runs, manifest: Manifest) -> list[dict[str, Any]]:
-    """One row per built-in check: how often it tripped and how close it came in silent runs."""
-    checks = manifest.shape.checks
+    """One row per built-in check: in how many distinct faults it tripped, and how close it came in silent ones."""
+    names = manifest.shape.checks
     asked = ["count(*)"]
-    for check in checks:
+    for check in names:
         margin = f"check_{check}_margin"
         asked.append(f"count(*) FILTER (check_{check}_first_ms >= 0)")
-        asked.append(f"min({margin}) FILTER (starts_with(verdict, 'silent/') AND NOT isnan({margin}::DOUBLE))")
-    total, *found = runs.table.row(f"SELECT {', '.join(asked)} FROM {RESULTS} WHERE {runs.faulty_and_valid}")
+        asked.append(f"min({margin}) FILTER (response = 'silent' AND NOT isnan({margin}::DOUBLE))")
+    total, *found = runs.table.row(f"SELECT {', '.join(asked)} FROM {runs.those('sample AND faulty')}")
     rows = []
-    for check, tripped, margin in zip(checks, found[::2], found[1::2], strict=True):
-        unit, what = schema.CHECKS.get(check, ("1", ""))
+    for check, tripped, margin in zip(names, found[::2], found[1::2], strict=True):
+        _, unit, meaning, action, _ = checks.check(check)
         rows.append(
             {
                 "name": check,
-                "what": what,
+                "what": meaning,
+                "action": action,
                 "tripped": rate_of(tripped, total),
                 "closest": math.nan if margin is None else float(margin),
                 "unit": "" if unit == "1" else unit,
@@ -185,39 +233,13 @@ def check_rows(runs: Runs, manifest: Manifest) -> list[dict[str, Any]]:
 
 
 def cause_rows(runs: Runs) -> list[dict[str, Any]]:
-    """What the first response of the flagged and stopped runs was, the most frequent first."""
-    found = runs.table.rows(
-        "SELECT response_cause::VARCHAR AS cause, count(*) FILTER (starts_with(verdict, 'stopped/')) AS stopped, "
-        f"count(*) FILTER (starts_with(verdict, 'flagged/')) AS flagged FROM {RESULTS} WHERE {runs.faulty_and_valid} "
-        "GROUP BY cause HAVING stopped + flagged > 0 ORDER BY stopped + flagged DESC, cause"
+    """Which check decided the response to distinct faults, by response, the most frequent first."""
+    counts = ", ".join(f"count(*) FILTER (response = {text(name)}) AS {name}" for name in CAUSED)
+    rows = runs.table.rows(
+        f"SELECT response_cause::VARCHAR AS cause, {counts} FROM {runs.those('sample AND faulty')} "
+        f"WHERE response <> 'silent' GROUP BY cause ORDER BY count(*) DESC, cause"
     )
-    return [
-        {"cause": cause or "not recorded", "stopped": stopped, "flagged": flagged} for cause, stopped, flagged in found
-    ]
-
-
-def worst_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
-    """The silent faulty runs that moved the instrument farthest from the model, and the command that replays each."""
-    far = "peak_model_deviation_mm"
-    worst = runs.table.rows(
-        f"SELECT row FROM {RESULTS} WHERE {runs.faulty_and_valid} AND starts_with(verdict, 'silent/') "
-        f"ORDER BY isnan({far}::DOUBLE), {far} DESC, row LIMIT {WORST}"
-    )
-    rows = runs.numbered([row for (row,) in worst])
-    return [
-        {
-            "run_id": row["run_id"],
-            "group": row["group"],
-            "fault": wording.fault(row),
-            "deviation_mm": row[far],
-            "step_mm": row["largest_step_mm"],
-            "depth_mm": row["tissue_depth_mm"],
-            "cue_ms": row["cue_ms"] - row["first_active_ms"] if row["cue_ms"] >= 0 else None,
-            "verdict": row["verdict"],
-            "command": _replay(folder, row["run_id"]),
-        }
-        for row in rows
-    ]
+    return [{"cause": cause or "not recorded", **dict(zip(CAUSED, numbers, strict=True))} for cause, *numbers in rows]
 
 
 def failure_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
@@ -227,10 +249,5 @@ def failure_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
         "WHERE failed <> '' GROUP BY cause, name ORDER BY cause, name"
     )
     return [
-        {"cause": cause, "group": group, "n": n, "command": _replay(folder, run_id)}
-        for cause, group, n, run_id in found
+        {"cause": cause, "group": group, "n": n, "command": replay(folder, run_id)} for cause, group, n, run_id in found
     ]
-
-
-def _replay(folder: Path, run_id: str) -> str:
-    return f"ravenjax trace {shlex.quote(str(folder))} {run_id}"

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from ravenjax.robot.sites import SITES
 from ravenjax.stats.intervals import Estimate, Rate
 
 NARROW = "\u202f"
@@ -28,6 +29,16 @@ def number(value: float, digits: int = 3) -> str:
     else:
         text = f"{value:.{digits}g}"
     return text.replace("-", "−")
+
+
+def hours(value: float) -> str:
+    """A time given in hours in the unit that suits it: 34 s, 12 min, 7.4 h."""
+    if not math.isfinite(value):
+        return DASH
+    for most, unit, factor in ((1 / 30, "s", 3600.0), (2.0, "min", 60.0)):
+        if value < most:
+            return f"{number(value * factor, 2)} {unit}"
+    return f"{number(value)} h"
 
 
 def _decimals(fraction: float) -> int:
@@ -99,20 +110,54 @@ def span(low: float, high: float) -> str:
 
 
 def fault(row: Mapping[str, Any]) -> str:
-    """The faults of one result row in a phrase: usb_out gold shoulder, overwrite 500, 9 ms from 1,200 ms (time)."""
-    phrases = []
-    slot = 0
-    while f"fault{slot}_site" in row:
-        name = f"fault{slot}_"
-        if row[f"{name}site"]:
-            where = " ".join(str(row[name + key]) for key in ("site", "arm", "channel") if row[name + key])
-            value = row[f"{name}value"]
-            what = str(row[f"{name}effect"]) + ("" if math.isnan(value) else f" {number(value, 5)}")
-            length = row[f"{name}duration_ms"]
-            start = f"from {count(row[f'{name}start_ms'])} ms"
-            when = f"{count(length)} ms {start}" if length >= 0 else f"{start} to the end"
-            every = f", every {count(row[f'{name}every_ms'])} ms" if row[f"{name}every_ms"] > 0 else ""
-            trigger = row[f"{name}trigger"]
-            phrases.append(f"{where}, {what}, {when}{every}" + (f" ({trigger})" if trigger else ""))
-        slot += 1
-    return "; ".join(phrases) or "no fault"
+    """The faults of one result row in a phrase: usb_out gold shoulder, overwrite 500 counts, 9 ms from 1,200 ms."""
+    slots = range(sum(name.startswith("fault") and name.endswith("_site") for name in row))
+    return "; ".join(filter(None, (fault_in_slot(row, slot) for slot in slots))) or "no fault"
+
+
+def fault_in_slot(row: Mapping[str, Any], slot: int) -> str:
+    """One fault of a result row in a phrase, "" where the slot is empty."""
+    site, arm, channel, effect, value, trigger, start, length, every, period = (
+        row[f"fault{slot}_{key}"] for key in _FAULT_KEYS
+    )
+    if not site:
+        return ""
+    where = " ".join(str(word) for word in (site, arm, channel) if word)
+    what = effect if math.isnan(value) else f"{effect} {_magnitude(site, channel, effect, value)}"
+    if period > 0:
+        what += f", period {count(period)} ms"
+    unit = "packets" if trigger == "packet" else "ms"
+    begins = f"from packet {count(start)}" if trigger == "packet" else f"from {count(start)} ms"
+    begins += " after pedal-down" if trigger == "pedal" else ""
+    when = f"{count(length)} {unit} {begins}" if length >= 0 else f"{begins} to the end"
+    return f"{where}, {what}, {when}" + (f", again every {count(every)} {unit}" if every > 0 else "")
+
+
+_FAULT_KEYS = (
+    "site",
+    "arm",
+    "channel",
+    "effect",
+    "value",
+    "trigger",
+    "start_ms",
+    "duration_ms",
+    "every_ms",
+    "period_ms",
+)
+_UNIT_WORDS = {"cnt": "counts", "1": "", "bits": ""}
+
+
+def _magnitude(site: str, channel: str, effect: str, value: float) -> str:
+    """The value of a fault as its effect takes it, with its unit where this version knows the channel."""
+    shown = number(value, 5)
+    if effect == "bit_flip":
+        return f"of bit {shown}"
+    if effect == "scale":
+        return f"by {shown}"
+    units = {one.name: one.unit for one in SITES[site].channels} if site in SITES else {}
+    unit = units.get(channel, "")
+    unit = _UNIT_WORDS.get(unit, unit)
+    if effect == "drift":
+        return f"{shown} {unit or '1'}/ms"
+    return f"{shown} {unit}".rstrip()

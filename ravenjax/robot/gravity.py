@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from ravenjax.robot.joints import GEOMETRY, GM1, GM2, GM3
+from ravenjax.robot.geometry import GEOMETRY, GM1, GM2, GM3
 from ravenjax.robot.transmission import JOINT_PER_CAPSTAN_TORQUE
 from ravenjax.types import Scalar, Vec
 

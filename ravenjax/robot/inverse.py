@@ -16,20 +16,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 
 from ravenjax.robot.algebra import dot
-from ravenjax.robot.joints import (
-    D4,
-    GEOMETRY,
-    GM1,
-    GM2,
-    GM3,
-    LW,
-    PI,
-    Geometry,
-    Pose,
-    Theta,
-    joint_from_theta,
-    theta_from_joint,
-)
+from ravenjax.robot.geometry import D4, GEOMETRY, GM1, GM2, GM3, LW, PI, Geometry
+from ravenjax.robot.joints import Pose, Theta, joint_from_theta, theta_from_joint
 from ravenjax.types import Scalar, Vec, as_int, rarely, record, where
 
 COST_LIMIT = PI  # rad^2 (insertion counted 100 rad/m): nearest solution farther than this is rejected

@@ -12,8 +12,9 @@ from typing import NamedTuple
 import jax.numpy as jnp
 
 from ravenjax.robot.algebra import cross
+from ravenjax.robot.geometry import D4, GEOMETRY, GM1, GM2, GM3, LW
 from ravenjax.robot.inverse import AT_REMOTE_CENTRE, IK, OK, REJECTED, inverse, inverse_candidates
-from ravenjax.robot.joints import D4, GEOMETRY, GM1, GM2, GM3, LW, Pose, yaw
+from ravenjax.robot.joints import Pose, yaw
 from ravenjax.types import Scalar, Vec
 
 __all__ = [

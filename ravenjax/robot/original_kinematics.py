@@ -15,6 +15,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 
 from ravenjax.robot.algebra import add, matrix, matvec, mul, norm, scale, transpose
+from ravenjax.robot.geometry import D4, GM1, GM2, GM3, GM4, LINK12, LINK23, LW, PI
 from ravenjax.robot.inverse import (
     AT_REMOTE_CENTRE,
     CLAMP,
@@ -27,7 +28,7 @@ from ravenjax.robot.inverse import (
     ROLLOVER,
     SINGULAR,
 )
-from ravenjax.robot.joints import D4, GM1, GM2, GM3, GM4, LINK12, LINK23, LW, PI, Pose, jaws, yaw
+from ravenjax.robot.joints import Pose, jaws, yaw
 from ravenjax.robot.original_transforms import Transform, apply, inverse_matrix, product
 from ravenjax.robot.original_transforms import inverse as inverse_transform
 from ravenjax.types import Scalar, Vec, as_int, where

@@ -30,6 +30,13 @@ def frame0(arm: ArmName) -> tuple[Vec, Vec]:
     return Vec(float(x) for x in body.pos), Vec(map(Vec, exact))
 
 
+def base_pose(arm: ArmName) -> tuple[tuple[float, float, float], tuple[float, float, float, float]]:
+    """The arm's frame 0 in the world: origin x, y, z (m) and unit quaternion x, y, z, w."""
+    body = arm_model.scene().body(arm_model.base(arm))
+    (px, py, pz), (w, x, y, z) = (map(float, numbers) for numbers in (body.pos, body.quat))
+    return (px, py, pz), (x, y, z, w)
+
+
 def world(arm: ArmName, position: Vec) -> Vec:
     """A point of the arm's frame 0 in the world, m."""
     origin, rotation = frame0(arm)

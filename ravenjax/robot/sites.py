@@ -10,10 +10,11 @@ from __future__ import annotations
 import dataclasses
 from typing import Literal
 
-from ravenjax.types import JOINTS
+from ravenjax.arms import JOINTS
 
 ARM = "ARM"
-Kind = Literal["int16", "int32", "float", "bool"]
+Kind = Literal["int16", "int24", "int32", "float", "bool"]
+"""Type of a number; an int24, which an encoder's word is, travels as int32 and nothing makes it wrap."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,12 +119,12 @@ SITES: dict[str, Site] = {
             ),
             "header of a received packet, before the size and sequence checks",
         ),
-        Site("encoder", "L6", True, _joints("int32", ("cnt", "cnt")), "encoder counts as they leave the robot"),
+        Site("encoder", "L6", True, _joints("int24", ("cnt", "cnt")), "encoder counts as they leave the robot"),
         Site(
             "usb_in",
             "L6",
             True,
-            (*_joints("int32", ("cnt", "cnt"), "enc_val"), Channel("pins", ("pins", ARM), "int32", "bits")),
+            (*_joints("int24", ("cnt", "cnt"), "enc_val"), Channel("pins", ("pins", ARM), "int32", "bits")),
             "buffers read from the USB boards: encoder counts and the PLC's input pins",
         ),
         Site(

@@ -105,9 +105,10 @@ def _verified(
     if not len(crossed):
         return pd.DataFrame()
     case, values = grid.points(np.tile(crossed, 2), np.concatenate([found.low[crossed], found.high[crossed]]))
-    rows = runner.run_campaign(template.campaign(case, values), out / FOLDER, evaluator.engine.name).frame()
+    campaign = template.campaign(case, values)
+    rows = runner.run_campaign(campaign, out / FOLDER, evaluator.engine.name).frame()
     expected = np.repeat([0.0, 1.0], len(crossed))
-    said = outcome.parse(search.harm).values(rows)
+    said = outcome.parse(search.harm).values(rows, campaign.rules)
     if not np.array_equal(said, expected) or rows["run_id"].tolist() != evaluator.ids(case, values):
         wrong = rows["run_id"][said != expected].tolist()
         raise RuntimeError(f"the campaign in {out / FOLDER} contradicts the search that it verifies: runs {wrong}")

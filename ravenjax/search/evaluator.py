@@ -142,8 +142,11 @@ class Evaluator:
 
     def _wanted(self, rows: pa.Table) -> np.ndarray:
         """What is wanted of each row, float64 [rows, outcomes]."""
-        columns = rows.select(sorted({one.column for one in self.wanted} | {"failed"})).to_pandas()
-        return np.stack([one.margins(columns) if self._margins else one.values(columns) for one in self.wanted], axis=1)
+        rules = self._plan.config.rules
+        names = {name for one in self.wanted for name in one.columns(rules)}
+        columns = rows.select(sorted(names)).to_pandas()
+        values = [one.margins(columns) if self._margins else one.values(columns, rules) for one in self.wanted]
+        return np.stack(values, axis=1)
 
     def _planned(self, rows: pd.DataFrame) -> Plan:
         """The template's plan with other rows; those that share a twin stand together, so that it is computed once."""

@@ -72,7 +72,7 @@ def from_dict(
     told: list[str] = []
     campaign = search = None
     try:
-        campaign = loading.from_dict({k: v for k, v in raw.items() if k != SECTION}, source, text, left)
+        campaign = loading.from_dict({k: v for k, v in raw.items() if k != SECTION}, source, text, left, template=True)
     except UserError as error:
         told.append(str(error))
     wrong: list[Complaint] = []

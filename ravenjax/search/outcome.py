@@ -1,6 +1,7 @@
 """What a search asks of a run: a number of the result table, or whether an event happened.
 
 peak_model_deviation_mm            the number
+evades                             an event of `ravenjax.outcomes.events`, under the rules of the search's campaign
 jump_code                          an event: the truth value
 peak_model_deviation_mm >= 3       an event: a number against a bound; also <=
 response = stopped                 an event: the word
@@ -14,19 +15,22 @@ from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 
 from ravenjax.errors import shown, suggestion
+from ravenjax.outcomes import events, verdict
+from ravenjax.outcomes.events import Rules
 from ravenjax.store import schema
 
 _FORM = re.compile(r"^\s*(\w+)\s*(?:(>=|<=|=)\s*(.*?)\s*)?$")
-_TIMES = ("first_ms", "last_ms", "first_active_ms", "response_ms", "reaction_ms")
+_TIMES = ("first_ms", "last_ms", "first_active_ms", "response_ms", "reaction_ms", "told_ms")
 """Ends of columns that hold -1 where the time never came."""
 _GIVEN = ("run_id", "index", "group", "seed", "operator")
 
-_WORDS = {"verdict": schema.VERDICTS, "response": ("stopped", "flagged", "none")}
+_WORDS = {"verdict": verdict.VERDICTS, "response": verdict.RESPONSES, "hazard": verdict.HAZARDS}
 """Columns of words of which all words are known here."""
 
-FORMS = "'peak_model_deviation_mm', 'jump_code', 'peak_model_deviation_mm >= 3' or 'response = stopped'"
+FORMS = "'peak_model_deviation_mm', 'evades', 'jump_code', 'peak_model_deviation_mm >= 3' or 'response = stopped'"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,8 +52,21 @@ class Outcome:
         """Of the column."""
         return self.column.rpartition("_")[2] if self.column.endswith(("_mm", "_ms")) and not self.relation else ""
 
-    def values(self, columns: schema.Columns) -> np.ndarray:
+    @property
+    def named_event(self) -> bool:
+        """Whether it is an event of `ravenjax.outcomes.events`."""
+        return not self.relation and self.column in events.EVENTS
+
+    def columns(self, rules: Rules) -> list[str]:
+        """Columns of the result table that `values` and `margins` need."""
+        return events.columns([self.column], rules) if self.named_event else [self.column, "failed"]
+
+    def values(self, columns: pd.DataFrame, rules: Rules) -> np.ndarray:
         """float64 [rows] of columns of the result table; NaN where a run failed, or has no such number."""
+        if self.named_event:
+            table = pa.Table.from_pandas(columns[self.columns(rules)], preserve_index=False)
+            valid, cases = events.happened(table, [self.column], rules)
+            return np.where(valid, cases.astype(np.float64), np.nan)
         if self.word:
             found = np.asarray(pd.Categorical(columns[self.column]) == self.word, np.float64)
         else:
@@ -75,10 +92,12 @@ class Outcome:
 
     def complaints(self, shape: schema.Shape) -> Iterator[str]:
         """What is wrong with it for a table of this shape."""
+        if self.named_event:
+            return
         known = {c.name: c.dtype for c in schema.columns(shape) if _is_outcome(c.name)}
         if self.column not in known:
-            near = suggestion(self.column, known)
-            yield f"unknown outcome {self.column!r}, expected an outcome column of results/README.md{near}"
+            near, names = suggestion(self.column, [*known, *events.EVENTS]), ", ".join(events.EVENTS)
+            yield f"unknown outcome {self.column!r}, expected a column of results/README.md or one of {names}{near}"
             return
         text = known[self.column] == "category"
         words = _WORDS.get(self.column, ())
@@ -119,7 +138,7 @@ def parse(text: str) -> Outcome:
 def is_event(found: Outcome) -> bool:
     """Whether it is 1 or 0 for every run."""
     truths = {c.name for c in schema.columns(schema.Shape()) if c.dtype == "bool"}
-    return bool(found.relation) or found.column in truths
+    return bool(found.relation) or found.named_event or found.column in truths
 
 
 def require_event(text: str) -> str:

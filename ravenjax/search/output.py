@@ -1,4 +1,4 @@
-"""Writes what a search is and what it found: search.json, search.md and its figures."""
+"""Writes what a search is and what it found: search.json, search.md, search.html and its figures."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from ravenjax.document import html
 from ravenjax.errors import UserError, listed
 from ravenjax.search import style
 from ravenjax.search.findings import Findings, Table, plain
 from ravenjax.store import files, manifest
 
-NUMBERS, TEXT = "search.json", "search.md"
+NUMBERS, TEXT, PAGE = "search.json", "search.md", "search.html"
 
 
 def open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
@@ -44,7 +45,10 @@ def write(out: Path, record: dict[str, Any], findings: Findings) -> None:
     figures = {name: f"{name}.svg" for name in findings.figures}
     for name, draw in findings.figures.items():
         style.save(draw(), out / figures[name])
-    _text(out / TEXT, _markdown(record, findings, figures))
+    text = _markdown(record, findings, figures)
+    drawings = {file: (out / file).read_text(encoding="utf-8") for file in figures.values()}
+    _text(out / TEXT, text)
+    _text(out / PAGE, html.from_markdown(text, drawings))
     _json(out / NUMBERS, record | {"result": findings.numbers})
 
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
+from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
 from ravenjax.types import Scalar, Setup, Vec, as_int, record
 
 TINY_M = 1e-12  # below it e has no direction; far below one micrometre, so no cue is ever affected
@@ -79,7 +80,7 @@ def params(setup: Setup) -> Params:
     makes the third pulse (0.0296 at 5.0 mm, of which 0.0225 is spring) out of its rebound of 6.7 degrees in 150 ms,
     which is about 80 mm/s at the 0.1 m between tip and shoulder axis.
     """
-    cue = Cue(threshold_m=3e-3, kp=4.5, kd=0.09, cap=0.05)
+    cue = Cue(threshold_m=PUBLISHED_CUE_MM / 1e3, kp=4.5, kd=0.09, cap=0.05)
     return Params(cues=(cue,) * setup.cues)
 
 

@@ -3,12 +3,22 @@
 Two tips are watched. The *true* tip is where the links of the virtual robot are; the *measured* tip is what the control
 software computes from its encoders (whole micrometres), on which the published jump rule works (analyze_faulty.py).
 Everything is compared with the nominal model and with the fault-free twin of the run.
+
+Hazards (`ravenjax.outcomes` says what they are) are judged live. With a = distance from the twin, b = distance from the
+nominal model and c = distance from where standing would have left the tip, d = min(a, b):
+
+    unintended motion:  min(d, c) > limit
+    loss of motion:     d > limit, and min(d, c) <= limit or c < d / 2: most of it is motion that the robot missed
+    false report:       |(measured - true) - (the twin's measured - true)| > limit
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import jax.numpy as jnp
 
+from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.robot.algebra import dot
 from ravenjax.types import JOINTS, Scalar, Setup, Vec, as_int, per_arm, real, record, replace, where
 
@@ -32,7 +42,7 @@ class Params:
     diverged: Scalar  # m from the twin above which a run counts as diverged; 1 um, the resolution of `pos`
     idle_share: Scalar  # share of the twin's step below which a step counts as none; a quarter, ours
     idle_step: Scalar  # m per tick, steps of the twin that count; 1 um, the resolution of `pos`
-    moved: Scalar  # m from the nominal model above which the instrument counts as moved; 3 mm, the published cue's
+    limit: Scalar  # m, of hazards; `ravenjax.outcomes.verdict.LIMIT_MM`
 
 
 @record
@@ -52,7 +62,10 @@ class ArmState:
     square_model: Scalar  # m^2, sum over ticks
     peak_twin: Scalar  # m, largest distance from the twin
     square_twin: Scalar  # m^2, sum over ticks
-    peak_stray: Scalar  # m, largest distance both from the twin and from where standing would have left the tip
+    unintended: Scalar  # m, largest live distance from twin, model and where standing would have left the tip
+    unintended_off: Scalar  # m, while not live: largest distance from the twin and from where standing leaves the tip
+    loss: Scalar  # m, largest live distance from twin and model by motion that the robot missed
+    false_report: Scalar  # m, largest live distance of the measured tip from the true one, the twin's taken off
     idle_ticks: Scalar  # int32, ticks in which the twin moved and this robot did not
     peak_step: Scalar  # m per tick, largest step of the true tip
     path: Scalar  # m, way of the true tip
@@ -70,7 +83,10 @@ class State:
     arms: tuple[ArmState, ...]
     tip_distance: Scalar  # m, smallest distance between the two tips; infinite with one arm
     diverged: Scalar  # int32, first tick farther from the twin than the limit; -1: never
-    moved: Scalar  # int32, first live tick farther from the nominal model than the limit; -1: never
+    unintended: Scalar  # int32, first tick of unintended motion; -1: never
+    loss: Scalar  # int32, first tick of loss of motion; -1: never
+    false_report: Scalar  # int32, first tick of a false report; -1: never
+    halted: Scalar  # int32, ticks in which the operator held the pedal down and the robot was not live
     failed: Scalar  # int32, first tick in which the true tip was not a finite number; -1: never
     ticks: Scalar  # int32
 
@@ -87,12 +103,13 @@ class Signal:
     dac: tuple[Vec, ...]  # counts, as written
     fresh: Scalar  # bool, a new packet was due in this tick
     live: Scalar  # bool, pedal-down without software E-stop: what the operator asks for is what the robot should do
+    pedal: Scalar  # bool, the operator holds the pedal down
     tick: Scalar  # int32
 
 
 def params(setup: Setup) -> Params:
     """The published limits."""
-    return Params(jump_step=1e-4, large_jump=1e-3, diverged=1e-6, moved=3e-3, idle_share=0.25, idle_step=1e-6)
+    return Params(jump_step=1e-4, large_jump=1e-3, diverged=1e-6, limit=LIMIT_MM / 1e3, idle_share=0.25, idle_step=1e-6)
 
 
 def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> State:
@@ -119,7 +136,10 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Sta
             square_model=zero,
             peak_twin=zero,
             square_twin=zero,
-            peak_stray=zero,
+            unintended=zero,
+            unintended_off=zero,
+            loss=zero,
+            false_report=zero,
             idle_ticks=jnp.int32(0),
             peak_step=zero,
             path=zero,
@@ -130,7 +150,50 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Sta
             tip_jump=never,
         )
 
-    return State(per_arm(setup, lambda i, arm: arm_state(i)), real(setup, jnp.inf), never, never, never, jnp.int32(0))
+    return State(
+        arms=per_arm(setup, lambda i, arm: arm_state(i)),
+        tip_distance=real(setup, jnp.inf),
+        diverged=never,
+        unintended=never,
+        loss=never,
+        false_report=never,
+        halted=jnp.int32(0),
+        failed=never,
+        ticks=jnp.int32(0),
+    )
+
+
+class Distances(NamedTuple):
+    """How far one arm is off in this tick, m.
+
+    `unintended_off` counts while the robot is not live; `unintended`, `loss` and `false_report` while it is.
+    """
+
+    golden: Scalar  # true tip from the golden run's
+    model: Scalar  # true tip from the nominal model's
+    unintended: Scalar
+    unintended_off: Scalar
+    loss: Scalar
+    false_report: Scalar
+
+
+def distances(params: Params, arm: ArmState, model_tip: Vec, pos: Vec, twin_pos: Vec) -> Distances:
+    """Distances of an arm. arm: with `tip`, `twin_tip` and `missed` of this tick; model_tip: m; pos, twin_pos: um."""
+    tip, twin_tip = arm.tip, arm.twin_tip
+    golden, model = _norm(tip - twin_tip), _norm(tip - model_tip)
+    standing = _norm(tip - twin_tip + arm.missed)
+    off = jnp.minimum(golden, model)
+    unintended = jnp.minimum(off, standing)
+    missed_most = 2.0 * standing < off
+    neither = (off > params.limit) & ~(unintended > params.limit)
+    return Distances(
+        golden=golden,
+        model=model,
+        unintended=unintended,
+        unintended_off=jnp.minimum(golden, standing),
+        loss=jnp.where(missed_most | neither, off, 0.0),
+        false_report=_norm(pos * UM - tip - (twin_pos * UM - twin_tip)),
+    )
 
 
 def _norm(v: Vec) -> Scalar:
@@ -141,20 +204,19 @@ def _first(tick: Scalar, happens: Scalar, before: Scalar) -> Scalar:
     return jnp.where(happens & (before < 0), tick, before)
 
 
-def _arm(
-    params: Params, state: ArmState, signal: Signal, reference: Reference, i: int
-) -> tuple[ArmState, Scalar, Scalar]:
-    """The arm after this tick, and its distances from twin and nominal model."""
+def _arm(params: Params, state: ArmState, signal: Signal, reference: Reference, i: int) -> tuple[ArmState, Distances]:
+    """The arm after this tick, and how far it is off."""
     tip, pos, twin_pos = signal.tip[i], signal.pos[i], reference.pos[i]
-    model = _norm(tip - signal.model_tip[i])
     twin_tip = reference.tip[i]
-    twin = _norm(tip - twin_tip)
     step = _norm(tip - state.tip)
     asked = twin_tip - state.twin_tip
     twin_step_true = _norm(asked)
     idle = (twin_step_true > params.idle_step) & (step < params.idle_share * twin_step_true)
     missed = where(idle | ~signal.live, state.missed + asked, state.missed)
-    stray = jnp.minimum(twin, _norm(tip - twin_tip + missed))
+    after = replace(state, tip=tip, tip_before=state.tip, twin_tip=twin_tip, missed=missed)
+    off = distances(params, after, signal.model_tip[i], pos, twin_pos)
+    golden, model = off.golden, off.model
+    live = signal.live
     leapt = (step > params.jump_step) & ~(twin_step_true > params.jump_step)
     both = _norm(tip - state.tip_before)
     packet_step = _norm(pos - state.pos) * UM
@@ -162,21 +224,20 @@ def _arm(
     over = (packet_step > params.jump_step) & ~(twin_step > params.jump_step)
     fresh = signal.fresh
     new = replace(
-        state,
-        tip=tip,
-        tip_before=state.tip,
-        twin_tip=twin_tip,
-        missed=missed,
+        after,
         pos=pos.map(lambda a, b: jnp.where(fresh, a, b), state.pos),
         twin_pos=twin_pos.map(lambda a, b: jnp.where(fresh, a, b), state.twin_pos),
         over=jnp.where(fresh, over, state.over),
         leapt=leapt,
         peak_model=jnp.maximum(state.peak_model, model),
-        peak_live=jnp.where(signal.live, jnp.maximum(state.peak_live, model), state.peak_live),
+        peak_live=jnp.where(live, jnp.maximum(state.peak_live, model), state.peak_live),
         square_model=state.square_model + model * model,
-        peak_twin=jnp.maximum(state.peak_twin, twin),
-        square_twin=state.square_twin + twin * twin,
-        peak_stray=jnp.maximum(state.peak_stray, stray),
+        peak_twin=jnp.maximum(state.peak_twin, golden),
+        square_twin=state.square_twin + golden * golden,
+        unintended=jnp.where(live, jnp.maximum(state.unintended, off.unintended), state.unintended),
+        unintended_off=jnp.where(live, state.unintended_off, jnp.maximum(state.unintended_off, off.unintended_off)),
+        loss=jnp.where(live, jnp.maximum(state.loss, off.loss), state.loss),
+        false_report=jnp.where(live, jnp.maximum(state.false_report, off.false_report), state.false_report),
         idle_ticks=state.idle_ticks + as_int(idle),
         peak_step=jnp.maximum(state.peak_step, step),
         path=state.path + step,
@@ -186,28 +247,32 @@ def _arm(
         large_jump=_first(signal.tick, (step > params.large_jump) | (both > params.large_jump), state.large_jump),
         tip_jump=_first(signal.tick, leapt & state.leapt, state.tip_jump),
     )
-    return new, twin, model
+    return new, off
 
 
 def step(setup: Setup, params: Params, state: State, signal: Signal, reference: Reference) -> State:
     """The observer after this tick."""
-    arms, twins, models = zip(
-        *per_arm(setup, lambda i, arm: _arm(params, state.arms[i], signal, reference, i)), strict=True
-    )
-    diverged, moved, finite = jnp.bool_(False), jnp.bool_(False), jnp.bool_(True)
-    for i, (twin, model) in enumerate(zip(twins, models, strict=True)):
-        diverged = diverged | (twin > params.diverged)
-        moved = moved | (signal.live & (model > params.moved))
+    arms, off = zip(*per_arm(setup, lambda i, arm: _arm(params, state.arms[i], signal, reference, i)), strict=True)
+    diverged, finite = jnp.bool_(False), jnp.bool_(True)
+    unintended, loss, false_report = jnp.bool_(False), jnp.bool_(False), jnp.bool_(False)
+    for i, distance in enumerate(off):
+        diverged = diverged | (distance.golden > params.diverged)
+        unintended = unintended | (distance.unintended > params.limit)
+        loss = loss | (distance.loss > params.limit)
+        false_report = false_report | (distance.false_report > params.limit)
         tip = signal.tip[i]
         total = tip[0] + tip[1] + tip[2]
         finite = finite & (total - total == 0.0)
     return State(
-        arms,
-        jnp.minimum(state.tip_distance, signal.distance),
-        _first(signal.tick, diverged, state.diverged),
-        _first(signal.tick, moved, state.moved),
-        _first(signal.tick, ~finite, state.failed),
-        state.ticks + as_int(True),
+        arms=arms,
+        tip_distance=jnp.minimum(state.tip_distance, signal.distance),
+        diverged=_first(signal.tick, diverged, state.diverged),
+        unintended=_first(signal.tick, signal.live & unintended, state.unintended),
+        loss=_first(signal.tick, signal.live & loss, state.loss),
+        false_report=_first(signal.tick, signal.live & false_report, state.false_report),
+        halted=state.halted + as_int(signal.pedal & ~signal.live),
+        failed=_first(signal.tick, ~finite, state.failed),
+        ticks=state.ticks + as_int(True),
     )
 
 
@@ -235,11 +300,17 @@ def outcomes(setup: Setup, state: State) -> dict[str, Scalar]:
         "rms_model_deviation_mm": jnp.sqrt(worst("square_model") / count) * 1e3,
         "peak_twin_deviation_mm": worst("peak_twin") * 1e3,
         "rms_twin_deviation_mm": jnp.sqrt(worst("square_twin") / count) * 1e3,
-        "stray_mm": worst("peak_stray") * 1e3,
+        "unintended_mm": worst("unintended") * 1e3,
+        "unintended_off_mm": worst("unintended_off") * 1e3,
+        "loss_mm": worst("loss") * 1e3,
+        "false_report_mm": worst("false_report") * 1e3,
+        "unintended_first_ms": state.unintended,
+        "loss_first_ms": state.loss,
+        "false_report_first_ms": state.false_report,
+        "halted_ms": state.halted,
         "idle_ms": worst("idle_ticks"),
         "largest_step_mm": worst("peak_step") * 1e3,
         "tip_path_mm": worst("path") * 1e3,
-        "moved_first_ms": state.moved,
         "tissue_depth_mm": worst("depth") * 1e3,
         "tip_distance_mm": state.tip_distance * 1e3,
         "jump_code_ms": earliest("jump"),

@@ -38,15 +38,21 @@ def alarm_rate(count: int, hours: float, confidence: float = 0.95) -> AlarmRate:
 
     ValueError where count or hours is negative or there are alarms in no time.
     """
-    from statsmodels.stats.rates import confint_poisson  # slow to import
-
-    alpha = alpha_of(confidence)
     if count < 0 or not hours >= 0 or (count and not hours):
         raise ValueError(f"alarm_rate needs count >= 0 in hours > 0, got {count} in {hours} h")
     if not hours:
         return AlarmRate(0, 0.0, math.nan, math.nan, math.nan)
-    low, high = confint_poisson(count, hours, "exact-c", alpha)
+    low, high = rate_bounds(count, hours, confidence)
     return AlarmRate(int(count), float(hours), count / hours, float(low), float(high))
+
+
+def rate_bounds(count: ArrayLike, hours: ArrayLike, confidence: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of the exact intervals of Poisson rates, arrays of one shape; hours above 0. ValueError as `alpha_of`."""
+    from statsmodels.stats.rates import confint_poisson  # slow to import
+
+    counts, times = np.broadcast_arrays(np.asarray(count), np.asarray(hours, float))
+    low, high = confint_poisson(counts, times, "exact-c", alpha_of(confidence))
+    return np.reshape(low, counts.shape), np.reshape(high, counts.shape)  # of one rate it makes numbers
 
 
 def threshold_for_rate(

@@ -39,17 +39,28 @@ def rate_difference(first: ArrayLike, second: ArrayLike, confidence: float = 0.9
     Adjusted Wald interval of Bonett and Price (J. Educ. Behav. Stat. 37, 2012), recommended by Fagerland, Lydersen and
     Laake (Stat. Med. 33, 2014); no library at hand has an interval for pairs. ValueError where the lengths differ.
     """
+    one, two = _pairs(first, second, bool)
+    return difference_of_counts(int((one & ~two).sum()), int((two & ~one).sum()), len(one), confidence)
+
+
+def difference_of_counts(first_only: ArrayLike, second_only: ArrayLike, n: int, confidence: float = 0.95) -> Estimate:
+    """As `rate_difference`, of how many of `n` pairs hit in the first variant only, and in the second only: numbers, or
+    arrays of one shape.
+
+    ValueError where these are no counts of n pairs.
+    """
     from scipy.stats import norm
 
-    z = norm.isf(alpha_of(confidence) / 2)
-    one, two = _pairs(first, second, bool)
-    n = len(one)
+    first, second = np.asarray(first_only), np.asarray(second_only)
+    if min(first.min(initial=0), second.min(initial=0)) < 0 or (first + second > n).any():
+        raise ValueError(f"{first_only} and {second_only} discordant pairs of {n}")
     if not n:
         return Estimate(np.nan, np.nan, np.nan)
-    only = np.array([(one & ~two).sum(), (two & ~one).sum()])
-    p, q = (only + 1) / (n + 2)
+    z = norm.isf(alpha_of(confidence) / 2)
+    p, q = (first + 1) / (n + 2), (second + 1) / (n + 2)
     half = z * np.sqrt((p + q - (p - q) ** 2) / (n + 2))
-    return Estimate(float((only[0] - only[1]) / n), max(-1.0, float(p - q - half)), min(1.0, float(p - q + half)))
+    parts = (first - second) / n, np.maximum(p - q - half, -1.0), np.minimum(p - q + half, 1.0)
+    return Estimate(*(part if part.ndim else float(part) for part in parts))
 
 
 def mean_difference(

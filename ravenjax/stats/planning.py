@@ -1,4 +1,4 @@
-"""How many runs a wanted precision needs; `sequential` says when to stop."""
+"""How many runs, or hours of fault-free motion, a wanted precision needs; `sequential` says when to stop."""
 
 from __future__ import annotations
 
@@ -33,6 +33,21 @@ def runs_to_bound(rate: float, confidence: float = 0.95) -> int:
     """Runs without a single case that show a rate to be at most `rate` (one-sided, exact): about 3/rate at 95 %."""
     _fraction(rate, "rate")
     return _up(math.log(alpha_of(confidence)) / math.log1p(-rate))
+
+
+def hours_to_bound(per_hour: float, count: int = 0, confidence: float = 0.95) -> float:
+    """Hours in which `count` alarms, 0 where none came, show that there are at most `per_hour` of them: those in which
+    the upper end of the exact interval (`false_alarms.alarm_rate`) is per_hour. 3.69 / per_hour at 95 % without an
+    alarm.
+
+    ValueError unless per_hour > 0 and count >= 0.
+    """
+    from scipy.stats import chi2
+
+    if not per_hour > 0 or count < 0:
+        raise ValueError(f"hours_to_bound needs per_hour > 0 and count >= 0, got {per_hour} and {count}")
+    # twice a Poisson mean with a chance of alpha / 2 to show at most `count` (Garwood 1936)
+    return float(chi2.isf(alpha_of(confidence) / 2, 2 * (count + 1))) / 2 / per_hour
 
 
 class MoreRuns(NamedTuple):

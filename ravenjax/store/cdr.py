@@ -1,8 +1,8 @@
 """ROS 2 messages of fixed layout, encoded for all ticks at once.
 
-Names and sizes of a trace's messages do not change from tick to tick, so each message type is one template of bytes
-with holes for numbers: the holes of all ticks are filled by array assignment. Encoding is CDR, little-endian (OMG
-DDS-XTypes plain CDR version 1): every number is aligned to its size, counted from the end of the four-byte header.
+Names and sizes of a log's messages do not change from tick to tick, so each message type is one template of bytes
+with holes for times and numbers: the holes of all ticks are filled by array assignment. Encoding is CDR, little-endian
+(OMG DDS-XTypes plain CDR version 1): every number is aligned to its size, counted from the end of the four-byte header.
 """
 
 from __future__ import annotations
@@ -12,22 +12,34 @@ from collections.abc import Sequence
 import numpy as np
 
 _HEADER = b"\x00\x01\x00\x00"  # CDR, little-endian, no options
+_SECOND_NS = 1_000_000_000
 
 
 class Layout:
-    """Template of one message type: text is constant, numbers are holes filled later."""
+    """Template of one message type: text is constant, times and numbers are holes filled later."""
 
-    def __init__(self, frame_id: str) -> None:
-        """Begins with a std_msgs/Header: stamp, then the constant `frame_id`."""
-        self._bytes = bytearray(8)  # stamp: int32 sec, uint32 nanosec
+    def __init__(self) -> None:
+        """An empty message."""
+        self._bytes = bytearray()
+        self._stamps: list[int] = []  # first byte of each time
         self._holes: list[tuple[int, int, int]] = []  # first byte, how many numbers, bytes of each
-        self.text(frame_id)
 
     def _align(self, size: int) -> None:
         self._bytes += bytes(-len(self._bytes) % size)
 
+    def header(self, frame_id: str) -> None:
+        """A std_msgs/Header: the time of the message, then the constant `frame_id`."""
+        self._align(4)
+        self._stamps.append(len(self._bytes))
+        self._bytes += bytes(8)  # int32 sec, uint32 nanosec
+        self.text(frame_id)
+
+    def byte(self, value: int) -> None:
+        """A constant uint8."""
+        self._bytes.append(value)
+
     def count(self, value: int) -> None:
-        """The length of a sequence."""
+        """A constant uint32, such as the length of a sequence."""
         self._align(4)
         self._bytes += value.to_bytes(4, "little")
 
@@ -66,16 +78,29 @@ class Layout:
         """One message per tick: `time_ns` int64 [T], `values` [T, sum of the holes] in order of the holes."""
         ticks = len(time_ns)
         rows = np.tile(np.frombuffer(bytes(self._bytes), np.uint8), (ticks, 1))
-        stamp = np.stack([time_ns // 1_000_000_000, time_ns % 1_000_000_000], axis=1).astype("<u4")
-        rows[:, :8] = stamp.view(np.uint8)
+        stamp = np.stack([time_ns // _SECOND_NS, time_ns % _SECOND_NS], axis=1).astype("<u4").view(np.uint8)
+        for start in self._stamps:
+            rows[:, start : start + 8] = stamp
         column = 0
         for start, how_many, size in self._holes:
-            filled = np.ascontiguousarray(values[:, column : column + how_many], f"<f{size}")
-            rows[:, start : start + size * how_many] = filled.view(np.uint8)
+            numbers = np.ascontiguousarray(values[:, column : column + how_many], f"<f{size}")
+            rows[:, start : start + size * how_many] = numbers.view(np.uint8)
             column += how_many
         if column != values.shape[1]:
             raise ValueError(f"message layout has {column} numbers, got {values.shape[1]}")
         return [_HEADER + row.tobytes() for row in rows]
+
+
+def log(time_ns: int, level: int, name: str, text: str) -> bytes:
+    """A whole rcl_interfaces/Log: `level` 10 debug, 20 info, 30 warn, 40 error, 50 fatal; no file, function, line."""
+    layout = Layout()
+    for part in divmod(time_ns, _SECOND_NS):
+        layout.count(part)
+    layout.byte(level)
+    for constant in (name, text, "", ""):
+        layout.text(constant)
+    layout.count(0)  # line
+    return layout.encode(np.zeros(1, np.int64), np.zeros((1, 0)))[0]
 
 
 def string(text: str) -> bytes:

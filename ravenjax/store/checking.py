@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import pyarrow.parquet as pq
 
+from ravenjax.outcomes import events, verdict
 from ravenjax.store import parts, query, schema
 from ravenjax.store.files import StoreError
 from ravenjax.store.folder import PARTS, READERS
@@ -20,7 +21,6 @@ from ravenjax.store.query import Table, quoted, text
 
 MOST = 5
 """Problems of one check that are told, and columns in one of them."""
-RESPONSES = ("none", "flagged", "stopped")
 FAILURES = ("", "nan")
 MAY_BE_INFINITE = ("_margin", "_score")
 """Ends of names of floating-point columns that are infinite where nothing was ever measured."""
@@ -114,7 +114,7 @@ def _ranges(record: Manifest) -> Iterator[tuple[str, str, str]]:
         name, end = quoted(column.name), record.duration_ms
         if column.name.startswith("fault") or not column.dtype.startswith("int"):
             continue
-        if column.name.endswith(("_first_ms", "_last_ms", "_active_ms", "response_ms", "reaction_ms")):
+        if column.name.endswith(("_first_ms", "_last_ms", "_active_ms", "response_ms", "reaction_ms", "told_ms")):
             yield column.name, f"{name} BETWEEN -1 AND {end}", f"lies outside -1 to {end} ms"
         elif column.unit in ("ms", "ticks"):
             yield column.name, f"{name} BETWEEN 0 AND {end}", f"lies outside 0 to {end} {column.unit}"
@@ -122,7 +122,13 @@ def _ranges(record: Manifest) -> Iterator[tuple[str, str, str]]:
             yield column.name, f"{name} BETWEEN 0 AND 3", "is no run level"
         elif column.unit == "DAC counts" or column.name.endswith(("_count", "_alarms")):
             yield column.name, f"{name} >= 0", "is negative"
-    for name, known in (("response", RESPONSES), ("failed", FAILURES), ("verdict", (*schema.VERDICTS, ""))):
+    known_words = {
+        "response": verdict.RESPONSES,
+        "hazard": verdict.HAZARDS,
+        "failed": FAILURES,
+        "verdict": (*verdict.VERDICTS, ""),
+    }
+    for name, known in known_words.items():
         yield name, f"{name} IN ({', '.join(map(text, known))})", "is none of the words that it can be"
 
 
@@ -141,11 +147,17 @@ def _finite(record: Manifest) -> Iterator[tuple[str, str, str]]:
 
 
 def _verdicts(record: Manifest) -> Iterator[tuple[str, str, str]]:
-    felt = f"CASE WHEN cue{record.verdict_cue}_first_ms >= 0 THEN 'haptic' ELSE 'no haptic' END"
-    jump = f"CASE WHEN {record.verdict_jump} THEN 'jump' ELSE 'no jump' END"
-    response = "CASE WHEN response = 'none' THEN 'silent' ELSE response END"
-    follows = f"CASE WHEN failed <> '' THEN '' ELSE {response} || '/' || {felt} || '/' || {jump} END"
-    yield "verdict", f"verdict = {follows}", "does not follow from response, cue and jump"
+    cue = f"CASE WHEN {events.sql('cue', record.rules)} THEN 'cue' ELSE 'no cue' END"
+    follows = f"CASE WHEN failed <> '' THEN '' ELSE response || '/' || hazard || '/' || {cue} END"
+    yield "verdict", f"verdict = {follows}", "does not follow from response, hazard and cue"
+    halted = f"response <> 'stopped' AND halted_ms - twin_halted_ms > {verdict.HALT_MS}"
+    hazard = (
+        "CASE WHEN unintended_first_ms >= 0 THEN 'unintended motion' "
+        f"WHEN loss_first_ms >= 0 OR ({halted}) THEN 'loss of motion' "
+        "WHEN false_report_first_ms >= 0 THEN 'false report' ELSE 'none' END"
+    )
+    yield "hazard", f"hazard = {hazard}", "does not follow from the times of the hazards"
+    yield "told_ms", f"(told_ms >= 0) = ({events.TOLD_SQL})", "does not follow from response"
     yield "activated", "activated = (active_ticks > 0)", "does not follow from active_ticks"
     for rule in ("code", "text", "tip"):
         yield f"jump_{rule}", f"jump_{rule} = (jump_{rule}_first_ms >= 0)", f"does not follow from jump_{rule}_first_ms"

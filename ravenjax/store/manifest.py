@@ -19,8 +19,11 @@ from typing import Any, NamedTuple
 import pydantic
 from pydantic import BaseModel, ConfigDict, Field
 
+from ravenjax.outcomes.events import Rules
+from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
 from ravenjax.store import schema
 from ravenjax.store.files import StoreError, write_aside
+from ravenjax.store.motion.summary import MotionSummary
 from ravenjax.store.parts import Part, require_version
 
 FILE = "manifest.json"
@@ -38,6 +41,7 @@ _READERS = (
     "figure_style.py",
     "software.py",
     "software_inputs.py",
+    "store/fault_free.py",
     "store/lock.py",
     "store/query.py",
     "store/checking.py",
@@ -49,7 +53,21 @@ _READERS = (
     "store/recover.py",
     "store/mcap_records.py",
     "store/topics.py",
+    "store/motion/words.py",
+    "store/motion/course.py",
+    "store/cdr.py",
+    "store/ros_messages.py",
+    "store/orientation.py",
+    "store/time_series.py",
+    "store/trace_csv.py",
+    "store/session_words.py",
+    "campaign/replay.py",
+    "campaign/fault_free.py",
     "campaign/verification.py",
+    "campaign/estimate.py",
+    "campaign/preview.py",
+    "campaign/reference.py",
+    "campaign/site_sheet.py",
     "campaign/progress.py",
     "campaign/progress_file.py",
     "campaign/executors/choice.py",
@@ -105,8 +123,10 @@ class Manifest(BaseModel):
     shape: schema.Shape = Field(description="which repeated columns the table has")
     cues: tuple[Cue, ...] = Field(default=(), description="haptic sets, in column order")
     detectors: tuple[Detector, ...] = Field(default=(), description="detectors, in column order")
+    operator: MotionSummary | None = Field(default=None, description="what became of a recorded operator")
     verdict_cue: int = Field(default=0, description="number of the haptic set that the column `verdict` uses")
-    verdict_jump: str = Field(default="jump_code", description="column of the jump rule that it uses")
+    verdict_jump: str = Field(default="jump_code", description="column of the jump rule of the campaign")
+    limit_mm: float = Field(default=LIMIT_MM, description="mm, limit of the hazards")
     engine: str
     device: str = Field(description="device that computed, in words")
     versions: dict[str, str] = Field(default_factory=lambda: package_versions())
@@ -130,6 +150,12 @@ class Manifest(BaseModel):
     run_s: float | None = Field(default=None, description="s, executing, last start")
     runs_per_s: float | None = Field(default=None, description="runs per second of execution, last start")
     parts: tuple[Part, ...] = Field(default=(), description="finished parts; kept in parts.jsonl")
+
+    @property
+    def rules(self) -> Rules:
+        """What the campaign chose of the definitions of outcomes."""
+        threshold = self.cues[self.verdict_cue].threshold_mm if self.cues else PUBLISHED_CUE_MM
+        return Rules(self.verdict_cue, threshold, self.verdict_jump, self.limit_mm)
 
     @property
     def done(self) -> int:
@@ -166,12 +192,25 @@ class Manifest(BaseModel):
 
 def differences(here: dict[str, Any], wanted: dict[str, Any]) -> list[str]:
     """Where nested values differ: 'path: here, asked for', one line each."""
-    mine, theirs = _flat(here), _flat(wanted)
-    names = sorted(mine.keys() | theirs.keys())
-    found = [name for name in names if mine.get(name) != theirs.get(name)]
-    if any(name.startswith("config.") for name in found):
-        found = [name for name in found if name != "config_hash"]  # follows, and says nothing by itself
-    return [f"{name}: {_short(mine.get(name))} here, {_short(theirs.get(name))} asked for" for name in found]
+    found = changes(here, wanted)
+    if any(change.path.startswith("config.") for change in found):
+        found = [change for change in found if change.path != "config_hash"]  # follows, and says nothing by itself
+    return [f"{path}: {_short(one)} here, {_short(other)} asked for" for path, one, other in found]
+
+
+class Change(NamedTuple):
+    """One leaf of nested values in which two of them differ."""
+
+    path: str  # dotted
+    first: str | None  # as JSON; None: absent
+    second: str | None
+
+
+def changes(first: dict[str, Any], second: dict[str, Any]) -> list[Change]:
+    """Every leaf in which two nested values differ, by path."""
+    one, other = _flat(first), _flat(second)
+    names = sorted(one.keys() | other.keys())
+    return [Change(name, one.get(name), other.get(name)) for name in names if one.get(name) != other.get(name)]
 
 
 def read(folder: Path) -> Manifest:

@@ -98,10 +98,7 @@ def open_folder(path: str | Path, memory_mb: int | None = None) -> Table:
     StoreError where the folder holds no result, a part is missing or damaged, or one is of another schema version.
     """
     path = Path(path)
-    record = readable(path)
-    with ThreadPoolExecutor(READERS) as pool:
-        list(pool.map(lambda part: parts.verify(path / PARTS / part.file, record.config_hash, part), record.parts))
-    return open_parts([path / PARTS / part.file for part in record.parts], path, memory_mb)
+    return open_parts(whole_parts(path), path, memory_mb)
 
 
 def open_parts(
@@ -113,10 +110,23 @@ def open_parts(
     `file_row_number`, which counts from 0.
     """
     table = empty(aside, memory_mb)
-    names = ", ".join(_literal(file) for file in files)
     more = ", filename = true, file_row_number = true" if numbered else ""
-    table.run(f'CREATE VIEW {RESULTS} AS SELECT *, "index" AS row FROM read_parquet([{names}]{more})')
+    table.run(f'CREATE VIEW {RESULTS} AS SELECT *, "index" AS row FROM {of_files(files, more)}')
     return table
+
+
+def of_files(files: Sequence[Path], options: str = "") -> str:
+    """The rows of Parquet files, to select from; options: of DuckDB's read_parquet, beginning with a comma."""
+    names = ", ".join(_literal(file) for file in files)
+    return f"read_parquet([{names}]{options})"
+
+
+def whole_parts(path: Path) -> list[Path]:
+    """Files of the finished parts of a result folder, each checked. Raises StoreError as `open_folder`."""
+    record = readable(path)
+    with ThreadPoolExecutor(READERS) as pool:
+        list(pool.map(lambda part: parts.verify(path / PARTS / part.file, record.config_hash, part), record.parts))
+    return [path / PARTS / part.file for part in record.parts]
 
 
 def empty(aside: Path | None = None, memory_mb: int | None = None) -> Table:

@@ -1,57 +1,73 @@
-"""Definitions of the ROS 2 messages in a trace, in the ros2msg form that viewers read (common_interfaces)."""
+"""Definitions of the ROS 2 messages of a log, put together as rosbag2 writes them into an MCAP file.
+
+Text of each type as in common_interfaces, geometry2 and rcl_interfaces, without the comments. A schema is the text of
+its type, then that of each type that it needs, behind 80 times "=" and a line "MSG: package/Name".
+"""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 
-_RULE = "=" * 80
+_DELIMITER = "=" * 80
 
-HEADER = """builtin_interfaces/Time stamp
-string frame_id"""
-TIME = """int32 sec
-uint32 nanosec"""
-JOINT_STATE = """std_msgs/Header header
-string[] name
-float64[] position
-float64[] velocity
-float64[] effort"""
-POSE_STAMPED = """std_msgs/Header header
-geometry_msgs/Pose pose"""
-POSE = """geometry_msgs/Point position
-geometry_msgs/Quaternion orientation"""
-POINT = """float64 x
-float64 y
-float64 z"""
-QUATERNION = """float64 x
-float64 y
-float64 z
-float64 w"""
-STRING = """string data"""
-WRENCH_STAMPED = """std_msgs/Header header
-geometry_msgs/Wrench wrench"""
-WRENCH = """geometry_msgs/Vector3 force
-geometry_msgs/Vector3 torque"""
+_TEXTS = {
+    "builtin_interfaces/Time": "int32 sec\nuint32 nanosec\n",
+    "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z\n",
+    "geometry_msgs/PointStamped": "std_msgs/Header header\nPoint point\n",
+    "geometry_msgs/Pose": "Point position\nQuaternion orientation\n",
+    "geometry_msgs/PoseStamped": "std_msgs/Header header\nPose pose\n",
+    "geometry_msgs/Quaternion": "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n",
+    "geometry_msgs/Transform": "Vector3 translation\nQuaternion rotation\n",
+    "geometry_msgs/TransformStamped": "std_msgs/Header header\nstring child_frame_id\nTransform transform\n",
+    "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z\n",
+    "geometry_msgs/Wrench": "Vector3 force\nVector3 torque\n",
+    "geometry_msgs/WrenchStamped": "std_msgs/Header header\nWrench wrench\n",
+    "rcl_interfaces/Log": (
+        "byte DEBUG=10\nbyte INFO=20\nbyte WARN=30\nbyte ERROR=40\nbyte FATAL=50\nbuiltin_interfaces/Time stamp\n"
+        "uint8 level\nstring name\nstring msg\nstring file\nstring function\nuint32 line\n"
+    ),
+    "sensor_msgs/JointState": (
+        "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n"
+    ),
+    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id\n",
+    "std_msgs/String": "string data\n",
+    "tf2_msgs/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
+}
+"""Text of each type by package/Name."""
+
+SIGNALS = "ravenjax_msgs/msg/Signals"
 
 
-def _joined(main: str, **parts: str) -> str:
-    """A definition followed by those it refers to; `geometry_msgs__Pose` names geometry_msgs/Pose."""
-    parts |= {"std_msgs__Header": HEADER, "builtin_interfaces__Time": TIME}
-    return main + "".join(f"\n{_RULE}\nMSG: {name.replace('__', '/')}\n{text}" for name, text in parts.items())
+@functools.cache
+def definition(schema: str) -> str:
+    """ros2msg text of a type named as `geometry_msgs/msg/PoseStamped`; KeyError for one that no log holds."""
+    package, _, name = schema.split("/")
+    return _joined(package, _TEXTS[f"{package}/{name}"])
 
 
 def signals(names: Sequence[str], kind: str = "float64") -> str:
     """Definition of the flat message: a header, then one number of this ROS type per name."""
-    return _joined("\n".join(["std_msgs/Header header", *(f"{kind} {name}" for name in names)]))
+    fields = "".join(f"{kind} {name}\n" for name in names)
+    return _joined("ravenjax_msgs", f"std_msgs/Header header\n{fields}")
 
 
-DEFINITIONS = {
-    "sensor_msgs/msg/JointState": _joined(JOINT_STATE),
-    "geometry_msgs/msg/PoseStamped": _joined(
-        POSE_STAMPED, geometry_msgs__Pose=POSE, geometry_msgs__Point=POINT, geometry_msgs__Quaternion=QUATERNION
-    ),
-    "geometry_msgs/msg/WrenchStamped": _joined(
-        WRENCH_STAMPED, geometry_msgs__Wrench=WRENCH, geometry_msgs__Vector3=POINT
-    ),
-    "std_msgs/msg/String": STRING,
-}
-SIGNALS = "ravenjax_msgs/msg/Signals"
+def _joined(package: str, text: str) -> str:
+    """A definition followed by those it needs, each once, in rosbag2's order: depth first, by name."""
+    written: set[str] = set()
+
+    def with_needed(package: str, text: str) -> str:
+        out = text
+        for name in sorted(_needed(package, text)):
+            if name not in written:
+                written.add(name)
+                out += f"\n{_DELIMITER}\nMSG: {name}\n" + with_needed(name.partition("/")[0], _TEXTS[name])
+        return out
+
+    return with_needed(package, text)
+
+
+def _needed(package: str, text: str) -> set[str]:
+    """Types of the fields of a definition, as package/Name; a plain name is one of the definition's own package."""
+    kinds = {line.split()[0].removesuffix("[]") for line in text.splitlines()}
+    return {name for kind in kinds for name in (kind, f"{package}/{kind}") if name in _TEXTS}

@@ -18,44 +18,13 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
+from ravenjax.arms import JOINTS
+from ravenjax.outcomes import checks
 from ravenjax.store import words
 from ravenjax.store.files import StoreError
 
-JOINTS = ("shoulder", "elbow", "insertion", "tool_roll", "wrist", "grasp1", "grasp2")
-"""As ravenjax.types.JOINTS, which cannot be imported without importing jax; readers of results do without it."""
-
-VERSION = 2
+VERSION = 3
 """Raised whenever a column changes its name, type, unit or meaning; a new column alone does not raise it."""
-
-RESPONSES = ("stopped", "flagged", "silent")
-"""Built-in response in a verdict, worst for the fault first. The column `response` says "none" for silent."""
-
-VERDICTS = tuple(
-    f"{response}/{haptic}/{jump}"
-    for response in RESPONSES
-    for haptic in ("haptic", "no haptic")
-    for jump in ("jump", "no jump")
-)
-
-CHECKS = {
-    "overdrive_instant": ("DAC counts", "overdrive detection: command beyond the instant limit, stops"),
-    "overdrive_hard": ("ticks", "overdrive detection: shared counter of the hard policy full, stops"),
-    "overdrive_clip": ("DAC counts", "overdrive detection: command clipped to its joint's limit"),
-    "soft_estop": ("1", "software E-stop raised"),
-    "plc_watchdog": ("ms", "PLC: watchdog wave missing"),
-    "estop": ("1", "run level 0 entered"),
-    "ik_reject": ("rad", "inverse kinematics: no valid solution"),
-    "joint_limit": ("of the range", "desired joint position clamped to its soft limit"),
-    "master_timeout": ("ticks", "operator packets missing for too long"),
-    "packet_size": ("bytes", "operator packet too short"),
-    "packet_zero": ("1", "operator packet with the reserved sequence number 0"),
-    "packet_skip": ("1", "operator packet after a gap, dropped"),
-    "packet_duplicate": ("1", "operator packet seen before, dropped"),
-    "packet_reset": ("1", "operator packet far behind, taken as a restart, dropped"),
-    "packet_order": ("1", "operator packet behind, dropped"),
-}
-"""Known built-in checks: unit of the margin, what it looks at. Others are allowed, with unit "1"."""
-
 
 Columns = Mapping[str, Any] | pd.DataFrame
 """Columns by name, arrays [rows]."""
@@ -79,7 +48,7 @@ class Shape:
     joints: tuple[str, ...] = JOINTS
     slots: int = 1  # fault slots per run
     cues: int = 1  # haptic threshold and gain sets evaluated side by side
-    checks: tuple[str, ...] = tuple(CHECKS)
+    checks: tuple[str, ...] = tuple(checks.CHECKS)
     parameters: tuple[str, ...] = ()  # paths of the varied parameters
     reacts: bool = False  # the operator may react to the cue
     detectors: tuple[int, ...] = ()  # how many levels each detector has
@@ -105,7 +74,10 @@ def columns(shape: Shape) -> tuple[Column, ...]:
             for joint in shape.joints
         ),
         Column("failed", "category", "", 'why the outcome is not valid: "" (valid), "nan"'),
-        Column("verdict", "category", "", '"<stopped|flagged|silent>/<haptic|no haptic>/<jump|no jump>", or ""'),
+        Column(
+            "hazard", "category", "", '"unintended motion", "loss of motion", "false report" or "none", the gravest'
+        ),
+        Column("verdict", "category", "", '"<response>/<hazard>/<cue|no cue>", or "" where failed'),
     )
 
 
@@ -146,13 +118,19 @@ def _course() -> Iterator[Column]:
     yield Column("end_runlevel", "int8", "", "run level at the end: 0 E-stop, 1 init, 2 pedal up, 3 pedal down")
     yield Column("pedal_down_ms", "int32", "ms", "time in pedal-down without software E-stop")
     yield Column("diverged", "bool", "", "the robot's course differs from that of the fault-free twin")
-    yield Column("response", "category", "", 'built-in response: "none", "flagged" or "stopped"')
-    yield Column("response_cause", "category", "", 'check that responded first, "" if none')
+    yield Column(
+        "response",
+        "category",
+        "",
+        'what checks did beyond the golden run: "stopped", "flagged", "limited" (nobody was told) or "silent"',
+    )
+    yield Column("response_cause", "category", "", 'check of that kind that did so first, "" if none')
     yield Column("response_ms", "int32", "ms", "when it did, -1 if none")
+    yield Column("told_ms", "int32", "ms", "when a check first told a person or stopped the robot, -1 if never")
 
 
 def _check(check: str) -> Iterator[Column]:
-    unit, what = CHECKS.get(check, ("1", "built-in check"))
+    _, unit, what, *_ = checks.check(check)
     yield Column(f"check_{check}_first_ms", "int32", "ms", f"{what}: first trip, -1 if none")
     yield Column(f"check_{check}_count", "int32", "ticks", f"{what}: ticks tripped")
     yield Column(
@@ -186,7 +164,7 @@ def _detector(detector: int, levels: int) -> Iterator[Column]:
 TWIN = "twin_"
 """Prefix of what is kept of the fault-free twin's outcome."""
 _OF_TWIN = re.compile(
-    r"(cue|detector)\d+_(first_ms|score)|reaction_ms|tissue_depth_mm|tip_path_mm|pedal_down_ms|moved_first_ms"
+    r"(cue|detector)\d+_(first_ms|score)|reaction_ms|tissue_depth_mm|tip_path_mm|pedal_down_ms|halted_ms"
     r"|peak_live_deviation_mm"
 )
 
@@ -216,25 +194,43 @@ def _motion() -> Iterator[Column]:
     yield Column("peak_twin_deviation_mm", "float32", "mm", "largest distance of the tip from the fault-free twin's")
     yield Column("rms_twin_deviation_mm", "float32", "mm", "root mean square of that distance")
     yield Column(
-        "stray_mm",
+        "unintended_mm",
         "float32",
         "mm",
-        "largest distance of the tip both from the twin's and from where standing would have left it",
+        "largest live distance of the tip from golden run, nominal model and where standing would have left it",
     )
+    yield Column("unintended_first_ms", "int32", "ms", "when that first exceeded the limit, -1 if never")
+    yield Column(
+        "unintended_off_mm",
+        "float32",
+        "mm",
+        "while not live: largest distance of the tip from the golden run and from where standing would have left it",
+    )
+    yield Column("loss_mm", "float32", "mm", "largest live distance from golden run and model by motion that it missed")
+    yield Column("loss_first_ms", "int32", "ms", "when that first exceeded the limit, -1 if never")
+    yield Column(
+        "halted_ms", "int32", "ms", "time in which the operator held the pedal down and the robot was not live"
+    )
+    yield Column(
+        "false_report_mm",
+        "float32",
+        "mm",
+        "largest live distance of the reported tip from the true one, beyond the golden run's",
+    )
+    yield Column("false_report_first_ms", "int32", "ms", "when that first exceeded the limit, -1 if never")
     yield Column("idle_ms", "int32", "ms", "time in which the twin's tip moved, > 1 um/ms, and this one less than 1/4")
     yield Column("largest_step_mm", "float32", "mm", "largest motion of the tip within 1 ms")
     yield Column("tip_path_mm", "float32", "mm", "way of the tip")
-    yield Column("moved_first_ms", "int32", "ms", "when first, live, over 3 mm from the nominal model's, -1 if never")
     yield Column(
         "jump_code",
         "bool",
         "",
-        "step of the measured tip > 0.1 mm on 2 packets in a row, twin's not (published analysis code)",
+        "step of the measured tip over jump_step_mm on 2 packets in a row, golden run's not (published code)",
     )
     yield Column("jump_code_first_ms", "int32", "ms", "when first, -1 if never")
-    yield Column("jump_text", "bool", "", "tip motion > 1 mm within 2 ms (published text)")
+    yield Column("jump_text", "bool", "", "motion of the true tip over large_jump_mm within 2 ms (published text)")
     yield Column("jump_text_first_ms", "int32", "ms", "when first, -1 if never")
-    yield Column("jump_tip", "bool", "", "step of the true tip > 0.1 mm in 2 ticks in a row, twin's not")
+    yield Column("jump_tip", "bool", "", "step of the true tip over jump_step_mm in 2 ticks in a row, golden run's not")
     yield Column("jump_tip_first_ms", "int32", "ms", "when first, -1 if never")
     yield Column("tissue_depth_mm", "float32", "mm", "deepest penetration of the phantom tissue, 0 if none")
     yield Column("tip_distance_mm", "float32", "mm", "smallest distance of the two tips, NaN with one arm")
@@ -306,22 +302,3 @@ def _mismatch(missing: list[str], unknown: list[str], known: Sequence[str]) -> s
         near = difflib.get_close_matches(name, missing or known, n=1)
         parts.append(f"unknown result column {name!r}" + (f", did you mean {near[0]!r}?" if near else ""))
     return "; ".join(parts)
-
-
-# --- verdict ----------------------------------------------------------------------------------------------------------
-
-
-def verdict(frame: pd.DataFrame, cue: int = 0, jump: str = "jump_code") -> pd.Series:
-    """The headline verdict of each row by cue number `cue` and jump rule `jump`; "" for failed rows."""
-    return pd.Series(verdicts(frame, cue, jump), index=frame.index, name="verdict")
-
-
-def verdicts(columns: Columns, cue: int, jump: str) -> pd.Categorical:
-    """As `verdict`, of columns."""
-    response = pd.Categorical(columns["response"])
-    rank = np.array([RESPONSES.index("silent" if word == "none" else word) for word in response.categories], np.int8)
-    unfelt, unmoved = np.asarray(columns[f"cue{cue}_first_ms"]) < 0, ~np.asarray(columns[jump], bool)
-    place = np.where(
-        np.asarray(columns["failed"] == ""), 4 * rank[response.codes] + 2 * unfelt + unmoved, len(VERDICTS)
-    )
-    return words.column(place, (*VERDICTS, ""))

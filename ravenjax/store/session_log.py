@@ -2,13 +2,16 @@
 
 Profile ros2, CDR, for each arm (arm1 is gold, arm2 green) `STANDARD_HZ` times a second
 
-    /armN/measured_js, setpoint_js, model_js   sensor_msgs/JointState     joints measured, wanted, of the nominal model
-    /armN/measured_cp, model_cp                geometry_msgs/PoseStamped  the tip, no rotation (all zero)
+    /armN/measured_js, setpoint_js, true_js, model_js  sensor_msgs/JointState     joints measured, wanted, true, of the
+                                                                                  nominal model
+    /armN/measured_cp, true_cp, model_cp       geometry_msgs/PoseStamped   the tip, with the orientation at those joints
     /armN/haptic_cf                            geometry_msgs/WrenchStamped  force of the cue
+    /tf                                        tf2_msgs/TFMessage          frames as in a trace (`trace_log`)
 
 every millisecond /ravenjax/signals, a flat message with every channel of the session as float32, exactly as it was;
-and /ravenjax/events, std_msgs/String, one JSON object each. A message's time is the session's start plus a millisecond
-a row, its sequence number the number of the row, so that rows which were lost leave a gap instead of shifting the rest.
+/ravenjax/events, std_msgs/String, one JSON object each, and the same in words on /ravenjax/log, rcl_interfaces/Log. A
+message's time is the session's start plus a millisecond a row, its sequence number the number of the row, so that rows
+which were lost leave a gap instead of shifting the rest.
 
 A block of rows is one chunk that is handed to the operating system at once: a killed recorder loses what it had not
 yet written, never what it had. What a power cut loses is the operating system's affair.
@@ -17,28 +20,33 @@ yet written, never what it had. What a power cut loses is the operating system's
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from mcap.writer import Writer as McapWriter
 
-from ravenjax.store import cdr, mcap_records, topics
+from ravenjax.arms import JOINTS
+from ravenjax.robot.geometry import jaw_rotation
+from ravenjax.store import cdr, mcap_records, session_words, topics
 from ravenjax.store.files import StoreError
-from ravenjax.store.topics import ARM_TOPICS, SIGNALS, Topic
+from ravenjax.store.orientation import quaternions
+from ravenjax.store.topics import ARM_TOPICS, EVENTS, SIGNALS, Topic
 
 FILE = "session.mcap"
-EVENTS = "/ravenjax/events"
 METADATA = "ravenjax"
 TICK_NS = 1_000_000
 STANDARD_HZ = 100
 _EVERY = 1000 // STANDARD_HZ
 
-_STATES = {"measured_js": "jpos", "setpoint_js": "jpos_d", "model_js": "model_jpos"}
-_POSES = {"measured_cp": "position", "model_cp": "model_tip"}
+_STATES = {"measured_js": "jpos", "setpoint_js": "jpos_d", "true_js": "link_jpos", "model_js": "model_jpos"}
+_TIPS = {"measured": ("position", "jpos"), "true": ("tip", "link_jpos"), "model": ("model_tip", "model_jpos")}
+"""Where a tip is, and the joints at which its orientation is taken."""
+_PLAIN = ("scenario", "seed", "robot", "engine", "code_hash", "started")
+"""What of the header is in the metadata under its own name, too."""
 
 
 class Writer:
@@ -55,15 +63,13 @@ class Writer:
         except OSError as error:
             raise StoreError(f"{path}: the recording cannot be written ({error.strerror or error})") from error
         self._start_ns = _start_ns(header)
-        self._standard = _standard(names)
+        self._standard = _Standard(names, header.get("bases") or {})
         self._flat = topics.signals([topics.field(name) for name in names], single=True)
         self._writer = McapWriter(self._file)
         self._writer.start(profile="ros2", library="ravenjax")
-        self._writer.add_metadata(METADATA, {"header": json.dumps(header), "channels": json.dumps(list(names))})
-        found = topics.register(
-            self._writer, [self._flat, topics.text(EVENTS), *(topic for topic, _ in self._standard)]
-        )
-        self._signals, self._events, self._channels = found[0], found[1], found[2:]
+        self._writer.add_metadata(METADATA, _metadata(names, header))
+        self._signals, *channels = topics.register(self._writer, [self._flat, *topics.events(), *self._standard.topics])
+        self._events, self._channels = channels[:2], channels[2:]
         self._next = 0
         self._file.flush()
 
@@ -77,15 +83,14 @@ class Writer:
         self._put(self._signals, self._flat, numbers, rows)
         chosen = numbers % _EVERY == 0
         if chosen.any():
-            some = rows[chosen]
-            for channel, (topic, places) in zip(self._channels, self._standard, strict=True):
-                values = np.zeros((len(some), len(places)))
-                there = places >= 0
-                values[:, there] = some[:, places[there]]
+            filled = zip(self._channels, self._standard.values(rows[chosen]), strict=True)
+            for channel, (topic, values) in filled:
                 self._put(channel, topic, numbers[chosen], values)
         stamp = self._stamp(max(0, self._next - 1))
         for event in events:
-            self._writer.add_message(self._events, stamp, cdr.string(json.dumps(event)), stamp)
+            encoded = topics.encoded_event(event, session_words.text(event), session_words.level(event), stamp)
+            for channel, data in zip(self._events, encoded, strict=True):
+                self._writer.add_message(channel, stamp, data, stamp)
         try:
             self._writer.flush()
         except OSError as error:
@@ -102,10 +107,9 @@ class Writer:
     def _put(self, channel: int, topic: Topic, numbers: np.ndarray, values: np.ndarray) -> None:
         stamps = self._start_ns + numbers * TICK_NS
         add = self._writer.add_message
-        for number, stamp, data in zip(
-            numbers.tolist(), stamps.tolist(), topic.layout.encode(stamps, values), strict=True
-        ):
-            add(channel, stamp, data, stamp, number)
+        for row, data in topic.encode(stamps, values).items():
+            stamp = int(stamps[row])
+            add(channel, stamp, data, stamp, int(numbers[row]))
 
     def _stamp(self, number: int) -> int:
         return self._start_ns + number * TICK_NS
@@ -149,23 +153,76 @@ def read(path: Path) -> SessionLog:
     return SessionLog(header, names, np.array(numbers, np.int64), rows, events, found.complete, found.lost_bytes)
 
 
-def _standard(names: Sequence[str]) -> list[tuple[Topic, np.ndarray]]:
-    """The standard topics that the channels allow, and which channel fills each number of theirs (-1: zero)."""
-    place = {name: i for i, name in enumerate(names)}
-    out: list[tuple[Topic, np.ndarray]] = []
+class _Tip(NamedTuple):
+    """A tip whose place and joints are among the channels."""
 
-    def find(arm: str, channel: str, width: int, more: int, topic: Topic) -> None:
-        found = [place.get(f"{arm}/{channel}/{i}", -1) for i in range(width)]
-        if min(found) >= 0:
-            out.append((topic, np.array(found + [-1] * more)))
+    arm: str
+    name: str  # of _TIPS
+    position: np.ndarray  # [3], places in a row
+    joints: np.ndarray  # [7]
 
-    for arm in ARM_TOPICS:
-        for name, channel in _STATES.items():
-            find(arm, channel, 7, 0, topics.joint_state(arm, name))
-        for name, channel in _POSES.items():
-            find(arm, channel, 3, 4, topics.pose(arm, name))
-        find(arm, "force", 3, 3, topics.wrench(arm, "haptic_cf"))
-    return out
+
+class _Standard:
+    """The standard topics that the channels allow, and how rows fill them."""
+
+    def __init__(self, names: Sequence[str], bases: Mapping[str, Mapping[str, Sequence[float]]]) -> None:
+        """bases: `origin` and `quaternion` of each arm's frame 0 in the world."""
+        self._place = {name: i for i, name in enumerate(names)}
+        self._numbers: list[tuple[Topic, np.ndarray, int]] = []  # topic, places in a row, zeros after them
+        self._tips: list[_Tip] = []
+        for arm in ARM_TOPICS:
+            for name, channel in _STATES.items():
+                if (joints := self._places(arm, channel, len(JOINTS))) is not None:
+                    self._numbers.append((topics.joint_state(arm, name), joints, 0))
+            if (force := self._places(arm, "force", 3)) is not None:
+                self._numbers.append((topics.wrench(arm, "haptic_cf"), force, 3))
+            for name, (channel, joint_channel) in _TIPS.items():
+                position, joints = self._places(arm, channel, 3), self._places(arm, joint_channel, len(JOINTS))
+                if position is not None and joints is not None:
+                    self._tips.append(_Tip(arm, name, position, joints))
+        standing = [arm for arm in ARM_TOPICS if arm in bases and any(tip.arm == arm for tip in self._tips)]
+        self._bases = np.array([[*bases[arm]["origin"], *bases[arm]["quaternion"]] for arm in standing]).reshape(-1, 7)
+        self._poses = [topics.pose(tip.arm, f"{tip.name}_cp") for tip in self._tips]
+        pairs = [(topics.WORLD, topics.base(arm)) for arm in standing]
+        pairs += [(topics.base(tip.arm), topics.tip(tip.arm, tip.name)) for tip in self._tips]
+        self._frames = [topics.frames(pairs)] if self._tips else []
+        self.topics = [*(topic for topic, _, _ in self._numbers), *self._poses, *self._frames]
+
+    def values(self, rows: np.ndarray) -> Iterator[tuple[Topic, np.ndarray]]:
+        """Of rows [n, names] the numbers [n, k] of each topic, in the order of `topics`."""
+        for topic, places, zeros in self._numbers:
+            values = rows[:, places]
+            yield topic, np.concatenate([values, np.zeros((len(rows), zeros))], axis=1) if zeros else values
+        if not self._tips:
+            return
+        rotation = np.empty((len(rows), len(self._tips), 3, 3))
+        for arm in {tip.arm for tip in self._tips}:
+            own = [i for i, tip in enumerate(self._tips) if tip.arm == arm]
+            rotation[:, own] = jaw_rotation(arm, rows[:, [self._tips[i].joints for i in own]])
+        points = rows[:, [tip.position for tip in self._tips]]
+        poses = np.concatenate([points, quaternions(rotation)], axis=2)  # [n, tips, 7]
+        yield from zip(self._poses, poses.swapaxes(0, 1), strict=True)
+        bases = np.broadcast_to(self._bases.reshape(-1), (len(rows), self._bases.size))
+        yield self._frames[0], np.concatenate([bases, poses.reshape(len(rows), -1)], axis=1)
+
+    def _places(self, arm: str, channel: str, width: int) -> np.ndarray | None:
+        """Where a channel's numbers stand in a row; None where there is no such channel."""
+        found = [self._place.get(f"{arm}/{channel}/{i}", -1) for i in range(width)]
+        return np.array(found) if min(found) >= 0 else None
+
+
+def _metadata(names: Sequence[str], header: Mapping[str, Any]) -> dict[str, str]:
+    """The header as JSON, the channels, and what tells sessions apart as plain text."""
+    plain = {name: header[name] for name in _PLAIN if name in header}
+    if isinstance(scenario := plain.get("scenario"), Mapping):
+        plain["scenario"] = scenario.get("name", "")
+    plain["session"] = header.get("name", "")
+    plain["version"] = (header.get("versions") or {}).get("ravenjax", "")
+    plain["hazards"] = json.dumps([hazard.get("title", "") for hazard in header.get("hazards") or ()])
+    return {name: str(value) for name, value in plain.items()} | {
+        "header": json.dumps(header),
+        "channels": json.dumps(list(names)),
+    }
 
 
 def _start_ns(header: Mapping[str, Any]) -> int:

@@ -21,6 +21,7 @@ import pandas as pd
 from ravenjax.hazards import classes, library
 from ravenjax.hazards.library import Hazard
 from ravenjax.hazards.naming import hazards_of
+from ravenjax.outcomes.verdict import LIMIT_MM
 
 AGREE, PARTLY, DIFFER = "agree", "partly", "differ"
 NOT_SIMULATED, UNPUBLISHED = "not simulated", "no outcome published"
@@ -87,14 +88,14 @@ class Outcome:
 def outcomes(
     frame: pd.DataFrame,
     rows: Sequence[Hazard] | None = None,
-    stray_mm: float = classes.STRAY_MM,
+    limit_mm: float = LIMIT_MM,
     seen_share: float = SEEN_SHARE,
 ) -> list[Outcome]:
     """One a row of the library, in its order, of the result table of a campaign whose groups are named by hazards.
 
-    rows: only these; None: the whole library. Rows without runs have zeros. stray_mm: as in `classes.classify`.
+    rows: only these; None: the whole library. Rows without runs have zeros. limit_mm: as in `classes.classify`.
     """
-    found = classes.classify(frame, stray_mm)
+    found = classes.classify(frame, limit_mm)
     ids = [hazards_of(group) for group in frame["group"].astype(str)]
     listed = library.rows() if rows is None else rows
     return [

@@ -24,10 +24,10 @@ class Areas(NamedTuple):
     positives: int
     negatives: int
 
-    def estimate(self, d: int, confidence: float = 0.95) -> Estimate:
-        """One area with its normal interval, within 0..1."""
+    def estimate(self, d: int, confidence: float = 0.95, of: str = "positive runs") -> Estimate:
+        """One area with its normal interval, within 0..1; of: what the positive runs are."""
         low, high = _interval(self.value[d], self.covariance[d, d], confidence)
-        return Estimate(float(self.value[d]), max(0.0, low), min(1.0, high), self.positives, "harmful runs")
+        return Estimate(float(self.value[d]), max(0.0, low), min(1.0, high), self.positives, of)
 
     def difference(self, d: int, than: int, confidence: float = 0.95) -> tuple[Estimate, float]:
         """Area d minus area `than` of the same runs, and the two-sided p-value that they are alike; 1 where they are
@@ -36,7 +36,7 @@ class Areas(NamedTuple):
 
         found = float(self.value[d] - self.value[than])
         variance = float(self.covariance[d, d] + self.covariance[than, than] - 2 * self.covariance[d, than])
-        estimate = Estimate(found, *_interval(found, variance, confidence), self.positives, "harmful runs")
+        estimate = Estimate(found, *_interval(found, variance, confidence), self.positives, "positive runs")
         if variance <= 1e-18:
             return estimate, 1.0 if abs(found) < 1e-12 else 0.0
         return estimate, float(2 * norm.sf(abs(found) / np.sqrt(variance)))

@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ravenjax.document.axes import step_curve
+from ravenjax.document.steps import steps
 from ravenjax.stats.latency import Incidence, Lead
 from ravenjax.stats.roc import CurveBand, precision_recall_band, roc_band
 from ravenjax.studies.detector_points import CLIP, FORK, PER_HOUR, PUBLISHED, Chosen, share, times
@@ -23,7 +25,7 @@ MARKS = ("X", "P", "*", "D", "s")
 def roc(
     bands: Mapping[str, tuple[CurveBand, CurveBand]], single: Mapping[str, tuple[float, float, float]], base: float
 ) -> Callable[[Any], None]:
-    """ROC and precision-recall; single: name -> (rate among harmless, among harmful, precision); base: rate of harm."""
+    """ROC and precision-recall; single: name -> (false, true, precision) rates; base: of unintended motion."""
 
     def draw(figure: Any) -> None:
         figure.set_size_inches(WIDTH_IN, 4.6)
@@ -38,8 +40,8 @@ def roc(
             right.plot(true, precision, **style)
         left.plot([0, 1], [0, 1], color="0.75", lw=0.8, ls=":")
         right.axhline(base, color="0.75", lw=0.8, ls=":")
-        left.set(title="ROC", xlabel="harmless faults with an alarm", ylabel="harm caught", xlim=(0, 1), ylim=(0, 1.01))
-        right.set(title="Precision and recall", xlabel="harm caught", ylabel="alarms that are harm", xlim=(0, 1))
+        left.set(title="ROC", xlabel="other faults with an alarm", ylabel="caught", xlim=(0, 1), ylim=(0, 1.01))
+        right.set(title="Precision and recall", xlabel="caught", ylabel="precision", xlim=(0, 1))
         right.set_ylim(0, 1.01)
         handles, labels = left.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=2)
@@ -57,7 +59,7 @@ class Trade(NamedTuple):
 
 
 def trade(panels: Sequence[Trade], wanted: float) -> Callable[[Any], None]:
-    """Harm caught against false alarms an hour; a line where `wanted` are."""
+    """Unintended motion caught against false alarms an hour; a line where `wanted` are."""
 
     def draw(figure: Any) -> None:
         figure.set_size_inches(WIDTH_IN, 4.8)
@@ -76,14 +78,14 @@ def trade(panels: Sequence[Trade], wanted: float) -> Callable[[Any], None]:
             axis.set_xscale("log")
             axis.set(title=f"{panel.title}: {panel.hours:.1f} h", xlabel="false alarms an hour", ylim=(0, 102))
             axis.set_xlim(least / 1.5, 2e4)
-        axes[0].set_ylabel("harm caught, %")
+        axes[0].set_ylabel("unintended motion caught, %")
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
 
     return draw
 
 
 def incidences(curves: Mapping[str, tuple[Incidence, Estimate, Lead]]) -> Callable[[Any], None]:
-    """Incidence of the alarm after the first effect and over the harm."""
+    """Incidence of the alarm after the first effect and about the beginning of the unintended motion."""
 
     def draw(figure: Any) -> None:
         figure.set_size_inches(WIDTH_IN, 4.6)
@@ -91,25 +93,27 @@ def incidences(curves: Mapping[str, tuple[Incidence, Estimate, Lead]]) -> Callab
         for colour, (name, (delay, _, lead)) in zip(SERIES, curves.items(), strict=False):
             for axis, found in ((left, delay), (right, lead.lag)):
                 shown = found.time + (1 if axis is left else 0)
-                axis.step(shown, 100 * found.fraction, where="post", color=colour, lw=1.3, label=name)
-                axis.fill_between(shown, 100 * found.low, 100 * found.high, step="post", color=colour, alpha=0.12, lw=0)
+                drawn = steps(shown, found.fraction, found.low, found.high)
+                step_curve(axis, drawn, color=colour, scale=100, alpha=0.12, lw=1.3, label=name)
         left.set_xscale("log")
         left.set(
             title="After the fault's first effect",
             xlabel="ms after it, 1: at once",
-            ylabel="harmful faults with an alarm, %",
+            ylabel="faults with an alarm, %",
             xlim=(1, 3000),
             ylim=(0, 101),
         )
         right.axvline(0, color="0.4", lw=0.9, ls="--")
-        right.set(title="Before and after the harm", xlabel="ms from the harm, negative: before it", xlim=(-300, 300))
+        right.set(
+            title="Before and after the motion", xlabel="ms from its beginning, negative: before", xlim=(-300, 300)
+        )
         figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=3)
 
     return draw
 
 
 def layers(caught: np.ndarray, rows: Sequence[str], columns: Sequence[str]) -> Callable[[Any], None]:
-    """Map of harm caught [layers, detectors], fractions."""
+    """Map of what is caught [layers, detectors], fractions."""
 
     def draw(figure: Any) -> None:
         figure.set_size_inches(WIDTH_IN, 0.3 * len(rows) + 2.2)
@@ -122,7 +126,7 @@ def layers(caught: np.ndarray, rows: Sequence[str], columns: Sequence[str]) -> C
         axis.grid(False)
         axis.set_xticks(range(len(columns)), columns, rotation=35, ha="right", rotation_mode="anchor")
         axis.set_yticks(range(len(rows)), rows)
-        figure.colorbar(image, ax=axis, label="harm caught, %", shrink=0.9)
+        figure.colorbar(image, ax=axis, label="unintended motion caught, %", shrink=0.9)
 
     return draw
 
@@ -139,14 +143,14 @@ def drawings(faulty: Faulty, modelled: Free, main: Sequence[str], chosen: Sequen
     for name in main:
         score = faulty.score[:, listed.index(name)]
         bands[name] = (
-            roc_band(score, faulty.harm, faulty.cell, resamples=BAND_RESAMPLES),
-            precision_recall_band(score, faulty.harm, faulty.cell, resamples=BAND_RESAMPLES),
+            roc_band(score, faulty.unintended, faulty.cell, resamples=BAND_RESAMPLES),
+            precision_recall_band(score, faulty.unintended, faulty.cell, resamples=BAND_RESAMPLES),
         )
     single = {
         name: (
-            share(told := faulty.spoke_ms(name, np.nan) >= 0, ~faulty.harm, faulty.cell, "").value,
-            share(told, faulty.harm, faulty.cell, "").value,
-            share(faulty.harm, told, faulty.cell, "").value,
+            share(told := faulty.spoke_ms(name, np.nan) >= 0, ~faulty.unintended, faulty.cell, "").value,
+            share(told, faulty.unintended, faulty.cell, "").value,
+            share(faulty.unintended, told, faulty.cell, "").value,
         )
         for name in OTHERS
     }
@@ -165,35 +169,35 @@ def drawings(faulty: Faulty, modelled: Free, main: Sequence[str], chosen: Sequen
     there = layers_of(faulty)
     caught = np.array(
         [
-            [(faulty.spoke_ms(*one) >= 0)[(faulty.layer == layer) & faulty.harm].mean() for one in chosen]
+            [(faulty.spoke_ms(*one) >= 0)[(faulty.layer == layer) & faulty.unintended].mean() for one in chosen]
             for layer in there
         ]
     )
-    counts = [int(((faulty.layer == layer) & faulty.harm).sum()) for layer in there]
+    counts = [int(((faulty.layer == layer) & faulty.unintended).sum()) for layer in there]
     return [
         Drawing(
             "detectors_roc",
-            "How well a run's score tells harm from a harmless fault: ROC and precision-recall, 95 % bands over "
-            "faults; the robot's checks and the haptic cue have one point each.",
-            roc(bands, single, float(faulty.harm.mean())),
+            "How well a run's score tells an unintended motion from other faults: ROC and precision-recall, 95 % bands "
+            "over faults; the robot's checks and the haptic cue have one point each.",
+            roc(bands, single, float(faulty.unintended.mean())),
         ),
         Drawing(
             "detectors_trade",
-            "What each level catches against how often it disturbs: harm caught, false alarms an hour on motion "
+            "What each level catches against how often it disturbs: unintended motion, false alarms an hour on motion "
             "without a fault. One level for every scale must sit above the fastest motion; where the scale is known "
             "it need not.",
             trade(panels, PER_HOUR),
         ),
         Drawing(
             "detectors_time",
-            "When they know: share of harmful faults with an alarm, after the fault's first effect and before the "
-            f"harm, at most {PER_HOUR:g} false alarm an hour. Kaplan-Meier, 95 % bands.",
+            "When they know: share of faults with unintended motion that have an alarm, after the fault's first effect "
+            f"and before the motion began, at most {PER_HOUR:g} false alarm an hour. Kaplan-Meier, 95 % bands.",
             incidences(curves),
         ),
         Drawing(
             "detectors_layers",
-            f"Harm caught by layer of the fault, %, at most {PER_HOUR:g} false alarm an hour; in brackets harmful "
-            "runs.",
+            f"Unintended motion caught by layer of the fault, %, at most {PER_HOUR:g} false alarm an hour; in "
+            "brackets runs with one.",
             layers(
                 caught, [f"{layer} ({n:,})" for layer, n in zip(there, counts, strict=True)],
                 [one.told for one in chosen],
@@ -203,7 +207,7 @@ def drawings(faulty: Faulty, modelled: Free, main: Sequence[str], chosen: Sequen
 
 
 def _trade(faulty: Faulty, free: Free, name: str) -> np.ndarray:
-    """[levels, 2] false alarms an hour and harm caught, by rising level. Levels that catch less than a higher one are
+    """[levels, 2] false alarms an hour and share caught, by rising level. Levels that catch less than a higher one are
     left out: there an alarm is mostly on before the fault. So are those that are quiet, and above the lowest such."""
     levels = next(one.levels for one in faulty.detectors if one.name == name)
     points = np.array([_at((name, level), free, faulty) for level in sorted(levels)])
@@ -213,6 +217,6 @@ def _trade(faulty: Faulty, free: Free, name: str) -> np.ndarray:
 
 
 def _at(one: tuple[str, float], free: Free, faulty: Faulty) -> tuple[float, float]:
-    """False alarms an hour and harm caught at one level."""
+    """False alarms an hour and share caught at one level."""
     false = float(free.count(*one).sum() / free.hours.sum())
-    return false, float((faulty.spoke_ms(*one) >= 0)[faulty.harm].mean())
+    return false, float((faulty.spoke_ms(*one) >= 0)[faulty.unintended].mean())

@@ -1,7 +1,8 @@
 """Operating points: what a detector does at one level, and the level that disturbs at most so often.
 
 A level is chosen by its rate of false alarms on motion without a fault, never by a percentile of samples: the lowest
-level of the campaign whose separate alarms come at most so often an hour, and that of each higher one, too.
+level of the campaign whose separate alarms came at most so often an hour there, and that of each higher one, too. That
+is what was seen; how often they may come in truth, the interval of the rate says.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from ravenjax.studies.detector_runs import OTHERS, Faulty, Free
 from ravenjax.studies.study import Estimate
 
 PER_HOUR = 1.0
-"""False alarms an hour that an operating point may have."""
+"""False alarms an hour that an operating point may have had."""
 HORIZON_MS = 1000
 """Of the restricted mean delay; no fault begins later than so long before the end of a run."""
 
@@ -33,6 +34,8 @@ CLIP = ("overdrive", 1.0)
 """The control software's own clip limit."""
 RESAMPLES = 400
 """Of a rate's interval."""
+MOVED = "runs with unintended motion"
+"""What rates are of."""
 
 
 class Chosen(NamedTuple):
@@ -53,10 +56,10 @@ class Point(NamedTuple):
     name: str
     level: float  # NaN: has none
     false: Estimate  # alarms an hour
-    caught: Estimate  # of harmful runs
-    disturbed: Estimate  # of faulty runs without harm, those with an alarm
-    precision: Estimate  # of alarms in faulty runs, those in harmful ones
-    before: Estimate  # of harmful runs, those with the alarm before the harm
+    caught: Estimate  # of runs with an unintended motion, those with an alarm
+    disturbed: Estimate  # of the other faulty runs, those with an alarm
+    precision: Estimate  # of alarms in faulty runs, those in runs with an unintended motion
+    before: Estimate  # of runs with an unintended motion, those with the alarm before it began
     delay_ms: Estimate  # median, from the fault's first effect
     mean_delay_ms: Estimate  # restricted to HORIZON_MS
     lead_ms: Estimate  # median; NaN: half of them never had an alarm
@@ -77,16 +80,16 @@ def level_for(free: Free, name: str, per_hour: float = PER_HOUR) -> float | None
 def point(faulty: Faulty, free: Free, name: str, level: float) -> Point:
     """What a detector, or one of OTHERS (level NaN), does at a level."""
     spoke_ms = faulty.spoke_ms(name, level)
-    spoke, harm = spoke_ms >= 0, faulty.harm
+    spoke, moved = spoke_ms >= 0, faulty.unintended
     delay, mean, lead = times(faulty, name, level)
     return Point(
         name,
         level,
         free.per_hour(free.count(name, level)),
-        share(spoke, harm, faulty.cell, "harmful runs"),
-        share(spoke, ~harm, faulty.cell, "harmless runs"),
-        share(harm, spoke, faulty.cell, "alarms"),
-        share(spoke & (spoke_ms < faulty.harm_ms), harm, faulty.cell, "harmful runs"),
+        share(spoke, moved, faulty.cell, MOVED),
+        share(spoke, ~moved, faulty.cell, "other faulty runs"),
+        share(moved, spoke, faulty.cell, "alarms"),
+        share(spoke & (spoke_ms < faulty.unintended_ms), moved, faulty.cell, MOVED),
         _told(delay.quantile_interval(0.5), delay.n),
         mean,
         _told(lead.quantile(0.5), lead.n),
@@ -94,16 +97,18 @@ def point(faulty: Faulty, free: Free, name: str, level: float) -> Point:
 
 
 def times(faulty: Faulty, name: str, level: float) -> tuple[Incidence, Estimate, Lead]:
-    """Delay of the alarm after the fault's first effect, its restricted mean, and the lead over the harm: one run of
-    each harmful fault. A run is watched to its end; one that a stop ended has no alarm any more."""
-    once = faulty.where(faulty.harm).once()
+    """Delay of the alarm after the fault's first effect, its restricted mean, and the lead over the unintended motion.
+
+    One run of each fault that made one. A run is watched to its end; one that a stop ended has no alarm any more.
+    """
+    once = faulty.where(faulty.unintended).once()
     spoke = once.spoke_ms(name, level).astype(float)
     spoke[spoke < 0] = np.nan
     came, end = ~np.isnan(spoke), float(faulty.duration_ms)
     delay = np.where(came, spoke, end) - once.active_ms
     watched = float((end - once.active_ms).max(initial=1.0))
     mean = restricted_mean(delay, came, min(float(HORIZON_MS), watched))
-    lead = lead_time(spoke, once.harm_ms.astype(float), end)
+    lead = lead_time(spoke, once.unintended_ms.astype(float), end)
     return incidence(delay, came), _told(mean, len(came)), lead
 
 
@@ -128,8 +133,8 @@ def others(faulty: Faulty, free: Free) -> list[Point]:
 
 
 def caught(faulty: Faulty, name: str, level: float) -> Estimate:
-    """Share of harmful runs with an alarm at a level."""
-    return share(faulty.spoke_ms(name, level) >= 0, faulty.harm, faulty.cell, "harmful runs")
+    """Share of the runs with an unintended motion that have an alarm at a level."""
+    return share(faulty.spoke_ms(name, level) >= 0, faulty.unintended, faulty.cell, MOVED)
 
 
 def percent(value: Estimate) -> str:
@@ -154,4 +159,4 @@ def rate(value: Estimate) -> str:
 
 
 def _told(value: tuple[float, float, float], n: int) -> Estimate:
-    return Estimate(*value, n, "harmful faults")
+    return Estimate(*value, n, "faults with unintended motion")

@@ -1,7 +1,8 @@
 """What the study of detectors reads from its campaigns: faulty runs side by side, and motion without a fault.
 
 The faulty runs of all motions are pooled; the runs of one fault are one cell, since they resemble each other. An alarm
-of a faulty run counts from the fault's first effect on: what spoke before tells of something else.
+of a faulty run counts from the fault's first effect on: what spoke before tells of something else. Of the built-in
+checks those count that tell a person or stop the robot; one that limits a command or drops a packet tells nobody.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from ravenjax.report import facts as run_facts
+from ravenjax.outcomes import checks
+from ravenjax.outcomes.events import Rules
 from ravenjax.stats.cluster import cluster_ratio
 from ravenjax.stats.false_alarms import alarm_rate
 from ravenjax.store import folder, manifest
@@ -25,7 +27,7 @@ from ravenjax.studies.study import Estimate
 FREE = "free/"
 """Begin of the names of groups without faults."""
 SCALE = "param:operator.scale"
-CHECKS, STOPS, CUE = "built-in checks, any", "built-in checks, stop", "haptic cue, 3 mm"
+CHECKS, STOPS, CUE = "built-in checks, flag or stop", "built-in checks, stop", "haptic cue, 3 mm"
 FEWEST = 5
 """Recordings that can be resampled."""
 OTHERS = (CHECKS, STOPS, CUE)
@@ -40,19 +42,20 @@ class Faulty(NamedTuple):
     motion: np.ndarray  # int, number of the campaign that it is of
     layer: np.ndarray  # words
     active_ms: np.ndarray
-    harm_ms: np.ndarray
-    moved: np.ndarray  # bool, harm came as a tip that left the model
-    jumped: np.ndarray  # bool, harm came as a jump of the reported tip
+    unintended_ms: np.ndarray  # when the unintended motion began
+    hazard: np.ndarray  # words of `ravenjax.outcomes`
+    jumped: np.ndarray  # bool, the reported tip jumped
     leapt: np.ndarray  # bool, the true tip jumped
     score: np.ndarray  # [runs, detectors]
     first_ms: tuple[np.ndarray, ...]  # of each detector [runs, levels]
     others_ms: Mapping[str, np.ndarray]  # of OTHERS
     duration_ms: int
+    rules: Rules  # of the words
 
     @property
-    def harm(self) -> np.ndarray:
-        """Which runs had harm."""
-        return self.harm_ms >= 0
+    def unintended(self) -> np.ndarray:
+        """Which runs had an unintended motion."""
+        return self.unintended_ms >= 0
 
     def spoke_ms(self, name: str, level: float) -> np.ndarray:
         """When a detector or one of OTHERS (any level) first spoke of the fault, -1 if never. KeyError, ValueError."""
@@ -79,7 +82,7 @@ class Faulty(NamedTuple):
         )
 
 
-_BY_RUN = ("cell", "motion", "layer", "active_ms", "harm_ms", "moved", "jumped", "leapt", "score")
+_BY_RUN = ("cell", "motion", "layer", "active_ms", "unintended_ms", "hazard", "jumped", "leapt", "score")
 
 
 class Free(NamedTuple):
@@ -92,7 +95,7 @@ class Free(NamedTuple):
     hours: np.ndarray  # in pedal-down
     score: np.ndarray  # [runs, detectors]
     alarms: tuple[np.ndarray, ...]  # of each detector [runs, levels]: separate alarms
-    others: Mapping[str, np.ndarray]  # of OTHERS: checks once a run, pulses of the cue
+    others: Mapping[str, np.ndarray]  # of OTHERS: 1 where a check tripped, pulses of the cue
 
     def count(self, name: str, level: float) -> np.ndarray:
         """Separate false alarms of each run. KeyError, ValueError as `Faulty.spoke_ms`."""
@@ -154,7 +157,6 @@ def _faulty(frame: pd.DataFrame, facts: pd.DataFrame, made: Manifest, cell: np.n
         values = np.asarray(times)
         return np.where(values >= active, values, -1)
 
-    moved = run_facts.own(frame["moved_first_ms"].to_numpy(), frame["twin_moved_first_ms"].to_numpy()) >= 0
     stop = np.where(frame["response"].astype(str) == "stopped", frame["response_ms"], -1)
     return Faulty(
         detectors=made.detectors,
@@ -162,8 +164,8 @@ def _faulty(frame: pd.DataFrame, facts: pd.DataFrame, made: Manifest, cell: np.n
         motion=np.full(len(frame), motion),
         layer=facts["layer"].to_numpy(object),
         active_ms=active,
-        harm_ms=facts["harm_ms"].to_numpy(),
-        moved=moved,
+        unintended_ms=facts["unintended_ms"].to_numpy(),
+        hazard=facts["hazard"].to_numpy(object),
         jumped=frame[made.verdict_jump].to_numpy(bool),
         leapt=frame["jump_tip"].to_numpy(bool),
         score=np.stack([frame[f"detector{d}_score"].to_numpy(float) for d in range(len(made.detectors))], axis=1),
@@ -171,8 +173,9 @@ def _faulty(frame: pd.DataFrame, facts: pd.DataFrame, made: Manifest, cell: np.n
             np.stack([told(frame[f"detector{d}_level{k}_first_ms"]) for k in range(len(one.levels))], axis=1)
             for d, one in enumerate(made.detectors)
         ),
-        others_ms={CHECKS: told(facts["response_ms"]), STOPS: told(stop), CUE: told(facts["warned_ms"])},
+        others_ms={CHECKS: told(facts["told_ms"]), STOPS: told(stop), CUE: told(facts["warned_ms"])},
         duration_ms=made.duration_ms,
+        rules=made.rules,
     )
 
 
@@ -207,7 +210,6 @@ def alone(frame: pd.DataFrame, made: Manifest, recording: str) -> Free:
     robot = frame["group"].astype(str).str.removeprefix(FREE).to_numpy(object)
     if noise:
         robot = np.array([NOISY.get(word, word) for word in robot], object)
-    response = frame["response"].astype(str)
     return Free(
         made.detectors,
         robot,
@@ -220,11 +222,20 @@ def alone(frame: pd.DataFrame, made: Manifest, recording: str) -> Free:
             for d, one in enumerate(made.detectors)
         ),
         {
-            CHECKS: (response != "none").to_numpy(int),
-            STOPS: (response == "stopped").to_numpy(int),
+            CHECKS: _tripped(frame, "stop", "flag"),
+            STOPS: _tripped(frame, "stop"),
             CUE: frame[f"cue{made.verdict_cue}_count"].to_numpy(),
         },
     )
+
+
+def _tripped(frame: pd.DataFrame, *actions: checks.Action) -> np.ndarray:
+    """1 for each run in which a check of these actions tripped, else 0.
+
+    A run without a fault is its own golden run, so that its column `response` is silent whatever the checks did.
+    """
+    columns = [f"check_{name}_count" for name in checks.names(frame) if checks.check(name).action in actions]
+    return (frame[columns].to_numpy() > 0).any(axis=1).astype(int)
 
 
 AS_MODELLED, UNCERTAIN, NOISE, MORE_NOISE = "as modelled", "uncertain robot", "noise", "more noise"

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ravenjax.report import facts as run_facts
+from ravenjax.outcomes.verdict import HAZARDS
 from ravenjax.report import layers as run_layers
 from ravenjax.report import wording
 from ravenjax.stats.multiplicity import holm
@@ -15,6 +15,7 @@ from ravenjax.stats.roc import precision_recall
 from ravenjax.studies.detector_areas import Areas, areas
 from ravenjax.studies.detector_points import (
     HORIZON_MS,
+    MOVED,
     PER_HOUR,
     PUBLISHED,
     Chosen,
@@ -36,16 +37,16 @@ CLUTCHED = "clutched"
 def point_table(quiet: Sequence[Point], published: Sequence[Point], spoken: Sequence[Point]) -> Table:
     """Operating points side by side."""
     rows = [
-        *((p, f"at most {PER_HOUR:g} false alarm an hour") for p in quiet),
+        *((p, f"at most {PER_HOUR:g} false alarm an hour seen") for p in quiet),
         *((p, "as published, or as the software has it") for p in published),
         *((p, "has one level") for p in spoken),
     ]
     return Table(
         "Operating points",
         (
-            "detector", "level", "chosen", "false alarms an hour", "harm caught", "harmless faults with an alarm",
-            "alarms of faults that are harm", "caught before the harm", "median delay, ms",
-            f"mean delay within {HORIZON_MS / 1e3:g} s, ms", "median lead to harm, ms",
+            "detector", "level", "chosen", "false alarms an hour", "caught", "other faults with an alarm",
+            "precision", "caught before it began", "median delay, ms",
+            f"mean delay within {HORIZON_MS / 1e3:g} s, ms", "median lead, ms",
         ),
         tuple(
             (
@@ -55,10 +56,12 @@ def point_table(quiet: Sequence[Point], published: Sequence[Point], spoken: Sequ
             )
             for p, how in rows
         ),
-        "False alarms: separate ones on motion without a fault, robot as modelled, scales 0.05 to 0.2, interval over "
-        "recordings. Rates: 95 % over faults, each of whose runs resemble each other. Delay: from the fault's first "
-        "effect, one run of each harmful fault, runs without an alarm censored at their end; a dash: half of them "
-        "never had one. Lead: positive where the alarm comes first.",
+        "Caught: of runs with unintended motion, those with an alarm; precision: of alarms in faulty runs, those in a "
+        "run with unintended motion. False alarms: separate ones on motion without a fault, robot as modelled, scales "
+        "0.05 to 0.2, interval over recordings; of the built-in checks, runs in which one tripped. Rates: 95 % over "
+        "faults, each of whose runs resemble each other. Delay: from the fault's first effect, one run of each fault "
+        "that made an unintended motion, runs without an alarm censored at their end; a dash: half of them never had "
+        "one. Lead over the unintended motion: positive where the alarm comes first.",
     )  # fmt: skip
 
 
@@ -76,10 +79,10 @@ def rule_table(points: Mapping[str, Point | None], found: Areas, listed: Sequenc
                     rate(p.false))  # fmt: skip
         rows.append((fusion, int(count), plain(found.estimate(d)), *told))
     return Table(
-        f"Steps: which must be over, and for how long, at most {PER_HOUR:g} false alarm an hour",
+        f"Steps: which must be over, and for how long, at most {PER_HOUR:g} false alarm an hour seen",
         (
-            "fusion", "ms in a row", "AUC", "level", "harm caught", "harmless faults with an alarm",
-            "caught before the harm", f"mean delay within {HORIZON_MS / 1e3:g} s, ms", "false alarms an hour",
+            "fusion", "ms in a row", "AUC", "level", "caught", "other faults with an alarm",
+            "caught before it began", f"mean delay within {HORIZON_MS / 1e3:g} s, ms", "false alarms an hour",
         ),
         tuple(rows),
         "A step of motor velocity counts when two in a row have it, as published, so that 1 and 2 ms in a row are "
@@ -95,7 +98,7 @@ def area_table(faulty: Faulty, found: Areas) -> Table:
     tested = holm({name: p for name, (_, p) in differences.items()})
     rows = []
     for d, name in enumerate(listed):
-        precision = precision_recall(faulty.score[:, d], faulty.harm).average_precision
+        precision = precision_recall(faulty.score[:, d], faulty.unintended).average_precision
         told = ("", "", "")
         if name in differences:
             adjusted = tested[name].adjusted
@@ -103,18 +106,18 @@ def area_table(faulty: Faulty, found: Areas) -> Table:
                     "yes" if tested[name].rejected else "no")  # fmt: skip
         rows.append((name, plain(found.estimate(d)), round(precision, 3), *told))
     return Table(
-        "Areas: how well a run's score tells harm from a harmless fault",
+        "Areas: how well a run's score tells an unintended motion from another fault",
         ("detector", "AUC", "average precision", f"AUC minus that of {PUBLISHED[0]}", "p, Holm", "differ"),
         tuple(rows),
-        f"{wording.count(found.positives)} harmful and {wording.count(found.negatives)} harmless runs of "
+        f"{wording.count(found.positives)} runs with unintended motion and {wording.count(found.negatives)} others of "
         f"{wording.count(len(np.unique(faulty.cell)))} faults; every detector saw the same. Intervals and tests are "
-        f"over faults (Obuchowski 1997). Average precision of chance: {faulty.harm.mean():.3f}.",
+        f"over faults (Obuchowski 1997). Average precision of chance: {faulty.unintended.mean():.3f}.",
     )
 
 
 def first_table(faulty: Faulty, chosen: Sequence[Chosen]) -> Table:
-    """Who speaks first of harmful faults."""
-    once = faulty.where(faulty.harm).once()
+    """Who speaks first of faults that make an unintended motion."""
+    once = faulty.where(faulty.unintended).once()
     spoke = np.stack([once.spoke_ms(*one) for one in chosen]).astype(float)
     spoke[spoke < 0] = np.inf
     earliest = spoke.min(axis=0)
@@ -132,39 +135,39 @@ def first_table(faulty: Faulty, chosen: Sequence[Chosen]) -> Table:
             )
         )
     nobody = np.isinf(earliest)
-    late = np.isfinite(earliest) & (earliest >= once.harm_ms)
+    late = np.isfinite(earliest) & (earliest >= once.unintended_ms)
     everyone = np.ones(len(nobody), bool)
     rows += [
-        ("someone, but not before the harm", percent(share(late, everyone, once.cell, "")), "", ""),
+        ("someone, but not before the motion", percent(share(late, everyone, once.cell, "")), "", ""),
         ("nobody", percent(share(nobody, everyone, once.cell, "")), "", ""),
     ]
     return Table(
         "Who knows first",
         ("detector", "first, or with the first", "first alone", "the only one that ever knows"),
         tuple(rows),
-        "One run of each harmful fault; detectors at the level of the first table.",
+        "One run of each fault that made an unintended motion; detectors at the level of the first table.",
     )
 
 
 def layer_table(faulty: Faulty, chosen: Sequence[Chosen]) -> Table:
-    """Harm caught, by layer of the fault."""
+    """Unintended motion caught, by layer of the fault."""
     rows = []
     for layer in layers_of(faulty):
-        part = faulty.where((faulty.layer == layer) & faulty.harm)
-        told = [percent(share(part.spoke_ms(*one) >= 0, part.harm, part.cell, "")) for one in chosen]
-        rows.append((layer, len(part.harm), len(np.unique(part.cell)), *told))
+        part = faulty.where((faulty.layer == layer) & faulty.unintended)
+        told = [percent(share(part.spoke_ms(*one) >= 0, part.unintended, part.cell, "")) for one in chosen]
+        rows.append((layer, len(part.cell), len(np.unique(part.cell)), *told))
     alike = []
     for one in chosen:
         caught = [
             (part.spoke_ms(*one) >= 0).mean()
             for layer in layers_of(faulty)
-            for part in [faulty.where((faulty.layer == layer) & faulty.harm)]
+            for part in [faulty.where((faulty.layer == layer) & faulty.unintended)]
         ]
         alike.append(wording.percent(float(np.mean(caught))) if caught else "")
     rows.append(("each layer counting alike", "", "", *alike))
     return Table(
-        "Harm caught, by layer of the fault",
-        ("layer", "harmful runs", "of faults", *(one.told for one in chosen)),
+        "Unintended motion caught, by layer of the fault",
+        ("layer", MOVED, "of faults", *(one.told for one in chosen)),
         tuple(rows),
         "How many faults each layer has is a design, so that the rates of all layers together depend on it.",
     )
@@ -193,13 +196,13 @@ def robot_table(faulty: Faulty, free: Free, main: Sequence[str]) -> Table:
         "How much false alarms depend on knowing the robot",
         (
             "robot", "detector", "level chosen on the robot as modelled", "false alarms an hour there, as modelled",
-            "and with this robot", "level that this robot needs", "harm caught at the first", "at the second",
+            "and with this robot", "level that this robot needs", "caught at the first", "at the second",
         ),
         tuple(rows),
         "On the same recordings each time. Uncertain robot: friction x 0.7 to 1.4, mass x 0.8 to 1.25, cable "
         "stiffness x 0.5 to 2, motor constant x 0.9 to 1.1, drawn anew for each run. Noise: the encoders' "
-        "quantisation and the controller's torque step; more noise: 2 counts and 0.02 N m, assumed. Harm caught is "
-        "of the robot as modelled.",
+        "quantisation and the controller's torque step; more noise: 2 counts and 0.02 N m, assumed. Caught: "
+        "unintended motion of the robot as modelled.",
     )  # fmt: skip
 
 
@@ -226,15 +229,15 @@ def condition_table(faulty: Faulty, fast: Faulty, modelled: Free, main: Sequence
                     level,
                     rate(free.per_hour(free.count(name, level))),
                     percent(caught(runs, name, level)),
-                    percent(share(spoke_ms >= 0, ~runs.harm, runs.cell, "")),
-                    percent(share((spoke_ms >= 0) & (spoke_ms < runs.harm_ms), runs.harm, runs.cell, "")),
+                    percent(share(spoke_ms >= 0, ~runs.unintended, runs.cell, "")),
+                    percent(share((spoke_ms >= 0) & (spoke_ms < runs.unintended_ms), runs.unintended, runs.cell, "")),
                 )
             rows.append((words, scale, name, *told))
     return Table(
         "What a level must be quiet on, and what that costs",
         (
-            "quiet on", "faults at scale", "detector", "level", "false alarms an hour", "harm caught",
-            "harmless faults with an alarm", "caught before the harm",
+            "quiet on", "faults at scale", "detector", "level", "false alarms an hour", "caught",
+            "other faults with an alarm", "caught before it began",
         ),
         tuple(rows),
         f"Levels: the lowest with at most {PER_HOUR:g} false alarm an hour on that motion. Faults at 0.1 under four "
@@ -279,30 +282,30 @@ def published_table(modelled: Free, chosen: Sequence[tuple[str, float]]) -> Tabl
     )
 
 
-def harm_table(faulty: Faulty, main: Sequence[str]) -> Table:
-    """How areas depend on what counts as harm."""
+def hazard_table(faulty: Faulty, main: Sequence[str]) -> Table:
+    """How areas depend on what a detector is to tell."""
     listed = names(faulty.detectors)
+    calm = (faulty.hazard == "none") & ~faulty.jumped & ~faulty.leapt
     kinds = {
-        run_facts.HARM: faulty.harm,
-        "left the model, no jump": faulty.moved & ~faulty.jumped,
-        "a jump": faulty.jumped,
-        "a jump, of the true tip too": faulty.jumped & faulty.leapt,
-        "a jump, of the reported tip alone": faulty.jumped & ~faulty.leapt,
+        **{f"{word}, the run's hazard": faulty.hazard == word for word in HAZARDS if word != "none"},
+        "jump of the true tip": faulty.leapt,
+        "jump of the reported tip alone": faulty.jumped & ~faulty.leapt,
     }
     rows = []
     for words, kind in kinds.items():
-        chosen = kind | ~faulty.harm
+        chosen = kind | calm
         found = areas(faulty.score[chosen], kind[chosen], faulty.cell[chosen])
         rows.append((words, found.positives, *(plain(found.estimate(listed.index(name))) for name in main)))
     return Table(
-        "AUC by kind of harm",
-        ("harm", "runs", *main),
+        "AUC by kind of hazard",
+        ("what a detector is to tell", "runs", *main),
         tuple(rows),
-        "Against harmless faults each time. A jump is one of the reported tip, as in the published code: with "
-        "faults of encoders and estimates the reading jumps and the robot need not. Harm by leaving the model is a "
-        "distance of the true tip, and tip_error and the cue measure the same distance of the reported one: they know "
-        "it almost by definition, while the steps look for jumps. A robot that stops early shows less motion than one "
-        "that goes on, and so scores less: areas below 0.5 are of such.",
+        f"Against {wording.count(int(calm.sum()))} faulty runs without hazard and jump each time. A run's hazard is "
+        "the gravest that it has. Jumps are those of the published code's rule: with faults of encoders and estimates "
+        "the reported tip jumps and the robot need not. tip_error and the cue measure the distance of the reported tip "
+        "from the model, of which the true one's belongs to the definition of an unintended motion and of a loss of "
+        "motion, while the steps look for jumps. A robot that stops early shows less motion than one that goes on, and "
+        "so scores less: areas below 0.5 are of such.",
     )
 
 
@@ -327,8 +330,8 @@ def hours_table(free: Free) -> Table:
 
 
 def layers_of(faulty: Faulty) -> list[str]:
-    """Layers that have a harmful run, in the robot's order."""
-    there = set(faulty.layer[faulty.harm].tolist())
+    """Layers that have a run with unintended motion, in the robot's order."""
+    there = set(faulty.layer[faulty.unintended].tolist())
     return [name for name in (*run_layers.LAYERS.values(), run_layers.OTHER) if name in there]
 
 

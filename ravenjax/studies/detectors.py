@@ -1,7 +1,7 @@
 """Which detector knows first, and how often does it cry wolf: every detector beside the robot's checks and the cue.
 
-Faults of the whole library and about the boundary of harm, under four motions; false alarms on long motion without a
-fault. Levels are chosen by false alarms an hour (`detector_points`), never by what they catch.
+Faults of the whole library and about the boundary of unintended motion, under four motions; false alarms on long motion
+without a fault. Levels are chosen by false alarms an hour (`detector_points`), never by what they catch.
 """
 
 from __future__ import annotations
@@ -10,12 +10,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ravenjax.report import facts as run_facts
+from ravenjax.outcomes import events
+from ravenjax.stats.false_alarms import alarm_rate
+from ravenjax.stats.planning import hours_to_bound
 from ravenjax.studies import detector_drawings, detector_runs, detector_tables, motions_alike
 from ravenjax.studies.detector_areas import Areas, areas
 from ravenjax.studies.detector_points import (
     CLIP,
     FORK,
+    MOVED,
+    PER_HOUR,
     PUBLISHED,
     Chosen,
     Point,
@@ -61,7 +65,7 @@ def compare(context: Context) -> Findings:
 def findings(faulty: Faulty, fast: Faulty, free: Free) -> Findings:
     """As `compare`, of runs at hand. `fast`: the faults at twice the scale."""
     modelled = free.where(free.robot == AS_MODELLED)
-    found = areas(faulty.score, faulty.harm, faulty.cell)
+    found = areas(faulty.score, faulty.unintended, faulty.cell)
     points = {name: _quiet(faulty, modelled, name) for name in names(faulty.detectors)}
     best = max(
         (p for name, p in points.items() if p is not None and name.startswith("steps")),
@@ -85,7 +89,7 @@ def findings(faulty: Faulty, fast: Faulty, free: Free) -> Findings:
             detector_tables.condition_table(faulty, fast, modelled, main),
             detector_tables.recording_table(modelled, main),
             detector_tables.published_table(modelled, (PUBLISHED, FORK, CLIP)),
-            detector_tables.harm_table(faulty, main),
+            detector_tables.hazard_table(faulty, main),
             detector_tables.hours_table(free),
         ),
         drawings=tuple(detector_drawings.drawings(faulty, modelled, main, chosen)),
@@ -111,28 +115,28 @@ def _lines(
     def hundred(value: Estimate) -> Estimate:
         return Estimate(100 * value.value, 100 * value.low, 100 * value.high, value.n, value.of)
 
-    harm = share(faulty.harm, np.ones(len(faulty.cell), bool), faulty.cell, "activated runs")
+    moved = share(faulty.unintended, np.ones(len(faulty.cell), bool), faulty.cell, "activated runs")
     lines = [
         Line("faults, distinct", "", None, Estimate(len(np.unique(faulty.cell)), of=f"{len(MOTIONS)} motions")),
-        Line("faulty runs with harm", "%", None, hundred(harm)),
+        Line("faulty runs with unintended motion", "%", None, hundred(moved)),
         Line("motion without a fault, robot as modelled", "h", None, Estimate(round(float(modelled.hours.sum()), 2))),
-        *(Line(f"AUC, {p.name}", "", None, found.estimate(listed.index(p.name))) for p in quiet),
+        *(Line(f"AUC, {p.name}", "", None, found.estimate(listed.index(p.name), of=MOVED)) for p in quiet),
     ]
     for p in quiet:
-        lines.append(Line(f"{p.name}, level {p.level:g}: harm caught", "%", None, hundred(p.caught)))
-        lines.append(Line(f"{p.name}, level {p.level:g}: caught before the harm", "%", None, hundred(p.before)))
+        lines.append(Line(f"{p.name}, level {p.level:g}: unintended motion caught", "%", None, hundred(p.caught)))
+        lines.append(Line(f"{p.name}, level {p.level:g}: caught before it began", "%", None, hundred(p.before)))
     slow = detector_tables.at_scale(detector_tables.unclutched(modelled), 0.1)
     for name in (p.name for p in quiet if slow.hours.sum() > 0):
         level = level_for(slow, name)
         if level is not None:
-            words = f"{name}, level {level:g}, quiet at scale 0.1 without clutching: harm caught"
+            words = f"{name}, level {level:g}, quiet at scale 0.1 without clutching: unintended motion caught"
             lines.append(Line(words, "%", None, hundred(caught(faulty, name, level))))
     for p in published:
-        lines.append(Line(f"{p.name}, level {p.level:g}: harm caught", "%", None, hundred(p.caught)))
+        lines.append(Line(f"{p.name}, level {p.level:g}: unintended motion caught", "%", None, hundred(p.caught)))
         lines.append(Line(f"{p.name}, level {p.level:g}: false alarms", "1/h", None, p.false))
     for p in spoken:
-        lines.append(Line(f"{p.name}: harm caught", "%", None, hundred(p.caught)))
-        lines.append(Line(f"{p.name}: caught before the harm", "%", None, hundred(p.before)))
+        lines.append(Line(f"{p.name}: unintended motion caught", "%", None, hundred(p.caught)))
+        lines.append(Line(f"{p.name}: caught before it began", "%", None, hundred(p.before)))
         lines.append(Line(f"{p.name}: false alarms", "1/h", None, p.false))
     return lines
 
@@ -140,17 +144,23 @@ def _lines(
 def _notes(faulty: Faulty, modelled: Free, best: Point | None) -> tuple[str, ...]:
     hours, recordings = float(modelled.hours.sum()), len(np.unique(modelled.recording))
     return (
-        f"Harm: {run_facts.HARM}, and its fault-free twin not by then. It uses the distance at which the cue fires, so "
-        "that tip_error and the cue are judged by what they measure; the table by kind of harm shows how much hangs on "
-        "it.",
+        f"Unintended motion: {events.meaning('unintended_motion', faulty.rules)}. The cue fires at the same "
+        "distance of the reported tip from the model, so that tip_error and the cue are judged by much of what they "
+        "measure; the table by kind of hazard shows how much hangs on it.",
+        "Of the built-in checks those count that stop the robot or tell a person: one that clips a command or drops a "
+        "packet tells nobody. Beside faults, what a check does on the golden run, too, is not counted; without a fault "
+        "every trip is. A robot that was stopped is not live, so that no unintended motion follows a stop: in the runs "
+        "that are counted a stop comes after it, and what stops prevented is in no rate.",
         "The detectors see the virtual robot as its own perfect model: their steps are those of the simulated motors "
         "and links, without a model that runs beside and drifts. A real detector adds the error of its model to "
         "every step, and no figure here holds that.",
         f"Levels stand on {hours:.1f} h of generated motion of {recordings} recordings, robot as modelled. Without "
-        f"any alarm the true rate could still be {3.689 / hours:.1f} an hour (95 %, were the hours independent), and "
-        "with a generated operator, whose speed has a ceiling, more hours add little. Surgeons have no such ceiling.",
-        "Which faults there are is a design: the library's own values and sampled ones about the boundary of harm, so "
-        "rates compare detectors and are no probabilities of missing a fault in use.",
+        f"any alarm the true rate could still be {alarm_rate(0, hours).high:.1f} an hour (95 %, were the hours "
+        f"independent), so that at most {PER_HOUR:g} an hour is what was seen, not what is known: to state it takes "
+        f"{hours_to_bound(PER_HOUR):.1f} h without any. With a generated operator, whose speed has a ceiling, more "
+        "hours add little. Surgeons have no such ceiling.",
+        "Which faults there are is a design: the library's own values and sampled ones about the boundary of "
+        "unintended motion, so rates compare detectors and are no probabilities of missing a fault in use.",
         *(
             [f"{best.name} is the rule of 18 that caught most, picked on these very runs, which flatters it."]
             if best

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from ravenjax import figure_style
-from ravenjax.report.style import CUE
+from ravenjax.document.palette import CUE, PALETTE
 from ravenjax.store.files import write_aside
 from ravenjax.studies.study import Drawing
 
-PUBLISHED, PREDICTED, THRESHOLD, MUTED = "#1b1f24", "#0072b2", CUE, "#5b6470"
+PUBLISHED, PREDICTED, THRESHOLD, MUTED = "#1b1f24", "#0072b2", PALETTE[CUE].light, "#5b6470"
 """What was published is dark, what ravenjax predicts is blue; the cue has its own colour as in the report."""
 SERIES = ("#0072b2", "#d9571b", "#009e73", "#8b2a6b", "#b8860b", "#56b4e9", "#7a6a00", "#555555")
 FAULT = "#d9571b"

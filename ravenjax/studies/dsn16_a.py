@@ -47,8 +47,8 @@ ABLATIONS = (
         ("campaign.build=robot", "campaign.software=raven2", "campaign.level=fork2015"),
         "present raven2 software: stops at 20000 counts, gravity torque, PLC and brakes at an E-stop",
     ),
-    Variant("jump_0.3mm", CAMPAIGN, ("parameters.monitor.jump_step=3e-4",), "jump: two steps above 0.3 mm"),
-    Variant("jump_0.5mm", CAMPAIGN, ("parameters.monitor.jump_step=5e-4",), "jump: two steps above 0.5 mm"),
+    Variant("jump_0.3mm", CAMPAIGN, ("outcomes.jump_step_mm=0.3",), "jump: two steps above 0.3 mm"),
+    Variant("jump_0.5mm", CAMPAIGN, ("outcomes.jump_step_mm=0.5",), "jump: two steps above 0.5 mm"),
     *(
         Variant(f"plant_{name}", CAMPAIGN, (f"campaign.parameter_set={name}",), f"parameter set {name} of the plant")
         for name in ("B", "C", "matlab_main", "matlab_global")

@@ -78,8 +78,8 @@ SEMANTICS = (
     ),
 )
 RULES = (
-    Variant("jump_0.3mm", CAMPAIGN, ("parameters.monitor.jump_step=3e-4",), "jump: two steps above 0.3 mm"),
-    Variant("jump_0.5mm", CAMPAIGN, ("parameters.monitor.jump_step=5e-4",), "jump: two steps above 0.5 mm"),
+    Variant("jump_0.3mm", CAMPAIGN, ("outcomes.jump_step_mm=0.3",), "jump: two steps above 0.3 mm"),
+    Variant("jump_0.5mm", CAMPAIGN, ("outcomes.jump_step_mm=0.5",), "jump: two steps above 0.5 mm"),
 )
 PLANT = (
     *(

@@ -28,7 +28,7 @@ def scenario_b(runs: Runs, moved: np.ndarray, jumps: np.ndarray, stops: np.ndarr
     """
     size, held = np.abs([stored(value) for value in runs.value]), runs.duration
     jumped = runs.hits["jump"]
-    harmed = jumped | runs.hits["stop"]
+    affected = jumped | runs.hits["stop"]
     small = (size <= SMALL_COUNTS) & (held <= 64)
     short = (size <= LARGE_COUNTS) & ((held == 2) | (held == 4))
     disturbed = float((moved[short] > 1.0).mean())
@@ -36,9 +36,9 @@ def scenario_b(runs: Runs, moved: np.ndarray, jumps: np.ndarray, stops: np.ndarr
         holds(
             "small DAC errors have no effect unless held longer than 64 ms",
             None,
-            not harmed[small].any(),
-            f"{int(harmed[small].sum())} of {int(small.sum())} runs of up to {SMALL_COUNTS} counts and 64 packets jump "
-            "or stop",
+            not affected[small].any(),
+            f"{int(affected[small].sum())} of {int(small.sum())} runs of up to {SMALL_COUNTS} counts and 64 packets "
+            "jump or stop",
         ),
         holds(
             "2-4 ms bursts disturb motor velocity but not positions, unless large",

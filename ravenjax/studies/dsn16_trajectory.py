@@ -4,7 +4,8 @@ The two published trajectories are not at hand; the recording of one of them has
 generated motions, which begin at home. Three variants are the same stitches with the instrument drawn back, so that
 levers of 80 to 180 mm are covered. Where the environment variable RAVENJAX_DATA names a folder that holds the
 public `operator_positions.parquet`, four windows of it are added: real hands, at 105 to 181 mm. The windows were chosen
-by length and reach alone.
+by length and reach alone. The time stamps come in bursts, so rows are spaced evenly; a low-pass removes the steps of
+the recorder.
 """
 
 from __future__ import annotations
@@ -24,6 +25,9 @@ from ravenjax.types import Vec
 
 DATA = "RAVENJAX_DATA"
 RECORDING = "operator_positions.parquet"
+RATE_HZ, CUTOFF_HZ = 999.9508, 5.0
+"""Mean rate of its rows by its time stamps, and the low-pass of its motion."""
+
 WINDOWS_S = ((0.0, 2.95), (6.4, 14.9), (18.2, 47.9), (50.7, 60.9))
 """Stretches of the public recording, s, that the arm reaches with a fixed wrist: the longest, and the first."""
 
@@ -49,8 +53,9 @@ def recorded(environment: Mapping[str, str] | None = None) -> dict[str, tuple[st
     path = Path(folder or ".").absolute() / RECORDING
     if not folder or not path.is_file():
         return {}
+    even = f"operator.rate_hz={RATE_HZ}", f"operator.cutoff_hz={CUTOFF_HZ:g}"
     return {
-        f"recorded_{begin:.0f}s": ("operator={}", f"operator.file={path}", f"operator.window_s=[{begin},{end}]")
+        f"recorded_{begin:.0f}s": ("operator={}", f"operator.file={path}", f"operator.window_s=[{begin},{end}]", *even)
         for begin, end in WINDOWS_S
     }
 

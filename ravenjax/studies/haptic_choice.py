@@ -5,7 +5,8 @@ A threshold costs what it misses and what it says for nothing:
     cost = weight x (share of hazards missed) + false cues an hour
 
 `weight` is false cues an hour: how many of them a missed hazard is worth, times the hazards an hour. Neither is known,
-so it is swept. How sure a choice is: faults and recordings are drawn anew with replacement, and the winners counted.
+so it is swept. How sure a choice is: faults and recordings are drawn anew with replacement, and the winners counted. A
+threshold is named where it wins often enough; else the motion and the faults at hand do not decide.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from ravenjax.stats.cluster import codes
 RESAMPLES = 2000
 WEIGHTS = (1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0)
 """In tables."""
+SURE = 0.95
+"""Share of resamples that a set must win to be named."""
 
 
 class Counts(NamedTuple):
@@ -38,6 +41,11 @@ class Winners(NamedTuple):
     wins: np.ndarray  # [weights, sets], share of resamples in which it wins; sums to 1
     cost: np.ndarray  # [weights, sets], false cues an hour
 
+    @property
+    def sure(self) -> np.ndarray:
+        """Whether the choice at each weight is sure enough to be named, bool [weights]."""
+        return self.wins[np.arange(len(self.weight)), self.chosen] >= SURE
+
 
 def counts(missed: np.ndarray, cell: np.ndarray, false: np.ndarray, hours: np.ndarray, recording: np.ndarray) -> Counts:
     """Sums by unit of missed (bool [hazards, sets]) by cell and of false cues [runs, sets] by recording."""
@@ -49,6 +57,8 @@ def counts(missed: np.ndarray, cell: np.ndarray, false: np.ndarray, hours: np.nd
 def choose(found: Counts, weights: np.ndarray, resamples: int = RESAMPLES, seed: int = 0) -> Winners:
     """The cheapest set at each weight, the highest-numbered of equals (the highest threshold, where sets rise).
 
+    Resampling knows nothing of a rate of which no event was seen: such a rate is drawn from what a Poisson count of 0
+    leaves open, an exponential distribution of mean 1 / hours, whose 97.5 % are the end of the exact interval.
     ValueError without hazards or hours.
     """
     if not len(found.hazards) or not found.hours.sum() > 0:
@@ -58,7 +68,8 @@ def choose(found: Counts, weights: np.ndarray, resamples: int = RESAMPLES, seed:
     rng = np.random.default_rng(seed)
     faults, recordings = (_drawn(rng, len(part), resamples) for part in (found.hazards, found.hours))
     shares = (faults @ found.missed) / (faults @ found.hazards)[:, None]
-    rates = (recordings @ found.false) / (recordings @ found.hours)[:, None]
+    counts, hours = recordings @ found.false, (recordings @ found.hours)[:, None]
+    rates = np.where(counts > 0, counts, rng.exponential(size=counts.shape)) / hours
     wins = np.stack([_won(_cheapest(one * shares + rates), found.missed.shape[1]) for one in weight])
     cost = weight[:, None] * share + rate
     return Winners(weight, _cheapest(cost), wins, cost)

@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.report import facts as run_facts
+from ravenjax.outcomes import events
 from ravenjax.studies import haptic_choice, haptic_drawings, haptic_runs, haptic_tables, motions_alike
-from ravenjax.studies.detector_points import share
+from ravenjax.studies.detector_points import MOVED, share
 from ravenjax.studies.detector_runs import AS_MODELLED, per_hour
 from ravenjax.studies.haptic_choice import Winners
-from ravenjax.studies.haptic_runs import HARM, KINDS, Faulty, Free
+from ravenjax.studies.haptic_runs import UNINTENDED, Faulty, Free
 from ravenjax.studies.haptic_tables import hundred, missed, sums
 from ravenjax.studies.study import Context, Estimate, Findings, Line, Study, Variant
 
@@ -54,9 +54,11 @@ def findings(faulty: Faulty, free: Free) -> Findings:
     """As `compare`, of runs at hand."""
     modelled = free.where(free.robot == AS_MODELLED)
     sets = haptic_runs.default_sets(faulty.cues, faulty.published)
-    choice = _Choice(sets, haptic_choice.choose(sums(faulty, modelled, sets, HARM), np.array(haptic_choice.WEIGHTS)))
+    choice = _Choice(
+        sets, haptic_choice.choose(sums(faulty, modelled, sets, UNINTENDED), np.array(haptic_choice.WEIGHTS))
+    )
     compared = [faulty.published, *(k for k in choice.numbers if k != faulty.published)]
-    fine = haptic_choice.choose(sums(faulty, modelled, sets, HARM), np.geomspace(0.1, 1e6, 57))
+    fine = haptic_choice.choose(sums(faulty, modelled, sets, UNINTENDED), np.geomspace(0.1, 1e6, 57))
     return Findings(
         lines=tuple(_lines(faulty, modelled, choice, compared)),
         tables=(
@@ -76,33 +78,42 @@ def findings(faulty: Faulty, free: Free) -> Findings:
 
 
 def _lines(faulty: Faulty, modelled: Free, choice: _Choice, compared: Sequence[int]) -> list[Line]:
-    harm = faulty.kinds[:, KINDS.index(HARM)]
-    cells = Estimate(len(np.unique(faulty.cell)), of=f"{len(MOTIONS)} motions, {len(harm):,} activated runs")
+    moved = faulty.unintended
+    cells = Estimate(len(np.unique(faulty.cell)), of=f"{len(MOTIONS)} motions, {len(moved):,} activated runs")
     lines = [
         Line("faults, distinct", "", None, cells),
-        Line("faulty runs with harm", "%", None, hundred(share(harm, harm | True, faulty.cell, "activated runs"))),
+        Line(
+            "faulty runs with unintended motion",
+            "%",
+            None,
+            hundred(share(moved, moved | True, faulty.cell, "activated runs")),
+        ),
         Line("motion without a fault, robot as modelled", "h", None, Estimate(round(float(modelled.hours.sum()), 2))),
     ]
     for k in compared:
         told = f"{faulty.cues[k].threshold_mm:g} mm" + (" (published)" if k == faulty.published else "")
         never = missed(faulty, [k])[:, 0]
-        before = (faulty.first_ms[:, k] >= 0) & (faulty.first_ms[:, k] < faulty.harm_ms)
-        rates = {"harm missed": never, "harm felt before it came": before}
+        before = (faulty.first_ms[:, k] >= 0) & (faulty.first_ms[:, k] < faulty.unintended_ms)
+        rates = {"unintended motion missed": never, "unintended motion felt before it began": before}
         lines += [
-            Line(f"{told}: {what}", "%", None, hundred(share(hit, harm, faulty.cell, "harmful runs")))
+            Line(f"{told}: {what}", "%", None, hundred(share(hit, moved, faulty.cell, MOVED)))
             for what, hit in rates.items()
         ]
         false = per_hour(modelled.count[:, k], modelled.hours, modelled.recording, "cues")
         lines.append(Line(f"{told}: false cues", "1/h", None, false))
-    for weight, chosen, wins in zip(*choice.winners[:3], strict=True):
+    for weight, chosen, wins, sure in zip(*choice.winners[:3], choice.winners.sure, strict=True):
+        mm, wins_often = faulty.cues[choice.sets[chosen]].threshold_mm, f"wins {100 * wins[chosen]:.0f} % of resamples"
         threshold = Estimate(
-            faulty.cues[choice.sets[chosen]].threshold_mm,
+            mm if sure else np.nan,
             *_range([faulty.cues[k].threshold_mm for k in choice.sets], wins),
-            of=f"wins {100 * wins[chosen]:.0f} % of resamples",
+            of=wins_often if sure else f"cannot be said: {mm:g} mm {wins_often}",
         )
         lines.append(
             Line(
-                f"threshold chosen where a missed hazard an hour weighs {weight:,.0f} false cues", "mm", None, threshold
+                f"threshold chosen where a missed unintended motion an hour weighs {weight:,.0f} false cues",
+                "mm",
+                None,
+                threshold,
             )
         )
     return lines
@@ -117,20 +128,21 @@ def _range(values: Sequence[float], wins: np.ndarray) -> tuple[float, float]:
 
 def _notes(faulty: Faulty, modelled: Free) -> tuple[str, ...]:
     return (
-        f"Harm: {run_facts.HARM}, and its fault-free twin not by then. The distance in it is the published "
-        "threshold, so that a cue at 3 mm comes with the harm by definition, and a lower one before it. The table by "
-        "kind of hazard asks again for motion that could injure and for jumps of the true tip alone.",
-        "A hazard counts as missed where the cue never came, or the twin had it by then: a surgeon who feels it in "
-        "normal motion, too, learns nothing from it.",
+        f"Unintended motion: {events.meaning('unintended_motion', faulty.rules)}. The published cue has the same "
+        "distance, of the reported tip from the model, so that it comes at about the same time as the motion, and a "
+        "lower threshold earlier. What the choice hangs on asks again for motion that could injure and for jumps of "
+        "the true tip alone.",
+        "An unintended motion counts as missed where the cue never came, or the golden run had it by then: a surgeon "
+        "who feels it in normal motion, too, learns nothing from it.",
         f"False cues: separate pulses in {modelled.hours.sum():.1f} h of generated motion, of "
         f"{len(np.unique(modelled.recording))} recordings at four scales each. A pulse that flickers about the "
         "threshold counts each time, one that stays counts once: after a minute of clutching the cue pulls on and on, "
         "which the time with one tells. Real motion has tails that a generated one lacks, and a real robot is not its "
         "own model.",
-        "The weight of a missed hazard holds two things that no source tells: how many false cues it is worth, and how "
-        "many hazards come in an hour. The choice is therefore shown over six decades, not made.",
-        "Which faults there are is a design: the library's own values and sampled ones about the boundary of harm. "
-        "Another mix would move the share missed, and so the choice.",
+        "The weight of a missed unintended motion holds two things that no source tells: how many false cues it is "
+        "worth, and how many of them come in an hour. The choice is therefore shown over six decades, not made.",
+        "Which faults there are is a design: the library's own values and sampled ones about the boundary of "
+        "unintended motion. Another mix would move the share missed, and so the choice.",
         "Gains change how strongly a cue is felt, and when only through the damper: where the robot closes in fast "
         "enough that the pull would be negative there is no cue. Nobody reacts to the cue here.",
     )

@@ -7,13 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from ravenjax.document.axes import step_curve
+from ravenjax.document.steps import steps
 from ravenjax.stats.latency import Incidence, incidence, lead_time
 from ravenjax.stats.pareto import front
 from ravenjax.studies.detector_points import share
 from ravenjax.studies.detector_runs import per_hour
 from ravenjax.studies.drawing import MUTED, PREDICTED, SERIES, THRESHOLD, WIDTH_IN
 from ravenjax.studies.haptic_choice import Winners
-from ravenjax.studies.haptic_runs import HARM, KINDS, Faulty, Free, sets_at
+from ravenjax.studies.haptic_runs import Faulty, Free, sets_at
 from ravenjax.studies.haptic_tables import damper
 from ravenjax.studies.study import Drawing
 
@@ -23,17 +25,18 @@ SHOWN_MM = (1.0, 2.0, 3.0, 5.0, 8.0)
 
 def drawings(faulty: Faulty, modelled: Free, sets: Sequence[int], fine: Winners) -> tuple[Drawing, ...]:
     """Every figure; `sets`: numbers of those with the published gains, `fine`: the choice at many weights."""
-    harm = faulty.kinds[:, KINDS.index(HARM)]
-    never = (faulty.first_ms[harm] < 0).mean(axis=0)
+    moved = faulty.unintended
+    never = (faulty.first_ms[moved] < 0).mean(axis=0)
     false = modelled.count.sum(axis=0) / modelled.hours.sum()
     thresholds = np.array([faulty.cues[k].threshold_mm for k in sets])
     told = faulty.first_ms[:, list(sets)]
     rates = {
-        "felt": [share(told[:, j] >= 0, harm, faulty.cell, "") for j in range(len(sets))],
-        "felt before the harm": [
-            share((told[:, j] >= 0) & (told[:, j] < faulty.harm_ms), harm, faulty.cell, "") for j in range(len(sets))
+        "felt": [share(told[:, j] >= 0, moved, faulty.cell, "") for j in range(len(sets))],
+        "felt before it began": [
+            share((told[:, j] >= 0) & (told[:, j] < faulty.unintended_ms), moved, faulty.cell, "")
+            for j in range(len(sets))
         ],
-        "harmless faults felt": [share(told[:, j] >= 0, ~harm, faulty.cell, "") for j in range(len(sets))],
+        "other faults felt": [share(told[:, j] >= 0, ~moved, faulty.cell, "") for j in range(len(sets))],
     }
     felt = {name: 100 * np.array([[r.value, r.low, r.high] for r in found]).T for name, found in rates.items()}
     by_scale = {}
@@ -43,43 +46,45 @@ def drawings(faulty: Faulty, modelled: Free, sets: Sequence[int], fine: Winners)
             [per_hour(mine.count[:, k], mine.hours, mine.recording).value for k in sets]
         )
     scale_hours = float(modelled.hours.sum()) / max(1, len(by_scale))
-    once = faulty.where(harm).once()
+    once = faulty.where(moved).once()
     curves = {}
     for k in sets:
         if faulty.cues[k].threshold_mm in SHOWN_MM:
             first = np.where(once.first_ms[:, k] >= 0, once.first_ms[:, k], np.nan).astype(float)
             came, end = ~np.isnan(first), float(faulty.duration_ms)
             delay = incidence(np.where(came, first, end) - once.active_ms, came)
-            curves[f"{faulty.cues[k].threshold_mm:g} mm"] = delay, lead_time(first, once.harm_ms.astype(float), end).lag
+            lead = lead_time(first, once.unintended_ms.astype(float), end)
+            curves[f"{faulty.cues[k].threshold_mm:g} mm"] = delay, lead.lag
     return (
         Drawing(
             "haptic_front",
-            f"Harm missed against false cues an hour, {len(faulty.cues)} sets of threshold and gains; the line joins "
-            "the published gains, numbers are thresholds in mm, the ring is the published set.",
+            f"Unintended motion missed against false cues an hour, {len(faulty.cues)} sets of threshold and gains; the "
+            "line joins the published gains, numbers are thresholds in mm, the ring is the published set.",
             _front(never, false, sets, thresholds, list(sets).index(faulty.published), float(modelled.hours.sum())),
         ),
         Drawing(
             "haptic_threshold",
-            "What a threshold tells of faults (95 % over faults), and how often it speaks for nothing, by scale.",
+            "What a threshold tells of faults with unintended motion and of others (95 % over faults), and how often "
+            "it speaks for nothing, by scale.",
             _threshold(thresholds, felt, by_scale, scale_hours),
         ),
         Drawing(
             "haptic_choice",
-            "The threshold that the data would choose, by how many false cues a missed hazard an hour weighs; shades: "
-            "how often each wins when faults and recordings are drawn anew.",
+            "The threshold that the data would choose, by how many false cues a missed unintended motion an hour "
+            "weighs; shades: how often each wins when faults and recordings are drawn anew.",
             _choice(thresholds, fine),
         ),
         Drawing(
             "haptic_time",
-            "When a harmful fault is felt, after its first effect and before the harm, by threshold. Kaplan-Meier, "
-            "95 % bands.",
+            "When a fault with unintended motion is felt, after its first effect and before the motion began, by "
+            "threshold. Kaplan-Meier, 95 % bands.",
             _times(curves),
         ),
         Drawing(
             "haptic_force",
-            "How strongly harm is felt at the published threshold, by gains: largest force of each run that is felt, "
-            "device units; bars: quartiles, whiskers: 5 and 95 %.",
-            _force(faulty, harm),
+            "How strongly unintended motion is felt at the published threshold, by gains: largest force of each run "
+            "that is felt, device units; bars: quartiles, whiskers: 5 and 95 %.",
+            _force(faulty),
         ),
     )
 
@@ -109,7 +114,7 @@ def _front(
             label="published set",
         )  # fmt: skip
         axis.set_xscale("log")
-        axis.set(xlabel=f"false cues an hour, in {hours:.1f} h", ylabel="harm missed, %", ylim=(0, None))
+        axis.set(xlabel=f"false cues an hour, in {hours:.1f} h", ylabel="unintended motion missed, %", ylim=(0, None))
         if (false == 0).any():
             axis.axvspan(least / 1.25, least * 1.25, color="0.94", lw=0, zorder=0)
             axis.text(least, 0.5, "none seen", fontsize=7, color="0.35", ha="center", rotation=90)
@@ -157,7 +162,7 @@ def _choice(thresholds: np.ndarray, found: Winners) -> Callable[[Any], None]:
         axis.set_xscale("log")
         axis.grid(False)
         axis.set_yticks(rows, [f"{mm:g}" for mm in thresholds])
-        axis.set(xlabel="false cues that a missed hazard an hour weighs", ylabel="threshold, mm")
+        axis.set(xlabel="false cues that a missed unintended motion an hour weighs", ylabel="threshold, mm")
         axis.legend(loc="upper right")
         figure.colorbar(image, ax=axis, label="wins, % of draws")
 
@@ -170,30 +175,30 @@ def _times(curves: dict[str, tuple[Incidence, Incidence]]) -> Callable[[Any], No
         left, right = figure.subplots(1, 2, sharey=True)
         for colour, (name, found) in zip(SERIES, curves.items(), strict=False):
             for axis, one, shift in ((left, found[0], 1), (right, found[1], 0)):
-                axis.step(one.time + shift, 100 * one.fraction, where="post", color=colour, lw=1.3, label=name)
-                axis.fill_between(
-                    one.time + shift, 100 * one.low, 100 * one.high, step="post", color=colour, alpha=0.12, lw=0
-                )
+                drawn = steps(one.time + shift, one.fraction, one.low, one.high)
+                step_curve(axis, drawn, color=colour, scale=100, alpha=0.12, lw=1.3, label=name)
         left.set_xscale("log")
         left.set(
             title="After the fault's first effect", xlabel="ms after it, 1: at once", xlim=(1, 3000), ylim=(0, 101),
-            ylabel="harmful faults felt, %",
+            ylabel="faults felt, %",
         )  # fmt: skip
         right.axvline(0, color="0.4", lw=0.9, ls="--")
-        right.set(title="Before and after the harm", xlabel="ms from the harm, negative: before it", xlim=(-300, 300))
+        right.set(
+            title="Before and after the motion", xlabel="ms from its beginning, negative: before", xlim=(-300, 300)
+        )
         left.legend(loc="upper left")
 
     return draw
 
 
-def _force(faulty: Faulty, harm: np.ndarray) -> Callable[[Any], None]:
+def _force(faulty: Faulty) -> Callable[[Any], None]:
     shown = sets_at(faulty.cues, faulty.cues[faulty.published].threshold_mm)
 
     def draw(figure: Any) -> None:
         figure.set_size_inches(WIDTH_IN, 3.6)
         axis = figure.subplots()
         for place, k in enumerate(shown):
-            force = faulty.force[harm & (faulty.first_ms[:, k] >= 0), k]
+            force = faulty.force[faulty.unintended & (faulty.first_ms[:, k] >= 0), k]
             if not len(force):
                 continue
             low, first, middle, third, high = np.percentile(force, [5, 25, 50, 75, 95])

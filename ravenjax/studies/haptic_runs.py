@@ -14,15 +14,16 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.hazards import severity
+from ravenjax.outcomes.events import Rules
 from ravenjax.report import facts as run_facts
 from ravenjax.store import folder, manifest
 from ravenjax.store.manifest import Cue, Manifest
 from ravenjax.studies import motions_alike
 from ravenjax.studies.detector_runs import FREE, SCALE
 
-HARM, INJURY, JUMP = "harm", "injury-capable motion", "jump of the true tip"
-KINDS = (HARM, INJURY, JUMP)
-"""What a hazard may be; the first is the report's."""
+UNINTENDED, INJURY, JUMP = "unintended motion", "injury-capable motion", "jump of the true tip"
+KINDS = (UNINTENDED, INJURY, JUMP)
+"""What a cue is to tell; the first is a hazard of `ravenjax.outcomes`."""
 
 
 class Faulty(NamedTuple):
@@ -34,14 +35,19 @@ class Faulty(NamedTuple):
     motion: np.ndarray  # int, number of the campaign that it is of
     layer: np.ndarray  # words
     active_ms: np.ndarray
-    harm_ms: np.ndarray
-    moved_ms: np.ndarray  # the true tip more than 3 mm off the model, and its twin not by then
+    unintended_ms: np.ndarray  # when the unintended motion began
     kinds: np.ndarray  # bool [runs, KINDS]
     first_ms: np.ndarray  # [runs, cues], felt because of the fault
     shared: np.ndarray  # bool [runs, cues], the twin has a cue, too
     force: np.ndarray  # [runs, cues], largest, device units
     felt_ms: np.ndarray  # [runs, cues], how long
     duration_ms: int
+    rules: Rules  # of the words
+
+    @property
+    def unintended(self) -> np.ndarray:
+        """Which runs had an unintended motion."""
+        return self.kinds[:, KINDS.index(UNINTENDED)]
 
     def where(self, chosen: np.ndarray) -> Faulty:
         """Those of `chosen`, a mask or indices."""
@@ -56,7 +62,7 @@ class Faulty(NamedTuple):
 
 
 _BY_RUN = (
-    "cell", "motion", "layer", "active_ms", "harm_ms", "moved_ms", "kinds", "first_ms", "shared", "force", "felt_ms",
+    "cell", "motion", "layer", "active_ms", "unintended_ms", "kinds", "first_ms", "shared", "force", "felt_ms",
 )  # fmt: skip
 
 
@@ -117,11 +123,10 @@ def _faulty(frame: pd.DataFrame, facts: pd.DataFrame, made: Manifest, cell: np.n
         motion=np.full(len(frame), motion),
         layer=facts["layer"].to_numpy(object),
         active_ms=active,
-        harm_ms=facts["harm_ms"].to_numpy(),
-        moved_ms=run_facts.own(frame["moved_first_ms"].to_numpy(), frame["twin_moved_first_ms"].to_numpy()),
+        unintended_ms=facts["unintended_ms"].to_numpy(),
         kinds=np.stack(
             [
-                facts["harm"].to_numpy(bool),
+                facts["unintended"].to_numpy(bool),
                 severity.injury_capable(frame).to_numpy(bool),
                 frame["jump_tip"].to_numpy(bool),
             ],
@@ -132,6 +137,7 @@ def _faulty(frame: pd.DataFrame, facts: pd.DataFrame, made: Manifest, cell: np.n
         force=columns("cue{}_peak_force").astype(float),
         felt_ms=columns("cue{}_ms"),
         duration_ms=made.duration_ms,
+        rules=made.rules,
     )
 
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report import layers, wording
 from ravenjax.stats.cluster import cluster_ratio
 from ravenjax.stats.latency import incidence, lead_time
@@ -14,11 +15,11 @@ from ravenjax.stats.paired import mcnemar
 from ravenjax.stats.pareto import front
 from ravenjax.store.manifest import Cue
 from ravenjax.studies import haptic_choice
-from ravenjax.studies.detector_points import percent, plain, rate, share
+from ravenjax.studies.detector_points import MOVED, percent, plain, rate, share
 from ravenjax.studies.detector_runs import AS_MODELLED, FEWEST, UNCERTAIN, per_hour
 from ravenjax.studies.detector_tables import CLUTCHED
 from ravenjax.studies.haptic_choice import Counts, Winners
-from ravenjax.studies.haptic_runs import HARM, KINDS, Faulty, Free, sets_at
+from ravenjax.studies.haptic_runs import KINDS, UNINTENDED, Faulty, Free, sets_at
 from ravenjax.studies.study import Estimate, Table
 
 AT_CAP = 0.999
@@ -32,26 +33,25 @@ SHOWN_MM = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
 class Felt(NamedTuple):
     """One set. Rates are fractions, times ms."""
 
-    missed: Estimate  # of hazards, never felt
-    before: Estimate  # of harmful runs, felt before the harm
-    harmless: Estimate  # of harmless faulty runs, felt
+    missed: Estimate  # of runs with unintended motion, never felt
+    before: Estimate  # of those, felt before it began
+    others: Estimate  # of the other faulty runs, felt
     delay_ms: Estimate  # median, from the fault's first effect
-    lead_moved_ms: Estimate  # median lead to 3 mm of the true tip
-    lead_harm_ms: Estimate
+    lead_ms: Estimate  # median, over the unintended motion
     force: str  # median and quartiles of the largest where felt
-    at_cap: Estimate  # of harmful runs that are felt, those at the cap
+    at_cap: Estimate  # of the unintended motions that are felt, those at the cap
     felt_ms: str  # median and quartiles of the time with force where felt
 
 
 def missed(faulty: Faulty, sets: Sequence[int], before: bool = False) -> np.ndarray:
-    """Which runs were never told by each set, or not `before` the harm: bool [runs, sets]."""
+    """Which runs were never told by each set, or not `before` their unintended motion: bool [runs, sets]."""
     first = faulty.first_ms[:, list(sets)]
-    late = (first >= faulty.harm_ms[:, None]) & (faulty.harm_ms >= 0)[:, None]
+    late = (first >= faulty.unintended_ms[:, None]) & (faulty.unintended_ms >= 0)[:, None]
     return (first < 0) | late if before else first < 0
 
 
 def sums(faulty: Faulty, free: Free, sets: Sequence[int], kind: str, before: bool = False) -> Counts:
-    """What a choice among `sets` is made of, for hazards of one of KINDS; `before`: a cue after the harm is missed."""
+    """What a choice among `sets` is made of, for hazards of one of KINDS; `before`: a cue after it began is missed."""
     hazards = faulty.where(faulty.kinds[:, KINDS.index(kind)])
     return haptic_choice.counts(
         missed(hazards, sets, before), hazards.cell, free.count[:, list(sets)], free.hours, free.recording
@@ -59,26 +59,24 @@ def sums(faulty: Faulty, free: Free, sets: Sequence[int], kind: str, before: boo
 
 
 def felt(faulty: Faulty, k: int) -> Felt:
-    """What set number k tells of harmful faults."""
-    harm = faulty.kinds[:, KINDS.index(HARM)]
+    """What set number k tells of faults that make an unintended motion."""
+    moved = faulty.unintended
     first = faulty.first_ms[:, k]
     told = first >= 0
-    once = faulty.where(harm).once()
-    mine = faulty.where(harm & told)
+    once = faulty.where(moved).once()
+    mine = faulty.where(moved & told)
     cap = faulty.cues[k].cap
     at_cap = mine.force[:, k] >= AT_CAP * cap if cap is not None else np.zeros(len(mine.cell), bool)
     spoke = np.where(once.first_ms[:, k] >= 0, once.first_ms[:, k], np.nan).astype(float)
     came, end = ~np.isnan(spoke), float(faulty.duration_ms)
     delay = incidence(np.where(came, spoke, end) - once.active_ms, came)
-    moved = np.where(once.moved_ms >= 0, once.moved_ms, np.nan).astype(float)
-    to_moved, to_harm = (lead_time(spoke, harm_ms, end) for harm_ms in (moved, once.harm_ms.astype(float)))
+    lead = lead_time(spoke, once.unintended_ms.astype(float), end)
     return Felt(
-        share(~told, harm, faulty.cell, "harmful runs"),
-        share(told & (first < faulty.harm_ms), harm, faulty.cell, "harmful runs"),
-        share(told, ~harm, faulty.cell, "harmless runs"),
+        share(~told, moved, faulty.cell, MOVED),
+        share(told & (first < faulty.unintended_ms), moved, faulty.cell, MOVED),
+        share(told, ~moved, faulty.cell, "other faulty runs"),
         Estimate(*delay.quantile_interval(0.5), delay.n),
-        Estimate(*to_moved.quantile(0.5), to_moved.n),
-        Estimate(*to_harm.quantile(0.5), to_harm.n),
+        Estimate(*lead.quantile(0.5), lead.n),
         _quartiles(mine.force[:, k]),
         share(at_cap, np.ones(len(at_cap), bool), mine.cell, "felt runs"),
         _quartiles(mine.felt_ms[:, k]),
@@ -109,9 +107,8 @@ def threshold_table(faulty: Faulty, free: Free, sets: Sequence[int]) -> Table:
         found = felt(faulty, k)
         rows.append(
             (
-                faulty.cues[k].threshold_mm, percent(found.missed), percent(found.before), percent(found.harmless),
-                plain(found.delay_ms), plain(found.lead_moved_ms), plain(found.lead_harm_ms),
-                found.force, percent(found.at_cap), found.felt_ms,
+                faulty.cues[k].threshold_mm, percent(found.missed), percent(found.before), percent(found.others),
+                plain(found.delay_ms), plain(found.lead_ms), found.force, percent(found.at_cap), found.felt_ms,
                 rate(false_cues(free, k, AS_MODELLED)), false_time(free, k, AS_MODELLED),
                 rate(false_cues(free, k, UNCERTAIN)),
             )
@@ -119,15 +116,15 @@ def threshold_table(faulty: Faulty, free: Free, sets: Sequence[int]) -> Table:
     return Table(
         "Thresholds, with the published gains",
         (
-            "threshold, mm", "harm missed", "felt before the harm", "harmless faults felt", "median delay, ms",
-            "median lead to 3 mm, ms", "median lead to harm, ms", "largest force", "at the cap",
-            "time felt, ms", "false cues an hour", "time with one",
+            "threshold, mm", "missed", "felt before it began", "other faults felt", "median delay, ms",
+            "median lead, ms", "largest force", "at the cap", "time felt, ms", "false cues an hour", "time with one",
             "false cues with an uncertain robot",
         ),
         tuple(rows),
-        "Rates: 95 % over faults. Delay: from the fault's first effect; lead: positive where the cue comes first; "
-        "one run of each harmful fault, runs without a cue censored at their end. Force (device units) and time: of "
-        "harmful runs that are felt. False cues: pulses on motion without a fault at scales 0.05 to 0.2, interval "
+        "Missed, and felt before it began: of runs with unintended motion. Rates: 95 % over faults. Delay: from the "
+        "fault's first effect; lead over the unintended motion: positive where the cue comes first; one run of each "
+        "fault that made one, runs without a cue censored at their end. Force (device units) and time: of unintended "
+        "motions that are felt. False cues: pulses on motion without a fault at scales 0.05 to 0.2, interval "
         "over recordings. Uncertain robot: friction x 0.7 to 1.4, mass x 0.8 to 1.25, cable stiffness x 0.5 to 2, "
         "motor constant x 0.9 to 1.1.",
     )  # fmt: skip
@@ -137,7 +134,8 @@ def choice_table(faulty: Faulty, sets: Sequence[int], winners: Winners) -> Table
     """What the data choose at each weight, and how sure that is."""
     published = sets.index(faulty.published)
     rows = []
-    for weight, chosen, wins, cost in zip(*winners, strict=True):
+    for weight, chosen, wins, cost, sure in zip(*winners, winners.sure, strict=True):
+        mm = faulty.cues[sets[chosen]].threshold_mm
         others = [
             f"{faulty.cues[sets[j]].threshold_mm:g} mm {100 * wins[j]:.0f} %"
             for j in np.argsort(-wins, kind="stable")
@@ -145,7 +143,7 @@ def choice_table(faulty: Faulty, sets: Sequence[int], winners: Winners) -> Table
         ]
         rows.append(
             (
-                f"{weight:,.0f}", faulty.cues[sets[chosen]].threshold_mm, f"{100 * wins[chosen]:.0f} %",
+                f"{weight:,.0f}", mm if sure else f"cannot be said; {mm:g} costs least", f"{100 * wins[chosen]:.0f} %",
                 ", ".join(others), float(f"{cost[chosen]:.3g}"), float(f"{cost[published]:.3g}"),
                 f"{100 * wins[published]:.0f} %",
             )
@@ -153,31 +151,30 @@ def choice_table(faulty: Faulty, sets: Sequence[int], winners: Winners) -> Table
     return Table(
         "The threshold that the data would choose",
         (
-            "a missed hazard an hour weighs so many false cues", "threshold, mm", "wins", "else wins",
+            "a missed unintended motion an hour weighs so many false cues", "threshold, mm", "wins", "else wins",
             "cost, false cues an hour", f"cost of {faulty.cues[faulty.published].threshold_mm:g} mm", "it wins",
         ),
         tuple(rows),
-        "Cost: weight x share of harm missed + false cues an hour. Wins: of 2 000 draws of faults and of recordings "
-        "with replacement. Among thresholds with the published gains; of equals the highest.",
+        "Cost: weight x share missed + false cues an hour. Wins: of 2 000 draws of faults and of recordings "
+        f"with replacement; a threshold is named from {100 * haptic_choice.SURE:.0f} % on. Among thresholds with the "
+        "published gains; of equals the highest.",
     )  # fmt: skip
 
 
 def versus_table(faulty: Faulty, free: Free, numbers: Sequence[int]) -> Table:
     """Sets side by side over the same runs, the first the one that the others are compared with."""
-    harm = faulty.kinds[:, KINDS.index(HARM)]
     found = [felt(faulty, k) for k in numbers]
-    once = faulty.where(harm).once()
+    once = faulty.where(faulty.unintended).once()
     told = once.first_ms >= 0
     pairs = [mcnemar(told[:, numbers[0]], told[:, k]) for k in numbers]
     versus = [f"{p.first_only} and {p.second_only} of {wording.count(p.n)}, p = {wording.number(p.p)}" for p in pairs]
     rows = [
-        ("harm missed", *(percent(one.missed) for one in found)),
-        ("felt before the harm", *(percent(one.before) for one in found)),
-        ("harmless faults felt", *(percent(one.harmless) for one in found)),
-        ("felt harm at the cap", *(percent(one.at_cap) for one in found)),
+        ("unintended motion missed", *(percent(one.missed) for one in found)),
+        ("felt before it began", *(percent(one.before) for one in found)),
+        ("other faults felt", *(percent(one.others) for one in found)),
+        ("of what is felt, at the cap", *(percent(one.at_cap) for one in found)),
         ("median delay, ms", *(plain(one.delay_ms) for one in found)),
-        ("median lead to 3 mm, ms", *(plain(one.lead_moved_ms) for one in found)),
-        ("median lead to harm, ms", *(plain(one.lead_harm_ms) for one in found)),
+        ("median lead, ms", *(plain(one.lead_ms) for one in found)),
         *(
             (f"false cues an hour, {robot}", *(rate(false_cues(free, k, robot)) for k in numbers))
             for robot in (AS_MODELLED, UNCERTAIN)
@@ -185,25 +182,25 @@ def versus_table(faulty: Faulty, free: Free, numbers: Sequence[int]) -> Table:
         ("felt with the first alone, and with this alone", "", *versus[1:]),
     ]
     return Table(
-        "The published set and those that are chosen",
+        "The published set and those that cost least at some weight",
         ("", *(_named(faulty.cues[k]) for k in numbers)),
         tuple(rows),
-        "The last row: one run of each harmful fault, McNemar's exact test.",
+        "The last row: one run of each fault that made an unintended motion, McNemar's exact test.",
     )
 
 
 def rules_table(faulty: Faulty, free: Free, sets: Sequence[int]) -> Table:
-    """What is chosen where a hazard, a miss or the motion without a fault is something else."""
+    """What is chosen where what is to be told, a miss or the motion without a fault is something else."""
     modelled = free.where(free.robot == AS_MODELLED)
     slow = modelled.where(modelled.scale <= SLOW + 1e-9)
     still_down = slow.where(~np.char.startswith(slow.recording.astype(str), CLUTCHED))
     conditions = (
         *((kind, "never felt", "every motion and scale", modelled) for kind in KINDS),
-        (HARM, "not felt before it", "every motion and scale", modelled),
-        (HARM, "never felt", f"scales up to {SLOW:g}", slow),
-        (HARM, "never felt", f"scales up to {SLOW:g}, no clutching", still_down),
-        (HARM, "not felt before it", f"scales up to {SLOW:g}, no clutching", still_down),
-        (HARM, "never felt", UNCERTAIN, free.where(free.robot == UNCERTAIN)),
+        (UNINTENDED, "not felt before it", "every motion and scale", modelled),
+        (UNINTENDED, "never felt", f"scales up to {SLOW:g}", slow),
+        (UNINTENDED, "never felt", f"scales up to {SLOW:g}, no clutching", still_down),
+        (UNINTENDED, "not felt before it", f"scales up to {SLOW:g}, no clutching", still_down),
+        (UNINTENDED, "never felt", UNCERTAIN, free.where(free.robot == UNCERTAIN)),
     )
     rows = []
     for kind, miss, motion, mine in conditions:
@@ -214,30 +211,30 @@ def rules_table(faulty: Faulty, free: Free, sets: Sequence[int]) -> Table:
         never = share(missed(faulty, [faulty.published], before)[:, 0], hazard, faulty.cell, "")
         found = haptic_choice.choose(sums(faulty, mine, sets, kind, before), np.array(haptic_choice.WEIGHTS))
         chosen = [
-            f"{faulty.cues[sets[k]].threshold_mm:g} ({100 * wins[k]:.0f} %)"
-            for k, wins in zip(found.chosen, found.wins, strict=True)
+            f"{'' if sure else 'undecided: '}{faulty.cues[sets[k]].threshold_mm:g} ({100 * wins[k]:.0f} %)"
+            for k, wins, sure in zip(found.chosen, found.wins, found.sure, strict=True)
         ]
         rows.append((kind, miss, motion, percent(never), *chosen))
     return Table(
         "What the choice hangs on: threshold in mm, and how often it wins",
         (
-            "hazard",
+            "what is to be told",
             "missed is",
             "false cues on",
             f"missed at {faulty.cues[faulty.published].threshold_mm:g} mm",
             *(f"weight {weight:,.0f}" for weight in haptic_choice.WEIGHTS),
         ),
         tuple(rows),
-        "Injury-capable motion: a jump of the true tip, a stray of more than 3 mm from the twin and from standing "
-        "still, or more than 1 mm deeper in the tissue. Hazards are at scale 0.1, robot as modelled. 8 mm is the "
+        f"Injury-capable motion: a jump of the true tip, an unintended motion of more than {LIMIT_MM:g} mm (live or "
+        "not), or more than 1 mm deeper in the tissue. Hazards are at scale 0.1, robot as modelled. 8 mm is the "
         "highest threshold that was tried: where it wins, a higher one, or no cue at all, might.",
     )
 
 
 def front_table(faulty: Faulty, modelled: Free) -> Table:
-    """Sets that no other beats in both harm missed and false cues."""
-    harm = faulty.kinds[:, KINDS.index(HARM)]
-    never = (faulty.first_ms[harm] < 0).mean(axis=0)
+    """Sets that no other beats in both unintended motion missed and false cues."""
+    moved = faulty.unintended
+    never = (faulty.first_ms[moved] < 0).mean(axis=0)
     false = modelled.count.sum(axis=0) / modelled.hours.sum()
     best = np.flatnonzero(front(never, false))
     alike: dict[tuple[float, float], list[int]] = {}
@@ -245,15 +242,15 @@ def front_table(faulty: Faulty, modelled: Free) -> Table:
         alike.setdefault((float(never[k]), float(false[k])), []).append(int(k))
     rows = []
     for ks in alike.values():
-        one = share(faulty.first_ms[:, ks[0]] < 0, harm, faulty.cell, "")
+        one = share(faulty.first_ms[:, ks[0]] < 0, moved, faulty.cell, "")
         rate_ = per_hour(modelled.count[:, ks[0]], modelled.hours, modelled.recording, "cues")
         whole = len(ks) == len(sets_at(faulty.cues, faulty.cues[ks[0]].threshold_mm))
         gains = "all" if whole else ", ".join(f"{faulty.cues[k].kp_per_mm:g}/{damper(faulty.cues[k])}" for k in ks)
         thresholds = ", ".join(f"{mm:g}" for mm in sorted({faulty.cues[k].threshold_mm for k in ks}))
         rows.append((thresholds, gains, percent(one), rate(rate_)))
     return Table(
-        "The front: no set misses less harm with fewer false cues",
-        ("threshold, mm", "gains Kp/Kd that do exactly this", "harm missed", "false cues an hour"),
+        "The front: no set misses less with fewer false cues",
+        ("threshold, mm", "gains Kp/Kd that do exactly this", "unintended motion missed", "false cues an hour"),
         tuple(rows),
         f"Of {len(faulty.cues)} sets, robot as modelled, every motion and scale.",
     )
@@ -275,12 +272,12 @@ def gain_table(faulty: Faulty, modelled: Free, numbers: Sequence[int]) -> Table:
     return Table(
         "Gains",
         (
-            "threshold, mm", "Kp, per mm", "Kd, per mm/s", "harm missed", "median delay, ms", "largest force",
+            "threshold, mm", "Kp, per mm", "Kd, per mm/s", "missed", "median delay, ms", "largest force",
             "at the cap", "time felt, ms", "false cues an hour",
         ),
         tuple(rows),
-        "Force in device units, cap 0.05. The gains were not published: 0.0045 per mm was read off Figure 5 of IROS "
-        "2016, the damper made out of its third pulse.",
+        "Missed: of runs with unintended motion. Force in device units, cap 0.05. The gains were not published: 0.0045 "
+        "per mm was read off Figure 5 of IROS 2016, the damper made out of its third pulse.",
     )  # fmt: skip
 
 
@@ -307,8 +304,7 @@ def motion_table(free: Free, sets: Sequence[int]) -> Table:
 
 def layer_table(faulty: Faulty, numbers: Sequence[int]) -> Table:
     """What is felt of each layer's faults."""
-    harm = faulty.kinds[:, KINDS.index(HARM)]
-    there = set(faulty.layer[harm].tolist())
+    there = set(faulty.layer[faulty.unintended].tolist())
     rows = []
     for layer in (*layers.LAYERS.values(), layers.OTHER):
         if layer not in there:
@@ -318,13 +314,13 @@ def layer_table(faulty: Faulty, numbers: Sequence[int]) -> Table:
         for k in numbers:
             found = felt(part, k)
             told += [percent(found.missed), percent(found.before), plain(found.delay_ms), found.force]
-        rows.append((layer, len(np.unique(part.cell[part.kinds[:, KINDS.index(HARM)]])), *told))
+        rows.append((layer, len(np.unique(part.cell[part.unintended])), *told))
     heads = [
         f"{words}, {faulty.cues[k].threshold_mm:g} mm"
         for k in numbers
-        for words in ("harm missed", "felt before it", "median delay, ms", "largest force")
+        for words in ("missed", "felt before it began", "median delay, ms", "largest force")
     ]
-    return Table("By layer of the fault", ("layer", "harmful faults", *heads), tuple(rows))
+    return Table("By layer of the fault", ("layer", "faults with unintended motion", *heads), tuple(rows))
 
 
 def shared_table(faulty: Faulty, motions: Sequence[str], sets: Sequence[int]) -> Table:

@@ -10,6 +10,7 @@ import pandas as pd
 
 from ravenjax.hazards import classes, expansion, library, maude, severity
 from ravenjax.hazards.library import Hazard
+from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report import risk, wording
 from ravenjax.report.risk import Pool, PoolRisk
 from ravenjax.stats.intervals import Rate, wilson
@@ -272,8 +273,9 @@ def _notes(frame: pd.DataFrame, found: Sequence[Outcome]) -> tuple[str, ...]:
         "that the signal had anyway, and windows in which it was not there.",
         "A restart is taken to meet a fault again that lasts until the end of the run or comes again and again. One "
         "of the software clears some of these, so severity 3 is an upper bound of what needs a conversion.",
-        "Injury-capable motion is a jump of the true tip, a stray of more than 3 mm, or a tip more than 1 mm deeper in "
-        "the tissue than its fault-free twin's. Whether it injures depends on where it happens; nothing here knows.",
+        f"Injury-capable motion is a jump of the true tip, an unintended motion of more than {LIMIT_MM:g} mm (live or "
+        "not), or a tip more than 1 mm deeper in the tissue than its fault-free twin's. Whether it injures depends on "
+        "where it happens; nothing here knows.",
         "The weighted risk hangs on one row: broken instruments are almost half of the reports, and a weak or broken "
         "cable (M01) alone stands for them, unseen by encoders on the motors' side and so by checks and cue. Most of "
         "those reported are other parts that broke.",

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from ravenjax.report import wording
+from ravenjax.studies import targets
 from ravenjax.studies.study import Findings, plain
 
 Record = Mapping[str, Any]
@@ -47,17 +48,17 @@ _LEGEND = (
 )
 
 
+def verdicts(lines: Sequence[Record]) -> list[str]:
+    """One sentence for each target that the lines belong to."""
+    return [targets.sentence(state) for state in targets.states(lines)]
+
+
 def _verdict(lines: Sequence[Record]) -> str:
-    """Which targets are met: one is when each of its lines is inside its band."""
-    targets: dict[str, list[bool]] = {}
-    for line in lines:
-        if line["target"] and line["passed"] is not None:
-            targets.setdefault(line["target"], []).append(line["passed"])
-    words = [
-        f"{target}: {'met' if all(passed) else f'not met, {sum(passed)} of {len(passed)} lines inside their band'}"
-        for target, passed in targets.items()
-    ]
-    return f"**{'. '.join(words)}.**" if words else ""
+    words = verdicts(lines)
+    definitions = [f"- {text}" for state in targets.states(lines) if (text := targets.definition(state.id))]
+    if not words:
+        return ""
+    return f"**{'. '.join(words)}.**" + ("\n\n" + "\n".join(definitions) if definitions else "")
 
 
 def _line(line: Record) -> tuple[str, ...]:

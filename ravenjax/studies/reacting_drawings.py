@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
-
+from ravenjax.document.axes import step_curve
+from ravenjax.document.steps import steps
 from ravenjax.studies.drawing import MUTED, SERIES, WIDTH_IN
 from ravenjax.studies.reacting_pairs import Contrast
 from ravenjax.studies.reacting_times import Advance
@@ -24,7 +24,7 @@ class Row(NamedTuple):
 
 
 def leads(found: Sequence[Advance], most_ms: int = 800) -> Callable[[Any], None]:
-    """Draws the share of harms that a reaction of each time could still prevent, one panel a threshold."""
+    """Draws the share of motions that a reaction of each time could still prevent, one panel a threshold."""
     thresholds = sorted({one.threshold_mm for one in found})
 
     def draw(figure: Any) -> None:
@@ -33,16 +33,17 @@ def leads(found: Sequence[Advance], most_ms: int = 800) -> Callable[[Any], None]
         for axis, threshold in zip(panels, thresholds, strict=True):
             axis.axvspan(*OPERATOR_MS, color="0.92", lw=0, zorder=0)
             for colour, one in zip(SERIES, (w for w in found if w.threshold_mm == threshold), strict=False):
-                # lag is alarm minus harm: who had a lead of t or more has had the alarm by the lag -t
-                chosen = np.flatnonzero(one.lead.lag.time <= 0)
-                lead = np.append(-one.lead.lag.time[chosen], 0.0)
-                share, low, high = (100.0 * part[np.append(chosen, chosen[-1:])] for part in one.lead.lag[1:4])
-                axis.fill_between(lead, low, high, step="post", color=colour, alpha=0.14, lw=0)
-                axis.step(lead, share, where="post", color=colour, lw=1.6,
-                          label=f"{_harm(one)} (n = {one.lead.n})")  # fmt: skip
+                # lag is alarm minus motion: who had a lead of t or more has had the alarm by the lag -t
+                lag = one.lead.lag
+                early = lag.time <= 0
+                if not early.any():
+                    continue
+                drawn = steps(lag.time[early], lag.fraction[early], lag.low[early], lag.high[early], end=0.0)
+                named = f"{_motion(one)} (n = {one.lead.n})"
+                step_curve(axis, drawn._replace(x=-drawn.x), color=colour, scale=100, alpha=0.14, lw=1.6, label=named)
             axis.set(title=f"cue at {threshold:g} mm", xlim=(0, most_ms), ylim=(0, 100), xlabel="reaction time, ms")
             axis.set_xticks(range(0, most_ms + 1, 200))
-        panels[0].set_ylabel("% of harms still to come")
+        panels[0].set_ylabel("% of motions still to come")
         handles, names = panels[0].get_legend_handles_labels()
         figure.legend(handles, names, loc="outside lower center", ncols=len(names))
 
@@ -50,7 +51,7 @@ def leads(found: Sequence[Advance], most_ms: int = 800) -> Callable[[Any], None]
 
 
 def rates(rows: Sequence[Row]) -> Callable[[Any], None]:
-    """Draws the rate of harm with and without, one panel a block: a dot and its interval for each series."""
+    """Draws rates with and without, one panel a block: a dot and its interval for each series."""
     blocks = list(dict.fromkeys(row.block for row in rows))
 
     def draw(figure: Any) -> None:
@@ -67,7 +68,7 @@ def rates(rows: Sequence[Row]) -> Callable[[Any], None]:
                 k = series.index(row.series)
                 _dot(axis, place + width * (k + 1 - len(series) / 2), row.contrast.with_, SERIES[k], row.series, "o")
             axis.set_xticks(range(len(names)), names)
-            axis.set(title=block, xlabel="size of the harm")
+            axis.set(title=block, xlabel="size of the motion")
             axis.grid(axis="x", visible=False)
             handles, words = axis.get_legend_handles_labels()
             shown = dict(zip(words, handles, strict=True))
@@ -108,7 +109,7 @@ def differences(rows: Sequence[Row], label: str) -> Callable[[Any], None]:
     return draw
 
 
-def _harm(one: Advance) -> str:
+def _motion(one: Advance) -> str:
     return "jump" if one.size_mm is None else f"{one.size_mm:g} mm"
 
 

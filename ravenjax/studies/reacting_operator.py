@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from ravenjax.studies.reacting_times import Advance
 from ravenjax.studies.study import Context, Drawing, Estimate, Findings, Line, Study, Variant
 
 CAMPAIGN, FREE = "reacting_operator.toml", "reacting_operator_free.toml"
-BASELINE, TIMED = "pairs", "timed"
+BASELINE = "pairs"
 SAMPLED = 1500
 """Faults of the campaign that are sampled; they come first, so that a limit leaves out the library."""
 THRESHOLDS_MM = (3.0, 1.0, 2.0, 5.0)
@@ -56,14 +56,16 @@ def compare(context: Context) -> Findings:
     runs = reacting_pairs.read(context.folders[BASELINE])
     pairs = {action: reacting_pairs.paired(runs, action) for action in (RELEASE, SLOW, CORRECT)}
     others = [(block, words, part) for block, words, part in _variants(context, pairs[RELEASE])]
-    advances, spared = _timed(reacting_pairs.read(context.folders[TIMED]), runs, pairs[RELEASE])
+    timed = [runs, *(reacting_pairs.read(context.folders[_timed(size)]) for size in SIZES_MM[1:])]
+    advances = _advances(timed)
+    spared = reacting_times.left_by_time(timed[SIZES_MM.index(SPARED_MM)], runs, pairs[RELEASE])
     free = [
         one
         for motion in MOTIONS
         for one in reacting_free.free(reacting_pairs.read(context.folders[f"free_{motion}"]), THRESHOLDS_MM)
     ]
     released = pairs[RELEASE]
-    two = tuple(map(measures.stray, DRAWN_SIZES))
+    two = tuple(map(measures.excursion, DRAWN_SIZES))
     return Findings(
         lines=tuple(_lines(pairs, advances, free)),
         tables=(
@@ -73,7 +75,7 @@ def compare(context: Context) -> Findings:
             reacting_tables.variants([(f"{block}: {words}", part) for block, words, part in others], two),
             reacting_tables.advances(advances),
             reacting_tables.had_time(spared, SPARED_MM),
-            reacting_tables.split("Lifting the pedal, by how soon harm comes", "fault", released,
+            reacting_tables.split("Lifting the pedal, by how soon the unintended motion begins", "fault", released,
                                   reacting_pairs.by_speed(released), two),
             reacting_tables.split("Lifting the pedal, by layer of the fault", "layer", released,
                                   reacting_pairs.by_layer(released), two),
@@ -82,14 +84,15 @@ def compare(context: Context) -> Findings:
             reacting_tables.price(free),
         ),
         drawings=(
-            Drawing("leads", "Share of harms that are not yet there when an operator of a given reaction time acts on "
-                    "the cue, where nobody did; shaded: 150 to 400 ms. Bands: 95 %, pointwise.",
+            Drawing("leads", "Share of unintended motions that are still to come when an operator of a given reaction "
+                    "time acts on the cue, where nobody did; shaded: 150 to 400 ms. Bands: 95 %, pointwise.",
                     drawings.leads(advances)),
-            Drawing("harm", "Faults that do harm, with and without a reaction, by measures that are fair for it. Bars: "
-                    "95 % (Wilson); pairs share their faults, so differences are far better known than they show.",
+            Drawing("rates", "Faults that move the instrument, with and without a reaction, by measures that are fair "
+                    "for it. Bars: 95 % (Wilson); pairs share their faults, so differences are far better known than "
+                    "they show.",
                     drawings.rates(list(_rate_rows(pairs)))),
-            Drawing("differences", "Harm with the operator who lifts the pedal minus without, under other cues and "
-                    "other operators; left of 0 the cue helps. Sampled faults, paired differences, 95 %.",
+            Drawing("differences", "Unintended motion with the operator who lifts the pedal minus without, under other "
+                    "cues and other operators; left of 0 the cue helps. Sampled faults, paired differences, 95 %.",
                     drawings.differences(list(_variant_rows(others)), "points of 100 faults")),
         ),
         notes=_notes(runs),
@@ -105,14 +108,19 @@ def _variants(context: Context, baseline: Pairs) -> Iterator[tuple[str, str, Pai
             yield block, words, part.where(reacting_pairs.by_design(part)["sampled faults"])
 
 
-def _timed(timed: Runs, runs: Runs, released: Pairs) -> tuple[list[Advance], dict[str, tuple[int, int]]]:
-    sized = {size: reacting_times.of_size(timed, size) for size in SIZES_MM}
-    found = [
-        reacting_times.advance(part, cue, threshold, size)
+def _timed(size_mm: float) -> str:
+    """Variant in which nobody reacts and this size is the limit; that of the smallest is the baseline."""
+    return f"timed_{size_mm:g}"
+
+
+def _advances(timed: Sequence[Runs]) -> list[Advance]:
+    """Of motions of each size, and of jumps, at each threshold."""
+    alone = [reacting_times.unreacted(runs) for runs in timed]
+    return [
+        reacting_times.advance(runs, cue, threshold, jump)
         for cue, threshold in sorted(enumerate(THRESHOLDS_MM), key=lambda item: item[1])
-        for size, part in [*sized.items(), (None, sized[SIZES_MM[0]])]
+        for runs, jump in [*((runs, False) for runs in alone), (alone[0], True)]
     ]
-    return found, reacting_times.left_by_time(timed, runs, released, SPARED_MM)
 
 
 # --- lines ---
@@ -120,32 +128,32 @@ def _timed(timed: Runs, runs: Runs, released: Pairs) -> tuple[list[Advance], dic
 
 def _lines(pairs: Mapping[int, Pairs], advances: list[Advance], free: list[Free]) -> Iterator[Line]:
     released = pairs[RELEASE]
-    for measure in (measures.INJURY, *map(measures.stray, SIZES_MM)):
+    for measure in (measures.INJURY, *map(measures.excursion, SIZES_MM)):
         found = reacting_pairs.contrast(released, measure)
         yield _line(f"lifting the pedal: {measure.name}", "points", _scaled(found.difference, found.n, "faults"))
-    for size in SIZES_MM:
-        found = reacting_pairs.contrast(released, measures.stray(size))
+    for measure in map(measures.excursion, SIZES_MM):
+        found = reacting_pairs.contrast(released, measure)
         avoided = wilson(found.avoided, found.without.k)
-        yield _line(f"of harms without the cue, avoided by lifting the pedal: strayed {size:g} mm", "%",
-                    _percent(avoided, "harms"))  # fmt: skip
-    for size in DRAWN_SIZES:
-        found = reacting_pairs.contrast(released, measures.stray(size))
-        yield _line(f"lifted pedals for each stray of {size:g} mm avoided", "", _needed(found))
-    for action, measure in ((SLOW, measures.live(SPARED_MM)), (CORRECT, measures.stray(SPARED_MM))):
+        yield _line(f"share that lifting the pedal avoids: {measure.name}", "%", _percent(avoided, "runs"))
+    for measure in map(measures.excursion, DRAWN_SIZES):
+        found = reacting_pairs.contrast(released, measure)
+        yield _line(f"lifted pedals for each one avoided: {measure.name}", "", _needed(found))
+    for action, measure in ((SLOW, measures.live(SPARED_MM)), (CORRECT, measures.excursion(SPARED_MM))):
         found = reacting_pairs.contrast(pairs[action], measure)
         value = _scaled(found.difference, found.n, "faults")
         yield _line(f"{reacting_tables.words(action)}: {measure.name}", "points", value)
-    for action, measure in ((RELEASE, measures.INJURY), (CORRECT, measures.INJURY), (SLOW, measures.HARM)):
+    for action, measure in ((RELEASE, measures.INJURY), (CORRECT, measures.INJURY), (SLOW, measures.live(SIZES_MM[0]))):
         found = reacting_pairs.contrast(pairs[action], measure)
         caused = wilson(found.caused, found.n)
-        yield _line(f"{reacting_tables.words(action)}: harm only with the reaction", "%", _percent(caused, "faults"))
+        words = f"{reacting_tables.words(action)}, only with the reaction: {measure.name}"
+        yield _line(words, "%", _percent(caused, "faults"))
     for one in advances:
         if one.threshold_mm == THRESHOLDS_MM[0]:
-            harm = reacting_tables.size(one.size_mm)
-            late = _percent(one.late[250], "harms")
-            yield _line(f"{harm}: came too soon for any reaction of 250 ms, cue at 3 mm", "%", late)
-    yield _line("reactions to faults that do no harm of 3 mm", "%",
-                _percent(reacting_tables.idle_rate(released), "reactions"))  # fmt: skip
+            words = f"{reacting_tables.size(one.size_mm)}: came too soon for any reaction of 250 ms, cue at 3 mm"
+            yield _line(words, "%", _percent(one.late[250], "runs"))
+    idle = {"unintended motion": reacting_tables.unmoved_rate, "any hazard": reacting_tables.idle_rate}
+    for words, rate in idle.items():
+        yield _line(f"reactions to faults without {words}", "%", _percent(rate(released), "reactions"))
     for one in free:
         if one.threshold_mm == THRESHOLDS_MM[0] and one.scale in HEADLINE_SCALES:
             first = one.first
@@ -173,7 +181,10 @@ def _needed(found: Contrast) -> Estimate:
 
 
 def _rate_rows(pairs: Mapping[int, Pairs]) -> Iterator[Row]:
-    panels = {"strayed": (measures.stray, (RELEASE, CORRECT)), "off the model, live": (measures.live, (RELEASE, SLOW))}
+    panels = {
+        "unintended motion, live or not": (measures.excursion, (RELEASE, CORRECT)),
+        "off the model, live": (measures.live, (RELEASE, SLOW)),
+    }
     for block, (measure, actions) in panels.items():
         for size in SIZES_MM:
             for action in actions:
@@ -184,8 +195,8 @@ def _rate_rows(pairs: Mapping[int, Pairs]) -> Iterator[Row]:
 def _variant_rows(others: list[tuple[str, str, Pairs]]) -> Iterator[Row]:
     for block, words, part in others:
         for size in DRAWN_SIZES:
-            found = reacting_pairs.contrast(part, measures.stray(size))
-            yield Row(block, words, f"strayed by more than {size:g} mm", found)
+            found = reacting_pairs.contrast(part, measures.excursion(size))
+            yield Row(block, words, f"more than {size:g} mm", found)
 
 
 def _notes(runs: Runs) -> tuple[str, ...]:
@@ -195,12 +206,14 @@ def _notes(runs: Runs) -> tuple[str, ...]:
         "Assumptions, none of them fitted to an outcome: the law of reaction times, the weakest pull that is noticed, "
         "slowed hands at a quarter of their speed, a correction by eye with a time constant of 0.2 s. The variants "
         "show how much hangs on reaction time, threshold, gain and touch.",
-        "The faults are a design over layers, magnitudes and lengths around the boundary of harm, and the library's "
-        "rows with the values of their sources. Nobody knows how often each occurs, so a rate over all of them is no "
-        "probability of an operation. What carries over is the comparison within each fault, and who has time.",
-        "A harm as large as the cue's own threshold is there when the cue is: a cue at 3 mm cannot avoid 3 mm, whoever "
-        "reacts; it can keep them from growing. The few that are avoided all the same are of faults that fool the "
-        "encoders: the cue works on the reported tip, harm is of the true one.",
+        "The faults are a design over layers, magnitudes and lengths around the boundary of unintended motion, and the "
+        "library's rows with the values of their sources. Nobody knows how often each occurs, so a rate over all of "
+        "them is no probability of an operation. What carries over is the comparison within each fault, and who has "
+        "time.",
+        "A motion as large as the cue's own threshold is there when the cue is: a cue at 3 mm cannot avoid 3 mm, "
+        "whoever reacts; it can keep them from growing. The few that are avoided all the same are of faults that fool "
+        "the encoders, or in which the tip left its model before it left the golden run: the cue compares the reported "
+        "tip with the model alone.",
         "An operator who lifts the pedal stops the arm by its brakes, 15 ms after the software has heard it; what the "
         "fault does behind the software in that time, or to a robot whose brakes are the fault, is in the runs.",
         "Context, not compared: a context-aware detector of unsafe events on recorded tasks is published with 1.7 s "
@@ -223,15 +236,19 @@ STUDY = Study(
     name="reacting_operator",
     title="Would the haptic cue have helped?",
     source="a study of our own; the cue is that of the Raven-II surgical training simulator, IROS 2016",
-    question="Of the harm that faults do, how much does an operator avoid who feels the cue and reacts? At what price?",
+    question="Of the unintended motion that faults make, how much does an operator avoid who feels the cue and reacts? "
+    "At what price?",
     variants=(
         Variant(BASELINE, CAMPAIGN),
         *_alternatives(),
-        Variant(
-            TIMED,
-            CAMPAIGN,
-            ("cross.reaction.action=[0]", "cross.monitor.moved=[0.003, 0.005, 0.01, 0.02]"),
-            "When is harm of each size there, where nobody reacts?",
+        *(
+            Variant(
+                _timed(size),
+                CAMPAIGN,
+                ("cross.reaction.action=[0]", f"outcomes.limit_mm={size:g}"),
+                f"When is an unintended motion of {size:g} mm there, where nobody reacts?",
+            )
+            for size in SIZES_MM[1:]
         ),
         *(
             Variant(f"free_{motion}", FREE, (f"operator.motion={motion}",), f"What without a fault? {motion}")

@@ -14,7 +14,7 @@ from ravenjax.hazards import library
 from ravenjax.hazards.naming import hazards_of
 from ravenjax.report import facts as run_facts
 from ravenjax.report import reactions
-from ravenjax.report.reactions import Pairs
+from ravenjax.report.reactions import EXCURSION, Pairs
 from ravenjax.stats.intervals import Estimate, Rate, wilson
 from ravenjax.stats.multiplicity import holm
 from ravenjax.stats.paired import mcnemar, mean_difference, rate_difference
@@ -22,19 +22,20 @@ from ravenjax.store import folder, manifest
 from ravenjax.studies.reacting_measures import Measure
 
 SPEEDS_MS = (0, 50, 200, 500, 1000)
-"""Edges of the classes of how soon after its first effect a fault does harm where nobody reacts."""
+"""Edges of the classes of how soon after its first effect a fault moves the tip where nobody reacts."""
 
 
 class Runs(NamedTuple):
-    """A variant's result table and its facts."""
+    """A variant's result table, with a column EXCURSION, and its facts."""
 
     frame: pd.DataFrame
     facts: pd.DataFrame
     end_ms: int
+    limit_mm: float  # of the hazards in facts
 
     def where(self, chosen: np.ndarray) -> Runs:
         """Those of `chosen` (bool [runs])."""
-        return Runs(self.frame.loc[chosen], self.facts.loc[chosen], self.end_ms)
+        return self._replace(frame=self.frame.loc[chosen], facts=self.facts.loc[chosen])
 
 
 class Contrast(NamedTuple):
@@ -44,17 +45,18 @@ class Contrast(NamedTuple):
     without: Rate
     with_: Rate
     difference: Estimate  # of the rates, fraction
-    avoided: int  # pairs in which only the run without reaction had the harm
+    avoided: int  # pairs in which only the run without reaction had it
     caused: int  # only the run with it
     p: float  # McNemar, exact
     acted: int  # pairs in which the operator acted
-    needed: Estimate  # reactions for each harm avoided; infinite where none is
+    needed: Estimate  # reactions for each one avoided; infinite where none is
 
 
 def read(path: Path) -> Runs:
     """The runs of a result folder. Raises StoreError."""
     frame, made = folder.read_all(path), manifest.read(path)
-    return Runs(frame, run_facts.of(frame, made), made.duration_ms)
+    frame[EXCURSION] = frame[["unintended_mm", "unintended_off_mm"]].max(axis=1)
+    return Runs(frame, run_facts.of(frame, made), made.duration_ms, made.limit_mm)
 
 
 def paired(runs: Runs, action: int) -> Pairs:
@@ -83,7 +85,7 @@ def contrast(pairs: Pairs, measure: Measure) -> Contrast:
 
 
 def needed(difference: Estimate) -> Estimate:
-    """Number needed to treat from a difference of rates (negative: fewer harms), infinite where nothing is avoided.
+    """Number needed to treat from a difference of rates (negative: fewer), infinite where nothing is avoided.
 
     Its interval is the reciprocal of the difference's (Altman, BMJ 317, 1998); an end that includes no effect is
     infinite.
@@ -148,11 +150,11 @@ def by_scenario(pairs: Pairs) -> Mapping[str, np.ndarray]:
 
 
 def by_speed(pairs: Pairs) -> Mapping[str, np.ndarray]:
-    """How soon after its first effect the fault does harm where nobody reacts."""
+    """How soon after its first effect the fault makes an unintended motion where nobody reacts."""
     facts = pairs.without_facts
-    after = np.where(facts["harm"], facts["harm_ms"] - facts["active_ms"], -1)
+    after = np.where(facts["unintended"], facts["unintended_ms"] - facts["active_ms"], -1)
     found: dict[str, np.ndarray] = {}
     for low, high in zip(SPEEDS_MS, (*SPEEDS_MS[1:], None), strict=True):
-        words = f"harm after {low} to {high} ms" if high else f"harm after {low} ms or more"
+        words = f"after {low} to {high} ms" if high else f"after {low} ms or more"
         found[words] = (after >= low) & ((after < high) if high else True)
-    return {**found, "no harm": after < 0}
+    return {**found, "no unintended motion": after < 0}

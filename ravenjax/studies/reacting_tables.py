@@ -9,9 +9,8 @@ import numpy as np
 
 from ravenjax.report import wording
 from ravenjax.report.facts import ACTIONS
-from ravenjax.report.reactions import TOLD, Pairs
+from ravenjax.report.reactions import EXCURSION, TOLD, Pairs
 from ravenjax.stats.intervals import Estimate, Rate, wilson
-from ravenjax.studies import reacting_measures as measures
 from ravenjax.studies.reacting_free import Free
 from ravenjax.studies.reacting_measures import CORRECT, MEASURES, RELEASE, SLOW, Measure
 from ravenjax.studies.reacting_pairs import Contrast, adjusted, contrast, mean_change
@@ -20,15 +19,15 @@ from ravenjax.studies.study import Table
 
 Cell = str | int | float
 COLUMNS = (
-    "pairs", "harm without", "harm with", "difference, points", "avoided", "made worse", "p (Holm)", "reactions",
-    "reactions per harm avoided",
+    "pairs", "without", "with", "difference, points", "avoided", "made worse", "p (Holm)", "reactions",
+    "reactions for each avoided",
 )  # fmt: skip
 NOTE = (
     "A pair is one fault under the same random numbers, once with the operator who reacts and once without; only "
     "faults that changed a bit. Difference: with minus without, in points of 100 faults, negative where the cue helped "
     "(Bonett and Price, 95 %). p: McNemar, exact, all rows of the table together (Holm). Reactions: pairs in which the "
-    "operator acted. Reactions per harm avoided: number needed to cue, with the reciprocals of the difference's "
-    "interval; ∞ where no harm was avoided."
+    "operator acted. Reactions for each avoided: number needed to cue, with the reciprocals of the difference's "
+    "interval; ∞ where none was avoided."
 )
 
 SAME = "Columns as in the first table."
@@ -59,7 +58,7 @@ def reactions(pairs: Mapping[int, Pairs]) -> Table:
         for measure in MEASURES
         if action in measure.fair
     ]
-    return Table("What the cue changes, by reaction and size of harm", ("reaction", "harm", *COLUMNS),
+    return Table("What the cue changes, by reaction and measure", ("reaction", "measure", *COLUMNS),
                  contrast_rows(found), NOTE)  # fmt: skip
 
 
@@ -71,40 +70,42 @@ def split(title: str, head: str, pairs: Pairs, classes: Mapping[str, np.ndarray]
         for measure in by
         if mine.any()
     ]
-    return Table(title, (head, "harm", *COLUMNS), contrast_rows(found), SAME)
+    return Table(title, (head, "measure", *COLUMNS), contrast_rows(found), SAME)
 
 
 def fairness() -> Table:
     """For which reaction which measure is fair."""
     why = {
-        "off": {
+        "off the model": {
             RELEASE: "fair while live; motion after the pedal was lifted is not seen",
             CORRECT: "no: the model moves with the correction, away from the robot",
         },
-        "strayed": {SLOW: "no: slow hands stay behind the twin on purpose"},
-        "injury": {SLOW: "no: contains the stray"},
-        "harm": {CORRECT: "no: contains the distance from the model", RELEASE: "fair while live"},
+        "live or not": {SLOW: "no: slow hands stay behind the golden run on purpose"},
+        "of the report": {
+            RELEASE: "fair while live; motion after the pedal was lifted is not seen",
+            SLOW: "no: slow hands stay behind the golden run on purpose",
+        },
     }
 
     def cell(measure: Measure, action: int) -> str:
-        told = next((rows for begins, rows in why.items() if measure.name.startswith(begins)), {})
+        told = next((rows for words, rows in why.items() if words in measure.name), {})
         return told.get(action, "fair" if action in measure.fair else "no")
 
     actions = (RELEASE, SLOW, CORRECT)
     return Table(
         "Which measure is fair for which reaction",
-        ("harm", *map(words, actions)),
+        ("measure", *map(words, actions)),
         tuple((measure.name, *(cell(measure, action) for action in actions)) for measure in MEASURES),
-        "After the operator reacts, the nominal model does what the hands do then, and the fault-free twin what they "
-        "would have done. A measure that is not fair is not in the other tables. Off the model counts a robot that "
-        "stands while it should move; strayed does not.",
+        "After the operator reacts, the nominal model does what the hands do then, and the golden run what they would "
+        "have done. A measure that is not fair is not in the other tables. Off the model counts a robot that stands "
+        "while it should move; unintended motion does not.",
     )
 
 
 def sizes(pairs: Mapping[int, Pairs]) -> Table:
     """Mean change of lengths and times."""
     columns = {
-        "stray_mm": (RELEASE, CORRECT),
+        EXCURSION: (RELEASE, CORRECT),
         "peak_live_deviation_mm": (RELEASE, SLOW),
         "tissue_depth_mm": (RELEASE, SLOW, CORRECT),
         "pedal_down_ms": (RELEASE,),
@@ -119,7 +120,7 @@ def sizes(pairs: Mapping[int, Pairs]) -> Table:
         "Mean change where the operator acted",
         ("reaction", "column", "pairs", "with minus without"),
         tuple(rows),
-        "Bootstrap over faults, 95 %.",
+        f"Bootstrap over faults, 95 %. `{EXCURSION}`: the larger of `unintended_mm` and `unintended_off_mm`.",
     )
 
 
@@ -130,25 +131,33 @@ def variants(found: Iterable[tuple[str, Pairs]], by: Sequence[Measure]) -> Table
     idle = [idle_rate(part) for _, part, _ in asked]
     return Table(
         "Other thresholds, gains and reaction times: lifting the pedal, sampled faults",
-        ("cue and operator", "harm", *COLUMNS, "reactions where no harm was coming"),
+        ("cue and operator", "measure", *COLUMNS, "reactions where no hazard was coming"),
         tuple((*row, rate(extra)) for row, extra in zip(told, idle, strict=True)),
-        SAME + " No harm was coming: the run without reaction neither jumps nor leaves the model by 3 mm.",
+        SAME + " No hazard was coming: the run without reaction has none of any kind.",
     )
 
 
 def idle_rate(pairs: Pairs) -> Rate:
-    """Of the reactions, those to a fault that does no harm of 3 mm even where nobody reacts."""
+    """Of the reactions, those to a fault that has no hazard even where nobody reacts."""
+    return _of_reactions(pairs, (pairs.without_facts["hazard"] == "none").to_numpy())
+
+
+def unmoved_rate(pairs: Pairs) -> Rate:
+    """Of the reactions, those to a fault that makes no unintended motion even where nobody reacts."""
+    return _of_reactions(pairs, ~pairs.without_facts["unintended"].to_numpy(bool))
+
+
+def _of_reactions(pairs: Pairs, holds: np.ndarray) -> Rate:
     acted = (pairs.with_frame["reaction_ms"] >= 0).to_numpy()
-    harmed = measures.HARM.hits(pairs.without_frame, pairs.without_facts)
-    return wilson(int((acted & ~harmed).sum()), int(acted.sum()))
+    return wilson(int((acted & holds).sum()), int(acted.sum()))
 
 
 def advances(found: Sequence[Advance]) -> Table:
     """How much time the cue leaves."""
     return Table(
-        "From the cue to the harm, where nobody reacts",
+        "From the cue to the unintended motion, where nobody reacts",
         (
-            "threshold, mm", "harm", "harmed runs", "cue before the harm", "lead of half the runs, ms",
+            "threshold, mm", "motion", "runs", "cue before it", "lead of half the runs, ms",
             "lead of the quarter with most time, ms",
             *(f"too soon for {delay} ms" for delay in DELAYS_MS),
         ),
@@ -160,22 +169,19 @@ def advances(found: Sequence[Advance]) -> Table:
             )
             for one in found
         ),
-        "All faults; harm: off the model by so much while live, in runs in which the instrument itself moved so far "
-        "rather than stood. Lead: Kaplan-Meier, a cue that never "
-        "came is censored at the end of the run; – where so many runs never had one. Too soon: the harm came within "
-        "that time after the cue, at the cue, or without one; no reaction of that time can prevent it.",
+        "All faults; the motion is the hazard of the report, with a limit of so much. Lead: Kaplan-Meier, a cue that "
+        "never came is censored at the end of the run; – where so many runs never had one. Too soon: the motion came "
+        "within that time after the cue, at the cue, or without one; no reaction of that time can prevent it.",
     )  # fmt: skip
 
 
 def had_time(classes: Mapping[str, tuple[int, int]], size_mm: float) -> Table:
-    """Whether those were spared that had time: name -> (harms, harms still there with the reaction)."""
+    """Whether those were spared that had time: name -> (motions, motions still there with the reaction)."""
     return Table(
         f"Who was spared {size_mm:g} mm by lifting the pedal, by the time there was",
-        ("time from cue to harm, less the operator's own reaction time", "harms without", "still with", "spared"),
-        tuple(
-            (name, harms, left, rate(wilson(harms - left, harms))) for name, (harms, left) in classes.items() if harms
-        ),
-        "Harm as in the table before. Spared: not so far off the model while live in the run with the reaction.",
+        ("time from cue to motion, less the operator's own reaction time", "motions without", "still with", "spared"),
+        tuple((name, all_, left, rate(wilson(all_ - left, all_))) for name, (all_, left) in classes.items() if all_),
+        "Motion as in the table before. Spared: no unintended motion of that size, live or not, with the reaction.",
     )
 
 
@@ -205,8 +211,8 @@ def price(found: Sequence[Free]) -> Table:
 
 
 def size(size_mm: float | None) -> str:
-    """A size of harm."""
-    return "jump of the true tip" if size_mm is None else f"{size_mm:g} mm off"
+    """A size of motion."""
+    return "jump of the true tip" if size_mm is None else f"unintended motion of {size_mm:g} mm"
 
 
 def rate(found: Rate) -> str:

@@ -33,7 +33,7 @@ def run(study: Study, out: Path, engine: str = "auto", on_progress: OnProgress |
     configs = {variant.name: loading.load(variant.campaign, variant.overrides) for variant in study.variants}
     if len(configs) < len(study.variants):
         raise ValueError(f"study {study.name}: two variants share a name, and so a folder")
-    whole = _Whole([design.count(config) for config in configs.values()], on_progress)
+    whole = _Whole([design.due(config) for config in configs.values()], on_progress)
     folders = {}
     for number, (variant, config) in enumerate(configs.items()):
         folders[variant] = folder / RUNS / variant
@@ -55,7 +55,7 @@ def _provenance(study: Study, configs: dict[str, CampaignConfig], folders: dict[
             campaign=variant.campaign,
             overrides=tuple(shown_override(text) for text in variant.overrides),
             question=variant.question,
-            runs=record.runs,
+            runs=record.due,
             seconds=record.duration_ms / 1e3,
             seed=record.seed,
             config_hash=record.config_hash,

@@ -22,8 +22,8 @@ FIRST_USB = 24
 FIRST_PLC = 35
 """INJ 35 to 45 act on the link to the PLC."""
 OTHER_RULES: dict[str, dict[str, float]] = {
-    "displaced from 1 mm": {"stray_mm": 1.0},
-    "displaced from 5 mm": {"stray_mm": 5.0},
+    "displaced from 1 mm": {"limit_mm": 1.0},
+    "displaced from 5 mm": {"limit_mm": 5.0},
     "every class that is seen once": {"seen_share": 0.0},
     "classes of at least every second run": {"seen_share": 0.5},
 }

@@ -11,7 +11,13 @@ from ravenjax.studies.uncertain_rates import EVENTS, Robot
 from ravenjax.studies.uncertain_search import Index
 
 LOW, HIGH = SERIES[5], SERIES[1]
-SHOWN = {"evaded": "evades", "cue": "cue fires", "stopped": "check stops", "harm": "harm", "jump": "jump"}
+SHOWN = {
+    "evaded": "evades",
+    "cue": "cue fires",
+    "stopped": "check stops",
+    "unintended": "unintended motion",
+    "loss": "loss of motion",
+}
 
 
 def ranges(known: Robot, ends: Mapping[str, tuple[Robot, Robot]], sets: Sequence[Robot]) -> Callable[[Any], None]:

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.hazards import severity
+from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report import facts as run_facts
 from ravenjax.report import layers
 from ravenjax.stats.association import Dependence, dependences
@@ -21,12 +22,14 @@ from ravenjax.store import folder, manifest
 from ravenjax.studies.uncertain_parameters import Uncertain
 
 EVENTS = {
-    "evaded": "evades the checks and moves the instrument",
+    "evaded": "evades the checks: unintended motion, and nobody is told",
     "cue": "the cue fires",
     "stopped": "a check stops the robot",
-    "harm": "harm (3 mm off the model, or a jump)",
-    "unwarned": "harm before the cue, or without one",
-    "jump": "jump of the measured tip",
+    "unintended": f"unintended motion of more than {LIMIT_MM:g} mm",
+    "unwarned": "unintended motion before the cue, or without one",
+    "loss": "loss of motion",
+    "misreport": "false report",
+    "jump": "jump of the reported tip",
     "injury": "injury-capable motion",
 }
 """What is concluded of a fault; each is a rate over the faults that changed a bit."""
@@ -76,14 +79,16 @@ def numbered(pair: np.ndarray) -> np.ndarray:
 
 def events(frame: pd.DataFrame, facts: pd.DataFrame) -> pd.DataFrame:
     """EVENTS of each run, and its `layer`."""
-    warned = (facts["warned_ms"] >= 0) & (facts["warned_ms"] < facts["harm_ms"])
+    warned = (facts["warned_ms"] >= 0) & (facts["warned_ms"] < facts["unintended_ms"])
     return pd.DataFrame(
         {
             "evaded": facts["evaded"],
-            "cue": facts["warned_ms"] >= 0,
+            "cue": facts["cued"],
             "stopped": facts["response"] == "stopped",
-            "harm": facts["harm"],
-            "unwarned": facts["harm"] & ~warned,
+            "unintended": facts["unintended"],
+            "unwarned": facts["unintended"] & ~warned,
+            "loss": facts["loss"],
+            "misreport": facts["misreport"],
             "jump": facts["jump"],
             "injury": severity.injury_capable(frame),
             "layer": facts["layer"],

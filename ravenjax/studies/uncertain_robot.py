@@ -17,7 +17,7 @@ CAMPAIGN = "uncertain_robot.toml"
 KNOWN = "known"
 SEEDS = (1, 2, 3)
 """Of as many draws of faults and robots together."""
-LAYER_EVENT = "harm"
+LAYER_EVENT = "unintended"
 WORDS = {one.path: one.words for one in PARAMETERS}
 
 
@@ -47,8 +47,8 @@ def compare(context: Context) -> Findings:
                     "published sets of parameters; the same faults on all. Band: 95 % of the known robot's rate, of "
                     "faults drawn as these were.",
                     drawings.ranges(known, {one.words: pair for one, pair in ends.items()}, sets)),
-            Drawing("layers", "Share of faults that do harm, by the layer where they strike: every robot, the same "
-                    "faults.",
+            Drawing("layers", "Share of faults that make an unintended motion, by the layer where they strike: every "
+                    "robot, the same faults.",
                     drawings.layers(uncertain_rates.by_layer(robots, LAYER_EVENT), LAYER_EVENT)),
             Drawing("indices", "What decides how far 4000 counts, added behind every check for 32 ms, throw the tip: "
                     "total Sobol index of each parameter of the robot, 95 %.",
@@ -97,8 +97,8 @@ def _notes(robots: int, rounding: float, same: int) -> tuple[str, ...]:
         "whether a dependence survives among all others, and needs far larger effects to be seen.",
         f"The range over {robots} robots is of robots that differ in one parameter, and of the published sets, which "
         "differ in many. A robot at several ends at once can lie outside.",
-        "The nominal model, and with it cue and harm, stays that of the known robot, as a simulator's does when the "
-        "real robot changes: a part of each dependence is the model's misfit rather than the fault's doing. Each run "
+        "The nominal model, and with it the cue, stays that of the known robot, as a simulator's does when the real "
+        "robot changes: a part of each dependence is the model's misfit rather than the fault's doing. Each run "
         "is judged against the fault-free twin of its own robot.",
         "Two control cycles a packet make the operator's increments come at half the rate, so that the hand moves at "
         "half its speed; that is another task and not only another robot. And the jump rule counts steps from packet "

@@ -19,8 +19,8 @@ FAULT = {
     "start_ms": 1000,
     "duration_ms": 32,
 }
-"""An addition to the motor command behind every check, held for 32 ms, on each positioning joint: a fault that does
-harm by its size and not by how long it lasts."""
+"""An addition to the motor command behind every check, held for 32 ms, on each positioning joint: a fault that moves
+the instrument by its size and not by how long it lasts."""
 SEARCHES: dict[str, dict[str, Any]] = {
     "morris": {"kind": "morris", "trajectories": 60, "levels": 8},
     "sobol": {"kind": "sobol", "n": 128},

@@ -1,4 +1,5 @@
-"""A study's files: findings.json, findings.md, each drawing as SVG and PDF; the same findings give the same bytes."""
+"""A study's files: findings as JSON, Markdown and HTML, each drawing as SVG and PDF; the same findings give the same
+bytes."""
 
 from __future__ import annotations
 
@@ -6,12 +7,13 @@ import json
 from pathlib import Path
 from typing import Any
 
+from ravenjax.document import html
 from ravenjax.store.files import StoreError, require_writable, write_aside
 from ravenjax.studies import drawing, markdown
 from ravenjax.studies.provenance import Provenance
 from ravenjax.studies.study import Findings, Study, plain
 
-JSON, PAGE = "findings.json", "findings.md"
+JSON, PAGE, HTML = "findings.json", "findings.md", "findings.html"
 
 
 def write(study: Study, findings: Findings, made: Provenance, folder: Path) -> None:
@@ -20,7 +22,12 @@ def write(study: Study, findings: Findings, made: Provenance, folder: Path) -> N
     record = _record(study, findings, made)
     for one in findings.drawings:
         drawing.save(one, folder)
-    _write(folder / PAGE, markdown.page(record, pictures=True))
+    text = markdown.page(record, pictures=True)
+    drawings = {
+        name: (folder / name).read_text(encoding="utf-8") for name in (f"{d.name}.svg" for d in findings.drawings)
+    }
+    _write(folder / PAGE, text)
+    _write(folder / HTML, html.from_markdown(text, drawings))
     _write(folder / JSON, _json(record))
 
 

@@ -1,4 +1,4 @@
-"""The debrief of a session: one self-contained HTML page that opens offline, from what the session's folder holds."""
+"""The debrief of a session: a self-contained HTML page made from session.json, hazards.csv and the recording."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import io
 from pathlib import Path
 from typing import Any
 
+from ravenjax.outcomes import definitions
+from ravenjax.outcomes.events import Rules
 from ravenjax.store import session_file
 from ravenjax.store.files import StoreError, write_aside
 from ravenjax.trainer import debrief_figures as figures
@@ -16,8 +18,6 @@ from ravenjax.trainer import hazard_events, hazard_table, html, recording
 from ravenjax.trainer.debrief_course import Course
 
 FILE = "debrief.html"
-THRESHOLD_MM = 3.0
-"""Of the published cue, where the session does not say."""
 
 
 def write(folder: Path) -> Path:
@@ -40,9 +40,11 @@ def render(folder: Path) -> str:
     hazards = hazard_table.read(folder)
     if not told["table"] and found is not None:
         hazards = hazard_events.from_recording(found, header)
-    threshold_mm = float(header.get("cue_threshold_mm") or THRESHOLD_MM)
+    threshold_mm, limit_mm = header.get("cue_threshold_mm"), words.harm_mm(header)
     blinded = bool(header.get("blinded"))
-    course = Course(found, threshold_mm, blinded) if found is not None and len(found.rows) > 1 else None
+    course = None
+    if found is not None and len(found.rows) > 1:
+        course = Course(found, threshold_mm, limit_mm, blinded)
     numbers = words.summary(hazards)
     summary = header.get("summary") or {}
     begin, rest = words.headline(hazards, numbers, told["table"] or found is not None)
@@ -64,6 +66,9 @@ def render(folder: Path) -> str:
         caveats=words.caveats(header, told),
         events=[one for one in told.get("events", []) if not blinded or one["kind"] != "cue"],
         marks=figures.MARKS,
+        limit_mm=limit_mm,
+        depth_mm=words.harm_mm(header, "depth_mm"),
+        definitions=_definitions(threshold_mm, limit_mm, blinded),
     )
 
 
@@ -93,6 +98,14 @@ def _told(one: hazard_table.Hazard, course: Course | None, blinded: bool) -> dic
         "sentence": words.sentence(one, blinded),
         "figure": figures.hazard(course, one, steps) if course else None,
     }
+
+
+def _definitions(threshold_mm: float | None, limit_mm: float | None, blinded: bool) -> list[definitions.Definition]:
+    """The words of outcomes with the session's own numbers; none where it does not name them."""
+    if threshold_mm is None or limit_mm is None:
+        return []
+    rows = definitions.rows(Rules(threshold_mm=threshold_mm, limit_mm=limit_mm))
+    return [one for one in rows if one.word != "evades" and not (blinded and one.kind == "cue")]
 
 
 def _scenario(header: dict[str, Any]) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""A recording as its figures draw it: over the session's own time, thinned so that no peak is lost."""
+"""Curves of a recording for its figures: over the session's time without pauses, thinned so that no peak is lost."""
 
 from __future__ import annotations
 
@@ -15,13 +15,19 @@ POINTS = 900
 class Course:
     """What the figures draw of a recording: channels over the session's own time, pauses left out."""
 
-    def __init__(self, recording: Recording, threshold_mm: float, blinded: bool = False) -> None:
-        """threshold_mm: of the cue. blinded: whether the cue was felt is not told."""
+    def __init__(
+        self,
+        recording: Recording,
+        threshold_mm: float | None = None,
+        limit_mm: float | None = None,
+        blinded: bool = False,
+    ) -> None:
+        """threshold_mm: of the cue; limit_mm: of hazards; None: not known. blinded: hide whether the cue was felt."""
         ticks = recording["session_tick"]
         keep = np.flatnonzero(np.diff(ticks, append=ticks[-1:] + 1) > 0) if len(ticks) else np.zeros(0, int)
         self.rows = recording.rows[keep]
         self.ms = ticks[keep].astype(float)
-        self.layout, self.threshold_mm, self.blinded = recording.layout, threshold_mm, blinded
+        self.layout, self.threshold_mm, self.limit_mm, self.blinded = recording.layout, threshold_mm, limit_mm, blinded
 
     def channel(self, name: str) -> np.ndarray:
         """One channel, [T] or [T, k]."""

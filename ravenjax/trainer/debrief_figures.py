@@ -1,26 +1,29 @@
-"""Curves of a session as plotly figures: distances against the threshold, depth, force, pedal, state of the robot."""
+"""Curves of a session as plotly figures: distances and their limits, depth, force, pedal, state of the robot."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ravenjax.figure_style import GRID, json_of, look
+from ravenjax.stages import state_machine
 from ravenjax.trainer.debrief_course import Course, peaks
 from ravenjax.trainer.debrief_words import Step
 from ravenjax.trainer.hazard_table import Hazard
 
 MARKS = {"strike": "#a23b82", "knowable": "#8a8f96", "cue": "#c2410c", "alarm": "#a67c00", "response": "#0072b2"}
 """Colour of each moment; blue and vermilion differ in every colour blindness."""
-STRAY, ERROR, KNOWN, DEPTH, FORCE, LINE = "#a23b82", "#0072b2", "#56b4e9", "#009e73", "#c2410c", "#8a8f96"
+UNINTENDED, LOSS, FALSE_REPORT = "#a23b82", "#a67c00", "#5b4b9a"
+ERROR, KNOWN, DEPTH, FORCE, LINE = "#0072b2", "#56b4e9", "#009e73", "#c2410c", "#8a8f96"
 DARK, PALE = "#1b1f24", "#ffffff"
 RUNLEVELS = {
-    0: ("E-stop", "#a23b82", PALE),
-    1: ("init", "#e9b18f", DARK),
-    2: ("pedal up", "#c9ccd0", DARK),
-    3: ("driven", "#009e73", PALE),
+    state_machine.E_STOP: ("E-stop", "#a23b82", PALE),
+    state_machine.INIT: ("init", "#e9b18f", DARK),
+    state_machine.PEDAL_UP: ("pedal up", "#c9ccd0", DARK),
+    state_machine.PEDAL_DOWN: ("driven", "#009e73", PALE),
 }
 PEDAL = {0: ("up", "#c9ccd0", DARK), 1: ("down", "#56b4e9", DARK)}
 PHASES = {
@@ -133,12 +136,10 @@ def _panels(
     session: bool = False,
 ) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Distances, depth, force (and the task's progress) under one another, and lanes of pedal and robot below."""
-    names = {"stray_mm": ("true tip off its course", STRAY), "known_mm": ("as far as measured", KNOWN)}
-    names["error_mm"] = ("measured tip off the model", ERROR)
     traces = []
-    for name, (label, colour) in names.items():
-        traces.append(_curve(*peaks(time, course.worst(name, arms)[inside]), label, colour, "y", "mm"))
-    traces[1]["line"]["dash"] = "dot"
+    for label, colour, values in _distances(course, inside, arms):
+        traces.append(_curve(*peaks(time, values), label, colour, "y", "mm"))
+        traces[-1]["line"]["dash"] = "dot" if colour == KNOWN else "solid"
     felt = (course.channel("cue_on")[inside] > 0) & (not course.blinded)
     force = np.where(felt, course.worst("force", arms)[inside], 0.0)
     depth = np.maximum(course.worst("depth_mm", arms)[inside], 0.0)
@@ -165,22 +166,49 @@ def _panels(
     for lane, name, words in [*kinds, ("session", "phase", PHASES)] if session else kinds:
         traces += _lane(time, course.channel(name)[inside], lane, words, lanes)
     layout["xaxis"] = _time_axis(title, lanes)
-    layout["shapes"].append(
-        {
-            "type": "line",
-            "xref": "paper",
-            "x0": 0,
-            "x1": 1,
-            "yref": "y",
-            "line": {"color": LINE, "width": 1.2, "dash": "dash"},
-        }
-        | {"y0": course.threshold_mm, "y1": course.threshold_mm}
-    )
-    layout["annotations"].append(
-        {"xref": "paper", "x": 1, "y": course.threshold_mm, "xanchor": "right", "yanchor": "bottom", "showarrow": False}
-        | {"text": f"{course.threshold_mm:g} mm, threshold of the cue", "font": {"size": 11, "color": LINE}}
-    )
+    lines = ((course.threshold_mm, "threshold of the cue"), (course.limit_mm, "limit of hazards"))
+    for level, name in lines:
+        if level is not None:
+            shape, label = _level(level, name)
+            layout["shapes"].append(shape)
+            layout["annotations"].append(label)
     return traces, layout
+
+
+def _distances(course: Course, inside: np.ndarray, arms: Sequence[str]) -> list[tuple[str, str, np.ndarray]]:
+    """Label, colour and values of each distance. Loss of motion and false reports: where they exceed the limit."""
+
+    def worst(name: str) -> np.ndarray:
+        return course.worst(name, arms)[inside]
+
+    limit = math.inf if course.limit_mm is None else course.limit_mm
+    distances = [
+        (
+            "unintended motion of the true tip",
+            UNINTENDED,
+            np.maximum(worst("unintended_mm"), worst("unintended_off_mm")),
+        )
+    ]
+    for name, label, colour in (
+        ("loss_mm", "true tip off, not following", LOSS),
+        ("false_report_mm", "reported tip off the true one", FALSE_REPORT),
+    ):
+        values = worst(name)
+        if (values > limit).any():
+            distances.append((label, colour, values))
+    return [
+        *distances,
+        ("reported tip off the golden run", KNOWN, worst("known_mm")),
+        ("reported tip off the model", ERROR, worst("error_mm")),
+    ]
+
+
+def _level(level: float, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """A dashed line across the distances, and its label."""
+    line = {"color": LINE, "width": 1.2, "dash": "dash"}
+    shape = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "yref": "y", "y0": level, "y1": level, "line": line}
+    label = {"xref": "paper", "x": 1, "y": level, "xanchor": "right", "yanchor": "bottom", "showarrow": False}
+    return shape, label | {"text": f"{level:g} mm, {name}", "font": {"size": 11, "color": LINE}}
 
 
 def _domains(singles: int, lanes: int, above: int, height: int) -> list[list[float]]:

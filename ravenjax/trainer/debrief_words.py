@@ -1,4 +1,7 @@
-"""A session in words: what struck, when anyone could have known, what the operator did, and what is not known."""
+"""A session in words: what struck, when anyone could have known, what the operator and the robot did.
+
+Distances of the true tip, of the reported tip and of the cue keep their own names; limits are the session's own.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from ravenjax.outcomes.verdict import HALT_MS
 from ravenjax.trainer.hazard_table import OUTCOMES, Hazard
 
 DASH = "–"
@@ -18,8 +22,17 @@ RESPONSES = {
     "continue": ("carried on", "carry on"),
 }
 """What the operator did, and what was to be done."""
-SIGNS = {"tip": "the measured tip", "runlevel": "the robot let go by itself"}
+SIGNS = {"tip": "the measured tip", "runlevel": "the robot left pedal-down by itself"}
 """What could give a hazard away, as the judge names it; else the name of a check."""
+CHECKS = {
+    "stopped": "A check stopped the robot",
+    "flagged": "A check told the operator and the robot went on",
+    "limited": "A check limited a command or dropped a packet and told nobody",
+    "silent": "No check did anything",
+}
+"""What the robot's own checks did, by response."""
+_WORTH_MM = 0.05
+"""A smaller distance is 0.0 mm when printed."""
 
 
 class Step(NamedTuple):
@@ -76,7 +89,48 @@ def wanted(hazard: Hazard) -> str:
 def sign(hazard: Hazard) -> str:
     """What gave it away."""
     by = hazard.knowable_by
-    return SIGNS.get(by, f"the check {by}") if by else ""
+    return SIGNS.get(by, f"the check {check_name(by)}") if by else ""
+
+
+def check_name(name: str) -> str:
+    """overdrive_clip -> overdrive clip."""
+    return name.replace("_", " ")
+
+
+def checks(hazard: Hazard) -> str:
+    """What the robot's checks did, as a sentence without its full stop."""
+    words = CHECKS.get(hazard.check_response, "What the checks did is not known")
+    return f"{words} ({check_name(hazard.check_cause)})" if hazard.check_cause else words
+
+
+def motion(hazard: Hazard) -> str:
+    """What became of the motion, in a sentence or two: the hazard's own words, the distance and the limit."""
+    if hazard.limit_mm is None or hazard.unintended_mm is None:
+        return "How far the instrument was off is not known."
+    limit = f"limit {hazard.limit_mm:g} mm"
+    word = hazard.motion_hazard
+    if word == "unintended motion":
+        sentence = f"Unintended motion: while live, the true tip was up to {length(hazard.unintended_mm)} off, {limit}"
+    elif word == "loss of motion" and hazard.loss_first_ms is not None:
+        sentence = f"Loss of motion: the instrument did not follow and was up to {length(hazard.loss_mm)} off, {limit}"
+    elif word == "loss of motion":
+        lost = (hazard.halted_ms or 0.0) - (hazard.twin_halted_ms or 0.0)
+        sentence = (
+            f"Loss of motion: the robot was out of pedal-down for {milliseconds(lost)} although the pedal was held, "
+            f"limit {HALT_MS} ms, and no check had stopped it"
+        )
+    elif word == "false report":
+        sentence = (
+            f"False report: the reported tip was up to {length(hazard.false_report_mm)} off the true one, {limit}; "
+            f"the true tip made an unintended motion of up to {length(hazard.unintended_mm)}"
+        )
+    else:
+        sentence = f"No motion hazard while live: the true tip was up to {length(hazard.unintended_mm)} off, {limit}"
+    off = hazard.unintended_off_mm
+    if off is None or off < _WORTH_MM:
+        return f"{sentence}."
+    over = ", over that limit" if off > hazard.limit_mm else ""
+    return f"{sentence}. While not live it was up to {length(off)} off{over}."
 
 
 def steps(hazard: Hazard, blinded: bool) -> list[Step]:
@@ -85,7 +139,7 @@ def steps(hazard: Hazard, blinded: bool) -> list[Step]:
     told = {
         "knowable": ("could be known", sign(hazard), "not from what the robot measures"),
         "cue": ("the cue", "", "did not come" if hazard.cue == "on" else "was off"),
-        "alarm": ("the robot's alarm", hazard.alarm, "none"),
+        "alarm": ("the robot's alarm", check_name(hazard.alarm), "none"),
         "response": ("the operator", did(hazard.response) if hazard.response else "", _no_response(hazard)),
     }
     if blinded:
@@ -112,11 +166,10 @@ def sentence(hazard: Hazard, blinded: bool) -> str:
         parts.append("Nothing that the robot measures gave it away.")
     cue = not blinded and "cue" in after
     parts.append((f"The cue came after {milliseconds(after['cue'])}; " if cue else "") + _response(hazard))
-    sizes = [f"the tip strayed {length(hazard.peak_stray_mm)}"] if hazard.peak_stray_mm is not None else []
-    if hazard.deepest_mm is not None and hazard.deepest_mm > 0:
-        sizes.append(f"it was {length(hazard.deepest_mm)} deep in the tissue")
     ending = OUTCOMES.get(hazard.outcome, hazard.outcome) or "how it ended is not known"
-    parts.append(f"{ending}: {' and '.join(sizes)}." if sizes else f"{ending}.")
+    parts += [f"{checks(hazard)}.", f"{ending}.", motion(hazard)]
+    if hazard.deepest_mm is not None and hazard.deepest_mm > 0:
+        parts.append(f"The tip was {length(hazard.deepest_mm)} deep in the tissue.")
     return " ".join(part[:1].upper() + part[1:] for part in parts)
 
 
@@ -139,7 +192,7 @@ def _no_response(hazard: Hazard) -> str:
     """To carry on may be what was right."""
     if hazard.response_ok:
         return f"the operator {did(hazard.response)}, the right response"
-    return "the robot stopped itself before any response" if hazard.stopped else "no response followed"
+    return "the robot halted by itself before any response" if hazard.halted else "no response followed"
 
 
 class Summary(NamedTuple):
@@ -149,7 +202,7 @@ class Summary(NamedTuple):
     right: int
     timed: int  # right responses with a reaction time; to carry on has none
     reaction_ms: float | None  # their median
-    stray_mm: float | None  # largest
+    farthest_mm: float | None  # largest unintended motion, live or not
     deepest_mm: float | None
     score: float | None  # mean over hazards that struck
 
@@ -164,7 +217,7 @@ def summary(hazards: Sequence[Hazard]) -> Summary:
         sum(one.response_ok for one in struck),
         len(reactions),
         statistics.median(reactions) if reactions else None,
-        max((one.peak_stray_mm for one in struck if one.peak_stray_mm is not None), default=None),
+        max((mm for one in struck if (mm := one.farthest_mm) is not None), default=None),
         max((one.deepest_mm for one in struck if one.deepest_mm is not None), default=None),
         statistics.fmean(scores) if scores else None,
     )
@@ -186,17 +239,37 @@ def headline(hazards: Sequence[Hazard], numbers: Summary, known: bool) -> tuple[
         median = ", at the median" if numbers.timed > 1 else ""
         rest.append(f"{milliseconds(numbers.reaction_ms)} after the first sign{median}")
     worst = max(
-        (one for one in hazards if one.peak_stray_mm is not None), key=lambda one: one.peak_stray_mm or 0, default=None
+        (one for one in hazards if one.farthest_mm is not None), key=lambda one: one.farthest_mm or 0, default=None
     )
     if worst is not None:
         where = f" ({title(worst)})" if numbers.struck > 1 else ""
-        rest.append(f"the tip strayed at most {length(worst.peak_stray_mm)}{where}")
+        rest.append(f"unintended motion of at most {length(worst.farthest_mm)}{where}")
     return begin, ", " + "; ".join(rest) + "." if rest else "."
 
 
+def harm_mm(header: Mapping[str, Any], key: str = "stray_mm") -> float | None:
+    """The scenario's limit of unintended motion, or another key of [harm]; None where the session does not say."""
+    scenario = header.get("scenario")
+    value = (scenario.get("harm") or {}).get(key) if isinstance(scenario, dict) else None
+    return None if value is None else float(value)
+
+
 def caveats(header: Mapping[str, Any], told: Mapping[str, Any]) -> list[str]:
-    """What is missing or was cut short."""
+    """What is missing or was cut short, and what cannot be said."""
     out = []
+    limit, threshold = harm_mm(header), header.get("cue_threshold_mm")
+    cued = header.get("cue") and not header.get("blinded")
+    if cued and limit is not None and threshold is not None and limit <= threshold:
+        out.append(
+            f"Harm begins at {limit:g} mm, not beyond the cue's threshold of {threshold:g} mm: an operator who waits "
+            "for the cue is late. Give the scenario a larger [harm] stray_mm."
+        )
+    if header.get("robot", "virtual") != "virtual":
+        out.append(
+            "The robot was elsewhere: neither its true tip nor a golden run is known. Distances are those of the "
+            "reported tip from the nominal model, false reports cannot be told, and a hazard counts as known from its "
+            "strike."
+        )
     if not header.get("ended"):
         out.append("The session did not end by itself: its file has no end, and what came last may be missing.")
     if not told.get("table") and "complete" in told:

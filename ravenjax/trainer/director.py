@@ -13,6 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from ravenjax.stages.state_machine import PEDAL_DOWN
 from ravenjax.trainer.frame import PHASES, VIEWS, Frame
 from ravenjax.trainer.scenario import Armable, Scenario
 
@@ -24,7 +25,7 @@ GAP_MS = 3000
 CLEARED_MS = 500
 """The robot has come to rest in its brakes, and what the hazard did is measured."""
 
-_RUNNING, _REAL, _PEDAL_DOWN = PHASES.index("running"), VIEWS.index("real"), 3
+_RUNNING, _REAL = PHASES.index("running"), VIEWS.index("real")
 
 
 class Order(NamedTuple):
@@ -83,7 +84,7 @@ class Director:
             self._columns = tuple(places[name].start for name in names)
         numbers = frame.numbers
         phase, view, pedal, alive, runlevel, stopped = [numbers[i] for i in self._columns]
-        ready = phase == _RUNNING and view == _REAL and pedal and alive and runlevel == _PEDAL_DOWN and not stopped
+        ready = phase == _RUNNING and view == _REAL and pedal and alive and runlevel == PEDAL_DOWN and not stopped
         self._down = self._down + 1 if ready else 0
         self._up = 0 if pedal else self._up + 1
         if self._ordered:

@@ -1,7 +1,11 @@
-"""One millisecond of a session as a row of float32 numbers with names: what page, recording and judges read.
+"""One millisecond of a session as a row of float32 numbers with names: what page, recording and judge read.
 
 Whole numbers among them stay below 2^24, which float32 holds exactly: four and a half hours of ticks. Lengths are
 m and angles rad where no suffix says otherwise; `tip`, `position` and `force` are in the arm's frame 0.
+
+*Live*, *unintended motion*, *loss of motion*, *false report* and *golden run* mean what `ravenjax.outcomes` says; the
+distances are those of `ravenjax.stages.monitor`, and the largest of a run is the result table's column of that name.
+The golden run begins anew whenever a hazard is armed, where the robot then is.
 """
 
 from __future__ import annotations
@@ -19,14 +23,21 @@ SIMULATED = {
     "runlevel": 1,  # 0 E-stop, 1 init, 2 pedal up, 3 pedal down
     "surgeon_mode": 1,  # 1: the robot has heard that the pedal is down
     "soft_estopped": 1,  # 1: the software holds its E-stop
+    "live": 1,  # 1: run level pedal-down without a software E-stop, at the end of the tick
     "plc_runlevel": 1,
     "brakes": 1,  # 1: on
     "last_seq": 1,  # number of the last packet taken
     "fault_active": 1,  # 1: a fault is at work in this tick
     "trips": 1,  # how often the robot's own checks have tripped so far, all together
     "tip_distance_mm": 1,  # between the arms' tips; infinite with one arm
+    "halted_ms": 1,  # how long so far the pedal was held down and the robot was not live
+    "golden_halted_ms": 1,  # the golden run's
+    "golden_cue": 1,  # 1: the cue pulls in the golden run
 }
 """Channels that the robot's tick fills, and how many numbers each has."""
+
+GOLDEN = ("golden_halted_ms", "golden_cue")
+"""Those that tell of the golden run; neighbours."""
 
 SIMULATED_ARM = {
     "jpos": 7,  # joints as the control software measures them
@@ -42,8 +53,11 @@ SIMULATED_ARM = {
     "force": 3,  # of the haptic cue, device units, as the operator's hand would feel it with the cue on
     "dac": 7,  # counts that the motors get
     "depth_mm": 1,  # of the tip below the tissue's surface, negative above
-    "stray_mm": 1,  # of the true tip from where it would be without a fault, or by standing, whichever is nearer
-    "known_mm": 1,  # of the measured tip from where it would be measured without a fault: what could be known
+    "unintended_mm": 1,  # of the true tip from golden run, nominal model and standing still, the nearest; live, else 0
+    "unintended_off_mm": 1,  # of the true tip from golden run and standing still, the nearer; while not live, else 0
+    "loss_mm": 1,  # of the true tip from golden run and model, the nearer, by motion that it missed; live, else 0
+    "false_report_mm": 1,  # of the measured tip from the true one, beyond the golden run's; live; NaN: not known
+    "known_mm": 1,  # of the measured tip from the golden run's: what could be known
 }
 """The same of each arm."""
 

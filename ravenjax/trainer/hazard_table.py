@@ -1,4 +1,4 @@
-"""hazards.csv read back: a row a hazard of a session, what happened and when; nothing where it did not happen."""
+"""hazards.csv read back: one row for each hazard of a session; its columns are described in `judge.episode`."""
 
 from __future__ import annotations
 
@@ -9,16 +9,24 @@ from pathlib import Path
 from ravenjax.store.files import StoreError
 
 FILE = "hazards.csv"
-NUMBERS = ("armed_ms", "struck_ms", "knowable_ms", "cue_ms", "alarm_ms", "response_ms", "reaction_ms")
-SIZES = ("peak_error_mm", "peak_stray_mm", "deepest_mm", "score")
+NUMBERS = (
+    *("armed_ms", "struck_ms", "knowable_ms", "cue_ms", "alarm_ms", "limited_ms", "response_ms", "reaction_ms"),
+    *("limit_mm", "unintended_mm", "unintended_first_ms", "unintended_off_mm", "loss_mm", "loss_first_ms"),
+    *("halted_ms", "twin_halted_ms", "false_report_mm", "false_report_first_ms"),
+    *("peak_error_mm", "deepest_mm", "score"),
+)
+"""Columns of numbers, each of which may be empty."""
 OUTCOMES = {
     "avoided": "no harm was done",
     "harm": "harm was done",
-    "stopped": "the robot stopped itself",
-    "unaffected": "it had hardly an effect",
+    "halted": "the robot halted by itself",
+    "unaffected": "the instrument was hardly affected",
     "missed": "it passed without the right response",
 }
 """How a hazard may end, in words."""
+
+_FORMER = "peak_stray_mm"
+"""A column that only earlier versions wrote."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,17 +48,31 @@ class Hazard:
     knowable_ms: float | None
     knowable_by: str
     cue_ms: float | None
-    alarm_ms: float | None
+    alarm_ms: float | None  # first check that told a person or stopped the robot
     alarm: str
-    response: str
+    limited_ms: float | None  # first check that changed a command or dropped a packet: nobody was told
+    limited: str
+    check_response: str  # one of outcomes.verdict.RESPONSES; "" where it never struck
+    check_cause: str  # first check that did so
+    motion_hazard: str  # one of outcomes.verdict.HAZARDS
+    limit_mm: float | None  # of hazards and harm: the scenario's
+    unintended_mm: float | None
+    unintended_first_ms: float | None
+    unintended_off_mm: float | None
+    loss_mm: float | None
+    loss_first_ms: float | None
+    halted_ms: float | None
+    twin_halted_ms: float | None
+    false_report_mm: float | None
+    false_report_first_ms: float | None
+    peak_error_mm: float | None  # of the reported tip from the model, which the cue acts on
+    deepest_mm: float | None
+    response: str  # the operator's
     response_ms: float | None
     reaction_ms: float | None
     right_response: str
     response_ok: bool
-    peak_error_mm: float | None
-    peak_stray_mm: float | None
-    deepest_mm: float | None
-    stopped: bool
+    halted: bool  # the robot left pedal-down by itself
     outcome: str
     score: float | None
     blinded: bool = False
@@ -62,6 +84,11 @@ class Hazard:
             return {}
         times = {"knowable": self.knowable_ms, "cue": self.cue_ms, "alarm": self.alarm_ms, "response": self.response_ms}
         return {name: time - self.struck_ms for name, time in times.items() if time is not None}
+
+    @property
+    def farthest_mm(self) -> float | None:
+        """Largest unintended motion of the true tip, while the robot was live and while it was not."""
+        return max((mm for mm in (self.unintended_mm, self.unintended_off_mm) if mm is not None), default=None)
 
 
 def read(folder: Path) -> list[Hazard]:
@@ -80,17 +107,22 @@ def read(folder: Path) -> list[Hazard]:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise StoreError(f"{path}: cannot be read ({error})") from error
     wanted = [one.name for one in dataclasses.fields(Hazard)]
+    if _FORMER in columns:
+        raise StoreError(
+            f"{path}: was written by an earlier version of ravenjax, which defined a hazard's motion differently (it "
+            f"has the column {_FORMER}). The file is fine: read it with the version that session.json names"
+        )
     if missing := [name for name in wanted if name not in columns]:
         raise StoreError(f"{path}: has no column {', '.join(missing)}; expected those that `ravenjax train` writes")
-    found = [_hazard(path, i + 2, {name: line[name] or "" for name in wanted}) for i, line in enumerate(lines)]
-    return sorted(found, key=lambda one: (one.struck_ms is None, one.struck_ms or 0.0, one.number))
+    rows = [_hazard(path, i + 2, {name: line[name] or "" for name in wanted}) for i, line in enumerate(lines)]
+    return sorted(rows, key=lambda one: (one.struck_ms is None, one.struck_ms or 0.0, one.number))
 
 
 def _hazard(path: Path, line: int, cells: dict[str, str]) -> Hazard:
     values: dict[str, object] = dict(cells)
-    for name in (*NUMBERS, *SIZES):
+    for name in NUMBERS:
         values[name] = _number(path, line, name, cells[name])
-    for name in ("response_ok", "stopped", "blinded"):
+    for name in ("response_ok", "halted", "blinded"):
         values[name] = cells[name].strip().lower() in ("true", "1", "yes")
     number = _number(path, line, "number", cells["number"])
     if number is None:

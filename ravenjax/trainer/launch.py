@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.errors import UserError
+from ravenjax.robot import scene
 from ravenjax.robot.packet import UDP_PORT
 from ravenjax.store import files, manifest, session_file, session_log
 from ravenjax.trainer import clock, hazard_table, judge, loop, page, recorder, scenario, scripts
@@ -187,7 +188,10 @@ def _header(options: Options, session: Session) -> dict[str, Any]:
         "blinded": _blinded(options),
         "cue_threshold_mm": chosen.cue.threshold_mm,
         "versions": manifest.package_versions(),
+        "code_hash": manifest.code_hash(),
+        "engine": "stepper",
         "arms": list(session.arms),
+        "bases": {arm: dict(zip(("origin", "quaternion"), scene.base_pose(arm), strict=True)) for arm in session.arms},
         "robot": options.robot or "virtual",
         "hazards": [hazard.header() for hazard in session.hazards],
         "task": session.task.geometry(),

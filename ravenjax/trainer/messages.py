@@ -1,4 +1,4 @@
-"""What consoles and instructors say to a session, and what a session tells: plain dicts, JSON on the way.
+"""Commands of consoles and instructors to a session, and the events of a session: plain dicts, JSON on the way.
 
 Commands reach the session through a ring in shared memory, one JSON object each, at any rate; the session takes what
 is there at the beginning of a tick, so that a list of (tick, command) is all that a session depends on.
@@ -17,15 +17,20 @@ is there at the beginning of a tick, so that a list of (tick, command) is all th
     {"type": "instructor", "do": DO}
         DO: arm (with "hazard": its number in the session's list), disarm, pause, resume, reset, end, cue (with "on")
 
-Events that a session tells have "tick" (ms since the session began, pauses left out) and "kind":
+Events of a session have "tick" (ms since the session began, pauses left out) and "kind":
 
-    phase (phase), view (view), console (alive, source), pedal (down), runlevel (runlevel), alarm (check),
-    hazard_armed (number), hazard_struck (number), knowable (number, by), cue (number or -1, arm),
-    stray (number, arm, mm), response (number, what, ok, ms), hazard_over (number, outcome, score), target (target),
-    object (held, at), task_done, note (text), overrun (late_ticks), trouble (text),
-    end (reason)
+    phase (phase), view (view), console (alive, source), pedal (down), runlevel (runlevel),
+    alarm (check): a check told a person or stopped the robot
+    hazard_armed (number), hazard_struck (number), knowable (number, by, ms), cue (number or -1, arm),
+    stopped, flagged, limited (number, check, ms): first check of this kind of response to the hazard
+    unintended_motion, loss_of_motion, false_report (number, arm, mm): over the scenario's limit for the first time;
+        loss_of_motion (number, halted_ms): out of pedal-down for too long
+    response (number, what, ok, ms): of the operator
+    hazard_over (number, check_response, motion_hazard, halted, outcome, score)
+    target (target), object (held, at), task_done, note (text), overrun (late_ticks), trouble (text), end (reason)
 
-`number` counts the hazards of the session's list (`session.json`, "hazards").
+`number` counts the hazards of the session's list (`session.json`, "hazards"); in "cue" it is -1 where no hazard is at
+work or the golden run has had the cue, too. Words of checks and motion: `ravenjax.outcomes`.
 """
 
 from __future__ import annotations

@@ -20,8 +20,8 @@ from ravenjax.trainer.joint_stream import JOINT_PORT
 from ravenjax.trainer.messages import STALE_MS
 from ravenjax.types import ArmName
 
-PATIENCE_S = 5.0
-"""Longest that a robot may take to let a session in."""
+PATIENCE_S = 10.0
+"""Longest that a robot may take to let a session in: a busy machine may leave it alone for seconds."""
 READ_BYTES = 1 << 16
 
 
@@ -146,11 +146,14 @@ class RemoteRobot:
         while not self._answers and not self.lost and time.monotonic() < deadline:
             self._read()
             time.sleep(0.005)
-        for told in self.answers():
+        answers = self.answers()
+        for told in answers:
             if told.get("robot") == "ravenjax":
                 return told
+        heard = "sent something else" if answers else "hung up" if self.lost else f"was silent for {PATIENCE_S:g} s"
         raise UserError(
-            f"{host}:{port} takes connections but is no ravenjax robot: start one there with `ravenjax robot`"
+            f"{host}:{port} takes connections but is no ravenjax robot, or a busy one (it {heard}): "
+            "start one there with `ravenjax robot`"
         )
 
     def _require(self, arms: Sequence[ArmName], host: str, port: int) -> None:

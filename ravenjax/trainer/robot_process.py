@@ -115,15 +115,17 @@ def run(
         stack.callback(joints.close)
         station = Station(robot, itp, joints, len(armables), len(table) - 1)
         stop = stack.enter_context(until_interrupted())
-        say("console: ITP over UDP {}:{}".format(*itp.address))
-        say("joint state: TCP {}:{}".format(*joints.address))
-        for warning in exposed(host, token, console):
-            say(warning)
         for one in armables:
             say(f"hazard {one.number}: {one.title} ({one.hazard})")
         lasting = {one.number: one.lasts_ms for one in armables}
-        with realtime(min) as granted:
+        with realtime(
+            min
+        ) as granted:  # to lock the memory can take seconds: who reads the ports below is served at once
             say(f"realtime: {granted}")
+            for warning in exposed(host, token, console):
+                say(warning)
+            say("console: ITP over UDP {}:{}".format(*itp.address))
+            say("joint state: TCP {}:{}".format(*joints.address))
             timing = serve(station, due(hazards, lasting), seconds, lambda: bool(stop))
         counters = Counters(timing, itp.counters(), joints.counts)
     for line in counters.lines():

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from ravenjax.errors import UserError, shown
+from ravenjax.stages.state_machine import PEDAL_DOWN
 from ravenjax.trainer.frame import PHASES, Frame
 from ravenjax.trainer.scenario import Speeds
 from ravenjax.trainer.tasks import Task
@@ -25,7 +26,7 @@ INPUT_EVERY_MS = 16
 UNAVAILABLE_MS = 1000
 """A robot that does not follow for so long, though the pedal is down, is restarted."""
 REACTIONS = ("none", "release", "slow", "stop")
-_STOPPED, _PEDAL_DOWN = PHASES.index("stopped"), 3
+_STOPPED = PHASES.index("stopped")
 
 
 class Operator(Protocol):
@@ -77,7 +78,7 @@ class Follower:
 
     def messages(self, tick: int, frame: Frame) -> list[Message]:
         out: list[Message] = []
-        waits = frame.number("pedal") and frame.number("runlevel") != _PEDAL_DOWN
+        waits = frame.number("pedal") and frame.number("runlevel") != PEDAL_DOWN
         self._waited = self._waited + 1 if waits else 0
         gone = frame.number("phase") == _STOPPED or self._waited > UNAVAILABLE_MS
         if gone or tick <= self._restart_at:

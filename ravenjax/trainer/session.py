@@ -1,10 +1,10 @@
-"""A training session, one millisecond at a time: hands in, robots moved, hazards armed, what happened judged and told.
+"""A training session, one millisecond at a time: hands in, robots moved, hazards armed, events out.
 
 A session is a function of its scenario, its seed and a list of (tick, command): no clock, file, socket or thread is
 touched here. A headless run calls `tick` as fast as it can; the realtime loop calls its halves once a millisecond,
 `move` before frame and force go out, `conclude` after.
 
-Three robots run side by side, all with the campaigns' tick: the one that is driven, its fault-free twin, and the
+Three robots run side by side, all with the campaigns' tick: the one that is driven, its golden run, and the
 virtual one on which a motion can be tried while the robot rests; what was tried is then given to the robot, row by row,
 for as long as the pedal is held.
 """
@@ -47,6 +47,7 @@ class Driven(Protocol):
 
     def step(self) -> None: ...
     def outcomes(self) -> dict[str, Any]: ...
+    def golden_outcomes(self) -> dict[str, Any] | None: ...
     def reset(self) -> None: ...
     def arm(self, row: int) -> None: ...
     def disarm(self) -> None: ...
@@ -83,7 +84,9 @@ class Session:
         """cue: whether the force is felt, the scenario's own if None. made: compiled before, for the same scenario and
         seed. robot: what makes the robot that is driven."""
         self.scenario, self.seed = chosen, seed
-        self.blueprint = blueprint.make(scenario.campaign(chosen, seed)) if made is None else made
+        if made is None:
+            made = blueprint.make(scenario.campaign(chosen, seed), limit_mm=chosen.harm.stray_mm)
+        self.blueprint = made
         self.layout: Layout = self.blueprint.layout
         self.arms = self.layout.arms
         self.hazards = scenario.armable(chosen, self.blueprint.plan.table)
@@ -203,6 +206,7 @@ class Session:
             self.robot.arm(self.hazards[order.number].row)
             self._events += self.judge.armed(order.number, self.ticks)
         else:
+            self._look()
             self.robot.disarm()
             self._events += self.judge.disarmed(self.ticks)
 
@@ -252,6 +256,7 @@ class Session:
 
     def _restart(self) -> None:
         """The robot is homed again and stands at its beginning, ready."""
+        self._look()
         self.robot.reset()
         self._hands = self._new_hands()
         self.director.reset(self.ticks)
@@ -289,7 +294,9 @@ class Session:
         """Task, judge and phase after the tick."""
         frame = self.frame
         self._events += self.task.step(frame, self.ticks)
-        self._events += self.judge.step(self.ticks, frame, self._tripped())
+        due = self.ticks - self._looked >= OUTCOMES_EVERY  # looking costs as much as a tick
+        checked = self._checked() if due else ()
+        self._events += self.judge.step(self.ticks, frame, *checked)
         runlevel = frame.numbers[self._runlevel]
         if self.phase == READY and runlevel == PEDAL_DOWN:
             self.phase = RUNNING
@@ -300,16 +307,22 @@ class Session:
         elif self.task.done:
             self._end("task")
 
-    def _tripped(self) -> dict[str, Any] | None:
-        """Outcomes of the robot where a check has tripped since the last look: looking costs as much as a tick."""
-        trips = self.frame.numbers[self._trips]
-        if trips == self._seen_trips or self.ticks - self._looked < OUTCOMES_EVERY:
-            return None
+    def _checked(self) -> tuple[()] | tuple[dict[str, Any], dict[str, Any] | None]:
+        """Outcomes of robot and golden run where a check has tripped since the last look."""
+        trips = float(self.robot.row[self._trips])
+        if trips == self._seen_trips:
+            return ()
         self._seen_trips, self._looked = trips, self.ticks
-        return self.robot.outcomes()
+        return self.robot.outcomes(), self.robot.golden_outcomes()
+
+    def _look(self) -> None:
+        """Let the judge see what the checks did until now: robot or golden run are about to begin anew."""
+        if checked := self._checked():
+            self._events += self.judge.look(*checked)
 
     def _end(self, reason: str) -> None:
         if self.phase != OVER:
+            self._look()
             self._events += self.judge.close(self.ticks)
             self.phase, self.ended = OVER, reason
             self._tell("end", reason=reason)

@@ -1,4 +1,4 @@
-"""The robots of a session: the one that is driven, its fault-free twin, and one to try things on."""
+"""The robots of a session: the one that is driven, its golden run (the fault-free twin), and one to try things on."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ravenjax.stages.faults.fault import Fault
 from ravenjax.stages.faults.vocabulary import TRIGGER_CODES
 from ravenjax.trainer import blueprint
 from ravenjax.trainer.blueprint import Blueprint
-from ravenjax.trainer.frame import Frame
+from ravenjax.trainer.frame import GOLDEN, Frame
 
 _FIELDS = tuple(field.name for field in dataclasses.fields(Fault))
 HISTORY_MS = 2000
@@ -25,7 +25,7 @@ HISTORY_MS = 2000
 
 
 class Robot:
-    """One robot, its fault-free twin beside it; `row` is what it shows after each `step`.
+    """One robot, its golden run beside it; `row` is what it shows after each `step`.
 
     As long as nothing is armed both are the same, and one is computed.
     """
@@ -39,6 +39,8 @@ class Robot:
         self._addresses = [self._shown.ctypes.data + i * self._shown.strides[0] for i in (0, 1)]
         self.row = self._shown[0, : blueprint.layout.simulated]
         self.motion = self._own.flat.reshape(len(code.tables), -1)  # [columns, ticks], row by row as it happens
+        first, last = (blueprint.layout.places[name] for name in (GOLDEN[0], GOLDEN[-1]))
+        self._golden = self._shown[:, first.start : last.stop]  # what the row tells of the golden run
         self.now = 0  # tick to come
         series = tick.series_length(blueprint.setup)
         self._series = self._shown[1, -series:]
@@ -57,11 +59,17 @@ class Robot:
             self._twin.step(self.now, self._addresses[1])
             self._reference[:] = self._series
         self._own.step(self.now, self._addresses[0])
+        if self._apart:
+            self._golden[0] = self._golden[1]
         self.now += 1
 
     def outcomes(self) -> dict[str, Any]:
         """What became of it so far: outcome columns of a campaign."""
         return self._own.outcomes()
+
+    def golden_outcomes(self) -> dict[str, Any]:
+        """The golden run's: the same robot without what was armed last, from that moment on."""
+        return self._twin.outcomes() if self._apart else self._own.outcomes()
 
     def reset(self) -> None:
         """Back to its beginning: homed, at rest, pedal up, no fault armed."""
@@ -82,7 +90,7 @@ class Robot:
         self.now = other.now
 
     def _realign(self) -> None:
-        """From now on the twin is what would be without a fault: a hazard that is over has left the robot beside it.
+        """From now on the golden run begins where the robot is: a hazard that is over has left the two apart.
 
         The model comes along by itself at the next pedal-up (`nominal.resync`).
         """
@@ -94,7 +102,7 @@ class Robot:
         self._twin.restore(self._own.snapshot())
 
     def _part(self, apart: bool) -> None:
-        """Whether robot and twin may differ from now on."""
+        """Whether robot and golden run may differ from now on."""
         self._apart = apart
         self._told_apart[0] = -int(apart)
 
@@ -162,7 +170,7 @@ class PacketRobot:
         made = self.blueprint = self._robot.blueprint
         self.arms = made.setup.arms
         self.frame = Frame(made.layout)
-        first = tick.series_length(made.setup) + 1  # after the twin's series and whether it is apart
+        first = tick.series_length(made.setup) + 1  # after the golden run's series and whether it is apart
         self._packets = [stepper.entering[first:] for stepper in (self._robot._own, self._robot._twin)]
 
     def step(self, packet: Packet | None) -> Frame:

@@ -1,4 +1,4 @@
-"""A study: sessions collected into one table, their groups compared, and told as a page, a table and a short text."""
+"""A study: compares groups of sessions and writes the result as a page, a table and a short text."""
 
 from __future__ import annotations
 

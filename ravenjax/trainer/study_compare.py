@@ -1,4 +1,4 @@
-"""Groups of a study compared: rates, times and sizes with effect sizes, intervals and p-values that hold together.
+"""Compares the groups of a study: rates, times and sizes with effect sizes, intervals and adjusted p-values.
 
 Participants are what was randomised, and hazards of one participant are not independent: every interval and p-value
 counts participants. Where most of them did both conditions, each is compared with itself.
@@ -40,7 +40,7 @@ def _time(hazard: Hazard) -> float | None:
 RIGHT = Outcome("right", "right response", "", 1, lambda one: float(one.response_ok))
 TIME = Outcome("time", "time to a response", "ms", -1, _time)
 SIZES = (
-    Outcome("stray", "farthest stray", "mm", -1, lambda one: one.peak_stray_mm),
+    Outcome("unintended", "largest unintended motion", "mm", -1, lambda one: one.farthest_mm),
     Outcome(
         "depth",
         "deepest in the tissue",

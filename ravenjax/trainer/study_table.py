@@ -1,4 +1,4 @@
-"""The sessions of a study as one table: collected, checked to belong together, and blinded until it is lifted."""
+"""The sessions of a study: reads them, checks that they belong together, and hides the groups of a blinded study."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ MASK = 2**64 - 1
 
 def expand(config):
     """Rows of the fault table as dicts; run_id an int."""
-    planned = [run for group in config.group for run in runs_of(config, group)][: config.campaign.limit]
+    planned = [run for group in config.group for run in runs_of(config, group)]
     paths = list(dict.fromkeys(path for _, _, parameters, _, _ in planned for path in parameters))
     common, copies, rows, repeats = _common(config), {}, [], []
     for index, (group, faults, parameters, repeat, behind) in enumerate(planned):
@@ -104,7 +104,7 @@ def runs_of(config, group):
         crossed = {**config.cross, **group.cross}
         for number, values in enumerate(itertools.product(*(axis.values for axis in crossed.values()))):
             for repeat, cell in drawn:
-                rows = tuple(canonical(group.name, f, fault, axes, cell) for f, fault in enumerate(faults))
+                rows = tuple(canonical(config, group.name, f, fault, axes, cell) for f, fault in enumerate(faults))
                 plain = {path: float(cell["", path][0]) for path in parameters}
                 of_cross = {path: float(value) for path, value in zip(crossed, values, strict=True)}
                 yield group.name, rows, plain | of_cross, repeat, number * len(drawn)
@@ -170,7 +170,7 @@ def draw(axis, u):
     return real, round(real)
 
 
-def canonical(group, slot, fault, axes, cell):
+def canonical(config, group, slot, fault, axes, cell):
     out = {"site": fault.site} | {name: cell[slot, name][name in LEAST] for name in axes_of_slot(axes, slot)}
     for name, least in LEAST.items():
         endless = name == "duration_ms" and UNTIL_END in axes[slot, name].listed and out[name] == UNTIL_END
@@ -181,10 +181,13 @@ def canonical(group, slot, fault, axes, cell):
     if effect in ("stuck", "drop", "duplicate"):
         return out | {"value": math.nan}
     channel = SITES[fault.site].channel(out["channel"])
-    rule = legal(channel, effect)
+    beyond = fault.wraps or (fault.site == "usb_out" and config.campaign.dac_words is not None)
+    rule = legal(channel, effect, beyond)
     value = out["value"] = float(cell[slot, "value"][rule.rounded])
     if not rule.low <= value <= rule.high or (rule.whole and value != int(value)):
-        raise UserError(f"group {group!r}, fault[{slot}].value: {complaint(channel, effect, value)}")
+        raise UserError(
+            f"group {group!r}, fault[{slot}].value: {complaint(fault.site, channel, effect, value, beyond)}"
+        )
     return out
 
 

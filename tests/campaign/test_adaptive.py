@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.campaign import adaptive, decisions, design, events, loading, stopping
+from ravenjax.campaign import adaptive, decisions, design, loading, stopping
 from ravenjax.campaign.executors.shards import Shard
 from ravenjax.campaign.marks import Marks
 from ravenjax.errors import UserError
@@ -28,7 +28,7 @@ def config(allocation="proportional", of="groups", half_width=0.06, repeats=1):
             "campaign": {"name": "x", "noise": True},
             "stop": {
                 "half_width": half_width,
-                "rates": ["harm", "flagged"],
+                "rates": ["jump", "flagged"],
                 "looks": LOOKS,
                 "allocation": allocation,
                 "of": of,
@@ -49,7 +49,6 @@ class Stand:
         self.table = synthetic.frame(rows)
         drawn = self.table.index >= rows - 1500
         self.table["jump_code"] = np.random.default_rng(1).random(rows) < np.where(drawn, 0.4, 0.03)
-        self.table["moved_first_ms"] = -1
         self.left, self.asked = parts_to_live, []
 
     def __call__(self, config, out, engine, *, rows, **_):
@@ -102,7 +101,7 @@ def test_a_look_counts_what_the_table_says(run, tmp_path):
             start = {"grid": 1, "drawn": 601}[interval.stratum]
             rows = table.loc[[*first[start].range(look.taken[interval.stratum])]]
             rows = rows[rows["failed"] == ""]
-            came = rows["jump_code"] if interval.rate == "harm" else rows["response"] == "flagged"
+            came = rows["jump_code"] if interval.rate == "jump" else rows["response"] == "flagged"
             assert (interval.k, interval.n) == (came.sum(), len(rows))
 
 
@@ -160,7 +159,7 @@ def test_parts_do_not_shatter(run, tmp_path):
 def test_of_repeats_the_first_valid_one_counts():
     one = config(repeats=3)
     draws = stopping.draws(one)
-    marks = Marks(3301, ("harm",), events.rules(one))
+    marks = Marks(3301, ("jump",), one.rules)
     marks.valid[:] = True
     marks.valid[[1, 4, 5, 6]] = False  # of draw 0 the first repeat, of draw 1 all three
     marks.cases[0, [2, 8]] = True  # the second repeat of draw 0 and the second of draw 2

@@ -34,19 +34,20 @@ def every():
 def test_each_parameter_has_one_row_or_is_reserved(every):
     for path in every:
         rows = bounds.of(path)
-        reserved = bounds.plain(path) in bounds.RESERVED
-        assert len(rows) == (0 if reserved else 1), path
+        assert len(rows) == (0 if bounds.reserved(path) else 1), path
 
 
 def test_each_row_is_of_a_parameter(every):
     used = {id(row) for path in every for row in bounds.of(path)}
     assert [row.path for row in bounds.BOUNDS if id(row) not in used] == []
-    assert set(bounds.RESERVED) <= {bounds.plain(path) for path in every}
+    kinds = {bounds.plain(path) for path in every}
+    for name in bounds.RESERVED:
+        assert any(kind == name or kind.startswith(f"{name}.") for kind in kinds), name
 
 
 def test_the_robots_own_values_are_within(every):
     for path, value in every.items():
-        assert not [*bounds.complaints(path, fixed(value))] or bounds.plain(path) in bounds.RESERVED, path
+        assert not [*bounds.complaints(path, fixed(value))] or bounds.reserved(path), path
 
 
 @pytest.mark.parametrize("path", ["control.cartesian.lower", "control.cartesian.lower.elbow", "plant.gold.stops.upper"])
@@ -79,7 +80,13 @@ def test_an_arm_may_be_named_or_left_out(path):
         ("plant.friction_scale", {"normal": [1, 0.2]}, ("as low as -0.408", "standard deviation up to 0.142")),
         ("plant.mass_scale", 10**400, ("got 1000000000", "expected 0.01..100")),
         ("control.cartesian.upper.elbow", 135, ("got 135, expected -6.3..6.3 rad",)),
-        ("haptics.cues.threshold_m", 3, ("got 3, expected 0..1 m", "threshold_mm is in mm")),
+        ("haptics.cues.0.threshold_m", 0.02, ("cannot be set", "write [haptics] threshold_mm")),
+        ("haptics.cues.kp", 1, ("cannot be set", "write [haptics] threshold_mm, kp_per_mm")),
+        ("monitor.limit", 0.02, ("cannot be set", "write [outcomes] limit_mm")),
+        ("monitor.jump_step", 3e-4, ("cannot be set", "write [outcomes] jump_step_mm")),
+        ("monitor.idle_share", 0.5, ("cannot be set", "it belongs to the observer")),
+        ("monitor.moved", 0.02, ("cannot be set", "it belongs to the observer")),
+        ("detectors.levels.0.1", 2, ("cannot be set", "write level = [..] in [[detector]]")),
         ("plant.noise_key", 7, ("cannot be set", "campaign.noise = true")),
         ("plant.gold.noise_key", 7, ("cannot be set",)),
     ],
@@ -113,7 +120,9 @@ def test_what_a_normal_distribution_may_draw_is_within_its_extent():
 
 def test_the_ends_of_every_range_can_be_run(every):
     """Whatever the table lets through, the robot's numbers stay numbers."""
+    idle = ("control.teleoperation.grasp_", "control.overdrive.dac_max.grasp2")  # not read here, and so refused
     shown = {paths.shorten(path) for path in leaves(console="absolute")}
+    shown = {path for path in shown if not path.startswith(idle)}
     groups = [{"name": "free"}]
     for path in sorted(shown):
         for row in bounds.of(path):

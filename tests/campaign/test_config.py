@@ -120,8 +120,34 @@ def test_quick_is_what_the_readme_says():
         ('[10, "end"]', '{uniform = ["end", 5]}', [":24:", "got 'end', expected a number"]),
         ('[10, "end"]', "{uniform = [0, 5]}", ["duration_ms: got 0", "from 1"]),
         ("value = [100, 200]", "value = [100, 1e39]", [":22:", "got 1e+39, expected a number of single precision"]),
-        ("value = [100, 200]", "value = {uniform = [-3e9, 0]}", [":22:", "shoulder is a 32-bit number"]),
+        (
+            "value = [100, 200]",
+            "value = {uniform = [-3e9, 0]}",
+            [":22:", "shoulder is a 16-bit number: expected -32768..32767, got -3000000000"],
+        ),
         ("value = [100, 200]", "value = 1.5", [":22:", "shoulder is a whole number"]),
+        (
+            "value = [100, 200]",
+            "value = 99999",
+            [":22:", "shoulder is a 16-bit number: expected -32768..32767, got 99999, which would wrap to -31073"],
+        ),
+        (
+            "value = [100, 200]",
+            "value = 40000",
+            ['write dac_words = "wrap" (or "saturate", "unwrapped") in [campaign]'],
+        ),
+        ("start_ms = 1000", 'start_ms = 5000\ntrigger = "pedal"', ["got 5000, expected less than the run's 2000 ms"]),
+        ("value = [100, 200]", "value = {list = 5}", ["list takes a list with at least one a number, got 5"]),
+        ("start_ms = 1000", "start_ms = 1000\nruns = 5", ["fault[0].runs: unknown key", "above [[group.fault]]"]),
+        ("start_ms = 1000", "start_ms = 1000\ncap = 5", ["cap is a key of [haptics]: write it there"]),
+        ("duration_s = 2.0", "duration_s = 2.0004", ["got 2.0004 s, expected whole milliseconds", "such as 2"]),
+        ("duration_s = 2.0", "duration_s = 0.0001", ["got 0.0001 s, expected whole milliseconds from 0.001 on"]),
+        (
+            "[operator]",
+            "[plant]\nmass_scale = 2\n[operator]",
+            ["Parameters stand in [parameters], as parameters.plant"],
+        ),
+        ("[operator]", "[search]\nkind = 'rare'\n[operator]", ["start it with `ravenjax search`"]),
         ('"overwrite"', '"bit_flip"', [":22:", "index of a bit, 0..15, got 100"]),
         ('"x"', '".."', [":2: campaign.name"]),
         ('"x"', f'"{"x" * 200}"', [":2: campaign.name", "at most 100 characters"]),
@@ -187,6 +213,64 @@ def test_a_field_that_is_written_anew_holds_what_it_can(write, site, channel, va
     message = complaint(write(text.replace("[100, 200]", value)))
     assert what in message and ":22: group[1].fault[0].value" in message
     assert loading.load(write(text.replace("[100, 200]", "1")))
+
+
+@pytest.mark.parametrize(
+    "site, channel, last", [("pins_out", "pins", 7), ("runlevel", "rl_desired", 1), ("packet_header", "size", 15)]
+)
+def test_a_bit_that_flips_is_one_of_the_field(write, site, channel, last):
+    text = GOOD.replace('"usb_out"', f'"{site}"').replace('["shoulder", "elbow"]', f'"{channel}"')
+    text = text.replace('"overwrite"', '"bit_flip"')
+    assert f"takes the index of a bit, 0..{last}, got {last + 1}" in complaint(
+        write(text.replace("[100, 200]", f"{last + 1}"))
+    )
+    assert loading.load(write(text.replace("[100, 200]", f"{last}")))
+
+
+def test_whole_numbers_that_single_precision_would_change(write):
+    text = GOOD.replace('"usb_out"', '"pos"').replace('["shoulder", "elbow"]', '"x"')
+    text = text.replace("[100, 200]", "[16777216, 16777217]")
+    message = complaint(write(text))
+    assert "holds every whole number to 2^24 only: got 16777217, write 16777216" in message
+    assert "write 2147483520" in complaint(write(text.replace("16777217", "2147483647")))
+
+
+def test_packets_that_last_come_later(write):
+    """With four cycles a packet there are 500 packets in 2 s, not 2000."""
+    text = GOOD.replace("start_ms = 1000", 'start_ms = 500\ntrigger = "packet"')
+    assert loading.load(write(text))
+    text = text.replace("[parameters]", "[parameters]\nnetwork.cycles_per_packet = 4")
+    assert "start_ms: got 500, expected less than the run's 500 packets" in complaint(write(text))
+
+
+def test_one_table_where_several_are_expected(write):
+    text = GOOD.replace("[[group.fault]]", "[group.fault]")
+    expected = "group[1].fault: got one table, expected several: open each with [[group.fault]], in double brackets"
+    assert complaint(write(text)).endswith(expected)
+    assert "tools: got 5, expected a list" in complaint(write(GOOD.replace("duration_s = 2.0", "tools = 5")))
+
+
+def test_noise_of_no_size_makes_no_repeat_another(write):
+    text = GOOD.replace("plant.friction_scale = { uniform = [0.5, 2.0] }", "plant.encoder_noise = 0")
+    text = text.replace('"dac"', '"dac"\nrepeats = 3')
+    assert loading.load(write(text), ["campaign.noise=true"])
+    message = complaint(write(text), "campaign.noise=true", "parameters.plant.torque_noise=0")
+    assert "the 3 repeats would be identical" in message
+
+
+def test_a_list_that_says_so_is_a_list(write):
+    plain, explicit = (
+        loading.load(write(GOOD.replace("[100, 200]", text))) for text in ("[100, 200]", "{list=[100, 200]}")
+    )
+    assert design.expand(explicit).equals(design.expand(plain))
+    assert explicit.group[1].fault[0].value.explicit and not plain.group[1].fault[0].value.explicit
+    assert loading.from_dict(explicit.model_dump(mode="json")).group == explicit.group, "a manifest keeps the words"
+
+
+def test_lists_of_parameters_whose_names_look_like_a_distribution(write):
+    text = GOOD.replace("[parameters]", "[parameters]\ncontrol.overdrive.policy = [0, 1]")
+    assert loading.load(write(text)).parameters["control.overdrive.policy"].values == (0, 1)
+    assert "Did you mean 'choice'" in complaint(write(text.replace("policy = [0, 1]", "policy = {choise = [0, 1]}")))
 
 
 def test_lists_side_by_side_are_looked_at_pair_by_pair(write):

@@ -25,8 +25,8 @@ def group(name="g", **keys):
 
 
 CHANNELS = st.lists(st.sampled_from(["shoulder", "elbow", "insertion"]), min_size=1, max_size=3, unique=True)
-VALUES = st.lists(st.integers(-40000, 40000), min_size=1, max_size=4)
-TIMES = st.lists(st.integers(1, 2999), min_size=1, max_size=3)
+VALUES = st.lists(st.integers(-32768, 32767), min_size=1, max_size=4, unique=True)
+TIMES = st.lists(st.integers(1, 2999), min_size=1, max_size=3, unique=True)
 
 
 @settings(max_examples=60, deadline=None)
@@ -170,9 +170,11 @@ def test_groups_do_not_disturb_each_other():
     assert beside["run_id"].tolist()[-9:] == alone["run_id"].tolist()
 
 
-def test_limit_cuts_and_changes_no_run():
+def test_limit_is_no_part_of_the_table():
+    """How many rows are computed is the runner's business: the table, its ids and its count stay as they are."""
     one = group(faults=[{**FAULT, "value": [1, 2, 3, 4]}])
-    assert expand(one, campaign={"name": "x", "limit": 2})["run_id"].tolist() == expand(one)["run_id"].tolist()[:2]
+    config = loading.from_dict({**BASE, "campaign": {"name": "x", "limit": 2}, "group": [one]})
+    assert design.expand(config).equals(expand(one)) and design.count(config) == 4
 
 
 @pytest.mark.parametrize(
@@ -200,8 +202,10 @@ def test_run_id_hashes_the_recording(tmp_path):
 
 
 def test_canonical_form_of_what_an_effect_does_not_use():
-    stuck = expand(group(faults=[{**FAULT, "effect": "stuck", "value": [1, 1], "period_ms": 9}]))
-    assert stuck["fault0_value"].isna().all() and (stuck["fault0_period_ms"] == 0).all()
+    fault = {**FAULT, "effect": ["stuck", "periodic"], "value": [1, 1], "period_ms": [9, 9]}
+    table = expand(group(design="zip", faults=[fault]))
+    assert table["fault0_value"].isna().tolist() == [True, False]
+    assert table["fault0_period_ms"].tolist() == [0, 9]
 
 
 def test_fault_free_rows_are_empty():
@@ -246,7 +250,9 @@ def test_arm_is_implied_with_one_arm_and_asked_for_with_two():
         ({"effect": "bit_flip", "value": 16}, "0..15"),
         ({"site": "mpos", "effect": "bit_flip", "value": 32}, "0..31"),
         ({"value": 1.5}, "whole number"),
-        ({"value": 2**31}, "32-bit"),
+        ({"value": 2**15}, "16-bit number: expected -32768..32767, got 32768, which would wrap to -32768"),
+        ({"site": "encoder", "value": 2**23}, "24-bit number: expected -8388608..8388607, got 8388608"),
+        ({"site": "packet", "channel": "delx", "value": 2**31}, "32-bit"),
         ({"site": "brake", "channel": "engaged", "value": 2}, "0 or 1"),
     ],
 )
@@ -255,8 +261,37 @@ def test_values_that_a_channel_cannot_take(keys, message):
         expand(group(faults=[{**FAULT, **keys}]))
 
 
-def test_dac_values_beyond_16_bit_are_legal():
-    assert expand(group(faults=[{**FAULT, "value": 800000}]))["fault0_value"][0] == 800000.0
+@pytest.mark.parametrize(
+    ("fault", "campaign"),
+    [
+        ({"wraps": True}, {}),
+        ({}, {"dac_words": "wrap"}),
+        ({}, {"dac_words": "saturate"}),
+        ({"site": "current_cmd", "wraps": True}, {}),
+    ],
+)
+def test_dac_values_beyond_16_bit_are_taken_where_the_campaign_says_so(fault, campaign):
+    table = expand(group(faults=[{**FAULT, "value": 800000, **fault}]), campaign={"name": "x", **campaign})
+    assert table["fault0_value"][0] == 800000.0
+
+
+def test_dac_words_is_about_usb_words_alone():
+    with pytest.raises(UserError, match="would wrap to 13568; if that is meant, write wraps = true here"):
+        expand(
+            group(faults=[{**FAULT, "site": "current_cmd", "value": 800000}]),
+            campaign={"name": "x", "dac_words": "saturate"},
+        )
+
+
+def test_drawn_values_beyond_16_bit_are_refused():
+    with pytest.raises(UserError, match=r"expected -32768..32767, got -70000, which would wrap to -4464"):
+        expand(group(design="random", runs=5, faults=[{**FAULT, "value": {"uniform": [-70000, 0]}}]))
+
+
+def test_to_say_that_words_wrap_changes_no_run():
+    plain, said = expand(group()), expand(group(), campaign={"name": "x", "dac_words": "wrap"})
+    other = expand(group(), campaign={"name": "x", "dac_words": "saturate"})
+    assert plain["run_id"][0] == said["run_id"][0] != other["run_id"][0]
 
 
 @settings(max_examples=30, deadline=None)

@@ -42,7 +42,7 @@ FULL = {
                     "trigger": ["time", "pedal"],
                     "start_ms": [10, 20],
                     "duration_ms": [5, "end"],
-                    "period_ms": 7,
+                    "wraps": True,
                 }
             ],
         },
@@ -66,7 +66,7 @@ FULL = {
             "name": "listed",
             "design": "list",
             "fault": [{"site": "runlevel", "effect": "overwrite", "value": 1, "start_ms": 50}],
-            "run": [{"fault": [{"value": 2, "duration_ms": "end"}]}, {"parameters": {"plant.mass_scale": 1.1}}],
+            "run": [{"fault": [{"value": 2, "duration_ms": "end"}]}, {"parameters": {"plant.gold.mass_scale": 1.1}}],
         },
     ],
 }
@@ -74,13 +74,19 @@ LIMITED = FULL
 FULL = {
     **FULL,
     "campaign": {name: value for name, value in FULL["campaign"].items() if name != "limit"},
-    "cross": {"reaction": {"action": [0, 1]}, "plant.mass_scale": [1, 1.1]},
+    "cross": {"reaction": {"action": [0, 1]}, "plant.cable_damping": [400, 500]},
     "reaction": {"action": "slow", "delay_ms": 200, "slow_to": 0.5},
     "detector": [
         {"name": "model", "kind": "steps", "fusion": ["all", "any"], "consecutive": [1, 3], "level": [0.5, 1]},
         {"name": "tip", "kind": "tip_error", "level": 3},
     ],
-    "stop": {"half_width": 0.05, "rates": ["harm", "cue"], "of": "whole", "looks": [0.1, 1.0], "allocation": "neyman"},
+    "stop": {
+        "half_width": 0.05,
+        "rates": ["evades", "cue"],
+        "of": "whole",
+        "looks": [0.1, 1.0],
+        "allocation": "neyman",
+    },
     "group": [*FULL["group"], {"name": "library", "hazards": ["C02", "B25"], "arm": "gold", "start_ms": 100}],
 }
 BUNDLED = [tomllib.loads(path.read_text()) for path in resources.bundled("campaigns", "*.toml")]
@@ -259,7 +265,7 @@ cue = 1
 
 [stop]
 half_width = 0.05
-rates = ["harm", "cue"]
+rates = ["evades", "cue"]
 looks = [0.1, 1.0]
 allocation = "neyman"
 

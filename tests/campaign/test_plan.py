@@ -81,3 +81,51 @@ def test_a_group_that_leaves_a_vector_alone_keeps_the_robots_own():
         assert both.loc[1, name] == alone.loc[0, name]
         assert name.startswith("check") or both.loc[0, name] != alone.loc[0, name]
     assert both["param:nominal.kc"].tolist()[0] == 0 and np.isnan(both["param:nominal.kc"][1])
+
+
+KP = [199.4, 104.5, 195.2, 0.0046, 0.0044, 3924.6, 3924.7]
+PER_JOINT = "nominal.gold.kp.shoulder = 199.4, nominal.gold.kp.elbow = 104.5, nominal.gold.kp.insertion = 195.2"
+
+
+@pytest.mark.parametrize(
+    ("table", "path", "values", "parts"),
+    [
+        (
+            "parameters",
+            "nominal.gold.kp",
+            KP,
+            [
+                "parameters.nominal.gold.kp: got a list of 7 for a vector of 7 numbers (shoulder, elbow, insertion, ",
+                "wrist, grasp1, grasp2), which may be meant in two ways",
+                f"One number each: write {PER_JOINT}",
+                "7 levels, each for all of them: write { list = [199.4, 104.5, 195.2, 0.0046, 0.0044, 3924.6, 3924.7]",
+            ],
+        ),
+        ("parameters", "nominal.kp", KP, ["One number each: write nominal.kp.shoulder = 199.4"]),
+        (
+            "cross",
+            "plant.gravity",
+            [0, 1, -9],
+            ["plant.gravity.x = 0, plant.gravity.y = 1, plant.gravity.z = -9"],
+        ),
+        ("parameters", "plant.gravity", [0, 0, -9.81], ["write one path each, such as plant.gravity.x"]),
+        ("parameters", "reaction.delay_ms", 200, ["unknown parameter: there is none without a section [reaction]"]),
+        ("parameters", "detectors.armed_after", 9, ["there is none without a section [[detector]]; write one"]),
+    ],
+)
+def test_what_a_list_for_a_vector_may_mean_is_asked(table, path, values, parts):
+    with pytest.raises(UserError) as error:
+        plan.make(rj.load_campaign({**CAMPAIGN, table: {path: values}}))
+    for part in parts:
+        assert part in str(error.value), str(error.value)
+
+
+@pytest.mark.parametrize("values", [{"list": KP}, KP[:5], {"choice": KP}])
+def test_levels_of_a_vector_that_can_be_nothing_else(values):
+    ready = plan.make(rj.load_campaign({**CAMPAIGN, "parameters": {"nominal.gold.kp": values}}))
+    assert set(np.unique(ready.varied["nominal.gold.kp"])) <= set(np.float32(KP))
+
+
+def test_a_list_of_one_number_is_a_list():
+    ready = plan.make(rj.load_campaign({**CAMPAIGN, "parameters": {"nominal.gold.kp.elbow": KP}}))
+    assert ready.runs == 3 * len(KP)

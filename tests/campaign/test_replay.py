@@ -1,12 +1,16 @@
-"""Finding a run by what a user types."""
+"""Finding a run by what a user types; several runs again, planned and compiled once."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+import tiny_campaign
 
-from ravenjax.campaign import replay
+import ravenjax as rj
+from ravenjax.campaign import plan, replay
 from ravenjax.errors import UserError
+from ravenjax.robot import arrays
+from ravenjax.store import time_series
 
 IDS = np.array([0xAB00000000000001, 0xAB10000000000000, 0x1234567890123456, 0x12], np.uint64)
 
@@ -34,3 +38,43 @@ def test_a_run_is_found_by_index_id_or_beginning(typed, index):
 def test_what_is_no_run_is_named(typed, told):
     with pytest.raises(UserError, match=f"run '?{typed}'?: .*{told}"):
         replay.find(IDS, typed)
+
+
+CONFIG = tiny_campaign.config(runs=20)
+
+
+@pytest.fixture(scope="module")
+def replayer():
+    return replay.Replayer(CONFIG, "simd")
+
+
+def test_runs_come_again_as_they_were_and_are_planned_once(replayer, monkeypatch):
+    table = rj.run(CONFIG, engine="simd")
+    monkeypatch.setattr(plan, "make", None)
+    for index in (0, 7, 19):
+        again = replayer.replay(table["run_id"][index]).row
+        for name in table.columns:
+            assert str(again[name]) == str(table[name][index]), name
+
+
+def test_a_second_run_compiles_nothing(replayer, monkeypatch):
+    replayer.replay(4)
+    for step in ("traced.trace", "jit.compile"):
+        monkeypatch.setattr(f"ravenjax.engines.{step}", None)
+    assert replayer.replay(5).row["index"] == 5
+
+
+def test_every_series_is_described_and_stands_where_its_joints_are(replayer):
+    again = replayer.replay(9)
+    for name, values in again.series.items():
+        one = time_series.described(name)
+        assert one.meaning and values.ndim == 1 + len(one.axes), name
+    assert {name.partition("/")[2] for name in again.series if "/" in name} == set(time_series.OF_ARM)
+    for joints, place, rotation in (
+        ("link_jpos", "tip", "tip_rotation"),
+        ("model_jpos", "model_position", "model_rotation"),
+    ):
+        wanted = arrays.forward_kinematics(again.series[f"gold/{joints}"], "gold")
+        np.testing.assert_allclose(again.series[f"gold/{place}"], wanted[0], atol=1e-6)
+        np.testing.assert_allclose(again.series[f"gold/{rotation}"], wanted[1], atol=1e-6)
+    assert again.golden["check_estop_count"] == 0 and set(again.bases) == {"gold"}

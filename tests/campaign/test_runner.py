@@ -34,7 +34,7 @@ CAMPAIGN = {
                     "channel": ["shoulder", "elbow"],
                     "effect": ["overwrite", "latch_offset"],
                     "value": {"uniform": [-9000, 9000]},
-                    "start_ms": {"uniform": [250, 400]},
+                    "start_ms": {"uniform": [250, 399]},
                     "duration_ms": {"uniform": [1, 100]},
                 }
             ],
@@ -213,7 +213,7 @@ def test_runs_with_their_own_parameters_have_their_own_twins(whole):
 
 def test_a_fault_free_run_is_its_own_twin(whole):
     free = whole[whole["group"] == "free"].iloc[0]
-    assert free["verdict"] == "silent/no haptic/no jump"
+    assert free["verdict"] == "silent/none/no cue"
     assert free["peak_twin_deviation_mm"] == 0.0
     assert not free["activated"] and not free["diverged"]
     assert 0.0 < free["peak_model_deviation_mm"] < 2.0
@@ -247,13 +247,13 @@ def test_a_replay_responds_as_the_run_did_where_the_twin_trips_too():
     )
     table = rj.run(strict)
     assert (table["check_overdrive_clip_count"] > 0).all(), "the fault-free run is clipped as well"
-    quiet = table[table["response"] == "none"].iloc[0]
-    assert replay.replay(strict, quiet["run_id"]).row["response"] == "none"
+    quiet = table[table["response"] == "silent"].iloc[0]
+    assert replay.replay(strict, quiet["run_id"]).row["response"] == "silent"
 
 
 def test_a_campaign_without_any_fault_runs():
     table = rj.run(rj.load_campaign({**CAMPAIGN, "group": [{"name": "free"}]}))
-    assert table["verdict"].tolist() == ["silent/no haptic/no jump"]
+    assert table["verdict"].tolist() == ["silent/none/no cue"]
 
 
 def test_replay_names_what_it_cannot_find():

@@ -40,6 +40,47 @@ def test_rows_may_grow_and_no_part_is_made_twice(whole, tmp_path):
     assert tiny.digest(tmp_path) == tiny.digest(whole[0])
 
 
+def limited(limit):
+    config = tiny.config()
+    return config.model_copy(update={"campaign": config.campaign.model_copy(update={"limit": limit})})
+
+
+def test_a_limited_run_goes_on_to_more_and_to_all(whole, tmp_path):
+    """A limit says how far to compute, not which campaign it is."""
+    table = runner.run_campaign(limited(64), tmp_path, "simd").frame()
+    first = manifest.read(tmp_path)
+    assert table["index"].tolist() == list(range(64)) and first.finished is not None
+    assert (first.runs, first.due, first.rows) == (300, 64, ((0, 63),)) and "limit" not in first.config["campaign"]
+    before = {path: path.stat().st_mtime_ns for path in parts.files(tmp_path / "parts")}
+    assert len(runner.run_campaign(limited(100), tmp_path, "simd").frame()) == 100
+    assert len(runner.run_campaign(limited(5), tmp_path, "simd").frame()) == 100, "fewer ask for nothing"
+    runner.run_campaign(tiny.config(), tmp_path, "simd")
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+    assert tiny.digest(tmp_path) == tiny.digest(whole[0])
+    last, expected = manifest.read(tmp_path), manifest.read(whole[0])
+    assert last.differences(expected) == [] and last.rows is None and last.done == 300
+
+
+def test_a_limit_at_the_end_of_a_part_leaves_the_same_files(whole, tmp_path):
+    for config in (limited(60), tiny.config()):
+        runner.run_campaign(config, tmp_path, "simd")
+    assert [part.sha256 for part in manifest.read(tmp_path).parts] == [
+        part.sha256 for part in manifest.read(whole[0]).parts
+    ]
+
+
+def test_a_limit_beyond_the_end_is_none(tmp_path):
+    runner.run_campaign(limited(1000), tmp_path, "simd")
+    assert manifest.read(tmp_path).rows is None
+
+
+def test_limits_in_memory_and_of_shards(whole, tmp_path):
+    expected = read_all(whole[0])["run_id"].tolist()
+    assert runner.run_campaign(limited(7), None, "simd").frame()["run_id"].tolist() == expected[:7]
+    shares = [runner.run_campaign(limited(70), None, "simd", shard=Shard(n, 2)).frame() for n in (1, 2)]
+    assert sorted(index for share in shares for index in share["index"]) == list(range(70))
+
+
 def test_rows_in_memory(whole):
     table = runner.run_campaign(tiny.config(), None, "simd", rows=[range(95, 105), range(0, 2)]).frame()
     expected = read_all(whole[0])

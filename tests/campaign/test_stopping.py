@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.campaign import decisions, design, events, loading, stopping
-from ravenjax.campaign.config import Rate
+from ravenjax.campaign import decisions, design, loading, stopping
 from ravenjax.errors import UserError
+from ravenjax.outcomes import events
+from ravenjax.outcomes.events import Rules
 from ravenjax.report import facts
 from ravenjax.search import loading as searches
-from ravenjax.store import schema
 from ravenjax.store.files import StoreError
 
 FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "start_ms": 5}
@@ -30,14 +31,21 @@ def config(stop=None, groups=GROUPS, **more):
 
 
 def test_each_group_is_a_stratum_and_one_without_faults_is_not_judged():
-    found = stopping.rule(config({"rates": ["harm"], "looks": [0.25, 1], "of": "whole", "allocation": "neyman"}))
+    found = stopping.rule(
+        config({"rates": ["unintended_motion"], "looks": [0.25, 1], "of": "whole", "allocation": "neyman"})
+    )
     assert [(s.name, s.size, s.judged) for s in found.strata] == [
         ("free", 1, False),
         ("grid", 200, True),
         ("drawn", 64, True),
     ]
     assert found.first().tolist() == [1, 50, 16]
-    assert (found.rates, found.of, found.allocation, found.half_width) == (("harm",), "whole", "neyman", 0.1)
+    assert (found.rates, found.of, found.allocation, found.half_width) == (
+        ("unintended_motion",),
+        "whole",
+        "neyman",
+        0.1,
+    )
 
 
 def test_repeats_and_crossed_variants_are_one_draw():
@@ -64,31 +72,24 @@ def test_a_sequence_is_begun_as_it_was_drawn():
     pd.testing.assert_frame_equal(*assert_alike)
 
 
-@pytest.mark.parametrize("rate", Rate.__args__)
-def test_events_are_those_of_the_report(rate):
-    frame = synthetic.frame(3000)
-    frame["twin_moved_first_ms"] = np.where(frame.index % 7 == 0, 900, -1)
-    rules = events.Rules(cue=2, threshold_mm=1.0, jump="jump_text")
-    frame["verdict"] = schema.verdict(frame, rules.cue, rules.jump)
-    said = facts.derive(frame, *rules)
-    expected = {
-        "evades": said["evaded"],
-        "harm": said["harm"],
-        "cue": said["haptic"],
-        "activated": frame["activated"],
-        "diverged": frame["diverged"],
-    }
-    expected = expected.get(rate, said["jump"] if rate == "jump" else said["response"] == rate)
-    rows = frame[events.columns([rate], rules)]
-    valid = events.valid(rows)
+@pytest.mark.parametrize("event", ["evades", "unintended_motion", "loss_of_motion", "false_report", "cue", "stopped"])
+def test_events_are_those_of_the_report(event):
+    frame = synthetic.judged(synthetic.frame(3000), cue=2)
+    rules = Rules(cue=2, threshold_mm=2.0, jump="jump_text")
+    said = facts.derive(frame, facts.Choices(rules))
+    columns = {"evades": "evaded", "unintended_motion": "unintended", "loss_of_motion": "loss"}
+    columns |= {"false_report": "misreport", "cue": "cued"}
+    expected = said["response"] == event if event == "stopped" else said[columns[event]]
+    rows = pa.Table.from_pandas(frame[events.columns([event], rules)])
+    valid, cases = events.happened(rows, [event], rules)
     assert valid.tolist() == (~said["failed"]).tolist() and 0 < valid.sum() < len(frame)
-    assert events.happened(rate, rows, rules)[valid].tolist() == expected[valid].tolist()
+    assert cases[valid].tolist() == expected[valid].tolist()
     assert 0 < expected[valid].sum() < valid.sum(), "the example tells them apart"
 
 
 def test_rules_are_the_campaigns():
-    one = config(haptics={"threshold_mm": [3, 2.5]}, outcomes={"cue": 1, "jump": "text"})
-    assert events.rules(one) == events.Rules(1, 2.5, "jump_text")
+    one = config(haptics={"threshold_mm": [3, 2.5]}, outcomes={"cue": 1, "jump": "text", "limit_mm": 4})
+    assert one.rules == Rules(1, 2.5, "jump_text", 4.0)
 
 
 @pytest.mark.parametrize(
@@ -96,8 +97,9 @@ def test_rules_are_the_campaigns():
     [
         ({"half_width": 0}, "stop.half_width", "got 0, expected greater than 0"),
         ({"half_width": 0.7}, "stop.half_width", "got 0.7, expected less than 0.5"),
-        ({"rates": ["harms"]}, "stop.rates[0]", "got 'harms', expected 'evades', 'harm'"),
-        ({"rates": ["harm", "harm"]}, "stop", "rates = ['harm', 'harm'], expected each once"),
+        ({"rates": ["evade"]}, "stop.rates[0]", "got 'evade', expected one of evades, unintended_motion"),
+        ({"rates": ["harm"]}, "stop.rates[0]", "got 'harm', which is now called 'unintended_motion': write that"),
+        ({"rates": ["cue", "cue"]}, "stop", "rates = ['cue', 'cue'], expected each once"),
         ({"rates": []}, "stop.rates", "at least 1"),
         ({"looks": [0.5, 0.2]}, "stop", "looks = [0.5, 0.2], expected increasing shares"),
         ({"looks": [0.5, 1.2]}, "stop", "at most 1"),

@@ -8,7 +8,7 @@ from ravenjax.robot.sites import SITES
 from ravenjax.stages.faults.vocabulary import EFFECT_CODES, TRIGGER_CODES
 
 CONFIG = {
-    "campaign": {"name": "x", "arms": ["gold", "green"]},
+    "campaign": {"name": "x", "arms": ["gold", "green"], "dac_words": "wrap"},
     "operator": {"motion": "still"},
     "group": [
         {"name": "free"},

@@ -117,9 +117,11 @@ def test_other_code_is_told_and_excuses_outcomes_not_inputs(folder):
     [
         ("response_ms", 999_999, "ranges", "response_ms: lies outside -1 to 300 ms in 1 row, the first is 13"),
         ("cue0_count", -4, "ranges", "cue0_count: is negative in 1 row, the first is 13"),
-        ("stray_mm", np.inf, "finite numbers", "stray_mm: is not finite in 1 row, the first is 13"),
+        ("unintended_mm", np.inf, "finite numbers", "unintended_mm: is not finite in 1 row, the first is 13"),
         ("check_estop_margin", np.nan, "finite numbers", "check_estop_margin: is not a number in 1 row"),
-        ("verdict", "stopped/haptic/jump", "verdicts", "verdict: does not follow from response, cue and jump in 1 row"),
+        ("verdict", "stopped/none/cue", "verdicts", "verdict: does not follow from response, hazard and cue in 1 row"),
+        ("hazard", "false report", "verdicts", "hazard: does not follow from the times of the hazards in 1 row"),
+        ("told_ms", 7, "verdicts", "told_ms: does not follow from response in 1 row"),
         ("failed", "lost", "ranges", "failed: is none of the words that it can be in 1 row"),
         ("run_id", "f" * 16, "campaign", "its run ids are not those of the campaign's rows 10 to 19"),
         ("run_id", "no id", "row numbers", "run_id: is not 16 hex digits in 1 row"),

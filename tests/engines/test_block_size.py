@@ -75,4 +75,4 @@ def test_sizes(ready):
 def test_engine_cuda_runs_what_has_neither_faults_nor_parameters(monkeypatch, tmp_path):
     pretend(monkeypatch, tmp_path)
     free = rj.load_campaign({**CAMPAIGN, "group": [{"name": "free"}]})
-    assert rj.run(free, engine="cuda")["verdict"].tolist() == ["silent/no haptic/no jump"]
+    assert rj.run(free, engine="cuda")["verdict"].tolist() == ["silent/none/no cue"]

@@ -53,7 +53,7 @@ def test_a_trace_is_the_campaign_run_with_every_signal(device, short):
     _, faults = short.lanes([5], 1)
     twin, block = Block(varied, harmless, None), Block(varied, faults, None)
     engine = cuda.CudaEngine()
-    own, result, signals = engine.trace(short.program, twin, block, short.columns)
+    own, result, signals = engine.tracer(short.program, 1).run(twin, block, short.columns)
     kernel = engine.compile(short.program, 1)
     twins = kernel.run(twin, short.columns)
     np.testing.assert_array_equal(own.reference, twins.reference)

@@ -107,8 +107,8 @@ def test_a_trace_has_the_signals_of_engine_simd(monkeypatch, tmp_path, short):
     varied, harmless = short.lanes([5], 1, harmless=True)
     _, faults = short.lanes([5], 1)
     blocks = Block(varied, harmless, None), Block(varied, faults, None)
-    _, result, signals = cuda.CudaEngine().trace(short.program, *blocks, short.columns)
-    _, expected, wanted = SimdEngine().trace(short.program, *blocks, short.columns)
+    _, result, signals = cuda.CudaEngine().tracer(short.program, 1).run(*blocks, short.columns)
+    _, expected, wanted = SimdEngine().tracer(short.program, 1).run(*blocks, short.columns)
     for name, values in expected.outcomes.items():
         np.testing.assert_array_equal(words(values), words(result.outcomes[name]), err_msg=name)
     for got, leaf in zip(jax.tree.leaves(signals), jax.tree.leaves(wanted), strict=True):

@@ -124,9 +124,8 @@ def test_faults_change_the_run_they_are_in(whole):
 def test_a_trace_is_the_run(ready, whole, row):
     varied, faults = ready.lanes([row], 3)
     _, harmless = ready.lanes([row], 3, harmless=True)
-    twin, result, signals = SimdEngine().trace(
-        ready.program, Block(varied, harmless, None), Block(varied, faults, None), ready.columns
-    )
+    tracer = SimdEngine().tracer(ready.program, 3)
+    twin, result, signals = tracer.run(Block(varied, harmless, None), Block(varied, faults, None), ready.columns)
     for name, column in twin.outcomes.items():
         np.testing.assert_array_equal(column, np.repeat(whole[0].outcomes[name][row], 3), err_msg=name)
     for name, column in result.outcomes.items():

@@ -35,7 +35,7 @@ def test_results_are_the_golden_ones(both, golden):
 
 
 def test_golden_results_hold_most_kinds_of_outcome(golden):
-    assert set(golden["response"]) == {"none", "flagged", "stopped"}
+    assert set(golden["response"]) == {"silent", "limited", "flagged", "stopped"}
     assert {True, False} == set(golden["jump_code"]) == set(golden["cue0_first_ms"] >= 0)
     assert (golden["failed"] == "").all() and (golden["active_ticks"][1:] > 0).all()
 
@@ -49,7 +49,7 @@ def test_two_percent_of_friction_are_noticed_in_every_run(both, golden):
 @pytest.mark.parametrize(
     ("column", "value"),
     [
-        ("verdict", "silent/haptic/jump"),
+        ("verdict", "silent/unintended motion/cue"),
         ("activated", False),
         ("response_cause", "plc"),
         ("cue1_first_ms", -1),

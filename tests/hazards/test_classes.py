@@ -15,6 +15,8 @@ HALTED = {"pedal_down_ms": 500, **STANDS}
 KNOWN = [
     ({}, {"none"}),
     ({"response": "flagged"}, {"message"}),
+    ({"response": "limited"}, {"message"}),
+    ({"unintended_off_mm": 5.0}, {"displaced"}),
     ({"response": "stopped"}, {"stop"}),
     ({"response": "stopped", **HALTED}, {"stop"}),
     (HALTED, {"stop"}),  # pedal-up without any check: run level stuck
@@ -24,9 +26,9 @@ KNOWN = [
     ({**STANDS, "response": "flagged"}, {"unresponsive", "message"}),
     ({"pedal_down_ms": 2800 - classes.HALT_MS}, {"none"}),  # too short for the brakes
     ({"pedal_down_ms": 2799 - classes.HALT_MS}, {"stop"}),
-    ({"stray_mm": 5.0, "peak_twin_deviation_mm": 5.0}, {"displaced"}),
-    ({"stray_mm": 5.0, "peak_twin_deviation_mm": 5.0, "response": "stopped"}, {"displaced", "stop"}),
-    ({"jump_tip": True, "largest_step_mm": 0.5, "stray_mm": 30.0, "peak_twin_deviation_mm": 30.0}, {"jump"}),
+    ({"unintended_mm": 5.0, "peak_twin_deviation_mm": 5.0}, {"displaced"}),
+    ({"unintended_mm": 5.0, "peak_twin_deviation_mm": 5.0, "response": "stopped"}, {"displaced", "stop"}),
+    ({"jump_tip": True, "largest_step_mm": 0.5, "unintended_mm": 30.0, "peak_twin_deviation_mm": 30.0}, {"jump"}),
     ({"jump_text": True, "largest_step_mm": 0.9}, {"jump"}),
     ({"jump_tip": True, "largest_step_mm": 0.5, "response": "stopped"}, {"jump", "stop"}),
     ({"failed": "nan", "jump_text": True, "response": "stopped"}, set()),
@@ -58,13 +60,13 @@ def test_a_reported_leap_is_no_jump() -> None:
 def test_a_robot_that_stays_behind_its_twin_has_not_strayed() -> None:
     stopped = {"response": "stopped", **HALTED}
     assert "displaced" not in named(stopped)
-    assert "displaced" in named({**stopped, "stray_mm": 4.0})
+    assert "displaced" in named({**stopped, "unintended_mm": 4.0})
 
 
 def test_the_limit_of_a_stray_can_be_chosen() -> None:
-    table = result_rows.frame({"stray_mm": 2.0})
+    table = result_rows.frame({"unintended_mm": 2.0})
     assert not classes.classify(table).loc[0, "displaced"]
-    assert classes.classify(table, stray_mm=1.0).loc[0, "displaced"]
+    assert classes.classify(table, limit_mm=1.0).loc[0, "displaced"]
 
 
 def test_the_index_is_kept_and_none_excludes_others() -> None:

@@ -34,6 +34,88 @@ def test_a_campaign_of_both_arms_accepts_all_of_them_with_an_arm() -> None:
     assert arms == {"", "green"}
 
 
+BOTH = ("gold", "green")
+
+
+def both_arms(hazards: Any, **keys: Any) -> CampaignConfig:
+    """A campaign of both arms that names hazards as a file does."""
+    campaign = {"name": "x", "duration_s": 7.0, "arms": list(BOTH)}
+    return loading.from_dict({"campaign": campaign, "group": [{"name": "g", "hazards": hazards, **keys}]})
+
+
+def struck(config: CampaignConfig) -> dict[str, list[tuple[str, ...]]]:
+    """Group -> the arms of the slots of its runs, each combination once."""
+    table = design.expand(config)
+    columns = [name for name in table if name.endswith("_arm")]
+    rows = table[["group", *columns]].astype(str).drop_duplicates().itertuples(index=False, name=None)
+    arms: dict[str, list[tuple[str, ...]]] = {}
+    for group, *slots in rows:
+        arms.setdefault(group, []).append(tuple(arm for arm in slots if arm))
+    return arms
+
+
+def test_with_both_arms_each_hazard_strikes_the_arm_of_its_source() -> None:
+    """Gold or green that one, both in one run, any other each in turn, and what belongs to no arm once."""
+    assert struck(both_arms(["C09", "K06", "K01", "B18", "C14"])) == {
+        "g/C14-sag-gold": [("gold",)],
+        "g/C14-sag-green": [("green",)],
+        "g/C14-drift-gold": [("gold",)],
+        "g/C14-drift-green": [("green",)],
+        "g/C09": [("gold",) * 3],
+        "g/K01-gold": [("gold",)],
+        "g/K01-green": [("green",)],
+        "g/K06": [("gold", "green")],
+        "g/B18": [()],
+    }
+
+
+def test_with_both_arms_all_hazards_make_a_campaign() -> None:
+    arms, one = struck(both_arms("all")), struck(both_arms("all", arm="gold"))
+    assert {group.removesuffix("-gold").removesuffix("-green") for group in arms} == set(one)
+    assert all(len(of) == 1 for of in arms.values()), "an arm a group"
+    for group, of in arms.items():
+        hazard = library.find(naming.hazards_of(group)[0])
+        assert hazard.id in group
+        if hazard.arm in BOTH:
+            assert set(of[0]) == {hazard.arm}
+
+
+def test_a_hazard_of_both_arms_strikes_the_same_of_both() -> None:
+    table = design.expand(both_arms("K06"))
+    assert len(table) == 3 * 3
+    for name in ("channel", "value", "start_ms"):
+        assert (table[f"fault0_{name}"].astype(str) == table[f"fault1_{name}"].astype(str)).all()
+    (group,) = expand({"name": "g", "hazards": "K06"}, BOTH)
+    assert [fault["arm"] for fault in group["fault"]] == list(BOTH) and group["design"] == "zip"
+    again = expand({"name": "g", "hazards": "K06", "start_ms": [1, 2]}, BOTH)
+    assert [fault["start_ms"] for fault in again[0]["fault"]] == [[1, 2] * 3] * 2
+    with pytest.raises(WrongGroup, match=r"^start_ms: K06 strikes both arms at once, expected numbers"):
+        expand({"name": "g", "hazards": "K06", "start_ms": {"uniform": [1, 2]}}, BOTH)
+
+
+@pytest.mark.parametrize("hazard", ["C09", "K06", "K01", "C01", "B30", "C07"])
+def test_a_list_of_arms_is_struck_in_turn(hazard: str) -> None:
+    per_arm = any(slot.site not in ("pins_out", "brake") for case in library.find(hazard).case for slot in case.fault)
+    for group, of in struck(both_arms(hazard, arm=list(BOTH))).items():
+        assert [set(slots) for slots in of] == [{group.rpartition("-")[2]} if per_arm else set()]
+
+
+def test_mistakes_in_the_librarys_faults_name_the_hazard_and_the_key_to_write() -> None:
+    with pytest.raises(UserError) as error:
+        loading.from_dict({"campaign": {"name": "x", "duration_s": 1.0}, "group": [{"name": "g", "hazards": ["B07"]}]})
+    assert str(error.value) == (
+        "group[0].hazards: B07, fault[0].start_ms: got 1500, expected less than the run's 1000 ms: it would never "
+        "strike. Write an earlier start_ms, or a longer campaign.duration_s"
+    )
+
+
+def test_the_librarys_own_values_may_wrap_and_others_not() -> None:
+    config = campaign([{"name": "g", "hazards": "B24"}])
+    assert design.expand(config)["fault0_value"].max() == 800_000
+    with pytest.raises(UserError, match=r"group\[0\].value: shoulder is a 16-bit number.*got 99999"):
+        campaign([{"name": "g", "hazards": "B24", "value": 99999}])
+
+
 def test_all_ids_and_layers() -> None:
     assert [row.id for row in expansion.named("all")] == RUNNABLE
     assert {row.layer for row in expansion.named("L7")} == {"L7"}

@@ -12,7 +12,7 @@ from ravenjax.hazards import severity
 
 ENDLESS = {"fault0_duration_ms": severity.UNTIL_END}
 STANDS = {"idle_ms": 900}
-STRAYS = {"stray_mm": 5.0}
+STRAYS = {"unintended_mm": 5.0}
 
 
 @pytest.mark.parametrize(
@@ -25,7 +25,9 @@ STRAYS = {"stray_mm": 5.0}
         ({"response": "stopped", **ENDLESS}, 3),
         ({**STANDS, "fault0_every_ms": 100}, 3),
         ({**STRAYS, "response": "flagged"}, 4),
+        ({**STRAYS, "response": "limited"}, 5),  # nobody is told of a clip
         ({**STRAYS, "cue0_first_ms": 700}, 4),
+        ({**STRAYS, "cue0_first_ms": 700, "twin_cue0_first_ms": 600}, 5),  # a cue of the motion, not of the fault
         (STRAYS, 5),
         ({"jump_tip": True, **ENDLESS}, 5),
         ({"jump_tip": True, "response": "stopped", **ENDLESS}, 4),
@@ -40,6 +42,13 @@ def test_known_rows(row: dict[str, Any], expected: int) -> None:
 def test_without_a_cue_what_only_it_told_is_silent() -> None:
     table = result_rows.frame({**STRAYS, "cue0_first_ms": 700})
     assert severity.severity(table, cue=None)[0] == 5
+
+
+def test_how_far_is_unintended_is_the_campaigns() -> None:
+    table = result_rows.frame({"unintended_mm": 4.0}, {"unintended_off_mm": 4.0}, {"unintended_mm": 4.5})
+    assert severity.severity(table).tolist() == [5, 5, 5]
+    assert severity.severity(table, limit_mm=4.25).tolist() == [0, 0, 5]
+    assert severity.injury_capable(table).all()
 
 
 def test_a_failed_run_has_none() -> None:

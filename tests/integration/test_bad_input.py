@@ -180,14 +180,53 @@ def without_an_axis(frame):
     return frame.drop(columns="gold_z_mm")
 
 
+def without_times(frame):
+    return frame.drop(columns="time_s")
+
+
+def in_a_unit_nobody_says(frame):
+    return frame.rename(columns={"time_s": "t"}).assign(t=frame["time_s"] * 1e3)
+
+
+def spiked(frame):
+    frame.loc[900, "gold_z_mm"] += 50.0
+    return frame
+
+
+def in_metres_called_millimetres(frame):
+    return frame.assign(**{name: frame[name] * 1e-3 for name in frame if name.endswith("_mm")})
+
+
+def at_rest(frame):
+    return frame.assign(**{name: frame[name].iloc[0] for name in frame if name.endswith("_mm")})
+
+
+def short(frame):
+    return frame.iloc[:1000]
+
+
+def out_of_reach(frame):
+    """Through the remote centre and back, near the end."""
+    away = np.clip(1.0 - np.abs(np.arange(ROWS) - 1400) / 200.0, 0.0, 1.0)
+    away = away * away * (3.0 - 2.0 * away)
+    return frame.assign(**{name: frame[name] * (1.0 - 0.9 * away) for name in frame if name.endswith("_mm")})
+
+
 @pytest.mark.parametrize("kind", ["parquet", "csv"])
 @pytest.mark.parametrize(
     ("damage", "words"),
     [
         (holes, ("1200", "gold_y_mm")),
-        (gaps, ("gap of 0.401 s after row 699", "expected at most 0.1 s")),
+        (gaps, ("gap of 0.401 s after row 699", "expected at most 0.1 s", "operator.max_gap_s = 0.41")),
         (backwards, ("row 500", "time goes back by 0.199 s")),
         (without_an_axis, ("gold_z_mm",)),
+        (without_times, ("nothing says when its 2000 rows were sampled", "operator.rate_hz = 1000")),
+        (in_a_unit_nobody_says, ("column 't' looks like time", "rename it time_ms (1000 rows a second)")),
+        (spiked, ("row 900 (0.900 s, gold): 50 mm", 'operator.spikes = "remove"')),
+        (in_metres_called_millimetres, ("from the remote centre", "If the numbers are m, name the columns gold_x_m")),
+        (at_rest, ("nothing moves from 0.000 to", 'operator.motion = "still"')),
+        (short, ("ends after 1.749 s", "campaign.duration_s = 1.749", 'operator.at_end = "hold"')),
+        (out_of_reach, ("cannot reach the pose", "Reachable stretches, longest first: [0.", "operator.window_s")),
     ],
 )
 def test_a_damaged_operator_file(campaign, refused, tmp_path, kind, damage, words):
@@ -196,7 +235,7 @@ def test_a_damaged_operator_file(campaign, refused, tmp_path, kind, damage, word
     frame.to_parquet(file) if kind == "parquet" else frame.to_csv(file, index=False)
     before = file.read_bytes()
     path = campaign(operator=f'file = "{file.name}"')
-    refused(["run", path, "--out", tmp_path / "out"], file, *words)
+    refused(["run", path, "--out", tmp_path / "out", "--set", "campaign.duration_s=2.5"], file, *words)
     assert file.read_bytes() == before
     assert not (tmp_path / "out").exists()
 
@@ -289,10 +328,10 @@ def test_a_trace_needs_no_part(copied, run):
         part.unlink()
     code, printed, err = run("trace", out, "1", "--engine", "simd")
     assert code == 0, err
-    log, plot = (Path(line.removeprefix("wrote ")) for line in printed.splitlines())
+    log, _, plot = (Path(line.split("wrote    ")[1]) for line in printed.splitlines() if "wrote" in line)
     assert log.suffix == ".mcap" and log.stat().st_size > 10_000
     text = plot.read_text()
-    assert "burst: usb_out gold shoulder, overwrite 4,000" in text and "gold, true" in text
+    assert "burst: usb_out gold shoulder, overwrite 4,000 counts" in text and "gold, true" in text
     assert "note:" not in err
     assert kept.exists()
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 
 import numpy as np
+import pandas as pd
 import pytest
-from mcap.reader import make_reader
+import ros2_log
+from scipy.spatial.transform import Rotation
 
 from ravenjax.cli import main
 from ravenjax.store.folder import read_all
@@ -70,40 +73,106 @@ def test_the_report_is_one_file_that_loads_nothing(out):
     assert "@import" not in styles and not re.search(r"url\(\s*['\"]?http", styles)
 
 
-def test_the_report_tells_how_to_replay_the_worst_run_that_no_check_noticed(out):
+def test_the_report_tells_how_to_replay_the_worst_run_that_evaded(out):
     frame = read_all(out)
-    silent = frame[(frame["response"] == "none") & (frame["fault0_site"] != "")]
-    worst = silent.loc[silent["peak_model_deviation_mm"].idxmax(), "run_id"]
+    evaded = frame[frame["response"].isin(["silent", "limited"]) & (frame["hazard"] == "unintended motion")]
+    worst = evaded.loc[evaded["unintended_mm"].idxmax(), "run_id"]
     assert f"ravenjax trace {out} {worst}" in (out / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
 def traced(out):
-    """Row, log and plot of one run."""
+    """Row and files of one run."""
     frame = read_all(out)
     row = frame[(frame["fault0_value"] == 9000) & (frame["fault0_duration_ms"] == 40)].iloc[0]
     assert call("trace", out, row["run_id"][:10]) == 0
-    return row, out / "traces" / f"{row['run_id']}.mcap", out / "traces" / f"{row['run_id']}.svg"
+    return row, {kind: out / "traces" / f"{row['run_id']}.{kind}" for kind in ("mcap", "csv", "svg")}
 
 
-def test_a_trace_is_a_log_and_a_plot(traced):
-    row, log, plot = traced
-    assert plot.read_text(encoding="utf-8").rstrip().endswith("</svg>")
-    with log.open("rb") as file:
-        reader = make_reader(file)
-        summary = reader.get_summary()
-        metadata = {m.name: m.metadata for m in reader.iter_metadata()}
-    assert summary is not None and summary.statistics is not None
-    counts = {summary.channels[i].topic: n for i, n in summary.statistics.channel_message_counts.items()}
-    assert counts["/arm1/measured_js"] == counts["/arm1/setpoint_js"] == 400, "a message a millisecond"
-    assert any(row["run_id"] in entry.values() for entry in metadata.values())
+def test_a_trace_is_a_log_of_every_millisecond(traced):
+    row, files = traced
+    log = ros2_log.read(files["mcap"])
+    every_ms = ("measured_js", "setpoint_js", "true_js", "model_js", "measured_cp", "true_cp", "model_cp", "golden_tip")
+    for topic in ("/tf", "/ravenjax/signals", *(f"/arm1/{name}" for name in every_ms)):
+        assert [message.number for message in log.topics[topic]] == list(range(400)), topic
+    for topic in ("measured_cp", "setpoint_cp", "true_cp", "model_cp"):
+        quaternion = log.column(f"/arm1/{topic}", "pose", "orientation")
+        np.testing.assert_allclose(np.linalg.norm(quaternion, axis=1), 1.0, atol=1e-9)
+    true, model = (log.column(f"/arm1/{name}_cp", "pose", "position") for name in ("true", "model"))
+    assert 1e3 * np.linalg.norm(true - model, axis=1).max() == pytest.approx(row["peak_model_deviation_mm"], rel=1e-3)
+    told = log.metadata["ravenjax"]
+    record = json.loads((files["mcap"].parents[1] / "manifest.json").read_text())
+    assert told["run_id"] == row["run_id"] and told["campaign"] == "tiny" and told["seed"] == str(row["seed"])
+    assert told["fault"] == "usb_out gold shoulder, overwrite 9,000 counts, 40 ms from 250 ms"
+    assert told["fault0_site"] == "usb_out" and told["code_hash"] == told["campaign_code_hash"] == record["code_hash"]
+    assert told["engine"].startswith("simd on ") and told["version"] == "0.1.0"
+
+
+def test_frames_of_a_trace_stand_where_the_scene_has_them(traced):
+    """At rest at the beginning the measured, the true and the model's tip are at one place above the tissue."""
+    frames = ros2_log.read(traced[1]["mcap"]).topics["/tf"][0].value.transforms
+    assert [one.child_frame_id for one in frames] == [
+        *("arm1_base", "arm1_tip_measured", "arm1_tip_true", "arm1_tip_model")
+    ]
+    place = [np.array([one.transform.translation.x, one.transform.translation.y, one.transform.translation.z])
+             for one in frames]  # fmt: skip
+    turn = [Rotation.from_quat([getattr(one.transform.rotation, axis) for axis in "xyzw"]) for one in frames]
+    tips = [turn[0].apply(tip) + place[0] for tip in place[1:]]
+    assert all(np.linalg.norm(tip - tips[1]) < 0.5e-3 for tip in tips)
+    assert 0.18 < tips[1][2] < 0.25, "m above the table, over the phantom"
+    assert all((one * turn[2].inv()).magnitude() < 0.05 for one in turn[1:]), "rad, of the tool's cables"
+
+
+def test_events_of_a_trace_are_what_the_row_says(traced):
+    row, files = traced
+    log = ros2_log.read(files["mcap"])
+    told = [json.loads(message.value.data) for message in log.topics["/ravenjax/events"]]
+    assert told == sorted(told, key=lambda event: event["tick"])
+    fault = [event for event in told if event["kind"] == "fault"]
+    assert fault[0]["tick"] == row["first_active_ms"] == 250 and "overwrite 9,000 counts" in fault[0]["text"]
+    assert fault[1]["tick"] == row["applied0_last_ms"] == 289 and "its window closes" in fault[1]["text"]
+    for name in ("check_overdrive_clip", "cue0", "unintended"):
+        kind = {"check_overdrive_clip": "check", "cue0": "cue", "unintended": "hazard"}[name]
+        times = [event["tick"] for event in told if event["kind"] == kind]
+        assert row[f"{name}_first_ms"] in (-1, *times), name
+    assert [message.value.msg for message in log.topics["/ravenjax/log"]] == [event["text"] for event in told]
+
+
+def test_a_trace_is_a_table_and_a_plot(traced):
+    row, files = traced
+    assert files["svg"].read_text(encoding="utf-8").rstrip().endswith("</svg>")
+    table = pd.read_csv(files["csv"])
+    assert table["time_s"].iloc[-1] == 0.399
+    dac = table["gold/dac_cnt/shoulder [counts]"]
+    assert (dac[250:290] == 9000).all() and dac.abs().max() == row["peak_dac_gold_shoulder"]
+
+
+def test_the_worst_runs_are_traced_with_a_summary(out, capsys, tmp_path):
+    assert call("trace", out, "--worst", 2, "--out", tmp_path) == 0
+    text = capsys.readouterr().out
+    frame = read_all(out)
+    worst = frame[frame["fault0_site"] != ""].nlargest(2, "unintended_mm")["run_id"].tolist()
+    assert [line.split()[1].rstrip(",") for line in text.splitlines() if line.startswith("run ")] == worst
+    assert "  fault    usb_out gold shoulder, overwrite" in text and "the fault first changes a value" in text
+    assert {path.name for path in tmp_path.iterdir()} == {
+        f"{one}.{kind}" for one in worst for kind in ("mcap", "csv", "svg")
+    }
+
+
+def test_several_runs_as_json(out, capsys, tmp_path):
+    assert call("trace", out, 1, 2, "--out", tmp_path, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [one["run_id"] for one in told] == read_all(out)["run_id"].iloc[[1, 2]].tolist()
+    assert told[0]["fault"].startswith("usb_out gold shoulder, overwrite −9,000 counts")
+    assert all(path.endswith((".mcap", ".csv", ".svg")) for one in told for path in one["files"])
 
 
 def test_the_report_replays_what_was_traced_and_draws_figures(out, traced, tmp_path):
-    row, _, _ = traced
+    row, _ = traced
     assert call("report", out, "--figures", tmp_path / "figures") == 0
     page = (out / "report.html").read_text(encoding="utf-8")
-    assert row["run_id"] in page and "scatter3d" in page
+    (shown,) = re.findall(r'class="replay".*?<span>run (\w+), gold arm, at most ([\d.]+) mm off</span>', page, re.S)
+    assert shown[0] == row["run_id"] and float(shown[1]) == pytest.approx(row["peak_model_deviation_mm"], abs=0.06)
     drawn = {path.suffix for path in (tmp_path / "figures").iterdir()}
     assert drawn == {".svg", ".pdf"}
 
@@ -124,14 +193,71 @@ def test_a_second_start_computes_nothing(out, monkeypatch):
 def test_the_notebook_sees_the_same_series(out, traced):
     import ravenjax as rj
 
-    row, _, _ = traced
-    series = rj.simulate(out.parent / "tiny.toml", row["run_id"], engine="simd")
-    assert len(series["gold/tip"]) == 400
-    assert np.abs(series["gold/dac_cnt"][250:290, 0]).min() >= 9000
-    off_twin = np.linalg.norm(series["gold/tip"] - series["gold/twin_tip"], axis=1).max() * 1e3
-    assert off_twin == pytest.approx(row["peak_twin_deviation_mm"], rel=1e-3)
-    apart = np.linalg.norm(series["gold/tip"] - series["gold/model_position"], axis=1).max() * 1e3
-    assert apart == pytest.approx(row["peak_model_deviation_mm"], rel=1e-3)
+    row, _ = traced
+    found = rj.simulate(out.parent / "tiny.toml", row["run_id"], engine="simd")
+    assert dict(found.sizes) == {"time": 400, "arm": 1, "joint": 7, "axis": 3, "jaw_axis": 3, "fault": 1, "cue": 1}
+    assert found.attrs["verdict"] == row["verdict"] and found.attrs["run_id"] == row["run_id"]
+    gold = found.sel(arm="gold")
+    assert np.abs(gold["dac_cnt"].sel(joint="shoulder", time=slice(0.25, 0.289))).min() >= 9000
+    assert found["fault_active"].sel(fault=0).values.nonzero()[0].tolist() == list(range(250, 290))
+    for other, column in (("golden_tip", "peak_twin_deviation_mm"), ("model_position", "peak_model_deviation_mm")):
+        far = np.linalg.norm(gold["tip"] - gold[other], axis=1).max() * 1e3
+        assert far == pytest.approx(row[column], rel=1e-3)
+    assert found["jpos"].attrs["units"] == "rad" and found["jpos"].attrs["insertion_units"] == "m"
+    assert found["cue_threshold_mm"].values.tolist() == [3.0] and found["time"].attrs["units"] == "s"
+
+
+def test_a_table_of_the_notebook_says_what_its_columns_are(out):
+    import ravenjax as rj
+
+    table = rj.run(out.parent / "tiny.toml", engine="simd")
+    assert table["run_id"].tolist() == read_all(out)["run_id"].tolist()
+    assert set(table.attrs["units"]) == set(table.attrs["meanings"]) == set(table.columns)
+    assert table.attrs["units"]["unintended_mm"] == "mm" and table.attrs["units"]["pedal_down_ms"] == "ms"
+    assert table.attrs["meanings"]["end_runlevel"].startswith("run level at the end: 0 E-stop")
+    assert table[table["activated"]].attrs == table.attrs, "kept by a selection"
+
+
+def test_what_a_run_gave_as_json(out, capsys):
+    assert call("run", out.parent / "tiny.toml", "--out", out, "--engine", "simd", "--json") == 0
+    printed = capsys.readouterr()
+    told = json.loads(printed.out)
+    frame = read_all(out)
+    verdicts = frame[frame["fault0_site"] != ""]["verdict"].value_counts()
+    assert told["verdicts_of_faulty_runs"] == verdicts[verdicts > 0].to_dict()
+    assert (told["folder"], told["report"], told["shard"]) == (str(out), str(out / "report.html"), None)
+    assert told["runs"] == told["finished"] == RUNS and told["engine"] == "simd"
+    assert "7 of 7 runs" in printed.err
+
+
+def test_a_verification_as_json(out, capsys, tmp_path):
+    assert call("verify", out, "--sample", 3, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["fine"] and all(check["fine"] and not check["problems"] for check in told["checks"])
+    assert len(told["runs_made_again"]["rows"]) == told["runs_made_again"]["equal_verdicts"] == 3
+    assert told["runs_made_again"]["columns_that_differ"] == []
+    damaged = tmp_path / "damaged"
+    shutil.copytree(out, damaged)
+    part = next((damaged / "parts").iterdir())
+    part.write_bytes(part.read_bytes()[:-1])
+    assert call("verify", damaged, "--json") == 1
+    told = json.loads(capsys.readouterr().out)
+    assert not told["fine"] and any(part.name in " ".join(check["problems"]) for check in told["checks"])
+
+
+def test_two_results_are_compared(out, capsys, tmp_path):
+    other = tmp_path / "other"
+    tokens = ("run", out.parent / "tiny.toml", "--out", other, "--engine", "simd", "--no-report")
+    assert call(*tokens, "--set", "parameters.plant.friction_scale=1.5") == 0
+    capsys.readouterr()
+    assert call("compare", out, other, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["configuration"] == [{"path": "parameters.plant.friction_scale", "first": None, "second": "1.5"}]
+    assert told["pairs"] == {"by_run_id": 0, "by_fault": RUNS, "unpaired": [0, 0], "compared": RUNS - 1}
+    assert sum(one["runs"] for one in told["transitions"]["hazard"]) == RUNS - 1
+    assert call("compare", out, other) == 0
+    text = capsys.readouterr().out
+    assert "7 by fault; 6 pairs have a fault" in text and "plant.friction_scale" in text and "evades" in text
 
 
 def test_a_limit_may_leave_only_fault_free_runs(tmp_path):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import ravenjax as rj
+from ravenjax.campaign.replay import replay
 from ravenjax.errors import UserError
 
 HOOK = {"site": "usb_out", "channel": "shoulder", "effect": "latch_offset", "trigger": "packet"}
@@ -13,14 +14,15 @@ CAMPAIGN = {"name": "hook", "duration_s": 1.6, "software": "fork2015", "console"
 
 
 def campaign(fault, **changes):
-    return {"campaign": {**CAMPAIGN, **changes}, "group": [{"name": "f", "fault": [HOOK | fault]}]}
+    raw = {"campaign": {**CAMPAIGN, **changes}, "group": [{"name": "f", "fault": [HOOK | fault]}]}
+    return rj.load_campaign(raw)
 
 
 @pytest.fixture(scope="module")
 def stopping():
     """The series of a run in which the overdrive check stops the robot in the middle of a long window, by build."""
     fault = {"value": 8000, "start_ms": 700, "duration_ms": 300}
-    return {build: rj.simulate(campaign(fault, build=build), 0, engine="simd") for build in ("robot", "dyn_sim")}
+    return {build: replay(campaign(fault, build=build), 0, "simd").series for build in ("robot", "dyn_sim")}
 
 
 def test_packets_end_with_the_software_stop_in_the_simulator_build_alone(stopping):
@@ -49,7 +51,7 @@ def test_the_simulator_build_reads_its_model_without_encoders(stopping):
 @pytest.mark.parametrize("words, stored", [("wrap", 14464), ("saturate", 32767), ("unwrapped", 80000)])
 def test_a_large_command_is_stored_as_asked(words, stored):
     fault = {"effect": "overwrite", "value": 80000, "start_ms": 700, "duration_ms": 1}
-    series = rj.simulate(campaign(fault, dac_words=words), 0, engine="simd")
+    series = replay(campaign(fault, dac_words=words), 0, "simd").series
     assert (series["gold/dac_cnt"][:, 0] == stored).sum() == 1
 
 
@@ -66,6 +68,6 @@ def test_a_delayed_command_moves_the_motor_so_much_later():
         "group": [{"name": "f", "parameters": {"usb": {"command_delay": [0, 1, 5]}}, "fault": [fault]}],
     }
     config = rj.load_campaign(raw)
-    speeds = [rj.simulate(config, k, engine="simd")["gold/motor_mvel"][:, 0] for k in range(3)]
+    speeds = [replay(config, k, "simd").series["gold/motor_mvel"][:, 0] for k in range(3)]
     struck = [int(np.flatnonzero(np.abs(np.diff(speed)) > 2.0)[0]) + 1 for speed in speeds]
     assert struck == [900, 901, 905]

@@ -1,80 +1,65 @@
-"""What the report says about each run, derived by plain pandas: the oracle of `ravenjax.report.facts`."""
+"""What the report says about each run, in plain pandas from the raw columns: the oracle of `ravenjax.report.facts`.
+
+It takes nothing from the package: the definitions of `ravenjax.outcomes` are written out once more, from first
+detections, counts of milliseconds and golden runs, and neither the column `hazard` nor `verdict` is read.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 import pandas as pd
 
-from ravenjax.report import layers
-from ravenjax.report.facts import ACTION, EVADED, HARM_MM
+LAYERS = {
+    "console": ("hand", "console"),
+    "network": ("network",),
+    "packets": ("packet", "packet_header"),
+    "process model": ("pos_d", "ori_d", "jpos_d", "mpos_d"),
+    "estimation": ("runlevel", "mpos", "mvel", "jpos", "jvel", "pos", "ori"),
+    "control output": ("tau_d", "current_cmd"),
+    "USB in": ("encoder", "usb_in", "usb_status"),
+    "USB out, motors": ("usb_out", "torque_scale", "brake"),
+    "PLC link": ("pins_out", "plc", "buttons"),
+    "mechanics": ("cable_scale", "friction_scale", "external_torque"),
+}
 
 
-def derive(
-    frame: pd.DataFrame, cue: int = 0, threshold_mm: float = HARM_MM, jump: str = "jump_code", action: int = 0
-) -> pd.DataFrame:
-    """As `facts.derive`; `cue` is the haptic set of the verdicts, `threshold_mm` its own,
-    `jump` the column of the jump rule, `action` what the operator does at a cue where the run's parameters do not say.
-
-    Columns: run_id, group, faulty, activated, failed, response, haptic, jump (from the verdict), moved (the true tip
-    left the nominal model by more than the threshold, which encoders need not see), outcome (of OUTCOMES), evaded,
-    distinct (equal for runs that differ in seed or in crossed parameters alone), action (of ACTIONS, by number), plain
-    (nobody reacts, or everybody does; so that one fault is not counted once for each action), sample (the first valid
-    plain run of each distinct input: what intervals and tests take as one draw), site, layer and block (site and
-    effect) of the first fault, onset_ms, length_ms, magnitude (of the first fault), active_ms, cue_ms, response_ms,
-    warned_ms (the cue, where the fault-free twin had none by then), moved_ms (more than HARM_MM off, and the twin not),
-    harm_ms (see HARM); times are -1 where never. harm is whether it came.
-    """
-    words = {
-        verdict: tuple(verdict.split("/")) if verdict else ("", "", "")
-        for verdict in frame["verdict"].unique().tolist()
-    }
-    response, haptic, jumped = np.array([words[v] for v in frame["verdict"]], object).reshape(-1, 3).T
-    facts = pd.DataFrame(
-        {
-            "run_id": frame["run_id"],
-            "group": frame["group"].astype("category"),
-            "faulty": _faulty(frame),
-            "activated": frame["activated"].astype(bool),
-            "failed": (frame["failed"] != "").to_numpy(),
-            "response": response,
-            "haptic": haptic == "haptic",
-            "jump": jumped == "jump",
-            "moved": (frame["peak_model_deviation_mm"] > threshold_mm).to_numpy(),
-            "active_ms": frame["first_active_ms"],
-            "cue_ms": frame[f"cue{cue}_first_ms"],
-            "response_ms": frame["response_ms"],
-            "warned_ms": warned(frame, cue),
-        },
-        index=frame.index,
-    )
-    silent = facts["response"] == "silent"
-    facts["outcome"] = np.select(
-        [
-            facts["failed"],
-            ~silent,
-            facts["haptic"] & facts["moved"],
-            facts["moved"],
-            facts["haptic"],
-            facts["jump"],
-        ],
-        ["failed", facts["response"], "felt", "unseen", "phantom", "jumped"],
-        "quiet",
-    )
-    facts["evaded"] = facts["outcome"].isin(EVADED)
-    facts["moved_ms"] = np.where(
-        facts["failed"], -1, own(frame["moved_first_ms"].to_numpy(), frame["twin_moved_first_ms"].to_numpy())
-    )
-    jumped_ms = np.where(frame[jump] & ~facts["failed"], frame[f"{jump}_first_ms"], -1)
-    facts["harm_ms"] = first_of(facts["moved_ms"].to_numpy(), jumped_ms)
-    facts["harm"] = facts["harm_ms"] >= 0
-    facts["distinct"] = _distinct(frame)
-    facts["action"] = frame[ACTION].fillna(action).astype(int) if ACTION in frame else action
+def derive(frame: pd.DataFrame, cue: int = 0, jump: str = "jump_code", action: int = 0) -> pd.DataFrame:
+    """One row per run, the columns of `facts.define`. cue: number of the haptic set of the verdicts; jump: column of
+    the jump rule; action: what the operator does at a cue where the run's parameters do not say."""
+    facts = pd.DataFrame(index=frame.index)
+    facts["run_id"] = frame["run_id"]
+    facts["group"] = frame["group"].astype("category")
+    facts["faulty"] = faulty(frame)
+    facts["activated"] = frame["activated"].astype(bool)
+    facts["failed"] = frame["failed"].astype(str) != ""
+    valid = ~facts["failed"]
+    response = frame["response"].astype(str)
+    facts["response"] = response.where(valid, "")
+    facts["told"] = valid & response.isin(["stopped", "flagged"])
+    facts["hazard"] = hazard(frame).where(valid, "")
+    for name, word in (("unintended", "unintended motion"), ("loss", "loss of motion"), ("misreport", "false report")):
+        facts[name] = facts["hazard"] == word
+    facts["halted"] = facts["loss"] & (frame["loss_first_ms"] < 0)
+    facts["evaded"] = facts["unintended"] & ~facts["told"]
+    facts["active_ms"] = frame["first_active_ms"]
+    facts["response_ms"] = frame["response_ms"]
+    facts["told_ms"] = frame["told_ms"]
+    facts["cue_ms"] = frame[f"cue{cue}_first_ms"]
+    facts["warned_ms"] = warned(frame, cue)
+    facts["cued"] = valid & (facts["warned_ms"] >= 0)
+    facts["jump"] = valid & frame[jump].astype(bool)
+    facts["unintended_ms"] = frame["unintended_first_ms"].where(facts["unintended"], -1)
+    facts["loss_ms"] = frame["loss_first_ms"].where(facts["loss"], -1)
+    facts["misreport_ms"] = frame["false_report_first_ms"].where(facts["misreport"], -1)
+    facts["outcome"] = [outcome(row) for row in facts.to_dict("records")]
+    own = frame["param:reaction.action"] if "param:reaction.action" in frame else pd.Series(np.nan, frame.index)
+    facts["action"] = own.fillna(action).astype(int)
     facts["plain"] = (facts["action"] == 0) | ~(facts["action"] == 0).any()
-    chosen = facts.loc[facts["plain"] & ~facts["failed"], "distinct"]
-    facts["sample"] = False
-    facts.loc[chosen.index[~chosen.duplicated()], "sample"] = True
+    facts["distinct"] = distinct(frame)
+    able = facts["plain"] & valid
+    facts["sample"] = able & ~facts["distinct"].where(able).duplicated()
     facts["site"] = frame["fault0_site"].astype(str) if "fault0_site" in frame else ""
-    facts["layer"] = facts["site"].map(layers.name)
+    facts["layer"] = [next((layer for layer, sites in LAYERS.items() if s in sites), "other") for s in facts["site"]]
     if "fault0_site" in frame:
         facts["block"] = facts["site"] + " · " + frame["fault0_effect"].astype(str)
         facts["onset_ms"] = frame["fault0_start_ms"]
@@ -83,31 +68,59 @@ def derive(
     return facts
 
 
-def own(first_ms: np.ndarray, twin_ms: np.ndarray) -> np.ndarray:
-    """Time [n] of what came first in each run, -1 where it never came or the fault-free twin had it by then, too."""
-    return np.where((first_ms >= 0) & ~((twin_ms >= 0) & (twin_ms <= first_ms)), first_ms, -1)
+def hazard(frame: pd.DataFrame) -> pd.Series:
+    """The gravest hazard of each run, whether it is valid or not."""
+    found = []
+    for row in frame.to_dict("records"):
+        stood = row["halted_ms"] > row["twin_halted_ms"] + 200
+        if row["unintended_first_ms"] >= 0:
+            found.append("unintended motion")
+        elif row["loss_first_ms"] >= 0 or (stood and row["response"] != "stopped"):
+            found.append("loss of motion")
+        elif row["false_report_first_ms"] >= 0:
+            found.append("false report")
+        else:
+            found.append("none")
+    return pd.Series(found, frame.index, dtype=object)
 
 
-def first_of(*times_ms: np.ndarray) -> np.ndarray:
-    """The earliest of several times [n] of each run; -1 stands for never, of each and of the result."""
-    came = [np.where(time < 0, np.inf, time) for time in times_ms]
-    earliest = np.min(came, axis=0)
-    return np.where(np.isinf(earliest), -1, earliest).astype(int)
+def outcome(row: dict) -> str:
+    """The one outcome of a run under which the groups show it."""
+    if row["failed"]:
+        return "failed"
+    if row["told"]:
+        return row["response"]
+    if row["hazard"] == "unintended motion":
+        return "felt" if row["cued"] else "unseen"
+    if row["hazard"] == "loss of motion":
+        return "lost"
+    if row["hazard"] == "false report":
+        return "misreported"
+    if row["cued"]:
+        return "phantom"
+    return "limited" if row["response"] == "limited" else "quiet"
 
 
-def warned(frame: pd.DataFrame, cue: int) -> np.ndarray:
-    """When each run's cue of this number came and its twin's had not, -1 if never: a cue that the twin has too tells
-    of the motion and not of the fault."""
-    return own(frame[f"cue{cue}_first_ms"].to_numpy(), frame[f"twin_cue{cue}_first_ms"].to_numpy())
+def warned(frame: pd.DataFrame, cue: int) -> pd.Series:
+    """When each run's cue of this number came and its golden run had none by then, -1 if never."""
+    pairs = zip(frame[f"cue{cue}_first_ms"].tolist(), frame[f"twin_cue{cue}_first_ms"].tolist(), strict=True)
+    return pd.Series([own if own >= 0 and not 0 <= golden <= own else -1 for own, golden in pairs], frame.index, int)
 
 
-def _faulty(frame: pd.DataFrame) -> np.ndarray:
+def faulty(frame: pd.DataFrame) -> pd.Series:
+    """Whether a run has a fault in any slot."""
     sites = [name for name in frame if name.startswith("fault") and name.endswith("_site")]
-    return np.any([frame[name] != "" for name in sites], axis=0) if sites else np.zeros(len(frame), bool)
+    return (frame[sites].astype(str) != "").any(axis=1)
 
 
-def _distinct(frame: pd.DataFrame) -> np.ndarray:
+def distinct(frame: pd.DataFrame) -> pd.Series:
     """Number of the run's input among the campaign's inputs, random numbers and crossed parameters apart."""
-    inputs = [n for n in frame if n == "operator" or n.startswith("param:") or n.startswith("fault")]
+    inputs = [name for name in frame if name == "operator" or name.startswith(("param:", "fault"))]
     number = frame[inputs].groupby(inputs, observed=True, dropna=False, sort=False).ngroup()
-    return number.groupby(frame["pair"]).transform("min").to_numpy()
+    return number.groupby(frame["pair"]).transform("min")
+
+
+def motions(frame: pd.DataFrame, chosen: pd.Series | None = None) -> pd.DataFrame:
+    """The different golden runs: one row for each operator and outcome of a golden run."""
+    names = [name for name in frame if name == "operator" or name.startswith("twin_")]
+    return (frame if chosen is None else frame[chosen])[names].drop_duplicates()

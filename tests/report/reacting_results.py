@@ -22,7 +22,8 @@ SHAPE = schema.Shape(
 
 
 def frame(faults: int = 200, seed: int = 0) -> pd.DataFrame:
-    """len(ACTIONS) rows a fault; who reacts to the cue strays half as far, and one in ten harms is avoided."""
+    """len(ACTIONS) rows a fault; who reacts to the cue lets the tip go half as far by itself, and one in ten unintended
+    motions is avoided."""
     alone = synthetic.frame(faults, seed)
     parts = []
     for number, action in enumerate(ACTIONS):
@@ -33,14 +34,13 @@ def frame(faults: int = 200, seed: int = 0) -> pd.DataFrame:
         acted = (action > 0) & (part["cue0_first_ms"] >= 0)
         part["reaction_ms"] = np.where(acted, part["cue0_first_ms"] + 250, -1)
         part["twin_reaction_ms"] = -1
-        part["stray_mm"] = np.where(acted, part["stray_mm"] / 2, part["stray_mm"])
+        for name in ("unintended_mm", "unintended_off_mm"):
+            part[name] = np.where(acted, part[name] / 2, part[name])
         avoided = acted & (part["pair"] % 10 == 0)
-        part["moved_first_ms"] = np.where(avoided, -1, part["moved_first_ms"])
-        part["jump_code"] = part["jump_code"] & ~avoided
+        part["unintended_first_ms"] = np.where(avoided, -1, part["unintended_first_ms"])
         part["pedal_down_ms"] = np.where(acted & (action == 1), part["reaction_ms"], part["pedal_down_ms"])
         parts.append(part)
-    table = pd.concat(parts, ignore_index=True)
-    table["verdict"] = schema.verdict(table)
+    table = synthetic.judged(pd.concat(parts, ignore_index=True))
     return table[[column.name for column in schema.columns(SHAPE)]]
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import naive_facts
 import numpy as np
 import pytest
 import synthetic_results as synthetic
+from statsmodels.duration.survfunc import SurvfuncRight
 
 from ravenjax.report import answers, detectors
 from ravenjax.report.runs import Runs
@@ -16,39 +18,48 @@ RUNS = Runs.of(FRAME, MANIFEST)
 ALARMS = detectors.alarms(RUNS, MANIFEST)
 SAID = detectors.known(ALARMS)
 KNOWN = RUNS.table.frame(f"SELECT {SAID} AS ms FROM facts ORDER BY row")["ms"].to_numpy()
-VALID = (FRAME["failed"] == "") & FRAME["activated"]
-HARM_MS = np.array(
-    [
-        min([t for t in times if t >= 0], default=-1)
-        for times in zip(FRAME["moved_first_ms"], FRAME["jump_code_first_ms"], strict=True)
-    ]
-)
-HARMFUL = VALID.to_numpy() & (HARM_MS >= 0)
+FAULTY = (FRAME["fault0_site"] != "").to_numpy()
+VALID = FAULTY & (FRAME["failed"] == "").to_numpy()
+UNTOLD = VALID & FRAME["response"].isin(["silent", "limited"]).to_numpy()
+MOTION_MS = FRAME["unintended_first_ms"].to_numpy()
+MOVED = VALID & (MOTION_MS >= 0)
+LOST = VALID & ~MOVED & naive_facts.hazard(FRAME).eq("loss of motion").to_numpy()
+EVADING = MOVED & UNTOLD
 
 
 def naive_known(index):
-    """First of check, cue and quiet detector levels that is not before the first effect."""
+    """First of a check that tells, the cue and quiet detector levels that is not before the first effect."""
     row = FRAME.loc[index]
     quiet = [(0, 0), (1, 0)]  # twins score 0.4: below the first level of both detectors, 0.5 and 3
-    times = [row["response_ms"], row["cue0_first_ms"], *(row[f"detector{d}_level{k}_first_ms"] for d, k in quiet)]
+    times = [row["told_ms"], row["cue0_first_ms"], *(row[f"detector{d}_level{k}_first_ms"] for d, k in quiet)]
     return min([t for t in times if t >= max(0, row["first_active_ms"])], default=-1)
 
 
 def test_first_possible_knowledge():
-    chosen = FRAME.index[HARMFUL][:200]
-    assert [KNOWN[FRAME.index.get_loc(index)] for index in chosen] == [naive_known(index) for index in chosen]
+    chosen = FRAME.index[MOVED][:200]
+    assert [KNOWN[index] for index in chosen] == [naive_known(index) for index in chosen]
 
 
-def test_time_to_know_is_of_harmful_faults_and_censored():
+def test_nobody_knows_by_a_limit():
+    limited = (FRAME["response"] == "limited").to_numpy() & MOVED
+    assert limited.sum() > 3 and (FRAME.loc[limited, "response_ms"] >= 0).all()
+    deaf = FRAME.assign(cue0_first_ms=-1, **{name: -1 for name in FRAME if name.startswith("detector")})
+    runs = Runs.of(synthetic.judged(deaf), MANIFEST)
+    known = runs.table.frame(f"SELECT {SAID} AS ms FROM facts ORDER BY row")["ms"].to_numpy()
+    assert (known[limited] == -1).all() and (known == FRAME["told_ms"]).all()
+
+
+def test_time_to_know_is_of_unintended_motions_and_censored():
     found = answers.knowledge(RUNS, SAID, MANIFEST)
-    known, harm = KNOWN[HARMFUL], HARM_MS[HARMFUL]
-    assert found.delay.n == HARMFUL.sum() and found.never == wilson(int((known < 0).sum()), len(known))
-    assert found.lead.before == wilson(int(((known >= 0) & (known < harm)).sum()), len(known))
+    known, motion = KNOWN[MOVED], MOTION_MS[MOVED]
+    assert found.delay.n == MOVED.sum() and found.never == wilson(int((known < 0).sum()), len(known))
+    assert found.lead.before == wilson(int(((known >= 0) & (known < motion)).sum()), len(known))
     assert found.by_detectors
-    delays = np.sort(known[known >= 0] - FRAME.loc[HARMFUL, "first_active_ms"].to_numpy()[known >= 0])
-    if (known >= 0).all():  # without censoring the median is that of the sample
-        assert found.half_ms.value == delays[int(np.ceil(len(delays) / 2)) - 1]
-    assert found.half_ms.low <= found.half_ms.value <= found.half_ms.high
+    times = np.where(known >= 0, known, MANIFEST.duration_ms) - FRAME.loc[MOVED, "first_active_ms"].to_numpy()
+    curve = SurvfuncRight(times, known >= 0)
+    for estimate, share in ((found.half_ms, 0.5), (found.quarter_ms, 0.25)):
+        assert estimate.value == curve.quantile(share)
+        assert estimate.low <= estimate.value <= estimate.high
 
 
 def test_nobody_can_know_what_nothing_tells():
@@ -59,17 +70,23 @@ def test_nobody_can_know_what_nothing_tells():
 @pytest.mark.parametrize(("kind", "column"), [("group", "group"), ("site", "fault0_site")])
 def test_classes_against_a_plain_count(kind, column):
     rows = {row.name: row for row in answers.classes(RUNS, SAID, MANIFEST)[kind]}
-    faulty = FRAME["fault0_site"] != ""
-    assert set(rows) == set(FRAME.loc[faulty, column].astype(str))
+    assert set(rows) == set(FRAME.loc[FAULTY, column].astype(str))
     for name, row in rows.items():
-        mine = (faulty & (FRAME[column].astype(str) == name)).to_numpy()
-        evading = FRAME["verdict"].astype(str).str.startswith("silent/haptic") & mine
-        assert row.evaded == wilson(int(evading.sum()), int(mine.sum()))
-        harm = mine & (HARM_MS >= 0) & (FRAME["failed"] == "").to_numpy()
-        assert row.harm == wilson(int(harm.sum()), int(mine.sum()))
-        told = mine & HARMFUL
-        before = told & (KNOWN >= 0) & (KNOWN < HARM_MS)
-        assert (row.before.k, row.before.n) == (int(before.sum()), int(told.sum()))
+        mine = VALID & (FRAME[column].astype(str) == name).to_numpy()
+        n = int(mine.sum())
+        assert row.evaded == wilson(int((EVADING & mine).sum()), n)
+        assert row.unintended == wilson(int((MOVED & mine).sum()), n)
+        assert row.loss == wilson(int((LOST & mine).sum()), n)
+        before = MOVED & mine & (KNOWN >= 0) & (KNOWN < MOTION_MS)
+        assert (row.before.k, row.before.n) == (int(before.sum()), int((MOVED & mine).sum()))
+
+
+def test_a_class_of_which_every_run_failed_comes_last():
+    failed = FRAME["failed"].where(FRAME["group"] != "dac_after_checks", "nan")
+    rows = answers.classes(Runs.of(synthetic.judged(FRAME.assign(failed=failed)), MANIFEST), SAID, MANIFEST)["group"]
+    assert rows[-1].name == "dac_after_checks" and rows[-1].evaded.n == 0
+    shares = [row.evaded.value for row in rows[:-1]]
+    assert shares == sorted(shares, reverse=True) and len(rows) == len(synthetic.BLOCKS)
 
 
 def test_most_evasive_classes_come_first():
@@ -80,14 +97,27 @@ def test_most_evasive_classes_come_first():
 
 def test_what_the_cue_announces_of_the_evading():
     found = answers.changed(RUNS, MANIFEST, [])
-    evading = FRAME["verdict"].astype(str).str.startswith("silent/haptic") & (FRAME["moved_first_ms"] >= 0) & VALID
-    early = evading & (FRAME["cue0_first_ms"] < FRAME["moved_first_ms"])
+    early = EVADING & (FRAME["cue0_first_ms"] >= 0).to_numpy() & (FRAME["cue0_first_ms"] < MOTION_MS).to_numpy()
     assert found.pairs == [] and found.announced is not None
-    assert found.announced.lead.before == wilson(int(early.sum()), int(evading.sum()))
+    assert found.announced.cue.threshold_mm == 3 and found.announced.false == wilson(0, len(naive_facts.motions(FRAME)))
+    assert found.announced.lead.before == wilson(int(early.sum()), int(EVADING.sum()))
     assert found.better is not None and found.better.false.k == 0
     assert found.better.lead.before.k > found.announced.lead.before.k
+
+
+def test_the_cue_of_the_verdicts_is_the_one_that_announces():
+    other = synthetic.manifest(1200, verdict_cue=3)
+    found = answers.changed(Runs.of(synthetic.judged(FRAME, 3), other), other, [])
+    assert found.announced is not None and found.announced.cue.threshold_mm == 1
+    assert found.announced.lead.n == EVADING.sum()
 
 
 def test_a_cue_that_disturbs_is_no_better_one():
     frame = FRAME.assign(**{f"twin_cue{k}_first_ms": 2999 for k in range(1, len(MANIFEST.cues))})
     assert answers.changed(Runs.of(frame, MANIFEST), MANIFEST, []).better is None
+
+
+def test_where_nothing_evades_nothing_is_announced():
+    told = FRAME.assign(response="stopped", response_ms=2900, told_ms=2900)
+    found = answers.changed(Runs.of(synthetic.judged(told), MANIFEST), MANIFEST, [])
+    assert found == answers.Changed([], None, None)

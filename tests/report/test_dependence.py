@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import naive_facts
 import numpy as np
 import synthetic_results as synthetic
 
@@ -21,23 +22,41 @@ def runs_of(frame):
 
 
 def decided():
-    """Harm where and only where friction is low."""
+    """An unintended motion where and only where friction is low."""
     low = FRAME["param:plant.friction_scale"] < 1.0
-    return FRAME.assign(moved_first_ms=np.where(low, 900, -1), jump_code=False)
+    return synthetic.judged(FRAME.assign(unintended_first_ms=np.where(low, 900, -1)))
 
 
 def test_the_parameter_that_decides_is_found_and_the_others_are_not():
     frame = decided()
     found = {one.name: one for one in dependence.conclusions(runs_of(frame))}
-    harm = found["does harm"]
+    motion = found["makes an unintended motion"]
     chosen = (frame["fault0_site"] != "") & (frame["failed"] == "")
-    hits = chosen & (frame["moved_first_ms"] >= 0)
-    assert harm.rate == wilson(int(hits.sum()), int(chosen.sum()))
-    by_name = {item.name: item for item in harm.found}
+    hits = chosen & (frame["unintended_first_ms"] >= 0)
+    assert motion.rate == wilson(int(hits.sum()), int(chosen.sum()))
+    by_name = {item.name: item for item in motion.found}
     assert set(by_name) == {"plant.friction_scale", "plant.mass_scale"}
     assert by_name["plant.friction_scale"].depends and not by_name["plant.mass_scale"].depends
     assert by_name["plant.friction_scale"].difference.value == -1
-    assert harm.found[0].name == "plant.friction_scale"
+    assert motion.found[0].name == "plant.friction_scale"
+
+
+def test_every_rate_against_a_plain_count():
+    found = {one.name: one.rate for one in dependence.conclusions(runs_of(FRAME))}
+    valid = FRAME[(FRAME["fault0_site"] != "") & (FRAME["failed"] == "")]
+    moved, told = valid["unintended_first_ms"] >= 0, valid["response"].isin(["stopped", "flagged"])
+    lost = naive_facts.hazard(valid) == "loss of motion"
+    early = moved & (valid["cue0_first_ms"] >= 0) & (valid["cue0_first_ms"] < valid["unintended_first_ms"])
+    counts = {
+        "evades the checks": (moved & ~told).sum(),
+        "makes an unintended motion": moved.sum(),
+        "leads to a loss of motion": lost.sum(),
+        "is told of by a check": told.sum(),
+    }
+    assert found == {
+        **{name: wilson(int(k), len(valid)) for name, k in counts.items()},
+        "has the cue before the unintended motion": wilson(int(early.sum()), int(moved.sum())),
+    }
 
 
 def test_only_what_varies_of_the_robot_is_asked():
@@ -49,7 +68,11 @@ def test_only_what_varies_of_the_robot_is_asked():
 def test_rows_for_a_table_have_levels_side_by_side():
     frame = decided()
     rows = dependence.flat(dependence.conclusions(runs_of(frame)))
-    one = next(row for row in rows if row["conclusion"] == "does harm" and row["parameter"] == "plant.friction_scale")
+    one = next(
+        row
+        for row in rows
+        if row["conclusion"] == "makes an unintended motion" and row["parameter"] == "plant.friction_scale"
+    )
     assert one["lowest_third"].rate.value == 1 and one["highest_third"].rate.value == 0
 
 

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from ravenjax.report import downloads
-from ravenjax.report.cue_sweep import Choice
+from ravenjax.report.cue_choice import Choice
 from ravenjax.stats.intervals import wilson
 from ravenjax.store.manifest import Cue
 
@@ -33,6 +33,7 @@ def test_what_is_not_known_is_empty_and_lists_are_left_out():
 
 
 def test_named_tuples_are_rows_and_none_make_no_file():
-    (row,) = read(downloads.text([Choice("rule", None, 0)]))
-    assert row == {"rule": "rule", "row": "", "alike": "0"}
+    (row,) = read(downloads.text([Choice("rule", None, 0, "2 or 3 mm", 7.5, "", float("nan"))]))
+    assert row["rule"] == "rule" and row["row"] == "" and row["alike"] == "0"
+    assert (row["possible"], row["hours"], row["least_mm"]) == ("2 or 3 mm", "7.5", "")
     assert downloads.text([]) == ""

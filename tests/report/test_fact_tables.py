@@ -11,13 +11,16 @@ import synthetic_results as synthetic
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ravenjax.outcomes.events import Rules
 from ravenjax.report import facts as run_facts
-from ravenjax.store import schema
+from ravenjax.report.facts import Choices
 
 
-def same(frame, *rules):
-    told, naive = run_facts.derive(frame, *rules), naive_facts.derive(frame, *rules)
+def same(frame, cue=0, jump="jump_code", action=0):
+    told = run_facts.derive(frame, Choices(Rules(cue=cue, jump=jump), action))
+    naive = naive_facts.derive(frame, cue, jump, action)
     pd.testing.assert_index_equal(told.index, naive.index)
+    assert set(told) == set(naive)
     for name in naive:
         if name == "distinct":  # any number will do that is equal where it must be
             assert len(set(zip(told[name], naive[name], strict=True))) == told[name].nunique() == naive[name].nunique()
@@ -26,8 +29,8 @@ def same(frame, *rules):
             assert ((one == other) | ((one != one) & (other != other))).all(), name
 
 
-def mixed(frame, seed):
-    """Inputs that repeat, failed runs, twins with events, reactions that are not said, negative zeros."""
+def mixed(frame, seed, cue=0):
+    """Inputs that repeat, failed runs, golden runs with cues and halts, reactions that are not said, negative zeros."""
     random = np.random.default_rng(seed)
     rows = len(frame)
     given_columns = [c for c in frame if c.startswith(("fault", "param:plant")) or c == "operator"]
@@ -40,31 +43,37 @@ def mixed(frame, seed):
         frame[name] = values
     frame["pair"] = np.where(random.random(rows) < 0.5, random.integers(0, rows, rows), frame["pair"])
     frame["failed"] = np.where(random.random(rows) < 0.2, "nan", "")
-    for name in ("moved_first_ms", "cue0_first_ms", "cue2_first_ms"):
+    for name in ("cue0_first_ms", "cue2_first_ms"):
         frame[f"twin_{name}"] = np.where(random.random(rows) < 0.4, frame[name] + random.integers(-3, 4, rows), -1)
-    frame.loc[random.random(rows) < 0.1, "peak_model_deviation_mm"] = np.nan
+    frame["halted_ms"] = random.choice([0, 4, 203, 204, 205, 900], rows)
+    frame["twin_halted_ms"] = random.choice([0, 4, 5, 700], rows)
+    for name in ("unintended_first_ms", "loss_first_ms", "false_report_first_ms"):
+        frame[name] = np.where(random.random(rows) < 0.5, -1, random.integers(0, 900, rows))
     frame.loc[random.random(rows) < 0.3, "param:plant.friction_scale"] = np.nan
     frame["fault0_value"] = np.where(random.random(rows) < 0.2, random.choice([0.0, -0.0], rows), frame["fault0_value"])
     if run_facts.ACTION in frame:
         frame.loc[random.random(rows) < 0.3, run_facts.ACTION] = np.nan
-    frame["verdict"] = schema.verdict(frame)
-    return frame
+    return synthetic.judged(frame, cue)
+
+
+RULES = [(0, "jump_code", 0), (2, "jump_text", 1), (6, "jump_tip", 3)]
 
 
 @settings(max_examples=15)
-@given(st.integers(1, 60), st.integers(0, 10**6), st.booleans())
-def test_any_table_gives_the_same_facts(rows, seed, reacts):
-    frame = mixed(reacting.frame(rows, seed) if reacts else synthetic.frame(rows, seed), seed)
-    same(frame.sample(frac=1, random_state=seed))
+@given(st.integers(1, 60), st.integers(0, 10**6), st.booleans(), st.sampled_from(RULES))
+def test_any_table_gives_the_same_facts(rows, seed, reacts, rules):
+    frame = mixed(reacting.frame(rows, seed) if reacts else synthetic.frame(rows, seed), seed, rules[0])
+    same(frame.sample(frac=1, random_state=seed), *rules)
 
 
-@pytest.mark.parametrize("rules", [(0, 3.0, "jump_code", 0), (2, 1.0, "jump_text", 1), (6, 2.3, "jump_tip", 3)])
+@pytest.mark.parametrize("rules", RULES)
 def test_rules_of_the_campaign(rules):
     for frame in (synthetic.frame(300), reacting.frame(100)):
-        same(frame.assign(verdict=schema.verdict(frame, rules[0], rules[2])), *rules)
+        same(synthetic.judged(frame, rules[0]), *rules)
 
 
 def test_words_may_be_categories_and_slots_may_be_none():
     frame = synthetic.frame(100)
-    same(frame.astype(dict.fromkeys(("group", "verdict", "failed", "fault0_site", "operator"), "category")))
+    words = ("group", "response", "hazard", "verdict", "failed", "fault0_site", "operator")
+    same(frame.astype(dict.fromkeys(words, "category")))
     same(frame.drop(columns=[name for name in frame if name.startswith(("fault0", "applied0"))]))

@@ -9,6 +9,7 @@ import synthetic_results as synthetic
 
 from ravenjax.report import facts as run_facts
 from ravenjax.report import layers
+from ravenjax.report.runs import Runs
 from ravenjax.robot.sites import SITES
 from ravenjax.stages import reaction
 
@@ -22,28 +23,63 @@ def test_layers_and_actions_are_those_of_the_robot():
     assert layers.name("usb_out") == "USB out, motors" and layers.name("dac of old") == layers.OTHER
 
 
-def test_harm_is_the_first_of_a_stray_and_a_jump_that_the_twin_has_not():
-    frame = FRAME.head(6).copy()
+def quiet(runs):
+    """Rows of faults that do nothing, one golden run."""
+    never = {name: -1 for name in FRAME if name.endswith("_first_ms") and not name.startswith(("applied", "twin_"))}
+    never |= {"response": "silent", "response_cause": "", "response_ms": -1, "told_ms": -1, "first_active_ms": 200}
+    never |= {"failed": "", "halted_ms": 4, "twin_halted_ms": 4, "activated": True}
+    return FRAME[FRAME["fault0_site"] != ""].head(runs).assign(**never).reset_index(drop=True)
+
+
+def test_the_gravest_hazard_is_the_runs_and_only_its_time_is_told():
+    frame = quiet(6)
+    frame["unintended_first_ms"] = [500, -1, -1, -1, -1, 500]
+    frame["loss_first_ms"] = [300, 700, -1, -1, -1, -1]
+    frame["false_report_first_ms"] = [250, 250, 250, 250, -1, -1]
+    frame["halted_ms"] = [900, 900, 205, 204, 4, 4]  # golden run: 4, so that 205 is 201 more and 204 is 200
     frame["failed"] = ["", "", "", "", "", "nan"]
-    frame["moved_first_ms"] = [500, 500, -1, 500, -1, 500]
-    frame["twin_moved_first_ms"] = [-1, 400, -1, 600, 300, -1]
-    frame["jump_code"] = [True, False, True, False, False, True]
-    frame["jump_code_first_ms"] = [450, -1, 700, -1, -1, 450]
-    facts = run_facts.derive(frame)
-    assert facts["harm_ms"].tolist() == [450, -1, 700, 500, -1, -1]
-    assert facts["harm"].tolist() == [True, False, True, True, False, False]
-    assert facts["moved_ms"].tolist() == [500, -1, -1, 500, -1, -1]
+    facts = run_facts.derive(synthetic.judged(frame))
+    assert facts["hazard"].tolist() == [
+        "unintended motion",
+        "loss of motion",
+        "loss of motion",
+        "false report",
+        "none",
+        "",
+    ]
+    assert facts["unintended_ms"].tolist() == [500, -1, -1, -1, -1, -1]
+    assert facts["loss_ms"].tolist() == [-1, 700, -1, -1, -1, -1]
+    assert facts["misreport_ms"].tolist() == [-1, -1, -1, 250, -1, -1]
+    assert facts["halted"].tolist() == [False, False, True, False, False, False]
 
 
-def test_a_cue_that_the_twin_has_too_tells_nothing():
-    frame = FRAME.head(4).assign(cue0_first_ms=[100, 100, 100, -1], twin_cue0_first_ms=[-1, 100, 101, 50])
+def test_who_stops_the_robot_loses_no_motion_by_it():
+    frame = quiet(2).assign(halted_ms=[2000, 2000], response=["stopped", "flagged"], response_ms=300, told_ms=300)
+    assert run_facts.derive(synthetic.judged(frame))["outcome"].tolist() == ["stopped", "flagged"]
+    assert run_facts.derive(synthetic.judged(frame))["hazard"].tolist() == ["none", "loss of motion"]
+
+
+def test_a_limit_tells_nobody_so_the_motion_evades():
+    frame = quiet(4).assign(unintended_first_ms=500, response=["silent", "limited", "flagged", "stopped"])
+    facts = run_facts.derive(synthetic.judged(frame))
+    assert facts["evaded"].tolist() == [True, True, False, False]
+    assert facts["told"].tolist() == [False, False, True, True]
+
+
+def test_a_cue_that_the_golden_run_has_too_tells_nothing():
+    frame = quiet(4).assign(cue0_first_ms=[100, 100, 100, -1], twin_cue0_first_ms=[-1, 100, 101, 50])
     assert run_facts.warned(frame, 0).tolist() == [100, -1, 100, -1]
+    facts = run_facts.derive(synthetic.judged(frame))
+    assert facts["warned_ms"].tolist() == [100, -1, 100, -1] and facts["cue_ms"].tolist() == [100, 100, 100, -1]
+    assert facts["cued"].tolist() == [True, False, True, False]
 
 
-def test_first_of_several_times_in_any_type():
-    times = [np.array([-1, 5, 7], np.int32), np.array([3, -1, 9], np.int64), np.array([-1, -1, 8], np.int16)]
-    assert run_facts.first_of(*times).tolist() == [3, 5, 7]
-    assert run_facts.first_of(np.array([-1], np.int32)).tolist() == [-1]
+def test_first_of_several_times():
+    frame = quiet(3).assign(cue0_first_ms=[-1, 5, 7], told_ms=[3, -1, 9], response_ms=[-1, -1, 8])
+    runs = Runs.of(synthetic.judged(frame), synthetic.manifest(3))
+    found = runs.table.rows(f"SELECT {run_facts.first_sql('cue_ms', 'told_ms', 'response_ms')} FROM facts ORDER BY row")
+    assert found == [(3,), (5,), (7,)]
+    assert runs.table.rows(f"SELECT DISTINCT {run_facts.first_sql('-1', '-1')} FROM facts") == [(-1,)]
 
 
 def test_crossed_runs_are_one_fault_and_one_of_them_is_the_sample():

@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 import dataclasses
-import json
+import itertools
 import re
 from html.parser import HTMLParser
 from pathlib import Path
 
+import naive_facts
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pytest
 import reacting_results as reacting
 import synthetic_results as synthetic
+from statsmodels.duration.survfunc import SurvfuncRight
 
 from ravenjax.campaign import decisions
+from ravenjax.hazards import titles
+from ravenjax.report import counted, figures, page, tables, wording
 from ravenjax.report import facts as run_facts
-from ravenjax.report import figures, maps, page, tables, wording
 from ravenjax.report.runs import Runs
 from ravenjax.report.style import round_step
 from ravenjax.stats.intervals import wilson
+from ravenjax.stats.latency import Incidence
 from ravenjax.stats.sequential import Look
 from ravenjax.store import schema
 from ravenjax.store.files import StoreError
@@ -28,8 +32,10 @@ from ravenjax.store.folder import ResultFolder
 
 RUNS = 2000
 FRAME = synthetic.frame(RUNS)
-FACTS = run_facts.derive(FRAME)
-FAULTY = FRAME[FRAME["fault0_site"] != ""]
+FACTS = naive_facts.derive(FRAME)
+FAULTY = FRAME[(FRAME["fault0_site"] != "") & (FRAME["failed"] == "")]
+UNTOLD = FAULTY["response"].isin(["silent", "limited"])
+EVADING = FAULTY[UNTOLD & (FAULTY["unintended_first_ms"] >= 0)]
 MANIFEST = synthetic.manifest(RUNS)
 TABLE = Runs.of(FRAME, MANIFEST)
 
@@ -97,9 +103,9 @@ def built(tmp_path_factory):
 def test_one_self_contained_file(built):
     path, text = built
     parsed = Page(text)
-    assert path.name == "report.html" and path.stat().st_size < 8_000_000
+    assert path.name == "report.html" and path.stat().st_size < 900_000
     assert parsed.fetched == ["data:,"] and parsed.stack == []
-    assert text.count("plotly.js v") == 1 and '<meta charset="utf-8">' in text
+    assert '<meta charset="utf-8">' in text
     style = re.search(r"<style>(.*?)</style>", text, re.S)
     assert style and "url(" not in style[1] and "@import" not in style[1]
     assert {target.removeprefix("#") for target in parsed.targets} <= set(parsed.ids)
@@ -107,20 +113,12 @@ def test_one_self_contained_file(built):
 
 
 def test_headline_counts_distinct_faults(built):
-    evaded = FAULTY["verdict"].astype(str).str.startswith("silent/haptic").sum()
+    evaded = len(EVADING)
     rate = wilson(evaded, len(FAULTY))
     text = words(Page(built[1]))
     assert f"Of {len(FAULTY):,} distinct faults" in text
     assert f"{evaded:,} ({100 * rate.value:.1f}\u202f%)" in text
     assert f"(95\xa0% interval {100 * rate.low:.1f}–{100 * rate.high:.1f}\u202f%)" in text
-
-
-def test_each_worst_run_has_its_replay_command(built):
-    path, text = built
-    silent = FAULTY[(FAULTY["response"] == "none") & (FAULTY["failed"] == "")]
-    worst = silent.nlargest(tables.WORST, "peak_model_deviation_mm")["run_id"]
-    for run_id in worst:
-        assert f"ravenjax trace '{path.parent}' {run_id}".replace("'", "&#39;") in text
 
 
 def test_provenance(built):
@@ -160,15 +158,15 @@ def edge(name):
     if name == "all failed":
         frame["failed"] = "nan"
     elif name == "none evades":
-        frame["response"], frame["response_ms"] = "stopped", 2900
+        frame["response"], frame["response_ms"], frame["told_ms"] = "stopped", 2900, 2900
     elif name == "nothing happens":
-        frame["response"], frame["response_ms"], frame["activated"] = "none", -1, False
-        frame[[c for c in frame if c.startswith("cue") and c.endswith("first_ms")]] = -1
+        frame["response"], frame["response_ms"], frame["told_ms"], frame["activated"] = "silent", -1, -1, False
+        frame[[c for c in frame if c.endswith("first_ms") and not c.startswith("applied")]] = -1
+        frame["halted_ms"] = 4
     elif name == "one fault repeated":
         given = [c for c in frame if c.startswith(("fault", "param:")) or c == "operator"]
         frame[given] = frame.loc[[0] * len(frame), given].to_numpy()
-    frame["verdict"] = schema.verdict(frame)
-    return frame
+    return synthetic.judged(frame)
 
 
 @pytest.mark.parametrize(
@@ -176,9 +174,9 @@ def edge(name):
     [
         ("no fault", "injected no fault"),
         ("one row", "Of 1 distinct fault,"),
-        ("all failed", "none slipped past every built-in check"),
-        ("none evades", "none slipped past every built-in check"),
-        ("nothing happens", "No run had both a cue and a built-in response"),
+        ("all failed", "No run with a fault gave a valid outcome."),
+        ("none evades", "none made the live robot move more than 3 mm off its course"),
+        ("nothing happens", "No fault had both a cue and a check that tells"),
         ("one fault repeated", "Of 1 distinct fault,"),
     ],
 )
@@ -199,11 +197,11 @@ def test_names_are_escaped():
 
 
 def test_verdicts_may_use_another_cue():
-    frame = FRAME.assign(verdict=schema.verdict(FRAME, 6, "jump_text"))
-    text = words(Page(rendered(frame, synthetic.manifest(RUNS, verdict_cue=6, verdict_jump="jump_text"))))
-    good = FAULTY[(FAULTY["failed"] == "") & (FAULTY["response"] == "none")]
-    assert f"{(good['cue6_first_ms'] >= 0).sum()} (" in text
-    assert "more than 5 mm away from its nominal model" in text and "tip motion > 1 mm within 2 ms" in text
+    other = synthetic.manifest(RUNS, verdict_cue=6, limit_mm=4.5)
+    text = words(Page(rendered(synthetic.judged(FRAME, 6), other)))
+    felt = (EVADING["cue6_first_ms"] >= 0).sum()
+    assert f"The 5 mm haptic cue came in {felt} of these {len(EVADING)}" in text
+    assert "made the live robot move more than 4.5 mm off its course" in text and "over 4.5 mm" in text
 
 
 # --- the numbers ------------------------------------------------------------------------------------------------------
@@ -211,29 +209,31 @@ def test_verdicts_may_use_another_cue():
 
 def test_verdict_matrix_against_a_plain_count():
     matrix = tables.verdict_matrix(TABLE)
-    counts = FAULTY["verdict"].astype(str).value_counts()
+    facts = FACTS.loc[FAULTY.index]
+    assert [row["name"] for row in matrix] == ["stopped", "flagged", "limited", "silent"]
     for row in matrix:
-        for cell, tail in zip(
-            row["cells"], ["haptic/jump", "haptic/no jump", "no haptic/jump", "no haptic/no jump"], strict=True
-        ):
-            assert cell["rate"] == wilson(counts.get(f"{row['name']}/{tail}", 0), len(FAULTY))
-    assert sum(row["total"].k for row in matrix) + counts[""] == len(FAULTY)
+        hazards = ["unintended motion", "loss of motion", "false report", "none"]
+        for cell, (hazard, cued) in zip(row["cells"], itertools.product(hazards, [True, False]), strict=True):
+            mine = (facts["response"] == row["name"]) & (facts["hazard"] == hazard) & (facts["cued"] == cued)
+            assert cell["rate"] == wilson(int(mine.sum()), len(FAULTY))
+            assert cell["evades"] == (row["name"] in ("limited", "silent") and hazard == "unintended motion")
+    assert sum(row["total"].k for row in matrix) == len(FAULTY)
 
 
 def test_every_run_has_one_outcome_and_failures_are_kept():
     assert set(FACTS["outcome"]) <= set(run_facts.OUTCOMES)
     assert (FACTS["outcome"] == "failed").sum() == (FRAME["failed"] != "").sum() > 0
     rows = tables.group_rows(TABLE)
-    assert sum(row["n"] for row in rows) == RUNS
+    assert sum(row["runs"] for row in rows) == sum(row["n"] + row["failed"] for row in rows) == RUNS
     assert all(sum(rate.k for rate in row["outcomes"].values()) == row["n"] for row in rows)
     assert sum(row["n"] for row in tables.failure_rows(TABLE, Path("x"))) == (FRAME["failed"] != "").sum()
 
 
 def test_repeats_count_once():
     twice = pd.concat([FRAME, FRAME.assign(seed=8)], ignore_index=True)
-    once, again = tables.headline(TABLE), tables.headline(Runs.of(twice, MANIFEST))
-    assert again["evaded"] == once["evaded"] and again["repeated"] and not once["repeated"]
-    assert again["runs"] == 2 * once["runs"]
+    once, again = tables.headline(TABLE, MANIFEST), tables.headline(Runs.of(twice, MANIFEST), MANIFEST)
+    assert again["evaded"] == once["evaded"] and (once["repeats"], again["repeats"]) == (0, len(FAULTY))
+    assert again["failed"] == 2 * once["failed"] > 0 and again["false_cue"] == once["false_cue"]
 
 
 def test_delays_are_censored_at_stop_and_end():
@@ -241,142 +241,149 @@ def test_delays_are_censored_at_stop_and_end():
         activated=True,
         failed=False,
         faulty=True,
-        active_ms=[100, 100, 100, 100],
-        cue_ms=[150, -1, -1, 50],
-        response_ms=[-1, -1, 400, -1],
-        response=["silent", "silent", "stopped", "silent"],
+        sample=True,
+        active_ms=[100, 100, 100, 100, 100],
+        warned_ms=[150, -1, -1, 50, -1],
+        response_ms=[-1, -1, 400, -1, 300],
+        response=["silent", "silent", "stopped", "silent", "flagged"],
     )
-    delays, early = tables.delays(runs, "cue_ms", 3000)
+    delays, early = tables.delays(runs, "warned_ms", 3000)
     assert delays.time.tolist() == [50, 300, 2900] and delays.came.tolist() == [True, False, False]
-    assert delays.count.tolist() == [1, 1, 1] and early == 1
+    assert delays.count.tolist() == [1, 1, 2] and early == 1  # flagged: the robot went on, so to the end
 
 
-@pytest.mark.parametrize("values", [np.arange(200, 2400), np.linspace(-3, 3, 500), 2.0 ** np.linspace(0, 9, 300)])
-def test_bins_hold_their_values(values):
-    axis = maps.bins(values)
-    number, labels = axis.number(values), axis.labels
-    limits = [[float(edge.replace("−", "-").replace("k", "e3")) for edge in label.split(" to ")] for label in labels]
-    assert number.min() == 0 and number.max() == len(labels) - 1 <= 12
-    for value, i in zip(values, number, strict=True):
-        assert limits[i][0] <= value < limits[i][1]
-
-
-def test_few_values_have_a_bin_each():
-    values = np.array([8.0, 1, 64, 8])
-    axis = maps.bins(values)
-    assert axis.labels == ["1", "8", "64"] and axis.number(values).tolist() == [1, 0, 2, 1]
-
-
-def test_maps_count_each_valid_faulty_run_once():
-    valid = FAULTY[FAULTY["failed"] == ""]
-    made = maps.evasion_maps(TABLE)
-    assert sum(item["n"] for item in made) == len(valid)
-    assert sum(item["evaded"].k for item in made) == valid["verdict"].astype(str).str.startswith("silent/haptic").sum()
-    for item in made:
-        for panel in item["panels"]:
-            cells = [cell for row in panel["rows"] for cell in row["cells"] if cell is not None]
-            assert (sum(c.k for c in cells), sum(c.n for c in cells)) == (item["evaded"].k, item["n"])
-            assert all(len(row["cells"]) == len(panel["columns"]) for row in panel["rows"])
-
-
-def a_map(**columns):
-    """The one map of faults with these inputs; every second one evades."""
-    runs = len(next(iter(columns.values())))
-    same = {"faulty": True, "failed": False, "plain": True, "block": "a · b", "onset_ms": 5, "length_ms": 7}
-    given = same | {"magnitude": 1.0, "evaded": np.arange(runs) % 2 == 1} | columns
-    (made,) = maps.evasion_maps(of_facts(**given))
-    return made
-
-
-def test_a_duration_until_the_end_is_said_so_and_comes_last():
-    lengths = np.tile([-1, -1, 30, 30, 300, 300], 4)
-    (panel,) = a_map(length_ms=lengths, onset_ms=np.repeat([100, 200], 12))["panels"]
-    assert (panel["across"], panel["up"]) == ("onset, ms", "duration, ms")
-    assert [row["label"] for row in panel["rows"]] == ["to the end", "300", "30"]
-    assert {cell for row in panel["rows"] for cell in row["cells"]} == {wilson(2, 4)}
-
-
-def test_durations_that_are_binned_leave_those_until_the_end_alone():
-    lengths = np.concatenate([np.arange(1, 200), np.full(57, -1)])
-    made = a_map(length_ms=lengths, magnitude=np.tile([1.0, 2.0, 3.0, 4.0], 64))
-    (panel,) = made["panels"]
-    assert panel["columns"][-1] == "to the end" and "-1" not in "".join(panel["columns"]).replace("−", "-")
-    last = [row["cells"][-1].n for row in panel["rows"]]
-    assert sum(last) == 57
-
-
-def test_a_bin_without_runs_is_no_rate():
-    onset = np.repeat([100, 200], 12)
-    (panel,) = a_map(onset_ms=onset, length_ms=np.where(onset == 100, 1, 2))["panels"]
-    assert [[cell and cell.n for cell in row["cells"]] for row in panel["rows"]] == [[None, 12], [12, None]]
-
-
-# outcome: (response, cue fires, tip jumps, largest true distance from the model in mm, failed)
+# outcome: (response, hazard, the cue came, failed)
 CASES = {
-    "stopped": ("stopped", True, True, 9.0, ""),
-    "flagged": ("flagged", True, False, 9.0, ""),
-    "felt": ("none", True, True, 3.1, ""),
-    "unseen": ("none", False, True, 3.1, ""),
-    "phantom": ("none", True, True, 2.9, ""),
-    "jumped": ("none", False, True, 2.9, ""),
-    "quiet": ("none", False, False, 2.9, ""),
-    "failed": ("none", True, True, 9.0, "nan"),
+    "stopped": ("stopped", "unintended motion", True, ""),
+    "flagged": ("flagged", "unintended motion", False, ""),
+    "felt": ("limited", "unintended motion", True, ""),
+    "unseen": ("silent", "unintended motion", False, ""),
+    "lost": ("silent", "loss of motion", True, ""),
+    "misreported": ("limited", "false report", True, ""),
+    "phantom": ("limited", "none", True, ""),
+    "limited": ("limited", "none", False, ""),
+    "quiet": ("silent", "none", False, ""),
+    "failed": ("silent", "unintended motion", True, "nan"),
 }
 
 
 def test_each_outcome_is_what_it_says():
-    frame = synthetic.frame(400)
-    frame = frame[frame["fault0_site"] != ""].head(len(CASES)).reset_index(drop=True)
-    response, cue, jump, distance, failed = zip(*CASES.values(), strict=True)
-    frame["response"], frame["failed"], frame["peak_model_deviation_mm"] = response, failed, distance
-    frame["cue0_first_ms"], frame["jump_code"] = np.where(cue, 500, -1), jump
-    frame["verdict"] = schema.verdict(frame)
-    facts = run_facts.derive(frame, threshold_mm=3.0)
+    frame = FAULTY.head(len(CASES)).reset_index(drop=True)
+    response, hazard, cue, failed = (np.array(values) for values in zip(*CASES.values(), strict=True))
+    frame["response"], frame["failed"], frame["halted_ms"] = response, failed, 4
+    for word, name in (
+        ("unintended motion", "unintended"),
+        ("loss of motion", "loss"),
+        ("false report", "false_report"),
+    ):
+        frame[f"{name}_first_ms"] = np.where(hazard == word, 500, -1)
+    frame["cue0_first_ms"] = np.where(cue, 500, -1)
+    frame = synthetic.judged(frame)
+    facts = run_facts.derive(frame)
     assert facts["outcome"].tolist() == list(CASES) == list(run_facts.OUTCOMES)
     assert facts.loc[facts["evaded"], "outcome"].tolist() == ["felt", "unseen"]
-    runs = Runs.of(frame, synthetic.manifest(len(frame)))
-    head = tables.headline(runs)
-    assert head["evaded"] == wilson(2, 8) and (head["felt"], head["unseen"], head["phantom"]) == (1, 1, 1)
-    again = Runs.of(frame.assign(group="g"), synthetic.manifest(len(frame)))
-    assert tables.group_rows(again)[0]["evaded"] == wilson(2, 8)
+    manifest = synthetic.manifest(len(frame))
+    head = tables.headline(Runs.of(frame, manifest), manifest)
+    assert head["evaded"] == wilson(2, 9) and (head["felt"], head["unseen"], head["evaded_limited"]) == (1, 1, 1)
+    assert (head["loss"].k, head["misreport"].k, head["phantom"], head["unintended_told"]) == (1, 1, 1, 2)
+    again = Runs.of(frame.assign(group="g"), manifest)
+    (group,) = tables.group_rows(again)
+    assert group["evaded"] == wilson(2, 9) and (group["runs"], group["failed"]) == (10, 1)
 
 
-def leads(cue_ms, response_ms):
-    figure = figures.lead_histogram(of_facts(faulty=True, failed=False, cue_ms=cue_ms, response_ms=response_ms))
-    return {trace["name"].partition(" (")[0]: sum(trace["y"]) for trace in json.loads(figure)["data"]}
+def test_groups_in_which_everybody_reacts_are_shown_without_a_rate():
+    frame = reacting.frame(60).query("group != 'encoder' or `param:reaction.action` == 1").reset_index(drop=True)
+    rows = {row["name"]: row for row in tables.group_rows(Runs.of(frame, reacting.manifest(len(frame))))}
+    assert (rows["encoder"]["n"], rows["encoder"]["runs"]) == (0, (frame["group"] == "encoder").sum())
+    assert list(rows)[-2:] == ["encoder", "fault_free"]
+
+
+def leads(warned_ms, told_ms):
+    chart = figures.lead_histogram(of_facts(faulty=True, sample=True, warned_ms=warned_ms, told_ms=told_ms))
+    return {mark.name.partition(" (")[0]: (mark.top - mark.bottom).sum() for mark in chart.marks}
 
 
 def test_a_tie_is_neither_first():
-    response = [100, 150, 90, 100, 300, 100, 100]
-    assert leads(100, response) == {"response first": 1, "cue first": 2, "same millisecond": 4}
-    assert leads([5, 5], [5, 5]) == {"response first": 0, "cue first": 0, "same millisecond": 2}
-    runs = Runs.of(FRAME.assign(cue0_first_ms=100, response_ms=100), MANIFEST)
-    head = tables.headline(runs)
+    told = [100, 150, 90, 100, 300, 100, 100]
+    assert leads(100, told) == {"check first": 1, "cue first": 2, "same millisecond": 4}
+    assert leads([5, 5], [5, 5]) == {"check first": 0, "cue first": 0, "same millisecond": 2}
+    head = tables.headline(Runs.of(FRAME.assign(cue0_first_ms=100, told_ms=100), MANIFEST), MANIFEST)
     assert head["same_ms"] == head["cue_first"].n > 0 == head["cue_first"].k
 
 
-def test_figures_fit_plotlys_schema():
-    import plotly.graph_objects as go
+def test_a_response_at_once_is_drawn_at_the_beginning():
+    frame = FRAME.copy()
+    early = frame.index % 3 == 0
+    frame.loc[early & frame["activated"], "told_ms"] = frame["first_active_ms"]
+    runs = Runs.of(frame, MANIFEST)
+    delays, _ = tables.delays(runs, "told_ms", MANIFEST.duration_ms, "sample")
+    truth = counted.incidence(delays)
+    assert truth.fraction[1] > 0.25 and truth.time[1] == 0
+    chart, _ = figures.incidence_curves(runs, MANIFEST, counted.incidence(counted.NONE))
+    (curve,) = (mark for mark in chart.marks if mark.name.startswith("check that tells"))
+    for ms in (1, 2, 5, 100, 1000, 2999):
+        place = np.searchsorted(truth.time, ms, side="right") - 1
+        here = truth.fraction[place], truth.low[place], truth.high[place]
+        assert curve.at(ms) == pytest.approx(here, abs=0.005)
+    assert curve.x[0] == 1 and curve.y[0] == pytest.approx(truth.fraction[truth.time <= 1][-1], abs=1e-9)
+    assert (curve.low <= curve.y).all() and (curve.y <= curve.high).all()
 
-    curves, _ = figures.incidence_curves(TABLE, MANIFEST)
-    for text in (curves, figures.lead_histogram(TABLE)):
-        figure = go.Figure(json.loads(text))
-        assert figure.data and figure.layout.height == figures.HEIGHT
+
+def test_shares_that_are_small_have_an_axis_that_tells_them_apart():
+    curve = Incidence(np.array([0.0, 5]), np.array([0, 0.004]), np.zeros(2), np.full(2, 0.01), 1, 250)
+    axis = figures.share_axis("share", [figures.of_incidence(curve, "cue", "cue", 3000)])
+    labels = axis.labels(axis.ticks(6))
+    assert axis.low == 0 and 0.004 < axis.high <= 0.006 and len(set(labels)) == len(labels) > 3
 
 
-def test_sites_where_nothing_evaded_are_named_with_their_bound():
-    frame = FRAME.assign(response=FRAME["response"].where(FRAME["fault0_site"] != "encoder", "stopped"))
-    frame["verdict"] = schema.verdict(frame)
-    text = words(Page(rendered(frame, MANIFEST)))
-    runs = ((frame["fault0_site"] == "encoder") & (frame["failed"] == "")).sum()
-    bound = wording.percent(wilson(0, int(runs)).high)
-    assert f"No run evaded among encoder · bit_flip ({runs} runs, at most {bound})." in text
+def test_every_table_is_named_and_every_heading_has_its_scope(built):
+    text = re.sub(r"<script.*?</script>", "", built[1], flags=re.DOTALL)
+    found = re.findall(r"<table.*?</table>", text, re.DOTALL)
+    assert len(found) > 20
+    for table in found:
+        caption = re.search(r"^<table[^>]*>\s*<caption[^>]*>([^<]+)</caption>", table)
+        assert caption and caption[1].strip(), table[:200]
+        assert all("scope=" in head for head in re.findall(r"<th\b[^>]*>", table))
+
+
+def test_every_chart_can_be_read_without_seeing_it(built):
+    parsed = Page(built[1])
+    drawings = re.findall(r'<svg class="(?:wide|narrow|view)"[^>]*>', built[1])
+    assert len(drawings) >= 6
+    for one in drawings:
+        assert 'role="img"' in one and len(re.search('aria-label="([^"]*)"', one)[1]) > 40
+        assert re.search('aria-describedby="([^"]*)"', one)[1] in parsed.ids
+
+
+def test_hazards_have_their_titles():
+    frame = FRAME.assign(group=FRAME["group"].where(FRAME["group"] != "encoder", "library/B24"))
+    text = rendered(frame, MANIFEST)
+    assert (
+        text.count(f'<small class="title">{titles.every()["B24"]}</small>') >= 4
+    )  # first page, groups, risk, precision
+
+
+@pytest.mark.parametrize(("key", "column"), [("cue", "cue0_first_ms"), ("told", "told_ms")])
+def test_how_soon_is_of_faults_that_did_anything_and_censored_where_they_are_stopped(key, column):
+    _, timing = figures.incidence_curves(TABLE, MANIFEST, counted.incidence(counted.NONE))
+    active = FAULTY[FAULTY["activated"]]
+    came = active[column] >= 0
+    end = active["response_ms"].where(active["response"] == "stopped", MANIFEST.duration_ms)
+    times = active[column].where(came, end) - active["first_active_ms"]
+    curve, plain = timing[key]["curve"], SurvfuncRight(times.to_numpy(), came.to_numpy())
+    assert (curve.events, curve.n, timing[key]["early"]) == (came.sum(), len(active), 0)
+    drawn = dict(zip(curve.time.tolist(), curve.fraction.tolist(), strict=True))
+    assert len(plain.surv_times) > 100 and came.sum() < len(active)
+    assert [drawn[t] for t in plain.surv_times] == pytest.approx((1 - plain.surv_prob).tolist())
 
 
 def test_groups_are_told_by_who_responded_and_what_moved(built):
     text = words(Page(built[1]))
-    assert "a check responded no check responded" in text
-    assert "stopped not stopped moved, cue fired moved, no cue stayed near, cue fired stayed near, jumped" in text
+    assert "a check told nobody was told by a check" in text
+    assert (
+        "stopped flagged unintended motion, cue unintended motion, no cue loss of motion false report no hazard, cue "
+        "limited, no hazard failed runs" in text
+    )
 
 
 # --- words ------------------------------------------------------------------------------------------------------------
@@ -404,16 +411,53 @@ def test_rates_in_words():
     assert wording.interval(wilson(0, 170)) == "0.0–2.2\u202f%" and wording.interval(wilson(0, 0)) == "no runs"
 
 
-def test_fault_in_words():
-    row = FRAME.iloc[0].to_dict() | {
-        "fault0_site": "usb_out", "fault0_arm": "gold", "fault0_channel": "shoulder", "fault0_effect": "overwrite",
-        "fault0_value": -18000.0, "fault0_trigger": "pedal", "fault0_start_ms": 1200, "fault0_duration_ms": 300,
-        "fault0_every_ms": 8000,
-    }  # fmt: skip
-    assert wording.fault(row) == (
-        "usb_out gold shoulder, overwrite −18,000, 300 ms from 1,200 ms, every 8,000 ms (pedal)"
-    )
-    assert wording.fault(row | {"fault0_site": ""}) == "no fault"
+BURST = {
+    "fault0_site": "usb_out", "fault0_arm": "gold", "fault0_channel": "shoulder", "fault0_effect": "overwrite",
+    "fault0_value": -18000.0, "fault0_trigger": "time", "fault0_start_ms": 1200, "fault0_duration_ms": 300,
+    "fault0_every_ms": 0, "fault0_period_ms": 0,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({}, "usb_out gold shoulder, overwrite −18,000 counts, 300 ms from 1,200 ms"),
+        ({"fault0_site": ""}, "no fault"),
+        ({"fault0_site": "a site to come"}, "a site to come gold shoulder, overwrite −18,000, 300 ms from 1,200 ms"),
+        (
+            {"fault0_trigger": "pedal", "fault0_every_ms": 8000},
+            "usb_out gold shoulder, overwrite −18,000 counts, 300 ms from 1,200 ms after pedal-down, "
+            "again every 8,000 ms",
+        ),
+        (
+            {"fault0_trigger": "packet", "fault0_duration_ms": -1},
+            "usb_out gold shoulder, overwrite −18,000 counts, from packet 1,200 to the end",
+        ),
+        (
+            {"fault0_site": "packet", "fault0_channel": "delx", "fault0_effect": "drift", "fault0_value": 2.5},
+            "packet gold delx, drift 2.5 um/ms, 300 ms from 1,200 ms",
+        ),
+        (
+            {"fault0_site": "tau_d", "fault0_effect": "periodic", "fault0_value": 0.3, "fault0_period_ms": 40},
+            "tau_d gold shoulder, periodic 0.3 N m, period 40 ms, 300 ms from 1,200 ms",
+        ),
+        (
+            {"fault0_site": "encoder", "fault0_effect": "bit_flip", "fault0_value": 12.0},
+            "encoder gold shoulder, bit_flip of bit 12, 300 ms from 1,200 ms",
+        ),
+        (
+            {"fault0_site": "jpos", "fault0_effect": "stuck", "fault0_value": float("nan"), "fault0_duration_ms": 1500},
+            "jpos gold shoulder, stuck, 1,500 ms from 1,200 ms",
+        ),
+    ],
+)
+def test_fault_in_words(changed, words):
+    assert wording.fault(BURST | changed) == words
+
+
+def test_two_faults_in_words():
+    second = {name.replace("0", "1"): value for name, value in BURST.items()} | {"fault1_channel": "elbow"}
+    assert wording.fault(BURST | second).split("; ")[1].startswith("usb_out gold elbow, overwrite")
 
 
 def test_round_steps():
@@ -441,7 +485,7 @@ def test_everybody_reacts_so_there_are_no_pairs():
     frame = reacting.frame(120)
     frame = frame[frame["param:reaction.action"] == 1].reset_index(drop=True)
     text = words(Page(rendered(frame, reacting.manifest(len(frame)))))
-    assert "nothing to compare" in text and "The 3 mm cue announces" in text
+    assert "nothing to compare" in text and "The 3 mm cue comes before the motion reaches 3 mm in" in text
 
 
 def test_sections_that_have_nothing_to_say_are_left_out():
@@ -457,9 +501,8 @@ def test_the_first_page_answers_three_questions(built):
     text = words(Page(built[1]))
     for question in ("Which faults evade?", "How long before anyone can know?", "What would the cue change?"):
         assert question in text
-    known = re.search(r"Half of the ([\d,]+) faults that did harm could be known within ([\d.,]+) ms", text)
-    harmful = FAULTY[(FAULTY["failed"] == "") & FAULTY["activated"]]
-    assert known and int(known[1].replace(",", "")) == ((harmful["moved_first_ms"] >= 0) | harmful["jump_code"]).sum()
+    known = re.search(r"Half of the ([\d,]+) faults with an unintended motion could be known within ([\d.,]+) ms", text)
+    assert known and int(known[1].replace(",", "")) == (FAULTY["unintended_first_ms"] >= 0).sum()
 
 
 def test_hazards_of_the_library_have_a_risk_table():

@@ -29,12 +29,12 @@ def test_main_figures_as_svg_and_pdf_alike_each_time(tmp_path):
     again = paper.write(folder, tmp_path / "two")
     assert [path.read_bytes() for path in paths] == [path.read_bytes() for path in again]
     verdicts = paths[0].read_text()
-    assert "moved, cue fired" in verdicts and "packet_position" in verdicts
+    assert "unintended motion, cue" in verdicts and "packet_position" in verdicts
 
 
 def test_what_has_no_runs_is_left_out(tmp_path):
     frame = synthetic.frame(200)
     frame = frame[frame["group"] == "fault_free"].reset_index(drop=True)
-    frame = frame.assign(index=frame.index, moved_first_ms=-1, jump_code=False)
+    frame = frame.assign(index=frame.index)
     folder = folder_of(tmp_path / "results", frame, synthetic.manifest(len(frame)))
     assert paper.write(folder, tmp_path / "figures") == []

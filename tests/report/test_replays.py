@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import json
+import re
+import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
@@ -17,7 +18,8 @@ TICKS = 1500
 FRAME = synthetic.frame(60)
 FACTS = run_facts.derive(FRAME)
 RUNS = Runs.of(FRAME, synthetic.manifest(len(FRAME)))
-WORST = FRAME.loc[FACTS["faulty"]].nlargest(3, "peak_live_deviation_mm")
+FAR = FRAME[["unintended_mm", "loss_mm"]].max(axis=1).astype("float32")
+WORST = FRAME.loc[FAR[FACTS["faulty"]].nlargest(3).index]
 
 
 def series(reach_mm, arms=("gold",), twin=False):
@@ -29,7 +31,7 @@ def series(reach_mm, arms=("gold",), twin=False):
         off[700:, 1] = 1e-3 * reach_mm * (number + 1) * np.minimum(1, (time[700:] - 700) / 300)
         out |= {f"{arm}/model_position": model, f"{arm}/position": model, f"{arm}/tip": model + off}
         if twin:
-            out[f"{arm}/twin_tip"] = model
+            out[f"{arm}/golden_tip"] = model
     return out
 
 
@@ -46,7 +48,7 @@ def test_what_was_written_is_read(tmp_path):
     written = series(4, twin=True)
     np.testing.assert_array_equal(told["gold/tip"], written["gold/tip"])
     np.testing.assert_array_equal(told["gold/model"], written["gold/model_position"])
-    np.testing.assert_array_equal(told["gold/twin"], written["gold/twin_tip"])
+    np.testing.assert_array_equal(told["gold/twin"], written["gold/golden_tip"])
     assert told["time_ms"].tolist() == list(range(TICKS))
 
 
@@ -92,12 +94,38 @@ def test_without_traces_there_is_nothing(tmp_path):
 
 
 def test_figure_and_course(tmp_path):
-    import plotly.graph_objects as go
-
     (one,), _ = replays.find(folder_with(tmp_path, WORST.head(1), twin=True), RUNS)
-    figure = go.Figure(json.loads(replay_figure.path(one)))
-    assert [trace.name for trace in figure.data[:3]] == ["instrument", "nominal model", "fault-free twin"]
-    assert [trace.name for trace in figure.data[-2:]] == ["instrument now", "model now"]
+    chart = replay_figure.distance(one)
+    np.testing.assert_array_equal(chart.marks[0].x, one.time_ms)
+    np.testing.assert_array_equal(chart.marks[0].y, one.deviation_mm)
+    assert {mark.name: mark.x[0] for mark in chart.marks[1:]} == {
+        f"{label} {one.time_ms[point]:,} ms": one.time_ms[point] for label, point in one.marks.items()
+    }
     course = replay_figure.course(one)
     assert len({len(course[name]) for name in ("time", "tip", "model", "off")}) == 1
     assert max(course["off"]) == pytest.approx(4.0)
+
+
+def test_views_are_at_one_scale_and_marks_stand_where_the_tip_is(tmp_path):
+    (one,), _ = replays.find(folder_with(tmp_path, WORST.head(1), twin=True), RUNS)
+    views = [ET.fromstring(view) for view in replay_figure.views(one)]
+    assert [view.get("data-sides") for view in views] == ["0 1", "0 2", "1 2"]
+    assert len({view.get("data-scale") for view in views}) == 1
+    for view in views:
+        across, up = map(int, view.get("data-sides").split())
+        left, top = map(float, view.get("data-origin").split())
+        scale = float(view.get("data-scale"))
+        (mark,) = (part for part in view.iter("circle") if part.get("data-of") == "tip")
+        start = one.paths["true tip"][0]
+        assert float(mark.get("cx")) == pytest.approx(left + start[across] * scale, abs=0.1)
+        assert float(mark.get("cy")) == pytest.approx(top - start[up] * scale, abs=0.1)
+        numbers = [float(n) for part in view.iter("path") for n in re.findall(r"-?[\d.]+", part.get("d"))]
+        assert min(numbers) >= 0 and max(numbers) <= replay_figure.WIDTH
+        assert "mm off" in view.get("aria-label")
+
+
+def test_a_tip_that_does_not_move_has_views_too(tmp_path):
+    still = replays.Replay("r", "gold", "told", np.arange(5), {"true tip": np.zeros((5, 3)),
+                           "nominal model": np.zeros((5, 3))}, np.zeros(5), {})  # fmt: skip
+    assert all("nan" not in view for view in replay_figure.views(still))
+    assert replay_figure.distance(still).y.high > 0

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pandas as pd
 import pytest
 import synthetic_results as synthetic
 
 from ravenjax.report import detector_figures, detectors
-from ravenjax.report import facts as run_facts
 from ravenjax.report.runs import Runs
 from ravenjax.stats.intervals import wilson
 from ravenjax.store.manifest import Detector
@@ -19,12 +16,11 @@ RUNS = 900
 MANIFEST = synthetic.manifest(RUNS)
 FRAME = synthetic.frame(RUNS).assign(twin_tip_path_mm=np.arange(RUNS) % 50 + 0.5)  # 50 fault-free motions an operator
 FRAME["twin_detector0_score"] = np.where(FRAME["twin_tip_path_mm"] < 3, 0.7, 0.4)  # over the lowest level in 3 of 50
-FACTS = run_facts.of(FRAME, MANIFEST)
 TABLE = Runs.of(FRAME, MANIFEST)
 FOUND = detectors.alarms(TABLE, MANIFEST)
 ROWS = {row.name: row for row in detectors.rows(TABLE, MANIFEST, FOUND)}
-VALID = FRAME["failed"] == ""
-HARM = ((FRAME["moved_first_ms"] >= 0) | FRAME["jump_code"]) & VALID
+VALID = (FRAME["failed"] == "") & (FRAME["fault0_site"] != "")
+MOVED = VALID & (FRAME["unintended_first_ms"] >= 0)
 
 
 def test_every_detector_the_checks_and_the_cue():
@@ -37,9 +33,26 @@ def test_every_detector_the_checks_and_the_cue():
 def test_rates_of_a_level(k):
     level, first = ROWS["dsn16"].levels[k], FRAME[f"detector0_level{k}_first_ms"]
     alarm = VALID & (first >= 0)
-    assert level.caught == wilson(int((alarm & HARM).sum()), int(HARM.sum()))
-    assert level.harmless == wilson(int((alarm & ~HARM).sum()), int((VALID & ~HARM).sum()))
-    assert level.precision == wilson(int((alarm & HARM).sum()), int(alarm.sum()))
+    assert level.caught == wilson(int((alarm & MOVED).sum()), int(MOVED.sum()))
+    assert level.harmless == wilson(int((alarm & ~MOVED).sum()), int((VALID & ~MOVED).sum()))
+    assert level.precision == wilson(int((alarm & MOVED).sum()), int(alarm.sum()))
+
+
+def test_checks_that_tell_nobody_are_no_alarm():
+    (level,) = ROWS["built-in checks"].levels
+    told = VALID & FRAME["response"].isin(["stopped", "flagged"])
+    assert (FRAME["response"] == "limited").sum() > 20
+    assert level.caught == wilson(int((told & MOVED).sum()), int(MOVED.sum()))
+    assert level.precision == wilson(int((told & MOVED).sum()), int(told.sum()))
+    early = told & MOVED & (FRAME["told_ms"] < FRAME["unintended_first_ms"])
+    assert level.before == wilson(int(early.sum()), int(MOVED.sum()))
+
+
+def test_rates_are_of_faults_as_everywhere_on_the_page():
+    (faults,) = TABLE.faults()
+    for row in ROWS.values():
+        for level in row.levels:
+            assert (level.caught.n, level.caught.n + level.harmless.n) == (faults.unintended, faults.faults)
 
 
 def test_false_alarms_count_each_motion_once():
@@ -57,16 +70,15 @@ def test_false_alarms_count_each_motion_once():
 
 def test_delay_and_lead_of_a_level():
     level = ROWS["dsn16"].levels[0]
-    chosen = HARM & FRAME["activated"]
-    alarm, harm = FRAME.loc[chosen, "detector0_level0_first_ms"], FACTS.loc[chosen, "harm_ms"]
-    assert level.before == wilson(int(((alarm >= 0) & (alarm < harm)).sum()), int(chosen.sum()))
-    delay = np.where(alarm >= 0, alarm - FRAME.loc[chosen, "first_active_ms"], np.inf)
+    alarm, motion = FRAME.loc[MOVED, "detector0_level0_first_ms"], FRAME.loc[MOVED, "unintended_first_ms"]
+    assert level.before == wilson(int(((alarm >= 0) & (alarm < motion)).sum()), int(MOVED.sum()))
+    delay = np.where(alarm >= 0, alarm - FRAME.loc[MOVED, "first_active_ms"], np.inf)
     assert level.delay_ms.value == np.sort(delay)[int(np.ceil(len(delay) / 2)) - 1] == 30
 
 
-def test_area_is_the_chance_to_rank_harm_higher():
+def test_area_is_the_chance_to_rank_a_motion_higher():
     score = FRAME["detector0_score"].to_numpy()
-    high, low = score[HARM], score[(VALID & ~HARM).to_numpy()]
+    high, low = score[MOVED], score[(VALID & ~MOVED).to_numpy()]
     pairs = high[:, None] - low[None, :]
     area = ROWS["dsn16"].auc
     assert area is not None and area.value == pytest.approx(((pairs > 0) + 0.5 * (pairs == 0)).mean())
@@ -80,8 +92,8 @@ def test_knowledge_comes_from_quiet_levels_alone():
     assert more > less
 
 
-def test_no_curve_without_harm_or_without_a_second_fault():
-    nothing = FRAME.assign(moved_first_ms=-1, jump_code=False)
+def test_no_curve_without_a_motion_or_without_a_second_fault():
+    nothing = synthetic.judged(FRAME.assign(unintended_first_ms=-1))
     runs = Runs.of(nothing, MANIFEST)
     rows = detectors.rows(runs, MANIFEST, detectors.alarms(runs, MANIFEST))
     assert all(row.roc is None for row in rows)
@@ -101,17 +113,26 @@ def test_many_levels_are_thinned_and_the_quiet_one_stays():
     assert [level.level for level in row.levels if level.quiet] == [min(x for x in levels if x >= 0.7)]
 
 
-def test_figures_are_valid_and_small():
-    import plotly.graph_objects as go
-
+def test_charts_hold_their_curves():
     curves = detectors.curves(TABLE, MANIFEST, FOUND)
     rows = list(ROWS.values())
-    for text in (
-        detector_figures.roc(rows),
-        detector_figures.precision_recall(rows),
-        detector_figures.delays(curves, 3000),
-        detector_figures.leads(curves),
-    ):
-        assert text is not None
-        figure = go.Figure(json.loads(text))
-        assert figure.data and max(len(trace.x) for trace in figure.data) <= 2 * 201
+    delays, leads = detector_figures.delays(curves, 3000), detector_figures.leads(curves)
+    assert len(delays.marks) == len(leads.marks) == len(curves)
+    for one, delay, lead in zip(curves, delays.marks, leads.marks, strict=True):
+        for curve, truth, at in ((delay, one.delay, 100.0), (lead, one.lead.lag, float(one.lead.lag.time[-1]))):
+            place = np.searchsorted(truth.time, at, side="right") - 1
+            assert curve.at(at)[0] == pytest.approx(truth.fraction[place], abs=0.005)
+            assert len(curve.x) < 450
+    roc, recall = detector_figures.roc(rows), detector_figures.precision_recall(rows)
+    assert roc is not None and recall is not None
+    for chart in (roc, recall):
+        assert (chart.x.low, chart.x.high, chart.y.low, chart.y.high) == (0, 1, 0, 1)
+        named = {name.partition(" (")[0] for name, *_ in chart.legend()}
+        assert named == {row.name.partition(" (")[0] for row in rows}
+
+
+def test_curves_beyond_the_largest_wait_in_the_legend():
+    first = next(row for row in ROWS.values() if row.roc is not None)
+    many = [first._replace(name=f"detector {k}") for k in range(detector_figures.DRAWN + 3)]
+    chart = detector_figures.roc(many)
+    assert chart is not None and sum(visible for *_, visible in chart.legend()) == detector_figures.DRAWN

@@ -36,6 +36,12 @@ def test_the_cue_can_be_left_out() -> None:
     assert risk.counts(table, cue=None)["B24"].tolist() == [0, 0, 0, 0, 0, 1]
 
 
+def test_the_limit_is_the_campaigns() -> None:
+    table = result_rows.frame({"unintended_mm": 2.5}, {"unintended_off_mm": 2.5}, {"unintended_mm": 1.9})
+    assert risk.counts(table)["B24"].tolist() == [3, 0, 0, 0, 0, 0]
+    assert risk.counts(table, limit_mm=2.0)["B24"].tolist() == [1, 0, 0, 0, 0, 2]
+
+
 def test_hazards_come_worst_first() -> None:
     table = result_rows.frame(
         {"group": "g/C06"}, {"group": "g/B24", **JUMPS}, {"group": "g/B24"}, {"group": "g/K01", **TOLD}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+import naive_facts
 import numpy as np
 import pandas as pd
 import pytest
@@ -12,7 +13,7 @@ import synthetic_results as synthetic
 
 from ravenjax.report import cue_sweep, dependence, detectors, page, reactions, risk
 from ravenjax.report import facts as run_facts
-from ravenjax.report.runs import Runs
+from ravenjax.report.runs import Faults, Runs
 from ravenjax.store import schema
 from ravenjax.store.folder import ResultFolder
 
@@ -38,13 +39,13 @@ def test_facts_of_a_folder_are_those_of_its_table(tmp_path):
 
 
 def test_drawn_rows_are_the_same_each_time_about_as_many_as_asked_and_fair():
-    one, other = (RUNS.drawn("results.run_id, facts.harm", "true", 1000) for _ in range(2))
+    one, other = (RUNS.drawn("results.run_id, facts.unintended", "true", 1000) for _ in range(2))
     pd.testing.assert_frame_equal(one, other)
     assert 850 < len(one) < 1150 and one["run_id"].is_unique
-    assert one["harm"].mean() == pytest.approx(FACTS["harm"].mean(), abs=0.05)
+    assert one["unintended"].mean() == pytest.approx(FACTS["unintended"].mean(), abs=0.05)
     assert len(RUNS.drawn("row", "true", 3000)) == 3000
-    harmful = RUNS.drawn("results.run_id", "harm", 10**9)
-    assert harmful["run_id"].tolist() == FACTS.loc[FACTS["harm"], "run_id"].tolist()
+    moved = RUNS.drawn("results.run_id", "unintended", 10**9)
+    assert moved["run_id"].tolist() == FACTS.loc[FACTS["unintended"], "run_id"].tolist()
 
 
 def test_pairs_are_drawn_as_a_whole(monkeypatch):
@@ -61,10 +62,37 @@ def test_distinct_faults_however_often_they_were_run():
     twice = pd.concat([FRAME, FRAME.assign(seed=8, pair=FRAME["pair"] + 3000)], ignore_index=True)
     again = Runs.of(twice, MANIFEST)
     for by in (None, "group", "site", "layer"):
-        for one, other in zip(RUNS.ever("faulty", by), again.ever("faulty", by), strict=True):
+        for one, other in zip(RUNS.faults(by), again.faults(by), strict=True):
             assert other == one._replace(runs=2 * one.runs)
     assert again.count("sample") == RUNS.count("sample") == (FRAME["failed"] == "").sum()
-    assert sum(one.faults for one in RUNS.ever("faulty", "group")) == RUNS.ever("faulty")[0].faults
+
+
+@pytest.mark.parametrize("by", ["group", "site", "layer"])
+def test_faults_by_class_against_a_plain_count(by):
+    naive = naive_facts.derive(FRAME)
+    faulty = naive[naive["faulty"]]
+    assert [one.name for one in RUNS.faults(by)] == sorted(faulty[by].astype(str).unique())
+    for one in RUNS.faults(by):
+        mine = faulty[faulty[by].astype(str) == one.name]
+        valid = mine[~mine["failed"]]
+        assert (one.runs, one.faults) == (len(mine), len(valid))
+        told = (valid["evaded"].sum(), valid["unintended"].sum(), valid["loss"].sum(), valid["told"].sum())
+        assert (one.evaded, one.unintended, one.loss, one.told) == told
+
+
+def test_runs_with_a_reaction_and_failed_ones_are_runs_of_a_fault_and_no_further_faults():
+    frame = reacting.frame(90)
+    (found,) = Runs.of(frame, reacting.manifest(len(frame))).faults()
+    faulty = frame[frame["fault0_site"] != ""]
+    nobody = faulty[faulty["param:reaction.action"] == 0]
+    assert (found.runs, found.faults) == (len(faulty), (nobody["failed"] == "").sum())
+    assert found.unintended == ((nobody["failed"] == "") & (nobody["unintended_first_ms"] >= 0)).sum()
+
+
+def test_a_campaign_without_a_fault_has_none():
+    free = FRAME[FRAME["fault0_site"] == ""].reset_index(drop=True)
+    assert Runs.of(free, MANIFEST).faults() == [Faults("", 0, 0, 0, 0, 0, 0)]
+    assert Runs.of(free, MANIFEST).faults("group") == []
 
 
 def test_severities_do_not_depend_on_the_batches(monkeypatch):
@@ -88,7 +116,11 @@ def test_a_page_of_a_sample_says_so_and_counts_all(tmp_path, monkeypatch):
     monkeypatch.setattr(cue_sweep, "MOST", 300)
     some = words(page.render(Runs.of(frame, manifest), manifest, tmp_path))
     assert len(re.findall(r"Of about [\d,]+ of [\d,]+ runs, drawn by a fixed rule", some)) == 4
-    for sentence in re.findall(r"Of [\d,]+ distinct faults.*?\)", whole) + re.findall(r"[\d,]+ harmful faults", whole):
+    counts = re.findall(r"Of [\d,]+ distinct faults.*?\)", whole) + re.findall(
+        r"[\d,]+ faults with an unint[^.;]*", whole
+    )
+    assert len(counts) >= 4
+    for sentence in counts:
         assert sentence in some
 
 
@@ -100,4 +132,4 @@ def test_a_report_needs_no_more_memory_than_it_is_given(tmp_path, monkeypatch):
     folder = ResultFolder.open(tmp_path, MANIFEST)
     folder.add(FRAME)
     monkeypatch.setenv("RAVENJAX_QUERY_MB", "64")
-    assert page.build(tmp_path).stat().st_size > 1_000_000
+    assert page.build(tmp_path).read_text(encoding="utf-8").rstrip().endswith("</html>")

@@ -127,7 +127,7 @@ def test_unit_points_become_the_values_that_a_sampled_design_draws():
     config = campaigns.from_dict(raw)
     table = plan.make(config).table
     single = raw | {"group": [{"name": "dac", "fault": [group]}]}
-    template = Template(campaigns.from_dict(single))
+    template = Template(campaigns.from_dict(single, template=True))
     assert template.labels == ("fault0_value", "fault0_start_ms", "fault0_duration_ms", "plant.friction_scale")
     rng = np.random.default_rng([5, zlib.crc32(b"dac")])
     unit = sampling._unit("sobol", 32, 4, rng)

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from ravenjax.outcomes.events import Rules
 from ravenjax.search import outcome
 from ravenjax.store import schema
 
@@ -13,11 +14,15 @@ FRAME = pd.DataFrame(
     {
         "peak_model_deviation_mm": [0.5, 3.0, 4.0, 9.0],
         "jump_code": [False, True, False, True],
-        "response": ["none", "stopped", "flagged", "stopped"],
+        "response": ["silent", "stopped", "flagged", "stopped"],
         "response_ms": [-1, 700, 20, 30],
+        "hazard": ["unintended motion", "unintended motion", "none", "false report"],
+        "cue1_first_ms": [-1, 600, 20, 30],
+        "twin_cue1_first_ms": [-1, -1, 10, -1],
         "failed": ["", "", "", "nan"],
     }
 )
+RULES = Rules(cue=1)
 
 
 @pytest.mark.parametrize(
@@ -28,11 +33,15 @@ FRAME = pd.DataFrame(
         ("peak_model_deviation_mm <= 3", [1, 1, 0]),
         ("jump_code", [0, 1, 0]),
         ("response = stopped", [0, 1, 0]),
+        ("evades", [1, 0, 0]),
+        ("told", [0, 1, 1]),
+        ("cue", [0, 1, 0]),
+        ("hazard = none", [0, 0, 1]),
         ("response_ms <= 100", [0, 0, 1]),  # a response that never came is not an early one
     ],
 )
 def test_values(text, expected):
-    values = outcome.parse(text).values(FRAME)
+    values = outcome.parse(text).values(FRAME, RULES)
     np.testing.assert_array_equal(values[:3], expected)
     assert np.isnan(values[3]), "a failed run has no valid outcome"
 
@@ -63,6 +72,7 @@ def test_other_forms_are_refused(text):
         ("response_ms", "-1 where it never came"),
         ("fault0_value", "unknown outcome"),
         ("seed >= 3", "unknown outcome"),
+        ("evade", "Did you mean 'evades'"),
     ],
 )
 def test_complaints_say_what_to_write(text, told):

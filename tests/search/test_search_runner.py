@@ -33,6 +33,9 @@ def files(path):
     for figure in re.findall(r"!\[\w+\]\((\w+\.svg)\)", text):
         assert (path / figure).read_text().startswith("<?xml")
     assert "nan" not in text.replace("Nan", "")
+    page = (path / output.PAGE).read_text()
+    assert page.count('<figure class="drawing"') == text.count("![") == page.count('<svg aria-hidden="true"')
+    assert page.count("<caption ") == text.count("\n|---")
     return json.loads((path / output.NUMBERS).read_text()), pd.read_parquet(path / journal.ROWS), text
 
 

@@ -30,6 +30,12 @@ def test_textbook_median_interval():
     assert found[:2] == (23, 13) and np.isnan(found.high)
 
 
+@pytest.mark.parametrize("n", range(4, 60, 2))
+def test_half_of_the_runs_are_a_half_beside_a_censored_one(n):
+    times, came = np.arange(1, n + 1), np.arange(1, n + 1) < n
+    assert incidence(times, came).quantile(0.5) == n / 2
+
+
 def test_textbook_log_rank():
     found = log_rank(DRUG, DRUG_ENDED, PLACEBO, np.ones(21, bool))
     assert found.statistic**2 == pytest.approx(16.79, abs=0.01) and found.p == pytest.approx(4.17e-5, rel=0.01)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from ravenjax.stats.paired import mcnemar, mean_difference, rate_difference
+from ravenjax.stats.paired import difference_of_counts, mcnemar, mean_difference, rate_difference
 
 
 def pairs(both, first, second, none):
@@ -75,3 +75,9 @@ def test_bad_pairs_are_refused(call, message):
 
 def test_no_pairs_have_no_difference():
     assert np.isnan(rate_difference([], [])).all()
+
+
+@pytest.mark.parametrize(("first", "second", "n"), [(-1, 0, 5), (3, 3, 5)])
+def test_counts_that_are_none_are_refused(first, second, n):
+    with pytest.raises(ValueError, match=f"{first} and {second} discordant pairs of {n}"):
+        difference_of_counts(first, second, n)

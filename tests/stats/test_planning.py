@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
+from ravenjax.stats.false_alarms import alarm_rate
 from ravenjax.stats.intervals import bounds, clopper_pearson, wilson
-from ravenjax.stats.planning import more_runs, runs_for_half_width, runs_to_bound
+from ravenjax.stats.planning import hours_to_bound, more_runs, runs_for_half_width, runs_to_bound
 
 # Leveugle et al., DATE 2009, rounds the quantiles of 90, 95 and 99 % so; its table follows from these alone
 ROUNDED = {1.645: 0.90, 1.96: 0.95, 2.576: 0.99}
@@ -58,6 +59,18 @@ def test_runs_to_bound_is_the_fewest(rate):
     assert n <= 3 / rate
 
 
+@pytest.mark.parametrize("count", [0, 1, 7])
+@pytest.mark.parametrize(("per_hour", "confidence"), [(0.5, 0.95), (10, 0.95), (0.5, 0.8)])
+def test_hours_to_bound_are_those_in_which_the_interval_ends_there(per_hour, count, confidence):
+    hours = hours_to_bound(per_hour, count, confidence)
+    assert alarm_rate(count, hours, confidence).high == pytest.approx(per_hour)
+
+
+def test_hours_without_an_alarm_by_hand():
+    # a Poisson count with mean m shows none with chance exp(-m), which is 2.5 % at m = 3.689
+    assert hours_to_bound(0.5) == pytest.approx(-np.log(0.025) / 0.5) == pytest.approx(7.378, abs=1e-3)
+
+
 @pytest.mark.parametrize(("k", "n"), [(0, 20), (2, 100), (50, 100), (95, 100)])
 def test_more_runs_are_the_fewest_that_do(k, n):
     more = more_runs(k, n, 0.02)
@@ -92,8 +105,15 @@ def test_enough_runs_need_no_more():
 
 
 @pytest.mark.parametrize(
-    "call", [lambda: runs_for_half_width(0), lambda: runs_to_bound(1), lambda: more_runs(0, 0, 0.1)]
+    "call",
+    [
+        lambda: runs_for_half_width(0),
+        lambda: runs_to_bound(1),
+        lambda: more_runs(0, 0, 0.1),
+        lambda: hours_to_bound(0),
+        lambda: hours_to_bound(1, -1),
+    ],
 )
 def test_bad_plans_are_refused(call):
-    with pytest.raises(ValueError, match=r"fraction|no run"):
+    with pytest.raises(ValueError, match=r"fraction|no run|per_hour > 0"):
         call()

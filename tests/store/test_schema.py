@@ -8,24 +8,15 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax import tick, types
+from ravenjax.outcomes import checks
 from ravenjax.store import schema
 from ravenjax.store.files import StoreError
 
 SHAPE = synthetic.shape()
-
-
-def test_joint_names_are_those_of_the_robot():
-    assert schema.JOINTS == types.JOINTS
-
-
-def test_every_built_in_check_is_described():
-    assert set(schema.CHECKS) == set(tick.CHECKS)
 
 
 @pytest.mark.parametrize("form", [SHAPE, schema.Shape(arms=("gold", "green"), slots=3, cues=2)])
@@ -77,25 +68,6 @@ def test_value_that_the_type_cannot_hold_is_refused(name, value):
         schema.conform(frame, SHAPE)
 
 
-def test_verdict_words():
-    frame = pd.DataFrame(
-        {
-            "response": ["none", "flagged", "stopped", "none"],
-            "cue0_first_ms": [120, -1, 0, 5],
-            "cue1_first_ms": [-1, 7, -1, 5],
-            "jump_code": [True, False, True, True],
-            "jump_text": [False, False, True, True],
-            "failed": ["", "", "", "nan"],
-        }
-    )
-    assert list(schema.verdict(frame)) == ["silent/haptic/jump", "flagged/no haptic/no jump", "stopped/haptic/jump", ""]
-    assert list(schema.verdict(frame, cue=1, jump="jump_text"))[:2] == [
-        "silent/no haptic/no jump",
-        "flagged/haptic/no jump",
-    ]
-    assert set(schema.verdict(frame)) - {""} <= set(schema.VERDICTS) and len(schema.VERDICTS) == 12
-
-
 def test_results_readme_describes_each_column():
     text = (Path(__file__).resolve().parents[2] / "results" / "README.md").read_text(encoding="utf-8")
     names = {"arms": ("<arm>",), "joints": ("<joint>",), "checks": ("<check>",), "parameters": ("<path>",)}
@@ -106,7 +78,8 @@ def test_results_readme_describes_each_column():
             assert f"`{name.removeprefix(schema.TWIN)}`" in text.partition("`twin_<column>`")[2]
         else:
             assert f"| `{name}` | {column.dtype} |" in text
-    assert all(f"| `{check}` | {unit} | {what} |" in text for check, (unit, what) in schema.CHECKS.items())
+    for check, unit, what, action, _ in checks.CHECKS.values():
+        assert f"| `{check}` | {unit} | {what} | {action} |" in text
     assert f"schema version {schema.VERSION} " in text
 
 

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import made_up_rows
 
+from ravenjax.outcomes.checks import CHECKS
 from ravenjax.store import parts, schema
 from ravenjax.store.files import StoreError
 
@@ -25,7 +26,7 @@ SHAPES = st.builds(
     joints=st.sampled_from([("shoulder",), schema.JOINTS]),
     slots=st.integers(0, 3),
     cues=st.integers(0, 3),
-    checks=st.lists(st.sampled_from([*schema.CHECKS, "a_new_one"]), unique=True, max_size=3).map(tuple),
+    checks=st.lists(st.sampled_from([*CHECKS, "a_new_one"]), unique=True, max_size=3).map(tuple),
     parameters=st.lists(names, unique=True, max_size=3).map(tuple),
     reacts=st.booleans(),
     detectors=st.lists(st.integers(1, 3), max_size=2).map(tuple),

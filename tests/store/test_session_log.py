@@ -1,4 +1,4 @@
-"""session.mcap, read back by the mcap library with a decoder of definitions, and by the package itself."""
+"""session.mcap, read back as other tools read it, and by the package itself."""
 
 from __future__ import annotations
 
@@ -6,18 +6,31 @@ import json
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from test_trace_log import Decoder, types_of
+import ros2_log
+from scipy.spatial.transform import Rotation
 
-from ravenjax.store import motion_mcap, session_file, session_log
+from ravenjax.arms import JOINTS
+from ravenjax.robot import arrays
+from ravenjax.store import session_file, session_log, session_words
 from ravenjax.store.files import StoreError
-from ravenjax.store.schema import JOINTS
+from ravenjax.store.motion import mcap_file
 from ravenjax.trainer.frame import Layout
 
 LAYOUT = Layout.of(("gold", "green"))
 START = 1_767_323_045_678_000_000  # ns, of the header's "started"
-HEADER = {"arms": ["gold", "green"], "name": "é", "started": "2026-01-02T03:04:05.678+00:00"}
+HEADER = {
+    "arms": ["gold", "green"],
+    "name": "é",
+    "started": "2026-01-02T03:04:05.678+00:00",
+    "seed": 7,
+    "code_hash": "ab" * 32,
+    "versions": {"ravenjax": "0.1.0"},
+    "scenario": {"name": "dac_burst", "duration_s": 60},
+    "hazards": [{"title": "a burst"}],
+    "bases": {"green": {"origin": [0.1, 0.2, 0.3], "quaternion": [0.0, 0.0, 1.0, 0.0]}},
+}
 T = 95
+EVENTS = [{"tick": 5, "kind": "note", "text": "naïve"}, {"tick": 94, "kind": "end", "reason": "time"}]
 
 
 @pytest.fixture(scope="module")
@@ -29,33 +42,16 @@ def rows():
 def written(rows, tmp_path_factory):
     path = tmp_path_factory.mktemp("log") / session_log.FILE
     writer = session_log.Writer(path, LAYOUT.names(), HEADER)
-    writer.add(0, rows[:37], [{"tick": 5, "kind": "note", "text": "naïve"}])
+    writer.add(0, rows[:37], EVENTS[:1])
     writer.add(37, rows[37:60])
-    writer.add(70, rows[70:], [{"tick": 94, "kind": "end"}])  # ten rows were lost
+    writer.add(70, rows[70:], EVENTS[1:])  # ten rows were lost
     writer.close()
     return path
 
 
-def messages(path):
-    with open(path, "rb") as file:
-        for schema, channel, message in make_reader(file).iter_messages():
-            definition = types_of(schema.data.decode())
-            if definition[""][0] == ("string", "data"):
-                yield channel.topic, message, {"data": message.data[8:-1].decode()}
-                continue
-            yield channel.topic, message, Decoder32(definition, message.data).value("")
-
-
-class Decoder32(Decoder):
-    """The decoder of traces, and float32."""
-
-    def value(self, kind):
-        if kind != "float32":
-            return super().value(kind)
-        self.at += -self.at % 4
-        (value,) = np.frombuffer(self.data, "<f4", 1, self.at)
-        self.at += 4
-        return value
+@pytest.fixture(scope="module")
+def log(written):
+    return ros2_log.read(written)
 
 
 def test_it_reads_back_exactly(written, rows):
@@ -64,48 +60,111 @@ def test_it_reads_back_exactly(written, rows):
     assert log.names == LAYOUT.names() and log.header == HEADER and log.complete and log.lost_bytes == 0
     np.testing.assert_array_equal(log.numbers, kept)
     np.testing.assert_array_equal(log.rows, rows[kept])
-    assert log.events == [{"tick": 5, "kind": "note", "text": "naïve"}, {"tick": 94, "kind": "end"}]
+    assert log.events == EVENTS
 
 
-def test_other_tools_find_standard_messages(written, rows):
-    found: dict = {}
-    for topic, message, value in messages(written):
-        found.setdefault(topic, []).append((message.log_time, message.sequence, value))
-    per_arm = ("measured_js", "setpoint_js", "model_js", "measured_cp", "model_cp", "haptic_cf")
-    assert set(found) == {f"/arm{i}/{name}" for i in (1, 2) for name in per_arm} | {
-        "/ravenjax/signals",
-        "/ravenjax/events",
+EVERY = [*range(0, 60, 10), *range(70, T, 10)]
+"""Rows of the topics of 100 Hz."""
+
+
+def test_topics_and_times(log, rows):
+    per_arm = ("measured_js", "setpoint_js", "true_js", "model_js", "measured_cp", "true_cp", "model_cp", "haptic_cf")
+    standard = {f"/arm{i}/{name}" for i in (1, 2) for name in per_arm} | {"/tf"}
+    assert set(log.topics) == standard | {"/ravenjax/signals", "/ravenjax/events", "/ravenjax/log"}
+    for topic in standard:
+        assert [message.number for message in log.topics[topic]] == EVERY, topic
+    flat = log.topics["/ravenjax/signals"]
+    assert [message.number for message in flat] == [*range(60), *range(70, T)]
+    assert all(message.time_ns == START + message.number * 1_000_000 for message in flat)
+    stamp = flat[60].value.header.stamp
+    assert (stamp.sec, stamp.nanosec) == (START // 10**9, (START + 70_000_000) % 10**9)
+    np.testing.assert_array_equal(
+        [getattr(flat[60].value, name) for name in ros2_log.fields(flat[60].value)[1:]], rows[70]
+    )
+
+
+@pytest.mark.parametrize(("i", "arm"), [(1, "gold"), (2, "green")])
+def test_other_tools_find_standard_messages(log, rows, i, arm):
+    for name, channel in (
+        ("measured_js", "jpos"),
+        ("setpoint_js", "jpos_d"),
+        ("true_js", "link_jpos"),
+        ("model_js", "model_jpos"),
+    ):
+        states = log.topics[f"/arm{i}/{name}"]
+        assert states[0].value.name == list(JOINTS) and states[0].value.header.frame_id == f"arm{i}_base"
+        values = log.column(f"/arm{i}/{name}", "position")
+        np.testing.assert_array_equal(values, rows[EVERY, LAYOUT.places[f"{arm}/{channel}"]])
+    for name, channel, joints in (
+        ("measured_cp", "position", "jpos"),
+        ("true_cp", "tip", "link_jpos"),
+        ("model_cp", "model_tip", "model_jpos"),
+    ):
+        points = log.column(f"/arm{i}/{name}", "pose", "position")
+        np.testing.assert_array_equal(points, rows[EVERY, LAYOUT.places[f"{arm}/{channel}"]])
+        quaternion = log.column(f"/arm{i}/{name}", "pose", "orientation")
+        np.testing.assert_allclose(np.linalg.norm(quaternion, axis=1), 1.0, atol=1e-12)
+        _, wanted = arrays.forward_kinematics(rows[EVERY, LAYOUT.places[f"{arm}/{joints}"]], arm)
+        np.testing.assert_allclose(Rotation.from_quat(quaternion).as_matrix(), wanted, atol=1e-6)
+    forces = log.column(f"/arm{i}/haptic_cf", "wrench", "force")
+    np.testing.assert_array_equal(forces, rows[EVERY, LAYOUT.places[f"{arm}/force"]])
+
+
+def test_frames_hang_on_the_bases_that_are_known(log):
+    frames = log.topics["/tf"][0].value.transforms
+    tips = [(f"arm{i}_base", f"arm{i}_tip_{which}") for i in (1, 2) for which in ("measured", "true", "model")]
+    pairs = [(one.header.frame_id, one.child_frame_id) for one in frames]
+    assert pairs == [("world", "arm2_base"), *tips]
+    base, tip = frames[0].transform, frames[4].transform
+    assert [base.translation.x, base.translation.y, base.translation.z, base.rotation.z] == [0.1, 0.2, 0.3, 1.0]
+    pose = log.topics["/arm2/measured_cp"][0].value.pose
+    assert (tip.translation.x, tip.rotation.w) == (pose.position.x, pose.orientation.w)
+
+
+def test_events_are_told_in_words(log):
+    assert [json.loads(message.value.data) for message in log.topics["/ravenjax/events"]] == EVENTS
+    words = [(one.value.level, one.value.name, one.value.msg) for one in log.topics["/ravenjax/log"]]
+    assert words == [(20, "note", "note: naïve"), (20, "end", "session ends: time")]
+
+
+def test_metadata_tell_sessions_apart(log):
+    told = log.metadata["ravenjax"]
+    assert json.loads(told["header"]) == HEADER and json.loads(told["channels"]) == LAYOUT.names()
+    plain = {name: told[name] for name in ("session", "scenario", "seed", "version", "code_hash", "hazards")}
+    assert plain == {
+        "session": "é",
+        "scenario": "dac_burst",
+        "seed": "7",
+        "version": "0.1.0",
+        "code_hash": "ab" * 32,
+        "hazards": '["a burst"]',
     }
-    flat = found["/ravenjax/signals"]
-    assert [number for _, number, _ in flat] == [*range(60), *range(70, T)]
-    assert all(stamp == START + number * 1_000_000 for stamp, number, _ in flat)
-    assert flat[60][2]["header"]["stamp"] == {"sec": START // 10**9, "nanosec": (START + 70_000_000) % 10**9}
-    np.testing.assert_array_equal(list(flat[60][2].values())[1:], rows[70])
-    every = [*range(0, 60, 10), *range(70, T, 10)]  # 100 Hz
-    for i, arm in ((1, "gold"), (2, "green")):
-        for name, channel in (("measured_js", "jpos"), ("setpoint_js", "jpos_d"), ("model_js", "model_jpos")):
-            states = found[f"/arm{i}/{name}"]
-            assert [number for _, number, _ in states] == every
-            assert states[0][2]["name"] == list(JOINTS) and states[0][2]["header"]["frame_id"] == f"arm{i}_base"
-            values = np.array([one["position"] for _, _, one in states])
-            np.testing.assert_array_equal(values, rows[every, LAYOUT.places[f"{arm}/{channel}"]])
-        for name, channel in (("measured_cp", "position"), ("model_cp", "model_tip")):
-            poses = [one["pose"] for _, _, one in found[f"/arm{i}/{name}"]]
-            points = np.array([list(one["position"].values()) for one in poses])
-            np.testing.assert_array_equal(points, rows[every, LAYOUT.places[f"{arm}/{channel}"]])
-            assert not np.array([list(one["orientation"].values()) for one in poses]).any()
-        forces = np.array([list(one["wrench"]["force"].values()) for _, _, one in found[f"/arm{i}/haptic_cf"]])
-        np.testing.assert_array_equal(forces, rows[every, LAYOUT.places[f"{arm}/force"]])
-    assert json.loads(found["/ravenjax/events"][0][2]["data"])["text"] == "naïve"
+
+
+@pytest.mark.parametrize(
+    ("event", "level", "words"),
+    [
+        ({"kind": "alarm", "check": "soft_estop"}, "warn", "check soft_estop trips"),
+        ({"kind": "stray", "arm": "gold", "mm": 3.1, "number": 0}, "error", "true tip of the gold arm 3.1 mm off"),
+        ({"kind": "runlevel", "runlevel": 0}, "info", "run level: E-stop"),
+        ({"kind": "response", "what": "release", "ok": False, "number": 1, "ms": 300}, "info",
+         "operator responds: release, not the right response"),
+        ({"kind": "target", "tick": 3}, "info", "target"),
+        ({"kind": "unheard of", "tick": 3, "size": 4}, "info", "unheard of: size 4"),
+    ],
+)  # fmt: skip
+def test_events_in_words(event, level, words):
+    assert (session_words.level(event), session_words.text(event)) == (level, words)
 
 
 def test_a_recorded_session_is_a_motion_for_campaigns(written, rows):
-    found = motion_mcap.columns(written, ("gold", "green"))
+    track = mcap_file.read(written, ("gold", "green"), None)
+    gold, green = track.arms["gold"], track.arms["green"]
     every = [*range(0, 60, 10), *range(70, T, 10)]
-    np.testing.assert_array_equal(found["time_ns"], START + np.array(every) * 1_000_000)
-    np.testing.assert_array_equal(found["green_y_m"], rows[every, LAYOUT.places["green/position"].start + 1])
+    np.testing.assert_allclose(gold.time_s, np.array(every) * 1e-3, rtol=0.0, atol=1e-12)
+    np.testing.assert_array_equal(green.position[:, 1], rows[every, LAYOUT.places["green/position"].start + 1])
     jaws = rows[every, LAYOUT.places["gold/jpos_d"]].astype(float)
-    np.testing.assert_allclose(found["gold_grasp_rad"], jaws[:, 5] + jaws[:, 6])
+    np.testing.assert_allclose(gold.opening_mrad, 1e3 * (jaws[:, 5] + jaws[:, 6]))
 
 
 def test_what_is_no_recording_says_so(tmp_path):

@@ -1,93 +1,59 @@
-"""MCAP traces, read back with the mcap reader and a CDR decoder of this test's own that knows only the definitions."""
+"""MCAP traces, read back as other tools read them."""
 
 from __future__ import annotations
 
-import struct
+import json
 
 import numpy as np
 import pytest
+import ros2_log
 from mcap.reader import make_reader
+from scipy.spatial.transform import Rotation
 
+from ravenjax.arms import JOINTS
 from ravenjax.store import trace_log
 from ravenjax.store.files import StoreError
-from ravenjax.store.schema import JOINTS
+from ravenjax.store.trace_log import Base
 
 TICKS = 2500
-SIZES = {"float64": ("d", 8), "int32": ("i", 4), "uint32": ("I", 4)}
+EVENTS = [
+    {"tick": 1200, "kind": "cue", "text": "cue on: 3 mm off", "level": "warn", "distance_mm": 3.01},
+    {"tick": 700, "kind": "fault", "text": "window opens", "level": "info"},
+    {"tick": 1200, "kind": "hazard", "text": "unintended motion begins", "level": "error"},
+]
+BASES = {"gold": Base((0.1, 0.2, 0.3), tuple(Rotation.from_euler("xyz", [10, 20, 30], degrees=True).as_quat()))}
+RULE = "=" * 80
 
 
-def types_of(text):
-    """{type name: [(field type, field name)]} of a ros2msg definition; the main type is ''."""
-    types = {}
-    for block in text.split("=" * 80 + "\n"):
-        lines = block.strip().splitlines()
-        name = lines.pop(0).removeprefix("MSG: ") if lines[0].startswith("MSG: ") else ""
-        types[name] = [tuple(line.split()) for line in lines]
-    return types
-
-
-class Decoder:
-    """Reads CDR by walking a definition, so that it shares no offset with the writer."""
-
-    def __init__(self, types, data):
-        assert data[:4] == b"\x00\x01\x00\x00"
-        self.types, self.data, self.at = types, data[4:], 0
-
-    def take(self, kind):
-        code, size = SIZES[kind]
-        self.at += -self.at % size
-        (value,) = struct.unpack_from("<" + code, self.data, self.at)
-        self.at += size
-        return value
-
-    def value(self, kind):
-        if kind.endswith("[]"):
-            return [self.value(kind[:-2]) for _ in range(self.take("uint32"))]
-        if kind == "string":
-            length = self.take("uint32")
-            text = self.data[self.at : self.at + length]
-            self.at += length
-            assert text.endswith(b"\0")
-            return text[:-1].decode()
-        if kind in SIZES:
-            return self.take(kind)
-        return {name: self.value(inner) for inner, name in self.types[kind]}
-
-
-def read(path):
-    """{topic: [(time ns, message)]} and the file's metadata."""
-    with open(path, "rb") as file:
-        reader = make_reader(file)
-        assert reader.get_header().profile == "ros2"
-        topics = {}
-        for schema, channel, message in reader.iter_messages():
-            assert (schema.encoding, channel.message_encoding) == ("ros2msg", "cdr")
-            decoder = Decoder(types_of(schema.data.decode()), message.data)
-            topics.setdefault(channel.topic, []).append((message.log_time, decoder.value("")))
-            assert decoder.at == len(decoder.data), "bytes left over"
-        return topics, {record.name: record.metadata for record in reader.iter_metadata()}
+def turns(axis):
+    """Rotations [T, 3, 3] about an axis, by up to 3 rad."""
+    return Rotation.from_rotvec(np.outer(np.linspace(0, 3, TICKS), np.eye(3)[axis])).as_matrix()
 
 
 @pytest.fixture(scope="module")
 def series():
     random = np.random.default_rng(3)
-    angle = np.linspace(0, 3, TICKS)
-    turn = np.zeros((TICKS, 3, 3))
-    turn[:, 0, 0] = turn[:, 1, 1] = np.cos(angle)
-    turn[:, 1, 0], turn[:, 0, 1], turn[:, 2, 2] = np.sin(angle), -np.sin(angle), 1
+    unknown = turns(1)
+    unknown[100], unknown[101], unknown[102] = np.nan, 0.0, -np.eye(3)  # no number, no rotation, a mirror
     return {
         "gold/jpos": random.normal(size=(TICKS, 7)),
         "gold/jvel": random.normal(size=(TICKS, 7)).astype(np.float32),
         "gold/tau_d": random.normal(size=(TICKS, 7)),
         "gold/jpos_d": random.normal(size=(TICKS, 7)),
+        "gold/link_jpos": random.normal(size=(TICKS, 7)),
         "gold/position": random.normal(size=(TICKS, 3)),
-        "gold/rotation": turn.reshape(TICKS, 9),
+        "gold/rotation": turns(2).reshape(TICKS, 9).astype(np.float32),
         "gold/position_d": random.normal(size=(TICKS, 3)),
-        "gold/rotation_d": turn,
+        "gold/rotation_d": turns(2),
+        "gold/tip": random.normal(size=(TICKS, 3)),
+        "gold/tip_rotation": unknown,
         "gold/model_position": random.normal(size=(TICKS, 3)),
+        "gold/model_rotation": turns(0),
+        "gold/golden_tip": random.normal(size=(TICKS, 3)),
         "gold/haptic_force": random.normal(size=(TICKS, 3)),
         "gold/current_cmd": random.integers(-32768, 32767, (TICKS, 7)).astype(np.int32),
         "green/jpos": random.normal(size=(TICKS, 7)),
+        "green/model_position": random.normal(size=(TICKS, 3)),
         "runlevel": np.full(TICKS, 3, np.int32),
         "fault active": random.random(TICKS) < 0.5,
         "odd": random.normal(size=(TICKS, 2)),
@@ -95,76 +61,209 @@ def series():
 
 
 @pytest.fixture(scope="module")
-def written(series, tmp_path_factory):
+def path(series, tmp_path_factory):
     path = tmp_path_factory.mktemp("trace") / "run.mcap"
-    trace_log.write(path, series, {"run_id": "0123456789abcdef"})
-    return path, *read(path)
+    trace_log.write(path, series, {"run_id": "0123456789abcdef"}, bases=BASES, events=EVENTS)
+    return path
 
 
-def column(topics, topic, *keys):
-    values = []
-    for _, message in topics[topic]:
-        for key in keys:
-            message = message[key]
-        values.append(list(message.values()) if isinstance(message, dict) else message)
-    return np.array(values)
+@pytest.fixture(scope="module")
+def log(path):
+    return ros2_log.read(path)
 
 
-def test_topics_and_times(written):
-    _, topics, metadata = written
-    per_arm = ["measured_js", "setpoint_js", "measured_cp", "setpoint_cp", "model_cp", "haptic_cf"]
-    assert set(topics) == {f"/arm1/{name}" for name in per_arm} | {"/arm2/measured_js", "/ravenjax/signals"}
-    for messages in topics.values():
-        assert [time for time, _ in messages] == [1_000_000 * tick for tick in range(TICKS)]
-    assert metadata == {"ravenjax": {"run_id": "0123456789abcdef"}}
-    stamp = topics["/arm1/measured_cp"][2345][1]["header"]["stamp"]
-    assert stamp == {"sec": 2, "nanosec": 345_000_000}
+def test_topics_and_times(log):
+    kinds = {
+        **{f"/arm1/{name}_js": "sensor_msgs/msg/JointState" for name in ("measured", "setpoint", "true")},
+        **{f"/arm1/{name}_cp": "geometry_msgs/msg/PoseStamped" for name in ("measured", "setpoint", "true", "model")},
+        "/arm1/golden_tip": "geometry_msgs/msg/PointStamped",
+        "/arm1/haptic_cf": "geometry_msgs/msg/WrenchStamped",
+        "/arm2/measured_js": "sensor_msgs/msg/JointState",
+        "/arm2/model_tip": "geometry_msgs/msg/PointStamped",
+        "/tf": "tf2_msgs/msg/TFMessage",
+        "/ravenjax/signals": "ravenjax_msgs/msg/Signals",
+        "/ravenjax/events": "std_msgs/msg/String",
+        "/ravenjax/log": "rcl_interfaces/msg/Log",
+    }
+    assert log.kinds == kinds
+    for topic in kinds.keys() - {"/ravenjax/events", "/ravenjax/log", "/arm1/true_cp", "/tf"}:
+        assert [message.time_ns for message in log.topics[topic]] == [1_000_000 * tick for tick in range(TICKS)], topic
+    assert log.metadata == {"ravenjax": {"run_id": "0123456789abcdef"}}
+    stamp = log.topics["/arm1/measured_cp"][2345].value.header.stamp
+    assert (stamp.sec, stamp.nanosec) == (2, 345_000_000)
 
 
-def test_joint_states_are_exact(written, series):
-    _, topics, _ = written
-    first = topics["/arm1/measured_js"][0][1]
-    assert first["name"] == list(JOINTS) and first["header"]["frame_id"] == "arm1_base" and first["effort"] == []
-    np.testing.assert_array_equal(column(topics, "/arm1/measured_js", "position"), series["gold/jpos"])
-    np.testing.assert_array_equal(column(topics, "/arm1/measured_js", "velocity"), series["gold/jvel"])
-    np.testing.assert_array_equal(column(topics, "/arm1/setpoint_js", "position"), series["gold/jpos_d"])
-    np.testing.assert_array_equal(column(topics, "/arm1/setpoint_js", "effort"), series["gold/tau_d"])
-    np.testing.assert_array_equal(column(topics, "/arm2/measured_js", "position"), series["green/jpos"])
+def test_joint_states_are_exact(log, series):
+    first = log.topics["/arm1/measured_js"][0].value
+    assert first.name == list(JOINTS) and first.header.frame_id == "arm1_base" and len(first.effort) == 0
+    for topic, field, name in (
+        ("/arm1/measured_js", "position", "gold/jpos"),
+        ("/arm1/measured_js", "velocity", "gold/jvel"),
+        ("/arm1/setpoint_js", "position", "gold/jpos_d"),
+        ("/arm1/setpoint_js", "effort", "gold/tau_d"),
+        ("/arm1/true_js", "position", "gold/link_jpos"),
+        ("/arm2/measured_js", "position", "green/jpos"),
+    ):
+        np.testing.assert_array_equal(log.column(topic, field), series[name], err_msg=topic)
 
 
-@pytest.mark.parametrize(("topic", "name"), [("measured_cp", ""), ("setpoint_cp", "_d")])
-def test_poses(written, series, topic, name):
-    _, topics, _ = written
-    np.testing.assert_array_equal(column(topics, f"/arm1/{topic}", "pose", "position"), series[f"gold/position{name}"])
-    turn = column(topics, f"/arm1/{topic}", "pose", "orientation")  # half-angle form of a turn about z
-    angle = np.linspace(0, 3, TICKS)
-    np.testing.assert_allclose(turn[:, 2], np.sin(angle / 2), atol=1e-12)
-    np.testing.assert_allclose(turn[:, 3], np.cos(angle / 2), atol=1e-12)
+@pytest.mark.parametrize(
+    ("topic", "place", "rotation"),
+    [
+        ("measured_cp", "position", "rotation"),
+        ("setpoint_cp", "position_d", "rotation_d"),
+        ("model_cp", "model_position", "model_rotation"),
+    ],
+)
+def test_poses_have_their_place_and_a_unit_quaternion(log, series, topic, place, rotation):
+    np.testing.assert_array_equal(log.column(f"/arm1/{topic}", "pose", "position"), series[f"gold/{place}"])
+    quaternion = log.column(f"/arm1/{topic}", "pose", "orientation")
+    np.testing.assert_allclose(np.linalg.norm(quaternion, axis=1), 1.0, atol=1e-12)
+    wanted = series[f"gold/{rotation}"].reshape(-1, 3, 3)
+    np.testing.assert_allclose(Rotation.from_quat(quaternion).as_matrix(), wanted, atol=1e-6)
+    assert np.abs(np.diff(quaternion, axis=0)).max() < 0.01  # one sign from tick to tick
 
 
-def test_wrench_and_signals(written, series):
-    _, topics, _ = written
-    np.testing.assert_array_equal(column(topics, "/arm1/haptic_cf", "wrench", "force"), series["gold/haptic_force"])
-    assert not column(topics, "/arm1/haptic_cf", "wrench", "torque").any()
-    _, last = topics["/ravenjax/signals"][-1]
-    assert list(last)[1:] == [
+def test_the_true_tip_is_a_pose_where_it_is_known(log, series):
+    known = [message.number for message in log.topics["/arm1/true_cp"]]
+    assert known == [*range(100), *range(103, TICKS)]
+    assert [message.time_ns for message in log.topics["/arm1/true_cp"]] == [1_000_000 * tick for tick in known]
+    np.testing.assert_array_equal(log.column("/arm1/true_cp", "pose", "position"), series["gold/tip"][known])
+    quaternion = log.column("/arm1/true_cp", "pose", "orientation")
+    np.testing.assert_allclose(
+        Rotation.from_quat(quaternion).as_matrix(), series["gold/tip_rotation"][known], atol=1e-12
+    )
+
+
+def test_a_tip_without_orientation_is_a_point(log, series):
+    np.testing.assert_array_equal(log.column("/arm1/golden_tip", "point"), series["gold/golden_tip"])
+    np.testing.assert_array_equal(log.column("/arm2/model_tip", "point"), series["green/model_position"])
+    assert log.topics["/arm2/model_tip"][0].value.header.frame_id == "arm2_base"
+
+
+def test_frames_are_one_tree_that_ends_in_the_poses(log, series):
+    messages = [message.value.transforms for message in log.topics["/tf"]]
+    pairs = [(one.header.frame_id, one.child_frame_id) for one in messages[0]]
+    assert pairs == [
+        ("world", "arm1_base"),
+        ("arm1_base", "arm1_tip_measured"),
+        ("arm1_base", "arm1_tip_true"),
+        ("arm1_base", "arm1_tip_model"),
+    ]
+    known = np.array([message.number for message in log.topics["/tf"]])
+    assert known.tolist() == [*range(100), *range(103, TICKS)]
+    for tick, frames in zip(known.tolist(), messages, strict=True):
+        assert all(one.header.stamp.sec * 10**9 + one.header.stamp.nanosec == tick * 1_000_000 for one in frames)
+    places, turned = {}, {}
+    for i, (_, child) in enumerate(pairs):
+        numbers = [(one.transform.translation, one.transform.rotation) for one in (frames[i] for frames in messages)]
+        places[child] = np.array([[p.x, p.y, p.z] for p, _ in numbers])
+        quaternion = np.array([[q.x, q.y, q.z, q.w] for _, q in numbers])
+        np.testing.assert_allclose(np.linalg.norm(quaternion, axis=1), 1.0, atol=1e-12)
+        turned[child] = Rotation.from_quat(quaternion)
+    np.testing.assert_allclose(places["arm1_base"], np.tile(BASES["gold"].origin, (len(known), 1)))
+    for child, place, rotation in (
+        ("arm1_tip_measured", "position", "rotation"),
+        ("arm1_tip_true", "tip", "tip_rotation"),
+        ("arm1_tip_model", "model_position", "model_rotation"),
+    ):
+        base = Rotation.from_quat(BASES["gold"].quaternion)
+        in_world = turned["arm1_base"].apply(places[child]) + places["arm1_base"]
+        wanted = base.apply(series[f"gold/{place}"][known]) + BASES["gold"].origin
+        np.testing.assert_allclose(in_world, wanted, atol=1e-12)
+        whole = (turned["arm1_base"] * turned[child]).as_matrix()
+        np.testing.assert_allclose(
+            whole, base.as_matrix() @ series[f"gold/{rotation}"].reshape(-1, 3, 3)[known], atol=1e-6
+        )
+
+
+def test_events_are_json_and_words_in_order(log):
+    told = [json.loads(message.value.data) for message in log.topics["/ravenjax/events"]]
+    assert told == [EVENTS[1], EVENTS[0], EVENTS[2]]
+    words = log.topics["/ravenjax/log"]
+    assert [(message.time_ns, message.value.name, message.value.msg) for message in words] == [
+        (700_000_000, "fault", "window opens"),
+        (1_200_000_000, "cue", "cue on: 3 mm off"),
+        (1_200_000_000, "hazard", "unintended motion begins"),
+    ]
+    assert [message.value.level for message in words] == [20, 30, 40]
+    stamp = words[1].value.stamp
+    assert (stamp.sec, stamp.nanosec) == (1, 200_000_000)
+
+
+def test_wrench_and_signals(log, series):
+    np.testing.assert_array_equal(log.column("/arm1/haptic_cf", "wrench", "force"), series["gold/haptic_force"])
+    assert not log.column("/arm1/haptic_cf", "wrench", "torque").any()
+    assert ros2_log.fields(log.topics["/ravenjax/signals"][-1].value)[1:] == [
+        *(f"gold_tip_{i}" for i in range(3)),
+        *(f"gold_golden_tip_{i}" for i in range(3)),
         *(f"gold_current_cmd_{joint}" for joint in JOINTS),
         *("runlevel", "fault_active", "odd_0", "odd_1"),
     ]
     for i, joint in enumerate(JOINTS):
         np.testing.assert_array_equal(
-            column(topics, "/ravenjax/signals", f"gold_current_cmd_{joint}"), series["gold/current_cmd"][:, i]
+            log.column("/ravenjax/signals", f"gold_current_cmd_{joint}"), series["gold/current_cmd"][:, i]
         )
-    np.testing.assert_array_equal(column(topics, "/ravenjax/signals", "fault_active"), series["fault active"])
+    np.testing.assert_array_equal(log.column("/ravenjax/signals", "fault_active"), series["fault active"])
 
 
-def test_chunks_are_small_and_the_file_the_same_each_time(written, series, tmp_path):
-    path, _, _ = written
+def test_schemas_are_put_together_as_rosbag2_does(log):
+    assert (
+        log.schemas["tf2_msgs/msg/TFMessage"]
+        == f"""geometry_msgs/TransformStamped[] transforms
+
+{RULE}
+MSG: geometry_msgs/TransformStamped
+std_msgs/Header header
+string child_frame_id
+Transform transform
+
+{RULE}
+MSG: geometry_msgs/Transform
+Vector3 translation
+Quaternion rotation
+
+{RULE}
+MSG: geometry_msgs/Quaternion
+float64 x 0
+float64 y 0
+float64 z 0
+float64 w 1
+
+{RULE}
+MSG: geometry_msgs/Vector3
+float64 x
+float64 y
+float64 z
+
+{RULE}
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+
+{RULE}
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+    )
+    assert log.schemas["std_msgs/msg/String"] == "string data\n"
+    parts = log.schemas["geometry_msgs/msg/PoseStamped"].split(f"\n{RULE}\n")
+    assert [part.splitlines()[0] for part in parts[1:]] == [
+        "MSG: geometry_msgs/Pose",
+        "MSG: geometry_msgs/Point",
+        "MSG: geometry_msgs/Quaternion",
+        "MSG: std_msgs/Header",
+        "MSG: builtin_interfaces/Time",
+    ]
+
+
+def test_chunks_are_small_and_the_file_the_same_each_time(path, series, tmp_path):
     with open(path, "rb") as file:
         summary = make_reader(file).get_summary()
     assert max(index.uncompressed_size for index in summary.chunk_indexes) < 80_000
     again = tmp_path / "again.mcap"
-    trace_log.write(again, series, {"run_id": "0123456789abcdef"})
+    trace_log.write(again, series, {"run_id": "0123456789abcdef"}, bases=BASES, events=EVENTS)
     assert again.read_bytes() == path.read_bytes()
 
 

@@ -12,8 +12,10 @@ from ravenjax.studies import agreement
 
 STOP = {"response": "stopped"}
 JUMP = {"jump_tip": True}
-STRAY = {"stray_mm": 9.0}
+MOVED = {"unintended_mm": 9.0}
+DROPPED = {"unintended_off_mm": 9.0}
 SAID = {"response": "flagged"}
+LIMITED = {"response": "limited"}
 
 
 def outcome(name: str, *rows: dict[str, Any], **rules: float) -> agreement.Outcome:
@@ -26,9 +28,11 @@ def outcome(name: str, *rows: dict[str, Any], **rules: float) -> agreement.Outco
     ("name", "rows", "verdict"),
     [
         ("K01", [STOP, STOP], agreement.AGREE),  # published: stop
-        ("K01", [STOP, {**STOP, **STRAY}], agreement.PARTLY),
-        ("K01", [STRAY], agreement.DIFFER),
+        ("K01", [STOP, {**STOP, **MOVED}], agreement.PARTLY),
+        ("K01", [STOP, {**STOP, **DROPPED}], agreement.PARTLY),
+        ("K01", [MOVED], agreement.DIFFER),
         ("K10", [{}, SAID], agreement.AGREE),  # published: none; a message alone is without effect
+        ("K10", [{}, LIMITED], agreement.AGREE),  # nor is a limit of which nobody is told
         ("K10", [STOP], agreement.DIFFER),
         ("K11", [{**SAID}, STOP], agreement.AGREE),  # published: message, stop
         ("K06", [JUMP], agreement.AGREE),
@@ -48,7 +52,7 @@ def test_verdicts(name: str, rows: list[dict[str, Any]], verdict: str) -> None:
 
 
 def test_a_class_of_fewer_than_one_run_in_ten_is_not_shown() -> None:
-    rare = [*[STOP] * 10, {**STOP, **STRAY}]
+    rare = [*[STOP] * 10, {**STOP, **MOVED}]
     assert outcome("K01", *rare).shown == {"stop"}
     assert outcome("K01", *rare[1:]).shown == {"stop", "displaced"}
     assert outcome("K01", *rare, seen_share=0.0).verdict == agreement.PARTLY
@@ -67,6 +71,6 @@ def test_runs_that_fit_and_runs_without_effect() -> None:
 
 
 def test_other_limits() -> None:
-    near = {**STOP, "stray_mm": 2.0}
+    near = {**STOP, "unintended_mm": 2.0}
     assert outcome("K01", near).verdict == agreement.AGREE
-    assert outcome("K01", near, stray_mm=1.0).verdict == agreement.PARTLY
+    assert outcome("K01", near, limit_mm=1.0).verdict == agreement.PARTLY

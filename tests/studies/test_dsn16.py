@@ -48,7 +48,7 @@ def table(jumps: dict[tuple[float, int], int]) -> pd.DataFrame:
         {
             "index": np.arange(len(rows)) + 1,
             "group": "scenario_b",
-            "response": np.where(value >= 40000, "stopped", "none"),
+            "response": np.where(value >= 40000, "stopped", "silent"),
             "jump_code": jump,
             "jump_code_first_ms": np.where(jump, start + 11, -1),
             "check_ik_reject_count": np.where(value >= 10000, 3, 1),
@@ -59,7 +59,7 @@ def table(jumps: dict[tuple[float, int], int]) -> pd.DataFrame:
         }
     )
     free = faulty.iloc[:1].assign(
-        index=0, group="fault_free", response="none", jump_code=False, jump_code_first_ms=-1, check_ik_reject_count=1
+        index=0, group="fault_free", response="silent", jump_code=False, jump_code_first_ms=-1, check_ik_reject_count=1
     )
     return pd.concat([free.assign(fault0_site="", fault0_value=np.nan), faulty.iloc[::-1]])
 

@@ -11,6 +11,7 @@ import pytest
 import synthetic_results
 
 from ravenjax.campaign import design, loading
+from ravenjax.outcomes.events import Rules
 from ravenjax.stages import haptics
 from ravenjax.store.manifest import Cue
 from ravenjax.studies import catalogue, drawing, haptic_choice, haptic_cue, haptic_runs, haptic_tables, running
@@ -25,9 +26,9 @@ CUES = tuple(
 PUBLISHED = 2
 
 
-def faulty(first: list[list[int]], harm_ms: list[int]) -> Faulty:
+def faulty(first: list[list[int]], unintended_ms: list[int]) -> Faulty:
     """Runs felt at `first` [runs][thresholds], with either gain; effects begin at 100 ms."""
-    n, harm = len(first), np.array(harm_ms)
+    n, began = len(first), np.array(unintended_ms)
     told = np.repeat(np.array(first), 2, axis=1)
     return Faulty(
         CUES,
@@ -36,14 +37,14 @@ def faulty(first: list[list[int]], harm_ms: list[int]) -> Faulty:
         np.zeros(n, int),
         np.full(n, "packets", object),
         np.full(n, 100),
-        harm,
-        harm,
-        np.repeat((harm >= 0)[:, None], len(KINDS), axis=1),
+        began,
+        np.repeat((began >= 0)[:, None], len(KINDS), axis=1),
         told,
         np.zeros(told.shape, bool),
         np.where(told >= 0, np.array([0.02, 0.04, 0.03, 0.05, 0.05, 0.05]), 0.0),
         np.where(told >= 0, 500, 0),
         1000,
+        Rules(),
     )
 
 
@@ -95,29 +96,57 @@ def test_an_even_choice_is_told_as_one() -> None:
         haptic_choice.choose(counts._replace(hours=np.zeros(2)), np.array([1.0]))
 
 
+def test_a_rate_of_which_nothing_was_seen_decides_only_after_enough_hours() -> None:
+    # set 0 misses 5 % less; it may cost so many false cues more as no cue in the hours leaves open
+    missed = np.stack([np.arange(400) < 40, np.arange(400) < 60], axis=1)
+
+    def found(hours: float) -> haptic_choice.Winners:
+        counts = haptic_choice.counts(missed, np.arange(400), np.zeros((9, 2)), np.full(9, hours / 9), np.arange(9))
+        return haptic_choice.choose(counts, np.array([10.0]))
+
+    few, many = found(0.01), found(1000.0)
+    assert few.chosen.tolist() == many.chosen.tolist() == [0]
+    assert not few.sure[0] and few.wins[0] == pytest.approx([0.5, 0.5], abs=0.05)
+    assert many.sure[0] and many.wins[0, 0] == 1.0
+
+
 def test_runs_of_one_fault_are_drawn_together() -> None:
     # 3 faults of 100 runs each: were runs drawn, set 1 would win almost always
     cell = np.repeat(np.arange(3), 100)
     missed = np.stack([cell != 2, cell == 2], axis=1)
-    counts = haptic_choice.counts(missed, cell, np.zeros((1, 2)), np.ones(1), np.zeros(1))
+    counts = haptic_choice.counts(missed, cell, np.ones((1, 2)), np.ones(1), np.zeros(1))
     assert counts.hazards.tolist() == [100, 100, 100]
     wins = haptic_choice.choose(counts, np.array([1.0])).wins[0]
     assert wins[0] == pytest.approx(7 / 27, abs=0.03)  # two or three of three draws are fault 2
 
 
 def test_what_is_felt_is_measured_from_the_first_effect() -> None:
-    runs = faulty([[110, 150, -1], [120, 250, -1], [-1, -1, -1], [130, -1, -1]], harm_ms=[200, 200, 200, -1])
+    runs = faulty([[110, 150, -1], [120, 250, -1], [-1, -1, -1], [130, -1, -1]], unintended_ms=[200, 200, 200, -1])
     found = haptic_tables.felt(runs, PUBLISHED)
     assert (found.missed.value, found.missed.n) == (pytest.approx(1 / 3), 3)
     assert found.before.value == pytest.approx(1 / 3)
-    assert found.harmless.value == 0.0
+    assert found.others.value == 0.0
     assert found.delay_ms.value == 150  # of 50, 150 and never
-    assert found.lead_harm_ms.value == -50
+    assert found.lead_ms.value == -50
     assert found.force == "0.03 (0.03 to 0.03)"
     assert found.at_cap.value == 0.0
     assert haptic_tables.felt(runs, PUBLISHED + 1).at_cap.value == 1.0
     late = haptic_tables.missed(runs, [PUBLISHED], before=True)[:, 0]
     assert late.tolist() == [False, True, True, True]
+
+
+def test_kinds_of_motion_are_those_of_the_result_table() -> None:
+    made, frame = synthetic_results.manifest(runs=400), synthetic_results.frame(400)
+    found = haptic_runs.pooled([frame], made)
+    chosen = frame[frame["activated"] & (frame["fault0_site"] != "") & (frame["failed"] == "")]
+    assert len(found.cell) == len(chosen) > 300
+    assert found.unintended.tolist() == (chosen["unintended_mm"] > 3.0).tolist()
+    assert found.unintended_ms.tolist() == chosen["unintended_first_ms"].tolist()
+    apart = chosen[["unintended_mm", "unintended_off_mm"]].max(axis=1) > 3.0
+    deeper = chosen["tissue_depth_mm"] - chosen["twin_tissue_depth_mm"] > 1.0
+    injury = apart | deeper | chosen["jump_tip"] | chosen["jump_text"]
+    assert found.kinds[:, KINDS.index(haptic_runs.INJURY)].tolist() == injury.tolist()
+    assert injury.sum() > found.unintended.sum() > 20
 
 
 def test_a_cue_of_the_twin_does_not_count() -> None:
@@ -143,7 +172,7 @@ def test_the_time_with_a_false_cue_is_a_share_of_the_motion() -> None:
 
 
 def test_the_front_names_sets_that_do_the_same_together() -> None:
-    runs = faulty([[110, 150, -1], [120, -1, -1]], harm_ms=[200, 200])
+    runs = faulty([[110, 150, -1], [120, -1, -1]], unintended_ms=[200, 200])
     shown = haptic_tables.front_table(runs, free([[5, 1, 1]]))
     # 8 mm misses more than 3 mm with as many false cues
     assert [(row[0], row[1]) for row in shown.rows] == [("3", "all"), ("1", "all")]
@@ -200,6 +229,6 @@ def test_the_study_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     by_kind = next(table for table in found.tables if table.title.startswith("What the choice"))
     assert {row[0] for row in by_kind.rows} == set(KINDS)
     lines = {line.quantity: line.predicted for line in found.lines}
-    published = lines["3 mm (published): harm missed"]
+    published = lines["3 mm (published): unintended motion missed"]
     assert published and 0 <= published.low <= published.value <= published.high < 50
     assert (tmp_path / "haptic_cue" / "findings.md").is_file()

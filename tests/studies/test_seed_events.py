@@ -41,7 +41,7 @@ def row(**changed):
     plain = {
         "group": "burst",
         "fault0_value": 500.0,
-        "response": "none",
+        "response": "silent",
         "response_cause": "",
         "response_ms": -1,
         "cue0_first_ms": ONSETS[0] + 200,

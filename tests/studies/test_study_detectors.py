@@ -11,6 +11,7 @@ import pytest
 import synthetic_results
 
 from ravenjax.campaign import design, loading
+from ravenjax.outcomes.events import Rules
 from ravenjax.store.manifest import Detector
 from ravenjax.studies import (
     catalogue,
@@ -36,24 +37,27 @@ DETECTORS = (
 )
 
 
-def faulty(first: list[list[int]], harm_ms: list[int], cell: list[int] | None = None, **others: list[int]) -> Faulty:
+def faulty(
+    first: list[list[int]], unintended_ms: list[int], cell: list[int] | None = None, **others: list[int]
+) -> Faulty:
     """Runs with an alarm of each detector at `first` [runs][detectors], at every level; effects begin at 100 ms."""
     times, n = np.array(first), len(first)
-    harm = np.array(harm_ms)
+    began = np.array(unintended_ms)
     return Faulty(
         DETECTORS,
         np.arange(n) if cell is None else np.array(cell),
         np.zeros(n, int),
         np.full(n, "packets", object),
         np.full(n, 100),
-        harm,
-        harm >= 0,
+        began,
+        np.where(began >= 0, "unintended motion", "none").astype(object),
         np.zeros(n, bool),
         np.zeros(n, bool),
         np.where(times >= 0, 9.0, 0.1),
         tuple(np.repeat(times[:, [d]], len(one.levels), axis=1) for d, one in enumerate(DETECTORS)),
         {name: np.array(others.get(name, [-1] * n)) for name in OTHERS},
         1000,
+        Rules(),
     )
 
 
@@ -75,32 +79,32 @@ def free(alarms: list[list[int]], hours: float = 1.0, robot: str = AS_MODELLED) 
 
 
 def random_runs(n: int = 300, motions: int = 2, seed: int = 0) -> Faulty:
-    """Runs whose scores tell harm the better, the more they are of tip_error."""
+    """Runs whose scores tell an unintended motion the better, the more they are of tip_error."""
     rng = np.random.default_rng(seed)
     cells = n // motions
-    harm_of = rng.random(cells) < 0.4
-    harm = np.tile(harm_of, motions)
+    moved_of = rng.random(cells) < 0.4
+    moved = np.tile(moved_of, motions)
     skill = np.array([1.0, 0.3, 0.5, 3.0, 0.7])
-    score = np.exp(rng.normal(size=(len(harm), 5)) + harm[:, None] * skill)
+    score = np.exp(rng.normal(size=(len(moved), 5)) + moved[:, None] * skill)
     first = tuple(
-        np.where(score[:, [d]] > np.array(one.levels), rng.integers(100, 400, (len(harm), 1)), -1)
+        np.where(score[:, [d]] > np.array(one.levels), rng.integers(100, 400, (len(moved), 1)), -1)
         for d, one in enumerate(DETECTORS)
     )
-    harm_ms = np.where(harm, 250, -1)
     return Faulty(
         DETECTORS,
         np.tile(np.arange(cells), motions),
         np.repeat(np.arange(motions), cells),
         np.tile(rng.choice(["packets", "USB in"], cells).astype(object), motions),
-        np.full(len(harm), 100),
-        harm_ms,
-        harm,
-        np.tile(harm_of & (rng.random(cells) < 0.5), motions),
-        np.tile(harm_of & (rng.random(cells) < 0.5), motions),
+        np.full(len(moved), 100),
+        np.where(moved, 250, -1),
+        np.where(moved, "unintended motion", "none").astype(object),
+        np.tile(moved_of & (rng.random(cells) < 0.5), motions),
+        np.tile(moved_of & (rng.random(cells) < 0.5), motions),
         score,
         first,
-        {CHECKS: np.where(harm, 260, -1), STOPS: np.where(score[:, 0] > 3, 300, -1), CUE: np.where(harm, 240, -1)},
+        {CHECKS: np.where(moved, 260, -1), STOPS: np.where(score[:, 0] > 3, 300, -1), CUE: np.where(moved, 240, -1)},
         1000,
+        Rules(),
     )
 
 
@@ -119,10 +123,10 @@ def test_a_level_is_the_lowest_from_which_on_alarms_are_rare_enough() -> None:
         detector_points.level_for(motion.where(np.zeros(2, bool)), "tip_error")
 
 
-def test_a_point_counts_what_is_caught_before_the_harm_and_for_nothing() -> None:
+def test_a_point_counts_what_is_caught_before_the_motion_and_for_nothing() -> None:
     runs = faulty(
         [[150, 110, -1, -1, -1], [300, 110, -1, -1, -1], [-1, 110, -1, -1, -1], [120, 110, -1, -1, -1]],
-        harm_ms=[200, 200, 200, -1],
+        unintended_ms=[200, 200, 200, -1],
     )
     found = detector_points.point(runs, free([[0, 0, 0, 0]] * 2), *PUBLISHED)
     assert (found.caught.value, found.caught.n) == (pytest.approx(2 / 3), 3)
@@ -160,6 +164,47 @@ def test_alarms_before_the_first_effect_do_not_count() -> None:
     assert (late.spoke_ms("dsn16", 0.5) >= 0).sum() > 50
     assert (soon.spoke_ms("dsn16", 0.5) >= 0).sum() == 0
     assert (soon.spoke_ms("dsn16", 1.0) == late.spoke_ms("dsn16", 1.0)).all()
+
+
+def test_a_check_that_only_limits_is_no_alarm() -> None:
+    made, frame = synthetic_results.manifest(runs=2000), synthetic_results.frame(2000)
+    found = detector_runs.pooled([frame], made)
+    chosen = frame[frame["activated"] & (frame["fault0_site"] != "") & (frame["failed"] == "")]
+    response = chosen["response"]
+    assert (response == "limited").sum() > 10
+    assert ((found.others_ms[CHECKS] >= 0) == response.isin(["stopped", "flagged"])).all()
+    assert ((found.others_ms[STOPS] >= 0) == (response == "stopped")).all()
+    assert found.unintended.tolist() == (chosen["unintended_mm"] > 3.0).tolist()
+
+
+def test_a_check_that_trips_without_a_fault_is_a_false_alarm_whatever_the_response_says() -> None:
+    """A run without a fault is its own golden run, so its response is silent even where a check stopped it."""
+    frame = synthetic_results.frame(6).assign(group=f"free/{AS_MODELLED}", failed="", response="silent")
+    frame[detector_runs.SCALE] = 0.1
+    frame[[name for name in frame if name.startswith("check_") and name.endswith("_count")]] = 0
+    frame.loc[1, "check_overdrive_clip_count"] = 900  # a limit
+    frame.loc[2, ["check_overdrive_instant_count", "check_estop_count"]] = 1
+    frame.loc[3, "check_ik_reject_count"] = 4
+    made = synthetic_results.manifest(runs=6, config={"campaign": {"noise": False}})
+    found = detector_runs.alone(frame, made, "reach 1")
+    assert found.others[CHECKS].tolist() == [0, 0, 1, 1, 0, 0]
+    assert found.others[STOPS].tolist() == [0, 0, 1, 0, 0, 0]
+
+
+def test_areas_are_told_by_kind_of_hazard_against_runs_without_any() -> None:
+    runs = faulty([[-1] * 5] * 8, [200, 200, -1, -1, -1, -1, -1, -1])
+    hazard = np.array(["unintended motion"] * 2 + ["loss of motion", "false report"] + ["none"] * 4, object)
+    jumped, leapt = np.arange(8) >= 6, np.arange(8) == 7
+    runs = runs._replace(hazard=hazard, jumped=jumped, leapt=leapt)
+    shown = detector_tables.hazard_table(runs, ["tip_error"])
+    assert {row[0]: row[1] for row in shown.rows} == {
+        "unintended motion, the run's hazard": 2,
+        "loss of motion, the run's hazard": 1,
+        "false report, the run's hazard": 1,
+        "jump of the true tip": 1,
+        "jump of the reported tip alone": 1,
+    }
+    assert shown.note.startswith("Against 2 faulty runs without hazard and jump")
 
 
 def test_motions_of_other_faults_are_refused() -> None:
@@ -225,13 +270,13 @@ def test_differences_of_areas_are_paired() -> None:
 def test_who_knows_first_shares_ties_and_counts_the_silent() -> None:
     runs = faulty(
         [[150, -1, -1, 150, -1], [-1, -1, -1, 180, -1], [-1] * 5, [400, -1, -1, 300, -1]],
-        harm_ms=[200, 200, 200, 200],
+        unintended_ms=[200, 200, 200, 200],
     )
     shown = detector_tables.first_table(runs, [Chosen(*PUBLISHED), Chosen("tip_error", 3.0)])
     cells = {row[0]: [str(cell).split("%")[0].strip().replace("\u202f", "") for cell in row[1:]] for row in shown.rows}
     assert cells["steps/all/1, level 1"] == ["25.0", "0.0", "0.0"]
     assert cells["tip_error, level 3"] == ["75.0", "50.0", "25.0"]
-    assert cells["someone, but not before the harm"][0] == "25.0"
+    assert cells["someone, but not before the motion"][0] == "25.0"
     assert cells["nobody"][0] == "25.0"
 
 

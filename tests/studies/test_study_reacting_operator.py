@@ -10,8 +10,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
+import synthetic_results
 
 from ravenjax.campaign import design, loading
+from ravenjax.report.reactions import EXCURSION
 from ravenjax.stats.intervals import Estimate
 from ravenjax.studies import reacting_drawings as drawings
 from ravenjax.studies import (
@@ -32,33 +34,33 @@ QUIET: dict[str, Any] = {
     "failed": "",
     "peak_live_deviation_mm": 1.0,
     "twin_peak_live_deviation_mm": 0.7,
-    "stray_mm": 0.5,
+    "unintended_mm": 0.5,
+    "unintended_off_mm": 0.1,
+    EXCURSION: 0.5,
     "jump_tip": False,
     "jump_text": False,
     "jump_tip_first_ms": -1,
     "tissue_depth_mm": 0.0,
     "twin_tissue_depth_mm": 0.0,
     "reaction_ms": -1,
-    "response": "none",
+    "response": "silent",
     "idle_ms": 0,
     "pedal_down_ms": 2500,
     "twin_pedal_down_ms": 2500,
-    "moved_first_ms": -1,
-    "twin_moved_first_ms": -1,
     "cue0_first_ms": -1,
     "twin_cue0_first_ms": -1,
     "fault0_start_ms": 1000,
     "fault0_duration_ms": 10,
     reacting_times.DELAY: 200.0,
-    reacting_times.LIMIT: 0.01,
     ACTION: 0.0,
 }
 FACTS: dict[str, Any] = {
     "failed": False,
     "faulty": True,
     "activated": True,
-    "harm": False,
-    "harm_ms": -1,
+    "unintended": False,
+    "unintended_ms": -1,
+    "hazard": "none",
     "active_ms": 1000,
     "layer": "packets",
 }
@@ -68,7 +70,7 @@ def runs(*rows: tuple[dict[str, Any], dict[str, Any]]) -> Runs:
     """Runs by hand: what differs from a quiet one in the table, and in its facts; each its own fault."""
     frame = pd.DataFrame([{**QUIET, "pair": k, **row} for k, (row, _) in enumerate(rows)])
     facts = pd.DataFrame([{**FACTS, "distinct": k, **fact} for k, (_, fact) in enumerate(rows)])
-    return Runs(frame, facts.assign(group=frame["group"], action=frame[ACTION].astype(int)), 3000)
+    return Runs(frame, facts.assign(group=frame["group"], action=frame[ACTION].astype(int)), 3000, 10.0)
 
 
 def paired_runs(*pairs: tuple[dict[str, Any], dict[str, Any]], action: int = RELEASE) -> Runs:
@@ -81,17 +83,17 @@ def paired_runs(*pairs: tuple[dict[str, Any], dict[str, Any]], action: int = REL
 
 
 ACTED = {"reaction_ms": 1300}
-STRAYED = {"stray_mm": 12.0}
+MOVED = {"unintended_mm": 12.0, EXCURSION: 12.0}
 
 
 def test_a_contrast_counts_what_was_avoided_and_what_was_caused() -> None:
     table = paired_runs(
-        *[(STRAYED, ACTED)] * 6,  # avoided
-        *[({}, {**ACTED, **STRAYED})] * 2,  # made worse
-        *[(STRAYED, {**STRAYED, **ACTED})] * 3,
+        *[(MOVED, ACTED)] * 6,  # avoided
+        *[({}, {**ACTED, **MOVED})] * 2,  # made worse
+        *[(MOVED, {**MOVED, **ACTED})] * 3,
         *[({}, {})] * 9,  # nothing was felt
     )
-    found = reacting_pairs.contrast(reacting_pairs.paired(table, RELEASE), reacting_measures.stray(10.0))
+    found = reacting_pairs.contrast(reacting_pairs.paired(table, RELEASE), reacting_measures.excursion(10.0))
     assert (found.n, found.avoided, found.caused, found.acted) == (20, 6, 2, 11)
     assert (found.without.k, found.with_.k) == (9, 5)
     assert found.difference.value == pytest.approx(-4 / 20)
@@ -106,30 +108,30 @@ def test_needed_is_the_reciprocal_of_the_difference() -> None:
 
 
 def test_only_faults_that_changed_a_bit_are_paired() -> None:
-    table = paired_runs(({}, ACTED), (STRAYED, ACTED))
+    table = paired_runs(({}, ACTED), (MOVED, ACTED))
     table.facts.loc[[0, 1], "activated"] = False
     assert len(reacting_pairs.paired(table, RELEASE).with_frame) == 1
 
 
-def test_each_measure_sees_its_own_harm() -> None:
+def test_each_measure_sees_its_own_motion() -> None:
     table = runs(
         ({"peak_live_deviation_mm": 6.0}, {}),
         ({"peak_live_deviation_mm": 6.0, "twin_peak_live_deviation_mm": 6.0}, {}),  # the motion's, not the fault's
-        ({"stray_mm": 6.0}, {}),
+        ({EXCURSION: 6.0, "unintended_off_mm": 6.0}, {}),
         ({"jump_tip": True}, {}),
         ({"tissue_depth_mm": 3.0, "twin_tissue_depth_mm": 2.5}, {}),
         ({"tissue_depth_mm": 3.0}, {}),
-        ({}, {"harm": True}),
+        ({}, {"unintended": True}),
     )
     hits = {
         measure.name: np.flatnonzero(measure.hits(table.frame, table.facts)).tolist()
         for measure in (
             reacting_measures.live(5.0),
-            reacting_measures.stray(5.0),
+            reacting_measures.excursion(5.0),
             reacting_measures.LEAPT,
             reacting_measures.DEEPER,
             reacting_measures.INJURY,
-            reacting_measures.HARM,
+            reacting_measures.UNINTENDED,
         )
     }
     assert [*hits.values()] == [[0], [2], [3], [5], [2, 3, 5], [6]]
@@ -137,58 +139,58 @@ def test_each_measure_sees_its_own_harm() -> None:
 
 def test_no_table_holds_a_measure_that_is_not_fair() -> None:
     parts = {
-        action: reacting_pairs.paired(paired_runs((STRAYED, ACTED), ({}, ACTED), action=action), action)
+        action: reacting_pairs.paired(paired_runs((MOVED, ACTED), ({}, ACTED), action=action), action)
         for action in (RELEASE, SLOW, CORRECT)
     }
     shown = {(row[0], row[1]) for row in reacting_tables.reactions(parts).rows}
     slow, correct = reacting_tables.words(SLOW), reacting_tables.words(CORRECT)
-    assert not any(who == slow and str(harm).startswith("strayed") for who, harm in shown)
-    assert not any(who == correct and str(harm).startswith("off the model") for who, harm in shown)
+    assert not any(who == slow and str(measure).startswith("unintended") for who, measure in shown)
+    assert not any(who == correct and str(measure).startswith("off the model") for who, measure in shown)
     told = {str(row[0]): row[1:] for row in reacting_tables.fairness().rows}
-    assert str(told["strayed by more than 5 mm"][1]).startswith("no")
+    assert str(told["unintended motion of more than 5 mm, live or not"][1]).startswith("no")
+    assert told["unintended motion of more than 3 mm, the hazard of the report"][2] == "fair"
     assert str(told["off the model by more than 5 mm, live"][2]).startswith("no")
     assert told["jump of the true tip"] == ("fair", "fair", "fair")
 
 
-def timed(*rows: dict[str, Any]) -> Runs:
-    return runs(*[(row, {}) for row in rows])
+def timed(*rows: tuple[dict[str, Any], dict[str, Any]]) -> Runs:
+    return runs(*rows)
 
 
-MOVED = {"moved_first_ms": 1400, "stray_mm": 11.0, "peak_live_deviation_mm": 12.0}
+BEGAN = {"unintended": True, "unintended_ms": 1400}
 
 
 def test_leads_are_of_motion_and_of_the_faults_own_cue() -> None:
     table = timed(
-        {**MOVED, "cue0_first_ms": 1100},
-        {**MOVED, "cue0_first_ms": 1500},  # after the harm
-        MOVED,  # never
-        {**MOVED, "stray_mm": 1.0, "cue0_first_ms": 1100},  # stood while the model went on
-        {**MOVED, "cue0_first_ms": 1100, "twin_cue0_first_ms": 1000},  # the motion's cue
-        {"cue0_first_ms": 1100},  # no harm
+        ({"cue0_first_ms": 1100}, BEGAN),
+        ({"cue0_first_ms": 1500}, BEGAN),  # after the motion
+        ({}, BEGAN),  # never
+        ({"cue0_first_ms": 1100, "twin_cue0_first_ms": 1000}, BEGAN),  # the golden run's cue
+        ({"cue0_first_ms": 1100}, {}),  # no motion
     )
-    lead = reacting_times.leads_ms(table, 0, 10.0)
-    np.testing.assert_array_equal(lead, [300, -100, -np.inf, np.nan, -np.inf, np.nan])
-    found = reacting_times.advance(table, 0, 3.0, 10.0)
-    assert (found.lead.n, found.lead.before.k) == (4, 1)
+    lead = reacting_times.leads_ms(table, 0)
+    np.testing.assert_array_equal(lead, [300, -100, -np.inf, -np.inf, np.nan])
+    found = reacting_times.advance(table, 0, 3.0)
+    assert (found.size_mm, found.lead.n, found.lead.before.k) == (10.0, 4, 1)
     assert [rate.k for rate in found.late.values()] == [3, 3, 4]  # 150, 250, 400 ms: 300 ms are enough for two
 
 
 def test_a_jump_has_its_own_time() -> None:
-    table = timed({"jump_tip": True, "jump_tip_first_ms": 1050, "cue0_first_ms": 1040}, MOVED)
-    np.testing.assert_array_equal(reacting_times.leads_ms(table, 0, None), [10, np.nan])
+    table = timed(({"jump_tip": True, "jump_tip_first_ms": 1050, "cue0_first_ms": 1040}, {}), ({}, BEGAN))
+    np.testing.assert_array_equal(reacting_times.leads_ms(table, 0, jump=True), [10, np.nan])
+    assert reacting_times.advance(table, 0, 3.0, jump=True).size_mm is None
 
 
-def test_only_runs_of_the_asked_size_are_timed() -> None:
-    table = timed({reacting_times.LIMIT: 0.003}, {reacting_times.LIMIT: 0.01})
-    assert reacting_times.of_size(table, 3.0).frame.index.tolist() == [0]
+def test_only_faults_that_changed_a_bit_and_that_nobody_meets_are_timed() -> None:
+    table = timed(({}, {}), ({ACTION: 1.0}, {}), ({}, {"activated": False}))
+    assert reacting_times.unreacted(table).frame.index.tolist() == [0]
 
 
 def test_who_had_time_was_spared() -> None:
     """Delay 200 ms: leads of 100 and 260 ms leave -100 and 60 ms."""
-    off = {"peak_live_deviation_mm": 12.0}
-    table = paired_runs(({}, {**ACTED, **off}), ({}, ACTED), ({}, ACTED))
-    faults = [{**MOVED, "cue0_first_ms": 1300}, {**MOVED, "cue0_first_ms": 1140}, {}]
-    found = reacting_times.left_by_time(timed(*faults), table, reacting_pairs.paired(table, RELEASE), 10.0)
+    table = paired_runs(({}, {**ACTED, EXCURSION: 12.0}), ({}, ACTED), ({}, ACTED))
+    faults = [({"cue0_first_ms": 1300}, BEGAN), ({"cue0_first_ms": 1140}, BEGAN), ({}, {})]
+    found = reacting_times.left_by_time(timed(*faults), table, reacting_pairs.paired(table, RELEASE))
     assert {name: counts for name, counts in found.items() if counts[0]} == {
         "none: too soon for this operator": (1, 1),
         "50 to 200 ms": (1, 0),
@@ -199,14 +201,14 @@ def test_other_faults_cannot_be_timed() -> None:
     table = paired_runs(({}, ACTED), ({}, ACTED))
     pairs = reacting_pairs.paired(table, RELEASE)
     with pytest.raises(ValueError, match="same campaign"):
-        reacting_times.left_by_time(timed({}), table, pairs, 10.0)
+        reacting_times.left_by_time(timed(({}, {})), table, pairs)
     with pytest.raises(ValueError, match="same campaign"):
-        reacting_times.left_by_time(timed({}, {"fault0_start_ms": 7}), table, pairs, 10.0)
+        reacting_times.left_by_time(timed(({}, {}), ({"fault0_start_ms": 7}, {})), table, pairs)
 
 
 def test_classes_of_faults_are_told_by_name_and_speed() -> None:
     table = paired_runs(({"group": "library/B24"}, {"group": "library/B24"}), ({}, {}))
-    table.facts.loc[0, ["harm", "harm_ms"]] = [True, 1120]
+    table.facts.loc[0, ["unintended", "unintended_ms"]] = [True, 1120]
     pairs = reacting_pairs.paired(table, RELEASE)
     masks = {
         **reacting_pairs.by_design(pairs),
@@ -215,10 +217,20 @@ def test_classes_of_faults_are_told_by_name_and_speed() -> None:
         **reacting_pairs.by_layer(pairs),
     }
     told = {name: mine.tolist() for name, mine in masks.items() if mine.any()}
-    assert told["hazards of the library"] == told["harm after 50 to 200 ms"] == [True, False]
-    assert told["sampled faults"] == told["no harm"] == [False, True]
+    assert told["hazards of the library"] == told["after 50 to 200 ms"] == [True, False]
+    assert told["sampled faults"] == told["no unintended motion"] == [False, True]
     assert told["scenario: sudden jump"] == [True, False]
     assert told["packets"] == [True, True]
+
+
+def test_a_reaction_is_idle_where_no_hazard_was_coming() -> None:
+    table = paired_runs(*[({}, ACTED)] * 5, ({}, {}))
+    table.facts.loc[[0, 1], "hazard"] = "loss of motion"
+    table.facts.loc[[2, 3], ["hazard", "unintended"]] = ["unintended motion", True]
+    pairs = reacting_pairs.paired(table, RELEASE)
+    idle, unmoved = reacting_tables.idle_rate(pairs), reacting_tables.unmoved_rate(pairs)
+    assert (idle.k, idle.n) == (3, 5)
+    assert (unmoved.k, unmoved.n) == (4, 5)
 
 
 def test_interruptions_are_counted_in_the_time_up_to_them() -> None:
@@ -232,10 +244,10 @@ def test_interruptions_are_counted_in_the_time_up_to_them() -> None:
 
 
 def test_the_drawings_draw() -> None:
-    table = paired_runs((STRAYED, ACTED), ({}, ACTED), (STRAYED, {**STRAYED, **ACTED}))
-    contrast = reacting_pairs.contrast(reacting_pairs.paired(table, RELEASE), reacting_measures.stray(10.0))
+    table = paired_runs((MOVED, ACTED), ({}, ACTED), (MOVED, {**MOVED, **ACTED}))
+    contrast = reacting_pairs.contrast(reacting_pairs.paired(table, RELEASE), reacting_measures.excursion(10.0))
     rows = [drawings.Row(block, name, "lift", contrast) for block in ("a", "b") for name in ("x", "y")]
-    advance = reacting_times.advance(timed({**MOVED, "cue0_first_ms": 1100}, MOVED), 0, 3.0, 10.0)
+    advance = reacting_times.advance(timed(({"cue0_first_ms": 1100}, BEGAN), ({}, BEGAN)), 0, 3.0)
     for draw, panels in (
         (drawings.leads([advance]), 1),
         (drawings.rates(rows), 2),
@@ -252,6 +264,23 @@ def test_the_drawings_draw() -> None:
 def test_every_variant_loads(variant: reacting_operator.Variant) -> None:
     config = loading.load(variant.campaign, variant.overrides)
     assert len({cue.threshold_m for cue in config.haptics.cues()}) == len(config.haptics.cues())
+
+
+def test_each_size_is_timed_by_the_campaign_that_has_it_as_its_limit() -> None:
+    limits = {v.name: loading.load(v.campaign, v.overrides).rules.limit_mm for v in reacting_operator.STUDY.variants}
+    sized = {f"timed_{size:g}": size for size in reacting_measures.SIZES_MM[1:]}
+    assert {name: limit for name, limit in limits.items() if name in sized} == sized
+    assert {limit for name, limit in limits.items() if name not in sized} == {reacting_measures.SIZES_MM[0]}
+
+
+def test_a_folder_is_read_with_its_own_limit_and_how_far_the_tip_went(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, frame = synthetic_results.manifest(runs=200, limit_mm=5.0), synthetic_results.frame(200)
+    monkeypatch.setattr(reacting_pairs.folder, "read_all", lambda path: frame)
+    monkeypatch.setattr(reacting_pairs.manifest, "read", lambda path: made)
+    found = reacting_pairs.read(Path("anywhere"))
+    assert (found.limit_mm, found.end_ms) == (5.0, 3000)
+    farther = [max(pair) for pair in zip(frame["unintended_mm"], frame["unintended_off_mm"], strict=True)]
+    assert found.frame[EXCURSION].tolist() == farther
 
 
 def test_the_limit_of_the_variants_cuts_at_the_library() -> None:
@@ -281,10 +310,13 @@ def test_variants_of_the_operator_have_the_same_faults() -> None:
 def test_the_study_runs(tmp_path: Path) -> None:
     found = running.run(reacting_operator.STUDY, tmp_path)
     value = {line.quantity: line.predicted.value for line in found.lines if line.predicted}
-    assert value["3 mm off: came too soon for any reaction of 250 ms, cue at 3 mm"] == 100.0
-    late = [value[f"{size:g} mm off: came too soon for any reaction of 250 ms, cue at 3 mm"] for size in (5, 10, 20)]
+    late = [
+        value[f"unintended motion of {size:g} mm: came too soon for any reaction of 250 ms, cue at 3 mm"]
+        for size in reacting_measures.SIZES_MM
+    ]
     assert late == sorted(late, reverse=True)
-    assert value["lifting the pedal: strayed by more than 20 mm, points".removesuffix(", points")] < 0
+    assert late[0] > 95.0
+    assert value["lifting the pedal: unintended motion of more than 20 mm, live or not"] < 0
     assert all(line.published is None for line in found.lines)
     spared = next(one for one in found.tables if one.title.startswith("Who was spared"))
     assert [row[1] == row[2] for row in spared.rows][:2] == [True, True]  # who had no time was not spared

@@ -10,8 +10,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
+import synthetic_results
 
-from ravenjax.campaign import design, loading, plan
+from ravenjax.campaign import design, loading
+from ravenjax.report import facts as run_facts
 from ravenjax.stats.intervals import Rate
 from ravenjax.studies import running, uncertain_rates, uncertain_robot, uncertain_search, uncertain_tables
 from ravenjax.studies import uncertain_drawings as drawings
@@ -28,8 +30,6 @@ def table(faults: int, **hits: list[int]) -> pd.DataFrame:
 
 
 def test_ranges_and_laws_agree() -> None:
-    known = plan.make(loading.load(uncertain_robot.CAMPAIGN, ("campaign.limit=1",)))
-    assert known.runs == 1
     for one in PARAMETERS:
         (kind, values), *_ = uncertain_search.drawn([one])[one.path].items()
         assert (min(values), max(values)) == (one.low, one.high), one.path
@@ -48,10 +48,34 @@ def test_a_parameter_that_is_left_alone_has_its_known_value() -> None:
 def test_ends_are_compared_on_the_same_faults() -> None:
     """Fault 2 changed a bit at the high end alone: it is left out."""
     frame = pd.DataFrame({uncertain_rates.FAULT: [0, 1, 0, 1, 2], FRICTION.column: [0.5, 0.5, 2.0, 2.0, 2.0]})
-    found = table(5, harm=[0, 1, 2, 4])
+    found = table(5, unintended=[0, 1, 2, 4])
     low, high = uncertain_rates.robots(frame, found, FRICTION)
     assert low.events.index.tolist() == high.events.index.tolist() == [0, 1]
-    assert (low.rate("harm").k, high.rate("harm").k) == (2, 1)
+    assert (low.rate("unintended").k, high.rate("unintended").k) == (2, 1)
+
+
+def test_events_are_those_of_the_result_table() -> None:
+    made, frame = synthetic_results.manifest(runs=800), synthetic_results.frame(800)
+    chosen = frame["activated"] & (frame["fault0_site"] != "") & (frame["failed"] == "")
+    found = uncertain_rates.events(frame[chosen], run_facts.of(frame, made)[chosen])
+    assert set(found) == {*EVENTS, "layer"}
+    mine = frame[chosen]
+    moved, began, cue = mine["unintended_mm"] > 3.0, mine["unintended_first_ms"], mine["cue0_first_ms"]
+    nobody = mine["response"].isin(["silent", "limited"])
+    expected = {
+        "evaded": moved & nobody,
+        "cue": cue >= 0,  # no golden run has one
+        "stopped": mine["response"] == "stopped",
+        "unintended": moved,
+        "unwarned": moved & ~((cue >= 0) & (cue < began)),
+        "loss": mine["hazard"] == "loss of motion",
+        "misreport": mine["hazard"] == "false report",
+        "jump": mine["jump_code"],
+    }
+    for event, hits in expected.items():
+        assert found[event].tolist() == hits.tolist(), event
+        assert 0 < hits.sum() < len(hits), event
+    assert (found["injury"] >= found["unintended"]).all()
 
 
 def test_a_fault_has_the_same_number_in_every_variant() -> None:
@@ -61,16 +85,16 @@ def test_a_fault_has_the_same_number_in_every_variant() -> None:
 
 
 def ends(faults: int, low: list[int], high: list[int]) -> dict[Uncertain, tuple[Robot, Robot]]:
-    return {FRICTION: (Robot("low", table(faults, harm=low)), Robot("high", table(faults, harm=high)))}
+    return {FRICTION: (Robot("low", table(faults, unintended=low)), Robot("high", table(faults, unintended=high)))}
 
 
 def test_an_effect_is_a_paired_difference() -> None:
     found = {one.event: one for one in uncertain_rates.effects(ends(100, list(range(20)), list(range(10))))}
-    harm = found["harm"]
-    assert harm.difference.value == pytest.approx(-0.1)
-    assert harm.p == pytest.approx(2 * 0.5**10)
+    moved = found["unintended"]
+    assert moved.difference.value == pytest.approx(-0.1)
+    assert moved.p == pytest.approx(2 * 0.5**10)
     assert math.isnan(found["jump"].p)  # no fault differs: nothing to test
-    assert [one.rejected for one in uncertain_rates.judged([harm.p, math.nan])] == [True, False]
+    assert [one.rejected for one in uncertain_rates.judged([moved.p, math.nan])] == [True, False]
 
 
 def test_thirds_find_the_parameter_that_decides() -> None:
@@ -78,11 +102,11 @@ def test_thirds_find_the_parameter_that_decides() -> None:
     first, second = PARAMETERS[:2]
     values = rng.uniform(0.5, 2.0, (600, 2))
     frame = pd.DataFrame({first.column: values[:, 0], second.column: values[:, 1]})
-    found = table(600, harm=np.flatnonzero(values[:, 0] > 1.5).tolist())
+    found = table(600, unintended=np.flatnonzero(values[:, 0] > 1.5).tolist())
     told = {(event, one.name): one for event, one in uncertain_rates.thirds(frame, found, (first, second))}
-    assert told["harm", first.path].depends
-    assert not told["harm", second.path].depends
-    assert told["harm", first.path].levels[-1].rate.value == 1.0
+    assert told["unintended", first.path].depends
+    assert not told["unintended", second.path].depends
+    assert told["unintended", first.path].levels[-1].rate.value == 1.0
     assert math.isnan(told["jump", first.path].p)
 
 
@@ -93,9 +117,11 @@ def test_the_range_names_its_robots() -> None:
 
 
 def test_rounding_is_what_sets_the_known_robot_apart_from_itself() -> None:
-    known = Robot("known", table(100, harm=[1, 2]))
+    known = Robot("known", table(100, unintended=[1, 2]))
     one = FRICTION._replace(low=FRICTION.known)
-    again = {one: (Robot("low", table(100, harm=[1, 2, 3])), Robot("high", table(100, harm=list(range(50)))))}
+    again = {
+        one: (Robot("low", table(100, unintended=[1, 2, 3])), Robot("high", table(100, unintended=list(range(50)))))
+    }
     assert uncertain_rates.rounding(known, again) == (pytest.approx(0.01), 1)
     apart, same = uncertain_rates.rounding(known, ends(100, [1], [2]))
     assert math.isnan(apart)
@@ -103,20 +129,20 @@ def test_rounding_is_what_sets_the_known_robot_apart_from_itself() -> None:
 
 
 def test_the_plain_table_names_what_a_conclusion_depends_on() -> None:
-    known = Robot("known robot", table(100, harm=list(range(15))))
+    known = Robot("known robot", table(100, unintended=list(range(15))))
     pairs = ends(100, list(range(20)), list(range(5)))
     robots = [known, *pairs[FRICTION]]
     shown = uncertain_tables.conclusions(known, robots, uncertain_rates.effects(pairs), [], {})
     rows = {str(row[0]): row for row in shown.rows}
-    assert rows[EVENTS["harm"]][2] == "5.0\u202f% to 20.0\u202f%"
-    assert rows[EVENTS["harm"]][3] == "high; low"
-    assert rows[EVENTS["harm"]][4] == "friction (−15)"
+    assert rows[EVENTS["unintended"]][2] == "5.0\u202f% to 20.0\u202f%"
+    assert rows[EVENTS["unintended"]][3] == "high; low"
+    assert rows[EVENTS["unintended"]][4] == "friction (−15)"
     assert rows[EVENTS["jump"]][4] == uncertain_tables.NONE
 
 
 def test_layers_have_places() -> None:
-    robots = [Robot("a", table(10, harm=[1, 3])), Robot("b", table(10, harm=[0, 2, 4, 1]))]
-    rows = {str(row[0]): row for row in uncertain_tables.by_layer(robots, "harm").rows}
+    robots = [Robot("a", table(10, unintended=[1, 3])), Robot("b", table(10, unintended=[0, 2, 4, 1]))]
+    rows = {str(row[0]): row for row in uncertain_tables.by_layer(robots, "unintended").rows}
     assert rows["packets"][4:] == (1, "1 to 2")
     assert rows["USB in"][4:] == (2, "1 to 2")
 
@@ -139,13 +165,13 @@ def test_indices_of_both_searches_are_joined_by_parameter() -> None:
 
 
 def test_the_drawings_draw() -> None:
-    known = Robot("known", table(10, harm=[1]))
+    known = Robot("known", table(10, unintended=[1]))
     pair = (known, known)
     index = uncertain_search.Index("elbow", FRICTION, 1.0, 0.1, (1, 0, 2), 0.1, (0.5, 0.4, 0.6), (0.5, 0.4, 0.6), 9)
     rates = {"packets": [Rate(1, 10, 0.1, 0.01, 0.4), Rate(2, 10, 0.2, 0.05, 0.5)]}
     cases = (
         (drawings.ranges(known, {"friction": pair}, [known]), len(drawings.SHOWN)),
-        (drawings.layers(rates, "harm"), 1),
+        (drawings.layers(rates, "unintended"), 1),
         (drawings.indices([index]), 1),
     )
     for draw, panels in cases:

@@ -20,7 +20,17 @@ def written(tmp_path):
 
 
 def test_all_files_are_there(written):
-    assert sorted(path.name for path in written.iterdir()) == ["findings.json", "findings.md", "first.pdf", "first.svg"]
+    assert sorted(path.name for path in written.iterdir()) == [
+        "findings.html", "findings.json", "findings.md", "first.pdf", "first.svg",
+    ]  # fmt: skip
+
+
+def test_the_page_holds_text_tables_and_drawings_in_one_file(written):
+    page = (written / "findings.html").read_text()
+    assert "<h1>A fake</h1>" in page and ">Settings</caption>" in page and "first.svg" not in page
+    assert 'aria-label="What it shows."' in page and ">predicted</text>" in page
+    assert "A6 not met: 1 of 2 lines inside their band" in page and "A4 met: 1 of 1 line inside its band" in page
+    assert "<td>0.506; 12,345 runs</td>" in page
 
 
 def test_json_holds_every_number_and_no_nan(written):
@@ -47,7 +57,10 @@ def test_json_holds_every_number_and_no_nan(written):
 def test_page_says_what_a_reader_wants_to_know(written):
     page = (written / "findings.md").read_text()
     assert page.startswith("# A fake\n\nIs it so?")
-    assert "A6: not met, 1 of 2 lines inside their band. A4: met." in page
+    assert "**A6 not met: 1 of 2 lines inside their band. A4 met: 1 of 1 line inside its band. A5 not judged: " in page
+    assert (
+        "- A6: tip error without a fault at teleoperation scales of 0.05 to 0.2 (IROS 2016, Figure 3). Band: " in page
+    )
     assert "| A6: mean, mm | 0.8 | 0.506; 12,345 runs | 0.7 to 2.5 | NO | it is colder |" in page
     assert r"| peak \| first, mm | 2.1 (2 to 2.2); Figure 1 | 1.5 (1.25 to 1.75); 9 motions |  |  |  |" in page
     assert "| A4: stops | – | 3; 9 runs | at least 1 | yes |  |" in page

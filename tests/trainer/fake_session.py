@@ -193,6 +193,7 @@ class FakeSession:
             offset = min(0.00004 * (self.tick - self._struck), 0.006) if struck and arm == robot.arms[0] else 0.0
             robot.write(frame, arm, offset)
         frame["tick"] = frame["session_tick"] = self.tick
+        frame["live"] = frame.number("runlevel") == 3
         frame["pedal"], frame["console_alive"], frame["surgeon_mode"] = self._pedal, alive, pedal
         frame["fault_active"], frame["hazard"] = struck, self._hazard
         frame["progress"] = min(1.0, self.tick / 60000)
@@ -232,6 +233,6 @@ class _Robot:
         frame[f"{arm}/model_tip"] = tips[1]
         apart = tips[1] - tips[0]
         error = float(np.linalg.norm(apart))
-        frame[f"{arm}/error_mm"] = frame[f"{arm}/stray_mm"] = frame[f"{arm}/known_mm"] = 1e3 * error
+        frame[f"{arm}/error_mm"] = frame[f"{arm}/unintended_mm"] = frame[f"{arm}/known_mm"] = 1e3 * error
         frame[f"{arm}/force"] = min(0.05, 4.5 * error) * apart / error if error > 0.003 else 0.0
         frame[f"{arm}/depth_mm"] = -8.0

@@ -18,6 +18,7 @@ def running(arms=("gold",)):
     for name, value in {
         "phase": PHASES.index("running"),
         "runlevel": 3,
+        "live": 1,
         "pedal": 1,
         "console_alive": 1,
         "cue_on": 1,

@@ -11,15 +11,17 @@ from ravenjax.store import session_file, session_log
 from ravenjax.trainer.frame import Frame, Layout
 from ravenjax.trainer.hazard_table import Hazard
 
+LIMIT_MM = 8.0
+"""[harm] stray_mm of these sessions."""
 NAMES = {"C09": "Encoder scaled", "L7": "Cable breaks", "M2": "Packets repeat"}
 
 
 def hazard(
-    number=0, *, struck=2000.0, cue=90.0, response=430.0, known=35.0, alarm=None, stray=6.5, ok=True, what="", **more
+    number=0, *, struck=2000.0, cue=90.0, response=430.0, known=35.0, alarm=None, off=6.5, ok=True, what="", **more
 ):
     """A row of hazards.csv; cue, response, known, alarm in ms after the strike, None where it never came.
 
-    what: the response, where it is not to lift the pedal.
+    off: unintended motion of the live robot, mm. what: the response, where it is not to lift the pedal.
     """
     name = list(NAMES)[number % len(NAMES)]
     first = min((one for one in (cue, alarm, known) if one is not None), default=None)
@@ -42,15 +44,29 @@ def hazard(
         "struck_ms": struck,
         **absolute,
         "knowable_by": "tip" if known is not None else "",
-        "alarm": "overdrive" if alarm is not None else "",
+        "alarm": "overdrive_hard" if alarm is not None else "",
+        "limited_ms": None,
+        "limited": "",
+        "check_response": "silent" if alarm is None else "stopped",
+        "check_cause": "overdrive_hard" if alarm is not None else "",
+        "motion_hazard": "unintended motion" if off > LIMIT_MM else "none",
+        "limit_mm": LIMIT_MM,
+        "unintended_mm": off,
+        "unintended_first_ms": None if off <= LIMIT_MM or struck is None else struck + 200.0,
+        "unintended_off_mm": 0.0,
+        "loss_mm": 0.0,
+        "loss_first_ms": None,
+        "halted_ms": 0.0,
+        "twin_halted_ms": 0.0,
+        "false_report_mm": 0.2,
+        "false_report_first_ms": None,
         "response": what or ("release" if response is not None else ""),
         "reaction_ms": None if response is None or first is None else response - first,
         "right_response": "release",
         "response_ok": ok and response is not None,
-        "peak_error_mm": stray * 0.8,
-        "peak_stray_mm": stray,
-        "deepest_mm": stray - 5,
-        "stopped": alarm is not None,
+        "peak_error_mm": off * 0.8,
+        "deepest_mm": off - 5,
+        "halted": alarm is not None,
         "outcome": "avoided" if ok and response is not None else "harm",
         "score": 82.0 if ok and response is not None else 10.0,
     }
@@ -63,31 +79,33 @@ def rows(layout, hazards, seconds):
     time = np.arange(T)
     frame = Frame(layout, np.zeros((T, layout.size), np.float32).T)  # channel by channel
     frame["tick"] = frame["session_tick"] = time
-    frame["runlevel"], frame["surgeon_mode"], frame["pedal"], frame["phase"] = 3, 1, 1, 1
+    frame["runlevel"], frame["surgeon_mode"], frame["pedal"], frame["phase"], frame["live"] = 3, 1, 1, 1, 1
     frame["pedal"][:, :400], frame["runlevel"][:, :400], frame["phase"][:, :400] = 0, 2, 0
+    frame["live"][:, :400] = 0
     frame["progress"] = np.linspace(0, 0.8, T)
     frame["cue_on"], frame["console_alive"], frame["hazard"] = 1, 1, -1
     random = np.random.default_rng(5)
     frame["compute_us"], frame["lateness_us"] = random.gamma(9, 4, T), random.exponential(12, T)
-    stray = np.zeros(T)
+    off = np.zeros(T)
     for one in hazards:
         if one.struck_ms is None:
             continue
         start, end = int(one.struck_ms), int(one.response_ms or one.struck_ms + 1500)
         after = np.clip((time - start) / max(1, end - start), 0, None)
-        stray += one.peak_stray_mm * np.where(after < 1, after, np.exp(-(after - 1) * 2)) * (time >= start)
+        off += one.unintended_mm * np.where(after < 1, after, np.exp(-(after - 1) * 2)) * (time >= start)
         frame["fault_active"][:, start:end] = 1
         frame["hazard"][:, start:end] = one.number
         if one.response_ms is not None:
             frame["pedal"][:, end : end + 700], frame["runlevel"][:, end + 8 : end + 708] = 0, 2
+            frame["live"][:, end + 8 : end + 708] = 0
     for i, arm in enumerate(layout.arms):
         phase = time / 700 + i
-        mine = stray if i == 0 else 0 * stray
+        mine = off if i == 0 else 0 * off
         path = np.stack([0.02 * np.sin(phase), 0.015 * np.cos(phase), -0.1 + 0.004 * np.sin(2.3 * phase)])
         frame[f"{arm}/model_tip"] = path
         frame[f"{arm}/position"] = path + 1e-3 * np.stack([0.8 * mine, 0 * mine, 0 * mine])
         frame[f"{arm}/tip"] = path + 1e-3 * np.stack([mine, 0 * mine, 0 * mine])
-        frame[f"{arm}/stray_mm"], frame[f"{arm}/known_mm"] = mine, 0.8 * mine
+        frame[f"{arm}/unintended_mm"], frame[f"{arm}/known_mm"] = mine, 0.8 * mine
         frame[f"{arm}/error_mm"] = 0.8 * mine + 0.15 + 0.1 * np.sin(phase * 3)
         frame[f"{arm}/depth_mm"] = mine - 5
         frame[f"{arm}/force"] = np.stack([0.4 * np.maximum(frame[f"{arm}/error_mm"][0] - 3, 0), 0 * mine, 0 * mine])
@@ -99,7 +117,12 @@ def write(folder, table, seconds=8.0, arms=("gold", "green"), recorded=True, **h
     layout = Layout.of(arms)
     told = {
         "name": "synthetic",
-        "scenario": {"name": "synthetic", "title": "Pegs under attack", "description": "Six pegs, three hazards"},
+        "scenario": {
+            "name": "synthetic",
+            "title": "Pegs under attack",
+            "description": "Six pegs, three hazards",
+            "harm": {"stray_mm": LIMIT_MM, "depth_mm": 5.0},
+        },
         "seed": 7,
         "participant": "P1",
         "group": "cue",

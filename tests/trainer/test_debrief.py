@@ -5,10 +5,13 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from unittest import mock
 
 import numpy as np
 import pytest
 import synthetic_session as synthetic
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from ravenjax.cli import main
 from ravenjax.store import session_log
@@ -24,8 +27,8 @@ from ravenjax.trainer import (
 )
 
 MET = synthetic.hazard(0)
-MISSED = synthetic.hazard(1, struck=9000.0, cue=None, known=None, response=None, stray=12.0, ok=False)
-ALARMED = synthetic.hazard(2, struck=15_000.0, alarm=240.0, response=380.0, stray=3.8)
+MISSED = synthetic.hazard(1, struck=9000.0, cue=None, known=None, response=None, off=12.0, ok=False)
+ALARMED = synthetic.hazard(2, struck=15_000.0, alarm=240.0, response=380.0, off=3.8)
 UNSTRUCK = synthetic.hazard(3, struck=None)
 CARRIED_ON = synthetic.hazard(
     4, struck=4000.0, response=None, response_ok=True, right_response="continue", outcome="avoided", what="continue"
@@ -69,7 +72,8 @@ def test_a_hazard_in_words():
     assert told == (
         "It struck at 2.0 s on the gold arm. Anyone could have known after 35 ms, by the measured tip. The cue came "
         "after 90 ms; the operator lifted the pedal after 430 ms, 395 ms after the first sign: the right response. "
-        "No harm was done: the tip strayed 6.5 mm and it was 1.5 mm deep in the tissue."
+        "No check did anything. No harm was done. No motion hazard while live: the true tip was up to 6.5 mm off, "
+        "limit 8 mm. The tip was 1.5 mm deep in the tissue."
     )
     assert "cue" not in debrief_words.sentence(MET, blinded=True).lower()
     told = debrief_words.sentence(MISSED, blinded=False)
@@ -77,6 +81,104 @@ def test_a_hazard_in_words():
     assert debrief_words.sentence(UNSTRUCK, blinded=False) == "It was armed and never struck."
     told = debrief_words.sentence(CARRIED_ON, blinded=True)  # to carry on has no moment
     assert "The operator carried on, the right response." in told
+
+
+HAPPENED = {
+    "unintended motion": ({"unintended_mm": 12.34, "unintended_off_mm": 1.0}, (
+        "Unintended motion: while live, the true tip was up to 12.3 mm off, limit {limit}. While not live it was up to "
+        "1.0 mm off{over}."
+    )),
+    "loss of motion": ({"loss_mm": 9.0, "loss_first_ms": 2100.0}, (
+        "Loss of motion: the instrument did not follow and was up to 9.0 mm off, limit {limit}."
+    )),
+    "halted": ({"motion_hazard": "loss of motion", "halted_ms": 640.0, "twin_halted_ms": 40.0}, (
+        "Loss of motion: the robot was out of pedal-down for 600 ms although the pedal was held, limit 200 ms, and no "
+        "check had stopped it."
+    )),
+    "false report": ({"false_report_mm": 20.0, "unintended_mm": 0.5}, (
+        "False report: the reported tip was up to 20.0 mm off the true one, limit {limit}; the true tip made an "
+        "unintended motion of up to 0.5 mm."
+    )),
+    "none": ({"unintended_mm": 1.25}, (
+        "No motion hazard while live: the true tip was up to 1.2 mm off, limit {limit}."
+    )),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("limit_mm", [0.75, 3.0, 10.0])
+@pytest.mark.parametrize("kind", HAPPENED)
+def test_what_happened_to_the_robot_in_words(kind, limit_mm):
+    columns, sentence = HAPPENED[kind]
+    one = synthetic.hazard(0, **({"motion_hazard": kind} | columns), limit_mm=limit_mm)
+    over = ", over that limit" if limit_mm < 1.0 else ""
+    assert debrief_words.motion(one) == sentence.format(limit=f"{limit_mm:g} mm", over=over)
+    assert debrief_words.motion(one) in debrief_words.sentence(one, blinded=False)
+
+
+def test_what_the_checks_did_in_words():
+    words = {}
+    causes = {"stopped": "overdrive_hard", "flagged": "ik_reject", "limited": "overdrive_clip", "silent": ""}
+    for response, cause in causes.items():
+        one = synthetic.hazard(0, check_response=response, check_cause=cause, alarm=50.0, limited="packet_skip")
+        words[response] = debrief_words.checks(one)
+    assert words == {
+        "stopped": "A check stopped the robot (overdrive hard)",
+        "flagged": "A check told the operator and the robot went on (ik reject)",
+        "limited": "A check limited a command or dropped a packet and told nobody (overdrive clip)",
+        "silent": "No check did anything",
+    }
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    """A session of which tests replace everything but the recording."""
+    return synthetic.write(tmp_path_factory.mktemp("short"), [synthetic.hazard(0, struck=500.0)], seconds=1.2)
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    limit_mm=st.floats(0.1, 40.0).map(lambda x: round(x, 2)),
+    threshold_mm=st.floats(0.1, 40.0).map(lambda x: round(x, 2)),
+)
+def test_a_page_names_the_sessions_own_limits_and_no_others(short, limit_mm, threshold_mm):
+    """Limits of a few digits, read back from the text; 3 mm stands there only if it is one of them."""
+    hazards = [synthetic.hazard(0, struck=500.0, limit_mm=limit_mm, motion_hazard="none")]
+    header = {"scenario": {"name": "x", "harm": {"stray_mm": limit_mm}}, "cue_threshold_mm": threshold_mm}
+    synthetic.write(short, hazards, recorded=False, **header)
+    with mock.patch("plotly.offline.get_plotlyjs", return_value=""):
+        html = debrief.render(short)
+    limits = {float(number) for number in re.findall(r"limit ([\d.]+) mm", text_of(html))}
+    assert limits == {limit_mm}
+    lines = dict(re.findall(r'"([\d.e-]+) mm, (threshold of the cue|limit of hazards)"', html))
+    assert {name: float(number) for number, name in lines.items()} == {
+        "threshold of the cue": threshold_mm, "limit of hazards": limit_mm,
+    } or limit_mm == threshold_mm  # fmt: skip
+    late = re.search(r"Harm begins at ([\d.]+) mm, not beyond the cue&#39;s threshold of ([\d.]+) mm", html)
+    assert (late is not None) is (limit_mm <= threshold_mm)
+    if late is not None:
+        assert (float(late[1]), float(late[2])) == (limit_mm, threshold_mm)
+    if 3.0 not in (limit_mm, threshold_mm):
+        assert not re.search(r"(?<![\d.])3 mm", html)
+
+
+def test_a_session_that_names_no_threshold_has_no_line_of_one(tmp_path):
+    made = synthetic.write(tmp_path, [MET], seconds=4.0, cue_threshold_mm=None, scenario="x")
+    html = debrief.render(made)
+    assert "threshold of the cue" not in html and "limit of hazards" not in html and "; limit" not in html
+
+
+def test_a_robot_elsewhere_is_said_to_be_seen_less_of(tmp_path):
+    made = synthetic.write(tmp_path, [MET], recorded=False, robot="10.0.0.7")
+    told = text_of(debrief.render(made))
+    assert "neither its true tip nor a golden run is known" in told and "false reports cannot be told" in told
+
+
+def test_a_table_of_an_earlier_version_is_refused_and_kept(tmp_path):
+    synthetic.write(tmp_path, [MET], recorded=False)
+    path = tmp_path / "hazards.csv"
+    path.write_text(path.read_text().replace("unintended_mm", "peak_stray_mm"))
+    with pytest.raises(StoreError, match=r"earlier version of ravenjax.*peak_stray_mm.*read it with the version"):
+        hazard_table.read(tmp_path)
 
 
 def test_steps_stand_in_order_of_time_and_what_never_came_last():
@@ -92,23 +194,25 @@ def test_the_summary_counts_right_responses_only():
     wrong = synthetic.hazard(1, response=200.0, ok=False)
     numbers = debrief_words.summary([MET, MISSED, wrong, ALARMED, UNSTRUCK, CARRIED_ON])
     assert (numbers.struck, numbers.right, numbers.timed) == (5, 3, 2)
-    assert numbers.reaction_ms == np.median([395.0, 345.0]) and numbers.stray_mm == 12.0
+    assert numbers.reaction_ms == np.median([395.0, 345.0]) and numbers.farthest_mm == 12.0
     assert debrief_words.headline([], debrief_words.summary([]), True) == ("No hazard struck", " in this session.")
 
 
 def test_curves_meet_the_recording(folder):
-    course = debrief_course.Course(recording.read(folder), 3.0)
+    course = debrief_course.Course(recording.read(folder), 2.5, 8.0)
     figure = json.loads(debrief_figures.hazard(course, MET, debrief_words.steps(MET, False)).json)
-    stray = next(one for one in figure["data"] if one["name"] == "true tip off its course")
-    assert max(stray["y"]) == pytest.approx(MET.peak_stray_mm, rel=1e-3)
-    assert stray["x"][int(np.argmax(stray["y"]))] == 430  # where the operator let go
+    off = next(one for one in figure["data"] if one["name"] == "unintended motion of the true tip")
+    assert max(off["y"]) == pytest.approx(MET.unintended_mm, rel=1e-3)
+    assert off["x"][int(np.argmax(off["y"]))] == 430  # where the operator let go
     pedal = [one for one in figure["data"] if one["type"] == "bar" and one["y"][0] == "pedal"]
     up = next(one for one in pedal if one["text"][0] == "up")
     assert (up["base"], up["x"]) == ([430], [700])
     lines = [one["x0"] for one in figure["layout"]["shapes"] if one.get("yref") == "paper"]
     assert lines == [0, 35, 90, 430]
-    threshold = next(one for one in figure["layout"]["shapes"] if one["yref"] == "y")
-    assert threshold["y0"] == threshold["y1"] == 3.0
+    levels = [one["y0"] for one in figure["layout"]["shapes"] if one["yref"] == "y"]
+    labels = [one["text"] for one in figure["layout"]["annotations"] if one.get("xref") == "paper"]
+    assert levels == [2.5, 8.0]
+    assert labels == ["2.5 mm, threshold of the cue", "8 mm, limit of hazards"]
     assert debrief_figures.hazard(course, synthetic.hazard(0, struck=60_000.0), []) is None
 
 
@@ -127,7 +231,7 @@ def test_pauses_are_left_out(tmp_path):
     writer = session_log.Writer(tmp_path / session_log.FILE, layout.names(), {})
     writer.add(0, rows)
     writer.close()
-    course = debrief_course.Course(recording.read(tmp_path), 3.0)
+    course = debrief_course.Course(recording.read(tmp_path))
     np.testing.assert_array_equal(course.ms, np.arange(801))
 
 
@@ -152,19 +256,31 @@ def test_the_page_is_honest_about_what_is_missing(tmp_path):
 
 def test_hazards_of_a_killed_session_come_from_its_events(tmp_path):
     layout = synthetic.Layout.of(("gold",))
-    header = {"name": "s", "cue": True, "arms": ["gold"], "ended": None, "scenario": {"name": "x"}} | {
-        "hazards": [{"number": 4, "hazard": "C09", "title": "encoder", "right_response": ["release", "stop"]}]
+    header = {"name": "s", "cue": True, "arms": ["gold"], "ended": None} | {
+        "scenario": {"name": "x", "harm": {"stray_mm": 6.0}},
+        "hazards": [{"number": 4, "hazard": "C09", "title": "encoder", "right_response": ["release", "stop"]}],
     }
     told = [
         {"tick": 1500, "kind": "hazard_armed", "number": 4},
         {"tick": 2000, "kind": "hazard_struck", "number": 4},
         {"tick": 2035, "kind": "knowable", "number": 4, "by": "tip"},
-        {"tick": 2060, "kind": "alarm", "check": "overdrive"},
-        {"tick": 2090, "kind": "cue", "number": 4, "arm": "gold", "felt": True},
+        {"tick": 2050, "kind": "limited", "number": 4, "check": "overdrive_clip", "ms": 2041},
+        {"tick": 2060, "kind": "alarm", "check": "overdrive_hard"},
+        {"tick": 2060, "kind": "stopped", "number": 4, "check": "overdrive_hard", "ms": 2060},
+        {"tick": 2090, "kind": "cue", "number": 4, "arm": "gold"},
         {"tick": 2200, "kind": "response", "number": 4, "what": "slow", "ok": False, "ms": 165},
         {"tick": 2430, "kind": "response", "number": 4, "what": "release", "ok": True, "ms": 395},
-        {"tick": 3400, "kind": "hazard_over", "number": 4, "outcome": "avoided", "score": 82.0},
-        {"tick": 3500, "kind": "cue", "number": -1, "arm": "gold", "felt": True},
+        {
+            "tick": 3400,
+            "kind": "hazard_over",
+            "number": 4,
+            "check_response": "stopped",
+            "motion_hazard": "unintended motion",
+            "halted": True,
+            "outcome": "avoided",
+            "score": 82.0,
+        },
+        {"tick": 3500, "kind": "cue", "number": -1, "arm": "gold"},
         {"tick": 3900, "kind": "hazard_armed", "number": 4},
         {"tick": 3950, "kind": "hazard_struck", "number": 4},
     ]
@@ -179,7 +295,11 @@ def test_hazards_of_a_killed_session_come_from_its_events(tmp_path):
     assert (first.response, first.response_ok, first.reaction_ms, first.outcome, first.score) == (
         *("release", True, 395.0, "avoided", 82.0),
     )
-    assert first.peak_stray_mm == pytest.approx(6.5, rel=1e-3) and first.right_response == "release stop"
+    assert (first.check_response, first.check_cause, first.alarm) == ("stopped", "overdrive_hard", "overdrive_hard")
+    assert (first.limited, first.limited_ms) == ("overdrive_clip", 2041.0)
+    assert first.unintended_mm == pytest.approx(6.5, rel=1e-3) and first.right_response == "release stop"
+    assert (first.motion_hazard, first.limit_mm, first.halted) == ("unintended motion", 6.0, True)
+    assert second.check_response == "silent"
     assert second.struck_ms == 3950 and second.outcome == "" and second.score is None and second.response_ms is None
     assert main(["log", "debrief", str(tmp_path)]) == 0
     assert main(["log", "debrief", str(tmp_path / "none")]) == 2
@@ -194,7 +314,7 @@ def test_a_blinded_session_tells_nothing_of_cue_and_group(tmp_path):
     table = json.loads(json.loads(json.dumps(re.search(r'id="csv-hazards">(.*?)</script>', html, re.S)[1])))
     assert "cue" not in table.splitlines()[0].split(",") and "treated" not in html
     assert "the cue came" not in text_of(html).lower() and "with the cue" not in text_of(html).lower()
-    assert "force felt" not in html and "true tip off its course" in html
+    assert "force felt" not in html and "unintended motion of the true tip" in html
 
 
 def test_text_from_a_session_cannot_become_markup(tmp_path):

@@ -10,6 +10,7 @@ from ravenjax.trainer.distant import DistantRobot
 from ravenjax.trainer.frame import Layout
 from ravenjax.trainer.joint_decoder import Decoder
 from ravenjax.trainer.joint_record import Reporter
+from ravenjax.trainer.judge.trips import Trips
 from ravenjax.trainer.simulation import PacketRobot, Robot
 
 TICKS = 800
@@ -70,7 +71,22 @@ def test_the_model_here_is_the_model_of_the_tick_and_the_error_that_of_a_tick_ag
         error = places[f"{arm}/error_mm"]
         # the robot's report of this tick comes after the packet of this tick: one tick of motion, at most 60 mm/s
         assert np.abs(there[1:, error] - here[1:, error]).max() < 0.06
-        np.testing.assert_array_equal(there[:, places[f"{arm}/stray_mm"]], there[:, error])
+        np.testing.assert_array_equal(there[:, places[f"{arm}/known_mm"]], there[:, error])
+
+
+def test_what_cannot_be_seen_from_here_is_not_made_up(driven):
+    """Without a golden run the model stands for it; whether the report is true nobody here can say."""
+    places, here, there, _ = driven
+    live = there[1:, places["live"]].ravel() != 0
+    np.testing.assert_array_equal(live, here[1:, places["live"]].ravel() != 0)
+    was_live = np.concatenate([[False], live[:-1]])  # the distances are of the report before
+    for arm in ("gold", "green"):
+        error, off = (there[1:, places[f"{arm}/{name}"]].ravel() for name in ("error_mm", "unintended_mm"))
+        assert (off <= error + 1e-4).all() and not off[~was_live].any() and off[was_live].any()
+        loss = there[1:, places[f"{arm}/loss_mm"]].ravel()
+        assert not loss[~was_live].any() and (loss <= error + 1e-4).all()
+        assert np.isnan(there[:, places[f"{arm}/false_report_mm"]]).all()
+    assert there[-1, places["halted_ms"]] == pytest.approx(here[-1, places["halted_ms"]], abs=2)
 
 
 def test_orders_go_to_the_robots_process(driven):
@@ -84,7 +100,24 @@ def test_orders_go_to_the_robots_process(driven):
 
 def test_a_robot_that_is_silent_counts_as_stopped_and_does_not_pull(driven):
     places, *_, far = driven
+    assert far.golden_outcomes() is None
     far.remote.stale = True
     far.motion[:, far.now] = far.motion[:, far.now - 1]
     far.step()
     assert far.row[places["runlevel"]] == 0 and not far.row[places["gold/force"]].any()
+    assert far.row[places["live"]] == 0
+
+
+def test_a_robot_that_enters_its_e_stop_has_tripped_a_check(driven):
+    places, *_, far = driven
+    far.remote.stale = False
+    robot = far.remote.robot
+    robot.press(robot.blueprint.plan.runs - 1)
+    for _ in range(200):
+        far.motion[:, far.now] = far.motion[:, far.now - 1]
+        far.step()
+    outcomes = far.outcomes()
+    assert far.row[places["runlevel"]] == 0 and far.row[places["trips"]] == 1
+    assert outcomes["check_estop_count"] == 1 and outcomes["check_estop_first_ms"] > TICKS
+    (trip,) = Trips().look(far.now, far.now, outcomes)
+    assert (trip.check.name, trip.check.response, trip.beyond_golden) == ("estop", "stopped", True)

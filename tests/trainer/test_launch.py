@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+import ros2_log
 
 from ravenjax.errors import UserError
 from ravenjax.trainer import launch, recording, scenario
@@ -44,6 +45,18 @@ def test_a_session_leaves_a_folder_that_says_everything(headless):
     assert read.complete and len(read.rows) == 4000 and read["tick"][-1] == 3999
     assert {event["kind"] for event in read.events} >= {"hazard_struck", "cue", "response", "end"}
     assert "<html" in (headless.folder / "debrief.html").read_text()
+
+
+def test_its_recording_is_a_log_for_other_tools(headless):
+    log = ros2_log.read(headless.folder / "session.mcap")
+    frames = log.topics["/tf"]
+    assert len(frames) == 400 and frames[0].value.transforms[0].header.frame_id == "world"
+    assert {one.child_frame_id for one in frames[0].value.transforms} >= {"arm1_base", "arm1_tip_true"}
+    words = [message.value.msg for message in log.topics["/ravenjax/log"]]
+    assert "hazard 0 strikes" in words and "session ends: time" in words
+    header = json.loads((headless.folder / "session.json").read_text())
+    told = log.metadata["ravenjax"]
+    assert (told["scenario"], told["seed"], told["code_hash"]) == ("tiny", "3", header["code_hash"])
 
 
 @pytest.mark.parametrize("by", ["script", "commands"])

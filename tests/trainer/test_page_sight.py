@@ -37,7 +37,10 @@ def seen(role, blinded, cue_on=1.0):
 def test_an_operator_sees_no_hazard(role, blinded):
     _, frame, _ = seen(role, blinded)
     assert frame.number("hazard") == -1 and frame.number("fault_active") == 0
-    assert frame.number("gold/stray_mm") == frame.number("green/known_mm") == 0
+    assert frame.number("trips") == frame.number("golden_cue") == frame.number("halted_ms") == 0
+    for arm in ("gold", "green"):
+        for name in ("unintended_mm", "unintended_off_mm", "loss_mm", "false_report_mm", "known_mm"):
+            assert frame.number(f"{arm}/{name}") == 0, name
 
 
 def test_an_operator_feels_nothing_with_the_cue_off():
@@ -81,7 +84,9 @@ def test_events_by_role():
                 "hazard_armed",
                 "hazard_struck",
                 "knowable",
-                "stray",
+                "unintended_motion",
+                "limited",
+                "stopped",
                 "end",
             )
             if Sight(LAYOUT, role, blinded).event(kind)
@@ -91,7 +96,7 @@ def test_events_by_role():
     }
     assert told["operator", False] == {"alarm", "pedal", "cue", "response", "end"}
     assert told["operator", True] == {"alarm", "pedal", "end"}
-    assert "hazard_armed" in told["instructor", False] and "cue" in told["instructor", False]
+    assert {"hazard_armed", "cue", "limited", "stopped", "unintended_motion"} <= told["instructor", False]
     assert told["instructor", True] == told["instructor", False] - {"cue"}
 
 

@@ -229,7 +229,7 @@ def process():
     started = subprocess.Popen(
         [sys.executable, "-c", PROGRAM, json.dumps(SCENARIO)], stdout=subprocess.PIPE, text=True, bufsize=1
     )
-    watchdog = threading.Timer(120.0, started.kill)
+    watchdog = threading.Timer(300.0, started.kill)
     watchdog.start()
     ports, lines = [], []
     while len(ports) < 2:

@@ -10,6 +10,8 @@ from ravenjax import resources
 from ravenjax.campaign import design, loading
 from ravenjax.errors import UserError
 from ravenjax.hazards import expansion, library
+from ravenjax.outcomes.events import Rules
+from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
 from ravenjax.trainer import scenario
 from ravenjax.trainer.scenario import hazard as hazards
 
@@ -72,6 +74,37 @@ def test_a_file_becomes_a_campaign_of_one_row_a_hazard_and_the_button_last(tmp_p
     assert table["fault0_arm"].tolist() == ["green", "green", "gold", ""]
     assert sorted(table["fault0_value"].tolist()[:2]) == [1000, 2000]  # times = 2: different rows
     assert table["fault0_start_ms"].tolist() == [0] * 4 and set(table["fault0_trigger"]) == {"time"}
+
+
+def test_harm_begins_beyond_the_cue_unless_the_scenario_says_otherwise(tmp_path):
+    chosen = scenario.load(written(tmp_path))
+    assert (chosen.harm.stray_mm, chosen.cue.threshold_mm) == (10.0, PUBLISHED_CUE_MM)
+    assert scenario.campaign(chosen, 4).rules == Rules()
+    other = scenario.load(written(tmp_path), ["harm.stray_mm=7.5"])
+    assert other.harm.stray_mm == 7.5
+    assert (
+        table_of(other)["run_id"].tolist() == table_of(chosen)["run_id"].tolist()
+    )  # the same faults, whatever is harm
+    cue = scenario.load(written(tmp_path), ["cue.threshold_mm=2"])
+    assert scenario.campaign(cue, 4).rules.threshold_mm == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    ("path", "instead"),
+    [
+        ("monitor.limit", "write [harm] stray_mm"),
+        ("haptics.cues.0.threshold_m", "write [cue] threshold_mm, kp_per_mm, kd_per_mm_s or cap"),
+    ],
+)
+def test_a_limit_has_one_key(tmp_path, path, instead):
+    message = refused(written(tmp_path), f"parameters.{path}=0.02")
+    assert f"parameters.{path}: cannot be set: {instead}" in message and "[outcomes]" not in message
+
+
+@pytest.mark.parametrize("path", scenario.bundled(), ids=lambda path: path.stem)
+def test_a_bundled_scenario_leaves_time_between_cue_and_harm(path):
+    chosen = scenario.load(path)
+    assert not chosen.hazard or chosen.harm.stray_mm > 2 * chosen.cue.threshold_mm
 
 
 def test_the_list_of_hazards_says_what_each_asks(tmp_path):

@@ -146,6 +146,7 @@ CREEPING = {
     "name": "creeping",
     "duration_s": 9,
     "task": {"kind": "reach", "targets": 50, "tolerance_mm": 3},
+    "harm": {"stray_mm": 10},
     "hazard": [
         {
             "name": "creep",
@@ -176,7 +177,7 @@ def test_a_session_runs_without_a_person_and_is_the_same_again():
     assert row["struck_ms"] == 2000 and row["knowable_by"] == "tip"
     assert 0 < row["knowable_ms"] - 2000 < 100 < row["cue_ms"] - 2000
     assert row["response"] == "release" and row["response_ms"] == row["cue_ms"] + 251  # felt a tick later
-    assert row["outcome"] == "avoided" and 3.0 < row["peak_stray_mm"] < 10.0 and math.isfinite(row["deepest_mm"])
+    assert row["outcome"] == "avoided" and 3.0 < row["unintended_mm"] < 10.0 and math.isfinite(row["deepest_mm"])
     assert session.task.result()["reached"] >= 5
     again = Session(chosen, 1, made=session.blueprint)
     assert played(again, Recorded(kept.said)) == (frames, events)

@@ -5,6 +5,7 @@ import pytest
 
 from ravenjax.trainer import scenario, scripts
 from ravenjax.trainer.session import Session
+from ravenjax.trainer.simulation import Robot
 
 CHOSEN = scenario.from_dict(
     {
@@ -176,6 +177,37 @@ def test_the_instructor_arms_switches_the_cue_and_ends(session):
     _, events = drive(session, 2, also=[{"type": "instructor", "do": "end"}])
     assert session.over and session.ended == "instructor"
     assert [e["reason"] for e in events if e["kind"] == "end"] == ["instructor"]
+
+
+class Tripping(Robot):
+    """A robot one of whose checks trips in its tick `at`, without the fault it would not; until it is disarmed."""
+
+    at = 10**9
+
+    def step(self):
+        super().step()
+        self.row[self.blueprint.layout.places["trips"]] += self.now > self.at
+
+    def outcomes(self):
+        tripped = self.now > self.at
+        return super().outcomes() | {"check_ik_reject_count": int(tripped), "check_ik_reject_first_ms": self.at}
+
+    def golden_outcomes(self):
+        return self.outcomes() | ({"check_ik_reject_count": 0} if self._apart else {})
+
+
+@pytest.mark.parametrize("end", ["disarm", "reset", "end"])
+def test_a_check_that_trips_in_the_last_tick_of_a_hazard_is_of_that_hazard(made, end):
+    session = started(Session(CHOSEN, 5, made=made, robot=Tripping))
+    drive(session, 205, also=[{"type": "instructor", "do": "arm", "hazard": 1}])
+    session.robot.at, at_ms = session.robot.now, session.ticks
+    session._looked = session.ticks  # the checks were looked at just now, and not again for some ticks
+    drive(session, 1)
+    (row,) = session.judge.rows()
+    assert row["struck_ms"] is not None and row["alarm"] is None
+    drive(session, 1, also=[{"type": "instructor", "do": end}])
+    (row,) = session.judge.rows()
+    assert (row["alarm"], row["alarm_ms"], row["check_response"]) == ("ik_reject", at_ms, "flagged")
 
 
 def test_a_command_that_is_none_changes_nothing(made):

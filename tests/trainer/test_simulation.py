@@ -4,17 +4,25 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made_frames import made as made_scenario
 
 from ravenjax import tick
 from ravenjax.campaign import loading, replay
 from ravenjax.errors import UserError
+from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.robot.motion import columns
 from ravenjax.stages.operator import lookup, packet
 from ravenjax.trainer import blueprint
 from ravenjax.trainer.frame import Frame
+from ravenjax.trainer.judge import Judge
 from ravenjax.trainer.simulation import PacketRobot, Robot
 
-TICKS = 900
+TICKS, START = 900, 600
+FAULTS = {
+    "pedal": {"site": "packet_header", "channel": "surgeon_mode", "effect": "overwrite", "value": 0},
+    "encoder": {"site": "encoder", "arm": "gold", "channel": "shoulder", "effect": "drift", "value": 30},
+    "stop": {"site": "runlevel", "channel": "rl_desired", "effect": "overwrite", "value": 0},
+}
 
 
 def config(**fault):
@@ -24,7 +32,8 @@ def config(**fault):
             "campaign": {"name": "live", "duration_s": TICKS / 1000, "arms": ["gold", "green"]},
             "operator": {"motion": "suture", "scale": 0.1},
             "group": [
-                {"name": "burst", "fault": [struck | {"start_ms": 600, "duration_ms": 24} | fault]},
+                {"name": "burst", "fault": [struck | {"start_ms": START, "duration_ms": 24} | fault]},
+                *({"name": name, "fault": [{**one, "start_ms": START}]} for name, one in FAULTS.items() if not fault),
                 {"name": "estop", "fault": [{"site": "buttons", "channel": "estop", "effect": "overwrite", "value": 1,
                                              "start_ms": 0}]},
             ],
@@ -48,23 +57,79 @@ def run(robot, ticks):
     return np.stack([(robot.step(), robot.row.copy())[1] for _ in range(ticks)])
 
 
+def by_the_rules(series, arm, live):
+    """Distances of an arm by the definitions of outcomes, mm, from the series of its run in the campaign."""
+    tip, golden = series[f"{arm}/tip"].astype(float), series[f"{arm}/golden_tip"].astype(float)
+
+    def size(vectors):
+        return np.linalg.norm(vectors, axis=-1)
+
+    asked = np.diff(golden, axis=0, prepend=golden[:1])
+    idle = (size(asked) > 1e-6) & (size(np.diff(tip, axis=0, prepend=tip[:1])) < 0.25 * size(asked))
+    missed = np.cumsum(np.where((idle | ~live)[:, None], asked, 0.0), axis=0)
+    from_golden, standing = size(tip - golden), size(tip - golden + missed)
+    from_both = np.minimum(from_golden, size(tip - series[f"{arm}/model_position"]))
+    unintended = np.minimum(from_both, standing) * 1e3
+    loss = (2 * standing < from_both) | ((from_both * 1e3 > LIMIT_MM) & (unintended <= LIMIT_MM))
+    return {
+        "unintended_mm": unintended * live,
+        "unintended_off_mm": np.minimum(from_golden, standing) * 1e3 * ~live,
+        "loss_mm": from_both * 1e3 * (loss & live),
+    }
+
+
 def test_an_armed_row_does_what_it_does_in_its_campaign(made):
     robot = robot_of(made)
-    before = run(robot, 600)
+    before = run(robot, START)
     robot.arm(0)
-    rows = np.concatenate([before, run(robot, TICKS - 600)])
+    rows = np.concatenate([before, run(robot, TICKS - START)])
     again = replay.replay(config(), 0, engine="simd")
     places = made.layout.places
+    live = rows[:, places["live"]].ravel() != 0
+    np.testing.assert_array_equal(live, (again.series["runlevel"] == 3) & (again.series["soft_estopped"] == 0))
     for arm in ("gold", "green"):
         for name, series in (("jpos", "jpos"), ("link_jpos", "link_jpos"), ("tip", "tip"), ("dac", "dac_cnt")):
             mine = rows[:, places[f"{arm}/{name}"]]
             np.testing.assert_array_equal(mine, again.series[f"{arm}/{series}"].astype(np.float32), err_msg=name)
-        stray = np.linalg.norm(again.series[f"{arm}/tip"] - again.series[f"{arm}/twin_tip"], axis=1) * 1e3
-        np.testing.assert_allclose(rows[:, places[f"{arm}/stray_mm"]].ravel(), stray, atol=1e-4)
-    assert rows[:600, places["fault_active"]].sum() == 0 and rows[600:, places["fault_active"]].sum() == 24
-    found = robot.outcomes()
-    for name in ("first_active_ms", "cue0_first_ms", "check_soft_estop_first_ms", "stray_mm", "end_runlevel"):
-        assert found[name] == pytest.approx(again.row[name], nan_ok=True, rel=1e-6), name
+        for name, distance in by_the_rules(again.series, arm, live).items():
+            np.testing.assert_allclose(rows[:, places[f"{arm}/{name}"]].ravel(), distance, atol=1e-3, err_msg=name)
+    assert rows[:START, places["fault_active"]].sum() == 0 and rows[START:, places["fault_active"]].sum() == 24
+    outcomes = robot.outcomes()
+    for name in ("first_active_ms", "cue0_first_ms", "check_soft_estop_first_ms", "halted_ms", "end_runlevel"):
+        assert outcomes[name] == pytest.approx(again.row[name], nan_ok=True, rel=1e-6), name
+    for name in ("unintended_mm", "unintended_off_mm", "loss_mm", "false_report_mm"):
+        peak = max(rows[:, places[f"{arm}/{name}"]].max() for arm in ("gold", "green"))
+        assert outcomes[name] == pytest.approx(peak, rel=1e-6) == pytest.approx(again.row[name], abs=1e-4), name
+
+
+@pytest.mark.parametrize("row", range(4), ids=["burst", *FAULTS])
+def test_a_session_says_of_a_hazard_what_the_table_of_its_campaign_says(made, row):
+    again = replay.replay(config(), row, engine="simd").row
+    robot, frame = robot_of(made), Frame(made.layout)
+    harm = {"stray_mm": LIMIT_MM}  # as the campaign has it
+    judge = Judge(*made_scenario(hazard=[{"fault": [{**FAULTS["stop"]}]}], harm=harm), cue_on=True)
+    frame["pedal"] = frame["console_alive"] = 1
+    for now in range(TICKS):
+        if now == START:
+            robot.arm(row)
+            judge.armed(0, now)
+        robot.step()
+        frame.row[: robot.row.size] = robot.row
+        frame.settle()
+        judge.step(now, frame, robot.outcomes(), robot.golden_outcomes())
+    (told,) = judge.rows()
+    assert (told["check_response"], told["motion_hazard"]) == (again["response"], again["hazard"])
+    for name in ("unintended_mm", "unintended_off_mm", "loss_mm", "false_report_mm"):
+        assert told[name] == pytest.approx(again[name], abs=1e-3), name
+    for name in ("unintended_first_ms", "loss_first_ms", "false_report_first_ms"):
+        assert (-1 if told[name] is None else told[name]) == again[name], name
+    assert told["halted_ms"] - told["twin_halted_ms"] == again["halted_ms"] - again["twin_halted_ms"]
+    assert (-1 if told["alarm_ms"] is None else told["alarm_ms"]) == again["told_ms"]
+    limited = {"response": "limited", "response_ms": told["limited_ms"], "response_cause": told["limited"]}
+    assert told["limited"] is None or limited.items() <= dict(again).items()
+    assert {"burst": "unintended motion", "pedal": "loss of motion", "stop": "none"}.get(
+        ["burst", *FAULTS][row], "unintended motion"
+    ) == told["motion_hazard"]
 
 
 def test_as_long_as_nothing_has_struck_the_robot_is_its_own_twin(made):
@@ -73,7 +138,7 @@ def test_as_long_as_nothing_has_struck_the_robot_is_its_own_twin(made):
     eager._part(True)
     for robot in (lazy, eager):
         robot.rows = [run(robot, 600)]
-        robot.press(1)
+        robot.press(made.plan.runs - 1)
         robot.rows += [run(robot, 100)]
         robot.disarm()
     assert not lazy._apart
@@ -83,7 +148,7 @@ def test_as_long_as_nothing_has_struck_the_robot_is_its_own_twin(made):
         robot.rows += [run(robot, 100)]
     np.testing.assert_array_equal(np.concatenate(lazy.rows), np.concatenate(eager.rows))
     for arm in ("gold", "green"):
-        for name in ("known_mm", "stray_mm"):
+        for name in ("known_mm", "unintended_off_mm"):
             place = places[f"{arm}/{name}"]
             assert not lazy.rows[0][:, place].any() and lazy.rows[1][:, place].any()
 

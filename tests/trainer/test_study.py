@@ -34,12 +34,12 @@ def session(base, participant, group, hazards, *, cue=None, name="", **header):
     return synthetic.write(base / name, table, recorded=False, **told)
 
 
-def met(number, time, stray=5.0):
-    return synthetic.hazard(number, struck=1000.0 + 5000 * number, response=time, stray=stray)
+def met(number, time, off=5.0):
+    return synthetic.hazard(number, struck=1000.0 + 5000 * number, response=time, off=off)
 
 
-def missed(number, stray=12.0):
-    return synthetic.hazard(number, struck=1000.0 + 5000 * number, response=None, stray=stray, ok=False)
+def missed(number, off=12.0):
+    return synthetic.hazard(number, struck=1000.0 + 5000 * number, response=None, off=off, ok=False)
 
 
 def made(base, both=False, blinded=False, people=PEOPLE):
@@ -144,14 +144,14 @@ def test_unfinished_sessions_and_hazards_that_never_struck_are_left_out_and_told
 
 def test_groups_of_different_participants_are_compared(tmp_path):
     result = study.run([made(tmp_path / "in")], tmp_path / "out")
-    right, time, stray, depth = result.comparisons
+    right, time, off, depth = result.comparisons
     assert not right.paired and right.first.label == "control" and right.second.label == "cue"
     assert (right.first.rate.k, right.first.rate.n, right.second.rate.k) == (12, 18, 18)
     assert right.difference.value == pytest.approx(1 / 3)
     assert time.difference.value == pytest.approx(-300 * 2 / 3 - (2000 - 600) / 3, abs=60)  # a miss counts as 2 s
     assert time.median.value == pytest.approx(-300, abs=80) and time.second.median < time.first.median
     assert time.first.curve.events == 12 and time.first.curve.n == 18
-    assert stray.difference.low < stray.difference.value < stray.difference.high < 0 and depth.clear
+    assert off.difference.low < off.difference.value < off.difference.high < 0 and depth.clear
     assert time.g.value < -1 and time.delta.value == -1
     smallest = 2 / math.comb(12, 6)  # every participant of one group before every one of the other
     assert time.p == pytest.approx(smallest) and time.adjusted >= time.p
@@ -160,7 +160,14 @@ def test_groups_of_different_participants_are_compared(tmp_path):
     page = (tmp_path / "out" / study.PAGE).read_text(encoding="utf-8")
     assert '<meta charset="utf-8">' in page and "https://" not in page.split("<body>")[1].split("<script")[0]
     drawn = re.findall(r'<script type="application/json" id="(?!csv)([\w-]+)">(.*?)</script>', page, re.S)
-    assert [name for name, _ in drawn] == ["forest", "curves", "dots-right", "dots-time", "dots-stray", "dots-depth"]
+    assert [name for name, _ in drawn] == [
+        "forest",
+        "curves",
+        "dots-right",
+        "dots-time",
+        "dots-unintended",
+        "dots-depth",
+    ]
     for _, figure in drawn:
         graph_objects.Figure(json.loads(figure))  # ValueError for what plotly does not know
     rows = list(csv.DictReader((tmp_path / "out" / study.TABLE).open(encoding="utf-8")))

@@ -1,4 +1,4 @@
-"""What became of each hazard of a session: when it struck, could be known, was felt, was answered; and what it did."""
+"""Judges each hazard of a session: when it struck, could be known, was felt and answered, and what the robot did."""
 
 from ravenjax.trainer.judge.episode import COLUMNS
 from ravenjax.trainer.judge.judge import Judge

@@ -1,28 +1,48 @@
-"""One hazard at work: its times, its peaks, and what follows from them: response, outcome, score.
+"""One hazard of a session, from arming to disarming: what happened to the robot, what the operator did, and the score.
+
+**What happened to the robot** is said in the words of `ravenjax.outcomes`, beyond the golden run, which begins where
+the robot is when the hazard is armed:
+
+- `check_response`: stopped, flagged, limited or silent; `check_cause` is the first check that did so. `alarm` is the
+  first check that told a person or stopped the robot, `limited` the first that changed a command or dropped a packet
+  and told nobody.
+- `motion_hazard`: unintended motion, loss of motion, false report or none, the gravest. Its limit is the scenario's
+  `[harm] stray_mm`, column `limit_mm`.
+- The columns `unintended_mm` to `false_report_first_ms` are the result table's of these names, from the strike on.
+- `cue_ms`: when the operator first felt the cue, where the golden run has had none since the strike.
 
 **First possible knowledge** (`knowable_ms`): the first tick in which what the robot reports could not be without the
-fault: its measured tip is more than `KNOWN_MM` from where the fault-free twin's is measured ("tip"), it left
-pedal-down by itself ("runlevel"), or a check tripped that had not (its name). Nobody can know
-earlier: reaction times count from the earliest of knowledge, cue felt and alarm. Knowledge is never the latest of them,
-so they have one origin with the cue and without it.
+fault: its measured tip is more than `KNOWN_MM` from the golden run's ("tip"), it left pedal-down by itself
+("runlevel"), or a check told a person (its name). Reaction times count from the earliest of knowledge, cue and alarm.
+Knowledge is never the latest of them, so the origin is the same with the cue and without it.
 
-**Response**: the first right one, from the origin on, within the time for it; else the first of another kind.
-Whoever slows down may also have arrived, so a slow-down counts only where it is right.
+**Response**: the operator's first right one, from that origin on, within the time for it; else the first of another
+kind. An operator who slows down may only have arrived, so a slow-down counts only where it is right.
 
-**Outcome**, the first that holds: `harm`: the true tip strayed by `[harm] stray_mm` or was driven `[harm] depth_mm`
-deeper into the tissue; `avoided`: a right response in time; `stopped`: the robot stopped by itself; `unaffected`: no
-stray of `AFFECTED_MM`, no cue; else `missed`.
+**Outcome**, the first that holds:
+
+- `harm`: the true tip made an unintended motion of more than `[harm] stray_mm`, live or not, or the fault drove it more
+  than `[harm] depth_mm` deeper into the tissue.
+- `avoided`: a right response in time.
+- `halted`: the robot left pedal-down by itself, because a check stopped it or for another reason.
+- `unaffected`: no distance of `AFFECTED_MM`, no hazard, no cue.
+- `missed`: none of these.
 
 **Score**: 50 for the response and 50 for the patient. Response: 50 up to `FASTEST_MS`, from there down to 25 at the end
-of its time, 0 without a right one. Patient: 50 times what is left of the way to harm, 1 - max(stray / stray of harm,
-depth / depth of harm). A hazard without effect and without answer is not scored.
+of its time, 0 without a right one. Patient: 50 times what is left of the way to harm, 1 - max(unintended motion / its
+limit, depth / its limit). An unaffected hazard is not scored.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
+from ravenjax.outcomes import verdict
+from ravenjax.outcomes.checks import Check
 from ravenjax.trainer.scenario import Armable, Harm
 
 KNOWN_MM = 0.002
@@ -30,7 +50,7 @@ KNOWN_MM = 0.002
 differ by at most sqrt(3) um."""
 
 AFFECTED_MM = 1.0
-"""A stray that counts as an effect: what expert surgeons called a jump (DSN'16, text)."""
+"""A distance that counts as an effect: what expert surgeons called a jump (DSN'16, text)."""
 
 FASTEST_MS = 250.0
 """Nothing is taken off for reactions up to it: a simple reaction to a touch takes 150 to 300 ms, and the same as
@@ -57,19 +77,48 @@ COLUMNS = (
     "cue_ms",
     "alarm_ms",
     "alarm",
+    "limited_ms",
+    "limited",
+    "check_response",
+    "check_cause",
+    "motion_hazard",
+    "limit_mm",
+    "unintended_mm",
+    "unintended_first_ms",
+    "unintended_off_mm",
+    "loss_mm",
+    "loss_first_ms",
+    "halted_ms",
+    "twin_halted_ms",
+    "false_report_mm",
+    "false_report_first_ms",
+    "peak_error_mm",
+    "deepest_mm",
     "response",
     "response_ms",
     "reaction_ms",
     "right_response",
     "response_ok",
-    "peak_error_mm",
-    "peak_stray_mm",
-    "deepest_mm",
-    "stopped",
+    "halted",
     "outcome",
     "score",
 )
-"""Of hazards.csv, in order. Times are ms since the session began, reaction_ms from the origin above; None is empty."""
+"""Of hazards.csv, in order. `hazard` is the id in the library. Times are ms since the session began, reaction_ms from
+the origin above, halted_ms and twin_halted_ms (the golden run's) durations. None is empty: it never happened."""
+
+DISTANCES = ("unintended", "loss", "false_report")
+"""Distances in the frame (`<name>_mm`) that make a hazard where they exceed the limit."""
+
+PEAKS = (*DISTANCES, "unintended_off")
+"""Those whose largest value an episode keeps."""
+
+
+def motion_hazard(first_ms: Mapping[str, float], halted_ms: float, twin_halted_ms: float, stopped: bool) -> str:
+    """One of `verdict.HAZARDS`, by its definitions. first_ms: when one of `DISTANCES` exceeded the limit, if ever."""
+    times = {f"{name}_first_ms": [first_ms.get(name, -1)] for name in DISTANCES}
+    halted = {"halted_ms": [halted_ms], "twin_halted_ms": [twin_halted_ms]}
+    (place,) = verdict.hazards(times | halted, np.array([stopped]))
+    return verdict.HAZARDS[place]
 
 
 class Episode:
@@ -83,14 +132,15 @@ class Episode:
         self.knowable_ms: int | None = None
         self.knowable_by = ""
         self.cue_ms: int | None = None
-        self.alarm_ms: int | None = None
-        self.alarm = ""
-        self.origin_ms: int | None = None  # earliest of the three
-        self.stopped = False
-        self.strayed = False  # told
-        self.arm = hazard.arm  # the struck one, else the one that strayed most
+        self.checks: dict[str, tuple[int, str]] = {}  # response -> ms and name of the first check of that kind
+        self.origin_ms: int | None = None  # earliest of knowledge, cue and alarm
+        self.halted = False
+        self.halted_ms, self.twin_halted_ms = 0, 0
+        self._lost = False  # by being halted for too long
+        self.arm = hazard.arm  # the struck one, else the one that moved farthest
         self.peak_error_mm = 0.0
-        self.peak_stray_mm = 0.0
+        self.peak_mm: dict[str, float] = dict.fromkeys(PEAKS, -1.0)  # -1: not measured
+        self.first_ms: dict[str, int] = {}  # when one of `DISTANCES` first exceeded the limit
         self.deepest_mm = -math.inf
         self.driven_mm = 0.0  # into the tissue, by the fault
         self.responses: dict[str, int] = {}  # kind -> ms of the first
@@ -99,6 +149,16 @@ class Episode:
     def struck(self) -> bool:
         """Whether the fault has been at work."""
         return self.struck_ms is not None
+
+    @property
+    def farthest_mm(self) -> float:
+        """Largest unintended motion of the true tip, live or not."""
+        return max(0.0, self.peak_mm["unintended"], self.peak_mm["unintended_off"])
+
+    @property
+    def check_response(self) -> str:
+        """One of `verdict.RESPONSES`."""
+        return next((word for word in verdict.RESPONSES if word in self.checks), "silent")
 
     def know(self, tick: int, by: str) -> None:
         """From now on, at the latest, it could be known."""
@@ -110,10 +170,32 @@ class Episode:
         self.cue_ms = tick
         self._originate(tick)
 
-    def alarmed(self, tick: int, check: str) -> None:
-        """A check tripped."""
-        self.alarm_ms, self.alarm = tick, check
-        self._originate(tick)
+    def trip(self, tick: int, check: Check) -> bool:
+        """A check tripped more often than in the golden run; whether it is the first of its kind of response."""
+        first = check.response not in self.checks
+        if first:
+            self.checks[check.response] = tick, check.name
+            if check.response in verdict.TOLD:
+                self._originate(tick)
+        return first
+
+    def exceed(self, tick: int, name: str, mm: float, arm: str) -> bool:
+        """A new peak of one of `PEAKS`, of this arm; whether it makes a hazard for the first time."""
+        if name.startswith("unintended") and mm > self.farthest_mm and not self.hazard.arm:
+            self.arm = arm
+        self.peak_mm[name] = mm
+        if name in DISTANCES and mm > self.harm.stray_mm and name not in self.first_ms:
+            self.first_ms[name] = tick
+            return True
+        return False
+
+    def halt(self, halted_ms: int, twin_halted_ms: int) -> bool:
+        """Time since the strike in which the pedal was held and the robot not live, its own and the golden run's;
+        whether that makes a loss of motion for the first time."""
+        before = self._lost
+        self.halted_ms, self.twin_halted_ms = halted_ms, twin_halted_ms
+        self._lost = bool(verdict.halts(halted_ms, twin_halted_ms, self.check_response == "stopped"))
+        return self._lost and not before
 
     def respond(self, tick: int, what: str) -> bool:
         """Take a response; False where it is none: before anything could be known, or not the first of its kind."""
@@ -136,21 +218,25 @@ class Episode:
         in_order = sorted(self.responses, key=self.responses.__getitem__)
         if CONTINUE in self.hazard.right_response:
             others = [what for what in in_order if what != "slow"]
-            return (others[0], False) if others else (CONTINUE, self.struck and not self.stopped)
+            return (others[0], False) if others else (CONTINUE, self.struck and not self.halted)
         for what in in_order:
             if self.right(what):
                 return what, True
         return next((what for what in in_order if what != "slow"), ""), False
 
+    def motion_hazard(self) -> str:
+        """One of `verdict.HAZARDS`."""
+        return motion_hazard(self.first_ms, self.halted_ms, self.twin_halted_ms, self.check_response == "stopped")
+
     def outcome(self) -> str:
-        """One of avoided, harm, stopped, unaffected, missed."""
-        if self.peak_stray_mm >= self.harm.stray_mm or self.driven_mm >= self.harm.depth_mm:
+        """One of harm, avoided, halted, unaffected, missed."""
+        if self.farthest_mm > self.harm.stray_mm or self.driven_mm > self.harm.depth_mm:
             return "harm"
         if self.answer()[1]:
             return "avoided"
-        if self.stopped:
-            return "stopped"
-        if self.peak_stray_mm < AFFECTED_MM and self.cue_ms is None:
+        if self.halted:
+            return "halted"
+        if max(self.peak_mm.values()) < AFFECTED_MM and self.cue_ms is None and self.motion_hazard() == "none":
             return "unaffected"
         return "missed"
 
@@ -164,13 +250,16 @@ class Episode:
             limit = max(self.hazard.within_s * 1000.0 - FASTEST_MS, 1.0)
             late = 0.0 if what == CONTINUE else max(self.reaction_ms(what) - FASTEST_MS, 0.0)
             response = 1.0 - 0.5 * min(late / limit, 1.0)
-        used = max(self.peak_stray_mm / self.harm.stray_mm, self.driven_mm / self.harm.depth_mm)
+        used = max(self.farthest_mm / self.harm.stray_mm, self.driven_mm / self.harm.depth_mm)
         return round(50.0 * response + 50.0 * max(0.0, 1.0 - used), 1)
 
     def row(self) -> dict[str, Any]:
         """Its columns of hazards.csv."""
         what, ok = self.answer()
         answered = what in self.responses
+        alarms = [self.checks[word] for word in verdict.TOLD if word in self.checks]  # of two at once the stronger
+        alarm_ms, alarm = min(alarms, key=lambda alarm: alarm[0], default=(None, None))
+        limited_ms, limited = self.checks.get("limited", (None, None))
         return {
             "cue": "on" if self.cue_on else "off",
             "number": self.hazard.number,
@@ -182,19 +271,35 @@ class Episode:
             "knowable_ms": self.knowable_ms,
             "knowable_by": self.knowable_by or None,
             "cue_ms": self.cue_ms,
-            "alarm_ms": self.alarm_ms,
-            "alarm": self.alarm or None,
+            "alarm_ms": alarm_ms,
+            "alarm": alarm,
+            "limited_ms": limited_ms,
+            "limited": limited,
+            "limit_mm": self.harm.stray_mm,
             "response": what or None,
             "response_ms": self.responses[what] if answered else None,
             "reaction_ms": self.reaction_ms(what) if answered else None,
             "right_response": " ".join(self.hazard.right_response),
             "response_ok": ok,
-            "peak_error_mm": round(self.peak_error_mm, 4) if self.struck else None,
-            "peak_stray_mm": round(self.peak_stray_mm, 4) if self.struck else None,
-            "deepest_mm": round(self.deepest_mm, 4) if math.isfinite(self.deepest_mm) else None,
-            "stopped": self.stopped,
+            "halted": self.halted,
             "outcome": self.outcome(),
             "score": self.score(),
+            **(self._happening() if self.struck else {}),
+        }
+
+    def _happening(self) -> dict[str, Any]:
+        """Columns of what happened to the robot."""
+        peaks = {f"{name}_mm": round(mm, 4) if mm >= 0.0 else None for name, mm in self.peak_mm.items()}
+        return {
+            "check_response": self.check_response,
+            "check_cause": self.checks.get(self.check_response, (None, None))[1],
+            "motion_hazard": self.motion_hazard(),
+            **peaks,
+            **{f"{name}_first_ms": self.first_ms.get(name) for name in DISTANCES},
+            "halted_ms": self.halted_ms,
+            "twin_halted_ms": self.twin_halted_ms,
+            "peak_error_mm": round(self.peak_error_mm, 4),
+            "deepest_mm": round(self.deepest_mm, 4) if math.isfinite(self.deepest_mm) else None,
         }
 
     def _originate(self, tick: int) -> None:

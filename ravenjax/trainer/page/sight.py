@@ -1,4 +1,7 @@
-"""What each role gets to see of frames, events and header: the operator no hazard, nobody what blinding hides."""
+"""What each role sees of frames, events and header: the operator no hazard, nobody what blinding hides.
+
+Of the robot's checks an operator learns of those that tell a person or stop the robot (event "alarm"), as at a console.
+"""
 
 from __future__ import annotations
 
@@ -22,6 +25,9 @@ _OPERATOR = {
     "trouble",
     "end",
 }
+_OF_HAZARDS = ("hazard", "fault_active", "trips", "halted_ms", "golden_halted_ms", "golden_cue")
+"""Channels that would tell an operator of a hazard."""
+_OF_HAZARDS_ARM = ("unintended_mm", "unintended_off_mm", "loss_mm", "false_report_mm", "known_mm")
 _FELT = {"cue", "response"}  # what the operator's own hand knows; in a blinded session it would tell the group
 _HEADER_OPERATOR = {"hazards", "group", "seed", "director", "scenario", "summary"}
 _HEADER_BLINDED = {"group", "cue", "scenario", "seed", "summary"}
@@ -62,12 +68,13 @@ class Sight:
         if self._blinded:
             row[places["cue_on"]] = 1
         if not self._instructor:
-            row[places["hazard"]] = -1
-            row[places["fault_active"]] = 0
+            for name in _OF_HAZARDS:
+                row[places[name]] = -1 if name == "hazard" else 0
             if not felt:
                 extras[:, 1] = 0
             for arm in self._layout.arms:
-                row[places[f"{arm}/stray_mm"]] = row[places[f"{arm}/known_mm"]] = 0
+                for name in _OF_HAZARDS_ARM:
+                    row[places[f"{arm}/{name}"]] = 0
                 if not felt:
                     row[places[f"{arm}/force"]] = 0
                 if self._blinded:

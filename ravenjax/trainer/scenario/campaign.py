@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 from pydantic import ValidationError
 
-from ravenjax.campaign import design, semantics
+from ravenjax.campaign import bounds, design, semantics
 from ravenjax.campaign.axis import Axis
 from ravenjax.campaign.config import CampaignConfig
 from ravenjax.campaign.location import Complaint
@@ -37,6 +37,12 @@ _Row = dict[Any, Any]
 
 _CLUTCHED = {"nominal.resync": 1.0}
 """People clutch: each lift of the pedal would leave the model some tenths of a millimetre beside the robot."""
+
+_OWN_KEYS = {
+    "monitor.limit": "[harm] stray_mm",
+    "haptics.cues": "[cue] threshold_mm, kp_per_mm, kd_per_mm_s or cap",
+}
+"""Parameters that have a key of their own in a scenario."""
 
 _UNBOUNDED_S = 3600.0
 """Length of the campaign that rows are drawn from: the library's starts all lie within it."""
@@ -95,7 +101,18 @@ def complaints(scenario: Scenario) -> Iterator[Complaint]:
             yield _of_file(scenario, one["loc"], []), one["msg"].removeprefix("Value error, ")
         return
     for key, message in semantics.complaints(config):
-        yield _of_file(scenario, key, written), message
+        yield _of_file(scenario, key, written), _of_scenario(key, message)
+
+
+def _of_scenario(key: tuple[str | int, ...], message: str) -> str:
+    """A campaign's message with the scenario's keys in place of the campaign's."""
+    match key:
+        case ("parameters", str(path), *_):
+            kind = bounds.plain(path)
+            own = (keys for name, keys in _OWN_KEYS.items() if kind == name or kind.startswith(f"{name}."))
+            return next((f"cannot be set: write {keys}" for keys in own), message)
+        case _:
+            return message
 
 
 def _of_file(scenario: Scenario, key: tuple[str | int, ...], written: list[int]) -> tuple[str | int, ...]:
@@ -195,6 +212,7 @@ def _faults(row: _Row) -> list[dict[str, Any]]:
             "duration_ms": "end" if duration < 0 else duration,
             "every_ms": int(row[f"fault{s}_every_ms"]),
             "period_ms": int(row[f"fault{s}_period_ms"]),
+            "wraps": True,  # the values were looked at when the fault table was made
         }
         if site.per_arm:
             fault["arm"] = row[f"fault{s}_arm"]

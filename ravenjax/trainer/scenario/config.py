@@ -22,6 +22,7 @@ from ravenjax.campaign.axis import Number
 from ravenjax.campaign.config import Start
 from ravenjax.campaign.group import Fault, Section, flatten_parameters
 from ravenjax.errors import shown
+from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
 from ravenjax.types import ARMS, ArmName
 
 Response = Literal["release", "slow", "restart", "convert", "stop", "continue"]
@@ -45,17 +46,23 @@ class Cue(Section):
 
     on: bool = Field(default=True, description="whether the force is felt")
     blinded: bool = Field(default=False, description="the operator's page tells nothing of hazards, cue and score")
-    threshold_mm: float = Field(default=3.0, ge=0.0, le=1e6, description="tip distance above which it pulls, mm")
+    threshold_mm: float = Field(
+        default=PUBLISHED_CUE_MM, ge=0.0, le=1e6, description="tip distance above which it pulls, mm"
+    )
     kp_per_mm: float = Field(default=0.0045, ge=0.0, le=1e6, description="spring, device units per mm")
     kd_per_mm_s: float = Field(default=0.00009, ge=0.0, le=1e6, description="damper, device units per mm/s")
     cap: float = Field(default=0.05, ge=0.0, le=1e6, description="largest force, device units")
 
 
 class Harm(Section):
-    """[harm]: from when on a hazard has harmed."""
+    """[harm]: the limits beyond which a hazard has done harm."""
 
     stray_mm: float = Field(
-        default=10.0, gt=0.0, le=1000.0, description="true tip off where it would be without the fault, mm"
+        default=10.0,  # farther than the cue, so that who waits for the cue has time to act
+        gt=0.0,
+        le=1000.0,
+        description="unintended motion of the true tip, mm; also the limit of hazards, as a campaign's [outcomes] "
+        "limit_mm. Must exceed the cue's threshold if an operator is to act in time",
     )
     depth_mm: float = Field(
         default=5.0, gt=0.0, le=1000.0, description="deeper in the tissue than when the hazard struck, mm; palpation: 5"

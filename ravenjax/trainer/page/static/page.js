@@ -47,9 +47,9 @@ function welcome(told) {
   input.enabled = told.role === "operator";
   blind = Boolean(told.header.blinded) && told.role !== "instructor";
   const lines = told.arms.map((arm) => ({ name: arm, colour: COLOURS[arm] }));
-  const limit = told.header.cue_threshold_mm ?? 3;
+  const limit = told.header.cue_threshold_mm ?? null; // no line where the session does not name it
   plots = {
-    error: new Plot($("error"), lines, { floor: 1.2 * limit, limit, unit: "mm", digits: 1 }),
+    error: new Plot($("error"), lines, { floor: 1.2 * (limit ?? 1), limit, unit: "mm", digits: 1 }),
     force: new Plot($("force"), lines, { floor: CAP, limit: null, unit: "", digits: 3 }),
   };
   scope = new Scope($("scope"), told.arms, told.bases, told.tissue, told.header.task);

@@ -1,0 +1,9 @@
+"""Names of the arms and of their joints, in the order of every array. Without jax, for readers of results."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+ArmName = Literal["gold", "green"]
+ARMS: tuple[ArmName, ...] = ("gold", "green")
+JOINTS: tuple[str, ...] = ("shoulder", "elbow", "insertion", "tool_roll", "wrist", "grasp1", "grasp2")

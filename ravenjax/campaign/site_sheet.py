@@ -1,0 +1,77 @@
+"""What may be written of one fault site: its channels, and the values that each effect takes there."""
+
+from __future__ import annotations
+
+import math
+
+from ravenjax.campaign.legal import FIELDS, USB_SITE, legal
+from ravenjax.campaign.semantics import WITHOUT_VALUE
+from ravenjax.errors import UserError
+from ravenjax.hazards import ranges
+from ravenjax.robot.sites import Channel, Site
+from ravenjax.stages.faults.vocabulary import EFFECTS, NETWORK_EFFECTS
+from ravenjax.types import ARMS
+
+CHANNEL_COLUMNS = ("channel", "number", "unit", "without a fault")
+EFFECT_COLUMNS = ("effect", "meaning", "value")
+
+
+def channels(site: Site) -> list[tuple[str, ...]]:
+    """One row a channel: name, type of its number, unit, and where it is when nothing is wrong."""
+    return [(one.name, one.kind, one.unit, _normal(site, one)) for one in site.channels]
+
+
+def effects(site: Site) -> list[tuple[str, ...]]:
+    """One row an effect that the site takes: name, meaning, and what its value may be, channel by channel."""
+    return [
+        (name, meaning, values(site, name))
+        for name, meaning in EFFECTS.items()
+        if name not in NETWORK_EFFECTS or site.name == "network"
+    ]
+
+
+def values(site: Site, effect: str) -> str:
+    """What the value of an effect may be at the channels of a site, in words."""
+    if effect in WITHOUT_VALUE:
+        return "takes none"
+    aimed = [site.channel(NETWORK_EFFECTS[effect][0])] if effect in NETWORK_EFFECTS else site.channels
+    spans: dict[str, list[str]] = {}
+    for channel in aimed:
+        spans.setdefault(_span(site, channel, effect), []).append(channel.name)
+    if len(spans) == 1:
+        return next(iter(spans))
+    return "; ".join(f"{', '.join(names)}: {span}" for span, names in spans.items())
+
+
+def _span(site: Site, channel: Channel, effect: str) -> str:
+    rule = legal(channel, effect)
+    low, high = rule.low, rule.high
+    if effect == "bit_flip":
+        return f"bit {low:.0f}..{high:.0f}"
+    if effect == "delay":
+        return f"{low:.0f}..{high:.0f} packets, whole"
+    if effect == "scale":
+        return "any factor"
+    if effect in ("overwrite", "toggle") and channel.name in FIELDS:
+        low, high = FIELDS[channel.name][:2]
+    unit = "" if channel.unit == "1" else f" {channel.unit}"
+    if math.isinf(low):
+        return f"any number{unit and f', in{unit}'}"
+    beyond = ""
+    if channel.kind == "int16":
+        beyond = ", beyond with wraps = true" + (" or campaign.dac_words" if site.name == USB_SITE else "")
+    return f"{low:.10g}..{high:.10g}{unit}{', whole' if rule.whole else ''}{beyond}"
+
+
+def _normal(site: Site, channel: Channel) -> str:
+    """The range of a channel in fault-free runs, of each arm where they differ."""
+    spans = {}
+    for arm in ARMS if site.per_arm else ARMS[:1]:
+        try:
+            normal = ranges.normal(site.name, channel.name, arm)
+        except UserError:
+            continue
+        spans[arm] = f"{normal.low:.4g}..{normal.high:.4g}"
+    if len(set(spans.values())) == 1:
+        return next(iter(spans.values()))
+    return ", ".join(f"{arm} {span}" for arm, span in spans.items())

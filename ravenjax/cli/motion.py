@@ -1,0 +1,107 @@
+"""The command of recorded operators: `motion`; and what `run` says of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from ravenjax.cli import console
+from ravenjax.cli.console import Overrides
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from ravenjax.campaign.config import CampaignConfig
+    from ravenjax.store.motion.summary import MotionSummary
+
+
+def motion(
+    file: Path,
+    *,
+    campaign: Annotated[str | None, Parameter(help="campaign file whose robot, limits and duration it is for")] = None,
+    arms: Annotated[
+        list[str] | None, Parameter(consume_multiple=True, negative="", help="default those that the file holds")
+    ] = None,
+    overrides: Overrides = None,
+    out: Annotated[Path, Parameter(help="folder of the picture, SVG and PNG")] = Path("results/motions"),
+) -> None:
+    """Show what a recorded operator's file holds and what a campaign makes of it: a table, and a picture of both.
+
+    How it is replayed is said as in a campaign: --set operator.rate_hz=1000 operator.cutoff_hz=5 and so on. Without a
+    campaign all of the recording, or of its window, is replayed. A file that cannot be replayed is drawn where it can
+    be read, and refused with what to write instead: exit code 2.
+
+    Parameters
+    ----------
+    file
+        Recorded tip positions: .parquet, .csv or .mcap.
+    """
+    from ravenjax.campaign import plan
+    from ravenjax.errors import UserError
+    from ravenjax.store.motion import reach, recording, replay
+
+    config, whole = _config(file, campaign, arms, overrides or [])
+    ticks, bounds = None if whole else config.campaign.ticks, plan.operator_bounds(config)
+    options, scale = config.operator.options, config.operator.scale
+    try:
+        one = replay.replay(file, config.campaign.arms, options, ticks, scale, bounds)
+    except UserError:
+        raw = recording.load(file, config.campaign.arms, options)  # that it cannot be read, it says again
+        _draw(
+            file, out, replay.courses(raw, reach.reach(raw.poses, bounds).inside, None), "cannot be replayed as it is"
+        )
+        raise
+    _table(one.summary, console.out)
+    begin, end = one.summary.window_s
+    part = f"{begin:.3f} to {end:.3f} s are replayed"
+    _draw(file, out, replay.courses(one.recording, one.reach.inside, one), part)
+
+
+def show_operator(config: CampaignConfig, to: Console) -> None:
+    """Print what becomes of a campaign's recorded operator, where it has one. UserError where it cannot be used."""
+    if config.operator.file is None:
+        return
+    from ravenjax.campaign import plan
+
+    if (one := plan.operator_replay(config)) is not None:
+        _table(one.summary, to)
+
+
+def _config(
+    file: Path, campaign: str | None, arms: list[str] | None, overrides: list[str]
+) -> tuple[CampaignConfig, bool]:
+    """The campaign that the recording is for, and whether all of the recording is to be replayed."""
+    from ravenjax.campaign import loading
+    from ravenjax.store.motion import recording
+
+    if campaign is None:
+        raw: dict[str, Any] = {
+            "campaign": {"name": "motion", "arms": arms or list(recording.arms_in(file))},
+            "operator": {"file": str(file)},
+            "group": [{"name": "fault_free"}],
+        }
+        whole = not any(text.startswith("campaign.duration_s") for text in overrides)
+        return loading.from_dict(raw, overrides=overrides), whole
+    base = loading.load(campaign)
+    replaced = [f"operator.file={file.absolute()}"]
+    if base.operator.file is None:  # what belongs to its generated motion goes with it
+        replaced = ["operator={}", f"operator.scale={base.operator.scale}", *replaced]
+    if arms:
+        replaced.append(f"campaign.arms={arms}")
+    return loading.load(campaign, [*replaced, *overrides]), False
+
+
+def _table(summary: MotionSummary, to: Console) -> None:
+    from ravenjax import terminal
+    from ravenjax.store.motion import words
+
+    to.print(terminal.table("Recorded operator", ("what", "how it is"), words.rows(summary)))
+
+
+def _draw(file: Path, out: Path, courses: Any, title: str) -> None:
+    from ravenjax.report.motion_plot import motion_plot
+
+    for path in motion_plot(courses, out, file.stem, f"{file.name}: {title}"):
+        console.out.print(f"wrote {path}", highlight=False, soft_wrap=True)

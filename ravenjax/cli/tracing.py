@@ -1,0 +1,129 @@
+"""`trace`: runs of a result folder again, each with its whole time series and a summary in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from ravenjax.cli import console
+from ravenjax.cli.console import AsJson
+
+if TYPE_CHECKING:
+    from ravenjax.campaign.replay import Replay
+    from ravenjax.store.manifest import Manifest
+
+
+def trace(
+    folder: Path,
+    *run_ids: str,
+    worst: Annotated[int | None, Parameter(help="trace the N worst runs instead of named ones")] = None,
+    by: Annotated[
+        str, Parameter(help="what makes a run worst: unintended, loss, report, tissue, cue or response")
+    ] = "unintended",
+    out: Annotated[Path | None, Parameter(help="folder of the traces; default FOLDER/traces")] = None,
+    engine: Annotated[str, Parameter(help="auto is the engine that the campaign ran on")] = "auto",
+    as_json: AsJson = False,
+) -> None:
+    """Run rows of a result again and write their whole time series: MCAP, CSV and a plot, with a summary in words.
+
+    Parameters
+    ----------
+    folder
+        What `ravenjax run` wrote.
+    run_ids
+        Of each row its run_id, or enough of its beginning to tell it from others, or its index.
+    """
+    from ravenjax.campaign.replay import Replayer
+    from ravenjax.errors import UserError
+    from ravenjax.report import run_summary, worst_runs
+    from ravenjax.store import files, manifest
+
+    if bool(run_ids) == (worst is not None):
+        raise UserError("which runs? Give run ids or indices, as `ravenjax trace DIR 17`, or --worst N")
+    record = manifest.read(folder)
+    ranked = worst_runs.worst(folder, worst, by) if worst is not None else []
+    if worst is not None and len(ranked) < worst:
+        console.note(f"{len(ranked)} runs of {folder} are a case of {worst_runs.RANKINGS[by].meaning}")
+    place = out or folder / "traces"
+    files.require_writable(place)
+    if record.code_hash != manifest.code_hash():
+        console.note(f"{folder} was computed by another version of the code; a run may come out otherwise")
+    runs = run_ids or tuple(run.run_id for run in ranked)
+    told = []
+    replayer = Replayer.of_folder(folder, engine) if runs else None
+    for run in runs:
+        assert replayer is not None
+        again = replayer.replay(run)
+        row = again.row.to_dict()
+        summary = run_summary.summary(row, record.rules, again.series, again.golden)
+        paths = _write(place, record, again, [event.as_dict() for event in summary.events])
+        told.append({"run_id": row["run_id"], **summary.as_dict(), "files": [str(path) for path in paths]})
+        if not as_json:
+            console.say("\n".join([*summary.lines(), *(f"  wrote    {path}" for path in paths), ""]))
+    if as_json:
+        console.emit_json(told)
+
+
+def _write(place: Path, record: Manifest, again: Replay, events: list[dict[str, Any]]) -> list[Path]:
+    """MCAP, CSV and plot of one run."""
+    from ravenjax.report import wording
+    from ravenjax.report.trace_plot import trace_plot
+    from ravenjax.store import trace_csv, trace_log
+
+    row, series, rules = again.row.to_dict(), again.series, record.rules
+    log, table, plot = (place / f"{row['run_id']}.{kind}" for kind in ("mcap", "csv", "svg"))
+    trace_log.write(log, series, _metadata(record, again), bases=again.bases, events=events)
+    trace_csv.write(table, series)
+    named = {"fault": "first_active_ms", "cue": f"cue{rules.cue}_first_ms", str(row["response"]): "response_ms"}
+    named |= {"unintended motion": "unintended_first_ms", "loss of motion": "loss_first_ms"}
+    trace_plot(
+        _plotted(series, rules.cue),
+        plot,
+        title=f"run {row['run_id']} · {row['verdict'] or row['failed']}",
+        subtitle=f"{row['group']}: {wording.fault(row)}",
+        threshold_mm=rules.threshold_mm,
+        events={name: float(row[column]) for name, column in named.items()},
+    )
+    return [log, table, plot]
+
+
+def _metadata(record: Manifest, again: Replay) -> dict[str, str]:
+    """What a trace says of itself: which run, by which campaign, code and engine."""
+    from ravenjax.report import wording
+    from ravenjax.store import manifest
+
+    row = again.row.to_dict()
+    plain = ("run_id", "index", "group", "seed", "operator", "verdict", "response", "response_cause", "hazard")
+    told = {name: row[name] for name in plain} | {
+        "fault": wording.fault(row),
+        **{name: value for name, value in row.items() if name.startswith(("fault", "param:")) and value == value},
+        "campaign": record.campaign,
+        "config_hash": record.config_hash,
+        "duration_ms": record.duration_ms,
+        "limit_mm": record.rules.limit_mm,
+        "cue_threshold_mm": record.rules.threshold_mm,
+        "engine": again.engine,
+        "version": manifest.package_versions()["ravenjax"],
+        "code_hash": manifest.code_hash(),
+        "campaign_engine": f"{record.engine} on {record.device}",
+        "campaign_version": record.versions.get("ravenjax", ""),
+        "campaign_code_hash": record.code_hash,
+    }
+    return {name: str(value) for name, value in told.items()}
+
+
+def _plotted(series: Mapping[str, Any], cue: int) -> dict[str, Any]:
+    """A replay's series under the names that the plot knows, with the force of that cue."""
+    active = [values for name, values in series.items() if name.startswith("fault") and name.endswith("_active")]
+    commands = {name.replace("dac_cnt", "current_cmd"): values for name, values in series.items() if "dac_cnt" in name}
+    forces = {n.replace("cue_force", "haptic_force"): v[:, cue] for n, v in series.items() if n.endswith("/cue_force")}
+    return {
+        **series,
+        **commands,
+        **forces,
+        "pedal": series["surgeon_mode"],
+        **({"fault_active": sum(active) > 0} if active else {}),
+    }

@@ -1,0 +1,109 @@
+"""What every page has in common: style, script and filters; and a page from Markdown, in one file that asks nothing of
+a network."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from importlib import resources
+
+import jinja2
+from markupsafe import Markup, escape
+
+from ravenjax.document import palette, svg
+from ravenjax.document.chart import Chart
+from ravenjax.document.tables import with_scopes
+
+_TEMPLATES = resources.files("ravenjax.document") / "templates"
+
+
+def environment(*packages: str) -> jinja2.Environment:
+    """Templates of these packages (their folders `templates`) and of this one, with what every page needs."""
+    made = jinja2.Environment(
+        loader=jinja2.ChoiceLoader([jinja2.PackageLoader(name) for name in (*packages, "ravenjax.document")]),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.globals |= {
+        "document_style": Markup(palette.css() + (_TEMPLATES / "document.css").read_text(encoding="utf-8")),
+        "document_script": Markup((_TEMPLATES / "document.js").read_text(encoding="utf-8")),
+    }
+    made.filters |= {"drawings": svg.drawings, "values": _values, "data": data}
+    return made
+
+
+def _values(chart: Chart) -> Markup:
+    return data(svg.values(chart))
+
+
+def data(json: str) -> Markup:
+    """JSON text for a <script>: nothing in it ends the element."""
+    return Markup(json.replace("<", "\\u003c"))
+
+
+def from_markdown(text: str, drawings: Mapping[str, str] | None = None) -> str:
+    """A page of Markdown (CommonMark with tables) whose first heading is its title.
+
+    drawings: SVG text by the file name that the Markdown's images have; they stand in the page themselves. Other images
+    become their description. A table is named by the heading before it, and headings get anchors and a list of links.
+    """
+    from markdown_it import MarkdownIt
+
+    markdown = MarkdownIt("commonmark", {"html": False}).enable("table")
+    body = markdown.render(text)
+    pictures = drawings or {}
+    body = re.sub(r'<p><img src="([^"]*)" alt="([^"]*)" ?/?></p>', lambda image: _picture(image, pictures), body)
+    body = re.sub(r"(<tr>\s*)<td([^>]*)>(.*?)</td>", r"\1<th\2>\3</th>", body, flags=re.DOTALL)  # a row's name heads it
+    title, body, sections = _with_headings(body)
+    page = environment().get_template("markdown.html.j2")
+    return with_scopes(page.render(title=title, body=Markup(body), sections=sections))
+
+
+def _picture(image: re.Match[str], drawings: Mapping[str, str]) -> str:
+    name, words = image.groups()
+    if name not in drawings:
+        return f"<p>{words}</p>"
+    return f'<figure class="drawing" role="img" aria-label="{words}">{inline(drawings[name], name)}</figure>'
+
+
+def inline(drawing: str, name: str) -> str:
+    """An SVG file's text as an element of a page: without prologue and links to itself that other drawings share."""
+    body = drawing[drawing.index("<svg") :].strip()
+    body = re.sub(r"<metadata>.*?</metadata>", "", body, flags=re.DOTALL)
+    prefix = re.sub(r"\W", "-", name.removesuffix(".svg"))
+    body = re.sub(r'\bid="([^"]+)"', rf'id="{prefix}-\1"', body)
+    body = re.sub(r'(xlink:href|href)="#([^"]+)"', rf'\1="#{prefix}-\2"', body)
+    body = re.sub(r"url\(#([^)]+)\)", rf"url(#{prefix}-\1)", body)
+    return body.replace("<svg ", '<svg aria-hidden="true" ', 1)
+
+
+def _with_headings(body: str) -> tuple[str, str, list[tuple[str, str]]]:
+    """Title, the body below it, and id and words of each of its sections; tables get captions, and places to scroll."""
+    heading = re.search(r"<h1>(.*?)</h1>\n?", body, re.DOTALL)
+    title = heading[1] if heading else ""
+    body = body[: heading.start()] + body[heading.end() :] if heading else body
+    sections: list[tuple[str, str]] = []
+    section = _plain(title)
+    used: set[str] = set()
+    out = []
+    for part in re.split(r"(<h2>.*?</h2>|<table>)", body, flags=re.DOTALL):
+        if part.startswith("<h2>"):
+            section = _plain(part)
+            name = re.sub(r"\W+", "-", section.lower()).strip("-") or "section"
+            name = name if name not in used else f"{name}-{len(used)}"
+            used.add(name)
+            sections.append((name, section))
+            part = part.replace("<h2>", f'<h2 id="{name}">', 1)
+        elif part == "<table>":
+            part = (
+                f'<div class="scroll"><table class="wordy"><caption class="unseen-by-eye">{escape(section)}</caption>'
+            )
+        out.append(part)
+    return _plain(title), "".join(out).replace("</table>", "</table></div>"), sections
+
+
+def _plain(html: str) -> str:
+    """Words of a piece of HTML."""
+    return str(Markup(html).striptags())

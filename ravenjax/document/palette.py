@@ -1,0 +1,45 @@
+"""Colours of charts by what they stand for, in light and on dark paper; told apart in every colour blindness."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Colour(NamedTuple):
+    """One colour; print takes the light one."""
+
+    light: str  # on white
+    dark: str  # on dark paper
+
+
+CUE, RESPONSE, SAME = "cue", "response", "same"
+PALETTE = {
+    CUE: Colour("#c2410c", "#f0824a"),  # vermilion and blue differ in every colour blindness
+    RESPONSE: Colour("#0072b2", "#4aa8dd"),
+    SAME: Colour("#7d848c", "#9aa3ad"),
+    "series0": Colour("#0072b2", "#4aa8dd"),  # from here on after Okabe and Ito
+    "series1": Colour("#c2410c", "#f0824a"),
+    "series2": Colour("#009e73", "#2fc598"),
+    "series3": Colour("#8b2a6b", "#d884b8"),
+    "series4": Colour("#3f9fd6", "#8accf0"),
+    "series5": Colour("#a67c00", "#d9ae2b"),
+    "series6": Colour("#b65c94", "#e7a8cd"),
+    "series7": Colour("#5b6470", "#b4bcc5"),
+}
+"""Colour of each name."""
+SERIES = tuple(name for name in PALETTE if name.startswith("series"))
+"""Names of several curves side by side."""
+
+
+def series(number: int) -> str:
+    """Name of the colour of the curve of this number; after the last the first comes again."""
+    return SERIES[number % len(SERIES)]
+
+
+def css() -> str:
+    """The custom properties of a style sheet, --NAME, for both schemes."""
+    light, dark = (
+        " ".join(f"--{name}: {getattr(colour, scheme)};" for name, colour in PALETTE.items())
+        for scheme in ("light", "dark")
+    )
+    return f":root {{ {light} }}\n@media screen and (prefers-color-scheme: dark) {{ :root {{ {dark} }} }}\n"

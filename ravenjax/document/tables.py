@@ -1,0 +1,29 @@
+"""Tables of a page for readers who do not see it: every heading says what it heads."""
+
+from __future__ import annotations
+
+import re
+
+_TAG = re.compile(r"<(/?)(thead|tbody|tfoot|table|th)\b([^<>]*)>")
+_WIDE = re.compile(r"""\b(colspan|rowspan)=["']?(\d+)""")
+
+
+def with_scopes(html: str) -> str:
+    """HTML with `scope` in every <th> that has none: of a column in thead and tfoot, else of a row; of a group of them
+    where it spans several."""
+    part = ""
+
+    def heading(tag_match: re.Match[str]) -> str:
+        nonlocal part
+        closing, tag, attributes = tag_match.groups()
+        if tag != "th":
+            part = "" if closing else tag
+            return tag_match[0]
+        if closing or "scope=" in attributes:
+            return tag_match[0]
+        kind = "col" if part in ("thead", "tfoot") else "row"
+        spans = {name: int(number) for name, number in _WIDE.findall(attributes)}
+        group = "group" if spans.get("colspan" if kind == "col" else "rowspan", 1) > 1 else ""
+        return f'<th scope="{kind}{group}"{attributes}>'
+
+    return _TAG.sub(heading, html)

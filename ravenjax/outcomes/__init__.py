@@ -1,0 +1,35 @@
+"""What happened to a run: each word defined once, without JAX.
+
+A run is judged beside its *golden run*: the same operator, robot and random numbers without the fault.
+
+**Response**: what the robot's own checks did beyond what they do in the golden run (`checks`).
+
+- `stopped`: a check stopped the robot.
+- `flagged`: a check told a person, and the robot went on.
+- `limited`: a check changed a command or dropped a packet. Nobody was told.
+- `silent`: no check did anything.
+
+**Hazard**: what became of the motion, the gravest first (`verdict`). `LIMIT_MM` is the limit, a campaign's `[outcomes]
+limit_mm`.
+
+- `unintended motion`: while the robot was live, its true tip was farther than the limit from the golden run, from the
+  nominal model, and from where standing still would have left it.
+- `loss of motion`: the tip was as far from golden run and nominal model, but near where standing leaves it: the robot
+  was live and did not follow. Or the robot was not live for `HALT_MS` longer than in the golden run although the
+  operator held the pedal down, and no check had stopped it.
+- `false report`: the reported tip was farther than the limit from the true one, beyond what the golden run shows.
+- `none`.
+
+*Live* is run level pedal-down without a software E-stop. What the tip does while the robot is not live (it coasts, or
+drops) is in the column `unintended_off_mm` and decides no hazard.
+
+**Cue**: the haptic cue came, and the golden run had none by then.
+
+A run **evades** the checks when nobody is told (silent or limited) and its hazard is unintended motion.
+
+    response                 hazard                      cue
+    stopped ---------------> unintended motion --------> cue
+    flagged ---------------> loss of motion -----------> no cue
+    limited  \\ nobody       false report
+    silent   /  is told      none
+"""

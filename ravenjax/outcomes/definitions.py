@@ -1,0 +1,55 @@
+"""The words of a verdict with a campaign's own numbers, as report, terminal and documentation print them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ravenjax.outcomes.events import Rules
+from ravenjax.outcomes.verdict import HALT_MS
+
+
+class Definition(NamedTuple):
+    """One word."""
+
+    kind: str  # response, hazard, cue or other
+    word: str
+    meaning: str
+
+
+def rows(rules: Rules) -> list[Definition]:
+    """Every word, responses first, each kind from the strongest to the weakest."""
+    limit, threshold = f"{rules.limit_mm:g} mm", f"{rules.threshold_mm:g} mm"
+    return [
+        Definition("response", "stopped", "A check stopped the robot."),
+        Definition("response", "flagged", "A check told a person, and the robot went on."),
+        Definition("response", "limited", "A check changed a command or dropped a packet. Nobody was told."),
+        Definition("response", "silent", "No check did anything beyond what it does in the golden run."),
+        Definition(
+            "hazard",
+            "unintended motion",
+            f"While the robot was live, its true tip was more than {limit} from golden run and nominal model, "
+            "and from where standing still would have left it.",
+        ),
+        Definition(
+            "hazard",
+            "loss of motion",
+            f"The robot did not follow: while live, its tip was more than {limit} from golden run and model, but "
+            "near where standing still leaves it; or, not stopped by a check, it was not live for more than "
+            f"{HALT_MS} ms longer than in the golden run while the operator held the pedal down.",
+        ),
+        Definition(
+            "hazard",
+            "false report",
+            f"While the robot was live, the tip that it reported was more than {limit} from its true tip, beyond what "
+            "the golden run shows. The instrument itself moved as asked.",
+        ),
+        Definition("hazard", "none", "None of these. A run with several hazards counts under the first."),
+        Definition("cue", "cue", f"The {threshold} haptic cue came, and the golden run had none by then."),
+        Definition("other", "golden run", "The same operation, robot and random numbers without the fault."),
+        Definition("other", "live", "Run level pedal-down without a software E-stop."),
+        Definition(
+            "other",
+            "evades",
+            f"Nobody was told by a check (limited or silent), and the hazard is an unintended motion over {limit}.",
+        ),
+    ]

@@ -1,0 +1,129 @@
+"""Response, hazard and verdict of each run, from what the engines count: NumPy, a column at a time.
+
+Definitions stand in the package's docstring.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ravenjax.outcomes import checks
+
+PUBLISHED_CUE_MM = 3.0
+"""Distance between nominal model and robot at which the published cue fires (IROS 2016)."""
+
+LIMIT_MM = PUBLISHED_CUE_MM
+"""Distance of a hazard where a campaign's `[outcomes] limit_mm` says nothing else."""
+
+HALT_MS = 200
+"""Time out of pedal-down that is noticed: the largest visual delay that operators put up with is 150 to 200 ms. It is
+known as a sum: a flickering pedal is up for a few ms at a time, in which no brake closes, and for tens of ms in all."""
+
+RESPONSES = ("stopped", "flagged", "limited", "silent")
+"""What the built-in checks did, the strongest first."""
+
+HAZARDS = ("unintended motion", "loss of motion", "false report", "none")
+"""What became of the motion, the gravest first."""
+
+CUES = ("cue", "no cue")
+
+VERDICTS = tuple(f"{response}/{hazard}/{cue}" for response in RESPONSES for hazard in HAZARDS for cue in CUES)
+
+TOLD = ("stopped", "flagged")
+"""Responses of which a person learns."""
+
+UNTOLD = ("limited", "silent")
+"""Responses of which nobody does."""
+
+SILENT = RESPONSES.index("silent")
+_NONE = HAZARDS.index("none")
+_RANK = {"stop": 0, "flag": 1, "limit": 2}
+
+Outcomes = Mapping[str, Any]
+"""Columns by name, arrays [rows]."""
+
+
+class Response(NamedTuple):
+    """What the checks did, arrays [rows]."""
+
+    response: np.ndarray  # index of RESPONSES
+    cause: np.ndarray  # index of `causes`
+    ms: np.ndarray  # when first, of the strongest kind; -1: silent
+    told_ms: np.ndarray  # the first flag or stop; -1: none
+    causes: tuple[str, ...]  # "" for none, then the cause of each check
+
+
+def responses(outcomes: Outcomes, golden: Outcomes) -> Response:
+    """What the checks did in each run beyond what they did in its golden run.
+
+    Checks trip on fault-free motion too: a command is clipped, the first packet of a stream lost. Only what the fault
+    changed counts: a check that tripped more often than in the golden run. golden: its `check_*_count`.
+    """
+    onset = np.asarray(outcomes["first_active_ms"])
+    names = checks.names(outcomes)
+    response = np.full(len(onset), SILENT, np.int8)
+    cause = np.zeros(len(onset), np.int8)
+    first, told = np.full((2, len(onset)), -1, np.int32)
+    for place, name in enumerate(names, start=1):
+        rank = _RANK[checks.check(name).action]
+        own, usual = np.asarray(outcomes[f"check_{name}_count"]), np.asarray(golden[f"check_{name}_count"])
+        more = own > usual
+        if not more.any():
+            continue
+        # Where the golden run trips too, the first trip may precede the fault; the response is not before its onset.
+        ms = np.asarray(outcomes[f"check_{name}_first_ms"])
+        ms = np.where(usual > 0, np.maximum(ms, onset), ms)
+        stronger = more & ((response > rank) | ((response == rank) & (ms < first)))
+        response[stronger], cause[stronger], first[stronger] = rank, place, ms[stronger]
+        if rank < _RANK["limit"]:
+            sooner = more & ((told < 0) | (ms < told))
+            told[sooner] = ms[sooner]
+    return Response(response, cause, first, told, ("", *(checks.check(name).named_cause for name in names)))
+
+
+def hazards(outcomes: Any, stopped: np.ndarray) -> np.ndarray:
+    """Index of HAZARDS for each run: the gravest that it has.
+
+    outcomes: unintended_first_ms, loss_first_ms, false_report_first_ms, halted_ms, twin_halted_ms. stopped: bool
+    [rows], a check stopped the robot.
+    """
+    halted = halts(np.asarray(outcomes["halted_ms"]), np.asarray(outcomes["twin_halted_ms"]), stopped)
+    return np.select(
+        [
+            np.asarray(outcomes["unintended_first_ms"]) >= 0,
+            (np.asarray(outcomes["loss_first_ms"]) >= 0) | halted,
+            np.asarray(outcomes["false_report_first_ms"]) >= 0,
+        ],
+        [0, 1, 2],
+        _NONE,
+    ).astype(np.int8)
+
+
+def halts(halted_ms: Any, golden_halted_ms: Any, stopped: Any) -> Any:
+    """Whether the time out of pedal-down with the pedal held is a loss of motion: bool, arrays [rows] or numbers.
+
+    stopped: a check stopped the robot.
+    """
+    return (halted_ms - golden_halted_ms > HALT_MS) & np.logical_not(stopped)
+
+
+def beyond_golden(first_ms: Any, golden_first_ms: Any) -> np.ndarray:
+    """Time [rows] of what came first in each run, -1 where it never came or the golden run had it by then, too."""
+    own, golden = np.asarray(first_ms), np.asarray(golden_first_ms)
+    return np.where((own >= 0) & ~((golden >= 0) & (golden <= own)), own, -1)
+
+
+def verdicts(response: np.ndarray, hazard: np.ndarray, cue: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """Index of (*VERDICTS, "") for each run: "" where it has no valid outcome. cue: bool, beyond the golden run."""
+    place = (response.astype(np.int16) * len(HAZARDS) + hazard) * len(CUES) + ~cue
+    return np.where(valid, place, len(VERDICTS))
+
+
+def split(verdict: str) -> tuple[str, str, str]:
+    """(response, hazard, cue) of a verdict, or ("", "", "") of a failed run's."""
+    response, _, rest = verdict.partition("/")
+    hazard, _, cue = rest.partition("/")
+    return response, hazard, cue

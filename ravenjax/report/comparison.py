@@ -1,0 +1,255 @@
+"""Two result folders of campaigns that share faults, run by run: what differs in configuration, in outcomes, in rates.
+
+Runs are paired by run id. Those that are left are paired by their faults and by the varied parameters that both
+campaigns have; where one fault occurs several times, in the order of the tables.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ravenjax.errors import UserError
+from ravenjax.outcomes import events
+from ravenjax.outcomes.verdict import CUES, HAZARDS, RESPONSES
+from ravenjax.report import wording
+from ravenjax.report.facts import faulty_sql
+from ravenjax.stats.intervals import Estimate, Rate, wilson
+from ravenjax.stats.paired import difference_of_counts
+from ravenjax.store import manifest, query
+from ravenjax.store.manifest import Change, Manifest
+from ravenjax.store.query import Table, quoted
+
+RATES = (
+    "evades", "unintended_motion", "loss_of_motion", "false_report", "stopped", "flagged", "limited", "silent", "cue",
+)  # fmt: skip
+"""Events of `ravenjax.outcomes` whose rates are compared."""
+WORDS = {"response": RESPONSES, "hazard": HAZARDS, "cue": CUES}
+"""What a run's verdict consists of."""
+SIDES = ("first", "second")
+
+
+class Pairs(NamedTuple):
+    """How many runs were paired."""
+
+    by_run_id: int
+    by_fault: int
+    unpaired: tuple[int, int]  # runs of either folder
+    compared: int  # pairs with a fault in which both runs have a valid outcome
+
+
+class RateChange(NamedTuple):
+    """One event in both folders, among the compared pairs."""
+
+    name: str
+    meaning: str
+    first: Rate
+    second: Rate
+    difference: Estimate  # second minus first, a fraction
+    first_only: int
+    second_only: int
+
+
+class Transition(NamedTuple):
+    """How many runs went from one word to another."""
+
+    first: str
+    second: str
+    runs: int
+
+
+class RunChange(NamedTuple):
+    """One fault in both folders."""
+
+    run_ids: tuple[str, str]
+    fault: str
+    verdicts: tuple[str, str]
+    unintended_mm: tuple[float, float]
+
+
+class Comparison(NamedTuple):
+    """Two result folders."""
+
+    folders: tuple[Path, Path]
+    campaigns: tuple[str, str]
+    limits_mm: tuple[float, float]
+    configuration: Sequence[Change]
+    made: Sequence[Change]  # engine, device, code, versions
+    pairs: Pairs
+    rates: Sequence[RateChange]
+    transitions: dict[str, Sequence[Transition]]  # of each of WORDS, every one that occurred
+    changed: Sequence[RunChange]  # the most changed first
+
+    def sentences(self) -> list[str]:
+        """What the comparison is of, in words."""
+        pairs = self.pairs
+        said = [
+            f"{wording.count(pairs.by_run_id)} runs are paired by run id, {wording.count(pairs.by_fault)} by fault; "
+            f"{wording.count(pairs.compared)} pairs have a fault and two valid outcomes and are compared."
+        ]
+        if any(pairs.unpaired):
+            one, other = (wording.count(number) for number in pairs.unpaired)
+            said.append(f"Without a counterpart: {one} runs of {self.folders[0]}, {other} of {self.folders[1]}.")
+        if self.limits_mm[0] != self.limits_mm[1]:
+            one, other = (f"{limit:g} mm" for limit in self.limits_mm)
+            said.append(
+                f"Hazards begin at {one} in the first and at {other} in the second: they are not the same events."
+            )
+        return said
+
+
+def compare(first: Path, second: Path, most: int = 10) -> Comparison:
+    """Compare two result folders; `most`: runs that are listed as changed.
+
+    Raises StoreError as `query.open_folder`, UserError where they share no fault.
+    """
+    if most < 0:
+        raise UserError(f"--most {most}: expected a number of runs, 0 for none")
+    records = manifest.read(first), manifest.read(second)
+    with query.open_folder(first) as table:
+        table.run(f"ALTER VIEW {query.RESULTS} RENAME TO runs_first")
+        files = query.of_files(query.whole_parts(second))
+        table.run(f'CREATE VIEW runs_second AS SELECT *, "index" AS row FROM {files}')
+        pairs = _pair(table, (first, second))
+        for side, record in zip(SIDES, records, strict=True):
+            _judge(table, side, record)
+        compared = _compared(table)
+        return Comparison(
+            (first, second),
+            (records[0].campaign, records[1].campaign),
+            (records[0].limit_mm, records[1].limit_mm),
+            manifest.changes(records[0].config, records[1].config),
+            manifest.changes(_made(records[0]), _made(records[1])),
+            pairs._replace(compared=compared),
+            [_rate(table, name, records, compared) for name in RATES],
+            {word: _transitions(table, word) for word in WORDS},
+            _changed(table, most),
+        )
+
+
+def _made(record: Manifest) -> dict[str, Any]:
+    """By what a folder was computed."""
+    return {
+        "engine": record.engine,
+        "device": record.device,
+        "code_hash": record.code_hash[:16],
+        "versions": record.versions,
+    }
+
+
+def _pair(table: Table, folders: tuple[Path, Path]) -> Pairs:
+    """Make the table `pairs` (first, second: rows of either folder)."""
+    keys = _keys(table)
+    table.run(
+        "CREATE TABLE pairs AS SELECT a.row AS first, b.row AS second, true AS same "
+        "FROM runs_first AS a JOIN runs_second AS b USING (run_id)"
+    )
+    for side, key in zip(SIDES, keys, strict=True):
+        table.run(
+            f"CREATE TABLE left_{side} AS WITH keyed AS (SELECT row, hash({key}) AS key FROM runs_{side} "
+            f"ANTI JOIN (SELECT {side} AS row FROM pairs) USING (row)) "
+            "SELECT row, key, row_number() OVER (PARTITION BY key ORDER BY row) AS nth FROM keyed"
+        )
+    table.run(
+        "INSERT INTO pairs SELECT a.row, b.row, false FROM left_first AS a JOIN left_second AS b USING (key, nth)"
+    )
+    alike, similar = table.row("SELECT count(*) FILTER (same), count(*) FILTER (NOT same) FROM pairs")
+    if not alike + similar:
+        raise UserError(
+            f"{folders[0]} and {folders[1]} share no fault: no run has the same run id, or the same faults and values "
+            "of the parameters that both campaigns vary. Compare results of one campaign, or of one that was varied "
+            "by --set."
+        )
+    runs = [table.row(f"SELECT count(*) FROM runs_{side}")[0] for side in SIDES]
+    return Pairs(alike, similar, (runs[0] - alike - similar, runs[1] - alike - similar), 0)
+
+
+def _keys(table: Table) -> tuple[str, str]:
+    """Of either folder the columns that tell its runs apart and that the other may have too, as SQL."""
+    types = [table.types(f"runs_{side}") for side in SIDES]
+    faults = sorted({name for one in types for name in one if name.startswith("fault")})
+    shared = sorted(name for name in types[0] if name.startswith("param:") and name in types[1])
+
+    def column(name: str, own: dict[str, str]) -> str:
+        if name not in own:  # a slot that this campaign does not have is an empty one
+            return "NULL"
+        if own[name] in ("DOUBLE", "FLOAT"):
+            return f"CASE WHEN isnan({quoted(name)}) THEN NULL ELSE 0 + {quoted(name)}::DOUBLE END"
+        return f"nullif({quoted(name)}::VARCHAR, '')"
+
+    def key(own: dict[str, str]) -> str:
+        slots = {name: f"{name.partition('_')[0]}_site" for name in faults}
+        # what an empty slot holds besides its site says nothing
+        filled = [
+            f"CASE WHEN {quoted(slot)} <> '' THEN {column(name, own)} END" if slot in own else "NULL"
+            for name, slot in slots.items()
+        ]
+        return ", ".join([*filled, *(column(name, own) for name in shared)]) or "0"
+
+    return key(types[0]), key(types[1])
+
+
+def _judge(table: Table, side: str, record: Manifest) -> None:
+    """Make the table `judged_<side>`: of each run its outcome by the campaign's own rules."""
+    names = list(table.types(f"runs_{side}"))
+    happened = {name: f"coalesce(({events.sql(name, record.rules)})::BOOLEAN, false)" for name in RATES}
+    listed = ", ".join(f"{sql} AS {quoted('is_' + name)}" for name, sql in happened.items())
+    table.run(
+        f"CREATE TABLE judged_{side} AS SELECT row, run_id, verdict::VARCHAR AS verdict, "
+        "response::VARCHAR AS response, hazard::VARCHAR AS hazard, "
+        f"CASE WHEN {happened['cue']} THEN 'cue' ELSE 'no cue' END AS cue, "
+        f"unintended_mm::DOUBLE AS unintended_mm, {events.VALID_SQL} AND {faulty_sql(names)} AS counts, {listed} "
+        f"FROM runs_{side}"
+    )
+
+
+_JOINED = (
+    "pairs JOIN judged_first AS a ON a.row = pairs.first JOIN judged_second AS b ON b.row = pairs.second "
+    "WHERE a.counts AND b.counts"
+)
+
+
+def _compared(table: Table) -> int:
+    return table.row(f"SELECT count(*) FROM {_JOINED}")[0]
+
+
+def _rate(table: Table, name: str, records: tuple[Manifest, Manifest], n: int) -> RateChange:
+    one, other = f"a.{quoted('is_' + name)}", f"b.{quoted('is_' + name)}"
+    asked = ", ".join(
+        f"count(*) FILTER ({c})" for c in (one, other, f"{one} AND NOT {other}", f"{other} AND NOT {one}")
+    )
+    first, second, first_only, second_only = table.row(f"SELECT {asked} FROM {_JOINED}")
+    return RateChange(
+        name,
+        events.meaning(name, records[0].rules),
+        wilson(first, n),
+        wilson(second, n),
+        difference_of_counts(second_only, first_only, n),
+        first_only,
+        second_only,
+    )
+
+
+def _transitions(table: Table, word: str) -> list[Transition]:
+    rows = table.rows(f"SELECT a.{word}, b.{word}, count(*) FROM {_JOINED} GROUP BY ALL")
+    order = WORDS[word].index
+    return [Transition(*row) for row in sorted(rows, key=lambda row: (order(row[0]), order(row[1])))]
+
+
+def _changed(table: Table, most: int) -> list[RunChange]:
+    """Runs whose verdict or unintended motion differs, by how much the latter does."""
+    rows = table.rows(
+        "SELECT pairs.first, a.run_id, b.run_id, a.verdict, b.verdict, a.unintended_mm, b.unintended_mm "
+        f"FROM {_JOINED} AND (a.verdict <> b.verdict OR a.unintended_mm <> b.unintended_mm) "
+        "ORDER BY abs(a.unintended_mm - b.unintended_mm) DESC, a.verdict = b.verdict, pairs.first "
+        f"LIMIT {most}"
+    )
+    if not rows:
+        return []
+    listed = ", ".join(str(row[0]) for row in rows)
+    faults = table.frame(f"SELECT row, COLUMNS('fault.*') FROM runs_first WHERE row IN ({listed})").set_index("row")
+    return [
+        RunChange((one, other), wording.fault(faults.loc[row].to_dict()), (before, after), (mm, other_mm))
+        for row, one, other, before, after, mm, other_mm in rows
+    ]

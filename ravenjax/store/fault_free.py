@@ -1,0 +1,102 @@
+"""Fault-free motion beside a campaign's result: more of the same robot, so that rates of false cues can be stated.
+
+A result folder may hold a folder FOLDER with a result folder for each further motion. `ravenjax fault-free` computes
+them; any fault-free campaign of the same robot, cues and detectors may be put there, too. The golden runs of a campaign
+are often a few seconds of one motion, which say nothing about false cues an hour.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ravenjax.store import manifest as manifests
+from ravenjax.store.files import StoreError
+from ravenjax.store.manifest import Manifest
+
+FOLDER = "fault_free"
+UNVARIED = ("still",)
+"""Generated motions that are the same for every seed."""
+_NOT_OF_ROBOT = ("name", "description", "seed", "duration_s", "limit", "chunk")
+"""Keys of [campaign] that do not say which robot."""
+SCALE = "scale"
+"""The one key of [operator] that does; the others say along which motion."""
+_WITHOUT_PART = ("group", "outcomes", "reaction", "stop", "cross")
+"""Sections that say nothing of the robot in fault-free motion, up to the first cue."""
+REACTION = "reaction."
+"""Beginning of the paths of parameters that say what the operator does at a cue."""
+
+
+class MotionFolder(NamedTuple):
+    """A result folder of fault-free motion."""
+
+    path: Path
+    manifest: Manifest
+
+
+class Companions(NamedTuple):
+    """What lies in the folder of fault-free motion."""
+
+    motions: tuple[MotionFolder, ...]  # of the campaign's robot, each another motion
+    excluded: tuple[str, ...]  # the others: 'NAME: why'
+
+
+NO_COMPANIONS = Companions((), ())
+
+
+def find(folder: Path, campaign: Manifest) -> Companions:
+    """The fault-free motion beside the result in `folder`, whose manifest is `campaign`; in the order of names."""
+    place = Path(folder) / FOLDER
+    paths = sorted(path for path in place.iterdir() if path.is_dir()) if place.is_dir() else []
+    motions_so_far = {motion_of(campaign)}
+    motions, excluded = [], []
+    for path in paths:
+        try:
+            manifest = manifests.read(path)
+        except StoreError as error:
+            excluded.append(f"{path.name}: {str(error).removeprefix(f'{path}: ')}")
+            continue
+        if why := _difference(campaign, manifest) or (
+            "" if motion_of(manifest) not in motions_so_far else "the same motion"
+        ):
+            excluded.append(f"{path.name}: {why}")
+        elif manifest.parts:
+            motions_so_far.add(motion_of(manifest))
+            motions.append(MotionFolder(path, manifest))
+    return Companions(tuple(motions), tuple(excluded))
+
+
+def motion_of(manifest: Manifest) -> str:
+    """What decides how the hands move: equal for two campaigns in which they move alike, or one longer than the other.
+
+    With noise it is the run's noise, too, so that the same hands make another motion of the robot.
+    """
+    operator = {name: value for name, value in (manifest.config.get("operator") or {}).items() if name != SCALE}
+    noise = (manifest.config.get("campaign") or {}).get("noise") and manifest.seed
+    return json.dumps([operator, noise], sort_keys=True)
+
+
+def _difference(campaign: Manifest, other: Manifest) -> str:
+    """Why the motion of `other` is not that of the campaign's robot; empty where it is."""
+    if campaign.code_hash != other.code_hash:
+        return f"computed by another version of the code, {other.code_hash[:16]}"
+    for name in ("cues", "detectors"):
+        if getattr(campaign, name) != getattr(other, name):
+            return f"has other {name}"
+    differences = manifests.differences(robot(other.config), robot(campaign.config))
+    return "; ".join(differences).replace(" asked for", " in the campaign")
+
+
+def robot(config: dict[str, Any]) -> dict[str, Any]:
+    """What of a resolved campaign decides how the robot follows fault-free motion."""
+    parts = {name: value for name, value in config.items() if name not in _WITHOUT_PART}
+    parts["campaign"] = {name: v for name, v in config.get("campaign", {}).items() if name not in _NOT_OF_ROBOT}
+    parts["operator"] = {SCALE: config.get("operator", {}).get(SCALE)}
+    parts["parameters"] = without_reaction(config.get("parameters", {}))
+    return parts
+
+
+def without_reaction(parameters: dict[str, Any]) -> dict[str, Any]:
+    """A table of parameters without those of an operator who reacts."""
+    return {path: value for path, value in parameters.items() if not path.startswith(REACTION)}

@@ -1,0 +1,142 @@
+"""Which rows of a recording an arm can reach inside its joint limits, and in which joints."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ravenjax.types import JOINTS, ArmName, Vec
+
+MARGIN_RAD, MARGIN_M = math.radians(1.0), 2e-3
+"""Distance from the soft limits: the robot lags behind the operator."""
+
+LARGEST_STEP = 0.1
+"""rad or m within a millisecond; more is a change of branch, not a motion."""
+
+BLOCK_ROWS = 4096
+
+_INSERTION = JOINTS.index("insertion")
+
+
+class Bounds(NamedTuple):
+    """Soft limits of shoulder, elbow (rad), insertion (m), tool roll and wrist (rad), without the margin."""
+
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+
+    def within(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest joints [5] that a motion may have."""
+        margin = np.full(5, MARGIN_RAD)
+        margin[_INSERTION] = MARGIN_M
+        return np.array(self.lower, float) + margin, np.array(self.upper, float) - margin
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Poses:
+    """Where the tips of some arms are to be, a row a millisecond."""
+
+    arms: tuple[ArmName, ...]
+    position: np.ndarray  # [T, A, 3] m
+    quat: np.ndarray  # [T, A, 4]
+    opening_mrad: np.ndarray  # [T, A]
+
+    def part(self, begin: int, end: int) -> Poses:
+        """Rows from `begin` to before `end`."""
+        rows = slice(begin, end)
+        return Poses(self.arms, self.position[rows], self.quat[rows], self.opening_mrad[rows])
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ArmReach:
+    """What some arms must do to have their tips where poses want them."""
+
+    jpos: np.ndarray  # [T, A, 7] rad and m
+    inside: np.ndarray  # [T, A] whether within the limits
+    leaps: np.ndarray  # [T] whether some joint cannot have come from the row before
+
+    def first_bad(self, begin: int, end: int) -> int | None:
+        """The first row from `begin` to before `end` that cannot be replayed from `begin` on."""
+        bad = ~np.all(self.inside[begin:end], axis=1) | self.leaps[begin:end]
+        bad[0] = not np.all(self.inside[begin])
+        return begin + int(np.argmax(bad)) if bad.any() else None
+
+
+def reach(poses: Poses, bounds: Bounds) -> ArmReach:
+    """The joints of every row."""
+    parts = [_arm_joints(poses, i, bounds) for i in range(len(poses.arms))]
+    jpos = np.stack([one for one, _ in parts], axis=1)
+    steps = np.abs(np.diff(jpos[..., :6], axis=0, prepend=jpos[:1, :, :6])).max(axis=(1, 2))
+    return ArmReach(jpos, np.stack([inside for _, inside in parts], axis=1), steps >= LARGEST_STEP)
+
+
+def _arm_joints(poses: Poses, i: int, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
+    lower, upper = bounds.within()
+    rows, best, inside = len(poses.position), [], []
+    for begin in range(0, rows, BLOCK_ROWS):
+        candidates, valid = _candidates(poses, i, np.arange(begin, min(begin + BLOCK_ROWS, rows)))
+        fits = valid & ((candidates[..., :5] >= lower) & (candidates[..., :5] <= upper)).all(axis=-1)
+        first = np.argmax(fits, axis=1)
+        best.append(np.take_along_axis(candidates, first[:, None, None], axis=1)[:, 0])
+        inside.append(fits.any(axis=1))
+    return np.concatenate(best), np.concatenate(inside)
+
+
+def reason(poses: Poses, row: int, bounds: Bounds) -> str:
+    """Why a row is not reached, in words."""
+    lower, upper = bounds.within()
+    for i, arm in enumerate(poses.arms):
+        candidates, valid = _candidates(poses, i, np.array([row]))
+        if not valid.any():
+            return f"no position of the joints of {arm} has the tip there"
+        reachable = candidates[0][valid[0], :5]
+        excess = np.maximum(lower - reachable, reachable - upper)
+        nearest = int(np.argmin(excess.max(axis=1)))
+        joint = int(np.argmax(excess[nearest]))
+        if excess[nearest, joint] > 0.0:
+            value, metric = float(reachable[nearest, joint]), joint == _INSERTION
+            low, high, scale, unit = bounds.lower[joint], bounds.upper[joint], math.degrees(1.0), "deg"
+            if metric:
+                scale, unit = 1e3, "mm"
+            margin = f"{MARGIN_M * 1e3:g} mm" if metric else f"{math.degrees(MARGIN_RAD):g} deg"
+            return (
+                f"{JOINTS[joint]} of {arm} would be at {value * scale:.2f} {unit}, soft limits {low * scale:.1f} to "
+                f"{high * scale:.1f} {unit} less {margin}"
+            )
+    return f"a joint would step by more than {LARGEST_STEP:g} rad or m within a millisecond"
+
+
+def _candidates(poses: Poses, i: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """All solutions [n, 8, 7] of one arm in at most BLOCK_ROWS rows, and their validity [n, 8]."""
+    import jax
+
+    index = rows[np.minimum(np.arange(BLOCK_ROWS), len(rows) - 1)]
+    pose = poses.position[index, i], poses.quat[index, i], poses.opening_mrad[index, i] * 1e-3
+    with jax.enable_x64(True):
+        solution, valid = (np.array(x)[: len(rows)] for x in _solver(poses.arms[i])(*pose))
+    turn = 2.0 * math.pi
+    solution[..., 3] -= turn * np.round(solution[..., 3] / turn)
+    return solution, valid
+
+
+@functools.cache
+def _solver(arm: ArmName) -> Callable[..., Any]:
+    """The inverse kinematics of one arm for BLOCK_ROWS poses, compiled once."""
+    import jax
+    import jax.numpy as jnp
+
+    from ravenjax.robot import kinematics
+    from ravenjax.robot.joints import joint_from_theta
+    from ravenjax.robot.mapping import matrix_from_quat
+
+    def solve(position: Any, quat: Any, opening: Any) -> tuple[Any, Any]:
+        pose = kinematics.Pose(Vec(position), matrix_from_quat(Vec(quat)))
+        candidates = kinematics.inverse_candidates(arm, pose)
+        solutions = [jnp.stack(list(joint_from_theta(arm, theta, opening))) for theta, _ in candidates]
+        return jnp.stack(solutions), jnp.stack([jnp.asarray(valid) for _, valid in candidates])
+
+    return jax.jit(jax.vmap(solve))

@@ -1,0 +1,190 @@
+"""A recording, evenly timed: a row a millisecond, by the file's stamps or at the stated rate, filtered where asked."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ravenjax.errors import UserError
+from ravenjax.robot.motion import TICK_S
+from ravenjax.store.motion import plausible, resampling, spikes, stamps
+from ravenjax.store.motion.options import ReplayOptions
+from ravenjax.store.motion.reach import Poses
+from ravenjax.store.motion.spikes import Spike
+from ravenjax.store.motion.track import Track
+from ravenjax.types import ArmName, Vec
+
+KINDS = (".parquet", ".csv", ".mcap")
+
+USUAL_STEPS, LEAST_GAP_S = 3.0, 0.02
+"""What is called a gap: more than so many median steps, and longer than this."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class HandRecording:
+    """Every sample of a file, and its motion at 1 kHz: row k is k ms after the first sample that all arms have."""
+
+    track: Track
+    time_s: dict[str, np.ndarray]  # [T] of each arm's samples
+    options: ReplayOptions
+    poses: Poses  # what is replayed
+    unfiltered: np.ndarray  # [rows, A, 3] m, positions without the low-pass
+    pedal: np.ndarray | None  # [rows]
+    covered: np.ndarray  # [rows] False in gaps and jumps that the options refuse
+    cuts: tuple[int, ...]  # rows after these gaps and jumps, at which a new stretch begins
+    spikes: tuple[Spike, ...]
+    gaps: tuple[tuple[int, float, float], ...]  # row before it, its begin and end: longer than usual, in order
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self.track.path
+
+    def __len__(self) -> int:
+        return len(self.covered)
+
+
+def arms_in(path: Path) -> tuple[ArmName, ...]:
+    """The arms that a file holds, gold first. UserError where it cannot be read, or holds none."""
+    from ravenjax.store.motion import mcap_file, table_file
+
+    require_readable(path)
+    source = mcap_file if path.suffix.lower() == ".mcap" else table_file
+    arms: tuple[ArmName, ...] = tuple(arm for arm in ("gold", "green") if arm in source.arms_in(path))
+    return arms or ("gold",)  # which then is missed by name
+
+
+def load(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> HandRecording:
+    """The recording of `arms`. UserError for a file that cannot be used, whichever part of it is replayed."""
+    from ravenjax.store.motion import mcap_file, table_file
+
+    require_readable(path)
+    source = mcap_file if path.suffix.lower() == ".mcap" else table_file
+    track = source.read(path, arms, options.rate_hz)
+    plausible.check(track)
+    time_s = _times(track, options)
+    jumps = [spike for arm in arms for spike in spikes.find(arm, track.arms[arm], time_s[arm], options.max_gap_s)]
+    rows = math.floor(min(times[-1] for times in time_s.values()) / TICK_S + 1e-6) + 1
+    if rows < 2:
+        raise UserError(f"{path}: lasts less than 2 ms, or its arms were not recorded at the same time")
+    unfiltered, pedal = _evenly(track, time_s, jumps, options, rows)
+    gaps = tuple(_gaps(time_s))
+    breaks = [(begin, end) for _, begin, end in gaps if end - begin > options.max_gap_s]
+    breaks += [(spike.begin_s, spike.end_s) for spike in refused(jumps, options)]
+    covered = np.ones(rows, bool)
+    for begin, end in breaks:
+        covered[math.floor(begin / TICK_S + 1e-6) + 1 : _row_at(end)] = False
+    cuts = tuple(sorted(_row_at(end) for _, end in breaks))
+    return HandRecording(
+        track=track,
+        time_s=time_s,
+        options=options,
+        poses=unfiltered
+        if options.cutoff_hz is None
+        else _smooth(unfiltered, resampling.stretches(covered, cuts), options.cutoff_hz),
+        unfiltered=unfiltered.position,
+        pedal=pedal,
+        covered=covered,
+        cuts=cuts,
+        spikes=tuple(jumps),
+        gaps=gaps,
+    )
+
+
+def require_readable(path: Path) -> None:
+    """UserError for what is no file of a known kind."""
+    if not path.is_file():
+        raise UserError(f"{path}: no such file; expected a recorded operator motion (.parquet, .csv or .mcap)")
+    if path.suffix.lower() not in KINDS:
+        raise UserError(f"{path}: unknown kind of file {path.suffix.lower()!r}; expected .parquet, .csv or .mcap")
+    if path.stat().st_size == 0:
+        raise UserError(f"{path}: the file is empty; expected a recorded operator motion")
+
+
+def _times(track: Track, options: ReplayOptions) -> dict[str, np.ndarray]:
+    """Seconds of each arm's samples since the first moment at which all arms have one."""
+    times: dict[str, np.ndarray] = {}
+    for arm, one in track.arms.items():
+        if one.time_s is None:
+            times[arm] = np.arange(len(one)) / (options.rate_hz or math.nan)
+        else:
+            stamps.check(track.path, one.time_s, track.clock, options.max_gap_s)
+            times[arm] = one.time_s
+    begin = max(one[0] for one in times.values())
+    return {arm: one - begin for arm, one in times.items()}
+
+
+def _evenly(
+    track: Track, time_s: dict[str, np.ndarray], jumps: list[Spike], options: ReplayOptions, rows: int
+) -> tuple[Poses, np.ndarray | None]:
+    """Poses and pedal a row a millisecond."""
+    at = np.arange(rows) * TICK_S
+    position, quat, opening = [], [], []
+    arms: tuple[ArmName, ...] = tuple(arm for arm in ("gold", "green") if arm in track.arms)
+    for arm in arms:
+        samples, times = track.arms[arm], time_s[arm]
+        if options.spikes == "remove":
+            samples, times = spikes.without(samples, times, [spike for spike in jumps if spike.arm == arm])
+        position.append(resampling.by_time(times, samples.position, at))
+        quat.append(
+            np.repeat(_home_quat(arm)[None], rows, axis=0)
+            if samples.quat is None
+            else resampling.turns_by_time(times, samples.quat, at)
+        )
+        jaws = samples.opening_mrad
+        opening.append(np.full(rows, _home_opening_mrad()) if jaws is None else resampling.by_time(times, jaws, at))
+    pedal = None
+    if track.surgeon_mode is not None:
+        pedal = resampling.before(time_s[arms[0]], track.surgeon_mode, at)
+    return Poses(arms, np.stack(position, 1), np.stack(quat, 1), np.stack(opening, 1)), pedal
+
+
+def _smooth(poses: Poses, stretches: list[tuple[int, int]], cutoff_hz: float) -> Poses:
+    def low_pass(values: np.ndarray) -> np.ndarray:
+        return resampling.low_pass(values, cutoff_hz, stretches)
+
+    quat = low_pass(poses.quat)
+    quat /= np.linalg.norm(quat, axis=-1, keepdims=True)
+    return Poses(poses.arms, low_pass(poses.position), quat, low_pass(poses.opening_mrad))
+
+
+def _gaps(time_s: dict[str, np.ndarray]) -> list[tuple[int, float, float]]:
+    """(row before it, begin, end) of every step that is longer than usual, in order of time."""
+    gaps: dict[tuple[float, float], int] = {}
+    for times in time_s.values():
+        steps = np.diff(times)
+        for row in np.flatnonzero(steps > max(USUAL_STEPS * float(np.median(steps)), LEAST_GAP_S)).tolist():
+            gaps.setdefault((float(times[row]), float(times[row + 1])), row)
+    return sorted(((row, begin, end) for (begin, end), row in gaps.items()), key=lambda gap: gap[1])
+
+
+def refused(jumps: Sequence[Spike], options: ReplayOptions) -> list[Spike]:
+    """Jumps that must not be replayed."""
+    if options.spikes == "replay":
+        return []
+    return [spike for spike in jumps if options.spikes == "refuse" or not spike.rows]
+
+
+def _row_at(time_s: float) -> int:
+    """The first row that is not before a time."""
+    return math.ceil(time_s / TICK_S - 1e-6)
+
+
+def _home_opening_mrad() -> float:
+    from ravenjax.robot.limits import HOME_JPOS
+
+    return (HOME_JPOS[5] + HOME_JPOS[6]) * 1e3
+
+
+def _home_quat(arm: ArmName) -> np.ndarray:
+    import jax
+
+    from ravenjax.robot import kinematics, limits, mapping
+
+    with jax.enable_x64(True):
+        pose = kinematics.forward(arm, Vec(np.float64(q) for q in limits.HOME_JPOS))
+        return np.array([float(c) for c in mapping.quat_from_matrix(pose.rotation)])

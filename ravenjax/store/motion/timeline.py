@@ -1,0 +1,97 @@
+"""Which row of a recording the hands are at in each millisecond of a run, and when the pedal is down."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+
+from ravenjax.errors import UserError
+from ravenjax.stages.motions import MOTION_S, PEDAL_DOWN_S
+from ravenjax.store.motion.options import ReplayOptions
+from ravenjax.store.motion.resampling import TICK_S
+
+RUN_UP_S = 0.5
+"""s from rest until the motion is replayed at full speed; as long where it comes to rest again."""
+
+SLOWEST = 100.0
+"""Largest `slow_down` of a campaign."""
+
+REST_TICKS, RUN_UP_TICKS = round(MOTION_S / TICK_S), round(RUN_UP_S / TICK_S)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Timeline:
+    """One entry a tick."""
+
+    row: np.ndarray  # [ticks] row of the recording, fractional, from the first that is replayed
+    pedal: np.ndarray  # [ticks] 1 down, 0 up: before the motion begins
+    end_s: float | None  # when the recording came to its end and hands stopped or turned, s; None: it did not
+    turns: int  # how often it was played in the other direction after that
+
+
+def natural_ticks(rows: int, slow_down: float) -> int:
+    """Ticks in which `rows` of a recording are replayed once, without coming to rest."""
+    return REST_TICKS + RUN_UP_TICKS + _cruise(rows - 1 - _ramp(slow_down)[-1], slow_down)
+
+
+def make(path: Path, rows: int, ticks: int | None, options: ReplayOptions) -> Timeline:
+    """The timeline of `ticks` ms over `rows` of a recording; None: as long as the rows last.
+
+    Raises UserError where they do not last as long and the options do not say what then.
+    """
+    slow_down, natural = options.slow_down, natural_ticks(rows, options.slow_down)
+    ticks = natural if ticks is None else ticks
+    if ticks <= REST_TICKS:
+        raise UserError(
+            f"{path}: the campaign ends after {ticks * TICK_S:g} s, and hands rest for the first {MOTION_S:g} s: "
+            "nothing would move. Write a longer campaign.duration_s"
+        )
+    pedal = (np.arange(ticks) >= round(PEDAL_DOWN_S / TICK_S)).astype(float)
+    if ticks <= natural:
+        start = _ramp(slow_down)
+        steady = start[-1] + np.arange(1, natural - REST_TICKS - RUN_UP_TICKS + 1) / slow_down
+        row = np.concatenate([np.zeros(REST_TICKS), start, steady])[:ticks]
+        return Timeline(np.minimum(row, rows - 1), pedal, None, 0)
+    if options.at_end == "refuse":
+        slower = math.ceil((ticks - REST_TICKS - RUN_UP_TICKS / 2 + 1) / (rows - 1) * 100) / 100
+        raise UserError(
+            f"{path}: what is replayed ends after {natural * TICK_S:.3f} s, {rows * TICK_S:.3f} s of the recording "
+            f"with {MOTION_S:g} s of rest and {RUN_UP_S:g} s to get up to speed; the campaign lasts "
+            f"{ticks * TICK_S:g} s. Write campaign.duration_s = {natural * TICK_S:.3f} or less, operator.at_end = "
+            f'"hold" (the hands slow down and rest) or "reverse" (backwards and forwards again)'
+            + (f", or operator.slow_down = {slower:g}" if slower <= SLOWEST else "")
+        )
+    whole = _there(rows - 1, slow_down)
+    row, turns = [np.zeros(REST_TICKS), whole], 0
+    length = REST_TICKS + len(whole)
+    while options.at_end == "reverse" and length < ticks:
+        turns += 1
+        row.append(whole[::-1] if turns % 2 else whole)
+        length += len(whole)
+    row = np.concatenate(row)
+    row = np.concatenate([row, np.full(max(0, ticks - len(row)), row[-1])])[:ticks]
+    return Timeline(np.clip(row, 0.0, rows - 1), pedal, (REST_TICKS + len(whole)) * TICK_S, turns)
+
+
+def _ramp(slow_down: float, ticks: int = RUN_UP_TICKS) -> np.ndarray:
+    """Rows after each tick of getting up to speed: speed and acceleration begin at 0, speed ends at full."""
+    fraction = np.arange(1, ticks + 1) / ticks
+    return ticks / slow_down * fraction**4 * (2.5 - 3.0 * fraction + fraction**2)
+
+
+def _cruise(rows: float, slow_down: float) -> int:
+    """Ticks at full speed."""
+    return max(0, math.floor(rows * slow_down))
+
+
+def _there(rows: int, slow_down: float) -> np.ndarray:
+    """Rows after each tick from rest in the first row to rest in the last, `rows` on: up to speed, steady, to rest."""
+    up = _ramp(slow_down, min(RUN_UP_TICKS, max(1, math.floor(rows * slow_down))))
+    up *= min(1.0, rows / 2.0 / up[-1])
+    steady = rows - 2.0 * up[-1]
+    ticks = math.ceil(steady * slow_down - 1e-9)
+    down = rows - np.concatenate([up[:-1][::-1], [0.0]])
+    return np.concatenate([up, up[-1] + steady * np.arange(1, ticks + 1) / max(1, ticks), down])

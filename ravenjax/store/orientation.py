@@ -1,0 +1,23 @@
+"""Orientations as logs publish them: unit quaternions, or NaN where there is no rotation."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation  # not where it is used: a recorder that began must not wait for it
+
+
+def quaternions(rotation: np.ndarray) -> np.ndarray:
+    """Unit quaternions x, y, z, w [T, ..., 4] of rotations [T, ..., 3, 3]; NaN where a matrix is no rotation.
+
+    A matrix that is a rotation up to rounding, as control software in single precision holds it, gives the nearest
+    one. The sign is kept from tick to tick, so that a curve of it has no jumps.
+    """
+    matrices = np.asarray(rotation, float)
+    out = np.full((*matrices.shape[:-2], 4), np.nan)
+    known = np.asarray(np.isfinite(matrices).all(axis=(-2, -1)))
+    known[known] = np.linalg.det(matrices[known]) > 0.0
+    if known.any():
+        out[known] = Rotation.from_matrix(matrices[known]).as_quat()
+    flips = np.where(np.sum(out[1:] * out[:-1], axis=-1) < 0.0, -1.0, 1.0)
+    out[1:] *= np.cumprod(flips, axis=0)[..., None]
+    return out

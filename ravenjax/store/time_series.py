@@ -1,0 +1,139 @@
+"""Every time series of one run: name, axes, unit and meaning, in the order in which they are stored.
+
+The series of a run are a dict of arrays [T] or [T, ...], one row a millisecond: `runlevel`, and `gold/jpos` for what
+each arm has. Trace files, CSV files and datasets take units and meanings from here.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from ravenjax.arms import ARMS, JOINTS
+from ravenjax.store.files import StoreError
+
+AXES: dict[str, tuple[str, ...]] = {
+    "joint": JOINTS,
+    "axis": ("x", "y", "z"),
+    "jaw_axis": ("x", "y", "z"),
+}
+"""Names along an axis; others count from 0."""
+
+
+class TimeSeries(NamedTuple):
+    """One quantity."""
+
+    name: str  # without the arm
+    unit: str  # of a joint: of a revolute one
+    meaning: str
+    axes: tuple[str, ...] = ()  # beside the time
+    insertion_unit: str = ""  # where that of the insertion differs
+
+    @property
+    def units(self) -> str:
+        """The unit in words."""
+        return f"{self.unit} (insertion {self.insertion_unit})" if self.insertion_unit else self.unit
+
+
+def _joints(name: str, unit: str, meaning: str, insertion_unit: str = "") -> TimeSeries:
+    return TimeSeries(name, unit, meaning, ("joint",), insertion_unit)
+
+
+def _place(name: str, meaning: str) -> TimeSeries:
+    return TimeSeries(name, "m", meaning + ", frame 0 of the arm", ("axis",))
+
+
+def _rotation(name: str, meaning: str) -> TimeSeries:
+    return TimeSeries(name, "1", meaning + ": columns are the axes of the jaws in frame 0", ("axis", "jaw_axis"))
+
+
+OF_RUN = {
+    one.name: one
+    for one in (
+        TimeSeries("runlevel", "1", "run level of the control software: 0 E-stop, 1 init, 2 pedal up, 3 pedal down"),
+        TimeSeries("surgeon_mode", "1", "1: the control software has heard that the pedal is down"),
+        TimeSeries("last_seq", "1", "sequence number of the last accepted packet"),
+        TimeSeries("soft_estopped", "1", "1: the control software holds its E-stop"),
+        TimeSeries("pins_out", "1", "output byte of the control software to the PLC"),
+        TimeSeries("plc_runlevel", "1", "run level that the PLC puts on its pins"),
+        TimeSeries("brakes", "1", "1: the PLC commands the brakes on"),
+        TimeSeries("packet_received", "1", "1: an operator packet arrived"),
+        TimeSeries("fault_active", "1", "1: the window of this fault is open", ("fault",)),
+        TimeSeries("tip_distance_mm", "mm", "distance of the two tips"),
+    )
+}
+"""What belongs to no arm. `fault_active` is stored as one series a fault: fault0_active, fault1_active, ..."""
+
+OF_ARM = {
+    one.name: one
+    for one in (
+        _joints("enc_val_cnt", "counts", "encoders as the control software reads them"),
+        _joints("mpos", "rad", "motor positions that the control software estimates"),
+        _joints("mvel", "rad/s", "motor velocities that the control software estimates"),
+        _joints("jpos", "rad", "joints as the control software measures them", "m"),
+        _joints("jvel", "rad/s", "joint velocities as the control software measures them", "m/s"),
+        _joints("jpos_d", "rad", "desired joints", "m"),
+        _joints("mpos_d", "rad", "desired motor positions"),
+        _joints("tau_d", "N m", "desired torque at the capstan"),
+        _joints("current_cmd_cnt", "counts", "DAC command before the overdrive check"),
+        _joints("dac_cnt", "counts", "DAC command as written to USB"),
+        _place("position", "tip as the robot reports it"),
+        _rotation("rotation", "orientation of the jaws as the robot reports it"),
+        _place("position_d", "desired tip"),
+        _rotation("rotation_d", "desired orientation of the jaws"),
+        _joints("link_jpos", "rad", "true joints", "m"),
+        _joints("link_jvel", "rad/s", "true joint velocities", "m/s"),
+        _joints("motor_mpos", "rad", "true motor positions"),
+        _joints("motor_mvel", "rad/s", "true motor velocities"),
+        _joints("cable_tension", "N", "tension difference of each cable"),
+        _place("tip", "true tip"),
+        _rotation("tip_rotation", "true orientation of the jaws"),
+        _place("model_position", "tip of the nominal model"),
+        _rotation("model_rotation", "orientation of the jaws of the nominal model"),
+        _joints("model_jpos", "rad", "joints of the nominal model", "m"),
+        TimeSeries("tip_error_mm", "mm", "distance of the reported tip from the nominal model's"),
+        TimeSeries("haptic_force", "device units", "force of the first haptic cue, frame 0 of the arm", ("axis",)),
+        TimeSeries("cue_force", "device units", "size of the force of each haptic cue", ("cue",)),
+        TimeSeries("tissue_depth_mm", "mm", "depth of the true tip below the tissue's surface, negative above"),
+        _place("golden_tip", "true tip of the golden run, the same run without the fault"),
+    )
+}
+"""What each arm has."""
+
+
+def check(series: Mapping[str, np.ndarray], where: str) -> int:
+    """The number of ticks that all series have. StoreError, beginning with `where`, where they differ or have none."""
+    lengths = {name: values.shape[0] if values.ndim else 0 for name, values in series.items()}
+    counts = set(lengths.values())
+    if len(counts) != 1 or 0 in counts:
+        shown = ", ".join(f"{name} {length}" for name, length in list(lengths.items())[:6])
+        raise StoreError(f"{where}: a trace needs series of one length, at least 1 tick each, got {shown or 'none'}")
+    return counts.pop()
+
+
+def described(name: str) -> TimeSeries:
+    """What a stored series is, by its stored name; one that is not listed here has unit "" and no meaning."""
+    arm, _, own = name.rpartition("/")
+    if arm in ARMS:
+        return OF_ARM.get(own) or TimeSeries(own, "", "")
+    if re.fullmatch(r"fault\d+_active", name):
+        return OF_RUN["fault_active"]._replace(name=name, axes=())
+    return OF_RUN.get(name) or TimeSeries(name, "", "")
+
+
+def scalars(name: str, shape: tuple[int, ...]) -> Iterator[tuple[str, str]]:
+    """(name, unit) of each number of a series, last axis fastest: gold/jpos/elbow, rad. `shape`: without the time."""
+    one = described(name)
+    axes = one.axes if len(one.axes) == len(shape) else ("",) * len(shape)
+    for place in np.ndindex(shape):
+        steps = [_step(axis, i, size) for axis, i, size in zip(axes, place, shape, strict=True)]
+        unit = one.insertion_unit if one.insertion_unit and "insertion" in steps else one.unit
+        yield "/".join([name, *steps]), unit
+
+
+def _step(axis: str, place: int, size: int) -> str:
+    names = AXES.get(axis, ())
+    return names[place] if len(names) == size else str(place)

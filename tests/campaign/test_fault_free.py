@@ -1,0 +1,144 @@
+"""More fault-free motion of a campaign's robot: different, of the same robot, and as much as asked."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import ravenjax as rj
+from ravenjax.campaign import design, fault_free, plan, runner
+from ravenjax.campaign.executors.local import Local
+from ravenjax.engines import selection
+from ravenjax.errors import UserError
+from ravenjax.store import folder, manifest
+from ravenjax.store.fault_free import FOLDER, find
+
+HOUR_MS = 3.6e6
+CAMPAIGN = {
+    "campaign": {"name": "small", "duration_s": 0.6, "seed": 3},
+    "operator": {"motion": "reach", "seed": 4},
+    "parameters": {"plant.friction_scale": 1.2},
+    "haptics": {"threshold_mm": [0.1, 3.0]},
+    "reaction": {"action": "release"},
+    "group": [
+        {
+            "name": "dac",
+            "fault": [{"site": "usb_out", "channel": "elbow", "effect": "overwrite", "value": 9000, "start_ms": 300}],
+        },
+    ],
+}  # fmt: skip
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """Runs of a second or two."""
+    monkeypatch.setattr(fault_free, "SHORTEST_S", 1)
+    monkeypatch.setattr(fault_free, "LONGEST_S", 2)
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    """A result folder of which nothing is computed yet: its record says all that is needed."""
+    path = tmp_path_factory.mktemp("result") / "small"
+    path.mkdir()
+    ready = plan.make(rj.load_campaign(CAMPAIGN))
+    manifest.write(path, runner._manifest(ready, selection.select("simd", ready.program.setup.precision)))
+    return path
+
+
+def test_as_many_hours_as_asked_of_different_motion(result, short):
+    told = []
+    wanted = 3.0 / 3600  # 3 s in pedal-down, of runs that are so for 1.8 s
+    there = fault_free.extend(result, wanted, on_motion=lambda hours, path: told.append((hours, path.name)))
+    found = find(result, manifest.read(result))
+    tables = [folder.read_all(one.path) for one in found.motions]
+    assert [one.path.name for one in found.motions] == ["reach_5", "reach_6"] and found.excluded == ()
+    assert there == pytest.approx(sum(table["pedal_down_ms"].sum() for table in tables) / HOUR_MS)
+    assert wanted <= there < wanted + 1.8 / 3600
+    assert told == [(0.0, "reach_5"), (pytest.approx(there / 2), "reach_6")]
+    rows = pd.concat(tables)
+    assert not any(name.startswith("fault") for name in rows)
+    assert (rows["failed"] == "").all() and rows["tip_path_mm"].nunique() == len(rows) == 2
+    # asked for again there is nothing to do; for more, what is there counts
+    assert fault_free.extend(result, wanted) == there
+    more = fault_free.extend(result, there + 1e-6)
+    assert more == pytest.approx(1.5 * there) and (result / FOLDER / "reach_7").is_dir()
+
+
+def test_the_robot_is_that_of_the_campaign(result, short):
+    fault_free.extend(result, 1e-9)
+    one = find(result, manifest.read(result)).motions[0]
+    assert one.manifest.config["parameters"] == manifest.read(result).config["parameters"]
+    assert one.manifest.config["reaction"] is None
+    assert [group["name"] for group in one.manifest.config["group"]] == ["fault_free"]
+
+
+def test_an_interrupted_motion_is_finished(result, short, monkeypatch):
+    names = sorted(path.name for path in (result / FOLDER).iterdir())
+    there = fault_free.extend(result, 1e-9)
+
+    def stopped(*_args, **_kwargs):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Local, "run", stopped)
+        with pytest.raises(KeyboardInterrupt):
+            fault_free.extend(result, there + 1e-6)
+    monkeypatch.setattr(fault_free, "LONGEST_S", 1)  # what was begun keeps its length
+    assert fault_free.extend(result, there + 1e-6) > there
+    (new,) = {path.name for path in (result / FOLDER).iterdir()} - set(names)
+    record = manifest.read(result / FOLDER / new)
+    assert record.config["campaign"]["duration_s"] == 2.0 and record.finished is not None
+
+
+def changed(result, **sections):
+    """The record of a result whose configuration differs."""
+    record = manifest.read(result)
+    made = copy.deepcopy(record.config)
+    for name, keys in sections.items():
+        made[name] |= keys
+    return record.model_copy(update={"config": made})
+
+
+@pytest.mark.parametrize(
+    ("operator", "why"),
+    [
+        ({"motion": "still"}, "'still' is the same motion for every seed"),
+        ({"motion": None, "file": "/data/hand.csv"}, r"the operator is a recording \(/data/hand.csv\)"),
+    ],
+)
+def test_an_operator_without_another_motion_is_refused(result, tmp_path, operator, why):
+    manifest.write(tmp_path, changed(result, operator=operator))
+    with pytest.raises(UserError, match=why):
+        fault_free.extend(tmp_path, 1.0)
+
+
+def test_a_result_of_another_version_is_refused(result, tmp_path):
+    manifest.write(tmp_path, manifest.read(result).model_copy(update={"code_hash": "0" * 64}))
+    with pytest.raises(UserError, match="computed by another version of the code"):
+        fault_free.extend(tmp_path, 1.0)
+
+
+@pytest.mark.parametrize("hours", [0.0, -1.0, float("nan"), float("inf")])
+def test_hours_are_a_number_above_zero(result, hours):
+    with pytest.raises(UserError, match="expected a number above 0"):
+        fault_free.extend(result, hours)
+
+
+def test_runs_are_as_long_as_some_motions_need_and_no_longer_than_is_good(result):
+    record = manifest.read(result)
+    lengths = [fault_free._length_s(record, hours) for hours in (0.01, 0.5, 7.4)]
+    assert lengths == [60, 181, 600]
+    four = changed(result, parameters={"operator.scale": [0.05, 0.1, 0.15, 0.2]})
+    assert fault_free._length_s(four, 2.0) == 181
+
+
+def test_drawn_robots_are_drawn_for_each_motion(result):
+    drawn = changed(result, parameters={"plant.mass_scale": {"uniform": [0.9, 1.1]}})
+    campaigns = fault_free._campaigns(drawn, 60)
+    one, two = (rj.load_campaign(next(campaigns)[1]) for _ in range(2))
+    masses = np.concatenate([design.expand(made)["param:plant.mass_scale"] for made in (one, two)])
+    assert len(masses) == 2 * fault_free.DRAWN == len(set(masses))

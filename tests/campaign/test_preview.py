@@ -1,0 +1,148 @@
+"""What `ravenjax check` says of a campaign is what a run would do, and nothing is computed."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+import tiny_campaign as tiny
+
+from ravenjax.campaign import design, loading, plan, preview, runner
+from ravenjax.campaign.computation import Computation
+from ravenjax.cli import console, main
+from ravenjax.errors import UserError
+
+
+@pytest.fixture
+def idle(monkeypatch):
+    """Whoever computes fails."""
+
+    def computed(*_):
+        raise AssertionError("something was computed")
+
+    monkeypatch.setattr(Computation, "__init__", computed)
+
+
+@pytest.fixture
+def run(capsys, monkeypatch):
+    """(code, stdout, stderr) of a command line, on a wide terminal."""
+    monkeypatch.setattr(console, "out", type(console.out)(width=300))
+    monkeypatch.setattr(console, "err", type(console.err)(width=300, stderr=True))
+
+    def run(*tokens):
+        code = main(list(tokens))
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return run
+
+
+@pytest.mark.parametrize("name", ["quick.toml", "hazard_library.toml", "safecomp45.toml"])
+def test_the_numbers_are_those_of_the_fault_table(name, idle, tmp_path):
+    config = loading.load(name)
+    view, ready = preview.preview(config, tmp_path / "out"), plan.make(config)
+    rows = ready.table
+    assert view.runs == view.due == len(rows)
+    assert {row.name: row.runs for row in view.groups} == rows["group"].value_counts(sort=False).to_dict()
+    slots = range(config.slots)
+    struck = {(row.site, row.effect): row.runs for row in view.faults}
+    for (site, effect), runs in struck.items():
+        hit = [(rows[f"fault{s}_site"] == site) & (rows[f"fault{s}_effect"] == effect) for s in slots]
+        assert runs == sum(any(one) for one in zip(*hit, strict=True))
+    sites = {site for s in slots for site in rows[f"fault{s}_site"].unique()} - {""}
+    assert {site for site, _ in struck} == sites
+    assert view.fault_free == sum(all(row == "") for row in rows[[f"fault{s}_site" for s in slots]].to_numpy())
+    assert view.golden_runs == len(set(ready.twin.tolist()))
+    assert view.sample["index"].tolist() == sorted(set(view.sample["index"])) and len(view.sample) == preview.SAMPLE
+    assert view.sample["run_id"].tolist() == [f"{int(rows['run_id'].iloc[i]):016x}" for i in view.sample["index"]]
+    assert not (tmp_path / "out").exists(), "nothing is written"
+
+
+def test_a_limit_asks_for_less_of_the_same(idle, tmp_path):
+    view = preview.preview(loading.load("quick.toml", ["campaign.limit=64"]), tmp_path)
+    assert (view.runs, view.due) == (2571, 64)
+    assert view.cost.run_s < preview.preview(loading.load("quick.toml"), tmp_path).cost.run_s
+
+
+def test_runs_that_repeat_another_are_counted(idle, tmp_path):
+    fault = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "value": [1, 2], "start_ms": 5}
+    raw = {
+        "campaign": {"name": "x", "duration_s": 0.02},
+        "group": [{"name": "a", "fault": [fault]}, {"name": "b", "fault": [{**fault, "value": [2, 3]}]}],
+    }
+    assert preview.preview(loading.from_dict(raw), tmp_path).copies == 1
+    noisy = {**raw, "campaign": {**raw["campaign"], "noise": True}}
+    assert preview.preview(loading.from_dict(noisy), tmp_path).copies == 0
+
+
+def test_what_a_run_would_refuse_is_refused(idle, tmp_path, monkeypatch):
+    config = loading.load("quick.toml", ["parameters.plant.friction_scal=2"])
+    with pytest.raises(UserError, match=r"parameters.plant.friction_scal: unknown parameter. Did you mean"):
+        preview.preview(config, tmp_path)
+    monkeypatch.setattr(preview, "MOST_EXPANDED", 10)
+    with pytest.raises(UserError, match=r"parameters.plant.friction_scal: unknown parameter. Did you mean"):
+        preview.preview(config, tmp_path)
+    with pytest.raises(UserError, match="engine 'fast' is unknown"):
+        preview.preview(loading.load("quick.toml"), tmp_path, "fast")
+
+
+def test_a_large_campaign_is_counted_and_not_expanded(idle, tmp_path, monkeypatch):
+    monkeypatch.setattr(preview, "MOST_EXPANDED", 100)
+    monkeypatch.setattr(design, "expand", lambda config: pytest.fail("expanded") if len(config.group) > 1 else BARE)
+    view = preview.preview(loading.load("hazard_library.toml"), tmp_path)
+    assert view.runs == 1810 and sum(row.runs for row in view.groups) == 1810
+    assert (view.faults, view.fault_free, view.golden_runs, len(view.sample)) == (None, None, None, 0)
+    assert view.cost.run_s > 0
+
+
+BARE = design.expand(loading.from_dict({"campaign": {"name": "bare"}, "group": [{"name": "bare"}]}))
+
+
+def test_a_folder_that_holds_a_part_says_how_fast_it_was(tmp_path):
+    config = tiny.config()
+    few = config.model_copy(update={"campaign": config.campaign.model_copy(update={"limit": 100})})
+    runner.run_campaign(few, tmp_path, "simd")
+    view = preview.preview(config, tmp_path, "simd")
+    assert view.state.startswith("100 of 300 runs of campaign tiny")
+    assert view.basis.endswith("200 of 300 runs left") and "measured at the folder's last start" in view.basis
+    assert preview.preview(few, tmp_path, "simd").cost.run_s == 0.0
+    other = preview.preview(loading.load("quick.toml"), tmp_path, "simd")
+    assert other.basis == preview.BASIS, "another campaign says nothing of this one"
+
+
+def test_the_command_prints_it(run, idle, tmp_path):
+    code, out, _ = run("check", "safecomp45", "--out", str(tmp_path), "--set", "haptics.threshold_mm=[2, 3]")
+    assert code == 0
+    lines = {line.split("│")[0].strip(): line for line in reversed(out.splitlines()) if "│" in line}
+    for name, words in {
+        "runs": "463 in",
+        "robot": "raven2, gold and green arms",
+        "operator": "suture, generated; scale 0.1",
+        "cue": "pulls beyond 2, 3 mm, 2 sets of gains; set 0, at 2 mm, decides the verdict",
+        "engine": "simd on",
+        "time": " to run, after ",
+        "memory": "MiB",
+        "by": "model fitted on 2 cores",
+        "results": f"{tmp_path}: nothing yet",
+        "list/C01-below": "packet",
+    }.items():
+        assert words in lines[name], lines[name]
+    assert "nothing is computed" not in out and list(tmp_path.iterdir()) == []
+
+
+def test_the_command_as_json(run, idle):
+    code, out, _ = run("check", "detectors", "--json", "--limit", "10")
+    view = json.loads(out)
+    assert code == 0
+    assert (view["runs"], view["runs_asked_for"], view["duration_ms"]) == (3121, 10, 4000)
+    assert {row["name"] for row in view["groups"]} >= {"free/as modelled", "boundary/usb_out", "library/B24"}
+    assert {"site": "usb_out", "layer": "L7", "effect": "latch_offset", "runs": 136} in view["faults"]
+    assert view["sample"][0]["fault"] == "no fault" and len(view["sample"][0]["run_id"]) == 16
+    assert len(view["detectors"]) == 18 + 3 and view["engine"]["name"] in ("simd", "cuda")
+    assert view["notices"][0].startswith("group[1].parameters.plant.gold.encoder_noise: nothing reads it while")
+    assert set(view["expected"]) == {"start_s", "run_s", "memory_mib", "basis"}
+
+
+def test_the_command_refuses_in_words(run):
+    code, out, err = run("check", "quick", "--set", "group.hand.fault.0.effect=drop")
+    assert code == 2 and "'drop' belongs to site 'network', got site 'hand'" in err and not out

@@ -1,0 +1,132 @@
+"""A recorded operator in a campaign: its keys, what the robot then does, and that all of it is said."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import ravenjax as rj
+from ravenjax.campaign import loading, plan
+from ravenjax.errors import UserError
+from ravenjax.robot import limits
+from ravenjax.store import manifest
+from ravenjax.store.motion import words
+
+HOME_MM = np.array([-77.946997893, -25.265555299, 13.225627957])  # gold's tip at home, frame 0
+
+
+@pytest.fixture
+def hands(tmp_path):
+    """Three seconds along a circle of 8 mm about the home tip, 100 rows a second."""
+    time_s = np.arange(300) / 100.0
+    phase = 2.0 * np.pi * time_s / 3.0
+    place = HOME_MM + np.stack([4.0 * (1.0 - np.cos(phase)), 4.0 * np.sin(phase), 0.0 * phase], axis=1)
+    path = tmp_path / "hands.csv"
+    pd.DataFrame({"t_ms": time_s * 1e3} | {f"gold_{a}_mm": place[:, i] for i, a in enumerate("xyz")}).to_csv(
+        path, index=False
+    )
+    return path
+
+
+def tables(file, **more):
+    return {
+        "campaign": {"name": "hands", "duration_s": 2.0},
+        "operator": {"file": str(file), **more},
+        "group": [{"name": "free"}],
+    }
+
+
+@pytest.mark.parametrize(
+    ("operator", "says"),
+    [
+        (
+            {"motion": "reach", "rate_hz": 1000},
+            "rate_hz belongs to a recorded motion, a generated one has none: remove",
+        ),
+        ({"motion": "reach", "cutoff_hz": 5}, "cutoff_hz belongs to a recorded motion"),
+        ({"motion": "reach", "slow_down": 2}, "slow_down belongs to a recorded motion"),
+        ({"motion": "reach", "spikes": "remove"}, "spikes belongs to a recorded motion"),
+        ({"motion": "reach", "at_end": "hold"}, "at_end belongs to a recorded motion"),
+        ({"motion": "reach", "window_s": [0, 1]}, "window_s belongs to a recorded motion"),
+        ({"file": "a.csv", "seed": 3}, "seed belongs to a generated motion, a recorded one has none: remove it"),
+        ({"file": "a.csv", "spikes": "drop"}, "expected 'refuse', 'remove' or 'replay'"),
+        ({"file": "a.csv", "at_end": "loop"}, "expected 'refuse', 'hold' or 'reverse'"),
+        ({"file": "a.csv", "rate_hz": 0}, "operator.rate_hz: got 0"),
+        ({"file": "a.csv", "max_gap_s": 0}, "operator.max_gap_s: got 0"),
+    ],
+)
+def test_keys_that_do_not_fit(operator, says):
+    raw = {"campaign": {"name": "x"}, "operator": operator, "group": [{"name": "g"}]}
+    with pytest.raises(UserError, match="operator") as error:
+        loading.from_dict(raw)
+    assert says in str(error.value)
+
+
+def test_nothing_is_changed_unless_it_is_asked_for():
+    options = loading.from_dict(tables("a.csv")).operator.options
+    assert options.cutoff_hz is None and options.rate_hz is None and options.slow_down == 1.0
+    assert (options.spikes, options.at_end) == ("refuse", "refuse")
+
+
+@pytest.mark.parametrize("scale", [0.1, 0.5])
+def test_the_robot_is_sent_where_the_tip_was_recorded(hands, scale):
+    """Through packets of whole micrometres, increments and accumulator, at any scale."""
+    config = rj.load_campaign(tables(hands, scale=scale))
+    series = rj.simulate(config, 0, "simd")
+    recorded = pd.read_csv(hands)[["gold_x_mm", "gold_y_mm", "gold_z_mm"]].to_numpy()
+    ticks = 749 + 10 * np.arange(30, 110)  # of these samples, in the campaign
+    wanted = recorded[30:110] - recorded[0]
+    sent = series["position_d"].sel(arm="gold").to_numpy() * 1e3
+    moved = sent[ticks] - sent[400]
+    assert np.abs(moved - wanted).max() < 0.05  # mm; a tick or two later
+    assert np.ptp(wanted, axis=0).max() > 4.0
+
+
+def test_limits_are_those_of_the_campaign(hands):
+    config = loading.from_dict(tables(hands), overrides=["limits.insertion_m=[0.3, 0.402]"])
+    bounds = plan.operator_bounds(config)
+    assert (bounds.lower[2], bounds.upper[2]) == (0.3, 0.402)
+    with pytest.raises(
+        UserError, match=r"insertion of gold would be at 40\d.* soft limits 300.0 to 402.0 mm less 2 mm"
+    ):
+        plan.make(config)
+    fork = loading.from_dict(tables(hands), overrides=["campaign.software=fork2015"])
+    assert plan.operator_bounds(fork).upper[3] == pytest.approx(limits.FORK_ROLL_LIMIT)
+
+
+def test_a_scale_that_is_varied_is_said_and_checked(hands):
+    config = loading.from_dict(tables(hands), overrides=["parameters.operator.scale=[0.05, 0.1, 0.2]"])
+    summary = plan.make(config).operator
+    assert summary.scales == (0.05, 0.2)
+    assert "the tip moves 0.5 to 2 times as far" in dict(words.rows(summary))["scale"]
+    far = loading.from_dict(tables(hands), overrides=["parameters.operator.scale=1"])
+    with pytest.raises(UserError, match="varied to 1 moves the tip 10 times as far as recorded"):
+        plan.make(far)
+
+
+def test_the_manifest_keeps_what_became_of_it(hands, tmp_path):
+    raw = tables(hands, cutoff_hz=5.0)
+    rj.run(rj.load_campaign(raw), tmp_path / "out", engine="simd")
+    record = manifest.read(tmp_path / "out")
+    summary = record.operator
+    assert summary is not None and summary == plan.make(rj.load_campaign(raw)).operator
+    assert (summary.clock, summary.rows, summary.cutoff_hz) == ("column t_ms", 300, 5.0)
+    assert summary.window_s == (0.0, 1.25) and summary.rate_hz == pytest.approx(100.0)
+    assert summary.arms[0].removed_rms_mm < 0.05
+    rows = dict(words.rows(summary))
+    assert "column t_ms: 100 rows a second (every 10 ms), 2.990 s in all; interpolated by time" in rows["time"]
+    assert "0.000 to 1.250 s of the recording" in rows["replayed"]
+    rj.run(rj.load_campaign(raw), tmp_path / "out", engine="simd")  # done: the same again
+    assert manifest.read(tmp_path / "out").operator == summary
+
+
+def test_a_generated_operator_has_no_summary():
+    assert plan.make(loading.from_dict({"campaign": {"name": "x"}, "group": [{"name": "g"}]})).operator is None
+
+
+def test_a_file_that_changes_is_read_again(hands):
+    config = loading.from_dict(tables(hands))
+    before = plan.operator_motion(config)
+    frame = pd.read_csv(hands)
+    frame.assign(gold_x_mm=frame["gold_x_mm"] + 1e-3 * frame["t_ms"]).to_csv(hands, index=False)
+    after = plan.operator_motion(config)
+    assert np.abs(after.position_um - before.position_um).max() > 1e3

@@ -1,0 +1,63 @@
+"""The parameters that nothing reads are those, and only those, that a campaign file is refused for."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+from jax.interpreters import partial_eval
+
+import ravenjax as rj
+from ravenjax import paths, tick
+from ravenjax.campaign import bounds, plan
+from ravenjax.campaign.copies import UNREAD
+from ravenjax.campaign.semantics import NOISE
+from ravenjax.engines import scan
+
+KINDS = ("steps", "derivative_sum", "tip_error", "overdrive")
+LANES = 2
+
+
+def without_influence(ready: plan.Plan) -> set[str]:
+    """Full paths of parameters that no state, outcome or series of a tick depends on."""
+    leaves = dict(paths.leaves(ready.program.params, ready.program.setup.arms))
+    varied = {path: np.full(LANES, value) for path, value in leaves.items() if not path.startswith("start.")}
+    program = dataclasses.replace(ready.program, varied=tuple(varied))
+    segment, shapes = scan._segment_function(program, 1, False)
+    reference = np.zeros((1, tick.series_length(program.setup), LANES), np.float32)
+    motion = tuple(np.asarray(column) for column in ready.columns)
+    traced = jax.make_jaxpr(segment)(
+        varied, ready.lanes([0], LANES)[1], shapes(varied, LANES), np.int32(1), reference, motion
+    )
+    _, used = partial_eval.dce_jaxpr(traced.jaxpr, [True] * len(traced.jaxpr.outvars))
+    return {path for path, read in zip(sorted(varied), used, strict=False) if not read}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "campaign",
+    [
+        {},
+        {"noise": True, "console": "absolute"},
+        {"software": "fork2015"},
+        {"software": "fork2015", "build": "dyn_sim", "console": "absolute"},
+    ],
+)
+def test_what_nothing_reads_is_refused(campaign):
+    config = rj.load_campaign(
+        {
+            "campaign": {"name": "x", "duration_s": 0.01, **campaign},
+            "reaction": {},
+            "detector": [{"name": kind, "kind": kind} for kind in KINDS],
+            "group": [{"name": "a"}],
+        }
+    )
+    ready = plan.make(config)
+    refused = {row.path for row in UNREAD if row.where(config.campaign) and not row.component}
+    components = {f"{row.path}.{row.component}" for row in UNREAD if row.where(config.campaign) and row.component}
+    silent = {plan.NOISE_KEY, *NOISE} if not config.campaign.noise else set()
+    idle = {path for path in without_influence(ready) if path != plan.DELAY}  # which is read where it is varied
+    assert {bounds.plain(path) for path in idle - components} == refused | silent
+    assert components <= idle

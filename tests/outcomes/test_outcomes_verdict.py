@@ -1,0 +1,166 @@
+"""Responses, hazards and verdicts against their definitions written out run by run."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pytest
+import synthetic_results as synthetic
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ravenjax import tick
+from ravenjax.outcomes import checks, definitions, events, verdict
+from ravenjax.outcomes.events import Rules
+
+STRENGTH = {"stop": 3, "flag": 2, "limit": 1}
+WORDS = {3: "stopped", 2: "flagged", 1: "limited", 0: "silent"}
+NAMES = ("overdrive_instant", "overdrive_clip", "packet_skip", "ik_reject", "estop", "a_new_one")
+
+times = st.integers(-1, 400)
+trip = st.tuples(st.integers(0, 400), st.integers(0, 3), st.integers(0, 3))  # first, own count, golden count
+runs = st.lists(st.fixed_dictionaries({"onset": st.integers(0, 300), **dict.fromkeys(NAMES, trip)}), min_size=1)
+
+
+def columns(rows):
+    """(outcomes, golden) as an engine returns them."""
+    outcomes = {"first_active_ms": np.array([row["onset"] for row in rows])}
+    golden = {}
+    for name in NAMES:
+        first, own, usual = (np.array(values) for values in zip(*(row[name] for row in rows), strict=True))
+        outcomes[f"check_{name}_count"] = own
+        outcomes[f"check_{name}_first_ms"] = np.where(own > 0, first, -1)
+        golden[f"check_{name}_count"] = usual
+    return outcomes, golden
+
+
+def told(row):
+    """(strength, cause, time, time of the first flag or stop) of one run."""
+    events = []
+    for name in NAMES:
+        first, own, usual = row[name]
+        if own > usual:
+            known = checks.CHECKS.get(name)
+            ms = max(first, row["onset"]) if usual else first
+            cause = known.cause or name if known else name
+            events.append((STRENGTH[known.action if known else "flag"], ms, cause))
+    if not events:
+        return 0, "", -1, -1
+    strongest = max(strength for strength, _, _ in events)
+    ms, cause = min(((ms, cause) for strength, ms, cause in events if strength == strongest), key=lambda one: one[0])
+    return strongest, cause, ms, min((ms for strength, ms, _ in events if strength > 1), default=-1)
+
+
+@settings(max_examples=200)
+@given(runs)
+def test_a_response_is_the_strongest_that_the_golden_run_has_not(rows):
+    found = verdict.responses(*columns(rows))
+    for i, row in enumerate(rows):
+        strength, cause, ms, told_ms = told(row)
+        assert verdict.RESPONSES[found.response[i]] == WORDS[strength]
+        assert (found.causes[found.cause[i]], found.ms[i], found.told_ms[i]) == (cause, ms, told_ms)
+
+
+def test_a_clip_and_a_dropped_packet_tell_nobody():
+    limits = {name for name, check in checks.CHECKS.items() if check.action == "limit"}
+    assert limits == {"overdrive_clip", *(name for name in checks.CHECKS if name.startswith("packet_"))}
+    outcomes = {"first_active_ms": np.array([5]), "check_overdrive_clip_count": np.array([9])}
+    outcomes["check_overdrive_clip_first_ms"] = np.array([7])
+    found = verdict.responses(outcomes, {"check_overdrive_clip_count": np.array([0])})
+    assert verdict.RESPONSES[found.response[0]] == "limited" and (found.ms[0], found.told_ms[0]) == (7, -1)
+
+
+@given(
+    st.lists(
+        st.tuples(times, times, times, st.integers(0, 900), st.integers(0, 900), st.booleans()), min_size=1, max_size=40
+    )
+)
+def test_the_gravest_hazard_counts(rows):
+    unintended, loss, report, halted, golden, stopped = (np.array(values) for values in zip(*rows, strict=True))
+    frame = {
+        "unintended_first_ms": unintended, "loss_first_ms": loss, "false_report_first_ms": report,
+        "halted_ms": halted, "twin_halted_ms": golden,
+    }  # fmt: skip
+    found = verdict.hazards(frame, stopped)
+    for i, (u, l, r, h, g, s) in enumerate(rows):
+        lost = l >= 0 or (h > g + 200 and not s)
+        expected = "unintended motion" if u >= 0 else "loss of motion" if lost else "false report" if r >= 0 else "none"
+        assert verdict.HAZARDS[found[i]] == expected
+
+
+def test_verdicts_are_all_words_in_order():
+    assert len(verdict.VERDICTS) == 4 * 4 * 2 == len(set(verdict.VERDICTS))
+    for place, word in enumerate(verdict.VERDICTS):
+        response, hazard, cue = verdict.split(word)
+        found = verdict.verdicts(
+            np.array([verdict.RESPONSES.index(response)]),
+            np.array([verdict.HAZARDS.index(hazard)]),
+            np.array([cue == "cue"]),
+            np.array([True]),
+        )
+        assert found[0] == place
+    assert verdict.verdicts(np.array([0]), np.array([0]), np.array([True]), np.array([False]))[0] == len(
+        verdict.VERDICTS
+    )
+    assert verdict.split("") == ("", "", "")
+
+
+def test_what_the_golden_run_has_by_then_does_not_count():
+    own, golden = np.array([5, 5, 5, -1, 0, 5]), np.array([-1, 4, 6, 3, 0, 5])
+    assert verdict.beyond_golden(own, golden).tolist() == [5, -1, 5, -1, -1, -1]
+    frame = pd.DataFrame({"cue2_first_ms": own, "twin_cue2_first_ms": golden, "failed": ""})
+    _, cue = events.happened(pa.Table.from_pandas(frame), ["cue"], Rules(cue=2))
+    assert cue.tolist() == [True, False, True, False, False, False]
+
+
+def test_every_check_of_the_tick_has_its_definition(any_setup_and_state):
+    state = any_setup_and_state
+    assert tuple(tick.checks(state)) == tuple(checks.CHECKS)
+
+
+@pytest.fixture(scope="module")
+def any_setup_and_state():
+    from ravenjax.types import Setup
+
+    setup = Setup()
+    return tick.init(setup, tick.params(setup, ((0.4, 1.5, 0.4, 0.0, 0.0, 0.4, 0.4),)))
+
+
+EVENTS = {
+    "evades": lambda f: f["response"].isin(["silent", "limited"]) & (f["hazard"] == "unintended motion"),
+    "unintended_motion": lambda f: f["hazard"] == "unintended motion",
+    "loss_of_motion": lambda f: f["hazard"] == "loss of motion",
+    "false_report": lambda f: f["hazard"] == "false report",
+    "hazard": lambda f: f["hazard"] != "none",
+    "stopped": lambda f: f["response"] == "stopped",
+    "flagged": lambda f: f["response"] == "flagged",
+    "limited": lambda f: f["response"] == "limited",
+    "silent": lambda f: f["response"] == "silent",
+    "told": lambda f: (f["response"] == "stopped") | (f["response"] == "flagged"),
+    "cue": lambda f: f["verdict"].str.endswith("/cue"),
+    "jump": lambda f: f["jump_text"],
+    "activated": lambda f: f["activated"],
+    "diverged": lambda f: f["diverged"],
+}
+
+
+@pytest.mark.parametrize("event", events.EVENTS)
+def test_events_over_a_table(event):
+    rules = Rules(cue=2, threshold_mm=2.0, jump="jump_text", limit_mm=3.0)
+    frame = synthetic.judged(synthetic.frame(3000), cue=2)
+    names = events.columns([event], rules)
+    valid, cases = events.happened(pa.Table.from_pandas(frame[names]), [event], rules)
+    assert valid.tolist() == (frame["failed"] == "").tolist()
+    expected = EVENTS[event](frame)
+    assert cases[valid].tolist() == expected[valid].tolist()
+    assert 0 < expected[valid].sum() < valid.sum(), "the example tells them apart"
+
+
+@given(st.floats(0.1, 50), st.floats(0.1, 50))
+def test_words_carry_the_campaigns_own_numbers(limit, threshold):
+    rules = Rules(limit_mm=limit, threshold_mm=threshold)
+    text = " ".join(one.meaning for one in definitions.rows(rules))
+    text += " ".join(events.meaning(name, rules) for name in events.EVENTS)
+    numbers = {word for word in text.replace(",", " ").split() if word.replace(".", "").replace("e-", "").isdigit()}
+    assert numbers <= {f"{limit:g}", f"{threshold:g}", "200"}

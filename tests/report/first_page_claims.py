@@ -1,0 +1,233 @@
+"""Sentences and tables of the first page, written as they should be."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import naive_facts
+import pandas as pd
+import plain_statistics as plain
+from claim_words import ACTIONS, between, brief, duration, estimate, false_cues, many, points, prose, share, span
+from expected_numbers import Expected, evades, in_pairs, largest_first, mean_far, moves, untold
+from page_text import ANY_SPAN, DASH, Node, Text, cell, count, number, percent, rows
+
+MOST_CLASSES = 3
+"""Rows of each table of classes, in tests."""
+ONLY_CLAIMED = (
+    "none made",
+    "did not come",
+    "it moved as far",
+    "No fault evaded",
+    "No fault made",
+    "in all of them",
+    "only because",
+    "injected no",
+    "valid outcome",
+    "The one fault",
+    "fewer than",
+    "repeats",
+)
+"""What the page says under a condition, without a number."""
+
+
+def first_page(e: Expected, html: Node) -> None:
+    """Headline, answers and tables of classes."""
+    header = html.one("header")
+    text = prose(header, "first page")
+    if e.n:
+        which_evade(e, text)
+        how_long(e, text)
+        what_would_change(e, text)
+        one_of = ", the first valid one of its repeats" if e.repeats else ""
+        text.says(f"One run of each fault{one_of}; 95 % intervals.")
+        quiet = f"at its lowest level without a false alarm in {duration(e.hours)} of fault-free motion"
+        also = f"or a detector alarmed {quiet}" if e.manifest.detectors else "at the earliest"
+        text.says(f"the {e.threshold} cue came, {also}")
+        text.says(f"its true tip is more than {e.limit} from the golden run")
+        class_tables(e, header)
+    else:
+        text.says(no_fault(e))
+        text.says(false_cues(e))
+    text.is_said(*ONLY_CLAIMED)
+
+
+def no_fault(e: Expected) -> str:
+    """Why there is no rate."""
+    if not e.all["faulty"].any():
+        return "This campaign injected no fault."
+    if (~e.all["plain"]).any():
+        return "No fault has a valid run in which nobody reacts to the cue."
+    return "No run with a fault gave a valid outcome."
+
+
+def which_evade(e: Expected, text: Text) -> None:
+    """The headline, and what became of the other faults."""
+    f = e.faults
+    nobody, moved = untold(f), f["hazard"] == "unintended motion"
+    evading = f[nobody & moved]
+    k = len(evading)
+    some = f"{count(k)} ({percent(k / e.n)} %)" if k else "none"
+    text.says(
+        f"Of {many(e.n, 'distinct fault')}, {some} made the live robot move more than {e.limit} off its course without "
+        f"any check telling anyone (95 % interval {between(k, e.n)})."
+    )
+    cued, limited = e.count(evading["warned_ms"] >= 0), e.count(evading["response"] == "limited")
+    limits = "a check limited a command or dropped a packet and told nobody"
+    if k == 1:
+        text.says(
+            f"The {e.threshold} haptic cue {'came' if cued else 'did not come'}{f'; {limits}' if limited else ''}."
+        )
+    elif k:
+        also = f"; in {count(limited)} {limits}" if limited else ""
+        text.says(f"The {e.threshold} haptic cue came in {count(cued)} of these {count(k)}{also}.")
+    told = e.count(moved & ~nobody)
+    if told:
+        faults = f"{'other ' if k else ''}{'fault' if told == 1 else 'faults'}"
+        text.says(f"In {count(told)} {faults} it moved as far, and a check stopped the robot or told a person.")
+    lost = f[nobody & (f["hazard"] == "loss of motion")]
+    if len(lost):
+        halted, why = e.count(lost["loss_first_ms"] < 0), ""
+        if halted:
+            of_them = f"; in {'all' if halted == len(lost) else count(halted)} of them" if len(lost) > 1 else ","
+            why = f"{of_them} only because it was not live"
+        text.says(
+            f"In {count(len(lost))} ({percent(len(lost) / e.n)} %) the robot did not follow the operator and no check "
+            f"told anyone{why}."
+        )
+    wrong = e.count(nobody & (f["hazard"] == "false report"))
+    if wrong:
+        text.says(
+            f"In {count(wrong)} ({percent(wrong / e.n)} %) only the robot's report of its tip was more than {e.limit} "
+            "wrong, and no check told anyone."
+        )
+
+
+def how_long(e: Expected, text: Text) -> None:
+    """When faults with an unintended motion could be known."""
+    moved = e.faults[e.faults["hazard"] == "unintended motion"]
+    n, known = len(moved), e.known(moved)
+    never, early = sum(ms < 0 for ms in known), e.before(known, moved)
+    if not n:
+        text.says("No fault made an unintended motion.")
+        return
+    if n == 1:
+        late = number(known[0] - moved["first_active_ms"].iloc[0])
+        when = f"{'before' if early else 'not before'} the motion reached {e.limit}"
+        could = "not be known before its run ended" if never else f"be known {late} ms after its first effect, {when}"
+        text.says(f"The one fault with an unintended motion could {could}.")
+        return
+    half, quarter = (e.delay(known, moved, Fraction(1, part)) for part in (2, 4))
+    if math.isfinite(quarter[0]):
+        most, (value, low, high) = ("Half", half) if math.isfinite(half[0]) else ("A quarter", quarter)
+        bounds = f" (95 % interval {span(low, high)})" if span(low, high) else ""
+        rest = "" if most == "Half" else ", fewer than half before their runs ended"
+        text.says(
+            f"{most} of the {count(n)} faults with an unintended motion could be known within {number(value)} ms of "
+            f"their first effect{bounds}{rest}."
+        )
+    else:
+        some = "none" if never == n else "fewer than a quarter"
+        text.says(f"Of the {count(n)} faults with an unintended motion {some} could be known before their runs ended.")
+    if never < n:
+        not_at_all = f", and {count(never)} ({percent(never / n)} %) not at all" if never else ""
+        text.says(f"{share(early, n)} could be known before the motion reached {e.limit}{not_at_all}.")
+
+
+def what_would_change(e: Expected, text: Text) -> None:
+    """Pairs where there are any, else what the cue announces."""
+    k, _ = evades(e.faults)
+    if e.pairs:
+        action, both = next(iter(e.pairs.items()))
+        without, with_ = in_pairs(both)
+        bounds = f" ({ANY_SPAN})" if len(both) > 1 else ""
+        others = "; other reactions" if len(e.pairs) > 1 else ""
+        text.says(
+            f"Of {many(len(both), 'pair')} of runs, once with nobody who reacts and once with an operator who answers "
+            f"it ({ACTIONS[action]}), {count(with_.sum())} instead of {count(without.sum())} had an unintended motion: "
+            f"{points(plain.pair_difference(with_, without))}. How far the tip went by itself changed by "
+            f"{number(mean_far(both), 2)} mm on average{bounds}{others}."
+        )
+    elif not k:
+        text.says("No fault evaded the checks, so there was nothing for it to announce.")
+    else:
+        text.says(announced(e, e.faults[untold(e.faults) & (e.faults["hazard"] == "unintended motion")]))
+
+
+def announced(e: Expected, evading: pd.DataFrame) -> str:
+    """What the cue of the verdicts announces, and which cue without a false one announces most, where it is another."""
+    found, n = [], len(evading)
+    for k, threshold in enumerate(e.plan.thresholds):
+        alarm = e.after(naive_facts.warned(e.frame, k), evading)
+        false, hours = e.first_cues(k)
+        found.append((e.before(alarm, evading), threshold, e.lead(alarm, evading)[0], false, hours))
+    early, threshold, lead_ms, *_ = found[e.plan.verdict_cue]
+    said = (
+        f"The {number(threshold, 6)} mm cue comes before the motion reaches {e.limit} in "
+        f"{share(early, n, 'evading fault')}{at_median(lead_ms, n)}"
+    )
+    best = max((one for one in found if not one[3]), default=found[e.plan.verdict_cue])
+    if best[0] > early:
+        most = number(plain.poisson(0, best[4])[2])
+        never = f"which never came in {duration(e.hours)} of fault-free motion (at most {most} an hour can be said)"
+        said += f"; a {number(best[1], 6)} mm cue, {never}, in {share(best[0], n)}{at_median(best[2], n)}"
+    return said + "."
+
+
+def at_median(lead_ms: float, n: int) -> str:
+    """How long before the motion, or after it."""
+    if not math.isfinite(lead_ms):
+        return ""
+    when = f"{number(abs(lead_ms))} ms {'before' if lead_ms > 0 else 'after'} it" if lead_ms else "at the same moment"
+    return f", {'at the median ' if n > 1 else ''}{when}"
+
+
+def class_tables(e: Expected, header: Node) -> None:
+    """Faults by layer, site and group, the most evasive first."""
+    kinds = {}
+    for kind in ("layer", "site", "group"):
+        names = sorted(e.all.loc[e.all["faulty"], kind].astype(str).unique())
+        classes = [(name, e.faults[e.faults[kind].astype(str) == name]) for name in names]
+        if len(names) > 1 or kind == "group":
+            kinds[kind] = sorted(classes, key=most_evasive)
+    tabs = {tab.attributes["data-kind"]: tab for tab in header.all(name="tab")}
+    assert list(tabs) == list(kinds)
+    shown = [part for classes in kinds.values() for _, part in classes[:MOST_CLASSES] if len(part)]
+    most = max([0.05, *(plain.wilson(*evades(part))[1] for part in shown)])
+    for kind, classes in kinds.items():
+        text = Text(tabs[kind].words, f"faults by {kind}")
+        text.says(f"{kind.capitalize()} faults evade 0 to {percent(most)} %")
+        for cells, (name, part) in zip(rows(tabs[kind].one("table")), classes[:MOST_CLASSES], strict=True):
+            class_row(e, cells, name, part)
+        left, notes = len(classes) - MOST_CLASSES, Text(tabs[kind].without("table").words, f"note on {kind}")
+        if left > 0:
+            notes.says(f"{count(left)} more, no more evasive than these")
+        notes.is_said("evasive")
+
+
+def most_evasive(named: tuple[str, pd.DataFrame]) -> tuple:
+    """To sort classes by: by evading faults, then by unintended motions, then by name."""
+    name, part = named
+    return *largest_first(evades(part)), *largest_first(moves(part)), name
+
+
+def class_row(e: Expected, cells: list[Node], name: str, part: pd.DataFrame) -> None:
+    """One class of faults."""
+    moved = part[part["hazard"] == "unintended motion"]
+    known = e.known(moved)
+    (k, n), early, m = evades(part), e.before(known, moved), len(moved)
+    expected = (
+        name,
+        count(n),
+        "",
+        brief(k, n),
+        brief(m, n),
+        brief(e.count(part["hazard"] == "loss of motion"), n),
+        f"{percent(early / m)} % {count(early)} of {count(m)} · {between(early, m)}" if m else DASH,
+        estimate(e.delay(known, moved)),
+    )
+    for node, words in zip(cells, expected, strict=True):
+        cell(node, words, f"class {name}")
+    label = cells[2].one(name="spread").attributes["aria-label"] or ""
+    evade = percent(k / n) + " %" if n else DASH
+    Text(label.replace("\u202f", " "), name).says(f"{evade}, 95 % interval {between(k, n)}")

@@ -1,0 +1,104 @@
+"""Sentences and tables of the operator's reaction, written as they should be."""
+
+from __future__ import annotations
+
+import naive_facts
+import pandas as pd
+import plain_statistics as plain
+from claim_words import ACTIONS, brief, many, points, prose, rate
+from expected_numbers import Expected, in_pairs, mean_far
+from page_text import ANY_SPAN, DASH, Node, cell, count, number, rows, signed
+
+
+def reaction(e: Expected, html: Node) -> None:
+    """Pairs of runs with and without it, and interruptions of fault-free motion."""
+    if not e.plan.actions:
+        assert not list(html.all("section", "reaction"))
+        return
+    section = html.one("section", "reaction")
+    text = prose(section, "reaction")
+    lines = []
+    for action, both in e.pairs.items():
+        parts = [("all faults", both)]
+        layers = both["layer"].drop_duplicates().tolist()
+        parts += [(layer, both[both["layer"] == layer]) for layer in layers if len(layers) > 1]
+        if e.plan.crossed_robot:
+            values = both.groupby("pair")["param:plant.friction_scale"].nunique()
+            shown = sorted(both["param:plant.friction_scale"].unique()) if (values > 1).any() else []
+            parts += [
+                (f"plant.friction_scale = {number(v)}", both[both["param:plant.friction_scale"] == v]) for v in shown
+            ]
+        lines += [(action, among, part) for among, part in parts]
+        without, with_ = in_pairs(both)
+        text.says(
+            f"{ACTIONS[action].capitalize()}: an unintended motion in {count(with_.sum())} of "
+            f"{many(len(both), 'pair')} instead of {count(without.sum())}, "
+            f"{points(plain.pair_difference(with_, without))}."
+        )
+    if lines:
+        text.says(f"Unintended motion: over {e.limit}, see definitions.")
+        table = rows(section.one("table", "wide"))
+        last = None
+        for cells, (action, among, part) in zip(table, lines, strict=True):
+            pair_row(e, cells, (ACTIONS[action] + " " if action != last else "") + among, part)
+            last = action
+    else:
+        text.says(
+            "there is nothing to compare. Cross the reaction to get pairs: [cross] with reaction.action = [0, 1]."
+        )
+    acting = sorted(set(e.all["action"]) - {0})
+    if acting:
+        table = rows(list(section.all("table"))[-1])
+        for cells, action in zip(table, acting, strict=True):
+            interruptions(e, cells, action)
+    text.is_said("nothing to compare", "instead of")
+
+
+def pair_row(e: Expected, cells: list[Node], title: str, part: pd.DataFrame) -> None:
+    """One kind of pairs."""
+    n = len(part)
+    without, with_ = in_pairs(part)
+    value, low, high = plain.pair_difference(with_, without)
+    acted = part["reaction_ms"] >= 0
+    idle = int((~without[acted.to_numpy()]).sum())
+    depth = float((part["tissue_depth_mm"] - part["tissue_depth_mm_alone"]).mean())
+    spans = f" {ANY_SPAN}" if n > 1 else ""
+    expected = [
+        title,
+        count(n),
+        brief(without.sum(), n),
+        brief(with_.sum(), n),
+        f"{signed(value)} points {signed(low)} to {signed(high)}",
+        f"{count((without & ~with_).sum())}, {count((with_ & ~without).sum())}",
+        number(plain.mcnemar(with_, without), 2),
+        f"{number(round(mean_far(part), 2))} mm{spans}",
+        f"{number(round(depth, 2))} mm{spans}",
+        brief(acted.sum(), n),
+        brief(idle, int(acted.sum())) if acted.any() else DASH,
+    ]
+    for place, (node, words) in enumerate(zip(cells, expected, strict=True)):
+        cell(node, words, f"reaction, {title}, column {place}")
+
+
+def interruptions(e: Expected, cells: list[Node], action: int) -> None:
+    """What one reaction does to fault-free motion."""
+    mine = e.all["action"] == action
+    free = naive_facts.motions(e.frame, mine)
+    k, hours = e.count(free["twin_reaction_ms"] >= 0), free["twin_pedal_down_ms"].sum() / 3.6e6
+    value, low, high = plain.poisson(k, hours)
+    crossed = ["param:plant.friction_scale"] if e.plan.crossed_robot else []
+    valid = e.all[~e.all["faulty"] & ~e.all["failed"]]
+    both = valid[valid["action"] == action].merge(
+        valid[valid["action"] == 0], on=["pair", *crossed], suffixes=("", "_alone")
+    )
+    both = both.drop_duplicates(["distinct", *crossed])
+    acted = both[both["reaction_ms"] >= 0]
+    lost = (acted["pedal_down_ms_alone"] - acted["pedal_down_ms"]).mean()
+    expected = [
+        ACTIONS[action],
+        rate(k, len(free)),
+        f"{number(value)} {number(low)}{DASH}{number(high)}",
+        f"{number(lost)}{' ms' if len(acted) else ''}",
+    ]
+    for node, words in zip(cells, expected, strict=True):
+        cell(node, words, f"interruptions, {ACTIONS[action]}")

@@ -1,0 +1,157 @@
+"""Two folders beside each other: pairs, rates, transitions and the most changed runs, beside plain pandas."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+import synthetic_results as synthetic
+
+from ravenjax.errors import UserError
+from ravenjax.outcomes import verdict
+from ravenjax.report import comparison
+from ravenjax.stats import paired
+from ravenjax.store import manifest
+from ravenjax.store.folder import ResultFolder
+
+RUNS = 900
+FIRST = synthetic.frame(RUNS)
+
+
+def changed():
+    """The same faults: a third with other run ids and outcomes, some of them twice, in another order."""
+    frame = FIRST.copy()
+    other = synthetic.frame(RUNS, seed=1)
+    third = np.arange(RUNS) % 3 == 0
+    outcome = ["response", "hazard", "verdict", "cue0_first_ms", "unintended_mm", "unintended_first_ms", "failed"]
+    for name in outcome:
+        frame[name] = np.where(third, other[name], frame[name])
+    frame["run_id"] = np.where(third, other["run_id"], frame["run_id"])
+    frame = frame.iloc[::-1].reset_index(drop=True)
+    return frame.assign(index=np.arange(RUNS), pair=np.arange(RUNS))
+
+
+SECOND = changed()
+
+
+def folder(place, frame, **changes):
+    opened = ResultFolder.open(place, synthetic.manifest(len(frame), **changes))
+    for rows in opened.missing(400):
+        opened.add(frame.iloc[rows.start : rows.stop])
+    return place
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    base = tmp_path_factory.mktemp("compare")
+    config = {"name": "synthetic", "seed": 7, "duration_s": 3.0, "operator": {"name": "circle", "scale": 0.1}}
+    second = {"config": config, "config_hash": manifest.config_hash(config), "code_hash": "f" * 64}
+    return folder(base / "a", FIRST), folder(base / "b", SECOND, **second)
+
+
+@pytest.fixture(scope="module")
+def found(folders):
+    return comparison.compare(*folders, 15)
+
+
+def pairs():
+    """Rows of both tables side by side, by what a fault is."""
+    keys = [name for name in FIRST if name.startswith(("fault", "param:"))]
+    assert not FIRST[FIRST["fault0_site"] != ""].duplicated(keys).any()
+    joined = FIRST.merge(SECOND, on=keys, suffixes=("", "_b"))
+    faulty = joined[(joined["fault0_site"] != "") & (joined["failed"] == "") & (joined["failed_b"] == "")]
+    return faulty.reset_index(drop=True)
+
+
+def test_runs_are_paired_by_id_and_then_by_fault(found):
+    same = FIRST["run_id"].isin(SECOND["run_id"]).sum()
+    assert (found.pairs.by_run_id, found.pairs.by_fault, found.pairs.unpaired) == (same, RUNS - same, (0, 0))
+    assert found.pairs.compared == len(pairs()) < RUNS
+
+
+def test_rates_and_their_differences(found):
+    table = pairs()
+    for rate in found.rates:
+        hits = []
+        for end in ("", "_b"):
+            untold = table[f"response{end}"].isin(verdict.UNTOLD)
+            moved = table[f"hazard{end}"] == "unintended motion"
+            cue = table[f"cue0_first_ms{end}"] >= 0
+            hits.append({
+                "evades": untold & moved, "unintended_motion": moved, "cue": cue,
+                "loss_of_motion": table[f"hazard{end}"] == "loss of motion",
+                "false_report": table[f"hazard{end}"] == "false report",
+            }.get(rate.name, table[f"response{end}"] == rate.name))  # fmt: skip
+        assert (rate.first.k, rate.second.k) == (hits[0].sum(), hits[1].sum()), rate.name
+        assert rate.first.n == rate.second.n == len(table)
+        wanted = paired.rate_difference(hits[1], hits[0])
+        np.testing.assert_allclose(rate.difference, wanted, err_msg=rate.name)
+        assert (rate.first_only, rate.second_only) == ((hits[0] & ~hits[1]).sum(), (hits[1] & ~hits[0]).sum())
+
+
+@pytest.mark.parametrize("word", ["response", "hazard", "cue"])
+def test_transitions_count_every_pair_once(found, word):
+    table = pairs()
+    words = [
+        np.where(table[f"cue0_first_ms{end}"] >= 0, "cue", "no cue")
+        if word == "cue"
+        else table[f"{word}{end}"].astype(str)
+        for end in ("", "_b")
+    ]
+    wanted = pd.crosstab(words[0], words[1]).stack()
+    told = {(one.first, one.second): one.runs for one in found.transitions[word]}
+    assert told == {key: n for key, n in wanted.items() if n}
+
+
+def test_the_most_changed_runs_come_first(found):
+    table = pairs()
+    far = (table["unintended_mm"].astype("float32") - table["unintended_mm_b"].astype("float32")).abs()
+    order = far.sort_values(ascending=False, kind="stable").index[:15]
+    assert [one.run_ids for one in found.changed] == list(
+        zip(table["run_id"][order], table["run_id_b"][order], strict=True)
+    )
+    assert found.changed[0].fault.startswith(table["fault0_site"][order[0]])
+    assert found.changed[0].verdicts == (table["verdict"][order[0]], table["verdict_b"][order[0]])
+
+
+def test_what_differs_is_named(found):
+    assert [tuple(one) for one in found.configuration] == [("operator.name", '"suturing"', '"circle"')]
+    assert [one.path for one in found.made] == ["code_hash"]
+    pairs = found.pairs
+    assert found.sentences() == [
+        f"{pairs.by_run_id} runs are paired by run id, {pairs.by_fault} by fault; "
+        f"{pairs.compared} pairs have a fault and two valid outcomes and are compared."
+    ]
+
+
+def test_a_folder_beside_itself_differs_in_nothing(folders):
+    same = comparison.compare(folders[0], folders[0])
+    assert same.changed == [] and same.configuration == [] and same.made == []
+    assert all(one.first == one.second for rows in same.transitions.values() for one in rows)
+    assert all(rate.difference.value == 0 and rate.difference.low < 0 < rate.difference.high for rate in same.rates)
+
+
+def test_copies_of_a_fault_are_paired_in_order_and_the_rest_is_counted(tmp_path):
+    few = FIRST.head(6)
+    twice = pd.concat([few, few], ignore_index=True)
+    twice = twice.assign(index=np.arange(12), pair=np.arange(12), run_id=[f"{i:016x}" for i in range(12)])
+    pairs = comparison.compare(folder(tmp_path / "a", few), folder(tmp_path / "b", twice)).pairs
+    assert (pairs.by_run_id, pairs.by_fault, pairs.unpaired) == (0, 6, (0, 6))
+
+
+def test_limits_that_differ_are_told(tmp_path, folders):
+    other = folder(tmp_path / "b", FIRST, limit_mm=5.0)
+    assert (
+        "begin at 3 mm in the first and at 5 mm in the second" in comparison.compare(folders[0], other).sentences()[-1]
+    )
+
+
+def test_folders_that_share_nothing_are_refused(tmp_path, folders):
+    other = synthetic.frame(RUNS, seed=9)
+    place = folder(tmp_path / "b", other[other["fault0_site"] != ""].reset_index(drop=True).assign(
+        index=np.arange((other["fault0_site"] != "").sum()), pair=np.arange((other["fault0_site"] != "").sum())
+    ))  # fmt: skip
+    with pytest.raises(UserError, match="share no fault"):
+        comparison.compare(folders[0], place)
+    with pytest.raises(UserError, match="--most -1"):
+        comparison.compare(folders[0], folders[0], -1)

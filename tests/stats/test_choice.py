@@ -1,0 +1,93 @@
+"""Choices among alarms: what is named is right as often as promised, and what cannot be said is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ravenjax.stats.choice import AlarmCounts, cheapest, false_rates, hours_to_decide, missed_difference, rare
+from ravenjax.stats.false_alarms import alarm_rate
+from ravenjax.stats.paired import rate_difference
+
+
+def alarms(missed, count, hours):
+    """missed: bool [hazards, alarms]."""
+    missed = np.asarray(missed, bool)
+    each = missed.astype(int)
+    count = np.asarray(count)
+    return AlarmCounts(each.sum(0), each.T @ (1 - each), len(each), count, np.broadcast_to(float(hours), count.shape))
+
+
+def nested(hazards, *shares):
+    """Of so many hazards the first alarm misses the first share, the second more of the same .."""
+    return np.arange(hazards)[:, None] < hazards * np.array(shares)
+
+
+def test_intervals_are_those_of_pairs_and_of_exact_rates():
+    missed = nested(200, 0.05, 0.1)
+    counts = alarms(missed, [3, 0], 2.0)
+    pair = rate_difference(missed[:, 1], missed[:, 0])
+    estimate = missed_difference(counts)
+    assert [part[1, 0] for part in estimate] == pytest.approx(list(pair))
+    assert [part[0] for part in false_rates(counts)] == pytest.approx(list(alarm_rate(3, 2.0)[2:]))
+    assert [part[0] for part in false_rates(counts, 10)] == pytest.approx(list(alarm_rate(30, 20.0)[2:]))
+
+
+def test_a_few_seconds_of_quiet_motion_decide_nothing():
+    counts = alarms(nested(700, 0.05, 0.07, 0.16), [0, 0, 0], 0.0093)
+    for weight in (1, 10, 100, 1000):
+        assert cheapest(counts, weight).all()
+    for most in (0.5, 1, 60):
+        possible, keeps = rare(counts, most)
+        assert possible.all() and not keeps.any()
+
+
+def test_enough_quiet_motion_decides():
+    counts = alarms(nested(700, 0.05, 0.10, 0.16), [0, 0, 0], 7.4)
+    assert cheapest(counts, 1000).tolist() == [True, False, False]
+    possible, keeps = rare(counts, 0.5)
+    assert possible.tolist() == [True, False, False] and keeps.all()
+    assert not rare(counts, 0.49)[1].any()  # 3.689 / 7.4 h = 0.4985
+
+
+def test_one_alarm_is_the_best_where_it_keeps_the_limit():
+    counts = alarms(nested(100, 0.05), [0], 10.0)
+    assert cheapest(counts, 1).tolist() == [True]
+    assert [part.tolist() for part in rare(counts, 0.5)] == [[True], [True]]
+    assert [part.tolist() for part in rare(counts, 0.1)] == [[True], [False]]
+
+
+def test_a_limit_that_is_shown_to_be_broken_is_no_choice():
+    possible, keeps = rare(alarms(nested(700, 0.05, 0.10), [30, 0], 10.0), 1.0)
+    assert possible.tolist() == [False, True] and keeps.tolist() == [False, True]
+    assert not rare(alarms(nested(700, 0.05, 0.10), [30, 30], 10.0), 1.0)[0].any()
+
+
+def test_alarms_that_miss_nearly_the_same_are_not_told_apart():
+    possible, keeps = rare(alarms(nested(100, 0.05, 0.06), [0, 0], 100.0), 0.5)
+    assert possible.all() and keeps.all()
+    assert np.isnan(hours_to_decide(lambda times: rare(alarms(nested(100, 0.05, 0.06), [0, 0], 100 * times), 0.5)[0]))
+
+
+def test_hours_that_decide_are_the_fewest():
+    counts = alarms(nested(700, 0.05, 0.10), [0, 0], 0.01)
+    times = hours_to_decide(lambda more: cheapest(counts, 100, more))
+    low = missed_difference(counts).low[1, 0]
+    assert 0.01 * times == pytest.approx(3.689 / (100 * low), rel=0.01)  # the first costs at most 3.689 / h more
+    assert not cheapest(counts, 100, times)[1] and cheapest(counts, 100, times / 1.02)[1]
+
+
+@pytest.mark.parametrize("weight", [10.0, 100.0])
+def test_what_is_named_is_the_cheapest_as_often_as_promised(weight):
+    """True cost of three alarms, and how often the cheapest is left out."""
+    random = np.random.default_rng(0)
+    share, rate = np.array([0.05, 0.15, 0.4]), np.array([4.0, 1.0, 0.2])
+    best = int(np.argmin(weight * share + rate))
+    wrong = decided = 0
+    for _ in range(300):
+        drawn = random.random(150)[:, None] < share
+        counts = alarms(drawn, random.poisson(rate * 40.0), 40.0)
+        possible = cheapest(counts, weight)
+        wrong += not possible[best]
+        decided += possible.sum() == 1
+    assert wrong / 300 <= 0.05 and decided > 0

@@ -1,0 +1,322 @@
+"""Recorded operator motions: kinds of files, units, what is replayed, and one clear error for each kind of damage."""
+
+import numpy as np
+import pytest
+from recorded_hands import HOME_MM, ROWS, play, recording, refused, table, tip_mm
+from scipy.spatial.transform import Rotation
+
+from ravenjax.robot.mapping import ITP_AXES
+from ravenjax.store import trace_log
+from ravenjax.store.motion import mcap_file
+from ravenjax.store.motion import recording as recordings
+from ravenjax.store.motion.options import ReplayOptions
+
+
+@pytest.mark.parametrize("unit", ["um", "mm", "m"])
+@pytest.mark.parametrize("kind", ["parquet", "csv"])
+def test_units_and_kinds_agree(tmp_path, unit, kind):
+    path = tmp_path / f"motion.{kind}"
+    frame = recording(unit)
+    frame.to_parquet(path) if kind == "parquet" else frame.to_csv(path, index=False)
+    motion = play(path).motion
+    assert motion.name == "motion"
+    assert np.abs(tip_mm(motion)[-1] - tip_mm(motion)[0]).max() < 0.03  # once round
+    assert np.ptp(tip_mm(motion), axis=0) == pytest.approx([6.0, 20.0, 0.0], abs=1e-3)
+    assert motion.start_jpos[0][:3] == pytest.approx([np.radians(30), np.radians(90), 0.4], abs=2e-3)
+
+
+def test_replays_the_recorded_path(parquet):
+    """After the run-up of half a second the tip is where it was recorded, a quarter of a second later than the rest."""
+    frame = recording()
+    motion = play(parquet(frame)).motion
+    recorded = frame[["gold_x_um", "gold_y_um", "gold_z_um"]].to_numpy() * 1e-3 - HOME_MM
+    late = 499 + 250  # rest, and what the run-up costs
+    np.testing.assert_allclose(tip_mm(motion)[1500:3000], recorded[1500 - late : 3000 - late], atol=1e-9)
+
+
+def test_begins_at_rest_with_the_pedal_up(parquet):
+    motion = play(parquet(recording())).motion
+    assert (motion.surgeon_mode[:200] == 0).all() and (motion.surgeon_mode[200:] == 1).all()
+    assert np.abs(motion.position_um[:500]).max() == 0.0
+    step = np.linalg.norm(np.diff(tip_mm(motion), axis=0), axis=1)
+    assert np.abs(np.diff(step)).max() < 1e-3  # no jump of speed at the start either: mm per ms
+
+
+def test_slow_down(parquet):
+    path = parquet(recording())
+    once, slow = play(path).motion, play(path, slow_down=2.0).motion
+    assert len(slow) - 500 == pytest.approx(2 * (len(once) - 500), abs=600)
+    assert np.ptp(tip_mm(slow), axis=0) == pytest.approx(np.ptp(tip_mm(once), axis=0), abs=1e-3)
+    assert np.abs(np.diff(tip_mm(slow), axis=0)).max() < 0.6 * np.abs(np.diff(tip_mm(once), axis=0)).max()
+
+
+def test_tremor_stays_unless_a_low_pass_is_asked_for(parquet):
+    """Half a millimetre at 9 Hz, which a low-pass of 5 Hz was once enough to remove without a word."""
+    frame = recording()
+    frame["gold_z_um"] += 500.0 * np.sin(2.0 * np.pi * 9.0 * frame["time_s"])
+    path = parquet(frame)
+    plain, smooth = play(path), play(path, cutoff_hz=5.0)
+    assert np.ptp(tip_mm(plain.motion)[:, 2]) == pytest.approx(1.0, abs=1e-3)
+    assert plain.summary.arms[0].removed_rms_mm is None
+    assert np.ptp(tip_mm(smooth.motion)[800:-200, 2]) < 0.11
+    removed = smooth.summary.arms[0]
+    assert removed.removed_rms_mm == pytest.approx(0.5 / np.sqrt(2.0) * 0.91, abs=0.01)  # second order, both ways
+    assert removed.removed_largest_mm == pytest.approx(0.458, abs=0.02)
+
+
+def test_both_arms_pedal_and_grasp(parquet):
+    frame = recording(arms=("gold", "green"))
+    frame["surgeon_mode"] = (np.arange(ROWS) < 2000).astype(int)
+    frame["green_grasp_deg"] = 90.0 - 30.0 * np.clip((np.arange(ROWS) - 1000) / 1000.0, 0.0, 1.0)
+    one = play(parquet(frame), ("gold", "green"))
+    motion = one.motion
+    assert motion.surgeon_mode[1000] == 1.0 and motion.surgeon_mode[-1] == 0.0
+    assert motion.grasp_mrad[-1, 1] == pytest.approx(np.radians(30.0) * 1e3, abs=1e-6)  # closing is positive
+    assert np.abs(motion.grasp_mrad[:, 0]).max() < 1e-9
+    assert np.abs(tip_mm(motion, "gold") - tip_mm(motion, "green") * [1, -1, 1]).max() < 1e-6
+    assert [one.jaws for one in one.summary.arms] == ["home", "recorded"]
+
+
+def test_motion_under_a_lifted_pedal_is_said(parquet):
+    frame = recording()
+    frame["surgeon_mode"] = (np.arange(ROWS) < 1500).astype(int)
+    (note,) = play(parquet(frame)).summary.notes
+    assert "moves while the pedal is up" in note and "up to" in note
+
+
+def test_orientation_is_followed(parquet):
+    frame = recording()
+    home = recordings._home_quat("gold")
+    angle = np.radians(20.0) * np.sin(np.pi * np.arange(ROWS) / ROWS) ** 2
+    turned = (Rotation.from_rotvec(angle[:, None] * [[0.0, 0.0, 1.0]]) * Rotation.from_quat(home)).as_quat()
+    turned[1::2] *= -1.0  # the same rotations
+    for i, c in enumerate("xyzw"):
+        frame[f"gold_q{c}"] = turned[:, i]
+    one = play(parquet(frame))
+    turns = 2.0 * np.arccos(np.clip(one.motion.quat[:, 0, 3], -1.0, 1.0))
+    assert np.degrees(turns.max()) == pytest.approx(20.0, abs=0.01)
+    axis = one.motion.quat[np.argmax(turns), 0, :3] @ np.array(ITP_AXES["gold"]).T
+    assert axis / np.linalg.norm(axis) == pytest.approx([0.0, 0.0, 1.0], abs=1e-3)
+    assert one.summary.arms[0].orientation == "recorded"
+
+
+# --- MCAP -------------------------------------------------------------------------------------------------------------
+
+
+def trace(path, place, ticks=ROWS, arms=("gold",)):
+    """What `ravenjax trace` writes of a motion along `place` [T, 3] m."""
+    home = Rotation.from_quat(recordings._home_quat("gold")).as_matrix()
+    series = {}
+    for arm in arms:
+        series |= {
+            f"{arm}/position": place + 0.001,
+            f"{arm}/rotation": np.tile(home.reshape(1, 9), (ticks, 1)),
+            f"{arm}/position_d": place,
+            f"{arm}/rotation_d": np.tile(home.reshape(1, 9), (ticks, 1)),
+            f"{arm}/jpos": np.tile([0.5, 1.5, 0.4, 0.0, 0.0, 0.7, 0.8], (ticks, 1)),
+            f"{arm}/jpos_d": np.tile([0.5, 1.5, 0.4, 0.0, 0.0, 0.7, 0.8], (ticks, 1)),
+        }
+    trace_log.write(path, series)
+
+
+def test_a_trace_is_a_recording(tmp_path, parquet):
+    """What `ravenjax trace` writes can be played again."""
+    path, frame = tmp_path / "run.mcap", recording("m")
+    trace(path, frame[["gold_x_m", "gold_y_m", "gold_z_m"]].to_numpy())
+    one, same = play(path), play(parquet(frame))
+    assert np.abs(tip_mm(one.motion) - tip_mm(same.motion)).max() < 1e-6
+    assert one.summary.clock == "header stamps of /arm1/setpoint_cp"
+    assert one.summary.read == ("/arm1/setpoint_cp", "/arm1/setpoint_js")
+    assert one.summary.ignored == ("/arm1/measured_cp", "/arm1/measured_js", "/tf")
+    track = mcap_file.read(path, ("gold",), None)
+    assert track.arms["gold"].opening_mrad[0] == pytest.approx(1500.0)
+    refused(path, "no topic /arm2/setpoint_cp or /arm2/measured_cp", arms=("gold", "green"))
+
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    refused(path, "truncated")
+
+
+def test_a_recording_in_mcap_that_jumps_or_has_other_units_is_refused_alike(tmp_path):
+    path = tmp_path / "run.mcap"
+    place = recording("m")[["gold_x_m", "gold_y_m", "gold_z_m"]].to_numpy().copy()
+    trace(path, place * 1e3)
+    refused(path, "from the remote centre", "or m in MCAP")
+    place[1500, 2] += 0.05
+    trace(path, place)
+    refused(path, "row 1500 (1.500 s, gold): 50 mm")
+
+
+# --- damage -----------------------------------------------------------------------------------------------------------
+
+
+def test_missing_empty_and_unknown(tmp_path):
+    refused(tmp_path / "none.parquet", "no such file")
+    (tmp_path / "empty.csv").write_bytes(b"")
+    refused(tmp_path / "empty.csv", "is empty")
+    (tmp_path / "header.csv").write_text("gold_x_um,gold_y_um,gold_z_um\n")
+    refused(tmp_path / "header.csv", "no rows")
+    (tmp_path / "motion.txt").write_text("x")
+    refused(tmp_path / "motion.txt", "unknown kind of file '.txt'")
+    (tmp_path / "one.csv").write_text("gold_x_mm,gold_y_mm,gold_z_mm\n-78,-25,13\n")
+    refused(tmp_path / "one.csv", "holds 1 rows; expected a motion of at least 2")
+
+
+@pytest.mark.parametrize("part", [0.1, 0.5, 0.99])
+def test_truncated_parquet(parquet, part):
+    path = parquet(recording())
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(len(whole) * part)])
+    refused(path, "truncated")
+
+
+def test_nan_is_named_by_row_and_column(parquet):
+    frame = recording()
+    frame.loc[[17, 99], "gold_y_um"] = np.nan
+    refused(parquet(frame), "row 17, column gold_y_um: got nan", "2 such rows")
+
+
+def test_text_in_a_column(tmp_path):
+    path = tmp_path / "m.csv"
+    frame = recording(rows=50).astype(object)
+    frame.loc[7, "gold_z_um"] = "oops"
+    frame.to_csv(path, index=False)
+    refused(path, "row 7, column gold_z_um: got 'oops', expected a number")
+
+
+def test_wrong_columns_have_a_suggestion(parquet):
+    frame = recording().rename(columns={"gold_y_um": "goldy_um"})
+    refused(parquet(frame), "no column gold_y_m or gold_y_mm or gold_y_um", "Did you mean 'goldy_um'")
+    refused(parquet(recording()), "green_x_m", arms=("gold", "green"))
+
+
+def test_two_units_of_one_column(parquet):
+    frame = recording()
+    frame["gold_x_mm"] = frame["gold_x_um"] / 1e3
+    refused(parquet(frame), "gold_x_mm and gold_x_um say the same")
+
+
+def test_bad_quaternions(parquet):
+    frame = recording()
+    for c in "xyzw":
+        frame[f"gold_q{c}"] = 0.5
+    frame.loc[30, "gold_qx"] = 0.9
+    refused(parquet(frame), "row 30: quaternion")
+    refused(parquet(frame.drop(columns="gold_qw")), "gold_qw missing")
+
+
+def test_a_pedal_is_up_or_down(parquet):
+    frame = recording()
+    frame["surgeon_mode"] = 1
+    frame.loc[12, "surgeon_mode"] = 3
+    refused(parquet(frame), "row 12, column surgeon_mode: got 3, expected 1 (pedal down) or 0")
+
+
+def test_what_nobody_reads_is_not_read_but_named(parquet):
+    frame = recording().assign(note=["x" * 1000] * ROWS)
+    assert play(parquet(frame)).summary.ignored == ("note",)
+    refused(parquet(frame.rename(columns={"gold_x_um": "gld_x_um"})), "note", "Did you mean 'gld_x_um'")
+
+
+# --- units ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("is_in", "called", "says"),
+    [
+        ("m", "um", ("0.0762 um to 0.0847 um from the remote centre", "If the numbers are m", "gold_x_m, gold_y_m")),
+        ("mm", "um", ("76.2 um to 84.7 um from", "If the numbers are mm, name the columns gold_x_mm")),
+        ("um", "mm", ("76.2 m to 84.7 m from", "If the numbers are um, name the columns gold_x_um")),
+        ("mm", "m", ("expected 5 mm to 500 mm", "If the numbers are mm, name the columns gold_x_mm")),
+    ],
+)
+def test_implausible_units_are_refused_with_what_to_write(parquet, is_in, called, says):
+    frame = recording(is_in).rename(columns={f"gold_{a}_{is_in}": f"gold_{a}_{called}" for a in "xyz"})
+    refused(parquet(frame), *says)
+
+
+def test_jaws_that_open_too_wide(parquet):
+    frame = recording().assign(gold_grasp_rad=90.0)
+    refused(parquet(frame), "row 0: the jaws of gold would open by 90 rad", "name the column gold_grasp_deg")
+
+
+# --- nothing moves ----------------------------------------------------------------------------------------------------
+
+
+def test_a_motion_that_never_moves_is_refused(parquet):
+    time_s = np.arange(ROWS) * 1e-3
+    frame = table(time_s, lambda t: np.zeros((len(t), 3))).assign(time_s=time_s)
+    frame["gold_x_um"] += np.arange(ROWS) % 2  # a digit of noise
+    refused(parquet(frame), "nothing moves from 0.000 to 3.000 s: the tip stays within 1 um", 'motion = "still"')
+
+
+def test_a_window_in_which_nothing_moves_is_refused_with_when_it_does(parquet):
+    time_s = np.arange(ROWS) * 1e-3
+    frame = table(time_s, lambda t: circle_from(t, 2.0)).assign(time_s=time_s)
+    message = refused(parquet(frame), "nothing moves from 0.000 to 1.000 s", window_s=(0.0, 1.0))
+    assert "first moves at 2.0" in message
+
+
+def circle_from(time_s, begin):
+    """mm from home: at rest, then along y."""
+    away = np.maximum(0.0, np.asarray(time_s) - begin)
+    return np.stack([0.0 * away, 10.0 * away, 0.0 * away], axis=1)
+
+
+def test_a_pedal_that_is_never_down_is_refused_with_when_it_is(parquet):
+    frame = recording().assign(surgeon_mode=(np.arange(ROWS) >= 2500).astype(int))
+    refused(parquet(frame), "the pedal is never down from 0.000 to 1.000 s", "it goes down at 2.500 s", window_s=(0, 1))
+
+
+def test_jaws_alone_are_a_motion(parquet):
+    time_s = np.arange(ROWS) * 1e-3
+    frame = table(time_s, lambda t: np.zeros((len(t), 3))).assign(time_s=time_s, gold_grasp_deg=90.0 - 10.0 * time_s)
+    assert play(parquet(frame)).motion.grasp_mrad[-1, 0] > 500.0
+
+
+# --- the public recordings --------------------------------------------------------------------------------------------
+
+
+def test_public_recording(shared_data):
+    """Its stamps are of arrival, forty rows at once; evenly spaced it is smooth enough to be followed."""
+    path = shared_data("operator_positions.parquet")
+    refused(path, "the stamps come in bursts: column time_ns", "write operator.rate_hz = 999.956")
+    one = play(path, rate_hz=1000.0, window_s=(18.2, 47.9), cutoff_hz=5.0)
+    assert one.motion.duration_s == pytest.approx(0.75 + 29.7, abs=0.01)
+    speed = np.linalg.norm(np.diff(tip_mm(one.motion), axis=0), axis=1)  # mm per ms
+    assert speed.max() < 0.2
+    assert np.abs(np.diff(speed)).max() < 3e-3  # smooth: below 3 m/s2
+    summary = one.summary
+    assert summary.notes == (
+        "column time_ns is not used, operator.rate_hz spaces rows evenly; it says 60.942 s in all",
+    )
+    assert summary.ignored == ("time_ns", "green_x_um", "green_y_um", "green_z_um")
+    assert summary.arms[0].inside == pytest.approx(0.927, abs=1e-3)
+    assert summary.arms[0].removed_rms_mm == pytest.approx(0.066, abs=0.002)
+    refused(path, "shoulder of green", "Reachable stretches", arms=("gold", "green"), rate_hz=1000.0)
+
+
+def test_hands_of_a_console_with_uneven_stamps(shared_data, parquet):
+    """Increments summed up; stamps 0.1 to 12 ms apart, in a column whose name says the wrong unit."""
+    import pandas as pd
+
+    from ravenjax.robot.packet import U_STRUCT
+
+    packets = pd.read_parquet(shared_data("console_itp_packets.parquet"))
+    parsed = np.frombuffer(b"".join(packets["packet"]), U_STRUCT)
+    steps = np.stack([parsed[name][:, 0] for name in ("delx", "dely", "delz")], axis=1)
+    place = np.cumsum(steps, axis=0) @ np.array(ITP_AXES["gold"]).T * 0.05
+    place += 1e3 * HOME_MM - np.median(place, axis=0)
+    frame = pd.DataFrame({f"gold_{axis}_um": place[:, i] for i, axis in enumerate("xyz")})
+    frame["arrival_us"] = packets["arrival_us"]  # so called; they are nanoseconds
+    frame = frame.iloc[100:].reset_index(drop=True)  # the console waits at first
+    refused(parquet(frame), "column 'arrival_us' looks like time", "rename it time_ns (671.8 rows a second)")
+    renamed = frame.rename(columns={"arrival_us": "time_us"})
+    refused(parquet(renamed), "0.5126 rows a second", "If its unit is another, rename it time_ns (512.6 rows a second)")
+    renamed = frame.rename(columns={"arrival_us": "time_ns"})
+    one = recordings.load(parquet(renamed), ("gold",), ReplayOptions())
+    times = (frame["arrival_us"] - frame["arrival_us"].iloc[0]).to_numpy() * 1e-9
+    assert len(one) == int(times[-1] * 1e3) + 1
+    near = np.rint(times[1:-1] * 1e3).astype(int)
+    moved = np.linalg.norm(one.poses.position[near, 0] * 1e6 - frame.iloc[1:-1, :3].to_numpy(), axis=1)
+    assert np.median(moved) < 5.0 and moved.max() < 150.0  # um: half a millisecond of motion

@@ -1,0 +1,124 @@
+"""Resampling by time: a smooth curve sampled anyhow comes back within the stated bound, and nothing is invented."""
+
+import itertools
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from recorded_hands import HOME_MM, play, table, tip_mm
+from scipy.spatial.transform import Rotation
+
+from ravenjax.store.motion import recording, resampling, stamps
+from ravenjax.store.motion.options import ReplayOptions
+
+steps_ms = st.lists(st.floats(0.2, 60.0), min_size=4, max_size=120)
+"""Between samples."""
+
+waves = st.lists(st.tuples(st.floats(0.1, 10.0), st.floats(0.1, 4.0), st.floats(0.0, 6.3)), min_size=1, max_size=3)
+"""mm, Hz and phase of the parts of a curve."""
+
+
+def curve(parts, time_s):
+    """mm, and the most that its second derivative can be, mm/s2."""
+    value = sum(size * np.sin(2 * np.pi * hz * time_s + phase) for size, hz, phase in parts)
+    return value, sum(size * (2 * np.pi * hz) ** 2 for size, hz, _ in parts)
+
+
+@settings(max_examples=100)
+@given(steps_ms, waves)
+def test_a_smooth_curve_comes_back_within_the_bound(steps, parts):
+    time_s = np.cumsum([0.0, *steps]) * 1e-3
+    values, bend = curve(parts, time_s)
+    at = np.arange(0.0, time_s[-1], 1e-3)
+    wanted, _ = curve(parts, at)
+    longest = max(steps) * 1e-3
+    assert np.abs(resampling.by_time(time_s, values, at) - wanted).max() <= bend * longest**2 / 2.0 + 1e-9
+
+
+@settings(max_examples=50)
+@given(steps_ms, st.integers(0, 2**31))
+def test_it_passes_through_every_sample_and_never_leaves_its_neighbours(steps, seed):
+    time_s = np.cumsum([0.0, *steps]) * 1e-3
+    values = np.random.default_rng(seed).normal(size=(len(time_s), 3))
+    np.testing.assert_allclose(resampling.by_time(time_s, values, time_s), values, rtol=0.0, atol=1e-12)
+    at = np.linspace(0.0, time_s[-1], 500)
+    between = np.clip(np.searchsorted(time_s, at, side="right") - 1, 0, len(time_s) - 2)
+    low, high = np.minimum(values[between], values[between + 1]), np.maximum(values[between], values[between + 1])
+    found = resampling.by_time(time_s, values, at)
+    assert (found >= low - 1e-12).all() and (found <= high + 1e-12).all()
+
+
+@settings(max_examples=25)
+@given(st.lists(st.floats(0.5, 40.0), min_size=60, max_size=200), st.sampled_from(["time_s", "t_ms", "stamp_us"]))
+def test_a_file_with_uneven_stamps_is_replayed_by_them(tmp_path_factory, steps, name):
+    """Uneven stamps were spaced evenly, which bends the motion."""
+    assume(np.median(steps) > np.mean(steps) / stamps.BURSTS)
+    time_s = np.cumsum([0.0, *steps]) * 1e-3
+    path = tmp_path_factory.mktemp("uneven") / "hands.csv"
+    per_s = {"time_s": 1.0, "t_ms": 1e3, "stamp_us": 1e6}[name]
+    table(time_s, wave, "mm").assign(**{name: time_s * per_s}).to_csv(path, index=False)
+    one = recording.load(path, ("gold",), ReplayOptions())
+    at = np.arange(len(one)) * 1e-3
+    longest, bend = max(steps) * 1e-3, 10.0 * (2 * np.pi) ** 2
+    assert at[-1] == pytest.approx(time_s[-1], abs=1.001e-3)
+    assert np.abs(one.poses.position[:, 0] * 1e3 - HOME_MM - wave(at)).max() <= bend * longest**2 / 2.0 + 1e-6
+
+
+def wave(time_s):
+    """mm: 10 mm once a second along y."""
+    return np.stack([0.0 * time_s, 10.0 * np.sin(2 * np.pi * time_s), 0.0 * time_s], axis=1)
+
+
+def test_a_row_a_millisecond_stays_as_it_is(tmp_path):
+    frame = pd.DataFrame(table(np.arange(2000) * 1e-3, wave)).assign(time_ms=np.arange(2000))
+    frame.to_parquet(tmp_path / "hands.parquet")
+    one = recording.load(tmp_path / "hands.parquet", ("gold",), ReplayOptions())
+    wanted = frame[["gold_x_um", "gold_y_um", "gold_z_um"]].to_numpy() * 1e-6
+    np.testing.assert_allclose(one.poses.position[:, 0], wanted, rtol=0.0, atol=1e-15)
+
+
+def test_speed_has_no_steps_between_slow_samples(tmp_path):
+    """30 rows a second: straight lines between samples would kick the robot at each of them."""
+    time_s = np.arange(90) / 30.0
+    table(time_s).assign(time_s=time_s).to_parquet(tmp_path / "hands.parquet")
+    speed = np.linalg.norm(np.diff(tip_mm(play(tmp_path / "hands.parquet").motion), axis=0), axis=1)
+    assert np.abs(np.diff(speed)).max() < 2e-3  # mm per ms2; with straight lines 0.0014 times as much at each sample
+    assert np.abs(np.diff(speed))[800:].max() < 2.5e-4
+
+
+@given(st.lists(st.floats(0.2, 60.0), min_size=4, max_size=60), st.integers(0, 2**31))
+def test_turns_are_unit_quaternions_whatever_their_sign(steps, seed):
+    time_s = np.cumsum([0.0, *steps]) * 1e-3
+    quat = Rotation.from_rotvec(np.outer(time_s, [0.3, -0.2, 1.0])).as_quat()
+    at = np.arange(0.0, time_s[-1], 1e-3)
+    flipped = quat * np.random.default_rng(seed).choice([-1.0, 1.0], len(quat))[:, None]
+    found = resampling.turns_by_time(time_s, flipped, at)
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0)
+    wanted = Rotation.from_rotvec(np.outer(at, [0.3, -0.2, 1.0]))
+    assert (Rotation.from_quat(found) * wanted.inv()).magnitude().max() < 1e-3
+
+
+def test_a_switch_holds_until_it_is_said_anew():
+    time_s, pedal = np.array([0.0, 0.1, 0.2]), np.array([0.0, 1.0, 0.0])
+    found = resampling.before(time_s, pedal, np.array([0.0, 0.099, 0.1, 0.199, 0.2, 0.5]))
+    assert found.tolist() == [0.0, 0.0, 1.0, 1.0, 0.0, 0.0]
+
+
+def test_a_low_pass_does_not_reach_over_a_gap():
+    values = np.concatenate([np.zeros(500), np.full(500, np.nan), np.ones(500)])[:, None]
+    smooth = resampling.low_pass(values, 5.0, [(0, 500), (1000, 1500)])
+    np.testing.assert_allclose(smooth[:500], 0.0, atol=1e-12)
+    np.testing.assert_allclose(smooth[1000:], 1.0, atol=1e-9)
+
+
+@given(st.lists(st.booleans(), max_size=40))
+def test_stretches_are_the_runs_of_true(mask):
+    covered = np.zeros(len(mask), bool)
+    spans = resampling.stretches(np.array(mask, bool))
+    for begin, end in spans:
+        assert begin < end and not covered[begin:end].any()
+        covered[begin:end] = True
+    assert covered.tolist() == mask
+    assert all(b[0] > a[1] for a, b in itertools.pairwise(spans))

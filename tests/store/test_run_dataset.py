@@ -1,0 +1,72 @@
+"""Series of a run as a dataset: every number where its names say, units beside it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from ravenjax.arms import JOINTS
+from ravenjax.store import run_dataset, time_series
+from ravenjax.store.files import StoreError
+
+T = 40
+
+
+def series(arms=("gold", "green")):
+    random = np.random.default_rng(5)
+    sizes = {"joint": 7, "axis": 3, "jaw_axis": 3, "cue": 2}
+    out = {name: random.normal(size=T) for name in time_series.OF_RUN if name != "fault_active"}
+    out |= {f"fault{slot}_active": np.arange(T) % 11 == slot for slot in range(11)}
+    for arm in arms:
+        for one in time_series.OF_ARM.values():
+            out[f"{arm}/{one.name}"] = random.normal(size=(T, *(sizes[axis] for axis in one.axes)))
+    return out
+
+
+@pytest.mark.parametrize("arms", [("gold",), ("green",), ("gold", "green")])
+def test_every_series_is_where_its_names_say(arms):
+    given = series(arms)
+    found = run_dataset.dataset(given, {"run_id": "ab"}, (3.0, 2.0))
+    assert set(found.data_vars) == set(time_series.OF_RUN) | set(time_series.OF_ARM)
+    assert found["arm"].values.tolist() == list(arms) and found["joint"].values.tolist() == list(JOINTS)
+    for arm in arms:
+        for name in time_series.OF_ARM:
+            np.testing.assert_array_equal(found[name].sel(arm=arm).values, given[f"{arm}/{name}"], err_msg=name)
+    np.testing.assert_array_equal(found["brakes"], given["brakes"])
+    for slot in range(11):
+        np.testing.assert_array_equal(found["fault_active"].sel(fault=slot), given[f"fault{slot}_active"])
+    elbow = found["jpos"].sel(arm=arms[0], joint="elbow", time=0.017)
+    assert elbow.item() == given[f"{arms[0]}/jpos"][17, 1]
+    assert found["rotation"].dims == ("time", "arm", "axis", "jaw_axis")
+    assert found["cue_threshold_mm"].values.tolist() == [3.0, 2.0] and found.attrs == {"run_id": "ab"}
+
+
+def test_units_and_meanings_stand_beside_the_numbers():
+    found = run_dataset.dataset(series(), {})
+    assert found["tau_d"].attrs == {"units": "N m", "long_name": "desired torque at the capstan"}
+    assert found["jvel"].attrs["units"] == "rad/s" and found["jvel"].attrs["insertion_units"] == "m/s"
+    assert found["tip"].attrs["units"] == "m" and found["time"].attrs["units"] == "s"
+    assert all(found[name].attrs["units"] and found[name].attrs["long_name"] for name in found.data_vars)
+
+
+def test_it_is_a_file_of_other_tools(tmp_path):
+    import xarray
+
+    found = run_dataset.dataset(series(), {"run_id": "ab", "index": 3})
+    found.to_netcdf(tmp_path / "run.nc")
+    with xarray.open_dataset(tmp_path / "run.nc") as again:
+        np.testing.assert_array_equal(again["tip"].sel(arm="green", axis="y"), found["tip"].sel(arm="green", axis="y"))
+        assert again["tip"].attrs["units"] == "m" and again.attrs["run_id"] == "ab"
+
+
+def test_series_of_unequal_length_are_refused():
+    with pytest.raises(StoreError, match="simulate: a trace needs series of one length"):
+        run_dataset.dataset(series() | {"brakes": np.zeros(T + 1)}, {})
+
+
+def test_xarray_is_imported_when_it_is_needed():
+    code = "import sys, ravenjax.api; sys.exit('xarray' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
