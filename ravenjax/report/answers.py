@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from ravenjax.document import ticks
 from ravenjax.report import counted, tables
 from ravenjax.report.counted import NONE, Delays
 from ravenjax.report.reactions import Difference
@@ -28,6 +29,11 @@ class ClassRow(NamedTuple):
     loss: Rate  # of distinct faults, whatever the checks did
     before: Rate  # of faults with an unintended motion, those that could be known before it
     half_ms: Estimate  # time from the first effect by which half of those could be known
+
+
+def scale(rows: Sequence[ClassRow]) -> float:
+    """The share at which the drawn intervals of these rows end: a round one, at most 1."""
+    return min(1.0, ticks.above(max([0.05, *(row.evaded.high for row in rows if row.evaded.n)])))
 
 
 class Knowledge(NamedTuple):

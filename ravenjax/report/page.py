@@ -156,6 +156,7 @@ def _knowledge(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
         "free_command": motions.command(folder, manifest, hours) if hours else None,
         "class_words": answers.CLASSES,
         "most_classes": answers.MOST_CLASSES,
+        "axis_end": answers.scale,
         "curve_csv": {name: figures.points(timing[name]["curve"]) for name in ("cue", "told")},
         "curves": curves,
         "timing": timing,

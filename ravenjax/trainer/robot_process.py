@@ -118,9 +118,8 @@ def run(
         for one in armables:
             say(f"hazard {one.number}: {one.title} ({one.hazard})")
         lasting = {one.number: one.lasts_ms for one in armables}
-        with realtime(
-            min
-        ) as granted:  # to lock the memory can take seconds: who reads the ports below is served at once
+        with realtime(min) as granted:
+            # Locking the memory can take seconds: the ports are told after it, and who reads them is served at once.
             say(f"realtime: {granted}")
             for warning in exposed(host, token, console):
                 say(warning)

@@ -192,11 +192,13 @@ def class_tables(e: Expected, header: Node) -> None:
             kinds[kind] = sorted(classes, key=most_evasive)
     tabs = {tab.attributes["data-kind"]: tab for tab in header.all(name="tab")}
     assert list(tabs) == list(kinds)
-    shown = [part for classes in kinds.values() for _, part in classes[:MOST_CLASSES] if len(part)]
-    most = max([0.05, *(plain.wilson(*evades(part))[1] for part in shown)])
     for kind, classes in kinds.items():
         text = Text(tabs[kind].words, f"faults by {kind}")
-        text.says(f"{kind.capitalize()} faults evade 0 to {percent(most)} %")
+        text.says(f"{kind.capitalize()} faults evade unintended motion")
+        highest = max([0.0, *(plain.wilson(*evades(part))[1] for _, part in classes[:MOST_CLASSES] if len(part))])
+        scale = (tabs[kind].one(name="spreads").attributes["data-scale"] or "").split()
+        assert scale[:2] == ["0", "to"]
+        assert min(max(100 * highest, 5), 100) <= float(scale[2]) + 1e-9 <= 100.1, "all intervals are inside"
         for cells, (name, part) in zip(rows(tabs[kind].one("table")), classes[:MOST_CLASSES], strict=True):
             class_row(e, cells, name, part)
         left, notes = len(classes) - MOST_CLASSES, Text(tabs[kind].without("table").words, f"note on {kind}")
@@ -224,7 +226,7 @@ def class_row(e: Expected, cells: list[Node], name: str, part: pd.DataFrame) -> 
         brief(m, n),
         brief(e.count(part["hazard"] == "loss of motion"), n),
         f"{percent(early / m)} % {count(early)} of {count(m)} · {between(early, m)}" if m else DASH,
-        estimate(e.delay(known, moved)),
+        estimate(e.delay(known, moved)).replace("(", "").replace(")", ""),
     )
     for node, words in zip(cells, expected, strict=True):
         cell(node, words, f"class {name}")
