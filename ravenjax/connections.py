@@ -11,7 +11,8 @@ from ravenjax.robot import kinematics, transmission
 from ravenjax.stages import detectors, haptics, operator, plc, reaction
 from ravenjax.stages.plant import nominal, nominal_target
 from ravenjax.stages.plant import robot as plant
-from ravenjax.types import ArmName, Scalar, Setup, Vec, real, record, replace, where
+from ravenjax.types import Scalar, Setup, Vec, real, record, replace, where
+from ravenjax.vocabulary.arms import ArmName
 
 
 @record

@@ -23,11 +23,13 @@ from ravenjax.stages import (
     usb,
     watchdog,
 )
-from ravenjax.types import ArmName, Scalar, Setup, Vec, as_int, narrow, per_arm, record, replace
+from ravenjax.types import Scalar, Setup, Vec, as_int, narrow, per_arm, record, replace
+from ravenjax.vocabulary import run_levels
+from ravenjax.vocabulary.arms import ArmName
 
 
 class Inject(Protocol):
-    """Returns the signal of a site of `ravenjax.robot.sites` as faults leave it, where it is `present`."""
+    """Returns the signal of a site of `ravenjax.vocabulary.sites` as faults leave it, where it is `present`."""
 
     def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any: ...
 
@@ -135,7 +137,7 @@ def init(setup: Setup, jpos: tuple[Vec, ...] | None = None, runlevel: int | None
     """
     rest = jpos or tuple(HOME_JPOS for _ in setup.arms)
     if runlevel is None:
-        runlevel = state_machine.E_STOP if setup.software == "raven2" else state_machine.PEDAL_DOWN
+        runlevel = run_levels.E_STOP if setup.software == "raven2" else run_levels.PEDAL_DOWN
     cartesian = cartesian_control.init(setup, rest)
     silent = per_arm(setup, lambda *_: Vec.full(7, np.int32(0)))
     return State(
@@ -181,8 +183,8 @@ def cycle(
     desired = inject("runlevel", state_machine.desired_runlevel(params.state_machine, state.state_machine, read.pins))
     machine = state_machine.adopt(state.state_machine, tick, desired)
     level = machine.runlevel
-    pedal_down = level == state_machine.PEDAL_DOWN
-    active = level >= state_machine.PEDAL_UP
+    pedal_down = level == run_levels.PEDAL_DOWN
+    active = level >= run_levels.PEDAL_UP
 
     teleop, poses_d = teleoperation.hand_over(
         setup, params.teleoperation, state.teleoperation, tick, pedal_down, tuple(arm.pos_d for arm in state.cartesian)
@@ -201,7 +203,7 @@ def cycle(
     jvel = inject("jvel", each(lambda i, *_: estimator.joint_velocities(setup, mvel[i])))
 
     # --- decide ---
-    slave = (level != state_machine.PEDAL_DOWN) & (level != state_machine.INIT)
+    slave = (level != run_levels.PEDAL_DOWN) & (level != run_levels.INIT)
     cartesian = cartesian_control.sense(setup, cartesian, jpos)
     poses = _struck(inject, ("pos", "ori"), tuple(arm.pos for arm in cartesian))
     cartesian = cartesian_control.follow(each(lambda i, *_: replace(cartesian[i], pos=poses[i])), slave)

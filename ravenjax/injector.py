@@ -6,9 +6,9 @@ from functools import cache, reduce
 from typing import Any
 
 from ravenjax.robot.mapping import matrix_from_quat, quat_from_matrix
-from ravenjax.robot.sites import ARM, SITES
 from ravenjax.stages.faults import fault, injection, window
 from ravenjax.types import Scalar, Setup, Vec, narrow, where, wide
+from ravenjax.vocabulary.sites import ARM, SITES
 
 
 class Injector:

@@ -11,7 +11,8 @@ import difflib
 from collections.abc import Iterator
 from typing import Any
 
-from ravenjax.types import ARMS, JOINTS, Scalar, Vec
+from ravenjax.types import Scalar, Vec
+from ravenjax.vocabulary.arms import ARMS, JOINTS
 
 _AXES = ("x", "y", "z")
 

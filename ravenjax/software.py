@@ -28,7 +28,8 @@ from ravenjax.robot.packet import SIZE_BYTES, Packet, decode, silence
 from ravenjax.robot.tools import DEFAULT_TOOLS
 from ravenjax.stages import overdrive
 from ravenjax.stages.usb import UsbIn
-from ravenjax.types import ORIGINAL, ArmName, Precision, Setup, Vec, replace
+from ravenjax.types import ORIGINAL, Precision, Setup, Vec, replace
+from ravenjax.vocabulary.arms import ArmName
 
 POLICIES = ("none", "soft", "hard")
 """Overdrive policies by number."""

@@ -14,7 +14,8 @@ import numpy as np
 from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.robot.packet import Packet
 from ravenjax.robot.tools import find_tool
-from ravenjax.types import ARMS, JOINTS, Setup, Vec
+from ravenjax.types import Setup, Vec
+from ravenjax.vocabulary.arms import ARMS, JOINTS
 
 INT32 = (-(2**31), 2**31 - 1)
 WORD = (-(2**31), 2**32 - 1)

@@ -18,11 +18,12 @@ from ravenjax import connections, control
 from ravenjax.injector import Injector, strikes
 from ravenjax.robot import check, kinematics, scene
 from ravenjax.robot.check import Check
-from ravenjax.stages import channel, detectors, haptics, monitor, operator, plc, reaction, state_machine, usb
+from ravenjax.stages import channel, detectors, haptics, monitor, operator, plc, reaction, usb
 from ravenjax.stages.faults import fault, injection, window
 from ravenjax.stages.plant import nominal
 from ravenjax.stages.plant import robot as plant
 from ravenjax.types import Scalar, Setup, Vec, as_int, per_arm, real, record, replace
+from ravenjax.vocabulary import run_levels
 
 UM = 1e-6
 """Metres in a micrometre."""
@@ -199,7 +200,7 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
     )
     depth = per_arm(setup, lambda i, arm: scene.tissue_depth(arm, tips[i]))
     distance = scene.tip_distance(setup.arms, tips)
-    down = signals.runlevel == state_machine.PEDAL_DOWN
+    down = signals.runlevel == run_levels.PEDAL_DOWN
     now_live = live(signals, software)
     seen = monitor.step(
         setup,
@@ -270,7 +271,7 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
 
 def live(signals: control.Signals, software: control.State) -> Scalar:
     """Whether the robot is live, as `ravenjax.outcomes` says: run level pedal-down, no software E-stop."""
-    return (signals.runlevel == state_machine.PEDAL_DOWN) & (software.state_machine.soft_estopped == 0)
+    return (signals.runlevel == run_levels.PEDAL_DOWN) & (software.state_machine.soft_estopped == 0)
 
 
 # --- its beginning and end ---
@@ -299,7 +300,7 @@ def params(setup: Setup, start_jpos: tuple[tuple[float, ...], ...], parameter_se
 
 def init(setup: Setup, params: Params) -> State:
     """A homed robot at rest at `params.start`, pedal up, ready; its nominal model at the same place."""
-    ready = plc.PEDAL_UP if setup.software == "raven2" else plc.PEDAL_DN
+    ready = run_levels.PEDAL_UP if setup.software == "raven2" else run_levels.PEDAL_DOWN
     start = real(setup, params.start)
     plants = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.plant[i], start[i]))
     robots = per_arm(setup, lambda i, arm: plant.observe(setup, arm, params.plant[i], plants[i]))
@@ -353,7 +354,7 @@ def outcomes(setup: Setup, params: Params, state: State) -> dict[str, Scalar]:
         out[f"cue{k}_ms"] = _largest([cue.ticks_active for cue in arms])
         out[f"cue{k}_count"] = _largest([cue.impulses for cue in arms])
     machine = state.control.state_machine
-    out["end_runlevel"] = jnp.where(machine.soft_estopped != 0, state_machine.E_STOP, machine.runlevel)
+    out["end_runlevel"] = jnp.where(machine.soft_estopped != 0, run_levels.E_STOP, machine.runlevel)
     out["pedal_down_ms"] = state.pedal_down_ticks
     if state.reaction is not None:
         out["reaction_ms"] = state.reaction.acted
@@ -389,7 +390,7 @@ def reference_from(setup: Setup, series: Any) -> monitor.Reference:
 
 
 def checks(state: State) -> dict[str, Check]:
-    """Every built-in check by its name in `ravenjax.outcomes.checks`; that of the worse arm."""
+    """Every built-in check by its name in `ravenjax.vocabulary.checks`; that of the worse arm."""
     software = state.control
     net, machine, over = software.network, software.state_machine, software.overdrive
     return {

@@ -18,9 +18,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ravenjax.arms import ARMS as ARMS
-from ravenjax.arms import JOINTS as JOINTS
-from ravenjax.arms import ArmName as ArmName
+from ravenjax.vocabulary.arms import ArmName
 
 Scalar: TypeAlias = Any
 """One number: a Python number, a NumPy or JAX scalar, or a tracer of one."""
@@ -124,9 +122,9 @@ REFERENCE = Precision(narrow="float64", wide="float64", real="float64")
 class SiteUse:
     """The channels of one fault site that a campaign hits, and the effects it applies there; static."""
 
-    site: str  # a name of ravenjax.robot.sites.SITES
+    site: str  # a name of ravenjax.vocabulary.sites.SITES
     channels: tuple[tuple[str, str], ...]  # (arm, or "" where the site has none; channel)
-    effects: tuple[str, ...]  # names of ravenjax.stages.faults.vocabulary.EFFECTS
+    effects: tuple[str, ...]  # names of ravenjax.vocabulary.effects.EFFECTS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -135,7 +133,7 @@ class Injection:
 
     slots: int = 0  # faults that one run may hold
     sites: tuple[SiteUse, ...] = ()
-    triggers: tuple[str, ...] = ()  # names of ravenjax.stages.faults.vocabulary.TRIGGERS
+    triggers: tuple[str, ...] = ()  # names of ravenjax.vocabulary.effects.TRIGGERS
 
 
 @dataclasses.dataclass(frozen=True)

@@ -11,10 +11,10 @@ import synthetic_results as synthetic
 
 from ravenjax.cli import console, main, running
 from ravenjax.hazards import library
-from ravenjax.robot.sites import SITES
-from ravenjax.stages.faults.vocabulary import EFFECTS, TRIGGERS
 from ravenjax.store.folder import ResultFolder
 from ravenjax.store.results import Results
+from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
+from ravenjax.vocabulary.sites import SITES
 
 
 @pytest.fixture
@@ -103,7 +103,7 @@ def test_faults_of_a_site_lists_channels_effects_and_hazards(run):
 def test_faults_of_an_effect_says_what_its_value_may_be(run):
     _, out, _ = run("faults", "delay")
     about, values = tables(out).values()
-    assert about == [["meaning", EFFECTS["delay"]]] and values == [["network", "1..100000 packets, whole"]]
+    assert about == [["meaning", EFFECTS["delay"].meaning]] and values == [["network", "1..100000 packets, whole"]]
 
 
 def test_layers_and_classes_are_defined_where_they_are_printed(run):

@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 from ravenjax import tick
-from ravenjax.outcomes.checks import CHECKS
-from ravenjax.robot.sites import SITES
 from ravenjax.stages import monitor, motions
-from ravenjax.stages.faults import fault, vocabulary
+from ravenjax.stages.faults import fault
 from ravenjax.types import DetectorUse, Injection, Setup, SiteUse, Vec
+from ravenjax.vocabulary import effects
+from ravenjax.vocabulary.checks import CHECKS
+from ravenjax.vocabulary.sites import SITES
 
-EFFECTS = tuple(name for name in vocabulary.EFFECTS if name not in vocabulary.NETWORK_EFFECTS)
+EFFECTS = tuple(name for name in effects.EFFECTS if name not in effects.NETWORK_EFFECTS)
 
 ARITHMETIC = {"add", "sub", "mul", "div", "neg", "abs", "sign", "min", "max", "rem", "square", "integer_pow"}
 FUNCTIONS = {"sqrt", "sin", "cos", "acos", "atan2", "exp", "log", "floor", "round"}
@@ -35,7 +36,7 @@ def everywhere(arms: tuple[str, ...]) -> Injection:
         places = arms if site.per_arm else ("",)
         channels = tuple((arm, channel.name) for arm in places for channel in site.channels)
         uses.append(SiteUse(site.name, channels, EFFECTS))
-    return Injection(slots=2, sites=tuple(uses), triggers=tuple(vocabulary.TRIGGERS))
+    return Injection(slots=2, sites=tuple(uses), triggers=tuple(effects.TRIGGERS))
 
 
 SETUPS = {

@@ -36,6 +36,7 @@ from ravenjax.software import ControlSoftware
 from ravenjax.stages import plc
 from ravenjax.stats.intervals import wilson
 from ravenjax.types import CAMPAIGN, ORIGINAL, REFERENCE, Precision
+from ravenjax.vocabulary import run_levels
 
 EVERY_LAYER = Path(__file__).parent / "every_layer.toml"
 QUICK = "quick.toml"
@@ -286,10 +287,11 @@ def _driven(config: CampaignConfig, signals) -> tuple[np.ndarray, np.ndarray]:
     ready = plan.make(config)
     setup, arm = ready.program.setup, config.campaign.arms
     pair = [
-        ControlSoftware("raven2", arm, setup.tools, runlevel=plc.PEDAL_UP, precision=p) for p in (ORIGINAL, CAMPAIGN)
+        ControlSoftware("raven2", arm, setup.tools, runlevel=run_levels.PEDAL_UP, precision=p)
+        for p in (ORIGINAL, CAMPAIGN)
     ]
     enc_val = np.stack([np.asarray(x) for x in signals.control.arms[0].enc_val], axis=1)
-    level = np.concatenate([[plc.PEDAL_UP], np.asarray(signals.plc.runlevel)])
+    level = np.concatenate([[run_levels.PEDAL_UP], np.asarray(signals.plc.runlevel)])
     packets = jax.tree.map(np.asarray, signals.packet)
     dacs = []
     for k in range(ready.program.ticks):

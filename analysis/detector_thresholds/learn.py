@@ -15,9 +15,10 @@ import numpy as np
 from ravenjax.campaign import loading, plan, replay
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
-from ravenjax.stages import detectors, state_machine
+from ravenjax.stages import detectors
 from ravenjax.stages.motions import MOTIONS
-from ravenjax.types import ARMS
+from ravenjax.vocabulary import run_levels
+from ravenjax.vocabulary.arms import ARMS
 
 SCALES = (0.05, 0.1)
 SECONDS = 20.0
@@ -41,7 +42,7 @@ def steps(motion: str) -> np.ndarray:
     for lane in range(ready.runs):
         one = Block({path: np.full_like(v, v[lane]) for path, v in block.varied.items()}, faults, None)
         *_, signals = tracer.run(one, one, ready.columns)
-        down = np.asarray(signals.control.runlevel) == state_machine.PEDAL_DOWN
+        down = np.asarray(signals.control.runlevel) == run_levels.PEDAL_DOWN
         for out in signals.plant:
             values = np.stack(
                 [

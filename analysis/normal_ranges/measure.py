@@ -21,11 +21,12 @@ from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
 from ravenjax.hazards import ranges
 from ravenjax.robot.mapping import quat_from_matrix
-from ravenjax.robot.sites import ARM, SITES, Channel
 from ravenjax.stages import plc
 from ravenjax.stages.faults.injection import read
 from ravenjax.stages.motions import MOTIONS
-from ravenjax.types import ARMS, Vec
+from ravenjax.types import Vec
+from ravenjax.vocabulary.arms import ARMS
+from ravenjax.vocabulary.sites import ARM, SITES, Channel
 
 SCALES = (0.05, 0.1)
 SECONDS = 20.0
@@ -45,7 +46,7 @@ NEUTRAL = {
 
 
 def crossing(signals: Any, scale: float) -> dict[str, Any]:
-    """Site -> what crossed it, a signal as `ravenjax.robot.sites` describes it, of all sites but those in NEUTRAL."""
+    """Site -> what crossed it, a signal as `vocabulary.sites` describes it, of all sites but those in NEUTRAL."""
 
     def of(name: str) -> tuple[Any, ...]:
         return tuple(getattr(arm, name) for arm in signals.control.arms)

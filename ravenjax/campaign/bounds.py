@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from ravenjax import paths
 from ravenjax.campaign.axis import Axis
 from ravenjax.errors import shown
-from ravenjax.types import JOINTS
+from ravenjax.vocabulary.arms import JOINTS
 
 TAIL = 7.04
 """Standard deviations: `Axis.at` of a normal distribution never goes farther (quantiles from 1e-12)."""

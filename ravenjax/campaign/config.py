@@ -22,7 +22,8 @@ from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
 from ravenjax.robot.tools import DEFAULT_TOOLS
 from ravenjax.stages.motions import MOTIONS
 from ravenjax.store.motion.options import MAX_GAP_S, AtEnd, ReplayOptions, Spikes
-from ravenjax.types import ArmName, DetectorUse
+from ravenjax.types import DetectorUse
+from ravenjax.vocabulary.arms import ArmName
 
 
 class Campaign(Section):

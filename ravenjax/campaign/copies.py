@@ -19,16 +19,15 @@ from ravenjax.campaign.location import Complaint, Key
 from ravenjax.campaign.semantics import (
     ALL,
     NOISE,
-    WITHOUT_VALUE,
     last_start,
     parameter_tables,
     random_in_itself,
 )
 from ravenjax.errors import shown
 from ravenjax.hazards.naming import hazards_of
-from ravenjax.robot.sites import SITES
-from ravenjax.stages.faults.vocabulary import NETWORK_EFFECTS
-from ravenjax.types import ARMS
+from ravenjax.vocabulary.arms import ARMS
+from ravenjax.vocabulary.effects import NETWORK_EFFECTS, WITHOUT_VALUE
+from ravenjax.vocabulary.sites import SITES
 
 
 class Unread(NamedTuple):

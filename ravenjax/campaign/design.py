@@ -24,14 +24,13 @@ from ravenjax.campaign import run_id, sampled_order, sampling
 from ravenjax.campaign.axis import Axis, fixed
 from ravenjax.campaign.config import CampaignConfig
 from ravenjax.campaign.group import Fault, Group, Run
-from ravenjax.campaign.legal import says_beyond
 from ravenjax.campaign.sampling import Key
-from ravenjax.campaign.semantics import ALL
+from ravenjax.campaign.semantics import ALL, says_beyond
 from ravenjax.campaign.slot import FIELDS, NUMBERS, WORDS, slot
 from ravenjax.campaign.table import SHARED
 from ravenjax.errors import UserError
-from ravenjax.robot.sites import SITES
 from ravenjax.store.words import column
+from ravenjax.vocabulary.sites import SITES
 
 MOST_RUNS = 100_000_000
 """Rows of a fault table."""

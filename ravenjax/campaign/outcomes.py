@@ -11,8 +11,9 @@ import pandas as pd
 from ravenjax.campaign import run_id
 from ravenjax.campaign.config import CampaignConfig
 from ravenjax.campaign.table import SHARED
-from ravenjax.outcomes import checks, verdict
+from ravenjax.outcomes import verdict
 from ravenjax.store import schema, words
+from ravenjax.vocabulary import checks
 
 Columns = Mapping[str, np.ndarray]
 """Outcome -> [rows], as an engine returns them; a DataFrame will do."""

@@ -15,13 +15,15 @@ from ravenjax.campaign.config import CampaignConfig
 from ravenjax.engines.interface import Program
 from ravenjax.robot import limits
 from ravenjax.robot.motion import Motion
-from ravenjax.stages import motions, overdrive, reaction
+from ravenjax.stages import motions, overdrive
 from ravenjax.stages.faults.fault import Fault, Faults
 from ravenjax.store.motion import replay as recorded
 from ravenjax.store.motion.reach import Bounds
 from ravenjax.store.motion.replay import OperatorReplay
 from ravenjax.store.motion.summary import MotionSummary
-from ravenjax.types import CAMPAIGN, JOINTS, Precision, Setup, replace
+from ravenjax.types import CAMPAIGN, Precision, Setup, replace
+from ravenjax.vocabulary.arms import JOINTS
+from ravenjax.vocabulary.reactions import ACTIONS
 
 POLICIES = {
     "no_regulation": overdrive.NO_REGULATION,
@@ -200,7 +202,7 @@ def _params(config: CampaignConfig, setup: Setup, motion: Motion) -> tick.Params
         params = replace(params, detectors=replace(params.detectors, levels=levels))
     if params.reaction is not None and config.reaction is not None:
         asked = config.reaction.model_dump(exclude={"action", "correct_mm_s"})
-        action = np.int32(reaction.ACTIONS[config.reaction.action])
+        action = np.int32(ACTIONS.index(config.reaction.action))
         speed = config.reaction.correct_mm_s / 1e3
         params = replace(params, reaction=replace(params.reaction, action=action, correct_speed=speed, **asked))
     for joint, (low, high) in config.limits.si().items():

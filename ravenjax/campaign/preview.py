@@ -14,9 +14,9 @@ from ravenjax.campaign import copies, design, loading, location, plan, run_id, s
 from ravenjax.campaign.config import CampaignConfig
 from ravenjax.campaign.estimate import BASIS, Estimate, Machine, Work, estimate
 from ravenjax.campaign.group import Group
-from ravenjax.robot.sites import SITES
 from ravenjax.store import manifest
 from ravenjax.store.files import StoreError
+from ravenjax.vocabulary.sites import SITES
 
 MOST_EXPANDED = 1_000_000
 """Runs that are expanded to be looked at; of more, groups are counted alone."""

@@ -17,9 +17,9 @@ from ravenjax.campaign.group import DESIGNS, LEAST_MS, LONGEST_MS, UNTIL_END, Fa
 from ravenjax.campaign.loading import header, tables_of
 from ravenjax.hazards import library
 from ravenjax.hazards.expansion import KEYS
-from ravenjax.robot.sites import SITES
-from ravenjax.stages.faults.vocabulary import EFFECTS, TRIGGERS
 from ravenjax.stages.motions import MOTIONS
+from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
+from ravenjax.vocabulary.sites import SITES
 
 COMMAND = "ravenjax reference --out campaigns/REFERENCE.md"
 
@@ -121,7 +121,7 @@ def _parts() -> Iterator[str]:
     )
     yield _table(("site", "layer", "channels", "on each arm", "where"), rows)
     yield "## Effects"
-    yield _table(("effect", "meaning"), ((f"`{name}`", what) for name, what in EFFECTS.items()))
+    yield _table(("effect", "meaning"), ((f"`{effect.name}`", effect.meaning) for effect in EFFECTS.values()))
     yield "## Triggers"
     yield _table(("trigger", "start_ms counts"), ((f"`{name}`", what) for name, what in TRIGGERS.items()))
     yield "## Motions"

@@ -25,11 +25,11 @@ from ravenjax.campaign.progress_file import ProgressFile
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Engine
 from ravenjax.errors import UserError
-from ravenjax.outcomes import checks
 from ravenjax.store import files, lock, manifest, parts, schema
 from ravenjax.store.files import StoreError
 from ravenjax.store.folder import ResultFolder
 from ravenjax.store.results import Results
+from ravenjax.vocabulary import checks
 
 
 def run_campaign(

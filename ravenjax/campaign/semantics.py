@@ -15,20 +15,17 @@ from ravenjax.campaign.axis import Axis
 from ravenjax.campaign.bounds import extent
 from ravenjax.campaign.config import Campaign, CampaignConfig
 from ravenjax.campaign.group import Fault, Group
-from ravenjax.campaign.legal import FIELDS, complaint, legal, rounding, says_beyond
 from ravenjax.campaign.location import Complaint, Key
 from ravenjax.errors import shown, suggestion
-from ravenjax.robot.sites import SITES, Channel, Site
 from ravenjax.robot.tools import TOOLS
-from ravenjax.stages.faults.vocabulary import EFFECTS, MAX_SLOTS, NETWORK_EFFECTS, TRIGGERS
 from ravenjax.stages.motions import MOTIONS
-from ravenjax.types import ARMS
+from ravenjax.vocabulary.arms import ARMS
+from ravenjax.vocabulary.effects import EFFECTS, MAX_SLOTS, NETWORK_EFFECTS, TRIGGERS, WITHOUT_VALUE
+from ravenjax.vocabulary.legal import USB_SITE, complaint, legal, rounding
+from ravenjax.vocabulary.sites import SITES, Channel, Site
 
 ALL = "*"
 """`channel` that stands for every channel of the site."""
-
-WITHOUT_VALUE = ("stuck", "drop", "duplicate")
-"""Effects that take no value."""
 
 NOISE = ("plant.encoder_noise", "plant.torque_noise")
 """Parameters of what `campaign.noise` draws: its sizes."""
@@ -147,6 +144,11 @@ def _group(config: CampaignConfig, group: Group, key: Key) -> Iterator[Complaint
         )
 
 
+def says_beyond(campaign: Campaign, fault: Fault) -> bool:
+    """Whether values beyond 16 bits are meant: the fault has `wraps`, or strikes USB words and `dac_words` is set."""
+    return fault.wraps or (fault.site == USB_SITE and campaign.dac_words is not None)
+
+
 def random_in_itself(config: CampaignConfig, group: Group) -> bool:
     """Whether two runs of a group with the same row but another seed may differ: by noise, or an effect's numbers."""
     parameters = {bounds.plain(path): axis for path, axis in {**config.parameters, **group.parameters}.items()}
@@ -210,7 +212,7 @@ def _effect(fault: Fault, site: Site, key: Key) -> Iterator[Complaint]:
     effects = fault.effect.listed
     needs_value = [effect for effect in effects if effect in EFFECTS and effect not in WITHOUT_VALUE]
     if fault.value is None and needs_value:
-        yield (*key, "value"), f"missing: effect {needs_value[0]!r} takes a value ({EFFECTS[needs_value[0]]})"
+        yield (*key, "value"), f"missing: effect {needs_value[0]!r} takes a value ({EFFECTS[needs_value[0]].meaning})"
     for effect in effects:
         if effect in NETWORK_EFFECTS and site.name != "network":
             yield (*key, "effect"), f"{effect!r} belongs to site 'network', got site {site.name!r}"
@@ -246,9 +248,9 @@ def _value_complaint(site: Site, channel: Channel, effect: str, value: float, dr
     value = math.floor(value) if drawn and rule.rounded else value
     if not rule.low <= value <= rule.high or (rule.whole and not drawn and value != math.floor(value)):
         return complaint(site.name, channel, effect, value, beyond)
-    least, greatest, what, _ = FIELDS.get(channel.name, (-math.inf, math.inf, "", 0))
-    if effect in ("overwrite", "toggle") and not least <= value <= greatest:
-        return f"{channel.name} is {what}: expected {least}..{greatest}, got {value:g}"
+    field = channel.field
+    if field and EFFECTS[effect].value == "number" and not field.low <= value <= field.high:
+        return f"{channel.name} is {field.noun}: expected {field.low}..{field.high}, got {value:g}"
     return None if drawn else rounding(channel, effect, value)
 
 

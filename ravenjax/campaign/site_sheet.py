@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 
-from ravenjax.campaign.legal import FIELDS, USB_SITE, legal
-from ravenjax.campaign.semantics import WITHOUT_VALUE
 from ravenjax.errors import UserError
 from ravenjax.hazards import ranges
-from ravenjax.robot.sites import Channel, Site
-from ravenjax.stages.faults.vocabulary import EFFECTS, NETWORK_EFFECTS
-from ravenjax.types import ARMS
+from ravenjax.vocabulary.arms import ARMS
+from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS, WITHOUT_VALUE
+from ravenjax.vocabulary.legal import USB_SITE, legal
+from ravenjax.vocabulary.sites import Channel, Site
 
 CHANNEL_COLUMNS = ("channel", "number", "unit", "without a fault")
 EFFECT_COLUMNS = ("effect", "meaning", "value")
@@ -24,9 +23,9 @@ def channels(site: Site) -> list[tuple[str, ...]]:
 def effects(site: Site) -> list[tuple[str, ...]]:
     """One row an effect that the site takes: name, meaning, and what its value may be, channel by channel."""
     return [
-        (name, meaning, values(site, name))
-        for name, meaning in EFFECTS.items()
-        if name not in NETWORK_EFFECTS or site.name == "network"
+        (effect.name, effect.meaning, values(site, effect.name))
+        for effect in EFFECTS.values()
+        if effect.network is None or site.name == "network"
     ]
 
 
@@ -52,8 +51,8 @@ def _span(site: Site, channel: Channel, effect: str) -> str:
         return f"{low:.0f}..{high:.0f} packets, whole"
     if effect == "scale":
         return "any factor"
-    if effect in ("overwrite", "toggle") and channel.name in FIELDS:
-        low, high = FIELDS[channel.name][:2]
+    if channel.field and EFFECTS[effect].value == "number":
+        low, high = channel.field.low, channel.field.high
     unit = "" if channel.unit == "1" else f" {channel.unit}"
     if math.isinf(low):
         return f"any number{unit and f', in{unit}'}"

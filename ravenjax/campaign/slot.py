@@ -13,13 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.campaign import legal as legal_values
 from ravenjax.campaign.axis import Axis
 from ravenjax.campaign.group import UNTIL_END, Fault
-from ravenjax.campaign.semantics import WITHOUT_VALUE
-from ravenjax.robot.sites import SITES, Site
-from ravenjax.stages.faults.vocabulary import EFFECTS, NETWORK_EFFECTS, TRIGGERS
-from ravenjax.types import ARMS
+from ravenjax.vocabulary import legal as legal_values
+from ravenjax.vocabulary.arms import ARMS
+from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS, TRIGGERS, WITHOUT_VALUE
+from ravenjax.vocabulary.sites import SITES, Site
 
 WORDS: dict[str, tuple[str, ...]] = {
     "site": ("", *SITES),
@@ -61,7 +60,7 @@ class Slot(NamedTuple):
 def slot(fault: Fault, axes: Mapping[str, Axis], places: Mapping[str, np.ndarray], beyond: bool = False) -> Slot:
     """The columns of `fault`: `axes` of its fields but the site, and the runs' places on them.
 
-    beyond: 16-bit words may be given more, see `legal.says_beyond`.
+    beyond: 16-bit words may be given more, see `semantics.says_beyond`.
     """
     site = SITES[fault.site]
     word = {name: _codes(name, axes[name])[places[name]] for name in WORDS if name != "site"}

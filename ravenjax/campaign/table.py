@@ -8,9 +8,10 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.campaign import run_id
-from ravenjax.robot.sites import SITES
-from ravenjax.stages.faults.vocabulary import EFFECT_CODES, NETWORK_EFFECTS, TRIGGER_CODES
-from ravenjax.types import ARMS, Injection, SiteUse
+from ravenjax.types import Injection, SiteUse
+from ravenjax.vocabulary.arms import ARMS
+from ravenjax.vocabulary.effects import EFFECT_CODES, NETWORK_EFFECTS, TRIGGER_CODES
+from ravenjax.vocabulary.sites import SITES
 
 FOREVER_TICKS = 2**30
 """Duration of a fault that lasts until the run ends."""

@@ -62,13 +62,15 @@ def faults(word: str | None = None, *, as_json: AsJson = False) -> None:
 def _faults(word: str | None) -> Iterator[Listing]:
     from ravenjax.errors import UserError, suggestion
     from ravenjax.hazards import library, listing
-    from ravenjax.robot.sites import SITES
-    from ravenjax.stages.faults.vocabulary import EFFECTS, TRIGGERS
+    from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
+    from ravenjax.vocabulary.sites import SITES
 
     every: dict[str, Callable[[], Listing]] = {
         "layers": lambda: Listing("layers", "Layers of the loop", listing.LAYER_COLUMNS, listing.layers()),
         "sites": lambda: _sites("Sites, in the robot's order; `ravenjax faults SITE` shows one", list(SITES)),
-        "effects": lambda: Listing("effects", "Effects", ("effect", "meaning"), list(EFFECTS.items())),
+        "effects": lambda: Listing(
+            "effects", "Effects", ("effect", "meaning"), [effect[:2] for effect in EFFECTS.values()]
+        ),
         "triggers": lambda: Listing("triggers", "Triggers", ("trigger", "start_ms counts"), list(TRIGGERS.items())),
         "classes": lambda: Listing(
             "classes", "Outcome classes of hazards", ("class", "meaning"), list(library.terms()["classes"].items())
@@ -103,7 +105,7 @@ def _faults(word: str | None) -> Iterator[Listing]:
 
 
 def _sites(title: str, names: Sequence[str]) -> Listing:
-    from ravenjax.robot.sites import SITES
+    from ravenjax.vocabulary.sites import SITES
 
     rows = []
     for site in (SITES[name] for name in names):
@@ -118,7 +120,7 @@ def _sites(title: str, names: Sequence[str]) -> Listing:
 def _site(name: str) -> Iterator[Listing]:
     from ravenjax.campaign import site_sheet
     from ravenjax.hazards import library, listing
-    from ravenjax.robot.sites import SITES
+    from ravenjax.vocabulary.sites import SITES
 
     site = SITES[name]
     arms = "on each arm: with both, write arm" if site.per_arm else "of no arm"
@@ -131,10 +133,10 @@ def _site(name: str) -> Iterator[Listing]:
 
 def _effect(name: str) -> Iterator[Listing]:
     from ravenjax.campaign import site_sheet
-    from ravenjax.robot.sites import SITES
-    from ravenjax.stages.faults.vocabulary import EFFECTS, NETWORK_EFFECTS
+    from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS
+    from ravenjax.vocabulary.sites import SITES
 
-    yield Listing("effect", f"Effect {name}", ("what", "is"), [("meaning", EFFECTS[name])])
+    yield Listing("effect", f"Effect {name}", ("what", "is"), [("meaning", EFFECTS[name].meaning)])
     sites = [site for site in SITES.values() if name not in NETWORK_EFFECTS or site.name == "network"]
     yield Listing(
         "values", "Its value", ("site", "may be"), [(site.name, site_sheet.values(site, name)) for site in sites]

@@ -21,8 +21,9 @@ from typing import Any
 from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.hazards import library
 from ravenjax.hazards.library import Case, Hazard, Struck
-from ravenjax.robot.sites import SITES
-from ravenjax.types import ARMS
+from ravenjax.vocabulary.arms import ARMS
+from ravenjax.vocabulary.effects import EFFECTS
+from ravenjax.vocabulary.sites import SITES
 
 KEY = "hazards"
 ALL = "all"
@@ -163,7 +164,7 @@ def _check(name: str, case: Case, overrides: Mapping[str, Any], arms: Sequence[A
     if "value" in overrides:
         if others:
             raise WrongGroup("value", f"{name} strikes {len(case.fault)} channels, each with a value of its own")
-        if not library.takes_value(first.effect):
+        if not EFFECTS[first.effect].takes_value:
             raise WrongGroup("value", f"{name} has effect {first.effect!r}, which takes none")
     for key, value in overrides.items():
         if value == []:

@@ -15,8 +15,8 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from ravenjax.errors import UserError, suggestion
-from ravenjax.robot.sites import SITES, Site
-from ravenjax.stages.faults.vocabulary import EFFECTS, NETWORK_EFFECTS, TRIGGERS
+from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS, TRIGGERS
+from ravenjax.vocabulary.sites import SITES, Site
 
 DATA = resources.files("ravenjax.hazards") / "data"
 
@@ -77,8 +77,9 @@ class Struck(Section):
             raise ValueError(f"effect {self.effect!r} belongs to site 'network', got {site.name!r}")
         for name in self.channels:
             _known(f"channel of site {site.name}", name, [channel.name for channel in site.channels])
-        if takes_value(self.effect) != (self.value is not None):
-            expected = "a value" if takes_value(self.effect) else "no value"
+        takes_value = EFFECTS[self.effect].takes_value
+        if takes_value != (self.value is not None):
+            expected = "a value" if takes_value else "no value"
             raise ValueError(f"effect {self.effect!r} takes {expected}, got {self.value!r}")
         if self.unit != (unit := _unit(site, self)):
             raise ValueError(f"unit: got {self.unit!r}, expected {unit!r}, that of {site.name} and its effect")
@@ -170,11 +171,6 @@ class Hazard(Section):
         if (self.activated is None) != (self.injected is None):
             raise ValueError("activated and injected go together")
         return self
-
-
-def takes_value(effect: str) -> bool:
-    """Whether a fault of this effect has a value."""
-    return effect != "stuck" and NETWORK_EFFECTS.get(effect, ("", "", None))[2] is None
 
 
 @cache

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 from ravenjax.errors import UserError
 from ravenjax.hazards.library import DATA, Number, Numbers, Struck
-from ravenjax.robot.sites import SITES
-from ravenjax.types import ARMS
+from ravenjax.vocabulary.arms import ARMS
+from ravenjax.vocabulary.sites import SITES
 
 FILE = "normal_ranges.csv"
 IN, OUT, EITHER = "in range", "out of range", "in and out of range"

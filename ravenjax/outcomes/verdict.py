@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.outcomes import checks
+from ravenjax.vocabulary import checks
 
 PUBLISHED_CUE_MM = 3.0
 """Distance between nominal model and robot at which the published cue fires (IROS 2016)."""
@@ -40,7 +40,7 @@ UNTOLD = ("limited", "silent")
 
 SILENT = RESPONSES.index("silent")
 _NONE = HAZARDS.index("none")
-_RANK = {"stop": 0, "flag": 1, "limit": 2}
+_TOLD = tuple(RESPONSES.index(response) for response in TOLD)
 
 Outcomes = Mapping[str, Any]
 """Columns by name, arrays [rows]."""
@@ -68,7 +68,7 @@ def responses(outcomes: Outcomes, golden: Outcomes) -> Response:
     cause = np.zeros(len(onset), np.int8)
     first, told = np.full((2, len(onset)), -1, np.int32)
     for place, name in enumerate(names, start=1):
-        rank = _RANK[checks.check(name).action]
+        rank = RESPONSES.index(checks.check(name).response)
         own, usual = np.asarray(outcomes[f"check_{name}_count"]), np.asarray(golden[f"check_{name}_count"])
         more = own > usual
         if not more.any():
@@ -78,7 +78,7 @@ def responses(outcomes: Outcomes, golden: Outcomes) -> Response:
         ms = np.where(usual > 0, np.maximum(ms, onset), ms)
         stronger = more & ((response > rank) | ((response == rank) & (ms < first)))
         response[stronger], cause[stronger], first[stronger] = rank, place, ms[stronger]
-        if rank < _RANK["limit"]:
+        if rank in _TOLD:
             sooner = more & ((told < 0) | (ms < told))
             told[sooner] = ms[sooner]
     return Response(response, cause, first, told, ("", *(checks.check(name).named_cause for name in names)))
@@ -120,10 +120,3 @@ def verdicts(response: np.ndarray, hazard: np.ndarray, cue: np.ndarray, valid: n
     """Index of (*VERDICTS, "") for each run: "" where it has no valid outcome. cue: bool, beyond the golden run."""
     place = (response.astype(np.int16) * len(HAZARDS) + hazard) * len(CUES) + ~cue
     return np.where(valid, place, len(VERDICTS))
-
-
-def split(verdict: str) -> tuple[str, str, str]:
-    """(response, hazard, cue) of a verdict, or ("", "", "") of a failed run's."""
-    response, _, rest = verdict.partition("/")
-    hazard, _, cue = rest.partition("/")
-    return response, hazard, cue

@@ -43,7 +43,8 @@ def _hourly(row: Row) -> AlarmRate:
 
 def _marks(rows: Sequence[Row], name: str, colour: str) -> Dots:
     force = np.array([row.force for row in rows])
-    scale = np.nan_to_num(force / np.nanmax(force)) if np.isfinite(force).any() else np.zeros(len(rows))
+    largest = force[np.isfinite(force)].max(initial=0.0)
+    scale = np.nan_to_num(force / largest) if largest > 0 else np.zeros(len(rows))
     first: dict[float, Row] = {}
     for row in rows:  # gains that change only the force fall on one mark: one label for them
         first.setdefault(row.cue.threshold_mm, row)

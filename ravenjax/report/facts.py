@@ -14,10 +14,12 @@ import pyarrow as pa
 
 from ravenjax.outcomes import events, verdict
 from ravenjax.outcomes.events import Rules
-from ravenjax.report import layers
 from ravenjax.store import query
 from ravenjax.store.manifest import Manifest
 from ravenjax.store.query import RESULTS, Table, quoted, text
+from ravenjax.vocabulary import layers
+from ravenjax.vocabulary.reactions import ACTIONS
+from ravenjax.vocabulary.sites import SITES
 
 OUTCOMES = {
     "stopped": "a check stopped the robot",
@@ -34,8 +36,6 @@ OUTCOMES = {
 """Each run has exactly one; those "felt" and "unseen" evaded the checks."""
 
 ACTION = "param:reaction.action"
-ACTIONS = ("none", "release", "slow", "correct")
-"""As ravenjax.stages.reaction.ACTIONS, which cannot be imported without importing jax."""
 
 FACTS = "facts"
 """The table of what `define` derives."""
@@ -246,7 +246,7 @@ def _words(table: Table, names: Sequence[str]) -> dict[str, list[str]]:
 def _first_fault(names: Sequence[str]) -> dict[str, str]:
     if "fault0_site" not in names:
         return {"site": "''", "layer": text(layers.OTHER)}  # a campaign without any fault
-    known = " ".join(f"WHEN {text(site)} THEN {text(layers.name(site))}" for site in layers.OF_SITE)
+    known = " ".join(f"WHEN {text(site)} THEN {text(layers.name(site))}" for site in SITES)
     return {
         "site": "fault0_site",
         "layer": f"CASE fault0_site {known} ELSE {text(layers.OTHER)} END",
@@ -264,11 +264,6 @@ def _listed(columns: Mapping[str, str]) -> str:
 def warned(frame: pd.DataFrame, cue: int) -> np.ndarray:
     """As `warned_sql`, of a result table in memory: [rows]."""
     return verdict.beyond_golden(frame[f"cue{cue}_first_ms"], frame[f"twin_cue{cue}_first_ms"])
-
-
-def motions(frame: pd.DataFrame, facts: pd.DataFrame) -> pd.DataFrame:
-    """The fault-free motions of a campaign's plain runs, as `twins`."""
-    return twins(frame, facts["plain"].to_numpy(bool))
 
 
 def twins(frame: pd.DataFrame, chosen: np.ndarray) -> pd.DataFrame:

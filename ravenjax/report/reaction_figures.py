@@ -11,10 +11,10 @@ from ravenjax.document import palette
 from ravenjax.document.chart import Axis, Chart, Curve, Dots
 from ravenjax.document.steps import steps
 from ravenjax.document.ticks import above
-from ravenjax.report import facts as run_facts
 from ravenjax.report import reactions
 from ravenjax.report.figures import share_axis
 from ravenjax.report.reactions import Difference
+from ravenjax.vocabulary.reactions import ACTIONS, MEANINGS
 
 ROW = 22  # px, of a class in the chart of differences
 LEAST_MM = 0.5
@@ -53,7 +53,7 @@ def exceedance(frame: pd.DataFrame, facts: pd.DataFrame) -> Chart:
     for number in (0, *acting):
         mine = reactions.pairs(frame, facts, number or acting[0])
         values = np.sort((mine.with_frame if number else mine.without_frame)[reactions.EXCURSION].to_numpy(float))
-        name = reactions.TOLD[run_facts.ACTIONS[number]]
+        name = MEANINGS[ACTIONS[number]]
         colour = palette.series(acting.index(number)) if number else palette.SAME
         curves.append(_exceedance_curve(values, name, colour, number == 0))
     far = max(max(float(curve.x[-1]) for curve in curves), 10.0)

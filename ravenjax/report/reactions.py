@@ -22,14 +22,8 @@ from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.stats.paired import mcnemar, mean_difference, rate_difference
 from ravenjax.stats.resample import Band
 from ravenjax.store.query import RESULTS, quoted
+from ravenjax.vocabulary.reactions import ACTIONS, MEANINGS
 
-TOLD = {
-    "none": "nobody reacts",
-    "release": "lift the pedal",
-    "slow": "slow down",
-    "correct": "correct by eye",
-}
-"""Each of facts.ACTIONS in words."""
 EXCURSION = "excursion_mm"
 """How far the tip went by itself, mm: off the golden run, and from where standing would have left it; while live, also
 off the nominal model, for who slows down stays behind the golden run on purpose."""
@@ -150,7 +144,7 @@ def interruptions(frame: pd.DataFrame, facts: pd.DataFrame) -> list[Idle]:
         lost = lost[run_facts.first_came(mine.with_frame, "reaction_ms")]
         made.append(
             Idle(
-                TOLD[action],
+                MEANINGS[action],
                 tables.rate(acted),
                 alarm_rate(int(acted.sum()), hours) if hours else None,
                 float(lost.mean()) if len(lost) else math.nan,
@@ -161,7 +155,7 @@ def interruptions(frame: pd.DataFrame, facts: pd.DataFrame) -> list[Idle]:
 
 def _actions(facts: pd.DataFrame) -> list[tuple[int, str]]:
     present = facts["action"].unique().tolist()
-    return [(n, name) for n, name in enumerate(run_facts.ACTIONS) if n and n in present]
+    return [(n, name) for n, name in enumerate(ACTIONS) if n and n in present]
 
 
 def _crossed_names(frame: pd.DataFrame) -> list[str]:
@@ -187,12 +181,12 @@ def _parts(mine: Pairs) -> Iterator[tuple[str, Pairs]]:
 
 
 def _difference(action: str, among: str, mine: Pairs) -> Difference:
-    """action: of facts.ACTIONS."""
+    """action: of ACTIONS."""
     after, before = mine.with_facts["unintended"].to_numpy(), mine.without_facts["unintended"].to_numpy()
     acted = run_facts.first_came(mine.with_frame, "reaction_ms")
     test = mcnemar(after, before)
     return Difference(
-        TOLD[action],
+        MEANINGS[action],
         among,
         len(after),
         tables.rate(before),

@@ -12,17 +12,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.outcomes import checks
 from ravenjax.outcomes.events import Rules
 from ravenjax.report import wording
+from ravenjax.vocabulary import checks, run_levels
 
-RUN_LEVELS = ("E-stop", "init", "pedal up", "pedal down")
 MOST_WINDOWS = 3
 """Windows of one fault, and pulses of one cue, that are told one by one."""
 MOST_CHANGES = 8
 """Changes of one state that are told one by one."""
 _ORDER = ("fault", "check", "run level", "brakes", "cue", "hazard", "jump", "operator")
-_TELLS = {"stop": "stops the robot", "flag": "tells a person", "limit": "tells nobody"}
 _LEVELS = {"stop": "error", "flag": "warn", "limit": "warn"}
 
 _JUMPS = {
@@ -126,7 +124,7 @@ def _checks(row: Mapping[str, Any], golden: Mapping[str, Any] | None) -> Iterato
             yield RunEvent(first, "check", f"{text}, as in the golden run", "debug")
             continue
         beside = f", {wording.count(usual)} of them in the golden run, too" if usual else ""
-        yield RunEvent(first, "check", f"{text}{beside}; it {_TELLS[check.action]}", _LEVELS[check.action])
+        yield RunEvent(first, "check", f"{text}{beside}; it {check.does}", _LEVELS[check.action])
 
 
 def _cues(row: Mapping[str, Any], rules: Rules, series: Series | None) -> Iterator[RunEvent]:
@@ -178,7 +176,7 @@ def _states(series: Series) -> Iterator[RunEvent]:
     """Changes of run level, software E-stop and brakes."""
     if "runlevel" in series:
         levels = np.asarray(series["runlevel"]).astype(int)
-        names = {number: _run_level(number) for number in np.unique(levels).tolist()}
+        names = {number: run_levels.name(number) for number in np.unique(levels).tolist()}
         yield from _changes(
             "run level", levels, lambda old, new: f"run level: {names[old]} to {names[new]}", alarming=0
         )
@@ -202,10 +200,6 @@ def _changes(
     if len(times) > MOST_CHANGES:
         left, last = len(times) - MOST_CHANGES, wording.count(times[-1])
         yield RunEvent(times[MOST_CHANGES], kind, f"{left} more changes, the last at {last} ms")
-
-
-def _run_level(number: int) -> str:
-    return RUN_LEVELS[number] if 0 <= number < len(RUN_LEVELS) else str(number)
 
 
 def _spans(active: np.ndarray) -> list[tuple[int, int]]:

@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.arms import ARMS
 from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import UNTOLD
 from ravenjax.report import wording
 from ravenjax.report.run_events import RunEvent, Series, events
+from ravenjax.vocabulary.arms import ARMS
 
 
 class RunSummary(NamedTuple):

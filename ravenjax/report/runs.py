@@ -51,8 +51,6 @@ class Runs:
         run_facts.define(table, run_facts.choices(manifest), _more(manifest))
         self.facts = list(table.types(FACTS))
         self.rows = self.count("true")
-        self.faulty_and_valid = f"{run_facts.faulty_sql(self.names)} AND failed = ''"
-        """Condition on `results`."""
         self._motions: Motions | None = None
         self._cube: pd.DataFrame | None = None
 

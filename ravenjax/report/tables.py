@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ravenjax.outcomes import checks, verdict
+from ravenjax.outcomes import verdict
 from ravenjax.report.counted import Delays, median
 from ravenjax.report.facts import FACTS, OUTCOMES
 from ravenjax.report.runs import Runs
@@ -19,6 +19,7 @@ from ravenjax.report.worst import replay
 from ravenjax.stats.intervals import Rate, wilson
 from ravenjax.store.manifest import Manifest
 from ravenjax.store.query import RESULTS, text
+from ravenjax.vocabulary import checks
 
 CAUSED = ("stopped", "flagged", "limited")
 
@@ -131,15 +132,18 @@ def jump_rows(runs: Runs, manifest: Manifest) -> list[dict[str, Any]]:
         "jump_tip": f"true tip: steps over {step:g} mm in two ticks in a row",
         "jump_text": f"true tip: over {large:g} mm within 2 ms",
     }
+    counts = ", ".join(
+        f"count(*) FILTER ({name}), count(*) FILTER ({name} AND unintended), count(*) FILTER ({name} AND misreport)"
+        for name in rules
+    )
     source = f"{RESULTS} JOIN {FACTS} USING (row) WHERE sample AND faulty"
-    rows = []
-    for name, rule in rules.items():
-        n, k, unintended, misreport = runs.table.row(
-            f"SELECT count(*), count(*) FILTER ({name}), count(*) FILTER ({name} AND unintended), "
-            f"count(*) FILTER ({name} AND misreport) FROM {source}"
+    n, *found = runs.table.row(f"SELECT count(*), {counts} FROM {source}")
+    return [
+        {"rule": rule, "rate": rate_of(k, n), "unintended": unintended, "misreport": misreport}
+        for rule, (k, unintended, misreport) in zip(
+            rules.values(), zip(found[::3], found[1::3], found[2::3], strict=True), strict=True
         )
-        rows.append({"rule": rule, "rate": rate_of(k, n), "unintended": unintended, "misreport": misreport})
-    return rows
+    ]
 
 
 def _by(counted: pd.DataFrame, names: list[str]) -> dict[tuple[Any, ...], int]:
@@ -218,15 +222,15 @@ def check_rows(runs: Runs, manifest: Manifest) -> list[dict[str, Any]]:
     total, *found = runs.table.row(f"SELECT {', '.join(asked)} FROM {runs.those('sample AND faulty')}")
     rows = []
     for check, tripped, margin in zip(names, found[::2], found[1::2], strict=True):
-        _, unit, meaning, action, _ = checks.check(check)
+        known = checks.check(check)
         rows.append(
             {
                 "name": check,
-                "what": meaning,
-                "action": action,
+                "what": known.meaning,
+                "does": known.does,
                 "tripped": rate_of(tripped, total),
                 "closest": math.nan if margin is None else float(margin),
-                "unit": "" if unit == "1" else unit,
+                "unit": "" if known.unit == "1" else known.unit,
             }
         )
     return sorted(rows, key=lambda row: -row["tripped"].k)

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from ravenjax.robot.sites import SITES
 from ravenjax.stats.intervals import Estimate, Rate
+from ravenjax.vocabulary.sites import SITES
 
 NARROW = "\u202f"
 DASH = "–"

@@ -10,7 +10,7 @@ import functools
 import mujoco
 
 from ravenjax import resources
-from ravenjax.types import ARMS, JOINTS, ArmName
+from ravenjax.vocabulary.arms import ARMS, JOINTS, ArmName
 
 MODEL = "raven2/raven2.xml"
 

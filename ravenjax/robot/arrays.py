@@ -21,7 +21,8 @@ from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.robot import gravity, kinematics, transmission
 from ravenjax.robot.joints import Pose
 from ravenjax.robot.tools import find_tool
-from ravenjax.types import ARMS, JOINTS, Vec
+from ravenjax.types import Vec
+from ravenjax.vocabulary.arms import ARMS, JOINTS
 
 Array = np.ndarray
 

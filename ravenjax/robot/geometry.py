@@ -41,7 +41,7 @@ GEOMETRY = {
 def jaw_rotation(arm: str, jpos: np.ndarray) -> np.ndarray:
     """Rotation [..., 3, 3] of the jaws in frame 0 of the arm, columns are the axes of frame 6; NaN where a joint is.
 
-    jpos: [..., 7], rad and m, as `ravenjax.arms.JOINTS`. The rotation of `kinematics.forward`, in NumPy.
+    jpos: [..., 7], rad and m, as `ravenjax.vocabulary.arms.JOINTS`. The rotation of `kinematics.forward`, in NumPy.
     """
     turns, zeros = _links(arm)
     jpos = np.asarray(jpos, float)

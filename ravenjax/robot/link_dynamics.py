@@ -11,7 +11,8 @@ import functools
 from ravenjax.robot import arm_model, rigid_program
 from ravenjax.robot.rigid_tree import Link, read_tree
 from ravenjax.robot.straight_line import Program
-from ravenjax.types import ArmName, Scalar, Setup, Vec
+from ravenjax.types import Scalar, Setup, Vec
+from ravenjax.vocabulary.arms import ArmName
 
 
 def mass_matrix_and_bias(

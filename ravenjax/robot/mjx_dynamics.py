@@ -18,7 +18,8 @@ with contextlib.redirect_stdout(io.StringIO()):  # it prints a line for each opt
     from mujoco import mjx
 
 from ravenjax.robot import arm_model
-from ravenjax.types import ArmName, Scalar, Vec
+from ravenjax.types import Scalar, Vec
+from ravenjax.vocabulary.arms import ArmName
 
 
 def mass_matrix_and_bias(arm: ArmName, qpos: Vec, qvel: Vec, gravity: Vec) -> tuple[list[list[Scalar]], list[Scalar]]:

@@ -11,7 +11,7 @@ import dataclasses
 
 import numpy as np
 
-from ravenjax.types import ArmName
+from ravenjax.vocabulary.arms import ArmName
 
 TICK_S = 1e-3
 """Time between two rows of a motion: the console sends one packet a millisecond."""

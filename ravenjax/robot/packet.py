@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.types import ARMS, ArmName, Scalar, Setup, Vec, record
+from ravenjax.types import Scalar, Setup, Vec, record
+from ravenjax.vocabulary.arms import ARMS, ArmName
 
 UDP_PORT = 36000
 """Port the control software listens on; raven2 `network_layer.cpp`."""

@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from ravenjax.robot import arm_model
 from ravenjax.robot.algebra import matvec, minus, plus
-from ravenjax.types import ArmName, Scalar, Vec
+from ravenjax.types import Scalar, Vec
+from ravenjax.vocabulary.arms import ArmName
 
 TISSUE_TOP = 0.182  # m, height of the dome; models/raven2 PROVENANCE.md
 TISSUE_SAG = (0.012 / 0.085**2, 0.7 * 0.012 / 0.07**2)  # 1/m, curvature of the dome along x and y

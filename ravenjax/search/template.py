@@ -16,13 +16,13 @@ from ravenjax.campaign import sampling
 from ravenjax.campaign.axis import Axis, fixed
 from ravenjax.campaign.config import CampaignConfig
 from ravenjax.campaign.group import UNTIL_END, Fault
-from ravenjax.campaign.legal import legal
 from ravenjax.campaign.sampling import Key
-from ravenjax.campaign.semantics import ALL, WITHOUT_VALUE, Complaint
+from ravenjax.campaign.semantics import ALL, Complaint
 from ravenjax.campaign.slot import FIELDS, WORDS
-from ravenjax.robot.sites import SITES, Channel
 from ravenjax.search.config import Boundary, Search
-from ravenjax.stages.faults.vocabulary import NETWORK_EFFECTS
+from ravenjax.vocabulary.effects import NETWORK_EFFECTS, WITHOUT_VALUE
+from ravenjax.vocabulary.legal import legal
+from ravenjax.vocabulary.sites import SITES, Channel
 
 PARAMETER = -1
 """Stands for the fault slot in the key of a parameter's axis."""

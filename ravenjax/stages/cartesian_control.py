@@ -18,21 +18,8 @@ from ravenjax.robot.evaluation import evaluation
 from ravenjax.robot.inverse import COST_LIMIT, REJECTED
 from ravenjax.robot.stored_constants import joint_limits
 from ravenjax.robot.stored_pose import StoredPose
-from ravenjax.types import (
-    ArmName,
-    Scalar,
-    Setup,
-    Vec,
-    narrow,
-    per_arm,
-    rarely,
-    real,
-    record,
-    replace,
-    to_int32,
-    where,
-    wide,
-)
+from ravenjax.types import Scalar, Setup, Vec, narrow, per_arm, rarely, real, record, replace, to_int32, where, wide
+from ravenjax.vocabulary.arms import ArmName
 
 
 @record

@@ -6,7 +6,8 @@ import jax.numpy as jnp
 
 from ravenjax.robot import stored_constants as stored
 from ravenjax.robot import transmission
-from ravenjax.types import ArmName, Scalar, Setup, Vec, to_int32
+from ravenjax.types import Scalar, Setup, Vec, to_int32
+from ravenjax.vocabulary.arms import ArmName
 
 HIGHEST, LOWEST = 32767, -32768
 

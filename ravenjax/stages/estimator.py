@@ -11,7 +11,8 @@ import numpy as np
 
 from ravenjax.robot import stored_constants as stored
 from ravenjax.robot import transmission
-from ravenjax.types import ArmName, Scalar, Setup, Vec, narrow, record, wide
+from ravenjax.types import Scalar, Setup, Vec, narrow, record, wide
+from ravenjax.vocabulary.arms import ArmName
 
 RAD_PER_COUNT = 2.0 * stored.PI * (1.0 / transmission.ENCODER_COUNTS)
 

@@ -20,7 +20,8 @@ import jax.numpy as jnp
 
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.robot.algebra import dot
-from ravenjax.types import JOINTS, Scalar, Setup, Vec, as_int, per_arm, real, record, replace, where
+from ravenjax.types import Scalar, Setup, Vec, as_int, per_arm, real, record, replace, where
+from ravenjax.vocabulary.arms import JOINTS
 
 UM = 1e-6
 

@@ -17,7 +17,7 @@ import numpy as np
 from ravenjax.robot.limits import HOME_JPOS
 from ravenjax.robot.mapping import ITP_AXES
 from ravenjax.robot.motion import NOMINAL_SCALE, TICK_S, Motion
-from ravenjax.types import ArmName
+from ravenjax.vocabulary.arms import ArmName
 
 PEDAL_DOWN_S = 0.2
 """When the pedal goes down; the motion itself begins at MOTION_S."""

@@ -12,7 +12,8 @@ import numpy as np
 from ravenjax.robot import stored_constants as stored
 from ravenjax.robot import transmission
 from ravenjax.robot.evaluation import evaluation
-from ravenjax.types import ArmName, Scalar, Setup, Vec, narrow, record, where, wide
+from ravenjax.types import Scalar, Setup, Vec, narrow, record, where, wide
+from ravenjax.vocabulary.arms import ArmName
 
 
 @record

@@ -6,8 +6,8 @@ control software implies (raven2: defines.h, state_machine.cpp, update_atmel_io.
 - it puts a run level on its pins PS0, PS1 (bits 6 and 7 of the input byte; bits 7..6 read as a number);
 - E-STOP (0) to INIT (1) by the start button, while the watchdog lives and the E-stop button is out; it is pressed
   automatically where `auto_start` says so, never after a trip;
-- INIT to PEDAL_UP (2) when the software reports READY; PEDAL_UP to PEDAL_DN (3) while the foot pedal pin is set and the
-  software is ready, back to PEDAL_UP otherwise;
+- INIT to PEDAL_UP (2) when the software reports READY; PEDAL_UP to PEDAL_DOWN (3) while the foot pedal pin is set and
+  the software is ready, back to PEDAL_UP otherwise;
 - any level to E-STOP when the watchdog pin has had no edge for longer than 1.5 of its 50 ms periods, or by the
   E-stop button. A trip latches: a person must press start;
 - it has the output pins of each USB board: it misses the watchdog of any board, and pedal and READY count where all
@@ -25,8 +25,7 @@ import jax.numpy as jnp
 from ravenjax.robot import check
 from ravenjax.robot.check import Check
 from ravenjax.types import Scalar, Setup, as_int, real, record
-
-E_STOP, INIT, PEDAL_UP, PEDAL_DN = 0, 1, 2, 3
+from ravenjax.vocabulary.run_levels import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP
 
 # Output byte of the control computer, bit numbers (raven2: defines.h).
 PIN_FP, PIN_READY, PIN_WATCHDOG = 2, 3, 4
@@ -122,7 +121,7 @@ def step(setup: Setup, params: Params, state: State, signal: Signal) -> tuple[St
     start = pressed | (untripped & (params.auto_start != 0) & (alive_ticks > params.start_ticks))
     after_stop = jnp.where(start, INIT, E_STOP)
     after_init = jnp.where(ready != 0, PEDAL_UP, INIT)
-    in_operation = jnp.where((pedal & ready) != 0, PEDAL_DN, PEDAL_UP)
+    in_operation = jnp.where((pedal & ready) != 0, PEDAL_DOWN, PEDAL_UP)
     powered = jnp.where(state.runlevel == INIT, after_init, in_operation)
     runlevel = as_int(jnp.where(stopped, after_stop, jnp.where(lost | button, E_STOP, powered)))
 

@@ -24,10 +24,7 @@ from jax import lax
 
 from ravenjax.robot.algebra import dot
 from ravenjax.types import Scalar, Setup, Vec, as_int, per_arm, record, replace
-
-NONE, RELEASE, SLOW, CORRECT = 0, 1, 2, 3
-ACTIONS = {"none": NONE, "release": RELEASE, "slow": SLOW, "correct": CORRECT}
-"""Actions by name."""
+from ravenjax.vocabulary.reactions import CORRECT, NONE, RELEASE, SLOW
 
 TICK_S = 1e-3
 TINY_M = 1e-9  # below it there is nothing to correct

@@ -13,9 +13,7 @@ import numpy as np
 from ravenjax.robot import check
 from ravenjax.robot.check import Check
 from ravenjax.types import Scalar, Setup, as_int, record, replace
-
-E_STOP, INIT, PEDAL_UP, PEDAL_DOWN = 0, 1, 2, 3
-"""Run levels; raven2: defines.h."""
+from ravenjax.vocabulary.run_levels import E_STOP, INIT
 
 MISMATCHES = 4
 """Cycles in which the pins must ask for another level before it is adopted; raven2: state_machine.cpp."""

@@ -17,21 +17,8 @@ from ravenjax.robot.check import Check
 from ravenjax.robot.evaluation import evaluation
 from ravenjax.robot.packet import Packet
 from ravenjax.robot.stored_pose import StoredPose
-from ravenjax.types import (
-    INT32_MIN,
-    ArmName,
-    Scalar,
-    Setup,
-    Vec,
-    as_int,
-    narrow,
-    per_arm,
-    real,
-    record,
-    replace,
-    where,
-    wide,
-)
+from ravenjax.types import INT32_MIN, Scalar, Setup, Vec, as_int, narrow, per_arm, real, record, replace, where, wide
+from ravenjax.vocabulary.arms import ArmName
 
 GRASP_RESET_MRAD = 785
 """The accumulated opening is only reset when it is more than 45 deg = 785.4 mrad off; raven2: local_io.cpp."""

@@ -18,10 +18,10 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from ravenjax.arms import JOINTS
-from ravenjax.outcomes import checks
 from ravenjax.store import words
 from ravenjax.store.files import StoreError
+from ravenjax.vocabulary import checks
+from ravenjax.vocabulary.arms import JOINTS
 
 VERSION = 3
 """Raised whenever a column changes its name, type, unit or meaning; a new column alone does not raise it."""

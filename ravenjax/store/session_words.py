@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-Event = Mapping[str, Any]
+from ravenjax.vocabulary import run_levels
 
-_RUN_LEVELS = {0: "E-stop", 1: "init", 2: "pedal up", 3: "pedal down"}
+Event = Mapping[str, Any]
 
 _TEXTS: dict[str, Callable[[Event], str]] = {
     "phase": lambda e: f"session: {e['phase']}",
     "view": lambda e: f"view: {e['view']}",
     "console": lambda e: "console answers" if e["alive"] else "console is silent",
     "pedal": lambda e: f"pedal {'down' if e['down'] else 'up'}",
-    "runlevel": lambda e: f"run level: {_RUN_LEVELS.get(e['runlevel'], e['runlevel'])}",
+    "runlevel": lambda e: f"run level: {run_levels.name(e['runlevel'])}",
     "alarm": lambda e: f"check {e['check']} trips",
     "hazard_armed": lambda e: f"hazard {e['number']} is armed",
     "hazard_struck": lambda e: f"hazard {e['number']} strikes",

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from mcap.writer import Writer
 
-from ravenjax.arms import JOINTS
 from ravenjax.store import cdr, ros_messages
 from ravenjax.store.cdr import Layout
+from ravenjax.vocabulary.arms import JOINTS
 
 ARM_TOPICS = {"gold": "arm1", "green": "arm2"}
 SIGNALS = "/ravenjax/signals"

@@ -15,7 +15,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from ravenjax.outcomes import checks
 from ravenjax.outcomes.events import Rules
 from ravenjax.stats.cluster import cluster_ratio
 from ravenjax.stats.false_alarms import alarm_rate
@@ -23,6 +22,7 @@ from ravenjax.store import folder, manifest
 from ravenjax.store.manifest import Detector, Manifest
 from ravenjax.studies import motions_alike
 from ravenjax.studies.study import Estimate
+from ravenjax.vocabulary import checks
 
 FREE = "free/"
 """Begin of the names of groups without faults."""

@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ravenjax.outcomes.verdict import HAZARDS
-from ravenjax.report import layers as run_layers
 from ravenjax.report import wording
 from ravenjax.stats.multiplicity import holm
 from ravenjax.stats.roc import precision_recall
@@ -29,6 +28,7 @@ from ravenjax.studies.detector_points import (
 )
 from ravenjax.studies.detector_runs import AS_MODELLED, CHECKS, CUE, Faulty, Free, names
 from ravenjax.studies.study import Table
+from ravenjax.vocabulary import layers as run_layers
 
 CLUTCHED = "clutched"
 """Begin of the recordings in which the pedal goes up and down."""

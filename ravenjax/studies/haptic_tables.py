@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ravenjax.outcomes.verdict import LIMIT_MM
-from ravenjax.report import layers, wording
+from ravenjax.report import wording
 from ravenjax.stats.cluster import cluster_ratio
 from ravenjax.stats.latency import incidence, lead_time
 from ravenjax.stats.paired import mcnemar
@@ -21,6 +21,7 @@ from ravenjax.studies.detector_tables import CLUTCHED
 from ravenjax.studies.haptic_choice import Counts, Winners
 from ravenjax.studies.haptic_runs import KINDS, UNINTENDED, Faulty, Free, sets_at
 from ravenjax.studies.study import Estimate, Table
+from ravenjax.vocabulary import layers
 
 AT_CAP = 0.999
 """Share of the cap from which on a force is at it: forces are stored as float32."""

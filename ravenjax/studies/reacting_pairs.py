@@ -126,7 +126,7 @@ def by_design(pairs: Pairs) -> Mapping[str, np.ndarray]:
 
 def by_layer(pairs: Pairs) -> Mapping[str, np.ndarray]:
     """Layer of the first fault, in the robot's order."""
-    from ravenjax.report import layers
+    from ravenjax.vocabulary import layers
 
     layer = pairs.with_facts["layer"].to_numpy()
     return {name: mine for name in layers.LAYERS.values() if (mine := layer == name).any()}

@@ -8,14 +8,14 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from ravenjax.report import wording
-from ravenjax.report.facts import ACTIONS
-from ravenjax.report.reactions import EXCURSION, TOLD, Pairs
+from ravenjax.report.reactions import EXCURSION, Pairs
 from ravenjax.stats.intervals import Estimate, Rate, wilson
 from ravenjax.studies.reacting_free import Free
 from ravenjax.studies.reacting_measures import CORRECT, MEASURES, RELEASE, SLOW, Measure
 from ravenjax.studies.reacting_pairs import Contrast, adjusted, contrast, mean_change
 from ravenjax.studies.reacting_times import DELAYS_MS, Advance
 from ravenjax.studies.study import Table
+from ravenjax.vocabulary.reactions import ACTIONS, MEANINGS
 
 Cell = str | int | float
 COLUMNS = (
@@ -35,7 +35,7 @@ SAME = "Columns as in the first table."
 
 def words(action: int) -> str:
     """An action."""
-    return TOLD[ACTIONS[action]]
+    return MEANINGS[ACTIONS[action]]
 
 
 def contrast_rows(found: Sequence[tuple[tuple[Cell, ...], Contrast]]) -> tuple[tuple[Cell, ...], ...]:

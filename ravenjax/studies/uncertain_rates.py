@@ -13,13 +13,13 @@ import pandas as pd
 from ravenjax.hazards import severity
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report import facts as run_facts
-from ravenjax.report import layers
 from ravenjax.stats.association import Dependence, dependences
 from ravenjax.stats.intervals import Estimate, Rate, wilson
 from ravenjax.stats.multiplicity import Finding, holm
 from ravenjax.stats.paired import mcnemar, rate_difference
 from ravenjax.store import folder, manifest
 from ravenjax.studies.uncertain_parameters import Uncertain
+from ravenjax.vocabulary import layers
 
 EVENTS = {
     "evaded": "evades the checks: unintended motion, and nobody is told",

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ravenjax.figure_style import GRID, json_of, look
-from ravenjax.stages import state_machine
 from ravenjax.trainer.debrief_course import Course, peaks
 from ravenjax.trainer.debrief_words import Step
 from ravenjax.trainer.hazard_table import Hazard
+from ravenjax.vocabulary import run_levels
 
 MARKS = {"strike": "#a23b82", "knowable": "#8a8f96", "cue": "#c2410c", "alarm": "#a67c00", "response": "#0072b2"}
 """Colour of each moment; blue and vermilion differ in every colour blindness."""
@@ -20,10 +20,10 @@ UNINTENDED, LOSS, FALSE_REPORT = "#a23b82", "#a67c00", "#5b4b9a"
 ERROR, KNOWN, DEPTH, FORCE, LINE = "#0072b2", "#56b4e9", "#009e73", "#c2410c", "#8a8f96"
 DARK, PALE = "#1b1f24", "#ffffff"
 RUNLEVELS = {
-    state_machine.E_STOP: ("E-stop", "#a23b82", PALE),
-    state_machine.INIT: ("init", "#e9b18f", DARK),
-    state_machine.PEDAL_UP: ("pedal up", "#c9ccd0", DARK),
-    state_machine.PEDAL_DOWN: ("driven", "#009e73", PALE),
+    run_levels.E_STOP: ("E-stop", "#a23b82", PALE),
+    run_levels.INIT: ("init", "#e9b18f", DARK),
+    run_levels.PEDAL_UP: ("pedal up", "#c9ccd0", DARK),
+    run_levels.PEDAL_DOWN: ("driven", "#009e73", PALE),
 }
 PEDAL = {0: ("up", "#c9ccd0", DARK), 1: ("down", "#56b4e9", DARK)}
 PHASES = {

@@ -24,12 +24,13 @@ from ravenjax.robot import kinematics, scene
 from ravenjax.robot.packet import U_STRUCT, Packet
 from ravenjax.stages import haptics, monitor
 from ravenjax.stages.plant import nominal
-from ravenjax.stages.state_machine import E_STOP, PEDAL_DOWN
 from ravenjax.trainer.blueprint import Blueprint, hazard_distances
 from ravenjax.trainer.frame import Frame
 from ravenjax.trainer.joint_record import JointReport
 from ravenjax.trainer.remote import RemoteRobot
-from ravenjax.types import ARMS, Scalar, Setup, Vec, per_arm, real, record
+from ravenjax.types import Scalar, Setup, Vec, per_arm, real, record
+from ravenjax.vocabulary.arms import ARMS
+from ravenjax.vocabulary.run_levels import E_STOP, PEDAL_DOWN
 
 _SEEN = (
     *("model_jpos", "tip", "model_tip", "error_mm", "force", "depth_mm"),

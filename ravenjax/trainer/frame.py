@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.types import ArmName
+from ravenjax.vocabulary.arms import ArmName
 
 SIMULATED = {
     "tick": 1,  # ms of the robot since it was switched on

@@ -27,7 +27,7 @@ from ravenjax.robot.packet import U_STRUCT
 from ravenjax.stages.network import RESET_GAP
 from ravenjax.trainer.increments import Increments
 from ravenjax.trainer.messages import STALE_MS
-from ravenjax.types import ARMS, ArmName
+from ravenjax.vocabulary.arms import ARMS, ArmName
 
 SIZE = U_STRUCT.itemsize
 _FIELDS = struct.Struct("<3I6i8d6i")  # U_STRUCT; unpacking it is ten times as fast as NumPy is

@@ -23,7 +23,7 @@ from ravenjax.trainer.console_message import LEVEL, STILL, Increment, Refused
 from ravenjax.trainer.messages import STALE_MS
 from ravenjax.trainer.scenario import Speeds
 from ravenjax.trainer.world import itp_from_view, turned
-from ravenjax.types import ArmName
+from ravenjax.vocabulary.arms import ArmName
 
 SMOOTHING_MS = 30.0
 """Time in which hands reach 90 % of a new speed: keys have no ramp of their own, and a hand cannot jump. Ours."""

@@ -28,7 +28,8 @@ from ravenjax.robot.packet import UDP_PORT, V_STRUCT
 from ravenjax.trainer.gate import DEFAULT, SIZE, Gate, Limits
 from ravenjax.trainer.increments import Increments, merge
 from ravenjax.trainer.messages import STALE_MS
-from ravenjax.types import ARMS, ArmName, Vec
+from ravenjax.types import Vec
+from ravenjax.vocabulary.arms import ARMS, ArmName
 
 LOOPBACK = "127.0.0.1"
 PER_TICK = 8

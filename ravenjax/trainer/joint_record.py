@@ -36,7 +36,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.trainer.frame import Frame, Layout
-from ravenjax.types import ARMS, ArmName
+from ravenjax.vocabulary.arms import ARMS, ArmName
 
 MAGIC, TEXT_MAGIC, VERSION = b"RVNJ", b"RVNA", 1
 ARM = np.dtype(

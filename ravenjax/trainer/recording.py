@@ -11,7 +11,7 @@ import numpy as np
 from ravenjax.store import recover, session_log
 from ravenjax.store.files import StoreError
 from ravenjax.trainer.frame import Layout
-from ravenjax.types import ArmName
+from ravenjax.vocabulary.arms import ArmName
 
 
 @dataclass(frozen=True, eq=False)

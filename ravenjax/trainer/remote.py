@@ -18,7 +18,7 @@ from ravenjax.trainer.joint_decoder import Decoder
 from ravenjax.trainer.joint_record import JointReport
 from ravenjax.trainer.joint_stream import JOINT_PORT
 from ravenjax.trainer.messages import STALE_MS
-from ravenjax.types import ArmName
+from ravenjax.vocabulary.arms import ArmName
 
 PATIENCE_S = 10.0
 """Longest that a robot may take to let a session in: a busy machine may leave it alone for seconds."""

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from ravenjax.errors import UserError, shown
-from ravenjax.stages.state_machine import PEDAL_DOWN
 from ravenjax.trainer.frame import PHASES, Frame
 from ravenjax.trainer.scenario import Speeds
 from ravenjax.trainer.tasks import Task
 from ravenjax.trainer.world import Point, to_world, view_from_world
-from ravenjax.types import ArmName
+from ravenjax.vocabulary.arms import ArmName
+from ravenjax.vocabulary.run_levels import PEDAL_DOWN
 
 Message = dict[str, Any]
 

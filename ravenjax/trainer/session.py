@@ -17,7 +17,6 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from ravenjax.robot import kinematics
-from ravenjax.stages.state_machine import E_STOP, PEDAL_DOWN
 from ravenjax.trainer import blueprint, director, hands, judge, scenario, tasks
 from ravenjax.trainer.blueprint import Blueprint
 from ravenjax.trainer.frame import PHASES, VIEWS, Frame, Layout
@@ -25,7 +24,9 @@ from ravenjax.trainer.messages import INSTRUCTOR, OPERATOR
 from ravenjax.trainer.scenario import Scenario
 from ravenjax.trainer.simulation import Robot
 from ravenjax.trainer.world import Point
-from ravenjax.types import ArmName, Vec
+from ravenjax.types import Vec
+from ravenjax.vocabulary.arms import ArmName
+from ravenjax.vocabulary.run_levels import E_STOP, PEDAL_DOWN
 
 Event = dict[str, Any]
 READY, RUNNING, PAUSED, STOPPED, OVER = range(len(PHASES))

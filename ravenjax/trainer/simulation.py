@@ -14,10 +14,10 @@ from ravenjax.campaign.config import CampaignConfig
 from ravenjax.engines.stepper import Stepper
 from ravenjax.robot.packet import Packet
 from ravenjax.stages.faults.fault import Fault
-from ravenjax.stages.faults.vocabulary import TRIGGER_CODES
 from ravenjax.trainer import blueprint
 from ravenjax.trainer.blueprint import Blueprint
 from ravenjax.trainer.frame import GOLDEN, Frame
+from ravenjax.vocabulary.effects import TRIGGER_CODES
 
 _FIELDS = tuple(field.name for field in dataclasses.fields(Fault))
 HISTORY_MS = 2000

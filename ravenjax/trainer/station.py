@@ -18,7 +18,7 @@ from ravenjax.trainer.frame import Frame, Layout
 from ravenjax.trainer.itp import ItpServer
 from ravenjax.trainer.joint_record import Reporter
 from ravenjax.trainer.joint_stream import JointServer, Order
-from ravenjax.types import ArmName
+from ravenjax.vocabulary.arms import ArmName
 
 
 class Machine(Protocol):

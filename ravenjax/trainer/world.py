@@ -10,7 +10,7 @@ from functools import cache
 from ravenjax.robot import scene
 from ravenjax.robot.mapping import ITP_AXES
 from ravenjax.trainer.messages import VIEW
-from ravenjax.types import ArmName
+from ravenjax.vocabulary.arms import ArmName
 
 Point = tuple[float, float, float]
 Rows = tuple[Point, Point, Point]

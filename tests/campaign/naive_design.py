@@ -19,10 +19,10 @@ from scipy.stats import qmc
 from ravenjax.campaign.axis import Axis, fixed
 from ravenjax.campaign.design import _common
 from ravenjax.campaign.group import UNTIL_END
-from ravenjax.campaign.legal import complaint, legal
 from ravenjax.errors import UserError
-from ravenjax.robot.sites import SITES
-from ravenjax.stages.faults.vocabulary import NETWORK_EFFECTS
+from ravenjax.vocabulary.effects import NETWORK_EFFECTS
+from ravenjax.vocabulary.legal import complaint, legal
+from ravenjax.vocabulary.sites import SITES
 
 FIELDS = ("site", "arm", "channel", "effect", "value", "trigger", "start_ms", "duration_ms", "every_ms", "period_ms")
 EMPTY = {name: 0 if name.endswith("_ms") else math.nan if name == "value" else "" for name in FIELDS}

@@ -9,8 +9,8 @@ from ravenjax.campaign import bounds, reference
 from ravenjax.campaign.config import CampaignConfig
 from ravenjax.campaign.loading import header, tables_of
 from ravenjax.hazards.expansion import KEYS
-from ravenjax.robot.sites import SITES
-from ravenjax.stages.faults.vocabulary import EFFECTS, TRIGGERS
+from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
+from ravenjax.vocabulary.sites import SITES
 
 
 def sections() -> dict[str, dict[str, list[str]]]:

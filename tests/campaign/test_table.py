@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from ravenjax.campaign import design, loading, table
-from ravenjax.robot.sites import SITES
-from ravenjax.stages.faults.vocabulary import EFFECT_CODES, TRIGGER_CODES
+from ravenjax.vocabulary.effects import EFFECT_CODES, TRIGGER_CODES
+from ravenjax.vocabulary.sites import SITES
 
 CONFIG = {
     "campaign": {"name": "x", "arms": ["gold", "green"], "dac_words": "wrap"},

@@ -10,9 +10,9 @@ import pytest
 from ravenjax import control
 from ravenjax.engines import lowering, regions, scalar
 from ravenjax.robot.packet import Packet
-from ravenjax.robot.sites import SITES
 from ravenjax.stages.usb import UsbIn
 from ravenjax.types import CAMPAIGN, ORIGINAL, Setup, Vec
+from ravenjax.vocabulary.sites import SITES
 
 BOTH = {"arms": ("gold", "green"), "tools": ("r_grasper", "r_grasper")}
 ALLOWED = {

@@ -8,10 +8,10 @@ import reacting_results as reacting
 import synthetic_results as synthetic
 
 from ravenjax.report import facts as run_facts
-from ravenjax.report import layers
 from ravenjax.report.runs import Runs
-from ravenjax.robot.sites import SITES
 from ravenjax.stages import reaction
+from ravenjax.vocabulary import layers
+from ravenjax.vocabulary.sites import SITES
 
 FRAME = synthetic.frame(600)
 
@@ -112,11 +112,11 @@ def test_repeats_with_other_random_numbers_are_one_fault():
 
 def test_fault_free_motions_that_are_one_computation_count_once():
     frame = FRAME.head(40).assign(operator="suture", twin_tip_path_mm=np.repeat([30.0, 31.0], 20))
-    free = run_facts.motions(frame, run_facts.derive(frame))
+    free = run_facts.twins(frame, run_facts.derive(frame)["plain"].to_numpy(bool))
     assert len(free) == 2
     assert run_facts.hours(free) == 2 * 2800 / 3.6e6
     frame = frame.assign(operator=np.where(np.arange(40) % 2, "suture", "circle"))
-    assert len(run_facts.motions(frame, run_facts.derive(frame))) == 4
+    assert len(run_facts.twins(frame, run_facts.derive(frame)["plain"].to_numpy(bool))) == 4
 
 
 def test_an_index_that_is_no_count_is_kept():

@@ -68,7 +68,7 @@ def test_a_run_is_told_in_the_order_of_the_loop():
         (204, "run level", "run level: pedal up to pedal down"),
         (1200, "fault", f"the fault first changes a value: {shoulder}, overwrite 12,000 counts, 16 ms from 1,200 ms"),
         (1201, "check", "check overdrive_clip trips (overdrive detection: command clipped to its joint's limit), 9 ms, "
-                        "4 of them in the golden run, too; it tells nobody"),
+                        "4 of them in the golden run, too; it limits, tells nobody"),
         (1201, "jump", "the reported tip jumps (rule of the published code)"),
         (1215, "fault", f"the fault last changes a value, its window closes: {shoulder}, 16 ms in all"),
         (1228, "hazard", "unintended motion: the true tip is more than 3 mm from golden run, nominal model and "

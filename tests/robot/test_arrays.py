@@ -7,7 +7,8 @@ import pytest
 from ravenjax.errors import UserError
 from ravenjax.robot import arrays, gravity, transmission
 from ravenjax.robot.limits import HOME_JPOS
-from ravenjax.types import ARMS, Vec
+from ravenjax.types import Vec
+from ravenjax.vocabulary.arms import ARMS
 
 HOME = np.array(HOME_JPOS)
 JPOS = HOME + 0.05 * np.random.default_rng(0).normal(size=(2, 3, 7))

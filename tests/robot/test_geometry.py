@@ -28,5 +28,5 @@ def test_a_joint_that_is_no_number_gives_a_rotation_that_is_none():
 
 
 def test_readers_of_results_need_no_jax():
-    code = "import sys, ravenjax.arms, ravenjax.robot.geometry, ravenjax.robot.sites; sys.exit('jax' in sys.modules)"
+    code = "import sys, ravenjax.robot.geometry; sys.exit('jax' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

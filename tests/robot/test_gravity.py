@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from ravenjax.robot import gravity
-from ravenjax.types import ARMS, Vec
+from ravenjax.types import Vec
+from ravenjax.vocabulary.arms import ARMS
 
 DEG = np.pi / 180
 CASES = {  # shoulder deg, elbow deg, insertion m; joint effort Nm, Nm, N; capstan torque Nm

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from ravenjax.robot import kinematics, limits
 from ravenjax.robot.joints import Pose, joint_from_theta, theta_from_joint, wrap
-from ravenjax.types import ARMS, Vec
+from ravenjax.types import Vec
+from ravenjax.vocabulary.arms import ARMS
 
 DEG = np.pi / 180
 

@@ -14,7 +14,8 @@ from ravenjax.robot import arm_model, rigid_program
 from ravenjax.robot.linear_solve import solve_spd
 from ravenjax.robot.link_dynamics import links, mass_matrix_and_bias, program
 from ravenjax.robot.rigid_tree import read_tree
-from ravenjax.types import ARMS, Setup, Vec
+from ravenjax.types import Setup, Vec
+from ravenjax.vocabulary.arms import ARMS
 
 UNROLLED, MJX = Setup(), dataclasses.replace(Setup(), link_dynamics="mjx")
 AXES = np.eye(3)

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from ravenjax.robot import mapping
-from ravenjax.types import ARMS, Vec
+from ravenjax.types import Vec
+from ravenjax.vocabulary.arms import ARMS
 
 COMPONENT = st.floats(-1, 1)
 QUATERNION = st.tuples(COMPONENT, COMPONENT, COMPONENT, COMPONENT).filter(lambda q: np.linalg.norm(q) > 0.05)

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from ravenjax.robot import arm_model, kinematics
-from ravenjax.types import ARMS, JOINTS, Vec
+from ravenjax.types import Vec
+from ravenjax.vocabulary.arms import ARMS, JOINTS
 
 ROOT = Path(__file__).resolve().parents[2]
 

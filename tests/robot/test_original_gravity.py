@@ -15,7 +15,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import oracle_control_software as oracle
 
 from ravenjax.robot import gravity, original_gravity
-from ravenjax.types import ARMS, Vec
+from ravenjax.types import Vec
+from ravenjax.vocabulary.arms import ARMS
 
 
 @pytest.mark.parametrize("arm", ARMS)

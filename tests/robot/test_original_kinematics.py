@@ -18,7 +18,8 @@ import oracle_kinematics as oracle
 from ravenjax.engines import scalar
 from ravenjax.robot import kinematics, original_kinematics
 from ravenjax.robot.joints import Pose
-from ravenjax.types import ARMS, Vec
+from ravenjax.types import Vec
+from ravenjax.vocabulary.arms import ARMS
 
 DEG = math.pi / 180
 LOW = (0, 45 * DEG, 0.23, -182 * DEG, -70 * DEG, -105 * DEG)  # shoulder, elbow, insertion, roll, wrist, yaw

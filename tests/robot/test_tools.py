@@ -6,7 +6,7 @@ import pytest
 from ravenjax.errors import UserError
 from ravenjax.robot.limits import HOME_JPOS, home_jpos, soft_limits
 from ravenjax.robot.tools import DEFAULT_TOOLS, TOOLS, find_tool
-from ravenjax.types import ARMS
+from ravenjax.vocabulary.arms import ARMS
 
 DEG = np.pi / 180
 

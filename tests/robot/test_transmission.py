@@ -10,7 +10,8 @@ from ravenjax.robot import transmission
 from ravenjax.robot.limits import HOME_JPOS
 from ravenjax.robot.tools import TOOLS
 from ravenjax.robot.transmission import coupling_signs, encoder_signs, joint_from_motor, motor_from_joint, tau_signs
-from ravenjax.types import ARMS, Vec
+from ravenjax.types import Vec
+from ravenjax.vocabulary.arms import ARMS
 
 DEG = np.pi / 180
 

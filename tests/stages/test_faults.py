@@ -12,8 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ravenjax.stages.faults import fault, injection, vocabulary, window
+from ravenjax.stages.faults import fault, injection, window
 from ravenjax.types import Injection, Scalar, Setup, SiteUse, Vec, record
+from ravenjax.vocabulary import effects
 
 TICKS = 40
 
@@ -35,12 +36,12 @@ PATHS = {
     ("pump", "", "count"): (("count",), "int32"),
     ("pump", "", "flag"): (("flag",), "bool"),
 }
-EFFECTS = tuple(name for name in vocabulary.EFFECTS if name not in vocabulary.NETWORK_EFFECTS)
+EFFECTS = tuple(name for name in effects.EFFECTS if name not in effects.NETWORK_EFFECTS)
 SETUP = Setup(
     injection=Injection(
         slots=2,
         sites=(SiteUse("pump", tuple((arm, channel) for _, arm, channel in PATHS), EFFECTS),),
-        triggers=tuple(vocabulary.TRIGGERS),
+        triggers=tuple(effects.TRIGGERS),
     )
 )
 
@@ -52,8 +53,8 @@ def clean(tick: int) -> tuple[float, float, int, int, bool]:
 
 def make(code: int, effect: str, value: float, trigger: str, start: int, duration: int, every: int, period: int = 7):
     return fault.Fault(
-        jnp.int32(code), jnp.int32(vocabulary.EFFECT_CODES[effect]), jnp.float32(value),
-        jnp.int32(vocabulary.TRIGGER_CODES[trigger]), jnp.int32(start), jnp.int32(duration), jnp.int32(every),
+        jnp.int32(code), jnp.int32(effects.EFFECT_CODES[effect]), jnp.float32(value),
+        jnp.int32(effects.TRIGGER_CODES[trigger]), jnp.int32(start), jnp.int32(duration), jnp.int32(every),
         jnp.int32(period), jnp.uint32(12345),
     )  # fmt: skip
 

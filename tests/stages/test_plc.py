@@ -8,6 +8,7 @@ import pytest
 
 from ravenjax.stages import plc
 from ravenjax.types import Setup
+from ravenjax.vocabulary import run_levels
 
 SETUP = Setup()
 PARAMS = plc.params(SETUP)
@@ -33,29 +34,29 @@ def drive(
 
 
 def test_power_up_to_pedal_down_and_back() -> None:
-    state = plc.init(SETUP, PARAMS, plc.E_STOP)
+    state = plc.init(SETUP, PARAMS, run_levels.E_STOP)
     state, outs = drive(state, 150, pins=0)
     levels = [int(out.runlevel) for out in outs]
-    assert levels[:100] == [0] * 100 and levels[-1] == plc.INIT  # start pressed after 100 ms of living watchdog
+    assert levels[:100] == [0] * 100 and levels[-1] == run_levels.INIT  # start pressed after 100 ms of living watchdog
     assert int(outs[0].brakes) == 1 and int(outs[-1].brakes) == 0
     state, outs = drive(state, 1, pins=READY)
-    assert int(outs[-1].runlevel) == plc.PEDAL_UP and int(outs[-1].brakes) == 1
+    assert int(outs[-1].runlevel) == run_levels.PEDAL_UP and int(outs[-1].brakes) == 1
     state, outs = drive(state, 1, pins=READY | PEDAL)
-    assert int(outs[-1].runlevel) == plc.PEDAL_DN and int(outs[-1].brakes) == 0
+    assert int(outs[-1].runlevel) == run_levels.PEDAL_DOWN and int(outs[-1].brakes) == 0
     state, outs = drive(state, 1, pins=READY)
-    assert int(outs[-1].runlevel) == plc.PEDAL_UP
+    assert int(outs[-1].runlevel) == run_levels.PEDAL_UP
     state, outs = drive(state, 1, pins=PEDAL)  # pedal without READY does not engage
-    assert int(outs[-1].runlevel) == plc.PEDAL_UP
+    assert int(outs[-1].runlevel) == run_levels.PEDAL_UP
 
 
 @pytest.mark.parametrize("level", [0, 16])
 def test_a_watchdog_without_edges_trips_after_one_and_a_half_periods(level: int) -> None:
     state, _ = drive(plc.init(SETUP, PARAMS), 100, pins=READY | PEDAL)
-    assert int(state.runlevel) == plc.PEDAL_DN
+    assert int(state.runlevel) == run_levels.PEDAL_DOWN
     quiet = int(state.quiet_ticks[0]) if level == 0 else -1  # the wave ends low: a high pin is one more edge
     state, outs = drive(state, 120, pins=READY | PEDAL, wave=lambda _: level)
     levels = [int(out.runlevel) for out in outs]
-    assert levels.index(plc.E_STOP) == 75 - quiet
+    assert levels.index(run_levels.E_STOP) == 75 - quiet
     lost = state.watchdog_lost
     assert int(state.trip_cause) == plc.CAUSE_WATCHDOG
     assert (int(lost.first_tick), int(lost.count)) == (100 + 75 - quiet, 1) and float(lost.margin) < 0
@@ -69,17 +70,17 @@ def test_a_living_watchdog_never_trips_and_keeps_a_margin() -> None:
 
 def test_button_trips_at_once_and_the_trip_latches() -> None:
     state, outs = drive(plc.init(SETUP, PARAMS), 1, estop=True)
-    assert int(outs[0].runlevel) == plc.E_STOP and int(state.trip_cause) == plc.CAUSE_BUTTON
+    assert int(outs[0].runlevel) == run_levels.E_STOP and int(state.trip_cause) == plc.CAUSE_BUTTON
     state, outs = drive(state, 400)
-    assert {int(out.runlevel) for out in outs} == {plc.E_STOP}
+    assert {int(out.runlevel) for out in outs} == {run_levels.E_STOP}
 
 
 def test_start_is_obeyed_after_a_trip_and_the_next_trip_counts_again() -> None:
     state, _ = drive(plc.init(SETUP, PARAMS), 10, estop=True)
     state, outs = drive(state, 1, start=True)
-    assert int(outs[0].runlevel) == plc.INIT and int(state.trip_cause) == plc.CAUSE_NONE
+    assert int(outs[0].runlevel) == run_levels.INIT and int(state.trip_cause) == plc.CAUSE_NONE
     state, outs = drive(state, 100, pins=READY | PEDAL)
-    assert int(outs[-1].runlevel) == plc.PEDAL_DN
+    assert int(outs[-1].runlevel) == run_levels.PEDAL_DOWN
     state, _ = drive(state, 120, pins=READY | PEDAL, wave=lambda _: 0)
     assert int(state.trip_cause) == plc.CAUSE_WATCHDOG and int(state.watchdog_lost.count) == 1
 
@@ -87,19 +88,19 @@ def test_start_is_obeyed_after_a_trip_and_the_next_trip_counts_again() -> None:
 def test_start_is_not_obeyed_while_the_button_is_in_or_the_watchdog_dead() -> None:
     tripped, _ = drive(plc.init(SETUP, PARAMS), 10, estop=True)
     state, outs = drive(tripped, 50, estop=True, start=True)
-    assert {int(out.runlevel) for out in outs} == {plc.E_STOP} and int(state.trip_cause) == plc.CAUSE_BUTTON
+    assert {int(out.runlevel) for out in outs} == {run_levels.E_STOP} and int(state.trip_cause) == plc.CAUSE_BUTTON
     silent, _ = drive(tripped, 100, wave=lambda _: 0)
     _, outs = drive(silent, 50, wave=lambda _: 0, start=True)
-    assert {int(out.runlevel) for out in outs} == {plc.E_STOP}
+    assert {int(out.runlevel) for out in outs} == {run_levels.E_STOP}
 
 
 @pytest.mark.parametrize("held", [READY | PEDAL, READY | PEDAL | 16])
 def test_the_watchdog_of_every_board_is_missed(held: int) -> None:
     both = lambda tick: READY | PEDAL | watchdog(tick)  # noqa: E731
     state, outs = drive(plc.init(SETUP, PARAMS, boards=2), 300, pins=READY | PEDAL, second=both)
-    assert int(outs[-1].runlevel) == plc.PEDAL_DN
+    assert int(outs[-1].runlevel) == run_levels.PEDAL_DOWN
     state, outs = drive(state, 120, pins=READY | PEDAL, second=lambda _: held)
-    assert int(outs[-1].runlevel) == plc.E_STOP and int(state.trip_cause) == plc.CAUSE_WATCHDOG
+    assert int(outs[-1].runlevel) == run_levels.E_STOP and int(state.trip_cause) == plc.CAUSE_WATCHDOG
 
 
 @pytest.mark.parametrize(("second", "level"), [(READY | PEDAL, 3), (READY, 2), (PEDAL, 2), (0, 2)])
@@ -111,11 +112,11 @@ def test_pedal_and_ready_count_where_all_boards_say_so(second: int, level: int) 
 
 def test_without_auto_start_it_stays_stopped() -> None:
     params = plc.Params(watchdog_ticks=75, auto_start=0, start_ticks=100)
-    state = plc.init(SETUP, params, plc.E_STOP)
+    state = plc.init(SETUP, params, run_levels.E_STOP)
     for tick in range(300):
         told = plc.Signal((jnp.int32(watchdog(tick)),), jnp.bool_(False), jnp.bool_(False))
         state, out = plc.step(SETUP, params, state, told)
-    assert int(out.runlevel) == plc.E_STOP
+    assert int(out.runlevel) == run_levels.E_STOP
 
 
 def test_pins_carry_the_level_in_bits_7_and_6() -> None:

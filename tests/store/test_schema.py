@@ -12,9 +12,9 @@ import pyarrow as pa
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.outcomes import checks
 from ravenjax.store import schema
 from ravenjax.store.files import StoreError
+from ravenjax.vocabulary import checks
 
 SHAPE = synthetic.shape()
 

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import made_up_rows
 
-from ravenjax.outcomes.checks import CHECKS
 from ravenjax.store import parts, schema
 from ravenjax.store.files import StoreError
+from ravenjax.vocabulary.checks import CHECKS
 
 names = st.text("abcdefghijklmnopqrstuvwxyz_.0123456789", min_size=1, max_size=12)
 SHAPES = st.builds(

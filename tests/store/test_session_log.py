@@ -9,12 +9,12 @@ import pytest
 import ros2_log
 from scipy.spatial.transform import Rotation
 
-from ravenjax.arms import JOINTS
 from ravenjax.robot import arrays
 from ravenjax.store import session_file, session_log, session_words
 from ravenjax.store.files import StoreError
 from ravenjax.store.motion import mcap_file
 from ravenjax.trainer.frame import Layout
+from ravenjax.vocabulary.arms import JOINTS
 
 LAYOUT = Layout.of(("gold", "green"))
 START = 1_767_323_045_678_000_000  # ns, of the header's "started"

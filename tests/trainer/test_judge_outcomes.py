@@ -11,10 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_frames import made, running
 
-from ravenjax.outcomes import checks, verdict
+from ravenjax.outcomes import verdict
 from ravenjax.trainer import hazard_events
 from ravenjax.trainer.hazard_table import Hazard
 from ravenjax.trainer.judge import Judge
+from ravenjax.vocabulary import checks
 
 TICKS, STRIKE, LOOK = 500, 40, 10
 FAULT = [{"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 2000}]

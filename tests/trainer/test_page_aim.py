@@ -7,7 +7,8 @@ import pytest
 
 from ravenjax.robot import kinematics
 from ravenjax.trainer.page.aim import Aim
-from ravenjax.types import ARMS, Vec
+from ravenjax.types import Vec
+from ravenjax.vocabulary.arms import ARMS
 
 
 @pytest.mark.parametrize("arm", ARMS)

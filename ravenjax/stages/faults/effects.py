@@ -10,8 +10,8 @@ from jax import lax
 
 from ravenjax.robot.counter_random import uniform
 from ravenjax.stages.faults.fault import Fault, SlotState
-from ravenjax.stages.faults.vocabulary import EFFECT_CODES
 from ravenjax.types import Scalar, to_int32
+from ravenjax.vocabulary.effects import EFFECT_CODES
 
 Effect = Callable[[Scalar, Fault, SlotState, Scalar], Scalar]
 """(x, fault, slot, tick) -> the float that takes x's place; whole numbers have their bits flipped by `flipped`."""

@@ -1,6 +1,6 @@
 """Injection: one pure function, called at each named site of the tick. Knows nothing of any robot.
 
-A robot declares its sites and channels (`ravenjax.robot.sites`); a campaign's `Setup.injection` names those it uses,
+Sites and channels are declared in `ravenjax.vocabulary.sites`; a campaign's `Setup.injection` names those it uses,
 and only they cost anything. At a site, each slot gathers the channel it hits by selects, applies its effect once and
 scatters the result back by selects. A channel that is not hit keeps every bit.
 """
@@ -15,9 +15,9 @@ from jax import lax
 
 from ravenjax.stages.faults import effects
 from ravenjax.stages.faults.fault import Fault, Faults, SlotState, State
-from ravenjax.stages.faults.vocabulary import EFFECT_CODES
 from ravenjax.stages.faults.window import Clock
 from ravenjax.types import Scalar, Setup, SiteUse, Vec, replace, to_int32, wrap16
+from ravenjax.vocabulary.effects import EFFECT_CODES
 
 Path = tuple[str | int, ...]
 ChannelKey = tuple[str, str, str]

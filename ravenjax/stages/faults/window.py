@@ -6,8 +6,8 @@ import jax.numpy as jnp
 from jax import lax
 
 from ravenjax.stages.faults.fault import Fault, Faults, SlotState, State
-from ravenjax.stages.faults.vocabulary import TRIGGER_CODES
 from ravenjax.types import Scalar, Setup, record, replace
+from ravenjax.vocabulary.effects import TRIGGER_CODES
 
 
 @record

@@ -13,7 +13,8 @@ from functools import cache
 
 from ravenjax.robot import transmission
 from ravenjax.robot.algebra import add, dot, mul, sub
-from ravenjax.types import ArmName, Scalar, Vec
+from ravenjax.types import Scalar, Vec
+from ravenjax.vocabulary.arms import ArmName
 
 Z = 2  # index of the insertion
 N = 7

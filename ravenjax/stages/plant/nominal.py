@@ -33,7 +33,8 @@ from ravenjax.robot.linear_solve import solve_spd
 from ravenjax.stages.plant import nominal_target, published
 from ravenjax.stages.plant.friction import coulomb_damping
 from ravenjax.stages.plant.nominal_target import Clean
-from ravenjax.types import ArmName, Scalar, Setup, Vec, cast, record, where
+from ravenjax.types import Scalar, Setup, Vec, cast, record, where
+from ravenjax.vocabulary.arms import ArmName
 
 TICK_S = 1e-3
 LAGRANGE = 5  # joints of the Euler-Lagrange equation; the two jaws are double integrators

@@ -12,7 +12,8 @@ import math
 import jax.numpy as jnp
 
 from ravenjax.robot import joints, kinematics, limits, mapping
-from ravenjax.types import ArmName, Scalar, Setup, Vec, as_int, record, to_int32, where
+from ravenjax.types import Scalar, Setup, Vec, as_int, record, to_int32, where
+from ravenjax.vocabulary.arms import ArmName
 
 UM_PER_M = 1e6
 

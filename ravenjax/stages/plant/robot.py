@@ -24,7 +24,8 @@ from ravenjax.robot.linear_solve import solve_spd
 from ravenjax.stages.plant import actuators, brakes, cables, encoders, published, stops
 from ravenjax.stages.plant.coupling import Coupling, coupling
 from ravenjax.stages.plant.friction import coulomb_damping
-from ravenjax.types import ArmName, Scalar, Setup, Vec, cast, record
+from ravenjax.types import Scalar, Setup, Vec, cast, record
+from ravenjax.vocabulary.arms import ArmName
 
 TICK_S = 1e-3
 N = 7

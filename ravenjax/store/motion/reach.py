@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.types import JOINTS, ArmName, Vec
+from ravenjax.types import Vec
+from ravenjax.vocabulary.arms import JOINTS, ArmName
 
 MARGIN_RAD, MARGIN_M = math.radians(1.0), 2e-3
 """Distance from the soft limits: the robot lags behind the operator."""

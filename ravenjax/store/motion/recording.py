@@ -16,7 +16,8 @@ from ravenjax.store.motion.options import ReplayOptions
 from ravenjax.store.motion.reach import Poses
 from ravenjax.store.motion.spikes import Spike
 from ravenjax.store.motion.track import Track
-from ravenjax.types import ArmName, Vec
+from ravenjax.types import Vec
+from ravenjax.vocabulary.arms import ArmName
 
 KINDS = (".parquet", ".csv", ".mcap")
 

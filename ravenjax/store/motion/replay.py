@@ -19,7 +19,7 @@ from ravenjax.store.motion.reach import ArmReach, Bounds, Poses, reach, reason
 from ravenjax.store.motion.recording import HandRecording, load, refused, require_readable
 from ravenjax.store.motion.summary import MotionSummary
 from ravenjax.store.motion.timeline import Timeline
-from ravenjax.types import ArmName
+from ravenjax.vocabulary.arms import ArmName
 
 STILL_M, STILL_RAD = 5e-5, math.radians(0.2)
 """A tip that stays within, and turns and opens within, does not move."""

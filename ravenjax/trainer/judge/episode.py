@@ -42,8 +42,8 @@ from typing import Any
 import numpy as np
 
 from ravenjax.outcomes import verdict
-from ravenjax.outcomes.checks import Check
 from ravenjax.trainer.scenario import Armable, Harm
+from ravenjax.vocabulary.checks import Check
 
 KNOWN_MM = 0.002
 """Resolution of knowledge: measured tips are whole micrometres, truncated along each axis, so that two of the same tip

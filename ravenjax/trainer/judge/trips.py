@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from ravenjax.outcomes import checks
-from ravenjax.outcomes.checks import Check
+from ravenjax.vocabulary import checks
+from ravenjax.vocabulary.checks import Check
 
 QUIET_MS = 1000
 """A check that keeps tripping is announced again only after so long without a trip."""

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from ravenjax.robot import arm_model
-from ravenjax.types import ArmName
+from ravenjax.vocabulary.arms import ArmName
 
 
 class Aim:

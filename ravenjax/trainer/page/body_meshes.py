@@ -15,7 +15,7 @@ from mjviser import conversions
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from ravenjax.types import ArmName
+from ravenjax.vocabulary.arms import ArmName
 
 DEFAULT = 0.5
 """Of a geom's own colour in MuJoCo: it has none, and its material's counts."""

@@ -18,7 +18,7 @@ from ravenjax.robot import arm_model, scene
 from ravenjax.trainer.frame import VIEWS, Frame
 from ravenjax.trainer.page import body_meshes, task_shapes
 from ravenjax.trainer.page.trails import Trails
-from ravenjax.types import ARMS, ArmName
+from ravenjax.vocabulary.arms import ARMS, ArmName
 
 LAYERS = ("robot", "ghost", "virtual", "trails", "force", "task")
 GHOST, VIRTUAL = (88, 196, 255), (120, 226, 170)

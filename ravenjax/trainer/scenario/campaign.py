@@ -24,10 +24,10 @@ from ravenjax.campaign.axis import Axis
 from ravenjax.campaign.config import CampaignConfig
 from ravenjax.campaign.location import Complaint
 from ravenjax.hazards import expansion
-from ravenjax.robot.sites import SITES
 from ravenjax.trainer.scenario import hazard
 from ravenjax.trainer.scenario.config import INSTRUCTOR, Entry, Scenario
 from ravenjax.trainer.scenario.hazard import FAULT, Armable
+from ravenjax.vocabulary.sites import SITES
 
 BUTTONS = "buttons/estop"
 """Group of the last row: the operator's E-stop button."""

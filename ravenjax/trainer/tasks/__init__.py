@@ -16,7 +16,7 @@ from ravenjax.trainer.tasks.path import PathTask
 from ravenjax.trainer.tasks.pegs import PegTask
 from ravenjax.trainer.tasks.reach import ReachTask
 from ravenjax.trainer.world import Point, to_world
-from ravenjax.types import ArmName
+from ravenjax.vocabulary.arms import ArmName
 
 __all__ = ["Task", "Wish", "make"]
 

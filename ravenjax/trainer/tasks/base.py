@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from ravenjax.trainer.frame import Frame
 from ravenjax.trainer.world import Point, to_world
-from ravenjax.types import ArmName
+from ravenjax.vocabulary.arms import ArmName
 
 Event = dict[str, Any]
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from ravenjax.trainer.frame import Frame
 from ravenjax.trainer.tasks.base import Event, Task
 from ravenjax.trainer.world import Point
-from ravenjax.types import ArmName
+from ravenjax.vocabulary.arms import ArmName
 
 
 class FreeTask(Task):

@@ -10,7 +10,7 @@ from ravenjax.trainer.frame import Frame
 from ravenjax.trainer.scenario.config import Path
 from ravenjax.trainer.tasks.base import Event, Task, Wish, rounded
 from ravenjax.trainer.world import Point, surface
-from ravenjax.types import ArmName
+from ravenjax.vocabulary.arms import ArmName
 
 POINTS = 200
 """Of the line. Half a millimetre apart on the largest."""

@@ -12,7 +12,7 @@ from ravenjax.trainer.frame import Frame
 from ravenjax.trainer.scenario.config import Reach
 from ravenjax.trainer.tasks.base import Event, Task, Wish, rounded
 from ravenjax.trainer.world import Point, surface
-from ravenjax.types import ArmName
+from ravenjax.vocabulary.arms import ArmName
 
 LEAST_WAY_M = 0.005
 """From one target to the next: less would be reached by holding still."""

@@ -6,6 +6,10 @@ from collections.abc import Iterable
 from typing import Literal, NamedTuple
 
 Action = Literal["stop", "flag", "limit"]
+"""What a check does when it trips: the robot stops; a person is told; a command is changed or a packet dropped."""
+
+DOES: dict[Action, str] = {"stop": "stops the robot", "flag": "tells a person", "limit": "limits, tells nobody"}
+"""Each in words."""
 
 
 class Check(NamedTuple):
@@ -14,7 +18,7 @@ class Check(NamedTuple):
     name: str
     unit: str  # of its margin
     meaning: str
-    action: Action  # stop: the robot stops; flag: a person is told; limit: a command is changed or a packet dropped
+    action: Action
     cause: str = ""  # its name as the cause of a stop
 
     @property
@@ -23,8 +27,13 @@ class Check(NamedTuple):
         return self.cause or self.name
 
     @property
+    def does(self) -> str:
+        """Its action in words."""
+        return DOES[self.action]
+
+    @property
     def response(self) -> str:
-        """What a run is called in which it trips and nothing stronger does: a word of `verdict.RESPONSES`."""
+        """What a run is called in which it trips and nothing stronger does: a word of `outcomes.verdict.RESPONSES`."""
         return _RESPONSES[self.action]
 
 

@@ -10,11 +10,29 @@ from __future__ import annotations
 import dataclasses
 from typing import Literal
 
-from ravenjax.arms import JOINTS
+from ravenjax.vocabulary import run_levels
+from ravenjax.vocabulary.arms import JOINTS
 
 ARM = "ARM"
 Kind = Literal["int16", "int24", "int32", "float", "bool"]
 """Type of a number; an int24, which an encoder's word is, travels as int32 and nothing makes it wrap."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Field:
+    """What a number may be where it has fewer values than its type; both ends included."""
+
+    low: int
+    high: int
+    noun: str
+    bits: int
+
+
+RUN_LEVEL = Field(0, len(run_levels.NAMES) - 1, "a run level", 2)
+BYTE = Field(0, 255, "a byte", 8)
+DATAGRAM = Field(0, 65507, "the length of a datagram", 16)
+
+BITS: dict[Kind, int] = {"int16": 16, "int24": 24, "int32": 32, "float": 32, "bool": 1}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,6 +43,12 @@ class Channel:
     path: tuple[str | int, ...]  # attributes and indices from the site's signal to the number
     kind: Kind
     unit: str
+    field: Field | None = None  # None: whatever its type holds
+
+    @property
+    def bits(self) -> int:
+        """Width of its number."""
+        return BITS[self.kind] if self.field is None else self.field.bits
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,7 +139,7 @@ SITES: dict[str, Site] = {
             (
                 Channel("sequence", ("sequence",), "int32", "1"),
                 Channel("surgeon_mode", ("surgeon_mode",), "int32", "1"),
-                Channel("size", ("size",), "int32", "bytes"),
+                Channel("size", ("size",), "int32", "bytes", DATAGRAM),
             ),
             "header of a received packet, before the size and sequence checks",
         ),
@@ -124,7 +148,7 @@ SITES: dict[str, Site] = {
             "usb_in",
             "L6",
             True,
-            (*_joints("int24", ("cnt", "cnt"), "enc_val"), Channel("pins", ("pins", ARM), "int32", "bits")),
+            (*_joints("int24", ("cnt", "cnt"), "enc_val"), Channel("pins", ("pins", ARM), "int32", "bits", BYTE)),
             "buffers read from the USB boards: encoder counts and the PLC's input pins",
         ),
         Site(
@@ -135,7 +159,11 @@ SITES: dict[str, Site] = {
             "USB transfers: a failed read leaves old buffers, a failed write leaves the board's old command",
         ),
         Site(
-            "runlevel", "L5", False, (Channel("rl_desired", (), "int32", "1"),), "run level asked for by the PLC pins"
+            "runlevel",
+            "L5",
+            False,
+            (Channel("rl_desired", (), "int32", "1", RUN_LEVEL),),
+            "run level asked for by the PLC pins",
         ),
         Site("mpos", "L5", True, _joints("float", ("rad", "rad")), "estimated motor positions"),
         Site("mvel", "L5", True, _joints("float", ("rad/s", "rad/s")), "estimated motor velocities"),
@@ -150,8 +178,14 @@ SITES: dict[str, Site] = {
         Site("tau_d", "L4", True, _joints("float", ("N m", "N m")), "desired torque at the capstan, before the DAC"),
         Site("current_cmd", "L4", True, _joints("int16", ("cnt", "cnt")), "DAC command, before the overdrive check"),
         Site("usb_out", "L7", True, _joints("int16", ("cnt", "cnt")), "DAC command, after every software check"),
-        Site("pins_out", "L8", False, (Channel("pins", (), "int32", "bits"),), "output pins to the PLC"),
-        Site("plc", "L8", False, (Channel("runlevel", (), "int32", "1"),), "run level that the PLC puts on its pins"),
+        Site("pins_out", "L8", False, (Channel("pins", (), "int32", "bits", BYTE),), "output pins to the PLC"),
+        Site(
+            "plc",
+            "L8",
+            False,
+            (Channel("runlevel", (), "int32", "1", RUN_LEVEL),),
+            "run level that the PLC puts on its pins",
+        ),
         Site(
             "buttons",
             "L8",
