@@ -27,8 +27,8 @@ from scipy.signal import butter, filtfilt
 
 from ravenjax.robot import transmission
 from ravenjax.stages.plant import authors, robot
-from ravenjax.studies import recording
-from ravenjax.studies.recording import ARM, FILE, JOINTS, SETUP, closed_loop, started, tips
+from ravenjax.studies.dsn16 import closed_loop as recording
+from ravenjax.studies.dsn16.closed_loop import ARM, FILE, JOINTS, SETUP, closed_loop, started, tips
 from ravenjax.types import Vec
 
 

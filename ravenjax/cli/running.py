@@ -243,8 +243,9 @@ def reproduce(
         The study, or "all". Without one: list them.
     """
     from ravenjax import terminal
-    from ravenjax.studies import catalogue, markdown, running, targets, writing
-    from ravenjax.studies.study import plain
+    from ravenjax.studies import catalogue
+    from ravenjax.studies.framework import markdown, running, targets, writing
+    from ravenjax.studies.framework.study import plain
 
     if name is None:
         studies = [catalogue.find(known) for known in catalogue.NAMES]

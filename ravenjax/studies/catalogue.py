@@ -5,27 +5,27 @@ from __future__ import annotations
 import importlib
 
 from ravenjax.errors import UserError, suggestion
-from ravenjax.studies.study import Study
+from ravenjax.studies.framework.study import Study
 
-NAMES = (
-    "seed_fault_free",
-    "seed_burst",
-    "dsn16_a",
-    "dsn16_b",
-    "dsn16_thresholds",
-    "dsn16_model",
-    "safecomp45",
-    "hazard_library",
-    "reacting_operator",
-    "uncertain_robot",
-    "detectors",
-    "haptic_cue",
-)
-"""In the order in which they are listed."""
+NAMES = {
+    "seed_fault_free": "seed.fault_free",
+    "seed_burst": "seed.burst",
+    "dsn16_a": "dsn16.scenario_a",
+    "dsn16_b": "dsn16.scenario_b",
+    "dsn16_thresholds": "dsn16.thresholds",
+    "dsn16_model": "dsn16.model",
+    "safecomp45": "hazards.safecomp45",
+    "hazard_library": "hazards.library",
+    "reacting_operator": "reaction.operator",
+    "uncertain_robot": "uncertainty.robot",
+    "detectors": "detection.comparison",
+    "haptic_cue": "haptics.cue",
+}
+"""The module of each, in the order in which they are listed."""
 
 
 def find(name: str) -> Study:
     """The study of that name. Raises UserError."""
     if name not in NAMES:
         raise UserError(f"unknown study {name!r}, expected one of {', '.join(NAMES)}{suggestion(name, NAMES)}")
-    return importlib.import_module(f"ravenjax.studies.{name}").STUDY
+    return importlib.import_module(f"ravenjax.studies.{NAMES[name]}").STUDY

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from ravenjax.studies.provenance import Campaign, Provenance
-from ravenjax.studies.study import Drawing, Estimate, Findings, Line, Study, Table
+from ravenjax.studies.framework.provenance import Campaign, Provenance
+from ravenjax.studies.framework.study import Drawing, Estimate, Findings, Line, Study, Table
 
 
 def draw(figure):

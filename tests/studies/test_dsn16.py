@@ -16,22 +16,16 @@ from ravenjax.robot import kinematics
 from ravenjax.robot.limits import HOME_JPOS
 from ravenjax.stages import motions
 from ravenjax.stats.intervals import wilson
-from ravenjax.studies import (
-    catalogue,
-    dsn16_b,
-    dsn16_cells,
-    dsn16_drawings,
-    dsn16_runs,
-    dsn16_sensitivity,
-    dsn16_statements,
-    dsn16_trajectory,
-    literature,
-)
-from ravenjax.studies.dsn16_cells import DURATIONS
-from ravenjax.studies.dsn16_runs import Runs, stored
-from ravenjax.studies.dsn16_sensitivity import Case
-from ravenjax.studies.dsn16_trajectory import Lever
-from ravenjax.studies.study import Context, Findings, Study
+from ravenjax.studies import catalogue
+from ravenjax.studies.dsn16 import cells as dsn16_cells
+from ravenjax.studies.dsn16 import drawings, scenario_b, sensitivity, statements, trajectory
+from ravenjax.studies.dsn16 import runs as dsn16_runs
+from ravenjax.studies.dsn16.cells import DURATIONS
+from ravenjax.studies.dsn16.runs import Runs, stored
+from ravenjax.studies.dsn16.sensitivity import Case
+from ravenjax.studies.dsn16.trajectory import Lever
+from ravenjax.studies.framework import literature
+from ravenjax.studies.framework.study import Context, Findings, Study
 from ravenjax.types import Vec
 
 STUDIES = ("dsn16_a", "dsn16_b", "dsn16_thresholds")
@@ -141,10 +135,10 @@ def test_published_file_holds_nothing_that_was_withheld() -> None:
 
 def test_levers_cover_80_to_180_mm() -> None:
     packets = np.array(list(ONSETS_B))
-    base = dsn16_trajectory.lever(loading.load("dsn16_b.toml"), packets)
+    base = trajectory.lever(loading.load("dsn16_b.toml"), packets)
     assert 75.0 <= base.low <= base.high <= 86.0
-    for nominal, overrides in zip((110, 145, 180), dsn16_trajectory.LEVERS.values(), strict=True):
-        found = dsn16_trajectory.lever(loading.load("dsn16_b.toml", list(overrides)), packets)
+    for nominal, overrides in zip((110, 145, 180), trajectory.LEVERS.values(), strict=True):
+        found = trajectory.lever(loading.load("dsn16_b.toml", list(overrides)), packets)
         assert found.low == pytest.approx(nominal, rel=0.07)
         assert found.high == pytest.approx(nominal, rel=0.02)
 
@@ -152,21 +146,21 @@ def test_levers_cover_80_to_180_mm() -> None:
 def test_longer_levers_are_the_stitches_of_the_baseline_drawn_back() -> None:
     """Their desired tip is the baseline's, shifted along the shaft by what the insertion was drawn back."""
     home = Vec(np.float64(q) for q in HOME_JPOS)
-    plain = dsn16_trajectory.desired_tip(loading.load("dsn16_b.toml"))
-    for overrides, insertion in zip(dsn16_trajectory.LEVERS.values(), (0.372, 0.336, 0.300), strict=True):
+    plain = trajectory.desired_tip(loading.load("dsn16_b.toml"))
+    for overrides, insertion in zip(trajectory.LEVERS.values(), (0.372, 0.336, 0.300), strict=True):
         config = loading.load("dsn16_b.toml", list(overrides))
         with jax.enable_x64(True):
             back = kinematics.forward("gold", Vec((*home[:2], np.float64(insertion), *home[3:]))).position
             there = kinematics.forward("gold", home).position
         shift = [float(a) - float(b) for a, b in zip(back, there, strict=True)]
-        np.testing.assert_allclose(dsn16_trajectory.desired_tip(config), plain + shift, atol=1e-9)
+        np.testing.assert_allclose(trajectory.desired_tip(config), plain + shift, atol=1e-9)
 
 
 def test_recording_is_used_only_where_it_is(tmp_path: Path) -> None:
-    assert dsn16_trajectory.recorded({}) == {}
-    assert dsn16_trajectory.recorded({"RAVENJAX_DATA": str(tmp_path)}) == {}
+    assert trajectory.recorded({}) == {}
+    assert trajectory.recorded({"RAVENJAX_DATA": str(tmp_path)}) == {}
     (tmp_path / "operator_positions.parquet").touch()
-    found = dsn16_trajectory.recorded({"RAVENJAX_DATA": str(tmp_path)})
+    found = trajectory.recorded({"RAVENJAX_DATA": str(tmp_path)})
     assert list(found) == ["recorded_0s", "recorded_6s", "recorded_18s", "recorded_51s"]
     assert all(f"operator.file={tmp_path / 'operator_positions.parquet'}" in overrides for overrides in found.values())
 
@@ -211,7 +205,7 @@ def test_sensitivity_table_compares_cell_by_cell() -> None:
     more = runs_of({(40000, d): 10 for d in (8, 16, 32)}, "more")
     published = np.array([0, 0, 0, 25.0, 25.0, 25.0, 0, 0])
     bands = [(0.0, 30.0)] * 8
-    found = dsn16_sensitivity.table("t", [Case(base, "", label="b"), Case(more, "q")], base, published, bands, 0.6)
+    found = sensitivity.table("t", [Case(base, "", label="b"), Case(more, "q")], base, published, bands, 0.6)
     by_name = {row[0]: dict(zip(found.columns, row, strict=True)) for row in found.rows}
     assert by_name["b"]["cells changed"] == 0 and by_name["b"]["points from baseline"] == "0"
     assert by_name["more"]["cells changed"] == 1
@@ -220,7 +214,7 @@ def test_sensitivity_table_compares_cell_by_cell() -> None:
     assert by_name["b"]["points from publication"] == "-3.1"
     assert by_name["b"]["above / below"] == "0 / 1"
     assert by_name["more"]["in band"] == "8 of 8"
-    assert [name for name, *_ in dsn16_sensitivity.ranked([Case(base, ""), Case(more, "q")], base)] == [
+    assert [name for name, *_ in sensitivity.ranked([Case(base, ""), Case(more, "q")], base)] == [
         "more",
         "made_up",
     ]
@@ -231,35 +225,35 @@ def test_statements_hold_or_not_as_the_counts_say() -> None:
     stops = np.array([1, 0, 1, 1, 20, 50, 64, 78.0])
     calm = runs_of({(10000, d): 10 for d in (16, 32, 64, 128)})
     moved = np.where(np.isin(calm.duration, (2, 4)), 2.0, 0.0)
-    lines = dsn16_statements.scenario_b(calm, moved, published, stops)
+    lines = statements.scenario_b(calm, moved, published, stops)
     assert [line.predicted.value for line in lines if line.predicted] == [1.0, 1.0, 0.0, 0.0]
     assert [line.passed for line in lines] == [True, True, False, False]
     wild = runs_of({(100, 8): 1, (1000, 2): 1})
-    small, bursts, *_ = dsn16_statements.scenario_b(wild, moved, published, stops)
+    small, bursts, *_ = statements.scenario_b(wild, moved, published, stops)
     assert small.passed is False and "1 of 70 runs" in small.reason  # 100 counts, seven durations
     assert bursts.passed is False
     open_window = runs_of({(10000, d): 10 for d in DURATIONS[1:]})
-    assert dsn16_statements.of_attack(open_window)[1].passed is True
+    assert statements.of_attack(open_window)[1].passed is True
 
 
 def test_fit_needs_every_band_and_no_bias() -> None:
     jumps, bands = np.full(8, 50.0), [(40.0, 60.0)] * 8
-    assert dsn16_b._fits(jumps + np.tile([5.0, -5.0], 4), jumps, bands, 0.6)
-    assert not dsn16_b._fits(jumps + 5.0, jumps, bands, 0.6)  # all above
-    assert not dsn16_b._fits(jumps + np.tile([5.0, -11.0], 4), jumps, bands, 0.6)  # outside
+    assert scenario_b._fits(jumps + np.tile([5.0, -5.0], 4), jumps, bands, 0.6)
+    assert not scenario_b._fits(jumps + 5.0, jumps, bands, 0.6)  # all above
+    assert not scenario_b._fits(jumps + np.tile([5.0, -11.0], 4), jumps, bands, 0.6)  # outside
 
 
 def test_drawings_draw() -> None:
     runs = runs_of({(40000, 8): 10, (10000, 64): 4})
     percent = runs.percent("jump")
-    panel = dsn16_drawings.Panel(
+    panel = drawings.Panel(
         "P(jump)", percent, np.stack([percent, percent + 5]), percent + 10, {"other": percent}, percent, None, None
     )
     figure = Figure()
-    dsn16_drawings.rates([panel, panel], "made up")(figure)
+    drawings.rates([panel, panel], "made up")(figure)
     assert [axis.get_title() for axis in figure.axes] == ["P(jump)", "P(jump)"]
     figure = Figure()
-    dsn16_drawings.maps({"jump": runs.share("jump")}, [str(v) for v in VALUES], "value")(figure)
+    drawings.maps({"jump": runs.share("jump")}, [str(v) for v in VALUES], "value")(figure)
     written = [text.get_text() for text in figure.axes[0].texts]
     assert sorted(written) == ["100", "40"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ravenjax.studies import dsn16_cells
-from ravenjax.studies.dsn16_cells import bias, difference, in_band, inside, means, rate
+from ravenjax.studies.dsn16 import cells as dsn16_cells
+from ravenjax.studies.dsn16.cells import bias, difference, in_band, inside, means, rate
 
 
 def test_means_are_the_share_of_each_cell() -> None:

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from ravenjax.studies import dsn16_detection, dsn16_detector
-from ravenjax.studies.dsn16_detector import Learned, alarms, maxima_interval, pooled_interval, score
-from ravenjax.studies.dsn16_log import Log, log
+from ravenjax.studies.dsn16 import detection, detector
+from ravenjax.studies.dsn16.detector import Learned, alarms, maxima_interval, pooled_interval, score
+from ravenjax.studies.dsn16.published_log import Log, log
 
 ONES = np.ones((3, 3))
 
@@ -67,10 +67,10 @@ def test_learned_thresholds_are_percentiles_of_all_steps_or_of_maxima() -> None:
 def test_learning_leaves_the_rest_at_the_beginning_out() -> None:
     moved = made_up()
     moved.mpos[100:, 0] += 5.0
-    assert dsn16_detector.fault_free(moved).max() == 0.0
-    assert dsn16_detector.steps(moved).max() == 5.0
+    assert detector.fault_free(moved).max() == 0.0
+    assert detector.steps(moved).max() == 5.0
     with pytest.raises(ValueError, match="at least one run"):
-        dsn16_detector.learn([])
+        detector.learn([])
 
 
 def test_block_bootstrap_keeps_runs_together() -> None:
@@ -109,18 +109,18 @@ def test_score_of_known_counts() -> None:
 
 def test_score_interval_is_over_cells() -> None:
     told, jumped = np.tile([True, False], 100), np.ones(200, bool)
-    one_a_run = dsn16_detection.intervals(told, jumped, np.arange(200))
-    few = dsn16_detection.intervals(np.repeat([True, False], 100), jumped, np.repeat(np.arange(20), 10))
+    one_a_run = detection.intervals(told, jumped, np.arange(200))
+    few = detection.intervals(np.repeat([True, False], 100), jumped, np.repeat(np.arange(20), 10))
     assert one_a_run[0].tpr == few[0].tpr == 0.5
     assert few[2].tpr - few[1].tpr > 2.0 * (one_a_run[2].tpr - one_a_run[1].tpr)
 
 
 def test_leap_of_the_text_is_a_millimetre_within_two_packets() -> None:
     still = made_up()
-    assert not dsn16_detection.leaps(still)
+    assert not detection.leaps(still)
     slow = made_up()
     slow.tip[:, 0] = np.arange(len(slow.tip)) * 450.0  # 0.9 mm in two packets
-    assert not dsn16_detection.leaps(slow)
+    assert not detection.leaps(slow)
     fast = made_up()
     fast.tip[:, 0] = np.arange(len(fast.tip)) * 550.0
-    assert dsn16_detection.leaps(fast)
+    assert detection.leaps(fast)

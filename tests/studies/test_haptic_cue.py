@@ -14,10 +14,14 @@ from ravenjax.campaign import design, loading
 from ravenjax.outcomes.events import Rules
 from ravenjax.stages import haptics
 from ravenjax.store.manifest import Cue
-from ravenjax.studies import catalogue, drawing, haptic_choice, haptic_cue, haptic_runs, haptic_tables, running
-from ravenjax.studies.detector_runs import AS_MODELLED, UNCERTAIN
-from ravenjax.studies.haptic_runs import KINDS, Faulty, Free
-from ravenjax.studies.study import plain
+from ravenjax.studies import catalogue
+from ravenjax.studies.detection.runs import AS_MODELLED, UNCERTAIN
+from ravenjax.studies.framework import drawing, running
+from ravenjax.studies.framework.study import plain
+from ravenjax.studies.haptics import choice, tables
+from ravenjax.studies.haptics import cue as haptic_cue
+from ravenjax.studies.haptics import runs as haptic_runs
+from ravenjax.studies.haptics.runs import KINDS, Faulty, Free
 from ravenjax.types import Setup
 
 CUES = tuple(
@@ -69,8 +73,8 @@ def test_the_catalogue_finds_it() -> None:
 def test_the_choice_weighs_missed_hazards_against_false_cues() -> None:
     # thresholds 1, 3, 8 mm miss 0, 1/4 and 3/4 of 4 hazards, with 20, 1 and 0 false cues an hour
     missed = np.array([[0, 0, 0], [0, 0, 1], [0, 0, 1], [0, 1, 1]], bool)
-    counts = haptic_choice.counts(missed, np.arange(4), np.array([[20, 1, 0]]), np.array([1.0]), np.array(["a"]))
-    found = haptic_choice.choose(counts, np.array([1.0, 10.0, 1000.0]))
+    counts = choice.counts(missed, np.arange(4), np.array([[20, 1, 0]]), np.array([1.0]), np.array(["a"]))
+    found = choice.choose(counts, np.array([1.0, 10.0, 1000.0]))
     assert found.cost.tolist() == [[20.0, 1.25, 0.75], [20.0, 3.5, 7.5], [20.0, 251.0, 750.0]]
     assert found.chosen.tolist() == [2, 1, 0]
     assert found.wins.sum(axis=1) == pytest.approx(1.0)
@@ -79,8 +83,8 @@ def test_the_choice_weighs_missed_hazards_against_false_cues() -> None:
 def test_a_sure_choice_always_wins_and_equals_go_to_the_higher_threshold() -> None:
     missed = np.zeros((50, 3), bool)
     missed[:, 2] = True
-    counts = haptic_choice.counts(missed, np.arange(50), np.array([[2, 2, 2]] * 4), np.ones(4), np.arange(4))
-    found = haptic_choice.choose(counts, np.array([100.0]))
+    counts = choice.counts(missed, np.arange(50), np.array([[2, 2, 2]] * 4), np.ones(4), np.arange(4))
+    found = choice.choose(counts, np.array([100.0]))
     assert found.chosen.tolist() == [1]
     assert found.wins[0].tolist() == [0.0, 1.0, 0.0]
 
@@ -89,20 +93,20 @@ def test_an_even_choice_is_told_as_one() -> None:
     # sets 0 and 1 each miss one of two alike halves of the hazards: a coin
     half = np.arange(400) < 200
     missed = np.stack([half, ~half], axis=1)
-    counts = haptic_choice.counts(missed, np.arange(400), np.zeros((2, 2)), np.ones(2), np.arange(2))
-    wins = haptic_choice.choose(counts, np.array([1.0])).wins[0]
+    counts = choice.counts(missed, np.arange(400), np.zeros((2, 2)), np.ones(2), np.arange(2))
+    wins = choice.choose(counts, np.array([1.0])).wins[0]
     assert wins == pytest.approx([0.5, 0.5], abs=0.06)
     with pytest.raises(ValueError, match="needs hazards"):
-        haptic_choice.choose(counts._replace(hours=np.zeros(2)), np.array([1.0]))
+        choice.choose(counts._replace(hours=np.zeros(2)), np.array([1.0]))
 
 
 def test_a_rate_of_which_nothing_was_seen_decides_only_after_enough_hours() -> None:
     # set 0 misses 5 % less; it may cost so many false cues more as no cue in the hours leaves open
     missed = np.stack([np.arange(400) < 40, np.arange(400) < 60], axis=1)
 
-    def found(hours: float) -> haptic_choice.Winners:
-        counts = haptic_choice.counts(missed, np.arange(400), np.zeros((9, 2)), np.full(9, hours / 9), np.arange(9))
-        return haptic_choice.choose(counts, np.array([10.0]))
+    def found(hours: float) -> choice.Winners:
+        counts = choice.counts(missed, np.arange(400), np.zeros((9, 2)), np.full(9, hours / 9), np.arange(9))
+        return choice.choose(counts, np.array([10.0]))
 
     few, many = found(0.01), found(1000.0)
     assert few.chosen.tolist() == many.chosen.tolist() == [0]
@@ -114,15 +118,15 @@ def test_runs_of_one_fault_are_drawn_together() -> None:
     # 3 faults of 100 runs each: were runs drawn, set 1 would win almost always
     cell = np.repeat(np.arange(3), 100)
     missed = np.stack([cell != 2, cell == 2], axis=1)
-    counts = haptic_choice.counts(missed, cell, np.ones((1, 2)), np.ones(1), np.zeros(1))
+    counts = choice.counts(missed, cell, np.ones((1, 2)), np.ones(1), np.zeros(1))
     assert counts.hazards.tolist() == [100, 100, 100]
-    wins = haptic_choice.choose(counts, np.array([1.0])).wins[0]
+    wins = choice.choose(counts, np.array([1.0])).wins[0]
     assert wins[0] == pytest.approx(7 / 27, abs=0.03)  # two or three of three draws are fault 2
 
 
 def test_what_is_felt_is_measured_from_the_first_effect() -> None:
     runs = faulty([[110, 150, -1], [120, 250, -1], [-1, -1, -1], [130, -1, -1]], unintended_ms=[200, 200, 200, -1])
-    found = haptic_tables.felt(runs, PUBLISHED)
+    found = tables.felt(runs, PUBLISHED)
     assert (found.missed.value, found.missed.n) == (pytest.approx(1 / 3), 3)
     assert found.before.value == pytest.approx(1 / 3)
     assert found.others.value == 0.0
@@ -130,8 +134,8 @@ def test_what_is_felt_is_measured_from_the_first_effect() -> None:
     assert found.lead_ms.value == -50
     assert found.force == "0.03 (0.03 to 0.03)"
     assert found.at_cap.value == 0.0
-    assert haptic_tables.felt(runs, PUBLISHED + 1).at_cap.value == 1.0
-    late = haptic_tables.missed(runs, [PUBLISHED], before=True)[:, 0]
+    assert tables.felt(runs, PUBLISHED + 1).at_cap.value == 1.0
+    late = tables.missed(runs, [PUBLISHED], before=True)[:, 0]
     assert late.tolist() == [False, True, True, True]
 
 
@@ -167,13 +171,13 @@ def test_the_sets_of_the_published_gains_rise_by_threshold() -> None:
 
 def test_the_time_with_a_false_cue_is_a_share_of_the_motion() -> None:
     motion = free([[20, 1, 0], [0, 1, 0]], hours=0.5)
-    assert haptic_tables.false_time(motion, 0, AS_MODELLED).startswith("20.0")
-    assert haptic_tables.false_time(motion, 4, AS_MODELLED).startswith("0.0")
+    assert tables.false_time(motion, 0, AS_MODELLED).startswith("20.0")
+    assert tables.false_time(motion, 4, AS_MODELLED).startswith("0.0")
 
 
 def test_the_front_names_sets_that_do_the_same_together() -> None:
     runs = faulty([[110, 150, -1], [120, -1, -1]], unintended_ms=[200, 200])
-    shown = haptic_tables.front_table(runs, free([[5, 1, 1]]))
+    shown = tables.front_table(runs, free([[5, 1, 1]]))
     # 8 mm misses more than 3 mm with as many false cues
     assert [(row[0], row[1]) for row in shown.rows] == [("3", "all"), ("1", "all")]
 

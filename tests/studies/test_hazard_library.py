@@ -10,8 +10,9 @@ import result_rows
 
 from ravenjax.campaign import loading
 from ravenjax.hazards import expansion, library, maude, naming
-from ravenjax.studies import hazard_library, running
-from ravenjax.studies.study import Findings, Table
+from ravenjax.studies.framework import running
+from ravenjax.studies.framework.study import Findings, Table
+from ravenjax.studies.hazards import library as hazard_library
 
 RUNNABLE = [row for row in library.rows() if row.runnable]
 

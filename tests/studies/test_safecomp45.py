@@ -10,8 +10,9 @@ import result_rows
 
 from ravenjax.campaign import loading
 from ravenjax.hazards import library, naming
-from ravenjax.studies import agreement, literature, running, safecomp45
-from ravenjax.studies.study import Findings
+from ravenjax.studies.framework import literature, running
+from ravenjax.studies.framework.study import Findings
+from ravenjax.studies.hazards import agreement, safecomp45
 
 NOT_SIMULATED = {4, 13, 14, 32, 44, 45}
 

@@ -11,12 +11,14 @@ import pytest
 
 from ravenjax import paths
 from ravenjax.campaign import loading, plan
-from ravenjax.studies import catalogue, drawing, running, seed_burst
-from ravenjax.studies.seed_burst import BURST, CONSTANTS, FREE, MODELLED, PACKETS, SETTINGS, STUDY
-from ravenjax.studies.seed_burst_tables import ranges, span
-from ravenjax.studies.seed_events import DRAWN_TICKS, Drawn, Event, Run
-from ravenjax.studies.seed_motions import MOTIONS
-from ravenjax.studies.study import Context
+from ravenjax.studies import catalogue
+from ravenjax.studies.framework import drawing, running
+from ravenjax.studies.framework.study import Context
+from ravenjax.studies.seed import burst
+from ravenjax.studies.seed.burst import BURST, CONSTANTS, FREE, MODELLED, PACKETS, SETTINGS, STUDY
+from ravenjax.studies.seed.burst_tables import ranges, span
+from ravenjax.studies.seed.events import DRAWN_TICKS, Drawn, Event, Run
+from ravenjax.studies.seed.motions import MOTIONS
 
 
 def own(ready, path):
@@ -26,7 +28,7 @@ def own(ready, path):
 
 @pytest.fixture(scope="module")
 def ready():
-    return plan.make(loading.load(seed_burst.CAMPAIGN))
+    return plan.make(loading.load(burst.CAMPAIGN))
 
 
 def test_the_catalogue_finds_it():
@@ -106,8 +108,8 @@ def compared(monkeypatch, whole_at):
         "stop above 13000 counts": {motion: runs((800.0,)) for motion in MOTIONS},
         "hard regulation": {MOTIONS[0]: runs()},
     }
-    monkeypatch.setattr(seed_burst, "_measured", lambda context: measured)
-    return seed_burst.compare(Context({}))
+    monkeypatch.setattr(burst, "_measured", lambda context: measured)
+    return burst.compare(Context({}))
 
 
 def test_a_run_as_published_meets_a4_and_a5(monkeypatch):
@@ -140,9 +142,9 @@ def test_nothing_as_published_fails_a4_and_says_where_stops_come(monkeypatch):
     assert measured.lines[0].passed
     whole = {MODELLED: {motion: runs() for motion in MOTIONS}}
     whole["stop above 13000 counts"] = {motion: runs((800.0,)) for motion in MOTIONS}
-    monkeypatch.setattr(seed_burst, "_measured", lambda context: whole)
-    monkeypatch.setattr(seed_burst, "_events", lambda bursts, published: ())
-    line = seed_burst.compare(Context({})).lines[0]
+    monkeypatch.setattr(burst, "_measured", lambda context: whole)
+    monkeypatch.setattr(burst, "_events", lambda bursts, published: ())
+    line = burst.compare(Context({})).lines[0]
     assert line.passed is False and "6.6 mm (stop above 13000 counts); the paper's has 6.65 mm" in line.reason
 
 

@@ -8,8 +8,9 @@ import math
 import numpy as np
 import pytest
 
-from ravenjax.studies import literature, seed_events
-from ravenjax.studies.seed_events import EVENT_TICKS, Event, Run, criteria, jump_ticks, rebound
+from ravenjax.studies.framework import literature
+from ravenjax.studies.seed import events
+from ravenjax.studies.seed.events import EVENT_TICKS, Event, Run, criteria, jump_ticks, rebound
 
 TICKS = 20_000
 ONSETS = (2000, 10_000)
@@ -50,7 +51,7 @@ def row(**changed):
 
 
 def measured(series, **changed):
-    return seed_events.run(row(**changed), series, np.zeros((TICKS, 3)))
+    return events.run(row(**changed), series, np.zeros((TICKS, 3)))
 
 
 def test_both_bursts_are_measured():
@@ -113,12 +114,12 @@ def test_a_jump_is_two_long_steps_in_a_row_that_the_twin_does_not_make():
 
 
 def test_series_for_a_figure_end_with_the_stop():
-    run = seed_events.run(row(), made(), np.zeros((TICKS, 3)), drawn=True)
+    run = events.run(row(), made(), np.zeros((TICKS, 3)), drawn=True)
     drawn = run.events[0].drawn
     assert drawn is not None and drawn.time_s[0] == -0.1 and drawn.time_s[-1] == pytest.approx(0.795)
     assert drawn.shoulder_deg[20] == pytest.approx(0.0) and drawn.shoulder_deg.min() == pytest.approx(-2.0, abs=0.1)
     stopped = {"response": "stopped", "response_cause": "overdrive", "response_ms": ONSETS[0] + 250}
-    short = seed_events.run(row(**stopped), made(), np.zeros((TICKS, 3)), drawn=True).events[0].drawn
+    short = events.run(row(**stopped), made(), np.zeros((TICKS, 3)), drawn=True).events[0].drawn
     assert short is not None and short.time_s[-1] < 0.25
 
 

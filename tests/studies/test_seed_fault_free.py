@@ -10,10 +10,12 @@ import pytest
 
 from ravenjax import paths
 from ravenjax.campaign import loading, plan
-from ravenjax.studies import catalogue, drawing, running, seed_fault_free
-from ravenjax.studies.seed_fault_free import MODELLED, MOTIONS, SCALES, SETTINGS, STUDY, Setting
-from ravenjax.studies.seed_segments import Segment
-from ravenjax.studies.study import Context
+from ravenjax.studies import catalogue
+from ravenjax.studies.framework import drawing, running
+from ravenjax.studies.framework.study import Context
+from ravenjax.studies.seed import fault_free
+from ravenjax.studies.seed.fault_free import MODELLED, MOTIONS, SCALES, SETTINGS, STUDY, Setting
+from ravenjax.studies.seed.segments import Segment
 
 
 def own(ready, path):
@@ -23,7 +25,7 @@ def own(ready, path):
 
 @pytest.fixture(scope="module")
 def ready():
-    return plan.make(loading.load(seed_fault_free.CAMPAIGN))
+    return plan.make(loading.load(fault_free.CAMPAIGN))
 
 
 def test_the_catalogue_finds_it():
@@ -48,7 +50,7 @@ def test_the_first_four_runs_are_as_modelled(ready):
 
 
 def test_noise_has_the_robots_own_sizes(ready):
-    row = ready.table.index[ready.table["group"] == seed_fault_free.NOISE][0]
+    row = ready.table.index[ready.table["group"] == fault_free.NOISE][0]
     for path in ("plant.gold.encoder_noise", "plant.gold.torque_noise"):
         value = own(ready, path)
         assert value > 0.0 and ready.varied[path][row] == pytest.approx(value, rel=1e-4)
@@ -94,8 +96,8 @@ def settings():
 
 
 def compared(monkeypatch, settings):
-    monkeypatch.setattr(seed_fault_free, "_measured", lambda context: settings)
-    return seed_fault_free.compare(Context({}))
+    monkeypatch.setattr(fault_free, "_measured", lambda context: settings)
+    return fault_free.compare(Context({}))
 
 
 def test_findings_follow_from_the_segments(monkeypatch, settings):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ravenjax.campaign import loading, replay, runner
-from ravenjax.studies.series import SIGNALS, Recorder, rises
+from ravenjax.studies.framework.series import SIGNALS, Recorder, rises
 
 FAULT = {
     "site": "usb_out",

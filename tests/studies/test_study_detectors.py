@@ -13,20 +13,14 @@ import synthetic_results
 from ravenjax.campaign import design, loading
 from ravenjax.outcomes.events import Rules
 from ravenjax.store.manifest import Detector
-from ravenjax.studies import (
-    catalogue,
-    detector_areas,
-    detector_drawings,
-    detector_points,
-    detector_runs,
-    detector_tables,
-    detectors,
-    drawing,
-    running,
-)
-from ravenjax.studies.detector_points import CLIP, FORK, PUBLISHED, Chosen
-from ravenjax.studies.detector_runs import AS_MODELLED, CHECKS, CUE, OTHERS, STOPS, UNCERTAIN, Faulty, Free
-from ravenjax.studies.study import plain
+from ravenjax.studies import catalogue
+from ravenjax.studies.detection import areas, comparison, drawings, tables
+from ravenjax.studies.detection import points as detector_points
+from ravenjax.studies.detection import runs as detector_runs
+from ravenjax.studies.detection.points import CLIP, FORK, PUBLISHED, Chosen
+from ravenjax.studies.detection.runs import AS_MODELLED, CHECKS, CUE, OTHERS, STOPS, UNCERTAIN, Faulty, Free
+from ravenjax.studies.framework import drawing, running
+from ravenjax.studies.framework.study import plain
 
 DETECTORS = (
     Detector("steps/all/1", "steps", "all", 1, (0.5, 1.0, 2.0, 4.0)),
@@ -109,7 +103,7 @@ def random_runs(n: int = 300, motions: int = 2, seed: int = 0) -> Faulty:
 
 
 def test_the_catalogue_finds_it() -> None:
-    assert catalogue.find("detectors") is detectors.STUDY
+    assert catalogue.find("detectors") is comparison.STUDY
 
 
 def test_a_level_is_the_lowest_from_which_on_alarms_are_rare_enough() -> None:
@@ -196,7 +190,7 @@ def test_areas_are_told_by_kind_of_hazard_against_runs_without_any() -> None:
     hazard = np.array(["unintended motion"] * 2 + ["loss of motion", "false report"] + ["none"] * 4, object)
     jumped, leapt = np.arange(8) >= 6, np.arange(8) == 7
     runs = runs._replace(hazard=hazard, jumped=jumped, leapt=leapt)
-    shown = detector_tables.hazard_table(runs, ["tip_error"])
+    shown = tables.hazard_table(runs, ["tip_error"])
     assert {row[0]: row[1] for row in shown.rows} == {
         "unintended motion, the run's hazard": 2,
         "loss of motion, the run's hazard": 1,
@@ -232,7 +226,7 @@ def test_areas_are_those_of_scikit_learn_and_variances_those_of_delong() -> None
     rng = np.random.default_rng(3)
     positive = rng.random(60) < 0.4
     score = np.round(rng.normal(size=(60, 2)) + positive[:, None] * np.array([1.0, 0.5]), 1)  # with ties
-    found = detector_areas.areas(score, positive, np.arange(60))
+    found = areas.areas(score, positive, np.arange(60))
     assert found.value == pytest.approx([roc_auc_score(positive, score[:, d]) for d in range(2)])
     # DeLong 1988, in loops
     x, y = score[positive], score[~positive]
@@ -245,8 +239,8 @@ def test_runs_of_one_cell_add_no_certainty() -> None:
     rng = np.random.default_rng(4)
     positive = rng.random(80) < 0.5
     score = rng.normal(size=(80, 2)) + positive[:, None]
-    once = detector_areas.areas(score, positive, np.arange(80))
-    thrice = detector_areas.areas(np.tile(score, (3, 1)), np.tile(positive, 3), np.tile(np.arange(80), 3))
+    once = areas.areas(score, positive, np.arange(80))
+    thrice = areas.areas(np.tile(score, (3, 1)), np.tile(positive, 3), np.tile(np.arange(80), 3))
     assert thrice.value == pytest.approx(once.value)
     assert thrice.covariance == pytest.approx(once.covariance)
 
@@ -256,14 +250,14 @@ def test_differences_of_areas_are_paired() -> None:
     positive = rng.random(200) < 0.5
     good = rng.normal(size=200) + 2 * positive
     score = np.stack([good, good, rng.normal(size=200)], axis=1)
-    found = detector_areas.areas(score, positive, np.arange(200))
+    found = areas.areas(score, positive, np.arange(200))
     same, sure = found.difference(0, 1)
     assert (same.value, same.low, same.high, sure) == (0.0, 0.0, 0.0, 1.0)
     gain, p = found.difference(0, 2)
     assert gain.value > 0.3 and p < 1e-6 and gain.low > 0
     with pytest.raises(ValueError, match="NaN"):
-        detector_areas.areas(np.full((3, 1), np.nan), np.array([True, False, True]), np.arange(3))
-    nothing = detector_areas.areas(np.ones((3, 1)), np.ones(3, bool), np.arange(3))
+        areas.areas(np.full((3, 1), np.nan), np.array([True, False, True]), np.arange(3))
+    nothing = areas.areas(np.ones((3, 1)), np.ones(3, bool), np.arange(3))
     assert np.isnan(nothing.value).all()
 
 
@@ -272,7 +266,7 @@ def test_who_knows_first_shares_ties_and_counts_the_silent() -> None:
         [[150, -1, -1, 150, -1], [-1, -1, -1, 180, -1], [-1] * 5, [400, -1, -1, 300, -1]],
         unintended_ms=[200, 200, 200, 200],
     )
-    shown = detector_tables.first_table(runs, [Chosen(*PUBLISHED), Chosen("tip_error", 3.0)])
+    shown = tables.first_table(runs, [Chosen(*PUBLISHED), Chosen("tip_error", 3.0)])
     cells = {row[0]: [str(cell).split("%")[0].strip().replace("\u202f", "") for cell in row[1:]] for row in shown.rows}
     assert cells["steps/all/1, level 1"] == ["25.0", "0.0", "0.0"]
     assert cells["tip_error, level 3"] == ["75.0", "50.0", "25.0"]
@@ -289,7 +283,7 @@ def test_the_findings_are_the_same_each_time_and_can_be_drawn(tmp_path: Path) ->
         alarms=tuple(np.concatenate(counts) for counts in zip(*(one.alarms for one in motion), strict=True)),
         others={name: np.zeros(12, int) for name in OTHERS},
     )
-    first, second = (detectors.findings(runs, runs.where(runs.motion == 0), both) for _ in range(2))
+    first, second = (comparison.findings(runs, runs.where(runs.motion == 0), both) for _ in range(2))
     text = json.dumps(plain(first), allow_nan=False)
     assert text == json.dumps(plain(second), allow_nan=False)
     assert all(line.published is None for line in first.lines)
@@ -303,14 +297,14 @@ def test_the_findings_are_the_same_each_time_and_can_be_drawn(tmp_path: Path) ->
 
 
 def test_a_curve_ends_where_it_is_quiet() -> None:
-    points = detector_drawings._trade(random_runs(), free([[9, 3, 0, 0]] * 2), "steps/all/1")
+    points = drawings._trade(random_runs(), free([[9, 3, 0, 0]] * 2), "steps/all/1")
     assert points[-1, 0] == 0.0
     assert (points[:, 0] == 0.0).sum() == 1
     assert points[0, 1] == points[:, 1].max()
 
 
-@pytest.mark.parametrize("variant", detectors.STUDY.variants, ids=lambda v: v.name)
-def test_every_variant_loads(variant: detectors.Variant) -> None:
+@pytest.mark.parametrize("variant", comparison.STUDY.variants, ids=lambda v: v.name)
+def test_every_variant_loads(variant: comparison.Variant) -> None:
     config = loading.load(variant.campaign, variant.overrides)
     named = {name: levels for name, _, levels in config.detectors}
     for name, level in (PUBLISHED, FORK, CLIP):
@@ -319,7 +313,7 @@ def test_every_variant_loads(variant: detectors.Variant) -> None:
 
 
 def test_the_groups_without_faults_come_first_and_fit_the_limits() -> None:
-    config = loading.load(detectors.CAMPAIGN)
+    config = loading.load(comparison.CAMPAIGN)
     without = [group for group in config.group if group.name.startswith(detector_runs.FREE)]
     assert config.group[: len(without)] == tuple(without)
     assert all(group.fault for group in config.group[len(without) :])
@@ -327,18 +321,18 @@ def test_the_groups_without_faults_come_first_and_fit_the_limits() -> None:
     def runs(groups: list) -> int:
         return design.count(config.model_copy(update={"group": tuple(groups)}))
 
-    assert runs(without) == detectors.FREE_RUNS
-    assert runs(without[:2]) == detectors.FREE_RUNS_NOISY
+    assert runs(without) == comparison.FREE_RUNS
+    assert runs(without[:2]) == comparison.FREE_RUNS_NOISY
     assert [group.name for group in without[:2]] == ["free/as modelled", "free/more noise"]
 
 
 @pytest.mark.slow
 def test_the_study_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(detectors, "MOTIONS", (detectors.BASELINE, "reach"))
-    monkeypatch.setattr(detectors, "RECORDINGS", tuple((motion, 11) for motion in ("suture", "reach", "clutched")))
-    monkeypatch.setattr(detectors, "NOISY", (("suture", 11),))
-    monkeypatch.setattr(detectors, "FREE_S", 20)
-    found = running.run(dataclasses.replace(detectors.STUDY, variants=detectors._variants()), tmp_path)
+    monkeypatch.setattr(comparison, "MOTIONS", (comparison.BASELINE, "reach"))
+    monkeypatch.setattr(comparison, "RECORDINGS", tuple((motion, 11) for motion in ("suture", "reach", "clutched")))
+    monkeypatch.setattr(comparison, "NOISY", (("suture", 11),))
+    monkeypatch.setattr(comparison, "FREE_S", 20)
+    found = running.run(dataclasses.replace(comparison.STUDY, variants=comparison._variants()), tmp_path)
     lines = {line.quantity: line.predicted for line in found.lines}
     tip, steps = lines["AUC, tip_error"], lines["AUC, steps/all/1"]
     assert tip and steps and 0.5 < steps.low < steps.value < tip.value <= 1.0

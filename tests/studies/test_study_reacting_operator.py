@@ -15,18 +15,11 @@ import synthetic_results
 from ravenjax.campaign import design, loading
 from ravenjax.report.reactions import EXCURSION
 from ravenjax.stats.intervals import Estimate
-from ravenjax.studies import reacting_drawings as drawings
-from ravenjax.studies import (
-    reacting_free,
-    reacting_measures,
-    reacting_operator,
-    reacting_pairs,
-    reacting_tables,
-    reacting_times,
-    running,
-)
-from ravenjax.studies.reacting_measures import CORRECT, RELEASE, SLOW
-from ravenjax.studies.reacting_pairs import Runs
+from ravenjax.studies.framework import running
+from ravenjax.studies.reaction import drawings, fault_free, measures, operator, tables, times
+from ravenjax.studies.reaction import pairs as reacting_pairs
+from ravenjax.studies.reaction.measures import CORRECT, RELEASE, SLOW
+from ravenjax.studies.reaction.pairs import Runs
 
 ACTION = "param:reaction.action"
 QUIET: dict[str, Any] = {
@@ -51,7 +44,7 @@ QUIET: dict[str, Any] = {
     "twin_cue0_first_ms": -1,
     "fault0_start_ms": 1000,
     "fault0_duration_ms": 10,
-    reacting_times.DELAY: 200.0,
+    times.DELAY: 200.0,
     ACTION: 0.0,
 }
 FACTS: dict[str, Any] = {
@@ -93,7 +86,7 @@ def test_a_contrast_counts_what_was_avoided_and_what_was_caused() -> None:
         *[(MOVED, {**MOVED, **ACTED})] * 3,
         *[({}, {})] * 9,  # nothing was felt
     )
-    found = reacting_pairs.contrast(reacting_pairs.paired(table, RELEASE), reacting_measures.excursion(10.0))
+    found = reacting_pairs.contrast(reacting_pairs.paired(table, RELEASE), measures.excursion(10.0))
     assert (found.n, found.avoided, found.caused, found.acted) == (20, 6, 2, 11)
     assert (found.without.k, found.with_.k) == (9, 5)
     assert found.difference.value == pytest.approx(-4 / 20)
@@ -126,12 +119,12 @@ def test_each_measure_sees_its_own_motion() -> None:
     hits = {
         measure.name: np.flatnonzero(measure.hits(table.frame, table.facts)).tolist()
         for measure in (
-            reacting_measures.live(5.0),
-            reacting_measures.excursion(5.0),
-            reacting_measures.LEAPT,
-            reacting_measures.DEEPER,
-            reacting_measures.INJURY,
-            reacting_measures.UNINTENDED,
+            measures.live(5.0),
+            measures.excursion(5.0),
+            measures.LEAPT,
+            measures.DEEPER,
+            measures.INJURY,
+            measures.UNINTENDED,
         )
     }
     assert [*hits.values()] == [[0], [2], [3], [5], [2, 3, 5], [6]]
@@ -142,11 +135,11 @@ def test_no_table_holds_a_measure_that_is_not_fair() -> None:
         action: reacting_pairs.paired(paired_runs((MOVED, ACTED), ({}, ACTED), action=action), action)
         for action in (RELEASE, SLOW, CORRECT)
     }
-    shown = {(row[0], row[1]) for row in reacting_tables.reactions(parts).rows}
-    slow, correct = reacting_tables.words(SLOW), reacting_tables.words(CORRECT)
+    shown = {(row[0], row[1]) for row in tables.reactions(parts).rows}
+    slow, correct = tables.words(SLOW), tables.words(CORRECT)
     assert not any(who == slow and str(measure).startswith("unintended") for who, measure in shown)
     assert not any(who == correct and str(measure).startswith("off the model") for who, measure in shown)
-    told = {str(row[0]): row[1:] for row in reacting_tables.fairness().rows}
+    told = {str(row[0]): row[1:] for row in tables.fairness().rows}
     assert str(told["unintended motion of more than 5 mm, live or not"][1]).startswith("no")
     assert told["unintended motion of more than 3 mm, the hazard of the report"][2] == "fair"
     assert str(told["off the model by more than 5 mm, live"][2]).startswith("no")
@@ -168,29 +161,29 @@ def test_leads_are_of_motion_and_of_the_faults_own_cue() -> None:
         ({"cue0_first_ms": 1100, "twin_cue0_first_ms": 1000}, BEGAN),  # the golden run's cue
         ({"cue0_first_ms": 1100}, {}),  # no motion
     )
-    lead = reacting_times.leads_ms(table, 0)
+    lead = times.leads_ms(table, 0)
     np.testing.assert_array_equal(lead, [300, -100, -np.inf, -np.inf, np.nan])
-    found = reacting_times.advance(table, 0, 3.0)
+    found = times.advance(table, 0, 3.0)
     assert (found.size_mm, found.lead.n, found.lead.before.k) == (10.0, 4, 1)
     assert [rate.k for rate in found.late.values()] == [3, 3, 4]  # 150, 250, 400 ms: 300 ms are enough for two
 
 
 def test_a_jump_has_its_own_time() -> None:
     table = timed(({"jump_tip": True, "jump_tip_first_ms": 1050, "cue0_first_ms": 1040}, {}), ({}, BEGAN))
-    np.testing.assert_array_equal(reacting_times.leads_ms(table, 0, jump=True), [10, np.nan])
-    assert reacting_times.advance(table, 0, 3.0, jump=True).size_mm is None
+    np.testing.assert_array_equal(times.leads_ms(table, 0, jump=True), [10, np.nan])
+    assert times.advance(table, 0, 3.0, jump=True).size_mm is None
 
 
 def test_only_faults_that_changed_a_bit_and_that_nobody_meets_are_timed() -> None:
     table = timed(({}, {}), ({ACTION: 1.0}, {}), ({}, {"activated": False}))
-    assert reacting_times.unreacted(table).frame.index.tolist() == [0]
+    assert times.unreacted(table).frame.index.tolist() == [0]
 
 
 def test_who_had_time_was_spared() -> None:
     """Delay 200 ms: leads of 100 and 260 ms leave -100 and 60 ms."""
     table = paired_runs(({}, {**ACTED, EXCURSION: 12.0}), ({}, ACTED), ({}, ACTED))
     faults = [({"cue0_first_ms": 1300}, BEGAN), ({"cue0_first_ms": 1140}, BEGAN), ({}, {})]
-    found = reacting_times.left_by_time(timed(*faults), table, reacting_pairs.paired(table, RELEASE))
+    found = times.left_by_time(timed(*faults), table, reacting_pairs.paired(table, RELEASE))
     assert {name: counts for name, counts in found.items() if counts[0]} == {
         "none: too soon for this operator": (1, 1),
         "50 to 200 ms": (1, 0),
@@ -201,9 +194,9 @@ def test_other_faults_cannot_be_timed() -> None:
     table = paired_runs(({}, ACTED), ({}, ACTED))
     pairs = reacting_pairs.paired(table, RELEASE)
     with pytest.raises(ValueError, match="same campaign"):
-        reacting_times.left_by_time(timed(({}, {})), table, pairs)
+        times.left_by_time(timed(({}, {})), table, pairs)
     with pytest.raises(ValueError, match="same campaign"):
-        reacting_times.left_by_time(timed(({}, {}), ({"fault0_start_ms": 7}, {})), table, pairs)
+        times.left_by_time(timed(({}, {}), ({"fault0_start_ms": 7}, {})), table, pairs)
 
 
 def test_classes_of_faults_are_told_by_name_and_speed() -> None:
@@ -228,15 +221,15 @@ def test_a_reaction_is_idle_where_no_hazard_was_coming() -> None:
     table.facts.loc[[0, 1], "hazard"] = "loss of motion"
     table.facts.loc[[2, 3], ["hazard", "unintended"]] = ["unintended motion", True]
     pairs = reacting_pairs.paired(table, RELEASE)
-    idle, unmoved = reacting_tables.idle_rate(pairs), reacting_tables.unmoved_rate(pairs)
+    idle, unmoved = tables.idle_rate(pairs), tables.unmoved_rate(pairs)
     assert (idle.k, idle.n) == (3, 5)
     assert (unmoved.k, unmoved.n) == (4, 5)
 
 
 def test_interruptions_are_counted_in_the_time_up_to_them() -> None:
     rows = [{"pedal_down_ms": 2000, "cue0_first_ms": 1500, "cue0_count": 3}, {"pedal_down_ms": 2000, "cue0_count": 0}]
-    table = runs(*[({**row, reacting_free.SCALE: 0.1, "operator": "suture"}, {}) for row in rows])
-    (found,) = reacting_free.free(table, (3.0,))
+    table = runs(*[({**row, fault_free.SCALE: 0.1, "operator": "suture"}, {}) for row in rows])
+    (found,) = fault_free.free(table, (3.0,))
     assert (found.motions.k, found.motions.n) == (1, 2)
     assert found.first.hours == pytest.approx((500 + 2000) / 3.6e6)
     assert (found.first.count, found.pulses.count) == (1, 3)
@@ -245,9 +238,9 @@ def test_interruptions_are_counted_in_the_time_up_to_them() -> None:
 
 def test_the_drawings_draw() -> None:
     table = paired_runs((MOVED, ACTED), ({}, ACTED), (MOVED, {**MOVED, **ACTED}))
-    contrast = reacting_pairs.contrast(reacting_pairs.paired(table, RELEASE), reacting_measures.excursion(10.0))
+    contrast = reacting_pairs.contrast(reacting_pairs.paired(table, RELEASE), measures.excursion(10.0))
     rows = [drawings.Row(block, name, "lift", contrast) for block in ("a", "b") for name in ("x", "y")]
-    advance = reacting_times.advance(timed(({"cue0_first_ms": 1100}, BEGAN), ({}, BEGAN)), 0, 3.0)
+    advance = times.advance(timed(({"cue0_first_ms": 1100}, BEGAN), ({}, BEGAN)), 0, 3.0)
     for draw, panels in (
         (drawings.leads([advance]), 1),
         (drawings.rates(rows), 2),
@@ -260,17 +253,17 @@ def test_the_drawings_draw() -> None:
         plt.close(figure)
 
 
-@pytest.mark.parametrize("variant", reacting_operator.STUDY.variants, ids=lambda v: v.name)
-def test_every_variant_loads(variant: reacting_operator.Variant) -> None:
+@pytest.mark.parametrize("variant", operator.STUDY.variants, ids=lambda v: v.name)
+def test_every_variant_loads(variant: operator.Variant) -> None:
     config = loading.load(variant.campaign, variant.overrides)
     assert len({cue.threshold_m for cue in config.haptics.cues()}) == len(config.haptics.cues())
 
 
 def test_each_size_is_timed_by_the_campaign_that_has_it_as_its_limit() -> None:
-    limits = {v.name: loading.load(v.campaign, v.overrides).rules.limit_mm for v in reacting_operator.STUDY.variants}
-    sized = {f"timed_{size:g}": size for size in reacting_measures.SIZES_MM[1:]}
+    limits = {v.name: loading.load(v.campaign, v.overrides).rules.limit_mm for v in operator.STUDY.variants}
+    sized = {f"timed_{size:g}": size for size in measures.SIZES_MM[1:]}
     assert {name: limit for name, limit in limits.items() if name in sized} == sized
-    assert {limit for name, limit in limits.items() if name not in sized} == {reacting_measures.SIZES_MM[0]}
+    assert {limit for name, limit in limits.items() if name not in sized} == {measures.SIZES_MM[0]}
 
 
 def test_a_folder_is_read_with_its_own_limit_and_how_far_the_tip_went(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -284,35 +277,35 @@ def test_a_folder_is_read_with_its_own_limit_and_how_far_the_tip_went(monkeypatc
 
 
 def test_the_limit_of_the_variants_cuts_at_the_library() -> None:
-    config = loading.load(reacting_operator.CAMPAIGN, ("cross.reaction.action=[0, 1]",))
+    config = loading.load(operator.CAMPAIGN, ("cross.reaction.action=[0, 1]",))
     sampled = design.expand(config)["group"].astype(str).str.startswith("sampled/").to_numpy()
-    assert sampled[: 2 * reacting_operator.SAMPLED].all()
-    assert not sampled[2 * reacting_operator.SAMPLED :].any()
+    assert sampled[: 2 * operator.SAMPLED].all()
+    assert not sampled[2 * operator.SAMPLED :].any()
 
 
 def test_the_haptic_sets_are_those_of_the_tables() -> None:
-    for name in (reacting_operator.CAMPAIGN, reacting_operator.FREE):
+    for name in (operator.CAMPAIGN, operator.FREE):
         thresholds = [1e3 * cue.threshold_m for cue in loading.load(name).haptics.cues()]
-        assert thresholds == pytest.approx(reacting_operator.THRESHOLDS_MM)
+        assert thresholds == pytest.approx(operator.THRESHOLDS_MM)
 
 
 def test_variants_of_the_operator_have_the_same_faults() -> None:
     few = ("cross.reaction.action=[0, 1]", "campaign.limit=400")
     inputs = ["group", "fault0_channel", "fault0_effect", "fault0_value", "fault0_start_ms", "fault0_duration_ms"]
-    known = design.expand(loading.load(reacting_operator.CAMPAIGN, few))[inputs]
-    for variants in reacting_operator.BLOCKS.values():
+    known = design.expand(loading.load(operator.CAMPAIGN, few))[inputs]
+    for variants in operator.BLOCKS.values():
         for words, overrides in variants.values():
-            other = design.expand(loading.load(reacting_operator.CAMPAIGN, (*few, *overrides)))[inputs]
+            other = design.expand(loading.load(operator.CAMPAIGN, (*few, *overrides)))[inputs]
             assert known.equals(other), words
 
 
 @pytest.mark.slow
 def test_the_study_runs(tmp_path: Path) -> None:
-    found = running.run(reacting_operator.STUDY, tmp_path)
+    found = running.run(operator.STUDY, tmp_path)
     value = {line.quantity: line.predicted.value for line in found.lines if line.predicted}
     late = [
         value[f"unintended motion of {size:g} mm: came too soon for any reaction of 250 ms, cue at 3 mm"]
-        for size in reacting_measures.SIZES_MM
+        for size in measures.SIZES_MM
     ]
     assert late == sorted(late, reverse=True)
     assert late[0] > 95.0

@@ -9,8 +9,9 @@ import pytest
 from fake_study import FINDINGS
 
 from ravenjax import resources
-from ravenjax.studies import catalogue, markdown, targets
-from ravenjax.studies.study import plain
+from ravenjax.studies import catalogue
+from ravenjax.studies.framework import markdown, targets
+from ravenjax.studies.framework.study import plain
 
 ROOT = resources.bundled("campaigns", "quick.toml")[0].parents[1]
 

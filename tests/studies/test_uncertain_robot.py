@@ -15,10 +15,11 @@ import synthetic_results
 from ravenjax.campaign import design, loading
 from ravenjax.report import facts as run_facts
 from ravenjax.stats.intervals import Rate
-from ravenjax.studies import running, uncertain_rates, uncertain_robot, uncertain_search, uncertain_tables
-from ravenjax.studies import uncertain_drawings as drawings
-from ravenjax.studies.uncertain_parameters import PARAMETERS, SETS, Uncertain
-from ravenjax.studies.uncertain_rates import EVENTS, Robot
+from ravenjax.studies.framework import running
+from ravenjax.studies.uncertainty import drawings, robot, search, tables
+from ravenjax.studies.uncertainty import rates as uncertain_rates
+from ravenjax.studies.uncertainty.parameters import PARAMETERS, SETS, Uncertain
+from ravenjax.studies.uncertainty.rates import EVENTS, Robot
 
 FRICTION = PARAMETERS[0]
 
@@ -31,7 +32,7 @@ def table(faults: int, **hits: list[int]) -> pd.DataFrame:
 
 def test_ranges_and_laws_agree() -> None:
     for one in PARAMETERS:
-        (kind, values), *_ = uncertain_search.drawn([one])[one.path].items()
+        (kind, values), *_ = search.drawn([one])[one.path].items()
         assert (min(values), max(values)) == (one.low, one.high), one.path
         assert one.low <= one.known <= one.high, one.path
         assert kind == "choice" or len(values) == 2
@@ -132,17 +133,17 @@ def test_the_plain_table_names_what_a_conclusion_depends_on() -> None:
     known = Robot("known robot", table(100, unintended=list(range(15))))
     pairs = ends(100, list(range(20)), list(range(5)))
     robots = [known, *pairs[FRICTION]]
-    shown = uncertain_tables.conclusions(known, robots, uncertain_rates.effects(pairs), [], {})
+    shown = tables.conclusions(known, robots, uncertain_rates.effects(pairs), [], {})
     rows = {str(row[0]): row for row in shown.rows}
     assert rows[EVENTS["unintended"]][2] == "5.0\u202f% to 20.0\u202f%"
     assert rows[EVENTS["unintended"]][3] == "high; low"
     assert rows[EVENTS["unintended"]][4] == "friction (−15)"
-    assert rows[EVENTS["jump"]][4] == uncertain_tables.NONE
+    assert rows[EVENTS["jump"]][4] == tables.NONE
 
 
 def test_layers_have_places() -> None:
     robots = [Robot("a", table(10, unintended=[1, 3])), Robot("b", table(10, unintended=[0, 2, 4, 1]))]
-    rows = {str(row[0]): row for row in uncertain_tables.by_layer(robots, "unintended").rows}
+    rows = {str(row[0]): row for row in tables.by_layer(robots, "unintended").rows}
     assert rows["packets"][4:] == (1, "1 to 2")
     assert rows["USB in"][4:] == (2, "1 to 2")
 
@@ -156,7 +157,7 @@ def test_indices_of_both_searches_are_joined_by_parameter() -> None:
     a, b = PARAMETERS[0].path, PARAMETERS[1].path
     morris = record([b, a], mu_star={"value": [1, 2], "low": [0, 1], "high": [2, 3]}, sigma={"value": [5, 6]})
     shares = {"value": [0.1, 0.7], "low": [0.0, 0.6], "high": [0.2, 0.8]}
-    found = uncertain_search.indices({"morris": morris, "sobol": record([a, b], ST=shares, S1=shares)})
+    found = search.indices({"morris": morris, "sobol": record([a, b], ST=shares, S1=shares)})
     assert [(one.parameter.path, one.total[0], one.effect[0], one.spread) for one in found] == [
         (b, 0.7, 1.0, 5.0),
         (a, 0.1, 2.0, 6.0),
@@ -167,7 +168,7 @@ def test_indices_of_both_searches_are_joined_by_parameter() -> None:
 def test_the_drawings_draw() -> None:
     known = Robot("known", table(10, unintended=[1]))
     pair = (known, known)
-    index = uncertain_search.Index("elbow", FRICTION, 1.0, 0.1, (1, 0, 2), 0.1, (0.5, 0.4, 0.6), (0.5, 0.4, 0.6), 9)
+    index = search.Index("elbow", FRICTION, 1.0, 0.1, (1, 0, 2), 0.1, (0.5, 0.4, 0.6), (0.5, 0.4, 0.6), 9)
     rates = {"packets": [Rate(1, 10, 0.1, 0.01, 0.4), Rate(2, 10, 0.2, 0.05, 0.5)]}
     cases = (
         (drawings.ranges(known, {"friction": pair}, [known]), len(drawings.SHOWN)),
@@ -182,8 +183,8 @@ def test_the_drawings_draw() -> None:
         plt.close(figure)
 
 
-@pytest.mark.parametrize("variant", uncertain_robot.STUDY.variants, ids=lambda v: v.name)
-def test_every_variant_loads(variant: uncertain_robot.Variant) -> None:
+@pytest.mark.parametrize("variant", robot.STUDY.variants, ids=lambda v: v.name)
+def test_every_variant_loads(variant: robot.Variant) -> None:
     config = loading.load(variant.campaign, variant.overrides)
     varied = {*config.parameters, *config.cross}
     assert varied <= {one.path for one in PARAMETERS}
@@ -192,15 +193,15 @@ def test_every_variant_loads(variant: uncertain_robot.Variant) -> None:
 
 def test_one_parameter_alone_has_the_faults_of_the_known_robot() -> None:
     inputs = ["group", "fault0_channel", "fault0_effect", "fault0_value", "fault0_start_ms", "fault0_duration_ms"]
-    known = design.expand(loading.load(uncertain_robot.CAMPAIGN))
-    crossed = design.expand(loading.load(uncertain_robot.CAMPAIGN, (FRICTION.crossed,)))
+    known = design.expand(loading.load(robot.CAMPAIGN))
+    crossed = design.expand(loading.load(robot.CAMPAIGN, (FRICTION.crossed,)))
     for value in (FRICTION.low, FRICTION.high):
         mine = crossed.loc[crossed[FRICTION.column] == value, inputs].reset_index(drop=True)
         assert mine.equals(known[inputs])
 
 
 def test_the_faults_are_those_of_the_quick_campaign() -> None:
-    ours, quick = (loading.load(name) for name in (uncertain_robot.CAMPAIGN, "quick.toml"))
+    ours, quick = (loading.load(name) for name in (robot.CAMPAIGN, "quick.toml"))
     theirs = {group.name: group for group in quick.group}
     missing = {*theirs} - {group.name for group in ours.group}
     assert missing == {"fault_free"}, "uncertain_robot.toml has every family of quick.toml, with fewer runs"
@@ -216,7 +217,7 @@ def test_the_published_sets_are_all_there() -> None:
 
 @pytest.mark.slow
 def test_the_study_runs(tmp_path: Path) -> None:
-    found = running.run(uncertain_robot.STUDY, tmp_path)
+    found = running.run(robot.STUDY, tmp_path)
     plain = found.tables[0]
     assert [row[0] for row in plain.rows] == [*EVENTS.values()]
     for line in found.lines:

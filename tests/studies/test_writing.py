@@ -8,9 +8,9 @@ import pytest
 from fake_study import FINDINGS, MADE, STUDY
 
 from ravenjax.store.files import StoreError
-from ravenjax.studies import markdown, writing
-from ravenjax.studies.provenance import shown_override
-from ravenjax.studies.study import Findings, plain
+from ravenjax.studies.framework import markdown, writing
+from ravenjax.studies.framework.provenance import shown_override
+from ravenjax.studies.framework.study import Findings, plain
 
 
 @pytest.fixture

@@ -1,0 +1,1 @@
+"""Which detector knows first, and how often it alarms for nothing."""

@@ -1,0 +1,162 @@
+"""Operating points: what a detector does at one level, and the level that disturbs at most so often.
+
+A level is chosen by its rate of false alarms on motion without a fault, never by a percentile of samples: the lowest
+level of the campaign whose separate alarms came at most so often an hour there, and that of each higher one, too. That
+is what was seen; how often they may come in truth, the interval of the rate says.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ravenjax.report import wording
+from ravenjax.stats.cluster import cluster_ratio
+from ravenjax.stats.intervals import wilson
+from ravenjax.stats.latency import Incidence, Lead, incidence, lead_time, restricted_mean
+from ravenjax.studies.detection.runs import OTHERS, Faulty, Free
+from ravenjax.studies.framework.study import Estimate
+
+PER_HOUR = 1.0
+"""False alarms an hour that an operating point may have had."""
+HORIZON_MS = 1000
+"""Of the restricted mean delay; no fault begins later than so long before the end of a run."""
+
+
+PUBLISHED = ("steps/all/1", 1.0)
+"""The published rule: each step over its 99.8 to 99.9 percentile, all three together, one millisecond."""
+FORK = ("derivative_sum", 55.0)
+"""The disabled second detector of raven2_sim and its level."""
+CLIP = ("overdrive", 1.0)
+"""The control software's own clip limit."""
+RESAMPLES = 400
+"""Of a rate's interval."""
+MOVED = "runs with unintended motion"
+"""What rates are of."""
+
+
+class Chosen(NamedTuple):
+    """A detector at its level, NaN where it has none."""
+
+    name: str
+    level: float
+
+    @property
+    def told(self) -> str:
+        """In words."""
+        return self.name if math.isnan(self.level) else f"{self.name}, level {self.level:g}"
+
+
+class Point(NamedTuple):
+    """One detector at one level. Rates are fractions, times ms."""
+
+    name: str
+    level: float  # NaN: has none
+    false: Estimate  # alarms an hour
+    caught: Estimate  # of runs with an unintended motion, those with an alarm
+    disturbed: Estimate  # of the other faulty runs, those with an alarm
+    precision: Estimate  # of alarms in faulty runs, those in runs with an unintended motion
+    before: Estimate  # of runs with an unintended motion, those with the alarm before it began
+    delay_ms: Estimate  # median, from the fault's first effect
+    mean_delay_ms: Estimate  # restricted to HORIZON_MS
+    lead_ms: Estimate  # median; NaN: half of them never had an alarm
+
+
+def level_for(free: Free, name: str, per_hour: float = PER_HOUR) -> float | None:
+    """Lowest level of a detector from which on false alarms come at most so often; None where none of its levels
+    does. ValueError without any hours."""
+    if not free.hours.sum() > 0:
+        raise ValueError(f"no motion without a fault to choose a level of {name} on")
+    levels = next(one.levels for one in free.detectors if one.name == name)
+    rates = np.array([free.count(name, level).sum() / free.hours.sum() for level in levels])
+    order = np.argsort(levels)
+    kept = np.logical_and.accumulate((rates[order] <= per_hour)[::-1])[::-1]
+    return float(np.array(levels)[order][kept][0]) if kept.any() else None
+
+
+def point(faulty: Faulty, free: Free, name: str, level: float) -> Point:
+    """What a detector, or one of OTHERS (level NaN), does at a level."""
+    spoke_ms = faulty.spoke_ms(name, level)
+    spoke, moved = spoke_ms >= 0, faulty.unintended
+    delay, mean, lead = times(faulty, name, level)
+    return Point(
+        name,
+        level,
+        free.per_hour(free.count(name, level)),
+        share(spoke, moved, faulty.cell, MOVED),
+        share(spoke, ~moved, faulty.cell, "other faulty runs"),
+        share(moved, spoke, faulty.cell, "alarms"),
+        share(spoke & (spoke_ms < faulty.unintended_ms), moved, faulty.cell, MOVED),
+        _told(delay.quantile_interval(0.5), delay.n),
+        mean,
+        _told(lead.quantile(0.5), lead.n),
+    )
+
+
+def times(faulty: Faulty, name: str, level: float) -> tuple[Incidence, Estimate, Lead]:
+    """Delay of the alarm after the fault's first effect, its restricted mean, and the lead over the unintended motion.
+
+    One run of each fault that made one. A run is watched to its end; one that a stop ended has no alarm any more.
+    """
+    once = faulty.where(faulty.unintended).once()
+    spoke = once.spoke_ms(name, level).astype(float)
+    spoke[spoke < 0] = np.nan
+    came, end = ~np.isnan(spoke), float(faulty.duration_ms)
+    delay = np.where(came, spoke, end) - once.active_ms
+    watched = float((end - once.active_ms).max(initial=1.0))
+    mean = restricted_mean(delay, came, min(float(HORIZON_MS), watched))
+    lead = lead_time(spoke, once.unintended_ms.astype(float), end)
+    return incidence(delay, came), _told(mean, len(came)), lead
+
+
+def share(hit: np.ndarray, among: np.ndarray, cell: np.ndarray, of: str) -> Estimate:
+    """Rate of `hit` among `among` (bool [runs]); its interval resamples cells, or is Wilson's of as many draws as there
+    are cells where all are alike. NaN where there are none."""
+    n = int(among.sum())
+    if not n:
+        return Estimate(np.nan, n=0, of=of)
+    cells = len(np.unique(cell[among]))
+    value = float(hit[among].mean())
+    if value in (0.0, 1.0) or cells < 2:
+        alike = wilson(round(value * cells), cells)
+        return Estimate(value, alike.low, alike.high, n, of)
+    band = cluster_ratio(hit[among], 1.0, cell[among], resamples=RESAMPLES)
+    return Estimate(value, float(band.low), float(band.high), n, of)
+
+
+def others(faulty: Faulty, free: Free) -> list[Point]:
+    """The robot's checks and the haptic cue."""
+    return [point(faulty, free, name, np.nan) for name in OTHERS]
+
+
+def caught(faulty: Faulty, name: str, level: float) -> Estimate:
+    """Share of the runs with an unintended motion that have an alarm at a level."""
+    return share(faulty.spoke_ms(name, level) >= 0, faulty.unintended, faulty.cell, MOVED)
+
+
+def percent(value: Estimate) -> str:
+    """63.2 % (60.1–66.4 %) of 812."""
+    if not value.n:
+        return "no runs"
+    ends = f" ({wording.percent(value.low)} to {wording.percent(value.high)})" if np.isfinite(value.low) else ""
+    return f"{wording.percent(value.value)}{ends} of {wording.count(value.n)}"
+
+
+def plain(value: Estimate, show: Callable[[float], str] = wording.number) -> str:
+    """12 (10 to 15); a dash for what is not known."""
+    if not np.isfinite(value.value):
+        return wording.DASH
+    ends = f" ({show(value.low)} to {show(value.high)})" if np.isfinite([value.low, value.high]).any() else ""
+    return show(value.value + 0.0) + ends  # no -0
+
+
+def rate(value: Estimate) -> str:
+    """0.8 (0 to 2.1); 3 alarms in 4.0 h."""
+    return f"{plain(value)}; {wording.count(value.n)} in {value.of.rpartition(' in ')[2]}"
+
+
+def _told(value: tuple[float, float, float], n: int) -> Estimate:
+    return Estimate(*value, n, "faults with unintended motion")

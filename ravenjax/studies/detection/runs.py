@@ -1,0 +1,243 @@
+"""What the study of detectors reads from its campaigns: faulty runs side by side, and motion without a fault.
+
+The faulty runs of all motions are pooled; the runs of one fault are one cell, since they resemble each other. An alarm
+of a faulty run counts from the fault's first effect on: what spoke before tells of something else. Of the built-in
+checks those count that tell a person or stop the robot; one that limits a command or drops a packet tells nobody.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from ravenjax.outcomes.events import Rules
+from ravenjax.stats.cluster import cluster_ratio
+from ravenjax.stats.false_alarms import alarm_rate
+from ravenjax.store import folder, manifest
+from ravenjax.store.manifest import Detector, Manifest
+from ravenjax.studies.framework import motions_alike
+from ravenjax.studies.framework.study import Estimate
+from ravenjax.vocabulary import checks
+
+FREE = "free/"
+"""Begin of the names of groups without faults."""
+SCALE = "param:operator.scale"
+CHECKS, STOPS, CUE = "built-in checks, flag or stop", "built-in checks, stop", "haptic cue, 3 mm"
+FEWEST = 5
+"""Recordings that can be resampled."""
+OTHERS = (CHECKS, STOPS, CUE)
+"""What speaks beside the detectors; each has one level."""
+
+
+class Faulty(NamedTuple):
+    """Activated faulty runs, one entry a run; times in ms from the start of the run, -1: never."""
+
+    detectors: tuple[Detector, ...]
+    cell: np.ndarray  # int, equal for runs of one fault
+    motion: np.ndarray  # int, number of the campaign that it is of
+    layer: np.ndarray  # words
+    active_ms: np.ndarray
+    unintended_ms: np.ndarray  # when the unintended motion began
+    hazard: np.ndarray  # words of `ravenjax.outcomes`
+    jumped: np.ndarray  # bool, the reported tip jumped
+    leapt: np.ndarray  # bool, the true tip jumped
+    score: np.ndarray  # [runs, detectors]
+    first_ms: tuple[np.ndarray, ...]  # of each detector [runs, levels]
+    others_ms: Mapping[str, np.ndarray]  # of OTHERS
+    duration_ms: int
+    rules: Rules  # of the words
+
+    @property
+    def unintended(self) -> np.ndarray:
+        """Which runs had an unintended motion."""
+        return self.unintended_ms >= 0
+
+    def spoke_ms(self, name: str, level: float) -> np.ndarray:
+        """When a detector or one of OTHERS (any level) first spoke of the fault, -1 if never. KeyError, ValueError."""
+        if name in self.others_ms:
+            return self.others_ms[name]
+        d = names(self.detectors).index(name)
+        return self.first_ms[d][:, self.detectors[d].levels.index(level)]
+
+    def once(self) -> Faulty:
+        """One run of each fault, the motions in turn, so that faults are independent draws."""
+        motions = np.unique(self.motion)
+        turn = motions[self.cell % len(motions)]
+        exact = self.motion == turn
+        order = np.lexsort((~exact, self.cell))  # where that run was not activated, another of the fault
+        first = order[np.unique(self.cell[order], return_index=True)[1]]
+        return self.where(np.sort(first))
+
+    def where(self, chosen: np.ndarray) -> Faulty:
+        """Those of `chosen`, a mask or indices."""
+        return self._replace(
+            **{name: getattr(self, name)[chosen] for name in _BY_RUN},
+            first_ms=tuple(times[chosen] for times in self.first_ms),
+            others_ms={name: times[chosen] for name, times in self.others_ms.items()},
+        )
+
+
+_BY_RUN = ("cell", "motion", "layer", "active_ms", "unintended_ms", "hazard", "jumped", "leapt", "score")
+
+
+class Free(NamedTuple):
+    """Runs without a fault, one entry a run."""
+
+    detectors: tuple[Detector, ...]
+    robot: np.ndarray  # words: as modelled, uncertain robot ..
+    recording: np.ndarray  # words, which motion; runs of one resemble each other
+    scale: np.ndarray
+    hours: np.ndarray  # in pedal-down
+    score: np.ndarray  # [runs, detectors]
+    alarms: tuple[np.ndarray, ...]  # of each detector [runs, levels]: separate alarms
+    others: Mapping[str, np.ndarray]  # of OTHERS: 1 where a check tripped, pulses of the cue
+
+    def count(self, name: str, level: float) -> np.ndarray:
+        """Separate false alarms of each run. KeyError, ValueError as `Faulty.spoke_ms`."""
+        if name in self.others:
+            return self.others[name]
+        d = names(self.detectors).index(name)
+        return self.alarms[d][:, self.detectors[d].levels.index(level)]
+
+    def where(self, chosen: np.ndarray) -> Free:
+        """Those of `chosen`."""
+        return self._replace(
+            **{name: getattr(self, name)[chosen] for name in _FREE_BY_RUN},
+            alarms=tuple(counts[chosen] for counts in self.alarms),
+            others={name: counts[chosen] for name, counts in self.others.items()},
+        )
+
+    def per_hour(self, counts: np.ndarray) -> Estimate:
+        """`per_hour` of these runs."""
+        return per_hour(counts, self.hours, self.recording)
+
+
+def per_hour(counts: np.ndarray, hours: np.ndarray, recording: np.ndarray, of: str = "alarms") -> Estimate:
+    """Rate of `counts` [runs] over `hours` [runs], its interval by resampling recordings; where none came or there are
+    fewer than FEWEST recordings the exact Poisson one, which takes all of them as independent."""
+    total, all_hours = int(counts.sum()), float(hours.sum())
+    exact = alarm_rate(total, all_hours)
+    low, high = exact.low, exact.high
+    if total and len(np.unique(recording)) >= FEWEST:
+        band = cluster_ratio(counts, hours, recording)
+        low, high = float(band.low), float(band.high)
+    return Estimate(exact.per_hour, low, high, total, f"{of} in {all_hours:.1f} h")
+
+
+_FREE_BY_RUN = ("robot", "recording", "scale", "hours", "score")
+
+
+def names(detectors: Sequence[Detector]) -> list[str]:
+    """Name of each."""
+    return [detector.name for detector in detectors]
+
+
+def faulty(folders: Sequence[Path]) -> Faulty:
+    """Activated faulty runs of campaigns that differ in their motion alone. ValueError where their faults differ."""
+    read = [(folder.read_all(path), manifest.read(path)) for path in folders]
+    return pooled([frame for frame, _ in read], read[0][1])
+
+
+def pooled(frames: Sequence[pd.DataFrame], made: Manifest) -> Faulty:
+    """As `faulty`, of result tables at hand; `made`: manifest of the first."""
+    return _joined(
+        [_faulty(one.frame, one.facts, made, one.cell, one.motion) for one in motions_alike.activated(frames, made)]
+    )
+
+
+def _faulty(frame: pd.DataFrame, facts: pd.DataFrame, made: Manifest, cell: np.ndarray, motion: int) -> Faulty:
+    active = facts["active_ms"].to_numpy()
+
+    def told(times: ArrayLike) -> np.ndarray:
+        values = np.asarray(times)
+        return np.where(values >= active, values, -1)
+
+    stop = np.where(frame["response"].astype(str) == "stopped", frame["response_ms"], -1)
+    return Faulty(
+        detectors=made.detectors,
+        cell=cell,
+        motion=np.full(len(frame), motion),
+        layer=facts["layer"].to_numpy(object),
+        active_ms=active,
+        unintended_ms=facts["unintended_ms"].to_numpy(),
+        hazard=facts["hazard"].to_numpy(object),
+        jumped=frame[made.verdict_jump].to_numpy(bool),
+        leapt=frame["jump_tip"].to_numpy(bool),
+        score=np.stack([frame[f"detector{d}_score"].to_numpy(float) for d in range(len(made.detectors))], axis=1),
+        first_ms=tuple(
+            np.stack([told(frame[f"detector{d}_level{k}_first_ms"]) for k in range(len(one.levels))], axis=1)
+            for d, one in enumerate(made.detectors)
+        ),
+        others_ms={CHECKS: told(facts["told_ms"]), STOPS: told(stop), CUE: told(facts["warned_ms"])},
+        duration_ms=made.duration_ms,
+        rules=made.rules,
+    )
+
+
+def _joined(parts: Sequence[Faulty]) -> Faulty:
+    first = parts[0]
+    return first._replace(
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _BY_RUN},
+        first_ms=tuple(np.concatenate(times) for times in zip(*(part.first_ms for part in parts), strict=True)),
+        others_ms={name: np.concatenate([part.others_ms[name] for part in parts]) for name in OTHERS},
+    )
+
+
+def free(folders: Sequence[tuple[str, Path]]) -> Free:
+    """Runs without a fault of campaigns, each with the name of its recording; where there is noise, the robot as
+    modelled is called another one."""
+    parts = [alone(folder.read_all(path), manifest.read(path), name) for name, path in folders]
+    return parts[0]._replace(
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _FREE_BY_RUN},
+        alarms=tuple(np.concatenate(counts) for counts in zip(*(part.alarms for part in parts), strict=True)),
+        others={name: np.concatenate([part.others[name] for part in parts]) for name in OTHERS},
+    )
+
+
+def alone(frame: pd.DataFrame, made: Manifest, recording: str) -> Free:
+    """As `free`, of one result table at hand; its faulty runs are left out."""
+    noise = made.config["campaign"]["noise"]
+    group = frame["group"].astype(str)
+    kept = group.str.startswith(FREE) & (frame["failed"] == "")
+    if not noise:
+        kept &= group != FREE + MORE_NOISE  # as modelled once more
+    frame = frame.loc[kept]
+    robot = frame["group"].astype(str).str.removeprefix(FREE).to_numpy(object)
+    if noise:
+        robot = np.array([NOISY.get(word, word) for word in robot], object)
+    return Free(
+        made.detectors,
+        robot,
+        np.full(len(frame), recording, object),
+        frame[SCALE].to_numpy(float),
+        frame["pedal_down_ms"].to_numpy(float) / 3.6e6,
+        np.stack([frame[f"detector{d}_score"].to_numpy(float) for d in range(len(made.detectors))], axis=1),
+        tuple(
+            np.stack([frame[f"detector{d}_level{k}_alarms"].to_numpy() for k in range(len(one.levels))], axis=1)
+            for d, one in enumerate(made.detectors)
+        ),
+        {
+            CHECKS: _tripped(frame, "stop", "flag"),
+            STOPS: _tripped(frame, "stop"),
+            CUE: frame[f"cue{made.verdict_cue}_count"].to_numpy(),
+        },
+    )
+
+
+def _tripped(frame: pd.DataFrame, *actions: checks.Action) -> np.ndarray:
+    """1 for each run in which a check of these actions tripped, else 0.
+
+    A run without a fault is its own golden run, so that its column `response` is silent whatever the checks did.
+    """
+    columns = [f"check_{name}_count" for name in checks.names(frame) if checks.check(name).action in actions]
+    return (frame[columns].to_numpy() > 0).any(axis=1).astype(int)
+
+
+AS_MODELLED, UNCERTAIN, NOISE, MORE_NOISE = "as modelled", "uncertain robot", "noise", "more noise"
+NOISY = {AS_MODELLED: NOISE, UNCERTAIN: f"{UNCERTAIN}, {NOISE}"}
+"""What a group without faults is called where the campaign has noise."""

@@ -1,0 +1,119 @@
+"""What the counts of the targeted attacks say, and how surely: cells, intervals over cells, bias, the alarm's window.
+
+A cell is one fault (a value and a duration); the runs in it differ in the packet that it starts at and come out alike
+nearly always. So a rate's interval is drawn over cells, not over runs: a bootstrap of the cells of a duration. Where
+all of them agree a bootstrap is blind, and Clopper and Pearson's interval over the cells stands in.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ravenjax.stats.intervals import clopper_pearson
+from ravenjax.stats.paired import mean_difference
+from ravenjax.stats.resample import bootstrap
+from ravenjax.studies.framework.study import Estimate
+
+DURATIONS = (1, 2, 4, 8, 16, 32, 64, 128)
+"""Packets that a fault lasts, in both scenarios."""
+
+RESAMPLES = 4000
+SEED = 2016
+"""Of the bootstrap's own random numbers."""
+
+
+def inside(first_tick: np.ndarray, start: np.ndarray, duration: np.ndarray, cycles: int = 1) -> np.ndarray:
+    """Whether a first jump counts for the published analysis when it only looks at packets t1 to t1 + d + 1.
+
+    first_tick: ms, -1 never, as the monitor notes it: in the packet that ends the second long step, so the jump's own
+    packet is two before. start, duration: packets. cycles: control cycles a packet; packet n begins in (n - 1) cycles.
+    """
+    packet = np.asarray(first_tick) // cycles + 1 - 2
+    return (np.asarray(first_tick) >= 0) & (packet >= start) & (packet <= np.asarray(start) + duration + 1)
+
+
+class Cells(NamedTuple):
+    """A share in each cell."""
+
+    values: np.ndarray  # [V] of the fault, ascending
+    durations: np.ndarray  # [D] packets, ascending
+    shares: np.ndarray  # [V, D], NaN where there is no run
+
+    def of(self, duration: int) -> np.ndarray:
+        """Of all values held for so many packets, [V]. KeyError where there is no such duration."""
+        place = np.flatnonzero(self.durations == duration)
+        if not len(place):
+            raise KeyError(f"no fault lasts {duration} packets; there are {self.durations.tolist()}")
+        return self.shares[:, place[0]]
+
+    @property
+    def by_size(self) -> np.ndarray:
+        """The shares with values in the order of their magnitude, [V, D]."""
+        return self.shares[np.argsort(np.abs(self.values))]
+
+    @property
+    def alike(self) -> int:
+        """Cells whose runs all come out the same."""
+        return int(((self.shares == 0.0) | (self.shares == 1.0)).sum())
+
+
+def means(value: np.ndarray, duration: np.ndarray, hit: np.ndarray) -> Cells:
+    """Share of runs with `hit` (bool [n]) in each cell of value [n] and duration [n]."""
+    values, row = np.unique(value, return_inverse=True)
+    durations, column = np.unique(duration, return_inverse=True)
+    place, size = row * len(durations) + column, len(values) * len(durations)
+    with np.errstate(invalid="ignore"):
+        shares = np.bincount(place, np.asarray(hit, float), size) / np.bincount(place, minlength=size)
+    return Cells(values, durations, shares.reshape(len(values), len(durations)))
+
+
+def rate(cells: np.ndarray, confidence: float = 0.95) -> Estimate:
+    """Mean of the cells' shares [n], in %, with its interval over cells. ValueError for none."""
+    shares = np.asarray(cells, float)
+    if shares.ndim != 1 or not len(shares):
+        raise ValueError(f"a rate over cells needs shares [n], got shape {shares.shape}")
+    n = len(shares)
+    if (shares == shares[0]).all():
+        exact = clopper_pearson(round(shares[0] * n), n, confidence)
+        low, high = min(exact.low, shares[0]), max(exact.high, shares[0])
+    else:
+        band = bootstrap(n, lambda index: shares[index].mean(axis=-1), confidence, resamples=RESAMPLES, seed=SEED)
+        low, high = band.low, band.high
+    return Estimate(100.0 * float(shares.mean()), 100.0 * float(low), 100.0 * float(high), n, "cells")
+
+
+def difference(cells: np.ndarray, others: np.ndarray, confidence: float = 0.95) -> Estimate:
+    """Mean difference, in points, of `cells` minus `others` [n], cell by cell, with its bootstrap over cells."""
+    one, two = (100.0 * np.asarray(shares, float).ravel() for shares in (cells, others))
+    band = mean_difference(one, two, confidence, resamples=RESAMPLES, seed=SEED, kind="percentile")
+    return Estimate(float(band.value), float(band.low), float(band.high), band.units, "cells")
+
+
+class Bias(NamedTuple):
+    """Signs of differences, prediction minus publication."""
+
+    above: int
+    below: int
+    p: float  # two-sided, of as uneven a split of fair signs; 1 where there is no difference at all
+
+    @property
+    def words(self) -> str:
+        """The split in words."""
+        return f"{self.above} above, {self.below} below"
+
+
+def bias(predicted: np.ndarray, published: np.ndarray, reading_error: float = 0.0) -> Bias:
+    """Exact sign test; a difference within the reading error of the publication is none."""
+    from scipy.stats import binomtest
+
+    apart = np.asarray(predicted, float) - np.asarray(published, float)
+    above, below = int((apart > reading_error).sum()), int((apart < -reading_error).sum())
+    p = float(binomtest(above, above + below).pvalue) if above + below else 1.0
+    return Bias(above, below, p)
+
+
+def in_band(value: float, band: tuple[float, float]) -> bool:
+    """Whether a value lies in a band, ends included."""
+    return bool(band[0] <= value <= band[1])

@@ -1,0 +1,158 @@
+"""Who would have noticed: the robot's own check, the published detector and its parts, against the jumps of the runs.
+
+The published accuracies were withheld from whoever wrote this; what stands here is predicted from the definitions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ravenjax.stats.cluster import cluster_ratio
+from ravenjax.studies.dsn16 import detector
+from ravenjax.studies.dsn16.cells import RESAMPLES, SEED
+from ravenjax.studies.dsn16.detector import Alarms, Learned, Score, score
+from ravenjax.studies.dsn16.published_log import Log, log
+from ravenjax.studies.dsn16.runs import Runs
+from ravenjax.studies.dsn16.signals import Series, measure
+from ravenjax.studies.framework.study import Estimate, Table, Variant
+
+TRAINING = (
+    Variant("training_suture", "dsn16_thresholds.toml", (), "fault-free runs for the detector, first motion"),
+    Variant(
+        "training_peg_transfer",
+        "dsn16_thresholds.toml",
+        ("operator.motion=peg_transfer",),
+        "fault-free runs for the detector, second motion",
+    ),
+)
+"""Two motions of 300 runs, as the 600 of the publication."""
+
+LEAP_UM = 1000.0
+
+CHOSEN = "99.9 % of all steps"
+"""Of the thresholds, the one that single figures are given for."""
+
+
+class Watched(NamedTuple):
+    """What the detector made of the runs of one variant, in the order of its frame."""
+
+    thresholds: Mapping[str, np.ndarray]  # how they were learned -> [3, 3]
+    alarms: Mapping[str, Sequence[Alarms]]  # the same -> of each run
+    largest_mvel: np.ndarray  # [runs] largest step of motor velocity inside the window, over its 99.9 % threshold
+    leaps: np.ndarray  # bool [runs] the reported tip moved more than 1 mm within two packets: the text's jump
+
+
+def learn(folders: Mapping[str, Path]) -> Learned:
+    """From the training campaigns that are there."""
+    steps: list[np.ndarray] = []
+    for variant in TRAINING:
+        if variant.name in folders:
+            steps += measure(folders[variant.name], lambda _, series: detector.fault_free(log(series)))
+    return detector.learn(steps)
+
+
+def thresholds(learned: Learned) -> dict[str, np.ndarray]:
+    """The published choices, by name, [3, 3] each."""
+    return {
+        "99.8 % of all steps": learned.percentile(99.8),
+        CHOSEN: learned.percentile(99.9),
+        "99.8 % of the runs' maxima": learned.percentile_of_maxima(99.8),
+        "99.9 % of the runs' maxima": learned.percentile_of_maxima(99.9),
+    }
+
+
+def watch(folder: Path, runs: Runs, levels: Mapping[str, np.ndarray]) -> Watched:
+    """Every faulty run of a folder under the detector's eyes."""
+    faults = {int(i): (int(t1), int(d)) for i, t1, d in zip(runs.index, runs.start, runs.duration, strict=True)}
+
+    def one(row: int, series: Series) -> tuple[list[Alarms], float, bool]:
+        found, (first, lasts) = log(series), faults[row]
+        inside = (found.packet[:-1] >= first) & (found.packet[:-1] <= first + lasts + 1)
+        moved = detector.steps(found)[inside, 1] / levels[CHOSEN][1]
+        told = [detector.alarms(found, level, first, lasts) for level in levels.values()]
+        return told, float(moved.max(initial=0.0)), leaps(found)
+
+    seen = measure(folder, one, runs.index.tolist())
+    return Watched(
+        thresholds=levels,
+        alarms={name: [alarms[k] for alarms, _, _ in seen] for k, name in enumerate(levels)},
+        largest_mvel=np.array([largest for _, largest, _ in seen]),
+        leaps=np.array([leapt for _, _, leapt in seen]),
+    )
+
+
+def leaps(found: Log) -> bool:
+    """Whether the reported tip moves more than 1 mm within one packet or two: the jump of the publication's text."""
+    return any(bool((np.linalg.norm(found.tip[rows:] - found.tip[:-rows], axis=1) > LEAP_UM).any()) for rows in (1, 2))
+
+
+def table(runs: Runs, watched: Watched, title: str) -> Table:
+    """Detectors against jumps, with intervals over cells."""
+    jumped, stopped, cell = runs.hits["jump"], runs.hits["stop"], runs.cell
+    told: dict[str, np.ndarray] = {"RAVEN: software E-stop": stopped}
+    for name, alarms in watched.alarms.items():
+        told[f"model, all three; {name}"] = np.array([a.inside[3] for a in alarms])
+    for k, part in enumerate(("motor position alone", "motor velocity alone", "joint position alone")):
+        told[f"model, {part}; {CHOSEN}"] = np.array([a.inside[k] for a in watched.alarms[CHOSEN]])
+    fused = told[f"model, all three; {CHOSEN}"]
+    told[f"model, all three, anywhere; {CHOSEN}"] = np.array([a.anywhere[3] for a in watched.alarms[CHOSEN]])
+    told[f"model or RAVEN; {CHOSEN}"] = fused | stopped
+    rows = []
+    for name, flags in told.items():
+        values, low, high = intervals(flags, jumped, cell)
+        cells = [f"{100 * v:.1f} [{100 * a:.1f}, {100 * b:.1f}]" for v, a, b in zip(values, low, high, strict=True)]
+        rows.append((name, int(flags.sum()), *cells))
+    heads = ("detector", "runs told", "true positive rate, %", "false positive rate, %", "precision, %", "accuracy, %")
+    lead = leads(runs, watched)
+    note = (
+        f"{len(jumped)} runs, {int(jumped.sum())} with a jump; 95 % bootstrap over {cell.max() + 1} cells. Alarms "
+        "count in packets t1 to t1 + d + 1, but for the row that says anywhere. "
+        f"Where both came, the model's alarm came {lead.value:.0f} packets in the median (5 to 95 %: {lead.low:.0f} "
+        f"to {lead.high:.0f}; {lead.n} runs) before the jump was complete. {missed(runs, fused)}"
+    )
+    return Table(title, (*heads, "F1, %"), tuple(rows), note)
+
+
+def missed(runs: Runs, fused: np.ndarray) -> str:
+    """Which cells jump unseen by both, in words."""
+    cells = runs.counting(unseen=runs.hits["missed"] & ~fused).share("unseen")
+    unseen = np.argwhere(cells.shares >= 0.5)
+    if not len(unseen):
+        return "No cell jumps unseen by both."
+    listed = ", ".join(f"{cells.values[v]:g} for {cells.durations[d]}" for v, d in unseen)
+    return f"{len(unseen)} cells jump unseen by model and RAVEN: {listed} packets."
+
+
+def leads(runs: Runs, watched: Watched) -> Estimate:
+    """Packets from the first fused alarm to the jump: median, 5th and 95th percentile; n counts runs with both."""
+    first = np.array([a.first for a in watched.alarms[CHOSEN]])
+    jump = runs.jump_ms // runs.cycles + 1 - runs.start
+    both = (first >= 0) & runs.hits["jump"]
+    if not both.any():
+        return Estimate(math.nan, n=0, of="runs")
+    low, middle, high = np.percentile((jump - first)[both], (5, 50, 95))
+    return Estimate(float(middle), float(low), float(high), int(both.sum()), "runs")
+
+
+def intervals(told: np.ndarray, jumped: np.ndarray, cell: np.ndarray) -> tuple[Score, Score, Score]:
+    """The score and the ends of its 95 % interval; cells are drawn, their runs stay together."""
+    right = told == jumped
+    parts = {
+        "tpr": (told & jumped, jumped),
+        "fpr": (told & ~jumped, ~jumped),
+        "precision": (told & jumped, told),
+        "accuracy": (right, np.ones_like(right)),
+        "f1": (2.0 * (told & jumped), 1.0 * told + jumped),
+    }
+    bands = {
+        name: cluster_ratio(above, below, cell, resamples=RESAMPLES, seed=SEED)
+        for name, (above, below) in parts.items()
+    }
+    low = Score(**{name: float(band.low) for name, band in bands.items()})
+    high = Score(**{name: float(band.high) for name, band in bands.items()})
+    return score(told, jumped), low, high

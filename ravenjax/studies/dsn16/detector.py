@@ -1,0 +1,152 @@
+"""The published detector: thresholds learned from fault-free steps, and the alarms that they raise in a run.
+
+analyze_faultfree.py and analyze_faulty.py of CSLDepend/raven2_sim: steps from one logged row to the next of motor
+position, motor velocity and joint position of the first three joints. An alarm is raised where, in one row, each of the
+three is over its threshold for some joint, motor velocity in that row and the next. The code pools the steps of all
+runs and takes a percentile; the text speaks of the runs' maxima.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ravenjax.stats.resample import bootstrap
+from ravenjax.studies.dsn16.published_log import Log
+from ravenjax.studies.framework.study import Estimate
+
+VARIABLES = ("mpos", "mvel", "jpos")
+JOINTS = ("shoulder", "elbow", "insertion")
+UNITS = {"mpos": ("rad",) * 3, "mvel": ("rad/s",) * 3, "jpos": ("rad", "rad", "m")}
+
+FIRST_PACKET = 500
+"""Before it the hands rest and the arm settles."""
+
+TAIL = 20.0
+"""Steps that are kept for the bootstrap, times those above the percentile: no draw of runs leaves so few."""
+RESAMPLES = 1000
+SEED = 2016
+
+
+def steps(log: Log) -> np.ndarray:
+    """|step| [rows - 1, 3 variables, 3 joints]: row i is what happens from row i of the log to the next."""
+    return np.stack([np.abs(np.diff(getattr(log, name), axis=0)) for name in VARIABLES], axis=1)
+
+
+class Learned(NamedTuple):
+    """Steps of fault-free runs."""
+
+    pooled: np.ndarray  # [runs, rows, 3, 3] |step|
+
+    @property
+    def maxima(self) -> np.ndarray:
+        """Largest step of each run, [runs, 3, 3]."""
+        return self.pooled.max(axis=1)
+
+    def percentile(self, percent: float) -> np.ndarray:
+        """Of all steps of all runs, [3, 3]: the code's threshold."""
+        return np.percentile(self.pooled, percent, axis=(0, 1))
+
+    def percentile_of_maxima(self, percent: float) -> np.ndarray:
+        """Of the runs' maxima, [3, 3]: the text's threshold."""
+        return np.percentile(self.maxima, percent, axis=0)
+
+
+def fault_free(log: Log) -> np.ndarray:
+    """Steps [rows, 3, 3] of a fault-free run once it has begun to move."""
+    return steps(log)[log.packet[:-1] >= FIRST_PACKET]
+
+
+def learn(runs: Iterable[np.ndarray]) -> Learned:
+    """From what `fault_free` gave of runs of equal length. ValueError for none."""
+    found = list(runs)
+    if not found:
+        raise ValueError("thresholds are learned from at least one run, got none")
+    return Learned(np.stack(found))
+
+
+def pooled_interval(values: np.ndarray, percent: float, confidence: float = 0.95) -> Estimate:
+    """Percentile of `values` [runs, rows] with a block bootstrap: runs are drawn, their rows stay together."""
+    runs, rows = values.shape
+    flat, owner = values.ravel(), np.repeat(np.arange(runs), rows)
+    beyond = (1.0 - percent / 100.0) * flat.size
+    kept = np.argsort(flat)[::-1][: max(1, math.ceil(TAIL * beyond))]
+    largest, owner = flat[kept], owner[kept]
+
+    def quantile(drawn: np.ndarray) -> np.ndarray:
+        times = np.stack([np.bincount(index, minlength=runs) for index in drawn])  # how often each run was drawn
+        passed = np.cumsum(times[:, owner], axis=1)  # steps at least as large, of each resample
+        return largest[np.minimum((passed <= beyond).sum(axis=1), len(largest) - 1)]
+
+    band = bootstrap(runs, quantile, confidence, resamples=RESAMPLES, seed=SEED, batch=50)
+    return Estimate(float(np.percentile(flat, percent)), float(band.low), float(band.high), runs, "runs")
+
+
+def maxima_interval(maxima: np.ndarray, percent: float, confidence: float = 0.95) -> Estimate:
+    """Percentile of the runs' maxima [runs] with its order-statistic interval; an end that no run can give is NaN."""
+    from scipy.stats import quantile_test
+
+    found = quantile_test(maxima, p=percent / 100.0).confidence_interval(confidence)
+    low, high = (float(end) if math.isfinite(end) else math.nan for end in (found.low, found.high))
+    return Estimate(float(np.percentile(maxima, percent)), low, high, len(maxima), "runs")
+
+
+class Alarms(NamedTuple):
+    """Which of a run's alarms came, inside the published window and anywhere."""
+
+    inside: tuple[bool, bool, bool, bool]  # motor position, motor velocity, joint position, all three in one row
+    anywhere: tuple[bool, bool, bool, bool]
+    first: int  # packets from t1 to the first fused alarm inside the window, -1: none
+
+
+def alarms(log: Log, thresholds: np.ndarray, start: int, duration: int) -> Alarms:
+    """Of one run with a fault in packets `start` to `start + duration - 1`; thresholds [3, 3]."""
+    position, velocity, joint = np.any(steps(log) > thresholds, axis=2).T  # each [rows - 1]: its joints are or-ed
+    velocity = velocity & np.append(velocity[1:], False)
+    found = np.stack([position, velocity, joint, position & velocity & joint], axis=1)
+    packet = log.packet[:-1]
+    window = (packet >= start) & (packet <= start + duration + 1)
+    settled = packet >= FIRST_PACKET
+    first = np.flatnonzero(found[:, 3] & window)
+    return Alarms(
+        inside=_four(found[window]),
+        anywhere=_four(found[settled]),
+        first=int(packet[first[0]] - start) if len(first) else -1,
+    )
+
+
+def _four(found: np.ndarray) -> tuple[bool, bool, bool, bool]:
+    """Which columns of bool [rows, 4] are true anywhere."""
+    return bool(found[:, 0].any()), bool(found[:, 1].any()), bool(found[:, 2].any()), bool(found[:, 3].any())
+
+
+class Score(NamedTuple):
+    """A detector against the jumps of the runs it watched, in shares."""
+
+    tpr: float  # of runs that jumped, those it told; NaN where none jumped
+    fpr: float  # of runs that did not, those it told
+    precision: float
+    accuracy: float
+    f1: float
+
+
+def score(told: Sequence[bool] | np.ndarray, jumped: Sequence[bool] | np.ndarray) -> Score:
+    """Of runs [n]. ValueError for lengths that differ."""
+    told, jumped = np.asarray(told, bool), np.asarray(jumped, bool)
+    if told.shape != jumped.shape:
+        raise ValueError(f"alarms {told.shape} and jumps {jumped.shape} must be of one length")
+    hits, false = int((told & jumped).sum()), int((told & ~jumped).sum())
+
+    def share(part: float, whole: float) -> float:
+        return part / whole if whole else math.nan
+
+    return Score(
+        tpr=share(hits, int(jumped.sum())),
+        fpr=share(false, int((~jumped).sum())),
+        precision=share(hits, hits + false),
+        accuracy=share(float((told == jumped).sum()), len(told)),
+        f1=share(2.0 * hits, hits + false + int(jumped.sum())),
+    )

@@ -1,0 +1,105 @@
+"""The result table of one variant of the targeted attacks as its study counts it: one row a faulty run."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.campaign.config import CampaignConfig
+from ravenjax.store import manifest
+from ravenjax.store.folder import read_all
+from ravenjax.studies.dsn16 import cells, trajectory
+from ravenjax.studies.dsn16.cells import Cells
+from ravenjax.studies.dsn16.trajectory import Lever
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Runs:
+    """One variant; arrays have one entry a faulty run."""
+
+    name: str
+    config: CampaignConfig
+    cycles: int  # control cycles a packet
+    lever: Lever  # over the packets at which faults start
+    index: np.ndarray  # row of the campaign
+    value: np.ndarray  # DAC counts, or displacement in um
+    duration: np.ndarray  # packets
+    start: np.ndarray  # packet
+    jump_ms: np.ndarray  # tick of the first jump, -1: none
+    hits: Mapping[str, np.ndarray]  # bool: jump, inside (the published window), stop, ik, missed (jump without a stop)
+
+    @property
+    def cell(self) -> np.ndarray:
+        """Number of each run's cell."""
+        return np.unique(np.stack([self.value, self.duration], axis=1), axis=0, return_inverse=True)[1].ravel()
+
+    def counting(self, **hits: np.ndarray) -> Runs:
+        """The same runs with more to count."""
+        return dataclasses.replace(self, hits={**self.hits, **hits})
+
+    def share(self, hit: str) -> Cells:
+        """Share of runs with `hit` in each cell."""
+        return cells.means(self.value, self.duration, self.hits[hit])
+
+    def percent(self, hit: str) -> np.ndarray:
+        """Of the cells of each duration, in its order."""
+        return 100.0 * self.share(hit).shares.mean(axis=0)
+
+
+def read(name: str, folder: Path) -> Runs:
+    """The runs of a finished folder."""
+    config = CampaignConfig.model_validate(manifest.read(folder).config)
+    return of(name, config, read_all(folder), cycles_of(config))
+
+
+def cycles_of(config: CampaignConfig) -> int:
+    """Control cycles a packet, the same in every run."""
+    axis = config.parameters.get("network.cycles_per_packet")
+    return 1 if axis is None else int(axis.values[0])
+
+
+def of(name: str, config: CampaignConfig, table: pd.DataFrame, cycles: int) -> Runs:
+    """The faulty rows of a result table. A displacement's value is the group's (its three slots hold shares of it)."""
+    columns = {str(column): table[column].to_numpy() for column in table.columns}
+    faulty = np.flatnonzero(columns["fault0_site"] != "")
+    rows = faulty[np.argsort(columns["index"][faulty])]
+    rejected = columns["check_ik_reject_count"]
+    free = np.delete(rejected, rows).max(initial=0)
+    start, duration = columns["fault0_start_ms"][rows], columns["fault0_duration_ms"][rows]
+    jump, first = columns["jump_code"][rows].astype(bool), columns["jump_code_first_ms"][rows]
+    stop = columns["response"][rows] == "stopped"
+    value = [_displacement(g, v) for g, v in zip(columns["group"][rows], columns["fault0_value"][rows], strict=True)]
+    return Runs(
+        name=name,
+        config=config,
+        cycles=cycles,
+        lever=trajectory.lever(config, np.unique(start)),
+        index=columns["index"][rows],
+        value=np.array(value),
+        duration=duration,
+        start=start,
+        jump_ms=first,
+        hits={
+            "jump": jump,
+            "inside": cells.inside(first, start, duration, cycles),
+            "stop": np.asarray(stop, bool),
+            "ik": rejected[rows] > free,
+            "missed": jump & ~np.asarray(stop, bool),
+        },
+    )
+
+
+def _displacement(group: str, value: float) -> float:
+    return float(group[1:]) if group[:1] == "d" and group[1:].isdecimal() else float(value)
+
+
+def stored(value: float, words: str = "wrap") -> int:
+    """What is left of an added DAC value where it is stored, without the small nominal command."""
+    whole = int(value)
+    if words == "wrap":
+        return (whole + 32768) % 65536 - 32768
+    return max(-32768, min(32767, whole)) if words == "saturate" else whole

@@ -1,0 +1,396 @@
+"""Scenario B of the targeted attacks (DSN 2016): a value on the shoulder's DAC behind the checks, 1 to 128 packets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import numpy as np
+
+from ravenjax.studies.dsn16 import cells as dsn16_cells
+from ravenjax.studies.dsn16 import detection, drawings, sensitivity, statements, trajectory
+from ravenjax.studies.dsn16 import runs as dsn16_runs
+from ravenjax.studies.dsn16.cells import DURATIONS
+from ravenjax.studies.dsn16.runs import Runs, stored
+from ravenjax.studies.dsn16.sensitivity import Case
+from ravenjax.studies.framework import literature
+from ravenjax.studies.framework.literature import Published
+from ravenjax.studies.framework.study import Context, Drawing, Estimate, Findings, Line, Study, Table, Variant
+
+CAMPAIGN = "dsn16_b.toml"
+BASELINE = "baseline"
+TWO_CYCLES = ("parameters.network.cycles_per_packet=2", "campaign.duration_s=5")
+FAULT = "group.scenario_b.fault.0"
+NEGATIVE = ",".join(
+    f"-{v}"
+    for v in (
+        100,
+        200,
+        400,
+        800,
+        1000,
+        2000,
+        4000,
+        5000,
+        8000,
+        10000,
+        20000,
+        40000,
+        80000,
+        100000,
+        200000,
+        400000,
+        800000,
+    )
+)
+SIGNIFICANT = 0.05
+STRICTER = ("jump_0.3mm", "jump_0.5mm", "jump_text")
+
+SEMANTICS = (
+    Variant("cycles_2", CAMPAIGN, TWO_CYCLES, "a packet lasts two control cycles instead of one"),
+    Variant("dac_saturate", CAMPAIGN, ("campaign.dac_words=saturate",), "large values saturate at 16 bits, not wrap"),
+    Variant("dac_unwrapped", CAMPAIGN, ("campaign.dac_words=unwrapped",), "large values are applied as they are"),
+    Variant("before_check", CAMPAIGN, (f"{FAULT}.site=current_cmd",), "the fault strikes before the overdrive check"),
+    Variant("overwrite", CAMPAIGN, (f"{FAULT}.effect=overwrite",), "the value replaces the command, nothing is added"),
+    Variant(
+        "offset", CAMPAIGN, (f"{FAULT}.effect=offset",), "the value is added anew in each cycle, nothing is latched"
+    ),
+    Variant("negative", CAMPAIGN, (f"{FAULT}.value=[{NEGATIVE}]",), "the other sign of the DAC"),
+    Variant(
+        "build_robot", CAMPAIGN, ("campaign.build=robot",), "encoders, velocity filter; packets go on after a stop"
+    ),
+    Variant(
+        "build_robot_cycles_2",
+        CAMPAIGN,
+        ("campaign.build=robot", *TWO_CYCLES),
+        "as build_robot, a packet lasts two control cycles",
+    ),
+    Variant(
+        "software_raven2",
+        CAMPAIGN,
+        ("campaign.build=robot", "campaign.software=raven2", "campaign.level=fork2015"),
+        "present raven2 software: stops at 20000 counts, gravity torque, PLC and brakes at an E-stop",
+    ),
+)
+RULES = (
+    Variant("jump_0.3mm", CAMPAIGN, ("outcomes.jump_step_mm=0.3",), "jump: two steps above 0.3 mm"),
+    Variant("jump_0.5mm", CAMPAIGN, ("outcomes.jump_step_mm=0.5",), "jump: two steps above 0.5 mm"),
+)
+PLANT = (
+    *(
+        Variant(f"plant_{name}", CAMPAIGN, (f"campaign.parameter_set={name}",), f"parameter set {name} of the plant")
+        for name in ("A", "B", "C", "D", "E", "matlab_main", "matlab_global")
+    ),
+    Variant("noise", CAMPAIGN, ("campaign.noise=true",), "torque noise of one DAC count"),
+    Variant("substeps_10", CAMPAIGN, ("campaign.substeps=10",), "ten plant steps a millisecond"),
+)
+HANDS = (
+    *(Variant(n, CAMPAIGN, o, "another motion from home") for n, o in trajectory.MOTIONS.items()),
+    *(Variant(n, CAMPAIGN, o, "the same stitches, a longer lever") for n, o in trajectory.LEVERS.items()),
+    *(
+        Variant(f"{n}_cycles_2", CAMPAIGN, (*o, *TWO_CYCLES), "a longer lever, two control cycles a packet")
+        for n, o in trajectory.LEVERS.items()
+    ),
+)
+
+
+def variants() -> tuple[Variant, ...]:
+    """The baseline, every ablation, the motions, and recorded ones where the recording is at hand."""
+    recorded = trajectory.recorded()
+    real = tuple(Variant(name, CAMPAIGN, over, "recorded hands") for name, over in recorded.items())
+    return (Variant(BASELINE, CAMPAIGN), *SEMANTICS, *RULES, *PLANT, *HANDS, *real, *detection.TRAINING)
+
+
+def compare(context: Context) -> Findings:
+    """Published counts beside the predicted ones, and what each open question is worth."""
+    published = literature.read("dsn16")
+    found = {v.name: v for v in variants() if v.name in context.folders}
+    trained = [v.name for v in detection.TRAINING]
+    runs = {name: dsn16_runs.read(name, context.folders[name]) for name in found if name not in trained}
+    base = runs[BASELINE]
+    jumps, stops = (_counts(published, what) for what in ("jump", "estop"))
+    bands = [published.band(f"b.jump.{d}ms") for d in DURATIONS]
+    cases = [Case(one, found[name].question) for name, one in runs.items() if name != BASELINE]
+    levels = detection.thresholds(detection.learn(context.folders))
+    watched = detection.watch(context.folders[BASELINE], base, levels)
+    rules = sensitivity.rules(base, watched.leaps)
+    error = 100.0 / published.value("b.runs")
+    names = [BASELINE, *(n for n in (*trajectory.LEVERS, *trajectory.recorded()) if n in runs)]
+    lines = [*_a1(base, published, bands, lambda place: _would_fit([*cases, *rules], place, bands[place]))]
+    lines += [line for name in names[1:] for line in _a1(runs[name], published, bands, _counted_inside(runs[name]))]
+    lines += [_bias(runs[name], jumps, published) for name in names]
+    lines += _stops(base, published)
+    lines += statements.scenario_b(base, watched.largest_mvel, jumps, stops)
+    lines += _blind(base)
+    own = Case(base, "", label=BASELINE)
+    tables = (
+        sensitivity.table(
+            "P(jump), %, by duration: what each open question is worth",
+            [own, *rules, *cases],
+            base,
+            jumps,
+            bands,
+            error,
+            note=sensitivity.NOTE,
+        ),
+        sensitivity.table(
+            "P(E-stop), %, by duration",
+            [own._replace(hit="stop"), *(c._replace(hit="stop") for c in cases)],
+            base,
+            stops,
+            reading_error=error,
+            hit="stop",
+        ),
+        detection.table(base, watched, "Detectors, predicted blind"),
+        _by_value(base, watched),
+    )
+    notes = _notes(base, runs, [*cases, *rules], jumps, stops, bands, error)
+    return Findings(tuple(lines), tables, _drawings(runs, names, jumps, stops, published, bands), notes)
+
+
+def _counts(published: Published, what: str) -> np.ndarray:
+    """Published counts in %, by duration."""
+    return np.array([100.0 * published.value(f"b.{what}.{d}ms") / published.value("b.runs") for d in DURATIONS])
+
+
+def _percent(published: Published, what: str, duration: int) -> Estimate:
+    """A published count in % with its Wilson interval."""
+    from ravenjax.stats.intervals import wilson
+
+    k, n = published.value(f"b.{what}.{duration}ms"), published.value("b.runs")
+    rate = wilson(int(k), int(n))
+    return Estimate(100 * rate.value, 100 * rate.low, 100 * rate.high, int(n), "runs, read off Figure 9 b")
+
+
+def _a1(
+    runs: Runs, published: Published, bands: Sequence[tuple[float, float]], reason: Callable[[int], str]
+) -> Iterator[Line]:
+    """P(jump) by duration of one trajectory, beside its band; reason: of the place of a duration that is outside."""
+    cells = runs.share("jump")
+    for place, duration in enumerate(DURATIONS):
+        predicted = dsn16_cells.rate(cells.of(duration))
+        inside = dsn16_cells.in_band(predicted.value, bands[place])
+        yield Line(
+            f"P(jump), {duration} packets; {runs.name}, lever {runs.lever.words}",
+            "%",
+            _percent(published, "jump", duration),
+            predicted,
+            bands[place],
+            "A1",
+            "" if inside else reason(place),
+        )
+
+
+def _would_fit(cases: Sequence[Case], place: int, band: tuple[float, float]) -> str:
+    """Which answers to an open question would put this duration into its band."""
+    fitting = [(case.name, case.runs.percent(case.hit)[place]) for case in cases]
+    inside = [f"{name} {percent:.0f}" for name, percent in fitting if dsn16_cells.in_band(percent, band)]
+    if not inside:
+        return "outside with every single variant"
+    return f"inside with {len(inside)} of {len(fitting)} other answers, each alone: {', '.join(inside)}"
+
+
+def _counted_inside(runs: Runs) -> Callable[[int], str]:
+    """What another trajectory's rate would be if jumps counted inside the published window only."""
+    inside = runs.percent("inside")
+    return lambda place: f"inside t1 .. t1 + d + 1 alone it is {inside[place]:.1f} %"
+
+
+def _bias(runs: Runs, jumps: np.ndarray, published: Published) -> Line:
+    """Sign test of prediction against publication over the durations."""
+    sign = dsn16_cells.bias(runs.percent("jump"), jumps, 100.0 / published.value("b.runs"))
+    return Line(
+        f"bias: p of the sign test over durations; {runs.name}, lever {runs.lever.words}",
+        "",
+        None,
+        Estimate(sign.p, n=sign.above + sign.below, of="durations that differ by more than the reading error"),
+        (SIGNIFICANT, 1.0),
+        "A1",
+        f"prediction {sign.words}; mean difference {float(np.mean(runs.percent('jump') - jumps)):+.1f} points",
+    )
+
+
+def _stops(base: Runs, published: Published) -> Iterator[Line]:
+    cells = base.share("stop")
+    for duration in DURATIONS:
+        yield Line(
+            f"P(E-stop), {duration} packets; {base.name}",
+            "%",
+            _percent(published, "estop", duration),
+            dsn16_cells.rate(cells.of(duration)),
+            reason="single stops at 1 to 8 ms are noise of the real process" if duration <= 8 else "",
+        )
+
+
+def _blind(base: Runs) -> tuple[Line, ...]:
+    """Rates whose published values were withheld."""
+    return tuple(
+        Line(quantity, "%", None, dsn16_cells.rate(base.share(hit).shares.ravel()))
+        for quantity, hit in (
+            ("prevalence of jumps, all cells", "jump"),
+            ("prevalence of E-stops, all cells", "stop"),
+            ("jumps without an E-stop, all cells", "missed"),
+        )
+    )
+
+
+def _by_value(base: Runs, watched: detection.Watched) -> Table:
+    fused = np.array([a.inside[3] for a in watched.alarms[detection.CHOSEN]])
+    counted = base.counting(told=fused)
+    shares = {hit: counted.share(hit) for hit in ("jump", "stop", "told", "missed")}
+    rows = []
+    for place, value in enumerate(shares["jump"].values):
+        alike = np.isin(shares["jump"].shares[place], (0.0, 1.0)).sum()
+        means = (round(100.0 * float(cells.shares[place].mean()), 1) for cells in shares.values())
+        rows.append((int(value), stored(value), *means, f"{alike} of {len(DURATIONS)}"))
+    heads = ("value, counts", "stored in 16 bits", "jump, %", "E-stop, %", "model's alarm, %", "jump without E-stop, %")
+    note = (
+        "80 runs a value. The last column counts durations in which all ten onsets come out alike: repeats are no "
+        "independent samples."
+    )
+    return Table("By injected value, predicted blind", (*heads, "cells alike"), tuple(rows), note)
+
+
+def _drawings(
+    runs: Mapping[str, Runs],
+    names: Sequence[str],
+    jumps: np.ndarray,
+    stops: np.ndarray,
+    published: Published,
+    bands: Sequence[tuple[float, float]],
+) -> tuple[Drawing, ...]:
+    base = runs[BASELINE]
+    two = runs.get("cycles_2")
+
+    def panel(title: str, hit: str, counts: np.ndarray, what: str, band: np.ndarray | None) -> drawings.Panel:
+        rates = [dsn16_cells.rate(base.share(hit).of(d)) for d in DURATIONS]
+        seen = [_percent(published, what, d) for d in DURATIONS]
+        others = {f"{n}, lever {runs[n].lever.words}": runs[n].percent(hit) for n in names[1:]}
+        return drawings.Panel(
+            title=title,
+            predicted=np.array([r.value for r in rates]),
+            interval=np.array([[r.low for r in rates], [r.high for r in rates]]),
+            two_cycles=two.percent(hit) if two is not None else None,
+            others=others,
+            published=counts,
+            published_interval=np.array([[e.low for e in seen], [e.high for e in seen]]),
+            band=band,
+        )
+
+    cells = {"jump": base.share("jump"), "E-stop": base.share("stop")}
+    labels = [_value_label(float(v)) for v in cells["jump"].values]
+    panels = (
+        panel("P(jump)", "jump", jumps, "jump", np.array(bands).T),
+        panel("P(E-stop)", "stop", stops, "estop", None),
+    )
+    label = f"predicted, lever {base.lever.words}"
+    return (
+        Drawing(
+            "dsn16_b_duration",
+            "Scenario B, 170 runs a duration: published counts (squares) and what is predicted; the shade spans one to "
+            "two control cycles a packet, the coloured lines are longer levers.",
+            drawings.rates(panels, label),
+        ),
+        Drawing(
+            "dsn16_b_map",
+            "Scenario B, predicted: share of ten onsets in each cell that jump, and that the robot stops itself. "
+            "Values are shown with what is left of them in 16 bits.",
+            drawings.maps(cells, labels, "value added to the shoulder's DAC, counts"),
+        ),
+    )
+
+
+def _value_label(value: float) -> str:
+    left = stored(value)
+    return f"{value:.0f}" if left == value else f"{value:.0f} = {left}"
+
+
+def _notes(
+    base: Runs,
+    runs: Mapping[str, Runs],
+    cases: Sequence[Case],
+    jumps: np.ndarray,
+    stops: np.ndarray,
+    bands: Sequence[tuple[float, float]],
+    error: float,
+) -> tuple[str, ...]:
+    ranked = sensitivity.ranked(cases, base)
+    worth = {name: apart.value for name, apart, _ in ranked}
+    changed = {name: cells for name, _, cells in ranked}
+    plant = [value for name, value in worth.items() if name.startswith("plant_")]
+    most = ", ".join(f"{name} {worth[name]:+.1f} ({changed[name]} cells)" for name in list(worth)[:10])
+    sign = dsn16_cells.bias(base.percent("jump"), jumps, error)
+    cells = base.share("jump")
+    fitting = [c.name for c in cases if _fits(c.runs.percent(c.hit), jumps, bands, error)]
+    notes = [
+        "Baseline: the fork's dynamics-simulator build, 16-bit words that wrap, one control cycle a packet, jumps by "
+        "the code's rule (two packet steps of the reported tip above 0.1 mm, the fault-free twin's not), stitches with "
+        f"a lever of {base.lever.words} at the onsets, near that of the recording of one published trajectory (77-85 "
+        f"mm). {cells.alike} of {cells.shares.size} cells come out alike in all ten onsets, so intervals are drawn "
+        "over cells.",
+        f"The baseline is {float(np.mean(base.percent('jump') - jumps)):+.1f} points from the publication in the mean, "
+        f"{sign.words} of {sign.above + sign.below} durations that differ (p = {sign.p:.3f}). What each open question "
+        f"is worth, mean points of P(jump) over all cells, the largest first: {most}."
+        + (f" The plant's parameter sets: {min(plant):+.1f} to {max(plant):+.1f}." if plant else "")
+        + _listed_changes(changed),
+        "Single answers with which every duration is inside its band and the sign test sees no bias: "
+        f"{', '.join(fitting) or 'none'}. Where these differ in kind, the published jumps alone cannot tell them "
+        "apart; none is chosen, the baseline stays as its sources have it. Stricter rules of a jump, at their highest: "
+        f"{', '.join(f'{name} {_largest(cases, name):.0f} %' for name in STRICTER if _has(cases, name))}.",
+    ]
+    if "cycles_2" in runs:
+        one, two = base.percent("stop"), runs["cycles_2"].percent("stop")
+        between = int(((one - error <= stops) & (stops <= two + error)).sum())
+        notes.append(
+            "E-stops do not depend on the lever, so they tell the length of a packet apart from it: the published ones "
+            f"lie between those of one and of two cycles a packet at {between} of {len(DURATIONS)} durations. With two "
+            f"cycles in every packet P(jump) at 2 packets is {float(runs['cycles_2'].percent('jump')[1]):.0f} %, where "
+            "none was seen: packets of mixed length could explain both, and are not simulated."
+        )
+    if "build_robot" in runs:
+        last = [float(one.percent("jump")[-1]) for one in (base, runs["build_robot"])]
+        notes.append(
+            "What happens after an E-stop matters for the longest faults only: with packets that end there P(jump) at "
+            f"{DURATIONS[-1]} packets is {last[0]:.0f} %, with packets that go on {last[1]:.0f} %; the published "
+            f"rate is {jumps[-2]:.0f} % at {DURATIONS[-2]} and {jumps[-1]:.0f} % at {DURATIONS[-1]}."
+        )
+    notes.append(
+        "Not reproduced: the reference of the publication is the recorded robot run, ours the fault-free twin; the "
+        "latch is assigned once, in the original in each cycle of packet t1, which is the same with one cycle a "
+        "packet; the desired motor velocity is 0, in the original that of the first packet; process jitter, which made "
+        "the original's repeats differ, is replaced by ten onsets. With real hands whose own steps come near 0.1 mm a "
+        "packet, a fault tips a step over the limit long after it has gone: such jumps count anywhere, not inside the "
+        "published window."
+    )
+    return tuple(notes)
+
+
+def _fits(percent: np.ndarray, jumps: np.ndarray, bands: Sequence[tuple[float, float]], error: float) -> bool:
+    """Whether every duration is in its band and no bias is seen."""
+    inside = all(dsn16_cells.in_band(p, band) for p, band in zip(percent, bands, strict=True))
+    return inside and dsn16_cells.bias(percent, jumps, error).p > SIGNIFICANT
+
+
+def _has(cases: Sequence[Case], name: str) -> bool:
+    return any(case.name == name for case in cases)
+
+
+def _largest(cases: Sequence[Case], name: str) -> float:
+    """Largest percent over durations of the case of that name."""
+    return float(next(case.runs.percent(case.hit).max() for case in cases if case.name == name))
+
+
+def _listed_changes(changed: Mapping[str, int]) -> str:
+    still = [f"{name} {changed[name]}" for name in ("noise", "substeps_10") if name in changed]
+    return f" Cells changed by noise and plant steps: {', '.join(still)}." if still else ""
+
+
+STUDY = Study(
+    name="dsn16_b",
+    title="Targeted attacks, scenario B: the shoulder's DAC behind the checks",
+    source='Alemzadeh et al., "Targeted Attacks on Teleoperated Surgical Robots", DSN 2016, Figure 9 b',
+    question="Which values and durations make the tip jump, and which does the robot stop itself?",
+    variants=variants(),
+    compare=compare,
+    targets=("A1",),
+    minutes=2.0,
+)

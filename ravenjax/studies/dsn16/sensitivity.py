@@ -1,0 +1,101 @@
+"""What each open question of the targeted attacks is worth: every variant beside the baseline, cell by cell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ravenjax.studies.dsn16 import cells as dsn16_cells
+from ravenjax.studies.dsn16.cells import DURATIONS
+from ravenjax.studies.dsn16.runs import Runs
+from ravenjax.studies.framework.study import Estimate, Table
+
+NOTE = (
+    "Points are means over all cells, with a 95 % bootstrap over them, each variant's cell against the same cell of "
+    "the baseline. A cell changes where at least half of its runs come out the other way."
+)
+
+
+class Case(NamedTuple):
+    """One way to answer the open questions."""
+
+    runs: Runs
+    question: str
+    hit: str = "jump"  # column of the runs that is counted
+    label: str = ""  # where it is not the variant's name
+
+    @property
+    def name(self) -> str:
+        """As it stands in tables."""
+        return self.label or self.runs.name
+
+
+def rules(base: Runs, leaps: np.ndarray) -> list[Case]:
+    """The baseline's own runs with other rules of what a jump is; leaps: bool [runs], the text's."""
+    return [
+        Case(base, "jumps only inside t1 .. t1 + d + 1", "inside", "inside_window"),
+        Case(
+            base.counting(leap=leaps),
+            "text's rule: the tip moves over 1 mm within two packets",
+            "leap",
+            "jump_text",
+        ),
+    ]
+
+
+def shifts(case: Case, baseline: Runs, hit: str = "jump") -> tuple[Estimate, int]:
+    """Mean difference to the baseline over all cells, in points, and how many cells change sides."""
+    cells, base = case.runs.share(case.hit).by_size, baseline.share(hit).by_size
+    if cells.shape != base.shape:
+        return Estimate(math.nan), 0
+    return dsn16_cells.difference(cells, base), int(((cells >= 0.5) != (base >= 0.5)).sum())
+
+
+def table(
+    title: str,
+    cases: Sequence[Case],
+    baseline: Runs,
+    published: np.ndarray | None = None,
+    bands: Sequence[tuple[float, float]] | None = None,
+    reading_error: float = 0.0,
+    hit: str = "jump",
+    note: str = "",
+) -> Table:
+    """Percent by duration of each case, and its distance from the baseline and, where it is given, the publication."""
+    heads = ["variant", "open question answered otherwise", "lever", *(f"{d} ms" for d in DURATIONS)]
+    heads += ["cells changed", "points from baseline"]
+    if published is not None:
+        heads += ["points from publication", "above / below", "sign test p"]
+    if bands is not None:
+        heads += ["in band"]
+    rows = []
+    if published is not None:
+        rows.append(("published", "", "", *(round(float(p), 1) for p in published), *("",) * (len(heads) - 11)))
+    for case in cases:
+        percent = case.runs.percent(case.hit)
+        apart, changed = shifts(case, baseline, hit)
+        row: list[str | int | float] = [case.name, case.question, case.runs.lever.words]
+        row += [round(float(p), 1) for p in percent]
+        row += [changed, _points(apart)]
+        if published is not None:
+            sign = dsn16_cells.bias(percent, published, reading_error)
+            row += [f"{float(np.mean(percent - published)):+.1f}", f"{sign.above} / {sign.below}", round(sign.p, 3)]
+        if bands is not None:
+            row += [f"{sum(dsn16_cells.in_band(p, b) for p, b in zip(percent, bands, strict=True))} of {len(bands)}"]
+        rows.append(tuple(row))
+    return Table(title, tuple(heads), tuple(rows), note)
+
+
+def _points(apart: Estimate) -> str:
+    if math.isnan(apart.value):
+        return ""
+    return f"{apart.value:+.1f} [{apart.low:+.1f}, {apart.high:+.1f}]" if apart.value or apart.high else "0"
+
+
+def ranked(cases: Iterable[Case], baseline: Runs) -> list[tuple[str, Estimate, int]]:
+    """Name, mean difference and changed cells of each case, the largest difference first."""
+    found = [(case.name, *shifts(case, baseline)) for case in cases]
+    return sorted((f for f in found if not math.isnan(f[1].value)), key=lambda f: -abs(f[1].value))

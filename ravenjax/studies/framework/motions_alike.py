@@ -1,0 +1,44 @@
+"""Campaigns that differ in whose motion it is alone: their faulty runs side by side, and fault-free recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.report import facts as run_facts
+from ravenjax.store.manifest import Manifest
+from ravenjax.studies.framework.study import Variant
+
+
+class Activated(NamedTuple):
+    """The activated faulty runs of one motion that gave a valid outcome."""
+
+    frame: pd.DataFrame  # rows of the result table
+    facts: pd.DataFrame  # as run_facts.of, the same rows
+    cell: np.ndarray  # [rows] number of the fault, the same in every motion
+    motion: int
+
+
+def activated(frames: Sequence[pd.DataFrame], made: Manifest) -> Iterator[Activated]:
+    """Of each motion; `made`: manifest of the first. ValueError where the faults of two motions differ."""
+    distinct = run_facts.of(frames[0], made)["distinct"].to_numpy()
+    for motion, frame in enumerate(frames):
+        if not np.array_equal(frame["group"].astype(str), frames[0]["group"].astype(str)):
+            raise ValueError(f"campaign {motion} of a comparison of motions has other groups than the first")
+        facts = run_facts.of(frame, made)
+        chosen = (facts["faulty"] & facts["activated"] & ~facts["failed"]).to_numpy()
+        yield Activated(frame.loc[chosen], facts.loc[chosen], distinct[chosen], motion)
+
+
+def fault_free(campaign: str, motion: str, seed: int, runs: int, seconds: float, question: str) -> Variant:
+    """A recording of one motion without faults: the first `runs` of a campaign, each so long."""
+    overrides = (
+        f"campaign.limit={runs}",
+        f"campaign.duration_s={seconds}",
+        f"operator.motion={motion}",
+        f"operator.seed={seed}",
+    )
+    return Variant(f"free_{motion}_{seed}", campaign, overrides, f"{question} {motion}, seed {seed}")

@@ -1,0 +1,60 @@
+"""A study's files: findings as JSON, Markdown and HTML, each drawing as SVG and PDF; the same findings give the same
+bytes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from ravenjax.document import html
+from ravenjax.store.files import StoreError, require_writable, write_aside
+from ravenjax.studies.framework import drawing, markdown
+from ravenjax.studies.framework.provenance import Provenance
+from ravenjax.studies.framework.study import Findings, Study, plain
+
+JSON, PAGE, HTML = "findings.json", "findings.md", "findings.html"
+
+
+def write(study: Study, findings: Findings, made: Provenance, folder: Path) -> None:
+    """Write all files of these findings into `folder`. Raises StoreError where the disk refuses."""
+    require_writable(folder)
+    record = _record(study, findings, made)
+    for one in findings.drawings:
+        drawing.save(one, folder)
+    text = markdown.page(record, pictures=True)
+    drawings = {
+        name: (folder / name).read_text(encoding="utf-8") for name in (f"{d.name}.svg" for d in findings.drawings)
+    }
+    _write(folder / PAGE, text)
+    _write(folder / HTML, html.from_markdown(text, drawings))
+    _write(folder / JSON, _json(record))
+
+
+def keep(source: Path, target: Path) -> Path:
+    """Copy the findings in folder `source` into folder `target`, without pictures. Raises StoreError.
+
+    Both files hold neither times nor places: the same engine on the same device gives the same bytes.
+    """
+    try:
+        record = json.loads((source / JSON).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise StoreError(f"{source / JSON}: no findings to keep ({error}); run `ravenjax reproduce` first") from None
+    require_writable(target)
+    _write(target / PAGE, markdown.page(record, pictures=False))
+    _write(target / JSON, _json(record))
+    return target
+
+
+def _record(study: Study, findings: Findings, made: Provenance) -> dict[str, Any]:
+    about = {name: plain(getattr(study, name)) for name in ("name", "title", "source", "question", "targets")}
+    drawings = [{"name": one.name, "caption": one.caption} for one in findings.drawings]
+    return {"study": about, **plain(findings), "drawings": drawings, "provenance": made.as_json()}
+
+
+def _json(record: dict[str, Any]) -> str:
+    return json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _write(path: Path, text: str) -> None:
+    write_aside(path, lambda target: target.write_bytes(text.encode()))

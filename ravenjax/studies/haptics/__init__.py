@@ -1,0 +1,1 @@
+"""The haptic cue: threshold, gains, what is missed and what disturbs."""

@@ -1,0 +1,369 @@
+"""Tables of the study of the haptic cue."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ravenjax.outcomes.verdict import LIMIT_MM
+from ravenjax.report import wording
+from ravenjax.stats.cluster import cluster_ratio
+from ravenjax.stats.latency import incidence, lead_time
+from ravenjax.stats.paired import mcnemar
+from ravenjax.stats.pareto import front
+from ravenjax.store.manifest import Cue
+from ravenjax.studies.detection.points import MOVED, percent, plain, rate, share
+from ravenjax.studies.detection.runs import AS_MODELLED, FEWEST, UNCERTAIN, per_hour
+from ravenjax.studies.detection.tables import CLUTCHED
+from ravenjax.studies.framework.study import Estimate, Table
+from ravenjax.studies.haptics import choice
+from ravenjax.studies.haptics.choice import Counts, Winners
+from ravenjax.studies.haptics.runs import KINDS, UNINTENDED, Faulty, Free, sets_at
+from ravenjax.vocabulary import layers
+
+AT_CAP = 0.999
+"""Share of the cap from which on a force is at it: forces are stored as float32."""
+SLOW = 0.1
+"""Largest scale of motion that is called slow."""
+SHOWN_MM = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
+"""Thresholds in the table of false cues by motion."""
+
+
+class Felt(NamedTuple):
+    """One set. Rates are fractions, times ms."""
+
+    missed: Estimate  # of runs with unintended motion, never felt
+    before: Estimate  # of those, felt before it began
+    others: Estimate  # of the other faulty runs, felt
+    delay_ms: Estimate  # median, from the fault's first effect
+    lead_ms: Estimate  # median, over the unintended motion
+    force: str  # median and quartiles of the largest where felt
+    at_cap: Estimate  # of the unintended motions that are felt, those at the cap
+    felt_ms: str  # median and quartiles of the time with force where felt
+
+
+def missed(faulty: Faulty, sets: Sequence[int], before: bool = False) -> np.ndarray:
+    """Which runs were never told by each set, or not `before` their unintended motion: bool [runs, sets]."""
+    first = faulty.first_ms[:, list(sets)]
+    late = (first >= faulty.unintended_ms[:, None]) & (faulty.unintended_ms >= 0)[:, None]
+    return (first < 0) | late if before else first < 0
+
+
+def sums(faulty: Faulty, free: Free, sets: Sequence[int], kind: str, before: bool = False) -> Counts:
+    """What a choice among `sets` is made of, for hazards of one of KINDS; `before`: a cue after it began is missed."""
+    hazards = faulty.where(faulty.kinds[:, KINDS.index(kind)])
+    return choice.counts(
+        missed(hazards, sets, before), hazards.cell, free.count[:, list(sets)], free.hours, free.recording
+    )
+
+
+def felt(faulty: Faulty, k: int) -> Felt:
+    """What set number k tells of faults that make an unintended motion."""
+    moved = faulty.unintended
+    first = faulty.first_ms[:, k]
+    told = first >= 0
+    once = faulty.where(moved).once()
+    mine = faulty.where(moved & told)
+    cap = faulty.cues[k].cap
+    at_cap = mine.force[:, k] >= AT_CAP * cap if cap is not None else np.zeros(len(mine.cell), bool)
+    spoke = np.where(once.first_ms[:, k] >= 0, once.first_ms[:, k], np.nan).astype(float)
+    came, end = ~np.isnan(spoke), float(faulty.duration_ms)
+    delay = incidence(np.where(came, spoke, end) - once.active_ms, came)
+    lead = lead_time(spoke, once.unintended_ms.astype(float), end)
+    return Felt(
+        share(~told, moved, faulty.cell, MOVED),
+        share(told & (first < faulty.unintended_ms), moved, faulty.cell, MOVED),
+        share(told, ~moved, faulty.cell, "other faulty runs"),
+        Estimate(*delay.quantile_interval(0.5), delay.n),
+        Estimate(*lead.quantile(0.5), lead.n),
+        _quartiles(mine.force[:, k]),
+        share(at_cap, np.ones(len(at_cap), bool), mine.cell, "felt runs"),
+        _quartiles(mine.felt_ms[:, k]),
+    )
+
+
+def false_cues(free: Free, k: int, robot: str) -> Estimate:
+    """False cues an hour of set k with one robot."""
+    mine = free.where(free.robot == robot)
+    return per_hour(mine.count[:, k], mine.hours, mine.recording, "cues")
+
+
+def false_time(free: Free, k: int, robot: str) -> str:
+    """Share of motion without a fault in which set k pulls, with one robot."""
+    mine = free.where(free.robot == robot)
+    hours = float(mine.hours.sum())
+    value = float(mine.felt_hours[:, k].sum()) / hours
+    if not value or len(np.unique(mine.recording)) < FEWEST:
+        return f"{wording.percent(value)} of {hours:.1f} h"
+    band = cluster_ratio(mine.felt_hours[:, k], mine.hours, mine.recording)
+    return f"{wording.percent(value)} ({wording.percent(band.low)} to {wording.percent(band.high)}) of {hours:.1f} h"
+
+
+def threshold_table(faulty: Faulty, free: Free, sets: Sequence[int]) -> Table:
+    """What each threshold does, with the published gains."""
+    rows = []
+    for k in sets:
+        found = felt(faulty, k)
+        rows.append(
+            (
+                faulty.cues[k].threshold_mm, percent(found.missed), percent(found.before), percent(found.others),
+                plain(found.delay_ms), plain(found.lead_ms), found.force, percent(found.at_cap), found.felt_ms,
+                rate(false_cues(free, k, AS_MODELLED)), false_time(free, k, AS_MODELLED),
+                rate(false_cues(free, k, UNCERTAIN)),
+            )
+        )  # fmt: skip
+    return Table(
+        "Thresholds, with the published gains",
+        (
+            "threshold, mm", "missed", "felt before it began", "other faults felt", "median delay, ms",
+            "median lead, ms", "largest force", "at the cap", "time felt, ms", "false cues an hour", "time with one",
+            "false cues with an uncertain robot",
+        ),
+        tuple(rows),
+        "Missed, and felt before it began: of runs with unintended motion. Rates: 95 % over faults. Delay: from the "
+        "fault's first effect; lead over the unintended motion: positive where the cue comes first; one run of each "
+        "fault that made one, runs without a cue censored at their end. Force (device units) and time: of unintended "
+        "motions that are felt. False cues: pulses on motion without a fault at scales 0.05 to 0.2, interval "
+        "over recordings. Uncertain robot: friction x 0.7 to 1.4, mass x 0.8 to 1.25, cable stiffness x 0.5 to 2, "
+        "motor constant x 0.9 to 1.1.",
+    )  # fmt: skip
+
+
+def choice_table(faulty: Faulty, sets: Sequence[int], winners: Winners) -> Table:
+    """What the data choose at each weight, and how sure that is."""
+    published = sets.index(faulty.published)
+    rows = []
+    for weight, chosen, wins, cost, sure in zip(*winners, winners.sure, strict=True):
+        mm = faulty.cues[sets[chosen]].threshold_mm
+        others = [
+            f"{faulty.cues[sets[j]].threshold_mm:g} mm {100 * wins[j]:.0f} %"
+            for j in np.argsort(-wins, kind="stable")
+            if j != chosen and wins[j] >= 0.01
+        ]
+        rows.append(
+            (
+                f"{weight:,.0f}", mm if sure else f"cannot be said; {mm:g} costs least", f"{100 * wins[chosen]:.0f} %",
+                ", ".join(others), float(f"{cost[chosen]:.3g}"), float(f"{cost[published]:.3g}"),
+                f"{100 * wins[published]:.0f} %",
+            )
+        )  # fmt: skip
+    return Table(
+        "The threshold that the data would choose",
+        (
+            "a missed unintended motion an hour weighs so many false cues", "threshold, mm", "wins", "else wins",
+            "cost, false cues an hour", f"cost of {faulty.cues[faulty.published].threshold_mm:g} mm", "it wins",
+        ),
+        tuple(rows),
+        "Cost: weight x share missed + false cues an hour. Wins: of 2 000 draws of faults and of recordings "
+        f"with replacement; a threshold is named from {100 * choice.SURE:.0f} % on. Among thresholds with the "
+        "published gains; of equals the highest.",
+    )  # fmt: skip
+
+
+def versus_table(faulty: Faulty, free: Free, numbers: Sequence[int]) -> Table:
+    """Sets side by side over the same runs, the first the one that the others are compared with."""
+    found = [felt(faulty, k) for k in numbers]
+    once = faulty.where(faulty.unintended).once()
+    told = once.first_ms >= 0
+    pairs = [mcnemar(told[:, numbers[0]], told[:, k]) for k in numbers]
+    versus = [f"{p.first_only} and {p.second_only} of {wording.count(p.n)}, p = {wording.number(p.p)}" for p in pairs]
+    rows = [
+        ("unintended motion missed", *(percent(one.missed) for one in found)),
+        ("felt before it began", *(percent(one.before) for one in found)),
+        ("other faults felt", *(percent(one.others) for one in found)),
+        ("of what is felt, at the cap", *(percent(one.at_cap) for one in found)),
+        ("median delay, ms", *(plain(one.delay_ms) for one in found)),
+        ("median lead, ms", *(plain(one.lead_ms) for one in found)),
+        *(
+            (f"false cues an hour, {robot}", *(rate(false_cues(free, k, robot)) for k in numbers))
+            for robot in (AS_MODELLED, UNCERTAIN)
+        ),
+        ("felt with the first alone, and with this alone", "", *versus[1:]),
+    ]
+    return Table(
+        "The published set and those that cost least at some weight",
+        ("", *(_named(faulty.cues[k]) for k in numbers)),
+        tuple(rows),
+        "The last row: one run of each fault that made an unintended motion, McNemar's exact test.",
+    )
+
+
+def rules_table(faulty: Faulty, free: Free, sets: Sequence[int]) -> Table:
+    """What is chosen where what is to be told, a miss or the motion without a fault is something else."""
+    modelled = free.where(free.robot == AS_MODELLED)
+    slow = modelled.where(modelled.scale <= SLOW + 1e-9)
+    still_down = slow.where(~np.char.startswith(slow.recording.astype(str), CLUTCHED))
+    conditions = (
+        *((kind, "never felt", "every motion and scale", modelled) for kind in KINDS),
+        (UNINTENDED, "not felt before it", "every motion and scale", modelled),
+        (UNINTENDED, "never felt", f"scales up to {SLOW:g}", slow),
+        (UNINTENDED, "never felt", f"scales up to {SLOW:g}, no clutching", still_down),
+        (UNINTENDED, "not felt before it", f"scales up to {SLOW:g}, no clutching", still_down),
+        (UNINTENDED, "never felt", UNCERTAIN, free.where(free.robot == UNCERTAIN)),
+    )
+    rows = []
+    for kind, miss, motion, mine in conditions:
+        before = miss != "never felt"
+        hazard = faulty.kinds[:, KINDS.index(kind)]
+        if not hazard.any() or not mine.hours.sum() > 0:
+            continue
+        never = share(missed(faulty, [faulty.published], before)[:, 0], hazard, faulty.cell, "")
+        found = choice.choose(sums(faulty, mine, sets, kind, before), np.array(choice.WEIGHTS))
+        chosen = [
+            f"{'' if sure else 'undecided: '}{faulty.cues[sets[k]].threshold_mm:g} ({100 * wins[k]:.0f} %)"
+            for k, wins, sure in zip(found.chosen, found.wins, found.sure, strict=True)
+        ]
+        rows.append((kind, miss, motion, percent(never), *chosen))
+    return Table(
+        "What the choice hangs on: threshold in mm, and how often it wins",
+        (
+            "what is to be told",
+            "missed is",
+            "false cues on",
+            f"missed at {faulty.cues[faulty.published].threshold_mm:g} mm",
+            *(f"weight {weight:,.0f}" for weight in choice.WEIGHTS),
+        ),
+        tuple(rows),
+        f"Injury-capable motion: a jump of the true tip, an unintended motion of more than {LIMIT_MM:g} mm (live or "
+        "not), or more than 1 mm deeper in the tissue. Hazards are at scale 0.1, robot as modelled. 8 mm is the "
+        "highest threshold that was tried: where it wins, a higher one, or no cue at all, might.",
+    )
+
+
+def front_table(faulty: Faulty, modelled: Free) -> Table:
+    """Sets that no other beats in both unintended motion missed and false cues."""
+    moved = faulty.unintended
+    never = (faulty.first_ms[moved] < 0).mean(axis=0)
+    false = modelled.count.sum(axis=0) / modelled.hours.sum()
+    best = np.flatnonzero(front(never, false))
+    alike: dict[tuple[float, float], list[int]] = {}
+    for k in best[np.argsort(false[best], kind="stable")]:
+        alike.setdefault((float(never[k]), float(false[k])), []).append(int(k))
+    rows = []
+    for ks in alike.values():
+        one = share(faulty.first_ms[:, ks[0]] < 0, moved, faulty.cell, "")
+        rate_ = per_hour(modelled.count[:, ks[0]], modelled.hours, modelled.recording, "cues")
+        whole = len(ks) == len(sets_at(faulty.cues, faulty.cues[ks[0]].threshold_mm))
+        gains = "all" if whole else ", ".join(f"{faulty.cues[k].kp_per_mm:g}/{damper(faulty.cues[k])}" for k in ks)
+        thresholds = ", ".join(f"{mm:g}" for mm in sorted({faulty.cues[k].threshold_mm for k in ks}))
+        rows.append((thresholds, gains, percent(one), rate(rate_)))
+    return Table(
+        "The front: no set misses less with fewer false cues",
+        ("threshold, mm", "gains Kp/Kd that do exactly this", "unintended motion missed", "false cues an hour"),
+        tuple(rows),
+        f"Of {len(faulty.cues)} sets, robot as modelled, every motion and scale.",
+    )
+
+
+def gain_table(faulty: Faulty, modelled: Free, numbers: Sequence[int]) -> Table:
+    """What the gains change at some sets' thresholds."""
+    rows = []
+    for mm in dict.fromkeys(faulty.cues[k].threshold_mm for k in numbers):
+        for k in sets_at(faulty.cues, mm):
+            found, cue = felt(faulty, k), faulty.cues[k]
+            false = per_hour(modelled.count[:, k], modelled.hours, modelled.recording, "cues")
+            rows.append(
+                (
+                    mm, cue.kp_per_mm, damper(cue), percent(found.missed), plain(found.delay_ms),
+                    found.force, percent(found.at_cap), found.felt_ms, rate(false),
+                )
+            )  # fmt: skip
+    return Table(
+        "Gains",
+        (
+            "threshold, mm", "Kp, per mm", "Kd, per mm/s", "missed", "median delay, ms", "largest force",
+            "at the cap", "time felt, ms", "false cues an hour",
+        ),
+        tuple(rows),
+        "Missed: of runs with unintended motion. Force in device units, cap 0.05. The gains were not published: 0.0045 "
+        "per mm was read off Figure 5 of IROS 2016, the damper made out of its third pulse.",
+    )  # fmt: skip
+
+
+def motion_table(free: Free, sets: Sequence[int]) -> Table:
+    """False cues an hour by motion and scale."""
+    modelled = free.where(free.robot == AS_MODELLED)
+    shown = [k for k in sets if free.cues[k].threshold_mm in SHOWN_MM]
+    motion = np.array([name.rpartition(" ")[0] for name in modelled.recording], object)
+    rows = []
+    for name in dict.fromkeys(motion.tolist()):
+        for scale in np.unique(modelled.scale):
+            mine = modelled.where((motion == name) & np.isclose(modelled.scale, scale))
+            told = [_with_count(per_hour(mine.count[:, k], mine.hours, mine.recording)) for k in shown]
+            rows.append((name, float(scale), len(np.unique(mine.recording)), round(float(mine.hours.sum()), 3), *told))
+    return Table(
+        "False cues an hour, by motion and scale, robot as modelled",
+        ("motion", "scale", "recordings", "hours", *(f"{free.cues[k].threshold_mm:g} mm" for k in shown)),
+        tuple(rows),
+        "Published gains; an hour (95 %, exact Poisson), and pulses seen. Few hours each: an upper bound of 50 or "
+        "100 an hour is what a quarter of an hour without a cue can say. With clutching the distance to the model "
+        "grows from clutch to clutch and stays.",
+    )
+
+
+def layer_table(faulty: Faulty, numbers: Sequence[int]) -> Table:
+    """What is felt of each layer's faults."""
+    there = set(faulty.layer[faulty.unintended].tolist())
+    rows = []
+    for layer in (*layers.LAYERS.values(), layers.OTHER):
+        if layer not in there:
+            continue
+        part = faulty.where(faulty.layer == layer)
+        told = []
+        for k in numbers:
+            found = felt(part, k)
+            told += [percent(found.missed), percent(found.before), plain(found.delay_ms), found.force]
+        rows.append((layer, len(np.unique(part.cell[part.unintended])), *told))
+    heads = [
+        f"{words}, {faulty.cues[k].threshold_mm:g} mm"
+        for k in numbers
+        for words in ("missed", "felt before it began", "median delay, ms", "largest force")
+    ]
+    return Table("By layer of the fault", ("layer", "faults with unintended motion", *heads), tuple(rows))
+
+
+def shared_table(faulty: Faulty, motions: Sequence[str], sets: Sequence[int]) -> Table:
+    """How many faulty runs have a twin that feels the cue, too."""
+    numbers = np.unique(faulty.motion)
+    rows = []
+    for k in sets:
+        had = [faulty.shared[faulty.motion == number, k] for number in numbers]
+        told = [f"{wording.percent(float(twin.mean()))} of {wording.count(len(twin))}" for twin in had]
+        if any(twin.any() for twin in had):
+            rows.append((faulty.cues[k].threshold_mm, *told))
+    return Table(
+        "Faulty runs whose fault-free twin has a cue, too",
+        ("threshold, mm", *(motions[int(number)] for number in numbers)),
+        tuple(rows),
+        "At scale 0.1, 4 s; at higher thresholds none. All runs of a motion share one twin, so it is all or none of "
+        "them; such a cue tells of the motion, and where it came first the fault counts as missed.",
+    )
+
+
+def _with_count(value: Estimate) -> str:
+    """12 (10 to 15); 8 of them."""
+    return f"{plain(value)}; {wording.count(value.n)}"
+
+
+def hundred(value: Estimate) -> Estimate:
+    """A fraction in percent."""
+    return Estimate(100 * value.value, 100 * value.low, 100 * value.high, value.n, value.of)
+
+
+def damper(cue: Cue) -> str:
+    """Damping in device units per mm/s, without an exponent."""
+    return np.format_float_positional(cue.kd_s_per_mm, trim="-")
+
+
+def _named(cue: Cue) -> str:
+    return f"{cue.threshold_mm:g} mm, Kp {cue.kp_per_mm:g}, Kd {damper(cue)}"
+
+
+def _quartiles(values: np.ndarray) -> str:
+    """Median (first to third quartile)."""
+    if not len(values):
+        return wording.DASH
+    low, middle, high = (wording.number(float(one)) for one in np.percentile(values, [25, 50, 75]))
+    return f"{middle} ({low} to {high})"

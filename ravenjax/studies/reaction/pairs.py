@@ -1,0 +1,160 @@
+"""Pairs of runs of one fault, with an operator who reacts and without: what the reaction avoided and what it caused."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.hazards import library
+from ravenjax.hazards.naming import hazards_of
+from ravenjax.report import facts as run_facts
+from ravenjax.report import reactions
+from ravenjax.report.reactions import EXCURSION, Pairs
+from ravenjax.stats.intervals import Estimate, Rate, wilson
+from ravenjax.stats.multiplicity import holm
+from ravenjax.stats.paired import mcnemar, mean_difference, rate_difference
+from ravenjax.store import folder, manifest
+from ravenjax.studies.reaction.measures import Measure
+
+SPEEDS_MS = (0, 50, 200, 500, 1000)
+"""Edges of the classes of how soon after its first effect a fault moves the tip where nobody reacts."""
+
+
+class Runs(NamedTuple):
+    """A variant's result table, with a column EXCURSION, and its facts."""
+
+    frame: pd.DataFrame
+    facts: pd.DataFrame
+    end_ms: int
+    limit_mm: float  # of the hazards in facts
+
+    def where(self, chosen: np.ndarray) -> Runs:
+        """Those of `chosen` (bool [runs])."""
+        return self._replace(frame=self.frame.loc[chosen], facts=self.facts.loc[chosen])
+
+
+class Contrast(NamedTuple):
+    """One measure over pairs. Differences are with the reaction minus without: negative is what it avoids."""
+
+    n: int  # distinct faults, each one pair
+    without: Rate
+    with_: Rate
+    difference: Estimate  # of the rates, fraction
+    avoided: int  # pairs in which only the run without reaction had it
+    caused: int  # only the run with it
+    p: float  # McNemar, exact
+    acted: int  # pairs in which the operator acted
+    needed: Estimate  # reactions for each one avoided; infinite where none is
+
+
+def read(path: Path) -> Runs:
+    """The runs of a result folder. Raises StoreError."""
+    frame, made = folder.read_all(path), manifest.read(path)
+    frame[EXCURSION] = frame[["unintended_mm", "unintended_off_mm"]].max(axis=1)
+    return Runs(frame, run_facts.of(frame, made), made.duration_ms, made.limit_mm)
+
+
+def paired(runs: Runs, action: int) -> Pairs:
+    """Every fault that changed a bit where nobody reacts, with this action and without one."""
+    found = reactions.pairs(runs.frame, runs.facts, action)
+    return found.where(found.without_facts["activated"].to_numpy())
+
+
+def contrast(pairs: Pairs, measure: Measure) -> Contrast:
+    """The measure over these pairs."""
+    with_ = measure.hits(pairs.with_frame, pairs.with_facts)
+    without = measure.hits(pairs.without_frame, pairs.without_facts)
+    acted = (pairs.with_frame["reaction_ms"] >= 0).to_numpy()
+    test = mcnemar(with_, without)
+    return Contrast(
+        len(with_),
+        wilson(int(without.sum()), len(without)),
+        wilson(int(with_.sum()), len(with_)),
+        rate_difference(with_, without),
+        test.second_only,
+        test.first_only,
+        test.p,
+        int(acted.sum()),
+        needed(rate_difference(with_[acted], without[acted])),
+    )
+
+
+def needed(difference: Estimate) -> Estimate:
+    """Number needed to treat from a difference of rates (negative: fewer), infinite where nothing is avoided.
+
+    Its interval is the reciprocal of the difference's (Altman, BMJ 317, 1998); an end that includes no effect is
+    infinite.
+    """
+
+    def reciprocal(rate: float) -> float:
+        return -1.0 / rate if rate < 0 else math.inf
+
+    if math.isnan(difference.value):
+        return Estimate(math.nan, math.nan, math.nan)
+    return Estimate(reciprocal(difference.value), reciprocal(difference.low), reciprocal(difference.high))
+
+
+def mean_change(pairs: Pairs, column: str) -> Estimate:
+    """Mean of a column with the reaction minus without, bootstrap over faults; NaN with fewer than 2 pairs."""
+    if len(pairs.with_frame) < 2:
+        return Estimate(math.nan, math.nan, math.nan)
+    with_, without = (part[column].to_numpy(float) for part in (pairs.with_frame, pairs.without_frame))
+    band = mean_difference(with_, without, resamples=1000, kind="percentile")
+    return Estimate(float(band.value), float(band.low), float(band.high))
+
+
+def adjusted(contrasts: Sequence[Contrast]) -> list[float]:
+    """Holm's p of each, of all of them together; NaN where no pair differs."""
+    asked = {str(k): one.p if one.avoided + one.caused else math.nan for k, one in enumerate(contrasts)}
+    return [found.adjusted for found in holm(asked).values()]
+
+
+# --- classes of faults: name -> which pairs ---
+
+
+def by_design(pairs: Pairs) -> Mapping[str, np.ndarray]:
+    """Sampled faults, and those of the library."""
+    group = pairs.with_facts["group"].astype(str)
+    sampled = group.str.startswith("sampled/").to_numpy()
+    return {"sampled faults": sampled, "hazards of the library": ~sampled}
+
+
+def by_layer(pairs: Pairs) -> Mapping[str, np.ndarray]:
+    """Layer of the first fault, in the robot's order."""
+    from ravenjax.vocabulary import layers
+
+    layer = pairs.with_facts["layer"].to_numpy()
+    return {name: mine for name in layers.LAYERS.values() if (mine := layer == name).any()}
+
+
+def by_scenario(pairs: Pairs) -> Mapping[str, np.ndarray]:
+    """Training scenario and hazard of the analysis, of runs that are a row of the library."""
+    rows = {row.id: row for row in library.rows()}
+    named = [[rows[name] for name in hazards_of(group)] for group in pairs.with_facts["group"].astype(str)]
+    scenarios = dict.fromkeys(name for row in rows.values() for name in row.scenarios)
+    hazards = dict.fromkeys(name for row in rows.values() for name in row.hazards)
+
+    def masks() -> Iterator[tuple[str, np.ndarray]]:
+        for name in scenarios:
+            yield f"scenario: {name}", np.array([any(name in row.scenarios for row in has) for has in named], bool)
+        for name in sorted(hazards):
+            words = library.terms()["hazards"][name]
+            yield f"{name}: {words}", np.array([any(name in row.hazards for row in has) for has in named], bool)
+
+    return {name: mine for name, mine in masks() if mine.any()}
+
+
+def by_speed(pairs: Pairs) -> Mapping[str, np.ndarray]:
+    """How soon after its first effect the fault makes an unintended motion where nobody reacts."""
+    facts = pairs.without_facts
+    after = np.where(facts["unintended"], facts["unintended_ms"] - facts["active_ms"], -1)
+    found: dict[str, np.ndarray] = {}
+    for low, high in zip(SPEEDS_MS, (*SPEEDS_MS[1:], None), strict=True):
+        words = f"after {low} to {high} ms" if high else f"after {low} ms or more"
+        found[words] = (after >= low) & ((after < high) if high else True)
+    return {**found, "no unintended motion": after < 0}

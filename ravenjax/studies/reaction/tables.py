@@ -1,0 +1,243 @@
+"""Tables of the study of the reacting operator."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from ravenjax.report import wording
+from ravenjax.report.reactions import EXCURSION, Pairs
+from ravenjax.stats.intervals import Estimate, Rate, wilson
+from ravenjax.studies.framework.study import Table
+from ravenjax.studies.reaction.fault_free import Free
+from ravenjax.studies.reaction.measures import CORRECT, MEASURES, RELEASE, SLOW, Measure
+from ravenjax.studies.reaction.pairs import Contrast, adjusted, contrast, mean_change
+from ravenjax.studies.reaction.times import DELAYS_MS, Advance
+from ravenjax.vocabulary.reactions import ACTIONS, MEANINGS
+
+Cell = str | int | float
+COLUMNS = (
+    "pairs", "without", "with", "difference, points", "avoided", "made worse", "p (Holm)", "reactions",
+    "reactions for each avoided",
+)  # fmt: skip
+NOTE = (
+    "A pair is one fault under the same random numbers, once with the operator who reacts and once without; only "
+    "faults that changed a bit. Difference: with minus without, in points of 100 faults, negative where the cue helped "
+    "(Bonett and Price, 95 %). p: McNemar, exact, all rows of the table together (Holm). Reactions: pairs in which the "
+    "operator acted. Reactions for each avoided: number needed to cue, with the reciprocals of the difference's "
+    "interval; ∞ where none was avoided."
+)
+
+SAME = "Columns as in the first table."
+
+
+def words(action: int) -> str:
+    """An action."""
+    return MEANINGS[ACTIONS[action]]
+
+
+def contrast_rows(found: Sequence[tuple[tuple[Cell, ...], Contrast]]) -> tuple[tuple[Cell, ...], ...]:
+    """Rows of COLUMNS, each behind its own heads."""
+    p = adjusted([one for _, one in found])
+    return tuple(
+        (
+            *heads, one.n, rate(one.without), rate(one.with_), points(one.difference), one.avoided, one.caused,
+            wording.number(holm, 2), one.acted, number(one.needed),
+        )
+        for (heads, one), holm in zip(found, p, strict=True)
+    )  # fmt: skip
+
+
+def reactions(pairs: Mapping[int, Pairs]) -> Table:
+    """What each reaction changes, by every measure that is fair for it."""
+    found = [
+        ((words(action), measure.name), contrast(part, measure))
+        for action, part in pairs.items()
+        for measure in MEASURES
+        if action in measure.fair
+    ]
+    return Table("What the cue changes, by reaction and measure", ("reaction", "measure", *COLUMNS),
+                 contrast_rows(found), NOTE)  # fmt: skip
+
+
+def split(title: str, head: str, pairs: Pairs, classes: Mapping[str, np.ndarray], by: Sequence[Measure]) -> Table:
+    """What lifting the pedal changes, by class of fault."""
+    found = [
+        ((name, measure.name), contrast(pairs.where(mine), measure))
+        for name, mine in classes.items()
+        for measure in by
+        if mine.any()
+    ]
+    return Table(title, (head, "measure", *COLUMNS), contrast_rows(found), SAME)
+
+
+def fairness() -> Table:
+    """For which reaction which measure is fair."""
+    why = {
+        "off the model": {
+            RELEASE: "fair while live; motion after the pedal was lifted is not seen",
+            CORRECT: "no: the model moves with the correction, away from the robot",
+        },
+        "live or not": {SLOW: "no: slow hands stay behind the golden run on purpose"},
+        "of the report": {
+            RELEASE: "fair while live; motion after the pedal was lifted is not seen",
+            SLOW: "no: slow hands stay behind the golden run on purpose",
+        },
+    }
+
+    def cell(measure: Measure, action: int) -> str:
+        told = next((rows for words, rows in why.items() if words in measure.name), {})
+        return told.get(action, "fair" if action in measure.fair else "no")
+
+    actions = (RELEASE, SLOW, CORRECT)
+    return Table(
+        "Which measure is fair for which reaction",
+        ("measure", *map(words, actions)),
+        tuple((measure.name, *(cell(measure, action) for action in actions)) for measure in MEASURES),
+        "After the operator reacts, the nominal model does what the hands do then, and the golden run what they would "
+        "have done. A measure that is not fair is not in the other tables. Off the model counts a robot that stands "
+        "while it should move; unintended motion does not.",
+    )
+
+
+def sizes(pairs: Mapping[int, Pairs]) -> Table:
+    """Mean change of lengths and times."""
+    columns = {
+        EXCURSION: (RELEASE, CORRECT),
+        "peak_live_deviation_mm": (RELEASE, SLOW),
+        "tissue_depth_mm": (RELEASE, SLOW, CORRECT),
+        "pedal_down_ms": (RELEASE,),
+    }
+    rows = []
+    for action, part in pairs.items():
+        acted = part.where((part.with_frame["reaction_ms"] >= 0).to_numpy())
+        for column, fair in columns.items():
+            if action in fair and len(acted.with_frame):
+                rows.append((words(action), column, len(acted.with_frame), number(mean_change(acted, column))))
+    return Table(
+        "Mean change where the operator acted",
+        ("reaction", "column", "pairs", "with minus without"),
+        tuple(rows),
+        f"Bootstrap over faults, 95 %. `{EXCURSION}`: the larger of `unintended_mm` and `unintended_off_mm`.",
+    )
+
+
+def variants(found: Iterable[tuple[str, Pairs]], by: Sequence[Measure]) -> Table:
+    """What lifting the pedal changes under other cues and other operators, sampled faults alone."""
+    asked = [(name, part, measure) for name, part in found for measure in by]
+    told = contrast_rows([((name, measure.name), contrast(part, measure)) for name, part, measure in asked])
+    idle = [idle_rate(part) for _, part, _ in asked]
+    return Table(
+        "Other thresholds, gains and reaction times: lifting the pedal, sampled faults",
+        ("cue and operator", "measure", *COLUMNS, "reactions where no hazard was coming"),
+        tuple((*row, rate(extra)) for row, extra in zip(told, idle, strict=True)),
+        SAME + " No hazard was coming: the run without reaction has none of any kind.",
+    )
+
+
+def idle_rate(pairs: Pairs) -> Rate:
+    """Of the reactions, those to a fault that has no hazard even where nobody reacts."""
+    return _of_reactions(pairs, (pairs.without_facts["hazard"] == "none").to_numpy())
+
+
+def unmoved_rate(pairs: Pairs) -> Rate:
+    """Of the reactions, those to a fault that makes no unintended motion even where nobody reacts."""
+    return _of_reactions(pairs, ~pairs.without_facts["unintended"].to_numpy(bool))
+
+
+def _of_reactions(pairs: Pairs, holds: np.ndarray) -> Rate:
+    acted = (pairs.with_frame["reaction_ms"] >= 0).to_numpy()
+    return wilson(int((acted & holds).sum()), int(acted.sum()))
+
+
+def advances(found: Sequence[Advance]) -> Table:
+    """How much time the cue leaves."""
+    return Table(
+        "From the cue to the unintended motion, where nobody reacts",
+        (
+            "threshold, mm", "motion", "runs", "cue before it", "lead of half the runs, ms",
+            "lead of the quarter with most time, ms",
+            *(f"too soon for {delay} ms" for delay in DELAYS_MS),
+        ),
+        tuple(
+            (
+                one.threshold_mm, size(one.size_mm), one.lead.n, rate(one.lead.before),
+                number(_estimate(one.lead.quantile(0.5))), number(_estimate(one.lead.quantile(0.25))),
+                *(rate(late) for late in one.late.values()),
+            )
+            for one in found
+        ),
+        "All faults; the motion is the hazard of the report, with a limit of so much. Lead: Kaplan-Meier, a cue that "
+        "never came is censored at the end of the run; – where so many runs never had one. Too soon: the motion came "
+        "within that time after the cue, at the cue, or without one; no reaction of that time can prevent it.",
+    )  # fmt: skip
+
+
+def had_time(classes: Mapping[str, tuple[int, int]], size_mm: float) -> Table:
+    """Whether those were spared that had time: name -> (motions, motions still there with the reaction)."""
+    return Table(
+        f"Who was spared {size_mm:g} mm by lifting the pedal, by the time there was",
+        ("time from cue to motion, less the operator's own reaction time", "motions without", "still with", "spared"),
+        tuple((name, all_, left, rate(wilson(all_ - left, all_))) for name, (all_, left) in classes.items() if all_),
+        "Motion as in the table before. Spared: no unintended motion of that size, live or not, with the reaction.",
+    )
+
+
+def price(found: Sequence[Free]) -> Table:
+    """What the cue costs on fault-free motion."""
+    return Table(
+        "Interruptions for nothing: fault-free motion",
+        (
+            "motion", "scale", "threshold, mm", "motions", "with a cue", "hours until the first cue",
+            "interruptions per hour", "pulses per hour",
+        ),
+        tuple(
+            (
+                one.motion, one.scale, one.threshold_mm, one.motions.n, rate(one.motions), one.first.hours,
+                number(Estimate(one.first.per_hour, one.first.low, one.first.high)),
+                number(Estimate(one.pulses.per_hour, one.pulses.low, one.pulses.high)),
+            )
+            for one in found
+        ),
+        "Interruptions: first cues in the time up to them, exact Poisson, 95 %: an operator who stops at the first "
+        "pull. Pulses: all separate pulls in all the time, of one who goes on; those of one motion hang together, "
+        "so their interval is too narrow.",
+    )  # fmt: skip
+
+
+# --- cells ---
+
+
+def size(size_mm: float | None) -> str:
+    """A size of motion."""
+    return "jump of the true tip" if size_mm is None else f"unintended motion of {size_mm:g} mm"
+
+
+def rate(found: Rate) -> str:
+    """12.3 % (10.0–15.0 %) of 400; a dash without runs."""
+    if not found.n:
+        return wording.DASH
+    return f"{found.k} of {found.n}, {wording.percent(found.value)} ({wording.interval(found)})"
+
+
+def points(difference: Estimate) -> str:
+    """A difference of rates in points."""
+    return number(Estimate(*(100.0 * value for value in difference)))
+
+
+def number(found: Estimate) -> str:
+    """A number with its interval; ∞ for an end without bound."""
+    if math.isnan(found.value):
+        return wording.DASH
+    low, high = (_number(end) for end in (found.low, found.high))
+    return f"{_number(found.value)} ({low} to {high})"
+
+
+def _number(value: float) -> str:
+    return "∞" if math.isinf(value) else wording.number(value + 0.0, 2 if abs(value) < 10 else 3)  # no -0
+
+
+def _estimate(found: Estimate) -> Estimate:
+    return Estimate(*(float(value) for value in found))

@@ -1,0 +1,102 @@
+"""How much time the cue leaves: from the pull to the unintended motion, where nobody reacts.
+
+A run tells when its tip first was farther off than the campaign's limit, so each size has a campaign of its own.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.report import facts as run_facts
+from ravenjax.report.reactions import Pairs
+from ravenjax.stats.intervals import Rate, wilson
+from ravenjax.stats.latency import Lead, lead_time
+from ravenjax.studies.reaction import measures
+from ravenjax.studies.reaction.pairs import Runs
+
+DELAY = "param:reaction.delay_ms"
+DELAYS_MS = (150, 250, 400)
+
+
+class Advance(NamedTuple):
+    """How far ahead of unintended motion of one size the cue came, over runs in which nobody reacted."""
+
+    threshold_mm: float
+    size_mm: float | None  # None: a jump of the true tip
+    lead: Lead  # ms
+    late: dict[int, Rate]  # reaction time, ms -> share of motions that come too soon for it, or without a cue
+
+
+def unreacted(runs: Runs) -> Runs:
+    """Runs with a fault that changed a bit, in which nobody reacts."""
+    return runs.where((runs.facts["activated"] & (runs.facts["action"] == 0)).to_numpy())
+
+
+def began_ms(runs: Runs, jump: bool = False) -> np.ndarray:
+    """When the unintended motion of each run exceeded the limit of its campaign; `jump`: when its true tip jumped. NaN:
+    never."""
+    if jump:
+        came = np.where(runs.frame["jump_tip"], runs.frame["jump_tip_first_ms"], -1)
+    else:
+        came = runs.facts["unintended_ms"].to_numpy()
+    return np.where(came >= 0, came, np.nan)
+
+
+def leads_ms(runs: Runs, cue: int, jump: bool = False) -> np.ndarray:
+    """Time from cue to motion of every run, negative: the cue came after; NaN: no motion; -inf: no cue."""
+    cued, began = run_facts.warned(runs.frame, cue), began_ms(runs, jump)
+    return np.where(np.isnan(began), np.nan, np.where(cued >= 0, began - cued, -np.inf))
+
+
+def advance(runs: Runs, cue: int, threshold_mm: float, jump: bool = False) -> Advance:
+    """Of runs in which nobody reacts; `cue`: number of the haptic set with that threshold; `jump`: as `began_ms`."""
+    lead, cued = leads_ms(runs, cue, jump), run_facts.warned(runs.frame, cue)
+    found = lead_time(np.where(cued >= 0, cued, np.nan), began_ms(runs, jump), float(runs.end_ms))
+    came = lead[~np.isnan(lead)]
+    late = {delay: wilson(int((came < delay).sum()), len(came)) for delay in DELAYS_MS}
+    return Advance(threshold_mm, None if jump else runs.limit_mm, found, late)
+
+
+LEFT_MS = (0, 50, 200)
+"""Edges of the classes of the time that was left after the operator's own reaction time."""
+
+
+def left_by_time(timed: Runs, runs: Runs, pairs: Pairs) -> dict[str, tuple[int, int]]:
+    """Unintended motions of the size of `timed` by the time that was left after the reaction: name -> (motions without
+    it, those still there with it).
+
+    timed: a campaign of the same faults in the same order as `runs`, in which nobody reacts; pairs: of `runs`. With the
+    reaction the motion counts live or not. ValueError where the two campaigns have other faults.
+    """
+    alone = unreacted(timed)
+    lead = leads_ms(alone, 0)[_places(timed, alone, runs, pairs)]
+    left = lead - pairs.with_frame[DELAY].to_numpy(float)
+    still = measures.excursion(timed.limit_mm).hits(pairs.with_frame, pairs.with_facts)
+    edges = (-np.inf, *LEFT_MS, np.inf)
+    names = (
+        "none: too soon for this operator",
+        *(f"{low} to {high} ms" for low, high in itertools.pairwise(LEFT_MS)),
+        f"{LEFT_MS[-1]} ms and more",
+    )
+    found = {"no cue, or not before the motion": lead <= 0}
+    for name, (low, high) in zip(names, itertools.pairwise(edges), strict=True):
+        found[name] = (lead > 0) & (left >= low) & (left < high)
+    return {name: (int(mine.sum()), int((mine & still).sum())) for name, mine in found.items()}
+
+
+def _places(timed: Runs, alone: Runs, runs: Runs, pairs: Pairs) -> np.ndarray:
+    """Of each pair, the place of its fault among `alone`, those of the timed runs that count."""
+    faults, others = (np.unique(one.frame["pair"]) for one in (runs, timed))
+    if len(faults) != len(others):
+        raise ValueError(f"{len(others)} faults were timed and {len(faults)} were paired; both need the same campaign")
+    partner = others[np.searchsorted(faults, pairs.without_frame["pair"])]
+    place = pd.Index(alone.frame["pair"]).get_indexer(pd.Index(partner))
+    same = ["group", "fault0_start_ms", "fault0_duration_ms"]
+    there = alone.frame.iloc[place][same].reset_index(drop=True)
+    if (place < 0).any() or not there.equals(pairs.without_frame[same].reset_index(drop=True)):
+        raise ValueError("the faults that were timed are not those that were paired; both need the same campaign")
+    return place

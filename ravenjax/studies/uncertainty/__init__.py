@@ -1,0 +1,1 @@
+"""Which conclusions depend on what nobody knows exactly of the robot."""
