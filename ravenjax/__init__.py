@@ -25,7 +25,7 @@ if TYPE_CHECKING:
         joint_from_motor,
         motor_from_joint,
     )
-    from ravenjax.software import ControlSoftware
+    from ravenjax.software.control_software import ControlSoftware
 
 __version__ = "0.1.0"
 
@@ -38,7 +38,7 @@ _HOMES = {
     "motor_from_joint": "ravenjax.robot.arrays",
     "joint_from_motor": "ravenjax.robot.arrays",
     "gravity_torque": "ravenjax.robot.arrays",
-    "ControlSoftware": "ravenjax.software",
+    "ControlSoftware": "ravenjax.software.control_software",
 }
 
 __all__ = [

@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from ravenjax.campaign import adaptive, loading
-from ravenjax.campaign.config import CampaignConfig
-from ravenjax.campaign.executors import choice
-from ravenjax.campaign.progress import OnProgress
-from ravenjax.campaign.replay import replay
+from ravenjax.campaign.executors.carriers import choice
+from ravenjax.campaign.file import loading
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.inspection.replay import replay
+from ravenjax.campaign.progress.counts import OnProgress
+from ravenjax.campaign.stop import adaptive
 from ravenjax.errors import UserError, shown
 from ravenjax.report import wording
-from ravenjax.store import manifest, run_dataset, schema
+from ravenjax.store import manifest, schema
+from ravenjax.store.logs import run_dataset
 
 if TYPE_CHECKING:
     import xarray
@@ -73,7 +75,7 @@ def simulate(
 ) -> xarray.Dataset:
     """Time series of one run of a campaign, a tick a millisecond, as an xarray.Dataset.
 
-    One variable a quantity (`ravenjax.store.time_series` lists them), with attrs units and long_name; coordinates time
+    One variable a quantity (`store.logs.time_series` lists them), with attrs units and long_name; coordinates time
     (s), arm, joint, axis, fault and cue: `simulate(c, 42)["tip"].sel(arm="gold", axis="z")`. attrs of the dataset say
     which run it is and what became of it. run: index, run id, or the beginning of one. Raises UserError.
     """

@@ -38,7 +38,7 @@ PACKAGES = (
 
 
 class Status(Protocol):
-    """How far a campaign is; `ravenjax.campaign.progress.Status`."""
+    """How far a campaign is; `ravenjax.campaign.progress.counts.Status`."""
 
     @property
     def phase(self) -> str: ...

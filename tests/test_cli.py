@@ -11,8 +11,8 @@ import synthetic_results as synthetic
 
 from ravenjax.cli import console, main, running
 from ravenjax.hazards import library
+from ravenjax.store.access.results import Results
 from ravenjax.store.folder import ResultFolder
-from ravenjax.store.results import Results
 from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
 from ravenjax.vocabulary.sites import SITES
 
@@ -189,7 +189,7 @@ def test_names_stay_whole_on_a_narrow_terminal(capsys, monkeypatch):
 
 
 def test_a_bug_is_not_hidden(monkeypatch):
-    from ravenjax.campaign import loading
+    from ravenjax.campaign.file import loading
 
     def broken(*_):
         raise ZeroDivisionError
@@ -200,7 +200,7 @@ def test_a_bug_is_not_hidden(monkeypatch):
 
 
 def test_interrupt_says_how_to_go_on(run, monkeypatch):
-    from ravenjax.campaign import loading
+    from ravenjax.campaign.file import loading
 
     def interrupted(*_):
         raise KeyboardInterrupt

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ravenjax import tick
+from ravenjax.loop import tick
 from ravenjax.stages import monitor, motions
 from ravenjax.stages.faults import fault
 from ravenjax.types import DetectorUse, Injection, Setup, SiteUse, Vec

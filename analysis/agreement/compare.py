@@ -28,11 +28,11 @@ import pandas as pd
 
 import ravenjax as rj
 from ravenjax.campaign import compile_cache, plan, runner
-from ravenjax.campaign.config import CampaignConfig
+from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.engines.interface import Block
 from ravenjax.engines.scan import LANE_MULTIPLE, ScanKernel
 from ravenjax.outcomes.events import Rules
-from ravenjax.software import ControlSoftware
+from ravenjax.software.control_software import ControlSoftware
 from ravenjax.stages import plc
 from ravenjax.stats.intervals import wilson
 from ravenjax.types import CAMPAIGN, ORIGINAL, REFERENCE, Precision

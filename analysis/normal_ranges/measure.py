@@ -16,7 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.campaign import loading, plan, replay
+from ravenjax.campaign import plan
+from ravenjax.campaign.file import loading
+from ravenjax.campaign.inspection import replay
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
 from ravenjax.hazards import ranges

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import ravenjax as rj
 from ravenjax.campaign import runner
-from ravenjax.campaign.executors.processes import Processes
+from ravenjax.campaign.executors.carriers.processes import Processes
 from ravenjax.store import parts
 
 COLUMNS = (

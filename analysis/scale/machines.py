@@ -193,7 +193,7 @@ def draw(costs: dict[str, Any]) -> None:
     matplotlib.use("agg")
     import matplotlib.pyplot as plt
 
-    from ravenjax.figure_style import SOFT, STYLE
+    from ravenjax.document.figure_style import SOFT, STYLE
 
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(1, 2, figsize=(7.5, 3.2), layout="constrained", sharex=True)

@@ -16,7 +16,7 @@ from pathlib import Path
 import coordinator
 
 from ravenjax.campaign import plan, runner
-from ravenjax.campaign.executors import choice
+from ravenjax.campaign.executors.carriers import choice
 from ravenjax.store import parts
 
 MARKS = (0.0, 0.1, 0.5, 1.0)

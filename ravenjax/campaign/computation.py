@@ -14,13 +14,13 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
 
-from ravenjax import tick
 from ravenjax.campaign import outcomes, stretches
 from ravenjax.campaign.plan import Plan
-from ravenjax.campaign.progress import Progress
+from ravenjax.campaign.progress.counts import Progress
 from ravenjax.campaign.stretches import Stretch
 from ravenjax.campaign.twins import Computed, Twins
 from ravenjax.engines.interface import Block, Engine
+from ravenjax.loop import tick
 
 TWIN_BYTES = 2**30
 """Memory that the time series of a stretch's twins may take; two stretches may be under way."""

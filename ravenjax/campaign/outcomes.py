@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ravenjax.campaign import run_id
-from ravenjax.campaign.config import CampaignConfig
-from ravenjax.campaign.table import SHARED
+from ravenjax.campaign.faults import run_id
+from ravenjax.campaign.faults.table import SHARED
+from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.outcomes import verdict
 from ravenjax.store import schema, words
 from ravenjax.vocabulary import checks

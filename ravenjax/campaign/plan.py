@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ravenjax import paths, tick
-from ravenjax.campaign import design, loading, run_id, table
-from ravenjax.campaign.config import CampaignConfig
+from ravenjax import paths
+from ravenjax.campaign.faults import design, run_id, table
+from ravenjax.campaign.file import loading
+from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.engines.interface import Program
+from ravenjax.loop import tick
 from ravenjax.robot import limits
 from ravenjax.robot.motion import Motion
 from ravenjax.stages import motions, overdrive

@@ -14,21 +14,23 @@ from typing import Any
 
 import pyarrow as pa
 
-from ravenjax.campaign import compile_cache, plan, run_id, table
-from ravenjax.campaign.config import CampaignConfig
+from ravenjax.campaign import compile_cache, plan
 from ravenjax.campaign.executors.local import Local
 from ravenjax.campaign.executors.protocol import Executor, Finished, Work
 from ravenjax.campaign.executors.shards import Shard
+from ravenjax.campaign.faults import run_id, table
+from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.plan import Plan
-from ravenjax.campaign.progress import OnProgress, Progress
-from ravenjax.campaign.progress_file import ProgressFile
+from ravenjax.campaign.progress.counts import OnProgress, Progress
+from ravenjax.campaign.progress.file import ProgressFile
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Engine
 from ravenjax.errors import UserError
-from ravenjax.store import files, lock, manifest, parts, schema
+from ravenjax.store import files, manifest, parts, schema
+from ravenjax.store.access import lock
+from ravenjax.store.access.results import Results
 from ravenjax.store.files import StoreError
 from ravenjax.store.folder import ResultFolder
-from ravenjax.store.results import Results
 from ravenjax.vocabulary import checks
 
 

@@ -15,7 +15,8 @@ from ravenjax.cli.console import AsJson, Listing, Overrides
 def campaigns(*, as_json: AsJson = False) -> None:
     """List the bundled campaigns, searches and training scenarios."""
     from ravenjax import resources
-    from ravenjax.campaign import design, loading
+    from ravenjax.campaign.faults import design
+    from ravenjax.campaign.file import loading
     from ravenjax.search import loading as searches
     from ravenjax.trainer import scenario
 
@@ -118,7 +119,7 @@ def _sites(title: str, names: Sequence[str]) -> Listing:
 
 
 def _site(name: str) -> Iterator[Listing]:
-    from ravenjax.campaign import site_sheet
+    from ravenjax.campaign.inspection import site_sheet
     from ravenjax.hazards import library, listing
     from ravenjax.vocabulary.sites import SITES
 
@@ -132,7 +133,7 @@ def _site(name: str) -> Iterator[Listing]:
 
 
 def _effect(name: str) -> Iterator[Listing]:
-    from ravenjax.campaign import site_sheet
+    from ravenjax.campaign.inspection import site_sheet
     from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS
     from ravenjax.vocabulary.sites import SITES
 
@@ -160,7 +161,8 @@ def parameters(
         Campaign file; its software, arms and tools decide what there is. Without one: one arm, software raven2.
     """
     from ravenjax import paths
-    from ravenjax.campaign import bounds, loading, plan
+    from ravenjax.campaign import plan
+    from ravenjax.campaign.file import bounds, loading
     from ravenjax.errors import UserError, suggestion
 
     plain = {"campaign": {"name": "plain"}, "group": [{"name": "plain"}]}
@@ -196,7 +198,7 @@ def reference(
     *, out: Annotated[Path | None, Parameter(help="also write it to this file; default: print it")] = None
 ) -> None:
     """Print the reference of campaign files: every key with its type, unit, range, default and meaning (Markdown)."""
-    from ravenjax.campaign import reference as text
+    from ravenjax.campaign.inspection import reference as text
 
     if out is None:
         print(text.page(), end="")

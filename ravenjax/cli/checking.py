@@ -12,7 +12,7 @@ from ravenjax.cli import console
 from ravenjax.cli.console import Overrides
 
 if TYPE_CHECKING:
-    from ravenjax.campaign.preview import Preview
+    from ravenjax.campaign.inspection.preview import Preview
 
 MOST_ROWS = 40
 """Groups that are printed; of more, the rest is counted."""
@@ -38,7 +38,8 @@ def check(
     file
         Campaign file, or the name of a bundled one (see `ravenjax campaigns`).
     """
-    from ravenjax.campaign import loading, preview
+    from ravenjax.campaign.file import loading
+    from ravenjax.campaign.inspection import preview
     from ravenjax.report import wording
 
     sizes = [] if limit is None else [f"campaign.limit={limit}"]
@@ -77,7 +78,7 @@ def _print(view: Preview, words: list[str]) -> None:
 
 
 def _summary(view: Preview) -> Iterator[tuple[str, str]]:
-    from ravenjax.campaign.estimate import duration
+    from ravenjax.campaign.inspection.estimate import duration
 
     config = view.config
     campaign = config.campaign

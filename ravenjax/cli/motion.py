@@ -13,7 +13,7 @@ from ravenjax.cli.console import Overrides
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from ravenjax.campaign.config import CampaignConfig
+    from ravenjax.campaign.file.config import CampaignConfig
     from ravenjax.store.motion.summary import MotionSummary
 
 
@@ -73,7 +73,7 @@ def _config(
     file: Path, campaign: str | None, arms: list[str] | None, overrides: list[str]
 ) -> tuple[CampaignConfig, bool]:
     """The campaign that the recording is for, and whether all of the recording is to be replayed."""
-    from ravenjax.campaign import loading
+    from ravenjax.campaign.file import loading
     from ravenjax.store.motion import recording
 
     if campaign is None:
@@ -95,13 +95,13 @@ def _config(
 
 def _table(summary: MotionSummary, to: Console) -> None:
     from ravenjax import terminal
-    from ravenjax.store.motion import words
+    from ravenjax.store.motion.view import words
 
     to.print(terminal.table("Recorded operator", ("what", "how it is"), words.rows(summary)))
 
 
 def _draw(file: Path, out: Path, courses: Any, title: str) -> None:
-    from ravenjax.report.motion_plot import motion_plot
+    from ravenjax.report.motion.plot import motion_plot
 
     for path in motion_plot(courses, out, file.stem, f"{file.name}: {title}"):
         console.out.print(f"wrote {path}", highlight=False, soft_wrap=True)

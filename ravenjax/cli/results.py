@@ -12,7 +12,7 @@ from ravenjax.cli import console
 from ravenjax.cli.console import AsJson, Listing
 
 if TYPE_CHECKING:
-    from ravenjax.campaign.verification import Verification
+    from ravenjax.campaign.inspection.verification import Verification
     from ravenjax.report.comparison import Comparison
 
 
@@ -54,7 +54,7 @@ def verify(
         What `ravenjax run` wrote.
     """
     from ravenjax import terminal
-    from ravenjax.campaign import verification
+    from ravenjax.campaign.inspection import verification
 
     verified = verification.verify(folder, sample, engine, seed)
     if as_json:
@@ -116,7 +116,7 @@ def merge(
     shards
         Result folders of the same campaign, as `ravenjax run --shard` wrote them.
     """
-    from ravenjax.store import merging, query
+    from ravenjax.store.access import merging, query
 
     done = merging.merge(out, shards, partial)
     record = done.manifest

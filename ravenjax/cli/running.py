@@ -19,7 +19,7 @@ from ravenjax.cli.motion import show_operator
 from ravenjax.cli.results import write_report
 
 if TYPE_CHECKING:
-    from ravenjax.store.results import Results
+    from ravenjax.store.access.results import Results
 
 
 def run(
@@ -52,8 +52,9 @@ def run(
         Campaign file, or the name of a bundled one (see `ravenjax campaigns`).
     """
     from ravenjax import terminal
-    from ravenjax.campaign import loading
-    from ravenjax.campaign.executors import choice, shards
+    from ravenjax.campaign.executors import shards
+    from ravenjax.campaign.executors.carriers import choice
+    from ravenjax.campaign.file import loading
 
     sizes = {"chunk": chunk, "limit": limit}
     given = [*(overrides or ()), *(f"campaign.{key}={value}" for key, value in sizes.items() if value is not None)]
@@ -62,7 +63,7 @@ def run(
     config = loading.load(file, given)
     folder = out or Path("results") / config.campaign.name / (share.folder if share is not None else "")
 
-    from ravenjax.campaign import adaptive
+    from ravenjax.campaign.stop import adaptive
 
     shown = console.err if as_json else console.out
     show_operator(config, shown)
@@ -81,7 +82,7 @@ def run(
 
 def _outcome(folder: Path, results: Results) -> dict[str, Any]:
     """What came out, as JSON has it: `_summary` and what the manifest says of the computation."""
-    from ravenjax.campaign import decisions
+    from ravenjax.campaign.stop import decisions
     from ravenjax.store import manifest
 
     record = manifest.read(folder)
@@ -127,9 +128,9 @@ def fault_free(
         Hours of fault-free motion in pedal-down to have in all; the report says how many it needs.
     """
     from ravenjax import terminal
-    from ravenjax.campaign import fault_free as more_motion
+    from ravenjax.campaign.inspection import fault_free as more_motion
     from ravenjax.report import wording
-    from ravenjax.store.fault_free import FOLDER
+    from ravenjax.store.access.fault_free import FOLDER
 
     place, screen = folder / FOLDER, console.err if as_json else console.out
 
@@ -151,7 +152,7 @@ def fault_free(
 def _summary(folder: Path, results: Results) -> None:
     """What came out: verdicts of the valid runs with a fault, failures by cause, where it is."""
     from ravenjax import terminal
-    from ravenjax.campaign import decisions
+    from ravenjax.campaign.stop import decisions
     from ravenjax.store import manifest
 
     record = manifest.read(folder)

@@ -12,7 +12,7 @@ from ravenjax.cli import console
 from ravenjax.cli.console import AsJson
 
 if TYPE_CHECKING:
-    from ravenjax.campaign.replay import Replay
+    from ravenjax.campaign.inspection.replay import Replay
     from ravenjax.store.manifest import Manifest
 
 
@@ -36,17 +36,18 @@ def trace(
     run_ids
         Of each row its run_id, or enough of its beginning to tell it from others, or its index.
     """
-    from ravenjax.campaign.replay import Replayer
+    from ravenjax.campaign.inspection.replay import Replayer
     from ravenjax.errors import UserError
-    from ravenjax.report import run_summary, worst_runs
+    from ravenjax.report.run import ranking
+    from ravenjax.report.run import summary as run_summary
     from ravenjax.store import files, manifest
 
     if bool(run_ids) == (worst is not None):
         raise UserError("which runs? Give run ids or indices, as `ravenjax trace DIR 17`, or --worst N")
     record = manifest.read(folder)
-    ranked = worst_runs.worst(folder, worst, by) if worst is not None else []
+    ranked = ranking.worst(folder, worst, by) if worst is not None else []
     if worst is not None and len(ranked) < worst:
-        console.note(f"{len(ranked)} runs of {folder} are a case of {worst_runs.RANKINGS[by].meaning}")
+        console.note(f"{len(ranked)} runs of {folder} are a case of {ranking.RANKINGS[by].meaning}")
     place = out or folder / "traces"
     files.require_writable(place)
     if record.code_hash != manifest.code_hash():
@@ -70,8 +71,8 @@ def trace(
 def _write(place: Path, record: Manifest, again: Replay, events: list[dict[str, Any]]) -> list[Path]:
     """MCAP, CSV and plot of one run."""
     from ravenjax.report import wording
-    from ravenjax.report.trace_plot import trace_plot
-    from ravenjax.store import trace_csv, trace_log
+    from ravenjax.report.run.plot import trace_plot
+    from ravenjax.store.logs import trace_csv, trace_log
 
     row, series, rules = again.row.to_dict(), again.series, record.rules
     log, table, plot = (place / f"{row['run_id']}.{kind}" for kind in ("mcap", "csv", "svg"))

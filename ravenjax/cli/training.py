@@ -159,7 +159,7 @@ def recover(
     file
         session.mcap of a session that was killed.
     """
-    from ravenjax.store import recover as store
+    from ravenjax.store.logs import recover as store
 
     _say(str(store.recover(file, out)))
 

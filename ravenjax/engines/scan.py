@@ -19,8 +19,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ravenjax import paths, tick
+from ravenjax import paths
 from ravenjax.engines.interface import Block, Program, Progress, Result, Tracer
+from ravenjax.loop import tick
 from ravenjax.types import Setup, where
 
 MAX_SEGMENT = 1000

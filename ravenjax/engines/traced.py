@@ -20,11 +20,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax.extend import core
 
-from ravenjax import paths, tick
+from ravenjax import paths
 from ravenjax.engines import lowering
 from ravenjax.engines.interface import Block, Program
 from ravenjax.engines.straight import contract
 from ravenjax.engines.time_loop import TimeLoop
+from ravenjax.loop import tick
 from ravenjax.types import Setup
 
 KEPT = 4

@@ -9,7 +9,7 @@ from ravenjax.report import tables
 from ravenjax.report.facts import FACTS
 from ravenjax.report.runs import Runs
 from ravenjax.stats.intervals import Rate
-from ravenjax.store.query import RESULTS
+from ravenjax.store.access.query import RESULTS
 
 CHOSEN = "sample AND faulty AND response = 'stopped'"
 QUANTILES = (0.5, 0.95, 1.0)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from ravenjax.document import ticks
 from ravenjax.report import counted, tables
 from ravenjax.report.counted import NONE, Delays
-from ravenjax.report.reactions import Difference
+from ravenjax.report.reaction.pairs import Difference
 from ravenjax.report.runs import UNINTENDED, Faults, Runs, after_onset
 from ravenjax.stats.false_alarms import AlarmRate
 from ravenjax.stats.intervals import Estimate, Rate

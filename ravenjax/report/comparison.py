@@ -17,9 +17,10 @@ from ravenjax.report import wording
 from ravenjax.report.facts import faulty_sql
 from ravenjax.stats.intervals import Estimate, Rate, wilson
 from ravenjax.stats.paired import difference_of_counts
-from ravenjax.store import manifest, query
+from ravenjax.store import manifest
+from ravenjax.store.access import query
+from ravenjax.store.access.query import Table, quoted
 from ravenjax.store.manifest import Change, Manifest
-from ravenjax.store.query import Table, quoted
 
 RATES = (
     "evades", "unintended_motion", "loss_of_motion", "false_report", "stopped", "flagged", "limited", "silent", "cue",

@@ -12,7 +12,7 @@ from ravenjax.report.facts import FACTS
 from ravenjax.report.runs import Runs
 from ravenjax.stats.association import Dependence, dependences
 from ravenjax.stats.intervals import Rate
-from ravenjax.store.query import quoted
+from ravenjax.store.access.query import quoted
 
 LEAST_RUNS = 20
 """Of a conclusion; with fewer, thirds of a parameter hold too few for any statement."""

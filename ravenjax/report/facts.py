@@ -14,9 +14,9 @@ import pyarrow as pa
 
 from ravenjax.outcomes import events, verdict
 from ravenjax.outcomes.events import Rules
-from ravenjax.store import query
+from ravenjax.store.access import query
+from ravenjax.store.access.query import RESULTS, Table, quoted, text
 from ravenjax.store.manifest import Manifest
-from ravenjax.store.query import RESULTS, Table, quoted, text
 from ravenjax.vocabulary import layers
 from ravenjax.vocabulary.reactions import ACTIONS
 from ravenjax.vocabulary.sites import SITES

@@ -9,36 +9,22 @@ from typing import Any
 
 import jinja2
 
-from ravenjax.campaign import decisions
+from ravenjax.campaign.stop import decisions
 from ravenjax.document import html
 from ravenjax.document.tables import with_scopes
 from ravenjax.hazards import naming, severity, titles
 from ravenjax.outcomes import definitions
-from ravenjax.report import (
-    after_stop,
-    answers,
-    cue_choice,
-    cue_figure,
-    cue_sweep,
-    dependence,
-    detector_figures,
-    detectors,
-    downloads,
-    figures,
-    maps,
-    motions,
-    operator,
-    precision,
-    reaction_figures,
-    reactions,
-    replay_figure,
-    replays,
-    risk,
-    tables,
-    wording,
-    worst,
-)
+from ravenjax.report import after_stop, answers, dependence, downloads, figures, precision, risk, tables, wording
 from ravenjax.report import facts as run_facts
+from ravenjax.report.cues import choice, figure
+from ravenjax.report.cues import sweep as cue_sweep
+from ravenjax.report.detection import figures as detector_figures
+from ravenjax.report.detection import performance
+from ravenjax.report.maps import panels
+from ravenjax.report.motion import fault_free, operator
+from ravenjax.report.reaction import figures as reaction_figures
+from ravenjax.report.reaction import pairs as reactions
+from ravenjax.report.run import path_figure, paths, worst
 from ravenjax.report.runs import Runs
 from ravenjax.store import manifest as manifests
 from ravenjax.store.files import write_aside
@@ -119,7 +105,7 @@ def render(runs: Runs, manifest: Manifest, folder: Path) -> str:
 
 def _verdicts(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
     """What became of the runs."""
-    matrix, shares = tables.verdict_matrix(runs), maps.all_maps(runs)
+    matrix, shares = tables.verdict_matrix(runs), panels.all_maps(runs)
     worst_runs = worst.rows(runs, manifest, folder)
     return {
         "head": tables.headline(runs, manifest),
@@ -128,7 +114,7 @@ def _verdicts(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
         "jumps": tables.jump_rows(runs, manifest),
         "groups": tables.group_rows(runs),
         "maps": shares,
-        "map_csv": maps.cells(shares),
+        "map_csv": panels.cells(shares),
         "lead": figures.lead_histogram(runs),
         "checks": tables.check_rows(runs, manifest),
         "causes": tables.cause_rows(runs),
@@ -141,19 +127,19 @@ def _verdicts(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
 
 def _knowledge(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
     """Who could know when, and what the cue would change."""
-    found = detectors.alarms(runs, manifest)
-    known = answers.knowledge(runs, detectors.known(found), manifest)
+    found = performance.alarms(runs, manifest)
+    known = answers.knowledge(runs, performance.known(found), manifest)
     curves, timing = figures.incidence_curves(runs, manifest, known.delay)
     pairs = reactions.drawn(runs) if manifest.shape.reacts else None
     differences = reactions.differences(pairs.frame, pairs.facts) if pairs and pairs.crossed else []
     sweep = cue_sweep.rows(runs, manifest)
-    choices = cue_choice.choices(runs, sweep)
-    hours = cue_choice.hours_to_offer(choices)
+    choices = choice.choices(runs, sweep)
+    hours = choice.hours_to_offer(choices)
     out: dict[str, Any] = {
         "free": runs.motions(),
         "free_hours_wanted": hours,
         "free_recorded": bool((manifest.config.get("operator") or {}).get("file")),
-        "free_command": motions.command(folder, manifest, hours) if hours else None,
+        "free_command": fault_free.command(folder, manifest, hours) if hours else None,
         "class_words": answers.CLASSES,
         "most_classes": answers.MOST_CLASSES,
         "axis_end": answers.scale,
@@ -161,20 +147,20 @@ def _knowledge(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
         "curves": curves,
         "timing": timing,
         "known": known,
-        "classes": answers.classes(runs, detectors.known(found), manifest),
+        "classes": answers.classes(runs, performance.known(found), manifest),
         "changed": answers.changed(runs, manifest, differences),
         "cues": sweep,
         "choices": choices,
-        "tradeoff": cue_figure.tradeoff(sweep),
+        "tradeoff": figure.tradeoff(sweep),
         "felt_runs": min(cue_sweep.MOST, sweep[0].missed.n) if sweep else 0,
         "detectors": [],
-        "curve_runs": detectors.curve_runs(runs),
+        "curve_runs": performance.curve_runs(runs),
         "differences": differences,
         "interruptions": reactions.interruptions(pairs.frame, pairs.facts) if pairs else [],
         "reaction_runs": (len(pairs.frame), runs.rows) if pairs else (0, 0),
     }
     if manifest.detectors:
-        rows, times = detectors.rows(runs, manifest, found), detectors.curves(runs, manifest, found)
+        rows, times = performance.rows(runs, manifest, found), performance.curves(runs, manifest, found)
         out |= {
             "detectors": rows,
             "roc": detector_figures.roc(rows),
@@ -214,12 +200,12 @@ def _robots(runs: Runs, manifest: Manifest) -> dict[str, Any]:
 
 def _paths(runs: Runs, folder: Path) -> dict[str, Any]:
     """Tip paths of traced runs."""
-    found, broken = replays.find(folder, runs)
+    found, broken = paths.find(folder, runs)
     return {
         "replays": found,
-        "replay_figures": [replay_figure.distance(one) for one in found],
-        "replay_views": [replay_figure.views(one) for one in found],
-        "replay_courses": [json.dumps(replay_figure.course(one), allow_nan=False) for one in found],
+        "replay_figures": [path_figure.distance(one) for one in found],
+        "replay_views": [path_figure.views(one) for one in found],
+        "replay_courses": [json.dumps(path_figure.course(one), allow_nan=False) for one in found],
         "broken_traces": broken,
     }
 

@@ -13,9 +13,13 @@ from matplotlib.figure import Figure
 
 from ravenjax.document import axes
 from ravenjax.document.chart import Chart
+from ravenjax.document.figure_style import STYLE
 from ravenjax.document.palette import PALETTE, RESPONSE
-from ravenjax.figure_style import STYLE
-from ravenjax.report import answers, cue_figure, cue_sweep, detector_figures, detectors, figures, tables
+from ravenjax.report import answers, figures, tables
+from ravenjax.report.cues import figure as cue_figure
+from ravenjax.report.cues import sweep
+from ravenjax.report.detection import figures as detector_figures
+from ravenjax.report.detection import performance
 from ravenjax.report.runs import Runs
 from ravenjax.store import manifest as manifests
 from ravenjax.store.files import require_writable, write_aside
@@ -63,19 +67,19 @@ def _saved(figure: Figure, kind: str, metadata: dict[str, None]) -> Callable[[Pa
 
 
 def _figures(runs: Runs, manifest: Manifest) -> Iterator[tuple[str, Figure]]:
-    alarms = detectors.alarms(runs, manifest)
+    alarms = performance.alarms(runs, manifest)
     rows = [row for row in tables.group_rows(runs) if row["faulty"]][:MOST_GROUPS]
     if rows:
         yield "verdicts", _verdicts(rows)
-        known = answers.knowledge(runs, detectors.known(alarms), manifest).delay
+        known = answers.knowledge(runs, performance.known(alarms), manifest).delay
         curves, _ = figures.incidence_curves(runs, manifest, known)
         if curves:
             yield "time_to_know", _of_chart(curves)
     if manifest.detectors:
-        roc = detector_figures.roc(detectors.rows(runs, manifest, alarms))
+        roc = detector_figures.roc(performance.rows(runs, manifest, alarms))
         if roc:
             yield "roc", _of_chart(roc)
-    tradeoff = cue_figure.tradeoff(cue_sweep.rows(runs, manifest))
+    tradeoff = cue_figure.tradeoff(sweep.rows(runs, manifest))
     if tradeoff:
         yield "tradeoff", _of_chart(tradeoff)
 

@@ -13,14 +13,14 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from ravenjax.report import facts as run_facts
-from ravenjax.report import motions as fault_free_motions
 from ravenjax.report.counted import NONE, Delays
 from ravenjax.report.facts import FACTS
-from ravenjax.report.motions import Motions
-from ravenjax.store import fault_free, query
-from ravenjax.store.fault_free import NO_COMPANIONS, Companions
+from ravenjax.report.motion import fault_free as fault_free_motions
+from ravenjax.report.motion.fault_free import Motions
+from ravenjax.store.access import fault_free, query
+from ravenjax.store.access.fault_free import NO_COMPANIONS, Companions
+from ravenjax.store.access.query import RESULTS, Table, quoted
 from ravenjax.store.manifest import Manifest
-from ravenjax.store.query import RESULTS, Table, quoted
 
 UNINTENDED = "sample AND faulty AND unintended"
 """Condition of the runs whose times are told: one run of each fault that made an unintended motion."""

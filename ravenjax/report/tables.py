@@ -14,11 +14,11 @@ import pandas as pd
 from ravenjax.outcomes import verdict
 from ravenjax.report.counted import Delays, median
 from ravenjax.report.facts import FACTS, OUTCOMES
+from ravenjax.report.run.worst import replay
 from ravenjax.report.runs import Runs
-from ravenjax.report.worst import replay
 from ravenjax.stats.intervals import Rate, wilson
+from ravenjax.store.access.query import RESULTS, text
 from ravenjax.store.manifest import Manifest
-from ravenjax.store.query import RESULTS, text
 from ravenjax.vocabulary import checks
 
 CAUSED = ("stopped", "flagged", "limited")

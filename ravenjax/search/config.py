@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from ravenjax.campaign.config import CampaignConfig
-from ravenjax.campaign.group import Section
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.file.group import Section
 from ravenjax.search import outcome
 
 

@@ -16,11 +16,12 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from ravenjax.campaign import assembly, compile_cache, design, plan, run_id, runner, table
+from ravenjax.campaign import assembly, compile_cache, plan, runner
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.executors.chunk import finished
+from ravenjax.campaign.faults import design, run_id, table
 from ravenjax.campaign.plan import Plan
-from ravenjax.campaign.progress import OnProgress, Progress
+from ravenjax.campaign.progress.counts import OnProgress, Progress
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block, Kernel, Result
 from ravenjax.engines.interface import Progress as OnTicks

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ravenjax.figure_style import INK, SOFT
+from ravenjax.document.figure_style import INK, SOFT
 from ravenjax.search.findings import short, words
 from ravenjax.search.style import COLOURS, MARKERS, STYLE
 

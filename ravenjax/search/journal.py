@@ -15,7 +15,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ravenjax.campaign.executors.behind import Behind
+from ravenjax.campaign.executors.carriers.behind import Behind
 from ravenjax.store import files, folder, manifest, parts
 from ravenjax.store.files import StoreError
 

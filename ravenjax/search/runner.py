@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ravenjax.campaign.progress import OnProgress
-from ravenjax.campaign.progress_file import ProgressFile
+from ravenjax.campaign.progress.counts import OnProgress
+from ravenjax.campaign.progress.file import ProgressFile
 from ravenjax.search import boundary, indices, loading, output, rare
 from ravenjax.search import outcome as outcomes
 from ravenjax.search.config import Boundary, Rare, SearchConfig
@@ -16,7 +16,8 @@ from ravenjax.search.evaluator import Evaluator
 from ravenjax.search.findings import Findings, plain
 from ravenjax.search.journal import Journal
 from ravenjax.search.template import Template
-from ravenjax.store import files, lock, manifest
+from ravenjax.store import files, manifest
+from ravenjax.store.access import lock
 
 
 @dataclasses.dataclass(frozen=True)

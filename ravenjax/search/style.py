@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ravenjax import figure_style
+from ravenjax.document import figure_style
 from ravenjax.store.files import write_aside
 
 COLOURS = ("#0072b2", "#d9571b", "#8b2a6b", "#009e73", "#7a6a00", "#56b4e9", "#555555")

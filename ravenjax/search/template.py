@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.campaign import sampling
-from ravenjax.campaign.axis import Axis, fixed
-from ravenjax.campaign.config import CampaignConfig
-from ravenjax.campaign.group import UNTIL_END, Fault
-from ravenjax.campaign.sampling import Key
-from ravenjax.campaign.semantics import ALL, Complaint
-from ravenjax.campaign.slot import FIELDS, WORDS
+from ravenjax.campaign.faults import sampling
+from ravenjax.campaign.faults.sampling import Key
+from ravenjax.campaign.faults.slot import FIELDS, WORDS
+from ravenjax.campaign.file.axis import Axis, fixed
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.file.group import UNTIL_END, Fault
+from ravenjax.campaign.file.semantics import ALL, Complaint
 from ravenjax.search.config import Boundary, Search
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS, WITHOUT_VALUE
 from ravenjax.vocabulary.legal import legal

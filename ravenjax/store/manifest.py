@@ -29,58 +29,27 @@ from ravenjax.store.parts import Part, require_version
 FILE = "manifest.json"
 PARTS_FILE = "parts.jsonl"
 _READERS = (
-    "cli",
-    "trainer",
-    "terminal.py",
     "api.py",
     "bench",
+    "campaign/executors/carriers",
+    "campaign/inspection",
+    "campaign/progress",
+    "cli",
+    "document",
     "report",
-    "stats",
-    "studies",
     "search",
-    "figure_style.py",
-    "software.py",
-    "software_inputs.py",
-    "store/fault_free.py",
-    "store/lock.py",
-    "store/query.py",
-    "store/checking.py",
-    "store/merging.py",
-    "store/results.py",
-    "store/trace_log.py",
-    "store/session_log.py",
-    "store/session_file.py",
-    "store/recover.py",
-    "store/mcap_records.py",
-    "store/topics.py",
-    "store/motion/words.py",
-    "store/motion/course.py",
-    "store/cdr.py",
-    "store/ros_messages.py",
-    "store/orientation.py",
-    "store/time_series.py",
-    "store/trace_csv.py",
-    "store/session_words.py",
-    "campaign/replay.py",
-    "campaign/fault_free.py",
-    "campaign/verification.py",
-    "campaign/estimate.py",
-    "campaign/preview.py",
-    "campaign/reference.py",
-    "campaign/site_sheet.py",
-    "campaign/progress.py",
-    "campaign/progress_file.py",
-    "campaign/executors/choice.py",
-    "campaign/executors/processes.py",
-    "campaign/executors/worker.py",
-    "campaign/executors/placement.py",
-    "campaign/executors/cluster.py",
-    "campaign/executors/attempts.py",
-    "campaign/executors/behind.py",
+    "software",
+    "stats",
+    "store/access",
+    "store/logs",
+    "store/motion/view",
+    "studies",
+    "terminal.py",
+    "trainer",
 )
-"""Modules and folders that decide no outcome: a change there must not forbid to resume.
+"""What decides no outcome, folder by folder: a change there must not forbid to resume.
 
-Those of executors only carry: what they carry is made in `executors/remote.py`, and each part says which rows it holds.
+Executors' carriers only carry: what they carry is made in `executors/remote.py`; each part says which rows it holds.
 """
 _SHOWN = 60
 """Characters of a value in an error."""
@@ -332,7 +301,7 @@ def code_hash() -> str:
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
         name = path.relative_to(package)
-        if name.parts[0] not in _READERS and name.as_posix() not in _READERS:
+        if not any(name.is_relative_to(reader) for reader in _READERS):
             digest.update(name.as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
 

@@ -14,13 +14,14 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from ravenjax import connections, tick
-from ravenjax.campaign import compile_cache, plan, table
-from ravenjax.campaign.config import CampaignConfig
+from ravenjax.campaign import compile_cache, plan
+from ravenjax.campaign.faults import table
+from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.plan import Plan
 from ravenjax.engines import traced
 from ravenjax.engines.stepper import StepCode
 from ravenjax.errors import UserError
+from ravenjax.loop import connections, tick
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.robot.algebra import minus
 from ravenjax.robot.packet import silence

@@ -10,8 +10,8 @@ from typing import Any
 
 from ravenjax.outcomes import definitions
 from ravenjax.outcomes.events import Rules
-from ravenjax.store import session_file
 from ravenjax.store.files import StoreError, write_aside
+from ravenjax.store.logs import session_file
 from ravenjax.trainer import debrief_figures as figures
 from ravenjax.trainer import debrief_words as words
 from ravenjax.trainer import hazard_events, hazard_table, html, recording

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.figure_style import GRID, json_of, look
+from ravenjax.document.figure_style import GRID, json_of, look
 from ravenjax.trainer.debrief_course import Course, peaks
 from ravenjax.trainer.debrief_words import Step
 from ravenjax.trainer.hazard_table import Hazard

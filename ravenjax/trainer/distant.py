@@ -17,9 +17,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ravenjax import connections
 from ravenjax.campaign import compile_cache
 from ravenjax.engines.stepper import StepCode, Stepper
+from ravenjax.loop import connections
 from ravenjax.robot import kinematics, scene
 from ravenjax.robot.packet import U_STRUCT, Packet
 from ravenjax.stages import haptics, monitor

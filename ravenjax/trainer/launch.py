@@ -28,7 +28,8 @@ import numpy as np
 from ravenjax.errors import UserError
 from ravenjax.robot import scene
 from ravenjax.robot.packet import UDP_PORT
-from ravenjax.store import files, manifest, session_file, session_log
+from ravenjax.store import files, manifest
+from ravenjax.store.logs import session_file, session_log
 from ravenjax.trainer import clock, hazard_table, judge, loop, page, recorder, scenario, scripts
 from ravenjax.trainer.blueprint import Blueprint
 from ravenjax.trainer.clock import Timing

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.store import session_file, session_log
+from ravenjax.store.logs import session_file, session_log
 from ravenjax.trainer.ring import Ring, read_json
 
 POLL_S = 0.015

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.store import recover, session_log
 from ravenjax.store.files import StoreError
+from ravenjax.store.logs import recover, session_log
 from ravenjax.trainer.frame import Layout
 from ravenjax.vocabulary.arms import ArmName
 

@@ -9,9 +9,9 @@ from typing import Any
 import jax
 import numpy as np
 
-from ravenjax import tick
-from ravenjax.campaign.config import CampaignConfig
+from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.engines.stepper import Stepper
+from ravenjax.loop import tick
 from ravenjax.robot.packet import Packet
 from ravenjax.stages.faults.fault import Fault
 from ravenjax.trainer import blueprint

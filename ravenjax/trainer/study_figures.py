@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.figure_style import GRID, faded, json_of, look
+from ravenjax.document.figure_style import GRID, faded, json_of, look
 from ravenjax.trainer.study_compare import RIGHT, TIME, Comparison, Group
 
 COLOURS = ("#8a8f96", "#0072b2", "#c2410c", "#009e73", "#8b2a6b", "#56b4e9", "#a67c00")

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.errors import UserError
-from ravenjax.store import session_file
+from ravenjax.store.logs import session_file
 from ravenjax.trainer import hazard_table
 from ravenjax.trainer.hazard_table import Hazard
 

@@ -1,6 +1,6 @@
 """The expansion of a campaign written out row by row with Python's own numbers: slow, and easy to believe.
 
-An oracle for `ravenjax.campaign.design`, with which it shares no more than the quantiles that a design draws.
+An oracle for `ravenjax.campaign.faults.design`, with which it shares no more than the quantiles that a design draws.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from ravenjax.campaign.axis import Axis, fixed
-from ravenjax.campaign.design import _common
-from ravenjax.campaign.group import UNTIL_END
+from ravenjax.campaign.faults.design import _common
+from ravenjax.campaign.file.axis import Axis, fixed
+from ravenjax.campaign.file.group import UNTIL_END
 from ravenjax.errors import UserError
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS
 from ravenjax.vocabulary.legal import complaint, legal

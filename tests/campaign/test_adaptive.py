@@ -7,15 +7,17 @@ import pandas as pd
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.campaign import adaptive, decisions, design, loading, stopping
 from ravenjax.campaign.executors.shards import Shard
-from ravenjax.campaign.marks import Marks
+from ravenjax.campaign.faults import design
+from ravenjax.campaign.file import loading
+from ravenjax.campaign.stop import adaptive, decisions, strata
+from ravenjax.campaign.stop.marks import Marks
 from ravenjax.errors import UserError
 from ravenjax.store import manifest as manifests
 from ravenjax.store import schema
+from ravenjax.store.access.results import Results
 from ravenjax.store.files import StoreError
 from ravenjax.store.folder import ResultFolder, read_all
-from ravenjax.store.results import Results
 
 FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "start_ms": 5}
 CHUNK = 64
@@ -95,7 +97,7 @@ def test_it_stops_at_the_first_look_at_which_every_interval_is_narrow(run, tmp_p
 
 def test_a_look_counts_what_the_table_says(run, tmp_path):
     table = run(config("neyman"), tmp_path)[0].frame().set_index("index")
-    first = {of.first: of for of in stopping.draws(config())}
+    first = {of.first: of for of in strata.draws(config())}
     for look in decisions.read(tmp_path):
         for interval in look.intervals:
             start = {"grid": 1, "drawn": 601}[interval.stratum]
@@ -158,7 +160,7 @@ def test_parts_do_not_shatter(run, tmp_path):
 
 def test_of_repeats_the_first_valid_one_counts():
     one = config(repeats=3)
-    draws = stopping.draws(one)
+    draws = strata.draws(one)
     marks = Marks(3301, ("jump",), one.rules)
     marks.valid[:] = True
     marks.valid[[1, 4, 5, 6]] = False  # of draw 0 the first repeat, of draw 1 all three

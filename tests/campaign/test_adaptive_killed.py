@@ -12,7 +12,7 @@ import time
 import pandas as pd
 import pytest
 
-from ravenjax.campaign import decisions
+from ravenjax.campaign.stop import decisions
 from ravenjax.store.folder import read_all
 
 FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "start_ms": 100, "duration_ms": 8}

@@ -5,8 +5,9 @@ import pytest
 
 import ravenjax as rj
 from ravenjax import paths
-from ravenjax.campaign import bounds, loading, plan
-from ravenjax.campaign.axis import Axis, fixed
+from ravenjax.campaign import plan
+from ravenjax.campaign.file import bounds, loading
+from ravenjax.campaign.file.axis import Axis, fixed
 from ravenjax.errors import UserError
 
 BASE = {

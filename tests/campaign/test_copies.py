@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from ravenjax.campaign import copies, design, loading
+from ravenjax.campaign.faults import design
+from ravenjax.campaign.file import copies, loading
 from ravenjax.errors import UserError
 
 HEAD = """

@@ -14,7 +14,9 @@ from hypothesis import strategies as st
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import naive_design
 
-from ravenjax.campaign import design, loading, stopping
+from ravenjax.campaign.faults import design
+from ravenjax.campaign.file import loading
+from ravenjax.campaign.stop import strata
 from ravenjax.errors import UserError
 from ravenjax.hazards import library
 
@@ -129,7 +131,7 @@ def campaigns(draw):
 
 
 class NothingToSay:
-    """In place of `ravenjax.campaign.copies`."""
+    """In place of `ravenjax.campaign.file.copies`."""
 
     @staticmethod
     def complaints(config):
@@ -183,7 +185,7 @@ def test_columns_are_those_written_out_row_by_row(campaign):
 
 def beginnings(config, table):
     """Of a campaign that may stop, the beginning of each group's rows is so many whole draws of that group."""
-    draws = stopping.draws(config)
+    draws = strata.draws(config)
     assert [of.first for of in draws] == [(table["group"] == group.name).argmax() for group in config.group]
     plain = design.expand(config.model_copy(update={"stop": None}))
     assert sorted(table["run_id"]) == sorted(plain["run_id"]), "the order decides no run"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ravenjax.campaign.estimate import Machine, Work, duration, estimate, tick_ns
+from ravenjax.campaign.inspection.estimate import Machine, Work, duration, estimate, tick_ns
 
 MEASURED = {
     "one site": (78, Work(8192, 1000, 1)),

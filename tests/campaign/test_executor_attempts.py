@@ -7,8 +7,8 @@ import threading
 
 import pytest
 
-from ravenjax.campaign.executors.attempts import ATTEMPTS, Attempts
-from ravenjax.campaign.progress import Progress
+from ravenjax.campaign.executors.carriers.attempts import ATTEMPTS, Attempts
+from ravenjax.campaign.progress.counts import Progress
 from ravenjax.errors import UserError
 
 CHUNKS = [range(10 * k, 10 * k + 10) for k in range(8)]

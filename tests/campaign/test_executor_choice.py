@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ravenjax.campaign.executors import choice, placement, shards
+from ravenjax.campaign.executors import shards
+from ravenjax.campaign.executors.carriers import choice, placement
 from ravenjax.campaign.executors.shards import Shard
 from ravenjax.errors import UserError
 

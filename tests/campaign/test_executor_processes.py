@@ -13,10 +13,10 @@ import tiny_campaign as tiny
 
 from ravenjax.campaign import plan, runner
 from ravenjax.campaign.executors import remote
+from ravenjax.campaign.executors.carriers.processes import Processes
 from ravenjax.campaign.executors.local import Local
-from ravenjax.campaign.executors.processes import Processes
 from ravenjax.campaign.executors.protocol import Work
-from ravenjax.campaign.progress import Progress
+from ravenjax.campaign.progress.counts import Progress
 from ravenjax.engines import selection
 from ravenjax.errors import UserError
 from ravenjax.store import manifest, parts, schema
@@ -36,7 +36,10 @@ def children() -> list[int]:
     for path in Path("/proc").glob("[0-9]*"):
         try:
             parent = int((path / "stat").read_text().rpartition(")")[2].split()[1])
-            if parent == os.getpid() and b"ravenjax.campaign.executors.worker" in (path / "cmdline").read_bytes():
+            if (
+                parent == os.getpid()
+                and b"ravenjax.campaign.executors.carriers.worker" in (path / "cmdline").read_bytes()
+            ):
                 found.append(int(path.name))
         except (OSError, IndexError):
             continue

@@ -10,7 +10,7 @@ ray = pytest.importorskip("ray")
 from ray.cluster_utils import Cluster  # noqa: E402
 
 from ravenjax.campaign import runner  # noqa: E402
-from ravenjax.campaign.executors import cluster as executor  # noqa: E402
+from ravenjax.campaign.executors.carriers import cluster as executor  # noqa: E402
 from ravenjax.errors import UserError  # noqa: E402
 from ravenjax.store import manifest, parts  # noqa: E402
 

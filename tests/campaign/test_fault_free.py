@@ -9,12 +9,14 @@ import pandas as pd
 import pytest
 
 import ravenjax as rj
-from ravenjax.campaign import design, fault_free, plan, runner
+from ravenjax.campaign import plan, runner
 from ravenjax.campaign.executors.local import Local
+from ravenjax.campaign.faults import design
+from ravenjax.campaign.inspection import fault_free
 from ravenjax.engines import selection
 from ravenjax.errors import UserError
 from ravenjax.store import folder, manifest
-from ravenjax.store.fault_free import FOLDER, find
+from ravenjax.store.access.fault_free import FOLDER, find
 
 HOUR_MS = 3.6e6
 CAMPAIGN = {

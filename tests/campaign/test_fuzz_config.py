@@ -8,8 +8,8 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from ravenjax import resources
-from ravenjax.campaign import loading
-from ravenjax.campaign.config import CampaignConfig
+from ravenjax.campaign.file import loading
+from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.errors import UserError
 
 FULL = {

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import ravenjax as rj
-from ravenjax.campaign import loading, plan
+from ravenjax.campaign import plan
+from ravenjax.campaign.file import loading
 from ravenjax.errors import UserError
 
 FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "value": [1, 2, 3], "start_ms": 5}

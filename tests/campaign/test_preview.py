@@ -7,8 +7,11 @@ import json
 import pytest
 import tiny_campaign as tiny
 
-from ravenjax.campaign import design, loading, plan, preview, runner
+from ravenjax.campaign import plan, runner
 from ravenjax.campaign.computation import Computation
+from ravenjax.campaign.faults import design
+from ravenjax.campaign.file import loading
+from ravenjax.campaign.inspection import preview
 from ravenjax.cli import console, main
 from ravenjax.errors import UserError
 

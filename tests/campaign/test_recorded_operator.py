@@ -5,11 +5,12 @@ import pandas as pd
 import pytest
 
 import ravenjax as rj
-from ravenjax.campaign import loading, plan
+from ravenjax.campaign import plan
+from ravenjax.campaign.file import loading
 from ravenjax.errors import UserError
 from ravenjax.robot import limits
 from ravenjax.store import manifest
-from ravenjax.store.motion import words
+from ravenjax.store.motion.view import words
 
 HOME_MM = np.array([-77.946997893, -25.265555299, 13.225627957])  # gold's tip at home, frame 0
 

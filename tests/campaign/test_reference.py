@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 
 from ravenjax import resources
-from ravenjax.campaign import bounds, reference
-from ravenjax.campaign.config import CampaignConfig
-from ravenjax.campaign.loading import header, tables_of
+from ravenjax.campaign.file import bounds
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.file.loading import header, tables_of
+from ravenjax.campaign.inspection import reference
 from ravenjax.hazards.expansion import KEYS
 from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
 from ravenjax.vocabulary.sites import SITES

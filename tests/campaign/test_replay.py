@@ -7,10 +7,11 @@ import pytest
 import tiny_campaign
 
 import ravenjax as rj
-from ravenjax.campaign import plan, replay
+from ravenjax.campaign import plan
+from ravenjax.campaign.inspection import replay
 from ravenjax.errors import UserError
 from ravenjax.robot import arrays
-from ravenjax.store import time_series
+from ravenjax.store.logs import time_series
 
 IDS = np.array([0xAB00000000000001, 0xAB10000000000000, 0x1234567890123456, 0x12], np.uint64)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ravenjax.campaign import run_id
+from ravenjax.campaign.faults import run_id
 
 WORDS = {"site": pd.Categorical(["dac", "", "dac"]), "arm": pd.Categorical(["gold", "", "green"])}
 NUMBERS = {"seed": np.array([1, 2, 3]), "value": np.array([0.5, np.nan, -0.0])}

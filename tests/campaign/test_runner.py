@@ -11,8 +11,9 @@ import pandas as pd
 import pytest
 
 import ravenjax as rj
-from ravenjax.campaign import computation, replay, runner
+from ravenjax.campaign import computation, runner
 from ravenjax.campaign.executors import local
+from ravenjax.campaign.inspection import replay
 from ravenjax.engines import simd, traced
 from ravenjax.engines.vector_code import VectorCode
 from ravenjax.errors import UserError

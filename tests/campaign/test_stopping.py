@@ -8,7 +8,9 @@ import pyarrow as pa
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.campaign import decisions, design, loading, stopping
+from ravenjax.campaign.faults import design
+from ravenjax.campaign.file import loading
+from ravenjax.campaign.stop import decisions, strata
 from ravenjax.errors import UserError
 from ravenjax.outcomes import events
 from ravenjax.outcomes.events import Rules
@@ -31,7 +33,7 @@ def config(stop=None, groups=GROUPS, **more):
 
 
 def test_each_group_is_a_stratum_and_one_without_faults_is_not_judged():
-    found = stopping.rule(
+    found = strata.rule(
         config({"rates": ["unintended_motion"], "looks": [0.25, 1], "of": "whole", "allocation": "neyman"})
     )
     assert [(s.name, s.size, s.judged) for s in found.strata] == [
@@ -51,8 +53,8 @@ def test_each_group_is_a_stratum_and_one_without_faults_is_not_judged():
 def test_repeats_and_crossed_variants_are_one_draw():
     groups = [GROUPS[0], GROUPS[1] | {"repeats": 3}]
     one = config(groups=groups, campaign={"name": "x", "noise": True}, cross={"operator.scale": [0.1, 0.2]})
-    assert [tuple(of) for of in stopping.draws(one)] == [(0, 1, 2), (2, 200, 6)]
-    assert stopping.draws(one)[1].range(10) == range(2, 62)
+    assert [tuple(of) for of in strata.draws(one)] == [(0, 1, 2), (2, 200, 6)]
+    assert strata.draws(one)[1].range(10) == range(2, 62)
 
 
 def test_the_beginning_of_a_grid_is_a_sample_of_it():
@@ -147,7 +149,7 @@ def test_a_search_has_none():
 
 def test_decisions_are_read_back_and_a_damaged_file_is_named(tmp_path):
     assert decisions.read(tmp_path) == [] and decisions.sentence(tmp_path) == ""
-    rule = stopping.rule(config())
+    rule = strata.rule(config())
     look = rule.look(1, rule.first(), np.array([[0, 1, 0], [0, 2, 0]]), rule.first())
     decisions.write(tmp_path, [look])
     assert [one.line() for one in decisions.read(tmp_path)] == [look.line()]

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from ravenjax.campaign import design, loading, table
+from ravenjax.campaign.faults import design, table
+from ravenjax.campaign.file import loading
 from ravenjax.vocabulary.effects import EFFECT_CODES, TRIGGER_CODES
 from ravenjax.vocabulary.sites import SITES
 

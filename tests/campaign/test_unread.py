@@ -10,11 +10,13 @@ import pytest
 from jax.interpreters import partial_eval
 
 import ravenjax as rj
-from ravenjax import paths, tick
-from ravenjax.campaign import bounds, plan
-from ravenjax.campaign.copies import UNREAD
-from ravenjax.campaign.semantics import NOISE
+from ravenjax import paths
+from ravenjax.campaign import plan
+from ravenjax.campaign.file import bounds
+from ravenjax.campaign.file.copies import UNREAD
+from ravenjax.campaign.file.semantics import NOISE
 from ravenjax.engines import scan
+from ravenjax.loop import tick
 
 KINDS = ("steps", "derivative_sum", "tip_error", "overdrive")
 LANES = 2

@@ -9,7 +9,8 @@ import pandas as pd
 import pytest
 
 import ravenjax as rj
-from ravenjax.campaign import runner, verification
+from ravenjax.campaign import runner
+from ravenjax.campaign.inspection import verification
 from ravenjax.cli import results
 from ravenjax.errors import UserError
 from ravenjax.store import manifest as manifests

@@ -6,7 +6,8 @@ import numpy as np
 from compiled_program import HARD_FLOATS, HARD_INTEGERS, pairs, same_bits
 
 from ravenjax import resources
-from ravenjax.campaign import loading, plan
+from ravenjax.campaign import plan
+from ravenjax.campaign.file import loading
 from ravenjax.engines import polynomials
 from ravenjax.engines.cuda import CudaEngine
 from ravenjax.engines.cuda_code import words

@@ -17,7 +17,7 @@ import rig_control_software as rig
 
 from ravenjax.errors import UserError
 from ravenjax.robot.packet import Packet, decode
-from ravenjax.software import ControlSoftware
+from ravenjax.software.control_software import ControlSoftware
 from ravenjax.types import CAMPAIGN
 
 ARMS = {"gold": oracle.GOLD, "green": oracle.GREEN}

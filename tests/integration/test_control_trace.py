@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ravenjax import control
 from ravenjax.engines import lowering, regions, scalar
+from ravenjax.loop import control
 from ravenjax.robot.packet import Packet
 from ravenjax.stages.usb import UsbIn
 from ravenjax.types import CAMPAIGN, ORIGINAL, Setup, Vec

@@ -17,7 +17,8 @@ import tiny_campaign as tiny
 
 from ravenjax.campaign import runner
 from ravenjax.cli import USER_ERROR, main
-from ravenjax.store import manifest, merging
+from ravenjax.store import manifest
+from ravenjax.store.access import merging
 
 DRIVER = Path(__file__).with_name("killing_driver.py")
 SIZE = {"runs": 40_000, "chunk": 100, "duration_s": 0.3}

@@ -23,7 +23,7 @@ import oracle_control_software as oracle
 import rig_control_software as rig
 
 from ravenjax.robot import kinematics
-from ravenjax.software import ControlSoftware
+from ravenjax.software.control_software import ControlSoftware
 from ravenjax.stages import cartesian_control, estimator, motor_control
 from ravenjax.types import ORIGINAL, Setup, Vec
 

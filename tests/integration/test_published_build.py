@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ravenjax as rj
-from ravenjax.campaign.replay import replay
+from ravenjax.campaign.inspection.replay import replay
 from ravenjax.errors import UserError
 
 HOOK = {"site": "usb_out", "channel": "shoulder", "effect": "latch_offset", "trigger": "packet"}

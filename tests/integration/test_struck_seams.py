@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import ravenjax as rj
-from ravenjax.campaign.replay import Replayer
+from ravenjax.campaign.inspection.replay import Replayer
 from ravenjax.robot.mapping import ITP_AXES
 
 SCALE = 0.1

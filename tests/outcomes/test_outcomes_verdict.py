@@ -10,7 +10,7 @@ import synthetic_results as synthetic
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ravenjax import tick
+from ravenjax.loop import tick
 from ravenjax.outcomes import definitions, events, verdict
 from ravenjax.outcomes.events import Rules
 from ravenjax.vocabulary import checks

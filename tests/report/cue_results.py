@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import synthetic_results as synthetic
 
-from ravenjax.report import cue_sweep
+from ravenjax.report.cues import sweep
 from ravenjax.report.runs import Runs
 
 RUNS = 900
@@ -17,7 +17,7 @@ for _k in LOW:  # at 1 mm every tenth motion has a cue without any fault, late
 for _k in [k for k, cue in enumerate(MANIFEST.cues) if cue.threshold_mm == 3.0]:  # misses more than 2 mm does
     FRAME[f"cue{_k}_first_ms"] = np.where(FRAME.index % 4 == 0, -1, FRAME[f"cue{_k}_first_ms"])
 TABLE = Runs.of(FRAME, MANIFEST)
-ROWS = {row.number: row for row in cue_sweep.rows(TABLE, MANIFEST)}
+ROWS = {row.number: row for row in sweep.rows(TABLE, MANIFEST)}
 HAZARD = ((FRAME["hazard"] == "unintended motion") & (FRAME["failed"] == "")).to_numpy()
 
 

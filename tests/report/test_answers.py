@@ -8,15 +8,16 @@ import pytest
 import synthetic_results as synthetic
 from statsmodels.duration.survfunc import SurvfuncRight
 
-from ravenjax.report import answers, detectors
+from ravenjax.report import answers
+from ravenjax.report.detection import performance
 from ravenjax.report.runs import Runs
 from ravenjax.stats.intervals import wilson
 
 MANIFEST = synthetic.manifest(1200)
 FRAME = synthetic.frame(1200)
 RUNS = Runs.of(FRAME, MANIFEST)
-ALARMS = detectors.alarms(RUNS, MANIFEST)
-SAID = detectors.known(ALARMS)
+ALARMS = performance.alarms(RUNS, MANIFEST)
+SAID = performance.known(ALARMS)
 KNOWN = RUNS.table.frame(f"SELECT {SAID} AS ms FROM facts ORDER BY row")["ms"].to_numpy()
 FAULTY = (FRAME["fault0_site"] != "").to_numpy()
 VALID = FAULTY & (FRAME["failed"] == "").to_numpy()

@@ -12,8 +12,8 @@ import pytest
 import reacting_results as reacting
 
 from ravenjax.report import page
-from ravenjax.store import trace_log
 from ravenjax.store.folder import ResultFolder
+from ravenjax.store.logs import trace_log
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

@@ -10,7 +10,8 @@ import pytest
 import synthetic_results as synthetic
 from cue_results import FRAME, HAZARD, MANIFEST, ROWS, RUNS, TABLE, missed
 
-from ravenjax.report import cue_choice, cue_sweep, page
+from ravenjax.report import page
+from ravenjax.report.cues import choice, sweep
 from ravenjax.report.runs import Runs
 from ravenjax.stats.choice import AlarmCounts
 from ravenjax.stats.planning import hours_to_bound
@@ -18,7 +19,7 @@ from ravenjax.stats.planning import hours_to_bound
 
 def test_a_minute_of_motion_chooses_nothing_and_says_what_it_needs():
     """80 golden runs of 2.8 s: no false cue at 2 mm and above says nothing about an hour."""
-    found = {one.rule: one for one in cue_choice.choices(TABLE, list(ROWS.values()))}
+    found = {one.rule: one for one in choice.choices(TABLE, list(ROWS.values()))}
     assert TABLE.motions().hours == pytest.approx(80 * 2.8 / 3600)
     strict = found["false cues an hour: at most 0.5"]
     assert strict.row is None and strict.possible == "2, 3 or 5 mm" and math.isnan(strict.least_mm)
@@ -38,7 +39,7 @@ def test_as_many_hours_as_it_asks_for_decide():
     for hours in (7.0, 7.4):
         frame, manifest = motion_for(hours)
         runs = Runs.of(frame, manifest)
-        chosen[hours] = {one.rule: one for one in cue_choice.choices(runs, cue_sweep.rows(runs, manifest))}
+        chosen[hours] = {one.rule: one for one in choice.choices(runs, sweep.rows(runs, manifest))}
     assert chosen[7.0]["false cues an hour: at most 0.5"].row is None
     named = next(one for rule, one in chosen[7.4].items() if rule.startswith("false cues an hour: at most 0.5"))
     assert named.row is not None and named.row.cue.threshold_mm == 2.0
@@ -51,7 +52,7 @@ def test_thresholds_that_the_faults_do_not_tell_apart_are_both_named():
     third = [k for k, cue in enumerate(MANIFEST.cues) if cue.threshold_mm == 2.0]
     nearly = {f"cue{k}_first_ms": frame[f"cue{j}_first_ms"] for k, j in zip(second, third, strict=True)}
     runs = Runs.of(frame.assign(**nearly), manifest)
-    found = cue_choice.choices(runs, cue_sweep.rows(runs, manifest))
+    found = choice.choices(runs, sweep.rows(runs, manifest))
     (limit,) = [one for one in found if one.rule.startswith("false cues")]
     assert limit.row is None and math.isnan(limit.hours)
     assert (limit.possible, limit.remainder, limit.least_mm) == ("2 or 3 mm", "2 or 3 mm", 2.0)
@@ -61,7 +62,7 @@ def test_thresholds_that_the_faults_do_not_tell_apart_are_both_named():
 
 def test_the_counts_that_choices_stand_on():
     rows = list(ROWS.values())
-    found = cue_choice._alarm_counts(TABLE, rows)
+    found = choice._alarm_counts(TABLE, rows)
     plain = np.stack([missed(FRAME, row.number)[HAZARD] for row in rows], axis=1)
     each = plain.astype(int)
     expected = AlarmCounts(
@@ -75,17 +76,17 @@ def test_the_counts_that_choices_stand_on():
 def test_no_set_keeps_an_impossible_rule():
     loud = FRAME.assign(**{f"twin_cue{k}_first_ms": 50 for k in range(len(MANIFEST.cues))})
     runs = Runs.of(loud, MANIFEST)
-    found = cue_choice.choices(runs, cue_sweep.rows(runs, MANIFEST))
+    found = choice.choices(runs, sweep.rows(runs, MANIFEST))
     limits = [one for one in found if one.rule.startswith("false cues")]
     assert [(one.rule, one.row, one.possible) for one in limits] == [
         ("false cues an hour: at most 0.5 to 60", None, "")
     ]
-    assert cue_choice.hours_to_offer(limits) == 0.0
+    assert choice.hours_to_offer(limits) == 0.0
 
 
 def test_the_hours_that_are_asked_for_are_those_of_the_strictest_limit():
-    found = cue_choice.choices(TABLE, list(ROWS.values()))
-    assert cue_choice.hours_to_offer(found) == pytest.approx(hours_to_bound(0.5))
+    found = choice.choices(TABLE, list(ROWS.values()))
+    assert choice.hours_to_offer(found) == pytest.approx(hours_to_bound(0.5))
 
 
 def test_the_page_says_that_it_cannot_be_said_and_offers_the_command():
@@ -98,7 +99,7 @@ def test_the_page_says_that_it_cannot_be_said_and_offers_the_command():
 def test_one_threshold_alone_is_weighed_against_none_but_may_keep_a_limit():
     alone = synthetic.manifest(RUNS, cues=MANIFEST.cues[:1])
     runs = Runs.of(FRAME, alone)
-    found = cue_choice.choices(runs, cue_sweep.rows(runs, alone))
+    found = choice.choices(runs, sweep.rows(runs, alone))
     assert all(one.rule.startswith("false cues an hour") for one in found)
     assert (found[0].possible, found[0].several) == ("3 mm", False)
     assert "whether 3 mm keeps it" in page.render(runs, alone, Path("out"))

@@ -8,7 +8,7 @@ import synthetic_results as synthetic
 from cue_results import FRAME, HAZARD, LOW, MANIFEST, ROWS, missed
 
 from ravenjax.document.chart import Dots
-from ravenjax.report import cue_figure, cue_sweep
+from ravenjax.report.cues import figure, sweep
 from ravenjax.report.runs import Runs
 from ravenjax.stats.false_alarms import alarm_rate
 from ravenjax.stats.intervals import wilson
@@ -35,7 +35,7 @@ def test_a_set_against_a_plain_count(k):
 def test_a_cue_that_the_golden_run_has_is_missed():
     assert any((FRAME["cue2_first_ms"] >= 700) & HAZARD & (FRAME["twin_cue2_first_ms"] == 700))
     quiet = FRAME.assign(**{f"twin_cue{k}_first_ms": -1 for k in LOW})
-    rows = {row.number: row for row in cue_sweep.rows(Runs.of(quiet, MANIFEST), MANIFEST)}
+    rows = {row.number: row for row in sweep.rows(Runs.of(quiet, MANIFEST), MANIFEST)}
     assert rows[2].missed.k < ROWS[2].missed.k
 
 
@@ -46,13 +46,13 @@ def test_best_sets_are_beaten_by_none():
 
 
 def test_sets_come_by_threshold():
-    made = [row.cue.threshold_mm for row in cue_sweep.rows(Runs.of(FRAME, MANIFEST), MANIFEST)]
+    made = [row.cue.threshold_mm for row in sweep.rows(Runs.of(FRAME, MANIFEST), MANIFEST)]
     assert made == sorted(made)
 
 
 def test_figure():
     rows = list(ROWS.values())
-    chart = cue_figure.tradeoff(rows)
+    chart = figure.tradeoff(rows)
     assert chart is not None
     marks = [mark for mark in chart.marks if isinstance(mark, Dots)]
     places = sorted((x, y) for mark in marks for x, y in zip(mark.x, mark.y, strict=True))
@@ -62,4 +62,4 @@ def test_figure():
     assert all((mark.y_low <= mark.y).all() and (mark.y <= mark.y_high).all() for mark in marks)
     assert chart.y.high >= max(mark.y_high.max() for mark in marks)
     calm = FRAME.assign(hazard="none", unintended_first_ms=-1)
-    assert cue_figure.tradeoff(cue_sweep.rows(Runs.of(calm, MANIFEST), MANIFEST)) is None
+    assert figure.tradeoff(sweep.rows(Runs.of(calm, MANIFEST), MANIFEST)) is None

@@ -31,7 +31,7 @@ from ravenjax import terminal
 from ravenjax.report import answers, dependence, page
 from ravenjax.report.runs import Runs
 from ravenjax.store import schema
-from ravenjax.store.results import Results
+from ravenjax.store.access.results import Results
 
 
 @functools.cache

@@ -9,7 +9,10 @@ import pandas as pd
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.report import map_axes, map_counts, map_inputs, maps, page, wording
+from ravenjax.report import page, wording
+from ravenjax.report.maps import axes, panels
+from ravenjax.report.maps import counts as map_counts
+from ravenjax.report.maps import inputs as map_inputs
 from ravenjax.report.runs import Runs
 from ravenjax.stats.intervals import wilson
 
@@ -46,7 +49,7 @@ def moving(frame, where):
 
 
 def made(frame):
-    return maps.all_maps(Runs.of(frame, MANIFEST))
+    return panels.all_maps(Runs.of(frame, MANIFEST))
 
 
 def counts(panel):
@@ -79,7 +82,7 @@ def plain(frame, across, up, name="unintended"):
 
 @pytest.mark.parametrize("values", [np.arange(200, 2400), np.linspace(-3, 3, 500), 2.0 ** np.linspace(0, 9, 300)])
 def test_bins_hold_their_values(values):
-    axis = map_axes.of_numbers("x", None, float(values.min()), float(values.max()), len(values))
+    axis = axes.of_numbers("x", None, float(values.min()), float(values.max()), len(values))
     number = axis.number(values)
     limits = [[float(e.replace("−", "-").replace("k", "e3")) for e in label.split(" to ")] for label in axis.labels]
     assert number.min() == 0 and number.max() == len(axis.labels) - 1 <= 12
@@ -88,25 +91,25 @@ def test_bins_hold_their_values(values):
 
 
 def test_few_values_have_a_bin_each():
-    axis = map_axes.of_numbers("x", np.array([1.0, 8, 64]), 1, 64, 4)
+    axis = axes.of_numbers("x", np.array([1.0, 8, 64]), 1, 64, 4)
     assert axis.labels == ["1", "8", "64"] and axis.number(np.array([8.0, 1, 64, 8])).tolist() == [1, 0, 2, 1]
 
 
 def test_joined_bins_name_their_ends_and_leave_what_is_no_number_alone():
-    axis = map_axes.of_numbers("x", np.array([1.0, 2, 4, 8]), 1, 8, 9, [map_axes.TO_THE_END])
+    axis = axes.of_numbers("x", np.array([1.0, 2, 4, 8]), 1, 8, 9, [axes.TO_THE_END])
     two, place = axis.join(2)
     assert two.labels == ["1, 2", "4, 8", "to the end"] and place.tolist() == [0, 0, 1, 1, 2]
     one, _ = two.join(1)
     assert one.labels == ["1 .. 8", "to the end"] and one.number(np.array([4.0, -1])).tolist() == [0, 1]
-    even = map_axes.of_numbers("x", None, 0.0, 8.0, 500)
+    even = axes.of_numbers("x", None, 0.0, 8.0, 500)
     assert even.join(2)[0].labels == ["0 to 4", "4 to 8"]
 
 
 def test_words_stand_in_the_order_of_the_joints_and_rare_ones_together():
-    axis = map_axes.of_words("channel", [("wrist", 3), ("elbow", 5), ("shoulder", 1)], ("shoulder", "elbow", "wrist"))
+    axis = axes.of_words("channel", [("wrist", 3), ("elbow", 5), ("shoulder", 1)], ("shoulder", "elbow", "wrist"))
     assert axis.labels == ["shoulder", "elbow", "wrist"]
-    many = map_axes.of_words("x", [(f"w{k:02}", 30 - k) for k in range(20)])
-    assert len(many.labels) == map_axes.MOST_VALUES and many.labels[-1] == "others" and many.labels[0] == "w00"
+    many = axes.of_words("x", [(f"w{k:02}", 30 - k) for k in range(20)])
+    assert len(many.labels) == axes.MOST_VALUES and many.labels[-1] == "others" and many.labels[0] == "w00"
 
 
 # --- cells ------------------------------------------------------------------------------------------------------------
@@ -114,11 +117,11 @@ def test_words_stand_in_the_order_of_the_joints_and_rare_ones_together():
 
 def test_every_map_counts_each_fault_once_and_as_pandas_does():
     found = made(FRAME)
-    assert found[0]["name"] == maps.WHOLE and found[0]["n"] == len(FAULTY)
+    assert found[0]["name"] == panels.WHOLE and found[0]["n"] == len(FAULTY)
     blocks = FAULTY["fault0_site"] + " · " + FAULTY["fault0_effect"]
     assert {item["name"] for item in found[1:]} == set(blocks)
     for item in found:
-        mine = FAULTY if item["name"] == maps.WHOLE else FAULTY[blocks == item["name"]]
+        mine = FAULTY if item["name"] == panels.WHOLE else FAULTY[blocks == item["name"]]
         for one in item["rates"]:
             assert one["rate"] == wilson(int(MEASURES[one["name"]](mine).sum()), len(mine))
         for panel in item["panels"] + item["more"]:
@@ -202,7 +205,7 @@ def test_of_many_inputs_those_that_decide_are_the_axes():
     (item,) = made(frame)
     panel = panel_of(item)
     assert {panel["across"], panel["up"]} == {"value", "p6"}
-    assert len(item["more"]) <= maps.MORE_PAIRS
+    assert len(item["more"]) <= panels.MORE_PAIRS
 
 
 def test_inputs_that_tell_nothing_add_no_panels():
@@ -272,7 +275,7 @@ def test_sites_that_are_too_small_are_in_the_map_of_all_faults():
     frame = swept(60, fault0_site=np.tile(["dac", "encoder", "mpos", "packet", "plc", "brake"], 10))
     frame = moving(frame, frame["fault0_site"] == "packet")
     (item,) = made(frame)
-    assert item["name"] == maps.WHOLE and item["n"] == 60
+    assert item["name"] == panels.WHOLE and item["n"] == 60
     panel = panel_of(item)
     assert panel["rows"][0]["label"] == "packet · overwrite" and panel["rows"][0]["cells"][0] == wilson(10, 10)
     assert [row["cells"][0].k for row in panel["rows"]] == [10, 0, 0, 0, 0, 0]
@@ -325,8 +328,8 @@ def test_nothing_varied_has_no_map():
 
 def test_cells_of_a_file_have_a_column_a_measure():
     found = made(FRAME)
-    rows = maps.cells(found)
-    whole = [row for row in rows if row["faults"] == maps.WHOLE]
+    rows = panels.cells(found)
+    whole = [row for row in rows if row["faults"] == panels.WHOLE]
     assert sum(row["unintended"].n for row in whole) == len(FAULTY)
     assert {"faults", "across", "column", "up", "row", *MEASURES} <= set(whole[0])
 
@@ -336,7 +339,7 @@ def test_cells_of_a_file_have_a_column_a_measure():
 
 def section(frame):
     found = made(frame)
-    return page._environment().get_template("sections/maps.html.j2").render(maps=found, map_csv=maps.cells(found))
+    return page._environment().get_template("sections/maps.html.j2").render(maps=found, map_csv=panels.cells(found))
 
 
 def text(frame):

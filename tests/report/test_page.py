@@ -17,7 +17,7 @@ import reacting_results as reacting
 import synthetic_results as synthetic
 from statsmodels.duration.survfunc import SurvfuncRight
 
-from ravenjax.campaign import decisions
+from ravenjax.campaign.stop import decisions
 from ravenjax.hazards import titles
 from ravenjax.report import counted, figures, page, tables, wording
 from ravenjax.report import facts as run_facts

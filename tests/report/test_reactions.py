@@ -9,7 +9,7 @@ import pytest
 import reacting_results as reacting
 import synthetic_results as synthetic
 
-from ravenjax.report import reaction_figures, reactions
+from ravenjax.report.reaction import figures, pairs
 from ravenjax.report.runs import Runs
 from ravenjax.stats.intervals import wilson
 from ravenjax.stats.paired import mcnemar, rate_difference
@@ -20,12 +20,12 @@ MANIFEST = reacting.manifest(len(FRAME))
 
 
 def drawn(frame):
-    return reactions.drawn(Runs.of(frame, MANIFEST))
+    return pairs.drawn(Runs.of(frame, MANIFEST))
 
 
 def differences(frame):
     part = drawn(frame)
-    return reactions.differences(part.frame, part.facts)
+    return pairs.differences(part.frame, part.facts)
 
 
 ROWS = differences(FRAME)
@@ -112,7 +112,7 @@ def test_interruptions_of_fault_free_motion():
     acting = frame["param:reaction.action"] == 1
     frame["twin_reaction_ms"] = np.where(acting & (frame["twin_tip_path_mm"] == 0.5), 900, -1)
     part = drawn(frame)
-    found = {one.action: one for one in reactions.interruptions(part.frame, part.facts)}
+    found = {one.action: one for one in pairs.interruptions(part.frame, part.facts)}
     motions = frame[acting].groupby(["operator", "twin_tip_path_mm"], observed=True)["twin_reaction_ms"].first()
     assert found["lift the pedal"].motions == wilson(int((motions >= 0).sum()), len(motions))
     assert found["correct by eye"].motions.k == 0 and np.isnan(found["correct by eye"].lost_ms)
@@ -124,14 +124,14 @@ def test_pairs_need_both_sides():
 
 
 def test_figures():
-    chart = reaction_figures.spared(ROWS)
+    chart = figures.spared(ROWS)
     places = {(mark.name, round(y)): x for mark in chart.marks for x, y in zip(mark.x, mark.y, strict=True)}
     for row in ROWS:
         if np.isfinite(row.distance_mm.low):
             assert places[row.action, chart.y.names.index(row.among)] == row.distance_mm.value
             assert chart.x.low <= row.distance_mm.low and row.distance_mm.high <= chart.x.high
     part = drawn(FRAME)
-    chart = reaction_figures.exceedance(part.frame, part.facts)
+    chart = figures.exceedance(part.frame, part.facts)
     assert len(chart.marks) == 3
     for curve, action in zip(chart.marks, (0, 1, 3), strict=True):
         far = sides(action or 1, ["excursion_mm"])[int(action > 0)]["excursion_mm"].to_numpy()

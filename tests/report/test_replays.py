@@ -10,9 +10,9 @@ import pytest
 import synthetic_results as synthetic
 
 from ravenjax.report import facts as run_facts
-from ravenjax.report import replay_figure, replays
+from ravenjax.report.run import path_figure, paths
 from ravenjax.report.runs import Runs
-from ravenjax.store import trace_log
+from ravenjax.store.logs import trace_log
 
 TICKS = 1500
 FRAME = synthetic.frame(60)
@@ -44,7 +44,7 @@ def folder_with(tmp_path, rows, **options):
 
 def test_what_was_written_is_read(tmp_path):
     folder = folder_with(tmp_path, WORST.head(1), twin=True)
-    told = replays.read(folder / "traces" / f"{WORST['run_id'].iloc[0]}.mcap")
+    told = paths.read(folder / "traces" / f"{WORST['run_id'].iloc[0]}.mcap")
     written = series(4, twin=True)
     np.testing.assert_array_equal(told["gold/tip"], written["gold/tip"])
     np.testing.assert_array_equal(told["gold/model"], written["gold/model_position"])
@@ -53,19 +53,19 @@ def test_what_was_written_is_read(tmp_path):
 
 
 def test_the_worst_come_first_and_are_thinned(tmp_path):
-    found, broken = replays.find(folder_with(tmp_path, WORST), RUNS)
+    found, broken = paths.find(folder_with(tmp_path, WORST), RUNS)
     assert broken == [] and [one.run_id for one in found] == WORST["run_id"].tolist()
     one = found[0]
-    assert len(one.time_ms) <= replays.POINTS + len(replays.MARKS) + 1
+    assert len(one.time_ms) <= paths.POINTS + len(paths.MARKS) + 1
     assert one.time_ms[0] == 0 and one.time_ms[-1] == TICKS - 1
     assert one.deviation_mm.max() == pytest.approx(4.0) and one.paths["true tip"][0].tolist() == [0, 0, 0]
     assert set(one.paths) == {"true tip", "nominal model"}
 
 
 def test_marks_stand_at_their_times(tmp_path):
-    found, _ = replays.find(folder_with(tmp_path, WORST), RUNS)
+    found, _ = paths.find(folder_with(tmp_path, WORST), RUNS)
     for one, index in zip(found, WORST.index, strict=True):
-        for label, column in replays.MARKS.items():
+        for label, column in paths.MARKS.items():
             ms = FACTS.at[index, column]
             if 0 <= ms < TICKS:
                 assert one.time_ms[one.marks[label]] == ms
@@ -74,7 +74,7 @@ def test_marks_stand_at_their_times(tmp_path):
 
 
 def test_the_arm_that_went_farther(tmp_path):
-    found, _ = replays.find(folder_with(tmp_path, WORST.head(1), arms=("gold", "green")), RUNS)
+    found, _ = paths.find(folder_with(tmp_path, WORST.head(1), arms=("gold", "green")), RUNS)
     assert found[0].arm == "green" and found[0].deviation_mm.max() == pytest.approx(8.0)
 
 
@@ -85,30 +85,30 @@ def test_damaged_and_foreign_files_are_named(tmp_path):
     two.write_bytes(b"no mcap at all")
     trace_log.write(three, {"gold/position": np.zeros((5, 3))})
     (folder / "traces" / "unknown.mcap").write_bytes(b"of another campaign")
-    found, broken = replays.find(folder, RUNS)
+    found, broken = paths.find(folder, RUNS)
     assert found == [] and [name.partition(":")[0] for name in broken] == [one.name, two.name, three.name]
 
 
 def test_without_traces_there_is_nothing(tmp_path):
-    assert replays.find(tmp_path, RUNS) == ([], [])
+    assert paths.find(tmp_path, RUNS) == ([], [])
 
 
 def test_figure_and_course(tmp_path):
-    (one,), _ = replays.find(folder_with(tmp_path, WORST.head(1), twin=True), RUNS)
-    chart = replay_figure.distance(one)
+    (one,), _ = paths.find(folder_with(tmp_path, WORST.head(1), twin=True), RUNS)
+    chart = path_figure.distance(one)
     np.testing.assert_array_equal(chart.marks[0].x, one.time_ms)
     np.testing.assert_array_equal(chart.marks[0].y, one.deviation_mm)
     assert {mark.name: mark.x[0] for mark in chart.marks[1:]} == {
         f"{label} {one.time_ms[point]:,} ms": one.time_ms[point] for label, point in one.marks.items()
     }
-    course = replay_figure.course(one)
+    course = path_figure.course(one)
     assert len({len(course[name]) for name in ("time", "tip", "model", "off")}) == 1
     assert max(course["off"]) == pytest.approx(4.0)
 
 
 def test_views_are_at_one_scale_and_marks_stand_where_the_tip_is(tmp_path):
-    (one,), _ = replays.find(folder_with(tmp_path, WORST.head(1), twin=True), RUNS)
-    views = [ET.fromstring(view) for view in replay_figure.views(one)]
+    (one,), _ = paths.find(folder_with(tmp_path, WORST.head(1), twin=True), RUNS)
+    views = [ET.fromstring(view) for view in path_figure.views(one)]
     assert [view.get("data-sides") for view in views] == ["0 1", "0 2", "1 2"]
     assert len({view.get("data-scale") for view in views}) == 1
     for view in views:
@@ -120,12 +120,12 @@ def test_views_are_at_one_scale_and_marks_stand_where_the_tip_is(tmp_path):
         assert float(mark.get("cx")) == pytest.approx(left + start[across] * scale, abs=0.1)
         assert float(mark.get("cy")) == pytest.approx(top - start[up] * scale, abs=0.1)
         numbers = [float(n) for part in view.iter("path") for n in re.findall(r"-?[\d.]+", part.get("d"))]
-        assert min(numbers) >= 0 and max(numbers) <= replay_figure.WIDTH
+        assert min(numbers) >= 0 and max(numbers) <= path_figure.WIDTH
         assert "mm off" in view.get("aria-label")
 
 
 def test_a_tip_that_does_not_move_has_views_too(tmp_path):
-    still = replays.Replay("r", "gold", "told", np.arange(5), {"true tip": np.zeros((5, 3)),
+    still = paths.Replay("r", "gold", "told", np.arange(5), {"true tip": np.zeros((5, 3)),
                            "nominal model": np.zeros((5, 3))}, np.zeros(5), {})  # fmt: skip
-    assert all("nan" not in view for view in replay_figure.views(still))
-    assert replay_figure.distance(still).y.high > 0
+    assert all("nan" not in view for view in path_figure.views(still))
+    assert path_figure.distance(still).y.high > 0

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.report import detector_figures, detectors
+from ravenjax.report.detection import figures, performance
 from ravenjax.report.runs import Runs
 from ravenjax.stats.intervals import wilson
 from ravenjax.store.manifest import Detector
@@ -17,8 +17,8 @@ MANIFEST = synthetic.manifest(RUNS)
 FRAME = synthetic.frame(RUNS).assign(twin_tip_path_mm=np.arange(RUNS) % 50 + 0.5)  # 50 fault-free motions an operator
 FRAME["twin_detector0_score"] = np.where(FRAME["twin_tip_path_mm"] < 3, 0.7, 0.4)  # over the lowest level in 3 of 50
 TABLE = Runs.of(FRAME, MANIFEST)
-FOUND = detectors.alarms(TABLE, MANIFEST)
-ROWS = {row.name: row for row in detectors.rows(TABLE, MANIFEST, FOUND)}
+FOUND = performance.alarms(TABLE, MANIFEST)
+ROWS = {row.name: row for row in performance.rows(TABLE, MANIFEST, FOUND)}
 VALID = (FRAME["failed"] == "") & (FRAME["fault0_site"] != "")
 MOVED = VALID & (FRAME["unintended_first_ms"] >= 0)
 
@@ -88,16 +88,16 @@ def test_area_is_the_chance_to_rank_a_motion_higher():
 def test_knowledge_comes_from_quiet_levels_alone():
     noisy = next(one for one in FOUND if one.name == "dsn16" and one.level == 0.5)
     everything = [noisy._replace(quiet=True), *FOUND]
-    more, less = (TABLE.count(f"{detectors.known(found)} >= 0") for found in (everything, FOUND))
+    more, less = (TABLE.count(f"{performance.known(found)} >= 0") for found in (everything, FOUND))
     assert more > less
 
 
 def test_no_curve_without_a_motion_or_without_a_second_fault():
     nothing = synthetic.judged(FRAME.assign(unintended_first_ms=-1))
     runs = Runs.of(nothing, MANIFEST)
-    rows = detectors.rows(runs, MANIFEST, detectors.alarms(runs, MANIFEST))
+    rows = performance.rows(runs, MANIFEST, performance.alarms(runs, MANIFEST))
     assert all(row.roc is None for row in rows)
-    assert detector_figures.roc(rows) is None and detector_figures.precision_recall(rows) is None
+    assert figures.roc(rows) is None and figures.precision_recall(rows) is None
 
 
 def test_many_levels_are_thinned_and_the_quiet_one_stays():
@@ -108,22 +108,22 @@ def test_many_levels_are_thinned_and_the_quiet_one_stays():
     frame = pd.concat([FRAME.drop(columns=[c for c in columns if c in FRAME]), pd.DataFrame(columns)], axis=1)
     manifest = synthetic.manifest(RUNS, detectors=(Detector("many", "steps", "all", 1, levels), MANIFEST.detectors[1]))
     runs = Runs.of(frame, manifest)
-    row = detectors.rows(runs, manifest, detectors.alarms(runs, manifest))[0]
-    assert detectors.MOST_LEVELS <= len(row.levels) <= detectors.MOST_LEVELS + 1
+    row = performance.rows(runs, manifest, performance.alarms(runs, manifest))[0]
+    assert performance.MOST_LEVELS <= len(row.levels) <= performance.MOST_LEVELS + 1
     assert [level.level for level in row.levels if level.quiet] == [min(x for x in levels if x >= 0.7)]
 
 
 def test_charts_hold_their_curves():
-    curves = detectors.curves(TABLE, MANIFEST, FOUND)
+    curves = performance.curves(TABLE, MANIFEST, FOUND)
     rows = list(ROWS.values())
-    delays, leads = detector_figures.delays(curves, 3000), detector_figures.leads(curves)
+    delays, leads = figures.delays(curves, 3000), figures.leads(curves)
     assert len(delays.marks) == len(leads.marks) == len(curves)
     for one, delay, lead in zip(curves, delays.marks, leads.marks, strict=True):
         for curve, truth, at in ((delay, one.delay, 100.0), (lead, one.lead.lag, float(one.lead.lag.time[-1]))):
             place = np.searchsorted(truth.time, at, side="right") - 1
             assert curve.at(at)[0] == pytest.approx(truth.fraction[place], abs=0.005)
             assert len(curve.x) < 450
-    roc, recall = detector_figures.roc(rows), detector_figures.precision_recall(rows)
+    roc, recall = figures.roc(rows), figures.precision_recall(rows)
     assert roc is not None and recall is not None
     for chart in (roc, recall):
         assert (chart.x.low, chart.x.high, chart.y.low, chart.y.high) == (0, 1, 0, 1)
@@ -133,6 +133,6 @@ def test_charts_hold_their_curves():
 
 def test_curves_beyond_the_largest_wait_in_the_legend():
     first = next(row for row in ROWS.values() if row.roc is not None)
-    many = [first._replace(name=f"detector {k}") for k in range(detector_figures.DRAWN + 3)]
-    chart = detector_figures.roc(many)
-    assert chart is not None and sum(visible for *_, visible in chart.legend()) == detector_figures.DRAWN
+    many = [first._replace(name=f"detector {k}") for k in range(figures.DRAWN + 3)]
+    chart = figures.roc(many)
+    assert chart is not None and sum(visible for *_, visible in chart.legend()) == figures.DRAWN

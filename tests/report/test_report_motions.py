@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.report import motions
+from ravenjax.report.motion import fault_free as motions
 from ravenjax.report.runs import Runs
 from ravenjax.stats.false_alarms import alarm_rate
-from ravenjax.store import fault_free
+from ravenjax.store.access import fault_free
 from ravenjax.store.folder import ResultFolder
 
 CONFIG = {"campaign": {"name": "c"}, "operator": {"motion": "suture", "seed": 1, "scale": 0.1}}

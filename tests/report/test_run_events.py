@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from ravenjax.outcomes.events import Rules
-from ravenjax.report import run_events, run_summary
+from ravenjax.report.run import events
+from ravenjax.report.run import summary as run_summary
 
 TICKS = 3000
 RULES = Rules(cue=0, threshold_mm=3.0, limit_mm=3.0)
@@ -60,7 +61,7 @@ def words(found):
 
 
 def test_a_run_is_told_in_the_order_of_the_loop():
-    found = run_events.events(ROW, RULES, series(), GOLDEN)
+    found = events.events(ROW, RULES, series(), GOLDEN)
     shoulder = "usb_out gold shoulder"
     assert words(found) == [
         (0, "check", "check packet_skip trips (operator packet after a gap, dropped), once, as in the golden run"),
@@ -86,14 +87,14 @@ def test_a_run_is_told_in_the_order_of_the_loop():
 
 
 def test_without_time_series_the_row_says_what_it_knows():
-    told = words(run_events.events(ROW, RULES))
+    told = words(events.events(ROW, RULES))
     assert (1230, "cue", "3 mm cue on: the reported tip is that far off the nominal model") in told
     assert not [kind for _, kind, _ in told if kind in ("run level", "brakes")]
     assert [ms for ms, _, _ in told] == sorted(ms for ms, _, _ in told)
 
 
 def test_a_cue_that_the_golden_run_has_too_is_no_news():
-    (cue,) = [e for e in run_events.events(ROW | {"twin_cue0_first_ms": 1000}, RULES) if e.kind == "cue"]
+    (cue,) = [e for e in events.events(ROW | {"twin_cue0_first_ms": 1000}, RULES) if e.kind == "cue"]
     assert cue.level == "debug" and cue.text.endswith("; the golden run had one at 1,000 ms")
 
 
@@ -102,7 +103,7 @@ def test_many_windows_and_changes_are_summed_up():
     now = np.arange(TICKS)
     many["fault0_active"] = (now >= 1000) & (now % 100 < 10)
     many["runlevel"] = 2 + (now // 50) % 2
-    told = words(run_events.events(ROW | {"applied0_first_ms": 1003, "applied0_last_ms": 2909}, RULES, many))
+    told = words(events.events(ROW | {"applied0_first_ms": 1003, "applied0_last_ms": 2909}, RULES, many))
     fault = [text for _, kind, text in told if kind == "fault"]
     assert fault[0].startswith("the fault's window opens: usb_out gold shoulder, overwrite 12,000 counts")
     assert fault[1:] == [
@@ -113,14 +114,14 @@ def test_many_windows_and_changes_are_summed_up():
         "the fault last changes a value, its last window closes: usb_out gold shoulder, 16 ms in all",
     ]
     levels = [text for _, kind, text in told if kind == "run level"]
-    assert len(levels) == run_events.MOST_CHANGES + 1 and levels[-1] == "51 more changes, the last at 2,950 ms"
+    assert len(levels) == events.MOST_CHANGES + 1 and levels[-1] == "51 more changes, the last at 2,950 ms"
 
 
 def test_a_stop_is_an_error_and_told_as_one():
     stopping = series()
     stopping["runlevel"][1800:] = 0
     stopping["soft_estopped"][1790:1800] = 1
-    found = [e for e in run_events.events(ROW, RULES, stopping) if e.kind == "run level" and e.ms > 1000]
+    found = [e for e in events.events(ROW, RULES, stopping) if e.kind == "run level" and e.ms > 1000]
     assert [(e.ms, e.level, e.text) for e in found] == [
         (1790, "error", "software E-stop raised: DACs are 0"),
         (1800, "error", "run level: pedal down to E-stop"),
@@ -131,14 +132,14 @@ def test_a_stop_is_an_error_and_told_as_one():
 def test_a_window_at_the_end_of_the_run_does_not_close():
     open_to_the_end = series()
     open_to_the_end["fault0_active"][1200:] = True
-    told = run_events.events(ROW | {"applied0_last_ms": TICKS - 1, "applied0_ticks": 1800}, RULES, open_to_the_end)
+    told = events.events(ROW | {"applied0_last_ms": TICKS - 1, "applied0_ticks": 1800}, RULES, open_to_the_end)
     assert told[-1].text == "the fault last changes a value as the run ends: usb_out gold shoulder, 1,800 ms in all"
 
 
 @pytest.mark.parametrize("changes", [(-1, -1), (1200, 1203)])
 def test_a_window_that_outlasts_the_effect_closes_by_itself(changes):
     row = ROW | {"applied0_first_ms": changes[0], "applied0_last_ms": changes[1], "applied0_ticks": 4}
-    told = [(e.ms, e.text.partition(":")[0]) for e in run_events.events(row, RULES, series()) if e.kind == "fault"]
+    told = [(e.ms, e.text.partition(":")[0]) for e in events.events(row, RULES, series()) if e.kind == "fault"]
     assert told[-1] == (1216, "usb_out gold shoulder")
     begins = "the fault's window opens" if changes[0] < 0 else "the fault first changes a value"
     assert told[0] == (1200, begins) and len(told) == (2 if changes[0] < 0 else 3)

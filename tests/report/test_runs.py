@@ -11,8 +11,11 @@ import pytest
 import reacting_results as reacting
 import synthetic_results as synthetic
 
-from ravenjax.report import cue_sweep, dependence, detectors, page, reactions, risk
+from ravenjax.report import dependence, page, risk
 from ravenjax.report import facts as run_facts
+from ravenjax.report.cues import sweep
+from ravenjax.report.detection import performance
+from ravenjax.report.reaction import pairs
 from ravenjax.report.runs import Faults, Runs
 from ravenjax.store import schema
 from ravenjax.store.folder import ResultFolder
@@ -51,10 +54,10 @@ def test_drawn_rows_are_the_same_each_time_about_as_many_as_asked_and_fair():
 def test_pairs_are_drawn_as_a_whole(monkeypatch):
     frame = reacting.frame(400)
     runs = Runs.of(frame, reacting.manifest(len(frame)))
-    monkeypatch.setattr(reactions, "MOST", 300)
-    drawn = reactions.drawn(runs)
+    monkeypatch.setattr(pairs, "MOST", 300)
+    drawn = pairs.drawn(runs)
     assert 150 < len(drawn.frame) < 450 and set(drawn.frame.groupby("pair").size()) == {3}
-    rows = [row for row in reactions.differences(drawn.frame, drawn.facts) if row.among == "all faults"]
+    rows = [row for row in pairs.differences(drawn.frame, drawn.facts) if row.among == "all faults"]
     assert len(rows) == 2 and all(row.n < len(drawn.frame) / 3 for row in rows)
 
 
@@ -110,10 +113,10 @@ def test_a_page_of_a_sample_says_so_and_counts_all(tmp_path, monkeypatch):
     manifest = reacting.manifest(len(frame))
     whole = words(page.render(Runs.of(frame, manifest), manifest, tmp_path))
     assert "drawn by a fixed rule" not in whole
-    monkeypatch.setattr(reactions, "MOST", 900)
+    monkeypatch.setattr(pairs, "MOST", 900)
     monkeypatch.setattr(dependence, "MOST", 500)
-    monkeypatch.setattr(detectors, "MOST_DRAWN", 400)
-    monkeypatch.setattr(cue_sweep, "MOST", 300)
+    monkeypatch.setattr(performance, "MOST_DRAWN", 400)
+    monkeypatch.setattr(sweep, "MOST", 300)
     some = words(page.render(Runs.of(frame, manifest), manifest, tmp_path))
     assert len(re.findall(r"Of about [\d,]+ of [\d,]+ runs, drawn by a fixed rule", some)) == 4
     counts = re.findall(r"Of [\d,]+ distinct faults.*?\)", whole) + re.findall(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ravenjax.report.trace_plot import trace_plot
+from ravenjax.report.run.plot import trace_plot
 
 TICKS = 3000
 

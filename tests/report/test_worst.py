@@ -9,7 +9,8 @@ import pandas as pd
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.report import downloads, page, worst
+from ravenjax.report import downloads, page
+from ravenjax.report.run import worst
 from ravenjax.report.runs import Runs
 
 RUNS = 1500

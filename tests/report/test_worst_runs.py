@@ -6,7 +6,7 @@ import pytest
 import synthetic_results as synthetic
 
 from ravenjax.errors import UserError
-from ravenjax.report import worst_runs
+from ravenjax.report.run import ranking
 from ravenjax.store.folder import ResultFolder
 
 FRAME = synthetic.frame(600)
@@ -45,14 +45,14 @@ def sorted_ids(values, most):
     ],
 )
 def test_the_worst_are_those_of_a_plain_sort(folder, by, values):
-    found = worst_runs.worst(folder, 7, by)
+    found = ranking.worst(folder, 7, by)
     assert [run.run_id for run in found] == sorted_ids(values, 7)
     assert [run.value for run in found] == sorted((run.value for run in found), reverse=True)
 
 
 def test_there_may_be_fewer_than_asked_for(folder):
     cases = (CASES["cue0_ms"] > 0).sum()
-    assert len(worst_runs.worst(folder, 10_000, "cue")) == cases < len(CASES)
+    assert len(ranking.worst(folder, 10_000, "cue")) == cases < len(CASES)
 
 
 @pytest.mark.parametrize(
@@ -64,4 +64,4 @@ def test_there_may_be_fewer_than_asked_for(folder):
 )
 def test_what_cannot_be_asked(folder, most, by, words):
     with pytest.raises(UserError, match=words):
-        worst_runs.worst(folder, most, by)
+        ranking.worst(folder, most, by)

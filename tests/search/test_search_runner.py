@@ -12,7 +12,8 @@ import pytest
 from ravenjax.errors import UserError
 from ravenjax.search import boundary, journal, loading, output, runner
 from ravenjax.search.findings import plain
-from ravenjax.store import folder, lock
+from ravenjax.store import folder
+from ravenjax.store.access import lock
 from ravenjax.store.files import StoreError
 
 BASE = {

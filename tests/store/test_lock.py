@@ -14,7 +14,7 @@ import sys
 
 import pytest
 
-from ravenjax.store import lock
+from ravenjax.store.access import lock
 from ravenjax.store.files import StoreError
 
 HOLD = """

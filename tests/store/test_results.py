@@ -9,9 +9,9 @@ import pytest
 import synthetic_results as synthetic
 
 from ravenjax.store import schema
+from ravenjax.store.access.results import Results
 from ravenjax.store.files import StoreError
 from ravenjax.store.folder import ResultFolder
-from ravenjax.store.results import Results
 
 RUNS = 500
 FRAME = synthetic.frame(RUNS)

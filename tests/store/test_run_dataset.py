@@ -8,8 +8,8 @@ import sys
 import numpy as np
 import pytest
 
-from ravenjax.store import run_dataset, time_series
 from ravenjax.store.files import StoreError
+from ravenjax.store.logs import run_dataset, time_series
 from ravenjax.vocabulary.arms import JOINTS
 
 T = 40

@@ -84,5 +84,5 @@ def test_results_readme_describes_each_column():
 
 
 def test_reading_results_needs_no_jax():
-    code = "import sys, ravenjax.report.page, ravenjax.report.trace_plot; sys.exit('jax' in sys.modules)"
+    code = "import sys, ravenjax.report.page, ravenjax.report.run.plot; sys.exit('jax' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -10,8 +10,8 @@ import ros2_log
 from scipy.spatial.transform import Rotation
 
 from ravenjax.robot import arrays
-from ravenjax.store import session_file, session_log, session_words
 from ravenjax.store.files import StoreError
+from ravenjax.store.logs import session_file, session_log, session_words
 from ravenjax.store.motion import mcap_file
 from ravenjax.trainer.frame import Layout
 from ravenjax.vocabulary.arms import JOINTS

@@ -7,7 +7,8 @@ import copy
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.store import fault_free, manifest
+from ravenjax.store import manifest
+from ravenjax.store.access import fault_free
 from ravenjax.store.folder import ResultFolder
 from ravenjax.store.manifest import Cue
 

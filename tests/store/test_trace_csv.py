@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ravenjax.store import time_series, trace_csv
 from ravenjax.store.files import StoreError
+from ravenjax.store.logs import time_series, trace_csv
 
 T = 50
 

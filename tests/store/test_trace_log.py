@@ -10,9 +10,9 @@ import ros2_log
 from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
-from ravenjax.store import trace_log
 from ravenjax.store.files import StoreError
-from ravenjax.store.trace_log import Base
+from ravenjax.store.logs import trace_log
+from ravenjax.store.logs.trace_log import Base
 from ravenjax.vocabulary.arms import JOINTS
 
 TICKS = 2500

@@ -10,8 +10,10 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from ravenjax.campaign import design, loading, runner
-from ravenjax.campaign.config import CampaignConfig
+from ravenjax.campaign import runner
+from ravenjax.campaign.faults import design
+from ravenjax.campaign.file import loading
+from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.robot import kinematics
 from ravenjax.robot.limits import HOME_JPOS
 from ravenjax.stages import motions

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from ravenjax import paths
-from ravenjax.campaign import loading, plan
+from ravenjax.campaign import plan
+from ravenjax.campaign.file import loading
 from ravenjax.studies import catalogue
 from ravenjax.studies.framework import drawing, running
 from ravenjax.studies.framework.study import Context

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import synthetic_results
 
-from ravenjax.campaign import design, loading
+from ravenjax.campaign.faults import design
+from ravenjax.campaign.file import loading
 from ravenjax.outcomes.events import Rules
 from ravenjax.store.manifest import Detector
 from ravenjax.studies import catalogue

@@ -12,8 +12,9 @@ import pandas as pd
 import pytest
 import synthetic_results
 
-from ravenjax.campaign import design, loading
-from ravenjax.report.reactions import EXCURSION
+from ravenjax.campaign.faults import design
+from ravenjax.campaign.file import loading
+from ravenjax.report.reaction.pairs import EXCURSION
 from ravenjax.stats.intervals import Estimate
 from ravenjax.studies.framework import running
 from ravenjax.studies.reaction import drawings, fault_free, measures, operator, tables, times

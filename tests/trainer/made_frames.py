@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ravenjax.campaign import design
+from ravenjax.campaign.faults import design
 from ravenjax.trainer import scenario
 from ravenjax.trainer.frame import PHASES, Frame, Layout
 from ravenjax.trainer.world import from_world

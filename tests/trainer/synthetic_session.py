@@ -7,7 +7,7 @@ import dataclasses
 
 import numpy as np
 
-from ravenjax.store import session_file, session_log
+from ravenjax.store.logs import session_file, session_log
 from ravenjax.trainer.frame import Frame, Layout
 from ravenjax.trainer.hazard_table import Hazard
 

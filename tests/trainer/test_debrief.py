@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ravenjax.cli import main
-from ravenjax.store import session_log
 from ravenjax.store.files import StoreError
+from ravenjax.store.logs import session_log
 from ravenjax.trainer import (
     debrief,
     debrief_course,

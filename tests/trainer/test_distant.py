@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ravenjax.campaign import loading
+from ravenjax.campaign.file import loading
 from ravenjax.robot.packet import decode
 from ravenjax.trainer import blueprint
 from ravenjax.trainer.distant import DistantRobot

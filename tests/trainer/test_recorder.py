@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from ravenjax.store import recover, session_file, session_log
+from ravenjax.store.logs import recover, session_file, session_log
 from ravenjax.trainer import recorder, recording
 from ravenjax.trainer.frame import Layout
 from ravenjax.trainer.ring import EVENT_BYTES, Ring, put_json

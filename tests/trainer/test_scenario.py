@@ -7,7 +7,8 @@ import pytest
 from made_frames import made
 
 from ravenjax import resources
-from ravenjax.campaign import design, loading
+from ravenjax.campaign.faults import design
+from ravenjax.campaign.file import loading
 from ravenjax.errors import UserError
 from ravenjax.hazards import expansion, library
 from ravenjax.outcomes.events import Rules

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from made_frames import made as made_scenario
 
-from ravenjax import tick
-from ravenjax.campaign import loading, replay
+from ravenjax.campaign.file import loading
+from ravenjax.campaign.inspection import replay
 from ravenjax.errors import UserError
+from ravenjax.loop import tick
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.robot.motion import columns
 from ravenjax.stages.operator import lookup, packet

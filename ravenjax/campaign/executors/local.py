@@ -13,7 +13,7 @@ from typing import Any
 
 from ravenjax.campaign import assembly
 from ravenjax.campaign.computation import Computation
-from ravenjax.campaign.executors.behind import Behind
+from ravenjax.campaign.executors.carriers.behind import Behind
 from ravenjax.campaign.executors.chunk import finished
 from ravenjax.campaign.executors.protocol import Work
 

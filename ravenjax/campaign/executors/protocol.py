@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
 from ravenjax.campaign.plan import Plan
-from ravenjax.campaign.progress import Progress
+from ravenjax.campaign.progress.counts import Progress
 from ravenjax.engines.interface import Engine
 
 T = TypeVar("T")

@@ -19,7 +19,7 @@ from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.executors.chunk import finished
 from ravenjax.campaign.executors.protocol import Finished, Pack, Work
 from ravenjax.campaign.plan import Plan
-from ravenjax.campaign.progress import Progress
+from ravenjax.campaign.progress.counts import Progress
 from ravenjax.engines import selection
 from ravenjax.errors import UserError
 from ravenjax.store import manifest

@@ -13,7 +13,7 @@ from mcap.records import Channel, Footer, Message, Schema
 from mcap.stream_reader import StreamReader
 
 from ravenjax.errors import UserError, suggestion
-from ravenjax.store import topics as names
+from ravenjax.store.logs import topics as names
 from ravenjax.store.motion.table_file import unit
 from ravenjax.store.motion.track import ArmTrack, Track
 from ravenjax.store.schema import JOINTS

@@ -12,13 +12,14 @@ import numpy as np
 
 from ravenjax.errors import UserError
 from ravenjax.robot.motion import TICK_S, Motion
-from ravenjax.store.motion import resampling, spikes, survey, timeline, words
-from ravenjax.store.motion.course import TipCourse
+from ravenjax.store.motion import resampling, spikes, survey, timeline
 from ravenjax.store.motion.options import ReplayOptions
 from ravenjax.store.motion.reach import ArmReach, Bounds, Poses, reach, reason
 from ravenjax.store.motion.recording import HandRecording, load, refused, require_readable
 from ravenjax.store.motion.summary import MotionSummary
 from ravenjax.store.motion.timeline import Timeline
+from ravenjax.store.motion.view import words
+from ravenjax.store.motion.view.course import TipCourse
 from ravenjax.vocabulary.arms import ArmName
 
 STILL_M, STILL_RAD = 5e-5, math.radians(0.2)

@@ -7,10 +7,11 @@ import numpy as np
 from ravenjax.robot.motion import TICK_S
 from ravenjax.stages.motions import MOTION_S
 from ravenjax.store import files
-from ravenjax.store.motion import resampling, words
+from ravenjax.store.motion import resampling
 from ravenjax.store.motion.recording import HandRecording
 from ravenjax.store.motion.summary import ArmSummary, MotionSummary, line
 from ravenjax.store.motion.timeline import RUN_UP_S, Timeline
+from ravenjax.store.motion.view import words
 
 UNFOLLOWED_MM = 0.1
 """Motion under a lifted pedal that is worth a note."""

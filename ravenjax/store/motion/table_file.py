@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from ravenjax.errors import UserError, suggestion
+from ravenjax.store.logs.topics import ARM_TOPICS
 from ravenjax.store.motion import stamps
 from ravenjax.store.motion.track import ArmTrack, Track
-from ravenjax.store.topics import ARM_TOPICS
 
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
 ANGLES = {"rad": 1e3, "mrad": 1.0, "deg": 1e3 * math.pi / 180.0}

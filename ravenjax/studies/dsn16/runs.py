@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from ravenjax.campaign.config import CampaignConfig
+from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.store import manifest
 from ravenjax.store.folder import read_all
 from ravenjax.studies.dsn16 import cells, trajectory

@@ -13,8 +13,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from ravenjax.campaign import compile_cache, plan, replay
-from ravenjax.campaign.config import CampaignConfig
+from ravenjax.campaign import compile_cache, plan
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.inspection import replay
 from ravenjax.engines import traced
 from ravenjax.engines.interface import Block
 from ravenjax.engines.simd import SimdKernel

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ravenjax.campaign import plan
-from ravenjax.campaign.config import CampaignConfig
+from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.robot import kinematics
 from ravenjax.robot.mapping import ITP_AXES
 from ravenjax.types import Vec

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ravenjax import figure_style
+from ravenjax.document import figure_style
 from ravenjax.document.palette import CUE, PALETTE
 from ravenjax.store.files import write_aside
 from ravenjax.studies.framework.study import Drawing

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.campaign import compile_cache, plan
-from ravenjax.campaign.config import CampaignConfig
+from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.plan import Plan
 from ravenjax.engines import jit, traced
 from ravenjax.engines.interface import Block

@@ -23,7 +23,7 @@ import pandas as pd
 
 from ravenjax.hazards import classes, severity
 from ravenjax.outcomes.verdict import LIMIT_MM
-from ravenjax.report.reactions import EXCURSION
+from ravenjax.report.reaction.pairs import EXCURSION
 
 RELEASE, SLOW, CORRECT = 1, 2, 3
 """Actions, as in report.facts.ACTIONS."""

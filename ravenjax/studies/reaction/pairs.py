@@ -13,8 +13,8 @@ import pandas as pd
 from ravenjax.hazards import library
 from ravenjax.hazards.naming import hazards_of
 from ravenjax.report import facts as run_facts
-from ravenjax.report import reactions
-from ravenjax.report.reactions import EXCURSION, Pairs
+from ravenjax.report.reaction import pairs as reactions
+from ravenjax.report.reaction.pairs import EXCURSION, Pairs
 from ravenjax.stats.intervals import Estimate, Rate, wilson
 from ravenjax.stats.multiplicity import holm
 from ravenjax.stats.paired import mcnemar, mean_difference, rate_difference

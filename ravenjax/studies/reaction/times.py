@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.report import facts as run_facts
-from ravenjax.report.reactions import Pairs
+from ravenjax.report.reaction.pairs import Pairs
 from ravenjax.stats.intervals import Rate, wilson
 from ravenjax.stats.latency import Lead, lead_time
 from ravenjax.studies.reaction import measures

@@ -19,10 +19,11 @@ import numpy as np
 import pandas as pd
 from pydantic import ValidationError
 
-from ravenjax.campaign import bounds, design, semantics
-from ravenjax.campaign.axis import Axis
-from ravenjax.campaign.config import CampaignConfig
-from ravenjax.campaign.location import Complaint
+from ravenjax.campaign.faults import design
+from ravenjax.campaign.file import bounds, semantics
+from ravenjax.campaign.file.axis import Axis
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.file.location import Complaint
 from ravenjax.hazards import expansion
 from ravenjax.trainer.scenario import hazard
 from ravenjax.trainer.scenario.config import INSTRUCTOR, Entry, Scenario

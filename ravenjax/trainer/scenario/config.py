@@ -18,9 +18,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PrivateAttr, field_validator, model_validator
 
-from ravenjax.campaign.axis import Number
-from ravenjax.campaign.config import Start
-from ravenjax.campaign.group import Fault, Section, flatten_parameters
+from ravenjax.campaign.file.axis import Number
+from ravenjax.campaign.file.config import Start
+from ravenjax.campaign.file.group import Fault, Section, flatten_parameters
 from ravenjax.errors import shown
 from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
 from ravenjax.vocabulary.arms import ARMS, ArmName

@@ -13,8 +13,8 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationError
 
 from ravenjax import resources
-from ravenjax.campaign import location, overriding
-from ravenjax.campaign.loading import SUFFIX
+from ravenjax.campaign.file import location, overriding
+from ravenjax.campaign.file.loading import SUFFIX
 from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.trainer.scenario.campaign import complaints
 from ravenjax.trainer.scenario.config import TASKS, Scenario

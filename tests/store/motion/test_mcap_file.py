@@ -5,7 +5,7 @@ import pytest
 from mcap.writer import Writer
 from recorded_hands import HOME_MM, circle, play, refused, tip_mm
 
-from ravenjax.store import topics
+from ravenjax.store.logs import topics
 
 TIME_S = np.cumsum([0.0, *np.where(np.arange(600) % 2, 0.008, 0.002)])
 """Three seconds of uneven samples."""

@@ -6,7 +6,7 @@ from recorded_hands import HOME_MM, ROWS, play, recording, refused, table, tip_m
 from scipy.spatial.transform import Rotation
 
 from ravenjax.robot.mapping import ITP_AXES
-from ravenjax.store import trace_log
+from ravenjax.store.logs import trace_log
 from ravenjax.store.motion import mcap_file
 from ravenjax.store.motion import recording as recordings
 from ravenjax.store.motion.options import ReplayOptions

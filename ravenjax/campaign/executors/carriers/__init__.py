@@ -1,0 +1,1 @@
+"""Carrying rows to processes and clusters and their results back; nothing here decides an outcome."""

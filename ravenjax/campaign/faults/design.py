@@ -1,0 +1,218 @@
+"""Expands a campaign into its fault table: one row per run, every input of the run in columns.
+
+Deterministic: a group's draws depend on the campaign's seed, the group's name and design alone, not on other groups, on
+chunk size or on the order in which pandas keeps anything. `run_id` hashes the content of the row and of all that the
+campaign fixes, so the same run has the same id wherever it stands. Everything is computed by columns: a campaign of
+millions of runs is as many numbers, not as many objects.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import math
+import zlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.campaign.faults import run_id, sampled_order, sampling
+from ravenjax.campaign.faults.sampling import Key
+from ravenjax.campaign.faults.slot import FIELDS, NUMBERS, WORDS, slot
+from ravenjax.campaign.faults.table import SHARED
+from ravenjax.campaign.file.axis import Axis, fixed
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.file.group import Fault, Group, Run
+from ravenjax.campaign.file.semantics import ALL, says_beyond
+from ravenjax.errors import UserError
+from ravenjax.store.words import column
+from ravenjax.vocabulary.sites import SITES
+
+MOST_RUNS = 100_000_000
+"""Rows of a fault table."""
+
+_PARAMETER = -1
+"""Stands for the fault slot in the key of a parameter's axis."""
+
+
+class _Piece(NamedTuple):
+    """Runs of one group, or of one entry of design "list", by columns: [runs], or [] where all runs agree."""
+
+    runs: int
+    group: str
+    seed: np.ndarray
+    behind: int  # rows back to the one that differs in crossed parameters alone; 0: this is the first of its kind
+    faults: list[dict[str, np.ndarray]]  # by slot
+    parameters: dict[str, np.ndarray]  # path -> values
+
+
+def expand(config: CampaignConfig) -> pd.DataFrame:
+    """The whole fault table, columns as in `ravenjax.store.schema`; words are categorical, `run_id` is a number
+    (uint64). With [stop] it stands in the order of `sampled_order`. `campaign.limit` cuts nothing here: see `runner`.
+
+    A parameter that a group leaves alone is NaN in its rows: the robot's own value. Raises UserError for drawn values
+    that the channel cannot take.
+    """
+    pieces = [piece for group in config.group for piece in _pieces(config, group)]
+    runs = sum(piece.runs for piece in pieces)
+    seed = _joined(pieces, [piece.seed for piece in pieces], np.int64)
+    words: dict[str, pd.Categorical] = {}
+    numbers: dict[str, np.ndarray] = {}
+    for s in range(config.slots):
+        faults = [piece.faults[s] if s < len(piece.faults) else {} for piece in pieces]
+        for name, known in WORDS.items():
+            codes = _joined(pieces, [fault.get(name, np.int8(0)) for fault in faults], np.int8)
+            words[f"fault{s}_{name}"] = column(codes, known)
+        for name, (dtype, empty) in NUMBERS.items():
+            numbers[f"fault{s}_{name}"] = _joined(pieces, [fault.get(name, empty) for fault in faults], dtype)
+    parameters = {
+        f"param:{path}": _joined(pieces, [piece.parameters.get(path, math.nan) for piece in pieces], np.float64)
+        for path in dict.fromkeys(path for piece in pieces for path in piece.parameters)
+    }
+    groups = list(dict.fromkeys(piece.group for piece in pieces))
+    numbered = _joined(pieces, [groups.index(piece.group) for piece in pieces], np.min_scalar_type(-len(groups)))
+    counted = {name: _of_faults(words, name, values) for name, values in numbers.items()} | parameters
+    ids = run_id.of(_common(config), words, {"seed": seed} | counted)
+    pair = np.arange(runs, dtype=np.int32) - _joined(pieces, [piece.behind for piece in pieces], np.int32)
+    table = {
+        "run_id": ids,
+        "index": np.arange(runs, dtype=np.int32),
+        "pair": pair,
+        "group": column(numbered, groups),
+        "seed": seed,
+        "operator": column(np.zeros(runs, np.int8), [config.operator.label]),
+        **{f"fault{s}_{name}": (words | numbers)[f"fault{s}_{name}"] for s in range(config.slots) for name in FIELDS},
+        **parameters,
+        **({SHARED: ids[pair]} if any(piece.behind for piece in pieces) else {}),
+    }
+    frame = pd.DataFrame(table, copy=False)
+    return frame if config.stop is None else sampled_order.arranged(config, frame)
+
+
+def count(config: CampaignConfig) -> int:
+    """Rows of the fault table, without expanding them; of them `campaign.limit` asks for the first."""
+    return sum(counts(config).values())
+
+
+def due(config: CampaignConfig) -> int:
+    """Rows that are asked for: all, or the first `campaign.limit`."""
+    return min(count(config), config.campaign.limit or MOST_RUNS)
+
+
+def counts(config: CampaignConfig) -> dict[str, int]:
+    """Rows of each group, in order, without expanding them."""
+    return {
+        group.name: group.repeats
+        * len(_crossings(config, group))
+        * sum(sampling.count(group, axes) for _, axes in faults_and_axes(config, group))
+        for group in config.group
+    }
+
+
+def _joined(pieces: Sequence[_Piece], columns: Sequence[Any], dtype: Any) -> np.ndarray:
+    """One column of all pieces, [runs]."""
+    whole = [np.broadcast_to(values, piece.runs) for piece, values in zip(pieces, columns, strict=True)]
+    return np.concatenate(whole).astype(dtype, copy=False)
+
+
+def _of_faults(words: dict[str, pd.Categorical], name: str, values: np.ndarray) -> np.ndarray:
+    """A number of a fault slot, NaN where the slot is empty."""
+    site = words[f"{name.partition('_')[0]}_site"]
+    return np.where(np.asarray(site == ""), np.nan, values) if "" in site.categories else values
+
+
+# --- what a run id hashes beside the row ------------------------------------------------------------------------------
+
+
+def _common(config: CampaignConfig) -> str:
+    """Hash of what decides the outcome of every run alike."""
+    # What is at its default is left out: a key that is added later changes no id of before.
+    deciding_nothing = {"name", "description", "seed", "limit", "chunk"}
+    campaign = config.campaign.model_dump(mode="json", exclude=deciding_nothing, exclude_defaults=True)
+    if campaign.get("dac_words") == "wrap":  # as without the key
+        del campaign["dac_words"]
+    operator = config.operator.model_dump(mode="json", exclude={"file"}, exclude_defaults=True)
+    if config.operator.file is not None:
+        operator["file"] = _file_hash(config.operator.file)
+    content = {
+        "campaign": {**campaign, "tools": config.tools},
+        "operator": operator,
+        "limits": config.limits.si(),
+        "cues": config.haptics.cues(),
+        "outcomes": {"jump": "code", "cue": 0, **config.outcomes.model_dump(exclude_defaults=True)},
+    }
+    return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def _file_hash(path: Path) -> str:
+    try:
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise UserError(f"{path}: operator.file cannot be read ({error.strerror})") from None
+
+
+# --- one group --------------------------------------------------------------------------------------------------------
+
+
+def _pieces(config: CampaignConfig, group: Group) -> Iterator[_Piece]:
+    rng = np.random.default_rng([config.campaign.seed, zlib.crc32(group.name.encode())])
+    for faults, axes in faults_and_axes(config, group):
+        runs, repeat, places = sampling.sample(group, axes, rng)
+        slots = [
+            slot(fault, _of_slot(axes, f), _of_slot(places, f), says_beyond(config.campaign, fault))
+            for f, fault in enumerate(faults)
+        ]
+        if wrong := [(found.wrong[0], f, found.wrong[1]) for f, found in enumerate(slots) if found.wrong]:
+            _, f, complaint = min(wrong)
+            raise UserError(f"group {group.name!r}, fault[{f}].value: {complaint}")
+        parameters = {path: axis.at(places[s, path]) for (s, path), axis in axes.items() if s == _PARAMETER}
+        for number, crossing in enumerate(_crossings(config, group)):
+            yield _Piece(
+                runs=runs,
+                group=group.name,
+                seed=(config.campaign.seed + repeat) % 2**31,
+                behind=number * runs,
+                faults=[found.columns for found in slots],
+                parameters=parameters | crossing,
+            )
+
+
+def _crossings(config: CampaignConfig, group: Group) -> list[dict[str, np.ndarray]]:
+    """Path -> value ([]) of each combination of the group's crossed parameters, the last varying fastest."""
+    axes = {**config.cross, **group.cross}
+    rows = itertools.product(*(axis.values for axis in axes.values()))
+    return [{path: np.asarray(float(value)) for path, value in zip(axes, row, strict=True)} for row in rows]
+
+
+def faults_and_axes(config: CampaignConfig, group: Group) -> Iterator[tuple[tuple[Fault, ...], dict[Key, Axis]]]:
+    """Of a group, or of each entry of design "list": its faults, and every axis in its order: slot by slot, field by
+    field, then the parameters."""
+    for run in group.run or [Run()]:
+        faults = group.faults_of(run)
+        axes = {(f, name): axis for f, fault in enumerate(faults) for name, axis in _of_fault(config, fault).items()}
+        parameters = {**config.parameters, **group.parameters, **run.parameters}
+        yield faults, axes | {(_PARAMETER, path): axis for path, axis in parameters.items()}
+
+
+def _of_fault(config: CampaignConfig, fault: Fault) -> dict[str, Axis]:
+    """The axes of a fault's fields but its site."""
+    site = SITES[fault.site]
+    names = tuple(channel.name for channel in site.channels)
+    sole = fixed(names[0]) if len(names) == 1 else fixed("")
+    every = Axis(kind="list", values=names)
+    resolved = {
+        "arm": fault.arm or fixed(config.campaign.arms[0] if site.per_arm else ""),
+        "channel": sole if fault.channel is None else every if fault.channel.listed == (ALL,) else fault.channel,
+        "value": fault.value or fixed(math.nan),
+    }
+    return {name: resolved.get(name) or getattr(fault, name) for name in FIELDS if name != "site"}
+
+
+def _of_slot(table: dict[Key, Any], slot: int) -> dict[str, Any]:
+    """What belongs to the fields of one slot."""
+    return {name: value for (s, name), value in table.items() if s == slot}

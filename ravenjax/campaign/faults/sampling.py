@@ -1,0 +1,72 @@
+"""Where each run of a group stands on each axis: what a design is, apart from what the axes mean."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from ravenjax.campaign.file.axis import Axis
+from ravenjax.campaign.file.group import SAMPLED, Group
+from ravenjax.errors import UserError
+
+Key = tuple[int, str]
+"""An axis: fault slot, or -1 for a parameter; field or parameter path."""
+
+
+class Sample(NamedTuple):
+    """The runs of a group, or of one entry of design "list"; repeats vary fastest, then the last list."""
+
+    runs: int
+    repeat: np.ndarray  # int64 [runs], which repeat of its place in the design a run is
+    places: dict[Key, np.ndarray]  # of each axis [runs] as `Axis.at` takes them; [] of an axis of one value
+
+
+def count(group: Group, axes: Mapping[Key, Axis]) -> int:
+    """How many runs `sample` gives, repeats apart. Raises UserError for lists that cannot go side by side."""
+    if group.design in SAMPLED:
+        return group.runs or 0
+    lengths = {key: len(axis.values) for key, axis in axes.items() if axis.kind == "list"}
+    if group.design != "zip":
+        return math.prod(lengths.values())
+    if len({length for length in lengths.values() if length > 1}) > 1:
+        told = ", ".join(f"{name} of slot {f}: {n}" if f >= 0 else f"{name}: {n}" for (f, name), n in lengths.items())
+        raise UserError(f"group {group.name!r}: design 'zip' needs lists of one length, got {told}")
+    return max(lengths.values(), default=1)
+
+
+def sample(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator) -> Sample:
+    """Runs of `group` over these axes. What is drawn depends on the axes' order and on `rng` alone."""
+    different = count(group, axes)
+    runs = different * group.repeats
+    place, repeat = np.divmod(np.arange(runs), group.repeats)
+    places = {key: np.zeros((), np.int64) for key in axes}
+    if group.design in SAMPLED:
+        drawn = {key: axis for key, axis in axes.items() if axis.kind != "fixed"}
+        unit = _unit(group.design, different, len(drawn), rng)
+        places |= {key: axis.places(unit[:, i])[place] for i, (key, axis) in enumerate(drawn.items())}
+        return Sample(runs, repeat, places)
+    stride = different
+    for key, axis in axes.items():
+        if axis.kind == "list" and (length := len(axis.values)) > 1:
+            stride = 1 if group.design == "zip" else stride // length
+            places[key] = place // stride % length
+    drawn = {key: axis for key, axis in axes.items() if axis.drawn}
+    unit = _unit("random", runs, len(drawn), rng)
+    places |= {key: axis.places(unit[:, i]) for i, (key, axis) in enumerate(drawn.items())}
+    return Sample(runs, repeat, places)
+
+
+def _unit(design: str, rows: int, dimensions: int, rng: np.random.Generator) -> np.ndarray:
+    """[rows, dimensions] points in the unit cube."""
+    if design == "random" or dimensions == 0:
+        return rng.random((rows, dimensions))
+    from scipy.stats import qmc  # slow to import
+
+    sampler = qmc.LatinHypercube(dimensions, rng=rng) if design == "lhs" else qmc.Sobol(dimensions, rng=rng)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # balance properties of counts that are no power of two
+        return sampler.random(rows)

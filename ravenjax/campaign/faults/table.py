@@ -1,0 +1,126 @@
+"""From the fault table to what an engine takes: the static `Injection`, and plain arrays with one row per run."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.campaign.faults import run_id
+from ravenjax.types import Injection, SiteUse
+from ravenjax.vocabulary.arms import ARMS
+from ravenjax.vocabulary.effects import EFFECT_CODES, NETWORK_EFFECTS, TRIGGER_CODES
+from ravenjax.vocabulary.sites import SITES
+
+FOREVER_TICKS = 2**30
+"""Duration of a fault that lasts until the run ends."""
+
+WORDS = ("site", "arm", "channel", "effect", "trigger")
+
+ARRAYS = {
+    "code": np.int32,
+    "effect": np.int32,
+    "trigger": np.int32,
+    "value": np.float32,
+    "start": np.int32,
+    "duration": np.int32,
+    "every": np.int32,
+    "period": np.int32,
+    "key": np.uint32,
+}
+"""The numbers of a fault, as `stages.faults.fault.Fault` has them."""
+
+SHARED = "shared_id"
+"""Column of a fault table with crossed parameters: the id of the first of the runs that differ in those alone."""
+
+Target = tuple[str, str, str]
+"""Site, arm ("" where the site has none), channel."""
+
+
+def slots(table: pd.DataFrame) -> int:
+    """Fault slots that the table has columns for."""
+    return sum(name.startswith("fault") and name.endswith("_site") for name in table.columns)
+
+
+def injection(table: pd.DataFrame) -> Injection:
+    """The fault machinery that the table needs, in canonical order: it does not depend on the order of the rows."""
+    effects: dict[Target, set[str]] = {}
+    triggers: set[str] = set()
+    for slot in range(slots(table)):
+        for site, arm, channel, effect, trigger in _Words(table, slot).combinations.values():
+            if site:
+                effects.setdefault((site, arm, channel), set()).add(NETWORK_EFFECTS.get(effect, ("", effect))[1])
+                triggers.add(trigger)
+    uses = []
+    for name, site in SITES.items():
+        arms = ARMS if site.per_arm else ("",)
+        targets = [(arm, c.name) for arm in arms for c in site.channels if (name, arm, c.name) in effects]
+        if targets:
+            used = set().union(*(effects[name, *target] for target in targets))
+            uses.append(SiteUse(name, tuple(targets), tuple(effect for effect in EFFECT_CODES if effect in used)))
+    return Injection(slots(table), tuple(uses), tuple(trigger for trigger in TRIGGER_CODES if trigger in triggers))
+
+
+def targets(injection: Injection) -> list[Target]:
+    """The flattened channels of an injection; a fault's code is its place in here, from 1."""
+    return [(use.site, arm, channel) for use in injection.sites for arm, channel in use.channels]
+
+
+def arrays(table: pd.DataFrame, injection: Injection) -> dict[str, np.ndarray]:
+    """The faults of each run, arrays [runs, injection.slots]; an empty slot has code 0.
+
+    code, effect, trigger int32; value float32; start, duration, every, period int32 in ticks of 1 ms (start in packets
+    with trigger "packet"); key uint32, the stream of random numbers of that run and slot.
+    """
+    code_of = {target: code for code, target in enumerate(targets(injection), start=1)}
+    out = {name: np.zeros((len(table), injection.slots), dtype) for name, dtype in ARRAYS.items()}
+    for slot in range(min(injection.slots, slots(table))):
+        words = _Words(table, slot)
+        meant = np.zeros((3, words.size), np.int32)
+        constant = np.full(words.size, np.nan)
+        for number, (site, arm, channel, effect, trigger) in words.combinations.items():
+            if site:
+                _, plain, value = NETWORK_EFFECTS.get(effect, ("", effect, None))
+                meant[:, number] = code_of[site, arm, channel], EFFECT_CODES[plain], TRIGGER_CODES[trigger]
+                constant[number] = math.nan if value is None else value
+        out["code"][:, slot], out["effect"][:, slot], out["trigger"][:, slot] = meant[:, words.number]
+        of_effect = constant[words.number]
+        value = np.where(np.isnan(of_effect), table[f"fault{slot}_value"], of_effect)
+        out["value"][:, slot] = np.where(np.isnan(value), 0.0, value)
+        for name in ("start", "duration", "every", "period"):
+            out[name][:, slot] = table[f"fault{slot}_{name}_ms"]
+        duration = out["duration"][:, slot]
+        duration[duration < 0] = FOREVER_TICKS
+        out["key"][:, slot] = run_id.stream(shared_ids(table), f"slot {slot}")
+    return out
+
+
+def shared_ids(table: pd.DataFrame) -> np.ndarray:
+    """What random numbers follow from, uint64 [rows]: each run's id, or its first sibling's where they are crossed."""
+    return table[SHARED if SHARED in table else "run_id"].to_numpy()
+
+
+class _Words:
+    """The words of one slot: each row as the number of its combination, and what the combinations are."""
+
+    def __init__(self, table: pd.DataFrame, slot: int) -> None:
+        columns = [table[f"fault{slot}_{name}"].cat for name in WORDS]
+        sizes = [len(column.categories) for column in columns]
+        self.size = math.prod(sizes)
+        self.number = np.ravel_multi_index([column.codes.to_numpy() for column in columns], sizes)  # int64 [rows]
+        found = np.flatnonzero(np.bincount(self.number, minlength=self.size))
+        places = np.stack(np.unravel_index(found, sizes), axis=1)
+        self.combinations = {
+            number: tuple(column.categories[i] for column, i in zip(columns, row, strict=True))
+            for number, row in zip(found.tolist(), places.tolist(), strict=True)
+        }
+
+
+def parameters(table: pd.DataFrame) -> dict[str, np.ndarray]:
+    """The varied parameters by path, float64 [runs]; NaN stands for the robot's own value."""
+    return {
+        name.removeprefix("param:"): table[name].to_numpy(np.float64)
+        for name in table.columns
+        if name.startswith("param:")
+    }

@@ -1,0 +1,324 @@
+"""Keys of a campaign that nothing would read, or that would only make copies of the same run.
+
+Each of them is a slip: whoever writes three values for an effect that takes none expects three different runs.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from ravenjax import paths
+from ravenjax.campaign.faults import design, sampling
+from ravenjax.campaign.file import bounds
+from ravenjax.campaign.file.axis import Axis
+from ravenjax.campaign.file.config import Campaign, CampaignConfig
+from ravenjax.campaign.file.group import SAMPLED, Fault, Group
+from ravenjax.campaign.file.location import Complaint, Key
+from ravenjax.campaign.file.semantics import ALL, NOISE, last_start, parameter_tables, random_in_itself
+from ravenjax.errors import shown
+from ravenjax.hazards.naming import hazards_of
+from ravenjax.vocabulary.arms import ARMS
+from ravenjax.vocabulary.effects import NETWORK_EFFECTS, WITHOUT_VALUE
+from ravenjax.vocabulary.sites import SITES
+
+
+class Unread(NamedTuple):
+    """A parameter that nothing reads in some campaigns."""
+
+    path: str  # as `bounds.plain` gives it
+    component: str  # "": all of its numbers
+    where: Callable[[Campaign], bool]
+    why: str
+
+
+_INCREMENTS = 'nothing reads it with console = "absolute": remove it, or take console = "increments"'
+_ABSOLUTE = 'nothing reads it but with console = "absolute": remove it, or set that in [campaign]'
+
+UNREAD = (
+    *(
+        Unread(f"operator.{name}", "", lambda campaign: campaign.console != "absolute", _ABSOLUTE)
+        for name in ("start_position", "start_quat", "start_grasp")
+    ),
+    *(
+        Unread(f"control.teleoperation.{name}", "", lambda campaign: campaign.console == "absolute", _INCREMENTS)
+        for name in ("grasp_gain", "grasp_min_mrad", "grasp_max_mrad")
+    ),
+    Unread(
+        "control.overdrive.policy",
+        "",
+        lambda campaign: campaign.software == "fork2015",
+        "nothing reads it: the 2015 fork has no policy",
+    ),
+    Unread(
+        "control.overdrive.dac_max",
+        "grasp2",
+        lambda campaign: True,
+        "nothing reads it: the original's check never looks at grasp2",
+    ),
+)
+"""Found by tracing the tick: no other parameter is without influence (`tests/campaign/test_unread.py`)."""
+
+VECTORS = {3: "x", 5: "shoulder", 7: "shoulder"}
+"""Lengths of vectors among the parameters, and the name of the first number of each."""
+
+
+def complaints(config: CampaignConfig) -> Iterator[Complaint]:
+    """(key, message) of every such key of a config whose words are right; see `drawn_once` for one more kind."""
+    for g, group in enumerate(config.group):
+        yield from _group(config, group, ("group", g))
+    yield from _parameters(config)
+    yield from _observers(config)
+
+
+def drawn_once(config: CampaignConfig) -> Iterator[Complaint]:
+    """(key, message) of each distribution from which only one number would be drawn: its group makes one run.
+
+    A robot that is drawn anew for each hazard of the library is left alone.
+    """
+    single = [g for g, group in enumerate(config.group) if group.design not in SAMPLED and _draws(config, group) == 1]
+    for g in single:
+        group = config.group[g]
+        axes = {("fault", f, name): axis for f, fault in enumerate(group.fault) for name, axis in _axes(fault)}
+        if not (group.fault and hazards_of(group.name)):
+            axes |= {("parameters", path): axis for path, axis in group.parameters.items()}
+        for key, axis in axes.items():
+            if axis.drawn:
+                yield ("group", g, *key), _once(axis, "the group makes one run")
+    if single and len(config.group) == 1:
+        for path, axis in config.parameters.items():
+            if axis.drawn and path not in config.group[0].parameters:
+                yield ("parameters", path), _once(axis, "the campaign makes one run")
+
+
+def notices(config: CampaignConfig) -> Iterator[Complaint]:
+    """(key, message) of what is accepted and may yet not be what was meant."""
+    for key, table in parameter_tables(config):
+        for path, axis in table.items():
+            if bounds.plain(path) in NOISE and not config.campaign.noise and axis.values != (0,):
+                yield (*key, path), "nothing reads it while campaign.noise is off; set campaign.noise = true to use it"
+    for g, group in enumerate(config.group):
+        for f, fault in enumerate(group.fault if hazards_of(group.name) else ()):
+            yield from _late(config, fault, ("group", g, "fault", f))
+
+
+def _draws(config: CampaignConfig, group: Group) -> int:
+    """Runs of a group that draw for themselves."""
+    return group.repeats * sum(sampling.count(group, axes) for _, axes in design.faults_and_axes(config, group))
+
+
+def _once(axis: Axis, why: str) -> str:
+    return (
+        f"{axis.kind} = {shown(list(axis.values))} is drawn from once, for {why}. For more draws write "
+        'design = "random" (or "lhs", "sobol") and runs = 100 in the group; for one run write the value itself'
+    )
+
+
+# --- groups -----------------------------------------------------------------------------------------------------------
+
+
+def _group(config: CampaignConfig, group: Group, key: Key) -> Iterator[Complaint]:
+    gridded = group.design in ("grid", "list")
+    for f, fault in enumerate(group.fault):
+        yield from _fault(fault, (*key, "fault", f), gridded)
+        if not hazards_of(group.name):
+            yield from _late(config, fault, (*key, "fault", f))
+        if group.design != "zip":
+            for name, axis in _axes(fault):
+                yield from _twice((*key, "fault", f, name), axis)
+    if group.design != "zip":
+        for path, axis in group.parameters.items():
+            yield from _twice((*key, "parameters", path), axis)
+    for path, axis in group.cross.items():
+        yield from _twice((*key, "cross", path), axis)
+    for r, run in enumerate(group.run):
+        if (first := group.run.index(run)) != r:
+            yield (*key, "run", r), f"the same as run[{first}]: its runs would be identical, remove it"
+    if group.design in SAMPLED and (group.runs or 0) > 1 and not _differ(config, group):
+        yield (
+            (*key, "runs"),
+            f"the {group.runs} runs would be identical: nothing in the group is drawn. Give a key a list or a "
+            "distribution, or remove design and runs",
+        )
+
+
+def _differ(config: CampaignConfig, group: Group) -> bool:
+    """Whether anything differs between the runs of a sampled group."""
+    axes = [axis for fault in group.fault for _, axis in _axes(fault)]
+    axes += {**config.parameters, **group.parameters}.values()
+    every = any(fault.channel is not None and fault.channel.listed == (ALL,) for fault in group.fault)
+    return every or random_in_itself(config, group) or any(map(_varies, axes))
+
+
+def _varies(axis: Axis) -> bool:
+    if axis.kind == "normal":
+        return axis.values[1] > 0
+    return len(set(axis.values)) > 1
+
+
+def _axes(fault: Fault) -> Iterator[tuple[str, Axis]]:
+    for name in Fault.model_fields:
+        if isinstance(axis := getattr(fault, name), Axis):
+            yield name, axis
+
+
+def _twice(key: Key, axis: Axis) -> Iterator[Complaint]:
+    """A list that holds a value twice; one that is drawn from says `choice`."""
+    if axis.kind != "list":
+        return
+    value, times = Counter(axis.values).most_common(1)[0]
+    if times > 1:
+        how = "twice" if times == 2 else f"{times} times"
+        path = str(key[-1])
+        vector = "." in path and len(axis.values) in VECTORS and path.rpartition(".")[2] not in paths.COMPONENTS
+        each = f"; for the numbers of a vector write one path each, such as {path}.{VECTORS.get(len(axis.values))}"
+        hint = each if vector else ""
+        yield (
+            key,
+            f"got {shown(value)} {how}: its runs would be identical. Write each value once; for repeats of a random "
+            f"run write repeats, to draw a value more often write {{ choice = [..] }}{hint}",
+        )
+
+
+def _fault(fault: Fault, key: Key, gridded: bool) -> Iterator[Complaint]:
+    effects, channels = fault.effect.listed, () if fault.channel is None else fault.channel.listed
+    if channels == (ALL,):
+        channels = tuple(channel.name for channel in SITES[fault.site].channels)
+    uses = (
+        _Use("value", fault.value, [e for e in effects if e not in WITHOUT_VALUE], "takes no value"),
+        _Use("period_ms", _unless_zero(fault.period_ms), [e for e in effects if e == "periodic"], "has no period"),
+    )
+    for use in uses:
+        if use.axis is None:
+            continue
+        idle = [effect for effect in effects if effect not in use.effects]
+        if not use.effects:
+            yield (*key, use.name), f"effect {idle[0]!r} {use.why}: remove the key"
+        elif idle and gridded and use.axis.kind == "list" and len(use.axis.values) > 1:
+            yield (*key, "effect"), _once_for_each(idle[0], use.why, use.name)
+    bound = {effect: NETWORK_EFFECTS[effect][0] for effect in effects if effect in NETWORK_EFFECTS}
+    if not channels or not bound:
+        return
+    effect, acts = next(iter(bound.items()))
+    if len(bound) == len(effects):
+        if set(channels) != set(bound.values()):
+            yield (*key, "channel"), f"effect {effect!r} acts on {acts!r} by itself: remove the key"
+    elif gridded and len(channels) > 1:
+        yield (*key, "effect"), _once_for_each(effect, f"acts on {acts!r} by itself", "channel")
+
+
+def _late(config: CampaignConfig, fault: Fault, key: Key) -> Iterator[Complaint]:
+    """An onset that may be drawn after the end of the run."""
+    start, last = fault.start_ms, last_start(config, fault, key)
+    if start.kind in ("uniform", "loguniform") and start.values[1] > last:
+        low, high = start.values
+        yield (
+            (*key, "start_ms"),
+            f"got {start.kind} = [{low:g}, {high:g}], expected at most {last}: what is drawn beyond would never "
+            "strike; write an earlier end, or a longer campaign.duration_s",
+        )
+
+
+class _Use(NamedTuple):
+    """A key of a fault that only some effects read."""
+
+    name: str
+    axis: Axis | None  # what the file gives it, None where nothing
+    effects: Sequence[str]  # those of the fault that read it
+    why: str  # what to say of the others
+
+
+def _unless_zero(axis: Axis) -> Axis | None:
+    return None if axis.values == (0,) else axis
+
+
+def _once_for_each(effect: str, why: str, name: str) -> str:
+    return (
+        f"effect {effect!r} {why}, and a grid would run it once for each {name}, all alike: give it a "
+        "[[group]] of its own"
+    )
+
+
+# --- parameters -------------------------------------------------------------------------------------------------------
+
+
+def _parameters(config: CampaignConfig) -> Iterator[Complaint]:
+    if any(group.design != "zip" for group in config.group):
+        for path, axis in config.parameters.items():
+            yield from _twice(("parameters", path), axis)
+    for path, axis in config.cross.items():
+        yield from _twice(("cross", path), axis)
+    for key, table in parameter_tables(config):
+        for path in table:
+            last = path.rpartition(".")[2]
+            for row in UNREAD:
+                if row.path == bounds.plain(path) and row.component in ("", last) and row.where(config.campaign):
+                    yield (*key, path), row.why
+    yield from _crossed_too(config)
+    yield from _overlapping(config)
+
+
+def _crossed_too(config: CampaignConfig) -> Iterator[Complaint]:
+    """Crossed parameters that [parameters] has as well."""
+    for g, group in enumerate(config.group):
+        plain: Mapping[str, Any] = {**config.parameters, **group.parameters}
+        for path in {**config.cross, **group.cross}:
+            if path in plain:
+                key: Key = ("group", g, "cross", path) if path in group.cross else ("cross", path)
+                yield key, "stands in parameters, too, where cross would replace it: remove one of the two"
+
+
+def _overlapping(config: CampaignConfig) -> Iterator[Complaint]:
+    """Two paths of one number: a run that has the one only would get the robot's own value by the other."""
+    where: dict[str, Key] = {}
+    for key, table in parameter_tables(config):
+        for path in table:
+            where.setdefault(path, (*key, path))
+    for one, other in itertools.combinations(where, 2):
+        if overlap(one, other):
+            yield where[other], f"names numbers that {one} names, too: write one of the two paths throughout the file"
+
+
+class _Address(NamedTuple):
+    """A path taken apart; what it leaves out is empty, and stands for every one."""
+
+    kind: str
+    arm: tuple[str, ...]
+    numbers: tuple[str, ...]
+    component: tuple[str, ...]
+
+
+def _address(path: str) -> _Address:
+    parts = path.split(".")
+    return _Address(
+        bounds.plain(path),
+        tuple(part for part in parts if part in ARMS),
+        tuple(part for part in parts if part.isdecimal()),
+        tuple(part for part in parts[-1:] if part in paths.COMPONENTS),
+    )
+
+
+def overlap(one: str, other: str) -> bool:
+    """Whether two different paths of parameters name a number in common."""
+    a, b = _address(one), _address(other)
+    return a.kind == b.kind and all(not x or not y or x == y for x, y in zip(a[1:], b[1:], strict=True))
+
+
+# --- observers --------------------------------------------------------------------------------------------------------
+
+
+def _observers(config: CampaignConfig) -> Iterator[Complaint]:
+    cues = config.haptics.cues()
+    if len(set(cues)) < len(cues):
+        yield ("haptics",), "two of the haptic sets are the same: write each threshold, gain and cap once"
+    names = [detector.name for detector in config.detector]
+    for d, detector in enumerate(config.detector):
+        if names.index(detector.name) != d:
+            yield ("detector", d, "name"), f"got {detector.name!r} twice, expected a name of its own for each detector"
+        for name in ("fusion", "consecutive", "level"):
+            values: Iterable[Any] = getattr(detector, name)
+            value, times = Counter(values).most_common(1)[0]
+            if times > 1:
+                yield ("detector", d, name), f"got {shown(value)} {times} times, expected each value once"

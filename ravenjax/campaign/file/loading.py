@@ -1,0 +1,210 @@
+"""Reads a campaign file: TOML, then overrides, then `CampaignConfig`, then `semantics`. Nothing is compiled before.
+
+All that is wrong is told at once, each complaint with file, line, key, what was got and what was expected.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from ravenjax import resources
+from ravenjax.campaign.faults import design
+from ravenjax.campaign.file import bounds, copies, location, overriding, semantics
+from ravenjax.campaign.file.axis import Axis
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.errors import UserError, shown, suggestion
+from ravenjax.hazards import expansion
+
+SUFFIX = ".toml"
+
+
+def load(path: str | Path, overrides: Sequence[str] = ()) -> CampaignConfig:
+    """The campaign of a TOML file, or of a bundled one by name, with `key.path=value` overrides.
+
+    `.toml` may be left out. A recorded operator's path is taken from the campaign file's folder. Raises UserError.
+    """
+    found = _found(path)
+    raw, text = location.read(found)
+    return from_dict(raw, source=found, text=text, overrides=overrides)
+
+
+def _found(path: str | Path) -> Path:
+    """The file that `path` names: as it is, in ./campaigns, or a bundled one; .toml may be left out."""
+    if not isinstance(path, str | os.PathLike) or not str(path):
+        raise UserError(f"got {shown(path)}, expected the path of a campaign file or the name of a bundled campaign")
+    name = Path(path)
+    for candidate in (name, name.with_name(name.name + SUFFIX)) if name.name else ():
+        try:
+            return resources.campaign(candidate)
+        except FileNotFoundError:
+            continue
+        except OSError as error:
+            raise UserError(f"{shown(str(path))}: cannot be read ({error.strerror})") from None
+    bundled = [file.stem for file in resources.bundled("campaigns", f"*{SUFFIX}")]
+    problem = "is a folder, expected a campaign file" if name.is_dir() else "no such campaign file"
+    near = suggestion(name.name.removesuffix(SUFFIX), bundled)
+    raise UserError(f"{path}: {problem}; `ravenjax campaigns` lists the bundled ones{near}")
+
+
+def from_dict(
+    raw: dict[str, Any],
+    source: Path | None = None,
+    text: str = "",
+    overrides: Sequence[str] = (),
+    template: bool = False,
+) -> CampaignConfig:
+    """The campaign of nested tables as TOML has them, with overrides; `source` and `text` say where from.
+
+    template: of a search, which draws from the distributions itself. Raises UserError.
+    """
+    replaced = []
+    for override in overriding.listed(overrides):
+        raw, key = overriding.applied(raw, override)
+        replaced.append(key)
+    where = location.Where(source, location.lines(text), replaced)
+    try:
+        if isinstance(raw, dict):  # anything else is refused below
+            groups = raw.get("group")
+            raw, where.written = expansion.plain(raw)
+            if where.written and isinstance(groups, list):
+                where.groups, where.names = groups, [str(group.get("name")) for group in raw["group"]]
+    except expansion.WrongGroup as error:
+        raise where.error([(error.key, error.message)]) from None
+    try:
+        config = CampaignConfig.model_validate(raw)
+    except ValidationError as error:
+        # a list is also called too short when its only entries are bad
+        faults = [e for e in error.errors() if e["type"] != "too_short" or not e["input"]]
+        raise where.error(_complaint(e, raw) for e in faults) from None
+    except RecursionError:
+        raise UserError("the campaign's tables are nested too deeply to be read") from None
+    if wrong := list(semantics.complaints(config)) or list(_wasted(config, template)) or list(_too_many(config)):
+        raise where.error(wrong)
+    return config if source is None else config.with_source(source)
+
+
+def _wasted(config: CampaignConfig, template: bool) -> Iterator[location.Complaint]:
+    yield from copies.complaints(config)
+    if not template:
+        yield from copies.drawn_once(config)
+
+
+def _too_many(config: CampaignConfig) -> Iterable[location.Complaint]:
+    if (runs := design.count(config)) > design.MOST_RUNS:
+        yield ("group",), f"the groups make {shown(runs)} runs, expected at most {design.MOST_RUNS}"
+
+
+def check_parameters(config: CampaignConfig, known: Iterable[str]) -> None:
+    """UserError for a varied parameter whose path is not among `known`, or whose list reads like a vector."""
+    if wrong := list(semantics.unfit_parameters(config, known)):
+        source = config.source
+        text = source.read_text(encoding="utf-8") if source is not None and source.is_file() else ""
+        raise location.Where(source, location.lines(text), []).error(wrong)
+
+
+def _complaint(error: Any, raw: Any) -> location.Complaint:
+    """A complaint of pydantic's. A table that is looked at as a whole names the key of what is wrong first."""
+    key, message = _key(error["loc"], raw), _message(error)
+    name, colon, rest = message.partition(": ")
+    if error["type"] == "value_error" and colon and name in _keys(error["loc"]) and name not in key[-1:]:
+        return (*key, name), rest
+    return key, message
+
+
+def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
+    """The part of pydantic's `loc` that stands in the file."""
+    key: location.Key = ()
+    for part in loc:
+        if isinstance(raw, dict):
+            raw = raw.get(part)
+        elif isinstance(raw, list | tuple) and isinstance(part, int):
+            raw = raw[part] if part < len(raw) else None
+        else:
+            break
+        key = (*key, part)
+    return key
+
+
+def _message(error: Any) -> str:
+    if error["type"] == "extra_forbidden":
+        known, key = _keys(error["loc"][:-1]), str(error["loc"][-1])
+        hint = _elsewhere(key, error["loc"][:-1]) or suggestion(key, known)
+        return f"unknown key, expected one of {', '.join(known)}{hint}"
+    if error["type"] == "missing":
+        field = _model(error["loc"][:-1]).model_fields.get(str(error["loc"][-1]))
+        return "missing" + (f": {field.description}" if field is not None and field.description else "")
+    text = error["msg"].removeprefix("Value error, ")
+    if error["type"] == "value_error":
+        return text
+    if error["type"] == "tuple_type":
+        path = tuple(part for part in error["loc"] if isinstance(part, str))
+        tables = isinstance(error["input"], dict) and path in dict(tables_of(CampaignConfig))
+        what = f"several: open each with [[{'.'.join(path)}]], in double brackets" if tables else "a list"
+        return f"got {'one table' if tables else shown(error['input'])}, expected {what}"
+    return f"got {shown(error['input'])}, expected {text.removeprefix('Input should be ').replace('String', 'text')}"
+
+
+def _elsewhere(key: str, loc: Sequence[str | int]) -> str:
+    """What to add for a key that is known in another table of the file; "" where there is none."""
+    here = tuple(part for part in loc if isinstance(part, str))
+    if not here and key == "search":
+        return ". This is a search: start it with `ravenjax search`"
+    if not here and key in {row.path.partition(".")[0] for row in bounds.BOUNDS}:
+        return f". Parameters stand in [parameters], as parameters.{key}..."
+    tables = [path for path, model in tables_of(CampaignConfig) if key in model.model_fields and path]
+    if not tables:
+        return ""
+    nearest = max(tables, key=lambda path: _shared(path, here))
+    below = f", above [[{'.'.join(here)}]]" if here[: len(nearest)] == nearest and here != nearest else ""
+    return f". {key} is a key of {header(nearest)}: write it there{below}"
+
+
+def _shared(one: Sequence[str], other: Sequence[str]) -> int:
+    """How many first parts two paths share."""
+    pairs = zip(one, other, strict=False)
+    return sum(1 for _ in itertools.takewhile(lambda pair: pair[0] == pair[1], pairs))
+
+
+def tables_of(model: type[BaseModel], path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], type[BaseModel]]]:
+    """(path of the table, its model) of every table of a file, in order, the file itself first."""
+    yield path, model
+    for name, field in model.model_fields.items():
+        for inner in _models(field.annotation):
+            if inner is not Axis:
+                yield from tables_of(inner, (*path, name))
+
+
+def header(path: tuple[str, ...]) -> str:
+    """How a file opens the table at `path`: `[campaign]`, `[[group.fault]]`."""
+    name = ".".join(path)
+    return f"[[{name}]]" if path[0] in ARRAYS else f"[{name}]"
+
+
+ARRAYS = ("group", "detector")
+"""Tables that a file may have several of."""
+
+
+def _model(loc: Sequence[str | int]) -> type[BaseModel]:
+    """The model of the table at `loc`."""
+    model: type[BaseModel] = CampaignConfig
+    for part in loc:
+        if isinstance(part, str) and part in model.model_fields:
+            model = next(iter(_models(model.model_fields[part].annotation)), model)
+    return model
+
+
+def _keys(loc: Sequence[str | int]) -> list[str]:
+    return list(_model(loc).model_fields)
+
+
+def _models(annotation: Any) -> Iterable[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for inner in get_args(annotation):
+        yield from _models(inner)

@@ -1,0 +1,59 @@
+"""Overrides of a campaign file: `key.path=value`, as --set takes them."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from typing import Any
+
+from ravenjax.campaign.file.group import PATHS, flatten_parameters
+from ravenjax.campaign.file.location import Key
+from ravenjax.errors import UserError, shown, suggestion
+
+
+def listed(overrides: Sequence[str]) -> Sequence[str]:
+    """The overrides themselves. UserError unless they are a list of texts."""
+    if isinstance(overrides, str) or not all(isinstance(override, str) for override in overrides):
+        raise UserError(f"overrides are {shown(overrides)}, expected a list of texts such as ['campaign.seed=1']")
+    return overrides
+
+
+def applied(raw: dict[str, Any], override: str) -> tuple[dict[str, Any], Key]:
+    """`raw` with `key.path=value` entered, and its key; the value is TOML, or text. Entries of arrays go by number or
+    name."""
+    path, equals, text = override.partition("=")
+    parts = [part.strip() for part in path.strip().split(".")]
+    if not equals or not all(parts):
+        raise UserError(f"--set {override}: expected key.path=value, such as campaign.duration_s=5 or group.0.runs=100")
+    try:
+        value = tomllib.loads(f"x = {text}")["x"]
+    except (ValueError, RecursionError):
+        value = text.strip()
+    return _entered(raw, parts, value, override)
+
+
+def _entered(table: Any, parts: list[str], value: Any, override: str) -> tuple[Any, Key]:
+    if not parts:
+        return value, ()
+    head, rest = parts[0], parts[1:]
+    if isinstance(table, list):
+        index = _index(table, head, override)
+        entry, key = _entered(table[index], rest, value, override)
+        return [*table[:index], entry, *table[index + 1 :]], (index, *key)
+    if not isinstance(table, dict):
+        raise UserError(f"--set {override}: {head!r} is no key of the value {shown(table)}")
+    table = flatten_parameters(table)
+    if head in PATHS and rest:  # paths of parameters hold dots
+        rest = [".".join(rest)]
+    entry, key = _entered(table.get(head, {}), rest, value, override)
+    return {**table, head: entry}, (head, *key)
+
+
+def _index(table: list[Any], part: str, override: str) -> int:
+    names = [entry.get("name") for entry in table if isinstance(entry, dict)]
+    if part in names:
+        return names.index(part)
+    if part.isdecimal() and int(part) < len(table):
+        return int(part)
+    expected = f"a number 0..{len(table) - 1}" + (f" or a name of {', '.join(map(str, names))}" if any(names) else "")
+    raise UserError(f"--set {override}: got {part!r}, expected {expected}{suggestion(part, [str(n) for n in names])}")

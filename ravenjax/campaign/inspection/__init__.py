@@ -1,0 +1,1 @@
+"""Looks at a campaign before it runs and at its runs afterwards; nothing here decides an outcome."""

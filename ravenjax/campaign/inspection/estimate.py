@@ -1,0 +1,131 @@
+"""How long a campaign will take and how much memory it needs, before anything is computed.
+
+A model of a few terms, fitted by hand to campaigns of one machine (2 cores of an AMD EPYC, `znver4`, AVX-512, other
+work beside it, CPU time counted rather than time on the clock; Python 3.11, JAX 0.10). Nanoseconds of one core for one
+millisecond of one run, 16 robots a vector:
+
+| campaign | measured | here |
+|---|---|---|
+| one site, one arm, no detector | 78 | 78 |
+| the same with both arms | 142 | 142 |
+| with 64 haptic sets | 116 | 141 |
+| with 32 detector levels | 102 | 100 |
+| 4 plant steps a tick | 154 | 153 |
+| an operator who reacts | 130 | 133 |
+| a golden run for each run | 157 | 133 |
+| bundled quick (30 sites) | 169 | 174 |
+| bundled hazard_library (30 sites) | 183 | 171 |
+| bundled haptic_sweep (126 sets) | 413 | 296 |
+| bundled safecomp45 (18 sites, both arms) | 229 | 251 |
+
+Other CPUs count by the width of their vectors and the number of their cores. Engine cuda: 3.2 G ticks a second on an
+NVIDIA H200 (`analysis/engines/gpu.md`); xla and mjx: 200 and 3 000 times slower than simd (`analysis/engines`).
+Expect it to be right within a factor of two on a machine with nothing else to do.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from ravenjax.campaign.stretches import SHARED
+
+NS_ARM, NS_FURTHER_ARM = 78.0, 64.0
+"""ns of a core for a tick: of one arm with one fault site, and of the second arm."""
+NS_SITE = 3.2
+"""ns for each further fault site and arm."""
+NS_CUE, NS_LEVEL = 1.0, 0.7
+"""ns for each further haptic set, and each level of a detector."""
+NS_SUBSTEP = 25.0
+"""ns for each further plant step and arm."""
+UNSHARED = 1.7
+"""Times the work where robots in a vector share no golden run, or react each for itself."""
+NS_RUN = 12_000.0
+"""ns for each run: its rows packed and written."""
+WIDTH = 16
+"""Robots in a vector of the machine that was measured."""
+
+START_S, TRACE_S, SITE_S = 2.5, 2.0, 0.06
+"""s: imports and planning; tracing and compiling, and each fault site there."""
+
+CUDA_TICKS_PER_S = 3.2e9
+SLOWER = {"xla": 200.0, "mjx": 3000.0}
+"""Times slower than engine simd on the same CPU."""
+
+MIB_BASE, MIB_SITE = 500.0, 1.5
+"""MiB: the process with its packages, and each fault site compiled."""
+BYTES_RUN, BYTES_SLOT = 60.0, 35.0
+"""Bytes of the plan for each run, and each fault slot of it (91 of one slot: `analysis/scale`)."""
+BYTES_SERIES = 24
+"""Bytes of a golden run's time series, an arm and a tick."""
+MOST_SERIES_MIB = 1024.0
+"""MiB of time series that are held at a time; see `computation`."""
+
+BASIS = (
+    "model fitted on 2 cores of an AMD EPYC with AVX-512 (campaign/inspection/estimate.py), scaled by cores and vector "
+    "width; right within a factor of two on an idle machine"
+)
+
+
+class Work(NamedTuple):
+    """What decides the cost of a campaign."""
+
+    runs: int  # to compute
+    ticks: int  # of each
+    golden_runs: int  # that they are compared with
+    arms: int = 1
+    sites: int = 1  # fault sites, each arm's together
+    slots: int = 1
+    cues: int = 1  # haptic sets
+    levels: int = 0  # of all detectors
+    substeps: int = 1
+    reacts: bool = False
+
+
+class Machine(NamedTuple):
+    """What computes it."""
+
+    engine: str
+    cores: int
+    width: int = WIDTH  # float32 numbers in a vector of the CPU
+
+
+class Estimate(NamedTuple):
+    """What to expect."""
+
+    start_s: float  # from the command to the first run, nothing cached
+    run_s: float  # computing and storing all runs, without the report
+    memory_mib: float  # at most
+
+
+def estimate(work: Work, machine: Machine) -> Estimate:
+    """The expected cost of `work` on `machine`."""
+    ticks = (work.runs + work.golden_runs) * work.ticks
+    if machine.engine == "cuda":
+        compute_s = ticks * tick_ns(work) / NS_ARM / CUDA_TICKS_PER_S
+    else:
+        slower = SLOWER.get(machine.engine, 1.0)
+        compute_s = ticks * tick_ns(work) * 1e-9 * slower * WIDTH / machine.width / machine.cores
+    series = work.golden_runs * work.ticks * BYTES_SERIES * work.arms / 2**20
+    plan = work.runs * (BYTES_RUN + BYTES_SLOT * work.slots) / 2**20
+    return Estimate(
+        start_s=START_S + TRACE_S + SITE_S * work.sites,
+        run_s=compute_s + work.runs * NS_RUN * 1e-9 / machine.cores,
+        memory_mib=MIB_BASE + MIB_SITE * work.sites + plan + min(series, MOST_SERIES_MIB),
+    )
+
+
+def tick_ns(work: Work) -> float:
+    """ns of one core for a tick of one run."""
+    shared = work.golden_runs * SHARED <= max(work.runs, SHARED) and not work.reacts
+    ns = NS_ARM + NS_FURTHER_ARM * (work.arms - 1)
+    ns += NS_SITE * max(0, work.sites - 1) * work.arms + NS_SUBSTEP * (work.substeps - 1) * work.arms
+    ns += NS_CUE * max(0, work.cues - 1) + NS_LEVEL * work.levels
+    return ns if shared else ns * UNSHARED
+
+
+def duration(seconds: float) -> str:
+    """A time to expect: `5 s`, `3 min`, `2.5 h`; two digits at most, as it is not known better."""
+    if seconds < 90.0:
+        return f"{max(1, math.ceil(seconds)):d} s"
+    return f"{seconds / 60.0:.2g} min" if seconds < 5400.0 else f"{seconds / 3600.0:.2g} h"

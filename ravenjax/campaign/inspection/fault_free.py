@@ -1,0 +1,137 @@
+"""More fault-free motion of a campaign's robot, until there are enough hours to state how often a cue is false.
+
+Each folder holds one motion that the campaign did not have: generated anew from another seed, since a golden run is
+shared by all runs of one operator and robot, and the same seed for longer begins with the same motion.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from ravenjax.campaign import runner
+from ravenjax.campaign.faults import design
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.progress.counts import OnProgress
+from ravenjax.errors import UserError
+from ravenjax.store import manifest
+from ravenjax.store.access import fault_free, query
+from ravenjax.store.access.fault_free import FOLDER, UNVARIED
+from ravenjax.store.manifest import Manifest
+
+SHORTEST_S, LONGEST_S = 60, 600
+"""Length of a run, s: longer ones cost memory, and a cue that has once come hides what would come after it."""
+UNTIL_LIVE_S = 1
+"""In which the pedal goes down, rounded up."""
+MOTIONS = 10
+"""Different motions aimed at where few hours are wanted."""
+DRAWN = 4
+"""Runs of each motion where parameters of the robot are drawn."""
+MS_PER_HOUR = 3.6e6
+
+
+def extend(
+    folder: Path,
+    hours: float,
+    engine: str = "auto",
+    *,
+    on_motion: Callable[[float, Path], None] = lambda *_: None,
+    on_progress: OnProgress | None = None,
+    command: Sequence[str] = (),
+) -> float:
+    """Compute fault-free motion beside the result in `folder` until there are `hours` of it in pedal-down, what is
+    there already counted in; the hours then there, those of the campaign's own golden runs not among them.
+
+    on_motion: told the hours that are there, and the folder that comes next. Raises UserError and StoreError for what
+    the user can mend; finished motions stay, and the same call goes on.
+    """
+    record = manifest.read(folder)
+    _require(record, hours)
+    seconds, there = _length_s(record, hours), _hours(folder, record)
+    for name, raw in _campaigns(record, seconds):
+        if there >= hours:
+            return there
+        path = folder / FOLDER / name
+        if (earlier := _record(path)) is not None:
+            if earlier.finished is not None or earlier.code_hash != record.code_hash:
+                continue
+            raw = earlier.config
+        on_motion(there, path)
+        config = CampaignConfig.model_validate(raw)
+        runner.run_campaign(config, path, _engine(engine, record), on_progress=on_progress, command=command)
+        before, there = there, _hours(folder, record)
+        if not there > before:
+            raise UserError(
+                f"{path}: {seconds} s of fault-free motion added nothing: the robot was never in pedal-down, "
+                "so there is nothing in which a cue could be false"
+            )
+    return there
+
+
+def _require(record: Manifest, hours: float) -> None:
+    """UserError unless there are other motions to compute."""
+    operator = record.config["operator"]
+    if not (math.isfinite(hours) and hours > 0):
+        raise UserError(f"HOURS is {hours:g}, expected a number above 0, such as 7.4")
+    if record.code_hash != manifest.code_hash():
+        raise UserError(
+            "the result was computed by another version of the code, whose false cues may be others; "
+            "run the campaign anew into another folder first"
+        )
+    if operator.get("file"):
+        raise UserError(
+            f"the operator is a recording ({operator['file']}), which has no other motion to generate. "
+            f"Put other recordings beside the result: ravenjax run FILE --set operator.file=OTHER --out "
+            f"RESULT/{FOLDER}/NAME, with FILE the campaign without its faults"
+        )
+    if operator.get("motion") in UNVARIED:
+        raise UserError(
+            f"operator.motion = {operator['motion']!r} is the same motion for every seed: no more to compute"
+        )
+
+
+def _campaigns(record: Manifest, seconds: int) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Name and configuration of the fault-free campaign of each further motion, without end."""
+    own = record.config
+    group: dict[str, Any] = {"name": "fault_free"}
+    if any(isinstance(value, dict) for table in ("parameters", "cross") for value in own.get(table, {}).values()):
+        group |= {"design": "random", "runs": DRAWN}  # a distribution: draw the robots
+    base = own | {name: fault_free.without_reaction(own.get(name, {})) for name in ("parameters", "cross")}
+    base |= {"reaction": None, "stop": None, "group": [group]}
+    motion, seed = own["operator"].get("motion") or "suture", int(own["operator"]["seed"])
+    while True:
+        seed = (seed + 1) % 2**31
+        changes = {"name": f"{motion}_{seed}", "description": "fault-free motion", "seed": seed, "limit": None}
+        campaign = own["campaign"] | changes | {"duration_s": float(seconds)}
+        yield changes["name"], base | {"campaign": campaign, "operator": own["operator"] | {"seed": seed}}
+
+
+def _record(path: Path) -> Manifest | None:
+    """The record of a folder that was begun before; None where there is none."""
+    return manifest.read(path) if (path / manifest.FILE).exists() else None
+
+
+def _length_s(record: Manifest, hours: float) -> int:
+    """Length of each run, s."""
+    config = CampaignConfig.model_validate(next(_campaigns(record, SHORTEST_S))[1])
+    wanted = hours * 3600 / (MOTIONS * design.count(config))
+    return math.ceil(min(max(wanted + UNTIL_LIVE_S, SHORTEST_S), LONGEST_S))
+
+
+def _hours(folder: Path, record: Manifest) -> float:
+    """Hours in pedal-down of the valid runs of fault-free motion beside a result."""
+    total_ms = 0.0
+    for one in fault_free.find(folder, record).motions:
+        with query.open_folder(one.path) as table:
+            (pedal_ms,) = table.row(f"SELECT sum(pedal_down_ms) FROM {query.RESULTS} WHERE failed = ''")
+        total_ms += float(pedal_ms or 0)
+    return total_ms / MS_PER_HOUR
+
+
+def _engine(engine: str, record: Manifest) -> str:
+    """One motion is one lane, which a processor core runs faster than a GPU does."""
+    if engine != "auto":
+        return engine
+    return "simd" if record.engine == "cuda" else record.engine

@@ -1,0 +1,212 @@
+"""Whether a result folder can be believed: what lies in it is checked, and a random sample of its runs is made again.
+
+A campaign is a function of its file, the seed, the code and the engine. So the fault table is expanded anew and must
+have the ids that the folder has; and runs made again on the same engine, device, code and packages must be equal to the
+bit. On another engine numbers may differ, and it is told by how much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from ravenjax.campaign import compile_cache, outcomes, plan
+from ravenjax.campaign.computation import Computation
+from ravenjax.campaign.faults import run_id
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.plan import Plan
+from ravenjax.campaign.progress.counts import OnProgress, Progress
+from ravenjax.engines import selection
+from ravenjax.engines.interface import Engine
+from ravenjax.errors import UserError
+from ravenjax.store import manifest, schema
+from ravenjax.store.access import checking
+from ravenjax.store.access.checking import Check
+from ravenjax.store.files import StoreError
+from ravenjax.store.folder import PARTS
+from ravenjax.store.manifest import Manifest
+from ravenjax.store.parts import Part
+
+SAMPLE = 64
+"""Runs that are made again where nobody names a number."""
+
+
+class Column(NamedTuple):
+    """How a column of runs made again agrees with the folder."""
+
+    name: str
+    equal: int  # rows that are equal to the bit
+    largest: float  # largest difference, in the column's unit; NaN of words, and where a number is NaN on one side
+
+
+class Rerun(NamedTuple):
+    """A sample of runs made again."""
+
+    engine: str  # engine and device, in words
+    other: list[str]  # what is not as it was when the folder was computed: differences do not show an error then
+    rows: np.ndarray  # indices, ascending
+    verdicts: int  # rows with the same verdict
+    columns: list[Column]  # every column of the table
+
+    @property
+    def differing(self) -> list[Column]:
+        """Columns that are not equal in every row, those that differ in most rows first."""
+        return sorted((one for one in self.columns if one.equal < len(self.rows)), key=lambda one: one.equal)
+
+
+class Verification(NamedTuple):
+    """What was checked."""
+
+    checks: list[Check]
+    rerun: Rerun | None  # None: no run was asked for, or none could be made
+
+    @property
+    def fine(self) -> bool:
+        """Whether nothing is wrong."""
+        return all(check.fine for check in self.checks)
+
+
+def verify(
+    folder: Path,
+    sample: int = SAMPLE,
+    engine: str = "auto",
+    seed: int = 0,
+    on_progress: OnProgress | None = None,
+) -> Verification:
+    """Check a result folder and make `sample` of its runs again, drawn with `seed`; 0: none.
+
+    engine: "auto" is the one that the folder was computed on; a folder of a GPU is taken to the fastest engine where
+    there is none. Raises StoreError where the folder holds no result, UserError for an engine that is not here.
+    """
+    if sample < 0:
+        raise UserError(f"--sample {sample}: expected a number of runs, 0 for none")
+    record = manifest.read(folder)
+    if not record.parts:
+        raise StoreError(f"{folder}: holds no finished part yet; start or resume it with `ravenjax run`")
+    parts, whole = checking.files(folder, record)
+    checks = [parts, checking.rows(record), *checking.values(folder, record, whole)]
+    compile_cache.enable()
+    try:
+        ready = plan.make(CampaignConfig.model_validate(record.config))
+    except ValueError as error:  # UserError, and pydantic's: a config that this version does not read
+        return Verification([*checks, Check("campaign", "the manifest's campaign, expanded again", [str(error)])], None)
+    checks.append(_campaign(folder, record, ready, whole))
+    if not sample or not checks[-1].fine or not whole:
+        return Verification(checks, None)
+    rerun = _again(folder, record, ready, _drawn(whole, sample, seed), engine, on_progress)
+    return Verification([*checks, _check(rerun, ready)], rerun)
+
+
+def _campaign(folder: Path, record: Manifest, ready: Plan, whole: Sequence[Part]) -> Check:
+    """That the campaign of the manifest, expanded again, has the hash and the run ids that the folder has."""
+    ids = ready.table["run_id"].to_numpy()
+    told = []
+    if ready.runs != record.runs:
+        told.append(f"the campaign expands to {ready.runs} runs, the manifest says {record.runs}")
+    elif manifest.config_hash({"config": record.config, "runs": run_id.digest(ids)}) != record.config_hash:
+        told.append(f"{manifest.FILE}: config_hash is not that of its config and of the runs that it expands to")
+    else:
+        for part in whole:
+            stored = pq.read_table(folder / PARTS / part.file, columns=["run_id"]).column(0).to_pylist()
+            if stored != run_id.text(ids[part.first : part.last + 1]).to_pylist():
+                told.append(
+                    f"{part.file}: its run ids are not those of the campaign's rows {part.first} to {part.last}"
+                )
+    rows = sum(len(part.rows) for part in whole)
+    return Check("campaign", f"expanded again, {rows:,} run ids and the config hash compared", told[: checking.MOST])
+
+
+def _drawn(whole: Sequence[Part], sample: int, seed: int) -> np.ndarray:
+    """Indices of `sample` different rows of these parts, or all of them, ascending."""
+    sizes = np.array([len(part.rows) for part in whole])
+    places = np.random.default_rng(seed).choice(sizes.sum(), min(sample, int(sizes.sum())), replace=False)
+    part = np.searchsorted(np.cumsum(sizes), places, side="right")
+    before = np.cumsum(sizes) - sizes
+    return np.sort(np.array([one.first for one in whole])[part] + places - before[part])
+
+
+def _again(
+    folder: Path, record: Manifest, ready: Plan, rows: np.ndarray, engine: str, on_progress: OnProgress | None
+) -> Rerun:
+    if engine == "auto" and record.engine != "cuda":
+        engine = record.engine
+    chosen = selection.select(engine, ready.program.setup.precision, compile_cache.objects())
+    new = schema.conform(compute(ready, chosen, rows, on_progress), record.shape)
+    kept = stored(folder, record, rows)
+    columns = [_column(name, kept.column(name), new.column(name)) for name in kept.column_names]
+    equal = {one.name: one.equal for one in columns}
+    return Rerun(f"{chosen.name} on {chosen.device}", _other(record, ready, chosen), rows, equal["verdict"], columns)
+
+
+def compute(ready: Plan, engine: Engine, rows: np.ndarray, on_progress: OnProgress | None = None) -> dict[str, Any]:
+    """Columns of the result table of these rows (int [n], ascending) of a plan, computed together."""
+    words = f"{engine.name} on {engine.device}"
+    progress = Progress(words, len(rows), len(rows), ready.program.ticks, on_progress)
+    computation = Computation(ready, engine, progress)
+    computation.compile()
+    blocks = list(computation.blocks([range(row, row + 1) for row in rows.tolist()]))
+    progress.tell("done")
+    found, twins = (
+        {name: np.concatenate([block[table][name] for block in blocks]) for name in blocks[0][table]}
+        for table in (0, 1)
+    )
+    return outcomes.columns(ready.config, ready.table.iloc[rows], found, twins)
+
+
+def stored(folder: Path, record: Manifest, rows: np.ndarray) -> pa.Table:
+    """These rows (ascending) as the folder's parts hold them."""
+    found = []
+    for part in sorted(record.parts, key=lambda one: one.first):
+        mine = rows[(rows >= part.first) & (rows <= part.last)]
+        if len(mine):
+            found.append(pq.read_table(folder / PARTS / part.file).take(mine - part.first))
+    return pa.concat_tables(found).unify_dictionaries()
+
+
+def _other(record: Manifest, ready: Plan, engine: Engine) -> list[str]:
+    """What is not as it was when the folder was computed, in words."""
+    device = f"{engine.device} ({'+'.join(ready.program.setup.arms)})"
+    return [
+        words
+        for words, differs in (
+            (f"engine {record.engine} then", engine.name != record.engine),
+            (f"device {record.device} then", device not in record.device.split("; ")),
+            ("another version of the code", manifest.code_hash() != record.code_hash),
+            ("other package versions", manifest.package_versions() != record.versions),
+        )
+        if differs
+    ]
+
+
+def _column(name: str, kept: pa.ChunkedArray, new: pa.ChunkedArray) -> Column:
+    if pa.types.is_dictionary(kept.type) or pa.types.is_string(kept.type):
+        same = np.array(kept.to_pylist(), object) == np.array(new.to_pylist(), object)
+        return Column(name, int(same.sum()), np.nan)
+    one, other = kept.to_numpy(), new.to_numpy()
+    same = (one == other) | ((one != one) & (other != other))
+    if one.dtype.kind == "f":
+        same &= (np.signbit(one) == np.signbit(other)) | (one != one)
+    apart = np.abs(one[~same].astype(float) - other[~same].astype(float))
+    return Column(name, int(same.sum()), float(apart.max()) if len(apart) else 0.0)
+
+
+def _check(rerun: Rerun, ready: Plan) -> Check:
+    """What of a rerun is wrong: any difference where nothing else differs, of the inputs always."""
+    inputs = set(ready.table.columns)
+    wrong = [one for one in rerun.differing if not rerun.other or one.name in inputs]
+    told = [f"{one.name}: differs in {len(rerun.rows) - one.equal} of {len(rerun.rows)} rows" for one in wrong]
+    more = [f"and {len(told) - checking.MOST} more columns"] if len(told) > checking.MOST else []
+    n = len(rerun.rows)
+    equal = len(rerun.columns) - len(rerun.differing)
+    looked_at = (
+        f"{n} run{'s' if n > 1 else ''} on {rerun.engine}: {equal} of {len(rerun.columns)} columns equal to the bit, "
+        f"{rerun.verdicts} of {n} verdicts alike"
+    )
+    if rerun.other:
+        looked_at += f" ({'; '.join(rerun.other)}, so numbers may differ)"
+    return Check("runs made again", looked_at, told[: checking.MOST] + more)

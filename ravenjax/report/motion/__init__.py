@@ -1,0 +1,1 @@
+"""Motion without a fault in a report: golden runs, and the recorded operator before and after."""

@@ -1,0 +1,95 @@
+"""A recorded operator before and after, as a picture: the whole recording, and the part that is replayed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ravenjax.document.figure_style import SOFT, STYLE
+from ravenjax.report.run.plot import ARMS
+from ravenjax.store.files import require_writable, write_aside
+from ravenjax.store.motion.resampling import TICK_S
+from ravenjax.store.motion.view.course import TipCourse
+
+OUTSIDE, GAP, JUMP = "#d9571b", "#8a8f96", "#8b2a6b"
+ROWS = ("x, mm", "y, mm", "z, mm", "tip speed, mm/s")
+DPI = 150
+NEAR_S = 0.1
+"""Samples that are so near to a part are drawn with it."""
+DOTS = 400
+"""Up to so many samples in the picture each is a dot, so that their spacing is seen."""
+
+
+def motion_plot(courses: Sequence[TipCourse], out: Path, name: str, title: str) -> list[Path]:
+    """Draw `courses` into the folder `out` as NAME.svg and NAME.png and return their paths.
+
+    Left the whole recording, right what is replayed: tip in frame 0 of its arm, and its speed. Raises StoreError where
+    the folder cannot be written.
+    """
+    require_writable(out)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(10.0, 0.9 + 1.45 * len(ROWS) * len(courses)), layout="constrained")
+        widths = (3, 2) if all(len(course.replayed_s) for course in courses) else (1,)
+        rows = len(ROWS) * len(courses)
+        grid = figure.subplots(rows, len(widths), squeeze=False, sharex="col", width_ratios=widths)
+        for number, course in enumerate(courses):
+            _draw(grid[number * len(ROWS) : (number + 1) * len(ROWS)], course)
+        for axes in grid[-1]:
+            axes.set_xlabel("time in the recording, s")
+        handles = {label: h for axes in grid.flat for h, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+        figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=5, fontsize=8)
+        figure.suptitle(title, fontsize=10, x=0.01, ha="left")
+        paths = []
+        for kind, metadata in (("svg", {"Date": None}), ("png", None)):
+            path = out / f"{name}.{kind}"
+            write_aside(path, _saved(figure, kind, metadata))
+            paths.append(path)
+    return paths
+
+
+def _saved(figure: Figure, kind: str, metadata: dict[str, None] | None) -> Callable[[Path], None]:
+    return lambda target: figure.savefig(target, format=kind, metadata=metadata, dpi=DPI)
+
+
+def _draw(grid: np.ndarray, course: TipCourse) -> None:
+    before = np.column_stack([course.recorded, _speed(course.recorded_s, course.recorded)]) * 1e3
+    replayed = len(course.replayed_s) > 0
+    last = int(np.argmax(course.replayed_s)) + 1 if replayed else 0  # played backwards, too: drawn is the way there
+    after_s = course.replayed_s[:last]
+    after = np.column_stack([course.replayed[:last], _speed(np.arange(last) * TICK_S, course.replayed[:last])]) * 1e3
+    spans = [(course.recorded_s[0], course.recorded_s[-1])] + [(s[0], s[-1]) for s in [after_s] if len(s)]
+    for row, columns in enumerate(grid):
+        columns[0].set_ylabel(f"{course.arm} {ROWS[row]}" if row == 0 else ROWS[row])
+        for axes, (begin, end) in zip(columns, spans, strict=True):
+            near = (course.recorded_s >= begin - NEAR_S) & (course.recorded_s <= end + NEAR_S)
+            style = "o-" if near.sum() <= DOTS else "-"
+            axes.plot(course.recorded_s[near], before[near, row], style, ms=2, lw=0.8, color=SOFT, label="recorded")
+            if replayed:
+                axes.plot(after_s, after[:, row], color=ARMS[course.arm], lw=1.3, label=f"replayed, {course.arm}")
+            axes.set_xlim(begin, end)
+            _mark(axes, course)
+
+
+def _mark(axes: Axes, course: TipCourse) -> None:
+    """What cannot be replayed."""
+    limits = axes.get_xlim()
+    for begin, end in course.outside:
+        axes.axvspan(begin, end, color=OUTSIDE, alpha=0.2, lw=0, label="outside the joint limits")
+    for begin, end in course.gaps:
+        axes.axvspan(begin, end, color=GAP, alpha=0.25, lw=0, label="gap")
+    for time in course.spikes:
+        axes.axvline(time, color=JUMP, lw=0.8, ls=(0, (2, 2)), label="jump")
+    axes.set_xlim(limits)
+
+
+def _speed(time_s: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """m/s at each sample: from the one before."""
+    if len(time_s) < 2:
+        return np.zeros(len(time_s))
+    speed = np.linalg.norm(np.diff(place, axis=0), axis=1) / np.diff(time_s)
+    return np.concatenate([speed[:1], speed])

@@ -1,0 +1,1 @@
+"""What the operator's reaction to the cue changes: pairs of runs, and their charts."""

@@ -1,0 +1,143 @@
+"""Tip paths of the worst runs that were traced: read from the folder's MCAP files, thinned for a page.
+
+`ravenjax trace` writes one file a run into traces/; those that are there are shown. A file that cannot be read is
+named on the page and left out: it is no part of the result.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ravenjax.report import wording
+from ravenjax.report.runs import Runs
+from ravenjax.store.access.query import RESULTS
+
+FOLDER = "traces"
+MOST = 6
+POINTS = 300
+"""Of each path: a tip that is drawn every 10 ms of 3 s."""
+SIGNALS = "/ravenjax/signals"
+_MODEL = {"model_cp": 7, "model_tip": 3}
+"""Topics of an arm that hold the nominal model's tip, with or without orientation, and numbers of a message."""
+_TIPS = {"tip": "tip", "twin": "golden_tip"}
+"""Tips among the signals."""
+ARMS = {"gold": "arm1", "green": "arm2"}
+MARKS = {
+    "first effect": "active_ms",
+    "cue": "cue_ms",
+    "response": "response_ms",
+    "unintended motion": "unintended_ms",
+    "loss of motion": "loss_ms",
+}
+"""What is marked on a path, and the column of facts that says when."""
+
+
+class Replay(NamedTuple):
+    """One traced run. Paths are [points, 3] in mm about the first point of the true tip, frame 0 of the arm."""
+
+    run_id: str
+    arm: str  # the one whose tip went farthest from the model
+    told: str  # group and fault in words
+    time_ms: np.ndarray  # [points]
+    paths: dict[str, np.ndarray]  # "true tip", "nominal model", "fault-free twin" where the trace has it
+    deviation_mm: np.ndarray  # [points], true tip from the model
+    marks: dict[str, int]  # label -> index of the point
+
+
+def find(folder: Path, runs: Runs) -> tuple[list[Replay], list[str]]:
+    """The MOST worst traced runs, the farthest from the model first; and the files that could not be read."""
+    traced = {path.stem: path for path in sorted((folder / FOLDER).glob("*.mcap"))}
+    found, broken = [], []
+    for row in runs.numbered(_worst(runs, list(traced))):
+        path = traced[row["run_id"]]
+        try:
+            found.append(_replay(row, read(path)))
+        except (OSError, ValueError, KeyError, struct.error, *_damage()) as error:
+            broken.append(f"{path.name}: {error or type(error).__name__}")
+    return found, broken
+
+
+def _worst(runs: Runs, run_ids: list[str]) -> list[int]:
+    if not run_ids:
+        return []
+    far = "greatest(unintended_mm, loss_mm)"
+    found = runs.table.rows(
+        f"SELECT row FROM {RESULTS} WHERE run_id IN (SELECT unnest(?)) ORDER BY isnan({far}), {far} DESC, row "
+        f"LIMIT {MOST}",
+        [run_ids],
+    )
+    return [row for (row,) in found]
+
+
+def read(path: Path) -> dict[str, np.ndarray]:
+    """Tips of a trace as it names them, [T, 3] in m: <arm>/tip, <arm>/model, <arm>/twin where there; and time_ms [T].
+
+    Raises ValueError, KeyError or what the mcap library raises where the file is no trace of ravenjax.
+    """
+    from mcap.reader import make_reader
+
+    models = {f"/{topic}/{name}": arm for arm, topic in ARMS.items() for name in _MODEL}
+    numbers: dict[str, dict[int, bytes]] = {}
+    names: list[str] = []
+    with open(path, "rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages(topics=[SIGNALS, *models]):
+            if channel.topic == SIGNALS and not names and schema is not None:
+                names = re.findall(r"^float64 (\w+)$", schema.data.decode().partition("=")[0], re.M)
+            width = _MODEL.get(channel.topic.rpartition("/")[2], len(names))
+            numbers.setdefault(channel.topic, {})[message.sequence] = message.data[-8 * width :]
+    signals = _rows(numbers[SIGNALS], len(names), len(numbers[SIGNALS]))
+    out = {"time_ms": np.arange(len(signals))}
+    for arm in ARMS:
+        for name, tip in _TIPS.items():
+            columns = [f"{arm}_{tip}_{axis}" for axis in range(3)]
+            if columns[0] in names:
+                out[f"{arm}/{name}"] = signals[:, [names.index(column) for column in columns]]
+    for topic, arm in models.items():
+        if topic in numbers:
+            width = _MODEL[topic.rpartition("/")[2]]
+            out[f"{arm}/model"] = _rows(numbers[topic], width, len(signals))[:, :3]
+    return out
+
+
+def _rows(messages: Mapping[int, bytes], width: int, ticks: int) -> np.ndarray:
+    """The doubles at the end of each little-endian CDR message, [ticks, width]; NaN in a tick without a message."""
+    out = np.full((ticks, width), np.nan)
+    out[list(messages)] = np.frombuffer(b"".join(messages.values()), "<f8").reshape(-1, width)
+    return out
+
+
+def _damage() -> tuple[type[Exception], ...]:
+    """What a damaged file makes the library and its decompressors raise."""
+    import zstandard
+    from mcap.exceptions import McapError
+
+    return McapError, zstandard.ZstdError, RuntimeError
+
+
+def _replay(row: dict[Any, Any], series: dict[str, np.ndarray]) -> Replay:
+    arms = [arm for arm in ARMS if f"{arm}/tip" in series and f"{arm}/model" in series]
+    if not arms:
+        raise ValueError("the trace holds no tip beside its model")
+    distance = {arm: 1e3 * np.linalg.norm(series[f"{arm}/tip"] - series[f"{arm}/model"], axis=1) for arm in arms}
+    arm = max(arms, key=lambda one: distance[one].max())
+    ticks = len(series["time_ms"])
+    events = {label: int(row[column]) for label, column in MARKS.items() if 0 <= row[column] < ticks}
+    even = np.linspace(0, ticks - 1, min(POINTS, ticks)).round().astype(int)
+    kept = np.unique(np.concatenate([even, [*events.values(), int(distance[arm].argmax())]]).astype(int))
+    start = series[f"{arm}/tip"][0]
+    named = {"true tip": "tip", "nominal model": "model", "fault-free twin": "twin"}
+    return Replay(
+        row["run_id"],
+        arm,
+        f"{row['group']}: {wording.fault(row)}",
+        series["time_ms"][kept],
+        {name: 1e3 * (series[f"{arm}/{key}"][kept] - start) for name, key in named.items() if f"{arm}/{key}" in series},
+        distance[arm][kept],
+        {label: int(np.searchsorted(kept, ms)) for label, ms in events.items()},
+    )

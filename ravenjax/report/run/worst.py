@@ -1,0 +1,98 @@
+"""The worst runs of each outcome, and the commands that replay them."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ravenjax.report import wording
+from ravenjax.report.facts import FACTS
+from ravenjax.report.runs import Runs
+from ravenjax.store.access.query import RESULTS
+from ravenjax.store.manifest import Manifest
+
+MOST = 5
+"""Runs of each kind."""
+
+
+class WorstKind(NamedTuple):
+    """An outcome, and what makes a run of it worse than another."""
+
+    name: str
+    title: str
+    where: str  # of columns of facts (f) and results (r)
+    far: str  # of columns of results (r); {cue}: number of the haptic set of the verdicts
+    measured: str  # what that is
+    unit: str
+    decimals: int
+
+
+KINDS = (
+    WorstKind("evaded", "Unintended motion, nobody told", "f.evaded", "r.unintended_mm", "off course", "mm", 1),
+    WorstKind(
+        "told", "Unintended motion, a check told", "f.unintended AND f.told", "r.unintended_mm", "off course", "mm", 1
+    ),
+    WorstKind("loss", "Loss of motion while live", "f.loss AND NOT f.halted", "r.loss_mm", "behind", "mm", 1),
+    WorstKind("halted", "Loss of motion: not live", "f.halted", "r.halted_ms", "not live for", "ms", 0),
+    WorstKind("misreport", "False report", "f.misreport", "r.false_report_mm", "off the true tip", "mm", 1),
+    WorstKind(
+        "phantom", "Cue without a hazard", "f.cued AND f.hazard = 'none'", "r.cue{cue}_ms", "cue lasted", "ms", 0
+    ),
+    WorstKind(
+        "depth",
+        "Deeper in the tissue than the golden run",
+        "r.tissue_depth_mm > r.twin_tissue_depth_mm",
+        "r.tissue_depth_mm",
+        "tissue depth",
+        "mm",
+        1,
+    ),
+)
+
+
+def rows(runs: Runs, manifest: Manifest, folder: Path) -> list[dict[str, Any]]:
+    """Each kind: its fields, how many faults had it (n), and its worst runs, one a fault (rows); folder: of the result,
+    for the commands."""
+    kinds = []
+    for kind in KINDS:
+        if "{cue}" in kind.far and not manifest.cues:
+            continue
+        far = kind.far.format(cue=manifest.verdict_cue)
+        source = (
+            f"FROM {RESULTS} AS r JOIN (SELECT * FROM {FACTS} WHERE sample AND faulty) AS f USING (row) "
+            f"WHERE ({kind.where}) AND NOT isnan(({far})::DOUBLE)"
+        )
+        places = runs.table.rows(f"SELECT row, {far} AS far {source} ORDER BY far DESC, row LIMIT {MOST}")
+        (n,) = runs.table.row(f"SELECT count(*) {source}")
+        numbered = runs.numbered([row for row, _ in places])
+        worst = [_row(row, float(far), folder) for row, (_, far) in zip(numbered, places, strict=True)]
+        kinds.append({**kind._asdict(), "n": n, "rows": worst})
+    return kinds
+
+
+def flat(kinds: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Every run of every kind, for a file."""
+    return [{"kind": kind["title"], "measured": kind["measured"], **row} for kind in kinds for row in kind["rows"]]
+
+
+def replay(folder: Path, run_id: str) -> str:
+    """The command that replays a run."""
+    return f"ravenjax trace {shlex.quote(str(folder))} {run_id}"
+
+
+def _row(row: dict[str, Any], far: float, folder: Path) -> dict[str, Any]:
+    active = row["first_active_ms"]
+    return {
+        "run_id": row["run_id"],
+        "group": row["group"],
+        "fault": wording.fault(row),
+        "far": far,
+        "response": row["response"],
+        "cause": row["response_cause"],
+        "response_ms": row["response_ms"] - active if row["response_ms"] >= 0 else None,
+        "cue_ms": row["warned_ms"] - active if row["warned_ms"] >= 0 else None,
+        "depth_mm": row["tissue_depth_mm"],
+        "verdict": row["verdict"],
+        "command": replay(folder, row["run_id"]),
+    }

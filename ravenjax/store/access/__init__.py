@@ -1,0 +1,1 @@
+"""Result folders as others use them: read by SQL, checked, merged, locked."""

@@ -1,0 +1,195 @@
+"""Shards of one campaign joined into one result folder, which is then as if it had been computed in one place.
+
+Parts are taken over as they are, by hard link where the file system can, else as copies, each checked before and after;
+the manifest comes last. The folder that is merged into counts as a shard of its own: so the same command may be
+given again after an interruption, or with further shards.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+from ravenjax.errors import listed
+from ravenjax.store import manifest as manifests
+from ravenjax.store import parts
+from ravenjax.store.access import lock, query
+from ravenjax.store.files import StoreError, require_writable, sha256, write_aside
+from ravenjax.store.folder import PARTS, READERS
+from ravenjax.store.manifest import Manifest
+from ravenjax.store.parts import Part
+
+MAY_DIFFER = ("device", "shard")
+"""Of what else identifies a folder: shards may come from different machines."""
+
+
+class Merged(NamedTuple):
+    """What a merge did."""
+
+    manifest: Manifest  # of the merged folder
+    linked: int  # parts that are hard links
+    copied: int
+    kept: int  # parts that were there already
+    missing: list[range]  # rows that no shard holds
+
+
+class Source(NamedTuple):
+    """A part and where it is."""
+
+    folder: Path  # the shard
+    part: Part
+
+    @property
+    def file(self) -> Path:
+        """Its path."""
+        return self.folder / PARTS / self.part.file
+
+
+def merge(out: Path, shards: Sequence[Path], partial: bool = False) -> Merged:
+    """Join the result folders `shards` into the folder `out`; `partial`: though rows are missing.
+
+    Shards are of one campaign, engine, code and package versions, and left as they are. Raises StoreError, before
+    anything is written, where they differ, a part is damaged, two parts hold the same row, or rows are missing.
+    """
+    folders = _folders(out, shards)
+    records = {folder: manifests.read(folder) for folder in folders}
+    first = folders[0]
+    for folder in folders[1:]:
+        _require_same(first, records[first], folder, records[folder])
+    sources = _disjoint([source for folder in folders for source in _parts(folder, records[folder])])
+    missing = query.lacking([range(records[first].runs)], [source.part for source in sources])
+    if missing and not partial:
+        raise StoreError(_incomplete(records, missing))
+    require_writable(out / PARTS)
+    with lock.held(out):
+        _require_own(out, sources)
+        done = [_taken(source, out, records[first].config_hash) for source in sources]
+        record = _joined(list(records.values()), sources, bool(missing))
+        manifests.write(out, record)
+    return Merged(record, done.count("linked"), done.count("copied"), done.count("kept"), missing)
+
+
+def _folders(out: Path, shards: Sequence[Path]) -> list[Path]:
+    """Where parts may be, each place once: the folder merged into first, if it holds something."""
+    if not shards:
+        raise StoreError(f"{out}: nothing to merge; name the result folders of the shards after it")
+    own = [out] if (out / manifests.FILE).exists() else []
+    places = {folder.resolve(): folder for folder in [*shards, *own]}
+    places.pop(out.resolve(), None)
+    return [*own, *places.values()]
+
+
+def _require_same(first: Path, one: Manifest, other: Path, two: Manifest) -> None:
+    alike = two.model_copy(update={name: getattr(one, name) for name in MAY_DIFFER})
+    differences = one.differences(alike)
+    if one.runs != two.runs:
+        differences.append(f"runs: {one.runs} here, {two.runs} asked for")
+    if differences:
+        told = listed([f"{line.removesuffix(' asked for')} there" for line in differences])
+        raise StoreError(
+            f"{other}: is no shard of the campaign in {first}. Here {first}, there {other}:\n{told}\n"
+            "Nothing was merged: shards are made by the same command and code, but for --shard and --out."
+        )
+
+
+def _parts(folder: Path, record: Manifest) -> list[Source]:
+    """The whole parts of a shard; one that was renamed but not recorded when the power went is one, too."""
+    recorded = {part.file: part for part in record.parts}
+    there = {path.name: path for path in parts.files(folder / PARTS)}
+
+    def checked(name: str) -> Source:
+        path = there.get(name, folder / PARTS / name)
+        if name not in recorded:
+            return Source(folder, parts.inspect(path, record.config_hash))
+        parts.verify(path, record.config_hash, recorded[name])
+        return Source(folder, recorded[name])
+
+    with ThreadPoolExecutor(READERS) as pool:
+        return list(pool.map(checked, sorted(recorded.keys() | there.keys())))
+
+
+def _disjoint(sources: list[Source]) -> list[Source]:
+    """The parts by row, those that several shards hold alike once. Raises StoreError where two differ in a row."""
+    alike: dict[tuple[int, int, str], Source] = {}
+    for source in sources:
+        alike.setdefault((source.part.first, source.part.last, source.part.sha256), source)
+    ordered = sorted(alike.values(), key=lambda source: source.part.first)
+    for one, other in pairwise(ordered):
+        if other.part.first <= one.part.last:
+            both = range(other.part.first, min(one.part.last, other.part.last) + 1)
+            raise StoreError(
+                f"{one.file} and {other.file} both hold row {query.in_words([both])}. Nothing was merged: "
+                "leave out one of the shards, or delete one of the files if they hold the same runs."
+            )
+    return ordered
+
+
+def _incomplete(records: dict[Path, Manifest], missing: list[range]) -> str:
+    rows = sum(map(len, missing))
+    told = [f"the campaign has {next(iter(records.values())).runs:,} runs; no shard holds {rows:,} of them: rows "
+            f"{query.in_words(missing)}."]  # fmt: skip
+    for folder, record in records.items():
+        own = query.lacking(record.wanted, record.parts)
+        if record.rows is not None and own:
+            told.append(f"{folder} lacks rows {query.in_words(own)} of its own: start its command again.")
+    told.append("Nothing was merged: name every shard, or merge what is there with --partial.")
+    return " ".join(told)
+
+
+def _taken(source: Source, out: Path, config_hash: str) -> str:
+    """How a part came into the folder: kept, linked or copied."""
+    target = out / PARTS / source.part.file
+    if target.exists() and (target.samefile(source.file) or sha256(target) == source.part.sha256):
+        return "kept"
+    ways = []
+
+    def fill(aside: Path) -> None:
+        with contextlib.suppress(FileNotFoundError):
+            aside.unlink()  # of an attempt that was interrupted
+        try:
+            os.link(source.file, aside)
+            ways.append("linked")
+        except OSError:  # another file system, or one without links
+            shutil.copyfile(source.file, aside)
+            ways.append("copied")
+
+    write_aside(target, fill)
+    if ways[-1] == "copied":
+        parts.verify(target, config_hash, source.part)
+    return ways[-1]
+
+
+def _require_own(out: Path, sources: list[Source]) -> None:
+    """StoreError where the folder holds a part that is none of these: nobody would know what it is."""
+    own = {source.part.file for source in sources}
+    foreign = [path for path in parts.files(out / PARTS) if path.name not in own]
+    if foreign:
+        raise StoreError(
+            f"{foreign[0]}: is in the folder to merge into, and none of the shards has it. Nothing was merged: "
+            "choose another folder, or delete this one."
+        )
+
+
+def _joined(records: list[Manifest], sources: list[Source], incomplete: bool) -> Manifest:
+    """One record for all: as if one start had computed everything, as fast as all together."""
+    finished = [record.finished for record in records]
+    seconds = [record.run_s for record in records if record.run_s]
+    return records[0].model_copy(
+        update={
+            "rows": None,
+            "shard": None,
+            "parts": tuple(source.part for source in sources),
+            "device": "; ".join(dict.fromkeys(record.device for record in records)),
+            "started": min(record.started for record in records),
+            "finished": None if incomplete else max((end for end in finished if end), default=manifests.now()),
+            "starts": max(record.starts for record in records),
+            "run_s": sum(seconds) if seconds else None,
+            "runs_per_s": None,
+        }
+    )

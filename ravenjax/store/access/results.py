@@ -1,0 +1,55 @@
+"""The result table of a campaign that has run: in its folder, or in memory; nothing is read before it is asked for."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+
+from ravenjax.store import folder, parts, schema
+from ravenjax.store.access import query
+
+
+@dataclass(frozen=True)
+class Results:
+    """One row a run, ordered by `index`, columns as in `schema`."""
+
+    shape: schema.Shape  # which repeated columns the table has
+    path: Path | None  # result folder, None where `tables` hold it
+    tables: Sequence[pa.Table] = ()  # of the parts, in order
+
+    def frame(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
+        """The table, or some of its columns. Raises StoreError as `folder.read_all`."""
+        if self.path is not None:
+            return folder.read_all(self.path, columns)
+        schema.require_columns(self.shape, columns or ())
+        return parts.concatenate([table if columns is None else table.select(columns) for table in self.tables])
+
+    def verdicts(self) -> dict[str, int]:
+        """How many of the faulty runs have each verdict, most frequent first; "" is that of failed runs.
+
+        Read part by part, so that memory does not grow with the table. Raises StoreError as `folder.read_all`.
+        """
+        sites = [f"fault{slot}_site" for slot in range(self.shape.slots)]
+        counts: Counter[str] = Counter()
+        for table in self._parts(["verdict", *sites]):
+            faulty = np.zeros(table.num_rows, bool)
+            for site in sites:
+                faulty |= np.asarray(table.column(site).to_pandas() != "")
+            for found in table.column("verdict").filter(pa.array(faulty)).value_counts().to_pylist():
+                counts[found["values"]] += found["counts"]
+        return dict(counts.most_common())
+
+    def _parts(self, columns: list[str]) -> Iterator[pa.Table]:
+        """Columns of each part."""
+        if self.path is None:
+            yield from (table.select(columns) for table in self.tables)
+            return
+        record = query.readable(self.path)
+        for part in record.parts:
+            yield parts.read(self.path / folder.PARTS / part.file, record.config_hash, part, columns)
