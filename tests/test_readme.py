@@ -3,70 +3,54 @@
 from __future__ import annotations
 
 import re
-import shlex
 import shutil
 import subprocess
 import sys
 import tomllib
-from pathlib import Path
 
 import pytest
+import snippets
 
-from ravenjax.cli import app, main
+from ravenjax.cli import main
 
-ROOT = Path(__file__).resolve().parents[1]
-TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+TEXT = (snippets.ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def blocks(language):
     """Snippets of one language, in order."""
-    return re.findall(rf"^```{language}\n(.*?)^```$", TEXT, re.M | re.S)
+    return snippets.blocks(TEXT, language)
 
 
 def calls(program):
     """Arguments of each call of a program in the shell snippets."""
-    for block in blocks("bash"):
-        for line in block.splitlines():
-            for command in line.split("&&"):
-                words = shlex.split(command, comments=True)
-                if words and words[0].rpartition("/")[2] == program:
-                    yield words[1:]
+    return list(snippets.calls(TEXT, program))
 
 
 def test_every_snippet_is_looked_at():
-    assert set(re.findall(r"^```(\w*)$", TEXT, re.M)) == {"", "bash", "toml", "python"}
+    assert {one.language for one in snippets.snippets(TEXT)} == {"", "bash", "toml", "python"}
     assert len(blocks("bash")) >= 4 and len(blocks("toml")) >= 2 and len(blocks("python")) == 1
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
 @pytest.mark.parametrize("block", blocks("bash"), ids=lambda block: block.split("\n")[0][:40])
 def test_shell_snippets_are_shell(block):
-    done = subprocess.run(["bash", "-n"], input=block, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    snippets.require_shell(block)
 
 
-@pytest.mark.parametrize("words", list(calls("ravenjax")), ids=" ".join)
+@pytest.mark.parametrize("words", calls("ravenjax"), ids=" ".join)
 def test_command_lines_are_understood(words):
     """Parsed without being run: commands and options exist, and so do files that are named with a folder of ours."""
-    app.parse_args(words, exit_on_error=False, print_error=False)
-    for word in words:
-        if word.startswith(("campaigns/", "models/")):
-            assert (ROOT / word).exists(), word
+    snippets.require_command_line(words)
 
 
-@pytest.mark.parametrize("words", list(calls("pip")), ids=" ".join)
+@pytest.mark.parametrize("words", calls("pip"), ids=" ".join)
 def test_what_is_installed_exists(words):
-    assert words[0] == "install"
-    for extra in re.findall(r"\.\[(\w+)\]", " ".join(words)):
-        assert extra in PROJECT["optional-dependencies"], extra
-    if "-c" in words:
-        assert (ROOT / words[words.index("-c") + 1]).is_file()
+    snippets.require_installable(words)
 
 
 @pytest.mark.parametrize("command", ["campaigns", "faults", "parameters"])
 def test_cheap_commands_run(command, capsys):
-    assert [command] in list(calls("ravenjax"))
+    assert [command] in calls("ravenjax")
     assert main([command]) == 0 and capsys.readouterr().out
 
 
@@ -85,11 +69,7 @@ def test_campaign_snippets_are_campaigns():
 
 def test_python_snippets_use_names_that_exist():
     for block in blocks("python"):
-        done = subprocess.run(
-            [sys.executable, "-m", "ruff", "check", "--isolated", "--select", "F,E9", "-"],
-            input=block, capture_output=True, text=True, check=False,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stdout
+        snippets.require_names(block)
 
 
 @pytest.mark.slow

@@ -6,7 +6,19 @@ from typing import Literal
 
 from cyclopts import App
 
-from ravenjax.cli import catalogue, checking, console, machine, motion, results, running, tracing, training
+from ravenjax.cli import (
+    catalogue,
+    checking,
+    console,
+    machine,
+    motion,
+    reference,
+    results,
+    running,
+    schema,
+    tracing,
+    training,
+)
 
 USER_ERROR, INTERRUPTED = 2, 130
 """Exit codes: bad input, and Ctrl-C."""
@@ -36,7 +48,8 @@ for _command in (
     catalogue.campaigns,
     catalogue.faults,
     catalogue.parameters,
-    catalogue.reference,
+    reference.reference,
+    schema.schema,
     machine.bench,
     machine.doctor,
 ):

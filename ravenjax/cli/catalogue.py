@@ -1,15 +1,18 @@
-"""Commands that say what there is: `campaigns`, `faults`, `parameters`, `reference`."""
+"""Commands that say what there is: `campaigns`, `faults`, `parameters`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from ravenjax.cli import console
 from ravenjax.cli.console import AsJson, Listing, Overrides
+
+if TYPE_CHECKING:
+    from ravenjax.campaign.file.config import CampaignConfig
 
 
 def campaigns(*, as_json: AsJson = False) -> None:
@@ -160,8 +163,6 @@ def parameters(
     file
         Campaign file; its software, arms and tools decide what there is. Without one: one arm, software raven2.
     """
-    from ravenjax import paths
-    from ravenjax.campaign import plan
     from ravenjax.campaign.file import bounds, loading
     from ravenjax.errors import UserError, suggestion
 
@@ -169,6 +170,22 @@ def parameters(
     config = (
         loading.load(file, overrides or ()) if file is not None else loading.from_dict(plain, overrides=overrides or ())
     )
+    every = parameter_rows(config)
+    rows = [row for row in every if path in row[0] and not bounds.reserved(row[0])]
+    if not rows:
+        raise UserError(f"--path {path}: no parameter's path holds it{suggestion(path, [row[0] for row in every])}")
+    console.emit([Listing("parameters", "Parameters", PARAMETER_COLUMNS, rows)], as_json)
+
+
+PARAMETER_COLUMNS = ("path", "value", "may be", "meaning")
+
+
+def parameter_rows(config: CampaignConfig) -> list[tuple[str, ...]]:
+    """One row for each parameter of a campaign's robot: path, the value that it has, its range, its meaning."""
+    from ravenjax import paths
+    from ravenjax.campaign import plan
+    from ravenjax.campaign.file import bounds
+
     program = plan.make(config.model_copy(update={"parameters": {}})).program
     values: dict[str, list[str]] = {}
     for full, value in paths.leaves(program.params, program.setup.arms):
@@ -178,7 +195,7 @@ def parameters(
         else:
             values.setdefault(full, []).append(f"{float(value):g}")
     rules = {full: bounds.of(full) for full in values}  # none: not a campaign's to vary
-    rows = [
+    return [
         (
             full,
             ", ".join(values[full]),
@@ -186,24 +203,5 @@ def parameters(
             of[0].meaning,
         )
         for full, of in rules.items()
-        if of and path in full and not bounds.reserved(full)
+        if of
     ]
-    if not rows:
-        known = [full for full, of in rules.items() if of]
-        raise UserError(f"--path {path}: no parameter's path holds it{suggestion(path, known)}")
-    console.emit([Listing("parameters", "Parameters", ("path", "value", "may be", "meaning"), rows)], as_json)
-
-
-def reference(
-    *, out: Annotated[Path | None, Parameter(help="also write it to this file; default: print it")] = None
-) -> None:
-    """Print the reference of campaign files: every key with its type, unit, range, default and meaning (Markdown)."""
-    from ravenjax.campaign.inspection import reference as text
-
-    if out is None:
-        print(text.page(), end="")
-        return
-    from ravenjax.store import files
-
-    files.write_aside(out, lambda target: target.write_text(text.page(), encoding="utf-8"))
-    console.out.print(f"wrote {out}", highlight=False, soft_wrap=True)

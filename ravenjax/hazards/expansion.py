@@ -112,6 +112,12 @@ def named(words: Any) -> list[Hazard]:
     return [row for row in library.rows() if row.id in chosen]
 
 
+def words() -> list[str]:
+    """What `hazards` may name: "all", the layers and the ids of what can be run."""
+    rows = [row for row in library.rows() if row.runnable]
+    return [ALL, *dict.fromkeys(row.layer for row in rows), *(row.id for row in rows)]
+
+
 def _meant(word: str) -> list[Hazard]:
     runnable = [row for row in library.rows() if row.runnable]
     if word == ALL:

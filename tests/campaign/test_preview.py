@@ -78,6 +78,12 @@ def test_runs_that_repeat_another_are_counted(idle, tmp_path):
     assert preview.preview(loading.from_dict(noisy), tmp_path).copies == 0
 
 
+def test_a_campaign_without_faults_and_parameters_has_a_preview(idle, tmp_path):
+    raw = {"campaign": {"name": "free"}, "group": [{"name": "free"}]}
+    view = preview.preview(loading.from_dict(raw), tmp_path)
+    assert (view.runs, view.fault_free, view.copies) == (1, 1, 0)
+
+
 def test_what_a_run_would_refuse_is_refused(idle, tmp_path, monkeypatch):
     config = loading.load("quick.toml", ["parameters.plant.friction_scal=2"])
     with pytest.raises(UserError, match=r"parameters.plant.friction_scal: unknown parameter. Did you mean"):

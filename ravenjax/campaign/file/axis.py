@@ -152,8 +152,18 @@ def _value(raw: Any, types: tuple[type, ...], expected: str) -> Any:
 _FORMS = ", ".join(f"{{{kind} = {form}}}" for kind, form in FORMS.items())
 
 
-def _schema(expected: str) -> WithJsonSchema:
-    return WithJsonSchema({"description": f"{expected}, a list of them, or one of {_FORMS}"})
+def _schema(expected: str, value: dict[str, Any], drawn: bool = True) -> WithJsonSchema:
+    """What a file may write, `value` being one value; drawn: whether distributions of numbers fit."""
+    some = {"type": "array", "items": value, "minItems": 1}
+    pair = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
+    tables = [_table(kind, some if kind in ("choice", LIST) else pair) for kind in FORMS]
+    forms = [value, some, *(table for table in tables if drawn or table["required"][0] in ("choice", LIST))]
+    return WithJsonSchema({"description": f"{expected}, a list of them, or one of {_FORMS}", "anyOf": forms})
+
+
+def _table(kind: str, values: dict[str, Any]) -> dict[str, Any]:
+    one = {"description": FORMS[kind], **values}
+    return {"type": "object", "properties": {kind: one}, "required": [kind], "additionalProperties": False}
 
 
 def _number(raw: Any) -> Axis:
@@ -170,6 +180,8 @@ def _word(raw: Any) -> Axis:
     return _parse(raw, (str,), "a name")
 
 
-Number = Annotated[Axis, BeforeValidator(_number), _schema("a number")]
-Milliseconds = Annotated[Axis, BeforeValidator(_milliseconds), _schema("a whole number of milliseconds")]
-Word = Annotated[Axis, BeforeValidator(_word), _schema("a name")]
+Number = Annotated[Axis, BeforeValidator(_number), _schema("a number", {"type": ["number", "boolean"]})]
+Milliseconds = Annotated[
+    Axis, BeforeValidator(_milliseconds), _schema("a whole number of milliseconds", {"type": "integer"})
+]
+Word = Annotated[Axis, BeforeValidator(_word), _schema("a name", {"type": "string"}, drawn=False)]

@@ -10,7 +10,7 @@ import itertools
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
@@ -235,11 +235,19 @@ class CueSet(NamedTuple):
     cap: float  # device units
 
 
+_Item = TypeVar("_Item")
+OneOrMore = _Item | Annotated[list[_Item], Field(min_length=1)]
+"""What a file may write where one value stands for a list of one; for the JSON Schema."""
+
+
 def _listed(raw: Any) -> Any:
     return raw if isinstance(raw, list | tuple) else (raw,)
 
 
-_Numbers = Annotated[tuple[Annotated[float, Field(ge=0.0, le=1e6)], ...], BeforeValidator(_listed), Field(min_length=1)]
+_Least0 = Annotated[float, Field(ge=0.0, le=1e6)]
+_Numbers = Annotated[
+    tuple[_Least0, ...], BeforeValidator(_listed, json_schema_input_type=OneOrMore[_Least0]), Field(min_length=1)
+]
 """A number or a list of numbers, none negative."""
 
 MOST_CUES = 256
@@ -322,6 +330,7 @@ MOST_LEVELS = 64
 """Of a detector: each costs every run some time and two columns."""
 
 Fusion = Literal["all", "two", "any", "mpos", "mvel", "jpos"]
+_UpTo8 = Annotated[int, Field(ge=1, le=8)]
 
 
 class Detector(Section):
@@ -335,12 +344,14 @@ class Detector(Section):
         "derivative_sum: of link and motor derivatives; tip_error: distance from the nominal model, mm; overdrive: "
         "command over its clip limit"
     )
-    fusion: Annotated[tuple[Fusion, ...], BeforeValidator(_listed), Field(min_length=1)] = Field(
+    fusion: Annotated[
+        tuple[Fusion, ...], BeforeValidator(_listed, json_schema_input_type=OneOrMore[Fusion]), Field(min_length=1)
+    ] = Field(
         default=("all",), description="of steps: which of the three must be over; all, two, any, or one of them alone"
     )
-    consecutive: Annotated[tuple[int, ...], BeforeValidator(_listed), Field(min_length=1)] = Field(
-        default=(1,), description="milliseconds in a row above the level that make an alarm, 1 to 8"
-    )
+    consecutive: Annotated[
+        tuple[int, ...], BeforeValidator(_listed, json_schema_input_type=OneOrMore[_UpTo8]), Field(min_length=1)
+    ] = Field(default=(1,), description="milliseconds in a row above the level that make an alarm, 1 to 8")
     level: _Numbers = Field(default=(1.0,), description="alarm above it; all evaluated in the same run")
 
     @model_validator(mode="after")

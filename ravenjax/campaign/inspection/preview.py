@@ -160,7 +160,10 @@ def _inputs(rows: pd.DataFrame) -> list[str]:
 def _copies(config: CampaignConfig, rows: pd.DataFrame) -> int:
     """Runs whose every input is that of an earlier one, where nothing else tells them apart."""
     random = any(semantics.random_in_itself(config, group) for group in config.group)
-    return 0 if random else int(rows.duplicated(_inputs(rows)).sum())
+    if random:
+        return 0
+    inputs = _inputs(rows)
+    return int(rows.duplicated(inputs).sum()) if inputs else len(rows) - 1
 
 
 def _sample(rows: pd.DataFrame) -> pd.DataFrame:

@@ -23,6 +23,9 @@ from ravenjax.vocabulary.sites import SITES
 
 COMMAND = "ravenjax reference --out campaigns/REFERENCE.md"
 
+COLUMNS = ("key", "type", "unit", "range", "default", "meaning")
+"""Of `keys`."""
+
 WORDS = {
     "run": "one simulated operation of `duration_s`, from a homed robot with the pedal up",
     "group": "runs that share a design; each `[[group]]` of a file is one",
@@ -42,6 +45,8 @@ WORDS = {
 }
 
 _UNITS = {
+    "mrad_s": "mrad/s",
+    "rad_s": "rad/s",
     "per_mm_s": "per mm/s",
     "per_mm": "per mm",
     "mm_s": "mm/s",
@@ -71,32 +76,32 @@ def _parts() -> Iterator[str]:
         "`--set group.NAME.runs=100`, `--set group.0.fault.0.value=[1, 2]`."
     )
     yield "## Words"
-    yield _table(("word", "meaning"), WORDS.items())
+    yield markdown_table(("word", "meaning"), WORDS.items())
     yield "## Values, lists and distributions"
     yield (
         "A key whose type is marked *axis* takes one value, a list, or one of these tables. What they become in the "
         "runs of a group is its `design`."
     )
-    yield _table(("table", "meaning"), ((f"`{{ {name} = .. }}`", what) for name, what in FORMS.items()))
+    yield markdown_table(("table", "meaning"), ((f"`{{ {name} = .. }}`", what) for name, what in FORMS.items()))
     yield (
         "A list for a parameter that is a vector (one number a joint or axis) could be meant in two ways when it is as "
         f"long as the vector, and is refused: write one path a number, or `{{ {LIST} = [..] }}` for values that each "
         f"hold for all of them. Names take lists and `{{ choice = [..] }}`; whole numbers drawn from "
         f"{', '.join(name for name in DISTRIBUTIONS if name != 'choice')} are rounded."
     )
-    yield _table(("design", "runs of a group"), ((f"`{name}`", what) for name, what in DESIGNS.items()))
+    yield markdown_table(("design", "runs of a group"), ((f"`{name}`", what) for name, what in DESIGNS.items()))
     for path, model in tables_of(CampaignConfig):
         if path:
             yield f"## {header(path)}"
-            yield _sentence(model)
-            yield _table(("key", "type", "unit", "range", "default", "meaning"), _keys(model))
+            yield sentence(model)
+            yield markdown_table(COLUMNS, keys(model))
         if path == ("group", "run"):
             yield "## [[group]] that names hazards"
             yield (
                 "In place of `[[group.fault]]` a group may name hazards of the library; each becomes one group, or one "
                 "a case and an arm. Other keys of `[[group]]` it does not take."
             )
-            yield _table(("key", "meaning"), ((f"`{key}`", what) for key, what in KEYS.items()))
+            yield markdown_table(("key", "meaning"), ((f"`{key}`", what) for key, what in KEYS.items()))
     yield "## [parameters], [cross]"
     yield (
         "`[parameters]` sets or varies numbers of the robot for every group, `[group.parameters]` for one; "
@@ -106,9 +111,9 @@ def _parts() -> Iterator[str]:
         "joint or an axis (`nominal.gold.kp.elbow`), and means all of them without. `ravenjax parameters` prints the "
         "values that they have."
     )
-    yield _table(("path", "range", "meaning"), _parameters())
+    yield markdown_table(("path", "range", "meaning"), _parameters())
     yield "## Layers and sites"
-    yield _table(("layer", "what it is"), library.layers().items())
+    yield markdown_table(("layer", "what it is"), library.layers().items())
     rows = (
         (
             f"`{site.name}`",
@@ -119,28 +124,29 @@ def _parts() -> Iterator[str]:
         )
         for site in SITES.values()
     )
-    yield _table(("site", "layer", "channels", "on each arm", "where"), rows)
+    yield markdown_table(("site", "layer", "channels", "on each arm", "where"), rows)
     yield "## Effects"
-    yield _table(("effect", "meaning"), ((f"`{effect.name}`", effect.meaning) for effect in EFFECTS.values()))
+    yield markdown_table(("effect", "meaning"), ((f"`{effect.name}`", effect.meaning) for effect in EFFECTS.values()))
     yield "## Triggers"
-    yield _table(("trigger", "start_ms counts"), ((f"`{name}`", what) for name, what in TRIGGERS.items()))
+    yield markdown_table(("trigger", "start_ms counts"), ((f"`{name}`", what) for name, what in TRIGGERS.items()))
     yield "## Motions"
     yield f"`[operator] motion` is one of {', '.join(f'`{name}`' for name in MOTIONS)}."
 
 
-def _sentence(model: type[BaseModel]) -> str:
+def sentence(model: type[BaseModel]) -> str:
     """What a model's docstring says of its table, without the table's name."""
     text = " ".join((model.__doc__ or "").split())
     _, _, rest = text.partition(": ")
     return rest[:1].upper() + rest[1:]
 
 
-def _keys(model: type[BaseModel]) -> Iterator[tuple[str, ...]]:
+def keys(model: type[BaseModel]) -> Iterator[tuple[str, ...]]:
+    """One row of COLUMNS for each key of a table but tables inside it."""
     schema = model.model_json_schema()
     for name, field in model.model_fields.items():
         written = schema["properties"][name]
         inner = _inner(written)
-        if "$ref" in inner or "$ref" in inner.get("items", {}):
+        if "$ref" in inner or "oneOf" in inner or "$ref" in inner.get("items", {}):
             continue  # a table of its own
         yield (
             f"`{name}`",
@@ -153,15 +159,21 @@ def _keys(model: type[BaseModel]) -> Iterator[tuple[str, ...]]:
 
 
 def _inner(schema: Mapping[str, Any]) -> Mapping[str, Any]:
-    """A schema without the null of what may be left out."""
+    """A schema without the null of what may be left out; of a value or a list of it, the list."""
     options = [option for option in schema.get("anyOf", ()) if option.get("type") != "null"]
+    if len(options) == 2 and options[1].get("items") == options[0]:
+        return options[1]
     return options[0] if len(options) == 1 else schema
 
 
 def _type(name: str, schema: Mapping[str, Any], model: type[BaseModel]) -> str:
-    if model.model_fields[name].annotation is Axis or "type" not in schema:
+    if any("properties" in option for option in schema.get("anyOf", ())):  # tables of distributions
         return f"{_axis(schema, model, name)}, axis"
+    if "anyOf" in schema:
+        return ", or ".join(_type(name, option, model) for option in schema["anyOf"])
     kinds = {"integer": "whole number", "number": "number", "boolean": "true or false", "string": "text"}
+    if "const" in schema:
+        return f"`{schema['const']}`"
     if "enum" in schema:
         return ", ".join(f"`{word}`" for word in schema["enum"])
     if schema["type"] == "object":
@@ -232,7 +244,8 @@ def _parameters() -> Iterator[tuple[str, ...]]:
             yield f"`{row.path}`{of}", row.range, row.meaning
 
 
-def _table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def markdown_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table in Markdown."""
     cells = [columns, tuple("---" for _ in columns), *rows]
     return "\n".join(
         "| " + " | ".join(" ".join(cell.split()).replace("|", "\\|") for cell in row) + " |" for row in cells

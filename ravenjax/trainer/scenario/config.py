@@ -19,7 +19,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, PrivateAttr, field_validator, model_validator
 
 from ravenjax.campaign.file.axis import Number
-from ravenjax.campaign.file.config import Start
+from ravenjax.campaign.file.config import OneOrMore, Start
 from ravenjax.campaign.file.group import Fault, Section, flatten_parameters
 from ravenjax.errors import shown
 from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
@@ -138,7 +138,11 @@ def _words(raw: Any) -> Any:
     return (raw,) if isinstance(raw, str) else raw
 
 
-When = Annotated[tuple[float, float] | Literal["instructor"], BeforeValidator(_when)]
+_Seconds = Annotated[float, Field(ge=0.0, le=3600.0)]
+When = Annotated[
+    tuple[float, float] | Literal["instructor"],
+    BeforeValidator(_when, json_schema_input_type=_Seconds | tuple[_Seconds, _Seconds] | Literal["instructor"]),
+]
 
 
 class Entry(Section):
@@ -146,7 +150,7 @@ class Entry(Section):
 
     name: str = Field(default="", description="names it in tables", pattern=r"^[A-Za-z0-9_.-]*$", max_length=60)
     title: str = Field(default="", description="what is told of it; default: the library's")
-    hazards: Annotated[tuple[str, ...], BeforeValidator(_words)] = Field(
+    hazards: Annotated[tuple[str, ...], BeforeValidator(_words, json_schema_input_type=OneOrMore[str])] = Field(
         default=(), description='ids and layers of the hazard library, or "all"'
     )
     fault: tuple[Fault, ...] = Field(default=(), max_length=8, description="in place of hazards, as in [[group.fault]]")

@@ -1,0 +1,178 @@
+"""JSON Schema of campaign files, by which an editor completes keys and marks mistakes while a file is written.
+
+Written from the models that `loading` checks a file with. It knows keys, types, single ranges and words; what several
+keys decide together, and the ranges of parameters, only `ravenjax check` tells.
+"""
+
+from __future__ import annotations
+
+import copy
+import re
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from pydantic import BaseModel, TypeAdapter
+
+from ravenjax.campaign.file import bounds
+from ravenjax.campaign.file.axis import Number
+from ravenjax.campaign.file.config import HARD_RANGES, CampaignConfig
+from ravenjax.campaign.file.group import LEAST_MS, LONGEST_MS, PATHS
+from ravenjax.hazards import expansion
+from ravenjax.outcomes import events
+from ravenjax.robot.tools import TOOLS
+from ravenjax.stages.motions import MOTIONS
+from ravenjax.vocabulary.arms import ARMS
+from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
+from ravenjax.vocabulary.sites import SITES
+
+Schema = dict[str, Any]
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+TABLE = "Parameters"
+"""Definition of a table whose keys are paths of parameters."""
+
+
+def schema() -> Schema:
+    """JSON Schema of a campaign file."""
+    found = of_model(CampaignConfig, "ravenjax campaign")
+    _groups(found)
+    return found
+
+
+def of_model(model: type[BaseModel], title: str) -> Schema:
+    """JSON Schema of a file that a model checks, with the words that campaigns share."""
+    found = {"$schema": DIALECT, **model.model_json_schema(), "title": title}
+    definitions = found.setdefault("$defs", {})
+    for table in (found, *definitions.values()):
+        tidy(table)
+    known = _words()
+    for name, table in definitions.items():
+        for key, words in known.get(name, {}).items():
+            table["properties"][key] = _among(table["properties"][key], words)
+        if name in ("Start", "Limits"):
+            for key, (low, high) in HARD_RANGES.items():
+                _numbers(table["properties"][key], lambda node, a=low, b=high: node | {"minimum": a, "maximum": b})
+    if "Fault" in definitions:
+        _times(definitions["Fault"]["properties"])
+    for table in (found, *definitions.values()):
+        for key in PATHS:
+            if key in table.get("properties", ()):
+                text = table["properties"][key].get("description", "")
+                table["properties"][key] = {"description": text, "$ref": f"#/$defs/{TABLE}"}
+    definitions |= {TABLE: _parameters(), "ParameterPath": _path(), "ParameterValue": TypeAdapter(Number).json_schema()}
+    return found
+
+
+def _words() -> dict[str, dict[str, Iterable[str]]]:
+    """Definition -> key -> the words that it takes, where the models leave that to a later check."""
+    return {
+        "Campaign": {"tools": TOOLS},
+        "Robot": {"tools": TOOLS},
+        "Operator": {"motion": MOTIONS},
+        "Fault": {"site": SITES, "arm": ARMS, "effect": EFFECTS, "trigger": TRIGGERS},
+        "Stop": {"rates": events.EVENTS},
+        "Entry": {"hazards": expansion.words()},
+    }
+
+
+def tidy(node: Any) -> None:
+    """Without pydantic's titles, and without what it leaves beside alternatives."""
+    if isinstance(node, dict):
+        if isinstance(node.get("title"), str):
+            del node["title"]
+        if "anyOf" in node:
+            node.pop("minLength", None)
+        for inner in node.values():
+            tidy(inner)
+    elif isinstance(node, list):
+        for inner in node:
+            tidy(inner)
+
+
+def _replaced(node: Any, fits: Callable[[Schema], bool], by: Callable[[Schema], Schema]) -> Any:
+    """A schema in which `by` has replaced each node that `fits`."""
+    if isinstance(node, dict):
+        if fits(node):
+            return by(node)
+        return {key: _replaced(inner, fits, by) for key, inner in node.items()}
+    return [_replaced(inner, fits, by) for inner in node] if isinstance(node, list) else node
+
+
+def _among(node: Schema, words: Iterable[str]) -> Schema:
+    """A schema whose texts are among `words`."""
+    return _replaced(node, lambda inner: inner.get("type") == "string", lambda inner: inner | {"enum": list(words)})
+
+
+def _numbers(node: Schema, by: Callable[[Schema], Schema]) -> None:
+    """Replace every number of a key's schema."""
+    new = _replaced(node, lambda inner: inner.get("type") in ("number", "integer"), by)
+    node.clear()
+    node.update(new)
+
+
+def _times(fault: dict[str, Schema]) -> None:
+    """Ranges of a fault's times, and the word for no end."""
+    for key, least in LEAST_MS.items():
+        span = {"minimum": least, "maximum": LONGEST_MS}
+        options = [{"type": "integer", **span}, *([{"const": "end"}] if key == "duration_ms" else [])]
+        fault[key] = _replaced(
+            fault[key],
+            lambda node: node.get("type") == "integer",
+            lambda node, options=options: options[0] if len(options) == 1 else {"anyOf": options},
+        )
+    fault["duration_ms"]["default"] = "end"
+
+
+# --- parameters -------------------------------------------------------------------------------------------------------
+
+_NAME = "|".join(sorted({re.escape(word) for word in (*bounds.NAMES, *ARMS)} | {r"\d+"}, key=len, reverse=True))
+
+
+def _parameters() -> Schema:
+    """A table of parameters: paths, dotted or as tables in tables, of the first words that there are."""
+    tree: Schema = {}
+    for row in bounds.BOUNDS:
+        if not bounds.reserved(row.path):
+            node = tree
+            for word in row.path.split("."):
+                node = node.setdefault(word, {})
+            of = f" ({', '.join(row.joints)})" if row.joints else ""
+            node.setdefault("", []).append(f"{row.meaning}{of}: {row.range}")
+    table = _node(tree)
+    firsts = "|".join(re.escape(word) for word in tree)
+    return table | {"propertyNames": {"pattern": rf"^({firsts})(\.({_NAME}))*$"}}
+
+
+def _node(tree: Schema) -> Schema:
+    """One word of a path: a number where its path ends, else the words that may follow it."""
+    if "" in tree:
+        return {"description": "; ".join(tree[""]), **_REST}
+    inner = {word: _node(below) for word, below in tree.items()}
+    return {"type": "object", "properties": inner, "additionalProperties": _REST, "propertyNames": _ANY}
+
+
+_ANY: Schema = {"pattern": rf"^({_NAME})(\.({_NAME}))*$"}
+_REST: Schema = {"anyOf": [{"$ref": "#/$defs/ParameterValue"}, {"$ref": "#/$defs/ParameterPath"}]}
+
+
+def _path() -> Schema:
+    """The rest of a path whose beginning names an arm, a joint or an axis."""
+    return {"type": "object", "additionalProperties": _REST, "propertyNames": _ANY, "minProperties": 1}
+
+
+# --- groups that name hazards -----------------------------------------------------------------------------------------
+
+
+def _groups(found: Schema) -> None:
+    """Let a group name hazards of the library in place of faults, and then only the keys that such a group takes."""
+    group, fault = found["$defs"]["Group"], found["$defs"]["Fault"]["properties"]
+    words = {"type": "string", "enum": expansion.words()}
+    keys: Schema = {expansion.KEY: {"anyOf": [words, {"type": "array", "items": words, "minItems": 1}]}}
+    keys |= {key: copy.deepcopy(fault[key]) for key in expansion.OVERRIDES}
+    for key, schema in keys.items():
+        schema["description"] = f"of a group that names hazards: {expansion.KEYS[key]}"
+        schema.pop("default", None)
+    group["properties"] |= keys
+    group["if"] = {"required": [expansion.KEY]}
+    group["then"] = {"propertyNames": {"enum": list(expansion.KEYS)}}
+    group["else"] = {"not": {"anyOf": [{"required": [key]} for key in expansion.OVERRIDES]}}

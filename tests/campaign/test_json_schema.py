@@ -1,0 +1,130 @@
+"""JSON Schemas of the files that people write: every bundled file is valid, and what an editor should mark is not."""
+
+from __future__ import annotations
+
+import copy
+import json
+import tomllib
+from pathlib import Path
+
+import jsonschema
+import pytest
+
+from ravenjax import resources
+from ravenjax.campaign.inspection import json_schema as campaigns
+from ravenjax.cli import main
+from ravenjax.search import json_schema as searches
+from ravenjax.trainer.scenario import json_schema as scenarios
+
+FOLDERS = {"campaign": "campaigns", "search": "campaigns/searches", "scenario": "campaigns/training"}
+SCHEMAS = {"campaign": campaigns.schema(), "search": searches.schema(), "scenario": scenarios.schema()}
+FILES = [(kind, path) for kind, folder in FOLDERS.items() for path in resources.bundled(folder, "*.toml")]
+
+CAMPAIGN = """
+[campaign]
+name = "x"
+[[group]]
+name = "g"
+[[group.fault]]
+site = "usb_out"
+effect = "overwrite"
+value = { uniform = [-1, 1] }
+start_ms = 3
+"""
+SEARCH = (
+    CAMPAIGN
+    + """
+[search]
+kind = "boundary"
+harm = "evades"
+"""
+)
+SCENARIO = """
+name = "x"
+[task]
+kind = "reach"
+[[hazard]]
+hazards = ["B27"]
+"""
+
+
+def problems(kind: str, text: str) -> list[str]:
+    return [error.message for error in jsonschema.Draft202012Validator(SCHEMAS[kind]).iter_errors(tomllib.loads(text))]
+
+
+@pytest.mark.parametrize("kind", SCHEMAS)
+def test_it_is_a_schema(kind):
+    jsonschema.Draft202012Validator.check_schema(SCHEMAS[kind])
+
+
+@pytest.mark.parametrize(("kind", "path"), FILES, ids=lambda value: value.stem if isinstance(value, Path) else value)
+def test_every_bundled_file_is_valid(kind, path):
+    assert problems(kind, path.read_text(encoding="utf-8")) == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        CAMPAIGN.replace("start_ms = 3", 'start_ms = [1, 2]\nduration_ms = { choice = [5, "end"] }'),
+        CAMPAIGN + '[[group]]\nname = "library"\nhazards = "all"\narm = ["gold", "green"]\n',
+        CAMPAIGN + "[parameters]\nplant.friction_scale = 2\nnominal.gold.kp.elbow = { list = [1, 2] }\n",
+        CAMPAIGN + '[parameters]\n"plant.gold.friction_scale" = { uniform = [1, 2] }\n',
+        CAMPAIGN + '[[detector]]\nname = "d"\nkind = "steps"\nfusion = "any"\nconsecutive = [1, 8]\nlevel = 2\n',
+        CAMPAIGN + "[haptics]\nthreshold_mm = 3\ncap = [1, 2]\n",
+    ],
+)
+def test_what_a_campaign_may_say(text):
+    assert problems("campaign", text) == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "right", "wrong"),
+    [
+        ("campaign", 'name = "x"', 'name = "a b"'),
+        ("campaign", 'name = "x"', 'name = "x"\ndurtion_s = 3'),
+        ("campaign", 'name = "x"', 'name = "x"\nduration_s = 0'),
+        ("campaign", 'name = "x"', 'name = "x"\narms = ["red"]'),
+        ("campaign", "[[group]]", "[group]"),
+        ("campaign", 'site = "usb_out"', 'site = "usb_outt"'),
+        ("campaign", 'site = "usb_out"\n', ""),
+        ("campaign", '"overwrite"', '["overwrite", "overrwrite"]'),
+        ("campaign", "uniform", "unifrom"),
+        ("campaign", "[-1, 1]", "[-1, 1, 2]"),
+        ("campaign", "start_ms = 3", "start_ms = -3"),
+        ("campaign", "start_ms = 3", "start_ms = 3\nduration_ms = 0"),
+        ("campaign", "start_ms = 3", 'start_ms = "end"'),
+        ("campaign", "start_ms = 3", "start_ms = 3\n[parameters]\nplant.frictoin_scale = 2"),
+        ("campaign", "start_ms = 3", "start_ms = 3\n[parameters]\nplants.friction_scale = 2"),
+        ("campaign", "start_ms = 3", 'start_ms = 3\n[[group]]\nname = "l"\nhazards = ["Z99"]'),
+        ("campaign", "start_ms = 3", 'start_ms = 3\n[[group]]\nname = "l"\nhazards = "all"\nruns = 3'),
+        ("campaign", "start_ms = 3", 'start_ms = 3\n[[group]]\nname = "l"\nvalue = 3'),
+        ("campaign", "start_ms = 3", "start_ms = 3\n[limits]\nelbow_deg = [40, 100]"),
+        ("search", 'harm = "evades"', ""),
+        ("search", '"boundary"', '"border"'),
+        ("search", 'harm = "evades"', 'harm = "evades"\nruns = 1000'),
+        ("search", "[search]", '[[group]]\nname = "h"\n[search]'),
+        ("scenario", '"reach"', '"reech"'),
+        ("scenario", '"reach"', '"reach"\nlaps = 3'),
+        ("scenario", '["B27"]', '["B27"]\n[[hazard.fault]]\nsite = "usb_out"\neffect = "overwrite"'),
+        ("scenario", '["B27"]', '["B27"]\nright_response = ["wait"]'),
+    ],
+)
+def test_what_an_editor_marks(kind, right, wrong):
+    text = {"campaign": CAMPAIGN, "search": SEARCH, "scenario": SCENARIO}[kind]
+    assert right in text and problems(kind, text) == []
+    assert problems(kind, text.replace(right, wrong, 1))
+
+
+@pytest.mark.parametrize("kind", SCHEMAS)
+def test_the_command_prints_and_writes_it(kind, tmp_path, capsys):
+    assert main(["schema", kind]) == 0
+    assert json.loads(capsys.readouterr().out) == SCHEMAS[kind]
+    assert main(["schema", kind, "--out", str(tmp_path / "schema.json")]) == 0
+    assert json.loads((tmp_path / "schema.json").read_text(encoding="utf-8")) == SCHEMAS[kind]
+
+
+def test_each_call_makes_its_own():
+    first = campaigns.schema()
+    kept = copy.deepcopy(first)
+    searches.schema()
+    assert first == kept and "search" not in campaigns.schema()["properties"]

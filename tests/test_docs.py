@@ -1,0 +1,169 @@
+"""The documentation is true: its examples run, its reference is what the code says now, and the site builds.
+
+The examples of a page are one session of a reader, from top to bottom in one empty folder: a block with a title is a
+file of that name, and Python and shell blocks are run. What is done otherwise than a reader would:
+
+- installing (`python3 -m venv`, `source`, `pip`) is not run; that what is installed exists is another test;
+- a session in the browser gets a free port, lasts twelve seconds and does not wait for Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import jsonschema
+import pytest
+import snippets
+
+from ravenjax.campaign.inspection import json_schema as campaigns
+from ravenjax.search import json_schema as searches
+from ravenjax.trainer.scenario import json_schema as scenarios
+
+DOCS = snippets.ROOT / "docs"
+GENERATED = DOCS / "reference"
+PAGES = sorted(path for path in DOCS.rglob("*.md") if GENERATED not in path.parents)
+TEXTS = {str(path.relative_to(DOCS)): path.read_text(encoding="utf-8") for path in PAGES}
+RUN = [name for name, text in TEXTS.items() if snippets.blocks(text, "bash") or snippets.blocks(text, "python")]
+CHEAP = ("how-to/editor.md",)
+"""Pages whose examples take seconds, not minutes."""
+SETUP = re.compile(r"^(python3 -m venv|source|pip) .*$", re.M)
+SESSION = " --port 0 --linger 0 --set duration_s=12"
+
+
+def of_language(*languages):
+    """(page, snippet) of every block in one of these languages."""
+    return [
+        pytest.param(name, one, id=f"{name}-{number}")
+        for name, text in TEXTS.items()
+        for number, one in enumerate(snippets.snippets(text))
+        if one.language in languages
+    ]
+
+
+def commands(program):
+    return [
+        pytest.param(words, id=f"{name}: {' '.join(words)}")
+        for name, text in TEXTS.items()
+        for words in snippets.calls(text, program)
+    ]
+
+
+def test_there_is_something_to_look_at():
+    assert len(RUN) >= 9 and set(CHEAP) < set(RUN)
+    assert {one.language for text in TEXTS.values() for one in snippets.snippets(text)} <= {
+        "bash", "python", "text", "toml"
+    }  # fmt: skip
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
+@pytest.mark.parametrize(("page", "snippet"), of_language("bash"))
+def test_shell_is_shell(page, snippet):
+    snippets.require_shell(snippet.text)
+
+
+@pytest.mark.parametrize("words", commands("ravenjax"))
+def test_command_lines_are_understood(words):
+    snippets.require_command_line(words)
+
+
+@pytest.mark.parametrize("words", commands("pip"))
+def test_what_is_installed_exists(words):
+    snippets.require_installable(words)
+
+
+@pytest.mark.parametrize(("page", "snippet"), of_language("python"))
+def test_python_uses_names_that_exist(page, snippet):
+    snippets.require_names(snippet.text)
+
+
+@pytest.mark.parametrize(("page", "snippet"), of_language("toml"))
+def test_files_are_valid(page, snippet, tmp_path):
+    """By the JSON Schema and by the loader; a recorded operator's file is read when the page is run."""
+    from ravenjax.campaign.file import loading
+    from ravenjax.search import loading as search_loading
+    from ravenjax.trainer import scenario
+
+    assert snippet.title, "name the file: ```toml title=..."
+    raw = tomllib.loads(snippet.text)
+    if "search" in raw:
+        schema, load = searches.schema(), search_loading.from_dict
+    else:
+        schema, load = (
+            (campaigns.schema(), loading.from_dict) if "campaign" in raw else (scenarios.schema(), scenario.from_dict)
+        )
+    jsonschema.Draft202012Validator(schema).validate(raw)
+    load(raw)
+
+
+def in_the_browser(line):
+    """Whether a line of shell starts a session that a reader drives."""
+    return line.startswith("ravenjax train") and "--headless" not in line
+
+
+def run_page(name, folder):
+    """Every example of a page, in order."""
+    tools = folder / "bin"
+    tools.mkdir()
+    for program, words in {"ravenjax": '-m ravenjax.cli "$@"', "python": '"$@"'}.items():
+        shim = tools / program
+        shim.write_text(f'#!/bin/sh\nexec "{sys.executable}" {words}\n', encoding="utf-8")
+        shim.chmod(0o755)
+    at = folder / "reader"
+    at.mkdir()
+    path = os.pathsep.join([str(tools), os.environ["PATH"]])
+    packages = os.pathsep.join(filter(None, [str(snippets.ROOT), os.environ.get("PYTHONPATH")]))
+    environment = {**os.environ, "PATH": path, "PYTHONPATH": packages}
+    for one in snippets.snippets(TEXTS[name]):
+        if one.title:
+            (at / one.title).write_text(one.text, encoding="utf-8")
+        if one.language == "python":
+            command = [sys.executable, "-c", one.text]
+        elif one.language == "bash":
+            lines = SETUP.sub("", one.text).splitlines()
+            script = "\n".join(line.partition(" # ")[0] + SESSION * in_the_browser(line) for line in lines)
+            command = ["bash", "-euo", "pipefail", "-c", script]
+        else:
+            continue
+        done = subprocess.run(command, cwd=at, env=environment, capture_output=True, text=True, timeout=600)
+        assert done.returncode == 0, f"{one.text}\n{done.stdout}\n{done.stderr}"
+    return at
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
+@pytest.mark.parametrize(
+    "page", [name if name in CHEAP else pytest.param(name, marks=pytest.mark.slow) for name in RUN]
+)
+def test_examples_run(page, tmp_path):
+    run_page(page, tmp_path)
+
+
+def test_the_reference_is_what_the_code_says():
+    from ravenjax.cli import reference_pages
+
+    pages = reference_pages.pages()
+    assert {path.name for path in GENERATED.iterdir()} == set(pages)
+    for name, text in pages.items():
+        assert (GENERATED / name).read_text(encoding="utf-8") == text, f"write it anew: {reference_pages.COMMAND}"
+
+
+def test_every_page_is_in_the_navigation():
+    navigation = (snippets.ROOT / ".mkdocs.yml").read_text(encoding="utf-8")
+    for path in sorted(DOCS.rglob("*.md")):
+        assert f": {path.relative_to(DOCS)}\n" in navigation, path
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(importlib.util.find_spec("material") is None, reason="mkdocs-material is not installed")
+def test_the_site_builds(tmp_path):
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-f", ".mkdocs.yml", "-d", str(tmp_path / "site")]
+    done = subprocess.run(command, cwd=snippets.ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "Overdrive" in (tmp_path / "site/reference/campaigns.html").read_text(encoding="utf-8").title()
+    assert (tmp_path / "site/index.html").is_file() and Path(tmp_path / "site/outcomes.svg").is_file()
