@@ -30,7 +30,7 @@ import ravenjax as rj
 from ravenjax.campaign import compile_cache, plan, runner
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.engines.interface import Block
-from ravenjax.engines.scan import LANE_MULTIPLE, ScanKernel
+from ravenjax.engines.xla.engine import LANE_MULTIPLE, ScanKernel
 from ravenjax.outcomes.events import Rules
 from ravenjax.software.control_software import ControlSoftware
 from ravenjax.stages import plc

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from ravenjax.bench.workload import Workload
 from ravenjax.engines import operation_count, traced
-from ravenjax.engines.time_loop import split
+from ravenjax.ir.time_loop import split
 
 
 @dataclasses.dataclass(frozen=True)

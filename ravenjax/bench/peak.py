@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from ravenjax.bench import clock
-from ravenjax.engines import jit
+from ravenjax.engines.cpu import jit
 
 CHAINS = 12
 """Independent chains a thread: more than latency times pipes (4 x 2), few enough for 16 registers."""
@@ -50,10 +50,10 @@ def cpu(threads: int, repeats: int = 500, rounds: int = _CPU_ROUNDS) -> float:
 
 def cuda(repeats: int = 5) -> float:
     """Operations a second of all visible GPUs. Raises UserError where there is none."""
-    from ravenjax.engines import cuda_device
+    from ravenjax.engines.gpu import device as cuda_device
 
     def one(device: cuda_device.Device) -> float:
-        module = cuda_device.Module(device, cuda_device.compile(_CUDA, device.architecture, ()))
+        module = cuda_device.DeviceModule(device, cuda_device.compile(_CUDA, device.architecture, ()))
         function, blocks = module.function("peak"), device.multiprocessors * _GPU_BLOCKS
         with cuda_device.Session(device) as session:
             room = session.room(4)

@@ -18,7 +18,7 @@ from ravenjax.bench.peers import Peer
 from ravenjax.bench.speed import PRINTING, Speed
 from ravenjax.bench.workload import Workload
 from ravenjax.campaign import compile_cache, runner
-from ravenjax.engines import jit
+from ravenjax.engines.cpu import jit
 
 
 @dataclasses.dataclass(frozen=True)

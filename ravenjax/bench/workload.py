@@ -15,7 +15,7 @@ from ravenjax.campaign import plan
 from ravenjax.campaign.file import loading
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.plan import Plan
-from ravenjax.engines.interface import Block, Program
+from ravenjax.engines.interface import Block, TickProgram
 from ravenjax.stages.faults.fault import Faults
 from ravenjax.types import replace
 
@@ -58,7 +58,7 @@ class Workload:
         return plan.make(campaign(PATTERN_RUNS, self.ticks))
 
     @property
-    def program(self) -> Program:
+    def program(self) -> TickProgram:
         """What picks code."""
         return self.plan.program
 

@@ -13,7 +13,7 @@ from ravenjax import paths
 from ravenjax.campaign.faults import design, run_id, table
 from ravenjax.campaign.file import loading
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.engines.interface import Program
+from ravenjax.engines.interface import TickProgram
 from ravenjax.loop import tick
 from ravenjax.robot import limits
 from ravenjax.robot.motion import Motion
@@ -48,7 +48,7 @@ class Plan:
 
     config: CampaignConfig
     table: pd.DataFrame  # the fault table, one row a run
-    program: Program
+    program: TickProgram
     motion: Motion
     operator: MotionSummary | None  # what became of a recorded one
     columns: tuple[np.ndarray, ...]  # the motion's columns, float32 [ticks]
@@ -107,7 +107,7 @@ def make(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
     return Plan(
         config=config,
         table=rows,
-        program=Program(setup, params, tuple(values), config.campaign.ticks),
+        program=TickProgram(setup, params, tuple(values), config.campaign.ticks),
         motion=motion,
         operator=None if replay is None else _scaled(replay, varied.get(SCALE)),
         columns=tuple(np.ascontiguousarray(column) for column in motion.table().T),

@@ -19,7 +19,7 @@ Progress = Callable[[int], None]
 
 
 @dataclasses.dataclass(frozen=True)
-class Program:
+class TickProgram:
     """What a campaign's kernel is made of; everything here picks code."""
 
     setup: Setup
@@ -87,11 +87,11 @@ class Engine(Protocol):
         """Blocks that are worth running side by side."""
         ...
 
-    def compile(self, program: Program, runs: int) -> Kernel:
+    def compile(self, program: TickProgram, runs: int) -> Kernel:
         """The kernel of `program`, its block sized for a campaign of `runs` runs."""
         ...
 
-    def tracer(self, program: Program, lanes: int) -> Tracer:
+    def tracer(self, program: TickProgram, lanes: int) -> Tracer:
         """What runs single blocks of so many lanes and keeps every signal; compiled apart from any campaign, once."""
         ...
 

@@ -9,8 +9,8 @@ from typing import Any
 
 from jax.extend import core
 
-from ravenjax.engines.regions import Region, arrange, flat
-from ravenjax.engines.time_loop import Split
+from ravenjax.ir.regions import Region, arrange, flat
+from ravenjax.ir.time_loop import Split
 
 _FREE = ("neg", "bitcast", "constant", "input")
 """Operations that become part of others, or none."""

@@ -10,8 +10,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Generic, TypeVar
 
-from ravenjax.engines.regions import Region, flat
-from ravenjax.engines.straight import Program, number
+from ravenjax.ir.program import Program, number
+from ravenjax.ir.regions import Region, flat
 
 Where = TypeVar("Where")
 """A place in memory, as the language names it."""

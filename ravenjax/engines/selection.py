@@ -20,15 +20,15 @@ def select(name: str, precision: Precision, objects: MutableMapping[str, bytes] 
     if name == "auto":
         name = fastest(precision)[0]
     if name == "cuda":
-        from ravenjax.engines.cuda import CudaEngine
+        from ravenjax.engines.gpu.engine import CudaEngine
 
         return CudaEngine(objects)
     if name == "simd":
-        from ravenjax.engines.simd import SimdEngine
+        from ravenjax.engines.cpu.engine import SimdEngine
 
         return SimdEngine(objects)
     if name in ENGINES:
-        from ravenjax.engines.scan import ScanEngine
+        from ravenjax.engines.xla.engine import ScanEngine
 
         return ScanEngine(name)
     raise UserError(f"engine {name!r} is unknown: expected auto, {', '.join(ENGINES)}{suggestion(name, ENGINES)}")
@@ -36,7 +36,8 @@ def select(name: str, precision: Precision, objects: MutableMapping[str, bytes] 
 
 def fastest(precision: Precision) -> tuple[str, str]:
     """The engine that "auto" means on this machine, and in one line why it is not "cuda", empty if it is."""
-    from ravenjax.engines import cuda, cuda_device
+    from ravenjax.engines.gpu import device as cuda_device
+    from ravenjax.engines.gpu import engine as cuda
 
     try:
         cuda.require_float32(precision)

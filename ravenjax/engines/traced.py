@@ -21,10 +21,10 @@ import numpy as np
 from jax.extend import core
 
 from ravenjax import paths
-from ravenjax.engines import lowering
-from ravenjax.engines.interface import Block, Program
-from ravenjax.engines.straight import contract
-from ravenjax.engines.time_loop import TimeLoop
+from ravenjax.engines.interface import Block, TickProgram
+from ravenjax.ir import lowering
+from ravenjax.ir.builder import contract
+from ravenjax.ir.time_loop import TimeLoop
 from ravenjax.loop import tick
 from ravenjax.types import Setup
 
@@ -84,12 +84,12 @@ class _Asked:
     """What a trace depends on: equal digests, equal code."""
 
     digest: bytes
-    program: Program = dataclasses.field(compare=False)
+    program: TickProgram = dataclasses.field(compare=False)
     block: Block = dataclasses.field(compare=False)  # of no lanes
     motion: tuple[jax.ShapeDtypeStruct, ...] = dataclasses.field(compare=False)
 
 
-def forms(program: Program, block: Block, motion: Sequence[np.ndarray]) -> Forms:
+def forms(program: TickProgram, block: Block, motion: Sequence[np.ndarray]) -> Forms:
     """`program` traced for blocks and motions like these, perhaps before."""
     setup, shapes = program.setup, tuple(jax.ShapeDtypeStruct(c.shape, c.dtype) for c in motion)
     none = Block(
@@ -115,7 +115,7 @@ def _forms(asked: _Asked) -> Forms:
     return Forms(trace(asked.program, asked.block, asked.motion))
 
 
-def unrolled(program: Program) -> Program:
+def unrolled(program: TickProgram) -> TickProgram:
     """`program` with link dynamics of single numbers: printed code has no arrays."""
     return dataclasses.replace(program, setup=dataclasses.replace(program.setup, link_dynamics="unrolled"))
 
@@ -125,14 +125,14 @@ def x64(setup: Setup) -> contextlib.AbstractContextManager[Any]:
     return jax.enable_x64(True) if setup.precision.needs_x64 else contextlib.nullcontext()
 
 
-def inputs(program: Program, block: Block) -> list[np.ndarray]:
+def inputs(program: TickProgram, block: Block) -> list[np.ndarray]:
     """A lane's inputs, each [lanes]: varied parameters, then the numbers of its faults."""
     return [np.asarray(block.varied[path]) for path in program.varied] + [
         np.asarray(leaf) for leaf in jax.tree.leaves(block.faults)
     ]
 
 
-def params(program: Program, varied: Sequence[Any]) -> Any:
+def params(program: TickProgram, varied: Sequence[Any]) -> Any:
     """The parameters of a lane."""
     found = program.params
     for path, value in zip(program.varied, varied, strict=True):
@@ -141,7 +141,7 @@ def params(program: Program, varied: Sequence[Any]) -> Any:
 
 
 def jaxprs(
-    program: Program, block: Block, motion: Sequence[np.ndarray | jax.ShapeDtypeStruct]
+    program: TickProgram, block: Block, motion: Sequence[np.ndarray | jax.ShapeDtypeStruct]
 ) -> tuple[list[core.ClosedJaxpr], TracedTick]:
     """The three closed jaxprs of `trace`, and what their results are (its loop is empty)."""
     setup, number = program.setup, jax.ShapeDtypeStruct
@@ -170,7 +170,7 @@ def jaxprs(
 
 
 def trace(
-    program: Program,
+    program: TickProgram,
     block: Block,
     motion: Sequence[np.ndarray | jax.ShapeDtypeStruct],
     origin: lowering.Origin | None = None,

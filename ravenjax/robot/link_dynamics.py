@@ -8,11 +8,16 @@ from __future__ import annotations
 
 import functools
 
+import jax.numpy as jnp
+
+from ravenjax.ir.program import Program
+from ravenjax.ir.symbolic import replay
 from ravenjax.robot import arm_model, rigid_program
 from ravenjax.robot.rigid_tree import Link, read_tree
-from ravenjax.robot.straight_line import Program
-from ravenjax.types import Scalar, Setup, Vec
-from ravenjax.vocabulary.arms import ArmName
+from ravenjax.types import ArmName, Scalar, Setup, Vec
+
+FUNCTIONS = {"sin": jnp.sin, "cos": jnp.cos}
+"""What the program calls."""
 
 
 def mass_matrix_and_bias(
@@ -59,7 +64,7 @@ def program(arm: ArmName, known: tuple[float | None, ...]) -> Program:
 def _unrolled(arm: ArmName, qpos: Vec, qvel: Vec, gravity: Vec) -> tuple[list[list[Scalar]], list[Scalar]]:
     inputs = (*qpos, *qvel, *gravity)
     known = tuple(float(x) if type(x) in (int, float) else None for x in inputs)
-    out = list(program(arm, known)(inputs))
+    out = replay(program(arm, known), inputs, FUNCTIONS)
     n = len(qpos)
     triangle = [out[i * (i + 1) // 2 : (i + 1) * (i + 2) // 2] for i in range(n)]
     return [[triangle[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)], out[-n:]

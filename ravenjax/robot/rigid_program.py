@@ -12,8 +12,9 @@ import dataclasses
 import math
 from typing import TypeAlias
 
+from ravenjax.ir.program import Program
+from ravenjax.ir.symbolic import Number, cos, program, sin, symbols
 from ravenjax.robot.rigid_tree import Link
-from ravenjax.robot.straight_line import Graph, Number, Program, cos, sin
 
 Vector: TypeAlias = list[Number]
 Matrix: TypeAlias = list[list[Number]]
@@ -43,14 +44,14 @@ def mass_matrix_and_bias(links: tuple[Link, ...], known: tuple[float | None, ...
     symmetric; entries that the tree's structure makes constant or zero come out as Python numbers.
     """
     n = len(links)
-    graph = Graph()
-    fixed = known or (None,) * (2 * n + 3)
-    given: list[Number] = [graph.input(i) if x is None else x for i, x in enumerate(fixed)]
-    qpos, qvel, gravity = given[:n], given[n : 2 * n], given[2 * n :]
+    inputs = symbols(2 * n + 3)
+    fixed = known or (None,) * len(inputs)
+    values: list[Number] = [symbol if x is None else x for symbol, x in zip(inputs, fixed, strict=True)]
+    qpos, qvel, gravity = values[:n], values[n : 2 * n], values[2 * n :]
     bodies = _kinematics(links, qpos, qvel, [-g for g in gravity])
     bias = _bias(links, bodies)
     mass = _mass_matrix(links, bodies)
-    return Program([mass[i][j] for i in range(n) for j in range(i + 1)] + bias)
+    return program(inputs, [mass[i][j] for i in range(n) for j in range(i + 1)] + bias)
 
 
 def _kinematics(links: tuple[Link, ...], qpos: list[Number], qvel: list[Number], upward: Vector) -> list[_Body]:

@@ -6,7 +6,7 @@
 
 Put your own plant or hardware behind it. It is the tick's own control software, evaluated in the original's mixed
 arithmetic (float32 stored, float64 in between), in the original's order (`ravenjax.robot.evaluation`), one operation at
-a time (`ravenjax.engines.scalar`): every number equals the original's.
+a time (`ravenjax.engines.cpu.python`): every number equals the original's.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import jax
 import numpy as np
 
 from ravenjax import paths
-from ravenjax.engines import scalar
+from ravenjax.engines.cpu import python
 from ravenjax.errors import UserError, shown
 from ravenjax.loop import control
 from ravenjax.robot.packet import SIZE_BYTES, Packet, decode, silence
@@ -183,11 +183,11 @@ class _Kind:
         return jax.tree.unflatten(self.tree, [jax.ShapeDtypeStruct((), dtype) for dtype in self.types])
 
     def represent(self, value: Any) -> list[Any]:
-        return [scalar.represent(dtype, x) for dtype, x in zip(self.types, jax.tree.leaves(value), strict=True)]
+        return [python.represent(dtype, x) for dtype, x in zip(self.types, jax.tree.leaves(value), strict=True)]
 
 
 @functools.lru_cache(maxsize=16)
-def _cycle(setup: Setup, params: _Kind, state: _Kind, inputs: _Kind) -> tuple[Any, scalar.ScalarFunction]:
+def _cycle(setup: Setup, params: _Kind, state: _Kind, inputs: _Kind) -> tuple[Any, python.ScalarFunction]:
     """Tree of the signals, and the cycle as printed code: shared by the instances of a setup."""
 
     def one_cycle(*arguments: Any) -> Any:
@@ -196,18 +196,18 @@ def _cycle(setup: Setup, params: _Kind, state: _Kind, inputs: _Kind) -> tuple[An
     with _widths(setup):
         kinds = (params.abstract(), state.abstract(), inputs.abstract())
         jaxpr, shape = jax.make_jaxpr(one_cycle, return_shape=True)(*kinds)
-    return jax.tree.structure(shape[1]), scalar.compile(jaxpr)
+    return jax.tree.structure(shape[1]), python.compile(jaxpr)
 
 
 @functools.lru_cache(maxsize=16)
-def _reception(setup: Setup, params: _Kind, state: _Kind, packet: _Kind) -> scalar.ScalarFunction:
+def _reception(setup: Setup, params: _Kind, state: _Kind, packet: _Kind) -> python.ScalarFunction:
     """`receive` alone as printed code, for packets that arrive before the last of a cycle."""
 
     def receive(*arguments: Any) -> Any:
         return control.receive(setup, *arguments)
 
     with _widths(setup):
-        return scalar.compile(jax.make_jaxpr(receive)(params.abstract(), state.abstract(), packet.abstract()))
+        return python.compile(jax.make_jaxpr(receive)(params.abstract(), state.abstract(), packet.abstract()))
 
 
 def _changed(setup: Setup, own: control.Params, change: Any) -> control.Params:

@@ -19,7 +19,7 @@ from ravenjax.campaign.faults import table
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.plan import Plan
 from ravenjax.engines import traced
-from ravenjax.engines.stepper import StepCode
+from ravenjax.engines.cpu.stepper import StepCode
 from ravenjax.errors import UserError
 from ravenjax.loop import connections, tick
 from ravenjax.outcomes.verdict import LIMIT_MM

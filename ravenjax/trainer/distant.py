@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ravenjax.campaign import compile_cache
-from ravenjax.engines.stepper import StepCode, Stepper
+from ravenjax.engines.cpu.stepper import StepCode, Stepper
 from ravenjax.loop import connections
 from ravenjax.robot import kinematics, scene
 from ravenjax.robot.packet import U_STRUCT, Packet

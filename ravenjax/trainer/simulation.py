@@ -10,7 +10,7 @@ import jax
 import numpy as np
 
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.engines.stepper import Stepper
+from ravenjax.engines.cpu.stepper import Stepper
 from ravenjax.loop import tick
 from ravenjax.robot.packet import Packet
 from ravenjax.stages.faults.fault import Fault

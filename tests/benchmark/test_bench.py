@@ -18,7 +18,7 @@ from ravenjax.bench.peers import Peer
 from ravenjax.bench.speed import Batch, Speed
 from ravenjax.bench.suite import Campaigns, Findings, Machine
 from ravenjax.bench.workload import PATTERN_RUNS, Workload
-from ravenjax.engines.simd import SimdEngine
+from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.robot.mjx_dynamics import mjx
 
 TICKS = 20

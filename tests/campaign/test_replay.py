@@ -60,7 +60,7 @@ def test_runs_come_again_as_they_were_and_are_planned_once(replayer, monkeypatch
 
 def test_a_second_run_compiles_nothing(replayer, monkeypatch):
     replayer.replay(4)
-    for step in ("traced.trace", "jit.compile"):
+    for step in ("traced.trace", "cpu.jit.compile"):
         monkeypatch.setattr(f"ravenjax.engines.{step}", None)
     assert replayer.replay(5).row["index"] == 5
 

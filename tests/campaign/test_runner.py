@@ -14,8 +14,9 @@ import ravenjax as rj
 from ravenjax.campaign import computation, runner
 from ravenjax.campaign.executors import local
 from ravenjax.campaign.inspection import replay
-from ravenjax.engines import simd, traced
-from ravenjax.engines.vector_code import VectorCode
+from ravenjax.engines import traced
+from ravenjax.engines.cpu import engine as simd
+from ravenjax.engines.cpu.code import VectorCode
 from ravenjax.errors import UserError
 from ravenjax.store.files import StoreError
 

@@ -15,7 +15,7 @@ from ravenjax.campaign import plan
 from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.copies import UNREAD
 from ravenjax.campaign.file.semantics import NOISE
-from ravenjax.engines import scan
+from ravenjax.engines.xla import engine as scan
 from ravenjax.loop import tick
 
 KINDS = ("steps", "derivative_sum", "tip_error", "overdrive")

@@ -7,10 +7,11 @@ import ctypes
 import jax
 import numpy as np
 
-from ravenjax.engines import jit, lowering
-from ravenjax.engines.llvm import Printer
-from ravenjax.engines.memory import Layout
-from ravenjax.engines.straight import Program
+from ravenjax.engines.cpu import jit
+from ravenjax.engines.cpu.llvm import LlvmPrinter
+from ravenjax.engines.cpu.memory import Layout
+from ravenjax.ir import lowering
+from ravenjax.ir.program import Program
 
 HARD_FLOATS = np.array(
     [0.0, -0.0, 1.0, -1.0, 0.5, -0.5, 1.5, 2.5, -2.5, 3.0, 1e-40, -1e-40, 1e-38, 3e38, -3e38, np.inf, -np.inf, np.nan]
@@ -40,7 +41,7 @@ def compiled(program: Program, width: int, columns: tuple[np.ndarray, ...], tabl
     inputs = Layout(program.inputs, width)
     outputs = Layout(tuple(program.operations[i].dtype for i in program.outputs), width)
     features = jit.host().features
-    printer = Printer(width, features)
+    printer = LlvmPrinter(width, features)
     places = inputs.places("%in")
     sources = {i: places[op.detail] for i, op in enumerate(program.operations) if op.name == "input"}
     results = list(zip(program.outputs, outputs.places("%out"), strict=True))

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ravenjax.engines import cuda_code, cuda_device
+from ravenjax.engines.gpu import code as cuda_code
+from ravenjax.engines.gpu import device as cuda_device
 
 SHIM = """\
 #include <cmath>
@@ -139,6 +140,6 @@ def pretend(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
         return Library(text, here)
 
     monkeypatch.setattr(cuda_device, "compile", compile)
-    monkeypatch.setattr(cuda_device, "Module", _Module)
+    monkeypatch.setattr(cuda_device, "DeviceModule", _Module)
     monkeypatch.setattr(cuda_device, "devices", lambda: (Device(),))
     monkeypatch.setattr(cuda_code, "Session", _Session)

@@ -8,14 +8,15 @@ from compiled_program import HARD_FLOATS, HARD_INTEGERS, pairs, same_bits
 from ravenjax import resources
 from ravenjax.campaign import plan
 from ravenjax.campaign.file import loading
-from ravenjax.engines import polynomials
-from ravenjax.engines.cuda import CudaEngine
-from ravenjax.engines.cuda_code import words
-from ravenjax.engines.cuda_source import PRELUDE, Printer
+from ravenjax.engines.cpu.engine import SimdEngine
+from ravenjax.engines.gpu.code import words
+from ravenjax.engines.gpu.cuda import PRELUDE, CudaPrinter
+from ravenjax.engines.gpu.engine import CudaEngine
 from ravenjax.engines.interface import Block
-from ravenjax.engines.simd import SimdEngine
-from ravenjax.engines.straight import Builder, Program, rewrite
-from ravenjax.engines.time_loop import TimeLoop
+from ravenjax.ir import polynomials
+from ravenjax.ir.builder import Builder, rewrite
+from ravenjax.ir.program import Program
+from ravenjax.ir.time_loop import TimeLoop
 from ravenjax.types import replace
 
 FLOAT_PAIRS, INTEGER_PAIRS = pairs(HARD_FLOATS), pairs(HARD_INTEGERS)
@@ -85,7 +86,7 @@ CASES = list(cases())
 def printed(k: int, program: Program) -> str:
     """Case k as a kernel of one thread a number."""
     inputs = {i: f"in[{op.detail} * n + i]" for i, op in enumerate(program.operations) if op.name == "input"}
-    printer = Printer()
+    printer = CudaPrinter()
     printer.run(program, program.needed(), inputs, [(i, f"out[{o} * n + i]") for o, i in enumerate(program.outputs)])
     lines = "\n".join(printer.lines)
     return (

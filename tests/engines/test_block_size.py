@@ -8,10 +8,10 @@ from cuda_as_cpp import Device, pretend
 
 import ravenjax as rj
 from ravenjax.campaign import plan
-from ravenjax.engines import cuda
+from ravenjax.engines.cpu.engine import SimdEngine, SimdKernel
+from ravenjax.engines.gpu import engine as cuda
 from ravenjax.engines.interface import Block
-from ravenjax.engines.scan import ScanEngine
-from ravenjax.engines.simd import SimdEngine, SimdKernel
+from ravenjax.engines.xla.engine import ScanEngine
 
 FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "start_ms": 3, "duration_ms": 9}
 CAMPAIGN = {

@@ -21,7 +21,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import ravenjax.campaign.runner
-import ravenjax.engines.simd
+import ravenjax.engines.cpu.engine
 import ravenjax.terminal  # noqa: F401
 from ravenjax.cli import main
 

@@ -7,7 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ravenjax.engines import lowering, regions, scalar
+from ravenjax.engines.cpu import python
+from ravenjax.ir import lowering, regions
+from ravenjax.ir.lowering import primitives
 from ravenjax.loop import control
 from ravenjax.robot.packet import Packet
 from ravenjax.stages.usb import UsbIn
@@ -46,7 +48,7 @@ def test_only_scalar_primitives_and_the_state_keeps_its_types(precision, softwar
         jaxpr, (state, _) = jax.make_jaxpr(lambda *a: control.cycle(setup, *a), return_shape=True)(*given)
         before = [jnp.asarray(x).dtype for x in jax.tree.leaves(given[1])]
     literal = {"acos"} if precision is ORIGINAL else set()  # the original's own way to theta2
-    assert set(scalar.primitives(jaxpr)) <= ALLOWED | literal | {"cond"}  # `types.rarely`
+    assert set(primitives(jaxpr)) <= ALLOWED | literal | {"cond"}  # `types.rarely`
     assert jax.tree.structure(state) == jax.tree.structure(given[1])
     assert [leaf.dtype for leaf in jax.tree.leaves(state)] == before
     if precision is CAMPAIGN:
@@ -93,7 +95,7 @@ def test_a_fault_after_the_checks_reaches_the_boards():
 
     given = arguments(setup)
     jaxpr, (_, shape) = jax.make_jaxpr(lambda *a: control.cycle(setup, *a, strike), return_shape=True)(*given)
-    cycle, signals = scalar.compile(jaxpr), jax.tree.structure(shape)
+    cycle, signals = python.compile(jaxpr), jax.tree.structure(shape)
     numbers = cycle(cycle.represent(jax.tree.leaves(given)))
     arm = jax.tree.unflatten(signals, numbers[-signals.num_leaves :]).arms[0]
     assert [int(x) for x in arm.current_cmd_written] == [32767] * 7

@@ -15,7 +15,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import oracle_kinematics as oracle
 
-from ravenjax.engines import scalar
+from ravenjax.engines.cpu import python
 from ravenjax.robot import kinematics, original_kinematics
 from ravenjax.robot.joints import Pose
 from ravenjax.types import Vec
@@ -36,7 +36,7 @@ def printed(function, arm, *sizes):
     """`function(arm, *Vecs of these sizes)` one operation at a time, as a function of lists of numbers."""
     kinds = [Vec.full(size, jax.ShapeDtypeStruct((), np.float64)) for size in sizes]
     with jax.enable_x64(True):
-        run = scalar.compile(jax.make_jaxpr(functools.partial(function, arm))(*kinds))
+        run = python.compile(jax.make_jaxpr(functools.partial(function, arm))(*kinds))
     return lambda *vecs: run([float(x) for vec in vecs for x in vec])
 
 

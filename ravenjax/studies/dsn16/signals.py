@@ -17,8 +17,8 @@ from ravenjax.campaign import compile_cache, plan
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.inspection import replay
 from ravenjax.engines import traced
+from ravenjax.engines.cpu.engine import SimdKernel
 from ravenjax.engines.interface import Block
-from ravenjax.engines.simd import SimdKernel
 from ravenjax.store import manifest
 
 T = TypeVar("T")

@@ -19,9 +19,11 @@ import pandas as pd
 from ravenjax.campaign import compile_cache, plan
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.plan import Plan
-from ravenjax.engines import jit, traced
+from ravenjax.engines import traced
+from ravenjax.engines.cpu import jit
+from ravenjax.engines.cpu.code import VectorCode
 from ravenjax.engines.interface import Block
-from ravenjax.engines.vector_code import Lanes, VectorCode
+from ravenjax.engines.lanes import Lanes
 from ravenjax.store import folder as results
 from ravenjax.store import manifest
 

@@ -187,6 +187,6 @@ def _cause(code: int) -> str:
 
 
 def _gpus() -> int:
-    from ravenjax.engines import cuda_device
+    from ravenjax.engines.gpu import device as cuda_device
 
     return len(cuda_device.devices())

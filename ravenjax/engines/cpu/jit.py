@@ -1,0 +1,92 @@
+"""Printed LLVM IR to functions that can be called, on this machine's CPU; compiled code may outlive the process."""
+
+from __future__ import annotations
+
+import ctypes
+import dataclasses
+import hashlib
+from collections.abc import MutableMapping, Sequence
+from functools import cache
+from typing import Any
+
+import llvmlite
+import llvmlite.binding as llvm
+
+_OPTIMISATION = 1
+"""Of code generation; the IR itself needs no passes. A higher level gives the same code."""
+_OPTIONS = ("-pre-RA-sched=source", "-enable-misched=false")
+"""Operations stay in the order in which they are printed: `schedule` has put them there. For the whole process."""
+
+Objects = MutableMapping[str, bytes]
+"""Compiled objects by the hash of what they were compiled from."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Host:
+    """The CPU that code is compiled for."""
+
+    cpu: str
+    features: frozenset[str]
+
+    @property
+    def width(self) -> int:
+        """float32 lanes of its widest vectors."""
+        return 16 if "avx512f" in self.features else 8 if "avx2" in self.features else 4
+
+    @property
+    def vectors(self) -> str:
+        """Its widest vectors in words."""
+        return {16: "AVX-512", 8: "AVX2", 4: "128-bit vectors"}[self.width]
+
+    @property
+    def text(self) -> str:
+        """Features as LLVM takes them."""
+        return ",".join(f"+{name}" for name in sorted(self.features))
+
+
+@cache
+def host() -> Host:
+    """This machine's CPU."""
+    for option in _OPTIONS:
+        llvm.set_option("ravenjax", option)
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    features = frozenset(name for name, there in llvm.get_host_cpu_features().items() if there)
+    return Host(llvm.get_host_cpu_name(), features)
+
+
+class HostModule:
+    """Compiled functions, for as long as this object lives."""
+
+    def __init__(self, code: bytes, names: Sequence[str]) -> None:
+        # JITLink puts code and constants side by side; the older loader may not, and then aborts the process.
+        self._jit = llvm.create_lljit_compiler(_machine(host()), use_jit_link=True)
+        builder = llvm.JITLibraryBuilder().add_object_img(code).add_current_process()
+        for name in names:
+            builder.export_symbol(name)
+        self._library = builder.link(self._jit, "kernel")
+
+    def function(self, name: str, arguments: Sequence[Any]) -> Any:
+        """One of its functions, of no result; ctypes gives the GIL away while it runs."""
+        return ctypes.CFUNCTYPE(None, *arguments)(self._library[name])
+
+
+def compile(text: str, names: Sequence[str], objects: Objects | None = None) -> HostModule:
+    """Compile functions `names` of a module's text, or take them from `objects`, where they are left otherwise."""
+    target = host()
+    source = (llvmlite.__version__, target.cpu, target.text, *_OPTIONS, str(_OPTIMISATION), text)
+    key = hashlib.sha256("\n".join(source).encode()).hexdigest()
+    code = objects.get(key) if objects is not None else None
+    if code is None:
+        module = llvm.parse_assembly(text, llvm.create_context())
+        machine = _machine(target)
+        module.triple, module.data_layout = machine.triple, str(machine.target_data)
+        code = machine.emit_object(module)
+        if objects is not None:
+            objects[key] = code
+    return HostModule(code, names)
+
+
+def _machine(target: Host) -> Any:
+    found = llvm.Target.from_default_triple()
+    return found.create_target_machine(target.cpu, target.text, _OPTIMISATION, reloc="pic", codemodel="small", jit=True)

@@ -1,0 +1,197 @@
+"""A split time loop as one LLVM module of five functions, and how their buffers are laid out.
+
+shared_begin  state of a group from its inputs
+shared_run    some ticks of a group: advances its state, writes a row of numbers a tick
+lane_begin    state and held numbers of `width` lanes from their inputs
+lane_run      the same ticks of these lanes, reading the rows
+lane_finish   their results
+
+Buffers of lanes hold `width` numbers after another for each number; those of groups hold one.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+from ravenjax.engines.cpu.llvm import LlvmPrinter
+from ravenjax.engines.cpu.memory import Layout, Place
+from ravenjax.engines.cpu.schedule import schedule
+from ravenjax.ir.program import Program
+from ravenjax.ir.regions import arrange
+from ravenjax.ir.time_loop import Split
+
+FUNCTIONS = ("shared_begin", "shared_run", "lane_begin", "lane_run", "lane_finish")
+
+
+@dataclasses.dataclass(frozen=True)
+class VectorKernel:
+    """The module's text and its buffers."""
+
+    text: str
+    inputs: Layout  # all inputs, of lanes
+    group_inputs: Layout  # all inputs, of a group
+    state: Layout
+    group_state: Layout
+    held: Layout
+    row: Layout
+    results: Layout
+
+
+def print_kernel(split: Split, width: int, features: frozenset[str]) -> VectorKernel:
+    """Print `split` for `width` lanes side by side."""
+    return _LlvmModule(split, width, features).kernel()
+
+
+class _LlvmModule:
+    def __init__(self, split: Split, width: int, features: frozenset[str]) -> None:
+        self.split, self.width, self.features = split, width, features
+        loop = split.loop
+        self.step, self.begin, self.finish = loop.step, loop.begin, loop.finish
+        types = loop.state_types
+        self.lane_state = (*split.lane_state, *split.held_state)
+
+        def typed(numbers: tuple[int, ...]) -> tuple[str, ...]:
+            return tuple(self.step.operations[i].dtype for i in numbers)
+
+        self.inputs, self.group_inputs = Layout(self.begin.inputs, width), Layout(self.begin.inputs, 1)
+        self.state = Layout(tuple(types[k] for k in self.lane_state), width)
+        self.group_state = Layout(tuple(types[k] for k in split.shared_state), 1)
+        self.held, self.row = Layout(typed(split.kept), width), Layout(typed(split.row), 1)
+        self.results = Layout(tuple(self.finish.operations[i].dtype for i in self.finish.outputs), width)
+        self.declared: set[str] = set()
+        self.functions: list[str] = []
+
+    def kernel(self) -> VectorKernel:
+        self._shared_begin()
+        self._shared_run()
+        self._lane_begin()
+        self._lane_run()
+        self._lane_finish()
+        bits = self.width * 32
+        attributes = f'attributes #0 = {{ nounwind "min-legal-vector-width"="{bits}" "prefer-vector-width"="{bits}" }}'
+        weights = '!0 = !{!"branch_weights", i32 1, i32 2000}'
+        text = "\n".join([*self.functions, *sorted(self.declared), attributes, weights])
+        return VectorKernel(
+            text, self.inputs, self.group_inputs, self.state, self.group_state, self.held, self.row, self.results
+        )
+
+    # --- where inputs stand ---
+
+    def _sources(self, program: Program, inputs: list[Place], state: dict[int, Place]) -> dict[int, Place]:
+        first = len(inputs)
+        places = dict(enumerate(inputs)) | {first + k: place for k, place in state.items()}
+        return {
+            i: places[op.detail]
+            for i, op in enumerate(program.operations)
+            if op.name == "input" and op.detail in places
+        }
+
+    def _state(self, pointer: str, group: str = "") -> dict[int, Place]:
+        """Places of the lanes' state, and of their group's if it is at hand."""
+        found = dict(zip(self.lane_state, self.state.places(pointer), strict=True))
+        if group:
+            found |= dict(zip(self.split.shared_state, self.group_state.places(group, splat=True), strict=True))
+        return found
+
+    def _group(self, pointer: str) -> dict[int, Place]:
+        return dict(zip(self.split.shared_state, self.group_state.places(pointer), strict=True))
+
+    # --- functions ---
+
+    def _function(self, name: str, parameters: str, printer: LlvmPrinter) -> None:
+        body = "\n".join(f"  {line}" for line in printer.lines)
+        self.functions.append(f"define void @{name}({parameters}) #0 {{\nentry:\n{body}\n  ret void\n}}\n")
+        self.declared |= printer.declared
+
+    def _loop(self, name: str, parameters: str, printer: LlvmPrinter, steps: dict[str, str]) -> None:
+        """A function that repeats its body %count times; pointers of `steps` move by so many bytes each time."""
+        body = "\n".join(f"  {line}" for line in printer.lines)
+        pointers = "".join(f"  %{p} = phi ptr [ %{p}0, %entry ], [ %{p}1, %{printer.block} ]\n" for p in steps)
+        moved = "".join(f"  %{p}1 = getelementptr i8, ptr %{p}, i64 {by}\n" for p, by in steps.items())
+        self.functions.append(
+            f"define void @{name}({parameters}, i64 %count) #0 {{\nentry:\n  br label %again\nagain:\n"
+            f"  %tick = phi i64 [ 0, %entry ], [ %next, %{printer.block} ]\n{pointers}{body}\n{moved}"
+            "  %next = add i64 %tick, 1\n  %more = icmp ult i64 %next, %count\n"
+            "  br i1 %more, label %again, label %end\nend:\n  ret void\n}\n"
+        )
+        self.declared |= printer.declared
+
+    def _shared_begin(self) -> None:
+        printer = LlvmPrinter(1, self.features)
+        sources = self._sources(self.begin, self.group_inputs.places("%inputs"), {})
+        results = [(self.begin.outputs[k], place) for k, place in self._group("%state").items()]
+        printer.run(self.begin, self.begin.needed(i for i, _ in results), sources, results)
+        self._function("shared_begin", "ptr noalias %inputs, ptr noalias %state", printer)
+
+    def _shared_run(self) -> None:
+        printer = LlvmPrinter(1, self.features, "again")
+        split, step = self.split, self.step
+        state = self._group("%state")
+        sources = self._sources(step, self.group_inputs.places("%inputs"), state)
+        given = self._of_this_tick(printer, sources, shared=True)
+        results = [(step.outputs[k], place) for k, place in state.items()]
+        results += list(zip(split.row, self.row.places("%row"), strict=True))
+        order = arrange(step.operations, split.shared, [i for i, _ in results])
+        printer.run(step, order, sources, results, "%tables", given)
+        parameters = (
+            "ptr noalias %inputs, ptr noalias %state, ptr noalias %tables, ptr noalias %in0, i64 %in_stride, "
+            "i64 %in_step, ptr noalias %row0, i32 %first"
+        )
+        self._loop("shared_run", parameters, printer, {"in": "%in_stride", "row": str(self.row.bytes)})
+
+    def _of_this_tick(self, printer: LlvmPrinter, sources: dict[int, Place], shared: bool) -> dict[int, str]:
+        """Adds the sources of what enters a tick; returns the tick's number, which is a value."""
+        first = self.split.loop.lane_inputs + self.split.loop.states
+        given: dict[int, str] = {}
+        for i, op in enumerate(self.step.operations):
+            if op.name != "input" or op.detail < first:
+                continue
+            if op.detail == first:
+                if shared:
+                    now = printer.op("trunc i64 %tick to i32")
+                    given[i] = printer.op(f"add i32 %first, {now}")
+                continue
+            offset = printer.op(f"mul i64 %in_step, {op.detail - first - 1}")
+            sources[i] = Place(printer.op(f"getelementptr i8, ptr %in, i64 {offset}"))
+        return given
+
+    def _lane_begin(self) -> None:
+        printer = LlvmPrinter(self.width, self.features)
+        inputs = self.inputs.places("%inputs")
+        sources = self._sources(self.begin, inputs, {})
+        state = self._state("%state")
+        results = [(self.begin.outputs[k], place) for k, place in state.items()]
+        printer.run(self.begin, self.begin.needed(i for i, _ in results), sources, results)
+        sources = self._sources(self.step, inputs, state)
+        kept = list(zip(self.split.kept, self.held.places("%held"), strict=True))
+        printer.run(self.step, self.split.held, sources, kept)
+        self._function("lane_begin", "ptr noalias %inputs, ptr noalias %state, ptr noalias %held", printer)
+
+    def _lane_run(self) -> None:
+        printer = LlvmPrinter(self.width, self.features, "again")
+        split, step = self.split, self.step
+        state = self._state("%state")
+        sources = self._sources(step, self.inputs.places("%inputs"), state)
+        self._of_this_tick(printer, sources, shared=False)
+        sources |= dict(zip(split.kept, self.held.places("%held"), strict=True))
+        sources |= dict(zip(split.row, self.row.places("%row", splat=True), strict=True))
+        results = [(step.outputs[k], state[k]) for k in split.lane_state]
+        for k, i in enumerate(step.outputs[split.loop.states :]):
+            offset = printer.op(f"mul i64 %out_step, {k}")
+            results.append((i, Place(printer.op(f"getelementptr i8, ptr %out, i64 {offset}"))))
+        order = schedule(step.operations, arrange(step.operations, split.lane, [i for i, _ in results]))
+        printer.run(step, order, sources, results, "%tables")
+        parameters = (
+            "ptr noalias %inputs, ptr noalias %held, ptr noalias %state, ptr noalias %tables, ptr noalias %in0, "
+            "i64 %in_stride, i64 %in_step, ptr noalias %row0, ptr noalias %out0, i64 %out_stride, i64 %out_step"
+        )
+        steps = {"in": "%in_stride", "row": str(self.row.bytes), "out": "%out_stride"}
+        self._loop("lane_run", parameters, printer, steps)
+
+    def _lane_finish(self) -> None:
+        printer = LlvmPrinter(self.width, self.features)
+        sources = self._sources(self.finish, self.inputs.places("%inputs"), self._state("%state", "%group"))
+        results = list(zip(self.finish.outputs, self.results.places("%results"), strict=True))
+        printer.run(self.finish, self.finish.needed(), sources, results)
+        parameters = "ptr noalias %inputs, ptr noalias %state, ptr noalias %group, ptr noalias %results"
+        self._function("lane_finish", parameters, printer)

@@ -1,0 +1,275 @@
+"""Straight-line programs printed as LLVM IR: one instruction or so an operation, `width` lanes side by side.
+
+Where numbers live in memory is told by `Place`s. Every float operation is printed as it stands: LLVM may neither fuse
+nor reassociate, so that all widths and CPUs give the same bits (but where the CPU has no fused multiply-add: there
+`fma` rounds twice).
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from typing import Any
+
+from ravenjax.engines.cpu.memory import Place, size
+from ravenjax.engines.printing import Printing
+from ravenjax.ir.program import Program
+
+_STORED = {"float32": "float", "float64": "double", "int32": "i32", "uint32": "i32", "bool": "i32"}
+_TYPES = {**_STORED, "bool": "i1"}
+_ARITHMETIC = ("add", "sub", "mul")
+_COMPARED = {
+    "eq": ("oeq", "eq", "eq"),
+    "ne": ("une", "ne", "ne"),
+    "lt": ("olt", "slt", "ult"),
+    "le": ("ole", "sle", "ule"),
+}
+_ROUNDED = {"floor": "floor", "ceil": "ceil", "round": "rint", "sqrt": "sqrt", "abs": "fabs"}
+_SHIFTED = {"shl": "shl", "shr": "lshr", "sar": "ashr"}
+_FUSED = frozenset(("fma", "neon", "fp-armv8"))
+"""CPU features that bring a fused multiply-add."""
+
+
+class LlvmPrinter(Printing[Place]):
+    """Lines of one function body, for `width` lanes (1: scalar code) on a CPU with these features."""
+
+    def __init__(self, width: int, features: frozenset[str], block: str = "entry") -> None:
+        """block: label of the block that the lines begin in."""
+        super().__init__()
+        self.width, self.features, self.block = width, features, block
+        self.declared: set[str] = set()
+
+    # --- a program ---
+
+    def _operation(self, program: Program, i: int, inputs: list[str], tables: str) -> str:
+        name, dtype, operands, detail = program.operations[i]
+        if name == "lookup":
+            return self._lookup(program, detail, inputs[0], tables)
+        if name in ("select", "rarely"):
+            return self.op(f"select {self.type('bool')} {inputs[0]}, {self.pair(dtype, inputs[1:])}")
+        constants = [program.operations[o].name == "constant" for o in operands]
+        return self._computed(name, dtype, program.operations[operands[0]].dtype, inputs, constants)
+
+    def _begin_region(self, condition: str, types: list[str]) -> tuple[str, str, list[str]]:
+        """Entered if the condition holds in any lane."""
+        if self.width > 1:
+            name = f"llvm.vector.reduce.or.v{self.width}i1"
+            condition = self.call("i1", name, (self.type("bool"), condition))
+        self._count += 1
+        outer, self.block = self.block, f"rare{self._count}"
+        after = f"after{self._count}"
+        self.lines += [f"br i1 {condition}, label %{self.block}, label %{after}, !prof !0", f"{self.block}:"]
+        return outer, after, types
+
+    def _end_region(self, begun: tuple[str, str, list[str]], results: list[str]) -> list[str]:
+        outer, after, types = begun
+        self.lines += [f"br label %{after}", f"{after}:"]
+        found = [
+            self.op(f"phi {self.type(dtype)} [ {x}, %{self.block} ], [ {self._constant(dtype, 0)}, %{outer} ]")
+            for dtype, x in zip(types, results, strict=True)
+        ]
+        self.block = after
+        return found
+
+    # --- text ---
+
+    def type(self, dtype: str) -> str:
+        """LLVM type of a number in registers."""
+        return self._wide(_TYPES[dtype])
+
+    def _wide(self, scalar: str) -> str:
+        return scalar if self.width == 1 else f"<{self.width} x {scalar}>"
+
+    def op(self, text: str) -> str:
+        """A new value."""
+        self._count += 1
+        self.lines.append(f"%v{self._count} = {text}")
+        return f"%v{self._count}"
+
+    def pair(self, dtype: str, inputs: Sequence[str]) -> str:
+        """Operands, each with its type."""
+        return ", ".join(f"{self.type(dtype)} {x}" for x in inputs)
+
+    def call(self, result: str, name: str, *arguments: tuple[str, str]) -> str:
+        """Call a function or intrinsic, given type and text of each argument."""
+        types = ", ".join(dtype for dtype, _ in arguments)
+        self.declared.add(f"declare {result} @{name}({types})")
+        return self.op(f"call {result} @{name}({', '.join(f'{dtype} {text}' for dtype, text in arguments)})")
+
+    def _constant(self, dtype: str, value: Any) -> str:
+        """Text of a constant."""
+        if dtype == "bool":
+            text = "true" if value else "false"
+        elif dtype.startswith("float"):
+            text = f"0x{struct.unpack('>Q', struct.pack('>d', float(value)))[0]:016X}"
+        else:
+            text = str(int(value))
+        return text if self.width == 1 else f"splat ({_TYPES[dtype]} {text})"
+
+    def address(self, place: Place) -> str:
+        """Pointer to a place."""
+        return self.op(f"getelementptr i8, ptr {place.pointer}, i64 {place.offset}") if place.offset else place.pointer
+
+    def _load(self, dtype: str, place: Place) -> str:
+        """The number at a place."""
+        scalar = _STORED[dtype]
+        address = self.address(place)
+        if place.splat and self.width > 1:
+            one = self.op(f"load {scalar}, ptr {address}, align {size(dtype)}")
+            start = self.op(f"insertelement {self._wide(scalar)} poison, {scalar} {one}, i64 0")
+            order = f"<{self.width} x i32> zeroinitializer"
+            found = self.op(f"shufflevector {self._wide(scalar)} {start}, {self._wide(scalar)} poison, {order}")
+        else:
+            found = self.op(f"load {self._wide(scalar)}, ptr {address}, align {size(dtype)}")
+        if dtype != "bool":
+            return found
+        return self.op(f"icmp ne {self._wide('i32')} {found}, {self._constant('int32', 0)}")
+
+    def _store(self, dtype: str, value: str, place: Place) -> None:
+        """Write a number to a place."""
+        if dtype == "bool":
+            value = self.op(f"sext {self.type('bool')} {value} to {self._wide('i32')}")
+        target = f"{self._wide(_STORED[dtype])} {value}, ptr {self.address(place)}"
+        self.lines.append(f"store {target}, align {size(dtype)}")
+
+    # --- operations ---
+
+    def _computed(self, name: str, dtype: str, source: str, x: list[str], constants: list[bool]) -> str:
+        real = dtype.startswith("float")
+        wide = self.type(dtype)
+        if name in _ARITHMETIC:
+            return self.op(f"{'f' if real else ''}{name} {wide} {', '.join(x)}")
+        if name in _COMPARED:
+            return self._compared(name, source, x)
+        if name in ("and", "or", "xor"):
+            return self.op(f"{name} {wide} {', '.join(x)}")
+        if name == "not":
+            return self.op(f"xor {wide} {x[0]}, {self._constant(dtype, True if dtype == 'bool' else -1)}")
+        if name == "bitcast":
+            return (
+                x[0]
+                if not real and not source.startswith("float")
+                else self.op(f"bitcast {self.type(source)} {x[0]} to {wide}")
+            )
+        if real and name in _ROUNDED:
+            return self.call(wide, f"llvm.{_ROUNDED[name]}.{self._suffix(dtype)}", (wide, x[0]))
+        if name in _SHIFTED:
+            return self._shifted(name, dtype, x, constants[1])
+        match name:
+            case "div" if real:
+                return self.op(f"fdiv {wide} {', '.join(x)}")
+            case "div" | "rem" if not real:
+                return self._divided(name, dtype, x)
+            case "fma" if not self.features & _FUSED:
+                product = self.op(f"fmul {wide} {x[0]}, {x[1]}")
+                return self.op(f"fadd {wide} {product}, {x[2]}")
+            case "fma":
+                return self.call(wide, f"llvm.fma.{self._suffix(dtype)}", *((wide, operand) for operand in x))
+            case "neg":
+                return self.op(f"fneg {wide} {x[0]}" if real else f"sub {wide} {self._constant(dtype, 0)}, {x[0]}")
+            case "abs":
+                return self.call(wide, f"llvm.abs.{self._suffix(dtype)}", (wide, x[0]), ("i1", "false"))
+            case "max" | "min" if real:
+                found = self.op(f"fcmp {'ogt' if name == 'max' else 'olt'} {wide} {x[0]}, {x[1]}")
+                best = self.op(f"select {self.type('bool')} {found}, {self.pair(dtype, x)}")
+                if constants[0]:
+                    return best
+                unknown = self.op(f"fcmp uno {wide} {x[0]}, {x[0]}")
+                return self.op(f"select {self.type('bool')} {unknown}, {self.pair(dtype, [x[0], best])}")
+            case "max" | "min":
+                kind = "s" if dtype == "int32" else "u"
+                return self.call(wide, f"llvm.{kind}{name}.{self._suffix(dtype)}", (wide, x[0]), (wide, x[1]))
+            case "convert":
+                return self._converted(dtype, source, x[0])
+            case "truncate":
+                return self._truncated(source, x[0])
+        raise NotImplementedError(f"operation {name!r} of {dtype} has no LLVM form")
+
+    def _suffix(self, dtype: str) -> str:
+        scalar = {"float": "f32", "double": "f64"}.get(_TYPES[dtype], _TYPES[dtype])
+        return scalar if self.width == 1 else f"v{self.width}{scalar}"
+
+    def _compared(self, name: str, source: str, x: list[str]) -> str:
+        real, signed, unsigned = _COMPARED[name]
+        if source.startswith("float"):
+            return self.op(f"fcmp {real} {self.type(source)} {', '.join(x)}")
+        return self.op(f"icmp {signed if source == 'int32' else unsigned} {self.type(source)} {', '.join(x)}")
+
+    def _shifted(self, name: str, dtype: str, x: list[str], constant: bool) -> str:
+        wide, bits = self.type(dtype), size(dtype) * 8
+        by = x[1]
+        if name == "sar":
+            by = self.call(
+                wide, f"llvm.umin.{self._suffix(dtype)}", (wide, by), (wide, self._constant(dtype, bits - 1))
+            )
+            return self.op(f"ashr {wide} {x[0]}, {by}")
+        if constant:  # inside the width, or `simplify` would have taken it
+            return self.op(f"{_SHIFTED[name]} {wide} {x[0]}, {by}")
+        inside = self.op(f"icmp ult {wide} {by}, {self._constant(dtype, bits)}")
+        kept = self.op(f"and {wide} {by}, {self._constant(dtype, bits - 1)}")
+        moved = self.op(f"{_SHIFTED[name]} {wide} {x[0]}, {kept}")
+        return self.op(f"select {self.type('bool')} {inside}, {self.pair(dtype, [moved, self._constant(dtype, 0)])}")
+
+    def _divided(self, name: str, dtype: str, x: list[str]) -> str:
+        """Through float64, where the quotient of two 32-bit integers truncates right; CPUs have no vector division."""
+        wide, double, long = self.type(dtype), self._wide("double"), self._wide("i64")
+        signed = "s" if dtype == "int32" else "u"
+        none = self.op(f"icmp eq {wide} {x[1]}, {self._constant(dtype, 0)}")
+        by = self.op(f"select {self.type('bool')} {none}, {self.pair(dtype, [self._constant(dtype, 1), x[1]])}")
+        a, b = (self.op(f"{signed}itofp {wide} {operand} to {double}") for operand in (x[0], by))
+        exact = self.op(f"fptosi {double} {self.op(f'fdiv {double} {a}, {b}')} to {long}")
+        quotient = self.op(f"trunc {long} {exact} to {wide}")
+        if name == "rem":
+            return self.op(f"sub {wide} {x[0]}, {self.op(f'mul {wide} {quotient}, {x[1]}')}")
+        return self.op(f"select {self.type('bool')} {none}, {self.pair(dtype, [self._constant(dtype, -1), quotient])}")
+
+    def _converted(self, dtype: str, source: str, x: str) -> str:
+        wide, before = self.type(dtype), self.type(source)
+        if dtype.startswith("float") and source.startswith("float"):
+            return self.op(f"{'fpext' if dtype == 'float64' else 'fptrunc'} {before} {x} to {wide}")
+        if dtype.startswith("float"):
+            return self.op(f"{'s' if source == 'int32' else 'u'}itofp {before} {x} to {wide}")
+        if dtype == "uint32":
+            return self.call(wide, f"llvm.fptoui.sat.{self._suffix(dtype)}.{self._suffix(source)}", (before, x))
+        best = self._truncated(source, x)  # right but for NaN and what is too large
+        for condition, value in (
+            (f"oge {before} {x}, {self._constant(source, 2147483648.0)}", 2**31 - 1),
+            (f"uno {before} {x}, {x}", 0),
+        ):
+            found = self.op(f"fcmp {condition}")
+            best = self.op(
+                f"select {self.type('bool')} {found}, {self.pair(dtype, [self._constant(dtype, value), best])}"
+            )
+        return best
+
+    def _truncated(self, source: str, x: str) -> str:
+        """C's `(int)x` on x86: one instruction there."""
+        wide, before = self.type("int32"), self.type(source)
+        if source == "float32" and self.width == 16 and "avx512f" in self.features:
+            arguments = ((before, x), (wide, "zeroinitializer"), ("i16", "-1"), ("i32", "4"))
+            return self.call(wide, "llvm.x86.avx512.mask.cvttps2dq.512", *arguments)
+        if source == "float32" and self.width == 8 and "avx" in self.features:
+            return self.call(wide, "llvm.x86.avx.cvtt.ps2dq.256", (before, x))
+        if source == "float32" and self.width == 4 and "sse2" in self.features:
+            return self.call(wide, "llvm.x86.sse2.cvttps2dq", (before, x))
+        near = self.call(wide, f"llvm.fptosi.sat.{self._suffix('int32')}.{self._suffix(source)}", (before, x))
+        fits = self.op(f"fcmp olt {before} {x}, {self._constant(source, 2147483648.0)}")
+        return self.op(
+            f"select {self.type('bool')} {fits}, {self.pair('int32', [near, self._constant('int32', -(2**31))])}"
+        )
+
+    def _lookup(self, program: Program, table: int, index: str, tables: str) -> str:
+        """One number of a table; the tables stand one after the other in memory."""
+        dtype = program.tables[table][0]
+        start = self.address(Place(tables, sum(size(d) * length for d, length in program.tables[:table])))
+        scalar = _STORED[dtype]
+        at = self.op(f"getelementptr {scalar}, ptr {start}, {self.type('int32')} {index}")
+        if self.width == 1:
+            return self.op(f"load {scalar}, ptr {at}, align {size(dtype)}")
+        found = self._constant(dtype, 0)
+        vector = self._wide(scalar)
+        for lane in range(self.width):  # rare, and every CPU has it
+            one = self.op(f"extractelement <{self.width} x ptr> {at}, i64 {lane}")
+            loaded = self.op(f"load {scalar}, ptr {one}, align {size(dtype)}")
+            found = self.op(f"insertelement {vector} {found}, {scalar} {loaded}, i64 {lane}")
+        return found

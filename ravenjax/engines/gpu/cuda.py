@@ -1,0 +1,191 @@
+"""Straight-line programs printed as CUDA C: one statement an operation, one robot a thread.
+
+The text calls no mathematical library. Every float operation is rounded as it stands if the compiler neither fuses nor
+flushes (`OPTIONS`), so that all devices give the same bits, a NaN's payload aside. Numbers have 32 bits; there is no
+float64.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ravenjax.engines.printing import Printing
+from ravenjax.ir.program import Program, number
+
+OPTIONS = ("--fmad=false", "--ftz=false", "--prec-div=true", "--prec-sqrt=true")
+"""What the compiler must be told."""
+
+TYPES = {"float32": "float", "int32": "int", "uint32": "unsigned", "bool": "bool"}
+_READ = {"float32": "__uint_as_float({})", "int32": "(int)({})", "uint32": "{}", "bool": "({}) != 0u"}
+_WRITTEN = {"float32": "__float_as_uint({})", "int32": "(unsigned)({})", "uint32": "{}", "bool": "(unsigned)({})"}
+_COMPARED = {"eq": "==", "ne": "!=", "lt": "<", "le": "<="}
+_WRAPPED = {"add": "+", "sub": "-", "mul": "*"}
+_BITWISE = {"and": "&", "or": "|", "xor": "^"}
+_ROUNDED = {"floor": "floorf", "ceil": "ceilf", "round": "rintf", "sqrt": "sqrtf", "abs": "fabsf"}
+_BITCASTS = {
+    ("float32", "int32"): "__float_as_int",
+    ("float32", "uint32"): "__float_as_uint",
+    ("int32", "float32"): "__int_as_float",
+    ("uint32", "float32"): "__uint_as_float",
+}
+_CONVERTED = {
+    ("float32", "int32"): "__float2int_rz",
+    ("float32", "uint32"): "__float2uint_rz",
+    ("int32", "float32"): "__int2float_rn",
+    ("uint32", "float32"): "__uint2float_rn",
+}
+
+PRELUDE = """\
+#define INLINE static __device__ __forceinline__
+// Of two zeros of unlike sign the second; a NaN comes through.
+template <class T> INLINE T larger(T a, T b) { return (a != a) | (a > b) ? a : b; }
+template <class T> INLINE T smaller(T a, T b) { return (a != a) | (a < b) ? a : b; }
+// The same where the first is no NaN and no zero.
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800
+INLINE float larger_than(float c, float x) { asm("max.NaN.f32 %0, %0, %1;" : "+f"(x) : "f"(c)); return x; }
+INLINE float smaller_than(float c, float x) { asm("min.NaN.f32 %0, %0, %1;" : "+f"(x) : "f"(c)); return x; }
+#else
+INLINE float larger_than(float c, float x) { return c > x ? c : x; }
+INLINE float smaller_than(float c, float x) { return c < x ? c : x; }
+#endif
+// C's (int)x on x86: -2147483648 for what does not fit.
+INLINE int truncated(float x) { return x < 2147483648.0f ? __float2int_rz(x) : (int)0x80000000u; }
+// By 0: all bits set; wraps.
+INLINE int quotient(int a, int b) { return b == 0 ? -1 : b == -1 ? (int)(0u - (unsigned)a) : a / b; }
+INLINE unsigned quotient(unsigned a, unsigned b) { return b == 0 ? ~0u : a / b; }
+INLINE int rest(int a, int b) { return b == 0 ? a : b == -1 ? 0 : a % b; }
+INLINE unsigned rest(unsigned a, unsigned b) { return b == 0 ? a : a % b; }
+// Shifts by 32 and more shift everything out.
+INLINE unsigned left(unsigned x, unsigned by) { return by < 32u ? x << by : 0u; }
+INLINE unsigned right(unsigned x, unsigned by) { return by < 32u ? x >> by : 0u; }
+INLINE int signed_right(int x, unsigned by) { return x >> (by < 31u ? by : 31u); }
+"""
+"""What the statements call."""
+
+
+class CudaPrinter(Printing[str]):
+    """Statements of one function body; places are 32-bit words, as text of an lvalue."""
+
+    def __init__(self, indent: str = "  ") -> None:
+        super().__init__()
+        self._indent = indent
+
+    def line(self, text: str) -> None:
+        """Add a statement."""
+        self.lines.append(self._indent + text)
+
+    def _constant(self, dtype: str, value: Any) -> str:
+        return constant(dtype, value)
+
+    def _load(self, dtype: str, place: str) -> str:
+        return self._new(dtype, _READ[dtype].format(place))
+
+    def _store(self, dtype: str, value: str, place: str) -> None:
+        self.line(f"{place} = {_WRITTEN[dtype].format(value)};")
+
+    def _operation(self, program: Program, i: int, inputs: list[str], tables: str) -> str:
+        name, dtype, operands, detail = program.operations[i]
+        first = program.operations[operands[0]]
+        if name == "lookup":
+            start = sum(length for _, length in program.tables[:detail])
+            return self._new(dtype, _READ[dtype].format(f"__ldg({tables} + {start} + {inputs[0]})"))
+        known = number(first.dtype, first.detail) if first.name == "constant" else None
+        types = [program.operations[o].dtype for o in operands]
+        return self._new(dtype, expression(name, dtype, types, inputs, known))
+
+    def _begin_region(self, condition: str, types: list[str]) -> list[str]:
+        names = [self._name() for _ in types]
+        for dtype, name in zip(types, names, strict=True):
+            self.line(f"{TYPES[dtype]} {name} = 0;")
+        self.line(f"if ({condition}) {{")
+        return names
+
+    def _end_region(self, begun: list[str], results: list[str]) -> list[str]:
+        for name, result in zip(begun, results, strict=True):
+            self.line(f"{name} = {result};")
+        self.line("}")
+        return begun
+
+    def _name(self) -> str:
+        self._count += 1
+        return f"v{self._count}"
+
+    def _new(self, dtype: str, text: str) -> str:
+        name = self._name()
+        self.line(f"const {TYPES[dtype]} {name} = {text};")
+        return name
+
+
+def constant(dtype: str, value: Any) -> str:
+    """Text of a constant."""
+    if dtype == "bool":
+        return "true" if value else "false"
+    if dtype == "int32":
+        return f"(int)0x{int(value) & 0xFFFFFFFF:x}u" if value < 0 else str(int(value))
+    if dtype == "uint32":
+        return f"{int(value)}u"
+    if np.isfinite(value):
+        text = f"{float(value):.9g}"  # nine digits tell every float32
+        return f"({text}{'' if set(text) & set('.e') else '.'}f)"
+    return f"__uint_as_float(0x{int(np.asarray(value).view(np.uint32)):x}u)"
+
+
+def expression(name: str, dtype: str, sources: Sequence[str], x: Sequence[str], known: Any = None) -> str:
+    """Text of one operation on operands `x` of types `sources`; known: the first one's value, if it is a constant.
+
+    Raises NotImplementedError for an operation that has no form here.
+    """
+    real, source = dtype == "float32", sources[0]
+    if "float64" in (dtype, *sources):
+        raise NotImplementedError(f"operation {name!r} of float64 has no CUDA form")
+    if name in _COMPARED:
+        return f"{x[0]} {_COMPARED[name]} {x[1]}"
+    if name in _BITWISE:
+        return f"{x[0]} {_BITWISE[name]} {x[1]}"
+    if name in _WRAPPED:
+        a, b = x if real else (f"(unsigned){operand}" for operand in x)
+        return _typed(dtype, f"{a} {_WRAPPED[name]} {b}")
+    if real and name in _ROUNDED:
+        return f"{_ROUNDED[name]}({x[0]})"
+    match name:
+        case "select" | "rarely":
+            return f"{x[0]} ? {x[1]} : {x[2]}"
+        case "div" if real:
+            return f"{x[0]} / {x[1]}"
+        case "div" | "rem" if not real:
+            return f"{'quotient' if name == 'div' else 'rest'}({x[0]}, {x[1]})"
+        case "fma":
+            return f"fmaf({', '.join(x)})"
+        case "neg":
+            return f"-{x[0]}" if real else _typed(dtype, f"0u - (unsigned){x[0]}")
+        case "not":
+            return f"{'!' if dtype == 'bool' else '~'}{x[0]}"
+        case "abs":
+            return f"{x[0]} < 0 ? (int)(0u - (unsigned){x[0]}) : {x[0]}"
+        case "max" | "min":
+            function = "larger" if name == "max" else "smaller"
+            plain = real and known is not None and known != 0 and not np.isnan(known)
+            return f"{function}{'_than' if plain else ''}({x[0]}, {x[1]})"
+        case "shl":
+            return _typed(dtype, f"left({x[0]}, {x[1]})")
+        case "shr":
+            return _typed(dtype, f"right({x[0]}, {x[1]})")
+        case "sar":
+            return _typed(dtype, f"signed_right({x[0]}, {x[1]})")
+        case "truncate":
+            return f"truncated({x[0]})"
+        case "bitcast":
+            return x[0] if source == dtype else f"{_BITCASTS.get((source, dtype), f'({TYPES[dtype]})')}({x[0]})"
+        case "convert" if dtype == "bool":
+            return f"{x[0]} != 0"
+        case "convert":
+            return f"{_CONVERTED.get((source, dtype), f'({TYPES[dtype]})')}({x[0]})"
+    raise NotImplementedError(f"operation {name!r} of {dtype} has no CUDA form")
+
+
+def _typed(dtype: str, text: str) -> str:
+    """An unsigned result as the int that it stands for."""
+    return f"(int)({text})" if dtype == "int32" else text

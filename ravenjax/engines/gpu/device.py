@@ -1,0 +1,275 @@
+"""NVIDIA GPUs through NVIDIA's own bindings: what is there, compiling for it, memory and launches.
+
+The packages are optional and looked for when first asked. Every call is checked; what a user can mend is a UserError
+of one line.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import dataclasses
+import hashlib
+from collections.abc import MutableMapping, Sequence
+from functools import cache, cached_property
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from ravenjax.errors import UserError
+
+INSTALL = "pip install 'ravenjax[cuda]'"
+Cubins = MutableMapping[str, bytes]
+"""Compiled modules by the hash of what they were compiled from."""
+
+
+def _bindings() -> tuple[Any, Any]:
+    """Modules `driver` and `nvrtc`."""
+    try:
+        from cuda.bindings import driver, nvrtc  # type: ignore[import-not-found]
+    except ImportError as error:
+        raise UserError(f"engine 'cuda' needs the package cuda-bindings ({error}): {INSTALL}") from None
+    return driver, nvrtc
+
+
+def _call(name: str, *arguments: Any) -> Any:
+    """Result of a driver function. Raises RuntimeError with the driver's own words."""
+    driver, _ = _bindings()
+    code, *results = getattr(driver, name)(*arguments)
+    if int(code) != 0:
+        _, text = driver.cuGetErrorString(code)
+        raise RuntimeError(f"{name}: {text.decode() if text else code}")
+    return results[0] if len(results) == 1 else tuple(results)
+
+
+@cache
+def devices() -> tuple[Device, ...]:
+    """Every GPU that this process may use. Raises UserError where there is none, or no driver or package."""
+    _bindings()
+    try:
+        _call("cuInit", 0)
+        found = tuple(Device(k) for k in range(_call("cuDeviceGetCount")))
+    except Exception as error:  # the bindings raise their own kinds where the driver is absent
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise UserError(f"engine 'cuda' finds no NVIDIA driver ({reason}); engine 'simd' needs none") from None
+    if not found:
+        raise UserError("engine 'cuda' finds no NVIDIA GPU; engine 'simd' needs none")
+    return found
+
+
+@dataclasses.dataclass(frozen=True)
+class Device:
+    """One GPU, by its number among the visible ones."""
+
+    number: int
+
+    def _attribute(self, name: str) -> int:
+        driver, _ = _bindings()
+        attribute = getattr(driver.CUdevice_attribute, f"CU_DEVICE_ATTRIBUTE_{name}")
+        return int(_call("cuDeviceGetAttribute", attribute, self._handle))
+
+    @cached_property
+    def _handle(self) -> Any:
+        return _call("cuDeviceGet", self.number)
+
+    @cached_property
+    def context(self) -> Any:
+        """The device's primary context, the one that other libraries use too."""
+        return _call("cuDevicePrimaryCtxRetain", self._handle)
+
+    @cached_property
+    def name(self) -> str:
+        """As its maker calls it."""
+        return _call("cuDeviceGetName", 256, self._handle).split(b"\0")[0].decode()
+
+    @cached_property
+    def architecture(self) -> str:
+        """As NVRTC takes it: "sm_90"."""
+        return f"sm_{self._attribute('COMPUTE_CAPABILITY_MAJOR')}{self._attribute('COMPUTE_CAPABILITY_MINOR')}"
+
+    @cached_property
+    def multiprocessors(self) -> int:
+        """How many."""
+        return self._attribute("MULTIPROCESSOR_COUNT")
+
+    @cached_property
+    def shared_bytes(self) -> int:
+        """Shared memory that one block may have, at most."""
+        return self._attribute("MAX_SHARED_MEMORY_PER_BLOCK_OPTIN")
+
+
+def require() -> None:
+    """Raise UserError unless there is a GPU and each can be compiled for."""
+    for device in devices():
+        _compiler_for(device.architecture)
+
+
+def compile(text: str, architecture: str, options: Sequence[str], cubins: Cubins | None = None) -> bytes:
+    """Machine code of a module's text, or from `cubins`, where it is left otherwise. Raises UserError, RuntimeError."""
+    nvrtc, version = _compiler_for(architecture)
+    flags = [f"--gpu-architecture={architecture}", "--std=c++17", "--disable-warnings", *options]
+    key = hashlib.sha256("\n".join((str(version), *flags, text)).encode()).hexdigest()
+    found = cubins.get(key) if cubins is not None else None
+    if found is None:
+        found = _compiled(nvrtc, text, flags)
+        if cubins is not None:
+            cubins[key] = found
+    return found
+
+
+def _compiler_for(architecture: str) -> tuple[Any, tuple[int, int]]:
+    """Module `nvrtc` and the compiler's version. Raises UserError where there is none that knows the architecture."""
+    _, nvrtc = _bindings()
+    try:
+        _, major, minor = nvrtc.nvrtcVersion()
+        known = nvrtc.nvrtcGetSupportedArchs()[1]
+    except Exception as error:  # the bindings raise their own kinds where the library is absent
+        raise UserError(f"engine 'cuda' finds no NVRTC ({str(error).splitlines()[0]}): {INSTALL}") from None
+    if int(architecture[3:]) not in known:
+        raise UserError(
+            f"engine 'cuda' cannot compile for {architecture}: NVRTC {major}.{minor} knows "
+            f"sm_{min(known)} to sm_{max(known)}; engine 'simd' needs no GPU"
+        )
+    return nvrtc, (major, minor)
+
+
+def _compiled(nvrtc: Any, text: str, flags: list[str]) -> bytes:
+    _, program = nvrtc.nvrtcCreateProgram(text.encode(), b"tick.cu", 0, [], [])
+    try:
+        (code,) = nvrtc.nvrtcCompileProgram(program, len(flags), [flag.encode() for flag in flags])
+        if int(code) != 0:
+            log = bytearray(nvrtc.nvrtcGetProgramLogSize(program)[1])
+            nvrtc.nvrtcGetProgramLog(program, log)
+            raise RuntimeError(f"NVRTC refuses the printed kernel: {log.decode()[:2000]}")
+        found = bytearray(nvrtc.nvrtcGetCUBINSize(program)[1])
+        nvrtc.nvrtcGetCUBIN(program, found)
+    finally:
+        nvrtc.nvrtcDestroyProgram(program)
+    return bytes(found)
+
+
+class DeviceModule:
+    """Machine code loaded on a device."""
+
+    def __init__(self, device: Device, cubin: bytes) -> None:
+        self.device = device
+        _call("cuCtxSetCurrent", device.context)
+        self._module = _call("cuModuleLoadData", cubin)
+
+    def function(self, name: str, shared_bytes: int = 0) -> Function:
+        """A kernel whose blocks have so much dynamic shared memory."""
+        driver, _ = _bindings()
+        handle = _call("cuModuleGetFunction", self._module, name.encode())
+        if shared_bytes:
+            attribute = driver.CUfunction_attribute.CU_FUNC_ATTRIBUTE_MAX_DYNAMIC_SHARED_SIZE_BYTES
+            _call("cuFuncSetAttribute", handle, attribute, shared_bytes)
+        return Function(handle, shared_bytes)
+
+
+@dataclasses.dataclass(frozen=True)
+class Function:
+    """A kernel."""
+
+    handle: Any
+    shared_bytes: int
+
+    def resource(self, name: str) -> int:
+        """NUM_REGS, LOCAL_SIZE_BYTES and the like."""
+        driver, _ = _bindings()
+        return int(
+            _call("cuFuncGetAttribute", getattr(driver.CUfunction_attribute, f"CU_FUNC_ATTRIBUTE_{name}"), self.handle)
+        )
+
+
+class Session:
+    """Work of one thread on one device: its streams, and memory that goes back at the end."""
+
+    def __init__(self, device: Device) -> None:
+        self.device = device
+        self._rooms: list[Any] = []
+        self._events: list[Any] = []
+
+    def __enter__(self) -> Session:
+        driver, _ = _bindings()
+        _call("cuCtxSetCurrent", self.device.context)
+        lowest, highest = _call("cuCtxGetStreamPriorityRange")
+        flag = driver.CUstream_flags.CU_STREAM_NON_BLOCKING
+        self.main = _call("cuStreamCreateWithPriority", flag, lowest)
+        self.urgent = _call("cuStreamCreateWithPriority", flag, highest)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for stream in (self.main, self.urgent):
+            _call("cuStreamSynchronize", stream)
+        for room in self._rooms:
+            _call("cuMemFreeAsync", room, self.main)
+        for event in self._events:
+            _call("cuEventDestroy", event)
+        for stream in (self.main, self.urgent):
+            _call("cuStreamSynchronize", stream)
+            _call("cuStreamDestroy", stream)
+
+    def room(self, words: int) -> Any:
+        """Memory for so many 32-bit words, zeroed; at hand in both streams."""
+        size = max(words, 4)
+        found = _call("cuMemAllocAsync", 4 * size, self.main)
+        self._rooms.append(found)
+        _call("cuMemsetD32Async", found, 0, size, self.main)
+        self.wait(self.urgent, self.mark(self.main))
+        return found
+
+    def upload(self, words: np.ndarray) -> Any:
+        """New memory that holds an array."""
+        found = self.room(words.nbytes // 4)
+        self.write(found, words, self.urgent)
+        self.wait(self.main, self.mark(self.urgent))
+        return found
+
+    def write(self, place: Any, words: np.ndarray, stream: Any) -> None:
+        """Copy a contiguous array to the device."""
+        if words.nbytes:
+            _call("cuMemcpyHtoDAsync", place, words.ctypes.data, words.nbytes, stream)
+
+    def read(self, words: np.ndarray, place: Any, stream: Any) -> None:
+        """Copy from the device into a contiguous array, and wait for it."""
+        if words.nbytes:
+            _call("cuMemcpyDtoHAsync", words.ctypes.data, place, words.nbytes, stream)
+        _call("cuStreamSynchronize", stream)
+
+    def launch(self, function: Function, blocks: int, threads: int, stream: Any, *arguments: Any) -> None:
+        """Start a kernel; whole numbers are ints, everything else addresses, None that of nothing."""
+        values = tuple(0 if a is None else int(a) for a in arguments)
+        types = tuple(ctypes.c_int if isinstance(a, int) else ctypes.c_void_p for a in arguments)
+        _call(
+            "cuLaunchKernel",
+            function.handle,
+            blocks,
+            1,
+            1,
+            threads,
+            1,
+            1,
+            function.shared_bytes,
+            stream,
+            (values, types),
+            0,
+        )
+
+    def mark(self, stream: Any) -> Any:
+        """The point that a stream has reached in its work."""
+        driver, _ = _bindings()
+        event = _call("cuEventCreate", driver.CUevent_flags.CU_EVENT_DISABLE_TIMING)
+        self._events.append(event)
+        _call("cuEventRecord", event, stream)
+        return event
+
+    def wait(self, stream: Any, mark: Any) -> None:
+        """Let a stream wait until another has reached a mark."""
+        _call("cuStreamWaitEvent", stream, mark, 0)
+
+    @staticmethod
+    def finish(mark: Any) -> None:
+        """Wait here until a mark is reached."""
+        _call("cuEventSynchronize", mark)

@@ -1,0 +1,273 @@
+"""A closed jaxpr of single numbers becomes a program: JAX's scalar primitives, one case each.
+
+jit-like calls are inlined, look-ups clamped to their table. What is not an operation on single numbers, or on 1-D
+tables read at one index, is refused by name.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, Literal, NamedTuple
+
+import jax
+import numpy as np
+from jax.extend import core
+
+from ravenjax.ir import elementary, polynomials
+from ravenjax.ir.builder import Builder
+from ravenjax.ir.program import TYPES, WIDE_INTEGERS, Program
+
+_ALIASES = ("copy", "copy_p", "squeeze", "reshape", "broadcast_in_dim", "stop_gradient", "reduce_precision")
+_SAME = ("add", "sub", "mul", "div", "and", "or", "xor", "not", "neg", "abs", "sqrt", "floor", "ceil", "max", "min")
+_COMPARISONS = {"eq": "eq", "ne": "ne", "lt": "lt", "le": "le", "gt": "lt", "ge": "le"}
+_SHIFTS = {"shift_left": "shl", "shift_right_logical": "shr", "shift_right_arithmetic": "sar"}
+_CALLS = {
+    "jit": "jaxpr",
+    "pjit": "jaxpr",
+    "closed_call": "call_jaxpr",
+    "core_call": "call_jaxpr",
+    "custom_jvp_call": "call_jaxpr",
+    "custom_vjp_call": "call_jaxpr",
+    "remat": "jaxpr",
+    "checkpoint": "jaxpr",
+}
+
+Origin = Callable[[core.JaxprEqn], str]
+Functions = Literal["polynomials", "library"]
+
+
+class UnknownPrimitive(NotImplementedError):
+    """The jaxpr holds something that is not an operation on single numbers."""
+
+
+def primitives(jaxpr: core.ClosedJaxpr) -> dict[str, int]:
+    """How often each primitive occurs once calls are inlined."""
+    count: dict[str, int] = {}
+
+    def walk(body: core.Jaxpr) -> None:
+        for eqn in body.eqns:
+            name = eqn.primitive.name
+            if name in _CALLS:
+                walk(_callee(eqn)[0])
+            else:
+                count[name] = count.get(name, 0) + 1
+
+    walk(jaxpr.jaxpr)
+    return count
+
+
+def lower(jaxpr: core.ClosedJaxpr, origin: Origin | None = None, functions: Functions = "polynomials") -> Program:
+    """The program of a closed jaxpr (`jax.make_jaxpr(f)(...)`).
+
+    Its inputs are the jaxpr's single numbers in order, its tables the 1-D ones. origin: names where an equation comes
+    from; costs time. functions: sin, atan2 and their like are written out as `polynomials`, or stay operations that
+    mean those of the C library; then there may be wide integers, too. Raises UnknownPrimitive.
+    """
+    builder = Builder()
+    walk = _Walk(builder, origin, functions)
+    consts = [walk.constant(value) for value in jaxpr.consts]
+    inputs = [walk.input(var.aval) for var in jaxpr.jaxpr.invars]
+    outputs = walk.body(jaxpr.jaxpr, consts, inputs)
+    return builder.program([_single(output) for output in outputs])
+
+
+class _Table(NamedTuple):
+    """A 1-D array: how many numbers it has, and how one at an index inside is read."""
+
+    length: int
+    read: Callable[[int], int]
+
+
+_Value = int | _Table
+
+
+def _single(value: _Value) -> int:
+    if isinstance(value, _Table):
+        raise UnknownPrimitive("a whole table is used as if it were one number; look one number of it up")
+    return value
+
+
+class _Walk:
+    def __init__(self, builder: Builder, origin: Origin | None, functions: Functions) -> None:
+        self.builder, self.origin, self.functions = builder, origin, functions
+        self.types = (*TYPES, *WIDE_INTEGERS) if functions == "library" else TYPES
+
+    def _dtype(self, aval: Any) -> str:
+        name = str(np.dtype(aval.dtype))
+        if name not in self.types:
+            raise UnknownPrimitive(f"numbers of type {name} are not known; known are {', '.join(self.types)}")
+        return name
+
+    def input(self, aval: Any) -> _Value:
+        if len(aval.shape) > 1:
+            raise UnknownPrimitive(f"an input has shape {aval.shape}; give single numbers or 1-D tables")
+        if aval.shape:
+            number = self.builder.table(self._dtype(aval), aval.shape[0])
+            return _Table(aval.shape[0], lambda index: self.builder.lookup(number, index))
+        return self.builder.input(self._dtype(aval))
+
+    def constant(self, value: Any) -> _Value:
+        value = np.asarray(value)
+        dtype = self._dtype(value)
+        if value.size == 1:
+            return self.builder.constant(dtype, value.reshape(()))
+        if value.ndim != 1:
+            raise UnknownPrimitive(f"a constant has shape {value.shape}; give single numbers or 1-D tables")
+        return _Table(len(value), lambda index: self._chosen(dtype, value, index))
+
+    def _chosen(self, dtype: str, values: np.ndarray, index: int) -> int:
+        """One of some constants: a choice for each."""
+        b, result = self.builder, self.builder.constant(dtype, values[0])
+        for k, value in enumerate(values[1:], 1):
+            here = b.emit("eq", "bool", index, b.constant("int32", k))
+            result = b.emit("select", dtype, here, b.constant(dtype, value), result)
+        return result
+
+    def body(self, jaxpr: core.Jaxpr, consts: Sequence[_Value], inputs: Sequence[_Value]) -> list[_Value]:
+        values: dict[Any, _Value] = dict(zip(jaxpr.constvars, consts, strict=True))
+        values.update(zip(jaxpr.invars, inputs, strict=True))
+
+        def read(atom: Any) -> _Value:
+            if isinstance(atom, core.Literal):
+                aval: Any = atom.aval
+                return self.constant(np.asarray(atom.val, np.dtype(aval.dtype)))
+            return values[atom]
+
+        for eqn in jaxpr.eqns:
+            operands = [read(atom) for atom in eqn.invars]
+            name = eqn.primitive.name
+            if name in _CALLS:
+                inner, inner_consts = _callee(eqn)
+                results = self.body(inner, [self.constant(c) for c in inner_consts], operands)
+            elif name == "cond":
+                results = self._branches(eqn, operands)
+            elif name == "optimization_barrier":
+                results = operands
+            else:
+                results = [self._equation(eqn, operands)]
+            values.update(zip(eqn.outvars, results, strict=True))
+        return [read(atom) for atom in jaxpr.outvars]
+
+    def _branches(self, eqn: core.JaxprEqn, operands: list[_Value]) -> list[_Value]:
+        """Both branches, and a choice between each pair of results; the first branch is the usual one."""
+        if len(eqn.params["branches"]) != 2:
+            raise UnknownPrimitive(
+                f"a choice of {len(eqn.params['branches'])} branches is not known; nest two-way ones"
+            )
+        b, index = self.builder, _single(operands[0])
+        condition = b.emit("ne", "bool", index, b.constant(b.operations[index].dtype, 0))
+        usual, rare = (
+            self.body(branch.jaxpr, [self.constant(c) for c in branch.consts], operands[1:])
+            for branch in eqn.params["branches"]
+        )
+        return [
+            b.emit("rarely", b.operations[_single(x)].dtype, condition, _single(x), _single(y))
+            for x, y in zip(rare, usual, strict=True)
+        ]
+
+    def _equation(self, eqn: core.JaxprEqn, operands: list[_Value]) -> int:
+        aval: Any = eqn.outvars[0].aval
+        name = eqn.primitive.name
+        if math.prod(aval.shape) != 1:
+            raise UnknownPrimitive(f"{name} gives shape {aval.shape}; only single numbers are known")
+        if self.origin is not None:
+            self.builder.origin = self.origin(eqn)
+        if name in ("dynamic_slice", "gather"):
+            return self._looked_up(eqn, operands)
+        return self._operation(eqn, self._dtype(aval), [_single(operand) for operand in operands])
+
+    def _operation(self, eqn: core.JaxprEqn, dtype: str, x: list[int]) -> int:
+        name, params, b = eqn.primitive.name, eqn.params, self.builder
+        if name in _ALIASES:
+            if name == "reduce_precision":
+                raise UnknownPrimitive("reduce_precision is not known; convert to a type")
+            return x[0]
+        if name in _SAME:
+            return b.emit(name, dtype, *x)
+        if name in _COMPARISONS:
+            return b.emit(_COMPARISONS[name], "bool", *(reversed(x) if name in ("gt", "ge") else x))
+        if name in _SHIFTS:
+            return b.emit(_SHIFTS[name], dtype, *x)
+        if self.functions == "library" and name in elementary.FUNCTIONS:
+            return b.emit(name, dtype, *x)
+        if name in polynomials.FUNCTIONS:
+            if dtype not in polynomials.TYPES:
+                raise UnknownPrimitive(f"{name} of {dtype} is not known; known are {', '.join(polynomials.TYPES)}")
+            return polynomials.write(name, polynomials.Arithmetic(b.emit, b.constant, dtype), *x)
+        match name:
+            case "rem" if not dtype.startswith("float"):
+                return b.emit("rem", dtype, *x)
+            case "rem" if self.functions == "library":
+                return b.emit("fmod", dtype, *x)
+            case "square":
+                return b.emit("mul", dtype, x[0], x[0])
+            case "integer_pow":
+                return self._power(dtype, x[0], params["y"])
+            case "rsqrt":
+                return b.emit("div", dtype, b.constant(dtype, 1.0), b.emit("sqrt", dtype, x[0]))
+            case "round" if int(params["rounding_method"]) == 1:
+                return b.emit("round", dtype, x[0])
+            case "sign":
+                return self._sign(dtype, x[0])
+            case "is_finite":
+                source = b.operations[x[0]].dtype
+                return b.emit("lt", "bool", b.emit("abs", source, x[0]), b.constant(source, np.inf))
+            case "clamp":
+                return b.emit("min", dtype, b.emit("max", dtype, x[0], x[1]), x[2])
+            case "select_n" if len(x) == 3 and b.operations[x[0]].dtype == "bool":
+                return b.emit("select", dtype, x[0], x[2], x[1])
+            case "convert_element_type":
+                return b.emit("convert", dtype, x[0])
+            case "bitcast_convert_type":
+                return b.emit("bitcast", dtype, x[0])
+        details = {key: params[key] for key in ("rounding_method",) if key in params}
+        raise UnknownPrimitive(
+            f"primitive {name!r} of {dtype} {details or ''} is not an operation on single numbers that is known here"
+        )
+
+    def _power(self, dtype: str, x: int, exponent: int) -> int:
+        """Repeated squaring, as JAX expands an integer power."""
+        b, result, square = self.builder, None, x
+        for k in range(abs(exponent).bit_length()):
+            square = square if k == 0 else b.emit("mul", dtype, square, square)
+            if abs(exponent) >> k & 1:
+                result = square if result is None else b.emit("mul", dtype, result, square)
+        one = b.constant(dtype, 1)
+        if result is None:
+            return one
+        return result if exponent > 0 else b.emit("div", dtype, one, result)
+
+    def _sign(self, dtype: str, x: int) -> int:
+        """-1, 0 or 1; a zero keeps its sign, NaN stays."""
+        b = self.builder
+        zero, one = b.constant(dtype, 0), b.constant(dtype, 1)
+        if dtype == "uint32":
+            return b.emit("min", dtype, x, one)
+        below = b.emit("select", dtype, b.emit("lt", "bool", x, zero), b.constant(dtype, -1), x)
+        return b.emit("select", dtype, b.emit("lt", "bool", zero, x), one, below)
+
+    def _looked_up(self, eqn: core.JaxprEqn, operands: list[_Value]) -> int:
+        """One number of a 1-D table; an index outside reads the nearest end (or, of a gather that fills, NaN)."""
+        table = operands[0]
+        if not isinstance(table, _Table) or len(operands) != 2 or tuple(eqn.params["slice_sizes"]) != (1,):
+            aval: Any = eqn.invars[0].aval
+            name = f"{eqn.primitive.name} of shape {aval.shape}"
+            raise UnknownPrimitive(f"{name}; only one number of a 1-D table is known")
+        b = self.builder
+        index = b.emit("convert", "int32", _single(operands[1]))
+        first, last = b.constant("int32", 0), b.constant("int32", table.length - 1)
+        result = table.read(b.emit("min", "int32", b.emit("max", "int32", index, first), last))
+        mode = eqn.params.get("mode")
+        if mode is None or mode != jax.lax.GatherScatterMode.FILL_OR_DROP:
+            return result
+        dtype = b.operations[result].dtype
+        if not dtype.startswith("float"):
+            raise UnknownPrimitive(f"a gather of {dtype} that fills is not known; use .at[k].get(mode='clip')")
+        inside = b.emit("and", "bool", b.emit("le", "bool", first, index), b.emit("le", "bool", index, last))
+        return b.emit("select", dtype, inside, result, b.constant(dtype, np.nan))
+
+
+def _callee(eqn: core.JaxprEqn) -> tuple[core.Jaxpr, Sequence[Any]]:
+    closed: Any = eqn.params[_CALLS[eqn.primitive.name]]
+    return (closed.jaxpr, closed.consts) if hasattr(closed, "jaxpr") else (closed, ())

@@ -1,0 +1,265 @@
+"""Sine, arc tangent and their like from adds, products, choices and bits: the same operations on every engine.
+
+Each function is written on an `Arithmetic`, whose numbers may be places in a straight-line program or NumPy arrays.
+float32. Largest errors, against the exact value (ulp: of a float32 near the result):
+
+sin, cos      2e-7 absolute for |x| <= 1e6 (2 ulp of sin near 0); within [-1, 1] beyond; NaN for infinities
+tan           sin / cos
+atan, atan2   3 ulp; every quadrant, zero and infinity as C has them
+asin, acos    3 ulp, 5e-7 absolute; NaN outside [-1, 1]
+exp           2 ulp, subnormal results included
+log           2 ulp
+NaN gives NaN everywhere.
+
+Coefficients: weighted least squares driven to equal ripple (Lawson's iteration), rounded to float32.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ravenjax.ir import semantics
+
+Number = Any
+TYPES = ("float32",)
+
+_LEAST = float(np.finfo(np.float32).smallest_subnormal)
+_TINY = float(np.finfo(np.float32).tiny)
+_SIGN = -(2**31)
+
+
+@dataclasses.dataclass(frozen=True)
+class Arithmetic:
+    """Operations on numbers of one float type; `emit` and `constant` as those of `builder.Builder`."""
+
+    emit: Callable[..., Number]
+    constant: Callable[[str, Any], Number]
+    dtype: str = "float32"
+
+    def __getattr__(self, name: str) -> Callable[..., Number]:
+        """Operation `name` of floats, where a Python number stands for the constant."""
+
+        def operation(*operands: Number) -> Number:
+            return self.emit(name.rstrip("_"), self.dtype, *map(self.number, operands))
+
+        return operation
+
+    def number(self, value: Number) -> Number:
+        """The constant that a Python float stands for; other numbers unchanged."""
+        return self.constant(self.dtype, value) if type(value) is float else value
+
+    def less(self, a: Number, b: Number) -> Number:
+        """Whether a < b."""
+        return self.emit("lt", "bool", self.number(a), self.number(b))
+
+    def bits(self, x: Number) -> Number:
+        """The bit pattern, an int32."""
+        return self.emit("bitcast", "int32", x)
+
+    def from_bits(self, pattern: Number) -> Number:
+        """The float of a bit pattern."""
+        return self.emit("bitcast", self.dtype, pattern)
+
+    def integer(self, name: str, a: Number, b: int) -> Number:
+        """Operation `name` of an int32 and a constant one."""
+        return self.emit(name, "int32", a, self.constant("int32", b))
+
+    def with_sign(self, magnitude: Number, x: Number) -> Number:
+        """A number that is not negative, given the sign bit of x."""
+        sign = self.integer("and", self.bits(x), _SIGN)
+        return self.from_bits(self.emit("or", "int32", sign, self.bits(magnitude)))
+
+    def is_negative(self, x: Number) -> Number:
+        """Whether the sign bit is set."""
+        return self.emit("lt", "bool", self.bits(x), self.constant("int32", 0))
+
+    def polynomial(self, x: Number, *coefficients: float) -> Number:
+        """Horner's form; the coefficient of the highest power comes last."""
+        result = self.number(coefficients[-1])
+        for coefficient in reversed(coefficients[:-1]):
+            result = self.fma(result, x, coefficient)
+        return result
+
+
+# --- sine and cosine --------------------------------------------------------------------------------------------------
+
+_MAGIC = 1.5 * 2.0**23
+"""Added to a small float32, it leaves the whole part in the lowest bits."""
+_PI_HIGH = 3.141592502593994  # the float32 below pi: both parts positive, so that a zero keeps its sign
+_PI_LOW = 1.509957990978376e-7
+
+
+def _half_turns(m: Arithmetic, x: Number) -> tuple[Number, Number, Number]:
+    """Remainder of x from the nearest multiple of pi, its square, and a sign bit: whether that multiple is odd."""
+    shifted = m.fma(x, 1.0 / math.pi, _MAGIC)
+    turns = m.sub(shifted, _MAGIC)
+    rest = m.fma(turns, -_PI_LOW, m.fma(turns, -_PI_HIGH, x))
+    rest = m.max(-1.7, m.min(1.7, rest))  # matters only where |x| > 1e6
+    return rest, m.mul(rest, rest), m.integer("shl", m.bits(shifted), 31)
+
+
+def _flipped(m: Arithmetic, x: Number, sign: Number) -> Number:
+    return m.from_bits(m.emit("xor", "int32", m.bits(x), sign))
+
+
+def sin(m: Arithmetic, x: Number) -> Number:
+    """Sine of an angle in rad."""
+    rest, square, sign = _half_turns(m, x)
+    slope = m.polynomial(square, 1.0, -1.666665708889e-01, 8.333017103591e-03, -1.980660152300e-04, 2.600024322121e-06)
+    return _flipped(m, m.mul(rest, slope), sign)
+
+
+def cos(m: Arithmetic, x: Number) -> Number:
+    """Cosine of an angle in rad."""
+    _, square, sign = _half_turns(m, x)
+    value = m.polynomial(
+        square,
+        1.0,
+        -4.999999954911e-01,
+        4.166664070744e-02,
+        -1.388840321954e-03,
+        2.476187057353e-05,
+        -2.607681561689e-07,
+    )
+    return _flipped(m, value, sign)
+
+
+def tan(m: Arithmetic, x: Number) -> Number:
+    """Tangent of an angle in rad."""
+    return m.div(sin(m, x), cos(m, x))
+
+
+# --- arcs -------------------------------------------------------------------------------------------------------------
+
+_ATAN = (
+    -0.333331527355,
+    0.199937728193,
+    -0.142110551659,
+    0.106660040166,
+    -0.075522127966,
+    0.043211841348,
+    -0.016367914887,
+    0.00292068867,
+)
+_ASIN = (0.166667524823, 0.074952976273, 0.045470378225, 0.024179502245, 0.042166331518)
+
+
+def atan2(m: Arithmetic, y: Number, x: Number) -> Number:
+    """Angle of the point (x, y), rad in [-pi, pi]."""
+    across, along = m.abs(x), m.abs(y)
+    steep = m.less(across, along)
+    smaller, larger = m.select(steep, across, along), m.select(steep, along, across)
+    larger = m.max(_LEAST, larger)  # 0 by 0 is 0
+    same = m.emit("eq", "bool", smaller, larger)
+    ratio = m.select(same, 1.0, m.div(smaller, larger))  # and infinity by infinity 1
+    square = m.mul(ratio, ratio)
+    arc = m.fma(m.mul(ratio, square), m.polynomial(square, *_ATAN), ratio)
+    arc = m.select(steep, m.sub(math.pi / 2, arc), arc)
+    arc = m.select(m.is_negative(x), m.sub(math.pi, arc), arc)
+    return m.with_sign(arc, y)
+
+
+def atan(m: Arithmetic, x: Number) -> Number:
+    """Arc tangent, rad."""
+    return atan2(m, x, m.number(1.0))
+
+
+def _small_arc(m: Arithmetic, x: Number) -> tuple[Number, Number, Number]:
+    """Whether |x| > 1/2, and there sqrt((1 - |x|) / 2), else |x|; and the arc sine of that."""
+    size = m.abs(x)
+    large = m.less(0.5, size)
+    half = m.mul(m.sub(1.0, size), 0.5)
+    base = m.select(large, m.sqrt(half), size)
+    square = m.select(large, half, m.mul(size, size))
+    return large, base, m.fma(m.mul(base, square), m.polynomial(square, *_ASIN), base)
+
+
+def asin(m: Arithmetic, x: Number) -> Number:
+    """Arc sine, rad in [-pi/2, pi/2]."""
+    large, _, arc = _small_arc(m, x)
+    return m.with_sign(m.select(large, m.fma(arc, -2.0, math.pi / 2), arc), x)
+
+
+def acos(m: Arithmetic, x: Number) -> Number:
+    """Arc cosine, rad in [0, pi]."""
+    large, _, arc = _small_arc(m, x)
+    negative = m.is_negative(x)
+    near_end = m.select(negative, m.fma(arc, -2.0, math.pi), m.mul(arc, 2.0))
+    return m.select(large, near_end, m.sub(math.pi / 2, m.select(negative, m.neg(arc), arc)))
+
+
+# --- exponential and logarithm ----------------------------------------------------------------------------------------
+
+_LN2_HIGH = 0.693359375
+_LN2_LOW = -2.1219444e-4
+
+
+def _power_of_two(m: Arithmetic, exponent: Number) -> Number:
+    """2 to a whole power in [-126, 127]."""
+    return m.from_bits(m.integer("shl", m.integer("add", exponent, 127), 23))
+
+
+def exp(m: Arithmetic, x: Number) -> Number:
+    """e to the x."""
+    x = m.max(-105.0, m.min(89.0, x))  # beyond: 0 and infinity
+    whole = m.round(m.mul(x, 1.0 / math.log(2.0)))
+    rest = m.fma(whole, -_LN2_LOW, m.fma(whole, -_LN2_HIGH, x))
+    value = m.polynomial(rest, 1.0, 1.0, 0.50000000957, 0.166665183054, 0.041666204137, 0.008368953592, 0.001395060243)
+    power = m.emit("truncate", "int32", whole)
+    half = m.integer("sar", power, 1)  # in two factors: 2^-150 and 2^128 are none
+    other = m.emit("sub", "int32", power, half)
+    return m.mul(m.mul(value, _power_of_two(m, half)), _power_of_two(m, other))
+
+
+def log(m: Arithmetic, x: Number) -> Number:
+    """Natural logarithm; -infinity at 0, NaN below."""
+    subnormal = m.less(x, _TINY)
+    pattern = m.bits(m.select(subnormal, m.mul(x, 2.0**23), x))
+    shifted = m.integer("sub", pattern, 0x3F3504F3)  # sqrt(1/2): the mantissa then lies in [sqrt(1/2), sqrt(2)]
+    exponent = m.integer("sar", shifted, 23)
+    mantissa = m.emit("sub", "int32", pattern, m.integer("shl", exponent, 23))
+    power = m.add(m.emit("convert", m.dtype, exponent), m.select(subnormal, -23.0, 0.0))
+    rest = m.sub(m.from_bits(mantissa), 1.0)
+    square = m.mul(rest, rest)
+    tail = m.polynomial(
+        rest,
+        0.333333317058,
+        -0.250008211647,
+        0.200012271043,
+        -0.166233535315,
+        0.142017510162,
+        -0.131602090848,
+        0.127616331154,
+        -0.076344992089,
+    )
+    tail = m.fma(power, _LN2_LOW, m.mul(m.mul(rest, square), tail))
+    value = m.fma(power, _LN2_HIGH, m.add(rest, m.fma(square, -0.5, tail)))
+    value = m.select(m.less(x, math.inf), value, x)  # infinity and NaN
+    value = m.select(m.less(x, 0.0), math.nan, value)
+    return m.select(m.emit("eq", "bool", x, m.number(0.0)), -math.inf, value)
+
+
+FUNCTIONS: dict[str, Callable[..., Number]] = {
+    function.__name__: function for function in (sin, cos, tan, atan, atan2, asin, acos, exp, log)
+}
+"""By the name of JAX's primitive."""
+
+
+def write(name: str, arithmetic: Arithmetic, *operands: Number) -> Number:
+    """Function `name` of `operands`."""
+    return FUNCTIONS[name](arithmetic, *operands)
+
+
+def in_numpy(name: str, *operands: Any) -> Any:
+    """Function `name` of float32 NumPy arrays, operation by operation."""
+
+    def emit(operation: str, dtype: str, *values: Any) -> Any:
+        return semantics.evaluate(operation, dtype, values)
+
+    arithmetic = Arithmetic(emit, lambda dtype, value: np.asarray(value, dtype)[()])
+    return write(name, arithmetic, *(np.asarray(x, np.float32) for x in operands))

@@ -1,0 +1,91 @@
+"""The intermediate representation: a straight-line program, numbered operations on single numbers.
+
+Operations have the names of `semantics`; besides those, `input` is a number from outside (`detail`: which), `constant`
+one that is known (`detail`: its bits), and `lookup` reads a 1-D table at one index (`detail`: which table).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from ravenjax.ir import semantics
+
+TYPES = ("bool", "int32", "uint32", "float32", "float64")
+"""That every target has."""
+WIDE_INTEGERS = ("int64", "uint64")
+
+
+class Operation(NamedTuple):
+    """One operation; operands are the numbers of earlier ones."""
+
+    name: str
+    dtype: str
+    operands: tuple[int, ...] = ()
+    detail: Any = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Program:
+    """Operations in an order in which they can be run, and which of them are the results."""
+
+    operations: tuple[Operation, ...]
+    inputs: tuple[str, ...]  # types
+    outputs: tuple[int, ...]
+    tables: tuple[tuple[str, int], ...] = ()  # types and lengths
+    origins: tuple[str, ...] = ()  # where each operation comes from, if that was asked for
+
+    def needed(self, outputs: Iterable[int] | None = None) -> list[int]:
+        """The operations that `outputs` (all, by default) depend on, in order."""
+        wanted = bytearray(len(self.operations))
+        for i in self.outputs if outputs is None else outputs:
+            wanted[i] = 1
+        for i in range(len(self.operations) - 1, -1, -1):
+            if wanted[i]:
+                for operand in self.operations[i].operands:
+                    wanted[operand] = 1
+        return [i for i, w in enumerate(wanted) if w]
+
+    def evaluate(self, inputs: Sequence[Any], tables: Sequence[np.ndarray] = ()) -> list[Any]:
+        """Results on NumPy numbers or arrays of one shape."""
+        values: dict[int, Any] = {}
+        for i in self.needed():
+            name, dtype, operands, detail = self.operations[i]
+            if name == "input":
+                values[i] = np.asarray(inputs[detail], dtype)[()]
+            elif name == "constant":
+                values[i] = number(dtype, detail)
+            elif name == "lookup":
+                values[i] = tables[detail][values[operands[0]]]
+            else:
+                values[i] = semantics.evaluate(name, dtype, tuple(values[o] for o in operands))
+        return [values[i] for i in self.outputs]
+
+
+def bits(dtype: str, value: Any) -> int:
+    """The bit pattern of a number."""
+    stored = np.asarray(value, dtype)
+    return int(stored.view(f"u{stored.dtype.itemsize}"))
+
+
+def number(dtype: str, pattern: int) -> Any:
+    """The number of a bit pattern."""
+    return np.asarray(pattern, f"u{np.dtype(dtype).itemsize}").view(dtype)[()]
+
+
+class Writer(Protocol):
+    """A program being written, as the simplifier reads and continues it; see `builder.Builder`."""
+
+    operations: list[Operation]
+    known: dict[int, Any]
+
+    def constant(self, dtype: str, value: Any) -> int:
+        """A known number."""
+        ...
+
+    def emit(self, name: str, dtype: str, *operands: int) -> int:
+        """The number of an operation's result."""
+        ...

@@ -1,0 +1,96 @@
+"""Which operations are needed only where something rare happens, so that code can pass them by where it does not.
+
+A `rarely` operation is a `select` whose condition seldom holds. What leads to nothing but the second operands of those
+with one condition is that condition's region: printed as a block that is entered if any lane asks for it. Results do
+not depend on it, as the choice itself stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence, Set
+from typing import NamedTuple
+
+from ravenjax.ir.program import Operation
+
+LEAST = 16
+"""Operations below which a region is not worth a branch."""
+
+
+class Region(NamedTuple):
+    """Operations that are needed where `condition` holds."""
+
+    condition: int
+    operations: tuple[int, ...]
+    results: tuple[int, ...]  # those of them that are read outside: by choices, and by a later region of the condition
+
+    def reads(self, operations: Sequence[Operation]) -> list[int]:
+        """What comes into the region from outside."""
+        here = set(self.operations)
+        found = dict.fromkeys(o for i in self.operations for o in operations[i].operands if o not in here)
+        return list(found)
+
+
+def flat(arranged: Iterable[int | Region]) -> Iterator[int]:
+    """Every operation, those of regions in their place."""
+    for item in arranged:
+        if isinstance(item, Region):
+            yield from item.operations
+        else:
+            yield item
+
+
+def arrange(
+    operations: Sequence[Operation], order: Sequence[int], results: Sequence[int], least: int = LEAST
+) -> list[int | Region]:
+    """`order`, numbers of operations in an order that can be run, with regions in one piece before they are first read.
+
+    results: operations that are read by others than those in `order`.
+    """
+    label = _labels(operations, order, results)
+    readers: dict[int, list[int]] = {}
+    for i in order:
+        for operand in operations[i].operands:
+            readers.setdefault(operand, []).append(i)
+    missing = set(order)  # not placed yet
+    arranged: list[int | Region] = []
+    for i in order:
+        if i in label:
+            continue
+        if any(o in label and o in missing for o in operations[i].operands):
+            condition = operations[i].operands[0]
+            members = [member for member in order if member in missing and label.get(member) == condition]
+            ready = _ready(operations, members, missing)
+            missing.difference_update(ready)
+            inside = set(ready)
+            read = tuple(member for member in ready if not inside.issuperset(readers[member]))
+            arranged += ready if len(ready) < least else [Region(condition, tuple(ready), read)]
+        missing.discard(i)
+        arranged.append(i)
+    return arranged
+
+
+def _ready(operations: Sequence[Operation], members: Sequence[int], missing: Set[int]) -> list[int]:
+    """Those of `members` that wait for nothing but each other: not for a choice that is still to come."""
+    ready: dict[int, None] = {}
+    for i in members:
+        if all(o in ready or o not in missing for o in operations[i].operands):
+            ready[i] = None
+    return list(ready)
+
+
+def _labels(operations: Sequence[Operation], order: Sequence[int], results: Sequence[int]) -> dict[int, int]:
+    """Condition of the region that each operation is in, for those in one; a region within a region is part of it."""
+    here = set(order)
+    wanted: dict[int, set[int | None]] = {i: {None} for i in results}
+    label: dict[int, int] = {}
+    for i in reversed(order):
+        asked = wanted.get(i, {None})
+        (only,) = asked if len(asked) == 1 else (None,)
+        if only is not None:
+            label[i] = only
+        operation = operations[i]
+        for place, operand in enumerate(operation.operands):
+            if operand in here:
+                rare = operation.name == "rarely" and place == 1 and i not in label
+                wanted.setdefault(operand, set()).add(operation.operands[0] if rare else label.get(i))
+    return label

@@ -1,0 +1,142 @@
+"""The semantics of each operation, in NumPy: folds constants, and is the printers' oracle.
+
+Floats follow IEEE 754 with one rounding an operation (`fma` included); integers wrap; nothing raises. Where XLA defines
+an edge, it is the same here: converting a float to an integer saturates (NaN: 0), a shift by the width or more shifts
+everything out, division of an integer by 0 is -1. `truncate` is C's `(int)x` on x86 instead: -2147483648 for what does
+not fit. Of two zeros of unlike sign `max` and `min` give the second; a NaN always comes through. `rarely` is a `select`
+whose condition seldom holds (see `regions`). Functions are those of the C library, rounded to their type.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ravenjax.ir import elementary
+
+Array = Any
+
+
+def evaluate(name: str, dtype: str, operands: tuple[Array, ...]) -> Array:
+    """The result of operation `name`, of type `dtype`, on NumPy numbers or arrays of one shape."""
+    with np.errstate(all="ignore"):
+        if name in ("convert", "bitcast"):
+            return (_convert if name == "convert" else _bitcast)(operands[0], np.dtype(dtype))
+        if name == "div" and np.dtype(dtype).kind in "iu":
+            return _quotient(*operands)
+        return np.asarray(_MEANING[name](*operands)).astype(dtype)[()]
+
+
+def fma(a: Array, b: Array, c: Array) -> Array:
+    """a b + c rounded once. float32 through float64, whose sum is rounded to odd first; float64 by two error terms."""
+    if np.asarray(a).dtype == np.float64:
+        return _fma64(a, b, c)
+    product = np.float64(a) * np.float64(b)  # exact: 48 bits
+    total = product + np.float64(c)
+    error = _sum_error(product, np.float64(c), total)
+    bits = np.asarray(total).view(np.int64)
+    inexact = np.isfinite(total) & (error != 0.0) & (bits & 1 == 0)
+    away = np.where((error > 0.0) == (total > 0.0), bits + 1, bits - 1)
+    return np.where(inexact, away, bits).view(np.float64).astype(np.float32)[()]
+
+
+def _sum_error(a: Array, b: Array, total: Array) -> Array:
+    """a + b - total, exactly (Knuth)."""
+    rest = total - a
+    return (a - (total - rest)) + (b - rest)
+
+
+def _fma64(a: Array, b: Array, c: Array) -> Array:
+    wide = np.longdouble(a) * np.longdouble(b) + np.longdouble(c)  # 64 bits: within half an ulp and 2^-11 of one
+    return np.float64(wide)
+
+
+def _quotient(a: Array, b: Array) -> Array:
+    dtype = np.asarray(a).dtype
+    wide_a, wide_b = np.int64(a), np.int64(b)
+    magnitude = np.abs(wide_a) // np.where(wide_b == 0, 1, np.abs(wide_b))
+    quotient = np.where((wide_a < 0) == (wide_b < 0), magnitude, -magnitude)
+    return np.where(wide_b == 0, -1, quotient).astype(dtype)[()]
+
+
+def _remainder(a: Array, b: Array) -> Array:
+    return np.int64(a) - np.where(np.int64(b) == 0, 0, np.int64(_quotient(a, b)) * np.int64(b))
+
+
+def _convert(x: Array, dtype: np.dtype) -> Array:
+    x = np.asarray(x)
+    if dtype.kind == "b":
+        return (x != 0)[()]
+    if x.dtype.kind == "f" and dtype.kind in "iu":
+        ends = np.iinfo(dtype)
+        limit = 2.0 ** (ends.bits - (dtype.kind == "i"))
+        number = np.where(np.isnan(x), 0.0, x).astype(np.float64)
+        inside = np.clip(number, float(ends.min), np.nextafter(limit, 0.0))
+        return np.where(number < limit, inside.astype(dtype), ends.max)[()]
+    return x.astype(dtype)[()]
+
+
+def _bitcast(x: Array, dtype: np.dtype) -> Array:
+    return np.asarray(x).view(dtype)[()]
+
+
+def _truncate(x: Array) -> Array:
+    fits = (np.asarray(x) >= -2147483648.0) & (np.asarray(x) < 2147483648.0)
+    return np.where(fits, np.where(fits, x, 0.0).astype(np.float64), -2147483648.0).astype(np.int32)
+
+
+def _extreme(pick: Callable[[Array, Array], Array]) -> Callable[[Array, Array], Array]:
+    return lambda a, b: np.where((np.asarray(a) != a) | pick(a, b), a, b)
+
+
+def _shift(shift: Callable[[Array, Array], Array], fill: Callable[[Array], Array]) -> Callable[[Array, Array], Array]:
+    def shifted(x: Array, by: Array) -> Array:
+        width = np.asarray(x).dtype.itemsize * 8
+        inside = np.asarray(by).astype(np.uint32) < width
+        return np.where(inside, shift(x, np.where(inside, by, 0).astype(np.asarray(x).dtype)), fill(x))
+
+    return shifted
+
+
+def _logical(x: Array, by: Array) -> Array:
+    unsigned = np.dtype(f"u{np.asarray(x).dtype.itemsize}")
+    return (np.asarray(x).view(unsigned) >> by.astype(unsigned)).view(np.asarray(x).dtype)
+
+
+def _elementwise(function: Callable[..., float]) -> Callable[..., Array]:
+    return lambda *x: np.frompyfunc(function, len(x), 1)(*x)
+
+
+_MEANING: dict[str, Callable[..., Array]] = {
+    "add": np.add,
+    "sub": np.subtract,
+    "mul": np.multiply,
+    "div": np.divide,
+    "rem": _remainder,
+    "fma": fma,
+    "neg": np.negative,
+    "abs": np.abs,
+    "sqrt": np.sqrt,
+    "floor": np.floor,
+    "ceil": np.ceil,
+    "round": np.rint,
+    "max": _extreme(np.greater),
+    "min": _extreme(np.less),
+    "eq": np.equal,
+    "ne": np.not_equal,
+    "lt": np.less,
+    "le": np.less_equal,
+    "and": np.bitwise_and,
+    "or": np.bitwise_or,
+    "xor": np.bitwise_xor,
+    "not": np.invert,
+    "shl": _shift(np.left_shift, np.zeros_like),
+    "shr": _shift(_logical, np.zeros_like),
+    "sar": _shift(np.right_shift, lambda x: np.where(np.asarray(x) < 0, -1, 0)),
+    "select": np.where,
+    "rarely": np.where,
+    "truncate": _truncate,
+    **{name: _elementwise(function) for name, function in elementary.FUNCTIONS.items()},
+}

@@ -1,0 +1,244 @@
+"""Shorter ways to write an operation that give the same bits (a NaN's payload aside), for every operand there is."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ravenjax.ir.program import Writer
+from ravenjax.ir.simplify_integers import RULES, neg, operands_of
+
+FLOATS = ("float32", "float64")
+_COMPARISONS = ("eq", "ne", "lt", "le")
+
+
+def simplify(b: Writer, name: str, dtype: str, operands: tuple[int, ...]) -> int | None:
+    """The number of a simpler result that equals the operation's; None where there is none."""
+    if name in _COMPARISONS:
+        return _comparison(b, name, operands)
+    if name == "select":
+        return _choice(b, dtype, *operands)
+    if name == "rarely":
+        return _rare_choice(b, *operands)
+    if dtype == "bool":
+        return _logic(b, name, operands)
+    if name in ("convert", "bitcast"):
+        return _conversion(b, name, dtype, operands[0])
+    rules = _FLOAT if dtype in FLOATS else RULES
+    rule = rules.get(name)
+    return rule(b, dtype, *operands) if rule else None
+
+
+def _is(b: Writer, i: int, value: float) -> bool:
+    """Whether an operation is this constant, its sign of zero included."""
+    known = b.known.get(i)
+    return known is not None and known == value and bool(np.signbit(known)) == (math.copysign(1.0, value) < 0)
+
+
+# --- floats -----------------------------------------------------------------------------------------------------------
+
+
+def _add(b: Writer, dtype: str, x: int, y: int) -> int | None:
+    for p, q in ((x, y), (y, x)):
+        if _is(b, p, -0.0):
+            return q
+        if negated := operands_of(b, p, "neg"):
+            return b.emit("sub", dtype, q, negated[0])
+    return None
+
+
+def _sub(b: Writer, dtype: str, x: int, y: int) -> int | None:
+    if _is(b, y, 0.0):
+        return x
+    if _is(b, x, -0.0):
+        return b.emit("neg", dtype, y)
+    if negated := operands_of(b, y, "neg"):
+        return b.emit("add", dtype, x, negated[0])
+    return None
+
+
+def _mul(b: Writer, dtype: str, x: int, y: int) -> int | None:
+    for p, q in ((x, y), (y, x)):
+        if _is(b, p, 1.0):
+            return q
+        if _is(b, p, -1.0):
+            return b.emit("neg", dtype, q)
+    for p, q in ((x, y), (y, x)):
+        if negated := operands_of(b, p, "neg"):
+            return b.emit("neg", dtype, b.emit("mul", dtype, negated[0], q))
+    return None
+
+
+def _div(b: Writer, dtype: str, x: int, y: int) -> int | None:
+    known = b.known.get(y)
+    if known is not None and known != 0 and np.isfinite(known) and abs(math.frexp(float(known))[0]) == 0.5:
+        inverse = 1.0 / float(known)
+        if np.finfo(dtype).tiny <= abs(inverse) <= np.finfo(dtype).max:
+            return b.emit("mul", dtype, x, b.constant(dtype, inverse))
+    for p, q in ((x, y), (y, x)):
+        if negated := operands_of(b, p, "neg"):
+            quotient = (negated[0], q) if p == x else (q, negated[0])
+            return b.emit("neg", dtype, b.emit("div", dtype, *quotient))
+    return None
+
+
+def _abs(b: Writer, dtype: str, x: int) -> int | None:
+    if operands_of(b, x, "abs") or operands_of(b, x, "sqrt"):
+        return x if operands_of(b, x, "abs") else None
+    negated = operands_of(b, x, "neg")
+    return b.emit("abs", dtype, negated[0]) if negated else None
+
+
+def _whole(b: Writer, dtype: str, x: int) -> int | None:
+    """floor, ceil and round of a whole number."""
+    operation = b.operations[x]
+    if operation.name in ("floor", "ceil", "round"):
+        return x
+    source = operation.operands[0] if operation.name == "convert" else None
+    return x if source is not None and b.operations[source].dtype in ("int32", "uint32") else None
+
+
+def _extreme(name: str):
+    def rule(b: Writer, dtype: str, x: int, y: int) -> int | None:
+        if x == y:
+            return x
+        if y in b.known and not np.isnan(b.known[y]):  # a constant first: no NaN can come from there
+            return b.emit(name, dtype, y, x)
+        return None
+
+    return rule
+
+
+_FLOAT = {
+    "add": _add,
+    "sub": _sub,
+    "mul": _mul,
+    "div": _div,
+    "neg": neg,
+    "abs": _abs,
+    "floor": _whole,
+    "ceil": _whole,
+    "round": _whole,
+    "max": _extreme("max"),
+    "min": _extreme("min"),
+}
+
+
+# --- truth values -----------------------------------------------------------------------------------------------------
+
+
+def _logic(b: Writer, name: str, operands: tuple[int, ...]) -> int | None:
+    if name == "not":
+        inner = operands_of(b, operands[0], "not")
+        if inner:
+            return inner[0]
+        equal = b.operations[operands[0]]
+        if equal.name in ("eq", "ne"):
+            return b.emit("ne" if equal.name == "eq" else "eq", "bool", *equal.operands)
+        return None
+    if name not in ("and", "or", "xor"):
+        return None
+    x, y = operands
+    if x == y:
+        return x if name != "xor" else b.constant("bool", False)
+    for p, q in ((x, y), (y, x)):
+        if p in b.known:
+            if name == "xor":
+                return b.emit("not", "bool", q) if b.known[p] else q
+            return q if bool(b.known[p]) == (name == "and") else p
+        if operands_of(b, p, "not") == (q,):
+            return b.constant("bool", name != "and")
+        inner = operands_of(b, p, name)
+        if name != "xor" and inner and q in inner:
+            return p
+    return None
+
+
+def _comparison(b: Writer, name: str, operands: tuple[int, ...]) -> int | None:
+    x, y = operands
+    dtype = b.operations[x].dtype
+    if dtype == "bool":
+        different = b.emit("xor", "bool", x, y)
+        return b.emit("not", "bool", different) if name == "eq" else different if name == "ne" else None
+    if x == y and dtype not in FLOATS:
+        return b.constant("bool", name in ("eq", "le"))
+    for p, q in ((x, y), (y, x)):
+        chosen = operands_of(b, p, "select")
+        if chosen and q in b.known and chosen[1] in b.known and chosen[2] in b.known:
+            sides = (chosen[1:], (q, q)) if p == x else ((q, q), chosen[1:])
+            yes, no = (b.emit(name, "bool", left, right) for left, right in zip(*sides, strict=True))
+            return b.emit("select", "bool", chosen[0], yes, no)
+    if dtype in FLOATS and (left := operands_of(b, x, "neg")) and ((right := operands_of(b, y, "neg")) or y in b.known):
+        other = right[0] if right else b.emit("neg", dtype, y)
+        pair = (left[0], other) if name in ("eq", "ne") else (other, left[0])
+        return b.emit(name, "bool", *pair)
+    return None
+
+
+def _choice(b: Writer, dtype: str, condition: int, yes: int, no: int) -> int | None:
+    if yes == no:
+        return yes
+    if condition in b.known:
+        return yes if b.known[condition] else no
+    if inverted := operands_of(b, condition, "not"):
+        return b.emit("select", dtype, inverted[0], no, yes)
+    if (inner := operands_of(b, yes, "select")) and inner[0] == condition:
+        return b.emit("select", dtype, condition, inner[1], no)
+    if (inner := operands_of(b, no, "select")) and inner[0] == condition:
+        return b.emit("select", dtype, condition, yes, inner[2])
+    if dtype == "bool":
+        return _chosen_truth(b, condition, yes, no)
+    return _as_c_truncates(b, dtype, condition, yes, no)
+
+
+def _rare_choice(b: Writer, condition: int, yes: int, no: int) -> int | None:
+    if yes == no:
+        return yes
+    return (yes if b.known[condition] else no) if condition in b.known else None
+
+
+def _chosen_truth(b: Writer, condition: int, yes: int, no: int) -> int | None:
+    if yes in b.known:
+        if b.known[yes]:
+            return b.emit("or", "bool", condition, no)
+        return b.emit("and", "bool", b.emit("not", "bool", condition), no)
+    if no in b.known:
+        if b.known[no]:
+            return b.emit("or", "bool", b.emit("not", "bool", condition), yes)
+        return b.emit("and", "bool", condition, yes)
+    return None
+
+
+def _as_c_truncates(b: Writer, dtype: str, condition: int, yes: int, no: int) -> int | None:
+    """`types.to_int32` spelt out becomes one operation."""
+    if dtype != "int32" or no not in b.known or b.known[no] != -2147483648:
+        return None
+    converted = operands_of(b, yes, "convert")
+    chosen = converted and operands_of(b, converted[0], "select")
+    if not chosen or chosen[0] != condition or chosen[2] not in b.known:
+        return None
+    x = chosen[1]
+    real = b.operations[x].dtype
+    low, high = b.constant(real, -2147483648.0), b.constant(real, 2147483648.0)
+    fits = b.emit("and", "bool", b.emit("le", "bool", low, x), b.emit("lt", "bool", x, high))
+    return b.emit("truncate", "int32", x) if fits == condition else None
+
+
+def _conversion(b: Writer, name: str, dtype: str, x: int) -> int | None:
+    source = b.operations[x].dtype
+    if source == dtype:
+        return x
+    if name == "bitcast":
+        inner = operands_of(b, x, "bitcast")
+        return b.emit("bitcast", dtype, inner[0]) if inner else None
+    if source == "bool":
+        return b.emit("select", dtype, x, b.constant(dtype, 1), b.constant(dtype, 0))
+    if dtype == "bool":
+        return b.emit("ne", "bool", x, b.constant(source, 0))
+    if source in ("int32", "uint32") and dtype in ("int32", "uint32"):
+        return b.emit("bitcast", dtype, x)
+    chosen = operands_of(b, x, "select")
+    if chosen and chosen[1] in b.known and chosen[2] in b.known:
+        return b.emit("select", dtype, chosen[0], *(b.emit("convert", dtype, side) for side in chosen[1:]))
+    return None

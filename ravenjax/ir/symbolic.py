@@ -1,0 +1,125 @@
+"""Formulas written on terms, shortened by the algebra of real numbers, as programs.
+
+Formulas are written once on `Term`s with `+ - *`, `sin` and `cos`. Zeros and ones drop out, signs are pulled out of
+products, constant factors merge, and a program holds only what an output needs: generic code (rigid-body recursions
+over any tree) ends as the short list of scalar operations that a hand derivation would give.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from ravenjax.ir.builder import Builder
+from ravenjax.ir.program import Program, number
+
+_REAL = "float64"
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Term:
+    """A signed operation of a program. Arithmetic with a Python number, or between terms of one builder."""
+
+    builder: Builder
+    number: int
+    sign: int = 1
+
+    def __neg__(self) -> Term:
+        return Term(self.builder, self.number, -self.sign)
+
+    def __add__(self, other: Term | float) -> Term | float:
+        if not isinstance(other, Term):
+            return self if other == 0.0 else self._operation("add", self._constant(other * self.sign), self.sign)
+        a, b = (self, other) if self.number <= other.number else (other, self)
+        if a.number == b.number:
+            return 0.0 if a.sign != b.sign else a * 2.0
+        (x, one), (y, two) = a._factor(), b._factor()
+        if one is not None and one == two:  # c x + c y = c (x + y)
+            return (x + y) * one
+        return a._operation("add" if a.sign == b.sign else "sub", b.number, a.sign)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Term | float) -> Term | float:
+        return self + (-other)
+
+    def __rsub__(self, other: float) -> Term | float:
+        return (-self) + other
+
+    def __mul__(self, other: Term | float) -> Term | float:
+        if isinstance(other, Term):
+            return self._operation("mul", other.number, self.sign * other.sign)
+        if other == 0.0:
+            return 0.0
+        term, before = self._factor()
+        size = abs(other) * (before or 1.0)  # c (d x) = (c d) x
+        sign = term.sign if other > 0 else -term.sign
+        if size == 1.0:
+            return Term(self.builder, term.number, sign)
+        return term._operation("mul", self._constant(size), sign)
+
+    __rmul__ = __mul__
+
+    def _operation(self, name: str, operand: int, sign: int) -> Term:
+        return Term(self.builder, self.builder.emit(name, _REAL, self.number, operand), sign)
+
+    def _constant(self, value: float) -> int:
+        return self.builder.constant(_REAL, value)
+
+    def _factor(self) -> tuple[Term, float | None]:
+        """x and the positive constant c of a term c x; the term itself and None of any other."""
+        operation = self.builder.operations[self.number]
+        if operation.name == "mul":
+            for constant, rest in (operation.operands, operation.operands[::-1]):
+                if constant in self.builder.known:
+                    return Term(self.builder, rest, self.sign), float(self.builder.known[constant])
+        return self, None
+
+
+Number = Term | float
+
+
+def symbols(count: int) -> list[Term]:
+    """The inputs of a new program."""
+    builder = Builder()
+    return [Term(builder, builder.input(_REAL)) for _ in range(count)]
+
+
+def sin(x: Number) -> Number:
+    """Sine of a term or Python number."""
+    return Term(x.builder, x.builder.emit("sin", _REAL, x.number), x.sign) if isinstance(x, Term) else math.sin(x)
+
+
+def cos(x: Number) -> Number:
+    """Cosine of a term or Python number."""
+    return Term(x.builder, x.builder.emit("cos", _REAL, x.number)) if isinstance(x, Term) else math.cos(x)
+
+
+def program(inputs: Sequence[Term], outputs: Sequence[Number]) -> Program:
+    """The program from `symbols` to what was written on them."""
+    builder = inputs[0].builder
+
+    def written(x: Any) -> int:
+        if not isinstance(x, Term):
+            return builder.constant(_REAL, x)
+        return x.number if x.sign > 0 else builder.emit("neg", _REAL, x.number)
+
+    return builder.program([written(x) for x in outputs])
+
+
+def replay(program: Program, inputs: Sequence[Any], functions: Mapping[str, Callable[[Any], Any]]) -> list[Any]:
+    """Results of such a program on any kind of number, tracers among them; constants stay Python numbers."""
+    apply = {"add": operator.add, "sub": operator.sub, "mul": operator.mul, "neg": operator.neg, **functions}
+    values: dict[int, Any] = {}
+    for i in program.needed():
+        name, dtype, operands, detail = program.operations[i]
+        if name == "input":
+            values[i] = inputs[detail]
+        elif name == "constant":
+            values[i] = float(number(dtype, detail))
+        else:
+            values[i] = apply[name](*(values[o] for o in operands))
+    return [values[i] for i in program.outputs]

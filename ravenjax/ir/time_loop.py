@@ -1,0 +1,161 @@
+"""A program with memory that runs tick after tick, split by what its numbers depend on.
+
+Many lanes run the same loop. A number may differ between lanes, change from tick to tick, both, or neither; each is
+computed as often as that asks for and no more:
+
+shared   changes with the ticks, alike in all lanes of a group: once a tick and group, by the *shared* part, which
+         leaves a row of those numbers that lanes need
+held     differs between lanes, does not change: once a lane, before the loop
+lane     both: once a tick and lane
+
+A lane is in a group with those that have the same shared inputs. State is split likewise, by fixpoint: a number of the
+state is shared until something of a lane enters it, and dropped if no result ever needs it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Set
+
+from ravenjax.ir.program import Program
+
+LANE, TICK = 1, 2
+_FREE = ("neg", "bitcast")
+"""Operations that cost a lane nothing: they are repeated there rather than passed along."""
+
+
+@dataclasses.dataclass(frozen=True)
+class TimeLoop:
+    """`begin` makes the state from the inputs, `step` advances it by a tick, `finish` reads results from it.
+
+    Inputs of `step`: the lane's inputs, the state, what the outside gives in this tick; its outputs: the new state,
+    then what goes out in this tick. Inputs of `finish`: the lane's inputs, the state.
+    """
+
+    begin: Program
+    step: Program
+    finish: Program
+
+    @property
+    def lane_inputs(self) -> int:
+        """How many inputs a lane has."""
+        return len(self.begin.inputs)
+
+    @property
+    def states(self) -> int:
+        """How many numbers of state."""
+        return len(self.begin.outputs)
+
+    @property
+    def state_types(self) -> tuple[str, ...]:
+        """Types of the state."""
+        return self.step.inputs[self.lane_inputs : self.lane_inputs + self.states]
+
+
+@dataclasses.dataclass(frozen=True)
+class Split:
+    """Which part computes which operation of `loop.step`; numbers are those of its operations."""
+
+    loop: TimeLoop
+    shared_inputs: frozenset[int]  # of the lane's inputs, alike within a group
+    lane_state: tuple[int, ...]  # numbers of state that lanes keep
+    held_state: tuple[int, ...]  # that never change, but differ between lanes
+    shared_state: tuple[int, ...]  # that a group keeps once
+    shared: tuple[int, ...]  # operations of the shared part
+    held: tuple[int, ...]  # operations done once a lane
+    lane: tuple[int, ...]  # operations done each tick in each lane
+    row: tuple[int, ...]  # shared operations whose result lanes read
+    kept: tuple[int, ...]  # held operations whose result the loop reads
+
+
+def split(loop: TimeLoop, shared_inputs: Iterable[int], shared_ticks: Iterable[int]) -> Split:
+    """Split `loop`; `shared_inputs` of its inputs and `shared_ticks` of what enters a tick are alike in a group."""
+    shared_inputs, shared_ticks = frozenset(shared_inputs), frozenset(shared_ticks)
+    step, first = loop.step, loop.lane_inputs
+    live = _live_state(loop)
+    own = _inputs_by_number(step)
+    frozen = {k for k in live if step.outputs[k] == own.get(first + k)}
+    begins = _rates(loop.begin, {i: 0 if i in shared_inputs else LANE for i in range(first)})
+    state = {k: begins[loop.begin.outputs[k]] | (0 if k in frozen else TICK) for k in live}
+    ticks = {first + loop.states + i: TICK | (0 if i in shared_ticks else LANE) for i in range(_tick_inputs(loop))}
+    lanes = {i: 0 if i in shared_inputs else LANE for i in range(first)}
+    while True:
+        rates = _rates(step, lanes | ticks | {first + k: rate for k, rate in state.items()})
+        new = {k: rate if k in frozen else rate | rates[step.outputs[k]] for k, rate in state.items()}
+        if new == state:
+            break
+        state = new
+
+    results = [step.outputs[k] for k in sorted(live)] + list(step.outputs[loop.states :])
+    needed = step.needed(results)
+    both = {i for i in needed if rates[i] == LANE | TICK}
+    row, kept = set(), set()
+    queue = [o for i in sorted(both) for o in step.operations[i].operands]
+    queue += step.outputs[loop.states :]
+    queue += [step.outputs[k] for k in live if state[k] == LANE | TICK]
+    while queue:
+        i = queue.pop()
+        name = step.operations[i].name
+        if i in both or name == "constant":
+            continue
+        if name in _FREE:
+            both.add(i)
+            queue.extend(step.operations[i].operands)
+        elif rates[i] & LANE and name != "input":
+            kept.add(i)
+        elif not rates[i] & LANE:
+            row.add(i)
+    shared_state = [k for k in sorted(live) if not state[k] & LANE]
+    shared = step.needed([*row, *(step.outputs[k] for k in shared_state)])
+    return Split(
+        loop,
+        shared_inputs,
+        tuple(k for k in sorted(live) if state[k] == LANE | TICK),
+        tuple(k for k in sorted(live) if state[k] == LANE),
+        tuple(shared_state),
+        tuple(shared),
+        tuple(i for i in step.needed(kept)),
+        tuple(i for i in needed if i in both and step.operations[i].name != "input"),
+        tuple(sorted(row)),
+        tuple(sorted(kept)),
+    )
+
+
+def _tick_inputs(loop: TimeLoop) -> int:
+    return len(loop.step.inputs) - loop.lane_inputs - loop.states
+
+
+def _inputs_by_number(program: Program) -> dict[int, int]:
+    return {op.detail: i for i, op in enumerate(program.operations) if op.name == "input"}
+
+
+def _rates(program: Program, inputs: dict[int, int]) -> list[int]:
+    """What each operation depends on: LANE, TICK, both or neither."""
+    rates: list[int] = []
+    for operation in program.operations:
+        if operation.name == "input":
+            rates.append(inputs.get(operation.detail, 0))
+        else:
+            rate = 0
+            for operand in operation.operands:
+                rate |= rates[operand]
+            rates.append(rate)
+    return rates
+
+
+def _live_state(loop: TimeLoop) -> Set[int]:
+    """Numbers of the state that a result needs, at once or some ticks later."""
+    step, first = loop.step, loop.lane_inputs
+    roots = {
+        loop.finish.operations[i].detail - first
+        for i in loop.finish.needed()
+        if loop.finish.operations[i].name == "input"
+    }
+    live = {k for k in roots if k >= 0}
+    while True:
+        needed = step.needed([*(step.outputs[k] for k in live), *step.outputs[loop.states :]])
+        read = {step.operations[i].detail - first for i in needed if step.operations[i].name == "input"}
+        new = live | {k for k in read if 0 <= k < loop.states}
+        if new == live:
+            return live
+        live = new

@@ -1,0 +1,70 @@
+"""Engine cuda on a real GPU; skipped, with one line, where there is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from cuda_cases import CASES, SOURCE, check, check_engines, cut
+
+from ravenjax.engines.gpu import device as cuda_device
+from ravenjax.engines.gpu import engine as cuda
+from ravenjax.engines.gpu.code import words
+from ravenjax.engines.gpu.cuda import OPTIONS
+from ravenjax.engines.gpu.device import Session
+from ravenjax.engines.interface import Block
+from ravenjax.errors import UserError
+from ravenjax.types import replace
+
+
+@pytest.fixture(scope="module")
+def device():
+    try:
+        return cuda_device.devices()[0]
+    except UserError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope="module")
+def operations(device):
+    return cuda_device.DeviceModule(device, cuda_device.compile(SOURCE, device.architecture, OPTIONS))
+
+
+@pytest.mark.parametrize("k", range(len(CASES)), ids=[name for name, _, _ in CASES])
+def test_every_operation_gives_the_bits_that_it_means(device, operations, k):
+    def launch(name, given, out, n):
+        with Session(device) as session:
+            there, room = session.upload(given), session.room(out.size)
+            session.launch(operations.function(name), -(-n // 64), 64, session.main, there, room, n)
+            session.read(out, room, session.main)
+        return out
+
+    check(launch, k)
+
+
+@pytest.fixture(scope="module")
+def short():
+    return cut(1500)
+
+
+def test_a_campaign_has_the_bits_of_engine_simd(device, short):
+    check_engines(short, 256)
+
+
+def test_a_trace_is_the_campaign_run_with_every_signal(device, short):
+    varied, harmless = short.lanes([5], 1, harmless=True)
+    _, faults = short.lanes([5], 1)
+    twin, block = Block(varied, harmless, None), Block(varied, faults, None)
+    engine = cuda.CudaEngine()
+    own, result, signals = engine.tracer(short.program, 1).run(twin, block, short.columns)
+    kernel = engine.compile(short.program, 1)
+    twins = kernel.run(twin, short.columns)
+    np.testing.assert_array_equal(own.reference, twins.reference)
+    expected = kernel.run(replace(block, reference=twins.reference), short.columns)
+    for name, values in expected.outcomes.items():
+        np.testing.assert_array_equal(words(values), words(result.outcomes[name]), err_msg=name)
+    assert signals.tip[0][0].shape == (short.program.ticks,)
+
+
+def test_an_architecture_that_nvrtc_does_not_know_is_refused(device):
+    with pytest.raises(UserError, match="cannot compile for sm_35: NVRTC"):
+        cuda_device.compile(SOURCE, "sm_35", OPTIONS)

@@ -1,0 +1,119 @@
+"""Engine cuda without a GPU: its kernels compiled as C++, everything else as it is."""
+
+from __future__ import annotations
+
+import sys
+
+import jax
+import numpy as np
+import pytest
+from cuda_as_cpp import Device, pretend
+from cuda_cases import check_engines, cut, meant, small_loop
+
+from ravenjax.engines.cpu.engine import SimdEngine
+from ravenjax.engines.gpu import code as cuda_code
+from ravenjax.engines.gpu import device as cuda_device
+from ravenjax.engines.gpu import engine as cuda
+from ravenjax.engines.gpu.code import CudaCode, place, words
+from ravenjax.engines.gpu.kernel import Form
+from ravenjax.engines.interface import Block
+from ravenjax.engines.lanes import Lanes
+from ravenjax.errors import UserError
+from ravenjax.types import REFERENCE, replace
+
+
+def test_lanes_are_placed_in_warps_of_one_group():
+    group = np.array([1] * 40 + [0] * 5 + [1] * 3 + [2] * 64)
+    places = place(group, 64)
+    assert len(places.lane) == 192  # 1, 2 and 2 warps, and one that fills the last block
+    np.testing.assert_array_equal(places.lane[places.thread], np.arange(len(group)))
+    np.testing.assert_array_equal(group[places.lane], np.repeat(places.group, 32))
+    assert places.group.tolist() == [0, 1, 1, 2, 2, 2]
+    assert group[places.first].tolist() == [0, 1, 2]
+
+
+def test_lanes_are_grouped_by_equal_bits():
+    zeros = np.array([0.0, -0.0, 0.0, 1.0, 1.0], np.float32)
+    seeds = np.array([7, 7, 7, 7, 2**32 - 1], np.uint32)
+    group = cuda._groups([zeros, seeds], 5)
+    assert group[0] == group[2]
+    assert len(set(group.tolist())) == 4
+    assert cuda._groups([], 3).tolist() == [0, 0, 0]
+
+
+@pytest.mark.parametrize("by_group", [True, False])
+@pytest.mark.parametrize("shared_words", [0, 3, 64])
+def test_a_time_loop_split_into_kernels_is_the_loop(monkeypatch, tmp_path, by_group, shared_words):
+    pretend(monkeypatch, tmp_path)
+    monkeypatch.setattr(cuda_code, "CHUNK", 4)
+    loop, lanes, ticks = small_loop(), 70, 11
+    rng = np.random.default_rng(3)
+    group = np.arange(lanes) % 2
+    gain = rng.standard_normal(2).astype(np.float32)[group]
+    inputs = [gain, rng.random(lanes).astype(np.float32), rng.random(lanes) < 0.5]
+    table = rng.standard_normal(5).astype(np.float32)
+    series = rng.standard_normal((ticks, 2)).astype(np.float32)  # of each group
+    given = np.ascontiguousarray(series[:, group])
+
+    form = Form(32, shared_words, region=3, in_step_from=1)
+    code = CudaCode(loop, 1, by_group, Device(), form)
+    places = place(group if by_group else np.zeros_like(group), form.threads)
+    entering = series.T[:, :, None] if by_group else given[:, None, :][:, :, places.lane]
+    out = np.zeros((ticks, 2, lanes), np.uint32)
+    finished = []
+    found = code.run(Lanes(inputs, entering, table, out), places, ticks, finished.append)
+
+    expected, leaving = meant(loop, inputs, given, table)
+    for got, column in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(words(got), words(np.broadcast_to(np.asarray(column), lanes)))
+    for k in range(2):
+        np.testing.assert_array_equal(out[:, k], words(np.stack([tick[k] for tick in leaving])))
+    assert finished == [4 * lanes, 4 * lanes, 3 * lanes]
+
+
+@pytest.fixture(scope="module")
+def short():
+    """A plan of every fault site, cut to its first ticks."""
+    return cut(60)
+
+
+@pytest.mark.slow
+def test_a_tick_has_the_bits_of_engine_simd(monkeypatch, tmp_path, short):
+    pretend(monkeypatch, tmp_path)
+    check_engines(short, 40)
+
+
+def test_what_cannot_be_is_one_line_that_says_so(monkeypatch, short):
+    monkeypatch.setattr(cuda_device, "devices", lambda: (Device(),))
+    wide = replace(short.program, setup=replace(short.program.setup, precision=REFERENCE))
+    with pytest.raises(UserError, match="engine 'cuda' computes in float32; for float64 take engine 'xla'"):
+        cuda.CudaEngine().compile(wide, 1)
+    monkeypatch.undo()
+    cuda_device.devices.cache_clear()
+    monkeypatch.setitem(sys.modules, "cuda.bindings", None)
+    with pytest.raises(UserError, match=r"needs the package cuda-bindings .*: pip install 'ravenjax\[cuda\]'"):
+        cuda.CudaEngine().compile(short.program, 1)
+
+
+def test_blocks_are_dealt_out_evenly():
+    wave = 384  # the pretended device has one multiprocessor
+    assert cuda.block_lanes(5, (Device(),)) == 32
+    assert cuda.block_lanes(100 * wave, (Device(),)) == 8 * wave
+    lanes = cuda.block_lanes(10 * wave * 4, (Device(),) * 4)
+    assert lanes == 5 * wave
+    assert 10 * wave * 4 // lanes == 8
+
+
+@pytest.mark.slow
+def test_a_trace_has_the_signals_of_engine_simd(monkeypatch, tmp_path, short):
+    pretend(monkeypatch, tmp_path)
+    varied, harmless = short.lanes([5], 1, harmless=True)
+    _, faults = short.lanes([5], 1)
+    blocks = Block(varied, harmless, None), Block(varied, faults, None)
+    _, result, signals = cuda.CudaEngine().tracer(short.program, 1).run(*blocks, short.columns)
+    _, expected, wanted = SimdEngine().tracer(short.program, 1).run(*blocks, short.columns)
+    for name, values in expected.outcomes.items():
+        np.testing.assert_array_equal(words(values), words(result.outcomes[name]), err_msg=name)
+    for got, leaf in zip(jax.tree.leaves(signals), jax.tree.leaves(wanted), strict=True):
+        assert got.dtype == leaf.dtype
+        np.testing.assert_array_equal(words(got), words(leaf))

@@ -1,0 +1,248 @@
+"""Engines xla and mjx: two writings of the link dynamics, one result; and what makes a lane's result its own."""
+
+from __future__ import annotations
+
+import dataclasses
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import ravenjax as rj
+from ravenjax.campaign import compile_cache, outcomes, plan
+from ravenjax.engines.interface import Block
+from ravenjax.engines.xla import engine as scan
+from ravenjax.engines.xla.engine import LANE_MULTIPLE, ScanEngine, ScanKernel
+from ravenjax.types import REFERENCE
+
+compile_cache.enable()
+
+EVERY_LAYER = Path(__file__).resolve().parents[3] / "analysis" / "agreement" / "every_layer.toml"
+FAULTS = (
+    ("usb_out", "shoulder", "overwrite", 6000),
+    ("current_cmd", "elbow", "offset", 2000),
+    ("mpos", "insertion", "offset", 5.0),
+    ("encoder", "elbow", "drift", 20.0),
+    ("pos_d", "x", "offset", 2000),
+    ("external_torque", "elbow", "overwrite", 2.0),
+)
+PEDAL_ROWS = 440
+"""Rows of the motion left out, so that the pedal is down from the first tick on and the hand moves from tick 60 on."""
+
+
+def campaign(ticks, friction=1.0):
+    """A fault-free run and one for each of FAULTS from tick 30 on, for 40 ms."""
+    groups = [{"name": "free"}]
+    for site, channel, effect, value in FAULTS:
+        fault = {"site": site, "channel": channel, "effect": effect, "value": value, "start_ms": 30, "duration_ms": 40}
+        groups.append({"name": f"{site} {channel}", "fault": [fault]})
+    return {
+        "campaign": {"name": "scan", "duration_s": ticks / 1e3},
+        "operator": {"motion": "suture"},
+        "parameters": {"plant.friction_scale": friction},
+        "haptics": {"threshold_mm": [1.0, 3.0]},
+        "group": groups,
+    }
+
+
+def planned(ticks, **options):
+    """The plan of `campaign` and its motion from PEDAL_ROWS on."""
+    ready = plan.make(rj.load_campaign(campaign(ticks)), **options)
+    longer = plan.operator_motion(rj.load_campaign(campaign(ticks + PEDAL_ROWS)))
+    return ready, tuple(np.ascontiguousarray(column[PEDAL_ROWS:]) for column in longer.table().T)
+
+
+def same(a, b):
+    """Equal to the last bit, also where not a number."""
+    assert a.keys() == b.keys()
+    for name in a:
+        np.testing.assert_array_equal(a[name], b[name], err_msg=name)
+
+
+# --- two engines ------------------------------------------------------------------------------------------------------
+
+
+def gap(a, b):
+    """Largest |a - b| / max(1, |a|) of two arrays."""
+    a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
+    np.testing.assert_array_equal(np.isfinite(a), np.isfinite(b))
+    a, b = a[np.isfinite(a)], b[np.isfinite(b)]
+    return float((np.abs(a - b) / np.maximum(1.0, np.abs(a))).max(initial=0.0))
+
+
+@pytest.mark.slow
+def test_mjx_and_xla_agree_in_float64_over_100_ticks():
+    ready, columns = planned(100, precision=REFERENCE)
+    results = []
+    for name in ("xla", "mjx"):
+        kernel = ScanEngine(name).compile(ready.program, ready.runs)
+        # without a reference the tips of faulty runs are returned, too
+        results.append(kernel.run(Block(*ready.lanes(range(ready.runs), kernel.lanes), None), columns))
+    xla, mjx = results
+    moved = np.linalg.norm(xla.reference[-1, :3] - xla.reference[0, :3], axis=0)
+    assert (moved[1 : 1 + len(FAULTS)] > 1e-6).all() and moved.max() > 1e-3, "the faults do something"
+    assert xla.reference.dtype == np.float64
+    assert gap(xla.reference, mjx.reference) < 1e-9
+    for name, values in xla.outcomes.items():
+        assert gap(values, mjx.outcomes[name]) < (1e-6 if values.dtype == np.float32 else 1e-9), name
+    assert gap(xla.reference, mjx.reference) > 0.0, "two writings, not one"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("row", range(1, 1 + len(FAULTS)))
+def test_mjx_and_xla_agree_in_every_signal(row, traces):
+    xla, mjx = (jax.tree.leaves(trace(row)) for trace in traces)
+    assert len(xla) == len(mjx) > 150
+    for a, b in zip(xla, mjx, strict=True):
+        assert gap(a, b) < 1e-9
+
+
+@pytest.fixture(scope="module")
+def traces():
+    """Every signal of a run over 400 ticks, as engine xla and as engine mjx compute it."""
+    ready, columns = planned(400, precision=REFERENCE)
+
+    def tracer(dynamics):
+        setup = dataclasses.replace(ready.program.setup, link_dynamics=dynamics)
+        kernel = ScanKernel(dataclasses.replace(ready.program, setup=setup), LANE_MULTIPLE, keep_signals=True)
+        twin = kernel.run(Block(*ready.lanes([0], LANE_MULTIPLE), None), columns).reference
+        return lambda row: kernel.run_signals(Block(*ready.lanes([row], LANE_MULTIPLE), twin), columns)[1]
+
+    return tracer("unrolled"), tracer("mjx")
+
+
+@pytest.mark.slow
+def test_mjx_and_xla_give_the_same_verdicts():
+    """A sample of the campaign that analysis/agreement runs in full; at least 99.5 % equal."""
+    config = rj.load_campaign(EVERY_LAYER)
+    ready = plan.make(config)
+    rows = np.arange(0, ready.runs, 9)[:LANES]
+    frames = []
+    for name in ("xla", "mjx"):
+        kernel = ScanEngine(name).compile(ready.program, ready.runs)
+        twin = kernel.run(Block(*ready.lanes(rows, kernel.lanes, harmless=True), None), ready.columns)
+        found = kernel.run(Block(*ready.lanes(rows, kernel.lanes), twin.reference), ready.columns)
+        tables = [{key: values[: len(rows)] for key, values in result.outcomes.items()} for result in (found, twin)]
+        frames.append(outcomes.frame(config, ready.table.iloc[rows], *(outcomes.pd.DataFrame(t) for t in tables)))
+    xla, mjx = (frame["verdict"].astype(str).to_numpy() for frame in frames)
+    assert len(set(xla)) >= 6, "a sample that holds most verdicts"
+    assert np.mean(xla == mjx) >= 0.995
+
+
+LANES = 256
+
+# --- one engine -------------------------------------------------------------------------------------------------------
+
+TICKS = 1013  # a prime: no segment but one tick divides it
+
+
+@pytest.fixture(scope="module")
+def ready():
+    """Plan and motion of TICKS."""
+    return planned(TICKS)
+
+
+@pytest.fixture(scope="module")
+def kernel(ready):
+    """The kernel, its segment as the engine picks it."""
+    kernel = ScanEngine("xla").compile(ready[0].program, ready[0].runs)
+    assert kernel.lanes == LANE_MULTIPLE
+    return kernel
+
+
+@pytest.fixture(scope="module")
+def twin(ready, kernel):
+    """The result of a block of twins."""
+    plan_, columns = ready
+    return kernel.run(Block(*plan_.lanes([0], kernel.lanes, harmless=True), None), columns)
+
+
+@pytest.fixture(scope="module")
+def result(ready, kernel, twin):
+    """The outcomes of every run in one block, in order."""
+    return run_rows(ready, kernel, twin, range(ready[0].runs))
+
+
+def run_rows(ready, kernel, twin, rows):
+    """Outcomes of a block that holds `rows`, [rows] each."""
+    plan_, columns = ready
+    found = kernel.run(Block(*plan_.lanes(rows, kernel.lanes), twin.reference), columns)
+    return {name: values[: len(rows)] for name, values in found.outcomes.items()}
+
+
+def test_a_lane_does_not_know_its_neighbours(ready, kernel, twin, result):
+    order = [3, 0, 6, 6, 1, 5, 2, 4, 3, 3, 0]
+    mixed = run_rows(ready, kernel, twin, order)
+    same(mixed, {name: values[order] for name, values in result.items()})
+    for row in (2, 6):
+        same(run_rows(ready, kernel, twin, [row]), {name: values[[row]] for name, values in result.items()})
+
+
+def test_a_kernel_may_run_in_several_threads(ready, kernel, twin, result):
+    orders = [np.roll(np.arange(ready[0].runs), k) for k in range(4)]
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda order: run_rows(ready, kernel, twin, order), orders))
+    for order, mixed in zip(orders, found, strict=True):
+        same(mixed, {name: values[order] for name, values in result.items()})
+
+
+@pytest.mark.slow
+def test_segments_that_do_not_divide_the_run_change_nothing(monkeypatch):
+    """In float64, as another length of segment is another program: in float32 a DAC command may be a count off."""
+    content = {**campaign(TICKS, friction=[0.5, 1.0, 2.0]), "group": [{"name": "free"}]}
+    ready = plan.make(rj.load_campaign(content), REFERENCE)
+    results = []
+    for length in (None, TICKS):
+        if length is not None:
+            monkeypatch.setattr(scan, "segment_ticks", lambda ticks: ticks)
+        kernel = ScanEngine("xla").compile(ready.program, ready.runs)
+        assert kernel.length == (length or 507), "507: two segments, the last overshoots the run by one tick"
+        results.append(kernel.run(Block(*ready.lanes(range(3), kernel.lanes), None), ready.columns))
+    split, whole = results
+    assert split.reference.shape == whole.reference.shape == (TICKS, 6, LANE_MULTIPLE)
+    assert gap(split.reference, whole.reference) < 1e-9
+    assert split.outcomes["peak_model_deviation_mm"][:3].min() > 0.1, "the robot moved"
+    for name, values in whole.outcomes.items():
+        assert gap(split.outcomes[name], values) < (1e-6 if values.dtype == np.float32 else 1e-9), name
+
+
+@given(st.integers(1, 100_000))
+def test_segments_cover_the_run_and_overshoot_little(ticks):
+    length = scan.segment_ticks(ticks)
+    assert 1 <= length <= scan.MAX_SEGMENT
+    segments = -(-ticks // length)
+    assert segments * length - ticks < segments, "at most a tick a segment"
+    assert segments <= max(4, 4 * -(-ticks // scan.MAX_SEGMENT)), "few calls"
+
+
+def test_progress_counts_every_tick_of_every_lane(ready, kernel, twin):
+    told = []
+    plan_, columns = ready
+    kernel.run(Block(*plan_.lanes([0], kernel.lanes), twin.reference), columns, told.append)
+    assert told == [507 * kernel.lanes, 506 * kernel.lanes]
+
+
+def test_a_twin_is_what_faulty_runs_are_measured_against(ready, kernel, twin, result):
+    plan_, columns = ready
+    assert twin.reference.shape == (TICKS, 6, kernel.lanes)
+    assert (np.ptp(twin.reference, axis=2) == 0.0).all(), "all lanes of the block are the same run"
+    # Not always 0.0: the tip that is watched and the one that is kept may be contracted differently, a last bit apart.
+    last_bit_mm = np.spacing(np.abs(twin.reference[:, :3]).max()) * 1e3
+    assert result["peak_twin_deviation_mm"][0] <= 2.0 * last_bit_mm and result["diverged_ms"][0] == -1
+    assert (result["peak_twin_deviation_mm"][1:] > 0.0).all()
+    assert (result["diverged_ms"][1:] >= 30).all(), "nothing diverges before the fault"
+    faulty = kernel.run(Block(*plan_.lanes([1], kernel.lanes), None), columns).reference
+    apart = np.linalg.norm(faulty[:, :3, 0] - twin.reference[:, :3, 0], axis=1) * 1e3
+    assert apart[:30].max() == 0.0, "the same program and inputs: the same bits"
+    assert apart.max() == pytest.approx(result["peak_twin_deviation_mm"][1], rel=1e-4)
+    assert np.sqrt(np.mean(apart**2)) == pytest.approx(result["rms_twin_deviation_mm"][1], rel=1e-4)
+
+
+def test_only_twins_return_their_series(ready, kernel, twin):
+    plan_, columns = ready
+    found = kernel.run(Block(*plan_.lanes([1], kernel.lanes), twin.reference), columns)
+    assert found.reference.shape[0] == 0

@@ -1,0 +1,123 @@
+"""Regions hold exactly what nobody else reads, stand before they are read, and passing them by changes no bit."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from compiled_program import same_bits
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ravenjax.engines.cpu.code import VectorCode
+from ravenjax.engines.lanes import Lanes
+from ravenjax.ir import lowering, regions
+from ravenjax.ir.builder import Builder, contract
+from ravenjax.ir.regions import Region, arrange, flat
+from ravenjax.ir.time_loop import TimeLoop
+from ravenjax.types import rarely
+
+TICKS = 40
+
+
+def series(x, terms):
+    total = x
+    for k in range(1, terms):
+        total = total * x + 1.0 / k
+    return total
+
+
+def step(limit, x, now):
+    """Two rare choices, the second inside the first's branch as well, and something that is read on both sides."""
+    warm = x * 0.9 + jnp.sin(now * 0.1) * limit
+    both = warm * warm
+
+    def high():
+        inner = rarely(both > 0.9, lambda: series(both, 30), both)
+        return series(warm + both, 25) + inner, jnp.int32(3)
+
+    value, code = rarely(warm > 0.8, high, (warm, jnp.int32(0)))
+    low = rarely(value < -0.8, lambda: series(value, 22) * 0.01, value)
+    return low * 0.5 + both * 0.01, code
+
+
+def lowered():
+    number, whole = jnp.float32(0), jnp.int32(0)
+    programs = (
+        jax.make_jaxpr(lambda limit: (limit * 0.0, whole))(number),
+        jax.make_jaxpr(lambda limit, x, c, now: (lambda y, k: (y, c + k, y))(*step(limit, x, now)))(
+            number, number, whole, whole
+        ),
+        jax.make_jaxpr(lambda limit, x, c: (x, c))(number, number, whole),
+    )
+    return TimeLoop(*(contract(lowering.lower(jaxpr)) for jaxpr in programs))
+
+
+def arranged(loop, least):
+    program = loop.step
+    return program, arrange(program.operations, program.needed(), program.outputs, least)
+
+
+@pytest.mark.parametrize("least", [1, regions.LEAST, 1000])
+def test_an_arrangement_can_be_run_and_keeps_every_operation(least):
+    program, order = arranged(lowered(), least)
+    every = list(flat(order))
+    assert sorted(every) == program.needed()
+    place = {i: k for k, i in enumerate(every)}
+    assert all(place[o] < place[i] for i in every for o in program.operations[i].operands)
+    found = [item for item in order if isinstance(item, Region)]
+    assert len(found) == (0 if least == 1000 else 2)
+    for region in found:
+        inside = set(region.operations)
+        for i in every:
+            for position, o in enumerate(program.operations[i].operands):
+                if o in inside and i not in inside:
+                    assert program.operations[i].name == "rarely" and position == 1 and o in region.results
+        assert place[region.condition] < place[region.operations[0]]
+        assert all(o in place or program.operations[o].name == "input" for o in region.reads(program.operations))
+
+
+@pytest.mark.parametrize("width", [1, 4, 16])
+def test_passing_by_changes_no_bit(width):
+    loop, lanes = lowered(), 32
+    rng = np.random.default_rng(2)
+    limit = rng.uniform(0.0, 1.0, lanes).astype(np.float32)
+    limit[:20] *= 0.1  # whole vectors that are never there
+    given, out = np.zeros((1, 0, lanes), np.float32), np.zeros((TICKS, 1, lanes), np.float32)
+    found = VectorCode(loop, 0, False, width).run(Lanes([limit], given, np.zeros(0, np.float32), out), TICKS)
+    state = loop.begin.evaluate([limit])
+    for now in range(TICKS):
+        *state, leaving = loop.step.evaluate([limit, *state, np.int32(now)])
+        same_bits(out[now, 0], leaving)
+    for got, right in zip(found, loop.finish.evaluate([limit, *state]), strict=True):
+        same_bits(got, np.broadcast_to(right, got.shape))
+    assert 0 < (found[1] > 0).sum() < lanes, "some lanes were there, some never"
+
+
+@given(st.lists(st.tuples(st.sampled_from("fsr"), *[st.integers(0, 10**6)] * 3), min_size=1, max_size=60), st.data())
+def test_any_program_can_be_arranged(choices, data):
+    """f: a sum, s: a condition, r: a rare choice; of any earlier results."""
+    builder = Builder()
+    numbers, truths = [builder.input("float32") for _ in range(3)], [builder.input("bool")]
+    for kind, a, b, c in choices:
+        x, y, p = numbers[a % len(numbers)], numbers[b % len(numbers)], truths[c % len(truths)]
+        if kind == "f":
+            numbers.append(builder.emit("add", "float32", x, y))
+        elif kind == "s":
+            truths.append(builder.emit("lt", "bool", x, y))
+        else:
+            numbers.append(builder.emit("rarely", "float32", p, x, y))
+    program = builder.program(data.draw(st.lists(st.sampled_from(numbers), min_size=1, max_size=4)))
+    order = [i for i in program.needed() if program.operations[i].name != "input"]
+    found = arrange(program.operations, order, program.outputs, 1)
+    every = list(flat(found))
+    assert sorted(every) == order
+    place = {i: k for k, i in enumerate(every)}
+    for item in found:
+        if isinstance(item, Region):
+            inside = set(item.operations)
+            readers = [i for i in every if i not in inside and inside & set(program.operations[i].operands)]
+            assert all(program.operations[i].operands[0] == item.condition for i in readers)
+            assert not inside & set(program.outputs)
+    assert all(place.get(o, -1) < place[i] for i in every for o in program.operations[i].operands)
