@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import json
 from pathlib import Path
 from typing import Any
@@ -210,6 +211,7 @@ def _paths(runs: Runs, folder: Path) -> dict[str, Any]:
     }
 
 
+@functools.cache
 def _environment() -> jinja2.Environment:
     environment = html.environment("ravenjax.report")
     environment.filters |= {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from typing import Any
 
@@ -17,6 +18,7 @@ def page(template: str, **told: Any) -> str:
     return _environment().get_template(template).render(plotly_js=plotly_js, **told)
 
 
+@functools.cache
 def _environment() -> Any:
     import jinja2
     import markupsafe

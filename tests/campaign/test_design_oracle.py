@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
+import naive_design
 import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-import naive_design
 
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import loading
@@ -143,7 +138,7 @@ class NothingToSay:
 FAULT = {"site": "usb_out", "arm": "gold", "channel": "elbow", "effect": "overwrite", "start_ms": 5}
 
 
-@settings(max_examples=150)
+@settings(max_examples=40)
 @given(campaigns())
 @example({"campaign": {"name": "x"}, "group": [{"name": "a", "fault": [FAULT | {"value": [1.0, 1, -0.0, 0, 1.5]}]}]})
 @example(
@@ -153,6 +148,17 @@ FAULT = {"site": "usb_out", "arm": "gold", "channel": "elbow", "effect": "overwr
     }
 )
 def test_columns_are_those_written_out_row_by_row(campaign):
+    compare(campaign)
+
+
+@pytest.mark.slow
+@settings(max_examples=400)
+@given(campaigns())
+def test_columns_of_many_more_campaigns(campaign):
+    compare(campaign)
+
+
+def compare(campaign):
     """Also of campaigns that `copies` refuses: that some runs are alike is no reason to expand them wrongly."""
     try:
         with pytest.MonkeyPatch.context() as patch:

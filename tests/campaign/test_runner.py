@@ -140,7 +140,7 @@ def blocks(monkeypatch):
 
 def test_a_block_is_as_large_as_its_rows_ask_for(blocks):
     """Three twins in a block that is no larger than they need, and a last block that is not filled up."""
-    rj.run(config(duration_s=0.4), engine="simd")
+    rj.run(config(), engine="simd")
     width = simd.jit.host().width
     assert [lanes for lanes, twins in blocks if twins] == [-(-3 // width) * width]
     assert sum(lanes for lanes, twins in blocks if not twins) < 27 + 3 * width
@@ -174,7 +174,7 @@ def test_simd_prints_each_form_of_its_kernel_once(monkeypatch):
     printed = []
     traced.forget()
     monkeypatch.setattr(simd, "VectorCode", lambda *given: printed.append(given) or VectorCode(*given))
-    assert len(rj.run(config(duration_s=0.4), engine="simd")) == 27
+    assert len(rj.run(config(), engine="simd")) == 27
     grouped = [given[2] for given in printed]
     assert sorted(grouped) in ([False], [True], [False, True]), "with and without groups of shared parameters"
 
@@ -197,7 +197,7 @@ def test_xla_compiles_one_kernel():
 
 
 def test_another_campaign_is_refused_and_nothing_is_lost(tmp_path):
-    rj.run(config(duration_s=0.6, limit=2), out=tmp_path)
+    rj.run(config(limit=2), out=tmp_path)
     before = sorted(path.name for path in tmp_path.rglob("*"))
     with pytest.raises(StoreError, match=r"(?s)duration_s.*rm -r"):
         rj.run(config(duration_s=0.5, limit=2), out=tmp_path)
@@ -228,10 +228,15 @@ def test_lower_thresholds_fire_no_later(whole):
     assert (first[fired, 0] <= first[fired, 1]).all()
 
 
+@pytest.fixture(scope="module")
+def replayer():
+    return replay.Replayer(config())
+
+
 @pytest.mark.parametrize("index", [0, 9])
-def test_a_replay_is_the_run(whole, index):
+def test_a_replay_is_the_run(whole, replayer, index):
     row = whole.iloc[index]
-    again = replay.replay(config(), row["run_id"])
+    again = replayer.replay(row["run_id"])
     for name in ("first_active_ms", "active_ticks", "response", "response_ms", "verdict", "cue0_first_ms"):
         assert again.row[name] == row[name], name
     assert again.row["peak_model_deviation_mm"] == pytest.approx(row["peak_model_deviation_mm"], rel=1e-3)

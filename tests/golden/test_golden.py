@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
-import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
 import bless
+import pytest
 
 from ravenjax.engines import selection
 from ravenjax.types import CAMPAIGN

@@ -5,14 +5,10 @@ from __future__ import annotations
 import copy
 import dataclasses
 import random
-import sys
-from pathlib import Path
 
 import numpy as np
-import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import oracle_control_software as oracle
+import pytest
 import rig_control_software as rig
 
 from ravenjax.errors import UserError

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -38,9 +40,16 @@ def arguments(setup):
     return control.params(setup), control.init(setup), inputs(setup)
 
 
-@pytest.mark.parametrize("precision", [CAMPAIGN, ORIGINAL], ids=["campaign", "original"])
-@pytest.mark.parametrize("software", ["raven2", "fork2015"])
-@pytest.mark.parametrize("console", ["increments", "absolute"])
+def each_pair():
+    """Every combination; those of the fast suite hold every pair of choices."""
+    choices = itertools.product((CAMPAIGN, ORIGINAL), ("raven2", "fork2015"), ("increments", "absolute"))
+    for precision, software, console in choices:
+        odd = (precision is ORIGINAL) + (software == "fork2015") + (console == "absolute")
+        name = f"{'original' if precision is ORIGINAL else 'campaign'}-{software}-{console}"
+        yield pytest.param(precision, software, console, id=name, marks=[pytest.mark.slow] * (odd % 2))
+
+
+@pytest.mark.parametrize(("precision", "software", "console"), each_pair())
 def test_only_scalar_primitives_and_the_state_keeps_its_types(precision, software, console):
     setup = Setup(**BOTH, software=software, console=console, precision=precision)
     with jax.enable_x64(precision.needs_x64):

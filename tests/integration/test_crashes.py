@@ -9,11 +9,11 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 import tiny_campaign as tiny
+import waiting
 
 from ravenjax.campaign import runner
 from ravenjax.cli import USER_ERROR, main
@@ -43,13 +43,10 @@ def started(file: Path, out: Path, *more: object) -> subprocess.Popen[str]:
     return subprocess.Popen(hearing, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-def until(condition, process: subprocess.Popen[str], seconds: float = 120.0) -> None:
+def until(condition, process: subprocess.Popen[str]) -> None:
     """Wait for a condition while a process lives."""
-    end = time.monotonic() + seconds
-    while not condition():
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < end, "it never came to that"
-        time.sleep(0.02)
+    waiting.until(lambda: condition() or process.poll() is not None)
+    assert condition(), process.communicate()
 
 
 def stored(out: Path) -> list[Path]:
@@ -58,7 +55,9 @@ def stored(out: Path) -> list[Path]:
 
 def finish(file: Path, out: Path, *more: object) -> str:
     """What the same command prints that computes the rest."""
-    done = subprocess.run(command(file, out, *more), capture_output=True, text=True, check=False, timeout=300)
+    done = subprocess.run(
+        command(file, out, *more), capture_output=True, text=True, check=False, timeout=waiting.DEADLINE_S
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -103,7 +102,7 @@ def test_a_second_process_is_refused_and_the_first_not_disturbed(small, tmp_path
     assert main(command(file, tmp_path)[3:]) == USER_ERROR
     told = capsys.readouterr().err.replace("\n", " ")
     assert f"is being written by process {first.pid} on" in told and "since" in told
-    out, err = first.communicate(timeout=120)
+    out, err = first.communicate(timeout=waiting.DEADLINE_S)
     assert first.returncode == 0, out + err
     assert tiny.digest(tmp_path) == whole and manifest.read(tmp_path).starts == 1
 
@@ -116,7 +115,7 @@ def test_a_signal_ends_it_cleanly(small, tmp_path, number, more):
     process = started(file, tmp_path, *more)
     until(lambda: len(stored(tmp_path)) > 2, process)
     process.send_signal(number)
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=waiting.DEADLINE_S)
     assert process.returncode == 128 + number, out + err
     assert "finished parts are kept, and the same command goes on" in err.replace("\n", " ") and "Traceback" not in err
     there = len(stored(tmp_path))
@@ -145,7 +144,7 @@ def test_a_full_disk_keeps_what_was_written(small, tiny_disk, more):
     (file, whole), (disk, enlarge) = small, tiny_disk
     out = disk / "out"
     process = started(file, out, *more)
-    printed, err = process.communicate(timeout=120)
+    printed, err = process.communicate(timeout=waiting.DEADLINE_S)
     told = err.replace("\n", " ")
     assert process.returncode == USER_ERROR and "Traceback" not in err, printed + err
     assert re.search(rf"{out}/\S+: cannot be written \(No space left on device\)", told), told
@@ -163,7 +162,7 @@ def test_a_limit_on_the_size_of_files_is_a_full_disk(small, tmp_path):
     """Every part is too large; the manifest is not."""
     file, whole = small
     line = f"ulimit -f 24; exec {' '.join(command(file, tmp_path))}"
-    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False, timeout=120)
+    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False, timeout=waiting.DEADLINE_S)
     assert done.returncode == USER_ERROR and "File too large" in done.stderr and "Traceback" not in done.stderr
     assert not stored(tmp_path) and not list(tmp_path.rglob(".*.tmp"))
     finish(file, tmp_path)
@@ -178,7 +177,7 @@ def test_a_folder_that_goes_away_ends_it_cleanly(small, tmp_path):
     process = started(file, out)
     until(lambda: len(stored(out)) > 2, process)
     out.rename(away)
-    printed, err = process.communicate(timeout=120)
+    printed, err = process.communicate(timeout=waiting.DEADLINE_S)
     assert process.returncode == USER_ERROR and "cannot be written" in err and "Traceback" not in err, printed + err
     assert not out.exists(), "nothing is made where the mount was"
     away.rename(out)
@@ -195,10 +194,7 @@ def test_workers_do_not_outlive_a_coordinator_that_is_killed(small, tmp_path):
     assert len(workers) == 2
     process.kill()
     process.communicate()
-    end = time.monotonic() + 30.0
-    while any((Path("/proc") / str(pid)).exists() for pid in workers):
-        assert time.monotonic() < end, "a worker still runs"
-        time.sleep(0.05)
+    waiting.until(lambda: not any((Path("/proc") / str(pid)).exists() for pid in workers), "a worker still runs")
     finish(file, tmp_path, "--workers", 2)
     assert tiny.digest(tmp_path) == whole
 

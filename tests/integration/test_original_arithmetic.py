@@ -10,17 +10,13 @@ from __future__ import annotations
 import itertools
 import math
 import random
-import sys
-from pathlib import Path
 
 import jax
 import numpy as np
-import pytest
-from numpy import float32
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import oracle_control_software as oracle
+import pytest
 import rig_control_software as rig
+from numpy import float32
 
 from ravenjax.robot import kinematics
 from ravenjax.software.control_software import ControlSoftware

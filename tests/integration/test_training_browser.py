@@ -8,9 +8,9 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
+import waiting
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -20,7 +20,6 @@ pytestmark = [
 ]
 
 HERE = ("http://127.0.0.1", "ws://127.0.0.1", "data:", "blob:")
-WAIT_MS = 90_000
 SCENARIO = """
 name = "browser"
 title = "In a browser"
@@ -72,7 +71,7 @@ def address(tmp_path):
     yield found["operator"], found["instructor"], folder
     process.send_signal(signal.SIGINT)
     try:
-        process.wait(30)
+        process.wait(waiting.DEADLINE_S)
     finally:
         process.kill()
         process.stdout.close()
@@ -86,7 +85,7 @@ def test_a_session_from_the_first_key_to_the_debrief(address):
 
         def open_page(where):
             page = browser.new_context(viewport={"width": 1280, "height": 800}).new_page()
-            page.set_default_timeout(WAIT_MS)
+            page.set_default_timeout(waiting.DEADLINE_MS)
             page.on("request", lambda request: asked.append(request.url))
             page.on("websocket", lambda socket: asked.append(socket.url))
             page.on("console", lambda message: told.append(message.text) if message.type == "error" else None)
@@ -102,11 +101,11 @@ def test_a_session_from_the_first_key_to_the_debrief(address):
         for i in range(6):
             key = "KeyA" if i % 2 else "KeyD"
             operator.keyboard.down(key)
-            operator.wait_for_timeout(200)
+            frames_later(operator, 10)
             operator.keyboard.up(key)
-            operator.wait_for_timeout(300)
+            frames_later(operator, 10)
+        until(operator, "ravenjax.latency().count > 0")
         latency = operator.evaluate("ravenjax.latency()")
-        assert latency["count"] >= 1
         assert 0 < latency["mark"] <= latency["mark_drawn"]
         print("key to " + ", ".join(f"{name} {latency[name]:.0f} ms" for name in ("mark_drawn", "tip_drawn")))
 
@@ -124,12 +123,15 @@ def test_a_session_from_the_first_key_to_the_debrief(address):
         browser.close()
     assert len(asked) > 10 and [url for url in asked if not url.startswith(HERE)] == []
     assert told == []
-    end = time.monotonic() + 30
-    while not (folder / "hazards.csv").exists() and time.monotonic() < end:
-        time.sleep(0.1)
+    waiting.until((folder / "hazards.csv").exists)
     (row,) = csv.DictReader((folder / "hazards.csv").open(encoding="utf-8"))
     assert row["response"] == "release" and row["response_ok"] == "True" and int(row["struck_ms"]) > 0
 
 
 def until(page, expression):
     page.wait_for_function(expression, polling=50)
+
+
+def frames_later(page, count):
+    """Until so many more frames have come: time as the session has it, however busy the machine is."""
+    until(page, f"ravenjax.state().frames > {page.evaluate('ravenjax.state().frames') + count}")

@@ -122,5 +122,4 @@ def distinct(frame: pd.DataFrame) -> pd.Series:
 
 def motions(frame: pd.DataFrame, chosen: pd.Series | None = None) -> pd.DataFrame:
     """The different golden runs: one row for each operator and outcome of a golden run."""
-    names = [name for name in frame if name == "operator" or name.startswith("twin_")]
-    return (frame if chosen is None else frame[chosen])[names].drop_duplicates()
+    return (frame if chosen is None else frame[chosen]).filter(regex=r"^(operator$|twin_)").drop_duplicates()

@@ -76,7 +76,7 @@ SECTIONS: tuple[Callable[[Expected, Node], None], ...] = (
 )
 
 
-@settings(max_examples=12, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=4, suppress_health_check=[HealthCheck.too_slow])
 @given(generated_campaigns.plans())
 @example(Plan(0, faults=0, free=3))
 @example(Plan(1, faults=1, free=0, fate="all evade"))
@@ -103,6 +103,17 @@ SECTIONS: tuple[Callable[[Expected, Node], None], ...] = (
 @example(Plan(8, faults=40, fate="all evade", thresholds=(4.5, 0.7, 2.345), motions=4, stray=1.0))
 @example(Plan(9, faults=30, motions=3, stray=0.0, thresholds=(4.5, 1.0)))
 def test_every_number_of_the_page_is_that_of_the_raw_table(plan):
+    compare(plan)
+
+
+@pytest.mark.slow
+@settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow])
+@given(generated_campaigns.plans())
+def test_every_number_of_many_more_pages(plan):
+    compare(plan)
+
+
+def compare(plan):
     campaign = generated_campaigns.made(plan)
     expected, html = Expected(campaign), rendered(campaign)
     for section in SECTIONS:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from ravenjax.report.run.plot import trace_plot
+from ravenjax.vocabulary.arms import JOINTS
 
 TICKS = 3000
 
@@ -78,9 +80,45 @@ def test_named_joints_only(tmp_path):
     assert "wrist" in text and "shoulder" not in text
 
 
-@pytest.mark.parametrize("suffix", [".png", ".pdf"])
-def test_other_formats(tmp_path, suffix):
-    assert trace_plot(series(), tmp_path / f"run{suffix}").stat().st_size > 10_000
+@pytest.fixture
+def figures(monkeypatch):
+    """The figures that are drawn."""
+    drawn, save = [], Figure.savefig
+
+    def saved(figure, *given, **named):
+        drawn.append(figure)
+        save(figure, *given, **named)
+
+    monkeypatch.setattr(Figure, "savefig", saved)
+    return drawn
+
+
+def lines(axes):
+    """Name of each line that has one -> its y values."""
+    return {line.get_label(): line.get_ydata() for line in axes.lines if not line.get_label().startswith("_")}
+
+
+@pytest.mark.parametrize(("suffix", "begins"), [(".png", b"\x89PNG"), (".pdf", b"%PDF")])
+def test_values_events_and_windows_stand_where_they_belong(tmp_path, figures, suffix, begins):
+    given = series()
+    path = trace_plot(given, tmp_path / f"run{suffix}", dac_limits=LIMITS, events=EVENTS)
+    assert path.read_bytes().startswith(begins)
+    (figure,) = figures
+    error, force, dac, state = figure.axes
+    for label, name in (("gold, true", "tip"), ("gold, as reported", "position")):
+        off = given[f"gold/{name}"] - given["gold/model_position"]
+        np.testing.assert_allclose(lines(error)[label], 1e3 * np.sqrt((off**2).sum(axis=1)))
+    np.testing.assert_allclose(force.lines[0].get_ydata(), given["gold/haptic_force"][:, 2])
+    peaks = np.abs(given["gold/current_cmd"]).max(axis=0)
+    assert set(lines(dac)) == {JOINTS[joint] for joint in np.argsort(peaks)[-3:]} and "shoulder" in lines(dac)
+    np.testing.assert_array_equal(lines(dac)["shoulder"], given["gold/current_cmd"][:, 0])
+    np.testing.assert_array_equal(lines(state)["runlevel"], given["runlevel"])
+    for axes in figure.axes:
+        upright = [line.get_xdata()[0] for line in axes.lines if len(line.get_xdata()) == 2 and line.get_xdata()[0] > 1]
+        assert upright == [1.275, 1.7], "events, s"
+        (window,) = axes.patches
+        assert window.get_x() == 1.2 and window.get_width() == pytest.approx(0.3), "the fault, s"
+    assert next(line.get_ydata()[0] for line in error.lines if len(line.get_ydata()) == 2) == 3.0, "the cue, mm"
 
 
 def test_what_is_absent_is_left_out(tmp_path):

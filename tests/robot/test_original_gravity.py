@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import random
-import sys
-from pathlib import Path
 
 import jax
 import numpy as np
+import oracle_control_software as oracle
 import pytest
 from numpy import float32
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-import oracle_control_software as oracle
 
 from ravenjax.robot import gravity, original_gravity
 from ravenjax.types import Vec

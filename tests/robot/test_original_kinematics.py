@@ -5,15 +5,11 @@ from __future__ import annotations
 import functools
 import math
 import random
-import sys
-from pathlib import Path
 
 import jax
 import numpy as np
-import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import oracle_kinematics as oracle
+import pytest
 
 from ravenjax.engines.cpu import python
 from ravenjax.robot import kinematics, original_kinematics

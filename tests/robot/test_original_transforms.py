@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import random
-import sys
-from pathlib import Path
 
 import jax
 import numpy as np
+import oracle_kinematics as oracle
 import pytest
 from scipy.spatial.transform import Rotation
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-import oracle_kinematics as oracle
 
 from ravenjax.robot import mapping
 from ravenjax.robot import original_transforms as tf

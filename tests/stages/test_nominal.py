@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import jax
@@ -150,11 +151,18 @@ def test_it_tracks_like_the_robot() -> None:
 
 def run(setup: Setup, commands: list[nominal_target.Clean], start=HOME_JPOS, measured=HOME_JPOS, resync=0):
     params = replace(nominal.params(setup, "gold"), resync=np.int32(resync))
-    state = nominal.init(setup, "gold", params, start)
-    step = jax.jit(lambda s, c: nominal.step(setup, "gold", params, s, c, Vec(measured)))
+    begin = nominal.init(setup, "gold", params, start)
+    state = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.result_type(leaf)), begin)
+    step = compiled_step(setup)
     for command in commands:
-        state, out = step(state, command)
+        state, out = step(params, state, command, Vec(map(float, measured)))
     return state, out
+
+
+@functools.cache
+def compiled_step(setup: Setup):
+    """A step of the model, compiled once for all tests of a setup."""
+    return jax.jit(lambda params, state, command, at: nominal.step(setup, "gold", params, state, command, at))
 
 
 def test_it_follows_increments_to_where_they_lead() -> None:

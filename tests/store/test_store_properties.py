@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import shutil
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any
 
+import made_up_rows
 import pytest
+import synthetic_results as synthetic
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-import made_up_rows
-import synthetic_results as synthetic
 
 from ravenjax.store import manifest as manifests
 from ravenjax.store import parts, schema

@@ -11,6 +11,7 @@ import time
 
 import mujoco
 import numpy as np
+import waiting
 
 from ravenjax.robot import arm_model
 from ravenjax.trainer import page
@@ -85,23 +86,20 @@ class FakeSession:
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
 
-    def wait(self, timeout=60.0):
+    def wait(self):
         """Until the page listens; its port."""
-        end = time.monotonic() + timeout
-        while not self.port:
-            assert self.process.is_alive() and time.monotonic() < end, "the page did not come up"
-            time.sleep(0.02)
+        waiting.until(lambda: self.port or not self.process.is_alive())
+        assert self.port, "the page did not come up"
         return self.port
 
-    def heard(self, timeout=5.0, **parts):
+    def heard(self, **parts):
         """The first command so far, or soon, that has these parts."""
-        end = time.monotonic() + timeout
-        while time.monotonic() < end:
-            for command in list(self.commands):
-                if all(command.get(name) == value for name, value in parts.items()):
-                    return command
-            time.sleep(0.01)
-        raise AssertionError(f"no command with {parts}; the last: {self.commands[-3:]}")
+
+        def found():
+            commands = list(self.commands)
+            return next((one for one in commands if all(one.get(name) == value for name, value in parts.items())), None)
+
+        return waiting.until(found, f"no command with {parts}")
 
     def event(self, kind, **more):
         put_json(self.events, {"tick": self.tick, "kind": kind, **more})
@@ -110,7 +108,7 @@ class FakeSession:
         self._stop.set()
         self._thread.join()
         self.process.terminate()
-        self.process.join(10)
+        self.process.join(waiting.DEADLINE_S)
         alive = self.process.is_alive()
         if alive:
             self.process.kill()
@@ -208,6 +206,7 @@ class _Robot:
         self._model = arm_model.scene()
         self._data = mujoco.MjData(self._model)
         self._jpos = {arm: np.array([0.5236, 1.5708, 0.4, 0, 0, 0.7854, 0.7854]) for arm in arms}
+        self._written = dict.fromkeys(arms, ())
 
     def move(self, arm, hand):
         """A millisecond of the hand's speeds."""
@@ -218,6 +217,9 @@ class _Robot:
 
     def write(self, frame, arm, offset):
         jpos = self._jpos[arm]
+        if self._written[arm] == (key := (offset, *jpos)):
+            return  # it stands where the frame has it
+        self._written[arm] = key
         wrong = jpos + np.array([15 * offset, 0, 0, 0, 0, 0, 0])
         tips = []
         for one in (wrong, jpos):

@@ -4,6 +4,8 @@ little-endian, UDP. It shares no code with the package."""
 import socket
 import struct
 
+import waiting
+
 IDENTITY = (0.0, 0.0, 0.0, 1.0)
 STILL = (0, 0, 0)
 
@@ -40,7 +42,7 @@ class Console:
     def __init__(self, address):
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", 0))
-        self.socket.settimeout(2.0)
+        self.socket.settimeout(waiting.DEADLINE_S)
         self.address = address
         self.sequence = 0
 
@@ -63,7 +65,7 @@ class Console:
             while True:
                 self.socket.recv(2048)
         except BlockingIOError:
-            self.socket.settimeout(2.0)
+            self.socket.settimeout(waiting.DEADLINE_S)
 
     def close(self):
         self.socket.close()

@@ -4,11 +4,11 @@ import json
 import random
 import socket
 import struct
-import time
 import zlib
 
 import numpy as np
 import pytest
+import waiting
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -135,21 +135,17 @@ def listener(server, **options):
     for name, value in options.items():
         made.setsockopt(socket.SOL_SOCKET, getattr(socket, name), value)
     made.connect(server.address)
-    made.settimeout(2.0)
+    made.settimeout(waiting.DEADLINE_S)
     before = server.counts["listeners"] + server.counts["turned_away"]
     until(server, lambda: server.counts["listeners"] + server.counts["turned_away"] > before)
     return made
 
 
-def until(server, done, limit=200):
+def until(server, done):
     """Poll until `done`; the orders heard meanwhile."""
     orders = []
-    for _ in range(limit):
-        orders += server.poll()
-        if done():
-            return orders
-        time.sleep(0.005)
-    raise AssertionError("did not happen")
+    waiting.until(lambda: (orders.extend(server.poll()), done())[1], every_s=0.005)
+    return orders
 
 
 def heard(connection, count):
@@ -236,8 +232,8 @@ def test_an_order_may_come_in_pieces(server):
     client = listener(server)
     for piece in (b'{"order"', b': "dis', b'arm"}\n{"or'):
         client.sendall(piece)
-        time.sleep(0.01)
         server.poll()
+    until(server, lambda: server.counts["orders"] > 0)
     assert server.counts["orders"] == 1
     client.close()
 

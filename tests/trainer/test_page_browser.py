@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import shutil
-import time
 
 import pytest
+import waiting
 from fake_session import FakeSession
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
@@ -24,7 +24,6 @@ navigator.getGamepads = () => [window.pad];
 window.squeeze = (buttons, axes) => { window.pad = { connected: true, mapping: "standard", axes,
   buttons: Array.from({ length: 17 }, (_, i) => ({ pressed: (buttons[i] ?? 0) > 0.5, value: buttons[i] ?? 0 })) }; };
 """
-WAIT_MS = 60_000  # of a machine that draws in software and shares its cores
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +55,7 @@ class Visit:
         self.context.add_init_script(GAMEPAD)
         self.asked, self.told = [], []
         self.page = self.context.new_page()
-        self.page.set_default_timeout(WAIT_MS)
+        self.page.set_default_timeout(waiting.DEADLINE_MS)
         self.page.on("request", lambda request: self.asked.append(request.url))
         self.page.on("websocket", lambda socket: self.asked.append(socket.url))
         self.page.on("console", lambda message: self.told.append(message.text) if message.type == "error" else None)
@@ -74,15 +73,17 @@ class Visit:
             assert self.told == []
 
 
-def pressed(session, since, wanted, timeout=20.0):
+def pressed(session, since, wanted):
     """The first input after command number `since` for which `wanted` holds."""
-    end = time.monotonic() + timeout
-    while time.monotonic() < end:
-        for command in session.commands[since:]:
-            if command["type"] == "input" and wanted(command):
-                return command
-        time.sleep(0.01)
-    raise AssertionError(f"no such input; the last: {session.commands[-2:]}")
+    return waiting.until(
+        lambda: next((one for one in session.commands[since:] if one["type"] == "input" and wanted(one)), None),
+        "no such input",
+    )
+
+
+def more(session, since, count=8):
+    """So many commands after number `since`: heartbeats come as long as a page is open."""
+    return waiting.until(lambda: len(session.commands) >= since + count and session.commands[since:])
 
 
 def until(page, expression):
@@ -105,7 +106,8 @@ def test_the_scene_comes_with_everything_in_it_and_asks_nobody_else(chromium, se
         for name in ("closeup", "front"):
             click(page, f"[data-camera={name}]")
         click(page, "[data-layer=ghost]")
-        page.wait_for_timeout(500)
+        shown = page.evaluate("ravenjax.state().frames")
+        until(page, f"ravenjax.state().frames > {shown + 10}")
         assert page.evaluate("getComputedStyle(document.getElementById('rj')).pointerEvents") == "none"
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     browser.close()
@@ -130,8 +132,7 @@ def test_keys_drive_both_arms_and_blur_lets_go(browser, session):
         told = pressed(session, at, lambda one: not one["pedal"])
         assert all(hand["move"] == [0.0, 0.0, 0.0] for hand in told["arms"].values())
         at = len(session.commands)
-        page.wait_for_timeout(300)
-        assert session.commands[at:] and not any(one["pedal"] for one in session.commands[at:])
+        assert not any(one["pedal"] for one in more(session, at))
 
 
 def test_shift_is_slow_and_jaws_have_keys(browser, session):
@@ -178,8 +179,7 @@ def test_a_second_operator_looks_on(browser, session):
         until(second, "document.getElementById('banner').innerText.includes('View only')")
         at = len(session.commands)
         second.keyboard.down("Space")
-        second.wait_for_timeout(300)
-        assert not any(one.get("pedal") for one in session.commands[at:])
+        assert not any(one.get("pedal") for one in more(session, at))  # the first window's heartbeats go on
         assert first.evaluate("ravenjax.state().role") == "operator"
 
 

@@ -8,6 +8,7 @@ import time
 
 import numpy as np
 import pytest
+import waiting
 from fake_session import HEADER, FakeSession
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
@@ -28,14 +29,14 @@ class Window:
 
     def __init__(self, session, role="operator", **headers):
         address = f"ws://127.0.0.1:{session.port}/session?role={role}"
-        self.socket = connect(address, additional_headers=headers, open_timeout=30)
+        self.socket = connect(address, additional_headers=headers, open_timeout=waiting.DEADLINE_S)
         self.welcome = self.text("welcome")
         self.layout, self.first = self.welcome["layout"], 5 * len(self.welcome["arms"])
 
     def say(self, told):
         self.socket.send(told if isinstance(told, str | bytes) else json.dumps(told))
 
-    def text(self, what=None, timeout=20.0, **parts):
+    def text(self, what=None, timeout=waiting.DEADLINE_S, **parts):
         end = time.monotonic() + timeout
         while time.monotonic() < end:
             message = self.socket.recv(timeout=timeout)
@@ -45,13 +46,22 @@ class Window:
                     return told
         raise AssertionError(f"nothing of {what} with {parts}")
 
+    def pong(self):
+        """The answer to a ping, None where it is dropped; ten more messages are given to it."""
+        self.say({"type": "page", "do": "ping", "stamp": 1.5})
+        for _ in range(10):
+            message = self.socket.recv(timeout=waiting.DEADLINE_S)
+            if isinstance(message, str) and (told := json.loads(message)).get("stamp") == 1.5:
+                return told
+        return None
+
     def frame(self):
         while True:
-            message = self.socket.recv(timeout=20)
+            message = self.socket.recv(timeout=waiting.DEADLINE_S)
             if isinstance(message, bytes):
                 return np.frombuffer(message, np.float32)
 
-    def until(self, name, wanted, timeout=20.0):
+    def until(self, name, wanted, timeout=waiting.DEADLINE_S):
         """The first frame in which a channel's number is `wanted` (a predicate)."""
         end = time.monotonic() + timeout
         while time.monotonic() < end:
@@ -68,7 +78,7 @@ class Window:
 
 
 def get(session, path, **headers):
-    connection = http.client.HTTPConnection("127.0.0.1", session.port, timeout=20)
+    connection = http.client.HTTPConnection("127.0.0.1", session.port, timeout=waiting.DEADLINE_S)
     connection.request("GET", path, headers={name.replace("_", "-"): value for name, value in headers.items()})
     answer = connection.getresponse()
     body = answer.read()
@@ -78,7 +88,7 @@ def get(session, path, **headers):
 
 def refused(session, **headers):
     with pytest.raises(InvalidStatus) as error:
-        connect(f"ws://127.0.0.1:{session.port}/session", additional_headers=headers, open_timeout=20)
+        connect(f"ws://127.0.0.1:{session.port}/session", additional_headers=headers, open_timeout=waiting.DEADLINE_S)
     return error.value.response.status_code
 
 
@@ -99,7 +109,9 @@ def test_strangers_stay_outside(session):
     assert refused(session, Origin="http://evil.example") == 403
     for path in ("", "/scene/x", "/session"):  # viser's own socket is behind the door too
         with pytest.raises(InvalidStatus):
-            connect(f"ws://127.0.0.1:{session.port}{path}", origin="http://evil.example", open_timeout=20)
+            connect(
+                f"ws://127.0.0.1:{session.port}{path}", origin="http://evil.example", open_timeout=waiting.DEADLINE_S
+            )
 
 
 def test_an_operator_drives_and_letting_go_releases(session):
@@ -117,10 +129,10 @@ def test_an_operator_drives_and_letting_go_releases(session):
             raise AssertionError("the tip stands still")
         before = len(session.commands)
     released = {"type": "input", "pedal": False, "arms": {}}
-    deadline = time.monotonic() + 10
-    while not any(released.items() <= one.items() for one in session.commands[before:]):
-        assert time.monotonic() < deadline, "a closed window did not let go of the pedal"
-        time.sleep(0.01)
+    waiting.until(
+        lambda: any(released.items() <= one.items() for one in session.commands[before:]),
+        "a closed window did not let go of the pedal",
+    )
 
 
 def test_one_drives_and_the_next_looks_on_until_the_seat_is_free(session):
@@ -145,9 +157,8 @@ def test_what_is_malformed_oversized_or_too_much_is_dropped_and_counted(session)
             window.text("refused")
         for _ in range(2000):
             window.say('{"type": "page", "do": "ping"}')
-        time.sleep(1.2)
-        window.say({"type": "page", "do": "ping", "stamp": 1.5})
-        assert window.text("pong", stamp=1.5)["dropped"] > 4
+        pong = waiting.until(window.pong, "the window is not heard again")
+        assert pong["dropped"] > 4
         # an earlier window may still be letting go of what it held
         assert [one for one in session.commands[before:] if one.get("pedal") or one.get("arms")] == []
         window.say(PRESSED)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import waiting
 from mcap.reader import make_reader
 
 from ravenjax.store.logs import recover, session_file, session_log
@@ -49,17 +50,15 @@ class Session:
         self.process.start()
         self.wait(lambda: (self.folder / session_log.FILE).exists())
 
-    def wait(self, condition, seconds=60.0):
-        until = time.monotonic() + seconds
-        while not condition():
-            assert time.monotonic() < until and self.process.exitcode in (None, 0), "the recorder did not do it"
-            time.sleep(0.005)
+    def wait(self, condition):
+        waiting.until(lambda: condition() or self.process.exitcode not in (None, 0))
+        assert condition(), "the recorder did not do it"
 
     def close(self):
         if self.process.is_alive():
             self.process.kill()
         if self.process.pid:
-            self.process.join(10)
+            self.process.join(waiting.DEADLINE_S)
         self.frames.close()
         self.events.close()
 
@@ -80,7 +79,7 @@ def test_a_session_is_recorded_to_the_last_row(session):
         put_json(session.events, {"tick": session.frames.written, "kind": "target", "target": i})
         time.sleep(0.01)
     put_json(session.events, {"tick": 500, "kind": "end", "reason": "time"})
-    session.process.join(30)
+    session.process.join(waiting.DEADLINE_S)
     assert session.process.exitcode == 0
     found = recording.read(session.folder)
     assert found.complete and found.lost_bytes == 0 and found.header["name"] == "synthetic"
@@ -105,7 +104,7 @@ def test_sigterm_ends_a_recording_cleanly(session):
     session.start()
     session.write(100)
     session.process.terminate()
-    session.process.join(30)
+    session.process.join(waiting.DEADLINE_S)
     assert session.process.exitcode == 0
     found = recording.read(session.folder)
     assert found.complete and len(found.rows) == 100
@@ -120,7 +119,7 @@ def test_rows_that_came_too_fast_are_told_and_leave_a_gap(tmp_path):
         session.start()
         session.write(10)
         session.process.terminate()
-        session.process.join(30)
+        session.process.join(waiting.DEADLINE_S)
         found = recording.read(session.folder)
         first = int(found.numbers[0])
         assert first >= 1000 - 64 and found.numbers[-1] == 1009
@@ -166,13 +165,14 @@ def test_a_kill_at_any_moment_loses_at_most_50_ms(tmp_path, seed):
             metronome = Metronome(session)
             waited = waited_s(session.process)
             metronome.start()
-            time.sleep(0.3 + random.random() * 0.5)
+            moment = 300 + 500 * random.random()  # ms, as the rows count them
+            waiting.until(lambda at=moment, frames=session.frames: frames.written > at, every_s=0.001)
             waited = waited_s(session.process) - waited
             os.kill(session.process.pid, signal.SIGKILL)
             there = session.frames.written
             metronome.stop.set()
             metronome.join()
-            session.process.join(10)
+            session.process.join(waiting.DEADLINE_S)
             assert session.process.exitcode == -signal.SIGKILL
             log = session.folder / session_log.FILE
             told = recover.recover(log)
@@ -186,7 +186,9 @@ def test_a_kill_at_any_moment_loses_at_most_50_ms(tmp_path, seed):
                 counts = seeking.get_summary().statistics.channel_message_counts
                 topics = {one.topic: counts.get(number, 0) for number, one in seeking.get_summary().channels.items()}
                 metadata = {one.name: one.metadata for one in seeking.iter_metadata()}
-            assert topics["/ravenjax/signals"] == len(found.rows) and topics["/arm1/measured_js"] > 20
+            assert topics["/ravenjax/signals"] == len(found.rows) and topics["/arm1/measured_js"] == -(
+                -len(found.rows) // 10
+            )
             assert json.loads(metadata["ravenjax"]["header"])["seed"] == 7
             assert session_file.read(session.folder)["ended"] is None
         finally:

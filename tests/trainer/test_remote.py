@@ -11,6 +11,7 @@ import time
 
 import numpy as np
 import pytest
+import waiting
 from itp_client import datagram
 
 from ravenjax.errors import UserError
@@ -40,7 +41,7 @@ class StandIn:
     def __init__(self, greeting=None, token=None):
         self.udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.udp.bind(("127.0.0.1", 0))
-        self.udp.settimeout(2.0)
+        self.udp.settimeout(waiting.DEADLINE_S)
         self.joints = JointServer(greeting or {"robot": "ravenjax", "arms": ["gold"]}, "127.0.0.1", 0, token)
         self.reporter, self.frame = Reporter(Layout.of(GOLD)), Frame(Layout.of(GOLD))
         self.orders, self.tick = [], 0
@@ -87,12 +88,7 @@ def session(robot):
 
 
 def until(done, act=lambda: None):
-    for _ in range(400):
-        act()
-        if done():
-            return
-        time.sleep(0.005)
-    raise AssertionError("did not happen")
+    waiting.until(lambda: (act(), done())[1], every_s=0.005)
 
 
 def test_packets_go_out_and_the_newest_report_comes_in(robot, session):

@@ -4,6 +4,7 @@ import multiprocessing
 
 import numpy as np
 import pytest
+import waiting
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -63,7 +64,7 @@ def test_another_process_reads_the_same(ring):
     result = context.Queue()
     process = context.Process(target=_sum, args=(ring.name, result))
     process.start()
-    assert result.get(timeout=60) == [0, 1, 2]
+    assert result.get(timeout=waiting.DEADLINE_S) == [0, 1, 2]
     process.join(10)
     put(ring, 3)  # the ring is still there: it is its creator's
     assert ring.written == 4

@@ -2,10 +2,10 @@
 
 import json
 import socket
-import time
 
 import numpy as np
 import pytest
+import waiting
 from itp_books import Books
 from itp_client import Console, datagram
 
@@ -82,7 +82,7 @@ class Rig:
         self.machine = machine
         self.console = Console(self.itp.address)
         self.listener = socket.create_connection(self.joints.address)
-        self.listener.settimeout(2.0)
+        self.listener.settimeout(waiting.DEADLINE_S)
         self.decoder, self.said = Decoder(), []
 
     def tick(self, count=1):
@@ -106,14 +106,14 @@ class Rig:
         """Send an order; the answer."""
         before = sum(isinstance(one, dict) for one in self.said)
         self.listener.sendall(json.dumps(order).encode() + b"\n")
-        for _ in range(100):
+
+        def answer():
             self.tick()
             self.report()
             answers = [one for one in self.said if isinstance(one, dict)]
-            if len(answers) > before + (before == 0):
-                return answers[-1]
-            time.sleep(0.002)
-        raise AssertionError("no answer")
+            return len(answers) > before + (before == 0) and answers[-1]
+
+        return waiting.until(answer, every_s=0.002)
 
     def close(self):
         for one in (self.console, self.listener, self.itp, self.joints):

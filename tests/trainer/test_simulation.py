@@ -197,8 +197,14 @@ def packets(made, count):
     return [jax.tree.map(lambda leaf: leaf[k], many) for k in range(count)]  # noqa: B023
 
 
-def test_every_packet_from_outside_gives_the_same_bits(made):
-    outside, inside = PacketRobot(config()), robot_of(made)
+@pytest.fixture(scope="module")
+def outside():
+    return PacketRobot(config())
+
+
+def test_every_packet_from_outside_gives_the_same_bits(made, outside):
+    outside.reset()
+    inside = robot_of(made)
     for sent in packets(made, 500):
         frame = outside.step(sent)
         inside.step()
@@ -206,8 +212,8 @@ def test_every_packet_from_outside_gives_the_same_bits(made):
     assert frame.number("runlevel") == 3
 
 
-def test_packets_that_do_not_arrive_are_missed_by_the_robot(made):
-    outside = PacketRobot(config())
+def test_packets_that_do_not_arrive_are_missed_by_the_robot(made, outside):
+    outside.reset()
     for k, sent in enumerate(packets(made, 450)):
         frame = outside.step(None if k == 400 else sent)
     found = outside.outcomes()

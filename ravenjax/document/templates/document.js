@@ -8,7 +8,7 @@ const FEW = 4;  // rows from which on it sorts
 
 function element(name, attributes, ...children) {
   const made = document.createElement(name);
-  for (const [key, value] of Object.entries(attributes || {})) made.setAttribute(key, value);
+  for (const [attribute, value] of Object.entries(attributes || {})) made.setAttribute(attribute, value);
   made.append(...children);
   return made;
 }
@@ -22,7 +22,7 @@ function save(text, kind, name) {
 // --- tables
 
 function number(text) {
-  const found = /^[^\p{L}\d−-]*([−-]?[\d,]*\.?\d+)(e[+-]?\d+)?/u.exec(text.trim());
+  const found = /^[^\p{L}\d−-]*?([−-]?[\d,]*\.?\d+)(e[+-]?\d+)?/u.exec(text.trim());
   return found ? Number(found[1].replace("−", "-").replaceAll(",", "") + (found[2] || "")) : NaN;
 }
 
@@ -44,10 +44,10 @@ function told(head) {
 
 function above(table, column) {  // heading over several columns
   const first = table.tHead && table.tHead.rows.length > 1 ? table.tHead.rows[0] : null;
-  let at = 0;
+  let end = 0;
   for (const cell of first ? first.cells : []) {
-    at += cell.colSpan;
-    if (column < at) return cell.textContent.trim();
+    end += cell.colSpan;
+    if (column < end) return cell.textContent.trim();
   }
   return "";
 }
@@ -127,8 +127,8 @@ class Table {
         return sign * (x - y);
       });
     }
-    this.heads.forEach((head, at) => {
-      if (at === column && this.turn !== "none") head.setAttribute("aria-sort", this.turn);
+    this.heads.forEach((head, place) => {
+      if (place === column && this.turn !== "none") head.setAttribute("aria-sort", this.turn);
       else head.removeAttribute("aria-sort");
     });
     this.table.tBodies[0].append(...this.rows);
@@ -196,7 +196,7 @@ function saveDrawing(figure, name) {  // the drawing that is shown, with its leg
   from.forEach((one, place) => {
     const style = getComputedStyle(one);
     if (style.display === "none") to[place].remove();
-    else for (const look of LOOKS) to[place].setAttribute(look, style.getPropertyValue(look));
+    else for (const trait of LOOKS) to[place].setAttribute(trait, style.getPropertyValue(trait));
     to[place].removeAttribute("style");
   });
   const names = [...figure.querySelectorAll(".legend [aria-pressed=true]")];

@@ -174,6 +174,7 @@ def run_rows(ready, kernel, twin, rows):
     return {name: values[: len(rows)] for name, values in found.outcomes.items()}
 
 
+@pytest.mark.slow  # XLA compiles a whole tick for a minute or two
 def test_a_lane_does_not_know_its_neighbours(ready, kernel, twin, result):
     order = [3, 0, 6, 6, 1, 5, 2, 4, 3, 3, 0]
     mixed = run_rows(ready, kernel, twin, order)
@@ -182,6 +183,7 @@ def test_a_lane_does_not_know_its_neighbours(ready, kernel, twin, result):
         same(run_rows(ready, kernel, twin, [row]), {name: values[[row]] for name, values in result.items()})
 
 
+@pytest.mark.slow  # XLA compiles a whole tick for a minute or two
 def test_a_kernel_may_run_in_several_threads(ready, kernel, twin, result):
     orders = [np.roll(np.arange(ready[0].runs), k) for k in range(4)]
     with ThreadPoolExecutor(4) as pool:
@@ -219,6 +221,7 @@ def test_segments_cover_the_run_and_overshoot_little(ticks):
     assert segments <= max(4, 4 * -(-ticks // scan.MAX_SEGMENT)), "few calls"
 
 
+@pytest.mark.slow  # XLA compiles a whole tick for a minute or two
 def test_progress_counts_every_tick_of_every_lane(ready, kernel, twin):
     told = []
     plan_, columns = ready
@@ -226,6 +229,7 @@ def test_progress_counts_every_tick_of_every_lane(ready, kernel, twin):
     assert told == [507 * kernel.lanes, 506 * kernel.lanes]
 
 
+@pytest.mark.slow  # XLA compiles a whole tick for a minute or two
 def test_a_twin_is_what_faulty_runs_are_measured_against(ready, kernel, twin, result):
     plan_, columns = ready
     assert twin.reference.shape == (TICKS, 6, kernel.lanes)
@@ -242,6 +246,7 @@ def test_a_twin_is_what_faulty_runs_are_measured_against(ready, kernel, twin, re
     assert np.sqrt(np.mean(apart**2)) == pytest.approx(result["rms_twin_deviation_mm"][1], rel=1e-4)
 
 
+@pytest.mark.slow  # XLA compiles a whole tick for a minute or two
 def test_only_twins_return_their_series(ready, kernel, twin):
     plan_, columns = ready
     found = kernel.run(Block(*plan_.lanes([1], kernel.lanes), twin.reference), columns)

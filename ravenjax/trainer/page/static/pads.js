@@ -17,11 +17,11 @@ export function build(input) {
       input.pad(arm, held.size ? { ...hand, move: [...hand.move] } : null, holds.checked);
     };
     drag(pad, held, (x, y) => {
-      [hand.move[0], hand.move[2]] = [at(x, REACH), at(y, REACH)];
+      [hand.move[0], hand.move[2]] = [reached(x, REACH), reached(y, REACH)];
       tell();
     });
     drag(lift, held, (_, y) => {
-      hand.move[1] = -at(y, LIFT);
+      hand.move[1] = -reached(y, LIFT);
       tell();
     });
     for (const button of pad.querySelectorAll("[data-grasp]")) {
@@ -39,7 +39,7 @@ export function build(input) {
   press(document.getElementById("pedal"), new Set(), (down) => input.foot(down));
 }
 
-const at = (way, reach) => Math.max(-1, Math.min(1, way / reach));
+export const reached = (way, reach) => Math.max(-1, Math.min(1, way / reach));
 
 function drag(place, held, moved) {
   let from = null;

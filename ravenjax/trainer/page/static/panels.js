@@ -1,7 +1,7 @@
 // What stands on the panel beside the plots: lamps, figures, lists, banners.
 
 const $ = (id) => document.getElementById(id);
-const WORDS = {
+export const WORDS = {
   hazard_armed: (e) => `hazard ${e.number} armed`,
   hazard_struck: (e) => `hazard ${e.number} struck`,
   knowable: (e) => `could be known: ${e.by}`,
@@ -204,4 +204,7 @@ function element(tag, kind, ...parts) {
 }
 
 const time = (tick) => element("time", "", clock(tick));
-const clock = (ms) => `${Math.floor(ms / 60000)}:${String(((ms / 1000) % 60).toFixed(1)).padStart(4, "0")}`;
+export const clock = (ms) => {
+  const tenths = Math.round(ms / 100);
+  return `${Math.floor(tenths / 600)}:${((tenths % 600) / 10).toFixed(1).padStart(4, "0")}`;
+};

@@ -31,7 +31,7 @@ export class Plot {
     const now = this.count ? this.times[(this.count - 1) % MOST] : 0;
     let peak = this.floor;
     for (let k = first; k < this.count; k += 1)
-      if (this.times[k % MOST] > now - SPAN_MS) for (const line of this.values) peak = Math.max(peak, line[k % MOST]);
+      if (this.times[k % MOST] > now - SPAN_MS) for (const values of this.values) peak = Math.max(peak, values[k % MOST]);
     const scale = niced(peak * 1.08);
     const y = (value) => bottom - (value / scale) * (bottom - top);
     const x = (time) => right - ((now - time) / SPAN_MS) * (right - left);
@@ -91,7 +91,7 @@ function line(pen, x0, y0, x1, y1) {
   pen.stroke();
 }
 
-function niced(value) {
+export function niced(value) {
   const ten = 10 ** Math.floor(Math.log10(value));
   return ten * [1, 2, 4, 5, 6, 8, 10].find((step) => step * ten >= value * 0.999);
 }
