@@ -70,11 +70,11 @@ def doctor(
 
 
 def _keeps_time(seconds: float, as_json: bool) -> int:
-    from ravenjax.trainer import realtime_check
+    from ravenjax.trainer.realtime import check
 
-    found = realtime_check.measure(seconds, lambda what: console.err.print(what, highlight=False))
-    loops = Listing("loops", "One tick a millisecond", realtime_check.COLUMNS, [one.row() for one in found])
-    states = realtime_check.verdict(found)
+    found = check.measure(seconds, lambda what: console.err.print(what, highlight=False))
+    loops = Listing("loops", "One tick a millisecond", check.COLUMNS, [one.row() for one in found])
+    states = check.verdict(found)
     if as_json:
         console.emit([loops, Listing("verdict", "", ("state", "sentence"), list(states))], as_json)
     else:

@@ -41,8 +41,8 @@ def train(
     scenario
         Scenario file, or the name of a bundled one (see `ravenjax campaigns`).
     """
-    from ravenjax.trainer import launch
     from ravenjax.trainer import scenario as scenarios
+    from ravenjax.trainer.session import launch
 
     chosen = scenarios.load(scenario, overrides or ())
     options = launch.Options(
@@ -88,16 +88,16 @@ def robot(
     scenario
         Scenario whose robot and hazards it has; `ravenjax train SCENARIO --robot HOST` drives it.
     """
-    from ravenjax.trainer import robot_process
     from ravenjax.trainer import scenario as scenarios
+    from ravenjax.trainer.robot_link import process
 
-    robot_process.run(
+    process.run(
         scenarios.load(scenario, overrides or ()),
         seed,
         host=host,
         itp_port=itp_port,
         joint_port=joint_port,
-        hazards=[robot_process.Strike.parse(text) for text in hazard or ()],
+        hazards=[process.Strike.parse(text) for text in hazard or ()],
         token=token,
         console=console_host,
         seconds=seconds,
@@ -121,9 +121,9 @@ def compare(
     folders
         Session folders, or folders of session folders.
     """
-    from ravenjax.trainer import study
+    from ravenjax.trainer.study import report
 
-    found = study.run(folders, out, by, unblind=unblind, mixed=mixed)
+    found = report.run(folders, out, by, unblind=unblind, mixed=mixed)
     _say(found.text.rstrip())
     _say(f"study: {found.page}")
 
@@ -143,7 +143,7 @@ def assign(
     participants
         Their codes, in the order in which they come.
     """
-    from ravenjax.trainer import assignment
+    from ravenjax.trainer.study import assignment
 
     _say(assignment.as_csv(assignment.assign(participants, groups, seed, block)).rstrip())
 
@@ -173,7 +173,7 @@ def debrief(folder: Path) -> None:
     folder
         Folder of the session, such as results/sessions/dac_burst-20260101-120000.
     """
-    from ravenjax.trainer import debrief as page
+    from ravenjax.trainer.debrief import page
 
     _say(f"debrief: {page.write(folder)}")
 

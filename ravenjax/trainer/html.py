@@ -6,7 +6,7 @@ import functools
 import json
 from typing import Any
 
-from ravenjax.trainer import debrief_words as words
+from ravenjax.trainer.debrief import words
 
 
 def page(template: str, **told: Any) -> str:

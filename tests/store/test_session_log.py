@@ -13,7 +13,7 @@ from ravenjax.robot import arrays
 from ravenjax.store.files import StoreError
 from ravenjax.store.logs import session_file, session_log, session_words
 from ravenjax.store.motion import mcap_file
-from ravenjax.trainer.frame import Layout
+from ravenjax.trainer.session.frame import Layout
 from ravenjax.vocabulary.arms import JOINTS
 
 LAYOUT = Layout.of(("gold", "green"))

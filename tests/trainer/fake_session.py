@@ -15,8 +15,8 @@ import waiting
 
 from ravenjax.robot import arm_model
 from ravenjax.trainer import page
-from ravenjax.trainer.frame import PHASES, VIEWS, Frame, Layout
-from ravenjax.trainer.ring import COMMAND_BYTES, EVENT_BYTES, Ring, put_json, read_json
+from ravenjax.trainer.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring, put_json, read_json
+from ravenjax.trainer.session.frame import PHASES, VIEWS, Frame, Layout
 
 HEADER = {
     "version": 1,

@@ -8,8 +8,8 @@ import dataclasses
 import numpy as np
 
 from ravenjax.store.logs import session_file, session_log
-from ravenjax.trainer.frame import Frame, Layout
-from ravenjax.trainer.hazard_table import Hazard
+from ravenjax.trainer.recording.hazard_table import Hazard
+from ravenjax.trainer.session.frame import Frame, Layout
 
 LIMIT_MM = 8.0
 """[harm] stray_mm of these sessions."""

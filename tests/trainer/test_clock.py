@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from ravenjax.trainer import clock
-from ravenjax.trainer.clock import PERIOD_NS, Clock, Timing
+from ravenjax.trainer.realtime import clock
+from ravenjax.trainer.realtime.clock import PERIOD_NS, Clock, Timing
 
 
 @pytest.fixture

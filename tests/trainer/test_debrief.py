@@ -16,15 +16,11 @@ from hypothesis import strategies as st
 from ravenjax.cli import main
 from ravenjax.store.files import StoreError
 from ravenjax.store.logs import session_log
-from ravenjax.trainer import (
-    debrief,
-    debrief_course,
-    debrief_figures,
-    debrief_words,
-    hazard_events,
-    hazard_table,
-    recording,
-)
+from ravenjax.trainer.debrief import course as debrief_course
+from ravenjax.trainer.debrief import figures as debrief_figures
+from ravenjax.trainer.debrief import page as debrief
+from ravenjax.trainer.debrief import words as debrief_words
+from ravenjax.trainer.recording import hazard_events, hazard_table, reader
 
 MET = synthetic.hazard(0)
 MISSED = synthetic.hazard(1, struck=9000.0, cue=None, known=None, response=None, off=12.0, ok=False)
@@ -199,7 +195,7 @@ def test_the_summary_counts_right_responses_only():
 
 
 def test_curves_meet_the_recording(folder):
-    course = debrief_course.Course(recording.read(folder), 2.5, 8.0)
+    course = debrief_course.Course(reader.read(folder), 2.5, 8.0)
     figure = json.loads(debrief_figures.hazard(course, MET, debrief_words.steps(MET, False)).json)
     off = next(one for one in figure["data"] if one["name"] == "unintended motion of the true tip")
     assert max(off["y"]) == pytest.approx(MET.unintended_mm, rel=1e-3)
@@ -231,7 +227,7 @@ def test_pauses_are_left_out(tmp_path):
     writer = session_log.Writer(tmp_path / session_log.FILE, layout.names(), {})
     writer.add(0, rows)
     writer.close()
-    course = debrief_course.Course(recording.read(tmp_path))
+    course = debrief_course.Course(reader.read(tmp_path))
     np.testing.assert_array_equal(course.ms, np.arange(801))
 
 
@@ -290,7 +286,7 @@ def test_hazards_of_a_killed_session_come_from_its_events(tmp_path):
     writer.close()
     data = (tmp_path / session_log.FILE).read_bytes()
     (tmp_path / session_log.FILE).write_bytes(data[:-40])  # it never came to its end
-    first, second = hazard_events.from_recording(recording.read(tmp_path), header)
+    first, second = hazard_events.from_recording(reader.read(tmp_path), header)
     assert first.after == {"knowable": 35.0, "cue": 90.0, "alarm": 60.0, "response": 430.0}
     assert (first.response, first.response_ok, first.reaction_ms, first.outcome, first.score) == (
         *("release", True, 395.0, "avoided", 82.0),

@@ -5,13 +5,13 @@ import pytest
 
 from ravenjax.campaign.file import loading
 from ravenjax.robot.packet import decode
-from ravenjax.trainer import blueprint
-from ravenjax.trainer.distant import DistantRobot
-from ravenjax.trainer.frame import Layout
-from ravenjax.trainer.joint_decoder import Decoder
-from ravenjax.trainer.joint_record import Reporter
 from ravenjax.trainer.judge.trips import Trips
-from ravenjax.trainer.simulation import PacketRobot, Robot
+from ravenjax.trainer.robot_link.distant import DistantRobot
+from ravenjax.trainer.robot_link.joint_decoder import Decoder
+from ravenjax.trainer.robot_link.joint_record import Reporter
+from ravenjax.trainer.session import blueprint
+from ravenjax.trainer.session.frame import Layout
+from ravenjax.trainer.session.simulation import PacketRobot, Robot
 
 TICKS = 800
 

@@ -13,7 +13,7 @@ from itp_client import IDENTITY, datagram
 
 from ravenjax.robot.packet import Packet
 from ravenjax.stages import network
-from ravenjax.trainer.gate import CAUSES, TAKEN, Gate, Limits
+from ravenjax.trainer.robot_link.packet_filter import CAUSES, TAKEN, Gate, Limits
 from ravenjax.types import Setup, Vec
 
 CONSOLE, OTHER = ("127.0.0.1", 40000), ("127.0.0.1", 40001)

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from ravenjax.robot import mapping, scene
 from ravenjax.stages import operator
-from ravenjax.trainer.hands import FARTHEST_UM, SMOOTHING_MS, Hands
-from ravenjax.trainer.messages import STALE_MS
 from ravenjax.trainer.scenario import Speeds
+from ravenjax.trainer.session.hands import FARTHEST_UM, SMOOTHING_MS, Hands
+from ravenjax.trainer.session.messages import STALE_MS
 from ravenjax.types import Setup, Vec
 
 ARMS = ("gold", "green")

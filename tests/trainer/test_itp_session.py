@@ -7,10 +7,10 @@ from itp_client import STILL, Console, datagram
 
 from ravenjax.robot import kinematics, mapping
 from ravenjax.trainer import scenario
-from ravenjax.trainer.gate import CAUSES
-from ravenjax.trainer.itp import ItpServer
-from ravenjax.trainer.messages import STALE_MS
-from ravenjax.trainer.session import Session
+from ravenjax.trainer.robot_link.itp import ItpServer
+from ravenjax.trainer.robot_link.packet_filter import CAUSES
+from ravenjax.trainer.session.messages import STALE_MS
+from ravenjax.trainer.session.session import Session
 from ravenjax.types import Vec
 
 

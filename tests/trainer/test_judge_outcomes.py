@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from made_frames import made, running
 
 from ravenjax.outcomes import verdict
-from ravenjax.trainer import hazard_events
-from ravenjax.trainer.hazard_table import Hazard
 from ravenjax.trainer.judge import Judge
+from ravenjax.trainer.recording import hazard_events
+from ravenjax.trainer.recording.hazard_table import Hazard
 from ravenjax.vocabulary import checks
 
 TICKS, STRIKE, LOOK = 500, 40, 10

@@ -10,8 +10,10 @@ import pytest
 import ros2_log
 
 from ravenjax.errors import UserError
-from ravenjax.trainer import launch, recording, scenario
-from ravenjax.trainer.launch import Options
+from ravenjax.trainer import scenario
+from ravenjax.trainer.recording import reader
+from ravenjax.trainer.session import launch
+from ravenjax.trainer.session.launch import Options
 
 CHOSEN = scenario.from_dict(
     {
@@ -41,7 +43,7 @@ def test_a_session_leaves_a_folder_that_says_everything(headless):
     with open(headless.folder / "hazards.csv", newline="") as file:
         (row,) = csv.DictReader(file)
     assert row["session"] == "one" and row["group"] == "A" and row["response"] == "release"
-    read = recording.read(headless.folder)
+    read = reader.read(headless.folder)
     assert read.complete and len(read.rows) == 4000 and read["tick"][-1] == 3999
     assert {event["kind"] for event in read.events} >= {"hazard_struck", "cue", "response", "end"}
     assert "<html" in (headless.folder / "debrief.html").read_text()
@@ -65,7 +67,7 @@ def test_the_same_session_again_has_the_same_bits(headless, tmp_path, by):
     if by == "commands":
         said = dataclasses.replace(said, script=str(headless.folder / "commands.jsonl"))
     again = launch.headless(said)
-    np.testing.assert_array_equal(recording.read(again.folder).rows, recording.read(headless.folder).rows)
+    np.testing.assert_array_equal(reader.read(again.folder).rows, reader.read(headless.folder).rows)
     assert (again.folder / "hazards.csv").read_bytes() == (headless.folder / "hazards.csv").read_bytes()
 
 
@@ -73,7 +75,7 @@ def test_the_same_session_again_has_the_same_bits(headless, tmp_path, by):
 def test_against_the_clock_it_is_the_same_session_but_for_the_timing(headless, tmp_path):
     found = launch.realtime(options(tmp_path / "one"), with_page=False, say=lambda _: None)
     assert found.hazards == headless.hazards and found.ended == "time"
-    real, plain = recording.read(found.folder), recording.read(headless.folder)
+    real, plain = reader.read(found.folder), reader.read(headless.folder)
     assert real.complete and len(real.rows) >= len(plain.rows)
     timing = [plain.layout.places[name].start for name in ("compute_us", "lateness_us", "late_ticks")]
     untimed = np.delete(np.arange(plain.layout.size), timing)

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from ravenjax.trainer import loop, scenario
-from ravenjax.trainer.ring import COMMAND_BYTES, EVENT_BYTES, Ring, put_json, read_json
-from ravenjax.trainer.session import Session
+from ravenjax.trainer import scenario
+from ravenjax.trainer.realtime import loop
+from ravenjax.trainer.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring, put_json, read_json
+from ravenjax.trainer.session.session import Session
 
 CHOSEN = scenario.from_dict({"name": "tiny", "duration_s": 1.5, "task": {"kind": "reach", "targets": 50}})
 TIMING = ("compute_us", "lateness_us", "late_ticks")

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ravenjax.trainer import messages
 from ravenjax.trainer.page.inbox import LARGEST, ROLES, Inbox, Refused
+from ravenjax.trainer.session import messages
 
 INBOX = Inbox(("gold", "green"), hazards=3, blinded=False)
 INPUT = {

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ravenjax.trainer.frame import Frame, Layout
 from ravenjax.trainer.page.sight import Sight
+from ravenjax.trainer.session.frame import Frame, Layout
 
 LAYOUT = Layout.of(("gold", "green"))
 HEADER = {

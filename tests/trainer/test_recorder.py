@@ -16,9 +16,9 @@ import waiting
 from mcap.reader import make_reader
 
 from ravenjax.store.logs import recover, session_file, session_log
-from ravenjax.trainer import recorder, recording
-from ravenjax.trainer.frame import Layout
-from ravenjax.trainer.ring import EVENT_BYTES, Ring, put_json
+from ravenjax.trainer.realtime.ring import EVENT_BYTES, Ring, put_json
+from ravenjax.trainer.recording import reader, recorder
+from ravenjax.trainer.session.frame import Layout
 
 LAYOUT = Layout.of(("gold", "green"))
 HEADER = {"arms": ["gold", "green"], "name": "synthetic", "seed": 7, "started": "2026-01-02T03:04:05.678+00:00"}
@@ -81,7 +81,7 @@ def test_a_session_is_recorded_to_the_last_row(session):
     put_json(session.events, {"tick": 500, "kind": "end", "reason": "time"})
     session.process.join(waiting.DEADLINE_S)
     assert session.process.exitcode == 0
-    found = recording.read(session.folder)
+    found = reader.read(session.folder)
     assert found.complete and found.lost_bytes == 0 and found.header["name"] == "synthetic"
     np.testing.assert_array_equal(found.numbers, np.arange(500))
     np.testing.assert_array_equal(found.rows, np.stack([row_of(i) for i in range(500)]))
@@ -106,7 +106,7 @@ def test_sigterm_ends_a_recording_cleanly(session):
     session.process.terminate()
     session.process.join(waiting.DEADLINE_S)
     assert session.process.exitcode == 0
-    found = recording.read(session.folder)
+    found = reader.read(session.folder)
     assert found.complete and len(found.rows) == 100
     with open(session.folder / session_log.FILE, "rb") as file:
         assert make_reader(file).get_summary().statistics.chunk_count >= 1
@@ -120,7 +120,7 @@ def test_rows_that_came_too_fast_are_told_and_leave_a_gap(tmp_path):
         session.write(10)
         session.process.terminate()
         session.process.join(waiting.DEADLINE_S)
-        found = recording.read(session.folder)
+        found = reader.read(session.folder)
         first = int(found.numbers[0])
         assert first >= 1000 - 64 and found.numbers[-1] == 1009
         np.testing.assert_array_equal(found.rows[0], row_of(first))
@@ -176,7 +176,7 @@ def test_a_kill_at_any_moment_loses_at_most_50_ms(tmp_path, seed):
             assert session.process.exitcode == -signal.SIGKILL
             log = session.folder / session_log.FILE
             told = recover.recover(log)
-            found = recording.read(session.folder)
+            found = reader.read(session.folder)
             assert found.complete and not session_log.read(log).complete
             np.testing.assert_array_equal(found.numbers, np.arange(len(found.rows)))
             np.testing.assert_array_equal(found.rows, np.stack([row_of(i) for i in range(len(found.rows))]))

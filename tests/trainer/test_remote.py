@@ -15,14 +15,16 @@ import waiting
 from itp_client import datagram
 
 from ravenjax.errors import UserError
-from ravenjax.trainer import remote, robot_process, scenario
-from ravenjax.trainer.distant import DistantRobot
-from ravenjax.trainer.frame import Frame, Layout
-from ravenjax.trainer.joint_record import Reporter
-from ravenjax.trainer.joint_stream import JointServer
-from ravenjax.trainer.messages import STALE_MS
-from ravenjax.trainer.remote import RemoteRobot
-from ravenjax.trainer.session import Session
+from ravenjax.trainer import scenario
+from ravenjax.trainer.robot_link import process as robot_process
+from ravenjax.trainer.robot_link import remote
+from ravenjax.trainer.robot_link.distant import DistantRobot
+from ravenjax.trainer.robot_link.joint_record import Reporter
+from ravenjax.trainer.robot_link.joint_stream import JointServer
+from ravenjax.trainer.robot_link.remote import RemoteRobot
+from ravenjax.trainer.session.frame import Frame, Layout
+from ravenjax.trainer.session.messages import STALE_MS
+from ravenjax.trainer.session.session import Session
 
 GOLD = ("gold",)
 

@@ -8,7 +8,7 @@ import waiting
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ravenjax.trainer.ring import EVENT_BYTES, Ring, put_json, read_json
+from ravenjax.trainer.realtime.ring import EVENT_BYTES, Ring, put_json, read_json
 
 
 @pytest.fixture

@@ -11,17 +11,18 @@ from itp_client import Console, datagram
 
 from ravenjax.errors import UserError
 from ravenjax.robot import kinematics, mapping
-from ravenjax.trainer import robot_process, scenario
-from ravenjax.trainer.clock import Timing
-from ravenjax.trainer.frame import Frame, Layout
-from ravenjax.trainer.gate import CAUSES, TAKEN
-from ravenjax.trainer.itp import ItpServer
-from ravenjax.trainer.joint_decoder import Decoder
-from ravenjax.trainer.joint_record import JointReport
-from ravenjax.trainer.joint_stream import JointServer
-from ravenjax.trainer.robot_process import Counters, Strike
-from ravenjax.trainer.simulation import PacketRobot
-from ravenjax.trainer.station import Station
+from ravenjax.trainer import scenario
+from ravenjax.trainer.realtime.clock import Timing
+from ravenjax.trainer.robot_link import process
+from ravenjax.trainer.robot_link.itp import ItpServer
+from ravenjax.trainer.robot_link.joint_decoder import Decoder
+from ravenjax.trainer.robot_link.joint_record import JointReport
+from ravenjax.trainer.robot_link.joint_stream import JointServer
+from ravenjax.trainer.robot_link.packet_filter import CAUSES, TAKEN
+from ravenjax.trainer.robot_link.process import Counters, Strike
+from ravenjax.trainer.robot_link.station import Station
+from ravenjax.trainer.session.frame import Frame, Layout
+from ravenjax.trainer.session.simulation import PacketRobot
 from ravenjax.types import Vec
 
 BOTH = ("gold", "green")
@@ -213,14 +214,14 @@ def test_hazards_by_schedule(rig):
     rig.machine.arm = lambda row: seen.append((rig.station.ticks, "arm", row))
     rig.machine.disarm = lambda: seen.append((rig.station.ticks, "disarm"))
     strikes = [Strike(1, 5), Strike(0, 2), Strike(2, 20)]
-    orders = robot_process.due(strikes, {0: 30, 1: 10, 2: 100})
-    timing = robot_process.serve(rig.station, orders, seconds=0.04)
+    orders = process.due(strikes, {0: 30, 1: 10, 2: 100})
+    timing = process.serve(rig.station, orders, seconds=0.04)
     assert seen == [(2, "arm", 0), (5, "arm", 1), (15, "disarm"), (20, "arm", 2)], "hazard 0 gave way to hazard 1"
     assert timing.ticks == rig.station.ticks == 40
 
 
 def test_ends_when_told(rig):
-    timing = robot_process.serve(rig.station, stopped=lambda: rig.station.ticks == 7)
+    timing = process.serve(rig.station, stopped=lambda: rig.station.ticks == 7)
     assert timing.ticks == 7
 
 
@@ -232,9 +233,9 @@ def test_strikes_as_words():
 
 
 def test_who_listens_to_the_world_is_told():
-    assert robot_process.exposed("127.0.0.1", None, None) == robot_process.exposed("localhost", None, None) == []
-    assert len(robot_process.exposed("0.0.0.0", None, None)) == 2
-    assert robot_process.exposed("0.0.0.0", "secret", "10.0.0.7") == []
+    assert process.exposed("127.0.0.1", None, None) == process.exposed("localhost", None, None) == []
+    assert len(process.exposed("0.0.0.0", None, None)) == 2
+    assert process.exposed("0.0.0.0", "secret", "10.0.0.7") == []
 
 
 def test_counters_in_words():

@@ -10,11 +10,12 @@ import pytest
 from made_frames import TIPS, made, put, running
 
 from ravenjax.errors import UserError
-from ravenjax.trainer import scenario, scripts, tasks
-from ravenjax.trainer.frame import PHASES
-from ravenjax.trainer.hands import Hands
-from ravenjax.trainer.scripts import INPUT_EVERY_MS, Follower, Recorded, Recording
-from ravenjax.trainer.session import Session
+from ravenjax.trainer import scenario, tasks
+from ravenjax.trainer.session import scripts
+from ravenjax.trainer.session.frame import PHASES
+from ravenjax.trainer.session.hands import Hands
+from ravenjax.trainer.session.scripts import INPUT_EVERY_MS, Follower, Recorded, Recording
+from ravenjax.trainer.session.session import Session
 
 
 def follower(**keys):

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from ravenjax.trainer import scenario, scripts
-from ravenjax.trainer.session import Session
-from ravenjax.trainer.simulation import Robot
+from ravenjax.trainer import scenario
+from ravenjax.trainer.session import scripts
+from ravenjax.trainer.session.session import Session
+from ravenjax.trainer.session.simulation import Robot
 
 CHOSEN = scenario.from_dict(
     {

@@ -13,10 +13,10 @@ from ravenjax.loop import tick
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.robot.motion import columns
 from ravenjax.stages.operator import lookup, packet
-from ravenjax.trainer import blueprint
-from ravenjax.trainer.frame import Frame
 from ravenjax.trainer.judge import Judge
-from ravenjax.trainer.simulation import PacketRobot, Robot
+from ravenjax.trainer.session import blueprint
+from ravenjax.trainer.session.frame import Frame
+from ravenjax.trainer.session.simulation import PacketRobot, Robot
 
 TICKS, START = 900, 600
 FAULTS = {

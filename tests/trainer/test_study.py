@@ -17,7 +17,8 @@ from plotly import graph_objects
 
 from ravenjax.errors import UserError
 from ravenjax.stats import risk
-from ravenjax.trainer import study, study_compare, study_table
+from ravenjax.trainer.study import comparison, report
+from ravenjax.trainer.study import table as study_table
 
 PEOPLE = [f"P{i:02d}" for i in range(12)]
 
@@ -45,7 +46,7 @@ def missed(number, off=12.0):
 def made(base, both=False, blinded=False, people=PEOPLE):
     """Sessions of three hazards: with the cue 300 ms faster, 3 mm nearer, and none missed."""
     random = np.random.default_rng(4)
-    for one in study.assign(people, ["cue", "control"], seed=3):
+    for one in report.assign(people, ["cue", "control"], seed=3):
         skill = random.normal(0, 40)
         for group in ("cue", "control") if both else (one.group,):
             hazards = []
@@ -62,18 +63,18 @@ def made(base, both=False, blinded=False, people=PEOPLE):
 
 
 def test_assignment_is_balanced_in_every_block_and_the_same_again():
-    got = study.assign(PEOPLE, ["a", "b", "c"], seed=11)
-    assert got == study.assign(PEOPLE, ["a", "b", "c"], seed=11) != study.assign(PEOPLE, ["a", "b", "c"], seed=12)
+    got = report.assign(PEOPLE, ["a", "b", "c"], seed=11)
+    assert got == report.assign(PEOPLE, ["a", "b", "c"], seed=11) != report.assign(PEOPLE, ["a", "b", "c"], seed=12)
     for block in (0, 1):
         names = [one.group for one in got if one.block == block]
         assert sorted(names) == ["a", "a", "b", "b", "c", "c"]
-    longer = study.assign([*PEOPLE, "late"], ["a", "b", "c"], seed=11)
+    longer = report.assign([*PEOPLE, "late"], ["a", "b", "c"], seed=11)
     assert longer[:12] == got and longer[12].block == 2
     assert [one.participant for one in got] == PEOPLE
 
 
 def test_every_order_of_a_block_is_as_likely():
-    orders = [tuple(one.group for one in study.assign("wxyz", ["a", "b"], seed)) for seed in range(3000)]
+    orders = [tuple(one.group for one in report.assign("wxyz", ["a", "b"], seed)) for seed in range(3000)]
     counts = np.array([orders.count(order) for order in set(orders)])
     assert len(counts) == math.comb(4, 2)
     assert ((counts - 500) ** 2 / 500).sum() < 20.5  # chi-squared, 5 degrees of freedom, p 0.001
@@ -89,7 +90,7 @@ def test_every_order_of_a_block_is_as_likely():
 )
 def test_assignments_that_cannot_be_are_refused(people, groups, block, told):
     with pytest.raises(UserError, match=told):
-        study.assign(people, groups, 0, block)
+        report.assign(people, groups, 0, block)
 
 
 # --- collection ---
@@ -143,7 +144,7 @@ def test_unfinished_sessions_and_hazards_that_never_struck_are_left_out_and_told
 
 
 def test_groups_of_different_participants_are_compared(tmp_path):
-    result = study.run([made(tmp_path / "in")], tmp_path / "out")
+    result = report.run([made(tmp_path / "in")], tmp_path / "out")
     right, time, off, depth = result.comparisons
     assert not right.paired and right.first.label == "control" and right.second.label == "cue"
     assert (right.first.rate.k, right.first.rate.n, right.second.rate.k) == (12, 18, 18)
@@ -155,9 +156,9 @@ def test_groups_of_different_participants_are_compared(tmp_path):
     assert time.g.value < -1 and time.delta.value == -1
     smallest = 2 / math.comb(12, 6)  # every participant of one group before every one of the other
     assert time.p == pytest.approx(smallest) and time.adjusted >= time.p
-    assert result.text == (tmp_path / "out" / study.TEXT).read_text(encoding="utf-8")
+    assert result.text == (tmp_path / "out" / report.TEXT).read_text(encoding="utf-8")
     assert "better with cue than with control" in result.text
-    page = (tmp_path / "out" / study.PAGE).read_text(encoding="utf-8")
+    page = (tmp_path / "out" / report.PAGE).read_text(encoding="utf-8")
     assert '<meta charset="utf-8">' in page and "https://" not in page.split("<body>")[1].split("<script")[0]
     drawn = re.findall(r'<script type="application/json" id="(?!csv)([\w-]+)">(.*?)</script>', page, re.S)
     assert [name for name, _ in drawn] == [
@@ -170,14 +171,14 @@ def test_groups_of_different_participants_are_compared(tmp_path):
     ]
     for _, figure in drawn:
         graph_objects.Figure(json.loads(figure))  # ValueError for what plotly does not know
-    rows = list(csv.DictReader((tmp_path / "out" / study.TABLE).open(encoding="utf-8")))
+    rows = list(csv.DictReader((tmp_path / "out" / report.TABLE).open(encoding="utf-8")))
     assert len(rows) == 36 and {row["compared"] for row in rows} == {"cue", "control"}
 
 
 def test_participants_of_both_conditions_are_compared_with_themselves(tmp_path):
     made(tmp_path, both=True)
     session(tmp_path, "P99", "cue", [met(0, 100.0)])  # did one condition only
-    found = study_compare.compare(study_table.collect([tmp_path]))
+    found = comparison.compare(study_table.collect([tmp_path]))
     right, time = found[:2]
     assert right.paired and right.left_out == 1 and right.first.participants == right.second.participants == 12
     own = np.array(time.second.points) - np.array(time.first.points)
@@ -189,7 +190,7 @@ def test_one_hazard_a_participant_is_the_usual_risk_difference(tmp_path):
     for i in range(8):
         session(tmp_path, f"A{i}", "cue", [met(0, 500.0) if i else missed(0)])
         session(tmp_path, f"B{i}", "control", [met(0, 500.0) if i < 3 else missed(0)])
-    right, time = study_compare.compare(study_table.collect([tmp_path]))[:2]
+    right, time = comparison.compare(study_table.collect([tmp_path]))[:2]
     assert right.difference == pytest.approx(risk.compare(7, 8, 3, 8).difference)
     assert math.isnan(right.icc) and math.isinf(time.first.median) and time.median.undefined > 0
 
@@ -199,7 +200,7 @@ def test_to_carry_on_has_no_time(tmp_path):
     for i in range(3):
         session(tmp_path, f"A{i}", "cue", [met(0, 400.0 + i), carried])
         session(tmp_path, f"B{i}", "control", [met(0, 800.0 + i), carried])
-    right, time = study_compare.compare(study_table.collect([tmp_path]))[:2]
+    right, time = comparison.compare(study_table.collect([tmp_path]))[:2]
     assert right.first.hazards == 6 and time.first.hazards == 3 and right.second.rate.k == 6
 
 
@@ -216,7 +217,7 @@ def test_without_an_effect_little_is_called_clear(tmp_path):
             header = {"name": f"{i}", "participant": f"{i}", "group": name}
             sessions.append(study_table.Session(tmp_path, header, hazards))
         labels = {"control": "control", "cue": "cue"}
-        found = study_compare.compare(study_table.Study(sessions, "group", labels, False, [], []))
+        found = comparison.compare(study_table.Study(sessions, "group", labels, False, [], []))
         clear += any(one.clear for one in found)
     assert clear / runs <= 0.05 + 2.3 * math.sqrt(0.05 * 0.95 / runs)
 
@@ -226,7 +227,7 @@ def test_without_an_effect_little_is_called_clear(tmp_path):
 
 def test_a_blinded_study_shows_letters_until_it_is_unblinded(tmp_path):
     base = made(tmp_path / "in", blinded=True)
-    blind = study.run([base], tmp_path / "blind")
+    blind = report.run([base], tmp_path / "blind")
     assert {one.first.label for one in blind.comparisons} == {"A"}
     shown = csv.DictReader(io.StringIO(blind.table.read_text(encoding="utf-8")))
     rows = list(shown)
@@ -235,9 +236,9 @@ def test_a_blinded_study_shows_letters_until_it_is_unblinded(tmp_path):
     } == {"A", "B"}
     page = blind.page.read_text(encoding="utf-8").split("</style>")[1].split("<body>")[1]
     assert "control" not in page and "P00-cue" not in page and "control" not in blind.text
-    again = study.run([base], tmp_path / "again")
+    again = report.run([base], tmp_path / "again")
     assert again.text == blind.text
-    open_ = study.run([base], tmp_path / "open", unblind=True)
+    open_ = report.run([base], tmp_path / "open", unblind=True)
     assert {one.first.label for one in open_.comparisons} == {"control"}
     sizes = [[abs(one.difference.value) for one in run.comparisons] for run in (blind, open_)]
     assert sizes[0] == pytest.approx(sizes[1])

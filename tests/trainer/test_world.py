@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ravenjax.robot import mapping, scene
-from ravenjax.trainer import world
-from ravenjax.trainer.messages import VIEW
+from ravenjax.trainer.session import world
+from ravenjax.trainer.session.messages import VIEW
 from ravenjax.types import Vec
 
 

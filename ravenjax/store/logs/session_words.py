@@ -1,4 +1,4 @@
-"""Events of a training session in words, for the log of its recording. Kinds: `ravenjax.trainer.messages`."""
+"""Events of a training session in words, for the log of its recording. Kinds: `ravenjax.trainer.session.messages`."""
 
 from __future__ import annotations
 

@@ -15,11 +15,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ravenjax.outcomes import verdict
-from ravenjax.trainer.frame import Frame
 from ravenjax.trainer.judge.episode import COLUMNS, KNOWN_MM, PEAKS, Episode
 from ravenjax.trainer.judge.pace import Pace
 from ravenjax.trainer.judge.trips import Trips
 from ravenjax.trainer.scenario import Armable, Scenario
+from ravenjax.trainer.session.frame import Frame
 
 Event = dict[str, Any]
 

@@ -17,12 +17,12 @@ import numpy as np
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
-from ravenjax.trainer import messages
-from ravenjax.trainer.frame import PHASES, VIEWS, Layout
 from ravenjax.trainer.page.door import query
 from ravenjax.trainer.page.inbox import Inbox, Refused
 from ravenjax.trainer.page.sight import Sight
-from ravenjax.trainer.ring import Ring, put_json
+from ravenjax.trainer.realtime.ring import Ring, put_json
+from ravenjax.trainer.session import messages
+from ravenjax.trainer.session.frame import PHASES, VIEWS, Layout
 
 MOST_PER_S = 400  # messages of one window; a gamepad at 144 Hz with all keys stays below
 KEPT_EVENTS = 1000

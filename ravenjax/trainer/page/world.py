@@ -15,9 +15,9 @@ import numpy as np
 import viser
 
 from ravenjax.robot import arm_model, scene
-from ravenjax.trainer.frame import VIEWS, Frame
 from ravenjax.trainer.page import body_meshes, task_shapes
 from ravenjax.trainer.page.trails import Trails
+from ravenjax.trainer.session.frame import VIEWS, Frame
 from ravenjax.vocabulary.arms import ARMS, ArmName
 
 LAYERS = ("robot", "ghost", "virtual", "trails", "force", "task")

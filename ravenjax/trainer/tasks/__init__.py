@@ -10,12 +10,12 @@ from collections.abc import Mapping
 
 from ravenjax.trainer.scenario import Scenario
 from ravenjax.trainer.scenario.config import Path, PegTransfer, Reach
+from ravenjax.trainer.session.world import Point, to_world
 from ravenjax.trainer.tasks.base import Task, Wish
 from ravenjax.trainer.tasks.free import FreeTask
 from ravenjax.trainer.tasks.path import PathTask
 from ravenjax.trainer.tasks.pegs import PegTask
 from ravenjax.trainer.tasks.reach import ReachTask
-from ravenjax.trainer.world import Point, to_world
 from ravenjax.vocabulary.arms import ArmName
 
 __all__ = ["Task", "Wish", "make"]

@@ -7,8 +7,8 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from ravenjax.trainer.frame import Frame
-from ravenjax.trainer.world import Point, to_world
+from ravenjax.trainer.session.frame import Frame
+from ravenjax.trainer.session.world import Point, to_world
 from ravenjax.vocabulary.arms import ArmName
 
 Event = dict[str, Any]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ravenjax.trainer.frame import Frame
+from ravenjax.trainer.session.frame import Frame
+from ravenjax.trainer.session.world import Point
 from ravenjax.trainer.tasks.base import Event, Task
-from ravenjax.trainer.world import Point
 from ravenjax.vocabulary.arms import ArmName
 
 

@@ -6,10 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ravenjax.trainer.frame import Frame
 from ravenjax.trainer.scenario.config import Path
+from ravenjax.trainer.session.frame import Frame
+from ravenjax.trainer.session.world import Point, surface
 from ravenjax.trainer.tasks.base import Event, Task, Wish, rounded
-from ravenjax.trainer.world import Point, surface
 from ravenjax.vocabulary.arms import ArmName
 
 POINTS = 200

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.trainer.frame import Frame
 from ravenjax.trainer.scenario.config import PegTransfer
+from ravenjax.trainer.session.frame import Frame
+from ravenjax.trainer.session.world import Point, surface
 from ravenjax.trainer.tasks.base import Event, Task, Wish, rounded
-from ravenjax.trainer.world import Point, surface
 from ravenjax.vocabulary.arms import ArmName
 
 CLOSED_RAD, OPEN_RAD = 0.8, 1.1

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.trainer.frame import Frame
 from ravenjax.trainer.scenario.config import Reach
+from ravenjax.trainer.session.frame import Frame
+from ravenjax.trainer.session.world import Point, surface
 from ravenjax.trainer.tasks.base import Event, Task, Wish, rounded
-from ravenjax.trainer.world import Point, surface
 from ravenjax.vocabulary.arms import ArmName
 
 LEAST_WAY_M = 0.005

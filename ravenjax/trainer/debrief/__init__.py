@@ -1,0 +1,1 @@
+"""The debrief of a session: a page, its figures and its words."""

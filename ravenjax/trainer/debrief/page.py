@@ -1,0 +1,153 @@
+"""The debrief of a session: a self-contained HTML page made from session.json, hazards.csv and the recording."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+from pathlib import Path
+from typing import Any
+
+from ravenjax.outcomes import definitions
+from ravenjax.outcomes.events import Rules
+from ravenjax.store.files import StoreError, write_aside
+from ravenjax.store.logs import session_file
+from ravenjax.trainer import html
+from ravenjax.trainer.debrief import figures, words
+from ravenjax.trainer.debrief.course import Course
+from ravenjax.trainer.recording import hazard_events, hazard_table, reader
+
+FILE = "debrief.html"
+
+
+def write(folder: Path) -> Path:
+    """Write debrief.html into a session's folder from session.json, hazards.csv and the recording; return its path.
+
+    What is missing or cut short is said on the page. StoreError where the folder holds no session.
+    """
+    folder = Path(folder)
+    text = render(folder)
+    path = folder / FILE
+    write_aside(path, lambda target: target.write_bytes(text.encode()))
+    return path
+
+
+def render(folder: Path) -> str:
+    """The page as text."""
+    header = session_file.read(folder)
+    found, told = _recording(folder)
+    told["table"] = (folder / hazard_table.FILE).exists()
+    hazards = hazard_table.read(folder)
+    if not told["table"] and found is not None:
+        hazards = hazard_events.from_recording(found, header)
+    threshold_mm, limit_mm = header.get("cue_threshold_mm"), words.harm_mm(header)
+    blinded = bool(header.get("blinded"))
+    course = None
+    if found is not None and len(found.rows) > 1:
+        course = Course(found, threshold_mm, limit_mm, blinded)
+    numbers = words.summary(hazards)
+    summary = header.get("summary") or {}
+    begin, rest = words.headline(hazards, numbers, told["table"] or found is not None)
+    return html.page(
+        "debrief.html.j2",
+        header=header,
+        scenario=_scenario(header),
+        blinded=blinded,
+        cue_on=bool(header.get("cue")),
+        begin=begin,
+        rest=rest,
+        numbers=numbers,
+        hazards=[_told(one, course, blinded) for one in hazards],
+        hazards_csv=_csv(hazards, blinded),
+        overview=figures.overview(course, hazards) if course else None,
+        timing=figures.loop(course) if course else None,
+        quality=_quality(summary),
+        task=_task(summary, course),
+        caveats=words.caveats(header, told),
+        events=[one for one in told.get("events", []) if not blinded or one["kind"] != "cue"],
+        marks=figures.MARKS,
+        limit_mm=limit_mm,
+        depth_mm=words.harm_mm(header, "depth_mm"),
+        definitions=_definitions(threshold_mm, limit_mm, blinded),
+    )
+
+
+def _recording(folder: Path) -> tuple[reader.Recording | None, dict[str, Any]]:
+    """The recording, and what is to be said of it."""
+    path = reader.find(folder)
+    if path is None:
+        return None, {"missing": True}
+    try:
+        found = reader.read(path)
+    except StoreError as error:
+        return None, {"broken": str(error)}
+    return found, {
+        "complete": found.complete,
+        "lost_bytes": found.lost_bytes,
+        "lost_rows": int(found.numbers[-1] + 1 - len(found.numbers)) if len(found.numbers) else 0,
+        "events": found.events,
+    }
+
+
+def _told(one: hazard_table.Hazard, course: Course | None, blinded: bool) -> dict[str, Any]:
+    steps = words.steps(one, blinded) if one.struck_ms is not None else []
+    return {
+        "row": one,
+        "steps": [step for step in steps if step.after_ms is not None],
+        "never": [step for step in steps if step.after_ms is None],
+        "sentence": words.sentence(one, blinded),
+        "figure": figures.hazard(course, one, steps) if course else None,
+    }
+
+
+def _definitions(threshold_mm: float | None, limit_mm: float | None, blinded: bool) -> list[definitions.Definition]:
+    """The words of outcomes with the session's own numbers; none where it does not name them."""
+    if threshold_mm is None or limit_mm is None:
+        return []
+    rows = definitions.rows(Rules(threshold_mm=threshold_mm, limit_mm=limit_mm))
+    return [one for one in rows if one.word != "evades" and not (blinded and one.kind == "cue")]
+
+
+def _scenario(header: dict[str, Any]) -> dict[str, str]:
+    """Name and title of the scenario; a session's header holds it resolved, as a table or a name."""
+    found = header.get("scenario") or {}
+    if not isinstance(found, dict):
+        found = {"name": str(found)}
+    name = str(found.get("name") or header.get("name") or "session")
+    return {"name": name, "title": str(found.get("title") or name), "text": str(found.get("description") or "")}
+
+
+def _quality(summary: dict[str, Any]) -> dict[str, Any]:
+    """Timing of the loop as one flat table, from whoever measured it; empty where nobody did."""
+    timing = summary.get("timing") or {}
+    recorded = summary.get("recording") or {}
+    out: dict[str, Any] = {}
+    for what in ("compute", "lateness"):
+        for level in ("p50", "p99", "p99_9"):
+            value = timing.get(f"{what}_{level}_us", (recorded.get(f"{what}_us") or {}).get(level))
+            if value is not None:
+                out[f"{what}_{level}"] = float(value)
+    for name in ("late_ticks", "ticks", "lost_rows", "rows", "skipped_ms"):
+        value = timing.get(name, recorded.get(name))
+        if value is not None:
+            out[name] = int(value)
+    return out
+
+
+def _task(summary: dict[str, Any], course: Course | None) -> dict[str, Any]:
+    """How far the task came, and what else the session says of it."""
+    found = dict(summary.get("task") or {})
+    if course is not None:
+        found.setdefault("progress", float(course.channel("progress")[-1]))
+    return {name: value for name, value in found.items() if isinstance(value, int | float | str)}
+
+
+def _csv(hazards: list[hazard_table.Hazard], blinded: bool) -> str:
+    """The table as it stands in the folder; without group and cue where the session is blinded."""
+    hidden = ("group", "cue", "cue_ms") if blinded else ()
+    out = io.StringIO()
+    names = [one.name for one in dataclasses.fields(hazard_table.Hazard) if one.name not in hidden]
+    writer = csv.DictWriter(out, names, extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(dataclasses.asdict(one) for one in hazards)
+    return out.getvalue() if hazards else ""

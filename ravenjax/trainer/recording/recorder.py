@@ -1,0 +1,140 @@
+"""The recorder: a process of its own that takes what a session writes into its rings and puts it into files.
+
+Nobody waits for it. Where it could not keep up, rows that were overwritten before it came are counted, told in the
+recording (event "lost_rows") and leave a gap. It ends at the event "end", at SIGTERM, or when its parent is gone, and
+always closes the file, unless it is killed: then all but the last `POLL_S` and a block are there (`store.recover`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import signal
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ravenjax.store.logs import session_file, session_log
+from ravenjax.trainer.realtime.ring import Ring, read_json
+
+POLL_S = 0.015
+"""s between looks at the rings: what a kill loses at most is this, one block and the scheduler's delay."""
+BLOCK = 128
+"""Rows of a block at most, so that one that has fallen behind loses little more."""
+LINGER_S = 0.5
+"""s after "end" in which a last row may still come."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the recorder needs; goes to it by pickling."""
+
+    frames: str  # name of the ring of rows
+    events: str  # name of the ring of events
+    names: tuple[str, ...]  # of a row's numbers, `frame.Layout.names()`
+    folder: Path
+    header: Mapping[str, Any]  # session.json without "version", "started", "ended"
+
+
+def run(options: Options) -> None:
+    """Record until the session ends. The target of a spawned process; session.mcap is there once it listens.
+
+    Raises StoreError where the folder cannot be written, ValueError where the ring's rows have another length.
+    """
+    stop = _Stop()
+    header = {"started": now(), **options.header, "ended": None}
+    session_file.write(options.folder, header)
+    with contextlib.ExitStack() as stack:
+        frames, told = Ring.attach(options.frames), Ring.attach(options.events)
+        stack.callback(frames.close)
+        stack.callback(told.close)
+        if frames.row_bytes != 4 * len(options.names):
+            raise ValueError(f"rows have {frames.row_bytes} bytes, expected {4 * len(options.names)} for their names")
+        log = session_log.Writer(options.folder / session_log.FILE, options.names, header)
+        stack.callback(log.close)
+        tally = _record(frames, told, log, list(options.names), stop)
+    session_file.update(options.folder, {"ended": now(), "summary": {"recording": tally.summary()}})
+
+
+def now() -> str:
+    """UTC, ISO 8601 to the millisecond."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+def _record(frames: Ring, told: Ring, log: session_log.Writer, names: list[str], stop: _Stop) -> _Tally:
+    tally = _Tally(names)
+    row = event = 0
+    while True:
+        leaving = stop.now()  # asked before the look, so that what came before it is taken
+        first_event, rows_of_events = told.read(event)
+        first, raw = frames.read(row, BLOCK)
+        found = list(read_json(rows_of_events))
+        if lost := first - row:
+            found.append({"kind": "lost_rows", "tick": row, "rows": lost})
+        if lost_events := first_event - event:
+            found.append({"kind": "lost_events", "tick": row, "events": lost_events})
+        row, event = first + len(raw), first_event + len(rows_of_events)
+        if len(raw) or found:
+            rows = raw.view(np.float32)
+            log.add(first, rows, found)
+            tally.add(rows, lost, len(found))
+        if any(one["kind"] == "end" for one in found):
+            stop.after(LINGER_S)
+        behind = frames.written - row
+        if leaving and not behind:
+            return tally
+        if behind < BLOCK:
+            time.sleep(POLL_S)
+
+
+class _Stop:
+    """Whether to leave: asked by SIGTERM, left alone by the parent, or some time after the session's end."""
+
+    def __init__(self) -> None:
+        self._at = float("inf")
+        signal.signal(signal.SIGTERM, lambda *_: self.after(0.0))
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process; the session ends first
+        self._parent = multiprocessing.parent_process()
+
+    def after(self, seconds: float) -> None:
+        self._at = min(self._at, time.monotonic() + seconds)
+
+    def now(self) -> bool:
+        if self._parent is not None and not self._parent.is_alive():
+            self.after(0.0)
+        return time.monotonic() >= self._at
+
+
+class _Tally:
+    """What session.json says of the recording."""
+
+    def __init__(self, names: list[str]) -> None:
+        self._places = [names.index(name) for name in ("compute_us", "lateness_us")]
+        self._late = names.index("late_ticks")
+        self._times: list[np.ndarray] = []
+        self._rows = self._lost = self._events = self._late_ticks = 0
+
+    def add(self, rows: np.ndarray, lost: int, events: int) -> None:
+        self._rows, self._lost, self._events = self._rows + len(rows), self._lost + lost, self._events + events
+        if len(rows):
+            self._times.append(rows[:, self._places])
+            self._late_ticks = int(rows[-1, self._late])
+
+    def summary(self) -> dict[str, Any]:
+        out: dict[str, Any] = {
+            "rows": self._rows,
+            "seconds": round(self._rows * 1e-3, 3),
+            "lost_rows": self._lost,
+            "events": self._events,
+            "late_ticks": self._late_ticks,
+        }
+        if self._times:
+            levels = np.percentile(np.concatenate(self._times), [50, 99, 99.9], axis=0).round(1)
+            for i, name in enumerate(("compute_us", "lateness_us")):
+                out[name] = dict(zip(("p50", "p99", "p99_9"), levels[:, i].tolist(), strict=True))
+        return out

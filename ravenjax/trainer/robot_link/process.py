@@ -1,0 +1,178 @@
+"""`ravenjax robot`: control software and virtual robot as a process of their own, which any ITP console can drive.
+
+    console  -- ITP, UDP --> gate --> one packet a tick --> control software, virtual robot
+             <-- force ----                                      |
+    listeners <-- joint state, TCP -------------------------------
+              --- orders -->  arm, disarm, estop, reset
+
+Faults strike in here, where no console sees them. A console that falls silent is the robot's to notice:
+its own time-out (5 s) lifts the pedal, as on the real one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import hashlib
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from ravenjax.errors import UserError, shown
+from ravenjax.robot.packet import UDP_PORT
+from ravenjax.trainer import scenario
+from ravenjax.trainer.realtime.clock import Clock, Timing, no_collection, realtime
+from ravenjax.trainer.realtime.interruption import until_interrupted
+from ravenjax.trainer.robot_link.itp import LOOPBACK, ItpServer
+from ravenjax.trainer.robot_link.joint_stream import JOINT_PORT, JointServer
+from ravenjax.trainer.robot_link.packet_filter import Limits
+from ravenjax.trainer.robot_link.station import Station
+from ravenjax.trainer.scenario import Armable, Scenario
+from ravenjax.trainer.session.simulation import PacketRobot
+
+
+@dataclasses.dataclass
+class Counters:
+    """What a process did."""
+
+    timing: Timing
+    itp: dict[str, int]
+    joints: dict[str, int]
+
+    def lines(self) -> list[str]:
+        """For the terminal, without what did not happen."""
+        timing = self.timing
+        loop = (
+            f"{timing.ticks} ticks, {timing.late} late, {timing.skipped} ms skipped; compute p50 "
+            f"{timing.percentile('compute', 0.5):g} us, p99 {timing.percentile('compute', 0.99):g} us"
+        )
+        return [
+            f"loop: {loop}",
+            *(
+                f"{name}: {', '.join(f'{key} {n}' for key, n in counts.items() if n) or 'nothing'}"
+                for name, counts in (("console", self.itp), ("joint stream", self.joints))
+            ),
+        ]
+
+
+@dataclasses.dataclass(frozen=True)
+class Strike:
+    """A hazard that the process arms by itself."""
+
+    number: int  # of the session's list
+    at_ms: int  # since the process began
+
+    @staticmethod
+    def parse(text: str) -> Strike:
+        """NUMBER@MS. UserError."""
+        number, _, at = text.partition("@")
+        try:
+            made = Strike(int(number), int(at))
+        except ValueError:
+            made = Strike(-1, -1)
+        if made.number < 0 or made.at_ms < 0:
+            raise UserError(f"hazard is {shown(text)}, expected NUMBER@MS, such as 0@5000: hazard 0 after 5 s")
+        return made
+
+
+def run(
+    chosen: Scenario,
+    seed: int | None = None,
+    *,
+    host: str = LOOPBACK,
+    itp_port: int = UDP_PORT,
+    joint_port: int = JOINT_PORT,
+    hazards: Sequence[Strike] = (),
+    token: str | None = None,
+    console: str | None = None,
+    seconds: float | None = None,
+    say: Callable[[str], None] = print,
+) -> Counters:
+    """Run the robot of a scenario until Ctrl-C, SIGTERM, or for so many seconds.
+
+    seed: draws the scenario's hazards; its own if None. host: address to listen on, loopback unless told otherwise.
+    token: what orders from other machines must carry; None: they are refused. console: the only host that may drive.
+    UserError where a port cannot be had or a hazard is not there.
+    """
+    drawn = chosen.seed if seed is None else seed
+    robot = PacketRobot(scenario.campaign(chosen, drawn))
+    table = robot.blueprint.plan.table
+    armables = scenario.armable(chosen, table)
+    for strike in hazards:
+        if strike.number >= len(armables):
+            known = f"it has 0..{len(armables) - 1}" if armables else "it has none"
+            raise UserError(f"hazard {strike.number} is not in scenario {chosen.name!r}: {known}")
+    greeting = {
+        "robot": "ravenjax",
+        "arms": list(robot.arms),
+        "scenario": chosen.name,
+        "seed": drawn,
+        "hazards": digest(armables),
+    }
+    with contextlib.ExitStack() as stack:
+        itp = ItpServer(robot.arms, host, itp_port, Limits(console=console))
+        stack.callback(itp.close)
+        joints = JointServer(greeting, host, joint_port, token)
+        stack.callback(joints.close)
+        station = Station(robot, itp, joints, len(armables), len(table) - 1)
+        stop = stack.enter_context(until_interrupted())
+        for one in armables:
+            say(f"hazard {one.number}: {one.title} ({one.hazard})")
+        lasting = {one.number: one.lasts_ms for one in armables}
+        with realtime(min) as granted:
+            # Locking the memory can take seconds: the ports are told after it, and who reads them is served at once.
+            say(f"realtime: {granted}")
+            for warning in exposed(host, token, console):
+                say(warning)
+            say("console: ITP over UDP {}:{}".format(*itp.address))
+            say("joint state: TCP {}:{}".format(*joints.address))
+            timing = serve(station, due(hazards, lasting), seconds, lambda: bool(stop))
+        counters = Counters(timing, itp.counters(), joints.counts)
+    for line in counters.lines():
+        say(line)
+    return counters
+
+
+def serve(
+    station: Station,
+    orders: Sequence[tuple[int, dict[str, Any]]] = (),
+    seconds: float | None = None,
+    stopped: Callable[[], bool] = lambda: False,
+) -> Timing:
+    """Tick `station` against the clock. orders: (tick, order), in the order of their ticks."""
+    waiting = list(orders)
+    end = float("inf") if seconds is None else seconds * 1000.0
+    with no_collection():
+        clock = Clock()
+        while station.ticks < end and not stopped():
+            clock.wait()
+            while waiting and waiting[0][0] <= station.ticks:
+                content = waiting.pop(0)[1]
+                if (
+                    content.get("order") != "disarm" or station.armed == content["number"]
+                ):  # another may be at work by now
+                    station.obey(content)
+            station.tick()
+            clock.done()
+    return clock.timing
+
+
+def due(strikes: Sequence[Strike], lasting: dict[int, int]) -> list[tuple[int, dict[str, Any]]]:
+    """The orders of these strikes: each hazard is armed, and disarmed after as many ms as it is left at work."""
+    orders = []
+    for strike in strikes:
+        orders.append((strike.at_ms, {"order": "arm", "number": strike.number}))
+        orders.append((strike.at_ms + lasting[strike.number], {"order": "disarm", "number": strike.number}))
+    return sorted(orders, key=lambda order: order[0])
+
+
+def exposed(host: str, token: str | None, console: str | None) -> list[str]:
+    """What the user should know who listens on more than this machine."""
+    if host == "localhost" or host.startswith("127."):
+        return []
+    words = [] if console else [f"whoever reaches {host} can drive this robot; --console-host ADDRESS lets one in only"]
+    return words if token else [*words, "orders from other machines are refused; --token TOKEN allows them"]
+
+
+def digest(hazards: Sequence[Armable]) -> str:
+    """Of a session's list of hazards: alike where scenario, seed and version are, so that numbers mean the same."""
+    return hashlib.sha256(" ".join(one.run_id for one in hazards).encode()).hexdigest()[:16]

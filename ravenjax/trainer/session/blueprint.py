@@ -1,0 +1,164 @@
+"""What a session compiles: a campaign's tick that also fills a frame, and the fault table whose rows can be armed.
+
+Every hazard that can strike in a session is one row of a campaign's fault table, so that it is checked, named and
+replayed like any other; the last row is that of the E-stop button. One fault slot more than the table needs is kept
+for the button.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from ravenjax.campaign import compile_cache, plan
+from ravenjax.campaign.faults import table
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.plan import Plan
+from ravenjax.engines import traced
+from ravenjax.engines.cpu.stepper import StepCode
+from ravenjax.errors import UserError
+from ravenjax.loop import connections, tick
+from ravenjax.outcomes.verdict import LIMIT_MM
+from ravenjax.robot.algebra import minus
+from ravenjax.robot.packet import silence
+from ravenjax.stages import monitor
+from ravenjax.stages.faults.fault import Fault, Faults
+from ravenjax.trainer.session.frame import Layout
+from ravenjax.types import Scalar, Setup, Vec, as_int, replace
+
+SPARE_MS = 60_000
+"""Rows of the motion beyond the session's length, for ticks after its end and for packets sent again."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Blueprint:
+    """A compiled session; robots are made from it."""
+
+    plan: Plan
+    layout: Layout
+    code: StepCode
+    inputs: Any  # varied parameters and faults as the robot begins with: none
+    fault_slots: int  # of a row; the buttons' slot comes after them
+    packets: bool  # packets come from a console outside, not from the motion
+
+    @property
+    def setup(self) -> Setup:
+        """What picks code."""
+        return self.plan.program.setup
+
+
+def make(config: CampaignConfig, packets: bool = False, limit_mm: float = LIMIT_MM) -> Blueprint:
+    """Compile what `config` describes; its duration is the session's.
+
+    packets: packets come from outside, one at most a tick; UserError where a hazard needs the console's older packets.
+    limit_mm: of hazards, for the observer alone. It is not the campaign's, so that run ids, and with them the random
+    numbers of faults, are the same whatever a scenario takes for harm.
+    """
+    ready = plan.make(config)
+    slots = ready.program.setup.injection.slots
+    if packets:
+        _require_strikable(ready)
+    setup = replace(ready.program.setup, injection=replace(ready.program.setup.injection, slots=slots + 1))
+    params = ready.program.params
+    params = replace(params, monitor=replace(params.monitor, limit=limit_mm / 1e3))
+    program = dataclasses.replace(ready.program, setup=setup, params=params)
+    ready = dataclasses.replace(ready, program=program)
+    layout = Layout.of(setup.arms)
+    own = [values[-1] for values in ready.varied.values()]  # those of the last row, the button's: no hazard's
+    inputs = own, Faults(tuple(_empty() for _ in range(slots + 1)))
+    entering = [np.float32(0.0)] * tick.series_length(setup), np.bool_(False), silence(setup) if packets else None
+    columns = len(ready.columns)
+    length = 1 if packets else config.campaign.ticks + SPARE_MS
+
+    def begin(inputs: Any) -> tick.State:
+        return tick.init(setup, traced.params(program, inputs[0]))
+
+    def step(
+        inputs: Any, state: tick.State, now: Scalar, entering: Any, motion: Any
+    ) -> tuple[tick.State, list[Scalar]]:
+        series, apart, packet = entering
+        signal = tick.Input(now, motion, tick.reference_from(setup, series), packet, apart)
+        params = traced.params(program, inputs[0])
+        new, signals = tick.tick(setup, params, inputs[1], state, signal)
+        frame = _frame(setup, params, now, new, signals, signal)
+        return new, [jnp.float32(x) for x in (*frame, *tick.reference_series(setup, signals))]
+
+    def finish(inputs: Any, state: tick.State) -> dict[str, Scalar]:
+        return tick.outcomes(setup, traced.params(program, inputs[0]), state)
+
+    compile_cache.enable()
+    tables = (length,) * columns
+    code = StepCode(begin, step, finish, inputs, entering, tables, compile_cache.objects())
+    return Blueprint(ready, layout, code, inputs, slots, packets)
+
+
+def _frame(
+    setup: Setup, params: tick.Params, now: Scalar, state: tick.State, out: tick.Signals, signal: tick.Input
+) -> list[Scalar]:
+    """The numbers of `frame.SIMULATED`, then of `frame.SIMULATED_ARM` for each arm."""
+    struck = jnp.bool_(False)
+    for active in out.fault_active:
+        struck = struck | active
+    software, seen = out.control, state.monitor
+    pulls = jnp.bool_(False)
+    for cue in out.haptics:
+        pulls = pulls | (cue.force[0] > 0.0)
+    live = tick.live(software, state.control)
+    numbers = [now, software.runlevel, software.surgeon_mode, software.soft_estopped, as_int(live)]
+    numbers += [out.plc.runlevel, out.plc.brakes]
+    trips = jnp.int32(0)
+    for one in tick.checks(state).values():
+        trips = trips + one.count
+    numbers += [software.last_seq, as_int(struck), trips, out.tip_distance * 1e3]
+    numbers += [seen.halted, seen.halted, as_int(pulls)]  # `simulation` puts the golden run's in place of the last two
+    golden = tick.reference(setup, signal, out.tip, software)
+    positions = connections.measured(setup, software)
+    for i, measured in enumerate(software.arms):
+        cue, position = out.haptics[i], positions[i]
+        numbers += [*measured.jpos, *measured.jpos_d, *measured.mpos, *measured.mvel]
+        numbers += [*out.plant[i].jpos, *out.nominal[i].jpos]
+        numbers += [*out.tip[i], *out.nominal[i].tip_position, *(jnp.float32(x) * 1e-6 for x in position)]
+        numbers += [cue.distance * 1e3, *(x * cue.force[0] for x in cue.direction), *measured.current_cmd_written]
+        off = monitor.distances(params.monitor, seen.arms[i], out.nominal[i].tip_position, position, golden.pos[i])
+        numbers += [out.depth[i] * 1e3, *hazard_distances(live, off)]
+        numbers += [_distance(Vec(jnp.float32(x) for x in position), golden.pos[i]) * 1e-3]
+    return numbers
+
+
+def hazard_distances(live: Scalar, off: monitor.Distances) -> list[Scalar]:
+    """unintended_mm, unintended_off_mm, loss_mm and false_report_mm of a frame."""
+    while_live = jnp.where(live, 1e3, 0.0)
+    return [
+        off.unintended * while_live,
+        off.unintended_off * (1e3 - while_live),
+        off.loss * while_live,
+        off.false_report * while_live,
+    ]
+
+
+def _distance(a: Vec, b: Vec) -> Scalar:
+    x, y, z = minus(a, b)
+    return jnp.sqrt(x * x + y * y + z * z)
+
+
+def _empty() -> Fault:
+    zeros = {name: np.zeros((), dtype) for name, dtype in table.ARRAYS.items()}
+    return Fault(**(zeros | {"period": np.ones((), np.int32)}))
+
+
+OLDER_PACKETS: dict[str, Sequence[str]] = {"console": (), "hand": (), "network": ("lost",)}
+"""Sites that change what the console sends, and which of their channels need no packet but the newest."""
+
+
+def _require_strikable(ready: Plan) -> None:
+    for use in ready.program.setup.injection.sites:
+        for _, channel in use.channels:
+            if use.site in OLDER_PACKETS and channel not in OLDER_PACKETS[use.site]:
+                raise UserError(
+                    f"a hazard strikes site {use.site!r}, channel {channel!r}: the console's side of the network, "
+                    "which is another process here. Leave it out of the robot's scenario, or train without --robot."
+                )

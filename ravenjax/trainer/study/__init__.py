@@ -1,0 +1,1 @@
+"""Studies with participants: assignment, comparison of groups, page."""

@@ -1,0 +1,191 @@
+"""Compares the groups of a study: rates, times and sizes with effect sizes, intervals and adjusted p-values.
+
+Participants are what was randomised, and hazards of one participant are not independent: every interval and p-value
+counts participants. Where most of them did both conditions, each is compared with itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ravenjax.stats import clustered, effect_size, multiplicity
+from ravenjax.stats.intervals import Estimate, Rate, wilson
+from ravenjax.stats.latency import Incidence, LogRank, incidence, log_rank
+from ravenjax.stats.resample import Band
+from ravenjax.trainer.recording.hazard_table import Hazard
+from ravenjax.trainer.study.table import Study
+
+_NONE = Estimate(math.nan, math.nan, math.nan)
+
+
+class Outcome(NamedTuple):
+    """What is compared of each hazard."""
+
+    key: str
+    name: str
+    unit: str
+    better: int  # 1: more is better, -1: less
+    value: Callable[[Hazard], float | None]
+
+
+def _time(hazard: Hazard) -> float | None:
+    """None where the right response was to carry on: there is none to wait for."""
+    return None if hazard.right_response == "continue" else hazard.after.get("response", math.inf)
+
+
+RIGHT = Outcome("right", "right response", "", 1, lambda one: float(one.response_ok))
+TIME = Outcome("time", "time to a response", "ms", -1, _time)
+SIZES = (
+    Outcome("unintended", "largest unintended motion", "mm", -1, lambda one: one.farthest_mm),
+    Outcome(
+        "depth",
+        "deepest in the tissue",
+        "mm",
+        -1,
+        lambda one: None if one.deepest_mm is None else max(0.0, one.deepest_mm),
+    ),
+)
+OUTCOMES = (RIGHT, TIME, *SIZES)
+
+
+class Group(NamedTuple):
+    """One side of a comparison, of one outcome."""
+
+    label: str
+    participants: int
+    hazards: int
+    rate: Rate | None  # of right responses
+    mean: float  # of participants' means
+    median: float  # of hazards; of a time inf where half had no response
+    curve: Incidence | None  # of a time
+    points: list[float]  # participants' means
+
+
+class Comparison(NamedTuple):
+    """One outcome, `second` against the reference `first`: differences are second - first."""
+
+    outcome: Outcome
+    first: Group
+    second: Group
+    paired: bool
+    difference: Estimate  # of rates (fraction), of means (unit)
+    median: Band | None  # difference of medians, participants resampled
+    g: Estimate  # standardised difference of participants' means
+    delta: Estimate  # Cliff's, of participants' means
+    icc: float  # likeness of hazards of one participant, NaN where each met one
+    log_rank: LogRank | None  # of a time, hazards taken as independent
+    p: float  # by exchanging conditions between, or within, participants
+    adjusted: float  # by Holm over all outcomes and pairs of groups
+    clear: bool  # adjusted p below 1 - confidence
+    left_out: int  # participants whose conditions do not fit the design
+
+
+def compare(study: Study, confidence: float = 0.95, seed: int = 0) -> list[Comparison]:
+    """Every outcome, each group against the reference: the first of `study.labels`."""
+    labels = list(study.labels.values())
+    horizon = horizon_ms(study)
+    found = [
+        _compared(study, outcome, labels[0], label, horizon, confidence, seed)
+        for label in labels[1:]
+        for outcome in OUTCOMES
+    ]
+    findings = multiplicity.holm({str(i): one.p for i, one in enumerate(found)}, confidence)
+    return [
+        one._replace(adjusted=findings[str(i)].adjusted, clear=findings[str(i)].rejected) for i, one in enumerate(found)
+    ]
+
+
+def horizon_ms(study: Study) -> float:
+    """Until when every hazard was watched for a response, ms after its strike; later ones count as none.
+
+    The shortest time for a response that a hazard of the scenario gives; the longest response seen where none tells.
+    """
+    given = [
+        session.watched_ms[hazard.number] for session, _, hazard in study.rows() if hazard.number in session.watched_ms
+    ]
+    seen = [hazard.after["response"] for _, _, hazard in study.rows() if "response" in hazard.after]
+    return min(given) if given else max(seen, default=1000.0)
+
+
+def _compared(
+    study: Study, outcome: Outcome, first: str, second: str, horizon: float, confidence: float, seed: int
+) -> Comparison:
+    sides = [_clusters(study, outcome, label, horizon) for label in (first, second)]
+    both = sides[0].keys() & sides[1].keys()
+    everyone = sides[0].keys() | sides[1].keys()
+    is_paired = 2 * len(both) > len(everyone)
+    kept = [sorted(both)] * 2 if is_paired else [sorted(side.keys() - both) for side in sides]
+    left_out = len(everyone - set(kept[0]) - set(kept[1]))
+    one, two = ([side[name] for name in names] for side, names in zip(sides, kept, strict=True))
+    means = [[np.minimum(cluster, horizon) if outcome is TIME else cluster for cluster in side] for side in (one, two)]
+    if outcome is RIGHT:
+        risk = clustered.paired_risk_difference if is_paired else clustered.risk_difference
+        difference = risk(two, one, confidence)
+    else:
+        difference = clustered.mean_difference(means[1], means[0], confidence, is_paired=is_paired)
+    points = [clustered.means(side) for side in means]
+    enough = min(map(len, points)) > 1
+    standard = effect_size.paired_g if is_paired else effect_size.hedges_g
+    dominance = effect_size.paired_dominance if is_paired else effect_size.cliffs_delta
+    return Comparison(
+        outcome,
+        first=_group(first, one, outcome, horizon),
+        second=_group(second, two, outcome, horizon),
+        paired=is_paired,
+        difference=difference,
+        median=None if outcome is RIGHT else _medians(one, two, confidence, is_paired, seed),
+        g=standard(points[1], points[0], confidence) if enough else _NONE,
+        delta=dominance(points[1], points[0], confidence) if enough else _NONE,
+        icc=clustered.correlation(*means).icc,
+        log_rank=_log_rank(one, two, horizon) if outcome is TIME else None,
+        p=clustered.permutation_p(means[1], means[0], is_paired=is_paired, seed=seed) if enough else math.nan,
+        adjusted=math.nan,
+        clear=False,
+        left_out=left_out,
+    )
+
+
+def _clusters(study: Study, outcome: Outcome, label: str, horizon: float) -> dict[str, np.ndarray]:
+    """Values of each participant's hazards; a response after the horizon counts as none (infinite)."""
+    out: dict[str, list[float]] = {}
+    for session, group, hazard in study.rows():
+        value = outcome.value(hazard) if group == label else None
+        if value is not None:
+            late = outcome is TIME and value > horizon
+            out.setdefault(session.participant, []).append(math.inf if late else value)
+    return {name: np.array(values) for name, values in out.items()}
+
+
+def _group(label: str, clusters: list[np.ndarray], outcome: Outcome, horizon: float) -> Group:
+    values = np.concatenate(clusters) if clusters else np.zeros(0)
+    limited = [np.minimum(cluster, horizon) if outcome is TIME else cluster for cluster in clusters]
+    points = clustered.means(limited).tolist()
+    return Group(
+        label,
+        len(clusters),
+        len(values),
+        wilson(int(values.sum()), len(values)) if outcome is RIGHT else None,
+        float(np.mean(points)) if points else math.nan,
+        _median(values) if len(values) else math.nan,
+        incidence(np.minimum(values, horizon), np.isfinite(values)) if outcome is TIME else None,
+        points,
+    )
+
+
+def _median(values: np.ndarray) -> float:
+    """The least value that half of the values do not exceed; infinite where half never came."""
+    return float(np.sort(values)[(len(values) - 1) // 2])
+
+
+def _medians(one: list[np.ndarray], two: list[np.ndarray], confidence: float, is_paired: bool, seed: int) -> Band:
+    return clustered.bootstrap_difference(two, one, _median, confidence, is_paired=is_paired, seed=seed)
+
+
+def _log_rank(one: list[np.ndarray], two: list[np.ndarray], horizon: float) -> LogRank:
+    values = [np.concatenate(side) if side else np.zeros(0) for side in (one, two)]
+    first, second = ((np.minimum(side, horizon), np.isfinite(side)) for side in values)
+    return log_rank(*first, *second)

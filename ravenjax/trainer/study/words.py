@@ -1,0 +1,153 @@
+"""A study's comparisons in words and numbers."""
+
+from __future__ import annotations
+
+import math
+
+from ravenjax.stats.intervals import Estimate, Rate
+from ravenjax.trainer.study.comparison import RIGHT, TIME, Comparison, Group
+from ravenjax.trainer.study.table import Study
+
+DASH = "–"
+_FEW = 20  # clusters below which a bootstrap is too narrow
+
+
+def number(value: float, digits: int = 1) -> str:
+    """-3.14159 -> −3.1; a dash for what is not finite."""
+    if not math.isfinite(value):
+        return DASH
+    text = f"{value:.{digits}f}"
+    return (text.lstrip("-") if float(text) == 0 else text).replace("-", "−")
+
+
+def signed(value: float, digits: int = 1) -> str:
+    """3.14 -> +3.1."""
+    text = number(value, digits)
+    return f"+{text}" if math.isfinite(value) and float(f"{value:.{digits}f}") > 0 else text
+
+
+def estimate(value: Estimate, digits: int = 2, scale: float = 1.0) -> str:
+    """−0.84 (−1.5 to −0.2); without bounds where none is known."""
+    middle = signed(scale * value.value, digits)
+    if not (math.isfinite(value.low) and math.isfinite(value.high)):
+        return middle if middle == DASH else f"{middle} (no interval)"
+    return f"{middle} ({signed(scale * value.low, digits)} to {signed(scale * value.high, digits)})"
+
+
+def rate(value: Rate) -> str:
+    """80 % (8 of 10)."""
+    return f"{100 * value.value:.0f} % ({value.k} of {value.n})" if value.n else DASH
+
+
+def p_value(value: float) -> str:
+    """0.0123 -> 0.012; < 0.001."""
+    return DASH if math.isnan(value) else "< 0.001" if value < 0.001 else f"{value:.3f}"
+
+
+def level(one: Comparison, group: Group) -> str:
+    """What a group reached: a rate, or the mean and median."""
+    if group.rate is not None:
+        return rate(group.rate)
+    if one.outcome is TIME:
+        middle = "not reached" if math.isinf(group.median) else f"{number(group.median, 0)} ms"
+        return f"median {middle}"
+    return f"mean {number(group.mean)} {one.outcome.unit}"
+
+
+def difference(one: Comparison) -> str:
+    """The main difference with its interval, second minus first."""
+    if one.outcome is RIGHT:
+        return f"{estimate(one.difference, 0, 100)} points"
+    return f"{estimate(one.difference, 0 if one.outcome is TIME else 1)} {one.outcome.unit}"
+
+
+def sentence(one: Comparison) -> str:
+    """One outcome in a sentence."""
+    sides = f"{one.second.label}: {level(one, one.second)}; {one.first.label}: {level(one, one.first)}"
+    return f"{one.outcome.name[:1].upper()}{one.outcome.name[1:]}: {sides}. {_verdict(one)}"
+
+
+def _verdict(one: Comparison) -> str:
+    if math.isnan(one.p):
+        return "Too few participants to compare."
+    told = f"difference {difference(one)}, p {_equals(p_value(one.p))}, adjusted {_equals(p_value(one.adjusted))}"
+    if not one.clear:
+        return f"No clear difference ({told})."
+    return f"{one.second.label} did {'better' if _sign(one) > 0 else 'worse'} ({told})."
+
+
+def _equals(text: str) -> str:
+    return text if text.startswith("<") else f"= {text}"
+
+
+def headline(found: list[Comparison]) -> tuple[str, str]:
+    """What the study says: the emphasised beginning and the rest."""
+    clear = [one for one in found if one.clear]
+    untested = all(math.isnan(one.p) for one in found)
+    if untested:
+        return "Too few participants", " to compare: each group needs at least two."
+    if not clear:
+        return "No clear difference", f" between the groups in any of {len(found)} comparisons."
+    parts = []
+    for label in dict.fromkeys(one.second.label for one in clear):
+        for word, sign in (("better", 1), ("worse", -1)):
+            mine = [one for one in clear if one.second.label == label and _sign(one) == sign]
+            if mine:
+                parts.append(
+                    f"{_listed([one.outcome.name for one in mine])} {word} with {label} than with {mine[0].first.label}"
+                )
+    are = "comparison is" if len(clear) == 1 else "comparisons are"
+    return f"{len(clear)} of {len(found)} {are} clear", ": " + "; ".join(parts) + "."
+
+
+def _sign(one: Comparison) -> int:
+    """1 where the group did better than the reference, -1 where worse."""
+    return 1 if one.difference.value * one.outcome.better > 0 else -1
+
+
+def _listed(names: list[str]) -> str:
+    """a, b and c."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def caveats(study: Study, found: list[Comparison]) -> list[str]:
+    """What a reader must know before believing it."""
+    out = list(study.notes)
+    if study.blinded:
+        out.append("Blinded: groups have letters. Unblind once the analysis is settled.")
+    for label in dict.fromkeys(one.second.label for one in found):
+        mine = [one for one in found if one.second.label == label]
+        people = min(one.first.participants + (0 if one.paired else one.second.participants) for one in mine)
+        if people < _FEW:
+            out.append(
+                f"{people} participants: intervals of medians, which resample participants, are too narrow with fewer "
+                f"than some {_FEW}; the others allow for it."
+            )
+        lost = max(one.left_out for one in mine)
+        if lost:
+            does = "did only one condition" if mine[0].paired else "did both conditions, unlike most"
+            out.append(f"{lost} participants {does} and are left out of the comparison.")
+    unnamed = sum(not one.header.get("participant") for one in study.sessions)
+    if unnamed:
+        out.append(f"{unnamed} sessions name no participant; each is taken as a participant of its own.")
+    out += [f"Left out: {one}." for one in study.left_out]
+    return list(dict.fromkeys(out))
+
+
+def text(study: Study, found: list[Comparison], horizon: float) -> str:
+    """The whole result as a few plain lines."""
+    begin, rest = headline(found)
+    hazards = len(study.rows())
+    people = len({one.participant for one in study.sessions})
+    lines = [
+        f"Study of {study.scenario or 'sessions'}: "
+        f"{people} participants, {len(study.sessions)} sessions, {hazards} hazards",
+        f"{begin}{rest}",
+        "",
+        *(sentence(one) for one in found),
+        "",
+        f"Responses count for {horizon / 1000:g} s. Intervals are of 95 %; participants are counted, not hazards; "
+        "p by exchanging conditions, adjusted by Holm.",
+        *caveats(study, found),
+    ]
+    return "\n".join(lines) + "\n"
