@@ -69,7 +69,7 @@ def test_a_second_run_compiles_nothing(replayer, monkeypatch):
 def test_another_campaign_of_the_same_form_traces_and_compiles_nothing(monkeypatch):
     """Other seed, other values of the faults, other numbers of runs in a chunk: the same code, found again."""
     rj.run(CONFIG, engine="simd")
-    for step in ("traced.trace", "jit.compile"):
+    for step in ("traced.trace", "cpu.jit.compile"):
         monkeypatch.setattr(f"ravenjax.engines.{step}", None)
     heard = []
 

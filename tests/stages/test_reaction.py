@@ -9,6 +9,7 @@ import pytest
 
 from ravenjax.stages import reaction
 from ravenjax.types import REFERENCE, Setup, Vec, replace
+from ravenjax.vocabulary.reactions import ACTIONS
 
 SETUP = Setup(precision=REFERENCE, reacts=True)
 
@@ -20,7 +21,7 @@ def x64():
 
 
 def params(action, **changes):
-    return replace(reaction.params(SETUP), action=jnp.int32(reaction.ACTIONS[action]), **changes)
+    return replace(reaction.params(SETUP), action=jnp.int32(ACTIONS.index(action)), **changes)
 
 
 def felt(force, tick, tip=(0.0, 0.0, 0.0), model=(0.0, 0.0, 0.0), off_plan=(0.0, 0.0, 0.0), down=True):

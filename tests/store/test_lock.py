@@ -19,7 +19,7 @@ from ravenjax.store.files import StoreError
 
 HOLD = """
 import sys, time, pathlib
-from ravenjax.store import lock
+from ravenjax.store.access import lock
 with lock.held(pathlib.Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)

@@ -79,7 +79,7 @@ def test_quantiles_of_a_histogram():
 
 GIVEN_BACK = """
 import os
-from ravenjax.trainer import clock
+from ravenjax.trainer.realtime import clock
 
 def now():
     return os.sched_getaffinity(0), os.sched_getscheduler(0), os.sched_getparam(0).sched_priority

@@ -215,7 +215,8 @@ SCENARIO = {
 }
 PROGRAM = """
 import json, sys
-from ravenjax.trainer import robot_process, scenario
+from ravenjax.trainer import scenario
+from ravenjax.trainer.robot_link import process as robot_process
 say = lambda line: print(line, flush=True)
 robot_process.run(scenario.from_dict(json.loads(sys.argv[1])), itp_port=0, joint_port=0, say=say)
 """
