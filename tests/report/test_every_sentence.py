@@ -19,6 +19,7 @@ import generated_campaigns
 import naive_facts
 import numpy as np
 import outcome_claims
+import place_claims
 import pytest
 import reaction_claims
 from claim_words import many
@@ -65,14 +66,17 @@ SECTIONS: tuple[Callable[[Expected, Node], None], ...] = (
     first_page_claims.first_page,
     outcome_claims.verdicts,
     outcome_claims.groups,
+    place_claims.maps,
     alarm_claims.time,
     alarm_claims.detectors,
     alarm_claims.cues,
     alarm_claims.after_stop,
+    place_claims.worst,
     reaction_claims.reaction,
     check_claims.checks,
     check_claims.failures,
     check_claims.precision,
+    place_claims.provenance,
 )
 
 

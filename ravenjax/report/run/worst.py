@@ -91,7 +91,7 @@ def _row(row: dict[str, Any], far: float, folder: Path) -> dict[str, Any]:
         "response": row["response"],
         "cause": row["response_cause"],
         "response_ms": row["response_ms"] - active if row["response_ms"] >= 0 else None,
-        "cue_ms": row["warned_ms"] - active if row["warned_ms"] >= 0 else None,
+        "cue_ms": row["warned_ms"] - active if row["warned_ms"] >= max(active, 0) else None,
         "depth_mm": row["tissue_depth_mm"],
         "verdict": row["verdict"],
         "command": replay(folder, row["run_id"]),
