@@ -15,7 +15,7 @@ NOTES = """\
 - A *full tick* is one millisecond of one arm with everything in it: console, network, control software, one fault slot,
   motors, cables, links, nominal model, monitor, cue. A *step* of a peer is its rigid-body dynamics alone, with limits
   and contacts off.
-- Batches run as campaigns run them: blocks side by side on all cores this process may use, the fault-free twin
+- Batches run as campaigns run them: blocks side by side on all cores this process may use, the golden run
   computed before. No two runs are alike. What runs share is computed once for all of them, as in a campaign.
 - Speeds are those of the least disturbed of several repeats; the median stands beside them. Other processes slow
   both: the load average says how many ran.

@@ -1,4 +1,4 @@
-"""Rows of a plan through an engine: blocks side by side, each beside the fault-free twins that it is compared with.
+"""Rows of a plan through an engine: blocks side by side, each beside the golden runs that it is compared with.
 
 Blocks come out in the order of their rows. A few more than run at a time are under way, so that no thread waits for the
 slowest; the twins of the next stretch are computed while the last blocks of this one run.

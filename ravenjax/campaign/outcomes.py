@@ -20,7 +20,7 @@ Columns = Mapping[str, np.ndarray]
 
 
 def of_twin(names: Iterable[str]) -> tuple[str, ...]:
-    """Those outcome columns of which the fault-free twin's are needed, too: trips of checks, and what is kept of it."""
+    """Those outcome columns of which the golden run's are needed, too: trips of checks, and what is kept of it."""
     names = tuple(names)
     return checks.count_columns(names) + tuple(name for name in names if schema.kept_of_twin(name))
 
@@ -28,7 +28,7 @@ def of_twin(names: Iterable[str]) -> tuple[str, ...]:
 def columns(config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, twins: Columns) -> dict[str, Any]:
     """Columns of the result table, arrays [rows].
 
-    runs: rows of the fault table. outcomes: what the engine returned for each; twins: `of_twin` of its fault-free twin.
+    runs: rows of the fault table. outcomes: what the engine returned for each; twins: `of_twin` of its golden run.
     """
     found = {name: np.asarray(values) for name, values in outcomes.items()}
     diverged, failed = found.pop("diverged_ms"), found.pop("failed_ms")

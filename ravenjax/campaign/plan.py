@@ -54,7 +54,7 @@ class Plan:
     columns: tuple[np.ndarray, ...]  # the motion's columns, float32 [ticks]
     faults: dict[str, np.ndarray]  # as table.arrays, [runs, slots]
     varied: dict[str, np.ndarray]  # path -> [runs]
-    twin: np.ndarray  # int32 [runs], number of the fault-free twin, as they come; runs that share one share its number
+    twin: np.ndarray  # int32 [runs], number of the golden run, as they come; runs that share one share its number
 
     @property
     def runs(self) -> int:

@@ -1,4 +1,4 @@
-"""The fault-free twins that runs are compared with: each computed once, kept while the next runs may need it."""
+"""The golden runs that runs are compared with: each computed once, kept while the next runs may need it."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ class Block:
 
     varied: Mapping[str, np.ndarray]  # path -> [lanes]
     faults: Any  # stages.faults.Faults of arrays [lanes]
-    reference: np.ndarray | None  # [ticks, series, twins] of the fault-free twins; None: this is a block of twins
+    reference: np.ndarray | None  # [ticks, series, twins] of the golden runs; None: this is a block of twins
     twin: np.ndarray | None = None  # int [lanes], which twin is a lane's; None: as many twins as lanes, in their order
 
     def series(self, lanes: np.ndarray) -> np.ndarray:

@@ -95,7 +95,7 @@ class Input:
 
     tick: Scalar  # int32, ticks since the run began
     motion: tuple[Any, ...]  # columns of the operator's motion, each a 1-D array: the only arrays of the tick
-    reference: monitor.Reference  # the fault-free twin in this tick
+    reference: monitor.Reference  # the golden run in this tick
     packet: Any = None  # packet.Packet of a console outside, in place of those that the motion makes
     apart: Any = None  # bool, False: nothing has struck so far, and the robot is its own twin
 

@@ -1,6 +1,6 @@
 """Random numbers from a counter: the same (key, tick, channel) gives the same number on every engine, in any order.
 
-A run's noise therefore does not depend on batch, chunk or worker, and a run and its fault-free twin that share a key
+A run's noise therefore does not depend on batch, chunk or worker, and a run and its golden run that share a key
 share every draw. Only 32-bit integer multiply, xor and shift, so the stream is bit-identical wherever it is computed.
 
 Mixing: the two-multiply finaliser `lowbias32` (C. Wellons, "Prospecting for hash functions", 2018; exact bias 0.174),

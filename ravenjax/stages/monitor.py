@@ -2,7 +2,7 @@
 
 Two tips are watched. The *true* tip is where the links of the virtual robot are; the *measured* tip is what the control
 software computes from its encoders (whole micrometres), on which the published jump rule works (analyze_faulty.py).
-Everything is compared with the nominal model and with the fault-free twin of the run.
+Everything is compared with the nominal model and with the run's golden run.
 
 Hazards (`ravenjax.outcomes` says what they are) are judged live. With a = distance from the twin, b = distance from the
 nominal model and c = distance from where standing would have left the tip, d = min(a, b):
@@ -28,7 +28,7 @@ UM = 1e-6
 
 @record
 class Reference:
-    """The fault-free twin in this tick, one entry an arm."""
+    """The golden run in this tick, one entry an arm."""
 
     tip: tuple[Vec, ...]  # m, frame 0, true tip
     pos: tuple[Vec, ...]  # um, whole numbers, measured tip

@@ -117,7 +117,7 @@ def _course() -> Iterator[Column]:
     yield Column("active_ticks", "int32", "ticks", "how many ticks it did")
     yield Column("end_runlevel", "int8", "", "run level at the end: 0 E-stop, 1 init, 2 pedal up, 3 pedal down")
     yield Column("pedal_down_ms", "int32", "ms", "time in pedal-down without software E-stop")
-    yield Column("diverged", "bool", "", "the robot's course differs from that of the fault-free twin")
+    yield Column("diverged", "bool", "", "the robot's course differs from that of the golden run")
     yield Column(
         "response",
         "category",
@@ -162,7 +162,7 @@ def _detector(detector: int, levels: int) -> Iterator[Column]:
 
 
 TWIN = "twin_"
-"""Prefix of what is kept of the fault-free twin's outcome."""
+"""Prefix of what is kept of the golden run's outcome."""
 _OF_TWIN = re.compile(
     r"(cue|detector)\d+_(first_ms|score)|reaction_ms|tissue_depth_mm|tip_path_mm|pedal_down_ms|halted_ms"
     r"|peak_live_deviation_mm"
@@ -170,7 +170,7 @@ _OF_TWIN = re.compile(
 
 
 def kept_of_twin(name: str) -> bool:
-    """Whether the fault-free twin's outcome of that name is kept beside the run's, as `twin_<name>`."""
+    """Whether the golden run's outcome of that name is kept beside the run's, as `twin_<name>`."""
     return _OF_TWIN.fullmatch(name) is not None
 
 
@@ -184,14 +184,14 @@ def _twin(shape: Shape) -> Iterator[Column]:
     ]
     for column in own:
         if kept_of_twin(column.name):
-            yield dataclasses.replace(column, name=TWIN + column.name, meaning=f"fault-free twin: {column.meaning}")
+            yield dataclasses.replace(column, name=TWIN + column.name, meaning=f"golden run: {column.meaning}")
 
 
 def _motion() -> Iterator[Column]:
     yield Column("peak_model_deviation_mm", "float32", "mm", "largest distance of the tip from the nominal model's")
     yield Column("peak_live_deviation_mm", "float32", "mm", "the same in pedal-down without software E-stop")
     yield Column("rms_model_deviation_mm", "float32", "mm", "root mean square of that distance")
-    yield Column("peak_twin_deviation_mm", "float32", "mm", "largest distance of the tip from the fault-free twin's")
+    yield Column("peak_twin_deviation_mm", "float32", "mm", "largest distance of the tip from the golden run's")
     yield Column("rms_twin_deviation_mm", "float32", "mm", "root mean square of that distance")
     yield Column(
         "unintended_mm",

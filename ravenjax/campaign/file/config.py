@@ -406,7 +406,10 @@ class Outcomes(Section):
         default=1.0, gt=0.0, le=1000.0, description="of rule text: motion of the true tip within 2 ms, mm"
     )
     limit_mm: float = Field(
-        default=LIMIT_MM, gt=0.0, le=1000.0, description="distance from which on a motion, or a report, is a hazard, mm"
+        default=LIMIT_MM,
+        gt=0.0,
+        le=1000.0,
+        description="a motion, or an error of the report, of more than this is a hazard, mm",
     )
 
 

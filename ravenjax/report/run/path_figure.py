@@ -92,8 +92,8 @@ def _view(replay: Replay, sides: tuple[int, int], names: tuple[str, str], middle
         *_grid(left, bottom, wide, high, scale, names),
         _line(pixels(replay.paths["nominal model"]), f"var(--{MODEL})"),
     ]
-    if "fault-free twin" in replay.paths:
-        parts.append(_line(pixels(replay.paths["fault-free twin"]), f"var(--{TWIN})"))
+    if "golden run" in replay.paths:
+        parts.append(_line(pixels(replay.paths["golden run"]), f"var(--{TWIN})"))
     parts += _over_time(pixels(tip))
     parts += [
         _dot(pixels(tip[[point]])[0], COLOURS[label], 4, f"{label}, {replay.time_ms[point]:,} ms")

@@ -45,7 +45,7 @@ class Replay(NamedTuple):
     arm: str  # the one whose tip went farthest from the model
     told: str  # group and fault in words
     time_ms: np.ndarray  # [points]
-    paths: dict[str, np.ndarray]  # "true tip", "nominal model", "fault-free twin" where the trace has it
+    paths: dict[str, np.ndarray]  # "true tip", "nominal model", "golden run" where the trace has it
     deviation_mm: np.ndarray  # [points], true tip from the model
     marks: dict[str, int]  # label -> index of the point
 
@@ -131,7 +131,7 @@ def _replay(row: dict[Any, Any], series: dict[str, np.ndarray]) -> Replay:
     even = np.linspace(0, ticks - 1, min(POINTS, ticks)).round().astype(int)
     kept = np.unique(np.concatenate([even, [*events.values(), int(distance[arm].argmax())]]).astype(int))
     start = series[f"{arm}/tip"][0]
-    named = {"true tip": "tip", "nominal model": "model", "fault-free twin": "twin"}
+    named = {"true tip": "tip", "nominal model": "model", "golden run": "twin"}
     return Replay(
         row["run_id"],
         arm,

@@ -59,7 +59,7 @@ def no_fault() -> Fault:
 
 
 def no_faults(setup: Setup) -> Faults:
-    """A run without faults: the fault-free twin."""
+    """A run without faults: the golden run."""
     return Faults(tuple(no_fault() for _ in range(setup.injection.slots)))
 
 

@@ -52,7 +52,7 @@ class Params:
     gravity: Vec  # m/s2, 3, in frame 0 of the arm
     encoder_noise: Scalar  # counts rms; drawn where Setup.noise
     torque_noise: Scalar  # N m rms after gearbox; drawn where Setup.noise
-    noise_key: Scalar  # uint32; a run and its fault-free twin share it
+    noise_key: Scalar  # uint32; a run and its golden run share it
 
 
 @record

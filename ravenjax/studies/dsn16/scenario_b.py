@@ -323,7 +323,7 @@ def _notes(
     fitting = [c.name for c in cases if _fits(c.runs.percent(c.hit), jumps, bands, error)]
     notes = [
         "Baseline: the fork's dynamics-simulator build, 16-bit words that wrap, one control cycle a packet, jumps by "
-        "the code's rule (two packet steps of the reported tip above 0.1 mm, the fault-free twin's not), stitches with "
+        "the code's rule (two packet steps of the reported tip above 0.1 mm, the golden run's not), stitches with "
         f"a lever of {base.lever.words} at the onsets, near that of the recording of one published trajectory (77-85 "
         f"mm). {cells.alike} of {cells.shares.size} cells come out alike in all ten onsets, so intervals are drawn "
         "over cells.",
@@ -354,7 +354,7 @@ def _notes(
             f"rate is {jumps[-2]:.0f} % at {DURATIONS[-2]} and {jumps[-1]:.0f} % at {DURATIONS[-1]}."
         )
     notes.append(
-        "Not reproduced: the reference of the publication is the recorded robot run, ours the fault-free twin; the "
+        "Not reproduced: the reference of the publication is the recorded robot run, ours the golden run; the "
         "latch is assigned once, in the original in each cycle of packet t1, which is the same with one cycle a "
         "packet; the desired motor velocity is 0, in the original that of the first packet; process jitter, which made "
         "the original's repeats differ, is replaced by ten onsets. With real hands whose own steps come near 0.1 mm a "

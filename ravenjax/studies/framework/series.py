@@ -116,7 +116,7 @@ class _Code:
         """The series of these rows, at most `width`, one after another."""
         ticks, real = self.program.ticks, np.dtype(self.program.setup.precision.real)
         inputs = traced.inputs(self.program, self._block(ready, rows))
-        # Only outcomes, unused here, look at a fault-free twin.
+        # Only outcomes, unused here, look at a golden run.
         twin = np.zeros((1, self._series) if self._code.grouped else (1, self._series, self.width), real)
         out = np.zeros((ticks, self._code.outputs, self.width), real)
         self._code.run(Lanes(inputs, twin, np.concatenate(ready.columns), out), ticks)

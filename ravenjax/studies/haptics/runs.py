@@ -1,6 +1,6 @@
 """What the study of the haptic cue reads from its campaigns: what is felt in faulty runs, and without a fault.
 
-A cue of a faulty run counts from the fault's first effect on, and only where the fault-free twin had none by then: one
+A cue of a faulty run counts from the fault's first effect on, and only where the golden run had none by then: one
 that the twin has, too, tells of the motion and not of the fault.
 """
 

@@ -334,7 +334,7 @@ def shared_table(faulty: Faulty, motions: Sequence[str], sets: Sequence[int]) ->
         if any(twin.any() for twin in had):
             rows.append((faulty.cues[k].threshold_mm, *told))
     return Table(
-        "Faulty runs whose fault-free twin has a cue, too",
+        "Faulty runs whose golden run has a cue, too",
         ("threshold, mm", *(motions[int(number)] for number in numbers)),
         tuple(rows),
         "At scale 0.1, 4 s; at higher thresholds none. All runs of a motion share one twin, so it is all or none of "

@@ -275,7 +275,7 @@ def _notes(frame: pd.DataFrame, found: Sequence[Outcome]) -> tuple[str, ...]:
         "A restart is taken to meet a fault again that lasts until the end of the run or comes again and again. One "
         "of the software clears some of these, so severity 3 is an upper bound of what needs a conversion.",
         f"Injury-capable motion is a jump of the true tip, an unintended motion of more than {LIMIT_MM:g} mm (live or "
-        "not), or a tip more than 1 mm deeper in the tissue than its fault-free twin's. Whether it injures depends on "
+        "not), or a tip more than 1 mm deeper in the tissue than its golden run's. Whether it injures depends on "
         "where it happens; nothing here knows.",
         "The weighted risk hangs on one row: broken instruments are almost half of the reports, and a weak or broken "
         "cable (M01) alone stands for them, unseen by encoders on the motors' side and so by checks and cue. Most of "

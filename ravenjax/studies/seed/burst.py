@@ -104,7 +104,7 @@ def _measured(context: Context) -> dict[str, dict[Motion, list[Run]]]:
 
 
 def _runs(recorder: Recorder, context: Context, name: str, drawn: bool) -> list[Run]:
-    """Each run of a campaign beside its fault-free twin, which is the first."""
+    """Each run of a campaign beside its golden run, which is the first."""
     folder = context.folders[name]
     twin_um = recorder.measure(folder, lambda _, series: series["position"] * 1e6, lambda _: [0])[0]
 

@@ -113,7 +113,7 @@ def criteria(published: Published) -> Criteria:
 def run(row: Row, series: Series, twin_um: np.ndarray, drawn: bool = False) -> Run:
     """Measure a run by its row of the result table and its series.
 
-    twin_um: measured tip of the fault-free twin, um [ticks, 3]. drawn: keep the series of its events for a figure.
+    twin_um: measured tip of the golden run, um [ticks, 3]. drawn: keep the series of its events for a figure.
     """
     active = np.asarray(series["fault_active"], bool)
     end = len(active)

@@ -98,7 +98,7 @@ def _notes(robots: int, rounding: float, same: int) -> tuple[str, ...]:
         "differ in many. A robot at several ends at once can lie outside.",
         "The nominal model, and with it the cue, stays that of the known robot, as a simulator's does when the real "
         "robot changes: a part of each dependence is the model's misfit rather than the fault's doing. Each run "
-        "is judged against the fault-free twin of its own robot.",
+        "is judged against the golden run of its own robot.",
         "Two control cycles a packet make the operator's increments come at half the rate, so that the hand moves at "
         "half its speed; that is another task and not only another robot. And the jump rule counts steps from packet "
         "to packet, which are then twice as long: what it says depends on the rate of packets by its definition.",

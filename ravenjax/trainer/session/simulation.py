@@ -1,4 +1,4 @@
-"""The robots of a session: the one that is driven, its golden run (the fault-free twin), and one to try things on."""
+"""The robots of a session: the one that is driven, its golden run, and one to try things on."""
 
 from __future__ import annotations
 
