@@ -20,7 +20,7 @@ import pyarrow as pa
 
 from ravenjax.store import words
 from ravenjax.store.files import StoreError
-from ravenjax.vocabulary import checks
+from ravenjax.vocabulary import checks, run_levels
 from ravenjax.vocabulary.arms import JOINTS
 
 VERSION = 3
@@ -115,7 +115,8 @@ def _course() -> Iterator[Column]:
     yield Column("activated", "bool", "", "the fault changed at least one bit of a signal")
     yield Column("first_active_ms", "int32", "ms", "when it first did, -1 if never")
     yield Column("active_ticks", "int32", "ticks", "how many ticks it did")
-    yield Column("end_runlevel", "int8", "", "run level at the end: 0 E-stop, 1 init, 2 pedal up, 3 pedal down")
+    levels = ", ".join(f"{number} {name}" for number, name in enumerate(run_levels.NAMES))
+    yield Column("end_runlevel", "int8", "", f"run level at the end: {levels}")
     yield Column("pedal_down_ms", "int32", "ms", "time in pedal-down without software E-stop")
     yield Column("diverged", "bool", "", "the robot's course differs from that of the golden run")
     yield Column(
