@@ -200,8 +200,10 @@ def test_workers_do_not_outlive_a_coordinator_that_is_killed(small, tmp_path):
 
 
 def workers_of(coordinator: int) -> list[int]:
-    listed = subprocess.run(["ps", "-o", "pid=,args=", "--ppid", str(coordinator)], capture_output=True, text=True)
-    return [int(line.split()[0]) for line in listed.stdout.splitlines() if "executors.worker" in line]
+    listed = subprocess.run(
+        ["ps", "-ww", "-o", "pid=,args=", "--ppid", str(coordinator)], capture_output=True, text=True
+    )
+    return [int(line.split()[0]) for line in listed.stdout.splitlines() if "carriers.worker" in line]
 
 
 @pytest.mark.slow
