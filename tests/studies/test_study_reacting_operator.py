@@ -19,8 +19,8 @@ from ravenjax.stats.intervals import Estimate
 from ravenjax.studies.framework import running
 from ravenjax.studies.reaction import drawings, fault_free, measures, operator, tables, times
 from ravenjax.studies.reaction import pairs as reacting_pairs
-from ravenjax.studies.reaction.measures import CORRECT, RELEASE, SLOW
 from ravenjax.studies.reaction.pairs import Runs
+from ravenjax.vocabulary.reactions import CORRECT, RELEASE, SLOW
 
 ACTION = "param:reaction.action"
 QUIET: dict[str, Any] = {

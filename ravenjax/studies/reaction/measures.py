@@ -24,9 +24,7 @@ import pandas as pd
 from ravenjax.hazards import classes, severity
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report.reaction.pairs import EXCURSION
-
-RELEASE, SLOW, CORRECT = 1, 2, 3
-"""Actions, as in report.facts.ACTIONS."""
+from ravenjax.vocabulary.reactions import CORRECT, RELEASE, SLOW
 
 SIZES_MM = (LIMIT_MM, 5.0, 10.0, 20.0)
 """Sizes of motion; at the first the published cue fires, too: it is reached when the operator is told, not before."""

@@ -14,9 +14,10 @@ from ravenjax.studies.reaction import drawings, fault_free, measures, tables, ti
 from ravenjax.studies.reaction import pairs as reacting_pairs
 from ravenjax.studies.reaction.drawings import Row
 from ravenjax.studies.reaction.fault_free import Free
-from ravenjax.studies.reaction.measures import CORRECT, RELEASE, SIZES_MM, SLOW
+from ravenjax.studies.reaction.measures import SIZES_MM
 from ravenjax.studies.reaction.pairs import Contrast, Runs
 from ravenjax.studies.reaction.times import Advance
+from ravenjax.vocabulary.reactions import CORRECT, RELEASE, SLOW
 
 CAMPAIGN, FREE = "reacting_operator.toml", "reacting_operator_free.toml"
 BASELINE = "pairs"

@@ -12,10 +12,10 @@ from ravenjax.report.reaction.pairs import EXCURSION, Pairs
 from ravenjax.stats.intervals import Estimate, Rate, wilson
 from ravenjax.studies.framework.study import Table
 from ravenjax.studies.reaction.fault_free import Free
-from ravenjax.studies.reaction.measures import CORRECT, MEASURES, RELEASE, SLOW, Measure
+from ravenjax.studies.reaction.measures import MEASURES, Measure
 from ravenjax.studies.reaction.pairs import Contrast, adjusted, contrast, mean_change
 from ravenjax.studies.reaction.times import DELAYS_MS, Advance
-from ravenjax.vocabulary.reactions import ACTIONS, MEANINGS
+from ravenjax.vocabulary.reactions import ACTIONS, CORRECT, MEANINGS, RELEASE, SLOW
 
 Cell = str | int | float
 COLUMNS = (
