@@ -18,14 +18,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ravenjax.api import load_campaign, run, simulate
-    from ravenjax.robot.arrays import (
+    from ravenjax.robots.raven2.geometry.arrays import (
         forward_kinematics,
         gravity_torque,
         inverse_kinematics,
         joint_from_motor,
         motor_from_joint,
     )
-    from ravenjax.software.control_software import ControlSoftware
+    from ravenjax.robots.raven2.software.control_software import ControlSoftware
 
 __version__ = "0.1.0"
 
@@ -33,12 +33,12 @@ _HOMES = {
     "load_campaign": "ravenjax.api",
     "run": "ravenjax.api",
     "simulate": "ravenjax.api",
-    "forward_kinematics": "ravenjax.robot.arrays",
-    "inverse_kinematics": "ravenjax.robot.arrays",
-    "motor_from_joint": "ravenjax.robot.arrays",
-    "joint_from_motor": "ravenjax.robot.arrays",
-    "gravity_torque": "ravenjax.robot.arrays",
-    "ControlSoftware": "ravenjax.software.control_software",
+    "forward_kinematics": "ravenjax.robots.raven2.geometry.arrays",
+    "inverse_kinematics": "ravenjax.robots.raven2.geometry.arrays",
+    "motor_from_joint": "ravenjax.robots.raven2.geometry.arrays",
+    "joint_from_motor": "ravenjax.robots.raven2.geometry.arrays",
+    "gravity_torque": "ravenjax.robots.raven2.geometry.arrays",
+    "ControlSoftware": "ravenjax.robots.raven2.software.control_software",
 }
 
 __all__ = [

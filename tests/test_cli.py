@@ -11,10 +11,10 @@ import synthetic_results as synthetic
 
 from ravenjax.cli import console, main, running
 from ravenjax.hazards import library
+from ravenjax.robots.raven2.sites import SITES
 from ravenjax.store.access.results import Results
 from ravenjax.store.folder import ResultFolder
 from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
-from ravenjax.vocabulary.sites import SITES
 
 
 @pytest.fixture

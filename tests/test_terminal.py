@@ -8,8 +8,8 @@ import io
 import pytest
 from rich.console import Console
 
-from ravenjax import terminal
 from ravenjax.campaign.progress.counts import Status
+from ravenjax.cli import terminal
 
 STATUS = Status(
     phase="run", done=150, total=400, compile_s=2.0, run_s=10.0, progress=0.25, failed=3, engine="simd on a CPU",

@@ -10,13 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ravenjax.loop import tick
-from ravenjax.stages import monitor, motions
-from ravenjax.stages.faults import fault
-from ravenjax.types import DetectorUse, Injection, Setup, SiteUse, Vec
+from ravenjax.faults import fault
+from ravenjax.numbers.setup import DetectorUse, Injection, SiteUse
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.checks import CHECKS
+from ravenjax.robots.raven2.console import motions
+from ravenjax.robots.raven2.loop import tick
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.sites import SITES
+from ravenjax.stages import monitor
 from ravenjax.vocabulary import effects
-from ravenjax.vocabulary.checks import CHECKS
-from ravenjax.vocabulary.sites import SITES
 
 EFFECTS = tuple(name for name in effects.EFFECTS if name not in effects.NETWORK_EFFECTS)
 

@@ -15,12 +15,15 @@ import numpy as np
 import pytest
 from jax.extend import core
 
-from ravenjax import paths
 from ravenjax.engines.cpu import python
-from ravenjax.loop import tick
-from ravenjax.stages import monitor, motions
-from ravenjax.stages.faults import fault
-from ravenjax.types import REFERENCE, Setup, Vec, real
+from ravenjax.faults import fault
+from ravenjax.numbers import paths
+from ravenjax.numbers.setup import REFERENCE, real
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.console import motions
+from ravenjax.robots.raven2.loop import tick
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.stages import monitor
 
 SETUP = Setup(precision=REFERENCE)
 PARAMETERS = ("plant.gold.friction_scale", "control.motor_control.gold.kp.elbow", "nominal.gold.kp.elbow")
@@ -92,13 +95,13 @@ def course():
         def advance(values: Any, state: Any, now: Any) -> Any:
             changed = params
             for path, value in zip(PARAMETERS, values, strict=True):
-                changed = paths.assign(changed, SETUP.arms, path, value)
+                changed = paths.assign(changed, SETUP, path, value)
             signal = tick.Input(now, columns, reference)
             state, signals = tick.tick(SETUP, changed, fault.no_faults(SETUP), state, signal)
             software, model = signals.control.arms[0], signals.nominal[0]
             return state, (signals.tip[0][0], software.tau_d[1], model.tip_position[2])
 
-        numbers = dict(paths.leaves(params, SETUP.arms))
+        numbers = dict(paths.leaves(params, SETUP))
         values = [float(numbers[path]) for path in PARAMETERS]
         jaxpr = jax.make_jaxpr(advance)([jnp.float64(value) for value in values], state, jnp.int32(0))
         plain = python.compile(jaxpr)

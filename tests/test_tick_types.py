@@ -10,10 +10,13 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from ravenjax.loop import tick
-from ravenjax.stages import monitor, motions
-from ravenjax.stages.faults import fault
-from ravenjax.types import CAMPAIGN, ORIGINAL, REFERENCE, DetectorUse, Injection, Setup, SiteUse, Vec, real
+from ravenjax.faults import fault
+from ravenjax.numbers.setup import CAMPAIGN, ORIGINAL, REFERENCE, DetectorUse, Injection, SiteUse, real
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.console import motions
+from ravenjax.robots.raven2.loop import tick
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.stages import monitor
 
 FAULTS = Injection(
     slots=2,

@@ -31,12 +31,12 @@ from ravenjax.campaign import compile_cache, plan, runner
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.engines.interface import Block
 from ravenjax.engines.xla.engine import LANE_MULTIPLE, ScanKernel
+from ravenjax.numbers.setup import CAMPAIGN, ORIGINAL, REFERENCE, Precision
 from ravenjax.outcomes.events import Rules
-from ravenjax.software.control_software import ControlSoftware
-from ravenjax.stages import plc
+from ravenjax.robots.raven2 import run_levels
+from ravenjax.robots.raven2.software.control_software import ControlSoftware
+from ravenjax.robots.raven2.stages import plc
 from ravenjax.stats.intervals import wilson
-from ravenjax.types import CAMPAIGN, ORIGINAL, REFERENCE, Precision
-from ravenjax.vocabulary import run_levels
 
 EVERY_LAYER = Path(__file__).parent / "every_layer.toml"
 QUICK = "quick.toml"

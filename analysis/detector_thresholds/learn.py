@@ -17,10 +17,10 @@ from ravenjax.campaign.file import loading
 from ravenjax.campaign.inspection import replay
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
+from ravenjax.robots.raven2 import run_levels
+from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.robots.raven2.console.motions import MOTIONS
 from ravenjax.stages import detectors
-from ravenjax.stages.motions import MOTIONS
-from ravenjax.vocabulary import run_levels
-from ravenjax.vocabulary.arms import ARMS
 
 SCALES = (0.05, 0.1)
 SECONDS = 20.0

@@ -21,14 +21,15 @@ from ravenjax.campaign.file import loading
 from ravenjax.campaign.inspection import replay
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
+from ravenjax.faults.injection import read
 from ravenjax.hazards import ranges
-from ravenjax.robot.mapping import quat_from_matrix
-from ravenjax.stages import plc
-from ravenjax.stages.faults.injection import read
-from ravenjax.stages.motions import MOTIONS
-from ravenjax.types import Vec
-from ravenjax.vocabulary.arms import ARMS
-from ravenjax.vocabulary.sites import ARM, SITES, Channel
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.robots.raven2.console.motions import MOTIONS
+from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
+from ravenjax.robots.raven2.sites import SITES
+from ravenjax.robots.raven2.stages import plc
+from ravenjax.vocabulary.sites import ARM, Channel
 
 SCALES = (0.05, 0.1)
 SECONDS = 20.0

@@ -25,11 +25,11 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.signal import butter, filtfilt
 
-from ravenjax.robot import transmission
-from ravenjax.stages.plant import authors, robot
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.geometry import transmission
+from ravenjax.robots.raven2.plant import authors, robot
 from ravenjax.studies.dsn16 import closed_loop as recording
 from ravenjax.studies.dsn16.closed_loop import ARM, FILE, JOINTS, SETUP, closed_loop, started, tips
-from ravenjax.types import Vec
 
 
 def windows(values: np.ndarray, length: int) -> np.ndarray:

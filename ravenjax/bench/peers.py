@@ -21,7 +21,7 @@ import numpy as np
 
 from ravenjax.bench import clock
 from ravenjax.bench.clock import Timing
-from ravenjax.robot import arm_model
+from ravenjax.robots.raven2.dynamics import arm_model
 
 STEP_S = 1e-3
 """s, step of the simulation: that of the tick."""
@@ -93,8 +93,8 @@ def published_model(steps: int, repeats: int, enough_s: float) -> Peer:
     import jax
     import jax.numpy as jnp
 
-    from ravenjax.stages.plant import authors
-    from ravenjax.types import Vec
+    from ravenjax.numbers.vec import Vec
+    from ravenjax.robots.raven2.plant import authors
 
     def advance(start: authors.State) -> authors.State:
         command = Vec.full(3, jnp.float64(0.0))
@@ -113,7 +113,7 @@ def mjx_step(robots: int, steps: int, repeats: int, enough_s: float) -> Peer:
     import jax
     import jax.numpy as jnp
 
-    from ravenjax.robot.mjx_dynamics import mjx
+    from ravenjax.robots.raven2.dynamics.mjx_dynamics import mjx
 
     model = mjx.put_model(arm())
     one = mjx.make_data(model)

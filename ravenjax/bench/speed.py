@@ -12,7 +12,7 @@ from ravenjax.bench.workload import Workload
 from ravenjax.engines import selection, traced
 from ravenjax.engines.interface import Engine, Kernel
 from ravenjax.errors import UserError
-from ravenjax.types import CAMPAIGN
+from ravenjax.numbers.setup import CAMPAIGN
 
 PRINTING = ("simd", "cuda")
 """Engines that print the traced tick themselves; the others leave it to XLA."""

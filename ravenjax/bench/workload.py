@@ -16,8 +16,8 @@ from ravenjax.campaign.file import loading
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.plan import Plan
 from ravenjax.engines.interface import Block, TickProgram
-from ravenjax.stages.faults.fault import Faults
-from ravenjax.types import replace
+from ravenjax.faults.fault import Faults
+from ravenjax.numbers.vec import replace
 
 PATTERN_RUNS = 256
 """Rows of the fault table; later runs repeat them with another value."""

@@ -20,7 +20,7 @@ from ravenjax.campaign.progress.counts import Progress
 from ravenjax.campaign.stretches import Stretch
 from ravenjax.campaign.twins import Computed, Twins
 from ravenjax.engines.interface import Block, Engine
-from ravenjax.loop import tick
+from ravenjax.robots.raven2.loop import tick
 
 TWIN_BYTES = 2**30
 """Memory that the time series of a stretch's twins may take; two stretches may be under way."""

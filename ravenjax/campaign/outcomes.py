@@ -48,7 +48,7 @@ def columns(config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, twins
         **{f"twin_{name}": np.asarray(twins[name]) for name in found if schema.kept_of_twin(name)},
     }
     out["twin_tissue_depth_mm"] = np.maximum(out["twin_tissue_depth_mm"], depth.dtype.type(0))
-    return out | judged(out, verdict.responses(found, twins), failed < 0, config.outcomes.cue)
+    return out | judged(out, verdict.responses(found, twins, config.robot), failed < 0, config.outcomes.cue)
 
 
 def frame(config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, twins: Columns) -> pd.DataFrame:

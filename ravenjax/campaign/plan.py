@@ -9,22 +9,25 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ravenjax import paths
 from ravenjax.campaign.faults import design, run_id, table
 from ravenjax.campaign.file import loading
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.engines.interface import TickProgram
-from ravenjax.loop import tick
-from ravenjax.robot import limits
-from ravenjax.robot.motion import Motion
-from ravenjax.stages import motions, overdrive
-from ravenjax.stages.faults.fault import Fault, Faults
+from ravenjax.faults.fault import Fault, Faults
+from ravenjax.numbers import paths
+from ravenjax.numbers.setup import CAMPAIGN, Precision
+from ravenjax.numbers.vec import replace
+from ravenjax.robots.raven2.arms import ARMS, JOINTS
+from ravenjax.robots.raven2.console import motions
+from ravenjax.robots.raven2.console.motion import Motion
+from ravenjax.robots.raven2.geometry import limits
+from ravenjax.robots.raven2.loop import tick
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.stages import overdrive
 from ravenjax.store.motion import replay as recorded
 from ravenjax.store.motion.reach import Bounds
 from ravenjax.store.motion.replay import OperatorReplay
 from ravenjax.store.motion.summary import MotionSummary
-from ravenjax.types import CAMPAIGN, Precision, Setup, replace
-from ravenjax.vocabulary.arms import JOINTS
 from ravenjax.vocabulary.reactions import ACTIONS
 
 POLICIES = {
@@ -171,13 +174,13 @@ def operator_motion(config: CampaignConfig) -> Motion:
 def known_parameters(params: Any, setup: Setup) -> list[str]:
     """Every path that a campaign may vary: full ones, without the arm, and of whole vectors."""
     known: dict[str, None] = {}
-    for full, _ in paths.leaves(params, setup.arms):
+    for full, _ in paths.leaves(params, setup):
         if full.startswith("start."):
             continue  # where a run begins is the motion's
-        for path in (full, paths.shorten(full)):
+        for path in (full, paths.shorten(full, ARMS)):
             known[path] = None
             head, _, last = path.rpartition(".")
-            if last in paths.COMPONENTS:
+            if last in paths.components(JOINTS):
                 known[head] = None
     return list(known)
 
@@ -210,8 +213,8 @@ def _params(config: CampaignConfig, setup: Setup, motion: Motion) -> tick.Params
     for joint, (low, high) in config.limits.si().items():
         for side, value in (("lower", low), ("upper", high)):
             stored = float(np.float32(value))  # the software holds its limits as float32
-            params = paths.assign(params, setup.arms, f"control.cartesian.{side}.{joint}", stored)
-            params = paths.assign(params, setup.arms, f"nominal.target.{side}.{joint}", value)
+            params = paths.assign(params, setup, f"control.cartesian.{side}.{joint}", stored)
+            params = paths.assign(params, setup, f"nominal.target.{side}.{joint}", value)
     return params
 
 
@@ -222,7 +225,7 @@ def _filled(varied: dict[str, np.ndarray], params: Any, setup: Setup) -> dict[st
     """
     filled = {}
     for path, values in varied.items():
-        alone, own = np.isnan(values), paths.named(params, setup.arms, path)
+        alone, own = np.isnan(values), paths.named(params, setup, path)
         alike = len({float(value) for value in own.values()}) == 1
         for place, value in {path: next(iter(own.values()))}.items() if alike or not alone.any() else own.items():
             dtype = np.asarray(value).dtype

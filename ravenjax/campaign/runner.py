@@ -26,12 +26,12 @@ from ravenjax.campaign.progress.file import ProgressFile
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Engine
 from ravenjax.errors import UserError
+from ravenjax.robots.raven2 import ROBOT
 from ravenjax.store import files, manifest, parts, schema
 from ravenjax.store.access import lock
 from ravenjax.store.access.results import Results
 from ravenjax.store.files import StoreError
 from ravenjax.store.folder import ResultFolder
-from ravenjax.vocabulary import checks
 
 
 def run_campaign(
@@ -182,7 +182,7 @@ def shape_of(ready: Plan) -> schema.Shape:
         arms=setup.arms,
         slots=setup.injection.slots,
         cues=setup.cues,
-        checks=tuple(checks.CHECKS),
+        checks=tuple(ROBOT.checks),
         parameters=tuple(table.parameters(ready.table)),
         reacts=setup.reacts,
         detectors=tuple(use.levels for use in setup.detectors),

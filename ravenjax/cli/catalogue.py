@@ -66,8 +66,8 @@ def faults(word: str | None = None, *, as_json: AsJson = False) -> None:
 def _faults(word: str | None) -> Iterator[Listing]:
     from ravenjax.errors import UserError, suggestion
     from ravenjax.hazards import library, listing
+    from ravenjax.robots.raven2.sites import SITES
     from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
-    from ravenjax.vocabulary.sites import SITES
 
     every: dict[str, Callable[[], Listing]] = {
         "layers": lambda: Listing("layers", "Layers of the loop", listing.LAYER_COLUMNS, listing.layers()),
@@ -109,7 +109,7 @@ def _faults(word: str | None) -> Iterator[Listing]:
 
 
 def _sites(title: str, names: Sequence[str]) -> Listing:
-    from ravenjax.vocabulary.sites import SITES
+    from ravenjax.robots.raven2.sites import SITES
 
     rows = []
     for site in (SITES[name] for name in names):
@@ -124,7 +124,7 @@ def _sites(title: str, names: Sequence[str]) -> Listing:
 def _site(name: str) -> Iterator[Listing]:
     from ravenjax.campaign.inspection import site_sheet
     from ravenjax.hazards import library, listing
-    from ravenjax.vocabulary.sites import SITES
+    from ravenjax.robots.raven2.sites import SITES
 
     site = SITES[name]
     arms = "on each arm: with both, write arm" if site.per_arm else "of no arm"
@@ -137,8 +137,8 @@ def _site(name: str) -> Iterator[Listing]:
 
 def _effect(name: str) -> Iterator[Listing]:
     from ravenjax.campaign.inspection import site_sheet
+    from ravenjax.robots.raven2.sites import SITES
     from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS
-    from ravenjax.vocabulary.sites import SITES
 
     yield Listing("effect", f"Effect {name}", ("what", "is"), [("meaning", EFFECTS[name].meaning)])
     sites = [site for site in SITES.values() if name not in NETWORK_EFFECTS or site.name == "network"]
@@ -182,15 +182,16 @@ PARAMETER_COLUMNS = ("path", "value", "may be", "meaning")
 
 def parameter_rows(config: CampaignConfig) -> list[tuple[str, ...]]:
     """One row for each parameter of a campaign's robot: path, the value that it has, its range, its meaning."""
-    from ravenjax import paths
     from ravenjax.campaign import plan
     from ravenjax.campaign.file import bounds
+    from ravenjax.numbers import paths
+    from ravenjax.robots.raven2.arms import JOINTS
 
     program = plan.make(config.model_copy(update={"parameters": {}})).program
     values: dict[str, list[str]] = {}
-    for full, value in paths.leaves(program.params, program.setup.arms):
+    for full, value in paths.leaves(program.params, program.setup):
         head, _, last = full.rpartition(".")
-        if last in paths.COMPONENTS:
+        if last in paths.components(JOINTS):
             values.setdefault(head, []).append(f"{last} {float(value):g}")
         else:
             values.setdefault(full, []).append(f"{float(value):g}")

@@ -55,7 +55,7 @@ def check(
 
 
 def _print(view: Preview, words: list[str]) -> None:
-    from ravenjax import terminal
+    from ravenjax.cli import terminal
 
     name = view.config.campaign.name
     console.out.print(terminal.table(f"Campaign {name}, as it would run", ("what", "is"), list(_summary(view))))

@@ -38,7 +38,7 @@ def emit(listings: Sequence[Listing], as_json: bool) -> None:
     if as_json:
         emit_json({listing.name: _objects(listing) for listing in listings})
         return
-    from ravenjax import terminal
+    from ravenjax.cli import terminal
 
     for number, listing in enumerate(listings):
         if number:

@@ -21,8 +21,8 @@ def bench(
     """Measure this machine: full ticks a second of each engine, beside MJX and mujoco.rollout on the same arm."""
     import json as json_format
 
-    from ravenjax import terminal
     from ravenjax.bench import suite, tables
+    from ravenjax.cli import terminal
     from ravenjax.errors import UserError
 
     if markdown is not None and not markdown.absolute().parent.is_dir():
@@ -46,11 +46,11 @@ def doctor(
     as_json: AsJson = False,
 ) -> int:
     """Check this machine: versions, devices, CPU, memory, and that each part works."""
-    from ravenjax import terminal
+    from ravenjax.cli import terminal
 
     if realtime:
         return _keeps_time(seconds, as_json)
-    from ravenjax.robot.packet import UDP_PORT
+    from ravenjax.robots.raven2.console.packet import UDP_PORT
 
     about = Listing("machine", "This machine", ("what", "is"), list(terminal.machine()))
     if not as_json:
@@ -96,7 +96,7 @@ def _jax_computes() -> str:
 
 def _engine_chosen() -> str:
     from ravenjax.engines import selection
-    from ravenjax.types import CAMPAIGN
+    from ravenjax.numbers.setup import CAMPAIGN
 
     name, why = selection.fastest(CAMPAIGN)
     return f"{name} on {selection.select(name, CAMPAIGN).device}" + (f"; {why}" if why else "")

@@ -94,7 +94,7 @@ def _config(
 
 
 def _table(summary: MotionSummary, to: Console) -> None:
-    from ravenjax import terminal
+    from ravenjax.cli import terminal
     from ravenjax.store.motion.view import words
 
     to.print(terminal.table("Recorded operator", ("what", "how it is"), words.rows(summary)))

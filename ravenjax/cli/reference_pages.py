@@ -108,8 +108,8 @@ def _parameters() -> Iterator[str]:
 
 def _columns() -> Iterator[str]:
     from ravenjax.outcomes import events
+    from ravenjax.robots.raven2 import ROBOT
     from ravenjax.store import schema
-    from ravenjax.vocabulary import checks
 
     shape = schema.Shape(
         arms=("<arm>",), joints=("<joint>",), checks=("<check>",), parameters=("<path>",), reacts=True, detectors=(1,)
@@ -129,7 +129,7 @@ def _columns() -> Iterator[str]:
         "Each built-in check has the columns `check_<check>_first_ms`, `_count` and `_margin`. *stop*: the robot "
         "stops; *flag*: a person is told; *limit*: a command is changed or a packet is dropped, and nobody is told."
     )
-    every = checks.CHECKS.values()
+    every = ROBOT.checks.values()
     yield markdown_table(
         ("check", "unit of its margin", "looks at", "does"),
         ((f"`{one.name}`", one.unit, one.meaning, one.action) for one in every),

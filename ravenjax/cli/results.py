@@ -53,8 +53,8 @@ def verify(
     folder
         What `ravenjax run` wrote.
     """
-    from ravenjax import terminal
     from ravenjax.campaign.inspection import verification
+    from ravenjax.cli import terminal
 
     verified = verification.verify(folder, sample, engine, seed)
     if as_json:

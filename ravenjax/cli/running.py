@@ -51,10 +51,10 @@ def run(
     file
         Campaign file, or the name of a bundled one (see `ravenjax campaigns`).
     """
-    from ravenjax import terminal
     from ravenjax.campaign.executors import shards
     from ravenjax.campaign.executors.carriers import choice
     from ravenjax.campaign.file import loading
+    from ravenjax.cli import terminal
 
     sizes = {"chunk": chunk, "limit": limit}
     given = [*(overrides or ()), *(f"campaign.{key}={value}" for key, value in sizes.items() if value is not None)]
@@ -127,8 +127,8 @@ def fault_free(
     hours
         Hours of fault-free motion in pedal-down to have in all; the report says how many it needs.
     """
-    from ravenjax import terminal
     from ravenjax.campaign.inspection import fault_free as more_motion
+    from ravenjax.cli import terminal
     from ravenjax.report import wording
     from ravenjax.store.access.fault_free import FOLDER
 
@@ -151,8 +151,8 @@ def fault_free(
 
 def _summary(folder: Path, results: Results) -> None:
     """What came out: verdicts of the valid runs with a fault, failures by cause, where it is."""
-    from ravenjax import terminal
     from ravenjax.campaign.stop import decisions
+    from ravenjax.cli import terminal
     from ravenjax.store import manifest
 
     record = manifest.read(folder)
@@ -210,7 +210,7 @@ def search(
     file
         Search file, or the name of a bundled one (see `ravenjax campaigns`).
     """
-    from ravenjax import terminal
+    from ravenjax.cli import terminal
     from ravenjax.search import loading, output, runner
 
     shown = console.err if as_json else console.out
@@ -243,7 +243,7 @@ def reproduce(
     name
         The study, or "all". Without one: list them.
     """
-    from ravenjax import terminal
+    from ravenjax.cli import terminal
     from ravenjax.studies import catalogue
     from ravenjax.studies.framework import markdown, running, targets, writing
     from ravenjax.studies.framework.study import plain

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ravenjax.types import Setup
+from ravenjax.numbers.setup import Setup
 
 Progress = Callable[[int], None]
 """Called with the number of ticks just finished, all lanes of a block together."""

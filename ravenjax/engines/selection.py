@@ -6,7 +6,7 @@ from collections.abc import MutableMapping
 
 from ravenjax.engines.interface import Engine
 from ravenjax.errors import UserError, suggestion
-from ravenjax.types import Precision
+from ravenjax.numbers.setup import Precision
 
 ENGINES = ("cuda", "simd", "xla", "mjx")
 """Fastest first."""

@@ -20,13 +20,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax.extend import core
 
-from ravenjax import paths
 from ravenjax.engines.interface import Block, TickProgram
 from ravenjax.ir import lowering
 from ravenjax.ir.builder import contract
 from ravenjax.ir.time_loop import TimeLoop
-from ravenjax.loop import tick
-from ravenjax.types import Setup
+from ravenjax.numbers import paths
+from ravenjax.numbers.setup import Setup
+from ravenjax.robots.raven2.loop import tick
 
 KEPT = 4
 """Programs whose code is kept, up to 20 MB each."""
@@ -136,7 +136,7 @@ def params(program: TickProgram, varied: Sequence[Any]) -> Any:
     """The parameters of a lane."""
     found = program.params
     for path, value in zip(program.varied, varied, strict=True):
-        found = paths.assign(found, program.setup.arms, path, value)
+        found = paths.assign(found, program.setup, path, value)
     return found
 
 

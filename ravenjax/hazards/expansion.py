@@ -21,9 +21,9 @@ from typing import Any
 from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.hazards import library
 from ravenjax.hazards.library import Case, Hazard, Struck
-from ravenjax.vocabulary.arms import ARMS
+from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.effects import EFFECTS
-from ravenjax.vocabulary.sites import SITES
 
 KEY = "hazards"
 ALL = "all"

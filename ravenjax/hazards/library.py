@@ -15,8 +15,9 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from ravenjax.errors import UserError, suggestion
+from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS, TRIGGERS
-from ravenjax.vocabulary.sites import SITES, Site
+from ravenjax.vocabulary.sites import Site
 
 DATA = resources.files("ravenjax.hazards") / "data"
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from ravenjax.hazards import library, ranges
 from ravenjax.hazards.library import Case, Hazard, Struck
-from ravenjax.vocabulary.sites import SITES
+from ravenjax.robots.raven2.sites import SITES
 
 COLUMNS = ("id", "layer", "title", "class", "runs")
 """Of `table`."""

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 from ravenjax.errors import UserError
 from ravenjax.hazards.library import DATA, Number, Numbers, Struck
-from ravenjax.vocabulary.arms import ARMS
-from ravenjax.vocabulary.sites import SITES
+from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.robots.raven2.sites import SITES
 
 FILE = "normal_ranges.csv"
 IN, OUT, EITHER = "in range", "out of range", "in and out of range"

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ravenjax.vocabulary import checks
+from ravenjax.vocabulary.robot import Robot
 
 PUBLISHED_CUE_MM = 3.0
 """Distance between nominal model and robot at which the published cue fires (IROS 2016)."""
@@ -56,7 +57,7 @@ class Response(NamedTuple):
     causes: tuple[str, ...]  # "" for none, then the cause of each check
 
 
-def responses(outcomes: Outcomes, golden: Outcomes) -> Response:
+def responses(outcomes: Outcomes, golden: Outcomes, robot: Robot) -> Response:
     """What the checks did in each run beyond what they did in its golden run.
 
     Checks trip on fault-free motion too: a command is clipped, the first packet of a stream lost. Only what the fault
@@ -68,7 +69,7 @@ def responses(outcomes: Outcomes, golden: Outcomes) -> Response:
     cause = np.zeros(len(onset), np.int8)
     first, told = np.full((2, len(onset)), -1, np.int32)
     for place, name in enumerate(names, start=1):
-        rank = RESPONSES.index(checks.check(name).response)
+        rank = RESPONSES.index(robot.check(name).response)
         own, usual = np.asarray(outcomes[f"check_{name}_count"]), np.asarray(golden[f"check_{name}_count"])
         more = own > usual
         if not more.any():
@@ -81,7 +82,7 @@ def responses(outcomes: Outcomes, golden: Outcomes) -> Response:
         if rank in _TOLD:
             sooner = more & ((told < 0) | (ms < told))
             told[sooner] = ms[sooner]
-    return Response(response, cause, first, told, ("", *(checks.check(name).named_cause for name in names)))
+    return Response(response, cause, first, told, ("", *(robot.check(name).named_cause for name in names)))
 
 
 def hazards(outcomes: Any, stopped: np.ndarray) -> np.ndarray:

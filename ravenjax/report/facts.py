@@ -14,12 +14,12 @@ import pyarrow as pa
 
 from ravenjax.outcomes import events, verdict
 from ravenjax.outcomes.events import Rules
+from ravenjax.robots.raven2 import ROBOT
 from ravenjax.store.access import query
 from ravenjax.store.access.query import RESULTS, Table, quoted, text
 from ravenjax.store.manifest import Manifest
-from ravenjax.vocabulary import layers
 from ravenjax.vocabulary.reactions import ACTIONS
-from ravenjax.vocabulary.sites import SITES
+from ravenjax.vocabulary.robot import OTHER_LAYER
 
 OUTCOMES = {
     "stopped": "a check stopped the robot",
@@ -240,16 +240,16 @@ def _words(table: Table, names: Sequence[str]) -> dict[str, list[str]]:
     asked = {"group": '"group"', **first}
     found = table.rows(f"SELECT DISTINCT {', '.join(asked.values())} FROM {RESULTS}")
     told = {name: sorted({row[place] for row in found}) for place, name in enumerate(asked)}
-    return told | {"layer": [*layers.LAYERS.values(), layers.OTHER]}
+    return told | {"layer": [*ROBOT.layers.values(), OTHER_LAYER]}
 
 
 def _first_fault(names: Sequence[str]) -> dict[str, str]:
     if "fault0_site" not in names:
-        return {"site": "''", "layer": text(layers.OTHER)}  # a campaign without any fault
-    known = " ".join(f"WHEN {text(site)} THEN {text(layers.name(site))}" for site in SITES)
+        return {"site": "''", "layer": text(OTHER_LAYER)}  # a campaign without any fault
+    known = " ".join(f"WHEN {text(site)} THEN {text(ROBOT.layer(site))}" for site in ROBOT.sites)
     return {
         "site": "fault0_site",
-        "layer": f"CASE fault0_site {known} ELSE {text(layers.OTHER)} END",
+        "layer": f"CASE fault0_site {known} ELSE {text(OTHER_LAYER)} END",
         "block": "fault0_site || ' · ' || fault0_effect",
         "onset_ms": "fault0_start_ms",
         "length_ms": "fault0_duration_ms",

@@ -16,10 +16,10 @@ from ravenjax.report.counted import Delays, median
 from ravenjax.report.facts import FACTS, OUTCOMES
 from ravenjax.report.run.worst import replay
 from ravenjax.report.runs import Runs
+from ravenjax.robots.raven2 import ROBOT
 from ravenjax.stats.intervals import Rate, wilson
 from ravenjax.store.access.query import RESULTS, text
 from ravenjax.store.manifest import Manifest
-from ravenjax.vocabulary import checks
 
 CAUSED = ("stopped", "flagged", "limited")
 
@@ -222,7 +222,7 @@ def check_rows(runs: Runs, manifest: Manifest) -> list[dict[str, Any]]:
     total, *found = runs.table.row(f"SELECT {', '.join(asked)} FROM {runs.those('sample AND faulty')}")
     rows = []
     for check, tripped, margin in zip(names, found[::2], found[1::2], strict=True):
-        known = checks.check(check)
+        known = ROBOT.check(check)
         rows.append(
             {
                 "name": check,

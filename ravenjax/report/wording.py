@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from ravenjax.robots.raven2 import ROBOT
 from ravenjax.stats.intervals import Estimate, Rate
-from ravenjax.vocabulary.sites import SITES
 
 NARROW = "\u202f"
 DASH = "–"
@@ -155,7 +155,7 @@ def _magnitude(site: str, channel: str, effect: str, value: float) -> str:
         return f"of bit {shown}"
     if effect == "scale":
         return f"by {shown}"
-    units = {one.name: one.unit for one in SITES[site].channels} if site in SITES else {}
+    units = {one.name: one.unit for one in ROBOT.sites[site].channels} if site in ROBOT.sites else {}
     unit = units.get(channel, "")
     unit = _UNIT_WORDS.get(unit, unit)
     if effect == "drift":

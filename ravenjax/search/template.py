@@ -19,10 +19,11 @@ from ravenjax.campaign.file.axis import Axis, fixed
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import UNTIL_END, Fault
 from ravenjax.campaign.file.semantics import ALL, Complaint
+from ravenjax.robots.raven2.sites import SITES
 from ravenjax.search.config import Boundary, Search
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS, WITHOUT_VALUE
 from ravenjax.vocabulary.legal import legal
-from ravenjax.vocabulary.sites import SITES, Channel
+from ravenjax.vocabulary.sites import Channel
 
 PARAMETER = -1
 """Stands for the fault slot in the key of a parameter's axis."""

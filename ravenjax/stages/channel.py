@@ -18,8 +18,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jax import lax
 
-from ravenjax.robot.counter_random import uniform
-from ravenjax.types import Scalar, as_int, record, where
+from ravenjax.numbers.counter_random import uniform
+from ravenjax.numbers.vec import Scalar, as_int, record, where
 
 TRANSITIONS = ((0.95, 0.02, 0.02, 0.01), (0.01, 0.94, 0.03, 0.02), (0.02, 0.03, 0.90, 0.05), (0.01, 0.02, 0.07, 0.90))
 """From a quality (row) to the next: good, bad, intermediate 1 and 2."""

@@ -24,7 +24,8 @@ from functools import reduce
 import jax.numpy as jnp
 import numpy as np
 
-from ravenjax.types import DetectorUse, Scalar, Setup, Vec, as_int, per_arm, real, record
+from ravenjax.numbers.setup import DetectorUse, Setup, per_arm, real
+from ravenjax.numbers.vec import Scalar, Vec, as_int, record
 
 POSITIONING = 3
 TICK_S = 1e-3

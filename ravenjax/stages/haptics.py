@@ -19,8 +19,9 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
+from ravenjax.numbers.setup import Setup
+from ravenjax.numbers.vec import Scalar, Vec, as_int, record
 from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
-from ravenjax.types import Scalar, Setup, Vec, as_int, record
 
 TINY_M = 1e-12  # below it e has no direction; far below one micrometre, so no cue is ever affected
 

@@ -18,10 +18,11 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
+from ravenjax.numbers.algebra import dot
+from ravenjax.numbers.setup import Setup, per_arm, real
+from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
 from ravenjax.outcomes.verdict import LIMIT_MM
-from ravenjax.robot.algebra import dot
-from ravenjax.types import Scalar, Setup, Vec, as_int, per_arm, real, record, replace, where
-from ravenjax.vocabulary.arms import JOINTS
+from ravenjax.robots.raven2.arms import JOINTS
 
 UM = 1e-6
 

@@ -44,7 +44,7 @@ _READERS = (
     "store/logs",
     "store/motion/view",
     "studies",
-    "terminal.py",
+    "cli/terminal.py",
     "trainer",
 )
 """What decides no outcome, folder by folder: a change there must not forbid to resume.

@@ -18,10 +18,11 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
+from ravenjax import robots
 from ravenjax.store import words
 from ravenjax.store.files import StoreError
-from ravenjax.vocabulary import checks, run_levels
-from ravenjax.vocabulary.arms import JOINTS
+from ravenjax.vocabulary.checks import Check
+from ravenjax.vocabulary.robot import Robot
 
 VERSION = 3
 """Raised whenever a column changes its name, type, unit or meaning; a new column alone does not raise it."""
@@ -40,15 +41,19 @@ class Column:
     meaning: str
 
 
+_USUAL = robots.find(robots.DEFAULT)
+
+
 @dataclass(frozen=True)
 class Shape:
     """What decides which repeated columns a campaign's table has."""
 
-    arms: tuple[str, ...] = ("gold",)
-    joints: tuple[str, ...] = JOINTS
+    robot: str = robots.DEFAULT  # as `robots.find` takes it
+    arms: tuple[str, ...] = _USUAL.arms[:1]
+    joints: tuple[str, ...] = _USUAL.joints
     slots: int = 1  # fault slots per run
     cues: int = 1  # haptic threshold and gain sets evaluated side by side
-    checks: tuple[str, ...] = tuple(checks.CHECKS)
+    checks: tuple[str, ...] = tuple(_USUAL.checks)
     parameters: tuple[str, ...] = ()  # paths of the varied parameters
     reacts: bool = False  # the operator may react to the cue
     detectors: tuple[int, ...] = ()  # how many levels each detector has
@@ -56,13 +61,14 @@ class Shape:
 
 def columns(shape: Shape) -> tuple[Column, ...]:
     """Every column of a campaign's table, in order."""
+    robot = robots.find(shape.robot)
     return (
         *_identity(),
         *(column for slot in range(shape.slots) for column in _fault(slot)),
         *(Column(f"param:{path}", "float64", "as the parameter", "varied parameter") for path in shape.parameters),
         *(column for slot in range(shape.slots) for column in _applied(slot)),
-        *_course(),
-        *(column for check in shape.checks for column in _check(check)),
+        *_course(robot),
+        *(column for check in shape.checks for column in _check(robot.check(check))),
         *(column for cue in range(shape.cues) for column in _cue(cue)),
         *_reaction(shape),
         *(column for d, levels in enumerate(shape.detectors) for column in _detector(d, levels)),
@@ -111,11 +117,11 @@ def _applied(slot: int) -> Iterator[Column]:
     yield Column(f"{name}ticks", "int32", "ticks", "how many ticks it did")
 
 
-def _course() -> Iterator[Column]:
+def _course(robot: Robot) -> Iterator[Column]:
     yield Column("activated", "bool", "", "the fault changed at least one bit of a signal")
     yield Column("first_active_ms", "int32", "ms", "when it first did, -1 if never")
     yield Column("active_ticks", "int32", "ticks", "how many ticks it did")
-    levels = ", ".join(f"{number} {name}" for number, name in enumerate(run_levels.NAMES))
+    levels = ", ".join(f"{number} {name}" for number, name in enumerate(robot.run_levels))
     yield Column("end_runlevel", "int8", "", f"run level at the end: {levels}")
     yield Column("pedal_down_ms", "int32", "ms", "time in pedal-down without software E-stop")
     yield Column("diverged", "bool", "", "the robot's course differs from that of the golden run")
@@ -130,12 +136,12 @@ def _course() -> Iterator[Column]:
     yield Column("told_ms", "int32", "ms", "when a check first told a person or stopped the robot, -1 if never")
 
 
-def _check(check: str) -> Iterator[Column]:
-    _, unit, what, *_ = checks.check(check)
-    yield Column(f"check_{check}_first_ms", "int32", "ms", f"{what}: first trip, -1 if none")
-    yield Column(f"check_{check}_count", "int32", "ticks", f"{what}: ticks tripped")
+def _check(check: Check) -> Iterator[Column]:
+    name, unit, what, *_ = check
+    yield Column(f"check_{name}_first_ms", "int32", "ms", f"{what}: first trip, -1 if none")
+    yield Column(f"check_{name}_count", "int32", "ticks", f"{what}: ticks tripped")
     yield Column(
-        f"check_{check}_margin",
+        f"check_{name}_margin",
         "float32",
         unit,
         f"{what}: least distance to the limit, negative beyond, inf if never measured",
@@ -177,7 +183,7 @@ def kept_of_twin(name: str) -> bool:
 
 def _twin(shape: Shape) -> Iterator[Column]:
     own = [
-        *_course(),
+        *_course(robots.find(shape.robot)),
         *(column for cue in range(shape.cues) for column in _cue(cue)),
         *_reaction(shape),
         *(column for d, levels in enumerate(shape.detectors) for column in _detector(d, levels)),

@@ -1,4 +1,4 @@
-"""What an operator who feels the cue does. How, is in `ravenjax.stages.reaction`."""
+"""What an operator who feels the cue does. How, is in `ravenjax.robots.raven2.console.reaction`."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from ravenjax.bench.speed import Batch, Speed
 from ravenjax.bench.suite import Campaigns, Findings, Machine
 from ravenjax.bench.workload import PATTERN_RUNS, Workload
 from ravenjax.engines.cpu.engine import SimdEngine
-from ravenjax.robot.mjx_dynamics import mjx
+from ravenjax.robots.raven2.dynamics.mjx_dynamics import mjx
 
 TICKS = 20
 

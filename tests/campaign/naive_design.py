@@ -20,9 +20,9 @@ from ravenjax.campaign.faults.design import _common
 from ravenjax.campaign.file.axis import Axis, fixed
 from ravenjax.campaign.file.group import UNTIL_END
 from ravenjax.errors import UserError
+from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS
 from ravenjax.vocabulary.legal import complaint, legal
-from ravenjax.vocabulary.sites import SITES
 
 FIELDS = ("site", "arm", "channel", "effect", "value", "trigger", "start_ms", "duration_ms", "every_ms", "period_ms")
 EMPTY = {name: 0 if name.endswith("_ms") else math.nan if name == "value" else "" for name in FIELDS}

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 import ravenjax as rj
-from ravenjax import paths
 from ravenjax.campaign import plan
 from ravenjax.campaign.file import bounds, loading
 from ravenjax.campaign.file.axis import Axis, fixed
 from ravenjax.errors import UserError
+from ravenjax.numbers import paths
+from ravenjax.robots.raven2.arms import ARMS
 
 BASE = {
     "campaign": {"name": "x", "duration_s": 0.01},
@@ -23,7 +24,7 @@ def leaves(**campaign):
     """Every parameter of a campaign with these keys: full path -> number."""
     config = loading.from_dict({**BASE, "campaign": {**BASE["campaign"], **campaign}})
     program = plan.make(config).program
-    known = dict(paths.leaves(program.params, program.setup.arms))
+    known = dict(paths.leaves(program.params, program.setup))
     return {path: float(value) for path, value in known.items() if not path.startswith("start.")}
 
 
@@ -122,7 +123,7 @@ def test_what_a_normal_distribution_may_draw_is_within_its_extent():
 def test_the_ends_of_every_range_can_be_run(every):
     """Whatever the table lets through, the robot's numbers stay numbers."""
     idle = ("control.teleoperation.grasp_", "control.overdrive.dac_max.grasp2")  # not read here, and so refused
-    shown = {paths.shorten(path) for path in leaves(console="absolute")}
+    shown = {paths.shorten(path, ARMS) for path in leaves(console="absolute")}
     shown = {path for path in shown if not path.startswith(idle)}
     groups = [{"name": "free"}]
     for path in sorted(shown):

@@ -8,7 +8,7 @@ import ravenjax as rj
 from ravenjax.campaign import plan
 from ravenjax.campaign.file import loading
 from ravenjax.errors import UserError
-from ravenjax.robot import limits
+from ravenjax.robots.raven2.geometry import limits
 from ravenjax.store import manifest
 from ravenjax.store.motion.view import words
 

@@ -10,8 +10,8 @@ from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.loading import header, tables_of
 from ravenjax.campaign.inspection import reference
 from ravenjax.hazards.expansion import KEYS
+from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
-from ravenjax.vocabulary.sites import SITES
 
 
 def sections() -> dict[str, dict[str, list[str]]]:

@@ -11,7 +11,7 @@ import ravenjax as rj
 from ravenjax.campaign import plan
 from ravenjax.campaign.inspection import replay
 from ravenjax.errors import UserError
-from ravenjax.robot import arrays
+from ravenjax.robots.raven2.geometry import arrays
 from ravenjax.store.logs import time_series
 
 IDS = np.array([0xAB00000000000001, 0xAB10000000000000, 0x1234567890123456, 0x12], np.uint64)

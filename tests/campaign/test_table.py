@@ -5,8 +5,8 @@ import pytest
 
 from ravenjax.campaign.faults import design, table
 from ravenjax.campaign.file import loading
+from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.effects import EFFECT_CODES, TRIGGER_CODES
-from ravenjax.vocabulary.sites import SITES
 
 CONFIG = {
     "campaign": {"name": "x", "arms": ["gold", "green"], "dac_words": "wrap"},

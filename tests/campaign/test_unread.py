@@ -10,13 +10,13 @@ import pytest
 from jax.interpreters import partial_eval
 
 import ravenjax as rj
-from ravenjax import paths
 from ravenjax.campaign import plan
 from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.copies import UNREAD
 from ravenjax.campaign.file.semantics import NOISE
 from ravenjax.engines.xla import engine as scan
-from ravenjax.loop import tick
+from ravenjax.numbers import paths
+from ravenjax.robots.raven2.loop import tick
 
 KINDS = ("steps", "derivative_sum", "tip_error", "overdrive")
 LANES = 2
@@ -24,7 +24,7 @@ LANES = 2
 
 def without_influence(ready: plan.Plan) -> set[str]:
     """Full paths of parameters that no state, outcome or series of a tick depends on."""
-    leaves = dict(paths.leaves(ready.program.params, ready.program.setup.arms))
+    leaves = dict(paths.leaves(ready.program.params, ready.program.setup))
     varied = {path: np.full(LANES, value) for path, value in leaves.items() if not path.startswith("start.")}
     program = dataclasses.replace(ready.program, varied=tuple(varied))
     segment, shapes = scan._segment_function(program, 1, False)

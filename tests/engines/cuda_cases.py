@@ -17,7 +17,7 @@ from ravenjax.ir import polynomials
 from ravenjax.ir.builder import Builder, rewrite
 from ravenjax.ir.program import Program
 from ravenjax.ir.time_loop import TimeLoop
-from ravenjax.types import replace
+from ravenjax.numbers.vec import replace
 
 FLOAT_PAIRS, INTEGER_PAIRS = pairs(HARD_FLOATS), pairs(HARD_INTEGERS)
 UNSIGNED_PAIRS = tuple(x.view(np.uint32) for x in INTEGER_PAIRS)

@@ -6,7 +6,7 @@ import bless
 import pytest
 
 from ravenjax.engines import selection
-from ravenjax.types import CAMPAIGN
+from ravenjax.numbers.setup import CAMPAIGN
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import pytest
 
 from ravenjax.errors import UserError
 from ravenjax.hazards import library
-from ravenjax.vocabulary.sites import SITES
+from ravenjax.robots.raven2.sites import SITES
 
 # Counted by hand in the published lists, 3.2.1 to 3.2.5 of the fault specification: console and operator C01 to C19,
 # network N01 to N07, control and state K01 to K23 (K15 to K18 are one line), USB, actuators and PLC B01 to B32 (B16 to

@@ -10,8 +10,8 @@ from ravenjax.errors import UserError
 from ravenjax.hazards import library, ranges
 from ravenjax.hazards.library import Struck
 from ravenjax.hazards.ranges import EITHER, IN, OUT, Range
-from ravenjax.vocabulary.arms import ARMS
-from ravenjax.vocabulary.sites import SITES
+from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.robots.raven2.sites import SITES
 
 USUAL = Range("mpos", "gold", "shoulder", "rad", -2.0, -1.9, 2.9, 3.0, 1000)
 COUNTS = Range("usb_out", "gold", "shoulder", "cnt", -800.0, -700.0, 700.0, 800.0, 1000)

@@ -20,9 +20,6 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
-import ravenjax.campaign.runner
-import ravenjax.engines.cpu.engine
-import ravenjax.terminal  # noqa: F401
 from ravenjax.cli import main
 
 STARTS_S, PARTS, THEN_S = 2.5, 8, 0.05

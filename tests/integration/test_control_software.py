@@ -12,9 +12,9 @@ import pytest
 import rig_control_software as rig
 
 from ravenjax.errors import UserError
-from ravenjax.robot.packet import Packet, decode
-from ravenjax.software.control_software import ControlSoftware
-from ravenjax.types import CAMPAIGN
+from ravenjax.numbers.setup import CAMPAIGN
+from ravenjax.robots.raven2.console.packet import Packet, decode
+from ravenjax.robots.raven2.software.control_software import ControlSoftware
 
 ARMS = {"gold": oracle.GOLD, "green": oracle.GREEN}
 FLOATS = ("mpos", "mvel", "jpos", "jpos_d", "mpos_d", "tau_d")

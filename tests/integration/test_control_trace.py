@@ -12,11 +12,13 @@ import pytest
 from ravenjax.engines.cpu import python
 from ravenjax.ir import lowering, regions
 from ravenjax.ir.lowering import primitives
-from ravenjax.loop import control
-from ravenjax.robot.packet import Packet
-from ravenjax.stages.usb import UsbIn
-from ravenjax.types import CAMPAIGN, ORIGINAL, Setup, Vec
-from ravenjax.vocabulary.sites import SITES
+from ravenjax.numbers.setup import CAMPAIGN, ORIGINAL
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.console.packet import Packet
+from ravenjax.robots.raven2.loop import control
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.sites import SITES
+from ravenjax.robots.raven2.stages.usb import UsbIn
 
 BOTH = {"arms": ("gold", "green"), "tools": ("r_grasper", "r_grasper")}
 ALLOWED = {

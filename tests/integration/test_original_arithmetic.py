@@ -18,10 +18,12 @@ import pytest
 import rig_control_software as rig
 from numpy import float32
 
-from ravenjax.robot import kinematics
-from ravenjax.software.control_software import ControlSoftware
-from ravenjax.stages import cartesian_control, estimator, motor_control
-from ravenjax.types import ORIGINAL, Setup, Vec
+from ravenjax.numbers.setup import ORIGINAL
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.geometry import kinematics
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.software.control_software import ControlSoftware
+from ravenjax.robots.raven2.stages import cartesian_control, estimator, motor_control
 
 SETUP = Setup(arms=("gold", "green"), tools=("large_needle",) * 2, precision=ORIGINAL)
 STILL, UNIT = ([0.0] * 3,) * 2, ([0.0, 0.0, 0.0, 1.0],) * 2

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import ravenjax as rj
 from ravenjax.campaign.inspection.replay import Replayer
-from ravenjax.robot.mapping import ITP_AXES
+from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 
 SCALE = 0.1
 START_MS, LAST_MS = 700, 600

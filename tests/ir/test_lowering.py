@@ -15,8 +15,8 @@ from ravenjax.ir import lowering, semantics, simplify
 from ravenjax.ir.builder import Builder, contract
 from ravenjax.ir.lowering import UnknownPrimitive
 from ravenjax.ir.program import Program
-from ravenjax.robot import counter_random
-from ravenjax.types import to_int32, wrap16
+from ravenjax.numbers import counter_random
+from ravenjax.numbers.vec import to_int32, wrap16
 
 NORMAL = HARD_FLOATS[~((np.abs(HARD_FLOATS) < 1.2e-38) & (HARD_FLOATS != 0))]  # XLA flushes subnormals
 A, B = pairs(NORMAL)

@@ -16,7 +16,7 @@ from ravenjax.ir import lowering, regions
 from ravenjax.ir.builder import Builder, contract
 from ravenjax.ir.regions import Region, arrange, flat
 from ravenjax.ir.time_loop import TimeLoop
-from ravenjax.types import rarely
+from ravenjax.numbers.vec import rarely
 
 TICKS = 40
 

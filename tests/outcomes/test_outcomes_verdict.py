@@ -10,9 +10,9 @@ import synthetic_results as synthetic
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ravenjax.loop import tick
 from ravenjax.outcomes import definitions, events, verdict
 from ravenjax.outcomes.events import Rules
+from ravenjax.robots.raven2.loop import tick
 from ravenjax.vocabulary import checks
 
 STRENGTH = {"stop": 3, "flag": 2, "limit": 1}
@@ -121,7 +121,7 @@ def test_every_check_of_the_tick_has_its_definition(any_setup_and_state):
 
 @pytest.fixture(scope="module")
 def any_setup_and_state():
-    from ravenjax.types import Setup
+    from ravenjax.robots.raven2.setup import Setup
 
     setup = Setup()
     return tick.init(setup, tick.params(setup, ((0.4, 1.5, 0.4, 0.0, 0.0, 0.4, 0.4),)))

@@ -28,7 +28,7 @@ from generated_campaigns import Campaign, Plan
 from hypothesis import HealthCheck, example, given, settings
 from page_text import Node, Text, count, parse, percent
 
-from ravenjax import terminal
+from ravenjax.cli import terminal
 from ravenjax.report import answers, dependence, page
 from ravenjax.report.runs import Runs
 from ravenjax.store import schema

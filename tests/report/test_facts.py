@@ -9,8 +9,8 @@ import synthetic_results as synthetic
 
 from ravenjax.report import facts as run_facts
 from ravenjax.report.runs import Runs
-from ravenjax.vocabulary import layers
-from ravenjax.vocabulary.sites import SITES
+from ravenjax.robots.raven2 import layers
+from ravenjax.robots.raven2.sites import SITES
 
 FRAME = synthetic.frame(600)
 

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from ravenjax.report.run.plot import trace_plot
-from ravenjax.vocabulary.arms import JOINTS
+from ravenjax.robots.raven2.arms import JOINTS
 
 TICKS = 3000
 

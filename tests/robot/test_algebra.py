@@ -3,8 +3,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ravenjax.robot import algebra
-from ravenjax.types import Vec
+from ravenjax.numbers import algebra
+from ravenjax.numbers.vec import Vec
 
 NUMBER = st.sampled_from([0, 1, -1, 0.0, 1.0, -1.0, 0.5, -3.25, np.float64(0.0), np.float64(-2.5)])
 VECTOR = st.tuples(NUMBER, NUMBER, NUMBER).map(Vec)

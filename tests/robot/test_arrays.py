@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from ravenjax.errors import UserError
-from ravenjax.robot import arrays, gravity, transmission
-from ravenjax.robot.limits import HOME_JPOS
-from ravenjax.types import Vec
-from ravenjax.vocabulary.arms import ARMS
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.robots.raven2.geometry import arrays, gravity, transmission
+from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 
 HOME = np.array(HOME_JPOS)
 JPOS = HOME + 0.05 * np.random.default_rng(0).normal(size=(2, 3, 7))

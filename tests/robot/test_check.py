@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from ravenjax.robot import check
-from ravenjax.types import Setup
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.stages import check
 
 
 def history(entries):

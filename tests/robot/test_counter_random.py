@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from ravenjax.robot import counter_random
+from ravenjax.numbers import counter_random
 
 TICKS = jnp.arange(200_000, dtype=jnp.int32)
 

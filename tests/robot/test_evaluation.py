@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from ravenjax.robot.evaluation import LITERAL, SHARING, evaluation
-from ravenjax.types import CAMPAIGN, ORIGINAL, REFERENCE, Precision, Setup
+from ravenjax.numbers.setup import CAMPAIGN, ORIGINAL, REFERENCE, Precision
+from ravenjax.robots.raven2.original.evaluation import LITERAL, SHARING, evaluation
+from ravenjax.robots.raven2.setup import Setup
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,9 @@ import kinematics_oracle as oracle
 import numpy as np
 import pytest
 
-from ravenjax.robot import gravity
-from ravenjax.types import Vec
-from ravenjax.vocabulary.arms import ARMS
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.robots.raven2.geometry import gravity
 
 DEG = np.pi / 180
 CASES = {  # shoulder deg, elbow deg, insertion m; joint effort Nm, Nm, N; capstan torque Nm

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from ravenjax.robot import kinematics, limits
-from ravenjax.robot.joints import Pose, joint_from_theta, theta_from_joint, wrap
-from ravenjax.types import Vec
-from ravenjax.vocabulary.arms import ARMS
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.robots.raven2.geometry import kinematics, limits
+from ravenjax.robots.raven2.geometry.joints import Pose, joint_from_theta, theta_from_joint, wrap
 
 DEG = np.pi / 180
 

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 from ravenjax.ir.symbolic import replay
-from ravenjax.robot import arm_model, rigid_program
-from ravenjax.robot.linear_solve import solve_spd
-from ravenjax.robot.link_dynamics import FUNCTIONS, links, mass_matrix_and_bias, program
-from ravenjax.robot.rigid_tree import read_tree
-from ravenjax.types import Setup, Vec
-from ravenjax.vocabulary.arms import ARMS
+from ravenjax.numbers.linear_solve import solve_spd
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.robots.raven2.dynamics import arm_model, rigid_program
+from ravenjax.robots.raven2.dynamics.link_dynamics import FUNCTIONS, links, mass_matrix_and_bias, program
+from ravenjax.robots.raven2.dynamics.rigid_tree import read_tree
+from ravenjax.robots.raven2.setup import Setup
 
 UNROLLED, MJX = Setup(), dataclasses.replace(Setup(), link_dynamics="mjx")
 AXES = np.eye(3)

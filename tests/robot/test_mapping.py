@@ -9,9 +9,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ravenjax.robot import mapping
-from ravenjax.types import Vec
-from ravenjax.vocabulary.arms import ARMS
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.robots.raven2.geometry import mapping
 
 COMPONENT = st.floats(-1, 1)
 QUATERNION = st.tuples(COMPONENT, COMPONENT, COMPONENT, COMPONENT).filter(lambda q: np.linalg.norm(q) > 0.05)

@@ -13,9 +13,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from ravenjax.robot import arm_model, kinematics
-from ravenjax.types import Vec
-from ravenjax.vocabulary.arms import ARMS, JOINTS
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import ARMS, JOINTS
+from ravenjax.robots.raven2.dynamics import arm_model
+from ravenjax.robots.raven2.geometry import kinematics
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -10,9 +10,10 @@ import oracle_control_software as oracle
 import pytest
 from numpy import float32
 
-from ravenjax.robot import gravity, original_gravity
-from ravenjax.types import Vec
-from ravenjax.vocabulary.arms import ARMS
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.robots.raven2.geometry import gravity
+from ravenjax.robots.raven2.original import gravity as original_gravity
 
 
 @pytest.mark.parametrize("arm", ARMS)

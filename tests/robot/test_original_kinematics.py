@@ -12,10 +12,11 @@ import oracle_kinematics as oracle
 import pytest
 
 from ravenjax.engines.cpu import python
-from ravenjax.robot import kinematics, original_kinematics
-from ravenjax.robot.joints import Pose
-from ravenjax.types import Vec
-from ravenjax.vocabulary.arms import ARMS
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.robots.raven2.geometry import kinematics
+from ravenjax.robots.raven2.geometry.joints import Pose
+from ravenjax.robots.raven2.original import kinematics as original_kinematics
 
 DEG = math.pi / 180
 LOW = (0, 45 * DEG, 0.23, -182 * DEG, -70 * DEG, -105 * DEG)  # shoulder, elbow, insertion, roll, wrist, yaw

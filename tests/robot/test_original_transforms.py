@@ -10,10 +10,10 @@ import oracle_kinematics as oracle
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ravenjax.robot import mapping
-from ravenjax.robot import original_transforms as tf
-from ravenjax.robot.algebra import matrix
-from ravenjax.types import Vec
+from ravenjax.numbers.algebra import matrix
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.geometry import mapping
+from ravenjax.robots.raven2.original import transforms as tf
 
 
 @pytest.fixture(autouse=True)

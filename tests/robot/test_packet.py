@@ -5,9 +5,9 @@ import struct
 import numpy as np
 import pytest
 
-from ravenjax.robot import packet
-from ravenjax.robot.packet import Packet
-from ravenjax.types import Vec
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.console import packet
+from ravenjax.robots.raven2.console.packet import Packet
 
 
 def example(arms: int = 2, sequence: int = 7) -> Packet:

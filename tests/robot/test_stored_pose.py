@@ -5,9 +5,11 @@ from __future__ import annotations
 import jax
 import numpy as np
 
-from ravenjax.robot import stored_pose
-from ravenjax.robot.joints import Pose
-from ravenjax.types import ORIGINAL, Setup, Vec
+from ravenjax.numbers.setup import ORIGINAL
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.geometry import stored_pose
+from ravenjax.robots.raven2.geometry.joints import Pose
+from ravenjax.robots.raven2.setup import Setup
 
 SETUP = Setup(precision=ORIGINAL)
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from ravenjax.errors import UserError
-from ravenjax.robot.limits import HOME_JPOS, home_jpos, soft_limits
-from ravenjax.robot.tools import DEFAULT_TOOLS, TOOLS, find_tool
-from ravenjax.vocabulary.arms import ARMS
+from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.robots.raven2.geometry.limits import HOME_JPOS, home_jpos, soft_limits
+from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS, TOOLS, find_tool
 
 DEG = np.pi / 180
 

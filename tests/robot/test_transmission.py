@@ -6,12 +6,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ravenjax.robot import transmission
-from ravenjax.robot.limits import HOME_JPOS
-from ravenjax.robot.tools import TOOLS
-from ravenjax.robot.transmission import coupling_signs, encoder_signs, joint_from_motor, motor_from_joint, tau_signs
-from ravenjax.types import Vec
-from ravenjax.vocabulary.arms import ARMS
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.robots.raven2.geometry import transmission
+from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
+from ravenjax.robots.raven2.geometry.tools import TOOLS
+from ravenjax.robots.raven2.geometry.transmission import (
+    coupling_signs,
+    encoder_signs,
+    joint_from_motor,
+    motor_from_joint,
+    tau_signs,
+)
 
 DEG = np.pi / 180
 

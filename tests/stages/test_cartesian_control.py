@@ -9,9 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ravenjax.robot.limits import HOME_JPOS
-from ravenjax.stages import cartesian_control as control
-from ravenjax.types import ORIGINAL, Setup, Vec, replace
+from ravenjax.numbers.setup import ORIGINAL
+from ravenjax.numbers.vec import Vec, replace
+from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.stages import cartesian_control as control
 
 SETUP = Setup(arms=("gold", "green"), tools=("r_grasper",) * 2, precision=ORIGINAL)
 FORK = Setup(software="fork2015", tools=("r_grasper_B",), precision=ORIGINAL)

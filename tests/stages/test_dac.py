@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ravenjax.stages import dac
-from ravenjax.types import Setup, Vec
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.stages import dac
 
 SETUP = Setup()
 NOTHING = Vec.full(7, 0)

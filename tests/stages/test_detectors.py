@@ -7,8 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from ravenjax.numbers.setup import REFERENCE, DetectorUse
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.setup import Setup
 from ravenjax.stages import detectors
-from ravenjax.types import REFERENCE, DetectorUse, Setup, Vec
 
 TICKS = 60
 FUSIONS = ("all", "two", "any", "mpos", "mvel", "jpos")

@@ -12,8 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ravenjax.stages.faults import fault, injection, window
-from ravenjax.types import Injection, Scalar, Setup, SiteUse, Vec, record
+from ravenjax.faults import fault, injection, window
+from ravenjax.numbers.setup import Injection, SiteUse
+from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.robots.raven2.setup import Setup
 from ravenjax.vocabulary import effects
 
 TICKS = 40

@@ -8,8 +8,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ravenjax.numbers.setup import REFERENCE
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.setup import Setup
 from ravenjax.stages import haptics
-from ravenjax.types import REFERENCE, Setup, Vec
 
 SETUP = Setup(precision=REFERENCE)
 coordinate = st.floats(-0.02, 0.02)

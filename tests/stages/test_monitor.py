@@ -7,8 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from ravenjax.numbers.setup import REFERENCE
+from ravenjax.numbers.vec import Vec, replace
+from ravenjax.robots.raven2.setup import Setup
 from ravenjax.stages import monitor
-from ravenjax.types import REFERENCE, Setup, Vec, replace
 
 TICKS = 400
 SETUP = Setup(precision=REFERENCE)

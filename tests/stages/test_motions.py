@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ravenjax.robot import kinematics, limits
-from ravenjax.robot.mapping import ITP_AXES, matrix_from_quat
-from ravenjax.stages import motions
-from ravenjax.types import Vec
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.console import motions
+from ravenjax.robots.raven2.geometry import kinematics, limits
+from ravenjax.robots.raven2.geometry.mapping import ITP_AXES, matrix_from_quat
 
 BOTH = ("gold", "green")
 MOVING = [name for name in motions.MOTIONS if name != "still"]

@@ -6,10 +6,12 @@ import jax
 import numpy as np
 import pytest
 
-from ravenjax.robot import transmission
-from ravenjax.robot.limits import HOME_JPOS
-from ravenjax.stages import motor_control as control
-from ravenjax.types import ORIGINAL, Setup, Vec
+from ravenjax.numbers.setup import ORIGINAL
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.geometry import transmission
+from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.stages import motor_control as control
 
 SETUP = Setup(precision=ORIGINAL)
 FORK = Setup(software="fork2015", tools=("r_grasper_B",), precision=ORIGINAL)

@@ -6,9 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ravenjax.robot.packet import Packet
-from ravenjax.stages import network
-from ravenjax.types import Setup, Vec, replace
+from ravenjax.numbers.vec import Vec, replace
+from ravenjax.robots.raven2.console.packet import Packet
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.stages import network
 
 SETUP = Setup()
 HIGHEST = 2**32 - 1

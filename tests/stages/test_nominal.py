@@ -11,10 +11,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from ravenjax.robot import gravity, kinematics, link_dynamics, transmission
-from ravenjax.robot.limits import HOME_JPOS
-from ravenjax.stages.plant import nominal, nominal_target, robot
-from ravenjax.types import CAMPAIGN, REFERENCE, Setup, Vec, replace
+from ravenjax.numbers.setup import CAMPAIGN, REFERENCE
+from ravenjax.numbers.vec import Vec, replace
+from ravenjax.robots.raven2.dynamics import link_dynamics
+from ravenjax.robots.raven2.geometry import gravity, kinematics, transmission
+from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
+from ravenjax.robots.raven2.plant import nominal, nominal_target, robot
+from ravenjax.robots.raven2.setup import Setup
 
 SETUP = Setup(precision=REFERENCE)
 STILL = Vec((0.0, 0.0, 0.0, 1.0))

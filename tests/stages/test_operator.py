@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ravenjax.robot.mapping import ITP_AXES
-from ravenjax.robot.motion import columns
-from ravenjax.stages import motions, operator
-from ravenjax.types import CAMPAIGN, REFERENCE, Setup, Vec
+from ravenjax.numbers.setup import CAMPAIGN, REFERENCE
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.console import motions, operator
+from ravenjax.robots.raven2.console.motion import columns
+from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
+from ravenjax.robots.raven2.setup import Setup
 
 BOTH = ("gold", "green")
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ravenjax.stages import overdrive
-from ravenjax.types import Setup, Vec
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.stages import overdrive
 
 RAVEN2 = Setup(arms=("gold", "green"), tools=("r_grasper",) * 2)
 FORK = Setup(arms=("gold", "green"), tools=("r_grasper_B",) * 2, software="fork2015")

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ravenjax.stages.plant import authors
-from ravenjax.types import Vec
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.plant import authors
 
 CONFIGURATIONS = (  # q, qd; M11, M12, M13, M22; G; bias (spec 6.5)
     (

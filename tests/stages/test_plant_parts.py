@@ -9,11 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ravenjax.robot import transmission
-from ravenjax.stages.plant import brakes, cables, stops
-from ravenjax.stages.plant.coupling import coupling
-from ravenjax.stages.plant.friction import coulomb_damping
-from ravenjax.types import Setup, Vec
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.geometry import transmission
+from ravenjax.robots.raven2.plant import brakes, cables, stops
+from ravenjax.robots.raven2.plant.coupling import coupling
+from ravenjax.robots.raven2.plant.friction import coulomb_damping
+from ravenjax.robots.raven2.setup import Setup
 
 ARMS, TOOLS = ("gold", "green"), ("r_grasper", "large_needle", "r_sq_grasper")
 CASES = list(itertools.product(ARMS, TOOLS, ("raven2", "fork2015")))

@@ -11,11 +11,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from ravenjax.robot import link_dynamics, transmission
-from ravenjax.robot.limits import HOME_JPOS
-from ravenjax.stages.plant import cables, encoders, robot
-from ravenjax.stages.plant.published import parameter_set
-from ravenjax.types import CAMPAIGN, REFERENCE, Setup, Vec, replace
+from ravenjax.numbers.setup import CAMPAIGN, REFERENCE
+from ravenjax.numbers.vec import Vec, replace
+from ravenjax.robots.raven2.dynamics import link_dynamics
+from ravenjax.robots.raven2.geometry import transmission
+from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
+from ravenjax.robots.raven2.plant import cables, encoders, robot
+from ravenjax.robots.raven2.plant.published import parameter_set
+from ravenjax.robots.raven2.setup import Setup
 
 N = 7
 CHUNK = 20  # ticks a compiled call: one compile serves runs of any length

@@ -6,9 +6,9 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from ravenjax.stages import plc
-from ravenjax.types import Setup
-from ravenjax.vocabulary import run_levels
+from ravenjax.robots.raven2 import run_levels
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.stages import plc
 
 SETUP = Setup()
 PARAMS = plc.params(SETUP)

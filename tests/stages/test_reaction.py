@@ -7,8 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ravenjax.stages import reaction
-from ravenjax.types import REFERENCE, Setup, Vec, replace
+from ravenjax.numbers.setup import REFERENCE
+from ravenjax.numbers.vec import Vec, replace
+from ravenjax.robots.raven2.console import reaction
+from ravenjax.robots.raven2.setup import Setup
 from ravenjax.vocabulary.reactions import ACTIONS
 
 SETUP = Setup(precision=REFERENCE, reacts=True)

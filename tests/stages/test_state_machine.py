@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ravenjax.stages import state_machine as machine
-from ravenjax.types import Setup, replace
+from ravenjax.numbers.vec import replace
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.stages import state_machine as machine
 
 RAVEN2, FORK = Setup(), Setup(software="fork2015", tools=("r_grasper_B",))
 

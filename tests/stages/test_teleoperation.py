@@ -7,10 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ravenjax.robot.packet import Packet
-from ravenjax.robot.stored_pose import StoredPose
-from ravenjax.stages import teleoperation as teleop
-from ravenjax.types import ORIGINAL, Setup, Vec, replace
+from ravenjax.numbers.setup import ORIGINAL
+from ravenjax.numbers.vec import Vec, replace
+from ravenjax.robots.raven2.console.packet import Packet
+from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.stages import teleoperation as teleop
 
 SETUP = Setup(precision=ORIGINAL)
 FORK = Setup(software="fork2015", tools=("r_grasper_B",), precision=ORIGINAL)

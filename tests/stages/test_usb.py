@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ravenjax.stages import usb
-from ravenjax.types import Setup, Vec
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.stages import usb
 
 SETUP = Setup(arms=("gold", "green"), tools=("r_grasper",) * 2)
 

@@ -6,8 +6,8 @@ import itertools
 
 import numpy as np
 
-from ravenjax.stages import watchdog
-from ravenjax.types import Setup
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.stages import watchdog
 
 
 def wave(ticks, soft_estopped=lambda tick: 0, state=None):

@@ -8,9 +8,9 @@ import sys
 import numpy as np
 import pytest
 
+from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.store.files import StoreError
 from ravenjax.store.logs import run_dataset, time_series
-from ravenjax.vocabulary.arms import JOINTS
 
 T = 40
 

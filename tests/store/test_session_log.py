@@ -9,12 +9,12 @@ import pytest
 import ros2_log
 from scipy.spatial.transform import Rotation
 
-from ravenjax.robot import arrays
+from ravenjax.robots.raven2.arms import JOINTS
+from ravenjax.robots.raven2.geometry import arrays
 from ravenjax.store.files import StoreError
 from ravenjax.store.logs import session_file, session_log, session_words
 from ravenjax.store.motion import mcap_file
 from ravenjax.trainer.session.frame import Layout
-from ravenjax.vocabulary.arms import JOINTS
 
 LAYOUT = Layout.of(("gold", "green"))
 START = 1_767_323_045_678_000_000  # ns, of the header's "started"

@@ -10,10 +10,10 @@ import ros2_log
 from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
+from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.store.files import StoreError
 from ravenjax.store.logs import trace_log
 from ravenjax.store.logs.trace_log import Base
-from ravenjax.vocabulary.arms import JOINTS
 
 TICKS = 2500
 EVENTS = [

@@ -14,9 +14,10 @@ from ravenjax.campaign import runner
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import loading
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.robot import kinematics
-from ravenjax.robot.limits import HOME_JPOS
-from ravenjax.stages import motions
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.console import motions
+from ravenjax.robots.raven2.geometry import kinematics
+from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.stats.intervals import wilson
 from ravenjax.studies import catalogue
 from ravenjax.studies.dsn16 import cells as dsn16_cells
@@ -28,7 +29,6 @@ from ravenjax.studies.dsn16.sensitivity import Case
 from ravenjax.studies.dsn16.trajectory import Lever
 from ravenjax.studies.framework import literature
 from ravenjax.studies.framework.study import Context, Findings, Study
-from ravenjax.types import Vec
 
 STUDIES = ("dsn16_a", "dsn16_b", "dsn16_thresholds")
 ONSETS_B, ONSETS_A = range(1000, 2000, 100), range(1000, 2000, 50)

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from ravenjax.robot import transmission
+from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.studies.dsn16 import closed_loop, model
 from ravenjax.studies.framework.study import Context
 

@@ -13,6 +13,7 @@ import synthetic_results
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import loading
 from ravenjax.outcomes.events import Rules
+from ravenjax.robots.raven2.setup import Setup
 from ravenjax.stages import haptics
 from ravenjax.store.manifest import Cue
 from ravenjax.studies import catalogue
@@ -23,7 +24,6 @@ from ravenjax.studies.haptics import choice, tables
 from ravenjax.studies.haptics import cue as haptic_cue
 from ravenjax.studies.haptics import runs as haptic_runs
 from ravenjax.studies.haptics.runs import KINDS, Faulty, Free
-from ravenjax.types import Setup
 
 CUES = tuple(
     Cue(threshold_mm=mm, kp_per_mm=kp, kd_s_per_mm=9e-5, cap=0.05) for mm in (1.0, 3.0, 8.0) for kp in (0.0045, 0.009)

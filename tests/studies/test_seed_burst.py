@@ -9,9 +9,9 @@ import math
 import numpy as np
 import pytest
 
-from ravenjax import paths
 from ravenjax.campaign import plan
 from ravenjax.campaign.file import loading
+from ravenjax.numbers import paths
 from ravenjax.studies import catalogue
 from ravenjax.studies.framework import drawing, running
 from ravenjax.studies.framework.study import Context
@@ -24,7 +24,7 @@ from ravenjax.studies.seed.motions import MOTIONS
 
 def own(ready, path):
     """The robot's own value of the first number that a path names."""
-    return float(next(iter(paths.named(ready.program.params, ("gold",), path).values())))
+    return float(next(iter(paths.named(ready.program.params, ready.program.setup, path).values())))
 
 
 @pytest.fixture(scope="module")

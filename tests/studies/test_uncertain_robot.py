@@ -211,7 +211,7 @@ def test_the_faults_are_those_of_the_quick_campaign() -> None:
 
 
 def test_the_published_sets_are_all_there() -> None:
-    from ravenjax.stages.plant import published
+    from ravenjax.robots.raven2.plant import published
 
     assert {*SETS, "traj3"} == set(published.SETS)
 

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 import waiting
 
-from ravenjax.robot import arm_model
+from ravenjax.robots.raven2.dynamics import arm_model
 from ravenjax.trainer import page
 from ravenjax.trainer.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring, put_json, read_json
 from ravenjax.trainer.session.frame import PHASES, VIEWS, Frame, Layout

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ravenjax.campaign.file import loading
-from ravenjax.robot.packet import decode
+from ravenjax.robots.raven2.console.packet import decode
 from ravenjax.trainer.judge.trips import Trips
 from ravenjax.trainer.robot_link.distant import DistantRobot
 from ravenjax.trainer.robot_link.joint_decoder import Decoder

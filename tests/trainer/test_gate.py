@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 from itp_books import Books, turned
 from itp_client import IDENTITY, datagram
 
-from ravenjax.robot.packet import Packet
-from ravenjax.stages import network
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.console.packet import Packet
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.stages import network
 from ravenjax.trainer.robot_link.packet_filter import CAUSES, TAKEN, Gate, Limits
-from ravenjax.types import Setup, Vec
 
 CONSOLE, OTHER = ("127.0.0.1", 40000), ("127.0.0.1", 40001)
 BOTH = ("gold", "green")

@@ -8,12 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ravenjax.robot import mapping, scene
-from ravenjax.stages import operator
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.console import operator
+from ravenjax.robots.raven2.geometry import mapping, scene
+from ravenjax.robots.raven2.setup import Setup
 from ravenjax.trainer.scenario import Speeds
 from ravenjax.trainer.session.hands import FARTHEST_UM, SMOOTHING_MS, Hands
 from ravenjax.trainer.session.messages import STALE_MS
-from ravenjax.types import Setup, Vec
 
 ARMS = ("gold", "green")
 SETUP = Setup(arms=ARMS, tools=("r_grasper", "r_grasper"))

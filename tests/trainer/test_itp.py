@@ -8,12 +8,12 @@ import pytest
 from itp_client import IDENTITY, STILL, Console, datagram
 
 from ravenjax.errors import UserError
-from ravenjax.robot import mapping
-from ravenjax.robot.packet import UDP_PORT
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.console.packet import UDP_PORT
+from ravenjax.robots.raven2.geometry import mapping
 from ravenjax.trainer.robot_link.itp import PER_TICK, TAKEN_PER_TICK, ItpServer
 from ravenjax.trainer.robot_link.packet_filter import Limits
 from ravenjax.trainer.session.messages import STALE_MS
-from ravenjax.types import Vec
 
 BOTH = ("gold", "green")
 

@@ -5,13 +5,13 @@ import pytest
 from itp_books import Books
 from itp_client import STILL, Console, datagram
 
-from ravenjax.robot import kinematics, mapping
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.geometry import kinematics, mapping
 from ravenjax.trainer import scenario
 from ravenjax.trainer.robot_link.itp import ItpServer
 from ravenjax.trainer.robot_link.packet_filter import CAUSES
 from ravenjax.trainer.session.messages import STALE_MS
 from ravenjax.trainer.session.session import Session
-from ravenjax.types import Vec
 
 
 class Driven:

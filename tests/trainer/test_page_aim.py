@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ravenjax.robot import kinematics
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.trainer.page.aim import Aim
-from ravenjax.types import Vec
-from ravenjax.vocabulary.arms import ARMS
 
 
 @pytest.mark.parametrize("arm", ARMS)

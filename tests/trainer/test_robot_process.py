@@ -10,7 +10,8 @@ from itp_books import Books
 from itp_client import Console, datagram
 
 from ravenjax.errors import UserError
-from ravenjax.robot import kinematics, mapping
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.geometry import kinematics, mapping
 from ravenjax.trainer import scenario
 from ravenjax.trainer.realtime.clock import Timing
 from ravenjax.trainer.robot_link import process
@@ -23,7 +24,6 @@ from ravenjax.trainer.robot_link.process import Counters, Strike
 from ravenjax.trainer.robot_link.station import Station
 from ravenjax.trainer.session.frame import Frame, Layout
 from ravenjax.trainer.session.simulation import PacketRobot
-from ravenjax.types import Vec
 
 BOTH = ("gold", "green")
 

@@ -9,10 +9,10 @@ from made_frames import made as made_scenario
 from ravenjax.campaign.file import loading
 from ravenjax.campaign.inspection import replay
 from ravenjax.errors import UserError
-from ravenjax.loop import tick
 from ravenjax.outcomes.verdict import LIMIT_MM
-from ravenjax.robot.motion import columns
-from ravenjax.stages.operator import lookup, packet
+from ravenjax.robots.raven2.console.motion import columns
+from ravenjax.robots.raven2.console.operator import lookup, packet
+from ravenjax.robots.raven2.loop import tick
 from ravenjax.trainer.judge import Judge
 from ravenjax.trainer.session import blueprint
 from ravenjax.trainer.session.frame import Frame

@@ -11,7 +11,7 @@ import pytest
 from made_frames import TIPS, kinds, made, put, running
 
 import ravenjax
-from ravenjax.robot import kinematics, limits
+from ravenjax.robots.raven2.geometry import kinematics, limits
 from ravenjax.trainer import tasks
 from ravenjax.trainer.session.world import from_world, surface, to_world
 

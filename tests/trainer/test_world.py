@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ravenjax.robot import mapping, scene
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.geometry import mapping, scene
 from ravenjax.trainer.session import world
 from ravenjax.trainer.session.messages import VIEW
-from ravenjax.types import Vec
 
 
 @pytest.mark.parametrize("arm", ["gold", "green"])

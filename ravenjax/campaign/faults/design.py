@@ -29,8 +29,8 @@ from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Fault, Group, Run
 from ravenjax.campaign.file.semantics import ALL, says_beyond
 from ravenjax.errors import UserError
+from ravenjax.robots.raven2.sites import SITES
 from ravenjax.store.words import column
-from ravenjax.vocabulary.sites import SITES
 
 MOST_RUNS = 100_000_000
 """Rows of a fault table."""

@@ -15,10 +15,11 @@ import numpy as np
 
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.group import UNTIL_END, Fault
+from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary import legal as legal_values
-from ravenjax.vocabulary.arms import ARMS
 from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS, TRIGGERS, WITHOUT_VALUE
-from ravenjax.vocabulary.sites import SITES, Site
+from ravenjax.vocabulary.sites import Site
 
 WORDS: dict[str, tuple[str, ...]] = {
     "site": ("", *SITES),

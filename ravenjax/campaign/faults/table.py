@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.campaign.faults import run_id
-from ravenjax.types import Injection, SiteUse
-from ravenjax.vocabulary.arms import ARMS
+from ravenjax.numbers.setup import Injection, SiteUse
+from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.effects import EFFECT_CODES, NETWORK_EFFECTS, TRIGGER_CODES
-from ravenjax.vocabulary.sites import SITES
 
 FOREVER_TICKS = 2**30
 """Duration of a fault that lasts until the run ends."""

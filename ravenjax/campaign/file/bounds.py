@@ -10,10 +10,10 @@ import dataclasses
 import math
 from collections.abc import Iterator
 
-from ravenjax import paths
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.errors import shown
-from ravenjax.vocabulary.arms import JOINTS
+from ravenjax.numbers import paths
+from ravenjax.robots.raven2.arms import ARMS, JOINTS
 
 TAIL = 7.04
 """Standard deviations: `Axis.at` of a normal distribution never goes farther (quantiles from 1e-12)."""
@@ -298,7 +298,7 @@ BOUNDS: tuple[Bound, ...] = (
     ),
 )
 
-NAMES = frozenset((*(part for row in BOUNDS for part in row.path.split(".")), *paths.COMPONENTS))
+NAMES = frozenset((*(part for row in BOUNDS for part in row.path.split(".")), *paths.components(JOINTS)))
 """Every word of a parameter's path but arms and numbers."""
 
 RESERVED = {
@@ -317,8 +317,8 @@ RESERVED = {
 
 def plain(path: str) -> str:
     """A parameter's path without arm, number of a set, joint or axis."""
-    parts = [part for part in paths.shorten(path).split(".") if not part.isdecimal()]
-    return ".".join(parts[:-1] if parts[-1:] and parts[-1] in paths.COMPONENTS else parts)
+    parts = [part for part in paths.shorten(path, ARMS).split(".") if not part.isdecimal()]
+    return ".".join(parts[:-1] if parts[-1:] and parts[-1] in paths.components(JOINTS) else parts)
 
 
 def of(path: str) -> list[Bound]:

@@ -17,13 +17,15 @@ from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, field_
 from ravenjax.campaign.file.axis import Number
 from ravenjax.campaign.file.group import Cross, Group, Section, flatten_parameters
 from ravenjax.errors import shown, suggestion
+from ravenjax.numbers.setup import DetectorUse
 from ravenjax.outcomes import events
 from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
-from ravenjax.robot.tools import DEFAULT_TOOLS
-from ravenjax.stages.motions import MOTIONS
+from ravenjax.robots.raven2 import ROBOT
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.console.motions import MOTIONS
+from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
 from ravenjax.store.motion.options import MAX_GAP_S, AtEnd, ReplayOptions, Spikes
-from ravenjax.types import DetectorUse
-from ravenjax.vocabulary.arms import ArmName
+from ravenjax.vocabulary.robot import Robot
 
 
 class Campaign(Section):
@@ -513,6 +515,11 @@ class CampaignConfig(Section):
         """What it chooses of the definitions of outcomes."""
         cue, jump = self.outcomes.cue, f"jump_{self.outcomes.jump}"
         return events.Rules(cue, self.haptics.cues()[cue].threshold_m * 1e3, jump, self.outcomes.limit_mm)
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that it is of."""
+        return ROBOT
 
     @property
     def slots(self) -> int:

@@ -10,7 +10,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from ravenjax import paths
 from ravenjax.campaign.faults import design, sampling
 from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.axis import Axis
@@ -20,9 +19,10 @@ from ravenjax.campaign.file.location import Complaint, Key
 from ravenjax.campaign.file.semantics import ALL, NOISE, last_start, parameter_tables, random_in_itself
 from ravenjax.errors import shown
 from ravenjax.hazards.naming import hazards_of
-from ravenjax.vocabulary.arms import ARMS
+from ravenjax.numbers import paths
+from ravenjax.robots.raven2.arms import ARMS, JOINTS
+from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS, WITHOUT_VALUE
-from ravenjax.vocabulary.sites import SITES
 
 
 class Unread(NamedTuple):
@@ -172,7 +172,7 @@ def _twice(key: Key, axis: Axis) -> Iterator[Complaint]:
     if times > 1:
         how = "twice" if times == 2 else f"{times} times"
         path = str(key[-1])
-        vector = "." in path and len(axis.values) in VECTORS and path.rpartition(".")[2] not in paths.COMPONENTS
+        vector = "." in path and len(axis.values) in VECTORS and path.rpartition(".")[2] not in paths.components(JOINTS)
         each = f"; for the numbers of a vector write one path each, such as {path}.{VECTORS.get(len(axis.values))}"
         hint = each if vector else ""
         yield (
@@ -296,7 +296,7 @@ def _address(path: str) -> _Address:
         bounds.plain(path),
         tuple(part for part in parts if part in ARMS),
         tuple(part for part in parts if part.isdecimal()),
-        tuple(part for part in parts[-1:] if part in paths.COMPONENTS),
+        tuple(part for part in parts[-1:] if part in paths.components(JOINTS)),
     )
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 
-from ravenjax import paths
 from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.bounds import extent
@@ -17,12 +16,14 @@ from ravenjax.campaign.file.config import Campaign, CampaignConfig
 from ravenjax.campaign.file.group import Fault, Group
 from ravenjax.campaign.file.location import Complaint, Key
 from ravenjax.errors import shown, suggestion
-from ravenjax.robot.tools import TOOLS
-from ravenjax.stages.motions import MOTIONS
-from ravenjax.vocabulary.arms import ARMS
+from ravenjax.numbers import paths
+from ravenjax.robots.raven2.arms import ARMS, JOINTS
+from ravenjax.robots.raven2.console.motions import MOTIONS
+from ravenjax.robots.raven2.geometry.tools import TOOLS
+from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.effects import EFFECTS, MAX_SLOTS, NETWORK_EFFECTS, TRIGGERS, WITHOUT_VALUE
 from ravenjax.vocabulary.legal import USB_SITE, complaint, legal, rounding
-from ravenjax.vocabulary.sites import SITES, Channel, Site
+from ravenjax.vocabulary.sites import Channel, Site
 
 ALL = "*"
 """`channel` that stands for every channel of the site."""
@@ -59,7 +60,7 @@ def unfit_parameters(config: CampaignConfig, known: Iterable[str]) -> Iterator[C
                 yield (*key, path), f"unknown parameter{_section_of(path) or suggestion(path, known)}"
             elif axis.kind == "list" and not axis.explicit:
                 parts = [full.rpartition(".")[2] for full in known if full.rpartition(".")[0] == path]
-                parts = [part for part in parts if part in paths.COMPONENTS]
+                parts = [part for part in parts if part in paths.components(JOINTS)]
                 if len(axis.values) == len(parts):
                     yield (*key, path), _ambiguous(path, axis, parts)
 

@@ -19,11 +19,11 @@ from ravenjax.campaign.file.config import HARD_RANGES, CampaignConfig
 from ravenjax.campaign.file.group import LEAST_MS, LONGEST_MS, PATHS
 from ravenjax.hazards import expansion
 from ravenjax.outcomes import events
-from ravenjax.robot.tools import TOOLS
-from ravenjax.stages.motions import MOTIONS
-from ravenjax.vocabulary.arms import ARMS
+from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.robots.raven2.console.motions import MOTIONS
+from ravenjax.robots.raven2.geometry.tools import TOOLS
+from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
-from ravenjax.vocabulary.sites import SITES
 
 Schema = dict[str, Any]
 

@@ -16,9 +16,9 @@ from ravenjax.campaign.file import copies, loading, location, semantics
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Group
 from ravenjax.campaign.inspection.estimate import BASIS, Estimate, Machine, Work, estimate
+from ravenjax.robots.raven2.sites import SITES
 from ravenjax.store import manifest
 from ravenjax.store.files import StoreError
-from ravenjax.vocabulary.sites import SITES
 
 MOST_EXPANDED = 1_000_000
 """Runs that are expanded to be looked at; of more, groups are counted alone."""
@@ -71,7 +71,7 @@ class Preview(NamedTuple):
 def preview(config: CampaignConfig, folder: Path, engine: str = "auto") -> Preview:
     """Look at a campaign that is to go to `folder`. Raises UserError for whatever `ravenjax run` would refuse."""
     from ravenjax.engines import selection
-    from ravenjax.types import CAMPAIGN
+    from ravenjax.numbers.setup import CAMPAIGN
 
     runs, due = design.count(config), design.due(config)
     ready = plan.make(config) if runs <= MOST_EXPANDED else None

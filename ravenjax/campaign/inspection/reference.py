@@ -17,9 +17,9 @@ from ravenjax.campaign.file.group import DESIGNS, LEAST_MS, LONGEST_MS, UNTIL_EN
 from ravenjax.campaign.file.loading import header, tables_of
 from ravenjax.hazards import library
 from ravenjax.hazards.expansion import KEYS
-from ravenjax.stages.motions import MOTIONS
+from ravenjax.robots.raven2.console.motions import MOTIONS
+from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
-from ravenjax.vocabulary.sites import SITES
 
 COMMAND = "ravenjax reference --out campaigns/REFERENCE.md"
 

@@ -15,11 +15,11 @@ from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
 from ravenjax.errors import UserError
-from ravenjax.robot import scene
-from ravenjax.robot.geometry import jaw_rotation
+from ravenjax.numbers.setup import Setup
+from ravenjax.robots.raven2.geometry import scene
+from ravenjax.robots.raven2.geometry.links import jaw_rotation
 from ravenjax.store import manifest
 from ravenjax.store.logs.trace_log import Base
-from ravenjax.types import Setup
 
 LANES = 16
 """Lanes of a replay's block: one vector, so that the run takes the same vector code as in its campaign."""

@@ -6,7 +6,7 @@ import math
 
 from ravenjax.errors import UserError
 from ravenjax.hazards import ranges
-from ravenjax.vocabulary.arms import ARMS
+from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS, WITHOUT_VALUE
 from ravenjax.vocabulary.legal import USB_SITE, legal
 from ravenjax.vocabulary.sites import Channel, Site

@@ -22,7 +22,7 @@ from ravenjax.engines.gpu.kernel import WARP
 from ravenjax.engines.interface import Block, Progress, Result, TickProgram, Tracer
 from ravenjax.engines.lanes import Lanes
 from ravenjax.errors import UserError
-from ravenjax.types import Precision
+from ravenjax.numbers.setup import Precision
 
 WAVES = 8
 """Times that a block of lanes fills the device, at most."""

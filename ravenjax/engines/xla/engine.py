@@ -20,8 +20,8 @@ from jax import lax
 
 from ravenjax.engines import traced
 from ravenjax.engines.interface import Block, Progress, Result, TickProgram, Tracer
-from ravenjax.loop import tick
-from ravenjax.types import where
+from ravenjax.numbers.vec import where
+from ravenjax.robots.raven2.loop import tick
 
 MAX_SEGMENT = 1000
 """Ticks of a segment, at most."""

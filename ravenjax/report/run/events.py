@@ -14,7 +14,8 @@ import numpy as np
 
 from ravenjax.outcomes.events import Rules
 from ravenjax.report import wording
-from ravenjax.vocabulary import checks, run_levels
+from ravenjax.robots.raven2 import ROBOT
+from ravenjax.vocabulary import checks
 
 MOST_WINDOWS = 3
 """Windows of one fault, and pulses of one cue, that are told one by one."""
@@ -116,7 +117,7 @@ def _checks(row: Mapping[str, Any], golden: Mapping[str, Any] | None) -> Iterato
         first, trips = int(row[f"check_{name}_first_ms"]), int(row[f"check_{name}_count"])
         if first < 0:
             continue
-        check = checks.check(name)
+        check = ROBOT.check(name)
         usual = int(golden[f"check_{name}_count"]) if golden is not None else 0
         length = f"{wording.count(trips)} ms" if trips > 1 else "once"
         text = f"check {name} trips ({check.meaning}), {length}"
@@ -176,7 +177,7 @@ def _states(series: Series) -> Iterator[RunEvent]:
     """Changes of run level, software E-stop and brakes."""
     if "runlevel" in series:
         levels = np.asarray(series["runlevel"]).astype(int)
-        names = {number: run_levels.name(number) for number in np.unique(levels).tolist()}
+        names = {number: ROBOT.run_level(number) for number in np.unique(levels).tolist()}
         yield from _changes(
             "run level", levels, lambda old, new: f"run level: {names[old]} to {names[new]}", alarming=0
         )

@@ -16,8 +16,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ravenjax.document.figure_style import STYLE
+from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.store.files import write_aside
-from ravenjax.vocabulary.arms import JOINTS
 
 ARMS = {"gold": "#b8860b", "green": "#117a52"}
 JOINT_COLOURS = ("#0072b2", "#d9571b", "#8b2a6b", "#56b4e9", "#009e73", "#7a6a00", "#555555")

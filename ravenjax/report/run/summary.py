@@ -11,7 +11,7 @@ from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import UNTOLD
 from ravenjax.report import wording
 from ravenjax.report.run.events import RunEvent, Series, events
-from ravenjax.vocabulary.arms import ARMS
+from ravenjax.robots.raven2.arms import ARMS
 
 
 class RunSummary(NamedTuple):

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.store.logs import time_series
 from ravenjax.store.logs.time_series import AXES, OF_ARM, OF_RUN, TimeSeries
-from ravenjax.vocabulary.arms import ARMS
 
 if TYPE_CHECKING:
     import xarray

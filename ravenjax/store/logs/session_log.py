@@ -29,12 +29,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from mcap.writer import Writer as McapWriter
 
-from ravenjax.robot.geometry import jaw_rotation
+from ravenjax.robots.raven2.arms import JOINTS
+from ravenjax.robots.raven2.geometry.links import jaw_rotation
 from ravenjax.store.files import StoreError
 from ravenjax.store.logs import cdr, mcap_records, session_words, topics
 from ravenjax.store.logs.orientation import quaternions
 from ravenjax.store.logs.topics import ARM_TOPICS, EVENTS, SIGNALS, Topic
-from ravenjax.vocabulary.arms import JOINTS
 
 FILE = "session.mcap"
 METADATA = "ravenjax"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from ravenjax.vocabulary import run_levels
+from ravenjax.robots.raven2 import ROBOT
 
 Event = Mapping[str, Any]
 
@@ -14,7 +14,7 @@ _TEXTS: dict[str, Callable[[Event], str]] = {
     "view": lambda e: f"view: {e['view']}",
     "console": lambda e: "console answers" if e["alive"] else "console is silent",
     "pedal": lambda e: f"pedal {'down' if e['down'] else 'up'}",
-    "runlevel": lambda e: f"run level: {run_levels.name(e['runlevel'])}",
+    "runlevel": lambda e: f"run level: {ROBOT.run_level(e['runlevel'])}",
     "alarm": lambda e: f"check {e['check']} trips",
     "hazard_armed": lambda e: f"hazard {e['number']} is armed",
     "hazard_struck": lambda e: f"hazard {e['number']} strikes",

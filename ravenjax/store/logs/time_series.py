@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ravenjax.robots.raven2.arms import ARMS, JOINTS
 from ravenjax.store.files import StoreError
-from ravenjax.vocabulary.arms import ARMS, JOINTS
 
 AXES: dict[str, tuple[str, ...]] = {
     "joint": JOINTS,

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from mcap.writer import Writer
 
+from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.store.logs import cdr, ros_messages
 from ravenjax.store.logs.cdr import Layout
-from ravenjax.vocabulary.arms import JOINTS
 
 ARM_TOPICS = {"gold": "arm1", "green": "arm2"}
 SIGNALS = "/ravenjax/signals"

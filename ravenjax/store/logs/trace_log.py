@@ -27,11 +27,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from mcap.writer import Writer
 
+from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.store.files import write_aside
 from ravenjax.store.logs import time_series, topics
 from ravenjax.store.logs.orientation import quaternions
 from ravenjax.store.logs.topics import ARM_TOPICS, Topic
-from ravenjax.vocabulary.arms import JOINTS
 
 CHUNK_BYTES = 64 * 1024  # a kill loses at most one chunk, a few ticks; the library's default of 1 MiB nearly a second
 TICK_NS = 1_000_000  # ns, one control tick

@@ -16,7 +16,7 @@ from ravenjax.errors import UserError, suggestion
 from ravenjax.store.logs import topics as names
 from ravenjax.store.motion.table_file import unit
 from ravenjax.store.motion.track import ArmTrack, Track
-from ravenjax.store.schema import JOINTS
+from ravenjax.robots.raven2.arms import JOINTS
 
 ARM_TOPICS = {arm: f"/{name}/" for arm, name in names.ARM_TOPICS.items()}
 SOURCES = ("setpoint", "measured")

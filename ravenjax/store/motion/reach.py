@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.types import Vec
-from ravenjax.vocabulary.arms import JOINTS, ArmName
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import JOINTS, ArmName
 
 MARGIN_RAD, MARGIN_M = math.radians(1.0), 2e-3
 """Distance from the soft limits: the robot lags behind the operator."""
@@ -130,9 +130,9 @@ def _solver(arm: ArmName) -> Callable[..., Any]:
     import jax
     import jax.numpy as jnp
 
-    from ravenjax.robot import kinematics
-    from ravenjax.robot.joints import joint_from_theta
-    from ravenjax.robot.mapping import matrix_from_quat
+    from ravenjax.robots.raven2.geometry import kinematics
+    from ravenjax.robots.raven2.geometry.joints import joint_from_theta
+    from ravenjax.robots.raven2.geometry.mapping import matrix_from_quat
 
     def solve(position: Any, quat: Any, opening: Any) -> tuple[Any, Any]:
         pose = kinematics.Pose(Vec(position), matrix_from_quat(Vec(quat)))

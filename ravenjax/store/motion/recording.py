@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from ravenjax.errors import UserError
-from ravenjax.robot.motion import TICK_S
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.console.motion import TICK_S
 from ravenjax.store.motion import plausible, resampling, spikes, stamps
 from ravenjax.store.motion.options import ReplayOptions
 from ravenjax.store.motion.reach import Poses
 from ravenjax.store.motion.spikes import Spike
 from ravenjax.store.motion.track import Track
-from ravenjax.types import Vec
-from ravenjax.vocabulary.arms import ArmName
 
 KINDS = (".parquet", ".csv", ".mcap")
 
@@ -176,7 +176,7 @@ def _row_at(time_s: float) -> int:
 
 
 def _home_opening_mrad() -> float:
-    from ravenjax.robot.limits import HOME_JPOS
+    from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 
     return (HOME_JPOS[5] + HOME_JPOS[6]) * 1e3
 
@@ -184,7 +184,7 @@ def _home_opening_mrad() -> float:
 def _home_quat(arm: ArmName) -> np.ndarray:
     import jax
 
-    from ravenjax.robot import kinematics, limits, mapping
+    from ravenjax.robots.raven2.geometry import kinematics, limits, mapping
 
     with jax.enable_x64(True):
         pose = kinematics.forward(arm, Vec(np.float64(q) for q in limits.HOME_JPOS))

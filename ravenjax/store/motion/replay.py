@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from ravenjax.errors import UserError
-from ravenjax.robot.motion import TICK_S, Motion
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.console.motion import TICK_S, Motion
 from ravenjax.store.motion import resampling, spikes, survey, timeline
 from ravenjax.store.motion.options import ReplayOptions
 from ravenjax.store.motion.reach import ArmReach, Bounds, Poses, reach, reason
@@ -20,7 +21,6 @@ from ravenjax.store.motion.summary import MotionSummary
 from ravenjax.store.motion.timeline import Timeline
 from ravenjax.store.motion.view import words
 from ravenjax.store.motion.view.course import TipCourse
-from ravenjax.vocabulary.arms import ArmName
 
 STILL_M, STILL_RAD = 5e-5, math.radians(0.2)
 """A tip that stays within, and turns and opens within, does not move."""
@@ -111,7 +111,7 @@ def _replay(
 
 def usual_bounds() -> Bounds:
     """The soft limits of raven2 with its own tool."""
-    from ravenjax.robot import limits
+    from ravenjax.robots.raven2.geometry import limits
 
     soft = limits.soft_limits("r_grasper")
     return Bounds(soft.lower[:5], soft.upper[:5])
@@ -273,7 +273,7 @@ def _itp(arm: ArmName, position: np.ndarray, quat: np.ndarray, scale: float) -> 
     """Hand positions [T, 3] um and quaternions [T, 4] in the ITP frame, relative to the first row."""
     from scipy.spatial.transform import Rotation
 
-    from ravenjax.robot.mapping import ITP_AXES
+    from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 
     axes = np.array(ITP_AXES[arm])  # x @ axes is the inverse of the mapping
     turns = Rotation.from_quat(quat)

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 TICK_S = 1e-3
-"""As ravenjax.robot.motion.TICK_S, which cannot be imported without importing jax; reports do without it."""
+"""As TICK_S of raven2.console.motion, which cannot be imported without importing jax; reports do without it."""
 
 
 def by_time(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.ndarray:

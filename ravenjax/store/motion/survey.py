@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ravenjax.robot.motion import TICK_S
-from ravenjax.stages.motions import MOTION_S
+from ravenjax.robots.raven2.console.motion import TICK_S
+from ravenjax.robots.raven2.console.motions import MOTION_S
 from ravenjax.store import files
 from ravenjax.store.motion import resampling
 from ravenjax.store.motion.recording import HandRecording

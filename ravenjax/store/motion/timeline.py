@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ravenjax.errors import UserError
-from ravenjax.stages.motions import MOTION_S, PEDAL_DOWN_S
+from ravenjax.robots.raven2.console.motions import MOTION_S, PEDAL_DOWN_S
 from ravenjax.store.motion.options import ReplayOptions
 from ravenjax.store.motion.resampling import TICK_S
 

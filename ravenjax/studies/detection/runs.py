@@ -16,6 +16,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from ravenjax.outcomes.events import Rules
+from ravenjax.robots.raven2 import ROBOT
 from ravenjax.stats.cluster import cluster_ratio
 from ravenjax.stats.false_alarms import alarm_rate
 from ravenjax.store import folder, manifest
@@ -234,7 +235,7 @@ def _tripped(frame: pd.DataFrame, *actions: checks.Action) -> np.ndarray:
 
     A run without a fault is its own golden run, so that its column `response` is silent whatever the checks did.
     """
-    columns = [f"check_{name}_count" for name in checks.names(frame) if checks.check(name).action in actions]
+    columns = [f"check_{name}_count" for name in checks.names(frame) if ROBOT.check(name).action in actions]
     return (frame[columns].to_numpy() > 0).any(axis=1).astype(int)
 
 

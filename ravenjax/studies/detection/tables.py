@@ -9,6 +9,7 @@ import numpy as np
 
 from ravenjax.outcomes.verdict import HAZARDS
 from ravenjax.report import wording
+from ravenjax.robots.raven2.layers import LAYERS
 from ravenjax.stats.multiplicity import holm
 from ravenjax.stats.roc import precision_recall
 from ravenjax.studies.detection.areas import Areas, areas
@@ -28,7 +29,7 @@ from ravenjax.studies.detection.points import (
 )
 from ravenjax.studies.detection.runs import AS_MODELLED, CHECKS, CUE, Faulty, Free, names
 from ravenjax.studies.framework.study import Table
-from ravenjax.vocabulary import layers as run_layers
+from ravenjax.vocabulary.robot import OTHER_LAYER
 
 CLUTCHED = "clutched"
 """Begin of the recordings in which the pedal goes up and down."""
@@ -332,7 +333,7 @@ def hours_table(free: Free) -> Table:
 def layers_of(faulty: Faulty) -> list[str]:
     """Layers that have a run with unintended motion, in the robot's order."""
     there = set(faulty.layer[faulty.unintended].tolist())
-    return [name for name in (*run_layers.LAYERS.values(), run_layers.OTHER) if name in there]
+    return [name for name in (*LAYERS.values(), OTHER_LAYER) if name in there]
 
 
 def unclutched(free: Free) -> Free:

@@ -18,9 +18,11 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from ravenjax.robot import kinematics, transmission
-from ravenjax.stages.plant import robot
-from ravenjax.types import REFERENCE, Setup, Vec, replace
+from ravenjax.numbers.setup import REFERENCE
+from ravenjax.numbers.vec import Vec, replace
+from ravenjax.robots.raven2.geometry import kinematics, transmission
+from ravenjax.robots.raven2.plant import robot
+from ravenjax.robots.raven2.setup import Setup
 
 DATA, FILE = "RAVENJAX_DATA", "recording_gold_joints123.parquet"
 JOINTS = ("shoulder", "elbow", "insertion")

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.robot import transmission
+from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.stats.resample import bootstrap
 from ravenjax.studies.dsn16 import closed_loop
 from ravenjax.studies.framework import literature

@@ -19,9 +19,9 @@ import numpy as np
 
 from ravenjax.campaign import plan
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.robot import kinematics
-from ravenjax.robot.mapping import ITP_AXES
-from ravenjax.types import Vec
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.geometry import kinematics
+from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 
 DATA = "RAVENJAX_DATA"
 RECORDING = "operator_positions.parquet"

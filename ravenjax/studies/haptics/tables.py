@@ -9,6 +9,7 @@ import numpy as np
 
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report import wording
+from ravenjax.robots.raven2.layers import LAYERS
 from ravenjax.stats.cluster import cluster_ratio
 from ravenjax.stats.latency import incidence, lead_time
 from ravenjax.stats.paired import mcnemar
@@ -21,7 +22,7 @@ from ravenjax.studies.framework.study import Estimate, Table
 from ravenjax.studies.haptics import choice
 from ravenjax.studies.haptics.choice import Counts, Winners
 from ravenjax.studies.haptics.runs import KINDS, UNINTENDED, Faulty, Free, sets_at
-from ravenjax.vocabulary import layers
+from ravenjax.vocabulary.robot import OTHER_LAYER
 
 AT_CAP = 0.999
 """Share of the cap from which on a force is at it: forces are stored as float32."""
@@ -307,7 +308,7 @@ def layer_table(faulty: Faulty, numbers: Sequence[int]) -> Table:
     """What is felt of each layer's faults."""
     there = set(faulty.layer[faulty.unintended].tolist())
     rows = []
-    for layer in (*layers.LAYERS.values(), layers.OTHER):
+    for layer in (*LAYERS.values(), OTHER_LAYER):
         if layer not in there:
             continue
         part = faulty.where(faulty.layer == layer)

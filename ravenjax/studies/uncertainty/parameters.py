@@ -1,7 +1,7 @@
 """What nobody knows exactly of the robot, with the range of each parameter and where that comes from.
 
 The published sets are eight hand-tuned descriptions of the same joints by the same authors (from raven2_sim, in
-ravenjax.stages.plant.published); what they disagree about is the best measure of what is not known. Where they agree,
+raven2.plant.published); what they disagree about is the best measure of what is not known. Where they agree,
 or say nothing, a range is an assumption and says so.
 """
 

@@ -13,13 +13,13 @@ import pandas as pd
 from ravenjax.hazards import severity
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report import facts as run_facts
+from ravenjax.robots.raven2.layers import LAYERS
 from ravenjax.stats.association import Dependence, dependences
 from ravenjax.stats.intervals import Estimate, Rate, wilson
 from ravenjax.stats.multiplicity import Finding, holm
 from ravenjax.stats.paired import mcnemar, rate_difference
 from ravenjax.store import folder, manifest
 from ravenjax.studies.uncertainty.parameters import Uncertain
-from ravenjax.vocabulary import layers
 
 EVENTS = {
     "evaded": "evades the checks: unintended motion, and nobody is told",
@@ -187,7 +187,7 @@ def over(listed: Sequence[Robot], event: str) -> Range:
 def by_layer(listed: Sequence[Robot], event: str) -> dict[str, list[Rate]]:
     """Rate of an event by layer of the fault, one a robot, in the robot's order of layers."""
     found = {}
-    for name in layers.LAYERS.values():
+    for name in LAYERS.values():
         parts = [robot.events.loc[robot.events["layer"] == name, event] for robot in listed]
         if all(len(part) for part in parts):
             found[name] = [wilson(int(part.sum()), len(part)) for part in parts]

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from ravenjax.robots.raven2 import ROBOT
 from ravenjax.vocabulary import checks
 from ravenjax.vocabulary.checks import Check
 
@@ -48,7 +49,7 @@ class Trips:
                 ms = tick - (robot_tick - first)
             usual = 0 if golden is None else int(golden[f"check_{name}_count"])
             announced = ms - self._last.get(name, -math.inf) > QUIET_MS
-            trips.append(Trip(checks.check(name), ms, count > usual, announced))
+            trips.append(Trip(ROBOT.check(name), ms, count > usual, announced))
             self._last[name] = tick
         return sorted(trips, key=lambda trip: trip.ms)
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from ravenjax.robot import arm_model
-from ravenjax.vocabulary.arms import ArmName
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.dynamics import arm_model
 
 
 class Aim:

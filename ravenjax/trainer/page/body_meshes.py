@@ -15,7 +15,7 @@ from mjviser import conversions
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from ravenjax.vocabulary.arms import ArmName
+from ravenjax.robots.raven2.arms import ArmName
 
 DEFAULT = 0.5
 """Of a geom's own colour in MuJoCo: it has none, and its material's counts."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from ravenjax.robot import arm_model
+from ravenjax.robots.raven2.dynamics import arm_model
 from ravenjax.trainer.page.hub import Client
 from ravenjax.trainer.page.server import window
 from ravenjax.trainer.page.world import LAYERS

@@ -8,7 +8,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from ravenjax.errors import UserError
-from ravenjax.vocabulary.arms import ArmName
+from ravenjax.robots.raven2.arms import ArmName
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from ravenjax.vocabulary.arms import ArmName
+from ravenjax.robots.raven2.arms import ArmName
 
 POINTS = 90
 STEP_MS = 40  # 3.6 s altogether

@@ -14,11 +14,12 @@ import mujoco
 import numpy as np
 import viser
 
-from ravenjax.robot import arm_model, scene
+from ravenjax.robots.raven2.arms import ARMS, ArmName
+from ravenjax.robots.raven2.dynamics import arm_model
+from ravenjax.robots.raven2.geometry import scene
 from ravenjax.trainer.page import body_meshes, task_shapes
 from ravenjax.trainer.page.trails import Trails
 from ravenjax.trainer.session.frame import VIEWS, Frame
-from ravenjax.vocabulary.arms import ARMS, ArmName
 
 LAYERS = ("robot", "ghost", "virtual", "trails", "force", "task")
 GHOST, VIRTUAL = (88, 196, 255), (120, 226, 170)

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.store.files import StoreError
 from ravenjax.store.logs import recover, session_log
 from ravenjax.trainer.session.frame import Layout
-from ravenjax.vocabulary.arms import ArmName
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,18 +19,20 @@ import numpy as np
 
 from ravenjax.campaign import compile_cache
 from ravenjax.engines.cpu.stepper import StepCode, Stepper
-from ravenjax.loop import connections
-from ravenjax.robot import kinematics, scene
-from ravenjax.robot.packet import U_STRUCT, Packet
+from ravenjax.numbers.setup import per_arm, real
+from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.robots.raven2.console.packet import U_STRUCT, Packet
+from ravenjax.robots.raven2.geometry import kinematics, scene
+from ravenjax.robots.raven2.loop import connections
+from ravenjax.robots.raven2.plant import nominal
+from ravenjax.robots.raven2.run_levels import E_STOP, PEDAL_DOWN
+from ravenjax.robots.raven2.setup import Setup
 from ravenjax.stages import haptics, monitor
-from ravenjax.stages.plant import nominal
 from ravenjax.trainer.robot_link.joint_record import JointReport
 from ravenjax.trainer.robot_link.remote import RemoteRobot
 from ravenjax.trainer.session.blueprint import Blueprint, hazard_distances
 from ravenjax.trainer.session.frame import Frame
-from ravenjax.types import Scalar, Setup, Vec, per_arm, real, record
-from ravenjax.vocabulary.arms import ARMS
-from ravenjax.vocabulary.run_levels import E_STOP, PEDAL_DOWN
 
 _SEEN = (
     *("model_jpos", "tip", "model_tip", "error_mm", "force", "depth_mm"),

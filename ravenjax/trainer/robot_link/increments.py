@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from functools import reduce
 from typing import Any, NamedTuple
 
-from ravenjax.robot.mapping import quat_mul
-from ravenjax.robot.packet import U_STRUCT, Packet
-from ravenjax.types import Vec
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.console.packet import U_STRUCT, Packet
+from ravenjax.robots.raven2.geometry.mapping import quat_mul
 
 
 class Increments(NamedTuple):

@@ -23,13 +23,13 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from ravenjax.errors import UserError
-from ravenjax.robot.mapping import position_to_itp
-from ravenjax.robot.packet import UDP_PORT, V_STRUCT
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import ARMS, ArmName
+from ravenjax.robots.raven2.console.packet import UDP_PORT, V_STRUCT
+from ravenjax.robots.raven2.geometry.mapping import position_to_itp
 from ravenjax.trainer.robot_link.increments import Increments, merge
 from ravenjax.trainer.robot_link.packet_filter import DEFAULT, SIZE, Gate, Limits
 from ravenjax.trainer.session.messages import STALE_MS
-from ravenjax.types import Vec
-from ravenjax.vocabulary.arms import ARMS, ArmName
 
 LOOPBACK = "127.0.0.1"
 PER_TICK = 8

@@ -35,8 +35,8 @@ from typing import Any
 
 import numpy as np
 
+from ravenjax.robots.raven2.arms import ARMS, ArmName
 from ravenjax.trainer.session.frame import Frame, Layout
-from ravenjax.vocabulary.arms import ARMS, ArmName
 
 MAGIC, TEXT_MAGIC, VERSION = b"RVNJ", b"RVNA", 1
 ARM = np.dtype(

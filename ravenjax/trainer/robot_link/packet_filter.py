@@ -6,7 +6,7 @@ In this order, and each refusal is counted under its cause:
 2. one console at a time: whose stream is followed, until it has been silent for `Limits.release_ms`;
 3. content: pedal 0 or 1, quaternions finite and of about unit length, increments within `Limits`. The robot itself
    checks none of that. What is refused so far is as if it had never arrived;
-4. sequence: the robot's own rules (`ravenjax.stages.network`): the number after the last is taken, a gap loses the
+4. sequence: the robot's own rules (`raven2.stages.network`): the number after the last is taken, a gap loses the
    packet after it too, 0 and repeated numbers are dropped, and a stream begins at 1, or loses its first packet. But
    stricter, for the robot would follow a replayed stream: going back means a restart only at number 1, only from a
    console that has been quiet for `Limits.quiet_ms`, and the packet that restarts is lost; a leap further than
@@ -23,11 +23,11 @@ import math
 import struct
 from collections.abc import Sequence
 
-from ravenjax.robot.packet import U_STRUCT
-from ravenjax.stages.network import RESET_GAP
+from ravenjax.robots.raven2.arms import ARMS, ArmName
+from ravenjax.robots.raven2.console.packet import U_STRUCT
+from ravenjax.robots.raven2.stages.network import RESET_GAP
 from ravenjax.trainer.robot_link.increments import Increments
 from ravenjax.trainer.session.messages import STALE_MS
-from ravenjax.vocabulary.arms import ARMS, ArmName
 
 SIZE = U_STRUCT.itemsize
 _FIELDS = struct.Struct("<3I6i8d6i")  # U_STRUCT; unpacking it is ten times as fast as NumPy is

@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from ravenjax.errors import UserError, shown
-from ravenjax.robot.packet import UDP_PORT
+from ravenjax.robots.raven2.console.packet import UDP_PORT
 from ravenjax.trainer import scenario
 from ravenjax.trainer.realtime.clock import Clock, Timing, no_collection, realtime
 from ravenjax.trainer.realtime.interruption import until_interrupted

@@ -13,12 +13,12 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from ravenjax.errors import UserError
-from ravenjax.robot.packet import UDP_PORT
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.console.packet import UDP_PORT
 from ravenjax.trainer.robot_link.joint_decoder import Decoder
 from ravenjax.trainer.robot_link.joint_record import JointReport
 from ravenjax.trainer.robot_link.joint_stream import JOINT_PORT
 from ravenjax.trainer.session.messages import STALE_MS
-from ravenjax.vocabulary.arms import ArmName
 
 PATIENCE_S = 10.0
 """Longest that a robot may take to let a session in: a busy machine may leave it alone for seconds."""

@@ -12,13 +12,13 @@ from typing import Any, Protocol
 import numpy as np
 
 from ravenjax.errors import UserError, shown
-from ravenjax.robot.packet import Packet
-from ravenjax.stages.teleoperation import NO_PACKET_SEQUENCE
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.console.packet import Packet
+from ravenjax.robots.raven2.stages.teleoperation import NO_PACKET_SEQUENCE
 from ravenjax.trainer.robot_link.itp import ItpServer
 from ravenjax.trainer.robot_link.joint_record import Reporter
 from ravenjax.trainer.robot_link.joint_stream import JointServer, Order
 from ravenjax.trainer.session.frame import Frame, Layout
-from ravenjax.vocabulary.arms import ArmName
 
 
 class Machine(Protocol):

@@ -25,10 +25,10 @@ from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.hazards import expansion
+from ravenjax.robots.raven2.sites import SITES
 from ravenjax.trainer.scenario import hazard
 from ravenjax.trainer.scenario.config import INSTRUCTOR, Entry, Scenario
 from ravenjax.trainer.scenario.hazard import FAULT, Armable
-from ravenjax.vocabulary.sites import SITES
 
 BUTTONS = "buttons/estop"
 """Group of the last row: the operator's E-stop button."""

@@ -23,7 +23,7 @@ from ravenjax.campaign.file.config import OneOrMore, Start
 from ravenjax.campaign.file.group import Fault, Section, flatten_parameters
 from ravenjax.errors import shown
 from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
-from ravenjax.vocabulary.arms import ARMS, ArmName
+from ravenjax.robots.raven2.arms import ARMS, ArmName
 
 Response = Literal["release", "slow", "restart", "convert", "stop", "continue"]
 """What an operator can do: lift the pedal, slow down, restart after an E-stop, say that the procedure is converted,

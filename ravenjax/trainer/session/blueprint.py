@@ -21,14 +21,15 @@ from ravenjax.campaign.plan import Plan
 from ravenjax.engines import traced
 from ravenjax.engines.cpu.stepper import StepCode
 from ravenjax.errors import UserError
-from ravenjax.loop import connections, tick
+from ravenjax.faults.fault import Fault, Faults
+from ravenjax.numbers.algebra import minus
+from ravenjax.numbers.vec import Scalar, Vec, as_int, replace
 from ravenjax.outcomes.verdict import LIMIT_MM
-from ravenjax.robot.algebra import minus
-from ravenjax.robot.packet import silence
+from ravenjax.robots.raven2.console.packet import silence
+from ravenjax.robots.raven2.loop import connections, tick
+from ravenjax.robots.raven2.setup import Setup
 from ravenjax.stages import monitor
-from ravenjax.stages.faults.fault import Fault, Faults
 from ravenjax.trainer.session.frame import Layout
-from ravenjax.types import Scalar, Setup, Vec, as_int, replace
 
 SPARE_MS = 60_000
 """Rows of the motion beyond the session's length, for ticks after its end and for packets sent again."""

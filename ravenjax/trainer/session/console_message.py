@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from ravenjax.vocabulary.arms import ARMS
+from ravenjax.robots.raven2.arms import ARMS
 
 STILL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 """Speeds of a hand at rest: move 3, turn 3, grasp."""

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.vocabulary.arms import ArmName
+from ravenjax.robots.raven2.arms import ArmName
 
 SIMULATED = {
     "tick": 1,  # ms of the robot since it was switched on

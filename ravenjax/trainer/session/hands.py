@@ -1,7 +1,7 @@
 """The operator's hands: what consoles say becomes the row of motion that the robot's console sends in this tick.
 
 Speeds of "input" messages point along the axes of the view; the hands take them up smoothly (critically damped, 90 % of
-a new speed after `SMOOTHING_MS`) and move in the ITP frame of their arm, as `ravenjax.robot.motion` has it: micrometres
+a new speed after `SMOOTHING_MS`) and move in the ITP frame of their arm, as `raven2.console.motion` has it: micrometres
 before the console's scale, orientation relative to the start about the ITP axes.
 
 "increments" come from a console that has scaled them: the robot gets exactly these. The console of the tick truncates
@@ -17,13 +17,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.robot.motion import ARM_COLUMNS
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.console.motion import ARM_COLUMNS
 from ravenjax.trainer.scenario import Speeds
 from ravenjax.trainer.session import console_message
 from ravenjax.trainer.session.console_message import LEVEL, STILL, Increment, Refused
 from ravenjax.trainer.session.messages import STALE_MS
 from ravenjax.trainer.session.world import itp_from_view, turned
-from ravenjax.vocabulary.arms import ArmName
 
 SMOOTHING_MS = 30.0
 """Time in which hands reach 90 % of a new speed: keys have no ramp of their own, and a hand cannot jump. Ours."""

@@ -26,8 +26,8 @@ from typing import Any
 import numpy as np
 
 from ravenjax.errors import UserError
-from ravenjax.robot import scene
-from ravenjax.robot.packet import UDP_PORT
+from ravenjax.robots.raven2.console.packet import UDP_PORT
+from ravenjax.robots.raven2.geometry import scene
 from ravenjax.store import files, manifest
 from ravenjax.store.logs import session_file, session_log
 from ravenjax.trainer import judge, page, scenario

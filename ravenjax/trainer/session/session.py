@@ -16,7 +16,10 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from ravenjax.robot import kinematics
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.geometry import kinematics
+from ravenjax.robots.raven2.run_levels import E_STOP, PEDAL_DOWN
 from ravenjax.trainer import judge, scenario, tasks
 from ravenjax.trainer.scenario import Scenario
 from ravenjax.trainer.session import blueprint, director, hands
@@ -25,9 +28,6 @@ from ravenjax.trainer.session.frame import PHASES, VIEWS, Frame, Layout
 from ravenjax.trainer.session.messages import INSTRUCTOR, OPERATOR
 from ravenjax.trainer.session.simulation import Robot
 from ravenjax.trainer.session.world import Point
-from ravenjax.types import Vec
-from ravenjax.vocabulary.arms import ArmName
-from ravenjax.vocabulary.run_levels import E_STOP, PEDAL_DOWN
 
 Event = dict[str, Any]
 READY, RUNNING, PAUSED, STOPPED, OVER = range(len(PHASES))

@@ -11,9 +11,9 @@ import numpy as np
 
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.engines.cpu.stepper import Stepper
-from ravenjax.loop import tick
-from ravenjax.robot.packet import Packet
-from ravenjax.stages.faults.fault import Fault
+from ravenjax.faults.fault import Fault
+from ravenjax.robots.raven2.console.packet import Packet
+from ravenjax.robots.raven2.loop import tick
 from ravenjax.trainer.session import blueprint
 from ravenjax.trainer.session.blueprint import Blueprint
 from ravenjax.trainer.session.frame import GOLDEN, Frame

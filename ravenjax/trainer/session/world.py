@@ -1,16 +1,16 @@
 """The operating scene in plain numbers, for what runs every millisecond: arms' frames, axes of consoles, the tissue.
 
-The same as `ravenjax.robot.scene` and `ravenjax.robot.mapping`, without JAX's scalars.
+The same as `geometry.scene` and `geometry.mapping` of the Raven-II, without JAX's scalars.
 """
 
 from __future__ import annotations
 
 from functools import cache
 
-from ravenjax.robot import scene
-from ravenjax.robot.mapping import ITP_AXES
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.geometry import scene
+from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 from ravenjax.trainer.session.messages import VIEW
-from ravenjax.vocabulary.arms import ArmName
 
 Point = tuple[float, float, float]
 Rows = tuple[Point, Point, Point]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.trainer.scenario import Scenario
 from ravenjax.trainer.scenario.config import Path, PegTransfer, Reach
 from ravenjax.trainer.session.world import Point, to_world
@@ -16,7 +17,6 @@ from ravenjax.trainer.tasks.free import FreeTask
 from ravenjax.trainer.tasks.path import PathTask
 from ravenjax.trainer.tasks.pegs import PegTask
 from ravenjax.trainer.tasks.reach import ReachTask
-from ravenjax.vocabulary.arms import ArmName
 
 __all__ = ["Task", "Wish", "make"]
 

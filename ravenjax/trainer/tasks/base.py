@@ -7,9 +7,9 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.trainer.session.frame import Frame
 from ravenjax.trainer.session.world import Point, to_world
-from ravenjax.vocabulary.arms import ArmName
 
 Event = dict[str, Any]
 

@@ -6,11 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.trainer.scenario.config import Path
 from ravenjax.trainer.session.frame import Frame
 from ravenjax.trainer.session.world import Point, surface
 from ravenjax.trainer.tasks.base import Event, Task, Wish, rounded
-from ravenjax.vocabulary.arms import ArmName
 
 POINTS = 200
 """Of the line. Half a millimetre apart on the largest."""

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.trainer.scenario.config import PegTransfer
 from ravenjax.trainer.session.frame import Frame
 from ravenjax.trainer.session.world import Point, surface
 from ravenjax.trainer.tasks.base import Event, Task, Wish, rounded
-from ravenjax.vocabulary.arms import ArmName
 
 CLOSED_RAD, OPEN_RAD = 0.8, 1.1
 """Jaw openings below which jaws hold and above which they let go; 1.57 at home, 0.67 with the 900 mrad of the generated

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.trainer.scenario.config import Reach
 from ravenjax.trainer.session.frame import Frame
 from ravenjax.trainer.session.world import Point, surface
 from ravenjax.trainer.tasks.base import Event, Task, Wish, rounded
-from ravenjax.vocabulary.arms import ArmName
 
 LEAST_WAY_M = 0.005
 """From one target to the next: less would be reached by holding still."""

@@ -21,8 +21,8 @@ from ravenjax.engines.cpu.engine import SimdEngine, SimdKernel
 from ravenjax.engines.interface import Block
 from ravenjax.engines.xla.engine import ScanEngine
 from ravenjax.ir.time_loop import split
-from ravenjax.stages import network, plc, watchdog
-from ravenjax.types import Setup
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.stages import network, plc, watchdog
 
 EVERY_LAYER = Path(__file__).resolve().parents[3] / "analysis" / "agreement" / "every_layer.toml"
 

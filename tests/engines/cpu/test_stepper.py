@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ravenjax.engines.cpu.stepper import StepCode, Stepper
-from ravenjax.types import record
+from ravenjax.numbers.vec import record
 
 
 @record

@@ -13,7 +13,7 @@ from ravenjax.engines.gpu.cuda import OPTIONS
 from ravenjax.engines.gpu.device import Session
 from ravenjax.engines.interface import Block
 from ravenjax.errors import UserError
-from ravenjax.types import replace
+from ravenjax.numbers.vec import replace
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,8 @@ from ravenjax.engines.gpu.kernel import Form
 from ravenjax.engines.interface import Block
 from ravenjax.engines.lanes import Lanes
 from ravenjax.errors import UserError
-from ravenjax.types import REFERENCE, replace
+from ravenjax.numbers.setup import REFERENCE
+from ravenjax.numbers.vec import replace
 
 
 def test_lanes_are_placed_in_warps_of_one_group():

@@ -17,7 +17,7 @@ from ravenjax.campaign import compile_cache, outcomes, plan
 from ravenjax.engines.interface import Block
 from ravenjax.engines.xla import engine as scan
 from ravenjax.engines.xla.engine import LANE_MULTIPLE, ScanEngine, ScanKernel
-from ravenjax.types import REFERENCE
+from ravenjax.numbers.setup import REFERENCE
 
 compile_cache.enable()
 

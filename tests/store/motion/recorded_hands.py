@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from ravenjax.errors import UserError
-from ravenjax.robot.mapping import ITP_AXES
+from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 from ravenjax.store.motion import replay
 from ravenjax.store.motion.options import ReplayOptions
 

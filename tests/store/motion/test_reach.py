@@ -7,7 +7,7 @@ import pytest
 from recorded_hands import HOME_MM, ROWS, play, recording, refused, tip_mm
 
 from ravenjax.errors import UserError
-from ravenjax.robot.mapping import ITP_AXES
+from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 from ravenjax.store.motion import replay
 from ravenjax.store.motion.reach import Bounds
 

@@ -5,7 +5,7 @@ import pytest
 from recorded_hands import HOME_MM, ROWS, play, recording, refused, table, tip_mm
 from scipy.spatial.transform import Rotation
 
-from ravenjax.robot.mapping import ITP_AXES
+from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 from ravenjax.store.logs import trace_log
 from ravenjax.store.motion import mcap_file
 from ravenjax.store.motion import recording as recordings
@@ -300,7 +300,7 @@ def test_hands_of_a_console_with_uneven_stamps(shared_data, parquet):
     """Increments summed up; stamps 0.1 to 12 ms apart, in a column whose name says the wrong unit."""
     import pandas as pd
 
-    from ravenjax.robot.packet import U_STRUCT
+    from ravenjax.robots.raven2.console.packet import U_STRUCT
 
     packets = pd.read_parquet(shared_data("console_itp_packets.parquet"))
     parsed = np.frombuffer(b"".join(packets["packet"]), U_STRUCT)

@@ -1,0 +1,72 @@
+"""A fault as numbers, and what a fault remembers while it acts. Knows nothing of any robot."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+
+from ravenjax.numbers.setup import Setup
+from ravenjax.numbers.vec import Scalar, record
+
+FOREVER_TICKS = 2**30
+"""A duration that outlasts any run."""
+
+
+@record
+class Fault:
+    """One slot: what is done, where, and when. Codes are those of `vocabulary`; an empty slot has code 0."""
+
+    code: Scalar  # int32, 1-based place of the channel in the campaign's list of channels; 0: no fault
+    effect: Scalar  # int32, EFFECT_CODES
+    value: Scalar  # float, in the channel's unit
+    trigger: Scalar  # int32, TRIGGER_CODES
+    start: Scalar  # int32, ticks or packets on the trigger's clock
+    duration: Scalar  # int32, ticks or packets that the window stays open
+    every: Scalar  # int32, ticks or packets from one opening to the next; 0: opens once
+    period: Scalar  # int32, ticks, of effect periodic
+    key: Scalar  # uint32, of effect random
+
+
+@record
+class Faults:
+    """The faults of one run."""
+
+    slots: tuple[Fault, ...]
+
+
+@record
+class SlotState:
+    """What one slot remembers."""
+
+    active: Scalar  # bool, the window is open in this tick
+    age: Scalar  # int32, ticks since the window opened; 0 in its first tick
+    latched: Scalar  # float, of effect latch_offset
+    before: Scalar  # float, the channel in the last tick before the window; NaN: none was seen
+    first_tick: Scalar  # int32, tick in which the fault first changed its channel; -1: never
+    changed_ticks: Scalar  # int32, ticks in which it changed at least one bit
+    last_tick: Scalar  # int32, tick in which it last changed its channel; -1: never
+
+
+@record
+class State:
+    """What the faults of one run remember."""
+
+    slots: tuple[SlotState, ...]
+
+
+def no_fault() -> Fault:
+    """An empty slot."""
+    zero = jnp.int32(0)
+    return Fault(zero, zero, jnp.float32(0.0), zero, zero, zero, zero, jnp.int32(1), jnp.uint32(0))
+
+
+def no_faults(setup: Setup) -> Faults:
+    """A run without faults: the golden run."""
+    return Faults(tuple(no_fault() for _ in range(setup.injection.slots)))
+
+
+def init(setup: Setup) -> State:
+    """State before the first tick."""
+    zero = jnp.asarray(0.0, setup.precision.real)
+    unseen = jnp.asarray(jnp.nan, setup.precision.real)
+    slot = SlotState(jnp.bool_(False), jnp.int32(0), zero, unseen, jnp.int32(-1), jnp.int32(0), jnp.int32(-1))
+    return State((slot,) * setup.injection.slots)

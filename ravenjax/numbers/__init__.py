@@ -1,0 +1,1 @@
+"""What ticks are written in: numbers, vectors and records of them, and paths to them."""

@@ -1,0 +1,35 @@
+"""The Raven-II: one folder that declares arms, joints, sites and checks, and holds its tick.
+
+arms, sites, checks, run_levels, layers   the declaration, without JAX
+setup        what picks code
+geometry     kinematics, transmission, limits, tools, gravity, and the operating scene
+original     the same with the operations of the original software in their order
+dynamics     the links as rigid bodies
+console      the operator: motion, packets, reaction to the cue
+stages       the control software and the PLC, a stage a file
+plant        motors, cables, links, encoders of the virtual robot; the nominal model
+loop         one cycle of the control software, and the tick: everything in one millisecond
+software     the control software alone, driven from Python
+"""
+
+from __future__ import annotations
+
+from ravenjax.robots.raven2 import run_levels
+from ravenjax.robots.raven2.arms import ARMS, JOINTS
+from ravenjax.robots.raven2.checks import CHECKS
+from ravenjax.robots.raven2.layers import LAYERS
+from ravenjax.robots.raven2.sites import SITES
+from ravenjax.vocabulary.robot import Robot
+
+ROBOT = Robot(
+    name="raven2",
+    title="Raven-II",
+    package=__name__,
+    arms=ARMS,
+    joints=JOINTS,
+    linear=("insertion",),
+    sites=SITES,
+    layers=LAYERS,
+    checks=CHECKS,
+    run_levels=run_levels.NAMES,
+)

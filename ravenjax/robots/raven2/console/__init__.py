@@ -1,0 +1,1 @@
+"""The operator's console: motion of the hands, packets, reaction to the cue."""

@@ -1,0 +1,76 @@
+"""An operator's motion: what the hands and the pedal do, one row a millisecond. NumPy only, untraced.
+
+Hands move in the ITP frame of their arm (`geometry.mapping`), relative to where they were at the start, and
+*before* the console's scale: the tip moves by scale times the hand. Orientations are one to one, relative to the
+start, and turn the tip about the axes of the ITP frame.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from ravenjax.robots.raven2.arms import ArmName
+
+TICK_S = 1e-3
+"""Time between two rows of a motion: the console sends one packet a millisecond."""
+
+NOMINAL_SCALE = 0.1
+"""Teleoperation scale at which motions have their stated tip motion; that of the published fault runs."""
+
+ARM_COLUMNS = ("x_um", "y_um", "z_um", "qx", "qy", "qz", "qw", "grasp_mrad")
+"""Columns of one arm in the engine's table."""
+
+PEDAL_COLUMN = "surgeon_mode"
+
+
+def columns(arms: tuple[ArmName, ...]) -> tuple[str, ...]:
+    """Names of the columns of `Motion.table`: eight per arm, then the pedal that both arms share."""
+    return (*(f"{arm}_{column}" for arm in arms for column in ARM_COLUMNS), PEDAL_COLUMN)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Motion:
+    """One operator motion of T rows for A arms."""
+
+    name: str
+    arms: tuple[ArmName, ...]
+    position_um: np.ndarray  # [T, A, 3] hand in the ITP frame, um before scaling
+    quat: np.ndarray  # [T, A, 4] x, y, z, w of a unit quaternion
+    grasp_mrad: np.ndarray  # [T, A] jaw command relative to the start, positive closes
+    surgeon_mode: np.ndarray  # [T] 1 pedal down, 0 up
+    start_jpos: tuple[tuple[float, ...], ...]  # per arm, 7 joints in rad and m
+
+    def __post_init__(self) -> None:
+        rows, arms = len(self.surgeon_mode), len(self.arms)
+        shapes = {"position_um": (rows, arms, 3), "quat": (rows, arms, 4), "grasp_mrad": (rows, arms)}
+        for name, shape in shapes.items():
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"Motion {self.name}: {name} has shape {getattr(self, name).shape}, expected {shape}")
+        if len(self.start_jpos) != arms or any(len(jpos) != 7 for jpos in self.start_jpos):
+            raise ValueError(f"Motion {self.name}: start_jpos must hold 7 joints for each arm of {self.arms}")
+
+    def __len__(self) -> int:
+        return len(self.surgeon_mode)
+
+    @property
+    def duration_s(self) -> float:
+        return len(self) * TICK_S
+
+    def table(self) -> np.ndarray:
+        """What the engine looks up: float32 [T, len(columns(arms))]."""
+        per_arm = np.concatenate([self.position_um, self.quat, self.grasp_mrad[..., None]], axis=2)
+        flat = per_arm.reshape(len(self), len(self.arms) * len(ARM_COLUMNS))
+        return np.concatenate([flat, self.surgeon_mode[:, None]], axis=1).astype(np.float32)
+
+    def first(self, rows: int) -> Motion:
+        """The first `rows` rows; a shorter motion rests in its last row."""
+        index = np.minimum(np.arange(rows), len(self) - 1)
+        return dataclasses.replace(
+            self,
+            position_um=self.position_um[index],
+            quat=self.quat[index],
+            grasp_mrad=self.grasp_mrad[index],
+            surgeon_mode=self.surgeon_mode[index],
+        )

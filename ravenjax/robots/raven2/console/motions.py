@@ -1,0 +1,293 @@
+"""Generated operator motions: smooth, surgical in speed and size, the same for the same seed. NumPy only, untraced.
+
+Each motion is a chain of rest-to-rest segments with the minimum-jerk time law, so position, orientation and grasp are
+twice continuously differentiable. It is planned as tip motion at the scale `NOMINAL_SCALE`, from the arm's home pose,
+in axes of the instrument: a and b sideways, c along the shaft away from the remote centre (into the tissue).
+The size suits scales up to 0.2: there, too, every pose lies inside the soft limits.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.console.motion import NOMINAL_SCALE, TICK_S, Motion
+from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
+from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
+
+PEDAL_DOWN_S = 0.2
+"""When the pedal goes down; the motion itself begins at MOTION_S."""
+
+MOTION_S = 0.5
+
+PEAK_TIP_SPEED = 0.045
+"""m/s at NOMINAL_SCALE; instrument tips in surgery move at some 5 to 60 mm/s."""
+
+PEAK_TURN = math.radians(150.0)
+"""rad/s."""
+
+_SHAFT = np.array([-0.939120456543, -0.304404280732, 0.159344915150])
+"""Direction from the remote centre to the gold tip in frame 0 at the home pose: the first column of its rotation."""
+
+_TIP, _TURN, _GRASP, _HAND = slice(0, 3), slice(3, 6), 6, slice(7, 10)
+"""Where in a pose: tip offset a, b, c [m], rotation vector about a, b, c [rad], grasp [mrad], and what the hand [m, as
+tip motion] is away from where the tip would have it, which only changes while the pedal is up."""
+
+_REST = np.zeros(10)
+
+
+class Segment(NamedTuple):
+    """A piece of motion."""
+
+    ticks: int
+    pose: Callable[[np.ndarray], np.ndarray]  # fraction of the segment's time [n] -> poses [n, 10]
+    pedal: float = 1.0
+
+
+def minimum_jerk(fraction: np.ndarray) -> np.ndarray:
+    """Progress 0..1 of a rest-to-rest move after a `fraction` 0..1 of its time."""
+    return fraction**3 * (10.0 - 15.0 * fraction + 6.0 * fraction**2)
+
+
+class _Path:
+    """The pose at the end of the segments so far, and the segments that lead on from it."""
+
+    def __init__(self) -> None:
+        self.pose = _REST.copy()
+
+    def _ticks(self, way: float, turn: float, pace: float) -> int:
+        """Ticks of a move over `way` m and `turn` rad whose peak speed (15/8 of the mean) stays below the peaks."""
+        seconds = 1.875 * max(way / PEAK_TIP_SPEED, turn / PEAK_TURN) / pace
+        return max(math.ceil(seconds / TICK_S), 250)
+
+    def _to(self, end: np.ndarray, ticks: int, pedal: float = 1.0) -> Segment:
+        begin, self.pose = self.pose, end
+        return Segment(ticks, lambda fraction: begin + minimum_jerk(fraction)[:, None] * (end - begin), pedal)
+
+    def move(
+        self,
+        tip: Sequence[float] | np.ndarray | None = None,
+        turn: Sequence[float] | np.ndarray | None = None,
+        grasp: float | None = None,
+        pace: float = 1.0,
+    ) -> Segment:
+        """Straight to a new tip offset [m], rotation vector [rad] and grasp [mrad]; None leaves one as it is."""
+        end = self.pose.copy()
+        if tip is not None:
+            end[_TIP] = tip
+        if turn is not None:
+            end[_TURN] = turn
+        if grasp is not None:
+            end[_GRASP] = grasp
+        way, turned = (float(np.linalg.norm((end - self.pose)[part])) for part in (_TIP, _TURN))
+        return self._to(end, self._ticks(way, turned, pace))
+
+    def arc(self, radius: float, angle: float, roll: float) -> Segment:
+        """A needle's way through tissue: an arc in the a-c plane that dips towards c, with the shaft rolling along."""
+        begin = self.pose
+
+        def pose(fraction: np.ndarray) -> np.ndarray:
+            progress = minimum_jerk(fraction)
+            out = np.repeat(begin[None], len(progress), axis=0)
+            out[:, 0] += radius * (1.0 - np.cos(progress * angle))
+            out[:, 2] += radius * np.sin(progress * angle)
+            out[:, 5] += progress * roll
+            return out
+
+        self.pose = pose(np.ones(1))[0]
+        return Segment(self._ticks(radius * angle, abs(roll), 1.0), pose)
+
+    def dwell(self, seconds: float) -> Segment:
+        """Rest where the path is."""
+        return self._to(self.pose, max(1, round(seconds / TICK_S)))
+
+    def release(self, seconds: float) -> Segment:
+        """Pedal up: the hand returns to where it was at the start while the tip stays."""
+        end = self.pose.copy()
+        end[_HAND] = -end[_TIP]
+        return self._to(end, round(seconds / TICK_S), pedal=0.0)
+
+
+# --- the named motions: endless chains of segments --------------------------------------------------------------------
+
+
+def _still(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
+    while True:
+        yield path.dwell(1.0)
+
+
+def _anywhere(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """A random tip offset and tilt-and-roll of a reach."""
+    direction = rng.normal(size=3)
+    tip = direction / np.linalg.norm(direction) * rng.uniform(0.5, 1.0) * np.array([0.012, 0.012, 0.008])
+    return tip, rng.uniform(-1.0, 1.0, 3) * np.radians([12.0, 12.0, 40.0])
+
+
+def _reach(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
+    while True:
+        yield path.move(*_anywhere(rng), pace=rng.uniform(0.5, 1.0))
+        yield path.dwell(rng.uniform(0.05, 0.3))
+
+
+def _clutched(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
+    while True:
+        reach = path.move(*_anywhere(rng))
+        yield reach
+        yield path.dwell(1.4 - reach.ticks * TICK_S)  # the same pedal for both arms: cycles of equal length
+        yield path.release(0.6)
+        yield path.dwell(0.4)  # the robot needs some cycles to adopt pedal-down
+
+
+def _circle(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
+    radius, round_s, run_up_s = 0.008, 2.0, 1.0
+    start = rng.uniform(0.0, 2.0 * math.pi)
+    speed = 2.0 * math.pi / round_s
+
+    def at(phase: np.ndarray) -> np.ndarray:
+        out = np.zeros((len(phase), len(_REST)))
+        out[:, 0] = radius * (np.cos(start + phase) - math.cos(start))
+        out[:, 1] = radius * (np.sin(start + phase) - math.sin(start))
+        return out
+
+    # the run-up's speed rises as minimum_jerk, so its mean is half the final speed
+    yield Segment(round(run_up_s / TICK_S), lambda s: at(speed * run_up_s * s**4 * (2.5 - 3.0 * s + s**2)))
+    while True:
+        yield Segment(round(round_s / TICK_S), lambda s: at(speed * run_up_s / 2.0 + 2.0 * math.pi * s))
+
+
+def _palpate(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
+    side, way = 0.0, 1.0
+    while True:
+        depth = rng.uniform(0.003, 0.005)
+        tip = path.pose[:3]
+        yield path.move((tip[0], tip[1], depth), pace=0.6)
+        yield path.dwell(rng.uniform(0.05, 0.15))
+        yield path.move((tip[0], tip[1], -0.002), pace=0.8)
+        if abs(side + 0.004 * way) > 0.013:
+            way = -way
+        side += 0.004 * way
+        yield path.move((side, rng.uniform(-0.004, 0.004), -0.002), pace=0.8)
+
+
+def _peg_transfer(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
+    open_mrad, closed_mrad, lift = 0.0, 900.0, -0.010
+    pegs = [(a, b) for a in (-0.010, 0.0, 0.010) for b in (-0.008, 0.008)]
+    at = -1
+    while True:
+        at, to = (int(i) for i in rng.permutation([i for i in range(len(pegs)) if i != at])[:2])
+        turn = math.radians(rng.uniform(-35.0, 35.0))
+        yield path.move((*pegs[at], lift), (0.0, 0.0, 0.0), open_mrad)
+        yield path.move((*pegs[at], 0.002), pace=0.7)
+        yield path.move(grasp=closed_mrad)
+        yield path.move((*pegs[at], lift))
+        yield path.move((*pegs[to], lift), (0.0, 0.0, turn))
+        yield path.move((*pegs[to], 0.002), pace=0.7)
+        yield path.move(grasp=open_mrad)
+        yield path.move((*pegs[to], lift))
+        at = to
+
+
+def _suture(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
+    open_mrad, closed_mrad = 300.0, 1100.0
+    roll, radius = math.radians(100.0), 0.006
+    row = -0.009
+    while True:
+        entry = rng.uniform(-0.010, -0.006)
+        yield path.move((entry, row, -0.006), (0.0, 0.0, -roll / 2.0), closed_mrad)
+        yield path.move((entry, row, 0.0), pace=0.7)
+        yield path.arc(radius, math.radians(150.0), roll)
+        yield path.move(grasp=open_mrad)
+        above = (path.pose[0], row, -0.008)
+        yield path.move(above)
+        yield path.move((path.pose[0] + 0.003, row, 0.001), (0.0, 0.0, 0.0))
+        yield path.move(grasp=closed_mrad)
+        yield path.move((path.pose[0] - 0.006, row + 0.006, -0.012), (math.radians(10.0), 0.0, roll / 3.0))
+        row = -0.009 if row > 0.006 else row + rng.uniform(0.003, 0.005)
+
+
+_CHAINS: dict[str, Callable[[_Path, np.random.Generator], Iterator[Segment]]] = {
+    "suture": _suture,
+    "peg_transfer": _peg_transfer,
+    "palpate": _palpate,
+    "circle": _circle,
+    "reach": _reach,
+    "still": _still,
+    "clutched": _clutched,
+}
+
+MOTIONS: dict[str, str] = {
+    "suture": "stitches: approach, drive the needle on an arc with the shaft rolling, release, regrasp, pull through",
+    "peg_transfer": "reach, grasp, lift, carry over, drop, between six pegs",
+    "palpate": "taps of 3 to 5 mm along a line",
+    "circle": "a circle of 8 mm radius, 2 s a round",
+    "reach": "random reaches of up to 12 mm with tilts and rolls",
+    "still": "hands at rest, pedal down",
+    "clutched": "random reaches; after each the pedal comes up and the hands return to where they began",
+}
+"""The named motions; sizes and speeds are the tip's at NOMINAL_SCALE."""
+
+
+def generate(name: str, duration_s: float, arms: tuple[ArmName, ...] = ("gold",), seed: int = 0) -> Motion:
+    """The named motion for `duration_s` seconds. Each arm draws from a stream of its own; green is mirrored.
+
+    Raises KeyError for a name that is not in MOTIONS.
+    """
+    rows = max(1, math.ceil(duration_s / TICK_S - 1e-9))
+    position, quat, grasp, pedals = [], [], [], []
+    for i, arm in enumerate(arms):
+        poses, pedal = _follow(_CHAINS[name], rows, np.random.default_rng([seed, i]))
+        hand, turned = _hand(arm, poses)
+        position.append(hand)
+        quat.append(turned)
+        grasp.append(poses[:, _GRASP])
+        pedals.append(pedal)
+    return Motion(
+        name=name,
+        arms=tuple(arms),
+        position_um=np.stack(position, axis=1),
+        quat=np.stack(quat, axis=1),
+        grasp_mrad=np.stack(grasp, axis=1),
+        surgeon_mode=pedals[0],
+        start_jpos=tuple(tuple(float(q) for q in HOME_JPOS) for _ in arms),
+    )
+
+
+def _follow(chain: Callable[[_Path, np.random.Generator], Iterator[Segment]], rows: int, rng: np.random.Generator):
+    """Poses [rows, 10] and pedal [rows] along a chain, a tick apart, from the rest that each motion begins with."""
+    up, down = round(PEDAL_DOWN_S / TICK_S), round((MOTION_S - PEDAL_DOWN_S) / TICK_S)
+    poses, pedals, filled = [np.repeat(_REST[None], up + down, axis=0)], [np.zeros(up), np.ones(down)], up + down
+    segments = chain(_Path(), rng)
+    while filled < rows:
+        segment = next(segments)
+        poses.append(segment.pose(np.arange(1, segment.ticks + 1) / segment.ticks))
+        pedals.append(np.full(segment.ticks, segment.pedal))
+        filled += segment.ticks
+    return np.concatenate(poses)[:rows], np.concatenate(pedals)[:rows]
+
+
+def _hand(arm: ArmName, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Hand positions [T, 3] um and quaternions [T, 4] in the arm's ITP frame, of tip poses in instrument axes."""
+    axes = _axes()
+    tip, turn = (poses[:, _TIP] + poses[:, _HAND]) @ axes, poses[:, _TURN] @ axes
+    if arm == "green":  # gold mirrored at the x-z plane of frame 0; rotations mirror as pseudovectors
+        tip, turn = tip * [1.0, -1.0, 1.0], turn * [-1.0, 1.0, -1.0]
+    to_itp = np.array(ITP_AXES[arm])  # x @ C is C^-1 x, C being a rotation
+    return tip @ to_itp / NOMINAL_SCALE * 1e6, _quaternion(turn @ to_itp)
+
+
+def _axes() -> np.ndarray:
+    """Rows: the instrument axes a, b, c in frame 0 of gold at home."""
+    a = np.cross(_SHAFT, [0.0, 0.0, 1.0])
+    a /= np.linalg.norm(a)
+    return np.stack([a, np.cross(_SHAFT, a), _SHAFT])
+
+
+def _quaternion(turn: np.ndarray) -> np.ndarray:
+    """[T, 4] x, y, z, w of rotation vectors [T, 3]."""
+    angle = np.linalg.norm(turn, axis=1, keepdims=True)
+    axis = np.divide(turn, angle, out=np.zeros_like(turn), where=angle > 0.0)
+    return np.concatenate([axis * np.sin(angle / 2.0), np.cos(angle / 2.0)], axis=1)

@@ -1,0 +1,156 @@
+"""Operator: the hands' motion, looked up by tick, becomes the packets that the console sends. Traced.
+
+What hands do beyond the motion, of their own or to correct by eye, is one offset of theirs: robot and nominal model
+follow it alike. It is all that is remembered.
+
+A packet carries whole numbers. The console truncates the *scaled position* and sends the difference of two truncated
+ones, so that the robot's accumulator never drifts from the hand by more than a micrometre.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from ravenjax.numbers.setup import per_arm, real
+from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, to_int32, where
+from ravenjax.robots.raven2.console.motion import ARM_COLUMNS, NOMINAL_SCALE
+from ravenjax.robots.raven2.console.packet import SIZE_BYTES, Packet
+from ravenjax.robots.raven2.geometry import kinematics
+from ravenjax.robots.raven2.geometry.mapping import position_from_itp, position_to_itp, quat_from_matrix, quat_mul
+from ravenjax.robots.raven2.setup import Setup
+
+
+@record
+class Params:
+    """What a campaign may vary of the console."""
+
+    scale: Scalar  # 1, tip motion per hand motion; SEED uses 0.05 .. 0.2
+    start_position: tuple[Vec, ...]  # um, tip in frame 0 where the motion starts; console "absolute" only
+    start_quat: tuple[Vec, ...]  # x, y, z, w, tip in frame 0 where the motion starts; console "absolute" only
+    start_grasp: tuple[Scalar, ...]  # mrad, jaw opening where the motion starts; console "absolute" only
+
+
+def params(setup: Setup, start_jpos: tuple[tuple[float, ...], ...], scale: float = NOMINAL_SCALE) -> Params:
+    """Params of a motion that starts in `start_jpos` (`Motion.start_jpos`: per arm, 7 joints in rad and m)."""
+    with jax.enable_x64(True):
+        poses = per_arm(setup, lambda i, arm: kinematics.forward(arm, Vec(jnp.float64(q) for q in start_jpos[i])))
+        quats = [quat_from_matrix(pose.rotation) for pose in poses]
+    return Params(
+        scale=scale,
+        start_position=tuple(Vec(float(x) * 1e6 for x in pose.position) for pose in poses),
+        start_quat=tuple(Vec(float(x) for x in quat) for quat in quats),
+        start_grasp=tuple(float(int((jpos[5] + jpos[6]) * 1000.0)) for jpos in start_jpos),
+    )
+
+
+@record
+class Row:
+    """The hands and the pedal at one millisecond; as `ravenjax.robots.raven2.console.motion.Motion`."""
+
+    position: tuple[Vec, ...]  # um, ITP frame, before scaling
+    quat: tuple[Vec, ...]  # x, y, z, w
+    grasp: tuple[Scalar, ...]  # mrad, positive closes
+    surgeon_mode: Scalar  # int32, 1 pedal down
+
+
+def lookup(table: tuple[Any, ...], k: Scalar) -> Row:
+    """Row `k` of a motion, rows before the first and after the last being those.
+
+    table: the columns of `Motion.table()`, each a 1-D array. The only indexing in the whole tick.
+    """
+    k = jnp.minimum(jnp.maximum(as_int(k), 0), table[0].shape[0] - 1)
+    values = [column.at[k].get(mode="clip", wrap_negative_indices=False) for column in table]
+    width = len(ARM_COLUMNS)
+    arms = [values[i : i + width] for i in range(0, len(values) - 1, width)]
+    return Row(
+        position=tuple(Vec(arm[0:3]) for arm in arms),
+        quat=tuple(Vec(arm[3:7]) for arm in arms),
+        grasp=tuple(arm[7] for arm in arms),
+        surgeon_mode=as_int(values[-1]),
+    )
+
+
+@record
+class Hands:
+    """How far the hands are from where the plan has them: by a tremor, or to correct by eye. One entry an arm."""
+
+    offset: tuple[Vec, ...]  # um before scaling, axes of an ITP packet
+    offset_before: tuple[Vec, ...]  # the same when the last packet was made
+
+
+def at_plan(setup: Setup) -> Hands:
+    """Hands that are where the plan has them."""
+    still = per_arm(setup, lambda *_: Vec.full(3, real(setup, 0.0)))
+    return Hands(still, still)
+
+
+def strayed(hands: Hands, motion: tuple[Vec, ...]) -> Hands:
+    """The hands after a motion beyond the plan, um before scaling about the axes of an ITP packet."""
+    return replace(hands, offset=tuple(a + b for a, b in zip(hands.offset, motion, strict=True)))
+
+
+def steered(setup: Setup, params: Params, hands: Hands, tips: tuple[Vec, ...]) -> Hands:
+    """The hands after a motion that takes each tip along by `tips`, m in frame 0."""
+    per_m = 1e6 / params.scale
+    return strayed(hands, per_arm(setup, lambda i, arm: position_to_itp(arm, tips[i]) * per_m))
+
+
+def tip_offset(setup: Setup, params: Params, hands: Hands) -> tuple[Vec, ...]:
+    """By how much the hands ask each tip off its plan, m in frame 0."""
+    m_each = params.scale * 1e-6
+    return per_arm(setup, lambda i, arm: position_from_itp(arm, hands.offset[i]) * m_each)
+
+
+def sent(hands: Hands, fresh: Scalar) -> Hands:
+    """The hands after a tick, in which they made a packet where `fresh` (bool)."""
+    return replace(hands, offset_before=where(fresh, hands.offset, hands.offset_before))
+
+
+def moved(row: Row, offset: tuple[Vec, ...]) -> Row:
+    """The row of hands that are off the plan by `offset`, as in `Hands`."""
+    return replace(row, position=tuple(a + b for a, b in zip(row.position, offset, strict=True)))
+
+
+def packet(setup: Setup, params: Params, row: Row, row_before: Row, sequence: Scalar) -> Packet:
+    """The packet that the console sends for `row`, `row_before` being that of the packet before.
+
+    While the pedal is up a console of increments sends no motion: that is how the surgeon repositions the hands.
+    """
+    pedal = row.surgeon_mode > 0
+    row, row_before, params = real(setup, (row, row_before, params))
+    form = _absolute if setup.console == "absolute" else _increment
+    motion = per_arm(setup, lambda i, arm: form(i, arm, params, row, row_before, pedal))
+    return Packet(
+        received=jnp.int32(1),
+        size=jnp.int32(SIZE_BYTES[setup.console]),
+        sequence=as_int(sequence),
+        delta=tuple(delta for delta, _, _ in motion),
+        quat=tuple(quat for _, quat, _ in motion),
+        grasp=tuple(grasp for _, _, grasp in motion),
+        surgeon_mode=as_int(pedal),
+    )
+
+
+def _increment(i: int, arm: str, params: Params, row: Row, before: Row, pedal: Scalar) -> tuple[Vec, Vec, Scalar]:
+    """Increments since the row before, in the ITP frame (raven2 `local_io.cpp` accumulates them)."""
+    delta = (row.position[i] * params.scale).map(to_int32) - (before.position[i] * params.scale).map(to_int32)
+    x, y, z, w = before.quat[i]
+    turn = quat_mul(row.quat[i], Vec((-x, -y, -z, w)))
+    length = jnp.sqrt(sum(c * c for c in turn))
+    still = (0.0, 0.0, 0.0, 1.0)
+    return (
+        delta.map(lambda d: jnp.where(pedal, d, 0)),
+        turn.map(lambda c, rest: jnp.where(pedal, c / length, rest), still),
+        jnp.where(pedal, to_int32(row.grasp[i]) - to_int32(before.grasp[i]), 0),
+    )
+
+
+def _absolute(i: int, arm: str, params: Params, row: Row, before: Row, pedal: Scalar) -> tuple[Vec, Vec, Scalar]:
+    """Desired pose in frame 0 and jaw opening (raven2_sim `Real_Packet_Generator.py`)."""
+    position = params.start_position[i] + position_from_itp(arm, row.position[i] * params.scale)
+    x, y, z, w = row.quat[i]
+    turn = Vec((*position_from_itp(arm, Vec((x, y, z))), w))
+    return position.map(to_int32), quat_mul(turn, params.start_quat[i]), to_int32(params.start_grasp[i] - row.grasp[i])

@@ -1,0 +1,135 @@
+"""The console's packet: one ITP datagram as a record of single numbers, and as bytes on the wire.
+
+Layout, frames and units: raven2 `include/itp_teleoperation.h` (packed, little-endian, UDP port 36000); index 0 of each
+pair is the gold arm, 1 the green one.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+
+from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.robots.raven2.arms import ARMS, ArmName
+from ravenjax.robots.raven2.setup import Setup
+
+UDP_PORT = 36000
+"""Port the control software listens on; raven2 `network_layer.cpp`."""
+
+U_STRUCT = np.dtype(
+    [
+        ("sequence", "<u4"),  # 1, 2, 3 ..; 0 is reserved
+        ("pactyp", "<u4"),  # ignored
+        ("version", "<u4"),  # ignored
+        ("delx", "<i4", 2),  # um
+        ("dely", "<i4", 2),  # um
+        ("delz", "<i4", 2),  # um
+        ("Qx", "<f8", 2),
+        ("Qy", "<f8", 2),
+        ("Qz", "<f8", 2),
+        ("Qw", "<f8", 2),
+        ("buttonstate", "<i4", 2),  # unused
+        ("grasp", "<i4", 2),  # mrad, positive closes
+        ("surgeon_mode", "<i4"),  # 1 engaged (pedal down), 0 not
+        ("checksum", "<i4"),  # not verified by the robot
+    ]
+)
+"""Console to robot, 124 bytes."""
+
+V_STRUCT = np.dtype(
+    [
+        ("sequence", "<u4"),
+        ("last_sequence", "<u4"),
+        ("pactyp", "<u4"),
+        ("version", "<u4"),
+        ("fx", "<i4", 2),
+        ("fy", "<i4", 2),
+        ("fz", "<i4", 2),
+        ("runlevel", "<i4"),
+        ("jointflags", "<u4"),
+        ("checksum", "<i4"),
+    ]
+)
+"""Robot to console, 52 bytes; declared by raven2 and never sent by it (NET_SEND is undefined)."""
+
+SIZE_BYTES = {"increments": U_STRUCT.itemsize, "absolute": 204}
+"""Bytes of a datagram by `Setup.console`. 204: the packet generator of the 2015 fork, whose two quaternions give way to
+two 3x3 rotation matrices (raven2_sim `include/itp_teleoperation.h`, `Real_Packet_Generator.py`)."""
+
+
+@record
+class Packet:
+    """What the network hands to the robot in one cycle. Tuples have one entry per arm of `Setup.arms`.
+
+    `delta` and `quat` are increments in the ITP frame; with `Setup.console == "absolute"` they are the desired position
+    and orientation in the arm's frame 0, and `grasp` is absolute.
+    """
+
+    received: Scalar  # int32, 1 where a datagram arrived in this cycle
+    size: Scalar  # int32 bytes
+    sequence: Scalar  # int32
+    delta: tuple[Vec, ...]  # int32 um (x, y, z)
+    quat: tuple[Vec, ...]  # (x, y, z, w)
+    grasp: tuple[Scalar, ...]  # int32 mrad, positive closes
+    surgeon_mode: Scalar  # int32, 1 pedal down
+
+
+@functools.lru_cache(maxsize=16)
+def silence(setup: Setup) -> Packet:
+    """No packet in this cycle."""
+    arms, zero = range(len(setup.arms)), np.int32(0)
+    number = np.dtype(setup.precision.wide).type
+    return Packet(
+        received=zero,
+        size=np.int32(SIZE_BYTES[setup.console]),
+        sequence=zero,
+        delta=tuple(Vec.full(3, zero) for _ in arms),
+        quat=tuple(Vec(map(number, (0.0, 0.0, 0.0, 1.0))) for _ in arms),
+        grasp=tuple(zero for _ in arms),
+        surgeon_mode=zero,
+    )
+
+
+def checksum(fields: Any) -> int:
+    """The checksum of one U_STRUCT record: mode, increments, buttons and sequence, wrapped to int32."""
+    names = ("delx", "dely", "delz", "buttonstate")
+    total = int(fields["surgeon_mode"]) + int(fields["sequence"]) + sum(int(fields[n].sum(dtype="i8")) for n in names)
+    return (total + 2**31) % 2**32 - 2**31
+
+
+def encode(packet: Packet, arms: tuple[ArmName, ...]) -> bytes:
+    """The 124-byte datagram of a packet of increments; an arm that is not in `arms` stays still."""
+    fields = np.zeros((), U_STRUCT)
+    fields["sequence"] = int(packet.sequence) % 2**32
+    fields["surgeon_mode"] = int(packet.surgeon_mode)
+    fields["Qw"] = 1.0
+    for i, arm in enumerate(arms):
+        slot = ARMS.index(arm)
+        for name, value in zip(("delx", "dely", "delz"), packet.delta[i], strict=True):
+            fields[name][slot] = int(value)
+        for name, value in zip(("Qx", "Qy", "Qz", "Qw"), packet.quat[i], strict=True):
+            fields[name][slot] = float(value)
+        fields["grasp"][slot] = int(packet.grasp[i])
+    fields["checksum"] = checksum(fields)
+    return fields.tobytes()
+
+
+def decode(datagram: bytes, arms: tuple[ArmName, ...]) -> Packet:
+    """The packet of increments in a datagram.
+
+    Longer ones are cut as the robot cuts them; what a shorter one lacks reads 0, and `size` tells the robot to drop it.
+    """
+    whole = datagram[: U_STRUCT.itemsize].ljust(U_STRUCT.itemsize, b"\0")
+    fields = np.frombuffer(whole, U_STRUCT, count=1)[0]
+    slots = [ARMS.index(arm) for arm in arms]
+    return Packet(
+        received=1,
+        size=len(datagram),
+        sequence=int(fields["sequence"].view(np.int32)),
+        delta=tuple(Vec(int(fields[name][slot]) for name in ("delx", "dely", "delz")) for slot in slots),
+        quat=tuple(Vec(float(fields[name][slot]) for name in ("Qx", "Qy", "Qz", "Qw")) for slot in slots),
+        grasp=tuple(int(fields["grasp"][slot]) for slot in slots),
+        surgeon_mode=int(fields["surgeon_mode"]),
+    )

@@ -1,0 +1,123 @@
+"""The operator who reacts: feels the cue, needs a moment, then lifts the pedal, slows down, or corrects by eye.
+
+The cue that is felt is the first haptic set. What the hands then do goes the way of all that hands do: into the
+console's packets, so to the robot and to the nominal model alike. An operator of action `none` is as deaf to the cue as
+one without a haptic device, which makes pairs of runs: the same fault, with the cue and without.
+
+- 1 release: the foot leaves the pedal.
+- 2 slow: the hands go on along their way at `slow_to` of their speed.
+- 3 correct: the hands move the instrument back to where it was meant to be, as far as the eye can tell (true tip
+  against the nominal model without what the hands did beyond the plan), by `correct_per_s` of the distance, at
+  `correct_speed` at most.
+
+Assumptions, as no source measured them on this robot: 0.25 s from the first pull to the action (a simple reaction to a
+touch takes 0.15 to 0.3 s, a foot a little longer than a finger); a correction by eye closes with a time constant of
+0.2 s. A packet that the network delays carries what the hands did when it was made, but for a correction, which is that
+of now.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from ravenjax.numbers.algebra import dot
+from ravenjax.numbers.setup import per_arm
+from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.vocabulary.reactions import CORRECT, NONE, RELEASE, SLOW
+
+TICK_S = 1e-3
+TINY_M = 1e-9  # below it there is nothing to correct
+
+
+@record
+class Params:
+    """What a campaign may vary."""
+
+    action: Scalar  # int32, one of ACTIONS
+    delay_ms: Scalar  # ms from the first felt pull to the action
+    felt_force: Scalar  # device units; a weaker pull is not noticed
+    slow_to: Scalar  # 1, speed of the hands afterwards, of what it was
+    correct_per_s: Scalar  # 1/s, share of the distance that is corrected
+    correct_speed: Scalar  # m/s of the tip, at most
+
+
+@record
+class State:
+    """What the operator remembers."""
+
+    felt: Scalar  # int32, tick of the first pull that was felt in pedal-down; -1: none
+    acted: Scalar  # int32, first tick of the action; -1: none
+    acted_packet: Scalar  # int32, index of the first packet of the action
+
+
+@record
+class Pace:
+    """What the action makes of the planned motion in one packet."""
+
+    released: Scalar  # bool, the foot is off the pedal
+    lag: Scalar  # int32 packets that slowed hands are behind
+
+
+@record
+class Felt:
+    """What reaches the operator's eyes and hands; tuples have one entry an arm."""
+
+    force: tuple[Scalar, ...]  # device units, of the first haptic set
+    tip: tuple[Vec, ...]  # m, true tip
+    model_tip: tuple[Vec, ...]  # m, that of the nominal model
+    off_plan: tuple[Vec, ...]  # m, frame 0, by which the hands asked for more than the plan, of both alike
+    pedal_down: Scalar  # bool
+    tick: Scalar  # int32
+
+
+def params(setup: Setup) -> Params:
+    """The assumptions above; nobody reacts until a campaign says so."""
+    return Params(np.int32(NONE), 250.0, 0.0, 0.25, 5.0, 0.05)
+
+
+def init(setup: Setup) -> State:
+    """Nothing felt."""
+    return State(jnp.int32(-1), jnp.int32(-1), jnp.int32(-1))
+
+
+def act(setup: Setup, params: Params, state: State, tick: Scalar, packet: Scalar) -> State:
+    """Before this tick's packet, of index `packet`: whether the action begins now."""
+    waited = lax.convert_element_type(tick - state.felt, setup.precision.real) >= params.delay_ms
+    begins = (params.action != NONE) & (state.felt >= 0) & waited & (state.acted < 0)
+    return replace(
+        state,
+        acted=jnp.where(begins, tick, state.acted),
+        acted_packet=jnp.where(begins, packet, state.acted_packet),
+    )
+
+
+def pace(setup: Setup, params: Params, state: State, packet: Scalar) -> Pace:
+    """Foot and hands in the packet of that index."""
+    since = packet - state.acted_packet
+    acting = (state.acted >= 0) & (since >= 0)
+    behind = lax.convert_element_type(since, setup.precision.real) * (1.0 - params.slow_to)
+    return Pace(
+        released=acting & (params.action == RELEASE),
+        lag=jnp.where(acting & (params.action == SLOW), as_int(behind), 0),
+    )
+
+
+def feel(setup: Setup, params: Params, state: State, felt: Felt) -> tuple[State, tuple[Vec, ...]]:
+    """After this tick's cue: the state, and by how much the hands take each tip along to correct, m in frame 0."""
+    noticed = felt.force[0] > params.felt_force
+    for force in felt.force[1:]:
+        noticed = noticed | (force > params.felt_force)
+    correcting = (state.acted >= 0) & (params.action == CORRECT) & felt.pedal_down
+
+    def corrected(i: int) -> Vec:
+        wanted = felt.model_tip[i] - felt.off_plan[i] - felt.tip[i]
+        distance = jnp.sqrt(dot(wanted, wanted))
+        speed = jnp.minimum(distance * params.correct_per_s, params.correct_speed)
+        share = jnp.where(correcting, speed * TICK_S / jnp.maximum(distance, TINY_M), 0.0)
+        return wanted * share
+
+    first = noticed & felt.pedal_down & (state.felt < 0)
+    return replace(state, felt=jnp.where(first, felt.tick, state.felt)), per_arm(setup, lambda i, _: corrected(i))

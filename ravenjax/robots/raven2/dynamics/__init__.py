@@ -1,0 +1,1 @@
+"""The links of an arm as rigid bodies."""

@@ -1,0 +1,49 @@
+"""The MuJoCo model of the robot, loaded once per process."""
+
+# MuJoCo's compiled module carries no types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import functools
+
+import mujoco
+
+from ravenjax import resources
+from ravenjax.robots.raven2.arms import ARMS, JOINTS, ArmName
+
+MODEL = "raven2/raven2.xml"
+
+
+@functools.cache
+def scene() -> mujoco.MjModel:
+    """Both arms and the operating scene, compiled. Do not write to it."""
+    return mujoco.MjModel.from_xml_path(str(resources.model(MODEL)))
+
+
+@functools.cache
+def one_arm(arm: ArmName) -> mujoco.MjModel:
+    """One arm alone, without shapes and scene, compiled. Its seven degrees of freedom come in the order of `JOINTS`."""
+    spec = mujoco.MjSpec.from_file(str(resources.model(MODEL)))
+    for key in list(spec.keys):
+        spec.delete(key)
+    for geom in list(spec.geoms):
+        spec.delete(geom)
+    for body in list(spec.worldbody.bodies):
+        if body.name != base(arm):
+            spec.delete(body)
+    for unused in (*spec.meshes, *spec.materials, *spec.textures):
+        spec.delete(unused)
+    return spec.compile()
+
+
+def base(arm: ArmName) -> str:
+    """Name of the fixed body that carries the arm's frame 0."""
+    if arm not in ARMS:
+        raise ValueError(f"no arm {arm!r}: the robot has {' and '.join(ARMS)}")
+    return f"{arm}_frame0"
+
+
+def joint_names(arm: ArmName) -> tuple[str, ...]:
+    """Names in the model of the arm's joints, in the order of `JOINTS`."""
+    return tuple(f"{arm}_{joint}" for joint in JOINTS)

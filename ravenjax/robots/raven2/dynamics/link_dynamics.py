@@ -1,0 +1,78 @@
+"""Rigid-body dynamics of one arm: M(q) qacc + bias(q, qvel) = joint torque.
+
+Two implementations of the same quantities, picked by `setup.link_dynamics`: "unrolled" replays a straight-line program
+derived from the compiled model, "mjx" calls mujoco.mjx. Joint order and units: `vocabulary.arms.JOINTS`, rad and m.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import jax.numpy as jnp
+
+from ravenjax.ir.program import Program
+from ravenjax.ir.symbolic import replay
+from ravenjax.numbers.vec import Scalar, Vec
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.dynamics import arm_model, rigid_program
+from ravenjax.robots.raven2.dynamics.rigid_tree import Link, read_tree
+from ravenjax.robots.raven2.setup import Setup
+
+FUNCTIONS = {"sin": jnp.sin, "cos": jnp.cos}
+"""What the program calls."""
+
+
+def mass_matrix_and_bias(
+    setup: Setup, arm: ArmName, qpos: Vec, qvel: Vec, gravity: Vec, mass_scale: Scalar = 1.0
+) -> tuple[tuple[Vec, ...], Vec]:
+    """(M: 7 rows of 7, bias: 7) at joint positions `qpos` (= jpos) and velocities `qvel`.
+
+    gravity: m/s^2 in frame 0 of the arm. bias: Coriolis, centrifugal and gravity torque (Nm, insertion N), the sign of
+    MuJoCo's qfrc_bias. mass_scale multiplies every link's mass and inertia; both results are linear in it, so they are
+    scaled at the end, all but the armature (kg m^2) of the tool spindles on the diagonal. Entries of M that never
+    change are Python numbers; Python numbers among the arguments are folded as constants.
+    """
+    if setup.link_dynamics == "mjx":
+        from ravenjax.robots.raven2.dynamics import (
+            mjx_dynamics,  # half a second of import that only this choice should pay
+        )
+
+        mass, bias = mjx_dynamics.mass_matrix_and_bias(arm, qpos, qvel, gravity)
+    else:
+        mass, bias = _unrolled(arm, qpos, qvel, gravity)
+    if not (type(mass_scale) in (int, float) and mass_scale == 1):
+        mass = [[x if _is_zero(x) else x * mass_scale for x in row] for row in mass]
+        bias = [x * mass_scale for x in bias]
+    for i, link in enumerate(links(arm)):
+        if link.armature:
+            mass[i][i] = mass[i][i] + link.armature
+    return tuple(Vec(row) for row in mass), Vec(bias)
+
+
+@functools.cache
+def links(arm: ArmName) -> tuple[Link, ...]:
+    """The arm as a tree of links. Raises ValueError if the model's joints are not those of the arm."""
+    tree = read_tree(arm_model.one_arm(arm), arm_model.base(arm))
+    found, expected = tuple(link.joint for link in tree), arm_model.joint_names(arm)
+    if found != expected:
+        raise ValueError(f"{arm_model.MODEL}: joints below {arm_model.base(arm)} are {found}, expected {expected}")
+    return tree
+
+
+@functools.lru_cache(maxsize=64)
+def program(arm: ArmName, known: tuple[float | None, ...]) -> Program:
+    """The arm's straight-line program; `known` as in `rigid_program.mass_matrix_and_bias`."""
+    return rigid_program.mass_matrix_and_bias(links(arm), known)
+
+
+def _unrolled(arm: ArmName, qpos: Vec, qvel: Vec, gravity: Vec) -> tuple[list[list[Scalar]], list[Scalar]]:
+    inputs = (*qpos, *qvel, *gravity)
+    known = tuple(float(x) if type(x) in (int, float) else None for x in inputs)
+    out = replay(program(arm, known), inputs, FUNCTIONS)
+    n = len(qpos)
+    triangle = [out[i * (i + 1) // 2 : (i + 1) * (i + 2) // 2] for i in range(n)]
+    return [[triangle[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)], out[-n:]
+
+
+def _is_zero(x: Scalar) -> bool:
+    return type(x) in (int, float) and x == 0

@@ -1,0 +1,209 @@
+"""Mass matrix and bias of a tree of links as a straight-line program.
+
+Composite rigid bodies (mass matrix) and recursive Newton-Euler (bias: Coriolis, centrifugal and gravity, with the sign
+of MuJoCo's qfrc_bias) share kinematics. Bodies are 4x4 pseudo-inertias [[J, h], [h^T, m]]; with the acceleration matrix
+U = [alpha]x + [omega]x^2 a body's wrench about its origin is f = U h + m a, n = sum of r x (U r + a), which costs less
+than Euler's form because U is shared (W. Khalil's customised symbolic method).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import TypeAlias
+
+from ravenjax.ir.program import Program
+from ravenjax.ir.symbolic import Number, cos, program, sin, symbols
+from ravenjax.robots.raven2.dynamics.rigid_tree import Link
+
+Vector: TypeAlias = list[Number]
+Matrix: TypeAlias = list[list[Number]]
+Turn: TypeAlias = tuple[int, Number, Number]  # axis (0: x, 2: z), cosine, sine
+
+ZERO: Vector = [0.0, 0.0, 0.0]
+
+
+@dataclasses.dataclass
+class _Body:
+    """A link in motion, everything in its own frame."""
+
+    turns: list[Turn]  # to the parent frame, outermost first
+    position: Vector  # of the origin in the parent frame
+    omega: Vector
+    matrix: Matrix  # U
+    wrench: tuple[Vector, Vector]  # moment and force for the bias
+    moments: Matrix  # J of the composite body
+    first: Vector  # h of the composite body
+    mass: Number
+
+
+def mass_matrix_and_bias(links: tuple[Link, ...], known: tuple[float | None, ...] | None = None) -> Program:
+    """Program from (qpos, qvel, gravity in the base frame) to (lower triangle of M row by row, without armature; bias).
+
+    `known` holds a number for each of the 2 n + 3 inputs that is fixed (it is then folded), None for the others. M is
+    symmetric; entries that the tree's structure makes constant or zero come out as Python numbers.
+    """
+    n = len(links)
+    inputs = symbols(2 * n + 3)
+    fixed = known or (None,) * len(inputs)
+    values: list[Number] = [symbol if x is None else x for symbol, x in zip(inputs, fixed, strict=True)]
+    qpos, qvel, gravity = values[:n], values[n : 2 * n], values[2 * n :]
+    bodies = _kinematics(links, qpos, qvel, [-g for g in gravity])
+    bias = _bias(links, bodies)
+    mass = _mass_matrix(links, bodies)
+    return program(inputs, [mass[i][j] for i in range(n) for j in range(i + 1)] + bias)
+
+
+def _kinematics(links: tuple[Link, ...], qpos: list[Number], qvel: list[Number], upward: Vector) -> list[_Body]:
+    bodies: list[_Body] = []
+    rates: list[tuple[Vector, Vector]] = []  # angular acceleration, acceleration of the origin, at qacc = 0
+    for link, q, rate in zip(links, qpos, qvel, strict=True):
+        travel = q - link.reference if link.slide else 0.0
+        last = _turn(2, link.offset) if link.slide else _turn(2, link.offset, q)
+        turns = [_turn(2, link.beta), _turn(0, link.alpha), last]
+        turns = [turn for turn in turns if turn[1:] != (1.0, 0.0)]
+        position = _plus(list(link.position), _rotate(turns, [0.0, 0.0, travel]))
+        if link.parent < 0:
+            omega, alpha, accel = ZERO, ZERO, upward
+        else:
+            parent = bodies[link.parent]
+            alpha, accel = rates[link.parent]
+            omega, accel = parent.omega, _plus(accel, _apply(parent.matrix, position))
+        omega, alpha, accel = (_rotate_back(turns, v) for v in (omega, alpha, accel))
+        if link.slide:
+            accel = _plus(accel, [omega[1] * rate * 2.0, -(omega[0] * rate * 2.0), 0.0])
+        else:
+            alpha = _plus(alpha, [omega[1] * rate, -(omega[0] * rate), 0.0])
+            omega = [omega[0], omega[1], omega[2] + rate]
+        matrix = _acceleration_matrix(omega, alpha)
+        inertia = link.pseudo_inertia.tolist()
+        moments, first, mass = [row[:3] for row in inertia[:3]], inertia[3][:3], inertia[3][3]
+        force = _plus(_apply(matrix, first), [mass * a for a in accel])
+        moment = _plus(_moment(matrix, moments), _cross(first, accel))
+        rates.append((alpha, accel))
+        bodies.append(_Body(turns, position, omega, matrix, (moment, force), moments, first, mass))
+    return bodies
+
+
+def _bias(links: tuple[Link, ...], bodies: list[_Body]) -> list[Number]:
+    wrenches = [body.wrench for body in bodies]
+    bias: list[Number] = [0.0] * len(links)
+    for index in reversed(range(len(links))):
+        moment, force = wrenches[index]
+        bias[index] = force[2] if links[index].slide else moment[2]
+        parent = links[index].parent
+        if parent >= 0:
+            moment, force = _to_parent(bodies[index], moment, force)
+            wrenches[parent] = _plus(wrenches[parent][0], moment), _plus(wrenches[parent][1], force)
+    return bias
+
+
+def _mass_matrix(links: tuple[Link, ...], bodies: list[_Body]) -> Matrix:
+    n = len(links)
+    matrix: Matrix = [[0.0] * n for _ in range(n)]
+    for index in reversed(range(n)):
+        link, body = links[index], bodies[index]
+        h, J = body.first, body.moments
+        if link.slide:
+            moment, force = [h[1], -h[0], 0.0], [0.0, 0.0, body.mass]
+        else:
+            moment, force = [-J[0][2], -J[1][2], J[0][0] + J[1][1]], [-h[1], h[0], 0.0]
+        below, ancestor = body, index
+        while ancestor >= 0:
+            matrix[index][ancestor] = force[2] if links[ancestor].slide else moment[2]
+            moment, force = _to_parent(below, moment, force)
+            ancestor = links[ancestor].parent
+            below = bodies[ancestor]
+        if link.parent >= 0:
+            _join(bodies[link.parent], body)
+    return matrix
+
+
+def _join(parent: _Body, child: _Body) -> None:
+    """Add the child's composite body to the parent's."""
+    p = child.position
+    moments = child.moments
+    for turn in reversed(child.turns):
+        moments = _turn_moments(turn, moments)
+    first = _rotate(child.turns, child.first)
+    moved = _plus(first, [child.mass * x for x in p])
+    for i in range(3):
+        for j in range(i + 1):
+            total = parent.moments[i][j] + moments[i][j] + (p[i] * moved[j] + first[i] * p[j])
+            parent.moments[i][j] = parent.moments[j][i] = total
+    parent.first = _plus(parent.first, moved)
+    parent.mass = parent.mass + child.mass
+
+
+def _to_parent(body: _Body, moment: Vector, force: Vector) -> tuple[Vector, Vector]:
+    moment, force = _rotate(body.turns, moment), _rotate(body.turns, force)
+    return _plus(moment, _cross(body.position, force)), force
+
+
+def _turn(axis: int, offset: float, angle: Number = 0.0) -> Turn:
+    """Rotation by offset + angle; an offset of right angles only exchanges sine and cosine."""
+    quarters = round(offset / (math.pi / 2))
+    if offset != quarters * (math.pi / 2):
+        return axis, cos(angle + offset), sin(angle + offset)
+    c, s = cos(angle), sin(angle)
+    return axis, *((c, s), (-s, c), (-c, -s), (s, -c))[quarters % 4]
+
+
+def _rotate(turns: list[Turn], v: Vector) -> Vector:
+    for axis, c, s in reversed(turns):
+        x, y = (axis + 1) % 3, (axis + 2) % 3
+        turned = list(v)
+        turned[x], turned[y] = c * v[x] - s * v[y], s * v[x] + c * v[y]
+        v = turned
+    return v
+
+
+def _rotate_back(turns: list[Turn], v: Vector) -> Vector:
+    return _rotate([(axis, c, -s) for axis, c, s in reversed(turns)], v)
+
+
+def _turn_moments(turn: Turn, J: Matrix) -> Matrix:
+    """R J R^T for a symmetric J and a rotation R about one axis."""
+    axis, c, s = turn
+    x, y = (axis + 1) % 3, (axis + 2) % 3
+    turned = [list(row) for row in J]
+    if c == 0.0:
+        turned[x][x], turned[y][y], across = J[y][y], J[x][x], -J[x][y]
+    else:
+        shear = s * (J[y][y] - J[x][x]) - 2.0 * c * J[x][y]
+        turned[x][x], turned[y][y], across = J[x][x] + s * shear, J[y][y] - s * shear, -(c * shear + J[x][y])
+    turned[x][y] = turned[y][x] = across
+    side = c * J[axis][x] - s * J[axis][y], s * J[axis][x] + c * J[axis][y]
+    turned[axis][x], turned[axis][y] = side
+    turned[x][axis], turned[y][axis] = side
+    return turned
+
+
+def _acceleration_matrix(omega: Vector, alpha: Vector) -> Matrix:
+    (x, y, z), (a, b, c) = omega, alpha
+    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
+    return [[-(yy + zz), xy - c, xz + b], [xy + c, -(xx + zz), yz - a], [xz - b, yz + a, -(xx + yy)]]
+
+
+def _moment(U: Matrix, J: Matrix) -> Vector:
+    """Sum of r x (U r): the axial vector of U J."""
+    out: Vector = []
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        total: Number = (U[k][k] - U[j][j]) * J[j][k]
+        total = total + (U[k][j] * J[j][j] - U[j][k] * J[k][k])
+        total = total + (U[k][i] * J[i][j] - U[j][i] * J[i][k])
+        out.append(total)
+    return out
+
+
+def _apply(matrix: Matrix, v: Vector) -> Vector:
+    return [row[0] * v[0] + row[1] * v[1] + row[2] * v[2] for row in matrix]
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def _plus(a: Vector, b: Vector) -> Vector:
+    return [x + y for x, y in zip(a, b, strict=True)]

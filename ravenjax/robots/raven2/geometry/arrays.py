@@ -1,0 +1,177 @@
+"""Kinematics, transmission and gravity of whole arrays of poses, in float64 whatever JAX is set to.
+
+Joints are on the last axis, in the order shoulder, elbow (rad), insertion (m), tool_roll, wrist, grasp1, grasp2 (rad);
+any leading axes, and arguments broadcast against each other. Poses are of the jaw axis in frame 0 of the arm. Results
+are NumPy arrays. Numbers are real and finite (NaN comes out, never goes in), rotations orthonormal and right-handed;
+anything else, a wrong shape or an unknown name raises UserError, a ValueError.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ravenjax.errors import UserError, shown, suggestion
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import ARMS, JOINTS
+from ravenjax.robots.raven2.geometry import gravity, kinematics, transmission
+from ravenjax.robots.raven2.geometry.joints import Pose
+from ravenjax.robots.raven2.geometry.tools import find_tool
+
+Array = np.ndarray
+
+ORTHONORMAL = 1e-3
+"""How far R^T R of a rotation may be from 1: single precision and rounding in files are far below."""
+
+
+def forward_kinematics(jpos: ArrayLike, arm: str) -> tuple[Array, Array]:
+    """Position [..., 3] (m) and rotation [..., 3, 3] of the jaw axis at `jpos` [..., 7]; yaw (grasp2 - grasp1) / 2."""
+    _known_arm(arm)
+    position, rotation = _over_rows("forward", arm, "", jpos=(jpos, (7,)))
+    return position, rotation
+
+
+def inverse_kinematics(
+    position: ArrayLike, rotation: ArrayLike, grasp: ArrayLike, jpos_ref: ArrayLike, arm: str
+) -> tuple[Array, Array]:
+    """Joints jpos_d [..., 7] that reach the pose, and status [...].
+
+    position: [..., 3], m; rotation: [..., 3, 3], columns are the axes of the jaws' frame; grasp: [...], rad, jaw
+    opening; jpos_ref: [..., 7], measured joints, the nearest solution to which is taken. Joint limits are not applied.
+    Status: 0 taken; -1 rejected by the control software's rules (it would hold its last jpos_d), jpos_d is NaN there;
+    -2 taken though the wrist is at the remote centre, with the angles that the control software is left with.
+    """
+    _known_arm(arm)
+    _require_rotations(rotation)
+    jpos_d, status = _over_rows(
+        "inverse",
+        arm,
+        "",
+        position=(position, (3,)),
+        rotation=(rotation, (3, 3)),
+        grasp=(grasp, ()),
+        jpos_ref=(jpos_ref, (7,)),
+    )
+    jpos_d[status == kinematics.REJECTED] = np.nan
+    return jpos_d, status
+
+
+def motor_from_joint(jpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Array:
+    """Motor angles mpos [..., 7] (rad) that hold the joints `jpos` [..., 7], cable coupling included."""
+    _known_arm(arm)
+    return _over_rows("motor", arm, _known_tool(tool), jpos=(jpos, (7,)))[0]
+
+
+def joint_from_motor(mpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Array:
+    """Joints jpos [..., 7] at the motor angles `mpos` [..., 7] (rad), cable coupling included."""
+    _known_arm(arm)
+    return _over_rows("joint", arm, _known_tool(tool), mpos=(mpos, (7,)))[0]
+
+
+def gravity_torque(jpos: ArrayLike, arm: str) -> Array:
+    """Capstan torque [..., 3] (Nm) by which the software holds shoulder, elbow and insertion at `jpos` [..., 7]."""
+    _known_arm(arm)
+    return _over_rows("gravity", arm, "", jpos=(jpos, (7,)))[0]
+
+
+def _vec(row: Any) -> Vec:
+    return Vec(row[i] for i in range(row.shape[0]))
+
+
+def _row_function(name: str, arm: str, tool: str) -> Callable[..., tuple[Any, ...]]:
+    """One of the functions above for one row."""
+
+    def forward(jpos: Any) -> tuple[Any, ...]:
+        pose = kinematics.forward(arm, _vec(jpos))
+        return jnp.stack(pose.position), jnp.stack([jnp.stack(row) for row in pose.rotation])
+
+    def inverse(position: Any, rotation: Any, grasp: Any, jpos_ref: Any) -> tuple[Any, ...]:
+        pose = Pose(_vec(position), Vec(_vec(row) for row in rotation))
+        found = kinematics.inverse(arm, pose, grasp, _vec(jpos_ref))
+        return jnp.stack(found.jpos), found.status
+
+    return {
+        "forward": forward,
+        "inverse": inverse,
+        "motor": lambda jpos: (jnp.stack(transmission.motor_from_joint(arm, tool, _vec(jpos))),),
+        "joint": lambda mpos: (jnp.stack(transmission.joint_from_motor(arm, tool, _vec(mpos))),),
+        "gravity": lambda jpos: (jnp.stack(gravity.gravity_torque(arm, _vec(jpos))),),
+    }[name]
+
+
+@cache
+def _compiled(name: str, arm: str, tool: str) -> Callable[..., tuple[Any, ...]]:
+    return jax.jit(jax.vmap(_row_function(name, arm, tool)))
+
+
+def _over_rows(name: str, arm: str, tool: str, **arguments: tuple[ArrayLike, tuple[int, ...]]) -> tuple[Array, ...]:
+    """Apply to all rows. `arguments`: each value with the shape of one row of it."""
+    checked = {key: _checked(key, value, row) for key, (value, row) in arguments.items()}
+    leading = _common_shape({key: a.shape[: a.ndim - len(arguments[key][1])] for key, a in checked.items()})
+    rows = [
+        np.broadcast_to(a, leading + arguments[key][1]).reshape(-1, *arguments[key][1]) for key, a in checked.items()
+    ]
+    count = len(rows[0])
+    padded = 1 << max(count - 1, 0).bit_length()  # few distinct lengths, few compiles
+    fill = [np.concatenate([a, np.ones((padded - count, *a.shape[1:]))]) for a in rows]
+    with jax.enable_x64(True):
+        results = _compiled(name, arm, tool)(*fill)
+    return tuple(np.array(r)[:count].reshape(leading + r.shape[1:]) for r in results)
+
+
+def _known_arm(arm: str) -> None:
+    if arm not in ARMS:
+        raise UserError(f"unknown arm {shown(arm)}: expected 'gold' or 'green'{suggestion(str(arm), ARMS)}")
+
+
+def _known_tool(tool: str) -> str:
+    if not isinstance(tool, str):
+        raise UserError(f"tool is {shown(tool)}, expected the name of a tool")
+    return find_tool(tool).name
+
+
+def _require_rotations(rotation: ArrayLike) -> None:
+    matrices = _checked("rotation", rotation, (3, 3))
+    off = np.abs(np.swapaxes(matrices, -1, -2) @ matrices - np.eye(3)).max(axis=(-1, -2))
+    mirrored = np.linalg.det(matrices) < 0
+    if (wrong := (off > ORTHONORMAL) | mirrored).any():
+        index = tuple(int(i) for i in np.argwhere(wrong)[0])
+        problem = "mirrors" if mirrored[index] else f"has columns that are not orthonormal (off by {off[index]:.2g})"
+        where = f"rotation[{', '.join(map(str, index))}]" if index else "rotation"
+        raise UserError(f"{where} {problem}, expected a rotation matrix whose columns are the axes of the jaws' frame")
+
+
+def _checked(name: str, value: ArrayLike, row: tuple[int, ...]) -> Array:
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError) as error:
+        raise UserError(f"{name} is not an array of numbers: {error}") from None
+    if array.dtype.kind not in "iuf" or np.ma.is_masked(value):
+        kind = "masked numbers" if np.ma.is_masked(value) else str(array.dtype)
+        raise UserError(f"{name} is not an array of numbers: it holds {kind}, expected real numbers")
+    array = array.astype(np.float64)
+    trailing = array.shape[max(array.ndim - len(row), 0) :]
+    if trailing != row:
+        expected = ", ".join(("...", *map(str, row)))
+        order = f" in the order {', '.join(JOINTS)}" if row == (7,) else ""
+        raise UserError(f"{name} has shape {array.shape}, expected [{expected}]{order}")
+    if not np.isfinite(array).all():
+        index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        where = f"{name}[{', '.join(map(str, index))}]" if index else name
+        joint = f" ({JOINTS[index[-1]]})" if row == (7,) else ""
+        raise UserError(f"{where}{joint} is {array[index]}, expected a finite number")
+    return array
+
+
+def _common_shape(shapes: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
+    try:
+        return np.broadcast_shapes(*shapes.values())
+    except ValueError:
+        listed = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+        raise UserError(f"leading axes do not broadcast against each other: {listed}") from None

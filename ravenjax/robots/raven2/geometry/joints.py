@@ -1,0 +1,94 @@
+"""Joints of one arm and their zeros in the Denavit-Hartenberg convention.
+
+Joint order and units: shoulder, elbow (rad), insertion (m), tool_roll, wrist, grasp1, grasp2 (rad). Source of all
+figures: raven2 `src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h` (modified DH, Craig). Frames 0 to 3 of an
+arm share their origin, the remote centre; frame 6 sits on the jaw axis.
+"""
+
+from __future__ import annotations
+
+import math
+
+import jax.numpy as jnp
+
+from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.robots.raven2.geometry.links import GEOMETRY, PI
+
+
+@record
+class Pose:
+    """Of the jaw axis in frame 0 of its arm."""
+
+    position: Vec  # 3, m
+    rotation: Vec  # 3 rows of 3, the columns are the axes of frame 6
+
+
+@record
+class Theta:
+    """Denavit-Hartenberg variables of one arm; theta3 is constant."""
+
+    theta1: Scalar  # rad
+    theta2: Scalar  # rad
+    d3: Scalar  # m
+    theta4: Scalar  # rad
+    theta5: Scalar  # rad
+    theta6: Scalar  # rad
+
+
+def yaw(jpos: Vec) -> Scalar:
+    """Jaw yaw, rad, positive toward jaw 2; the original rounds the difference of the jaws to float32 before halving."""
+    return (jpos[6] - jpos[5]) * 0.5
+
+
+def grasp(jpos: Vec) -> Scalar:
+    """Jaw opening, rad, positive open."""
+    return jpos[5] + jpos[6]
+
+
+def jaws(yaw_rad: Scalar, grasp_rad: Scalar) -> tuple[Scalar, Scalar]:
+    """Grasp1 and grasp2, rad, from yaw and opening."""
+    half = grasp_rad * 0.5
+    return half - yaw_rad, half + yaw_rad
+
+
+def wrap(angle: Scalar) -> Scalar:
+    """The angle, rad, by whole turns brought into [-pi, pi]."""
+    return angle - 2 * PI * jnp.round(angle * (0.5 / PI))
+
+
+def theta_from_joint(arm: str, jpos: Vec) -> Theta:
+    """DH variables of the joints; every angle in [-pi, pi], roll included."""
+    geometry = GEOMETRY[arm]
+    return Theta(
+        theta1=wrap(jpos[0] + geometry.zero1),
+        theta2=wrap(jpos[1] + geometry.zero2) if geometry.zero2 else wrap(jpos[1]),
+        d3=jpos[2],
+        theta4=wrap(jpos[3]),
+        theta5=wrap(jpos[4] - PI / 2),
+        theta6=wrap(yaw(jpos)),
+    )
+
+
+def joint_from_theta(arm: str, theta: Theta, grasp_rad: Scalar) -> Vec:
+    """Joints (7) of DH variables in [-pi, pi] and a jaw opening, rad. All but the roll are brought into [-pi, pi]."""
+    geometry = GEOMETRY[arm]
+    grasp1, grasp2 = jaws(theta.theta6, grasp_rad)
+    return Vec(
+        (
+            _one_turn(theta.theta1, -geometry.zero1),
+            _one_turn(theta.theta2, -geometry.zero2),
+            theta.d3,
+            theta.theta4,
+            _one_turn(theta.theta5, PI / 2),
+            grasp1,
+            grasp2,
+        )
+    )
+
+
+def _one_turn(angle: Scalar, zero: float) -> Scalar:
+    """angle + zero brought into [-pi, pi], angle being in there already: only one side can be left."""
+    if zero == 0.0:
+        return angle
+    joint, turn = angle + zero, math.copysign(2 * PI, zero)
+    return jnp.where(joint > PI if zero > 0 else joint < -PI, angle + (zero - turn), joint)

@@ -1,0 +1,54 @@
+"""Home pose, soft joint limits and hard stops of the control software, as Python numbers.
+
+Source: raven2 `include/raven/defines.h`, `tools.cpp`, `init.cpp`; the 2015 fork where said. The original holds every
+joint limit as float32: round them where that matters.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.geometry.tools import find_tool
+
+_DEG = math.pi / 180.0
+
+HOME_JPOS = Vec((30 * _DEG, 90 * _DEG, 0.4, 0.0, 0.0, 45 * _DEG, 45 * _DEG))  # rad and m
+
+FORK_ROLL_LIMIT = 150 * _DEG  # rad, hard-coded in the 2015 fork whatever the tool
+
+
+class SoftLimits(NamedTuple):
+    """Where joint targets are clamped: at or below `lower`, at or above `upper`; None where there is no limit.
+
+    Order: shoulder, elbow (rad), insertion (m), tool_roll, wrist, jaw yaw (rad). The jaws themselves are never limited.
+    """
+
+    lower: tuple[float, float, float, float, float, float | None]
+    upper: tuple[float, float, float, float, float, float | None]
+
+
+POSITIONING_LOWER = (0.0, 45 * _DEG, 0.23)  # rad, rad, m
+POSITIONING_UPPER = (90 * _DEG, 135 * _DEG, 0.56)  # rad, rad, m
+POSITIONING_STOPS = (0.0, 137.5 * _DEG, 0.562)  # rad, rad, m: hard-stop references of homing (shoulder at its low end)
+
+
+def soft_limits(tool: str, software: str = "raven2") -> SoftLimits:
+    """Limits with `tool`. The original applies those of the gold arm's tool to both arms.
+
+    Jaw yaw is limited from below only, by the range of grasp1; the 2015 fork does not limit it and fixes the roll
+    limit.
+    """
+    found = find_tool(tool)
+    fork = software == "fork2015"
+    roll = FORK_ROLL_LIMIT if fork else found.roll_limit_deg * _DEG
+    wrist = found.wrist_limit_deg * _DEG
+    yaw_lower = None if fork else -found.grasp1_limit_deg * _DEG
+    return SoftLimits((*POSITIONING_LOWER, -roll, -wrist, yaw_lower), (*POSITIONING_UPPER, roll, wrist, None))
+
+
+def home_jpos(tool: str) -> Vec:
+    """Home pose with `tool`, rad and m."""
+    jaw = find_tool(tool).home_jaw_deg * _DEG
+    return HOME_JPOS.replace(5, jaw).replace(6, jaw)

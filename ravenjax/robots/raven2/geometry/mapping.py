@@ -1,0 +1,109 @@
+"""From the console's increments to frame 0 of an arm: axes, quaternions, accumulation.
+
+Quaternions are (x, y, z, w). Sources: raven2 `src/raven/mapping.cpp` (axes; the variant ORIENTATION_V is not built) and
+`local_io.cpp` (accumulation), with the conversions of ROS tf that those use.
+"""
+
+from __future__ import annotations
+
+import math
+
+import jax.numpy as jnp
+
+from ravenjax.numbers.algebra import dot, matmul, matrix, matvec, transpose
+from ravenjax.numbers.vec import Scalar, Vec
+
+ITP_AXES = {
+    "gold": matrix((0.0, 0.0, -1.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+    "green": matrix((0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, -1.0, 0.0)),
+}
+"""Rotation from the axes of an ITP packet to frame 0 of the arm."""
+
+
+def position_from_itp(arm: str, position: Vec) -> Vec:
+    """A displacement (3, any unit, integers stay integers) of an ITP packet in frame 0."""
+    return matvec(ITP_AXES[arm], position)
+
+
+def position_to_itp(arm: str, position: Vec) -> Vec:
+    """A displacement (3, any unit) in frame 0 about the axes of an ITP packet."""
+    return matvec(transpose(ITP_AXES[arm]), position)
+
+
+def rotation_from_itp(arm: str, rotation: Vec) -> Vec:
+    """A rotation (3 rows) about the axes of an ITP packet, as one about the axes of frame 0."""
+    axes = ITP_AXES[arm]
+    return matmul(matmul(axes, rotation), transpose(axes))
+
+
+def quat_from_itp(arm: str, quat: Vec) -> Vec:
+    """The increment quaternion of an ITP packet in frame 0, normalised; NaN if it is zero.
+
+    The original goes by way of matrices; this is the same rotation, perhaps with the opposite sign of all four numbers.
+    """
+    inverse_norm = 1.0 / jnp.sqrt(dot(quat, quat))
+    return Vec((*matvec(ITP_AXES[arm], Vec(quat[:3])), quat[3])) * inverse_norm
+
+
+def increment_from_itp(arm: str, position: Vec, quat: Vec) -> tuple[Vec, Vec]:
+    """Displacement and quaternion of an ITP packet in frame 0; a zero quaternion makes both NaN, as in the original."""
+    turned = quat_from_itp(arm, quat)
+    whole = turned[3] == turned[3]
+    return position_from_itp(arm, position).map(lambda p: jnp.where(whole, p, math.nan)), turned
+
+
+def quat_mul(a: Vec, b: Vec) -> Vec:
+    """a b: the rotation b followed by a."""
+    ax, ay, az, aw = a
+    bx, by, bz, bw = b
+    return Vec(
+        (
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by + ay * bw + az * bx - ax * bz,
+            aw * bz + az * bw + ax * by - ay * bx,
+            aw * bw - ax * bx - ay * by - az * bz,
+        )
+    )
+
+
+def accumulate(position: Vec, quat: Vec, position_increment: Vec, quat_increment: Vec) -> tuple[Vec, Vec]:
+    """Position and orientation after an increment about the axes of frame 0. Nothing is normalised."""
+    return position + position_increment, quat_mul(quat_increment, quat)
+
+
+def matrix_from_quat(quat: Vec) -> Vec:
+    """Rotation matrix (3 rows) of a quaternion of any length but zero (then NaN)."""
+    x, y, z, w = quat
+    s = 2.0 / (x * x + y * y + z * z + w * w)
+    xs, ys, zs = x * s, y * s, z * s
+    wx, wy, wz, xx, xy, xz, yy, yz, zz = w * xs, w * ys, w * zs, x * xs, x * ys, x * zs, y * ys, y * zs, z * zs
+    return matrix(
+        (1.0 - (yy + zz), xy - wz, xz + wy),
+        (xy + wz, 1.0 - (xx + zz), yz - wx),
+        (xz - wy, yz + wx, 1.0 - (xx + yy)),
+    )
+
+
+def quat_from_matrix(rotation: Vec) -> Vec:
+    """Unit quaternion of a rotation matrix, from its trace, or from its greatest diagonal element if trace <= 0."""
+    (m00, m01, m02), (m10, m11, m12), (m20, m21, m22) = rotation
+    trace = m00 + m11 + m22
+    dx, dy, dz = m21 - m12, m02 - m20, m10 - m01
+    sxy, sxz, syz = m01 + m10, m02 + m20, m12 + m21
+    # Four multiples of the same quaternion, each with 4 times the square of one component in that component's place.
+    by_x = _multiple(1.0 + m00 - m11 - m22, (sxy, sxz, dx), 0)
+    by_y = _multiple(1.0 + m11 - m00 - m22, (sxy, syz, dy), 1)
+    by_z = _multiple(1.0 + m22 - m00 - m11, (sxz, syz, dz), 2)
+    by_w = _multiple(1.0 + trace, (dx, dy, dz), 3)
+    not_x, above_y, above_x = m00 < m11, m11 < m22, m00 < m22
+
+    def choose(w: Scalar, x: Scalar, y: Scalar, z: Scalar) -> Scalar:
+        use_z = jnp.where(not_x, above_y, above_x)
+        return jnp.where(trace > 0.0, w, jnp.where(use_z, z, jnp.where(not_x, y, x)))
+
+    factor = 0.5 / jnp.sqrt(choose(by_w[3], by_x[0], by_y[1], by_z[2]))
+    return Vec(choose(*items) for items in zip(by_w, by_x, by_y, by_z, strict=True)) * factor
+
+
+def _multiple(pivot: Scalar, others: tuple[Scalar, Scalar, Scalar], place: int) -> Vec:
+    return Vec((*others[:place], pivot, *others[place:]))

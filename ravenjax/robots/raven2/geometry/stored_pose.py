@@ -1,0 +1,33 @@
+"""A pose as the control software stores it: whole micrometres, float32 rotation, whole milliradians.
+
+raven2 `include/DS0.h`: struct position has three int, struct orientation a float R[3][3] and an int grasp.
+"""
+
+from __future__ import annotations
+
+from ravenjax.numbers.setup import narrow, wide
+from ravenjax.numbers.vec import Scalar, Vec, record, to_int32
+from ravenjax.robots.raven2.geometry.kinematics import Pose
+from ravenjax.robots.raven2.setup import Setup
+
+UM_PER_M = 1e6
+
+
+@record
+class StoredPose:
+    """Pose of one instrument tip in frame 0 of its arm."""
+
+    position_um: Vec  # 3 int32
+    rotation: Vec  # 3 row Vecs
+    grasp_mrad: Scalar  # int32, jaw opening, positive open
+
+
+def store(setup: Setup, pose: Pose, grasp_mrad: Scalar) -> StoredPose:
+    """Truncate a pose (m) toward zero to whole micrometres and round its rotation."""
+    position = Vec(to_int32(p * UM_PER_M) for p in pose.position)
+    return StoredPose(position, narrow(setup, pose.rotation), grasp_mrad)
+
+
+def load(setup: Setup, stored: StoredPose) -> Pose:
+    """The pose in metres, in the wide type that kinematics is evaluated in."""
+    return Pose(wide(setup, stored.position_um) / UM_PER_M, wide(setup, stored.rotation))

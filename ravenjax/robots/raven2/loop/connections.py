@@ -1,0 +1,145 @@
+"""What one part of the tick hands to the next, where the two do not speak the same words. No state of its own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax.numpy as jnp
+
+from ravenjax.numbers.setup import real
+from ravenjax.numbers.vec import Scalar, Vec, record, replace, where
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.console import operator, reaction
+from ravenjax.robots.raven2.geometry import kinematics, transmission
+from ravenjax.robots.raven2.loop import control
+from ravenjax.robots.raven2.plant import nominal, nominal_target
+from ravenjax.robots.raven2.plant import robot as plant
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.stages import plc
+from ravenjax.stages import detectors, haptics
+
+
+@record
+class Console:
+    """What a fault may change of the console."""
+
+    scale: Scalar
+
+
+@record
+class Network:
+    """What a fault may do to the newest packet on its way."""
+
+    lag: Scalar  # int32 packets, sent again
+    delay: Scalar  # int32 packets, of a channel that delivers in order
+    lost: Scalar  # bool
+    bursts: Scalar  # float, seed of the channel's losses; 0: none
+    jitter: Scalar  # float, seed of the channel's delays; 0: none
+
+
+@record
+class Buttons:
+    """The buttons beside the robot: 1 pressed."""
+
+    estop: Scalar  # bool
+    start: Scalar  # bool
+
+
+@record
+class UsbStatus:
+    """Whether USB transfers succeed, one entry an arm."""
+
+    read_ok: tuple[Scalar, ...]
+    write_ok: tuple[Scalar, ...]
+
+
+def packet(
+    setup: Setup,
+    console: operator.Params,
+    reacts: reaction.Params | None,
+    motion: tuple[Any, ...],
+    reacting: reaction.State | None,
+    hands: operator.Hands | None,
+    index: Scalar,
+) -> Any:
+    """The packet of that index, as `console` (the operator's own, or one that a fault struck) sends it."""
+
+    def row(index: Scalar, offset: tuple[Vec, ...] | None) -> operator.Row:
+        if reacts is None or reacting is None:
+            found = operator.lookup(motion, index)
+        else:
+            pace = reaction.pace(setup, reacts, reacting, index)
+            found = operator.lookup(motion, index - pace.lag)
+            found = replace(found, surgeon_mode=jnp.where(pace.released, 0, found.surgeon_mode))
+        return found if offset is None else operator.moved(found, offset)
+
+    now, before = (None, None) if hands is None else (hands.offset, hands.offset_before)
+    return operator.packet(setup, console, row(index, now), row(index - 1, before), index + 1)
+
+
+def clean(setup: Setup, packet: Any, fresh: Scalar, i: int) -> nominal_target.Clean:
+    """What the console asks of the nominal model: each increment once, also where a packet spans several cycles."""
+    delta, quat, grasp = packet.delta[i], packet.quat[i], packet.grasp[i]
+    if setup.console == "increments":
+        delta, quat, grasp = where(fresh, (delta, quat, grasp), (Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0))
+    return nominal_target.Clean(delta, quat, grasp, packet.surgeon_mode)
+
+
+def delayed(delay: Scalar, now: tuple[Vec, ...], before: tuple[tuple[Vec, ...], ...]) -> tuple[Vec, ...]:
+    """The commands that reach the motors in this tick."""
+    arrives = now
+    for ticks, then in enumerate(before, start=1):
+        arrives = where(delay == ticks, then, arrives)
+    return arrives
+
+
+def motors(setup: Setup, robots: tuple[plant.Out, ...]) -> tuple[tuple[Vec, Vec], ...] | None:
+    """What the dynamics-simulator build reads in place of encoders: motors 1-3 of each arm."""
+    if setup.build == "robot":
+        return None
+    return tuple((Vec(out.mpos[:3]), Vec(out.mvel[:3])) for out in robots)
+
+
+def plant_signal(current_cmd: Vec, brakes: Scalar, multipliers: dict[str, tuple[Vec, ...]], i: int) -> plant.Signal:
+    """What the i-th arm of the virtual robot gets; multipliers: of its mechanics, by site, where faults strike them."""
+    return replace(plant.nominal_signal(current_cmd, brakes), **{site: arms[i] for site, arms in multipliers.items()})
+
+
+def brakes(setup: Setup, signals: control.Signals, relays: plc.Out) -> Scalar:
+    """Brakes follow the PLC; the simulator builds of the 2015 fork have none."""
+    return relays.brakes if setup.software == "raven2" else jnp.int32(0)
+
+
+def measured(setup: Setup, signals: control.Signals) -> tuple[Vec, ...]:
+    """Measured tip of each arm, whole um."""
+    return tuple(real(setup, arm.pos.position_um) for arm in signals.arms)
+
+
+def felt(setup: Setup, arm: ArmName, i: int, model: nominal.Out, jpos: Vec, mvel: Vec) -> haptics.Signal:
+    """What the console compares: the nominal model and the robot as its control software reports joints and motors."""
+    jpos, mvel = real(setup, (jpos, mvel))
+    jvel = real(setup, transmission.joint_from_motor(arm, setup.tools[i], mvel, software=setup.software))
+    position = kinematics.forward(arm, jpos).position
+    return haptics.Signal(model.tip_position, model.tip_velocity, position, kinematics.tip_velocity(arm, jpos, jvel))
+
+
+def watched(
+    command_limit: Vec,
+    signals: control.Signals,
+    robots: tuple[plant.Out, ...],
+    cues: tuple[Any, ...],
+    armed: Scalar,
+    now: Scalar,
+) -> detectors.Signal:
+    """What the detectors see."""
+    return detectors.Signal(
+        mpos=tuple(out.mpos for out in robots),
+        mvel=tuple(out.mvel for out in robots),
+        jpos=tuple(out.jpos for out in robots),
+        jvel=tuple(out.jvel for out in robots),
+        tip_error=tuple(out.distance for _, out in cues),
+        command=tuple(arm.current_cmd for arm in signals.arms),
+        command_limit=command_limit,
+        armed=armed,
+        tick=now,
+    )

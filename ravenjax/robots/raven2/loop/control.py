@@ -1,0 +1,329 @@
+"""One cycle of the control software: which stage follows which (raven2: rt_process_preempt.cpp)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import jax.numpy as jnp
+import numpy as np
+
+from ravenjax.numbers.setup import narrow, per_arm
+from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
+from ravenjax.robots.raven2 import run_levels
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.console.packet import Packet
+from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
+from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.stages import (
+    cartesian_control,
+    dac,
+    estimator,
+    motor_control,
+    network,
+    overdrive,
+    state_machine,
+    teleoperation,
+    usb,
+    watchdog,
+)
+
+
+class Inject(Protocol):
+    """Returns the signal of a site of `ravenjax.vocabulary.sites` as faults leave it, where it is `present`."""
+
+    def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any: ...
+
+
+def unharmed(site: str, signal: Any, present: Scalar = True) -> Any:
+    """The Inject of a robot without faults."""
+    return signal
+
+
+@record
+class Params:
+    """What a campaign may vary in the control software. Tuples have one entry per arm."""
+
+    teleoperation: teleoperation.Params
+    state_machine: state_machine.Params
+    estimator: tuple[estimator.Params, ...]
+    cartesian: cartesian_control.Params
+    motor_control: tuple[motor_control.Params, ...]
+    overdrive: overdrive.Params
+
+
+@record
+class State:
+    """What the control software remembers from one cycle to the next."""
+
+    tick: Scalar  # int32, cycles since the start
+    network: network.State
+    teleoperation: teleoperation.State
+    usb: usb.UsbIn
+    state_machine: state_machine.State
+    estimator: tuple[estimator.State, ...]
+    cartesian: cartesian_control.State
+    motor_control: tuple[motor_control.State, ...]
+    held_cmd: tuple[Vec, ...] | None  # int32 DAC counts last written; only the 2015 fork keeps them
+    overdrive: overdrive.State
+    watchdog: watchdog.State
+
+
+@record
+class Inputs:
+    """What reaches the control computer in one cycle. Tuples have one entry per arm, one USB board each."""
+
+    packet: Packet
+    usb: usb.UsbIn
+    read_ok: tuple[Scalar, ...]  # int32, 0: the board's read failed
+    simulated: tuple[tuple[Vec, Vec], ...] | None = (
+        None  # build "dyn_sim": motors 1-3 as the model has them, rad, rad/s
+    )
+
+
+@record
+class ArmSignals:
+    """One arm of the control software in one cycle."""
+
+    enc_val: Vec  # 7 int32 counts, as used
+    mpos: Vec  # 7 rad
+    mvel: Vec  # 7 rad/s
+    jpos: Vec  # 7, rad and m
+    jvel: Vec  # 7, rad/s and m/s; tool joints 0, as in the original
+    pos: StoredPose
+    pos_d: StoredPose
+    jpos_d: Vec  # 7, rad and m
+    mpos_d: Vec  # 7 rad
+    tau_g: Vec  # 3 N m at the capstan
+    tau_d: Vec  # 7 N m at the capstan
+    current_cmd: Vec  # 7 int32 DAC counts, before the overdrive check
+    current_cmd_checked: Vec  # 7 int32 DAC counts, after it
+    current_cmd_written: Vec  # 7 int32 DAC counts, as written to USB
+
+
+@record
+class Signals:
+    """What crossed the seams of the control software in one cycle."""
+
+    arms: tuple[ArmSignals, ...]
+    tick: Scalar  # int32
+    runlevel: Scalar  # int32
+    sublevel: Scalar  # int32
+    surgeon_mode: Scalar  # int32
+    last_seq: Scalar  # int32
+    initialized: Scalar  # int32 flag
+    soft_estopped: Scalar  # int32 flag
+    overdrive: Scalar  # int32 flag: the check raised the soft E-stop in this cycle
+    clamped: Scalar  # int32 flag: a joint limit clamped a target
+    pins_out: Scalar  # int32 output byte to the PLC
+
+
+def params(setup: Setup) -> Params:
+    """The software's own figures."""
+    return Params(
+        teleoperation.params(setup),
+        state_machine.params(setup),
+        per_arm(setup, lambda _, arm: estimator.params(setup, arm)),
+        cartesian_control.params(setup),
+        per_arm(setup, lambda _, arm: motor_control.params(setup, arm)),
+        overdrive.params(setup),
+    )
+
+
+def init(setup: Setup, jpos: tuple[Vec, ...] | None = None, runlevel: int | None = None) -> State:
+    """A homed robot at rest at `jpos` (rad and m, one Vec per arm; default: home) and `runlevel`.
+
+    raven2 starts in E-stop (0) and waits for the PLC; the 2015 fork, whose simulator builds have no PLC, in
+    pedal-down (3).
+    """
+    rest = jpos or tuple(HOME_JPOS for _ in setup.arms)
+    if runlevel is None:
+        runlevel = run_levels.E_STOP if setup.software == "raven2" else run_levels.PEDAL_DOWN
+    cartesian = cartesian_control.init(setup, rest)
+    silent = per_arm(setup, lambda *_: Vec.full(7, np.int32(0)))
+    return State(
+        tick=np.int32(0),
+        network=network.init(setup),
+        teleoperation=teleoperation.init(setup, tuple(arm.pos_d for arm in cartesian)),
+        usb=usb.init(setup),
+        state_machine=state_machine.init(setup, runlevel),
+        estimator=per_arm(setup, lambda *_: estimator.init(setup)),
+        cartesian=cartesian,
+        motor_control=per_arm(setup, lambda i, arm: motor_control.init(setup, arm, setup.tools[i], rest[i])),
+        held_cmd=silent if setup.software == "fork2015" else None,
+        overdrive=overdrive.init(setup),
+        watchdog=watchdog.init(setup),
+    )
+
+
+def receive(setup: Setup, params: Params, state: State, packet: Packet) -> State:
+    """The network thread: take one datagram (or none) between two cycles."""
+    net, accepted = network.step(setup, state.network, state.tick, packet)
+    teleop = teleoperation.accumulate(setup, params.teleoperation, state.teleoperation, accepted, packet)
+    return replace(state, network=net, teleoperation=teleop)
+
+
+def cycle(
+    setup: Setup, params: Params, state: State, inputs: Inputs, inject: Inject = unharmed
+) -> tuple[State, Signals]:
+    """One 1 ms cycle of the control software: packet, USB read, decide, check, write.
+
+    raven2: rt_process_preempt.cpp.
+    """
+
+    def each(function: Callable[[int, ArmName, str], Any]) -> tuple[Any, ...]:
+        return per_arm(setup, lambda i, arm: function(i, arm, setup.tools[i]))
+
+    received = inputs.packet.received != 0
+    packet = inject("packet_header", inject("packet", inputs.packet, received), received)
+    state = receive(setup, params, state, packet)
+    tick = state.tick
+
+    # --- sense ---
+    read = inject("usb_in", usb.step(setup, state.usb, inputs.usb, inputs.read_ok))
+    desired = inject("runlevel", state_machine.desired_runlevel(params.state_machine, state.state_machine, read.pins))
+    machine = state_machine.adopt(state.state_machine, tick, desired)
+    level = machine.runlevel
+    pedal_down = level == run_levels.PEDAL_DOWN
+    active = level >= run_levels.PEDAL_UP
+
+    teleop, poses_d = teleoperation.hand_over(
+        setup, params.teleoperation, state.teleoperation, tick, pedal_down, tuple(arm.pos_d for arm in state.cartesian)
+    )
+    cartesian = each(lambda i, *_: replace(state.cartesian[i], pos_d=poses_d[i]))
+    machine, following = state_machine.initialise(setup, machine)
+    cartesian = cartesian_control.follow(cartesian, following)
+
+    estimates = each(
+        lambda i, arm, tool: estimator.step(setup, arm, tool, params.estimator[i], state.estimator[i], read.enc_val[i])
+    )
+    measured = _measured(setup, inputs, state, tuple(estimate[1:] for estimate in estimates))
+    mpos = inject("mpos", tuple(positions for positions, _ in measured))
+    mvel = inject("mvel", tuple(velocities for _, velocities in measured))
+    jpos = inject("jpos", each(lambda i, arm, tool: estimator.joints(setup, arm, tool, mpos[i])))
+    jvel = inject("jvel", each(lambda i, *_: estimator.joint_velocities(setup, mvel[i])))
+
+    # --- decide ---
+    slave = (level != run_levels.PEDAL_DOWN) & (level != run_levels.INIT)
+    cartesian = cartesian_control.sense(setup, cartesian, jpos)
+    poses = _struck(inject, ("pos", "ori"), tuple(arm.pos for arm in cartesian))
+    cartesian = cartesian_control.follow(each(lambda i, *_: replace(cartesian[i], pos=poses[i])), slave)
+    poses_d = _struck(inject, ("pos_d", "ori_d"), tuple(arm.pos_d for arm in cartesian))
+    cartesian = each(lambda i, *_: replace(cartesian[i], pos_d=poses_d[i]))
+    cartesian, clamped = cartesian_control.solve(setup, params.cartesian, cartesian, tick, active, jpos)
+    teleop = teleoperation.reset_origin(
+        setup, teleop, slave | following | clamped, tuple(arm.pos_d for arm in cartesian)
+    )
+    jpos_d = inject("jpos_d", tuple(arm.jpos_d for arm in cartesian))
+    cartesian = each(lambda i, *_: replace(cartesian[i], jpos_d=jpos_d[i]))
+
+    mpos_d = inject("mpos_d", each(lambda i, arm, tool: motor_control.targets(setup, arm, tool, jpos_d[i], mpos[i])))
+    motors = each(
+        lambda i, arm, _: motor_control.torques(
+            setup,
+            arm,
+            params.motor_control[i],
+            state.motor_control[i],
+            active,
+            pedal_down,
+            mpos_d[i],
+            (jpos[i], mpos[i], mvel[i]),
+        )
+    )
+    tau_d = inject("tau_d", tuple(motor.tau_d for motor in motors))
+    motors = each(lambda i, *_: replace(motors[i], tau_d=tau_d[i]))
+    resting = _resting_commands(setup, params, state.held_cmd, active)
+    live = active & (machine.soft_estopped == 0)
+    current_cmd = inject(
+        "current_cmd", each(lambda i, arm, tool: dac.step(setup, arm, tool, tau_d[i], live, resting[i]))
+    )
+
+    # --- check ---
+    over, checked, tripped = overdrive.step(setup, params.overdrive, state.overdrive, tick, level, current_cmd)
+    machine = state_machine.raise_soft_estop(machine, tick, tripped)
+    dog, pins = watchdog.step(state.watchdog, machine.soft_estopped, level, teleop.surgeon_mode, machine.initialized)
+
+    # --- write ---
+    written = inject("usb_out", checked)
+    pins = inject("pins_out", pins)
+
+    signals = Signals(
+        arms=each(
+            lambda i, *_: ArmSignals(
+                enc_val=read.enc_val[i],
+                mpos=mpos[i],
+                mvel=mvel[i],
+                jpos=jpos[i],
+                jvel=jvel[i],
+                pos=cartesian[i].pos,
+                pos_d=cartesian[i].pos_d,
+                jpos_d=jpos_d[i],
+                mpos_d=motors[i].mpos_d,
+                tau_g=motors[i].tau_g,
+                tau_d=tau_d[i],
+                current_cmd=current_cmd[i],
+                current_cmd_checked=checked[i],
+                current_cmd_written=written[i],
+            )
+        ),
+        tick=tick,
+        runlevel=level,
+        sublevel=machine.sublevel,
+        surgeon_mode=teleop.surgeon_mode,
+        last_seq=teleop.last_seq,
+        initialized=machine.initialized,
+        soft_estopped=machine.soft_estopped,
+        overdrive=as_int(tripped),
+        clamped=as_int(clamped),
+        pins_out=pins,
+    )
+    state = State(
+        tick=tick + 1,
+        network=state.network,
+        teleoperation=teleop,
+        usb=read,
+        state_machine=machine,
+        estimator=tuple(estimate[0] for estimate in estimates),
+        cartesian=cartesian,
+        motor_control=motors,
+        held_cmd=written if setup.software == "fork2015" else None,
+        overdrive=over,
+        watchdog=dog,
+    )
+    return state, signals
+
+
+def _struck(inject: Inject, sites: tuple[str, str], poses: tuple[StoredPose, ...]) -> tuple[StoredPose, ...]:
+    """Poses as faults at `sites`, of position and of rotation, leave them."""
+    position, rotation = sites
+    positions = inject(position, tuple(pose.position_um for pose in poses))
+    rotations = inject(rotation, tuple(pose.rotation for pose in poses))
+    return tuple(
+        replace(pose, position_um=at, rotation=turned)
+        for pose, at, turned in zip(poses, positions, rotations, strict=True)
+    )
+
+
+def _measured(
+    setup: Setup, inputs: Inputs, state: State, estimates: tuple[tuple[Vec, Vec], ...]
+) -> tuple[tuple[Vec, Vec], ...]:
+    """Motor positions and velocities of each arm: the estimator's, but for the dynamics-simulator build, which takes
+    joints 1-3 from its model as they are and believes the tool joints to be where they should."""
+    if inputs.simulated is None:
+        return estimates
+    still = (narrow(setup, 0.0),) * 4
+    return tuple(
+        (Vec((*narrow(setup, mpos), *motors.mpos_d[3:])), Vec((*narrow(setup, mvel), *still)))
+        for (mpos, mvel), motors in zip(inputs.simulated, state.motor_control, strict=True)
+    )
+
+
+def _resting_commands(
+    setup: Setup, params: Params, held_cmd: tuple[Vec, ...] | None, active: Scalar
+) -> tuple[Vec, ...]:
+    """What the DAC commands are before the torques are converted: cleared, but in the fork's simulator builds."""
+    if held_cmd is None:
+        return per_arm(setup, lambda *_: Vec.full(7, 0))
+    keep = ~active & (params.state_machine.plc_obeyed == 0)
+    return tuple(held.map(lambda command: jnp.where(keep, command, 0)) for held in held_cmd)

@@ -1,0 +1,487 @@
+"""One millisecond of everything, on one page: console, network, control software, PLC, robot, nominal model, cue.
+
+The order is the robot's own: sense, decide, check, write; the plant moves last and its encoders are read in the next
+tick. Faults strike at the sites named here and in `control`. The nominal model runs beside the robot on the *clean*
+operator input; the monitor compares it with the robot and the console's haptic device pulls.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from ravenjax.faults import fault, injection, window
+from ravenjax.numbers.setup import per_arm, real
+from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
+from ravenjax.robots.raven2 import run_levels
+from ravenjax.robots.raven2.console import operator, reaction
+from ravenjax.robots.raven2.geometry import kinematics, scene
+from ravenjax.robots.raven2.loop import connections, control
+from ravenjax.robots.raven2.loop.injector import Injector, strikes
+from ravenjax.robots.raven2.plant import nominal
+from ravenjax.robots.raven2.plant import robot as plant
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.stages import plc, usb
+from ravenjax.stages import channel, check, detectors, haptics, monitor
+from ravenjax.stages.check import Check
+
+UM = 1e-6
+"""Metres in a micrometre."""
+
+
+# --- records: one entry an arm in each tuple ---
+
+
+@record
+class Params:
+    """Everything that a campaign may vary, one sub-record a stage."""
+
+    operator: operator.Params
+    network: NetworkParams
+    usb: UsbParams
+    control: control.Params
+    plc: plc.Params
+    plant: tuple[plant.Params, ...]
+    nominal: tuple[nominal.Params, ...]
+    haptics: haptics.Params
+    reaction: reaction.Params | None  # where Setup.reacts
+    detectors: detectors.Params | None  # where there are any
+    monitor: monitor.Params
+    start: tuple[Vec, ...]  # joints where the run begins, 7, rad and m
+
+
+@record
+class NetworkParams:
+    """The channel from console to robot."""
+
+    cycles_per_packet: Scalar  # int32, control cycles from one packet to the next; 1: a packet a millisecond
+
+
+@record
+class UsbParams:
+    """The way from USB board to motor."""
+
+    command_delay: Scalar  # int32 ms, at most Setup.command_delay
+
+
+@record
+class State:
+    """What is remembered from one tick to the next; each part is written by its own stage only."""
+
+    faults: fault.State
+    control: control.State
+    boards: usb.UsbOut  # what the USB boards hold
+    commands: tuple[tuple[Vec, ...], ...]  # int32, what the boards held in the ticks before, latest first
+    plc: plc.State
+    plant: tuple[plant.State, ...]
+    enc_val: tuple[Vec, ...]  # int32 counts that the encoders show
+    motors: tuple[tuple[Vec, Vec], ...] | None  # rad, rad/s of motors 1-3, for build "dyn_sim" alone
+    nominal: tuple[nominal.State, ...]
+    haptics: tuple[haptics.State, ...]
+    hands: operator.Hands | None  # where they may do more than is planned
+    reaction: reaction.State | None
+    channel: channel.State | None  # where faults seed it
+    detectors: detectors.State | None
+    monitor: monitor.State
+    pedal_ticks: Scalar  # int32, ticks since pedal-down was entered; negative: not in it
+    pedal_down_ticks: Scalar  # int32, ticks in pedal-down so far
+    packet: Scalar  # int32, index of the console's newest packet; -1: none yet
+    delivered: Scalar  # int32, index of the packet that last reached the robot; -1: none yet
+
+
+@record
+class Input:
+    """What enters a tick from outside."""
+
+    tick: Scalar  # int32, ticks since the run began
+    motion: tuple[Any, ...]  # columns of the operator's motion, each a 1-D array: the only arrays of the tick
+    reference: monitor.Reference  # the golden run in this tick
+    packet: Any = None  # packet.Packet of a console outside, in place of those that the motion makes
+    apart: Any = None  # bool, False: nothing has struck so far, and the robot is its own twin
+
+
+@record
+class Signals:
+    """What crossed the seams in this tick; also the schema of a trace."""
+
+    packet: Any  # packet.Packet as it reached the robot
+    control: control.Signals
+    plant: tuple[plant.Out, ...]
+    plc: plc.Out
+    nominal: tuple[nominal.Out, ...]
+    haptics: tuple[haptics.Out, ...]
+    tip: tuple[Vec, ...]  # m, true tip in frame 0
+    depth: tuple[Scalar, ...]  # m below the tissue's surface, negative above
+    tip_distance: Scalar  # m between the tips; infinite with one arm
+    fault_active: tuple[Scalar, ...]  # bool, one a slot
+
+
+# --- the tick ---
+
+
+def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signal: Input) -> tuple[State, Signals]:
+    """One millisecond of one robot."""
+    now = signal.tick
+    fresh, sequence = _packet_due(setup, params, state, signal)
+    clock = window.Clock(now, sequence + 1, state.pedal_ticks)
+    inject = Injector(setup, faults, window.open_windows(setup, faults, state.faults, clock), clock)
+
+    # --- console and network: the robot's packet, and the clean one that the nominal model follows ---
+    reacting = _reacting(setup, params, state, now, sequence)
+    hands = state.hands
+    if hands is not None and inject.strikes("hand"):
+        hands = operator.strayed(hands, inject("hand", _each(setup, Vec.full(3, real(setup, 0.0)))))
+    clean = signal.packet
+    if clean is None:
+        clean = connections.packet(setup, params.operator, params.reaction, signal.motion, reacting, hands, sequence)
+    console = inject("console", connections.Console(params.operator.scale))
+    line, network = _network(setup, params, inject, state, sequence, fresh)
+    sent, again = clean, signal.packet is None  # a packet from outside is not there to be sent again
+    if again and inject.strikes("console", "network"):
+        index = sequence - network.lag - network.delay
+        struck = replace(params.operator, scale=console.scale)
+        sent = connections.packet(setup, struck, params.reaction, signal.motion, reacting, hands, index)
+    arrives = fresh & ~network.lost
+    if again and inject.strikes("network"):
+        index = sent.sequence - 1
+        arrives = arrives & (index >= 0) & ((network.delay == 0) | (index > state.delivered))
+    packet = replace(sent, received=as_int(arrives))
+
+    # --- control computer ---
+    status = inject("usb_status", connections.UsbStatus(_each(setup, jnp.int32(1)), _each(setup, jnp.int32(1))))
+    pins = plc.input_pins(inject("plc", state.plc.runlevel))
+    delivered = usb.UsbIn(inject("encoder", state.enc_val), _each(setup, pins))
+    software, signals = control.cycle(
+        setup, params.control, state.control, control.Inputs(packet, delivered, status.read_ok, state.motors), inject
+    )
+    message = usb.UsbOut(tuple(arm.current_cmd_written for arm in signals.arms), _each(setup, signals.pins_out))
+    boards = usb.write(setup, state.boards, message, status.write_ok)
+
+    # --- PLC, motors, cables, links ---
+    buttons = inject("buttons", connections.Buttons(jnp.bool_(False), jnp.bool_(False)))
+    told = plc.Signal(boards.pins[: _boards_apart(setup)], buttons.estop, buttons.start)
+    controller, relays = plc.step(setup, params.plc, state.plc, told)
+    brakes = inject("brake", connections.brakes(setup, signals, relays))
+    multipliers = {
+        site: inject(site, _each(setup, Vec.full(7, neutral)))
+        for site, neutral in _MECHANICS.items()
+        if inject.strikes(site)
+    }
+    driven = connections.delayed(params.usb.command_delay, boards.current_cmd, state.commands)
+    moved = per_arm(
+        setup,
+        lambda i, arm: plant.step(
+            setup, arm, params.plant[i], state.plant[i], connections.plant_signal(driven[i], brakes, multipliers, i)
+        ),
+    )
+    robots = tuple(out for _, out in moved)
+
+    # --- nominal model, haptics, monitor ---
+    models = per_arm(
+        setup,
+        lambda i, arm: nominal.step(
+            setup,
+            arm,
+            params.nominal[i],
+            state.nominal[i],
+            connections.clean(setup, clean, fresh, i),
+            real(setup, signals.arms[i].jpos),
+        ),
+    )
+    tips = per_arm(setup, lambda i, arm: kinematics.forward(arm, robots[i].jpos).position)
+    cues = per_arm(
+        setup,
+        lambda i, arm: haptics.step(
+            setup,
+            params.haptics,
+            state.haptics[i],
+            connections.felt(setup, arm, i, models[i][1], signals.arms[i].jpos, signals.arms[i].mvel),
+        ),
+    )
+    depth = per_arm(setup, lambda i, arm: scene.tissue_depth(arm, tips[i]))
+    distance = scene.tip_distance(setup.arms, tips)
+    down = signals.runlevel == run_levels.PEDAL_DOWN
+    now_live = live(signals, software)
+    seen = monitor.step(
+        setup,
+        params.monitor,
+        state.monitor,
+        monitor.Signal(
+            tip=tips,
+            pos=connections.measured(setup, signals),
+            model_tip=tuple(out.tip_position for _, out in models),
+            depth=depth,
+            distance=distance,
+            dac=boards.current_cmd,
+            fresh=fresh,
+            live=now_live,
+            pedal=clean.surgeon_mode != 0,
+            tick=now,
+        ),
+        reference(setup, signal, tips, signals),
+    )
+
+    watched = None
+    if params.detectors is not None and state.detectors is not None:
+        shown = connections.watched(params.control.overdrive.dac_max, signals, robots, cues, now_live, now)
+        watched = detectors.step(setup, params.detectors, state.detectors, shown)
+    if hands is not None:
+        off_plan = operator.tip_offset(setup, params.operator, hands)
+        hands = operator.sent(hands, fresh)
+        if params.reaction is not None and reacting is not None:
+            pulls = tuple(out.force[0] for _, out in cues)
+            shown = reaction.Felt(pulls, tips, tuple(out.tip_position for _, out in models), off_plan, down, now)
+            reacting, correction = reaction.feel(setup, params.reaction, reacting, shown)
+            hands = operator.steered(setup, params.operator, hands, correction)
+    state = State(
+        faults=inject.state,
+        control=software,
+        boards=boards,
+        commands=(boards.current_cmd, *state.commands)[: setup.command_delay],
+        plc=controller,
+        plant=tuple(new for new, _ in moved),
+        enc_val=tuple(out.enc_val for out in robots),
+        motors=connections.motors(setup, robots),
+        nominal=tuple(new for new, _ in models),
+        haptics=tuple(new for new, _ in cues),
+        hands=hands,
+        reaction=reacting,
+        channel=line,
+        detectors=watched,
+        monitor=seen,
+        pedal_ticks=jnp.where(down, jnp.maximum(state.pedal_ticks, -1) + 1, -1),
+        pedal_down_ticks=state.pedal_down_ticks + as_int(now_live),
+        packet=sequence,
+        delivered=jnp.where(arrives, sent.sequence - 1, state.delivered),
+    )
+    out = Signals(
+        packet=packet,
+        control=signals,
+        plant=robots,
+        plc=relays,
+        nominal=tuple(out for _, out in models),
+        haptics=tuple(out for _, out in cues),
+        tip=tips,
+        depth=depth,
+        tip_distance=distance,
+        fault_active=tuple(slot.active for slot in inject.state.slots),
+    )
+    return state, out
+
+
+def live(signals: control.Signals, software: control.State) -> Scalar:
+    """Whether the robot is live, as `ravenjax.outcomes` says: run level pedal-down, no software E-stop."""
+    return (signals.runlevel == run_levels.PEDAL_DOWN) & (software.state_machine.soft_estopped == 0)
+
+
+# --- its beginning and end ---
+
+
+def params(setup: Setup, start_jpos: tuple[tuple[float, ...], ...], parameter_set: str = "traj3") -> Params:
+    """Every parameter at its documented value, for a run that begins at `start_jpos` (7 joints per arm, rad and m).
+
+    parameter_set: of joints 1-3 of the virtual robot, a name of `published.SETS`.
+    """
+    return Params(
+        operator=operator.params(setup, start_jpos),
+        network=NetworkParams(np.int32(1)),
+        usb=UsbParams(np.int32(0)),
+        control=control.params(setup),
+        plc=plc.params(setup),
+        plant=per_arm(setup, lambda _, arm: plant.params(setup, arm, parameter_set)),
+        nominal=per_arm(setup, lambda _, arm: nominal.params(setup, arm)),
+        haptics=haptics.params(setup),
+        reaction=reaction.params(setup) if setup.reacts else None,
+        detectors=detectors.params(setup) if setup.detectors else None,
+        monitor=monitor.params(setup),
+        start=tuple(Vec(jpos) for jpos in start_jpos),
+    )
+
+
+def init(setup: Setup, params: Params) -> State:
+    """A homed robot at rest at `params.start`, pedal up, ready; its nominal model at the same place."""
+    ready = run_levels.PEDAL_UP if setup.software == "raven2" else run_levels.PEDAL_DOWN
+    start = real(setup, params.start)
+    plants = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.plant[i], start[i]))
+    robots = per_arm(setup, lambda i, arm: plant.observe(setup, arm, params.plant[i], plants[i]))
+    tips = per_arm(setup, lambda i, arm: kinematics.forward(arm, robots[i].jpos).position)
+    zero = jnp.int32(0)
+    with jax.ensure_compile_time_eval():  # where a run begins is a constant of the campaign
+        software = control.init(setup, params.start, ready)
+    return State(
+        faults=fault.init(setup),
+        control=software,
+        boards=usb.init_out(setup),
+        commands=(_each(setup, Vec.full(7, zero)),) * setup.command_delay,
+        plc=plc.init(setup, params.plc, ready, _boards_apart(setup)),
+        plant=plants,
+        enc_val=tuple(out.enc_val for out in robots),
+        motors=connections.motors(setup, robots),
+        nominal=per_arm(setup, lambda i, arm: nominal.init(setup, arm, params.nominal[i], start[i])),
+        haptics=per_arm(setup, lambda i, arm: haptics.init(setup, params.haptics)),
+        hands=operator.at_plan(setup) if setup.reacts or strikes(setup, "hand") else None,
+        reaction=reaction.init(setup) if setup.reacts else None,
+        channel=channel.init() if _seeded(setup, "bursts") else None,
+        detectors=detectors.init(setup) if setup.detectors else None,
+        monitor=monitor.init(setup, tips, tuple(tip * (1.0 / UM) for tip in tips)),
+        pedal_ticks=jnp.int32(-1),
+        pedal_down_ticks=jnp.int32(0),
+        packet=jnp.int32(-1),
+        delivered=jnp.int32(-1),
+    )
+
+
+def outcomes(setup: Setup, params: Params, state: State) -> dict[str, Scalar]:
+    """What became of the run so far; columns of the result table before the verdict."""
+    out: dict[str, Scalar] = {}
+    first, ticks = jnp.int32(-1), jnp.int32(0)
+    for k, slot in enumerate(state.faults.slots):
+        out[f"applied{k}_first_ms"] = slot.first_tick
+        out[f"applied{k}_last_ms"] = slot.last_tick
+        out[f"applied{k}_ticks"] = slot.changed_ticks
+        earlier = (slot.first_tick >= 0) & ((first < 0) | (slot.first_tick < first))
+        first = jnp.where(earlier, slot.first_tick, first)
+        ticks = ticks + slot.changed_ticks
+    out["first_active_ms"], out["active_ticks"] = first, ticks
+    for name, one in checks(state).items():
+        out[f"check_{name}_first_ms"] = one.first_tick
+        out[f"check_{name}_count"] = one.count
+        out[f"check_{name}_margin"] = one.margin
+    for k in range(setup.cues):
+        arms = [arm.cues[k] for arm in state.haptics]
+        out[f"cue{k}_first_ms"] = check.earliest([cue.first_tick for cue in arms])
+        out[f"cue{k}_peak_force"] = _largest([cue.peak_force for cue in arms])
+        out[f"cue{k}_ms"] = _largest([cue.ticks_active for cue in arms])
+        out[f"cue{k}_count"] = _largest([cue.impulses for cue in arms])
+    machine = state.control.state_machine
+    out["end_runlevel"] = jnp.where(machine.soft_estopped != 0, run_levels.E_STOP, machine.runlevel)
+    out["pedal_down_ms"] = state.pedal_down_ticks
+    if state.reaction is not None:
+        out["reaction_ms"] = state.reaction.acted
+    if state.detectors is not None:
+        out |= detectors.outcomes(setup, state.detectors)
+    return out | monitor.outcomes(setup, state.monitor)
+
+
+def reference_series(setup: Setup, signals: Signals) -> tuple[Scalar, ...]:
+    """The numbers of a fault-free tick that its faulty brothers are compared with."""
+    measured = connections.measured(setup, signals.control)
+    return tuple(x for tip, pos in zip(signals.tip, measured, strict=True) for x in (*tip, *pos))
+
+
+def reference(setup: Setup, signal: Input, tips: tuple[Vec, ...], signals: control.Signals) -> monitor.Reference:
+    """What the robot is compared with: its twin, or itself as long as they are the same."""
+    twin = signal.reference
+    if signal.apart is None:
+        return twin
+    own = monitor.Reference(tips, connections.measured(setup, signals))
+    return jax.tree.map(lambda there, here: jnp.where(signal.apart, there, real(setup, here)), twin, own)
+
+
+def series_length(setup: Setup) -> int:
+    """How many numbers `reference_series` has."""
+    return 6 * len(setup.arms)
+
+
+def reference_from(setup: Setup, series: Any) -> monitor.Reference:
+    """The twin's tick from those numbers."""
+    rows = [Vec(series[i + j] for j in range(3)) for i in range(0, series_length(setup), 3)]
+    return monitor.Reference(tip=tuple(rows[0::2]), pos=tuple(rows[1::2]))
+
+
+def checks(state: State) -> dict[str, Check]:
+    """Every built-in check by its name in `ravenjax.vocabulary.checks`; that of the worse arm."""
+    software = state.control
+    net, machine, over = software.network, software.state_machine, software.overdrive
+    return {
+        "overdrive_instant": over.instant,
+        "overdrive_hard": over.hard,
+        "overdrive_clip": over.clip,
+        "soft_estop": machine.soft_estop,
+        "plc_watchdog": state.plc.watchdog_lost,
+        "estop": machine.estop,
+        "ik_reject": check.worse([arm.ik_reject for arm in software.cartesian]),
+        "joint_limit": check.worse([arm.joint_limit for arm in software.cartesian]),
+        "master_timeout": software.teleoperation.timeout,
+        "packet_size": net.size,
+        "packet_zero": net.zero,
+        "packet_skip": net.skip,
+        "packet_duplicate": net.duplicate,
+        "packet_reset": net.reset,
+        "packet_order": net.out_of_sequence,
+    }
+
+
+# --- parts ---
+
+
+def _seeded(setup: Setup, what: str) -> bool:
+    """Whether faults seed the channel's `bursts`, or its `jitter`."""
+    return ("network", "", what) in injection.channel_keys(setup)
+
+
+def _boards_apart(setup: Setup) -> int:
+    """USB boards whose output pins may differ: all are written alike, unless a write can fail."""
+    return len(setup.arms) if strikes(setup, "usb_status") else 1
+
+
+_MECHANICS: dict[str, float] = {
+    "torque_scale": 1.0,
+    "cable_scale": 1.0,
+    "friction_scale": 1.0,
+    "external_torque": 0.0,
+}
+"""Sites of the robot's mechanics, with what they are where nothing is wrong."""
+
+
+def _each(setup: Setup, item: Any) -> tuple[Any, ...]:
+    return tuple(item for _ in setup.arms)
+
+
+def _packet_due(setup: Setup, params: Params, state: State, signal: Input) -> tuple[Scalar, Scalar]:
+    """Whether there is a new packet in this tick, and the index of the newest one."""
+    if signal.packet is not None:
+        fresh = signal.packet.received != 0
+        return fresh, state.packet + as_int(fresh)
+    now, cycles = signal.tick, params.network.cycles_per_packet
+    every_tick = isinstance(cycles, np.integer) and cycles == 1
+    index = now if every_tick else lax.div(now, jnp.maximum(cycles, 1))
+    if setup.build == "dyn_sim":  # its packet generator ends with the robot's software E-stop
+        index = jnp.where(state.control.state_machine.soft_estopped != 0, state.packet, index)
+    elif every_tick:
+        return jnp.bool_(True), now
+    return index != state.packet, index
+
+
+def _reacting(setup: Setup, params: Params, state: State, now: Scalar, sequence: Scalar) -> reaction.State | None:
+    """The operator's reaction before the packet of this tick; None where nobody reacts."""
+    if params.reaction is None or state.reaction is None:
+        return None
+    return reaction.act(setup, params.reaction, state.reaction, now, sequence)
+
+
+def _network(
+    setup: Setup, params: Params, inject: Injector, state: State, sequence: Scalar, fresh: Scalar
+) -> tuple[channel.State | None, connections.Network]:
+    """What becomes of this tick's packet on its way, and the channel after it."""
+    ideal = connections.Network(jnp.int32(0), jnp.int32(0), jnp.bool_(False), real(setup, 0.0), real(setup, 0.0))
+    network, line = inject("network", ideal), state.channel
+    if line is not None:
+        line = channel.step(line, network.bursts, sequence, fresh)
+        network = replace(network, lost=network.lost | (line.burst > 0))
+    if _seeded(setup, "jitter"):
+        cycles = jnp.maximum(params.network.cycles_per_packet, 1)
+        late = channel.delay_ms(network.jitter, sequence) + cycles - 1
+        network = replace(network, delay=network.delay + lax.div(late, cycles))
+    return line, network
+
+
+def _largest(values: list[Scalar]) -> Scalar:
+    largest = values[0]
+    for value in values[1:]:
+        largest = jnp.maximum(largest, value)
+    return largest

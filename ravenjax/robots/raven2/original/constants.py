@@ -1,0 +1,64 @@
+"""Constants as the control software holds them: those that it declares `float`, rounded to float32.
+
+Sources: raven2 `include/raven/defines.h`, `init.cpp`, `fwd_cable_coupling.cpp`, `inv_cable_coupling.cpp`, `DS0.h`.
+Python numbers, so that they take part in wide arithmetic without widening it further.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.geometry import limits, transmission
+from ravenjax.robots.raven2.geometry.tools import find_tool
+from ravenjax.robots.raven2.setup import Setup
+
+
+def float32(x: float) -> float:
+    """x rounded to float32, as a Python number."""
+    return float(np.float32(x))
+
+
+PI = float32(math.pi)
+PERIOD = float32(0.001)  # s, one cycle
+TR = transmission.TR.map(float32)  # motor rad per joint rad (insertion: per m)
+GB_RATIO = (12.25 / (26 / 7)) * (5.005 / 5.675)
+"""Insertion motor rad per rad that it turns each tool motor: a double, in the original's order of operations."""
+C01, C02, C12 = (float32(c) for c in (transmission.C01, transmission.C02, transmission.C12))
+TAU_PER_AMP = transmission.TORQUE_PER_AMP.map(lambda torque, gear: float32(torque * gear), transmission.GEARBOX)
+"""N m at the capstan per A, unsigned."""
+
+
+def wrist_coupling(tool: str) -> float:
+    """rad/rad, how far each jaw turns with the wrist."""
+    return float32(find_tool(tool).wrist_coupling)
+
+
+def amps_per_torque(arm: str, tool: str, software: str) -> Vec:
+    """A per N m at the capstan (7), signed: a float32 reciprocal."""
+    signs = transmission.tau_signs(arm, tool, software)
+    return TAU_PER_AMP.map(lambda torque, sign: float(np.float32(1.0) / np.float32(torque * sign)), signs)
+
+
+class JointLimits(NamedTuple):
+    """Where joint targets are clamped."""
+
+    ranges: tuple[
+        tuple[float, float], ...
+    ]  # lower, upper of shoulder, elbow (rad), insertion (m), tool_roll, wrist (rad)
+    lowest_yaw: float | None  # rad, of the jaws; None: not limited
+
+
+def joint_limits(setup: Setup) -> JointLimits:
+    """The software's limits: those of the first mechanism's tool serve every arm.
+
+    All are stored as float32, but for the fork's roll: that is a literal of its r2_kinematics.cpp, and a double.
+    """
+    (*lower, lowest_yaw), upper = limits.soft_limits(setup.tools[0], setup.software)
+    ranges = [(float32(low), float32(high)) for low, high in zip(lower, upper[:5], strict=True)]
+    if setup.software == "fork2015":
+        ranges[3] = (lower[3], upper[3])
+    return JointLimits(tuple(ranges), None if lowest_yaw is None else float32(lowest_yaw))

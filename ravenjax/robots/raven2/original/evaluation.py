@@ -1,0 +1,49 @@
+"""Which order of operations the control software's geometry is evaluated in: the one place that decides.
+
+There are two writings of each function. The one that nearly everything uses shares work and folds constants; it is an
+order of magnitude cheaper, and as exact. The other repeats the original operation for operation, and is only of use
+where results are rounded as the original rounds them: float32 stored, float64 evaluated. `ORIGINAL` precision is that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+from ravenjax.numbers.vec import Scalar, Vec
+from ravenjax.robots.raven2.geometry import gravity, kinematics, mapping
+from ravenjax.robots.raven2.geometry.joints import Pose
+from ravenjax.robots.raven2.original import gravity as original_gravity
+from ravenjax.robots.raven2.original import kinematics as original_kinematics
+from ravenjax.robots.raven2.original import transforms
+from ravenjax.robots.raven2.setup import Setup
+
+
+class Evaluation(NamedTuple):
+    """One writing of the geometry; contracts as in `kinematics`, `gravity` and `mapping`."""
+
+    forward: Callable[[str, Vec, Scalar], Pose]
+    inverse: Callable[[str, Pose, Scalar, Vec], kinematics.IK]
+    gravity_torque: Callable[[str, Vec], Vec]
+    quat_from_matrix: Callable[[Vec], Vec]
+
+
+SHARING = Evaluation(
+    kinematics.forward,
+    kinematics.inverse,
+    partial(gravity.gravity_torque, gravity=gravity.GRAVITY_AS_STORED),
+    mapping.quat_from_matrix,
+)
+LITERAL = Evaluation(
+    original_kinematics.forward,
+    original_kinematics.inverse,
+    original_gravity.gravity_torque,
+    transforms.quat_from_matrix,
+)
+
+
+def evaluation(setup: Setup) -> Evaluation:
+    """LITERAL where the widths are the original's, else SHARING."""
+    precision = setup.precision
+    return LITERAL if (precision.narrow, precision.wide) == ("float32", "float64") else SHARING

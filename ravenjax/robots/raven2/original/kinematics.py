@@ -1,0 +1,215 @@
+"""Forward and inverse kinematics with the operations of the original in their order, double for double.
+
+Where the wrist is straight, the original's roll is a quotient of two numbers that are mostly rounding error, so whoever
+wants its DAC counts has to round where it does. `kinematics` and `inverse` compute the same with a fraction of the
+operations; this module has their signatures, and `evaluation` picks one of the two. Source: raven2
+`src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h` (compiled without fused operations).
+"""
+
+from __future__ import annotations
+
+import math
+from functools import reduce
+from typing import NamedTuple
+
+import jax.numpy as jnp
+
+from ravenjax.numbers.algebra import add, matrix, matvec, mul, norm, scale, transpose
+from ravenjax.numbers.vec import Scalar, Vec, as_int, where
+from ravenjax.robots.raven2.geometry.inverse import (
+    AT_REMOTE_CENTRE,
+    CLAMP,
+    COST_LIMIT,
+    IK,
+    INSERTION_WEIGHT,
+    NO_SOLUTION_COST,
+    OK,
+    REJECTED,
+    ROLLOVER,
+    SINGULAR,
+)
+from ravenjax.robots.raven2.geometry.joints import Pose, jaws, yaw
+from ravenjax.robots.raven2.geometry.links import D4, GM1, GM2, GM3, GM4, LINK12, LINK23, LW, PI
+from ravenjax.robots.raven2.original.transforms import Transform, apply, inverse_matrix, product
+from ravenjax.robots.raven2.original.transforms import inverse as inverse_transform
+
+_DEG = PI / 180.0
+_ONE_OVER = 1.0 / (GM1 * GM3)
+
+
+class _Arm(NamedTuple):
+    """What differs between the arms."""
+
+    zeros: Vec  # 6, rad: theta = joint + zero
+    alpha0: float  # rad
+    alpha2: float  # rad
+    theta3: float  # rad
+    side: float  # 1 or -1: sign of the terms in which the arms' equations differ
+
+
+_ARMS = {
+    "gold": _Arm(Vec((205.0 * _DEG, 180.0 * _DEG, 0.0, 0.0, -90.0 * _DEG, 0.0)), 0.0, PI - LINK23, PI / 2, 1.0),
+    "green": _Arm(Vec((25.0 * _DEG, 0.0, 0.0, 0.0, -90.0 * _DEG, 0.0)), PI, LINK23, -PI / 2, -1.0),
+}
+
+_TURNS = 3
+"""Whole turns that are taken off one by one. Beyond them, far beyond any stop, all are taken off at once."""
+
+
+def _wrapped(value: Scalar, turns: int) -> Scalar:
+    for _ in range(turns):
+        value = jnp.where(value > PI, value - 2 * PI, value)
+    for _ in range(turns):
+        value = jnp.where(value < -PI, value + 2 * PI, value)
+    return value
+
+
+def thetas(arm: str, joints: Vec) -> Vec:
+    """DH variables (6) of shoulder, elbow, insertion, roll, wrist and yaw. The insertion is wrapped like an angle."""
+
+    def near(value: Scalar) -> Scalar:
+        far = jnp.abs(value) > (2 * _TURNS + 1) * PI
+        return _wrapped(jnp.where(far, value - 2 * PI * jnp.round(value * (0.5 / PI)), value), _TURNS)
+
+    return joints.map(add, _ARMS[arm].zeros).map(near)
+
+
+def _link(alpha: float, a: float, cosine: Scalar, sine: Scalar, d: Scalar) -> Transform:
+    """One row of the modified DH table, of cosine and sine of theta."""
+    ca, sa = math.cos(alpha), math.sin(alpha)
+    rotation = matrix((cosine, -sine, 0.0), (mul(sine, ca), mul(cosine, ca), -sa), (mul(sine, sa), mul(cosine, sa), ca))
+    return Transform(rotation, Vec((a, mul(-sa, d), mul(ca, d))))
+
+
+def link1(arm: str, theta1: Scalar) -> Transform:
+    """Frame 1 in frame 0."""
+    return _link(_ARMS[arm].alpha0, 0.0, jnp.cos(theta1), jnp.sin(theta1), 0.0)
+
+
+def link2(cosine: Scalar, sine: Scalar) -> Transform:
+    """Frame 2 in frame 1, of cosine and sine of theta2."""
+    return _link(LINK12, 0.0, cosine, sine, 0.0)
+
+
+def link3(arm: str, d3: Scalar) -> Transform:
+    """Frame 3 in frame 2."""
+    theta3 = _ARMS[arm].theta3
+    return _link(_ARMS[arm].alpha2, 0.0, math.cos(theta3), math.sin(theta3), d3)
+
+
+def _link4(theta4: Scalar) -> Transform:
+    return _link(0.0, 0.0, jnp.cos(theta4), jnp.sin(theta4), D4)
+
+
+def _link5(theta5: Scalar) -> Transform:
+    return _link(PI / 2, 0.0, jnp.cos(theta5), jnp.sin(theta5), 0.0)
+
+
+def _chain(*links: Transform) -> Transform:
+    """The product, from the last link on: the original multiplies on the way back from a recursion."""
+    return reduce(lambda rest, link: product(link, rest), reversed(links))
+
+
+def forward(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
+    """As `kinematics.forward`."""
+    theta6 = yaw(jpos) if yaw_rad is None else yaw_rad
+    th = thetas(arm, Vec((*jpos[:5], theta6)))
+    links = (link1(arm, th[0]), link2(jnp.cos(th[1]), jnp.sin(th[1])), link3(arm, th[2]), _link4(th[3]), _link5(th[4]))
+    tip = _chain(*links, _link(PI / 2, LW, jnp.cos(th[5]), jnp.sin(th[5]), 0.0))
+    return Pose(tip.origin, tip.rotation)
+
+
+class _Solution(NamedTuple):
+    thetas: Vec  # 6
+    valid: Scalar  # truth value
+
+
+def inverse(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
+    """As `kinematics.inverse`."""
+    measured = thetas(arm, Vec((*jpos_ref[:5], yaw(jpos_ref))))
+    solutions, at_remote_centre = _solutions(arm, Transform(pose.rotation, pose.position))
+    least = NO_SOLUTION_COST
+    best = Vec.full(6, 0.0)
+    for theta, valid in solutions:
+        theta = theta.replace(3, _rolled_over(measured[3], theta[3]))
+        gaps = measured - theta
+        cost = reduce(add, (gap * gap for gap in gaps.replace(2, gaps[2] * INSERTION_WEIGHT)))
+        nearer = valid & (cost < least)  # never true of NaN
+        least, best = jnp.where(nearer, cost, least), where(nearer, theta, best)
+    joints = best - _ARMS[arm].zeros
+    joints = Vec(joint if i == 3 else _wrapped(joint, 1) for i, joint in enumerate(joints))
+    status = jnp.where(least > COST_LIMIT, REJECTED, jnp.where(at_remote_centre, AT_REMOTE_CENTRE, OK))
+    return IK(Vec((*joints[:5], *jaws(joints[5], grasp_rad))), joints[5], least, as_int(status))
+
+
+def _rolled_over(measured: Scalar, theta4: Scalar) -> Scalar:
+    shifted = jnp.where(measured > theta4, theta4 + 2 * PI, theta4 - 2 * PI)
+    return jnp.where(jnp.abs(measured - theta4) > ROLLOVER, shifted, theta4)
+
+
+def _solutions(arm: str, tip: Transform) -> tuple[list[_Solution], Scalar]:
+    """All eight in the original's order, and whether a wrist is at the remote centre.
+
+    There the original stops before the first angle and leaves zeros behind: the side in question is marked invalid, the
+    other counts as valid, and of side 0 the insertion is known by then.
+    """
+    x, y, _ = inverse_transform(tip).origin
+    toward = Vec((x, y, 0.0))
+    wrists = []
+    for side in (-1.0, 1.0):
+        # In place: the second side normalises what the first one has normalised.
+        toward = scale(1.0 / norm(toward), toward)
+        wrists.append(apply(tip, scale(side * LW, toward)))
+    insertions = [norm(wrist) for wrist in wrists]
+    at_centre = [insertion <= LW for insertion in insertions]
+    stopped = at_centre[0] | at_centre[1]
+
+    solutions = []
+    for side, (wrist, insertion) in enumerate(zip(wrists, insertions, strict=True)):
+        unreached = at_centre[0] if side == 0 else stopped  # no insertion was computed
+        valid_if_stopped = ~at_centre[0] if side == 0 else at_centre[0]
+        for d3 in (-D4 - insertion, -D4 + insertion):
+            cosine = _cosine2(arm, wrist[2], d3 + D4)
+            theta2 = jnp.acos(cosine)
+            valid = jnp.where(stopped, valid_if_stopped, ~((cosine > 1.0) | (cosine < -1.0)))
+            left = jnp.where(unreached, 0.0, d3)
+            for sign in (1.0, -1.0):
+                th = _angles(arm, tip, wrist, d3, mul(sign, theta2))
+                angles = th.map(lambda angle: jnp.where(stopped, 0.0, angle))
+                solutions.append(_Solution(angles.replace(2, left), valid))
+    return solutions, stopped
+
+
+def _cosine2(arm: str, height: Scalar, d: Scalar) -> Scalar:
+    """Cosine of theta2, brought to +-1 if it is hardly beyond."""
+    cosine = mul(-_ARMS[arm].side, _ONE_OVER * (height / d + GM2 * GM4))
+    cosine = jnp.where((cosine > 1.0) & (cosine < 1.0 + CLAMP), 1.0, cosine)
+    return jnp.where((cosine < -1.0) & (cosine > -1.0 - CLAMP), -1.0, cosine)
+
+
+def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) -> Vec:
+    """All DH variables (6) of one solution."""
+    cos2, sin2 = jnp.cos(theta2), jnp.sin(theta2)
+    theta1 = _theta1(arm, wrist, d3 + D4, cos2, sin2)
+    t03 = _chain(link1(arm, theta1), link2(cos2, sin2), link3(arm, d3))
+    (_, _, r02), (_, _, r12), (r20, r21, r22) = (t36 := product(inverse_transform(t03), tip)).rotation
+
+    c5, s5 = -r22, (t36.origin[2] - D4) / LW
+    bent = jnp.abs(c5) > SINGULAR
+    c4 = jnp.where(bent, t36.origin[0] / (LW * c5), r02 / s5)
+    s4 = jnp.where(bent, t36.origin[1] / (LW * c5), r12 / s5)
+    theta4, theta5 = jnp.atan2(s4, c4), jnp.atan2(s5, c5)
+
+    t05 = product(t03, _chain(_link4(theta4), _link5(theta5)))
+    turned, _, across = matvec(transpose(t05.rotation), transpose(tip.rotation)[0])
+    crossed = jnp.abs(s5) > SINGULAR
+    c6, s6 = jnp.where(crossed, r20 / s5, turned), jnp.where(crossed, -r21 / s5, across)
+    return Vec((theta1, theta2, d3, theta4, theta5, jnp.atan2(s6, c6)))
+
+
+def _theta1(arm: str, wrist: Vec, d: Scalar, cos2: Scalar, sin2: Scalar) -> Scalar:
+    side = _ARMS[arm].side
+    b1, b2 = sin2 * GM3, cos2 * GM2 * GM3 - side * GM1 * GM4
+    b = matrix((b1, b2, 0.0), (mul(-side, b2), mul(side, b1), 0.0), (0.0, 0.0, 1.0))
+    cosine, sine, _ = scale(1.0 / d, matvec(inverse_matrix(b), Vec((wrist[0], wrist[1], 0.0))))
+    return jnp.atan2(sine, cosine)

@@ -1,0 +1,1 @@
+"""Motors, cables, links and encoders of the virtual robot, and the nominal model beside it."""

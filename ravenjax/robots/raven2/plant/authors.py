@@ -1,0 +1,215 @@
+"""The authors' dynamic model of the gold arm's first three joints, exactly as published. Kept for regression.
+
+CSLDepend/raven2_sim, Li_DYN/two_arm_dyn.cpp: 12 states, explicit Euler or Runge-Kutta 4 at 1 ms, no cable coupling
+between joints, joint zeros at m/TR - pi, `sgn(0) = 0`, and in its third motor the cable tension of the *first* (a
+bug, behind `tension_bug`, off by default). Not part of the virtual robot: see `robot`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import jax.numpy as jnp
+
+from ravenjax.numbers.linear_solve import solve_spd
+from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.robots.raven2.plant import published
+
+GEARBOX = 12.25
+PI = 3.141592654  # as typed in the source's cable law
+CAPSTAN_M = 5.675e-3  # m
+LINK_RADIUS = (63.095e-3, 56.298e-3, 1.0)  # m, m, 1
+JOINT_PER_MOTOR = (0.007342345766264, 0.008228805750159, 0.000463265306122)  # rad/rad, rad/rad, m/rad at start-up
+SPEED_CLAMP = 790.0  # rad/s, of the motor speed that the Runge-Kutta form integrates
+GRAVITY_TERMS = (0.03541124607, -0.02971000684, 1.223025927, 3.146266896)  # of cos q1: 1, c2, s2, d s2
+GRAVITY_TERMS_SIN = (-2.144340615, -2.374374248, 0.3165424025, 0.8143137936, 0.0076895156)  # of sin q1: 1 d c2 d*c2 s2
+
+# Coefficients of 1, d, d^2 that multiply 1, cos q2, sin q2, cos^2 q2 and sin q2 cos q2 in M11, and of the first three
+# in M12 and M13. The same numbers as the source's long expressions, collected (equal to 1e-14).
+M11 = (
+    (0.153290462213, -0.000903448411537, 0.39666594362),
+    (0.00474290752, -0.000819170043606, -0.09872759015),
+    (2.92972132002e-5, 1.88590928356e-5, 0.0),
+    (-0.05326253228, 0.0071349309426, -0.2358013319),
+    (0.000352661280003, 9.00862504959e-5, 0.0),
+)
+M12 = (
+    (0.016308701908, -0.00197923995, 0.06541162346),
+    (0.009162593725, -0.001582515003, -0.1907270582),
+    (5.65978698199e-5, 3.64329696702e-5, 0.0),
+)
+M13 = (-1.249502675e-5, 3.643296967e-5, -0.007353578204)
+M22 = (0.06301198548, -0.007647195937, 0.2527311058)
+M23 = -4.827707615e-5
+M33 = 0.407
+
+
+@record
+class State:
+    """Link and motor states, gold arm, in the authors' joint convention."""
+
+    q: Vec  # rad, rad, m
+    qd: Vec  # rad/s, rad/s, m/s
+    m: Vec  # rad
+    md: Vec  # rad/s
+
+
+@record
+class Detail:
+    """What the equations pass through."""
+
+    tension: Vec  # N, gamma
+    reaction: Vec  # N m
+    motor_friction: Vec  # N m
+    motor_torque: Vec  # N m, u
+    link_torque: Vec  # N m, N m, N
+    bias: Vec  # N m, N m, N: Coriolis and gravity
+
+
+@record
+class Rates:
+    """Time derivative of `State`."""
+
+    q: Vec
+    qd: Vec
+    m: Vec
+    md: Vec
+
+
+def mass_matrix(q: Vec) -> tuple[Vec, ...]:
+    """M(q), 3 x 3, kg m2 (insertion kg)."""
+    c2, s2, d = jnp.cos(q[1]), jnp.sin(q[1]), q[2]
+    m11 = _sum(_poly(row, d) * shape for row, shape in zip(M11, (1.0, c2, s2, c2 * c2, s2 * c2), strict=True))
+    m12 = _sum(_poly(row, d) * shape for row, shape in zip(M12, (1.0, c2, s2), strict=True))
+    m13 = M13[0] + M13[1] * c2 + M13[2] * s2
+    return (Vec((m11, m12, m13)), Vec((m12, _poly(M22, d), M23)), Vec((m13, M23, M33)))
+
+
+def bias_forces(q: Vec, qd: Vec) -> Vec:
+    """Coriolis (Christoffel symbols of M) and gravity forces, N m and N."""
+    c2, s2, d = jnp.cos(q[1]), jnp.sin(q[1]), q[2]
+    d11_2 = _sum(
+        _poly(row, d) * slope for row, slope in zip(M11, (0.0, -s2, c2, -2.0 * c2 * s2, c2 * c2 - s2 * s2), strict=True)
+    )
+    d11_3 = _sum(_slope(row, d) * shape for row, shape in zip(M11, (1.0, c2, s2, c2 * c2, s2 * c2), strict=True))
+    d12_2 = _sum(_poly(row, d) * slope for row, slope in zip(M12, (0.0, -s2, c2), strict=True))
+    d12_3 = _sum(_slope(row, d) * shape for row, shape in zip(M12, (1.0, c2, s2), strict=True))
+    d13_2 = -M13[1] * s2 + M13[2] * c2
+    d22_3 = _slope(M22, d)
+    v1, v2, v3 = qd
+    coriolis = (
+        d11_2 * v1 * v2 + d11_3 * v1 * v3 + d12_2 * v2 * v2 + (d12_3 + d13_2) * v2 * v3,
+        -0.5 * d11_2 * v1 * v1 + (d12_3 - d13_2) * v1 * v3 + d22_3 * v2 * v3,
+        -0.5 * d11_3 * v1 * v1 + (d13_2 - d12_3) * v1 * v2 - 0.5 * d22_3 * v2 * v2,
+    )
+    return Vec(coriolis) + gravity_forces(q)
+
+
+def gravity_forces(q: Vec) -> Vec:
+    """Gradient of the potential, N m and N; gravity of 9.81 m/s2 along -x of frame 0."""
+    c1, s1, c2, s2, d = jnp.cos(q[0]), jnp.sin(q[0]), jnp.cos(q[1]), jnp.sin(q[1]), q[2]
+    a, b = GRAVITY_TERMS, GRAVITY_TERMS_SIN
+    of_cos = a[0] + a[1] * c2 + a[2] * s2 + a[3] * d * s2
+    of_sin = b[0] + b[1] * d + b[2] * c2 + b[3] * d * c2 + b[4] * s2
+    return Vec(
+        (
+            -s1 * of_cos + c1 * of_sin,
+            c1 * (-a[1] * s2 + a[2] * c2 + a[3] * d * c2) + s1 * (-b[2] * s2 - b[3] * d * s2 + b[4] * c2),
+            c1 * a[3] * s2 + s1 * (b[1] + b[3] * c2),
+        )
+    )
+
+
+def initial(mpos: Vec, mvel: Vec) -> State:
+    """State at the first message: links from measured motors (rad, rad/s), cables unstretched, no coupling."""
+    q = mpos.map(lambda m, ratio: m * ratio, Vec(JOINT_PER_MOTOR)) - Vec((math.pi, math.pi, 0.0))
+    return State(q=q, qd=mvel.map(lambda m, ratio: m * ratio, Vec(JOINT_PER_MOTOR)), m=mpos, md=mvel)
+
+
+def rates(state: State, dac: Vec, tension_bug: bool = False, parameter_set: str = "traj3") -> tuple[Rates, Detail]:
+    """Right-hand side for DAC counts in the gold arm's sign (positive drives a motor backwards)."""
+    values = published.parameter_set(parameter_set)
+    zero = (PI, PI, 0.0)
+    tension, friction, torque = [], [], []
+    for i in range(3):
+        radius = LINK_RADIUS[i]
+        delta = (state.m[i] / GEARBOX) * CAPSTAN_M - (state.q[i] + zero[i]) * radius
+        stretch_rate = (state.md[i] / GEARBOX) * CAPSTAN_M - state.qd[i] * radius
+        spring = values.stiffness[i] * (jnp.exp(delta) - jnp.exp(-delta))
+        tension.append(spring + 2.0 * values.damping[i] * stretch_rate)
+        friction.append(values.motor_coulomb[i] * jnp.sign(state.md[i]) + values.motor_viscous[i] * state.md[i])
+        torque.append(values.torque_per_count * dac[i] * values.gain[i] - values.bias[i])
+    reaction = Vec(CAPSTAN_M * gamma / GEARBOX for gamma in tension)
+    if tension_bug:
+        reaction = reaction.replace(2, CAPSTAN_M * tension[0] / GEARBOX)
+    link_torque = Vec(gamma * radius for gamma, radius in zip(tension, LINK_RADIUS, strict=True))
+    bias = bias_forces(state.q, state.qd)
+    link_friction = Vec(
+        values.link_viscous[i] * state.qd[i] + values.link_coulomb[i] * jnp.sign(state.qd[i]) for i in range(3)
+    )
+    qdd = solve_spd(mass_matrix(state.q), link_torque - link_friction - bias)
+    mdd = Vec((-torque[i] - friction[i] - reaction[i]) / published.MOTOR_INERTIA for i in range(3))
+    detail = Detail(Vec(tension), reaction, Vec(friction), Vec(torque), link_torque, bias)
+    return Rates(q=state.qd, qd=qdd, m=state.md, md=mdd), detail
+
+
+def euler(state: State, dac: Vec, dt: float = 1e-3, tension_bug: bool = False) -> State:
+    """One explicit Euler step."""
+    slope, _ = rates(state, dac, tension_bug)
+    return _along(state, slope, dt)
+
+
+def rk4(state: State, dac: Vec, dt: float = 1e-3, tension_bug: bool = False) -> State:
+    """One classical Runge-Kutta step; the motor speed that moves the motor angle is clamped, as in the source."""
+
+    def slope(at: State) -> Rates:
+        found, _ = rates(at, dac, tension_bug)
+        clamped = found.m.map(lambda speed: jnp.minimum(jnp.maximum(speed, -SPEED_CLAMP), SPEED_CLAMP))
+        return Rates(q=found.q, qd=found.qd, m=clamped, md=found.md)
+
+    k1 = slope(state)
+    k2 = slope(_along(state, k1, dt / 2))
+    k3 = slope(_along(state, k2, dt / 2))
+    k4 = slope(_along(state, k3, dt))
+    mean = _combine(lambda a, b, c, e: (a + 2.0 * b + 2.0 * c + e) / 6.0, k1, k2, k3, k4)
+    return _along(state, mean, dt)
+
+
+def detector_statistic(state: State, dac: Vec, tension_bug: bool = False) -> Scalar:
+    """S of the model-based detector at the start of an Euler step; the authors' alarm is S > 55."""
+    slope, _ = rates(state, dac, tension_bug)
+    links = _sum(abs(x) for x in (*slope.q, *slope.qd))
+    motors = _sum(abs(x) for x in (*slope.m, *slope.md))
+    return links + 0.001 * motors
+
+
+def _along(state: State, slope: Rates, dt: float) -> State:
+    return State(
+        q=state.q + slope.q * dt, qd=state.qd + slope.qd * dt, m=state.m + slope.m * dt, md=state.md + slope.md * dt
+    )
+
+
+def _combine(function: Callable[..., Scalar], *slopes: Rates) -> Rates:
+    first, *others = slopes
+    return Rates(
+        q=first.q.map(function, *(x.q for x in others)),
+        qd=first.qd.map(function, *(x.qd for x in others)),
+        m=first.m.map(function, *(x.m for x in others)),
+        md=first.md.map(function, *(x.md for x in others)),
+    )
+
+
+def _poly(coefficients: Sequence[float], d: Scalar) -> Scalar:
+    return coefficients[0] + d * (coefficients[1] + d * coefficients[2])
+
+
+def _slope(coefficients: Sequence[float], d: Scalar) -> Scalar:
+    return coefficients[1] + (2.0 * coefficients[2]) * d
+
+
+def _sum(terms) -> Scalar:
+    total, *rest = terms
+    for term in rest:
+        total = total + term
+    return total

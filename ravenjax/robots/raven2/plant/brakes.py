@@ -1,0 +1,46 @@
+"""Power-off brakes on the three positioning motors. A documented assumption: no source gives their data.
+
+The robot has brakes on the RE40 motors only; tool motors run free when unpowered. A brake engages and releases some
+time after the PLC's command and then adds dry friction of its holding torque to the motor: it slips above that.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+
+from ravenjax.numbers.vec import Scalar, as_int, record
+from ravenjax.robots.raven2.setup import Setup
+
+
+@record
+class Params:
+    holding_torque: Scalar  # N m after gearbox; assumption: maxon AB 28, 0.4 N m at the shaft, times 12.25
+    engage_ticks: Scalar  # ms from command to grip, int32; assumption: 15 (relay and spring)
+    release_ticks: Scalar  # ms from command to free, int32; assumption: 20 (coil current rises)
+
+
+@record
+class State:
+    engaged: Scalar  # 1: gripping, int32
+    pending_ticks: Scalar  # ms for which the command has differed from that, int32
+
+
+def params(setup: Setup) -> Params:
+    """The assumptions above."""
+    return Params(holding_torque=0.4 * 12.25, engage_ticks=15, release_ticks=20)
+
+
+def init(setup: Setup, params: Params, engaged: int = 1) -> State:
+    """At rest, engaged unless said otherwise."""
+    return State(engaged=jnp.int32(engaged), pending_ticks=jnp.int32(0))
+
+
+def step(setup: Setup, params: Params, state: State, commanded: Scalar) -> tuple[State, Scalar]:
+    """One tick with the PLC's command (1: on). Out: dry friction that the brakes add to motors 1-3 (N m)."""
+    commanded = as_int(commanded)
+    pending = jnp.where(commanded != state.engaged, state.pending_ticks + 1, 0)
+    delay = jnp.where(commanded != 0, params.engage_ticks, params.release_ticks)
+    moves = pending > delay
+    engaged = jnp.where(moves, commanded, state.engaged)
+    state = State(engaged=as_int(engaged), pending_ticks=as_int(jnp.where(moves, 0, pending)))
+    return state, jnp.where(engaged != 0, params.holding_torque, 0.0)

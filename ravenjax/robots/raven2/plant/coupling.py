@@ -1,0 +1,96 @@
+"""The motor matrix T (motor rad per joint rad or m) split so that its structure saves work.
+
+Rows of the tool motors are a multiple of the insertion motor's row plus an entry of their own: instrument cables run
+along the insertion, so that moving it turns every tool capstan. Their coupling is to the *joints* here: cable length
+follows where the links are, and at rest this equals the control software's use of the insertion motor's angle.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from functools import cache
+
+from ravenjax.numbers.algebra import add, dot, mul, sub
+from ravenjax.numbers.vec import Scalar, Vec
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.geometry import transmission
+
+Z = 2  # index of the insertion
+N = 7
+
+
+@dataclasses.dataclass(frozen=True)
+class Coupling:
+    """`T[i] = own[i] + ratio[i] * own[Z]`; `own` is lower triangular, `ratio` zero for the positioning motors."""
+
+    own: tuple[Vec, ...]  # rad/rad or rad/m
+    ratio: tuple[float, ...]  # 1
+
+    def motors(self, joints: Vec) -> Vec:
+        """T x: motor angles or speeds of joint ones."""
+        along = dot(self.own[Z], joints)
+        return Vec(along if i == Z else add(dot(self.own[i], joints), mul(self.ratio[i], along)) for i in range(N))
+
+    def joints(self, motors: Vec) -> Vec:
+        """The inverse: joint angles (or speeds) of motor ones, cables unstretched."""
+        found: list[Scalar] = []
+        for i in range(N):
+            rest = sub(motors[i], mul(self.ratio[i], motors[Z]))
+            for j in range(i):
+                rest = sub(rest, mul(self.own[i][j], found[j]))
+            found.append(rest * (1.0 / self.own[i][i]))
+        return Vec(found)
+
+    def loads(self, forces: Vec) -> Vec:
+        """T^T f: joint torques (N m, N) of motor ones (N m)."""
+        along = forces[Z]
+        for i in range(N):
+            along = add(along, mul(self.ratio[i], forces[i]))
+        effective = [along if i == Z else forces[i] for i in range(N)]
+        columns = zip(*self.own, strict=True)
+        return Vec(dot(Vec(column), Vec(effective)) for column in columns)
+
+    def congruence(self, weights: Vec) -> list[list[Scalar]]:
+        """T^T diag(w) T, lower triangle filled (entry [i][j] with j <= i)."""
+        inner: list[list[Scalar]] = [[0.0] * N for _ in range(N)]
+        for i in range(N):
+            inner[i][i] = add(inner[i][i], weights[i])
+            if i > Z:
+                shared = mul(self.ratio[i], weights[i])
+                inner[i][Z] = shared
+                inner[Z][Z] = add(inner[Z][Z], mul(self.ratio[i], shared))
+        outer: list[list[Scalar]] = [[0.0] * N for _ in range(N)]
+        for i in range(N):
+            for j in range(i + 1):
+                for row, column, factor in _terms(self.own, i, j):
+                    outer[row][column] = add(outer[row][column], mul(factor, inner[i][j]))
+        return outer
+
+
+def _terms(own: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:
+    """Where inner[i][j] goes in own^T inner own: (row, column, factor), lower triangle only."""
+    factors: dict[tuple[int, int], float] = {}
+    for a, b in ((i, j),) if i == j else ((i, j), (j, i)):
+        for row in range(N):
+            for column in range(row + 1):
+                factor = own[a][row] * own[b][column]
+                factors[row, column] = factors.get((row, column), 0.0) + factor
+    return [(row, column, factor) for (row, column), factor in factors.items() if factor != 0.0]
+
+
+@cache
+def coupling(arm: ArmName, tool: str, software: str) -> Coupling:
+    """Of one arm with one tool, strung as the software variant expects its first jaw."""
+    matrix = transmission.motor_matrix(arm, tool, software)
+    ratio = tuple(matrix[i][Z] / matrix[Z][Z] if i > Z else 0.0 for i in range(N))
+    own = tuple(
+        Vec(_clean(matrix[i][j] - ratio[i] * matrix[Z][j], matrix[i][j]) if i > Z else matrix[i][j] for j in range(N))
+        for i in range(N)
+    )
+    return Coupling(own=own, ratio=ratio)
+
+
+def _clean(value: float, scale: float) -> float:
+    """Rounding residue of a subtraction that should have left nothing is nothing."""
+    return 0.0 if abs(value) <= 1e-9 * abs(scale) else value

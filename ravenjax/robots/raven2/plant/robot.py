@@ -1,0 +1,324 @@
+"""The virtual robot: one arm's seven motors, cables, links and encoders, one millisecond a tick.
+
+Per substep, linearly implicit and without iteration: link inertia and bias forces once, at the start; cable stiffness
+and damping, viscous and dry friction at the end. Motors are eliminated one by one, which leaves one symmetric system
+in the joint accelerations:
+
+    (M/dt + Fv + T^T D T) dv = T^T lambda - bias - Fv v - Coulomb + stops + external
+
+It is unconditionally stable: the authors' insertion cable (-1943 /s) and the instrument's grams need no small step.
+
+State is offsets from where the run began: motor angles as whole encoder counts and a fraction, cable stretch by
+itself, and the links follow from both. No small difference of large numbers is ever formed, so float32 loses nothing
+that an encoder sees.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+
+from ravenjax.numbers import counter_random
+from ravenjax.numbers.algebra import add, dot, mul, sub
+from ravenjax.numbers.linear_solve import solve_spd
+from ravenjax.numbers.vec import Scalar, Vec, cast, record
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.dynamics import link_dynamics
+from ravenjax.robots.raven2.geometry import transmission
+from ravenjax.robots.raven2.plant import actuators, brakes, cables, encoders, published, stops
+from ravenjax.robots.raven2.plant.coupling import Coupling, coupling
+from ravenjax.robots.raven2.plant.friction import coulomb_damping
+from ravenjax.robots.raven2.setup import Setup
+
+TICK_S = 1e-3
+N = 7
+POSITIONING = 3
+TORQUE_CHANNEL = 8  # noise channels of an arm: 0-6 encoders, 8-14 torques
+ARM_CHANNELS = 16
+
+
+@record
+class Params:
+    """Of one arm. Every number may vary from run to run."""
+
+    actuators: actuators.Params
+    brakes: brakes.Params
+    cable_stiffness: Vec  # N/m, ke of each cable
+    cable_damping: Vec  # N s/m, be of each cable
+    link_coulomb: Vec  # N m; insertion N
+    link_viscous: Vec  # N m s/rad; insertion N s/m
+    stops: stops.Params
+    friction_scale: Scalar  # 1, times all friction of motors and links
+    cable_stiffness_scale: Scalar  # 1, times ke
+    motor_constant_scale: Scalar  # 1, times torque per count
+    mass_scale: Scalar  # 1, times link masses and inertias
+    gravity: Vec  # m/s2, 3, in frame 0 of the arm
+    encoder_noise: Scalar  # counts rms; drawn where Setup.noise
+    torque_noise: Scalar  # N m rms after gearbox; drawn where Setup.noise
+    noise_key: Scalar  # uint32; a run and its golden run share it
+
+
+@record
+class State:
+    motors: tuple[encoders.Angle, ...]  # seven, from the reference count
+    stretch: Vec  # rad of motor angle, cable stretch m - T q
+    mvel: Vec  # rad/s
+    jvel: Vec  # rad/s; insertion m/s
+    brakes: brakes.State
+    tick: Scalar  # ms, int32: counter of the noise
+    jpos_ref: Vec  # joints at the reference counts with unstretched cables, rad; insertion m; constant in a run
+    count_ref: Vec  # counts, int32, whole motor counts at the reference; constant in a run
+
+
+@record
+class Signal:
+    current_cmd: Vec  # DAC counts as written to USB, int32
+    brakes: Scalar  # 1: brakes commanded on, int32 or bool
+    torque_scale: Vec  # 1, nominally 1.0: times each motor's constant
+    cable_scale: Vec  # 1, nominally 1.0: times stiffness and damping of each cable
+    friction_scale: Vec  # 1, nominally 1.0: times friction of each motor and link
+    external_torque: Vec  # N m; insertion N, nominally 0.0: load on each joint
+
+
+@record
+class Out:
+    enc_val: Vec  # counts, int32, as unpacked from USB
+    jpos: Vec  # rad; insertion m, of the links
+    jvel: Vec  # rad/s; insertion m/s
+    mpos: Vec  # rad, of the motor shafts
+    mvel: Vec  # rad/s
+    stretch: Vec  # rad of motor angle
+    tension: Vec  # N, tension difference of each cable at rest in this stretch
+    brakes: Scalar  # 1: brakes grip, int32
+
+
+def nominal_signal(current_cmd: Vec, brakes: Scalar) -> Signal:
+    """A signal without any fault; the literal ones and zeros drop out of the traced code."""
+    one = Vec.full(N, 1.0)
+    return Signal(current_cmd, brakes, one, one, one, Vec.full(N, 0.0))
+
+
+def params(setup: Setup, arm: ArmName, parameter_set: str = "traj3") -> Params:
+    """Published values; `parameter_set` names one of `published.SETS`."""
+    values = published.parameter_set(parameter_set)
+
+    def seven(positioning: tuple[float, float, float], tool: float) -> Vec:
+        return Vec((*positioning, tool, tool, tool, tool))
+
+    per_count = values.torque_per_count
+    motor_inertia = published.MOTOR_INERTIA
+    return Params(
+        actuators=actuators.Params(
+            torque_per_count=seven((per_count, per_count, per_count), published.TOOL_TORQUE_PER_COUNT),
+            gain=seven(values.gain, 1.0),
+            bias=seven(values.bias, 0.0),
+            inertia=seven((motor_inertia, motor_inertia, motor_inertia), published.TOOL_MOTOR_INERTIA),
+            coulomb=seven(values.motor_coulomb, published.TOOL_MOTOR_COULOMB),
+            viscous=seven(values.motor_viscous, published.TOOL_MOTOR_VISCOUS),
+            reaction_scale=seven((1.0, 1.0, 1.0), published.TOOL_GEARBOX),
+        ),
+        brakes=brakes.params(setup),
+        cable_stiffness=seven(values.stiffness, published.TOOL_CABLE_STIFFNESS),
+        cable_damping=seven(values.damping, published.TOOL_CABLE_DAMPING),
+        link_coulomb=seven(values.link_coulomb, published.TOOL_LINK_COULOMB),
+        link_viscous=seven(values.link_viscous, published.TOOL_LINK_VISCOUS),
+        stops=stops.params(_tool(setup, arm)),
+        friction_scale=1.0,
+        cable_stiffness_scale=1.0,
+        motor_constant_scale=1.0,
+        mass_scale=1.0,
+        gravity=Vec((-9.81, 0.0, 0.0)),  # m/s2; magnitude of Li_DYN, direction of both Li_DYN and grav_comp.cpp
+        # Assumed where noise is drawn: an edge's jitter as large as a count's rounding, and one count of the DAC.
+        encoder_noise=12.0**-0.5 if setup.noise else 0.0,
+        torque_noise=published.CONTROLLER_TORQUE_PER_COUNT if setup.noise else 0.0,
+        noise_key=np.uint32(0),
+    )
+
+
+def init(setup: Setup, arm: ArmName, params: Params, jpos0: Vec) -> State:
+    """At rest with the links at `jpos0` (rad, m), brakes on, each cable stretched by its share of gravity."""
+    geometry = _coupling(setup, arm)
+    dtype = setup.precision.real
+    jpos0 = Vec(jnp.asarray(x, dtype) for x in jpos0)
+    at_rest = Vec.full(N, 0.0)
+    _, weight = link_dynamics.mass_matrix_and_bias(setup, arm, jpos0, at_rest, params.gravity, params.mass_scale)
+    still = Vec(jnp.asarray(0.0, dtype) for _ in range(N))
+    carried = _share(geometry, weight)
+    stretch = Vec(
+        cables.resting_stretch(cables.ARMS_M[i], params.cable_stiffness[i] * params.cable_stiffness_scale, carried[i])
+        for i in range(N)
+    )
+    motors = tuple(encoders.at_angle(angle) for angle in geometry.motors(jpos0) + stretch)
+    fractions = Vec(motor.fraction * encoders.RAD_PER_COUNT for motor in motors)
+    zero = jnp.int32(0)
+    return State(
+        motors=tuple(encoders.Angle(count=zero, fraction=cast(motor.fraction, dtype)) for motor in motors),
+        stretch=cast(stretch, dtype),
+        mvel=still,
+        jvel=still,
+        brakes=brakes.init(setup, params.brakes),
+        tick=zero,
+        jpos_ref=cast(jpos0 - geometry.joints(fractions - stretch), dtype),
+        count_ref=Vec(motor.count for motor in motors),
+    )
+
+
+def step(setup: Setup, arm: ArmName, params: Params, state: State, signal: Signal) -> tuple[State, Out]:
+    """One tick (1 ms, `setup.substeps` steps) under the DAC command just written; the next tick reads `Out`."""
+    brake_state, holding = brakes.step(setup, params.brakes, state.brakes, signal.brakes)
+    brake_state = cast(brake_state, "int32")
+    drive = _drive(setup, arm, params, state, signal)
+    for _ in range(setup.substeps):
+        state = _substep(setup, arm, params, state, signal, drive, holding, TICK_S / setup.substeps)
+    dtype = setup.precision.real
+    state = State(
+        motors=state.motors,
+        stretch=cast(state.stretch, dtype),
+        mvel=cast(state.mvel, dtype),
+        jvel=cast(state.jvel, dtype),
+        brakes=brake_state,
+        tick=state.tick + 1,
+        jpos_ref=state.jpos_ref,
+        count_ref=state.count_ref,
+    )
+    return state, observe(setup, arm, params, state)
+
+
+def observe(setup: Setup, arm: ArmName, params: Params, state: State) -> Out:
+    """What can be seen of a state: encoders, and the truth."""
+    dtype = setup.precision.real
+    signs = transmission.encoder_signs(arm, _tool(setup, arm), setup.software)
+    turned = Vec(encoders.radians(motor, dtype) for motor in state.motors)
+    counts = [motor.count + reference for motor, reference in zip(state.motors, state.count_ref, strict=True)]
+    if setup.noise:
+        counts = [
+            count + encoders.noise_counts(params.encoder_noise, params.noise_key, state.tick, _channel(arm, i))
+            for i, count in enumerate(counts)
+        ]
+    return Out(
+        enc_val=Vec(mul(int(sign), count) for sign, count in zip(signs, counts, strict=True)),
+        jpos=_jpos(_coupling(setup, arm), state, dtype),
+        jvel=state.jvel,
+        mpos=Vec(
+            turn + reference.astype(dtype) * encoders.RAD_PER_COUNT
+            for turn, reference in zip(turned, state.count_ref, strict=True)
+        ),
+        mvel=state.mvel,
+        stretch=state.stretch,
+        tension=Vec(
+            cables.tension(
+                params.cable_stiffness[i] * params.cable_stiffness_scale, 0.0, cables.ARMS_M[i] * state.stretch[i], 0.0
+            )
+            for i in range(N)
+        ),
+        brakes=state.brakes.engaged,
+    )
+
+
+def _substep(
+    setup: Setup,
+    arm: ArmName,
+    params: Params,
+    state: State,
+    signal: Signal,
+    drive: Vec,
+    holding: Scalar,
+    dt: float,
+) -> State:
+    geometry = _coupling(setup, arm)
+    motor = params.actuators
+    jpos, jvel = _jpos(geometry, state, setup.precision.real), state.jvel
+    mass, bias = link_dynamics.mass_matrix_and_bias(setup, arm, jpos, jvel, params.gravity, params.mass_scale)
+    friction = Vec(mul(signal.friction_scale[i], params.friction_scale) for i in range(N))
+    link_speed = geometry.motors(jvel)
+
+    solved = []
+    for i in range(N):
+        stiffness = mul(signal.cable_scale[i], params.cable_stiffness[i] * params.cable_stiffness_scale)
+        damping = mul(signal.cable_scale[i], params.cable_damping[i])
+        held = motor.coulomb[i] * friction[i]
+        solved.append(
+            actuators.eliminate(
+                inertia_rate=motor.inertia[i] * (1.0 / dt),
+                viscous=motor.viscous[i] * friction[i],
+                coulomb=held + holding if i < POSITIONING else held,
+                reaction_scale=motor.reaction_scale[i],
+                drive=drive[i],
+                speed=state.mvel[i],
+                link_speed=link_speed[i],
+                cable=cables.linearise(cables.ARMS_M[i], stiffness, damping, state.stretch[i], dt),
+            )
+        )
+
+    system = geometry.congruence(Vec(item.stiffening for item in solved))
+    loads = geometry.loads(Vec(item.force for item in solved))
+    right: list[Scalar] = []
+    for i in range(N):
+        for j in range(i + 1):
+            system[i][j] = add(system[i][j], mul(1.0 / dt, mass[i][j]))
+        viscous = params.link_viscous[i] * friction[i]
+        stop = stops.contact(params.stops, i, jpos[i], jvel[i], dt)
+        system[i][i] = system[i][i] + (viscous + stop.damping)
+        force = add(sub(loads[i], bias[i]), signal.external_torque[i]) - viscous * jvel[i] + stop.force
+        stick = coulomb_damping(params.link_coulomb[i] * friction[i], system[i][i] * jvel[i] + force, system[i][i])
+        system[i][i] = system[i][i] + stick
+        right.append(force - stick * jvel[i])
+
+    gained = solve_spd(tuple(Vec(row) for row in system), Vec(right))
+    pulled = geometry.motors(gained)
+    mvel, stretch, motors = [], [], []
+    for i, item in enumerate(solved):
+        speed = (item.momentum + item.coupling * (link_speed[i] + pulled[i])) * item.inverse
+        rate = item.stretch_rate - item.resistance * item.inverse * pulled[i]
+        mvel.append(speed)
+        stretch.append(state.stretch[i] + dt * rate)
+        motors.append(encoders.advance(state.motors[i], dt * speed))
+    return State(
+        motors=tuple(motors),
+        stretch=Vec(stretch),
+        mvel=Vec(mvel),
+        jvel=jvel + gained,
+        brakes=state.brakes,
+        tick=state.tick,
+        jpos_ref=state.jpos_ref,
+        count_ref=state.count_ref,
+    )
+
+
+def _drive(setup: Setup, arm: ArmName, params: Params, state: State, signal: Signal) -> Vec:
+    """Motor torques (N m after gearbox, positive motor direction) of the DAC command, constant over the tick."""
+    motor = params.actuators
+    signs = transmission.tau_signs(arm, _tool(setup, arm), setup.software)
+    drive = []
+    for i in range(N):
+        per_count = motor.torque_per_count[i] * motor.gain[i] * params.motor_constant_scale
+        command = mul(float(signs[i]), signal.current_cmd[i].astype(setup.precision.real))
+        torque = mul(signal.torque_scale[i], per_count) * command + motor.bias[i]
+        if setup.noise:
+            channel = _channel(arm, TORQUE_CHANNEL + i)
+            torque = torque + params.torque_noise * counter_random.normal(params.noise_key, state.tick, channel)
+        drive.append(torque)
+    return Vec(drive)
+
+
+def _jpos(geometry: Coupling, state: State, dtype: str) -> Vec:
+    turned = Vec(encoders.radians(motor, dtype) for motor in state.motors)
+    return state.jpos_ref + geometry.joints(turned - state.stretch)
+
+
+def _share(geometry: Coupling, loads: Vec) -> Vec:
+    """Motor-coordinate forces that put `loads` on the joints: T^-T, by the columns of T^-1."""
+    columns = [geometry.joints(Vec(float(i == j) for j in range(N))) for i in range(N)]
+    return Vec(dot(column, loads) for column in columns)
+
+
+def _coupling(setup: Setup, arm: ArmName) -> Coupling:
+    return coupling(arm, _tool(setup, arm), setup.software)
+
+
+def _tool(setup: Setup, arm: ArmName) -> str:
+    return setup.tools[setup.arms.index(arm)]
+
+
+def _channel(arm: ArmName, channel: int) -> int:
+    return channel + (ARM_CHANNELS if arm == "green" else 0)

@@ -1,0 +1,30 @@
+"""What picks the code of a Raven-II's tick."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import ClassVar, Literal
+
+from ravenjax.numbers import setup
+from ravenjax.robots.raven2.arms import JOINTS, ArmName
+
+
+@dataclasses.dataclass(frozen=True)
+class Setup(setup.Setup):
+    """Everything that picks code. Static and hashable: one Setup, one compile."""
+
+    joints: ClassVar[tuple[str, ...]] = JOINTS
+    arms: tuple[ArmName, ...] = ("gold",)  # in mechanism order, gold first
+    software: Literal["raven2", "fork2015"] = "raven2"  # present raven2 software, or the 2015 simulator fork
+    tools: tuple[str, ...] = ("r_grasper",)  # one per arm, a name of ravenjax.robots.raven2.geometry.tools
+    build: Literal["robot", "dyn_sim"] = "robot"  # for the robot, or the fork's dynamics-simulator build
+    console: Literal["increments", "absolute"] = "increments"  # what a packet carries (spec 5.3, 5.4)
+    dac_words: Literal["wrap", "saturate", "unwrapped"] = "wrap"  # how a faulty DAC command is stored for USB
+    substeps: int = 1  # plant steps per 1 ms tick
+    command_delay: int = 0  # ms, the longest that a DAC command may take from USB write to motor
+
+    def __post_init__(self) -> None:
+        if len(self.tools) != len(self.arms):
+            raise ValueError(
+                f"Setup.tools has {len(self.tools)} names for {len(self.arms)} arms {self.arms}; give one per arm"
+            )

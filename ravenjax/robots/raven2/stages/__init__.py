@@ -1,0 +1,1 @@
+"""The control software and the PLC: one stage a file, named as the robot names it."""

@@ -1,0 +1,147 @@
+"""Cartesian control: measured tip pose, desired tip pose, inverse kinematics with joint limits -> jpos_d.
+
+raven2: r2_kinematics.cpp, rt_raven.cpp. Arms are solved in mechanism order; where one has no acceptable solution, it
+and those after it keep their last jpos_d, without any stop. A target beyond a joint limit is clamped, and the desired
+pose becomes that of the clamped joints.
+"""
+
+from __future__ import annotations
+
+from functools import reduce
+
+import jax.numpy as jnp
+import numpy as np
+
+from ravenjax.numbers.setup import narrow, per_arm, real, wide
+from ravenjax.numbers.vec import Scalar, Vec, rarely, record, replace, to_int32, where
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.geometry import stored_pose
+from ravenjax.robots.raven2.geometry.inverse import COST_LIMIT, REJECTED
+from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
+from ravenjax.robots.raven2.original.constants import joint_limits
+from ravenjax.robots.raven2.original.evaluation import evaluation
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.stages import check
+from ravenjax.stages.check import Check
+
+
+@record
+class Arm:
+    """One arm's poses and joint targets."""
+
+    pos: StoredPose  # measured in the last cycle
+    pos_d: StoredPose
+    jpos_d: Vec  # 7, rad and m, held while inverse kinematics rejects
+    ik_reject: Check  # margin: pi minus the cost of the best solution
+    joint_limit: Check  # margin: distance to the nearer limit as a fraction of the joint's range
+
+
+State = tuple[Arm, ...]
+
+
+@record
+class Params:
+    """Software joint limits, the same for every arm, as float32 numbers."""
+
+    lower: Vec  # 5: shoulder, elbow (rad), insertion (m), tool_roll, wrist (rad)
+    upper: Vec  # 5, as lower
+
+
+def params(setup: Setup) -> Params:
+    """The software's own limits: those of the first mechanism's tool serve every arm."""
+    number = np.dtype(setup.precision.wide).type
+    ranges, _ = joint_limits(setup)
+    return Params(Vec(number(low) for low, _ in ranges), Vec(number(high) for _, high in ranges))
+
+
+def init(setup: Setup, jpos: tuple[Vec, ...]) -> State:
+    """At rest at `jpos`, wanting to stay there."""
+    number = np.dtype(setup.precision.narrow).type
+
+    def at_rest(i: int, arm: ArmName) -> Arm:
+        rest = Vec(number(float(j)) for j in jpos[i])
+        pose = measure(setup, arm, rest)
+        return Arm(pose, pose, rest, check.init(setup), check.init(setup))
+
+    return per_arm(setup, at_rest)
+
+
+def measure(setup: Setup, arm: ArmName, jpos: Vec) -> StoredPose:
+    """Pose of the tip at measured joints, as stored. The jaws' difference and sum are rounded before they are used."""
+    pose = evaluation(setup).forward(arm, wide(setup, jpos), _yaw(setup, jpos))
+    return stored_pose.store(setup, pose, to_int32((jpos[5] + jpos[6]) * 1000.0))
+
+
+def _yaw(setup: Setup, jpos: Vec) -> Scalar:
+    return wide(setup, jpos[6] - jpos[5]) * 0.5
+
+
+def _reference(setup: Setup, jpos: Vec) -> Vec:
+    """Measured joints from which solutions are judged, with jaws that give the rounded yaw."""
+    yaw = _yaw(setup, jpos)
+    return Vec((*wide(setup, Vec(jpos[:5])), -yaw, yaw))
+
+
+def follow(state: State, condition: Scalar) -> State:
+    """Where `condition`, the desired poses become those last measured."""
+    return tuple(replace(arm, pos_d=where(condition, arm.pos, arm.pos_d)) for arm in state)
+
+
+def sense(setup: Setup, state: State, jpos: tuple[Vec, ...]) -> State:
+    """Enter this cycle's measured poses."""
+    return per_arm(setup, lambda i, arm: replace(state[i], pos=measure(setup, arm, jpos[i])))
+
+
+def solve(
+    setup: Setup, params: Params, state: State, tick: Scalar, active: Scalar, jpos: tuple[Vec, ...]
+) -> tuple[State, Scalar]:
+    """Inverse kinematics of all arms where `active`; returns the state and whether any target was clamped (bool)."""
+    forward, inverse, *_ = evaluation(setup)
+    proceed = active
+    clamped = []
+    arms = []
+    for i, arm in enumerate(setup.arms):
+        old = state[i]
+        opening = wide(setup, old.pos_d.grasp_mrad) / 1000.0
+        target = stored_pose.load(setup, old.pos_d)
+        ik = inverse(arm, target, opening, _reference(setup, jpos[i]))
+        accepted = ik.status != REJECTED
+        rejected = proceed & ~accepted
+        solved = proceed & accepted
+        within, beyond, spare = _clamp(setup, params, ik.jpos, ik.yaw)
+        limited = solved & beyond
+
+        def held(old: Arm = old, within: Vec = within, arm: ArmName = arm) -> StoredPose:
+            return stored_pose.store(setup, forward(arm, within, within[5]), old.pos_d.grasp_mrad)
+
+        targets = narrow(setup, Vec((*within[:5], *ik.jpos[5:])))
+        reject_margin = jnp.where(proceed, real(setup, COST_LIMIT - ik.cost), np.inf)
+        limit_margin = jnp.where(solved, real(setup, spare), np.inf)
+        arms.append(
+            Arm(
+                old.pos,
+                rarely(limited, held, old.pos_d),
+                where(solved, targets, old.jpos_d),
+                check.update(old.ik_reject, tick, rejected, reject_margin),
+                check.update(old.joint_limit, tick, limited, limit_margin),
+            )
+        )
+        clamped.append(limited)
+        proceed = solved
+    return tuple(arms), reduce(lambda a, b: a | b, clamped)
+
+
+def _clamp(setup: Setup, params: Params, jpos: Vec, yaw: Scalar) -> tuple[Vec, Scalar, Scalar]:
+    """Shoulder to wrist within their software limits and yaw above its lower one; whether any was at or beyond its
+    limit; the smallest distance to one, as a fraction of the joint's range."""
+    values, at_limit, spares = [], [], []
+    _, lowest_yaw = joint_limits(setup)
+    for value, low, high in zip(jpos[:5], params.lower, params.upper, strict=True):
+        below, above = value <= low, value >= high
+        values.append(jnp.where(below, low, jnp.where(above, high, value)))
+        at_limit += [below, above]
+        spares.append(jnp.minimum(value - low, high - value) * (1.0 / (high - low)))
+    if lowest_yaw is not None:
+        at_limit.append(yaw <= lowest_yaw)
+        yaw = jnp.where(yaw <= lowest_yaw, lowest_yaw, yaw)
+    return Vec((*values, yaw)), reduce(lambda a, b: a | b, at_limit), reduce(jnp.minimum, spares)

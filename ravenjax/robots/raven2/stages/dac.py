@@ -1,0 +1,24 @@
+"""Torque to DAC (raven2: t_to_DAC_val.cpp, utils.cpp): float32, truncated toward zero, saturated to 16 bits."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+
+from ravenjax.numbers.vec import Scalar, Vec, to_int32
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.geometry import transmission
+from ravenjax.robots.raven2.original import constants as stored
+from ravenjax.robots.raven2.setup import Setup
+
+HIGHEST, LOWEST = 32767, -32768
+
+
+def step(setup: Setup, arm: ArmName, tool: str, tau_d: Vec, enabled: Scalar, otherwise: Vec) -> Vec:
+    """DAC counts (7 int32) of capstan torques (N m) where `enabled`, elsewhere `otherwise`."""
+    amps = stored.amps_per_torque(arm, tool, setup.software)
+
+    def command(i: int) -> Scalar:
+        value = to_int32(tau_d[i] * amps[i] * transmission.COUNTS_PER_AMP[i])
+        return jnp.where(enabled, jnp.minimum(jnp.maximum(value, LOWEST), HIGHEST), otherwise[i])
+
+    return Vec(command(i) for i in range(7))

@@ -1,0 +1,97 @@
+"""Estimator: motor positions and velocities from encoder counts, joints by forward cable coupling.
+
+raven2: state_estimate.cpp, fwd_cable_coupling.cpp. raven2 differentiates the raw counts; the 2015 fork differentiates
+them after a third-order Butterworth low-pass of 120 Hz.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+
+from ravenjax.numbers.setup import narrow, wide
+from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.geometry import transmission
+from ravenjax.robots.raven2.original import constants as stored
+from ravenjax.robots.raven2.setup import Setup
+
+RAD_PER_COUNT = 2.0 * stored.PI * (1.0 / transmission.ENCODER_COUNTS)
+
+LOW_PASS_INPUT = (0.02864, 0.08591, 0.08591, 0.02864)
+LOW_PASS_OUTPUT = (1.5189, -0.9600, 0.2120)
+"""Butterworth, 120 Hz at 1 kHz, on x[k]..x[k-3] and y[k-1]..y[k-3]; raven2: state_estimate.cpp."""
+
+
+@record
+class Params:
+    enc_offset: Vec  # 7 int32 counts at motor angle 0, set by homing
+
+
+@record
+class State:
+    started: Scalar  # int32 flag; the first sample fills the history
+    inputs: tuple[Vec, ...]  # latest first: unfiltered motor angles, rad; one of them in raven2, three in the fork
+    outputs: tuple[Vec, ...]  # latest first: filtered motor angles, rad; none in raven2, three in the fork
+
+
+def params(setup: Setup, arm: ArmName) -> Params:
+    """Encoders that read 0 at motor angle 0."""
+    return Params(Vec.full(7, np.int32(0)))
+
+
+def init(setup: Setup) -> State:
+    """No sample yet."""
+    zero = Vec.full(7, np.dtype(setup.precision.narrow).type(0.0))
+    inputs, outputs = (1, 0) if setup.software == "raven2" else (3, 3)
+    return State(np.int32(0), (zero,) * inputs, (zero,) * outputs)
+
+
+def step(setup: Setup, arm: ArmName, tool: str, params: Params, state: State, enc_val: Vec) -> tuple[State, Vec, Vec]:
+    """One sample of one arm; returns the state, mpos (rad) and mvel (rad/s)."""
+    signs = transmission.encoder_signs(arm, tool, setup.software)
+    counts = narrow(setup, enc_val) * signs
+    angle = narrow(setup, RAD_PER_COUNT * wide(setup, counts - narrow(setup, params.enc_offset)))
+    started = state.started != 0
+    filled = [old.map(lambda a, b: jnp.where(started, a, b), angle) for old in (*state.inputs, *state.outputs)]
+    if setup.software == "raven2":
+        (previous,) = filled
+        return State(state.started | 1, (angle,), ()), angle, (angle - previous) / stored.PERIOD
+    inputs, outputs = filled[:3], filled[3:]
+    position = angle * LOW_PASS_INPUT[0]
+    for gain, history in zip((*LOW_PASS_INPUT[1:], *LOW_PASS_OUTPUT), filled, strict=True):
+        position = position + history * gain
+    velocity = (position - outputs[0]) / stored.PERIOD
+    return State(state.started | 1, (angle, *inputs[:2]), (position, *outputs[:2])), position, velocity
+
+
+def joints(setup: Setup, arm: ArmName, tool: str, mpos: Vec) -> Vec:
+    """Joint positions (rad, m). Products with a reciprocal ratio and sums in the wide type, products of a coupling
+    constant and a rounded joint in the narrow one, one rounding per joint."""
+    per, kappa = stored.TR.map(lambda ratio: 1.0 / ratio), stored.wrist_coupling(tool)
+    signs = transmission.coupling_signs(arm, tool, setup.software)
+    motor = wide(setup, mpos)
+    share = motor[2] / stored.GB_RATIO
+
+    def rounded(value: Scalar) -> Scalar:
+        return narrow(setup, value)
+
+    def tool_joint(i: int) -> Scalar:
+        return per[i] * (motor[i] - share if signs[i - 3] > 0 else motor[i] + share)
+
+    shoulder = rounded(per[0] * motor[0])
+    elbow = rounded(per[1] * motor[1] - wide(setup, stored.C01 * shoulder))
+    insertion = rounded(per[2] * motor[2] - wide(setup, stored.C02 * shoulder) - wide(setup, stored.C12 * elbow))
+    roll = rounded(tool_joint(3))
+    wrist = rounded(tool_joint(4))
+    grasp1, grasp2 = tool_joint(5), tool_joint(6)
+    if kappa:
+        bend = wide(setup, kappa * wrist)
+        grasp1, grasp2 = grasp1 - bend, grasp2 + bend
+    return Vec((shoulder, elbow, insertion, roll, wrist, rounded(grasp1), rounded(grasp2)))
+
+
+def joint_velocities(setup: Setup, mvel: Vec) -> Vec:
+    """Joint velocities (rad/s, m/s): without coupling, and 0 for the tool joints, as the original leaves them."""
+    zero = narrow(setup, 0.0)
+    return Vec((*(mvel[i] / stored.TR[i] for i in range(3)), *(zero,) * 4))

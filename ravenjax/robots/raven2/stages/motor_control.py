@@ -1,0 +1,118 @@
+"""Motor control: inverse cable coupling, motor-position PID, gravity compensation -> tau_d.
+
+raven2: inv_cable_coupling.cpp, pid_control.cpp, grav_comp.cpp, rt_raven.cpp; params/r2params.yaml. In the 2015 fork the
+gravity torque never reaches tau_d.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+
+from ravenjax.numbers.setup import narrow, wide
+from ravenjax.numbers.vec import Scalar, Vec, record, where
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.geometry import transmission
+from ravenjax.robots.raven2.original import constants as stored
+from ravenjax.robots.raven2.original.evaluation import evaluation
+from ravenjax.robots.raven2.setup import Setup
+
+
+@record
+class Params:
+    """Gains on motor angles. There is no integral clamp and no anti-windup."""
+
+    kp: Vec  # 7, N m (after the gearbox) per motor rad; raven2: params/r2params.yaml
+    kd: Vec  # 7, N m per motor rad/s; the same file
+    ki: Vec  # 7, N m per motor rad s; the same file
+    mvel_d: Vec  # 7, rad/s; 0 in raven2, where nothing sets it
+
+
+@record
+class State:
+    mpos_d: Vec  # 7 rad, held below run level 2
+    integral: Vec  # 7 motor rad s; survives pedal changes and E-stops
+    tau_d: Vec  # 7 N m at the capstan, held below run level 2
+    tau_g: Vec  # 3 N m at the capstan, held below run level 2
+
+
+def params(setup: Setup, arm: ArmName) -> Params:
+    """The gains of the robot's parameter file."""
+    fork = setup.software == "fork2015"
+    jaw_kp, jaw_ki = (0.02, 0.0) if fork else (0.05, 0.05)
+    damping = 0.012 if arm == "gold" else 0.010
+    number = np.dtype(setup.precision.narrow).type
+
+    def gains(*values: float) -> Vec:
+        return Vec(number(value) for value in values)
+
+    return Params(
+        kp=gains(0.3, 0.3, 0.15, 0.09, 0.05, jaw_kp, jaw_kp),
+        kd=gains(0.008, 0.008, damping, 0.001, 0.0, 0.0, 0.0),
+        ki=gains(0.0, 0.0, 0.0, 0.05, 0.05, jaw_ki, jaw_ki),
+        mvel_d=gains(*(0.0,) * 7),
+    )
+
+
+def init(setup: Setup, arm: ArmName, tool: str, jpos: Vec) -> State:
+    """At rest on `jpos`, nothing integrated."""
+    number = np.dtype(setup.precision.narrow).type
+    rest, zero = Vec(number(float(j)) for j in jpos), number(0.0)
+    positioning = targets(setup, arm, tool, rest, Vec.full(7, zero))  # the tool motors then follow the insertion motor
+    motors = targets(setup, arm, tool, rest, positioning)
+    return State(motors.map(number), Vec.full(7, zero), Vec.full(7, zero), Vec.full(3, zero))
+
+
+def targets(setup: Setup, arm: ArmName, tool: str, jpos_d: Vec, mpos: Vec) -> Vec:
+    """Desired motor positions (rad): joints' shares narrow, the *measured* insertion motor's share wide."""
+    ratio, kappa = stored.TR, stored.wrist_coupling(tool)
+    signs = transmission.coupling_signs(arm, tool, setup.software)
+    shoulder, elbow, insertion, roll, wrist, grasp1, grasp2 = jpos_d
+    if kappa:
+        bend = kappa * wrist
+        grasp1, grasp2 = grasp1 + bend, grasp2 - bend
+    share = wide(setup, mpos[2]) / stored.GB_RATIO
+
+    def tool_motor(i: int, joint: Scalar) -> Scalar:
+        own = wide(setup, ratio[i] * joint)
+        return narrow(setup, own + share if signs[i - 3] > 0 else own - share)
+
+    return Vec(
+        (
+            ratio[0] * shoulder,
+            ratio[1] * (elbow + stored.C01 * shoulder),
+            ratio[2] * (insertion + stored.C02 * shoulder + stored.C12 * elbow),
+            tool_motor(3, roll),
+            tool_motor(4, wrist),
+            tool_motor(5, grasp1),
+            tool_motor(6, grasp2),
+        )
+    )
+
+
+def torques(
+    setup: Setup,
+    arm: ArmName,
+    params: Params,
+    state: State,
+    active: Scalar,
+    pedal_down: Scalar,
+    mpos_d: Vec,
+    measured: tuple[Vec, Vec, Vec],
+) -> State:
+    """Capstan torques of one arm; `measured` is (jpos, mpos, mvel).
+
+    PID in pedal-down (also while soft-E-stopped: only the DAC is zeroed then), plus gravity wherever `active` (run
+    level 2 and above); below that everything keeps its last value.
+    """
+    jpos, mpos, mvel = measured
+    error = mpos_d - mpos
+    integral = where(pedal_down, state.integral + error * stored.PERIOD, state.integral)
+    law = params.kp * error + params.kd * (params.mvel_d - mvel) + params.ki * integral
+    tau = law.map(lambda t: jnp.where(pedal_down, t, 0.0))
+    tau_g = state.tau_g
+    if setup.software == "raven2":
+        lift = narrow(setup, evaluation(setup).gravity_torque(arm, wide(setup, jpos)))
+        tau = Vec((*(Vec(tau[:3]) + lift), *tau[3:]))
+        tau_g = where(active, lift, tau_g)
+    return State(where(active, mpos_d, state.mpos_d), integral, where(active, tau, state.tau_d), tau_g)

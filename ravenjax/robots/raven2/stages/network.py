@@ -1,0 +1,69 @@
+"""Network: which datagrams reach the robot. Size and sequence rules (raven2: network_layer.cpp).
+
+The sequence number is unsigned on the wire; here it is an int32 whose bits are compared as unsigned. The checksum
+exists but is not verified. A datagram longer than the structure is cut and accepted, a shorter one is dropped.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+
+from ravenjax.numbers.setup import real
+from ravenjax.numbers.vec import INT32_MIN, Scalar, record
+from ravenjax.robots.raven2.console.packet import SIZE_BYTES, Packet
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.stages import check
+from ravenjax.stages.check import Check
+
+RESET_GAP = 1000
+"""A number further than this below the last one restarts the stream; raven2: network_layer.cpp."""
+
+
+@record
+class State:
+    last: Scalar  # int32, sequence number last taken as the stream's position
+    size: Check  # margin: bytes above the size of the structure
+    zero: Check  # sequence 0, reserved
+    skip: Check  # a gap: this packet is lost as well
+    duplicate: Check
+    reset: Check  # far behind: the stream is taken to restart, this packet is lost
+    out_of_sequence: Check  # behind, but not far
+
+
+def init(setup: Setup) -> State:
+    """A robot that has heard nothing: the first accepted packet is number 1."""
+    return State(np.int32(0), *(check.init(setup) for _ in range(6)))
+
+
+def _below(a: Scalar, b: Scalar) -> Scalar:
+    """a < b of the bits as unsigned numbers: flipping the top bit maps their order onto that of int32."""
+    return (a ^ INT32_MIN) < (b ^ INT32_MIN)
+
+
+def step(setup: Setup, state: State, tick: Scalar, packet: Packet) -> tuple[State, Scalar]:
+    """Apply the rules to the packet of this cycle; returns the state and whether it is accepted (bool)."""
+    received = packet.received != 0
+    spare = packet.size - SIZE_BYTES[setup.console]
+    short = received & (spare < 0)
+    number, last = packet.sequence, state.last
+    complete = received & (spare >= 0)
+    zero = complete & (number == 0)
+    numbered = complete & (number != 0)
+    accepted = numbered & (number == last + 1)
+    skip = numbered & _below(last + 1, number)
+    duplicate = numbered & (number == last)
+    behind = numbered & _below(number, last) & ~accepted  # `accepted`: 0xFFFFFFFF is followed by 0, which is dropped
+    far = (_below(RESET_GAP, last)) & _below(number, last - RESET_GAP)
+    reset = behind & far
+    new_last = jnp.where(accepted | skip | reset, number, last)
+    margin = jnp.where(received, real(setup, spare), np.inf)
+    return State(
+        new_last,
+        check.update(state.size, tick, short, margin),
+        check.update(state.zero, tick, zero),
+        check.update(state.skip, tick, skip),
+        check.update(state.duplicate, tick, duplicate),
+        check.update(state.reset, tick, reset),
+        check.update(state.out_of_sequence, tick, behind & ~far),
+    ), accepted

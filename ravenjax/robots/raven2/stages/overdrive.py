@@ -1,0 +1,127 @@
+"""Overdrive detection: the only check on the DAC commands (raven2: overdrive_detect.cpp).
+
+Per mechanism and joint, in order; grasp2 (index 7 of the original's eight) is never looked at. Over the instant limit,
+the joint's command becomes 0 and the soft E-stop is raised; the other joints are still written in that cycle. Over the
+joint's own limit, the policy decides: none, clip, or a counter shared by all joints and arms that nothing but a trip or
+an instant trip resets. The 2015 fork clips at every run level and has no policies.
+"""
+
+from __future__ import annotations
+
+from functools import reduce
+
+import jax.numpy as jnp
+import numpy as np
+
+from ravenjax.errors import UserError, suggestion
+from ravenjax.numbers.setup import real
+from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.stages import check
+from ravenjax.stages.check import Check
+
+NO_REGULATION, SOFT_REGULATION, HARD_REGULATION = 0, 1, 2
+"""Policies; raven2: defines.h."""
+
+LEVELS: dict[str, tuple[int, ...]] = {
+    "beginner": (1500, 1500, 1000, 3000, 3000, 3800, 3800),
+    "moderate": (2500, 2500, 2000, 3000, 3000, 3800, 3800),
+    "advanced": (5000, 5000, 4000, 3000, 3000, 3800, 3800),
+    "fork2015": (10000, 10000, 8000, 6000, 2700, 4800, 4800),
+}
+"""DAC counts per joint by safety level; raven2: defines.h, init.cpp, and the same files of the 2015 fork."""
+
+MAX_INST_DAC = {"raven2": 20000, "fork2015": 12000}
+"""DAC counts; raven2: defines.h."""
+
+HARD_SAMPLES = 10
+"""The shared counter trips on the next over-limit sample above this; raven2: overdrive_detect.cpp."""
+
+CHECKED_JOINTS = 6
+
+
+@record
+class Params:
+    policy: Scalar  # int32, a policy above; unused by the 2015 fork
+    dac_max: Vec  # 7 int32 DAC counts; that of grasp2 is unused, as in the original
+    max_inst_dac: Scalar  # int32 DAC counts
+
+
+@record
+class State:
+    counter: Scalar  # int32 over-limit samples, shared by all joints and arms
+    instant: Check  # margin: counts below the instant limit
+    clip: Check  # a tick in which some command was clipped; margin: counts below the joint limit
+    hard: Check  # the shared counter tripped; margin: samples left
+
+
+def params(setup: Setup, level: str | None = None, policy: int = SOFT_REGULATION) -> Params:
+    """The limits of a safety level; the default is "moderate" for raven2 and the fork's own table for the fork."""
+    level = level or ("moderate" if setup.software == "raven2" else "fork2015")
+    if level not in LEVELS:
+        raise UserError(f"overdrive level is {level!r}, expected one of {', '.join(LEVELS)}{suggestion(level, LEVELS)}")
+    limits = Vec(np.int32(limit) for limit in LEVELS[level])
+    return Params(np.int32(policy), limits, np.int32(MAX_INST_DAC[setup.software]))
+
+
+def init(setup: Setup) -> State:
+    """Nothing counted."""
+    return State(np.int32(0), *(check.init(setup) for _ in range(3)))
+
+
+def step(
+    setup: Setup, params: Params, state: State, tick: Scalar, runlevel: Scalar, current_cmd: tuple[Vec, ...]
+) -> tuple[State, tuple[Vec, ...], Scalar]:
+    """Check the commands of all arms; returns the state, the commands to write and whether to raise the soft E-stop."""
+    fork = setup.software == "fork2015"
+    regulated = (runlevel == runlevel) if fork else (runlevel >= 1)
+    soft = regulated if fork else regulated & (params.policy == SOFT_REGULATION)
+    hard = None if fork else regulated & (params.policy == HARD_REGULATION)
+    counter = state.counter
+    instants, clips, trips, sizes, spares, checked = [], [], [], [], [], []
+    for commands in current_cmd:
+        joints = []
+        for command, limit in zip(commands[:CHECKED_JOINTS], params.dac_max[:CHECKED_JOINTS], strict=True):
+            size = jnp.abs(command)
+            instant = size > params.max_inst_dac
+            over = (size > limit) & ~instant
+            clip = over & soft
+            zeroed = instant
+            if hard is not None:
+                counter, trip = _counted(counter, instant, over & regulated, hard)
+                zeroed = zeroed | trip
+                trips.append(trip)
+            within = jnp.where(clip, jnp.where(command > 0, limit, -limit), command)
+            joints.append(jnp.where(zeroed, 0, within))
+            instants.append(instant)
+            clips.append(clip)
+            sizes.append(size)
+            spares.append(limit - size)
+        checked.append(Vec((*joints, *commands[CHECKED_JOINTS:])))
+    instant_trip, spare = _any(instants), real(setup, reduce(jnp.minimum, spares))
+    instant_spare = real(setup, params.max_inst_dac - reduce(jnp.maximum, sizes))
+    state = State(
+        counter,
+        check.update(state.instant, tick, instant_trip, instant_spare),
+        check.update(state.clip, tick, _any(clips), jnp.where(regulated, spare, np.inf)),
+        state.hard,
+    )
+    if hard is None:
+        return state, tuple(checked), instant_trip
+    hard_trip = _any(trips)
+    left = jnp.where(hard, real(setup, HARD_SAMPLES + 1 - counter), np.inf)
+    state = replace(state, hard=check.update(state.hard, tick, hard_trip, left))
+    return state, tuple(checked), instant_trip | hard_trip
+
+
+def _counted(counter: Scalar, instant: Scalar, over: Scalar, hard: Scalar) -> tuple[Scalar, Scalar]:
+    """The shared counter after one joint, and whether it trips on it; under the other policies a joint over its limit
+    resets it."""
+    counting = over & hard
+    trip = counting & (counter > HARD_SAMPLES)
+    restarted = instant | trip | (over & ~hard)
+    return jnp.where(restarted, 0, counter) + as_int(counting), trip
+
+
+def _any(flags: list[Scalar]) -> Scalar:
+    return reduce(lambda a, b: a | b, flags)

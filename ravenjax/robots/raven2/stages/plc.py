@@ -1,0 +1,145 @@
+"""The programmable logic controller between control computer and motor power. A documented assumption.
+
+No source publishes the PLC's program: start and E-stop buttons, brake relays and watchdog time-out live there. What the
+control software implies (raven2: defines.h, state_machine.cpp, update_atmel_io.cpp) and what is assumed here:
+
+- it puts a run level on its pins PS0, PS1 (bits 6 and 7 of the input byte; bits 7..6 read as a number);
+- E-STOP (0) to INIT (1) by the start button, while the watchdog lives and the E-stop button is out; it is pressed
+  automatically where `auto_start` says so, never after a trip;
+- INIT to PEDAL_UP (2) when the software reports READY; PEDAL_UP to PEDAL_DOWN (3) while the foot pedal pin is set and
+  the software is ready, back to PEDAL_UP otherwise;
+- any level to E-STOP when the watchdog pin has had no edge for longer than 1.5 of its 50 ms periods, or by the
+  E-stop button. A trip latches: a person must press start;
+- it has the output pins of each USB board: it misses the watchdog of any board, and pedal and READY count where all
+  boards say so;
+- brakes are commanded on in E-STOP and PEDAL_UP. Their relay delay belongs to the virtual robot's brakes.
+"""
+
+from __future__ import annotations
+
+import operator
+from functools import reduce
+
+import jax.numpy as jnp
+
+from ravenjax.numbers.setup import real
+from ravenjax.numbers.vec import Scalar, as_int, record
+from ravenjax.robots.raven2.run_levels import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.stages import check
+from ravenjax.stages.check import Check
+
+# Output byte of the control computer, bit numbers (raven2: defines.h).
+PIN_FP, PIN_READY, PIN_WATCHDOG = 2, 3, 4
+# Input byte: the run level occupies bits 6 and 7.
+PIN_RUNLEVEL = 6
+
+CAUSE_NONE, CAUSE_WATCHDOG, CAUSE_BUTTON = 0, 1, 2
+
+
+@record
+class Params:
+    watchdog_ticks: Scalar  # ms without an edge before the trip, int32; assumption: 1.5 periods of 50 ms
+    auto_start: Scalar  # 1: the start button is pressed by itself, 0: never; int32; assumption: 1
+    start_ticks: Scalar  # ms of living watchdog in E-STOP before it is pressed, int32; assumption: 100 (two periods)
+
+
+@record
+class State:
+    tick: Scalar  # ms since the start, int32
+    runlevel: Scalar  # 0..3, int32
+    watchdog: tuple[Scalar, ...]  # watchdog pin of each board at the last tick, int32
+    quiet_ticks: tuple[Scalar, ...]  # ms since its last edge, int32
+    alive_ticks: Scalar  # ms in E-STOP with a living watchdog, int32
+    trip_cause: Scalar  # CAUSE_* of the first trip since start was pressed, latched; int32
+    watchdog_lost: Check  # trips by the watchdog; margin: ms left before one, negative: tripped
+
+
+@record
+class Signal:
+    output_pins: tuple[Scalar, ...]  # byte that each board holds for the PLC, int32
+    estop_button: Scalar  # bool, pressed
+    start_button: Scalar  # bool, pressed
+
+
+@record
+class Out:
+    runlevel: Scalar  # run level on the pins, int32
+    brakes: Scalar  # 1: brakes commanded on, int32
+
+
+def params(setup: Setup) -> Params:
+    """The assumptions above."""
+    return Params(watchdog_ticks=75, auto_start=1, start_ticks=100)
+
+
+def init(setup: Setup, params: Params, runlevel: int = PEDAL_UP, boards: int = 1) -> State:
+    """Starts in `runlevel`: PEDAL_UP for a robot that is homed and ready, E_STOP for one just switched on.
+
+    boards: those whose pins may differ; 1 where all are written alike.
+    """
+    zero = jnp.int32(0)
+    return State(
+        tick=zero,
+        runlevel=jnp.int32(runlevel),
+        watchdog=(zero,) * boards,
+        quiet_ticks=(zero,) * boards,
+        alive_ticks=zero,
+        trip_cause=zero,
+        watchdog_lost=check.init(setup),
+    )
+
+
+def input_pins(runlevel: Scalar) -> Scalar:
+    """The byte that the control computer reads from each board, int32."""
+    return (runlevel & 3) << PIN_RUNLEVEL
+
+
+def brakes_commanded(runlevel: Scalar) -> Scalar:
+    """1 where the level holds the arm by its brakes, int32."""
+    return as_int((runlevel == E_STOP) | (runlevel == PEDAL_UP))
+
+
+def step(setup: Setup, params: Params, state: State, signal: Signal) -> tuple[State, Out]:
+    """One tick: read the software's pins, decide the run level."""
+    told = reduce(operator.and_, signal.output_pins)
+    pedal = (told >> PIN_FP) & 1
+    ready = (told >> PIN_READY) & 1
+    watchdog = tuple((pins >> PIN_WATCHDOG) & 1 for pins in signal.output_pins)
+
+    quiet_ticks = tuple(
+        jnp.where(now != before, 0, quiet + 1)
+        for now, before, quiet in zip(watchdog, state.watchdog, state.quiet_ticks, strict=True)
+    )
+    margin = params.watchdog_ticks - reduce(jnp.maximum, quiet_ticks)
+    button = signal.estop_button
+    lost = margin < 0
+    stopped = state.runlevel == E_STOP
+    may_start = stopped & ~lost & ~button
+    alive_ticks = jnp.where(may_start, state.alive_ticks + 1, 0)
+
+    untripped = state.trip_cause == CAUSE_NONE
+    pressed = signal.start_button & may_start
+    start = pressed | (untripped & (params.auto_start != 0) & (alive_ticks > params.start_ticks))
+    after_stop = jnp.where(start, INIT, E_STOP)
+    after_init = jnp.where(ready != 0, PEDAL_UP, INIT)
+    in_operation = jnp.where((pedal & ready) != 0, PEDAL_DOWN, PEDAL_UP)
+    powered = jnp.where(state.runlevel == INIT, after_init, in_operation)
+    runlevel = as_int(jnp.where(stopped, after_stop, jnp.where(lost | button, E_STOP, powered)))
+
+    watched = ~stopped & untripped
+    tripped_now = watched & (lost | button)
+    cause = jnp.where(button, CAUSE_BUTTON, CAUSE_WATCHDOG)
+    latched = jnp.where(pressed, CAUSE_NONE, state.trip_cause)
+    state = State(
+        tick=state.tick + 1,
+        runlevel=runlevel,
+        watchdog=watchdog,
+        quiet_ticks=tuple(map(as_int, quiet_ticks)),
+        alive_ticks=as_int(alive_ticks),
+        trip_cause=as_int(jnp.where(tripped_now, cause, latched)),
+        watchdog_lost=check.update(
+            state.watchdog_lost, state.tick, tripped_now & ~button, jnp.where(watched, real(setup, margin), jnp.inf)
+        ),
+    )
+    return state, Out(runlevel=runlevel, brakes=brakes_commanded(runlevel))

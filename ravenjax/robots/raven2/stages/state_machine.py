@@ -1,0 +1,106 @@
+"""State machine: run level from the PLC's pins, initialisation sublevels, soft E-stop flag.
+
+raven2: state_machine.cpp, init.cpp, rt_process_preempt.cpp. Homing is not simulated: the process starts as if it had
+completed, in cartesian mode, so sublevel 3 sets `initialized` and the PLC may go on to pedal-up. After an E-stop the
+robot passes sublevels 0, 1, 2 (11 cycles) and 3 again, as it does on the real one when its mode is cartesian.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+
+from ravenjax.numbers.vec import Scalar, as_int, record, replace
+from ravenjax.robots.raven2.run_levels import E_STOP, INIT
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.stages import check
+from ravenjax.stages.check import Check
+
+MISMATCHES = 4
+"""Cycles in which the pins must ask for another level before it is adopted; raven2: state_machine.cpp."""
+
+SETTLING_CYCLES = 11
+"""Cycles of sublevel 2; raven2: init.cpp."""
+
+
+@record
+class Params:
+    plc_obeyed: Scalar  # int32; 0: the pins are not looked at, as in the simulator builds of the 2015 fork
+
+
+@record
+class State:
+    runlevel: Scalar  # int32
+    sublevel: Scalar  # int32
+    initialized: Scalar  # int32 flag, the READY pin
+    soft_estopped: Scalar  # int32 flag: DACs are 0 and the watchdog is silent
+    mismatches: Scalar  # int32 cycles, never reset by matching ones
+    settling: Scalar  # int32 cycles spent in sublevel 2, kept when it is left early
+    estop: Check  # run level 0 entered
+    soft_estop: Check  # soft E-stop raised
+
+
+def params(setup: Setup) -> Params:
+    """raven2 follows the PLC; the simulator builds of the 2015 fork leave the state machine out."""
+    return Params(np.int32(setup.software == "raven2"))
+
+
+def init(setup: Setup, runlevel: int) -> State:
+    """A robot at `runlevel`, homed."""
+    ready = runlevel > E_STOP
+    sublevel = 3 if ready else 0
+    zero, unseen = np.int32(0), check.init(setup)
+    return State(np.int32(runlevel), np.int32(sublevel), np.int32(ready), zero, zero, zero, unseen, unseen)
+
+
+def desired_runlevel(params: Params, state: State, pins: tuple[Scalar, ...]) -> Scalar:
+    """The run level that the input pins ask for: bits 7..6 as a number, the lowest over boards."""
+    levels = [(byte >> 6) & 3 for byte in pins]
+    lowest = levels[0]
+    for level in levels[1:]:
+        lowest = jnp.minimum(lowest, level)
+    return jnp.where(params.plc_obeyed != 0, lowest, state.runlevel)
+
+
+def adopt(state: State, tick: Scalar, desired: Scalar) -> State:
+    """Adopt the desired run level on the fourth mismatching cycle, counted over all cycles since the last adoption."""
+    mismatch = desired != state.runlevel
+    count = state.mismatches + as_int(mismatch)
+    changed = mismatch & (count >= MISMATCHES)
+    stopped = changed & (desired == E_STOP)
+    running = as_int(~stopped)
+    return replace(
+        state,
+        runlevel=jnp.where(changed, desired, state.runlevel),
+        mismatches=jnp.where(changed, 0, count),
+        sublevel=state.sublevel * running,
+        initialized=state.initialized * running,
+        soft_estopped=state.soft_estopped * running,
+        estop=check.update(state.estop, tick, stopped),
+    )
+
+
+def initialise(setup: Setup, state: State) -> tuple[State, Scalar]:
+    """Advance the sublevels; also whether the desired pose follows the last measured one in this cycle (bool)."""
+    level, sub = state.runlevel, state.sublevel
+    in_init = level == INIT
+    start = in_init & (sub == 0)
+    prepare = in_init & (sub == 1)
+    settle = in_init & (sub == 2)
+    if setup.software == "fork2015":  # falls through from sublevel 0 into 1
+        start, prepare = start & False, prepare | start
+    settling = state.settling + as_int(settle)
+    settled = settling >= SETTLING_CYCLES
+    after = jnp.where(start, 1, jnp.where(prepare, 2, jnp.where(settle & settled, 3, sub)))
+    ready = jnp.where(in_init & (sub == 3), 1, jnp.where(level == E_STOP, 0, state.initialized))
+    follow = settle | (prepare & (state.initialized == 0))
+    return replace(state, sublevel=after, initialized=ready, settling=jnp.where(settled, 0, settling)), follow
+
+
+def raise_soft_estop(state: State, tick: Scalar, tripped: Scalar) -> State:
+    """Set the flag: it acts on the watchdog at once, on the DACs from the next cycle, until run level 0 is entered."""
+    return replace(
+        state,
+        soft_estopped=state.soft_estopped | as_int(tripped),
+        soft_estop=check.update(state.soft_estop, tick, tripped),
+    )

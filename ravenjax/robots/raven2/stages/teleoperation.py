@@ -1,0 +1,149 @@
+"""Teleoperation: the accumulator between packets and the desired pose (raven2: local_io.cpp, mapping.cpp).
+
+Increments add up here at every run level; the device takes the sum over in pedal-down whenever the update flag is set.
+Whenever the desired pose is set by something else (pedal up, joint limit, initialisation), the accumulator's origin is
+reset to it, so the console slips instead of jumping.
+"""
+
+from __future__ import annotations
+
+import math
+
+import jax.numpy as jnp
+import numpy as np
+
+from ravenjax.numbers.setup import narrow, per_arm, real, wide
+from ravenjax.numbers.vec import INT32_MIN, Scalar, Vec, as_int, record, replace, where
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.console.packet import Packet
+from ravenjax.robots.raven2.geometry import mapping
+from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
+from ravenjax.robots.raven2.original.evaluation import evaluation
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.stages import check
+from ravenjax.stages.check import Check
+
+GRASP_RESET_MRAD = 785
+"""The accumulated opening is only reset when it is more than 45 deg = 785.4 mrad off; raven2: local_io.cpp."""
+
+NO_PACKET_SEQUENCE = 111
+"""last_seq before the first packet; raven2: local_io.cpp."""
+
+
+@record
+class Params:
+    grasp_gain: Scalar  # int32, mrad of opening per mrad of the packet; raven2: local_io.cpp
+    grasp_min_mrad: Scalar  # int32 mrad
+    grasp_max_mrad: Scalar  # int32 mrad
+    timeout_ticks: Scalar  # int32 cycles without an update after which the pedal counts as up; raven2: local_io.cpp
+
+
+@record
+class Accumulator:
+    """What one arm is asked to do."""
+
+    pose: StoredPose
+    quaternion: Vec  # (x, y, z, w), orientation in the wide type, never re-normalised
+
+
+@record
+class State:
+    arms: tuple[Accumulator, ...]
+    updated: Scalar  # int32 flag: the accumulator changed since the device last looked
+    age_ticks: Scalar  # int32 cycles since the last update
+    surgeon_mode: Scalar  # int32, 1 engaged
+    last_seq: Scalar  # int32, of the last accepted packet
+    timeout: Check  # margin: cycles left
+
+
+def params(setup: Setup) -> Params:
+    """raven2: gain 1, -10..90 deg; 2015 fork: gain 2, -30..90 deg."""
+    gain, lowest_deg = (1, -10.0) if setup.software == "raven2" else (2, -30.0)
+    lowest, highest = (int(math.radians(deg) * 1000.0) for deg in (lowest_deg, 90.0))
+    return Params(np.int32(gain), np.int32(lowest), np.int32(highest), np.int32(5000))
+
+
+def init(setup: Setup, poses: tuple[StoredPose, ...]) -> State:
+    """The accumulators at `poses`, no packet received."""
+    return State(
+        per_arm(setup, lambda i, _: Accumulator(poses[i], _quaternion(setup, poses[i]))),
+        updated=np.int32(0),
+        age_ticks=np.int32(-1),  # the first cycle starts the clock
+        surgeon_mode=np.int32(0),
+        last_seq=np.int32(NO_PACKET_SEQUENCE),
+        timeout=check.init(setup),
+    )
+
+
+def _quaternion(setup: Setup, pose: StoredPose) -> Vec:
+    return evaluation(setup).quat_from_matrix(wide(setup, pose.rotation))
+
+
+def accumulate(setup: Setup, params: Params, state: State, accepted: Scalar, packet: Packet) -> State:
+    """Take over an accepted packet: add its increments, or its poses where the console sends absolute ones."""
+    take = _taken_absolute if setup.console == "absolute" else _added
+    taken = per_arm(setup, lambda i, arm: take(setup, arm, params, state.arms[i], packet, i))
+    return replace(
+        state,
+        arms=where(accepted, taken, state.arms),
+        updated=state.updated | as_int(accepted),
+        surgeon_mode=jnp.where(accepted, packet.surgeon_mode, state.surgeon_mode),
+        last_seq=jnp.where(accepted, packet.sequence, state.last_seq),
+    )
+
+
+def _added(setup: Setup, arm: ArmName, params: Params, old: Accumulator, packet: Packet, i: int) -> Accumulator:
+    increment = mapping.rotation_from_itp(arm, mapping.matrix_from_quat(wide(setup, packet.quat[i])))
+    # The original conjugates a homogeneous transform: a row of NaN makes its translation NaN, cast to INT32_MIN.
+    moves = mapping.position_from_itp(arm, packet.delta[i])
+    moves = moves.map(lambda p, row: jnp.where((row[0] + row[1] + row[2]) * 0.0 == 0.0, p, INT32_MIN), increment)
+    quaternion = mapping.quat_mul(evaluation(setup).quat_from_matrix(increment), old.quaternion)
+    opening = old.pose.grasp_mrad - params.grasp_gain * packet.grasp[i]
+    opening = jnp.where(
+        opening > params.grasp_max_mrad,
+        params.grasp_max_mrad,
+        jnp.where(opening < params.grasp_min_mrad, params.grasp_min_mrad, opening),
+    )
+    rotation = narrow(setup, mapping.matrix_from_quat(quaternion))
+    return Accumulator(StoredPose(old.pose.position_um + moves, rotation, opening), quaternion)
+
+
+def _taken_absolute(
+    setup: Setup, arm: ArmName, params: Params, old: Accumulator, packet: Packet, i: int
+) -> Accumulator:
+    rotation = narrow(setup, mapping.matrix_from_quat(wide(setup, packet.quat[i])))
+    return Accumulator(StoredPose(packet.delta[i], rotation, packet.grasp[i]), old.quaternion)
+
+
+def hand_over(
+    setup: Setup, params: Params, state: State, tick: Scalar, pedal_down: Scalar, desired: tuple[StoredPose, ...]
+) -> tuple[State, tuple[StoredPose, ...]]:
+    """Once a cycle: the master timeout, then the device's desired poses (the sum, in pedal-down, if it was updated)."""
+    fresh = state.updated != 0
+    age = jnp.where(fresh, 0, state.age_ticks + 1)
+    engaged = state.surgeon_mode != 0
+    silent = ~fresh & engaged & (age > params.timeout_ticks)
+    take = (fresh | silent) & pedal_down
+    margin = jnp.where(engaged, real(setup, params.timeout_ticks - age), np.inf)
+    desired = per_arm(setup, lambda i, _: where(take, state.arms[i].pose, desired[i]))
+    state = replace(
+        state,
+        updated=state.updated & 0,
+        age_ticks=jnp.where(silent, 0, age),
+        surgeon_mode=jnp.where(silent, 0, state.surgeon_mode),
+        timeout=check.update(state.timeout, tick, silent, margin),
+    )
+    return state, desired
+
+
+def reset_origin(setup: Setup, state: State, reset: Scalar, desired: tuple[StoredPose, ...]) -> State:
+    """Where `reset`, restart every arm's accumulator from the desired pose; this counts as an update."""
+
+    def restarted(i: int, _: ArmName) -> Accumulator:
+        old, new = state.arms[i], desired[i]
+        far = jnp.abs(old.pose.grasp_mrad - new.grasp_mrad) > GRASP_RESET_MRAD
+        opening = jnp.where(far, new.grasp_mrad, old.pose.grasp_mrad)
+        fresh = Accumulator(StoredPose(new.position_um, new.rotation, opening), _quaternion(setup, new))
+        return where(reset, fresh, old)
+
+    return replace(state, arms=per_arm(setup, restarted), updated=state.updated | as_int(reset))

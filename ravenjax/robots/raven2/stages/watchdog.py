@@ -1,0 +1,35 @@
+"""Output pins and watchdog square wave to the PLC (raven2: update_atmel_io.cpp, defines.h)."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+
+from ravenjax.numbers.vec import Scalar, as_int, record
+from ravenjax.robots.raven2.setup import Setup
+
+HIGH_CYCLES, PERIOD_CYCLES = 25, 50
+FP, READY, WD = 2, 3, 4
+"""Bits of the output byte after the two of the run level; raven2: defines.h."""
+
+
+@record
+class State:
+    counter: Scalar  # int32 cycles, also counts while the wave is off
+
+
+def init(setup: Setup) -> State:
+    """Start of a high phase (its first one is 26 cycles long)."""
+    return State(np.int32(0))
+
+
+def step(
+    state: State, soft_estopped: Scalar, runlevel: Scalar, surgeon_mode: Scalar, initialized: Scalar
+) -> tuple[State, Scalar]:
+    """One cycle; returns the state and the output byte (int32)."""
+    silent = soft_estopped != 0
+    restart = ~silent & (state.counter >= PERIOD_CYCLES)
+    high = ~silent & (state.counter <= HIGH_CYCLES)
+    pedal = (runlevel > 1) & (surgeon_mode != 0)
+    pins = (runlevel & 3) | (as_int(pedal) << FP) | (initialized << READY) | (as_int(high) << WD)
+    return State(jnp.where(restart, 0, state.counter) + 1), pins

@@ -1,0 +1,51 @@
+"""What a robot declares of itself, without JAX: what a campaign file may name, and what a result table calls it.
+
+Everything else of a robot (its tick, its sections of a campaign file, its time series) is code, and is imported from
+its package only where it is needed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+from collections.abc import Mapping
+from types import ModuleType
+
+from ravenjax.vocabulary.checks import Check
+from ravenjax.vocabulary.sites import Site
+
+OTHER_LAYER = "other"
+"""Layer of a site that a robot does not declare."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Robot:
+    """One kind of robot."""
+
+    name: str  # as `[campaign] robot` takes it
+    title: str  # in words
+    package: str  # dotted name of the module, or package, that holds its code: `part` looks there
+    arms: tuple[str, ...]  # every one it can have, in mechanism order
+    joints: tuple[str, ...]  # of each arm, in order
+    linear: tuple[str, ...]  # those of the joints that slide
+    sites: Mapping[str, Site]  # in the order of its tick
+    layers: Mapping[str, str]  # code of a site's layer -> its name, in order
+    checks: Mapping[str, Check]  # in the order of its loop
+    run_levels: tuple[str, ...]  # by number
+
+    def check(self, name: str) -> Check:
+        """A check by name; one that this version does not know flags."""
+        return self.checks.get(name, Check(name, "1", "built-in check", "flag"))
+
+    def layer(self, site: str) -> str:
+        """A site's layer in words: usb_out -> "USB out, motors"; "other" for a site that it does not declare."""
+        return self.layers[self.sites[site].layer] if site in self.sites else OTHER_LAYER
+
+    def run_level(self, level: int) -> str:
+        """A run level in words; of a number that is none, the number."""
+        return self.run_levels[level] if 0 <= level < len(self.run_levels) else str(level)
+
+    def part(self, name: str) -> ModuleType:
+        """A part of its code: the module `name` of its package, or the package itself where that has none."""
+        whole = importlib.import_module(self.package)
+        return importlib.import_module(f"{self.package}.{name}") if hasattr(whole, "__path__") else whole
