@@ -20,7 +20,6 @@ from ravenjax.campaign.progress.counts import Progress
 from ravenjax.campaign.stretches import Stretch
 from ravenjax.campaign.twins import Computed, Twins
 from ravenjax.engines.interface import Block, Engine
-from ravenjax.robots.raven2.loop import tick
 
 TWIN_BYTES = 2**30
 """Memory that the time series of a stretch's twins may take; two stretches may be under way."""
@@ -68,7 +67,8 @@ class Computation:
         Close it to give up what is under way.
         """
         setup = self.ready.program.setup
-        a_twin = self.ready.program.ticks * tick.series_length(setup) * np.dtype(setup.precision.real).itemsize
+        program = self.ready.program
+        a_twin = program.ticks * program.loop.series_length(setup) * np.dtype(setup.precision.real).itemsize
         most_twins = max(1, TWIN_BYTES // a_twin)
         ahead = AHEAD * self.threads
         under_way: deque[Future[tuple[Columns, Columns]]] = deque()

@@ -110,7 +110,7 @@ def make(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
     return Plan(
         config=config,
         table=rows,
-        program=TickProgram(setup, params, tuple(values), config.campaign.ticks),
+        program=TickProgram(tick, setup, params, tuple(values), config.campaign.ticks),
         motion=motion,
         operator=None if replay is None else _scaled(replay, varied.get(SCALE)),
         columns=tuple(np.ascontiguousarray(column) for column in motion.table().T),

@@ -18,12 +18,45 @@ Progress = Callable[[int], None]
 """Called with the number of ticks just finished, all lanes of a block together."""
 
 
+class Loop(Protocol):
+    """A robot's tick, its beginning and its end: all that an engine knows of a robot.
+
+    `setup` is the robot's own, `params`, `state` and `signals` are records of single numbers, `faults` is
+    `ravenjax.faults.fault.Faults`; see `ravenjax.robots` for what a robot is.
+    """
+
+    __name__: str
+
+    def init(self, setup: Any, params: Any) -> Any:
+        """The state before the first tick."""
+        ...
+
+    def advance(
+        self, setup: Any, params: Any, faults: Any, state: Any, now: Any, motion: Any, golden: Any
+    ) -> tuple[Any, tuple[Any, ...], Any]:
+        """One millisecond: the new state, the own series, and every signal.
+
+        now: int32, ticks since the run began. motion: columns of the operator's motion, each a 1-D array. golden: the
+        series of the golden run in this tick, as `advance` returned it there.
+        """
+        ...
+
+    def series_length(self, setup: Any) -> int:
+        """How many numbers the series has."""
+        ...
+
+    def outcomes(self, setup: Any, params: Any, state: Any) -> dict[str, Any]:
+        """What became of the run so far: columns of the result table before the verdict."""
+        ...
+
+
 @dataclasses.dataclass(frozen=True)
 class TickProgram:
     """What a campaign's kernel is made of; everything here picks code."""
 
-    setup: Setup
-    params: Any  # tick.Params of plain numbers: what all runs share
+    loop: Loop
+    setup: Setup  # the robot's own
+    params: Any  # the robot's parameters, plain numbers: what all runs share
     varied: tuple[str, ...]  # paths of the parameters that differ between runs
     ticks: int  # length of a run
 
@@ -33,7 +66,7 @@ class Block:
     """The inputs of one block, NumPy arrays with one entry a lane."""
 
     varied: Mapping[str, np.ndarray]  # path -> [lanes]
-    faults: Any  # stages.faults.Faults of arrays [lanes]
+    faults: Any  # faults.fault.Faults of arrays [lanes]
     reference: np.ndarray | None  # [ticks, series, twins] of the golden runs; None: this is a block of twins
     twin: np.ndarray | None = None  # int [lanes], which twin is a lane's; None: as many twins as lanes, in their order
 
@@ -104,7 +137,7 @@ class SignalKernel(Protocol):
         ...
 
     def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[Result, Any]:
-        """As `run`, and every signal of the first lane: `tick.Signals` of [ticks]."""
+        """As `run`, and every signal of the first lane: a record of [ticks]."""
         ...
 
 
@@ -115,7 +148,7 @@ class Tracer:
     kernel: SignalKernel
 
     def run(self, twin: Block, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[Result, Result, Any]:
-        """Results of `twin` and of `block`, and every signal of the block's first lane: `tick.Signals` of [ticks].
+        """Results of `twin` and of `block`, and every signal of the block's first lane: a record of [ticks].
 
         `twin` is the same block without faults.
         """

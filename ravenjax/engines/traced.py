@@ -26,7 +26,6 @@ from ravenjax.ir.builder import contract
 from ravenjax.ir.time_loop import TimeLoop
 from ravenjax.numbers import paths
 from ravenjax.numbers.setup import Setup
-from ravenjax.robots.raven2.loop import tick
 
 KEPT = 4
 """Programs whose code is kept, up to 20 MB each."""
@@ -97,7 +96,7 @@ def forms(program: TickProgram, block: Block, motion: Sequence[np.ndarray]) -> F
         jax.tree.map(lambda leaf: np.zeros(0, np.asarray(leaf).dtype), block.faults),
         None,
     )
-    decides = setup, program.params, program.varied, none, [(c.shape, c.dtype.str) for c in shapes]
+    decides = program.loop.__name__, setup, program.params, program.varied, none, [(c.shape, c.dtype.str) for c in shapes]
     with _TRACING:
         return _forms(_Asked(hashlib.sha256(pickle.dumps(decides)).digest(), program, none, shapes))
 
@@ -144,22 +143,20 @@ def jaxprs(
     program: TickProgram, block: Block, motion: Sequence[np.ndarray | jax.ShapeDtypeStruct]
 ) -> tuple[list[core.ClosedJaxpr], TracedTick]:
     """The three closed jaxprs of `trace`, and what their results are (its loop is empty)."""
-    setup, number = program.setup, jax.ShapeDtypeStruct
+    loop, setup, number = program.loop, program.setup, jax.ShapeDtypeStruct
     real = np.dtype(setup.precision.real)
     varied = [number((), np.asarray(block.varied[path]).dtype) for path in program.varied]
     faults = jax.tree.map(lambda leaf: number((), np.asarray(leaf).dtype), block.faults)
-    length = tick.series_length(setup)
+    length = loop.series_length(setup)
 
     def begin(varied: Any, faults: Any) -> Any:
-        return tick.init(setup, params(program, varied))
+        return loop.init(setup, params(program, varied))
 
     def step(varied: Any, faults: Any, state: Any, now: Any, reference: Any, motion: Any) -> Any:
-        signal = tick.Input(now, motion, tick.reference_from(setup, reference))
-        new, signals = tick.tick(setup, params(program, varied), faults, state, signal)
-        return new, tick.reference_series(setup, signals), signals
+        return loop.advance(setup, params(program, varied), faults, state, now, motion, reference)
 
     def finish(varied: Any, faults: Any, state: Any) -> Any:
-        return tick.outcomes(setup, params(program, varied), state)
+        return loop.outcomes(setup, params(program, varied), state)
 
     with x64(setup):
         first, state = jax.make_jaxpr(begin, return_shape=True)(varied, faults)

@@ -21,7 +21,6 @@ from jax import lax
 from ravenjax.engines import traced
 from ravenjax.engines.interface import Block, Progress, Result, TickProgram, Tracer
 from ravenjax.numbers.vec import where
-from ravenjax.robots.raven2.loop import tick
 
 MAX_SEGMENT = 1000
 """Ticks of a segment, at most."""
@@ -43,7 +42,7 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
     segment(varied, faults, state, first tick, reference [length, series, lanes], motion) returns the state, the
     outcomes so far, the reference series [length, series, lanes] and, if kept, every signal of the first lane [length].
     """
-    setup = program.setup
+    loop, setup = program.loop, program.setup
     frozen = program.ticks % length != 0  # the last segment overshoots the run
 
     def params_of(varied: Any) -> Any:
@@ -51,17 +50,16 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
 
     def advance(varied: Any, faults: Any, state: Any, now: Any, reference: Any, motion: Any) -> Any:
         params = params_of(varied)
-        signal = tick.Input(now, motion, tick.reference_from(setup, reference))
-        new, signals = tick.tick(setup, params, faults, state, signal)
+        new, series, signals = loop.advance(setup, params, faults, state, now, motion, reference)
         if frozen:
             new = where(now < program.ticks, new, state)
-        return new, tick.reference_series(setup, signals), signals if keep_signals else ()
+        return new, series, signals if keep_signals else ()
 
     def begin(varied: Any) -> Any:
-        return tick.init(setup, params_of(varied))
+        return loop.init(setup, params_of(varied))
 
     def finish(varied: Any, state: Any) -> Any:
-        return tick.outcomes(setup, params_of(varied), state)
+        return loop.outcomes(setup, params_of(varied), state)
 
     def segment(varied: Any, faults: Any, state: Any, first: Any, reference: Any, motion: Any) -> Any:
         fresh = jax.vmap(begin, axis_size=reference.shape[2])(varied)
@@ -88,7 +86,7 @@ class ScanKernel:
     def __init__(self, program: TickProgram, lanes: int, keep_signals: bool = False) -> None:
         self.program, self.lanes, self.keep_signals = program, lanes, keep_signals
         self.length = segment_ticks(program.ticks)
-        self.series = tick.series_length(program.setup)
+        self.series = program.loop.series_length(program.setup)
         self.dtype = np.dtype(program.setup.precision.real)
         self.segment, self.shapes = _segment_function(program, self.length, keep_signals)
         self._compiled: Any = None

@@ -382,6 +382,20 @@ def reference(setup: Setup, signal: Input, tips: tuple[Vec, ...], signals: contr
     return jax.tree.map(lambda there, here: jnp.where(signal.apart, there, real(setup, here)), twin, own)
 
 
+def advance(
+    setup: Setup,
+    params: Params,
+    faults: fault.Faults,
+    state: State,
+    now: Scalar,
+    motion: tuple[Any, ...],
+    golden: tuple[Scalar, ...],
+) -> tuple[State, tuple[Scalar, ...], Signals]:
+    """See `ravenjax.engines.interface.Loop`."""
+    state, signals = tick(setup, params, faults, state, Input(now, motion, reference_from(setup, golden)))
+    return state, reference_series(setup, signals), signals
+
+
 def series_length(setup: Setup) -> int:
     """How many numbers `reference_series` has."""
     return 6 * len(setup.arms)
