@@ -26,7 +26,6 @@ from ravenjax.campaign.progress.file import ProgressFile
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Engine
 from ravenjax.errors import UserError
-from ravenjax.robots.raven2 import ROBOT
 from ravenjax.store import files, manifest, parts, schema
 from ravenjax.store.access import lock
 from ravenjax.store.access.results import Results
@@ -179,10 +178,12 @@ def shape_of(ready: Plan) -> schema.Shape:
     """Which repeated columns a plan's result table has."""
     setup = ready.program.setup
     return schema.Shape(
+        robot=ready.config.robot.name,
         arms=setup.arms,
+        joints=setup.joints,
         slots=setup.injection.slots,
         cues=setup.cues,
-        checks=tuple(ROBOT.checks),
+        checks=tuple(ready.config.robot.checks),
         parameters=tuple(table.parameters(ready.table)),
         reacts=setup.reacts,
         detectors=tuple(use.levels for use in setup.detectors),

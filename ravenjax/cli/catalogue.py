@@ -66,12 +66,12 @@ def faults(word: str | None = None, *, as_json: AsJson = False) -> None:
 def _faults(word: str | None) -> Iterator[Listing]:
     from ravenjax.errors import UserError, suggestion
     from ravenjax.hazards import library, listing
-    from ravenjax.robots.raven2.sites import SITES
+    from ravenjax.robots.raven2 import ROBOT
     from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
 
     every: dict[str, Callable[[], Listing]] = {
         "layers": lambda: Listing("layers", "Layers of the loop", listing.LAYER_COLUMNS, listing.layers()),
-        "sites": lambda: _sites("Sites, in the robot's order; `ravenjax faults SITE` shows one", list(SITES)),
+        "sites": lambda: _sites("Sites, in the robot's order; `ravenjax faults SITE` shows one", list(ROBOT.sites)),
         "effects": lambda: Listing(
             "effects", "Effects", ("effect", "meaning"), [effect[:2] for effect in EFFECTS.values()]
         ),
@@ -91,16 +91,18 @@ def _faults(word: str | None) -> Iterator[Listing]:
     elif word in every:
         yield every[word]()
     elif word in library.layers():
-        yield _sites(f"{word}, {library.layers()[word]}: sites", [s.name for s in SITES.values() if s.layer == word])
+        yield _sites(
+            f"{word}, {library.layers()[word]}: sites", [s.name for s in ROBOT.sites.values() if s.layer == word]
+        )
         yield Listing("hazards", f"{word}: hazards", listing.COLUMNS, listing.table(listing.of_layer(word)))
-    elif word in SITES:
+    elif word in ROBOT.sites:
         yield from _site(word)
     elif word in EFFECTS:
         yield from _effect(word)
     else:
         ids = [row.id for row in library.rows()]
         if word not in ids:
-            known = [*every, *library.layers(), *SITES, *EFFECTS, *ids]
+            known = [*every, *library.layers(), *ROBOT.sites, *EFFECTS, *ids]
             raise UserError(
                 f"unknown word {word!r}, expected a layer (L1 to L10), a site, an effect, the id of a hazard, or one "
                 f"of {', '.join(every)}{suggestion(word, known)}"
@@ -109,10 +111,10 @@ def _faults(word: str | None) -> Iterator[Listing]:
 
 
 def _sites(title: str, names: Sequence[str]) -> Listing:
-    from ravenjax.robots.raven2.sites import SITES
+    from ravenjax.robots.raven2 import ROBOT
 
     rows = []
-    for site in (SITES[name] for name in names):
+    for site in (ROBOT.sites[name] for name in names):
         kinds: dict[str, list[str]] = {}
         for channel in site.channels:
             kinds.setdefault(f"{channel.kind} {channel.unit}", []).append(channel.name)
@@ -124,24 +126,24 @@ def _sites(title: str, names: Sequence[str]) -> Listing:
 def _site(name: str) -> Iterator[Listing]:
     from ravenjax.campaign.inspection import site_sheet
     from ravenjax.hazards import library, listing
-    from ravenjax.robots.raven2.sites import SITES
+    from ravenjax.robots.raven2 import ROBOT
 
-    site = SITES[name]
+    site = ROBOT.sites[name]
     arms = "on each arm: with both, write arm" if site.per_arm else "of no arm"
     about = [("layer", f"{site.layer}: {library.layers()[site.layer]}"), ("where", site.where), ("arm", arms)]
     yield Listing("site", f"Site {name}", ("what", "is"), about)
-    yield Listing("channels", "Channels", site_sheet.CHANNEL_COLUMNS, site_sheet.channels(site))
+    yield Listing("channels", "Channels", site_sheet.CHANNEL_COLUMNS, site_sheet.channels(ROBOT, site))
     yield Listing("effects", "Effects that it takes", site_sheet.EFFECT_COLUMNS, site_sheet.effects(site))
     yield Listing("hazards", "Hazards that strike it", listing.COLUMNS, listing.table(listing.of_site(name)))
 
 
 def _effect(name: str) -> Iterator[Listing]:
     from ravenjax.campaign.inspection import site_sheet
-    from ravenjax.robots.raven2.sites import SITES
+    from ravenjax.robots.raven2 import ROBOT
     from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS
 
     yield Listing("effect", f"Effect {name}", ("what", "is"), [("meaning", EFFECTS[name].meaning)])
-    sites = [site for site in SITES.values() if name not in NETWORK_EFFECTS or site.name == "network"]
+    sites = [site for site in ROBOT.sites.values() if name not in NETWORK_EFFECTS or site.name == "network"]
     yield Listing(
         "values", "Its value", ("site", "may be"), [(site.name, site_sheet.values(site, name)) for site in sites]
     )

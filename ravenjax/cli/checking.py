@@ -98,9 +98,7 @@ def _summary(view: Preview) -> Iterator[tuple[str, str]]:
     if view.copies:
         yield "copies", f"{view.copies} runs have every input of an earlier one: they come out the same"
     yield "length", f"{campaign.duration_s:g} s each, {campaign.ticks} ticks of 1 ms"
-    noise = ", with noise" if campaign.noise else ""
-    yield "robot", f"{campaign.software}, {' and '.join(campaign.arms)} arm{'s' * (len(campaign.arms) > 1)}{noise}"
-    yield "operator", _operator(config)
+    yield from config.lines()
     yield "cue", _cues(config)
     yield "detectors", _detectors(config)
     if config.stop is not None:
@@ -113,13 +111,6 @@ def _summary(view: Preview) -> Iterator[tuple[str, str]]:
     yield "memory", f"{cost.memory_mib:.0f} MiB" if cost.memory_mib < 2000 else f"{cost.memory_mib / 1024:.1f} GiB"
     yield "by", view.basis
     yield "results", f"{view.folder}: {view.state}"
-
-
-def _operator(config: Any) -> str:
-    operator = config.operator
-    what = f"{operator.file}, recorded" if operator.file is not None else f"{operator.label}, generated"
-    reaction = "" if config.reaction is None else f"; reacts to the cue: {config.reaction.action}"
-    return f"{what}; scale {operator.scale:g}{reaction}"
 
 
 def _cues(config: Any) -> str:

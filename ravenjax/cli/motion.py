@@ -38,12 +38,12 @@ def motion(
     file
         Recorded tip positions: .parquet, .csv or .mcap.
     """
-    from ravenjax.campaign import plan
     from ravenjax.errors import UserError
+    from ravenjax.robots.raven2.campaign import hands
     from ravenjax.store.motion import reach, recording, replay
 
     config, whole = _config(file, campaign, arms, overrides or [])
-    ticks, bounds = None if whole else config.campaign.ticks, plan.operator_bounds(config)
+    ticks, bounds = None if whole else config.campaign.ticks, hands.operator_bounds(config)
     options, scale = config.operator.options, config.operator.scale
     try:
         one = replay.replay(file, config.campaign.arms, options, ticks, scale, bounds)
@@ -63,9 +63,9 @@ def show_operator(config: CampaignConfig, to: Console) -> None:
     """Print what becomes of a campaign's recorded operator, where it has one. UserError where it cannot be used."""
     if config.operator.file is None:
         return
-    from ravenjax.campaign import plan
+    from ravenjax.robots.raven2.campaign import hands
 
-    if (one := plan.operator_replay(config)) is not None:
+    if (one := hands.operator_replay(config)) is not None:
         _table(one.summary, to)
 
 

@@ -29,9 +29,10 @@ def reference(
             console.out.print(f"wrote {pages / name}", highlight=False, soft_wrap=True)
         return
     from ravenjax.campaign.inspection import reference as text
+    from ravenjax.robots.raven2 import ROBOT
 
     if out is None:
-        print(text.page(), end="")
+        print(text.page(ROBOT), end="")
         return
-    files.write_aside(out, lambda target: target.write_text(text.page(), encoding="utf-8"))
+    files.write_aside(out, lambda target: target.write_text(text.page(ROBOT), encoding="utf-8"))
     console.out.print(f"wrote {out}", highlight=False, soft_wrap=True)

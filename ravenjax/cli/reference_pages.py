@@ -61,8 +61,8 @@ def _searches() -> Iterator[str]:
 
 
 def _scenarios() -> Iterator[str]:
-    from ravenjax.campaign.file.config import Start
     from ravenjax.campaign.file.group import Fault
+    from ravenjax.robots.raven2.campaign.config import Start
     from ravenjax.trainer.scenario.config import TASKS, Cue, Entry, Harm, Robot, Scenario, Speeds
 
     yield "# Training scenarios"
@@ -85,9 +85,10 @@ def _scenarios() -> Iterator[str]:
 
 def _keys(model: type[BaseModel]) -> Iterator[str]:
     from ravenjax.campaign.inspection import reference
+    from ravenjax.robots.raven2.campaign.config import RavenConfig
 
     yield reference.sentence(model)
-    yield markdown_table(reference.COLUMNS, reference.keys(model))
+    yield markdown_table(reference.COLUMNS, reference.keys(model, RavenConfig.ranges()))
 
 
 def _parameters() -> Iterator[str]:

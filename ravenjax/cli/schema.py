@@ -37,14 +37,17 @@ def schema(
 
 
 def _schema(kind: str) -> dict[str, object]:
+    from ravenjax import robots
+
+    robot = robots.find(robots.DEFAULT)
     if kind == "search":
         from ravenjax.search import json_schema
 
-        return json_schema.schema()
+        return json_schema.schema(robot)
     if kind == "scenario":
         from ravenjax.trainer.scenario import json_schema
 
         return json_schema.schema()
     from ravenjax.campaign.inspection import json_schema
 
-    return json_schema.schema()
+    return json_schema.schema(robot)

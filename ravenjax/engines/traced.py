@@ -96,7 +96,14 @@ def forms(program: TickProgram, block: Block, motion: Sequence[np.ndarray]) -> F
         jax.tree.map(lambda leaf: np.zeros(0, np.asarray(leaf).dtype), block.faults),
         None,
     )
-    decides = program.loop.__name__, setup, program.params, program.varied, none, [(c.shape, c.dtype.str) for c in shapes]
+    decides = (
+        program.loop.__name__,
+        setup,
+        program.params,
+        program.varied,
+        none,
+        [(c.shape, c.dtype.str) for c in shapes],
+    )
     with _TRACING:
         return _forms(_Asked(hashlib.sha256(pickle.dumps(decides)).digest(), program, none, shapes))
 

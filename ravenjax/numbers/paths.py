@@ -97,6 +97,17 @@ def components(joints: tuple[str, ...]) -> frozenset[str]:
     return frozenset((*joints, *_AXES))
 
 
+def plain(path: str, arms: tuple[str, ...], joints: tuple[str, ...]) -> str:
+    """A parameter's path without arm, number of a set, joint or axis."""
+    parts = [part for part in shorten(path, arms).split(".") if not part.isdecimal()]
+    return ".".join(parts[:-1] if parts[-1:] and parts[-1] in components(joints) else parts)
+
+
+def first_component(length: int, joints: tuple[str, ...]) -> str:
+    """Name of the first number of a vector of that length; "" where no vector has it."""
+    return _AXES[0] if length == len(_AXES) else joints[0] if 3 < length <= len(joints) else ""
+
+
 def named(node: Any, setup: Setup, path: str) -> dict[str, Scalar]:
     """Full path -> value of each number that `path` names, in order. KeyError if it names none."""
     marked = leaves(assign(node, setup, path, _Mark()), setup)

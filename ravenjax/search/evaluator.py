@@ -152,8 +152,8 @@ class Evaluator:
     def _planned(self, rows: pd.DataFrame) -> Plan:
         """The template's plan with other rows; those that share a twin stand together, so that it is computed once."""
         base, given = self._plan, table.parameters(rows)
-        if base.program.setup.noise:
-            given[plan.NOISE_KEY] = run_id.stream(rows["run_id"].to_numpy(), "noise")
+        if base.noise_key:
+            given[base.noise_key] = run_id.stream(rows["run_id"].to_numpy(), "noise")
         varied = {path: given[path].astype(values.dtype) for path, values in base.varied.items()}
         twin = np.zeros(len(rows), np.int32)
         if varied:

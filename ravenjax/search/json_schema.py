@@ -6,11 +6,12 @@ from typing import Any
 
 from ravenjax.campaign.inspection import json_schema
 from ravenjax.search.config import KINDS
+from ravenjax.vocabulary.robot import Robot
 
 
-def schema() -> dict[str, Any]:
+def schema(robot: Robot) -> dict[str, Any]:
     """JSON Schema of a search file."""
-    found: dict[str, Any] = {**json_schema.schema(), "title": "ravenjax search"}
+    found: dict[str, Any] = {**json_schema.schema(robot), "title": "ravenjax search"}
     for name, model in KINDS.items():
         table = model.model_json_schema(ref_template="#/$defs/{model}")
         json_schema.tidy(table)

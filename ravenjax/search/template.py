@@ -14,16 +14,16 @@ import numpy as np
 
 from ravenjax.campaign.faults import sampling
 from ravenjax.campaign.faults.sampling import Key
-from ravenjax.campaign.faults.slot import FIELDS, WORDS
+from ravenjax.campaign.faults.slot import FIELDS
+from ravenjax.campaign.faults.table import WORDS
 from ravenjax.campaign.file.axis import Axis, fixed
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import UNTIL_END, Fault
 from ravenjax.campaign.file.semantics import ALL, Complaint
-from ravenjax.robots.raven2.sites import SITES
 from ravenjax.search.config import Boundary, Search
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS, WITHOUT_VALUE
 from ravenjax.vocabulary.legal import legal
-from ravenjax.vocabulary.sites import Channel
+from ravenjax.vocabulary.sites import Channel, Site
 
 PARAMETER = -1
 """Stands for the fault slot in the key of a parameter's axis."""
@@ -38,14 +38,14 @@ def axes(config: CampaignConfig) -> dict[Key, Axis]:
         for name in FIELDS:
             axis = getattr(fault, name) if name != "site" else None
             if name == "channel":
-                axis = _channels(fault)
+                axis = _channels(config.robot.sites[fault.site], fault)
             if isinstance(axis, Axis):
                 found[f, name] = axis
     return found | {(PARAMETER, path): axis for path, axis in {**config.parameters, **group.parameters}.items()}
 
 
-def _channels(fault: Fault) -> Axis:
-    names = tuple(channel.name for channel in SITES[fault.site].channels)
+def _channels(site: Site, fault: Fault) -> Axis:
+    names = tuple(channel.name for channel in site.channels)
     if fault.channel is None:
         return fixed(names[0] if len(names) == 1 else "")
     return Axis(kind="list", values=names) if fault.channel.listed == (ALL,) else fault.channel
@@ -201,7 +201,7 @@ class Template:
 
     def _aim(self, slot: int, case: int) -> tuple[Channel | None, str]:
         """The channel that a slot's fault acts on, and its effect."""
-        site = SITES[self.config.group[0].fault[slot].site]
+        site = self.config.robot.sites[self.config.group[0].fault[slot].site]
         effect = str(self._values[slot, "effect"][case])
         name = NETWORK_EFFECTS[effect][0] if effect in NETWORK_EFFECTS else self._values[slot, "channel"][case]
         return next((channel for channel in site.channels if channel.name == name), None), effect

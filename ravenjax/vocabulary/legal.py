@@ -12,16 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ravenjax.vocabulary.effects import EFFECTS
-from ravenjax.vocabulary.sites import BITS, Channel
+from ravenjax.vocabulary.sites import BITS, Channel, Site
 
 WORD = (-(2**15), 2**15 - 1)
 """What a 16-bit word holds, of a DAC command."""
 
 COUNTER = (-(2**23), 2**23 - 1)
 """What a 24-bit word holds, of an encoder."""
-
-USB_SITE = "usb_out"
-"""The site whose words `campaign.dac_words` is about."""
 
 
 class Legal(NamedTuple):
@@ -51,7 +48,7 @@ def legal(channel: Channel, effect: str, beyond: bool = False) -> Legal:
     return Legal()
 
 
-def complaint(site: str, channel: Channel, effect: str, value: float, beyond: bool = False) -> str:
+def complaint(site: Site, channel: Channel, effect: str, value: float, beyond: bool = False) -> str:
     """What to say of a value that is not legal at this channel of `site`."""
     low, high, _, _ = legal(channel, effect, beyond)
     if effect == "bit_flip":
@@ -67,9 +64,7 @@ def complaint(site: str, channel: Channel, effect: str, value: float, beyond: bo
         refusal = f"{channel.name} is a 16-bit number: expected {WORD[0]}..{WORD[1]}, got {value:.10g}"
         if abs(value) >= 2**31:
             return refusal
-        way = (
-            'dac_words = "wrap" (or "saturate", "unwrapped") in [campaign]' if site == USB_SITE else "wraps = true here"
-        )
+        way = site.beyond or "wraps = true here"
         stored = (math.trunc(value) - WORD[0]) % 2**16 + WORD[0]
         return f"{refusal}, which would wrap to {stored}; if that is meant, write {way}"
     return f"{channel.name} is a {BITS[channel.kind]}-bit number: expected {low}..{high}, got {value:.10g}"

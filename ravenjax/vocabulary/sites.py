@@ -52,6 +52,7 @@ class Site:
     per_arm: bool
     channels: tuple[Channel, ...]
     where: str  # when it acts, relative to the checks
+    beyond: str = ""  # what a file writes where values are meant that its words do not hold; "": the fault's `wraps`
 
     def channel(self, name: str) -> Channel:
         """The channel of that name; KeyError lists those there are."""

@@ -14,7 +14,6 @@ import json
 import math
 import zlib
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,14 +21,13 @@ import pandas as pd
 
 from ravenjax.campaign.faults import run_id, sampled_order, sampling
 from ravenjax.campaign.faults.sampling import Key
-from ravenjax.campaign.faults.slot import FIELDS, NUMBERS, WORDS, slot
+from ravenjax.campaign.faults.slot import FIELDS, NUMBERS, slot, words_of
 from ravenjax.campaign.faults.table import SHARED
 from ravenjax.campaign.file.axis import Axis, fixed
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Fault, Group, Run
-from ravenjax.campaign.file.semantics import ALL, says_beyond
+from ravenjax.campaign.file.semantics import ALL
 from ravenjax.errors import UserError
-from ravenjax.robots.raven2.sites import SITES
 from ravenjax.store.words import column
 
 MOST_RUNS = 100_000_000
@@ -64,7 +62,7 @@ def expand(config: CampaignConfig) -> pd.DataFrame:
     numbers: dict[str, np.ndarray] = {}
     for s in range(config.slots):
         faults = [piece.faults[s] if s < len(piece.faults) else {} for piece in pieces]
-        for name, known in WORDS.items():
+        for name, known in words_of(config.robot).items():
             codes = _joined(pieces, [fault.get(name, np.int8(0)) for fault in faults], np.int8)
             words[f"fault{s}_{name}"] = column(codes, known)
         for name, (dtype, empty) in NUMBERS.items():
@@ -84,7 +82,7 @@ def expand(config: CampaignConfig) -> pd.DataFrame:
         "pair": pair,
         "group": column(numbered, groups),
         "seed": seed,
-        "operator": column(np.zeros(runs, np.int8), [config.operator.label]),
+        "operator": column(np.zeros(runs, np.int8), [config.operator_label]),
         **{f"fault{s}_{name}": (words | numbers)[f"fault{s}_{name}"] for s in range(config.slots) for name in FIELDS},
         **parameters,
         **({SHARED: ids[pair]} if any(piece.behind for piece in pieces) else {}),
@@ -130,30 +128,8 @@ def _of_faults(words: dict[str, pd.Categorical], name: str, values: np.ndarray) 
 
 def _common(config: CampaignConfig) -> str:
     """Hash of what decides the outcome of every run alike."""
-    # What is at its default is left out: a key that is added later changes no id of before.
-    deciding_nothing = {"name", "description", "seed", "limit", "chunk"}
-    campaign = config.campaign.model_dump(mode="json", exclude=deciding_nothing, exclude_defaults=True)
-    if campaign.get("dac_words") == "wrap":  # as without the key
-        del campaign["dac_words"]
-    operator = config.operator.model_dump(mode="json", exclude={"file"}, exclude_defaults=True)
-    if config.operator.file is not None:
-        operator["file"] = _file_hash(config.operator.file)
-    content = {
-        "campaign": {**campaign, "tools": config.tools},
-        "operator": operator,
-        "limits": config.limits.si(),
-        "cues": config.haptics.cues(),
-        "outcomes": {"jump": "code", "cue": 0, **config.outcomes.model_dump(exclude_defaults=True)},
-    }
+    content = config.deciding()
     return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
-
-
-def _file_hash(path: Path) -> str:
-    try:
-        with open(path, "rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise UserError(f"{path}: operator.file cannot be read ({error.strerror})") from None
 
 
 # --- one group --------------------------------------------------------------------------------------------------------
@@ -164,7 +140,7 @@ def _pieces(config: CampaignConfig, group: Group) -> Iterator[_Piece]:
     for faults, axes in faults_and_axes(config, group):
         runs, repeat, places = sampling.sample(group, axes, rng)
         slots = [
-            slot(fault, _of_slot(axes, f), _of_slot(places, f), says_beyond(config.campaign, fault))
+            slot(config.robot, fault, _of_slot(axes, f), _of_slot(places, f), config.says_beyond(fault))
             for f, fault in enumerate(faults)
         ]
         if wrong := [(found.wrong[0], f, found.wrong[1]) for f, found in enumerate(slots) if found.wrong]:
@@ -201,7 +177,7 @@ def faults_and_axes(config: CampaignConfig, group: Group) -> Iterator[tuple[tupl
 
 def _of_fault(config: CampaignConfig, fault: Fault) -> dict[str, Axis]:
     """The axes of a fault's fields but its site."""
-    site = SITES[fault.site]
+    site = config.robot.sites[fault.site]
     names = tuple(channel.name for channel in site.channels)
     sole = fixed(names[0]) if len(names) == 1 else fixed("")
     every = Axis(kind="list", values=names)

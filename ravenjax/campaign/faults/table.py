@@ -9,9 +9,8 @@ import pandas as pd
 
 from ravenjax.campaign.faults import run_id
 from ravenjax.numbers.setup import Injection, SiteUse
-from ravenjax.robots.raven2.arms import ARMS
-from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.effects import EFFECT_CODES, NETWORK_EFFECTS, TRIGGER_CODES
+from ravenjax.vocabulary.robot import Robot
 
 FOREVER_TICKS = 2**30
 """Duration of a fault that lasts until the run ends."""
@@ -43,8 +42,8 @@ def slots(table: pd.DataFrame) -> int:
     return sum(name.startswith("fault") and name.endswith("_site") for name in table.columns)
 
 
-def injection(table: pd.DataFrame) -> Injection:
-    """The fault machinery that the table needs, in canonical order: it does not depend on the order of the rows."""
+def injection(table: pd.DataFrame, robot: Robot) -> Injection:
+    """The fault machinery that the table needs, in the order of the robot's sites: the rows' order does not count."""
     effects: dict[Target, set[str]] = {}
     triggers: set[str] = set()
     for slot in range(slots(table)):
@@ -53,8 +52,8 @@ def injection(table: pd.DataFrame) -> Injection:
                 effects.setdefault((site, arm, channel), set()).add(NETWORK_EFFECTS.get(effect, ("", effect))[1])
                 triggers.add(trigger)
     uses = []
-    for name, site in SITES.items():
-        arms = ARMS if site.per_arm else ("",)
+    for name, site in robot.sites.items():
+        arms = robot.arms if site.per_arm else ("",)
         targets = [(arm, c.name) for arm in arms for c in site.channels if (name, arm, c.name) in effects]
         if targets:
             used = set().union(*(effects[name, *target] for target in targets))

@@ -5,32 +5,31 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
+from ravenjax import robots
 from ravenjax.campaign.file.axis import Number
-from ravenjax.campaign.file.group import Cross, Group, Section, flatten_parameters
-from ravenjax.errors import shown, suggestion
+from ravenjax.campaign.file.group import Cross, Fault, Group, Section, flatten_parameters
+from ravenjax.campaign.file.location import Complaint
+from ravenjax.errors import suggestion
 from ravenjax.numbers.setup import DetectorUse
 from ravenjax.outcomes import events
 from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
-from ravenjax.robots.raven2 import ROBOT
-from ravenjax.robots.raven2.arms import ArmName
-from ravenjax.robots.raven2.console.motions import MOTIONS
-from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
-from ravenjax.store.motion.options import MAX_GAP_S, AtEnd, ReplayOptions, Spikes
 from ravenjax.vocabulary.robot import Robot
 
 
 class Campaign(Section):
-    """[campaign]: what holds for every run."""
+    """[campaign]: what holds for every run. A robot may have more keys here: see its own."""
 
+    robot: str = Field(
+        default=robots.DEFAULT, description="kind of robot, or the Python module of one's own that declares ROBOT"
+    )
     name: str = Field(
         description="short name; also names the default output folder",
         pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$",
@@ -39,40 +38,10 @@ class Campaign(Section):
     description: str = Field(default="", description="what the campaign asks")
     seed: int = Field(default=0, ge=0, lt=2**31, description="seed of designs, noise and random effects")
     duration_s: float = Field(default=3.0, gt=0.0, le=3600.0, description="length of each run, s")
-    arms: tuple[ArmName, ...] = Field(default=("gold",), min_length=1, max_length=2, description="arms, gold first")
-    software: Literal["raven2", "fork2015"] = Field(
-        default="raven2", description="control software: present raven2, or the 2015 fork"
+    arms: tuple[str, ...] = Field(
+        default_factory=lambda known: robots.find(known["robot"]).arms[:1], min_length=1, description="arms, in order"
     )
-    build: Literal["robot", "dyn_sim"] = Field(
-        default="robot",
-        description="what the software was built for; dyn_sim, of fork2015: motors 1-3 read from the model without "
-        "encoders and filter, ideal tool joints, packets that end with a software E-stop",
-    )
-    dac_words: Literal["wrap", "saturate", "unwrapped"] | None = Field(
-        default=None,
-        description="how a DAC command that a fault wrote behind the checks is stored in the 16 bits of a USB word; "
-        "left out, it wraps, and a fault's value beyond 16 bits is refused",
-    )
-    tools: tuple[str, ...] | None = Field(default=None, description="one tool per arm; default: the software's own")
-    console: Literal["increments", "absolute"] = Field(
-        default="increments", description="what a packet carries: increments of the hand's motion, or positions"
-    )
-    policy: Literal["no_regulation", "soft_regulation", "hard_regulation"] = Field(
-        default="soft_regulation",
-        description="what raven2's overdrive check does with a command above the limit of its level: nothing, clip it, "
-        "or stop after ten; the fork has no policy",
-    )
-    level: Literal["beginner", "moderate", "advanced", "fork2015"] | None = Field(
-        default=None,
-        description="limits of the overdrive check, counts a joint; default moderate for raven2, fork2015 for the fork",
-    )
-    parameter_set: Literal["traj3", "A", "B", "C", "D", "E", "matlab_main", "matlab_global"] = Field(
-        "traj3", description="published parameters of the virtual robot's first three joints"
-    )
-    noise: bool = Field(
-        default=False, description="draw noise of the sizes plant.encoder_noise and plant.torque_noise, anew each run"
-    )
-    substeps: int = Field(default=1, ge=1, le=100, description="plant steps per 1 ms tick")
+    noise: bool = Field(default=False, description="draw the robot's noise, anew each run")
     limit: int | None = Field(
         default=None, ge=1, description="compute only the first so many runs; a start with more, or with all, goes on"
     )
@@ -94,138 +63,6 @@ class Campaign(Section):
                 f"got {duration:.10g} s, expected whole milliseconds from 0.001 on, such as {max(1, ticks) / 1000:g}"
             )
         return duration
-
-    @property
-    def stored_words(self) -> Literal["wrap", "saturate", "unwrapped"]:
-        """How a DAC command behind the checks is stored."""
-        return self.dac_words or "wrap"
-
-
-HARD_RANGES = {
-    "shoulder_deg": (0.0, 90.0),
-    "elbow_deg": (45.0, 137.5),
-    "insertion_m": (0.23, 0.562),
-    "tool_roll_deg": (-330.0, 330.0),
-    "wrist_deg": (-100.0, 100.0),
-}
-"""Where the joint meets its hard stop, or its original soft limit where no stop is published; raven2 `defines.h`,
-`tools.cpp` (r_grasper)."""
-
-
-class Start(Section):
-    """[operator.start]: joints in which a generated motion begins; what is left out is as after homing."""
-
-    shoulder_deg: float | None = Field(default=None, description="shoulder, between its hard stops")
-    elbow_deg: float | None = Field(default=None, description="elbow, between its hard stops")
-    insertion_m: float | None = Field(default=None, description="insertion; less draws the instrument back")
-    tool_roll_deg: float | None = Field(default=None, description="roll of the instrument")
-    wrist_deg: float | None = Field(default=None, description="wrist of the instrument")
-
-    @field_validator(*HARD_RANGES)
-    @classmethod
-    def _within(cls, value: float | None, info: ValidationInfo) -> float | None:
-        low, high = HARD_RANGES[str(info.field_name)]
-        if value is not None and not low <= value <= high:
-            raise ValueError(f"got {value:g}, expected {low:g}..{high:g} (the hard stops)")
-        return value
-
-    def si(self) -> dict[str, float]:
-        """The joints that were given, rad and m."""
-        return {joint: value * factor for joint, factor, value in _given(self)}
-
-
-def _given(section: Section) -> Iterator[tuple[str, float, Any]]:
-    """(joint, factor to rad or m, what was given) of each key of HARD_RANGES that a section holds."""
-    for name in HARD_RANGES:
-        if (value := getattr(section, name)) is not None:
-            joint, _, unit = name.rpartition("_")
-            yield joint, math.pi / 180.0 if unit == "deg" else 1.0, value
-
-
-RECORDED = tuple(field.name for field in dataclasses.fields(ReplayOptions))
-GENERATED = ("seed",)
-"""Keys of [operator] that only one kind of motion has."""
-
-
-class Operator(Section):
-    """[operator]: whose hands move."""
-
-    motion: str | None = Field(default=None, description="a generated motion: " + ", ".join(MOTIONS))
-    file: Path | None = Field(
-        default=None, description="a recorded motion (Parquet, CSV, MCAP), from this file's folder"
-    )
-    scale: float = Field(
-        default=0.1,
-        gt=0.0,
-        le=1.0,
-        description="teleoperation scale; varied as operator.scale. At the scale written here a recorded tip moves as "
-        "recorded; a generated motion is planned for 0.1",
-    )
-    seed: int = Field(default=0, ge=0, lt=2**31, description="seed of the generated motion")
-    window_s: tuple[float, float] | None = Field(default=None, description="[begin, end] within a recorded motion, s")
-    rate_hz: float | None = Field(
-        default=None,
-        gt=0.0,
-        le=100_000.0,
-        description="rows a second of a recorded motion, evenly spaced: where it has no times, or those of arrival",
-    )
-    cutoff_hz: float | None = Field(
-        default=None, gt=0.0, lt=500.0, description="low-pass of a recorded motion, Hz; without it none: tremor stays"
-    )
-    max_gap_s: float = Field(
-        default=MAX_GAP_S,
-        gt=0.0,
-        le=60.0,
-        description="longest gap of a recorded motion that is bridged by interpolation, s",
-    )
-    spikes: Spikes = Field(
-        default="refuse",
-        description="a recorded tip that jumps: refuse; remove: interpolate where it comes back; replay: as it is",
-    )
-    at_end: AtEnd = Field(
-        default="refuse",
-        description="a recorded motion that ends before the run: refuse; hold: hands rest; reverse: back and forth",
-    )
-    start: Start = Start()
-    slow_down: float = Field(default=1.0, ge=0.1, le=100.0, description="how much slower than recorded it is replayed")
-
-    @model_validator(mode="before")
-    @classmethod
-    def _one_source(cls, raw: Any) -> Any:
-        if isinstance(raw, dict) and raw.get("motion") is not None and raw.get("file") is not None:
-            raise ValueError("give either motion (generated) or file (recorded), not both")
-        return raw
-
-    @field_validator("file")
-    @classmethod
-    def _path(cls, file: Path | None) -> Path | None:
-        if file is not None and (not file.name or "\0" in str(file)):
-            raise ValueError(f"got {shown(str(file))}, expected the path of a .parquet, .csv or .mcap file")
-        return file
-
-    @model_validator(mode="after")
-    def _window(self) -> Operator:
-        if self.file is not None and self.start.si():
-            raise ValueError(
-                "start belongs to a generated motion; a recorded one begins where it was recorded: remove it"
-            )
-        if self.window_s is not None and not 0.0 <= self.window_s[0] < self.window_s[1]:
-            raise ValueError(f"window_s = [begin, end] in s: expected 0 <= begin < end, got {list(self.window_s)}")
-        for name in RECORDED if self.file is None else GENERATED:
-            if getattr(self, name) != type(self).model_fields[name].default:
-                kind, other = ("recorded", "generated") if self.file is None else ("generated", "recorded")
-                raise ValueError(f"{name} belongs to a {kind} motion, a {other} one has none: remove it")
-        return self
-
-    @property
-    def options(self) -> ReplayOptions:
-        """How a recorded motion is replayed."""
-        return ReplayOptions(**{name: getattr(self, name) for name in RECORDED})
-
-    @property
-    def label(self) -> str:
-        """Name of the motion in tables."""
-        return self.file.stem if self.file is not None else self.motion or "suture"
 
 
 class CueSet(NamedTuple):
@@ -289,43 +126,6 @@ class Haptics(Section):
         else:
             rows = itertools.product(*lists)
         return tuple(CueSet(threshold / 1e3, kp * 1e3, kd * 1e3, cap) for threshold, kp, kd, cap in rows)
-
-
-class Limits(Section):
-    """[limits]: soft joint limits of the control software; what is left out keeps the original's."""
-
-    shoulder_deg: tuple[float, float] | None = Field(default=None, description="[min, max] of the shoulder")
-    elbow_deg: tuple[float, float] | None = Field(default=None, description="[min, max] of the elbow")
-    insertion_m: tuple[float, float] | None = Field(default=None, description="[min, max] of the insertion")
-    tool_roll_deg: tuple[float, float] | None = Field(default=None, description="[min, max] of the instrument's roll")
-    wrist_deg: tuple[float, float] | None = Field(default=None, description="[min, max] of the instrument's wrist")
-
-    @field_validator(*HARD_RANGES)
-    @classmethod
-    def _within(cls, pair: tuple[float, float] | None, info: ValidationInfo) -> tuple[float, float] | None:
-        low, high = HARD_RANGES[str(info.field_name)]
-        if pair is not None and not low <= pair[0] < pair[1] <= high:
-            raise ValueError(f"got {list(pair)}, expected {low:g} <= min < max <= {high:g} (the hard stops)")
-        return pair
-
-    def si(self) -> dict[str, tuple[float, float]]:
-        """The limits that were given, by joint, in rad and m."""
-        return {joint: (low * factor, high * factor) for joint, factor, (low, high) in _given(self)}
-
-
-class Reaction(Section):
-    """[reaction]: an operator who reacts to the first haptic cue; varied as reaction.delay_ms and so on."""
-
-    action: Literal["none", "release", "slow", "correct"] = Field(
-        default="release", description="lift the pedal, slow down, or correct by eye; varied as reaction.action, 0 to 3"
-    )
-    delay_ms: float = Field(
-        default=250.0, ge=0.0, le=60_000.0, description="from the first felt pull to the action, ms"
-    )
-    felt_force: float = Field(default=0.0, ge=0.0, description="a weaker pull is not noticed, device units")
-    slow_to: float = Field(default=0.25, ge=0.0, le=1.0, description="speed of slowed hands, of what it was")
-    correct_per_s: float = Field(default=5.0, ge=0.0, le=1000.0, description="share of the distance corrected, 1/s")
-    correct_mm_s: float = Field(default=50.0, ge=0.0, le=10_000.0, description="fastest correction of the tip, mm/s")
 
 
 MOST_LEVELS = 64
@@ -453,15 +253,12 @@ class CampaignConfig(Section):
     """A whole campaign file."""
 
     campaign: Campaign
-    operator: Operator = Operator(motion="suture")
     parameters: dict[str, Number] = Field(default_factory=dict, description="path = value, list or distribution")
     cross: Cross = Field(
         default_factory=dict,
         description="path = list: every run once with each value, all else alike, random numbers too; for pairs",
     )
-    limits: Limits = Limits()
     haptics: Haptics = Haptics()
-    reaction: Reaction | None = Field(default=None, description="an operator who reacts; without it nobody does")
     detector: tuple[Detector, ...] = Field(default=(), description="observers that are scored")
     outcomes: Outcomes = Outcomes()
     stop: Stop | None = Field(default=None, description="when to stop; without it the whole table is computed")
@@ -497,13 +294,9 @@ class CampaignConfig(Section):
         return self._source
 
     def with_source(self, path: Path) -> CampaignConfig:
-        """Itself, read from `path`; a recorded operator's path is taken from there."""
-        new, file = self, self.operator.file
-        if file is not None and not file.is_absolute():
-            operator = self.operator.model_copy(update={"file": (path.parent / file).absolute()})
-            new = self.model_copy(update={"operator": operator})
-        new._source = path
-        return new
+        """Itself, read from `path`."""
+        self._source = path
+        return self
 
     @property
     def detectors(self) -> tuple[tuple[str, DetectorUse, tuple[float, ...]], ...]:
@@ -519,15 +312,84 @@ class CampaignConfig(Section):
     @property
     def robot(self) -> Robot:
         """The robot that it is of."""
-        return ROBOT
+        return robots.find(self.campaign.robot)
 
     @property
     def slots(self) -> int:
         """Fault slots that a run needs."""
         return max(len(group.fault) for group in self.group)
 
+    # --- what a robot may add ---
+
+    @classmethod
+    def words(cls) -> dict[str, dict[str, Iterable[str]]]:
+        """Model of a table -> key -> the words that it takes, where the models leave that to `complaints`."""
+        return {}
+
+    @classmethod
+    def ranges(cls) -> dict[str, dict[str, tuple[float, float]]]:
+        """Model of a table -> key -> least and largest number, where the models leave that to a validator."""
+        return {}
+
+    def lines(self) -> Iterator[tuple[str, str]]:
+        """(what, in words) of what the file says of the robot and its operator."""
+        arms, noise = self.campaign.arms, ", with noise" if self.campaign.noise else ""
+        yield "robot", f"{self.robot.title}, {' and '.join(arms)} arm{'s' * (len(arms) > 1)}{noise}"
+
+    def settings(self) -> dict[str, Any]:
+        """The same as JSON has it."""
+        return {"robot": self.robot.name}
+
     @property
-    def tools(self) -> tuple[str, ...]:
-        """One tool name per arm."""
-        defaults = DEFAULT_TOOLS[self.campaign.software]
-        return self.campaign.tools or tuple(defaults[arm] for arm in self.campaign.arms)
+    def substeps(self) -> int:
+        """Steps of the plant in a tick."""
+        return 1
+
+    @property
+    def operator_label(self) -> str:
+        """Name of the operator's motion in tables."""
+        return "own"
+
+    @property
+    def reacts(self) -> bool:
+        """Whether the operator may react to the cue."""
+        return False
+
+    def complaints(self) -> Iterator[Complaint]:
+        """(key, message) of what is wrong with the robot's own words."""
+        return iter(())
+
+    def unread(self, path: str) -> str:
+        """Why nothing reads the parameter of that path in this campaign; "" where something does."""
+        return ""
+
+    def says_beyond(self, fault: Fault) -> bool:
+        """Whether values of a fault that a word does not hold are meant."""
+        return fault.wraps
+
+    def deciding(self) -> dict[str, Any]:
+        """What decides the outcome of every run alike, for run ids. What is at its default is left out."""
+        # A key that is added later then changes no id of before.
+        deciding_nothing = {"name", "description", "seed", "limit", "chunk"}
+        return {
+            "campaign": self.campaign.model_dump(mode="json", exclude=deciding_nothing, exclude_defaults=True),
+            "cues": self.haptics.cues(),
+            "outcomes": {"jump": "code", "cue": 0, **self.outcomes.model_dump(exclude_defaults=True)},
+        }
+
+
+def config_class(raw: Any) -> type[CampaignConfig]:
+    """The model of a campaign's tables: that of the robot that they name. Raises UserError."""
+    campaign = raw.get("campaign") if isinstance(raw, dict) else None
+    name = campaign.get("robot", robots.DEFAULT) if isinstance(campaign, dict) else robots.DEFAULT
+    return config_class_of(robots.find(name if isinstance(name, str) else robots.DEFAULT))
+
+
+def config_class_of(robot: Robot) -> type[CampaignConfig]:
+    """The model of a campaign's tables for a robot: its own, or that of any robot."""
+    return getattr(robot.part("campaign"), "Config", CampaignConfig)
+
+
+def validated(raw: Any) -> CampaignConfig:
+    """The campaign of nested tables, as a manifest holds them. Raises ValidationError and UserError."""
+    return config_class(raw).model_validate(raw)

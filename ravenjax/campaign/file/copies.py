@@ -7,62 +7,21 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from ravenjax.campaign.faults import design, sampling
 from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.axis import Axis
-from ravenjax.campaign.file.config import Campaign, CampaignConfig
+from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import SAMPLED, Fault, Group
 from ravenjax.campaign.file.location import Complaint, Key
-from ravenjax.campaign.file.semantics import ALL, NOISE, last_start, parameter_tables, random_in_itself
+from ravenjax.campaign.file.semantics import ALL, last_start, parameter_tables, random_in_itself
 from ravenjax.errors import shown
 from ravenjax.hazards.naming import hazards_of
 from ravenjax.numbers import paths
-from ravenjax.robots.raven2.arms import ARMS, JOINTS
-from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS, WITHOUT_VALUE
-
-
-class Unread(NamedTuple):
-    """A parameter that nothing reads in some campaigns."""
-
-    path: str  # as `bounds.plain` gives it
-    component: str  # "": all of its numbers
-    where: Callable[[Campaign], bool]
-    why: str
-
-
-_INCREMENTS = 'nothing reads it with console = "absolute": remove it, or take console = "increments"'
-_ABSOLUTE = 'nothing reads it but with console = "absolute": remove it, or set that in [campaign]'
-
-UNREAD = (
-    *(
-        Unread(f"operator.{name}", "", lambda campaign: campaign.console != "absolute", _ABSOLUTE)
-        for name in ("start_position", "start_quat", "start_grasp")
-    ),
-    *(
-        Unread(f"control.teleoperation.{name}", "", lambda campaign: campaign.console == "absolute", _INCREMENTS)
-        for name in ("grasp_gain", "grasp_min_mrad", "grasp_max_mrad")
-    ),
-    Unread(
-        "control.overdrive.policy",
-        "",
-        lambda campaign: campaign.software == "fork2015",
-        "nothing reads it: the 2015 fork has no policy",
-    ),
-    Unread(
-        "control.overdrive.dac_max",
-        "grasp2",
-        lambda campaign: True,
-        "nothing reads it: the original's check never looks at grasp2",
-    ),
-)
-"""Found by tracing the tick: no other parameter is without influence (`tests/campaign/test_unread.py`)."""
-
-VECTORS = {3: "x", 5: "shoulder", 7: "shoulder"}
-"""Lengths of vectors among the parameters, and the name of the first number of each."""
+from ravenjax.vocabulary.robot import Robot
 
 
 def complaints(config: CampaignConfig) -> Iterator[Complaint]:
@@ -97,7 +56,7 @@ def notices(config: CampaignConfig) -> Iterator[Complaint]:
     """(key, message) of what is accepted and may yet not be what was meant."""
     for key, table in parameter_tables(config):
         for path, axis in table.items():
-            if bounds.plain(path) in NOISE and not config.campaign.noise and axis.values != (0,):
+            if bounds.plain(path) in config.robot.noise and not config.campaign.noise and axis.values != (0,):
                 yield (*key, path), "nothing reads it while campaign.noise is off; set campaign.noise = true to use it"
     for g, group in enumerate(config.group):
         for f, fault in enumerate(group.fault if hazards_of(group.name) else ()):
@@ -122,17 +81,17 @@ def _once(axis: Axis, why: str) -> str:
 def _group(config: CampaignConfig, group: Group, key: Key) -> Iterator[Complaint]:
     gridded = group.design in ("grid", "list")
     for f, fault in enumerate(group.fault):
-        yield from _fault(fault, (*key, "fault", f), gridded)
+        yield from _fault(config.robot, fault, (*key, "fault", f), gridded)
         if not hazards_of(group.name):
             yield from _late(config, fault, (*key, "fault", f))
         if group.design != "zip":
             for name, axis in _axes(fault):
-                yield from _twice((*key, "fault", f, name), axis)
+                yield from _twice(config.robot, (*key, "fault", f, name), axis)
     if group.design != "zip":
         for path, axis in group.parameters.items():
-            yield from _twice((*key, "parameters", path), axis)
+            yield from _twice(config.robot, (*key, "parameters", path), axis)
     for path, axis in group.cross.items():
-        yield from _twice((*key, "cross", path), axis)
+        yield from _twice(config.robot, (*key, "cross", path), axis)
     for r, run in enumerate(group.run):
         if (first := group.run.index(run)) != r:
             yield (*key, "run", r), f"the same as run[{first}]: its runs would be identical, remove it"
@@ -164,7 +123,7 @@ def _axes(fault: Fault) -> Iterator[tuple[str, Axis]]:
             yield name, axis
 
 
-def _twice(key: Key, axis: Axis) -> Iterator[Complaint]:
+def _twice(robot: Robot, key: Key, axis: Axis) -> Iterator[Complaint]:
     """A list that holds a value twice; one that is drawn from says `choice`."""
     if axis.kind != "list":
         return
@@ -172,8 +131,9 @@ def _twice(key: Key, axis: Axis) -> Iterator[Complaint]:
     if times > 1:
         how = "twice" if times == 2 else f"{times} times"
         path = str(key[-1])
-        vector = "." in path and len(axis.values) in VECTORS and path.rpartition(".")[2] not in paths.components(JOINTS)
-        each = f"; for the numbers of a vector write one path each, such as {path}.{VECTORS.get(len(axis.values))}"
+        first = paths.first_component(len(axis.values), robot.joints)
+        vector = "." in path and first and path.rpartition(".")[2] not in paths.components(robot.joints)
+        each = f"; for the numbers of a vector write one path each, such as {path}.{first}"
         hint = each if vector else ""
         yield (
             key,
@@ -182,10 +142,10 @@ def _twice(key: Key, axis: Axis) -> Iterator[Complaint]:
         )
 
 
-def _fault(fault: Fault, key: Key, gridded: bool) -> Iterator[Complaint]:
+def _fault(robot: Robot, fault: Fault, key: Key, gridded: bool) -> Iterator[Complaint]:
     effects, channels = fault.effect.listed, () if fault.channel is None else fault.channel.listed
     if channels == (ALL,):
-        channels = tuple(channel.name for channel in SITES[fault.site].channels)
+        channels = tuple(channel.name for channel in robot.sites[fault.site].channels)
     uses = (
         _Use("value", fault.value, [e for e in effects if e not in WITHOUT_VALUE], "takes no value"),
         _Use("period_ms", _unless_zero(fault.period_ms), [e for e in effects if e == "periodic"], "has no period"),
@@ -247,15 +207,13 @@ def _once_for_each(effect: str, why: str, name: str) -> str:
 def _parameters(config: CampaignConfig) -> Iterator[Complaint]:
     if any(group.design != "zip" for group in config.group):
         for path, axis in config.parameters.items():
-            yield from _twice(("parameters", path), axis)
+            yield from _twice(config.robot, ("parameters", path), axis)
     for path, axis in config.cross.items():
-        yield from _twice(("cross", path), axis)
+        yield from _twice(config.robot, ("cross", path), axis)
     for key, table in parameter_tables(config):
         for path in table:
-            last = path.rpartition(".")[2]
-            for row in UNREAD:
-                if row.path == bounds.plain(path) and row.component in ("", last) and row.where(config.campaign):
-                    yield (*key, path), row.why
+            if why := config.unread(path):
+                yield (*key, path), why
     yield from _crossed_too(config)
     yield from _overlapping(config)
 
@@ -277,7 +235,7 @@ def _overlapping(config: CampaignConfig) -> Iterator[Complaint]:
         for path in table:
             where.setdefault(path, (*key, path))
     for one, other in itertools.combinations(where, 2):
-        if overlap(one, other):
+        if overlap(config.robot, one, other):
             yield where[other], f"names numbers that {one} names, too: write one of the two paths throughout the file"
 
 
@@ -290,19 +248,19 @@ class _Address(NamedTuple):
     component: tuple[str, ...]
 
 
-def _address(path: str) -> _Address:
+def _address(robot: Robot, path: str) -> _Address:
     parts = path.split(".")
     return _Address(
         bounds.plain(path),
-        tuple(part for part in parts if part in ARMS),
+        tuple(part for part in parts if part in robot.arms),
         tuple(part for part in parts if part.isdecimal()),
-        tuple(part for part in parts[-1:] if part in paths.components(JOINTS)),
+        tuple(part for part in parts[-1:] if part in paths.components(robot.joints)),
     )
 
 
-def overlap(one: str, other: str) -> bool:
+def overlap(robot: Robot, one: str, other: str) -> bool:
     """Whether two different paths of parameters name a number in common."""
-    a, b = _address(one), _address(other)
+    a, b = _address(robot, one), _address(robot, other)
     return a.kind == b.kind and all(not x or not y or x == y for x, y in zip(a[1:], b[1:], strict=True))
 
 

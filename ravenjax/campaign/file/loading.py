@@ -17,7 +17,7 @@ from ravenjax import resources
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import bounds, copies, location, overriding, semantics
 from ravenjax.campaign.file.axis import Axis
-from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.file.config import CampaignConfig, config_class
 from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.hazards import expansion
 
@@ -77,11 +77,15 @@ def from_dict(
     except expansion.WrongGroup as error:
         raise where.error([(error.key, error.message)]) from None
     try:
-        config = CampaignConfig.model_validate(raw)
+        model = config_class(raw)
+    except UserError as error:
+        raise where.error([(("campaign", "robot"), str(error))]) from None
+    try:
+        config = model.model_validate(raw)
     except ValidationError as error:
         # a list is also called too short when its only entries are bad
         faults = [e for e in error.errors() if e["type"] != "too_short" or not e["input"]]
-        raise where.error(_complaint(e, raw) for e in faults) from None
+        raise where.error(_complaint(model, e, raw) for e in faults) from None
     except RecursionError:
         raise UserError("the campaign's tables are nested too deeply to be read") from None
     if wrong := list(semantics.complaints(config)) or list(_wasted(config, template)) or list(_too_many(config)):
@@ -108,11 +112,11 @@ def check_parameters(config: CampaignConfig, known: Iterable[str]) -> None:
         raise location.Where(source, location.lines(text), []).error(wrong)
 
 
-def _complaint(error: Any, raw: Any) -> location.Complaint:
+def _complaint(model: type[BaseModel], error: Any, raw: Any) -> location.Complaint:
     """A complaint of pydantic's. A table that is looked at as a whole names the key of what is wrong first."""
-    key, message = _key(error["loc"], raw), _message(error)
+    key, message = _key(error["loc"], raw), _message(model, error)
     name, colon, rest = message.partition(": ")
-    if error["type"] == "value_error" and colon and name in _keys(error["loc"]) and name not in key[-1:]:
+    if error["type"] == "value_error" and colon and name in _keys(model, error["loc"]) and name not in key[-1:]:
         return (*key, name), rest
     return key, message
 
@@ -131,33 +135,33 @@ def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
     return key
 
 
-def _message(error: Any) -> str:
+def _message(model: type[BaseModel], error: Any) -> str:
     if error["type"] == "extra_forbidden":
-        known, key = _keys(error["loc"][:-1]), str(error["loc"][-1])
-        hint = _elsewhere(key, error["loc"][:-1]) or suggestion(key, known)
+        known, key = _keys(model, error["loc"][:-1]), str(error["loc"][-1])
+        hint = _elsewhere(model, key, error["loc"][:-1]) or suggestion(key, known)
         return f"unknown key, expected one of {', '.join(known)}{hint}"
     if error["type"] == "missing":
-        field = _model(error["loc"][:-1]).model_fields.get(str(error["loc"][-1]))
+        field = _model(model, error["loc"][:-1]).model_fields.get(str(error["loc"][-1]))
         return "missing" + (f": {field.description}" if field is not None and field.description else "")
     text = error["msg"].removeprefix("Value error, ")
     if error["type"] == "value_error":
         return text
     if error["type"] == "tuple_type":
         path = tuple(part for part in error["loc"] if isinstance(part, str))
-        tables = isinstance(error["input"], dict) and path in dict(tables_of(CampaignConfig))
+        tables = isinstance(error["input"], dict) and path in dict(tables_of(model))
         what = f"several: open each with [[{'.'.join(path)}]], in double brackets" if tables else "a list"
         return f"got {'one table' if tables else shown(error['input'])}, expected {what}"
     return f"got {shown(error['input'])}, expected {text.removeprefix('Input should be ').replace('String', 'text')}"
 
 
-def _elsewhere(key: str, loc: Sequence[str | int]) -> str:
+def _elsewhere(model: type[BaseModel], key: str, loc: Sequence[str | int]) -> str:
     """What to add for a key that is known in another table of the file; "" where there is none."""
     here = tuple(part for part in loc if isinstance(part, str))
     if not here and key == "search":
         return ". This is a search: start it with `ravenjax search`"
     if not here and key in {row.path.partition(".")[0] for row in bounds.BOUNDS}:
         return f". Parameters stand in [parameters], as parameters.{key}..."
-    tables = [path for path, model in tables_of(CampaignConfig) if key in model.model_fields and path]
+    tables = [path for path, table in tables_of(model) if key in table.model_fields and path]
     if not tables:
         return ""
     nearest = max(tables, key=lambda path: _shared(path, here))
@@ -190,17 +194,16 @@ ARRAYS = ("group", "detector")
 """Tables that a file may have several of."""
 
 
-def _model(loc: Sequence[str | int]) -> type[BaseModel]:
+def _model(model: type[BaseModel], loc: Sequence[str | int]) -> type[BaseModel]:
     """The model of the table at `loc`."""
-    model: type[BaseModel] = CampaignConfig
     for part in loc:
         if isinstance(part, str) and part in model.model_fields:
             model = next(iter(_models(model.model_fields[part].annotation)), model)
     return model
 
 
-def _keys(loc: Sequence[str | int]) -> list[str]:
-    return list(_model(loc).model_fields)
+def _keys(model: type[BaseModel], loc: Sequence[str | int]) -> list[str]:
+    return list(_model(model, loc).model_fields)
 
 
 def _models(annotation: Any) -> Iterable[type[BaseModel]]:

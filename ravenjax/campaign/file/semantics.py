@@ -12,27 +12,17 @@ from collections.abc import Iterable, Iterator, Sequence
 from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.bounds import extent
-from ravenjax.campaign.file.config import Campaign, CampaignConfig
+from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Fault, Group
 from ravenjax.campaign.file.location import Complaint, Key
 from ravenjax.errors import shown, suggestion
 from ravenjax.numbers import paths
-from ravenjax.robots.raven2.arms import ARMS, JOINTS
-from ravenjax.robots.raven2.console.motions import MOTIONS
-from ravenjax.robots.raven2.geometry.tools import TOOLS
-from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.effects import EFFECTS, MAX_SLOTS, NETWORK_EFFECTS, TRIGGERS, WITHOUT_VALUE
-from ravenjax.vocabulary.legal import USB_SITE, complaint, legal, rounding
+from ravenjax.vocabulary.legal import complaint, legal, rounding
 from ravenjax.vocabulary.sites import Channel, Site
 
 ALL = "*"
 """`channel` that stands for every channel of the site."""
-
-NOISE = ("plant.encoder_noise", "plant.torque_noise")
-"""Parameters of what `campaign.noise` draws: its sizes."""
-
-CYCLES = "network.cycles_per_packet"
-"""Parameter that says how many milliseconds a packet lasts."""
 
 LARGEST = 3.4028234663852886e38
 """Values are held in single precision."""
@@ -60,7 +50,7 @@ def unfit_parameters(config: CampaignConfig, known: Iterable[str]) -> Iterator[C
                 yield (*key, path), f"unknown parameter{_section_of(path) or suggestion(path, known)}"
             elif axis.kind == "list" and not axis.explicit:
                 parts = [full.rpartition(".")[2] for full in known if full.rpartition(".")[0] == path]
-                parts = [part for part in parts if part in paths.components(JOINTS)]
+                parts = [part for part in parts if part in paths.components(config.robot.joints)]
                 if len(axis.values) == len(parts):
                     yield (*key, path), _ambiguous(path, axis, parts)
 
@@ -93,23 +83,10 @@ def parameter_tables(config: CampaignConfig) -> Iterator[tuple[Key, dict[str, Ax
 
 
 def _campaign(config: CampaignConfig) -> Iterator[Complaint]:
-    campaign = config.campaign
-    if list(campaign.arms) != [arm for arm in ARMS if arm in campaign.arms]:
-        yield ("campaign", "arms"), f"got {list(campaign.arms)}, expected each arm once, in the order {list(ARMS)}"
-    if campaign.tools is not None and len(campaign.tools) != len(campaign.arms):
-        yield ("campaign", "tools"), f"got {len(campaign.tools)}, expected one per arm ({len(campaign.arms)})"
-    if campaign.build == "dyn_sim" and campaign.software != "fork2015":
-        yield ("campaign", "build"), "got 'dyn_sim', expected software = 'fork2015': only the 2015 fork was built so"
-    if campaign.software == "fork2015" and campaign.policy != Campaign.model_fields["policy"].default:
-        yield ("campaign", "policy"), f"got {campaign.policy!r}, but the 2015 fork has no policy: remove the key"
-    for tool in campaign.tools or ():
-        if tool not in TOOLS:
-            yield ("campaign", "tools"), _unknown("tool", tool, TOOLS)
-    operator = config.operator
-    if operator.motion is not None and operator.motion not in MOTIONS:
-        yield ("operator", "motion"), _unknown("motion", operator.motion, MOTIONS)
-    if operator.motion == "clutched" and campaign.console == "absolute":
-        yield ("operator", "motion"), "got 'clutched', expected console = 'increments': an absolute one has no clutch"
+    arms, known = config.campaign.arms, config.robot.arms
+    if list(arms) != [arm for arm in known if arm in arms]:
+        yield ("campaign", "arms"), f"got {list(arms)}, expected each arm once, in the order {list(known)}"
+    yield from config.complaints()
     if config.outcomes.cue >= len(config.haptics.cues()):
         count = len(config.haptics.cues())
         yield ("outcomes", "cue"), f"got {config.outcomes.cue}, expected 0..{count - 1}: [haptics] makes {count} sets"
@@ -145,15 +122,10 @@ def _group(config: CampaignConfig, group: Group, key: Key) -> Iterator[Complaint
         )
 
 
-def says_beyond(campaign: Campaign, fault: Fault) -> bool:
-    """Whether values beyond 16 bits are meant: the fault has `wraps`, or strikes USB words and `dac_words` is set."""
-    return fault.wraps or (fault.site == USB_SITE and campaign.dac_words is not None)
-
-
 def random_in_itself(config: CampaignConfig, group: Group) -> bool:
     """Whether two runs of a group with the same row but another seed may differ: by noise, or an effect's numbers."""
     parameters = {bounds.plain(path): axis for path, axis in {**config.parameters, **group.parameters}.items()}
-    silent = all(name in parameters and parameters[name].values == (0,) for name in NOISE)
+    silent = all(name in parameters and parameters[name].values == (0,) for name in config.robot.noise)
     return (config.campaign.noise and not silent) or any("random" in fault.effect.listed for fault in group.fault)
 
 
@@ -166,9 +138,9 @@ def _axes(config: CampaignConfig, group: Group) -> Iterator[tuple[str, Axis]]:
 
 
 def _fault(config: CampaignConfig, fault: Fault, key: Key) -> Iterator[Complaint]:
-    site = SITES.get(fault.site)
+    site = config.robot.sites.get(fault.site)
     if site is None:
-        yield (*key, "site"), _unknown("fault site", fault.site, SITES)
+        yield (*key, "site"), _unknown("fault site", fault.site, config.robot.sites)
         return
     for effect in fault.effect.listed:
         if effect not in EFFECTS:
@@ -194,7 +166,7 @@ def _arm(config: CampaignConfig, fault: Fault, site: Site, key: Key) -> Iterator
     for arm in fault.arm.listed:
         if arm not in arms:
             absent = f"arm {arm!r} is not in this campaign: expected one of campaign.arms = {list(arms)}"
-            yield (*key, "arm"), absent if arm in ARMS else _unknown("arm", arm, arms)
+            yield (*key, "arm"), absent if arm in config.robot.arms else _unknown("arm", arm, arms)
 
 
 def _channel(fault: Fault, site: Site, key: Key) -> Iterator[Complaint]:
@@ -226,7 +198,7 @@ def _value(config: CampaignConfig, fault: Fault, key: Key, paired: bool) -> Iter
     side meet only in the fault table, which looks at each of its values again."""
     if fault.value is None:
         return
-    site, beyond = SITES[fault.site], says_beyond(config.campaign, fault)
+    site, beyond = config.robot.sites[fault.site], config.says_beyond(fault)
     named = fault.channel.listed if fault.channel is not None and fault.channel.listed != (ALL,) else ()
     effects = [effect for effect in fault.effect.listed if effect not in WITHOUT_VALUE]
     channels = [channel for channel in site.channels if not named or channel.name in named]
@@ -248,7 +220,7 @@ def _value_complaint(site: Site, channel: Channel, effect: str, value: float, dr
     rule = legal(channel, effect, beyond)
     value = math.floor(value) if drawn and rule.rounded else value
     if not rule.low <= value <= rule.high or (rule.whole and not drawn and value != math.floor(value)):
-        return complaint(site.name, channel, effect, value, beyond)
+        return complaint(site, channel, effect, value, beyond)
     field = channel.field
     if field and EFFECTS[effect].value == "number" and not field.low <= value <= field.high:
         return f"{channel.name} is {field.noun}: expected {field.low}..{field.high}, got {value:g}"
@@ -281,7 +253,7 @@ def last_start(config: CampaignConfig, fault: Fault, key: Key) -> int:
         return ticks - 1
     group = config.group[key[1]] if key[:1] == ("group",) and isinstance(key[1], int) else None
     tables = [config.parameters, config.cross, *([group.parameters, group.cross] if group else [])]
-    cycles = [axis for table in tables for path, axis in table.items() if path == CYCLES]
+    cycles = [axis for table in tables for path, axis in table.items() if path == config.robot.packet_cycles]
     least = min((value for axis in cycles[-1:] for value in axis.listed or axis.values), default=1)
     return math.ceil(ticks / max(1, least)) - 1
 

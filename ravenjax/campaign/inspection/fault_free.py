@@ -13,7 +13,7 @@ from typing import Any
 
 from ravenjax.campaign import runner
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.file.config import validated
 from ravenjax.campaign.progress.counts import OnProgress
 from ravenjax.errors import UserError
 from ravenjax.store import manifest
@@ -59,7 +59,7 @@ def extend(
                 continue
             raw = earlier.config
         on_motion(there, path)
-        config = CampaignConfig.model_validate(raw)
+        config = validated(raw)
         runner.run_campaign(config, path, _engine(engine, record), on_progress=on_progress, command=command)
         before, there = there, _hours(folder, record)
         if not there > before:
@@ -115,7 +115,7 @@ def _record(path: Path) -> Manifest | None:
 
 def _length_s(record: Manifest, hours: float) -> int:
     """Length of each run, s."""
-    config = CampaignConfig.model_validate(next(_campaigns(record, SHORTEST_S))[1])
+    config = validated(next(_campaigns(record, SHORTEST_S))[1])
     wanted = hours * 3600 / (MOTIONS * design.count(config))
     return math.ceil(min(max(wanted + UNTIL_LIVE_S, SHORTEST_S), LONGEST_S))
 

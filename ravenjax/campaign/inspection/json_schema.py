@@ -15,15 +15,12 @@ from pydantic import BaseModel, TypeAdapter
 
 from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.axis import Number
-from ravenjax.campaign.file.config import HARD_RANGES, CampaignConfig
+from ravenjax.campaign.file.config import config_class_of
 from ravenjax.campaign.file.group import LEAST_MS, LONGEST_MS, PATHS
 from ravenjax.hazards import expansion
 from ravenjax.outcomes import events
-from ravenjax.robots.raven2.arms import ARMS
-from ravenjax.robots.raven2.console.motions import MOTIONS
-from ravenjax.robots.raven2.geometry.tools import TOOLS
-from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
+from ravenjax.vocabulary.robot import Robot
 
 Schema = dict[str, Any]
 
@@ -32,26 +29,25 @@ TABLE = "Parameters"
 """Definition of a table whose keys are paths of parameters."""
 
 
-def schema() -> Schema:
-    """JSON Schema of a campaign file."""
-    found = of_model(CampaignConfig, "ravenjax campaign")
+def schema(robot: Robot) -> Schema:
+    """JSON Schema of a campaign file of that robot."""
+    found = of_model(robot, config_class_of(robot), "ravenjax campaign")
     _groups(found)
     return found
 
 
-def of_model(model: type[BaseModel], title: str) -> Schema:
-    """JSON Schema of a file that a model checks, with the words that campaigns share."""
+def of_model(robot: Robot, model: type[BaseModel], title: str) -> Schema:
+    """JSON Schema of a file that a model checks, with the words that campaigns of a robot share."""
     found = {"$schema": DIALECT, **model.model_json_schema(), "title": title}
     definitions = found.setdefault("$defs", {})
     for table in (found, *definitions.values()):
         tidy(table)
-    known = _words()
+    known, ranges = _words(robot), config_class_of(robot).ranges()
     for name, table in definitions.items():
         for key, words in known.get(name, {}).items():
             table["properties"][key] = _among(table["properties"][key], words)
-        if name in ("Start", "Limits"):
-            for key, (low, high) in HARD_RANGES.items():
-                _numbers(table["properties"][key], lambda node, a=low, b=high: node | {"minimum": a, "maximum": b})
+        for key, (low, high) in ranges.get(name, {}).items():
+            _numbers(table["properties"][key], lambda node, a=low, b=high: node | {"minimum": a, "maximum": b})
     if "Fault" in definitions:
         _times(definitions["Fault"]["properties"])
     for table in (found, *definitions.values()):
@@ -59,17 +55,20 @@ def of_model(model: type[BaseModel], title: str) -> Schema:
             if key in table.get("properties", ()):
                 text = table["properties"][key].get("description", "")
                 table["properties"][key] = {"description": text, "$ref": f"#/$defs/{TABLE}"}
-    definitions |= {TABLE: _parameters(), "ParameterPath": _path(), "ParameterValue": TypeAdapter(Number).json_schema()}
+    any_path = _paths(robot)
+    definitions |= {
+        TABLE: _parameters(any_path),
+        "ParameterPath": _path(any_path),
+        "ParameterValue": TypeAdapter(Number).json_schema(),
+    }
     return found
 
 
-def _words() -> dict[str, dict[str, Iterable[str]]]:
+def _words(robot: Robot) -> dict[str, dict[str, Iterable[str]]]:
     """Definition -> key -> the words that it takes, where the models leave that to a later check."""
     return {
-        "Campaign": {"tools": TOOLS},
-        "Robot": {"tools": TOOLS},
-        "Operator": {"motion": MOTIONS},
-        "Fault": {"site": SITES, "arm": ARMS, "effect": EFFECTS, "trigger": TRIGGERS},
+        **config_class_of(robot).words(),
+        "Fault": {"site": robot.sites, "arm": robot.arms, "effect": EFFECTS, "trigger": TRIGGERS},
         "Stop": {"rates": events.EVENTS},
         "Entry": {"hazards": expansion.words()},
     }
@@ -125,10 +124,15 @@ def _times(fault: dict[str, Schema]) -> None:
 
 # --- parameters -------------------------------------------------------------------------------------------------------
 
-_NAME = "|".join(sorted({re.escape(word) for word in (*bounds.NAMES, *ARMS)} | {r"\d+"}, key=len, reverse=True))
+
+def _paths(robot: Robot) -> Schema:
+    """Names of a table that are words of a path."""
+    words = {re.escape(word) for word in (*bounds.NAMES, *robot.arms)} | {r"\d+"}
+    name = "|".join(sorted(words, key=len, reverse=True))
+    return {"pattern": rf"^({name})(\.({name}))*$"}
 
 
-def _parameters() -> Schema:
+def _parameters(any_path: Schema) -> Schema:
     """A table of parameters: paths, dotted or as tables in tables, of the first words that there are."""
     tree: Schema = {}
     for row in bounds.BOUNDS:
@@ -138,26 +142,25 @@ def _parameters() -> Schema:
                 node = node.setdefault(word, {})
             of = f" ({', '.join(row.joints)})" if row.joints else ""
             node.setdefault("", []).append(f"{row.meaning}{of}: {row.range}")
-    table = _node(tree)
-    firsts = "|".join(re.escape(word) for word in tree)
-    return table | {"propertyNames": {"pattern": rf"^({firsts})(\.({_NAME}))*$"}}
+    table = _node(tree, any_path)
+    first, rest = "|".join(re.escape(word) for word in tree), any_path["pattern"].partition("(\\.")
+    return table | {"propertyNames": {"pattern": f"^({first}){rest[1]}{rest[2]}"}}
 
 
-def _node(tree: Schema) -> Schema:
+def _node(tree: Schema, any_path: Schema) -> Schema:
     """One word of a path: a number where its path ends, else the words that may follow it."""
     if "" in tree:
         return {"description": "; ".join(tree[""]), **_REST}
-    inner = {word: _node(below) for word, below in tree.items()}
-    return {"type": "object", "properties": inner, "additionalProperties": _REST, "propertyNames": _ANY}
+    inner = {word: _node(below, any_path) for word, below in tree.items()}
+    return {"type": "object", "properties": inner, "additionalProperties": _REST, "propertyNames": any_path}
 
 
-_ANY: Schema = {"pattern": rf"^({_NAME})(\.({_NAME}))*$"}
 _REST: Schema = {"anyOf": [{"$ref": "#/$defs/ParameterValue"}, {"$ref": "#/$defs/ParameterPath"}]}
 
 
-def _path() -> Schema:
+def _path(any_path: Schema) -> Schema:
     """The rest of a path whose beginning names an arm, a joint or an axis."""
-    return {"type": "object", "additionalProperties": _REST, "propertyNames": _ANY, "minProperties": 1}
+    return {"type": "object", "additionalProperties": _REST, "propertyNames": any_path, "minProperties": 1}
 
 
 # --- groups that name hazards -----------------------------------------------------------------------------------------

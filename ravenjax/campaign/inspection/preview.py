@@ -16,7 +16,6 @@ from ravenjax.campaign.file import copies, loading, location, semantics
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Group
 from ravenjax.campaign.inspection.estimate import BASIS, Estimate, Machine, Work, estimate
-from ravenjax.robots.raven2.sites import SITES
 from ravenjax.store import manifest
 from ravenjax.store.files import StoreError
 
@@ -92,8 +91,8 @@ def preview(config: CampaignConfig, folder: Path, engine: str = "auto") -> Previ
         slots=max(1, config.slots),
         cues=len(config.haptics.cues()),
         levels=sum(len(levels) for _, _, levels in config.detectors),
-        substeps=config.campaign.substeps,
-        reacts=config.reaction is not None,
+        substeps=config.substeps,
+        reacts=config.reacts,
     )
     cost, basis = _expected(work, machine, config.campaign.name, folder)
     return Preview(
@@ -148,9 +147,10 @@ def _faults(config: CampaignConfig, rows: pd.DataFrame) -> Iterator[FaultRow]:
         for pair in set(zip(site, effect, strict=True)) - {("", "")}:
             hit = ((site == pair[0]) & (effect == pair[1])).to_numpy()
             struck[pair] = struck.get(pair, np.zeros(len(rows), bool)) | hit
-    order = list(SITES)
+    sites = config.robot.sites
+    order = list(sites)
     for site, effect in sorted(struck, key=lambda pair: (order.index(pair[0]), pair[1])):
-        yield FaultRow(site, SITES[site].layer, effect, int(struck[site, effect].sum()))
+        yield FaultRow(site, sites[site].layer, effect, int(struck[site, effect].sum()))
 
 
 def _inputs(rows: pd.DataFrame) -> list[str]:
@@ -230,9 +230,7 @@ def as_json(view: Preview, faults: Sequence[str]) -> dict[str, Any]:
         "copies": view.copies,
         "duration_ms": config.campaign.ticks,
         "arms": list(config.campaign.arms),
-        "software": config.campaign.software,
-        "operator": config.operator.model_dump(mode="json", exclude_none=True),
-        "reaction": None if config.reaction is None else config.reaction.model_dump(mode="json"),
+        **config.settings(),
         "cues": [cue._asdict() for cue in config.haptics.cues()],
         "detectors": [
             {"name": name, "kind": use.kind, "fusion": use.fusion, "consecutive": use.consecutive, "levels": levels}

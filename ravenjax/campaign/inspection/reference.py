@@ -12,16 +12,18 @@ from pydantic import BaseModel
 
 from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.axis import DISTRIBUTIONS, FORMS, LIST, Axis
-from ravenjax.campaign.file.config import HARD_RANGES, CampaignConfig, Limits, Start
+from ravenjax.campaign.file.config import Campaign, config_class_of
 from ravenjax.campaign.file.group import DESIGNS, LEAST_MS, LONGEST_MS, UNTIL_END, Fault
 from ravenjax.campaign.file.loading import header, tables_of
 from ravenjax.hazards import library
 from ravenjax.hazards.expansion import KEYS
-from ravenjax.robots.raven2.console.motions import MOTIONS
-from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
+from ravenjax.vocabulary.robot import Robot
 
 COMMAND = "ravenjax reference --out campaigns/REFERENCE.md"
+
+Ranges = Mapping[str, Mapping[str, tuple[float, float]]]
+"""Model of a table -> key -> least and largest number."""
 
 COLUMNS = ("key", "type", "unit", "range", "default", "meaning")
 """Of `keys`."""
@@ -61,12 +63,13 @@ _UNITS = {
 """Endings of keys, the longest first, and the units that they stand for."""
 
 
-def page() -> str:
-    """The whole page."""
-    return "\n\n".join(_parts()) + "\n"
+def page(robot: Robot) -> str:
+    """The whole page, for campaigns of that robot."""
+    return "\n\n".join(_parts(robot)) + "\n"
 
 
-def _parts() -> Iterator[str]:
+def _parts(robot: Robot) -> Iterator[str]:
+    config = config_class_of(robot)
     yield "# Campaign files: every key"
     yield (
         f"Written by `{COMMAND}` from what is checked; a test holds it up to date. `ravenjax check FILE` says what a "
@@ -90,11 +93,11 @@ def _parts() -> Iterator[str]:
         f"{', '.join(name for name in DISTRIBUTIONS if name != 'choice')} are rounded."
     )
     yield markdown_table(("design", "runs of a group"), ((f"`{name}`", what) for name, what in DESIGNS.items()))
-    for path, model in tables_of(CampaignConfig):
+    for path, model in tables_of(config):
         if path:
             yield f"## {header(path)}"
             yield sentence(model)
-            yield markdown_table(COLUMNS, keys(model))
+            yield markdown_table(COLUMNS, keys(model, config.ranges()))
         if path == ("group", "run"):
             yield "## [[group]] that names hazards"
             yield (
@@ -122,15 +125,17 @@ def _parts() -> Iterator[str]:
             "yes" if site.per_arm else "",
             site.where,
         )
-        for site in SITES.values()
+        for site in robot.sites.values()
     )
     yield markdown_table(("site", "layer", "channels", "on each arm", "where"), rows)
     yield "## Effects"
     yield markdown_table(("effect", "meaning"), ((f"`{effect.name}`", effect.meaning) for effect in EFFECTS.values()))
     yield "## Triggers"
     yield markdown_table(("trigger", "start_ms counts"), ((f"`{name}`", what) for name, what in TRIGGERS.items()))
-    yield "## Motions"
-    yield f"`[operator] motion` is one of {', '.join(f'`{name}`' for name in MOTIONS)}."
+    for table, words in config.words().items():
+        if "motion" in words:
+            yield "## Motions"
+            yield f"`[{table.lower()}] motion` is one of {', '.join(f'`{name}`' for name in words['motion'])}."
 
 
 def sentence(model: type[BaseModel]) -> str:
@@ -140,8 +145,8 @@ def sentence(model: type[BaseModel]) -> str:
     return rest[:1].upper() + rest[1:]
 
 
-def keys(model: type[BaseModel]) -> Iterator[tuple[str, ...]]:
-    """One row of COLUMNS for each key of a table but tables inside it."""
+def keys(model: type[BaseModel], ranges: Ranges | None = None) -> Iterator[tuple[str, ...]]:
+    """One row of COLUMNS for each key of a table but tables inside it. ranges: `CampaignConfig.ranges`."""
     schema = model.model_json_schema()
     for name, field in model.model_fields.items():
         written = schema["properties"][name]
@@ -152,7 +157,7 @@ def keys(model: type[BaseModel]) -> Iterator[tuple[str, ...]]:
             f"`{name}`",
             _type(name, inner, model),
             _unit(name),
-            _range(name, inner, model),
+            _range(name, inner, model, (ranges or {}).get(model.__name__, {})),
             _default(field),
             (field.description or "").replace("|", "or"),
         )
@@ -186,7 +191,7 @@ def _type(name: str, schema: Mapping[str, Any], model: type[BaseModel]) -> str:
     if items.get("type") == "object":
         return "list of tables"
     what = _type(name, items, model) if "enum" in items else kinds[items["type"]]
-    return f"list of {what}" if model.__name__ == "Campaign" else f"{what}, or a list"
+    return f"list of {what}" if issubclass(model, Campaign) else f"{what}, or a list"
 
 
 def _axis(schema: Mapping[str, Any], model: type[BaseModel], name: str) -> str:
@@ -200,11 +205,13 @@ def _unit(name: str) -> str:
     return next((unit for ending, unit in _UNITS.items() if name.endswith(f"_{ending}")), "")
 
 
-def _range(name: str, schema: Mapping[str, Any], model: type[BaseModel]) -> str:
+def _range(
+    name: str, schema: Mapping[str, Any], model: type[BaseModel], ranges: Mapping[str, tuple[float, float]]
+) -> str:
     if model is Fault and name in LEAST_MS:
         return f"{LEAST_MS[name]} to {LONGEST_MS}" + (', or "end"' if name == "duration_ms" else "")
-    if model in (Start, Limits):
-        low, high = HARD_RANGES[name]
+    if name in ranges:
+        low, high = ranges[name]
         return f"{low:g} to {high:g}"
     numbers = schema.get("items", schema)
     low, high = (

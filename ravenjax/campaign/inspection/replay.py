@@ -11,7 +11,7 @@ import pandas as pd
 
 from ravenjax.campaign import compile_cache, outcomes, plan
 from ravenjax.campaign.faults import run_id
-from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
 from ravenjax.errors import UserError
@@ -61,7 +61,7 @@ class Replayer:
         if engine == "auto":
             # A GPU's results come again on a CPU, to the bit where that fuses multiply-adds.
             engine = "auto" if record.engine == "cuda" else record.engine
-        return Replayer(CampaignConfig.model_validate(record.config), engine)
+        return Replayer(validated(record.config), engine)
 
     def index(self, run: str | int) -> int:
         """Index of a run by its id, the beginning of its id, or its index. Raises UserError."""

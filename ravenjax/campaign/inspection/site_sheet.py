@@ -6,18 +6,18 @@ import math
 
 from ravenjax.errors import UserError
 from ravenjax.hazards import ranges
-from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS, WITHOUT_VALUE
-from ravenjax.vocabulary.legal import USB_SITE, legal
+from ravenjax.vocabulary.legal import legal
+from ravenjax.vocabulary.robot import Robot
 from ravenjax.vocabulary.sites import Channel, Site
 
 CHANNEL_COLUMNS = ("channel", "number", "unit", "without a fault")
 EFFECT_COLUMNS = ("effect", "meaning", "value")
 
 
-def channels(site: Site) -> list[tuple[str, ...]]:
+def channels(robot: Robot, site: Site) -> list[tuple[str, ...]]:
     """One row a channel: name, type of its number, unit, and where it is when nothing is wrong."""
-    return [(one.name, one.kind, one.unit, _normal(site, one)) for one in site.channels]
+    return [(one.name, one.kind, one.unit, _normal(robot, site, one)) for one in site.channels]
 
 
 def effects(site: Site) -> list[tuple[str, ...]]:
@@ -58,14 +58,14 @@ def _span(site: Site, channel: Channel, effect: str) -> str:
         return f"any number{unit and f', in{unit}'}"
     beyond = ""
     if channel.kind == "int16":
-        beyond = ", beyond with wraps = true" + (" or campaign.dac_words" if site.name == USB_SITE else "")
+        beyond = ", beyond with wraps = true" + (" or campaign.dac_words" if site.beyond else "")
     return f"{low:.10g}..{high:.10g}{unit}{', whole' if rule.whole else ''}{beyond}"
 
 
-def _normal(site: Site, channel: Channel) -> str:
+def _normal(robot: Robot, site: Site, channel: Channel) -> str:
     """The range of a channel in fault-free runs, of each arm where they differ."""
     spans = {}
-    for arm in ARMS if site.per_arm else ARMS[:1]:
+    for arm in robot.arms if site.per_arm else robot.arms[:1]:
         try:
             normal = ranges.normal(site.name, channel.name, arm)
         except UserError:

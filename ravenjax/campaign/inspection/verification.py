@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from ravenjax.campaign import compile_cache, outcomes, plan
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.faults import run_id
-from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.file.config import validated
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress.counts import OnProgress, Progress
 from ravenjax.engines import selection
@@ -92,7 +92,7 @@ def verify(
     checks = [parts, checking.rows(record), *checking.values(folder, record, whole)]
     compile_cache.enable()
     try:
-        ready = plan.make(CampaignConfig.model_validate(record.config))
+        ready = plan.make(validated(record.config))
     except ValueError as error:  # UserError, and pydantic's: a config that this version does not read
         return Verification([*checks, Check("campaign", "the manifest's campaign, expanded again", [str(error)])], None)
     checks.append(_campaign(folder, record, ready, whole))

@@ -5,6 +5,7 @@ setup        what picks code
 geometry     kinematics, transmission, limits, tools, gravity, and the operating scene
 original     the same with the operations of the original software in their order
 dynamics     the links as rigid bodies
+campaign     what a campaign file may say of it, and what a campaign asks of it
 console      the operator: motion, packets, reaction to the cue
 stages       the control software and the PLC, a stage a file
 plant        motors, cables, links, encoders of the virtual robot; the nominal model
@@ -32,4 +33,6 @@ ROBOT = Robot(
     layers=LAYERS,
     checks=CHECKS,
     run_levels=run_levels.NAMES,
+    noise=("plant.encoder_noise", "plant.torque_noise"),
+    packet_cycles="network.cycles_per_packet",
 )

@@ -9,6 +9,9 @@ from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.vocabulary.sites import ARM, Channel, Field, Kind, Site
 
+USB_SITE = "usb_out"
+"""The site whose words `[campaign] dac_words` is about."""
+
 RUN_LEVEL = Field(0, len(run_levels.NAMES) - 1, "a run level", 2)
 BYTE = Field(0, 255, "a byte", 8)
 DATAGRAM = Field(0, 65507, "the length of a datagram", 16)
@@ -122,7 +125,14 @@ SITES: dict[str, Site] = {
         Site("mpos_d", "L3", True, _joints("float", ("rad", "rad")), "desired motor positions"),
         Site("tau_d", "L4", True, _joints("float", ("N m", "N m")), "desired torque at the capstan, before the DAC"),
         Site("current_cmd", "L4", True, _joints("int16", ("cnt", "cnt")), "DAC command, before the overdrive check"),
-        Site("usb_out", "L7", True, _joints("int16", ("cnt", "cnt")), "DAC command, after every software check"),
+        Site(
+            USB_SITE,
+            "L7",
+            True,
+            _joints("int16", ("cnt", "cnt")),
+            "DAC command, after every software check",
+            beyond='dac_words = "wrap" (or "saturate", "unwrapped") in [campaign]',
+        ),
         Site("pins_out", "L8", False, (Channel("pins", (), "int32", "bits", BYTE),), "output pins to the PLC"),
         Site(
             "plc",

@@ -13,10 +13,10 @@ from mcap.records import Channel, Footer, Message, Schema
 from mcap.stream_reader import StreamReader
 
 from ravenjax.errors import UserError, suggestion
+from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.store.logs import topics as names
 from ravenjax.store.motion.table_file import unit
 from ravenjax.store.motion.track import ArmTrack, Track
-from ravenjax.robots.raven2.arms import JOINTS
 
 ARM_TOPICS = {arm: f"/{name}/" for arm, name in names.ARM_TOPICS.items()}
 SOURCES = ("setpoint", "measured")

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.store import manifest
 from ravenjax.store.folder import read_all
 from ravenjax.studies.dsn16 import cells, trajectory
@@ -52,7 +52,7 @@ class Runs:
 
 def read(name: str, folder: Path) -> Runs:
     """The runs of a finished folder."""
-    config = CampaignConfig.model_validate(manifest.read(folder).config)
+    config = validated(manifest.read(folder).config)
     return of(name, config, read_all(folder), cycles_of(config))
 
 

@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 
 from ravenjax.campaign import compile_cache, plan
-from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.file.config import validated
 from ravenjax.campaign.inspection import replay
 from ravenjax.engines import traced
 from ravenjax.engines.cpu.engine import SimdKernel
@@ -33,7 +33,7 @@ def measure(path: Path, measured: Callable[[int, Series], T], rows: Sequence[int
     `manifest.read`.
     """
     compile_cache.enable()
-    ready = plan.make(CampaignConfig.model_validate(manifest.read(path).config))
+    ready = plan.make(validated(manifest.read(path).config))
     kernel = SimdKernel(traced.unrolled(ready.program), 1, compile_cache.objects(), signals=True)
 
     def one(row: int) -> T:

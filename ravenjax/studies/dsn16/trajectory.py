@@ -17,9 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.campaign import plan
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.campaign import hands
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 
@@ -84,7 +84,7 @@ def desired_tip(config: CampaignConfig) -> np.ndarray:
     """Where the operator wants the gold tip, [packets, 3] m in frame 0."""
     import jax
 
-    motion = plan.operator_motion(config)
+    motion = hands.operator_motion(config)
     with jax.enable_x64(True):
         start = kinematics.forward("gold", Vec(np.float64(q) for q in motion.start_jpos[0])).position
     axes = np.array(ITP_AXES["gold"], float)

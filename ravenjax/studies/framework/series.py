@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.campaign import compile_cache, plan
-from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.file.config import validated
 from ravenjax.campaign.plan import Plan
 from ravenjax.engines import traced
 from ravenjax.engines.cpu import jit
@@ -62,7 +62,7 @@ class Recorder:
 
         chosen: indices of the runs wanted, of the result table; None takes all. Raises StoreError as `read_all`.
         """
-        config = CampaignConfig.model_validate(manifest.read(path).config)
+        config = validated(manifest.read(path).config)
         table = results.read_all(path).set_index("index", drop=False)
         ready = plan.make(config)
         code = self._code(ready)

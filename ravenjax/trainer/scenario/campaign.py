@@ -22,7 +22,7 @@ from pydantic import ValidationError
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import bounds, semantics
 from ravenjax.campaign.file.axis import Axis
-from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.hazards import expansion
 from ravenjax.robots.raven2.sites import SITES
@@ -174,7 +174,7 @@ def _config(scenario: Scenario, seed: int, groups: list[dict[str, Any]], duratio
         "software": scenario.software,
         **robot,
     }
-    return CampaignConfig.model_validate(
+    return validated(
         {
             "campaign": campaign,
             "operator": {

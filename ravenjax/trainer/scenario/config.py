@@ -19,11 +19,12 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, PrivateAttr, field_validator, model_validator
 
 from ravenjax.campaign.file.axis import Number
-from ravenjax.campaign.file.config import OneOrMore, Start
+from ravenjax.campaign.file.config import OneOrMore
 from ravenjax.campaign.file.group import Fault, Section, flatten_parameters
 from ravenjax.errors import shown
 from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
 from ravenjax.robots.raven2.arms import ARMS, ArmName
+from ravenjax.robots.raven2.campaign.config import Start
 
 Response = Literal["release", "slow", "restart", "convert", "stop", "continue"]
 """What an operator can do: lift the pedal, slow down, restart after an E-stop, say that the procedure is converted,

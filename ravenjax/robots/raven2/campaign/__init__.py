@@ -1,0 +1,6 @@
+"""What a campaign file may say of a Raven-II, and what a campaign asks of it; see `ravenjax.campaign.prepared`."""
+
+from ravenjax.robots.raven2.campaign.config import RavenConfig as Config
+from ravenjax.robots.raven2.campaign.program import prepare
+
+__all__ = ["Config", "prepare"]

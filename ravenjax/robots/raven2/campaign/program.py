@@ -1,0 +1,107 @@
+"""From a validated campaign to a Raven's tick: what picks its code, its parameters, its operator's motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ravenjax.campaign.prepared import Prepared
+from ravenjax.numbers import paths
+from ravenjax.numbers.setup import Injection, Precision
+from ravenjax.numbers.vec import replace
+from ravenjax.robots.raven2.campaign import hands
+from ravenjax.robots.raven2.campaign.config import RavenConfig
+from ravenjax.robots.raven2.console.motion import Motion
+from ravenjax.robots.raven2.loop import tick
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.stages import overdrive
+from ravenjax.vocabulary.reactions import ACTIONS
+
+POLICIES = {
+    "no_regulation": overdrive.NO_REGULATION,
+    "soft_regulation": overdrive.SOFT_REGULATION,
+    "hard_regulation": overdrive.HARD_REGULATION,
+}
+NOISE_KEY = "plant.noise_key"
+"""Parameter that a campaign with noise sets from each run's id, which hashes its seed: every run draws its own."""
+
+DELAY, LONGEST_DELAY = "usb.command_delay", 16
+"""Parameter that makes the tick keep commands of the past, and the most it keeps, ms."""
+
+
+SCALE = "operator.scale"
+"""Parameter that makes a tip move more or less far than the hands' motion was made for."""
+
+
+def prepare(
+    config: RavenConfig, varied: Mapping[str, np.ndarray], injection: Injection, precision: Precision
+) -> Prepared:
+    """See `ravenjax.campaign.prepared`. Raises UserError for an operator's file that cannot be used."""
+    replay = hands.operator_replay(config)
+    motion = hands.operator_motion(config) if replay is None else replay.motion
+    setup = Setup(
+        arms=config.campaign.arms,
+        software=config.campaign.software,
+        tools=config.tools,
+        build=config.campaign.build,
+        console=config.campaign.console,
+        dac_words=config.campaign.stored_words,
+        precision=precision,
+        substeps=config.campaign.substeps,
+        injection=injection,
+        cues=len(config.haptics.cues()),
+        command_delay=_longest(varied.get(DELAY)),
+        detectors=tuple(use for _, use, _ in config.detectors),
+        reacts=config.reacts,
+        noise=config.campaign.noise,
+    )
+    return Prepared(
+        loop=tick,
+        setup=setup,
+        params=_params(config, setup, motion),
+        columns=tuple(motion.table().T),
+        motion=motion,
+        operator=None if replay is None else hands.scaled(replay, varied.get(SCALE)),
+        noise_key=NOISE_KEY if setup.noise else "",
+    )
+
+
+def _longest(delays: np.ndarray | None) -> int:
+    """Room that the delay line needs, ms: one for each tick of the longest delay that can be run."""
+    if delays is None or np.isnan(delays).all():
+        return 0
+    return int(np.clip(np.nanmax(delays), 0, LONGEST_DELAY))
+
+
+def _params(config: RavenConfig, setup: Setup, motion: Motion) -> tick.Params:
+    params = tick.params(setup, motion.start_jpos, config.campaign.parameter_set)
+    operator = replace(params.operator, scale=config.operator.scale)
+    level, policy = config.campaign.level, POLICIES[config.campaign.policy]
+    control = replace(params.control, overdrive=overdrive.params(setup, level, policy))
+    cues = tuple(
+        replace(cue, threshold_m=new.threshold_m, kp=new.kp, kd=new.kd, cap=new.cap)
+        for cue, new in zip(params.haptics.cues, config.haptics.cues(), strict=True)
+    )
+    params = replace(params, operator=operator, control=control, haptics=replace(params.haptics, cues=cues))
+    observer = replace(
+        params.monitor,
+        limit=config.outcomes.limit_mm / 1e3,
+        jump_step=config.outcomes.jump_step_mm / 1e3,
+        large_jump=config.outcomes.large_jump_mm / 1e3,
+    )
+    params = replace(params, monitor=observer)
+    if params.detectors is not None:
+        levels = tuple(levels for _, _, levels in config.detectors)
+        params = replace(params, detectors=replace(params.detectors, levels=levels))
+    if params.reaction is not None and config.reaction is not None:
+        asked = config.reaction.model_dump(exclude={"action", "correct_mm_s"})
+        action = np.int32(ACTIONS.index(config.reaction.action))
+        speed = config.reaction.correct_mm_s / 1e3
+        params = replace(params, reaction=replace(params.reaction, action=action, correct_speed=speed, **asked))
+    for joint, (low, high) in config.limits.si().items():
+        for side, value in (("lower", low), ("upper", high)):
+            stored = float(np.float32(value))  # the software holds its limits as float32
+            params = paths.assign(params, setup, f"control.cartesian.{side}.{joint}", stored)
+            params = paths.assign(params, setup, f"nominal.target.{side}.{joint}", value)
+    return params
