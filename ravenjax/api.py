@@ -88,12 +88,14 @@ def simulate(
     attributes = {name: str(row[name]) for name in plain} | {
         "index": int(row["index"]),
         "seed": int(row["seed"]),
-        "fault": wording.fault(row),
+        "fault": wording.fault(row, config.robot),
         "campaign": config.campaign.name,
         "engine": again.engine,
         "version": manifest.package_versions()["ravenjax"],
     }
-    return run_dataset.dataset(again.series, attributes, [cue.threshold_m * 1e3 for cue in config.haptics.cues()])
+    return run_dataset.dataset(
+        again.series, attributes, [cue.threshold_m * 1e3 for cue in config.haptics.cues()], config.robot
+    )
 
 
 def _config(campaign: Any) -> CampaignConfig:

@@ -45,7 +45,7 @@ def check(
     sizes = [] if limit is None else [f"campaign.limit={limit}"]
     config = loading.load(file, [*(overrides or ()), *sizes])
     view = preview.preview(config, out or Path("results") / config.campaign.name, engine)
-    words = [wording.fault(row) for row in view.sample.to_dict("records")]
+    words = [wording.fault(row, config.robot) for row in view.sample.to_dict("records")]
     if as_json:
         import json
 

@@ -59,7 +59,7 @@ def trace(
         assert replayer is not None
         again = replayer.replay(run)
         row = again.row.to_dict()
-        summary = run_summary.summary(row, record.rules, again.series, again.golden)
+        summary = run_summary.summary(row, record.rules, again.series, again.golden, record.robot)
         paths = _write(place, record, again, [event.as_dict() for event in summary.events])
         told.append({"run_id": row["run_id"], **summary.as_dict(), "files": [str(path) for path in paths]})
         if not as_json:
@@ -76,16 +76,17 @@ def _write(place: Path, record: Manifest, again: Replay, events: list[dict[str, 
 
     row, series, rules = again.row.to_dict(), again.series, record.rules
     log, table, plot = (place / f"{row['run_id']}.{kind}" for kind in ("mcap", "csv", "svg"))
-    trace_log.write(log, series, _metadata(record, again), bases=again.bases, events=events)
-    trace_csv.write(table, series)
+    trace_log.write(log, series, _metadata(record, again), bases=again.bases, events=events, robot=record.robot)
+    trace_csv.write(table, series, record.robot)
     named = {"fault": "first_active_ms", "cue": f"cue{rules.cue}_first_ms", str(row["response"]): "response_ms"}
     named |= {"unintended motion": "unintended_first_ms", "loss of motion": "loss_first_ms"}
     trace_plot(
         _plotted(series, rules.cue),
         plot,
         title=f"run {row['run_id']} · {row['verdict'] or row['failed']}",
-        subtitle=f"{row['group']}: {wording.fault(row)}",
+        subtitle=f"{row['group']}: {wording.fault(row, record.robot)}",
         threshold_mm=rules.threshold_mm,
+        robot=record.robot,
         events={name: float(row[column]) for name, column in named.items()},
     )
     return [log, table, plot]
@@ -99,7 +100,7 @@ def _metadata(record: Manifest, again: Replay) -> dict[str, str]:
     row = again.row.to_dict()
     plain = ("run_id", "index", "group", "seed", "operator", "verdict", "response", "response_cause", "hazard")
     told = {name: row[name] for name in plain} | {
-        "fault": wording.fault(row),
+        "fault": wording.fault(row, record.robot),
         **{name: value for name, value in row.items() if name.startswith(("fault", "param:")) and value == value},
         "campaign": record.campaign,
         "config_hash": record.config_hash,

@@ -125,7 +125,7 @@ def compare(first: Path, second: Path, most: int = 10) -> Comparison:
             pairs._replace(compared=compared),
             [_rate(table, name, records, compared) for name in RATES],
             {word: _transitions(table, word) for word in WORDS},
-            _changed(table, most),
+            _changed(records[0].robot, table, most),
         )
 
 
@@ -238,7 +238,7 @@ def _transitions(table: Table, word: str) -> list[Transition]:
     return [Transition(*row) for row in sorted(rows, key=lambda row: (order(row[0]), order(row[1])))]
 
 
-def _changed(table: Table, most: int) -> list[RunChange]:
+def _changed(robot: Robot, table: Table, most: int) -> list[RunChange]:
     """Runs whose verdict or unintended motion differs, by how much the latter does."""
     rows = table.rows(
         "SELECT pairs.first, a.run_id, b.run_id, a.verdict, b.verdict, a.unintended_mm, b.unintended_mm "
@@ -251,6 +251,6 @@ def _changed(table: Table, most: int) -> list[RunChange]:
     listed = ", ".join(str(row[0]) for row in rows)
     faults = table.frame(f"SELECT row, COLUMNS('fault.*') FROM runs_first WHERE row IN ({listed})").set_index("row")
     return [
-        RunChange((one, other), wording.fault(faults.loc[row].to_dict()), (before, after), (mm, other_mm))
+        RunChange((one, other), wording.fault(faults.loc[row].to_dict(), robot), (before, after), (mm, other_mm))
         for row, one, other, before, after, mm, other_mm in rows
     ]

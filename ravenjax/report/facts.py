@@ -12,14 +12,14 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
+from ravenjax import robots
 from ravenjax.outcomes import events, verdict
 from ravenjax.outcomes.events import Rules
-from ravenjax.robots.raven2 import ROBOT
 from ravenjax.store.access import query
 from ravenjax.store.access.query import RESULTS, Table, quoted, text
 from ravenjax.store.manifest import Manifest
 from ravenjax.vocabulary.reactions import ACTIONS
-from ravenjax.vocabulary.robot import OTHER_LAYER
+from ravenjax.vocabulary.robot import OTHER_LAYER, Robot
 
 OUTCOMES = {
     "stopped": "a check stopped the robot",
@@ -46,12 +46,15 @@ class Choices(NamedTuple):
 
     rules: Rules = Rules()  # of the definitions of outcomes
     action: int = 0  # what the operator does at a cue where the run's parameters do not say, of ACTIONS
+    robot: Robot = robots.USUAL
 
 
 def choices(manifest: Manifest) -> Choices:
     """Those of the campaign that a manifest describes."""
     reaction = manifest.config.get("reaction") or {}
-    return Choices(manifest.rules, ACTIONS.index(reaction.get("action", "release")) if manifest.shape.reacts else 0)
+    return Choices(
+        manifest.rules, ACTIONS.index(reaction.get("action", "release")) if manifest.shape.reacts else 0, manifest.robot
+    )
 
 
 def of(frame: pd.DataFrame, manifest: Manifest) -> pd.DataFrame:
@@ -142,7 +145,7 @@ def define(table: Table, chosen: Choices, more: Mapping[str, str] | None = None)
         "misreport_ms": _of_hazard("false report", "false_report_first_ms"),
         "action": f"({action})::TINYINT",
         "plain": anybody,
-        **_first_fault(names),
+        **_first_fault(names, chosen.robot),
         **(more or {}),
     }
     derived = {
@@ -152,7 +155,7 @@ def define(table: Table, chosen: Choices, more: Mapping[str, str] | None = None)
         "WHEN misreport THEN 'misreported' WHEN cued THEN 'phantom' WHEN response = 'limited' THEN 'limited' "
         "ELSE 'quiet' END",
     }
-    for name, words in _words(table, names).items():
+    for name, words in _words(table, names, chosen.robot).items():
         base[name] = f"({base[name]})::{query.enum(words)}"
     base["response"] = f"({base['response']})::{query.enum(['', *verdict.RESPONSES])}"
     base["hazard"] = f"({base['hazard']})::{query.enum(['', *verdict.HAZARDS])}"
@@ -234,19 +237,19 @@ def _number(table: Table, types: Mapping[str, str]) -> bool:
     return bool(unique)
 
 
-def _words(table: Table, names: Sequence[str]) -> dict[str, list[str]]:
+def _words(table: Table, names: Sequence[str], robot: Robot) -> dict[str, list[str]]:
     """Columns of words that a campaign chooses, and which occur; they are stored as one small number a row."""
-    first = {name: sql for name, sql in _first_fault(names).items() if name in ("site", "block")}
+    first = {name: sql for name, sql in _first_fault(names, robot).items() if name in ("site", "block")}
     asked = {"group": '"group"', **first}
     found = table.rows(f"SELECT DISTINCT {', '.join(asked.values())} FROM {RESULTS}")
     told = {name: sorted({row[place] for row in found}) for place, name in enumerate(asked)}
-    return told | {"layer": [*ROBOT.layers.values(), OTHER_LAYER]}
+    return told | {"layer": [*robot.layers.values(), OTHER_LAYER]}
 
 
-def _first_fault(names: Sequence[str]) -> dict[str, str]:
+def _first_fault(names: Sequence[str], robot: Robot) -> dict[str, str]:
     if "fault0_site" not in names:
         return {"site": "''", "layer": text(OTHER_LAYER)}  # a campaign without any fault
-    known = " ".join(f"WHEN {text(site)} THEN {text(ROBOT.layer(site))}" for site in ROBOT.sites)
+    known = " ".join(f"WHEN {text(site)} THEN {text(robot.layer(site))}" for site in robot.sites)
     return {
         "site": "fault0_site",
         "layer": f"CASE fault0_site {known} ELSE {text(OTHER_LAYER)} END",

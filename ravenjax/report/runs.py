@@ -46,6 +46,7 @@ class Runs:
     def __init__(self, table: Table, manifest: Manifest, beside: Companions = NO_COMPANIONS) -> None:
         """table: has `results` with a column `row`; beside: further fault-free motion."""
         self.table, self.types = table, table.types()
+        self.robot = manifest.robot
         self._length_ms, self._beside = manifest.duration_ms, beside
         self.names = list(self.types)
         run_facts.define(table, run_facts.choices(manifest), _more(manifest))

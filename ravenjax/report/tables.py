@@ -16,7 +16,6 @@ from ravenjax.report.counted import Delays, median
 from ravenjax.report.facts import FACTS, OUTCOMES
 from ravenjax.report.run.worst import replay
 from ravenjax.report.runs import Runs
-from ravenjax.robots.raven2 import ROBOT
 from ravenjax.stats.intervals import Rate, wilson
 from ravenjax.store.access.query import RESULTS, text
 from ravenjax.store.manifest import Manifest
@@ -222,7 +221,7 @@ def check_rows(runs: Runs, manifest: Manifest) -> list[dict[str, Any]]:
     total, *found = runs.table.row(f"SELECT {', '.join(asked)} FROM {runs.those('sample AND faulty')}")
     rows = []
     for check, tripped, margin in zip(names, found[::2], found[1::2], strict=True):
-        known = ROBOT.check(check)
+        known = manifest.robot.check(check)
         rows.append(
             {
                 "name": check,

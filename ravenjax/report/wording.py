@@ -6,8 +6,9 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from ravenjax.robots.raven2 import ROBOT
+from ravenjax import robots
 from ravenjax.stats.intervals import Estimate, Rate
+from ravenjax.vocabulary.robot import Robot
 
 NARROW = "\u202f"
 DASH = "–"
@@ -109,13 +110,13 @@ def span(low: float, high: float) -> str:
     return f"from {number(low)}" if math.isfinite(low) else f"up to {number(high)}"
 
 
-def fault(row: Mapping[str, Any]) -> str:
+def fault(row: Mapping[str, Any], robot: Robot = robots.USUAL) -> str:
     """The faults of one result row in a phrase: usb_out gold shoulder, overwrite 500 counts, 9 ms from 1,200 ms."""
     slots = range(sum(name.startswith("fault") and name.endswith("_site") for name in row))
-    return "; ".join(filter(None, (fault_in_slot(row, slot) for slot in slots))) or "no fault"
+    return "; ".join(filter(None, (fault_in_slot(row, slot, robot) for slot in slots))) or "no fault"
 
 
-def fault_in_slot(row: Mapping[str, Any], slot: int) -> str:
+def fault_in_slot(row: Mapping[str, Any], slot: int, robot: Robot) -> str:
     """One fault of a result row in a phrase, "" where the slot is empty."""
     site, arm, channel, effect, value, trigger, start, length, every, period = (
         row[f"fault{slot}_{key}"] for key in _FAULT_KEYS
@@ -123,7 +124,7 @@ def fault_in_slot(row: Mapping[str, Any], slot: int) -> str:
     if not site:
         return ""
     where = " ".join(str(word) for word in (site, arm, channel) if word)
-    what = effect if math.isnan(value) else f"{effect} {_magnitude(site, channel, effect, value)}"
+    what = effect if math.isnan(value) else f"{effect} {_magnitude(robot, site, channel, effect, value)}"
     if period > 0:
         what += f", period {count(period)} ms"
     unit = "packets" if trigger == "packet" else "ms"
@@ -148,14 +149,14 @@ _FAULT_KEYS = (
 _UNIT_WORDS = {"cnt": "counts", "1": "", "bits": ""}
 
 
-def _magnitude(site: str, channel: str, effect: str, value: float) -> str:
+def _magnitude(robot: Robot, site: str, channel: str, effect: str, value: float) -> str:
     """The value of a fault as its effect takes it, with its unit where this version knows the channel."""
     shown = number(value, 5)
     if effect == "bit_flip":
         return f"of bit {shown}"
     if effect == "scale":
         return f"by {shown}"
-    units = {one.name: one.unit for one in ROBOT.sites[site].channels} if site in ROBOT.sites else {}
+    units = {one.name: one.unit for one in robot.sites[site].channels} if site in robot.sites else {}
     unit = units.get(channel, "")
     unit = _UNIT_WORDS.get(unit, unit)
     if effect == "drift":

@@ -34,3 +34,7 @@ def find(name: str) -> Robot:
         f"robot {name!r} is unknown: expected {DEFAULT!r}, or the name of a module that Python can import and that "
         "declares ROBOT"
     )
+
+
+USUAL = find(DEFAULT)
+"""The robot of a campaign that names none."""

@@ -22,7 +22,6 @@ from ravenjax.numbers.algebra import dot
 from ravenjax.numbers.setup import Setup, per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
 from ravenjax.outcomes.verdict import LIMIT_MM
-from ravenjax.robots.raven2.arms import JOINTS
 
 UM = 1e-6
 
@@ -121,7 +120,7 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Sta
 
     def arm_state(i: int) -> ArmState:
         tip, pos = real(setup, tips[i]), real(setup, positions[i])
-        dac = Vec.full(7, jnp.int32(0))
+        dac = Vec.full(len(setup.joints), jnp.int32(0))
         depth = real(setup, -jnp.inf)
         still, no = real(setup, Vec.full(3, 0.0)), jnp.bool_(False)
         return ArmState(
@@ -322,6 +321,6 @@ def outcomes(setup: Setup, state: State) -> dict[str, Scalar]:
         "failed_ms": state.failed,
     }
     for arm, arm_state in zip(setup.arms, state.arms, strict=True):
-        for joint, peak in zip(JOINTS, arm_state.peak_dac, strict=True):
+        for joint, peak in zip(setup.joints, arm_state.peak_dac, strict=True):
             out[f"peak_dac_{arm}_{joint}"] = peak
     return out

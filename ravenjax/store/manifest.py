@@ -19,12 +19,14 @@ from typing import Any, NamedTuple
 import pydantic
 from pydantic import BaseModel, ConfigDict, Field
 
+from ravenjax import robots
 from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
 from ravenjax.store import schema
 from ravenjax.store.files import StoreError, write_aside
 from ravenjax.store.motion.summary import MotionSummary
 from ravenjax.store.parts import Part, require_version
+from ravenjax.vocabulary.robot import Robot
 
 FILE = "manifest.json"
 PARTS_FILE = "parts.jsonl"
@@ -119,6 +121,11 @@ class Manifest(BaseModel):
     run_s: float | None = Field(default=None, description="s, executing, last start")
     runs_per_s: float | None = Field(default=None, description="runs per second of execution, last start")
     parts: tuple[Part, ...] = Field(default=(), description="finished parts; kept in parts.jsonl")
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that the campaign is of. Raises UserError where it cannot be found here."""
+        return robots.find(self.shape.robot)
 
     @property
     def rules(self) -> Rules:

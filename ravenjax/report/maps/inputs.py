@@ -13,7 +13,6 @@ from ravenjax.report.facts import FACTS
 from ravenjax.report.maps import axes as map_axes
 from ravenjax.report.maps.axes import TO_THE_END, UNSET, UNTIL_END, MapAxis
 from ravenjax.report.runs import Runs
-from ravenjax.store import schema
 from ravenjax.store.access import query
 from ravenjax.store.access.query import RESULTS, quoted, text
 
@@ -183,4 +182,4 @@ def _values(of: Sweep, one: SweptInput, where: str) -> np.ndarray:
 
 def _word_axis(of: Sweep, one: SweptInput, where: str) -> MapAxis:
     counts = of.runs.table.rows(f"SELECT {one.column}::VARCHAR, count(*) FROM {TABLE} WHERE {where} GROUP BY ALL")
-    return map_axes.of_words(one.title, counts, schema.JOINTS)
+    return map_axes.of_words(one.title, counts, of.runs.robot.joints)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ravenjax import robots
 from ravenjax.document import palette
 from ravenjax.document.chart import Axis, Chart, Curve
 from ravenjax.store.motion.options import MAX_GAP_S
@@ -72,7 +73,7 @@ def _command(summary: MotionSummary) -> str:
 
 def _drawing(summary: MotionSummary, arm: str) -> TipDrawing:
     """Tip coordinates over the time in the recording: all of it, and what is replayed."""
-    colours = {"recorded": palette.SAME, "replayed": palette.series(0) if arm == "gold" else palette.CUE}
+    colours = {"recorded": palette.SAME, "replayed": palette.series(0) if arm == robots.USUAL.arms[0] else palette.CUE}
     lines = [line for line in summary.lines if line.arm == arm]
     charts = []
     for number, axis in enumerate("xyz"):

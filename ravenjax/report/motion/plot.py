@@ -10,8 +10,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ravenjax import robots
 from ravenjax.document.figure_style import SOFT, STYLE
-from ravenjax.report.run.plot import ARMS
+from ravenjax.report.run.plot import ARM_COLOURS
 from ravenjax.store.files import require_writable, write_aside
 from ravenjax.store.motion.resampling import TICK_S
 from ravenjax.store.motion.view.course import TipCourse
@@ -70,7 +71,13 @@ def _draw(grid: np.ndarray, course: TipCourse) -> None:
             style = "o-" if near.sum() <= DOTS else "-"
             axes.plot(course.recorded_s[near], before[near, row], style, ms=2, lw=0.8, color=SOFT, label="recorded")
             if replayed:
-                axes.plot(after_s, after[:, row], color=ARMS[course.arm], lw=1.3, label=f"replayed, {course.arm}")
+                axes.plot(
+                    after_s,
+                    after[:, row],
+                    color=ARM_COLOURS[robots.USUAL.arms.index(course.arm)],
+                    lw=1.3,
+                    label=f"replayed, {course.arm}",
+                )
             axes.set_xlim(begin, end)
             _mark(axes, course)
 

@@ -12,10 +12,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ravenjax import robots
 from ravenjax.outcomes.events import Rules
 from ravenjax.report import wording
-from ravenjax.robots.raven2 import ROBOT
 from ravenjax.vocabulary import checks
+from ravenjax.vocabulary.robot import Robot
 
 MOST_WINDOWS = 3
 """Windows of one fault, and pulses of one cue, that are told one by one."""
@@ -47,7 +48,11 @@ class RunEvent(NamedTuple):
 
 
 def events(
-    row: Mapping[str, Any], rules: Rules, series: Series | None = None, golden: Mapping[str, Any] | None = None
+    row: Mapping[str, Any],
+    rules: Rules,
+    series: Series | None = None,
+    golden: Mapping[str, Any] | None = None,
+    robot: Robot = robots.USUAL,
 ) -> list[RunEvent]:
     """Everything that happened in a run.
 
@@ -56,22 +61,22 @@ def events(
     of level "debug".
     """
     parts = [
-        _faults(row, series),
-        _checks(row, golden),
+        _faults(robot, row, series),
+        _checks(robot, row, golden),
         _cues(row, rules, series),
         _hazards(row, rules),
         _others(row, rules),
     ]
     if series is not None:
-        parts.append(_states(series))
+        parts.append(_states(robot, series))
     found = [event for part in parts for event in part]
     return sorted(found, key=lambda event: (event.ms, _ORDER.index(event.kind)))
 
 
-def _faults(row: Mapping[str, Any], series: Series | None) -> Iterator[RunEvent]:
+def _faults(robot: Robot, row: Mapping[str, Any], series: Series | None) -> Iterator[RunEvent]:
     slot = 0
     while f"fault{slot}_site" in row:
-        if words := wording.fault_in_slot(row, slot):
+        if words := wording.fault_in_slot(row, slot, robot):
             active = series[f"fault{slot}_active"] if series is not None and f"fault{slot}_active" in series else None
             windows = [] if active is None else _spans(np.asarray(active, bool))
             ticks = 0 if active is None else len(active)
@@ -112,12 +117,12 @@ def _ending(windows: list[tuple[int, int]], last: int, ticks: int) -> str:
     return ", its last window closes" if len(windows) > 1 else ", its window closes"
 
 
-def _checks(row: Mapping[str, Any], golden: Mapping[str, Any] | None) -> Iterator[RunEvent]:
+def _checks(robot: Robot, row: Mapping[str, Any], golden: Mapping[str, Any] | None) -> Iterator[RunEvent]:
     for name in checks.names(row):
         first, trips = int(row[f"check_{name}_first_ms"]), int(row[f"check_{name}_count"])
         if first < 0:
             continue
-        check = ROBOT.check(name)
+        check = robot.check(name)
         usual = int(golden[f"check_{name}_count"]) if golden is not None else 0
         length = f"{wording.count(trips)} ms" if trips > 1 else "once"
         text = f"check {name} trips ({check.meaning}), {length}"
@@ -173,11 +178,11 @@ def _others(row: Mapping[str, Any], rules: Rules) -> Iterator[RunEvent]:
         yield RunEvent(ms, "jump", _JUMPS.get(rules.jump, f"the tip jumps ({rules.jump})"))
 
 
-def _states(series: Series) -> Iterator[RunEvent]:
+def _states(robot: Robot, series: Series) -> Iterator[RunEvent]:
     """Changes of run level, software E-stop and brakes."""
     if "runlevel" in series:
         levels = np.asarray(series["runlevel"]).astype(int)
-        names = {number: ROBOT.run_level(number) for number in np.unique(levels).tolist()}
+        names = {number: robot.run_level(number) for number in np.unique(levels).tolist()}
         yield from _changes(
             "run level", levels, lambda old, new: f"run level: {names[old]} to {names[new]}", alarming=0
         )

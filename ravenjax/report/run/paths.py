@@ -14,9 +14,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ravenjax import robots
 from ravenjax.report import wording
 from ravenjax.report.runs import Runs
 from ravenjax.store.access.query import RESULTS
+from ravenjax.store.logs import topics
+from ravenjax.vocabulary.robot import Robot
 
 FOLDER = "traces"
 MOST = 6
@@ -27,7 +30,6 @@ _MODEL = {"model_cp": 7, "model_tip": 3}
 """Topics of an arm that hold the nominal model's tip, with or without orientation, and numbers of a message."""
 _TIPS = {"tip": "tip", "twin": "golden_tip"}
 """Tips among the signals."""
-ARMS = {"gold": "arm1", "green": "arm2"}
 MARKS = {
     "first effect": "active_ms",
     "cue": "cue_ms",
@@ -57,7 +59,7 @@ def find(folder: Path, runs: Runs) -> tuple[list[Replay], list[str]]:
     for row in runs.numbered(_worst(runs, list(traced))):
         path = traced[row["run_id"]]
         try:
-            found.append(_replay(row, read(path)))
+            found.append(_replay(runs.robot, row, read(path, runs.robot)))
         except (OSError, ValueError, KeyError, struct.error, *_damage()) as error:
             broken.append(f"{path.name}: {error or type(error).__name__}")
     return found, broken
@@ -75,14 +77,14 @@ def _worst(runs: Runs, run_ids: list[str]) -> list[int]:
     return [row for (row,) in found]
 
 
-def read(path: Path) -> dict[str, np.ndarray]:
+def read(path: Path, robot: Robot = robots.USUAL) -> dict[str, np.ndarray]:
     """Tips of a trace as it names them, [T, 3] in m: <arm>/tip, <arm>/model, <arm>/twin where there; and time_ms [T].
 
     Raises ValueError, KeyError or what the mcap library raises where the file is no trace of ravenjax.
     """
     from mcap.reader import make_reader
 
-    models = {f"/{topic}/{name}": arm for arm, topic in ARMS.items() for name in _MODEL}
+    models = {f"/{topics.arm_name(arm)}/{name}": arm for arm in robot.arms for name in _MODEL}
     numbers: dict[str, dict[int, bytes]] = {}
     names: list[str] = []
     with open(path, "rb") as file:
@@ -93,7 +95,7 @@ def read(path: Path) -> dict[str, np.ndarray]:
             numbers.setdefault(channel.topic, {})[message.sequence] = message.data[-8 * width :]
     signals = _rows(numbers[SIGNALS], len(names), len(numbers[SIGNALS]))
     out = {"time_ms": np.arange(len(signals))}
-    for arm in ARMS:
+    for arm in robot.arms:
         for name, tip in _TIPS.items():
             columns = [f"{arm}_{tip}_{axis}" for axis in range(3)]
             if columns[0] in names:
@@ -120,8 +122,8 @@ def _damage() -> tuple[type[Exception], ...]:
     return McapError, zstandard.ZstdError, RuntimeError
 
 
-def _replay(row: dict[Any, Any], series: dict[str, np.ndarray]) -> Replay:
-    arms = [arm for arm in ARMS if f"{arm}/tip" in series and f"{arm}/model" in series]
+def _replay(robot: Robot, row: dict[Any, Any], series: dict[str, np.ndarray]) -> Replay:
+    arms = [arm for arm in robot.arms if f"{arm}/tip" in series and f"{arm}/model" in series]
     if not arms:
         raise ValueError("the trace holds no tip beside its model")
     distance = {arm: 1e3 * np.linalg.norm(series[f"{arm}/tip"] - series[f"{arm}/model"], axis=1) for arm in arms}
@@ -135,7 +137,7 @@ def _replay(row: dict[Any, Any], series: dict[str, np.ndarray]) -> Replay:
     return Replay(
         row["run_id"],
         arm,
-        f"{row['group']}: {wording.fault(row)}",
+        f"{row['group']}: {wording.fault(row, robot)}",
         series["time_ms"][kept],
         {name: 1e3 * (series[f"{arm}/{key}"][kept] - start) for name, key in named.items() if f"{arm}/{key}" in series},
         distance[arm][kept],

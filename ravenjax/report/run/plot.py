@@ -15,11 +15,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ravenjax import robots
 from ravenjax.document.figure_style import STYLE
-from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.store.files import write_aside
+from ravenjax.vocabulary.robot import Robot
 
-ARMS = {"gold": "#b8860b", "green": "#117a52"}
+ARM_COLOURS = ("#b8860b", "#117a52", "#0072b2", "#8b2a6b")
 JOINT_COLOURS = ("#0072b2", "#d9571b", "#8b2a6b", "#56b4e9", "#009e73", "#7a6a00", "#555555")
 MARKERS = ("#c2410c", "#0072b2", "#5b6470", "#8b2a6b")
 FAULT = "#d9571b"
@@ -39,6 +40,7 @@ def trace_plot(
     joints: Sequence[str] = (),
     dac_limits: Mapping[str, float] | None = None,
     events: Mapping[str, float] | None = None,
+    robot: Robot = robots.USUAL,
 ) -> Path:
     """Draw the time series of one run at 1 kHz into `path` (.svg, .png or .pdf) and return it.
 
@@ -51,7 +53,8 @@ def trace_plot(
     events: {label: time in ms} of vertical markers (cue, response); negative times are left out.
     """
     arrays = {name: np.asarray(values) for name, values in series.items()}
-    arms = [arm for arm in ARMS if f"{arm}/position" in arrays or f"{arm}/current_cmd" in arrays]
+    there = [arm for arm in robot.arms if f"{arm}/position" in arrays or f"{arm}/current_cmd" in arrays]
+    arms = {arm: ARM_COLOURS[robot.arms.index(arm) % len(ARM_COLOURS)] for arm in there}
     ticks = len(next(iter(arrays.values())))
     time_s = np.arange(ticks) / 1000.0
     dac_panels = [arm for arm in arms if f"{arm}/current_cmd" in arrays]
@@ -63,8 +66,8 @@ def trace_plot(
         _tip_error(error, time_s, arrays, arms, threshold_mm)
         _force(force, time_s, arrays, arms)
         for axes, arm in zip(dacs, dac_panels, strict=True):
-            _dac(axes, time_s, arrays[f"{arm}/current_cmd"], arm, joints, dac_limits or {})
-        _state(state, time_s, arrays)
+            _dac(axes, time_s, arrays[f"{arm}/current_cmd"], f"{arm} DAC", robot.joints, joints, dac_limits or {})
+        _state(state, time_s, arrays, len(robot.run_levels))
         panels = [error, force, *dacs, state]
         shown = {name: ms for name, ms in (events or {}).items() if ms >= 0}
         _fault_windows(panels, arrays, told="fault" in shown)
@@ -82,14 +85,14 @@ def trace_plot(
 
 
 def _tip_error(
-    axes: Axes, time_s: np.ndarray, arrays: Mapping[str, np.ndarray], arms: list[str], threshold_mm: float
+    axes: Axes, time_s: np.ndarray, arrays: Mapping[str, np.ndarray], arms: Mapping[str, str], threshold_mm: float
 ) -> None:
     kinds = {"tip": ("true", 1.5, "-"), "position": ("as reported", 1.0, (0, (3, 1.5)))}
     for arm in arms:
         for name, (kind, width, style) in kinds.items():
             if f"{arm}/{name}" in arrays and f"{arm}/model_position" in arrays:
                 distance = 1000.0 * np.linalg.norm(arrays[f"{arm}/{name}"] - arrays[f"{arm}/model_position"], axis=1)
-                axes.plot(time_s, distance, color=ARMS[arm], lw=width, ls=style, label=f"{arm}, {kind}")
+                axes.plot(time_s, distance, color=arms[arm], lw=width, ls=style, label=f"{arm}, {kind}")
     axes.axhline(threshold_mm, color="#3a424c", lw=0.9, ls=(0, (4, 2)))
     place = {"xycoords": ("axes fraction", "data"), "xytext": (-2, 2), "textcoords": "offset points"}
     axes.annotate(f"cue at {threshold_mm:g} mm", (1, threshold_mm), **place, ha="right", fontsize=8, color="#3a424c")
@@ -98,13 +101,13 @@ def _tip_error(
     _legend(axes, True)
 
 
-def _force(axes: Axes, time_s: np.ndarray, arrays: Mapping[str, np.ndarray], arms: list[str]) -> None:
+def _force(axes: Axes, time_s: np.ndarray, arrays: Mapping[str, np.ndarray], arms: Mapping[str, str]) -> None:
     for arm in arms:
         if f"{arm}/haptic_force" in arrays:
             force = arrays[f"{arm}/haptic_force"]
             size = np.abs(force) if force.ndim == 1 else np.linalg.norm(force, axis=1)
-            axes.fill_between(time_s, size, color=ARMS[arm], alpha=0.25, lw=0)
-            axes.plot(time_s, size, color=ARMS[arm], lw=1.1)
+            axes.fill_between(time_s, size, color=arms[arm], alpha=0.25, lw=0)
+            axes.plot(time_s, size, color=arms[arm], lw=1.1)
     axes.set_ylabel("haptic force,\ndevice units")
     if _peak(axes) > 0.0:
         axes.set_ylim(0.0, 1.15 * _peak(axes))
@@ -115,30 +118,36 @@ def _force(axes: Axes, time_s: np.ndarray, arrays: Mapping[str, np.ndarray], arm
 
 
 def _dac(
-    axes: Axes, time_s: np.ndarray, command: np.ndarray, arm: str, joints: Sequence[str], limits: Mapping[str, float]
+    axes: Axes,
+    time_s: np.ndarray,
+    command: np.ndarray,
+    title: str,
+    names: Sequence[str],
+    joints: Sequence[str],
+    limits: Mapping[str, float],
 ) -> None:
     peaks = np.abs(command.astype(float)).max(axis=0)
-    shown = [JOINTS.index(name) for name in joints] or sorted(np.argsort(-peaks, kind="stable")[:SHOWN_JOINTS])
+    shown = [names.index(name) for name in joints] or sorted(np.argsort(-peaks, kind="stable")[:SHOWN_JOINTS])
     for joint in shown:
-        name, colour = JOINTS[joint], JOINT_COLOURS[joint]
+        name, colour = names[joint], JOINT_COLOURS[joint % len(JOINT_COLOURS)]
         axes.plot(time_s, command[:, joint], color=colour, lw=1.0, label=name, drawstyle="steps-post")
         if name in limits:
             for limit in (-limits[name], limits[name]):
                 axes.axhline(limit, color=colour, lw=0.8, ls=(0, (1, 2)))
-    axes.set_ylabel(f"{arm} DAC, counts\n(dotted: limit)" if limits else f"{arm} DAC, counts")
+    axes.set_ylabel(f"{title}, counts\n(dotted: limit)" if limits else f"{title}, counts")
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:,.0f}".replace("-", "−"))
     _legend(axes, True)
 
 
-def _state(axes: Axes, time_s: np.ndarray, arrays: Mapping[str, np.ndarray]) -> None:
+def _state(axes: Axes, time_s: np.ndarray, arrays: Mapping[str, np.ndarray], levels: int) -> None:
     for name, colour, style in (("runlevel", "#1b1f24", "-"), ("pedal", "#56b4e9", "-")):
         if name in arrays:
             axes.plot(
                 time_s, arrays[name].astype(float), color=colour, ls=style, lw=1.2, label=name, drawstyle="steps-post"
             )
     axes.set_ylabel("state")
-    axes.set_ylim(-0.3, 3.5)
-    axes.set_yticks([0, 1, 2, 3])
+    axes.set_ylim(-0.3, levels - 0.5)
+    axes.set_yticks(range(levels))
     _legend(axes, True)
 
 

@@ -7,11 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ravenjax import robots
 from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import UNTOLD
 from ravenjax.report import wording
 from ravenjax.report.run.events import RunEvent, Series, events
-from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.vocabulary.robot import Robot
 
 
 class RunSummary(NamedTuple):
@@ -47,15 +48,19 @@ class RunSummary(NamedTuple):
 
 
 def summary(
-    row: Mapping[str, Any], rules: Rules, series: Series | None = None, golden: Mapping[str, Any] | None = None
+    row: Mapping[str, Any],
+    rules: Rules,
+    series: Series | None = None,
+    golden: Mapping[str, Any] | None = None,
+    robot: Robot = robots.USUAL,
 ) -> RunSummary:
     """One row of the result table in words; series and golden as for `run_events.events`."""
     return RunSummary(
         f"run {row['run_id']}, row {int(row['index'])}, group {row['group']}",
-        wording.fault(row),
+        wording.fault(row, robot),
         _verdict(row, rules),
-        events(row, rules, series, golden),
-        _peaks(row, rules, series),
+        events(row, rules, series, golden, robot),
+        _peaks(row, rules, series, robot),
     )
 
 
@@ -81,8 +86,8 @@ _RESPONSES = {
 }
 
 
-def _peaks(row: Mapping[str, Any], rules: Rules, series: Series | None) -> list[str]:
-    peaks = [] if series is None else [line for arm in ARMS for line in _distances(arm, series)]
+def _peaks(row: Mapping[str, Any], rules: Rules, series: Series | None, robot: Robot) -> list[str]:
+    peaks = [] if series is None else [line for arm in robot.arms for line in _distances(arm, series)]
     if series is None:
         far = wording.number(float(row["peak_model_deviation_mm"]))
         peaks.append(f"true tip {far} mm off the nominal model")

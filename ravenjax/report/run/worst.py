@@ -11,6 +11,7 @@ from ravenjax.report.facts import FACTS
 from ravenjax.report.runs import Runs
 from ravenjax.store.access.query import RESULTS
 from ravenjax.store.manifest import Manifest
+from ravenjax.vocabulary.robot import Robot
 
 MOST = 5
 """Runs of each kind."""
@@ -66,7 +67,7 @@ def rows(runs: Runs, manifest: Manifest, folder: Path) -> list[dict[str, Any]]:
         places = runs.table.rows(f"SELECT row, {far} AS far {source} ORDER BY far DESC, row LIMIT {MOST}")
         (n,) = runs.table.row(f"SELECT count(*) {source}")
         numbered = runs.numbered([row for row, _ in places])
-        worst = [_row(row, float(far), folder) for row, (_, far) in zip(numbered, places, strict=True)]
+        worst = [_row(manifest.robot, row, float(far), folder) for row, (_, far) in zip(numbered, places, strict=True)]
         kinds.append({**kind._asdict(), "n": n, "rows": worst})
     return kinds
 
@@ -81,12 +82,12 @@ def replay(folder: Path, run_id: str) -> str:
     return f"ravenjax trace {shlex.quote(str(folder))} {run_id}"
 
 
-def _row(row: dict[str, Any], far: float, folder: Path) -> dict[str, Any]:
+def _row(robot: Robot, row: dict[str, Any], far: float, folder: Path) -> dict[str, Any]:
     active = row["first_active_ms"]
     return {
         "run_id": row["run_id"],
         "group": row["group"],
-        "fault": wording.fault(row),
+        "fault": wording.fault(row, robot),
         "far": far,
         "response": row["response"],
         "cause": row["response_cause"],

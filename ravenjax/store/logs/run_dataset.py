@@ -8,16 +8,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ravenjax.robots.raven2.arms import ARMS
+from ravenjax import robots
 from ravenjax.store.logs import time_series
-from ravenjax.store.logs.time_series import AXES, OF_ARM, OF_RUN, TimeSeries
+from ravenjax.store.logs.time_series import OF_ARM, OF_RUN, TimeSeries
+from ravenjax.vocabulary.robot import Robot
 
 if TYPE_CHECKING:
     import xarray
 
 
 def dataset(
-    series: Mapping[str, np.ndarray], attributes: Mapping[str, str | float | int], thresholds_mm: Sequence[float] = ()
+    series: Mapping[str, np.ndarray],
+    attributes: Mapping[str, str | float | int],
+    thresholds_mm: Sequence[float] = (),
+    robot: Robot = robots.USUAL,
 ) -> xarray.Dataset:
     """The series of a run, those of `time_series`, as one variable a quantity.
 
@@ -29,7 +33,7 @@ def dataset(
     import xarray
 
     ticks = time_series.check(series, "simulate")
-    arms = [arm for arm in ARMS if any(name.startswith(f"{arm}/") for name in series)]
+    arms = [arm for arm in robot.arms if any(name.startswith(f"{arm}/") for name in series)]
     variables: dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]] = {}
     for one in OF_RUN.values():
         if one.name in series:
@@ -42,7 +46,8 @@ def dataset(
             variables[one.name] = (("time", "arm", *one.axes), values, _attributes(one))
     sizes = {dim: size for dims, values, _ in variables.values() for dim, size in zip(dims, values.shape, strict=True)}
     coordinates: dict[str, object] = {"time": ("time", np.arange(ticks) / 1000, {"units": "s"}), "arm": arms}
-    coordinates |= {dim: list(AXES.get(dim, range(size))) for dim, size in sizes.items() if dim not in ("time", "arm")}
+    names = time_series.axes(robot)
+    coordinates |= {dim: list(names.get(dim, range(size))) for dim, size in sizes.items() if dim not in ("time", "arm")}
     if thresholds_mm and "cue" in sizes:
         coordinates["cue_threshold_mm"] = ("cue", list(thresholds_mm), {"units": "mm"})
     return xarray.Dataset(variables, coordinates, attributes)
@@ -56,5 +61,5 @@ def _slot(name: str) -> int:
 
 
 def _attributes(one: TimeSeries) -> dict[str, str]:
-    insertion = {"insertion_units": one.insertion_unit} if one.insertion_unit else {}
+    insertion = {"insertion_units": one.linear_unit} if one.linear_unit else {}
     return {"units": one.unit, "long_name": one.meaning, **insertion}

@@ -173,7 +173,7 @@ class _Standard:
         for arm in ARM_TOPICS:
             for name, channel in _STATES.items():
                 if (joints := self._places(arm, channel, len(JOINTS))) is not None:
-                    self._numbers.append((topics.joint_state(arm, name), joints, 0))
+                    self._numbers.append((topics.joint_state(arm, name, JOINTS), joints, 0))
             if (force := self._places(arm, "force", 3)) is not None:
                 self._numbers.append((topics.wrench(arm, "haptic_cf"), force, 3))
             for name, (channel, joint_channel) in _TIPS.items():

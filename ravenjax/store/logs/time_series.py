@@ -12,15 +12,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.robots.raven2.arms import ARMS, JOINTS
 from ravenjax.store.files import StoreError
+from ravenjax.vocabulary.robot import Robot
 
-AXES: dict[str, tuple[str, ...]] = {
-    "joint": JOINTS,
-    "axis": ("x", "y", "z"),
-    "jaw_axis": ("x", "y", "z"),
-}
-"""Names along an axis; others count from 0."""
+_PLACES = ("x", "y", "z")
+
+
+def axes(robot: Robot) -> dict[str, tuple[str, ...]]:
+    """Names along an axis; others count from 0."""
+    return {"joint": robot.joints, "axis": _PLACES, "jaw_axis": _PLACES}
 
 
 class TimeSeries(NamedTuple):
@@ -30,16 +30,16 @@ class TimeSeries(NamedTuple):
     unit: str  # of a joint: of a revolute one
     meaning: str
     axes: tuple[str, ...] = ()  # beside the time
-    insertion_unit: str = ""  # where that of the insertion differs
+    linear_unit: str = ""  # of a joint that slides, where it differs
 
     @property
     def units(self) -> str:
         """The unit in words."""
-        return f"{self.unit} (insertion {self.insertion_unit})" if self.insertion_unit else self.unit
+        return f"{self.unit} (insertion {self.linear_unit})" if self.linear_unit else self.unit
 
 
-def _joints(name: str, unit: str, meaning: str, insertion_unit: str = "") -> TimeSeries:
-    return TimeSeries(name, unit, meaning, ("joint",), insertion_unit)
+def _joints(name: str, unit: str, meaning: str, linear_unit: str = "") -> TimeSeries:
+    return TimeSeries(name, unit, meaning, ("joint",), linear_unit)
 
 
 def _place(name: str, meaning: str) -> TimeSeries:
@@ -117,23 +117,23 @@ def check(series: Mapping[str, np.ndarray], where: str) -> int:
 def described(name: str) -> TimeSeries:
     """What a stored series is, by its stored name; one that is not listed here has unit "" and no meaning."""
     arm, _, own = name.rpartition("/")
-    if arm in ARMS:
+    if arm:
         return OF_ARM.get(own) or TimeSeries(own, "", "")
     if re.fullmatch(r"fault\d+_active", name):
         return OF_RUN["fault_active"]._replace(name=name, axes=())
     return OF_RUN.get(name) or TimeSeries(name, "", "")
 
 
-def scalars(name: str, shape: tuple[int, ...]) -> Iterator[tuple[str, str]]:
+def scalars(robot: Robot, name: str, shape: tuple[int, ...]) -> Iterator[tuple[str, str]]:
     """(name, unit) of each number of a series, last axis fastest: gold/jpos/elbow, rad. `shape`: without the time."""
     one = described(name)
-    axes = one.axes if len(one.axes) == len(shape) else ("",) * len(shape)
+    along = one.axes if len(one.axes) == len(shape) else ("",) * len(shape)
+    names = axes(robot)
     for place in np.ndindex(shape):
-        steps = [_step(axis, i, size) for axis, i, size in zip(axes, place, shape, strict=True)]
-        unit = one.insertion_unit if one.insertion_unit and "insertion" in steps else one.unit
+        steps = [_step(names.get(axis, ()), i, size) for axis, i, size in zip(along, place, shape, strict=True)]
+        unit = one.linear_unit if one.linear_unit and set(robot.linear) & set(steps) else one.unit
         yield "/".join([name, *steps]), unit
 
 
-def _step(axis: str, place: int, size: int) -> str:
-    names = AXES.get(axis, ())
+def _step(names: tuple[str, ...], place: int, size: int) -> str:
     return names[place] if len(names) == size else str(place)

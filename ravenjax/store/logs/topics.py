@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from mcap.writer import Writer
 
-from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.store.logs import cdr, ros_messages
 from ravenjax.store.logs.cdr import Layout
 
 ARM_TOPICS = {"gold": "arm1", "green": "arm2"}
+"""CRTK's names of the arms of a Raven-II; an arm of another robot keeps its own."""
 SIGNALS = "/ravenjax/signals"
 """The flat message: every scalar under a name of its own."""
 EVENTS = "/ravenjax/events"
@@ -53,20 +53,22 @@ _OF_PLACES = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PointStamped",
 
 def base(arm: str) -> str:
     """Name of the frame that all poses of an arm are in, its frame 0."""
-    return f"{ARM_TOPICS[arm]}_base"
+    return f"{arm_name(arm)}_base"
 
 
 def tip(arm: str, which: str) -> str:
     """Name of the frame of an arm's jaws: `which` is measured, true or model."""
-    return f"{ARM_TOPICS[arm]}_tip_{which}"
+    return f"{arm_name(arm)}_tip_{which}"
 
 
-def joint_state(arm: str, name: str, position: bool = True, velocity: bool = False, effort: bool = False) -> Topic:
-    """sensor_msgs/JointState of the seven joints: those of position, velocity, effort that there are, in this order."""
+def joint_state(
+    arm: str, name: str, joints: Sequence[str], position: bool = True, velocity: bool = False, effort: bool = False
+) -> Topic:
+    """sensor_msgs/JointState of the joints: those of position, velocity, effort that there are, in this order."""
     layout = _framed(arm)
-    layout.texts(JOINTS)
+    layout.texts(joints)
     for there in (position, velocity, effort):
-        layout.sequence(len(JOINTS) if there else 0)
+        layout.sequence(len(joints) if there else 0)
     return _of_arm(arm, name, "sensor_msgs/msg/JointState", layout)
 
 
@@ -140,6 +142,11 @@ def field(name: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
 
 
+def arm_name(arm: str) -> str:
+    """What an arm is called in topics and frames."""
+    return ARM_TOPICS.get(arm) or field(arm)
+
+
 def _framed(arm: str) -> Layout:
     layout = Layout()
     layout.header(base(arm))
@@ -147,7 +154,7 @@ def _framed(arm: str) -> Layout:
 
 
 def _of_arm(arm: str, name: str, schema: str, layout: Layout) -> Topic:
-    return _topic(f"/{ARM_TOPICS[arm]}/{name}", schema, layout)
+    return _topic(f"/{arm_name(arm)}/{name}", schema, layout)
 
 
 def _topic(name: str, schema: str, layout: Layout) -> Topic:

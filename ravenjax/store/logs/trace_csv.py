@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ravenjax import robots
 from ravenjax.store.files import write_aside
 from ravenjax.store.logs import time_series
+from ravenjax.vocabulary.robot import Robot
 
 
-def write(path: Path, series: Mapping[str, np.ndarray]) -> None:
+def write(path: Path, series: Mapping[str, np.ndarray], robot: Robot = robots.USUAL) -> None:
     """Write the series of one run: time_s, then each number as `gold/jpos/elbow [rad]`; empty where there is none.
 
     Numbers are in single precision, seven digits, as a campaign computes them.
@@ -25,7 +27,7 @@ def write(path: Path, series: Mapping[str, np.ndarray]) -> None:
     columns: dict[str, pa.Array] = {"time_s": pa.array(np.arange(ticks) / 1000)}
     for name, values in arrays.items():
         flat = np.ascontiguousarray(values.reshape(ticks, -1).T)
-        for (scalar, unit), numbers in zip(time_series.scalars(name, values.shape[1:]), flat, strict=True):
+        for (scalar, unit), numbers in zip(time_series.scalars(robot, name, values.shape[1:]), flat, strict=True):
             label = f"{scalar} [{unit}]" if unit not in ("", "1") else scalar
             columns[label] = pa.array(_short(numbers), from_pandas=True)
     table = pa.table(columns)

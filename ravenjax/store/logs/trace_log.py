@@ -27,11 +27,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from mcap.writer import Writer
 
-from ravenjax.robots.raven2.arms import JOINTS
+from ravenjax import robots
 from ravenjax.store.files import write_aside
 from ravenjax.store.logs import time_series, topics
 from ravenjax.store.logs.orientation import quaternions
-from ravenjax.store.logs.topics import ARM_TOPICS, Topic
+from ravenjax.store.logs.topics import Topic
+from ravenjax.vocabulary.robot import Robot
 
 CHUNK_BYTES = 64 * 1024  # a kill loses at most one chunk, a few ticks; the library's default of 1 MiB nearly a second
 TICK_NS = 1_000_000  # ns, one control tick
@@ -70,6 +71,7 @@ def write(
     *,
     bases: Mapping[str, Base] | None = None,
     events: Sequence[Mapping[str, Any]] = (),
+    robot: Robot = robots.USUAL,
 ) -> None:
     """Write the time series of one run, one message per topic and millisecond, first tick at time 0.
 
@@ -80,7 +82,7 @@ def write(
     arrays = {name: np.asarray(values) for name, values in series.items()}
     ticks = time_series.check(arrays, str(path))
     time_ns = np.arange(ticks, dtype=np.int64) * TICK_NS
-    filled = [*_arm_topics(arrays), *_frames(arrays, bases or {}), *_signals(arrays)]
+    filled = [*_arm_topics(robot, arrays), *_frames(robot, arrays, bases or {}), *_signals(robot, arrays)]
     messages = [topic.encode(time_ns, values) for topic, values in filled]
 
     def fill(target: Path) -> None:
@@ -121,14 +123,14 @@ def _of_arm(arrays: Mapping[str, np.ndarray], arm: str) -> dict[str, np.ndarray]
     return {name.removeprefix(f"{arm}/"): values for name, values in arrays.items() if name.startswith(f"{arm}/")}
 
 
-def _arm_topics(arrays: Mapping[str, np.ndarray]) -> Iterator[tuple[Topic, np.ndarray]]:
-    for arm in ARM_TOPICS:
+def _arm_topics(robot: Robot, arrays: Mapping[str, np.ndarray]) -> Iterator[tuple[Topic, np.ndarray]]:
+    for arm in robot.arms:
         own = _of_arm(arrays, arm)
         for name, series in _JOINT_STATES.items():
             if series[0] in own:
                 present = [one is not None and one in own for one in series]
                 values = [own[one] for one, there in zip(series, present, strict=True) if there and one is not None]
-                yield topics.joint_state(arm, name, *present), np.concatenate(values, axis=1)
+                yield topics.joint_state(arm, name, robot.joints, *present), np.concatenate(values, axis=1)
         for name, (place, _) in _TIPS.items():
             if place in own:
                 pose = _pose(own, name)
@@ -146,10 +148,12 @@ def _pose(own: Mapping[str, np.ndarray], name: str) -> np.ndarray | None:
     return np.concatenate([own[place], quaternions(own[rotation].reshape(-1, 3, 3))], axis=1, dtype=float)
 
 
-def _frames(arrays: Mapping[str, np.ndarray], bases: Mapping[str, Base]) -> Iterator[tuple[Topic, np.ndarray]]:
+def _frames(
+    robot: Robot, arrays: Mapping[str, np.ndarray], bases: Mapping[str, Base]
+) -> Iterator[tuple[Topic, np.ndarray]]:
     pairs: list[tuple[str, str]] = []
     values: list[np.ndarray] = []
-    for arm in ARM_TOPICS:
+    for arm in robot.arms:
         own = _of_arm(arrays, arm)
         tips = {name: pose for name in _FRAMES if (pose := _pose(own, name)) is not None}
         if tips and arm in bases:
@@ -162,22 +166,22 @@ def _frames(arrays: Mapping[str, np.ndarray], bases: Mapping[str, Base]) -> Iter
         yield topics.frames(pairs), np.concatenate(values, axis=1)
 
 
-def _signals(arrays: Mapping[str, np.ndarray]) -> Iterator[tuple[Topic, np.ndarray]]:
+def _signals(robot: Robot, arrays: Mapping[str, np.ndarray]) -> Iterator[tuple[Topic, np.ndarray]]:
     names: list[str] = []
     columns: list[np.ndarray] = []
     for name, values in arrays.items():
         arm, _, own = name.rpartition("/")
-        if arm in ARM_TOPICS and own in _TOPIC_SERIES - _ALSO_SIGNALS:
+        if arm in robot.arms and own in _TOPIC_SERIES - _ALSO_SIGNALS:
             continue
         flat = values.reshape(len(values), -1)
-        names += _scalar_names(name, flat.shape[1])
+        names += _scalar_names(robot, name, flat.shape[1])
         columns.append(flat)
     if columns:
         yield topics.signals(names), np.concatenate(columns, axis=1, dtype=float)
 
 
-def _scalar_names(name: str, width: int) -> list[str]:
+def _scalar_names(robot: Robot, name: str, width: int) -> list[str]:
     base = topics.field(name)
     if width == 1:
         return [base]
-    return [f"{base}_{JOINTS[i] if width == len(JOINTS) else i}" for i in range(width)]
+    return [f"{base}_{robot.joints[i] if width == len(robot.joints) else i}" for i in range(width)]

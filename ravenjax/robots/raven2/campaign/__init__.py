@@ -2,5 +2,6 @@
 
 from ravenjax.robots.raven2.campaign.config import RavenConfig as Config
 from ravenjax.robots.raven2.campaign.program import prepare
+from ravenjax.robots.raven2.campaign.series import bases, series
 
-__all__ = ["Config", "prepare"]
+__all__ = ["Config", "bases", "prepare", "series"]

@@ -1,0 +1,82 @@
+"""Time series of one run from the signals of its ticks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ravenjax.robots.raven2.geometry import scene
+from ravenjax.robots.raven2.geometry.links import jaw_rotation
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.store.logs.trace_log import Base
+
+
+def series(setup: Setup, signals: Any, golden: np.ndarray) -> dict[str, np.ndarray]:
+    """The time series of a run from its signals and the golden run's series [ticks, numbers]; names, axes, units and
+    meanings in `store.logs.time_series`."""
+    control = signals.control
+    out: dict[str, np.ndarray] = {
+        "runlevel": control.runlevel,
+        "surgeon_mode": control.surgeon_mode,
+        "last_seq": control.last_seq,
+        "soft_estopped": control.soft_estopped,
+        "pins_out": control.pins_out,
+        "plc_runlevel": signals.plc.runlevel,
+        "brakes": signals.plc.brakes,
+        "packet_received": signals.packet.received,
+    }
+    for slot, active in enumerate(signals.fault_active):
+        out[f"fault{slot}_active"] = active
+    if len(setup.arms) > 1:
+        out["tip_distance_mm"] = signals.tip_distance * 1e3
+    for i, arm in enumerate(setup.arms):
+        out |= {f"{arm}/{name}": values for name, values in _arm(signals, i, arm).items()}
+    tips = golden.reshape(len(golden), len(setup.arms), 2, 3)
+    out |= {f"{arm}/golden_tip": tips[:, i, 0] for i, arm in enumerate(setup.arms)}
+    return {name: np.asarray(values) for name, values in out.items()}
+
+
+def bases(setup: Setup) -> dict[str, Base]:
+    """Where each arm stands in the world."""
+    return {arm: Base(*scene.base_pose(arm)) for arm in setup.arms}
+
+
+def _arm(signals: Any, i: int, arm: str) -> dict[str, np.ndarray]:
+    software, plant = signals.control.arms[i], signals.plant[i]
+    model, cue = signals.nominal[i], signals.haptics[i]
+    direction, link_jpos, model_jpos = _stack(cue.direction), _stack(plant.jpos), _stack(model.jpos)
+    return {
+        "enc_val_cnt": _stack(software.enc_val),
+        "mpos": _stack(software.mpos),
+        "mvel": _stack(software.mvel),
+        "jpos": _stack(software.jpos),
+        "jvel": _stack(software.jvel),
+        "jpos_d": _stack(software.jpos_d),
+        "mpos_d": _stack(software.mpos_d),
+        "tau_d": _stack(software.tau_d),
+        "current_cmd_cnt": _stack(software.current_cmd),
+        "dac_cnt": _stack(software.current_cmd_written),
+        "position": _stack(software.pos.position_um) * 1e-6,
+        "rotation": np.stack([_stack(row) for row in software.pos.rotation], axis=1),
+        "position_d": _stack(software.pos_d.position_um) * 1e-6,
+        "rotation_d": np.stack([_stack(row) for row in software.pos_d.rotation], axis=1),
+        "link_jpos": link_jpos,
+        "link_jvel": _stack(plant.jvel),
+        "motor_mpos": _stack(plant.mpos),
+        "motor_mvel": _stack(plant.mvel),
+        "cable_tension": _stack(plant.tension),
+        "tip": _stack(signals.tip[i]),
+        "tip_rotation": jaw_rotation(arm, link_jpos),
+        "model_position": _stack(model.tip_position),
+        "model_rotation": jaw_rotation(arm, model_jpos),
+        "model_jpos": model_jpos,
+        "tip_error_mm": np.asarray(cue.distance) * 1e3,
+        "haptic_force": direction * np.asarray(cue.force[0])[:, None],
+        "cue_force": _stack(cue.force),
+        "tissue_depth_mm": np.asarray(signals.depth[i]) * 1e3,
+    }
+
+
+def _stack(numbers: Any) -> np.ndarray:
+    return np.stack([np.asarray(x) for x in numbers], axis=-1)
