@@ -1,4 +1,17 @@
-"""What a robot makes of a campaign: everything that `plan` cannot know."""
+"""What a robot makes of a campaign: everything that `plan` cannot know.
+
+A robot is a package, or one module, that declares `ROBOT` (`ravenjax.vocabulary.robot.Robot`). Its part `campaign`, a
+module of the package or the one module itself, has
+
+    prepare(config, varied, injection, precision) -> Prepared
+    series(setup, signals, golden) -> {name: array [ticks] or [ticks, ...]}     for `trace`: see `store.logs.time_series`
+    bases(setup) -> {arm: Base}             optional: where the arms stand in the world
+    Config                                  optional: a subclass of `CampaignConfig` with sections of its own
+
+golden: series of the golden run, [ticks, numbers]. The tick itself is a `ravenjax.engines.interface.Loop`, written with
+`ravenjax.numbers`, `ravenjax.faults` and whatever of `ravenjax.stages` the robot has use for; its outcomes are the
+columns of `ravenjax.store.schema`, most of which the monitor, the checks and the faults give.
+"""
 
 from __future__ import annotations
 

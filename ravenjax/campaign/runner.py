@@ -178,7 +178,7 @@ def shape_of(ready: Plan) -> schema.Shape:
     """Which repeated columns a plan's result table has."""
     setup = ready.program.setup
     return schema.Shape(
-        robot=ready.config.robot.name,
+        robot=ready.config.campaign.robot,
         arms=setup.arms,
         joints=setup.joints,
         slots=setup.injection.slots,

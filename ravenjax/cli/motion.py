@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from ravenjax.campaign.file.config import CampaignConfig
+    from ravenjax.robots.raven2.campaign.config import RavenConfig
     from ravenjax.store.motion.summary import MotionSummary
 
 
@@ -61,19 +62,19 @@ def motion(
 
 def show_operator(config: CampaignConfig, to: Console) -> None:
     """Print what becomes of a campaign's recorded operator, where it has one. UserError where it cannot be used."""
-    if config.operator.file is None:
-        return
     from ravenjax.robots.raven2.campaign import hands
+    from ravenjax.robots.raven2.campaign.config import RavenConfig
 
+    if not isinstance(config, RavenConfig) or config.operator.file is None:
+        return
     if (one := hands.operator_replay(config)) is not None:
         _table(one.summary, to)
 
 
-def _config(
-    file: Path, campaign: str | None, arms: list[str] | None, overrides: list[str]
-) -> tuple[CampaignConfig, bool]:
+def _config(file: Path, campaign: str | None, arms: list[str] | None, overrides: list[str]) -> tuple[RavenConfig, bool]:
     """The campaign that the recording is for, and whether all of the recording is to be replayed."""
     from ravenjax.campaign.file import loading
+    from ravenjax.robots.raven2.campaign.config import of_raven
     from ravenjax.store.motion import recording
 
     if campaign is None:
@@ -83,14 +84,14 @@ def _config(
             "group": [{"name": "fault_free"}],
         }
         whole = not any(text.startswith("campaign.duration_s") for text in overrides)
-        return loading.from_dict(raw, overrides=overrides), whole
-    base = loading.load(campaign)
+        return of_raven(loading.from_dict(raw, overrides=overrides)), whole
+    base = of_raven(loading.load(campaign))
     replaced = [f"operator.file={file.absolute()}"]
     if base.operator.file is None:  # what belongs to its generated motion goes with it
         replaced = ["operator={}", f"operator.scale={base.operator.scale}", *replaced]
     if arms:
         replaced.append(f"campaign.arms={arms}")
-    return loading.load(campaign, [*replaced, *overrides]), False
+    return of_raven(loading.load(campaign, [*replaced, *overrides])), False
 
 
 def _table(summary: MotionSummary, to: Console) -> None:

@@ -126,6 +126,6 @@ def _plotted(series: Mapping[str, Any], cue: int) -> dict[str, Any]:
         **series,
         **commands,
         **forces,
-        "pedal": series["surgeon_mode"],
+        **({"pedal": series["surgeon_mode"]} if "surgeon_mode" in series else {}),
         **({"fault_active": sum(active) > 0} if active else {}),
     }

@@ -12,8 +12,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ravenjax.numbers.setup import Setup
-
 Progress = Callable[[int], None]
 """Called with the number of ticks just finished, all lanes of a block together."""
 
@@ -55,7 +53,7 @@ class TickProgram:
     """What a campaign's kernel is made of; everything here picks code."""
 
     loop: Loop
-    setup: Setup  # the robot's own
+    setup: Any  # the robot's own kind of `ravenjax.numbers.setup.Setup`
     params: Any  # the robot's parameters, plain numbers: what all runs share
     varied: tuple[str, ...]  # paths of the parameters that differ between runs
     ticks: int  # length of a run

@@ -64,6 +64,20 @@ def no_faults(setup: Setup) -> Faults:
     return Faults(tuple(no_fault() for _ in range(setup.injection.slots)))
 
 
+def outcomes(state: State) -> dict[str, Scalar]:
+    """What the faults did so far; columns of the result table."""
+    out: dict[str, Scalar] = {}
+    first, ticks = jnp.int32(-1), jnp.int32(0)
+    for k, slot in enumerate(state.slots):
+        out[f"applied{k}_first_ms"] = slot.first_tick
+        out[f"applied{k}_last_ms"] = slot.last_tick
+        out[f"applied{k}_ticks"] = slot.changed_ticks
+        earlier = (slot.first_tick >= 0) & ((first < 0) | (slot.first_tick < first))
+        first = jnp.where(earlier, slot.first_tick, first)
+        ticks = ticks + slot.changed_ticks
+    return out | {"first_active_ms": first, "active_ticks": ticks}
+
+
 def init(setup: Setup) -> State:
     """State before the first tick."""
     zero = jnp.asarray(0.0, setup.precision.real)

@@ -23,6 +23,8 @@ from ravenjax.vocabulary.effects import EFFECT_CODES
 Path = tuple[str | int, ...]
 ChannelKey = tuple[str, str, str]
 """(site, arm or "", channel)."""
+Target = tuple[Path, str]
+"""Where a channel stands in its site's signal, and its kind."""
 
 
 def channel_keys(setup: Setup) -> tuple[ChannelKey, ...]:
@@ -110,7 +112,7 @@ def _strike(
 
 def inject(
     setup: Setup,
-    paths: Mapping[ChannelKey, tuple[Path, str]],
+    paths: Mapping[ChannelKey, Target],
     faults: Faults,
     state: State,
     clock: Clock,

@@ -125,3 +125,11 @@ def rarely(condition: Scalar, then: Callable[[], Any], otherwise: Any) -> Any:
 def where(condition: Scalar, yes: Any, no: Any) -> Any:
     """`jnp.where` over whole records: each number of `yes` or of `no`."""
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
+
+
+def earliest(ticks: list[Scalar]) -> Scalar:
+    """The first of some ticks, of which -1 is never."""
+    first = ticks[0]
+    for t in ticks[1:]:
+        first = jnp.where((t >= 0) & ((first < 0) | (t < first)), t, first)
+    return first

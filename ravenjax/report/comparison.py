@@ -21,6 +21,7 @@ from ravenjax.store import manifest
 from ravenjax.store.access import query
 from ravenjax.store.access.query import Table, quoted
 from ravenjax.store.manifest import Change, Manifest
+from ravenjax.vocabulary.robot import Robot
 
 RATES = (
     "evades", "unintended_motion", "loss_of_motion", "false_report", "stopped", "flagged", "limited", "silent", "cue",

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import jax.numpy as jnp
 import numpy as np
 
 from ravenjax.numbers.setup import Setup
-from ravenjax.numbers.vec import Scalar, as_int, record
+from ravenjax.numbers.vec import Scalar, as_int, earliest, record
 
 
 @record
@@ -32,12 +34,14 @@ def update(check: Check, tick: Scalar, tripped: Scalar, margin: Scalar | None = 
     return Check(jnp.where(first, tick, check.first_tick), check.count + as_int(tripped), nearest)
 
 
-def earliest(ticks: list[Scalar]) -> Scalar:
-    """The first of some ticks, of which -1 is never."""
-    first = ticks[0]
-    for t in ticks[1:]:
-        first = jnp.where((t >= 0) & ((first < 0) | (t < first)), t, first)
-    return first
+def outcomes(checks: Mapping[str, Check]) -> dict[str, Scalar]:
+    """What each check did so far; columns of the result table."""
+    out: dict[str, Scalar] = {}
+    for name, one in checks.items():
+        out[f"check_{name}_first_ms"] = one.first_tick
+        out[f"check_{name}_count"] = one.count
+        out[f"check_{name}_margin"] = one.margin
+    return out
 
 
 def worse(arms: list[Check]) -> Check:

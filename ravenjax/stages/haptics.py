@@ -17,10 +17,12 @@ they all see the same motion.
 
 from __future__ import annotations
 
+from functools import reduce
+
 import jax.numpy as jnp
 
 from ravenjax.numbers.setup import Setup
-from ravenjax.numbers.vec import Scalar, Vec, as_int, record
+from ravenjax.numbers.vec import Scalar, Vec, as_int, earliest, record
 from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
 
 TINY_M = 1e-12  # below it e has no direction; far below one micrometre, so no cue is ever affected
@@ -130,3 +132,15 @@ def step(setup: Setup, params: Params, state: State, signal: Signal) -> tuple[St
         )
     out = Out(error=error, distance=distance, direction=direction, force=Vec(forces))
     return State(tick=state.tick + 1, cues=tuple(cues)), out
+
+
+def outcomes(setup: Setup, arms: tuple[State, ...]) -> dict[str, Scalar]:
+    """What each cue did so far, the worst of the arms; columns of the result table."""
+    out: dict[str, Scalar] = {}
+    for k in range(setup.cues):
+        cues = [arm.cues[k] for arm in arms]
+        out[f"cue{k}_first_ms"] = earliest([cue.first_tick for cue in cues])
+        out[f"cue{k}_peak_force"] = reduce(jnp.maximum, [cue.peak_force for cue in cues])
+        out[f"cue{k}_ms"] = reduce(jnp.maximum, [cue.ticks_active for cue in cues])
+        out[f"cue{k}_count"] = reduce(jnp.maximum, [cue.impulses for cue in cues])
+    return out

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import re
-from html.parser import HTMLParser
 from pathlib import Path
 
 import naive_facts
@@ -15,6 +14,7 @@ import pyarrow as pa
 import pytest
 import reacting_results as reacting
 import synthetic_results as synthetic
+from rendered_page import Page, rendered, words
 from statsmodels.duration.survfunc import SurvfuncRight
 
 from ravenjax.campaign.stop import decisions
@@ -40,10 +40,6 @@ MANIFEST = synthetic.manifest(RUNS)
 TABLE = Runs.of(FRAME, MANIFEST)
 
 
-def rendered(frame, manifest):
-    return page.render(Runs.of(frame, manifest), manifest, Path("out"))
-
-
 def of_facts(**columns):
     """Runs of which nothing but these facts is known."""
     runs = len(next(values for values in columns.values() if np.ndim(values)))
@@ -52,38 +48,6 @@ def of_facts(**columns):
     told.table.register("facts", pa.table(pd.DataFrame(columns, range(runs)).to_dict("list")))
     told.facts = list(columns)
     return told
-
-
-class Page(HTMLParser):
-    """Collects what the page would fetch, its ids and links, and whether its tags are balanced."""
-
-    VOID = frozenset({"meta", "link", "br", "img", "input", "hr", "col"})
-
-    def __init__(self, text):
-        super().__init__()
-        self.fetched, self.ids, self.targets, self.stack, self.words, self.styles = [], [], [], [], [], []
-        self.feed(text)
-
-    def handle_starttag(self, tag, attributes):
-        given = dict(attributes)
-        self.fetched += [given[name] for name in ("src", "srcset", "data", "poster", "action") if name in given]
-        self.fetched += [given["href"]] if tag in ("link", "base") else []
-        self.targets += [given["href"]] if tag == "a" else []
-        self.ids += [given["id"]] if "id" in given else []
-        self.styles += [given["style"]] if "style" in given else []
-        if tag not in self.VOID:
-            self.stack.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.stack.pop() == tag
-
-    def handle_data(self, data):
-        if not {"script", "style"} & set(self.stack):
-            self.words.append(data)
-
-
-def words(page):
-    return re.sub("[ \n]+", " ", " ".join(page.words))
 
 
 @pytest.fixture(scope="module")

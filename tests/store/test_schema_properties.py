@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.checks import CHECKS
 from ravenjax.store import parts, schema
 from ravenjax.store.files import StoreError
@@ -18,7 +19,7 @@ names = st.text("abcdefghijklmnopqrstuvwxyz_.0123456789", min_size=1, max_size=1
 SHAPES = st.builds(
     schema.Shape,
     arms=st.sampled_from([("gold",), ("green",), ("gold", "green")]),
-    joints=st.sampled_from([("shoulder",), schema.JOINTS]),
+    joints=st.sampled_from([("shoulder",), JOINTS]),
     slots=st.integers(0, 3),
     cues=st.integers(0, 3),
     checks=st.lists(st.sampled_from([*CHECKS, "a_new_one"]), unique=True, max_size=3).map(tuple),

@@ -47,7 +47,7 @@ class Replayer:
         self.engine = f"{chosen.name} on {chosen.device}"
         self._tracer = chosen.tracer(program, LANES)
         self._robot = config.robot.part("campaign")
-        self._bases = self._robot.bases(program.setup)
+        self._bases = self._robot.bases(program.setup) if hasattr(self._robot, "bases") else {}
 
     @staticmethod
     def of_folder(folder: Path, engine: str = "auto") -> Replayer:

@@ -71,13 +71,8 @@ def _draw(grid: np.ndarray, course: TipCourse) -> None:
             style = "o-" if near.sum() <= DOTS else "-"
             axes.plot(course.recorded_s[near], before[near, row], style, ms=2, lw=0.8, color=SOFT, label="recorded")
             if replayed:
-                axes.plot(
-                    after_s,
-                    after[:, row],
-                    color=ARM_COLOURS[robots.USUAL.arms.index(course.arm)],
-                    lw=1.3,
-                    label=f"replayed, {course.arm}",
-                )
+                colour = ARM_COLOURS[robots.USUAL.arms.index(course.arm)]
+                axes.plot(after_s, after[:, row], color=colour, lw=1.3, label=f"replayed, {course.arm}")
             axes.set_xlim(begin, end)
             _mark(axes, course)
 

@@ -20,6 +20,7 @@ import numpy as np
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.campaign import hands
+from ravenjax.robots.raven2.campaign.config import of_raven
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 
@@ -84,8 +85,9 @@ def desired_tip(config: CampaignConfig) -> np.ndarray:
     """Where the operator wants the gold tip, [packets, 3] m in frame 0."""
     import jax
 
-    motion = hands.operator_motion(config)
+    raven = of_raven(config)
+    motion = hands.operator_motion(raven)
     with jax.enable_x64(True):
         start = kinematics.forward("gold", Vec(np.float64(q) for q in motion.start_jpos[0])).position
     axes = np.array(ITP_AXES["gold"], float)
-    return np.array([float(x) for x in start]) + motion.position_um[:, 0] @ axes.T * config.operator.scale * 1e-6
+    return np.array([float(x) for x in start]) + motion.position_um[:, 0] @ axes.T * raven.operator.scale * 1e-6

@@ -318,6 +318,13 @@ class RavenConfig(CampaignConfig):
         return content | own
 
 
+def of_raven(config: CampaignConfig) -> RavenConfig:
+    """A campaign that must be one of a Raven-II. Raises UserError where it is of another robot."""
+    if not isinstance(config, RavenConfig):
+        raise UserError(f"campaign.robot is {config.campaign.robot!r}: this needs a campaign of a Raven-II")
+    return config
+
+
 def _file_hash(path: Path) -> str:
     try:
         with open(path, "rb") as file:

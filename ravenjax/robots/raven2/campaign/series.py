@@ -12,7 +12,7 @@ from ravenjax.robots.raven2.setup import Setup
 from ravenjax.store.logs.trace_log import Base
 
 
-def series(setup: Setup, signals: Any, golden: np.ndarray) -> dict[str, np.ndarray]:
+def series(setup: Setup, signals: Any, golden: np.ndarray | None = None) -> dict[str, np.ndarray]:
     """The time series of a run from its signals and the golden run's series [ticks, numbers]; names, axes, units and
     meanings in `store.logs.time_series`."""
     control = signals.control
@@ -32,8 +32,9 @@ def series(setup: Setup, signals: Any, golden: np.ndarray) -> dict[str, np.ndarr
         out["tip_distance_mm"] = signals.tip_distance * 1e3
     for i, arm in enumerate(setup.arms):
         out |= {f"{arm}/{name}": values for name, values in _arm(signals, i, arm).items()}
-    tips = golden.reshape(len(golden), len(setup.arms), 2, 3)
-    out |= {f"{arm}/golden_tip": tips[:, i, 0] for i, arm in enumerate(setup.arms)}
+    if golden is not None:
+        tips = golden.reshape(len(golden), len(setup.arms), 2, 3)
+        out |= {f"{arm}/golden_tip": tips[:, i, 0] for i, arm in enumerate(setup.arms)}
     return {name: np.asarray(values) for name, values in out.items()}
 
 

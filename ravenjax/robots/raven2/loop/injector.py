@@ -1,41 +1,39 @@
-"""Faults at the seams of the tick: which channel of which site they strike, and how that stores what they leave."""
+"""Faults at the seams of the Raven's tick: rotations are struck as quaternions, USB words stored as the setup says."""
 
 from __future__ import annotations
 
 from functools import cache, reduce
 from typing import Any
 
-from ravenjax.faults import fault, injection, window
+from ravenjax.faults import fault, injection, injector, window
+from ravenjax.faults.injector import strikes
 from ravenjax.numbers.setup import narrow, wide
 from ravenjax.numbers.vec import Scalar, Vec, where
+from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.geometry.mapping import matrix_from_quat, quat_from_matrix
 from ravenjax.robots.raven2.setup import Setup
-from ravenjax.robots.raven2.sites import SITES
-from ravenjax.vocabulary.sites import ARM
+from ravenjax.robots.raven2.sites import USB_SITE
+
+__all__ = ["Injector", "strikes"]
 
 
-class Injector:
-    """`inject(site, signal)` for one tick, carrying the faults' state from site to site."""
+class Injector(injector.Injector):
+    """`inject(site, signal)` for one tick of a Raven-II."""
 
     def __init__(self, setup: Setup, faults: fault.Faults, state: fault.State, clock: window.Clock) -> None:
-        self.setup, self.faults, self.state, self.clock = setup, faults, state, clock
+        super().__init__(ROBOT, setup, faults, state, clock)
+        self.raven = setup
 
     def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:
         if site in ROTATIONS and self.strikes(site):
             quats = tuple(quat_from_matrix(wide(self.setup, rotation)) for rotation in signal)
-            struck = self._inject(site, quats, present)
-            return tuple(_rotated(self.setup, *of_arm) for of_arm in zip(signal, quats, struck, strict=True))
-        return self._inject(site, signal, present)
+            struck = super().__call__(site, quats, present)
+            return tuple(_rotated(self.raven, *of_arm) for of_arm in zip(signal, quats, struck, strict=True))
+        return super().__call__(site, signal, present)
 
-    def _inject(self, site: str, signal: Any, present: Scalar) -> Any:
-        self.state, signal = injection.inject(
-            self.setup, _paths(self.setup), self.faults, self.state, self.clock, site, signal, present
-        )
-        return signal
-
-    def strikes(self, *sites: str) -> bool:
-        """Whether the campaign hits any of these sites."""
-        return strikes(self.setup, *sites)
+    def paths(self) -> dict[injection.ChannelKey, injection.Target]:
+        """As declared, but for what is stored of a DAC command behind the checks."""
+        return _paths(self.raven)
 
 
 ROTATIONS = ("ori", "ori_d")
@@ -48,21 +46,13 @@ def _rotated(setup: Setup, rotation: Vec, quat: Vec, struck: Vec) -> Vec:
     return where(changed, narrow(setup, matrix_from_quat(struck)), rotation)
 
 
-def strikes(setup: Setup, *sites: str) -> bool:
-    """Whether the campaign hits any of these sites."""
-    return any(use.site in sites for use in setup.injection.sites)
-
-
 @cache
-def _paths(setup: Setup) -> dict[injection.ChannelKey, tuple[injection.Path, str]]:
-    """Where each channel that the campaign hits stands in its site's signal."""
-    found = {}
-    for site, arm, name in injection.channel_keys(setup):
-        channel = SITES[site].channel(name)
-        path = tuple(setup.arms.index(arm) if step == ARM else step for step in channel.path)
-        kind = _STORED[setup.dac_words] if site == "usb_out" else channel.kind
-        found[site, arm, name] = (path, kind)
-    return found
+def _paths(setup: Setup) -> dict[injection.ChannelKey, injection.Target]:
+    stored = _STORED[setup.dac_words]
+    return {
+        key: (path, stored if key[0] == USB_SITE else kind)
+        for key, (path, kind) in injector.paths(ROBOT, setup).items()
+    }
 
 
 _STORED = {"wrap": "int16", "saturate": "int16 saturated", "unwrapped": "int32"}

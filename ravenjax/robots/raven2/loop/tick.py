@@ -337,26 +337,7 @@ def init(setup: Setup, params: Params) -> State:
 
 def outcomes(setup: Setup, params: Params, state: State) -> dict[str, Scalar]:
     """What became of the run so far; columns of the result table before the verdict."""
-    out: dict[str, Scalar] = {}
-    first, ticks = jnp.int32(-1), jnp.int32(0)
-    for k, slot in enumerate(state.faults.slots):
-        out[f"applied{k}_first_ms"] = slot.first_tick
-        out[f"applied{k}_last_ms"] = slot.last_tick
-        out[f"applied{k}_ticks"] = slot.changed_ticks
-        earlier = (slot.first_tick >= 0) & ((first < 0) | (slot.first_tick < first))
-        first = jnp.where(earlier, slot.first_tick, first)
-        ticks = ticks + slot.changed_ticks
-    out["first_active_ms"], out["active_ticks"] = first, ticks
-    for name, one in checks(state).items():
-        out[f"check_{name}_first_ms"] = one.first_tick
-        out[f"check_{name}_count"] = one.count
-        out[f"check_{name}_margin"] = one.margin
-    for k in range(setup.cues):
-        arms = [arm.cues[k] for arm in state.haptics]
-        out[f"cue{k}_first_ms"] = check.earliest([cue.first_tick for cue in arms])
-        out[f"cue{k}_peak_force"] = _largest([cue.peak_force for cue in arms])
-        out[f"cue{k}_ms"] = _largest([cue.ticks_active for cue in arms])
-        out[f"cue{k}_count"] = _largest([cue.impulses for cue in arms])
+    out = fault.outcomes(state.faults) | check.outcomes(checks(state)) | haptics.outcomes(setup, state.haptics)
     machine = state.control.state_machine
     out["end_runlevel"] = jnp.where(machine.soft_estopped != 0, run_levels.E_STOP, machine.runlevel)
     out["pedal_down_ms"] = state.pedal_down_ticks
@@ -492,10 +473,3 @@ def _network(
         late = channel.delay_ms(network.jitter, sequence) + cycles - 1
         network = replace(network, delay=network.delay + lax.div(late, cycles))
     return line, network
-
-
-def _largest(values: list[Scalar]) -> Scalar:
-    largest = values[0]
-    for value in values[1:]:
-        largest = jnp.maximum(largest, value)
-    return largest

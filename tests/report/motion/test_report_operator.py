@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import synthetic_results as synthetic
-from test_page import Page, rendered, words
+from rendered_page import Page, rendered, words
 
 from ravenjax.report.motion import operator
 from ravenjax.store.motion.summary import ArmSummary, MotionSummary, line

@@ -18,7 +18,7 @@ from ravenjax.robots.raven2.arms import ARMS, JOINTS
 from ravenjax.robots.raven2.dynamics import arm_model
 from ravenjax.robots.raven2.geometry import kinematics
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[4]
 
 # Check values: q, qdot, (M11, M12, M13, M22), G, bias of raven2_sim: Li_DYN/two_arm_dyn.cpp, evaluated.
 M23, M33 = -4.827707615e-05, 0.407
