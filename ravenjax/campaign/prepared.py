@@ -4,7 +4,7 @@ A robot is a package, or one module, that declares `ROBOT` (`ravenjax.vocabulary
 module of the package or the one module itself, has
 
     prepare(config, varied, injection, precision) -> Prepared
-    series(setup, signals, golden) -> {name: array [ticks] or [ticks, ...]}     for `trace`: see `store.logs.time_series`
+    series(setup, signals, golden) -> {name: array [ticks] or [ticks, ...]}     of a trace
     bases(setup) -> {arm: Base}             optional: where the arms stand in the world
     Config                                  optional: a subclass of `CampaignConfig` with sections of its own
 

@@ -173,7 +173,7 @@ def parameters(
         loading.load(file, overrides or ()) if file is not None else loading.from_dict(plain, overrides=overrides or ())
     )
     every = parameter_rows(config)
-    rows = [row for row in every if path in row[0] and not bounds.reserved(row[0])]
+    rows = [row for row in every if path in row[0] and not bounds.reserved(config.robot, row[0])]
     if not rows:
         raise UserError(f"--path {path}: no parameter's path holds it{suggestion(path, [row[0] for row in every])}")
     console.emit([Listing("parameters", "Parameters", PARAMETER_COLUMNS, rows)], as_json)
@@ -197,7 +197,7 @@ def parameter_rows(config: CampaignConfig) -> list[tuple[str, ...]]:
             values.setdefault(head, []).append(f"{last} {float(value):g}")
         else:
             values.setdefault(full, []).append(f"{float(value):g}")
-    rules = {full: bounds.of(full) for full in values}  # none: not a campaign's to vary
+    rules = {full: bounds.of(config.robot, full) for full in values}  # none: not a campaign's to vary
     return [
         (
             full,

@@ -96,7 +96,7 @@ def _parameters() -> Iterator[str]:
     from ravenjax.cli.catalogue import PARAMETER_COLUMNS, parameter_rows
 
     config = loading.from_dict({"campaign": {"name": "plain"}, "group": [{"name": "plain"}]})
-    rows = [row for row in parameter_rows(config) if not bounds.reserved(row[0])]
+    rows = [row for row in parameter_rows(config) if not bounds.reserved(config.robot, row[0])]
     yield "# Parameters"
     yield _WRITTEN
     yield (

@@ -20,10 +20,12 @@ pedal-down, without software E-stop, once `armed_after` has passed.
 from __future__ import annotations
 
 from functools import reduce
+from typing import Annotated
 
 import jax.numpy as jnp
 import numpy as np
 
+from ravenjax.numbers.quantity import HOUR_MS, Quantity, Reserved
 from ravenjax.numbers.setup import DetectorUse, Setup, per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record
 
@@ -41,13 +43,17 @@ LEARNED = {
 fault-free steps of seven motions at scales 0.05 and 0.1, analysis/detector_thresholds/learn.py."""
 
 
+def _step(unit: str, joints: tuple[str, ...] = ()) -> Quantity:
+    return Quantity(unit, 1e-9, 1e6, "step within 1 ms at which the detector scores 1", joints=joints)
+
+
 @record
 class Step:
     """What a joint's motion within 1 ms is measured in, by `steps`."""
 
-    mpos: Scalar  # rad
-    mvel: Scalar  # rad/s
-    jpos: Scalar  # rad; insertion m
+    mpos: Annotated[Scalar, _step("rad")]
+    mvel: Annotated[Scalar, _step("rad/s")]
+    jpos: Annotated[Scalar, _step("rad", ("shoulder", "elbow")), _step("m", ("insertion",))]
 
 
 @record
@@ -57,8 +63,13 @@ class Params:
     shoulder: Step
     elbow: Step
     insertion: Step
-    armed_after: Scalar  # int32 ms since the run began
-    levels: tuple[tuple[Scalar, ...], ...]  # of each detector, in the unit of its score
+    armed_after: Annotated[  # int32
+        Scalar, Quantity("ms", 0, HOUR_MS, "since the run began, before which no detector looks", whole=True)
+    ]
+    levels: Annotated[  # of each detector, in the unit of its score
+        tuple[tuple[Scalar, ...], ...],
+        Reserved("reports name each alarm by it; write level = [..] in [[detector]]"),
+    ]
 
 
 @record

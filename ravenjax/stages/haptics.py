@@ -18,9 +18,11 @@ they all see the same motion.
 from __future__ import annotations
 
 from functools import reduce
+from typing import Annotated
 
 import jax.numpy as jnp
 
+from ravenjax.numbers.quantity import Reserved
 from ravenjax.numbers.setup import Setup
 from ravenjax.numbers.vec import Scalar, Vec, as_int, earliest, record
 from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
@@ -40,7 +42,13 @@ class Cue:
 
 @record
 class Params:
-    cues: tuple[Cue, ...]
+    cues: Annotated[
+        tuple[Cue, ...],
+        Reserved(
+            "reports name each cue by it; write [haptics] threshold_mm, kp_per_mm, kd_per_mm_s and cap, whose lists "
+            "are evaluated side by side in the same runs"
+        ),
+    ]
 
 
 @record

@@ -14,11 +14,12 @@ nominal model and c = distance from where standing would have left the tip, d = 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import jax.numpy as jnp
 
 from ravenjax.numbers.algebra import dot
+from ravenjax.numbers.quantity import Reserved
 from ravenjax.numbers.setup import Setup, per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
 from ravenjax.outcomes.verdict import LIMIT_MM
@@ -34,16 +35,25 @@ class Reference:
     pos: tuple[Vec, ...]  # um, whole numbers, measured tip
 
 
+_WORDS = "it is what the words of every report mean"
+
+
 @record
 class Params:
     """Limits of the observer."""
 
-    jump_step: Scalar  # m per packet, on two packets in a row; 0.1 mm, CSLDepend/raven2_sim analyze_faulty.py
-    large_jump: Scalar  # m within 2 ms; 1 mm, the rule in the text of DSN'16
+    jump_step: Annotated[  # m per packet, on two packets in a row; 0.1 mm, CSLDepend/raven2_sim analyze_faulty.py
+        Scalar, Reserved(f"{_WORDS}; write [outcomes] jump_step_mm")
+    ]
+    large_jump: Annotated[  # m within 2 ms; 1 mm, the rule in the text of DSN'16
+        Scalar, Reserved(f"{_WORDS}; write [outcomes] large_jump_mm")
+    ]
     diverged: Scalar  # m from the twin above which a run counts as diverged; 1 um, the resolution of `pos`
     idle_share: Scalar  # share of the twin's step below which a step counts as none; a quarter, ours
     idle_step: Scalar  # m per tick, steps of the twin that count; 1 um, the resolution of `pos`
-    limit: Scalar  # m, of hazards; `ravenjax.outcomes.verdict.LIMIT_MM`
+    limit: Annotated[  # m, of hazards; `ravenjax.outcomes.verdict.LIMIT_MM`
+        Scalar, Reserved(f"{_WORDS}; write [outcomes] limit_mm")
+    ]
 
 
 @record
@@ -162,6 +172,17 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Sta
         failed=never,
         ticks=jnp.int32(0),
     )
+
+
+def restarted(state: State) -> State:
+    """From now on the robot has missed nothing."""
+    return replace(state, arms=tuple(replace(arm, missed=Vec.full(3, 0.0)) for arm in state.arms))
+
+
+def realigned(state: State) -> State:
+    """The same, and from now on the golden run begins where the robot is."""
+    arms = restarted(state).arms
+    return replace(state, arms=tuple(replace(arm, twin_tip=arm.tip) for arm in arms))
 
 
 class Distances(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,6 +11,7 @@ from ravenjax.campaign.prepared import Prepared
 from ravenjax.faults import fault, window
 from ravenjax.faults.injector import Injector
 from ravenjax.numbers import setup as numbers
+from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.setup import real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
 from ravenjax.stages import check, haptics, monitor
@@ -53,10 +54,10 @@ class Setup(numbers.Setup):
 class Params:
     """What a campaign may vary."""
 
-    kp: Scalar  # N m/rad
-    kd: Scalar  # N m s/rad
-    inertia: Scalar  # kg m^2, of each joint
-    torque_max: Scalar  # N m
+    kp: Annotated[Scalar, Quantity("N m/rad", 0, 1e3, "gain of position")]
+    kd: Annotated[Scalar, Quantity("N m s/rad", 0, 1e3, "gain of velocity")]
+    inertia: Annotated[Scalar, Quantity("kg m^2", 1e-3, 1e3, "inertia of each joint")]
+    torque_max: Annotated[Scalar, Quantity("N m", 0, 1e3, "limit of the check")]
     haptics: haptics.Params
     monitor: monitor.Params
 

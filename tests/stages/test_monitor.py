@@ -181,3 +181,16 @@ def test_a_tip_that_is_no_number_is_told():
     series = course("well")
     series["tip"][77] = np.nan
     assert watched(series)["failed_ms"] == 77
+
+
+def test_a_restarted_observer_forgets_what_was_missed_and_a_realigned_one_where_the_twin_was():
+    tip, twin = Vec((0.1, 0.2, 0.3)), Vec((0.4, 0.5, 0.6))
+    with jax.enable_x64(True):
+        state = monitor.init(SETUP, (tip,), (tip,))
+    state = replace(state, arms=(replace(state.arms[0], missed=Vec((1.0, 2.0, 3.0)), twin_tip=twin, path=7.0),))
+    restarted, realigned = monitor.restarted(state).arms[0], monitor.realigned(state).arms[0]
+    assert restarted.missed == realigned.missed == (0.0, 0.0, 0.0)
+    assert restarted.twin_tip == twin and realigned.twin_tip == realigned.tip
+    for new in (restarted, realigned):
+        kept = replace(new, missed=state.arms[0].missed, twin_tip=state.arms[0].twin_tip)
+        assert all(a is b for a, b in zip(jax.tree.leaves(kept), jax.tree.leaves(state.arms[0]), strict=True))

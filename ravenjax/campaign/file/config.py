@@ -378,11 +378,11 @@ class CampaignConfig(Section):
         }
 
 
-def config_class(raw: Any) -> type[CampaignConfig]:
-    """The model of a campaign's tables: that of the robot that they name. Raises UserError."""
+def robot_of(raw: Any) -> Robot:
+    """The robot that a campaign's tables name. Raises UserError."""
     campaign = raw.get("campaign") if isinstance(raw, dict) else None
     name = campaign.get("robot", robots.DEFAULT) if isinstance(campaign, dict) else robots.DEFAULT
-    return config_class_of(robots.find(name if isinstance(name, str) else robots.DEFAULT))
+    return robots.find(name if isinstance(name, str) else robots.DEFAULT)
 
 
 def config_class_of(robot: Robot) -> type[CampaignConfig]:
@@ -392,4 +392,4 @@ def config_class_of(robot: Robot) -> type[CampaignConfig]:
 
 def validated(raw: Any) -> CampaignConfig:
     """The campaign of nested tables, as a manifest holds them. Raises ValidationError and UserError."""
-    return config_class(raw).model_validate(raw)
+    return config_class_of(robot_of(raw)).model_validate(raw)

@@ -56,7 +56,11 @@ def notices(config: CampaignConfig) -> Iterator[Complaint]:
     """(key, message) of what is accepted and may yet not be what was meant."""
     for key, table in parameter_tables(config):
         for path, axis in table.items():
-            if bounds.plain(path) in config.robot.noise and not config.campaign.noise and axis.values != (0,):
+            if (
+                bounds.plain(config.robot, path) in config.robot.noise
+                and not config.campaign.noise
+                and axis.values != (0,)
+            ):
                 yield (*key, path), "nothing reads it while campaign.noise is off; set campaign.noise = true to use it"
     for g, group in enumerate(config.group):
         for f, fault in enumerate(group.fault if hazards_of(group.name) else ()):
@@ -251,7 +255,7 @@ class _Address(NamedTuple):
 def _address(robot: Robot, path: str) -> _Address:
     parts = path.split(".")
     return _Address(
-        bounds.plain(path),
+        bounds.plain(robot, path),
         tuple(part for part in parts if part in robot.arms),
         tuple(part for part in parts if part.isdecimal()),
         tuple(part for part in parts[-1:] if part in paths.components(robot.joints)),

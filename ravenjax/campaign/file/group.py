@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import itertools
 from types import NoneType
 from typing import Annotated, Any, Literal, get_args
@@ -18,8 +19,8 @@ from pydantic import (
 )
 
 from ravenjax.campaign.file.axis import FORMS, Axis, Milliseconds, Number, Word, fixed
-from ravenjax.campaign.file.bounds import NAMES, extent
-from ravenjax.errors import shown, suggestion
+from ravenjax.campaign.file.bounds import extent
+from ravenjax.errors import shown
 
 UNTIL_END = -1
 """`duration_ms` of a fault that lasts until the run ends; written "end" in a file."""
@@ -97,10 +98,17 @@ def crossed(axes: dict[str, Axis]) -> dict[str, Axis]:
 Cross = Annotated[dict[str, Number], AfterValidator(crossed)]
 
 
+_MISSPELT = 0.7
+"""Ratio of difflib from which on a word counts as another, misspelt."""
+
+
 def _is_distribution(table: dict[str, Any]) -> bool:
-    """Also of a misspelt one, or of one without its list, which is then refused as such."""
+    """Also of a misspelt one, or of one without its list, which is then refused as such.
+
+    Nearer to the word than any joint of a robot is: `wrist` is like `list`.
+    """
     return len(table) == 1 and all(
-        key in FORMS or (isinstance(value, list) and key not in NAMES and suggestion(key, FORMS))
+        key in FORMS or (isinstance(value, list) and difflib.get_close_matches(key, FORMS, cutoff=_MISSPELT))
         for key, value in table.items()
     )
 

@@ -17,9 +17,10 @@ from ravenjax import resources
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import bounds, copies, location, overriding, semantics
 from ravenjax.campaign.file.axis import Axis
-from ravenjax.campaign.file.config import CampaignConfig, config_class
+from ravenjax.campaign.file.config import CampaignConfig, config_class_of, robot_of
 from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.hazards import expansion
+from ravenjax.vocabulary.robot import Robot
 
 SUFFIX = ".toml"
 
@@ -77,15 +78,15 @@ def from_dict(
     except expansion.WrongGroup as error:
         raise where.error([(error.key, error.message)]) from None
     try:
-        model = config_class(raw)
+        robot = robot_of(raw)
     except UserError as error:
         raise where.error([(("campaign", "robot"), str(error))]) from None
     try:
-        config = model.model_validate(raw)
+        config = config_class_of(robot).model_validate(raw)
     except ValidationError as error:
         # a list is also called too short when its only entries are bad
         faults = [e for e in error.errors() if e["type"] != "too_short" or not e["input"]]
-        raise where.error(_complaint(model, e, raw) for e in faults) from None
+        raise where.error(_complaint(robot, e, raw) for e in faults) from None
     except RecursionError:
         raise UserError("the campaign's tables are nested too deeply to be read") from None
     if wrong := list(semantics.complaints(config)) or list(_wasted(config, template)) or list(_too_many(config)):
@@ -112,11 +113,16 @@ def check_parameters(config: CampaignConfig, known: Iterable[str]) -> None:
         raise location.Where(source, location.lines(text), []).error(wrong)
 
 
-def _complaint(model: type[BaseModel], error: Any, raw: Any) -> location.Complaint:
+def _complaint(robot: Robot, error: Any, raw: Any) -> location.Complaint:
     """A complaint of pydantic's. A table that is looked at as a whole names the key of what is wrong first."""
-    key, message = _key(error["loc"], raw), _message(model, error)
+    key, message = _key(error["loc"], raw), _message(robot, error)
     name, colon, rest = message.partition(": ")
-    if error["type"] == "value_error" and colon and name in _keys(model, error["loc"]) and name not in key[-1:]:
+    if (
+        error["type"] == "value_error"
+        and colon
+        and name in _keys(config_class_of(robot), error["loc"])
+        and name not in key[-1:]
+    ):
         return (*key, name), rest
     return key, message
 
@@ -135,10 +141,11 @@ def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
     return key
 
 
-def _message(model: type[BaseModel], error: Any) -> str:
+def _message(robot: Robot, error: Any) -> str:
+    model = config_class_of(robot)
     if error["type"] == "extra_forbidden":
         known, key = _keys(model, error["loc"][:-1]), str(error["loc"][-1])
-        hint = _elsewhere(model, key, error["loc"][:-1]) or suggestion(key, known)
+        hint = _elsewhere(robot, key, error["loc"][:-1]) or suggestion(key, known)
         return f"unknown key, expected one of {', '.join(known)}{hint}"
     if error["type"] == "missing":
         field = _model(model, error["loc"][:-1]).model_fields.get(str(error["loc"][-1]))
@@ -154,14 +161,14 @@ def _message(model: type[BaseModel], error: Any) -> str:
     return f"got {shown(error['input'])}, expected {text.removeprefix('Input should be ').replace('String', 'text')}"
 
 
-def _elsewhere(model: type[BaseModel], key: str, loc: Sequence[str | int]) -> str:
+def _elsewhere(robot: Robot, key: str, loc: Sequence[str | int]) -> str:
     """What to add for a key that is known in another table of the file; "" where there is none."""
     here = tuple(part for part in loc if isinstance(part, str))
     if not here and key == "search":
         return ". This is a search: start it with `ravenjax search`"
-    if not here and key in {row.path.partition(".")[0] for row in bounds.BOUNDS}:
+    if not here and key in {path.partition(".")[0] for path, _ in bounds.rows(robot)}:
         return f". Parameters stand in [parameters], as parameters.{key}..."
-    tables = [path for path, table in tables_of(model) if key in table.model_fields and path]
+    tables = [path for path, table in tables_of(config_class_of(robot)) if key in table.model_fields and path]
     if not tables:
         return ""
     nearest = max(tables, key=lambda path: _shared(path, here))

@@ -38,7 +38,7 @@ def complaints(config: CampaignConfig) -> Iterator[Complaint]:
         yield from _group(config, group, ("group", g))
     for key, table in parameter_tables(config):
         for path, axis in table.items():
-            yield from (((*key, path), message) for message in bounds.complaints(path, axis))
+            yield from (((*key, path), message) for message in bounds.complaints(config.robot, path, axis))
 
 
 def unfit_parameters(config: CampaignConfig, known: Iterable[str]) -> Iterator[Complaint]:
@@ -124,7 +124,8 @@ def _group(config: CampaignConfig, group: Group, key: Key) -> Iterator[Complaint
 
 def random_in_itself(config: CampaignConfig, group: Group) -> bool:
     """Whether two runs of a group with the same row but another seed may differ: by noise, or an effect's numbers."""
-    parameters = {bounds.plain(path): axis for path, axis in {**config.parameters, **group.parameters}.items()}
+    varied = {**config.parameters, **group.parameters}
+    parameters = {bounds.plain(config.robot, path): axis for path, axis in varied.items()}
     silent = all(name in parameters and parameters[name].values == (0,) for name in config.robot.noise)
     return (config.campaign.noise and not silent) or any("random" in fault.effect.listed for fault in group.fault)
 

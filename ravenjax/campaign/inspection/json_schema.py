@@ -57,7 +57,7 @@ def of_model(robot: Robot, model: type[BaseModel], title: str) -> Schema:
                 table["properties"][key] = {"description": text, "$ref": f"#/$defs/{TABLE}"}
     any_path = _paths(robot)
     definitions |= {
-        TABLE: _parameters(any_path),
+        TABLE: _parameters(robot, any_path),
         "ParameterPath": _path(any_path),
         "ParameterValue": TypeAdapter(Number).json_schema(),
     }
@@ -127,18 +127,18 @@ def _times(fault: dict[str, Schema]) -> None:
 
 def _paths(robot: Robot) -> Schema:
     """Names of a table that are words of a path."""
-    words = {re.escape(word) for word in (*bounds.NAMES, *robot.arms)} | {r"\d+"}
-    name = "|".join(sorted(words, key=len, reverse=True))
+    words = {re.escape(word) for word in (*bounds.names(robot), *robot.arms)} | {r"\d+"}
+    name = "|".join(sorted(words, key=lambda word: (-len(word), word)))
     return {"pattern": rf"^({name})(\.({name}))*$"}
 
 
-def _parameters(any_path: Schema) -> Schema:
+def _parameters(robot: Robot, any_path: Schema) -> Schema:
     """A table of parameters: paths, dotted or as tables in tables, of the first words that there are."""
     tree: Schema = {}
-    for row in bounds.BOUNDS:
-        if not bounds.reserved(row.path):
+    for path, row in bounds.rows(robot):
+        if not bounds.reserved(robot, path):
             node = tree
-            for word in row.path.split("."):
+            for word in path.split("."):
                 node = node.setdefault(word, {})
             of = f" ({', '.join(row.joints)})" if row.joints else ""
             node.setdefault("", []).append(f"{row.meaning}{of}: {row.range}")

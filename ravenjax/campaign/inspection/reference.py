@@ -114,7 +114,7 @@ def _parts(robot: Robot) -> Iterator[str]:
         "joint or an axis (`nominal.gold.kp.elbow`), and means all of them without. `ravenjax parameters` prints the "
         "values that they have."
     )
-    yield markdown_table(("path", "range", "meaning"), _parameters())
+    yield markdown_table(("path", "range", "meaning"), _parameters(robot))
     yield "## Layers and sites"
     yield markdown_table(("layer", "what it is"), library.layers().items())
     rows = (
@@ -244,11 +244,11 @@ def _default(field: Any) -> str:
     return "" if value == "" else f"`{str(value).lower() if isinstance(value, bool) else value}`"
 
 
-def _parameters() -> Iterator[tuple[str, ...]]:
-    for row in bounds.BOUNDS:
-        if not bounds.reserved(row.path):
+def _parameters(robot: Robot) -> Iterator[tuple[str, ...]]:
+    for path, row in bounds.rows(robot):
+        if not bounds.reserved(robot, path):
             of = f" ({', '.join(row.joints)})" if row.joints else ""
-            yield f"`{row.path}`{of}", row.range, row.meaning
+            yield f"`{path}`{of}", row.range, row.meaning
 
 
 def markdown_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

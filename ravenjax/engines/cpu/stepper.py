@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import math
 import struct
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -173,13 +174,25 @@ class Stepper:
         """Take over a state."""
         self._state[:], self._group[:] = snapshot
 
-    def write(self, leaves: Sequence[int], values: Sequence[float]) -> None:
-        """Change some numbers of the state, float32, by their places among the leaves of its record."""
+    def change(self, function: Callable[[Any], Any]) -> None:
+        """Put `function` of the state in its place: a record of numbers in, the same with some of them replaced out.
+
+        A number that no tick reads is not kept: it is NaN, and replacing it does nothing.
+        """
+        leaves, form = jax.tree.flatten(self.code.state)
         places = self.code.state_places
-        for k, value in zip(leaves, values, strict=True):
-            if k in places:
-                group, start, size = places[k]
-                (self._group if group else self._state)[0, start : start + size].view(np.float32)[:] = value
+        kept = {k: self._number(places[k], leaf.dtype) for k, leaf in enumerate(leaves) if k in places}
+        before = [kept[k][0].item() if k in kept else math.nan for k in range(len(leaves))]
+        after = jax.tree.leaves(function(jax.tree.unflatten(form, before)))
+        for k, place in kept.items():
+            if after[k] is not before[k]:
+                place[0] = after[k]
+
+    def _number(self, place: tuple[bool, int, int], dtype: Any) -> np.ndarray:
+        """A one-number array of the state."""
+        group, start, size = place
+        stored = np.dtype(np.int32 if np.dtype(dtype).kind == "b" else dtype)
+        return (self._group if group else self._state)[0, start : start + size].view(stored)
 
     def restore_leaves(self, snapshot: tuple[np.ndarray, np.ndarray], leaves: Sequence[int]) -> None:
         """Take over some numbers of a state, by their places among the leaves of its record."""

@@ -16,7 +16,7 @@ software     the control software alone, driven from Python
 from __future__ import annotations
 
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.arms import ARMS, JOINTS
+from ravenjax.robots.raven2.arms import ARMS, JOINTS, LINEAR
 from ravenjax.robots.raven2.checks import CHECKS
 from ravenjax.robots.raven2.layers import LAYERS
 from ravenjax.robots.raven2.sites import SITES
@@ -28,7 +28,7 @@ ROBOT = Robot(
     package=__name__,
     arms=ARMS,
     joints=JOINTS,
-    linear=("insertion",),
+    linear=LINEAR,
     sites=SITES,
     layers=LAYERS,
     checks=CHECKS,

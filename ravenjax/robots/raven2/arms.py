@@ -7,3 +7,5 @@ from typing import Literal
 ArmName = Literal["gold", "green"]
 ARMS: tuple[ArmName, ...] = ("gold", "green")
 JOINTS: tuple[str, ...] = ("shoulder", "elbow", "insertion", "tool_roll", "wrist", "grasp1", "grasp2")
+LINEAR: tuple[str, ...] = ("insertion",)
+"""Those of the joints that slide: m, where the others have rad."""

@@ -11,7 +11,7 @@ model; `known_mm` is the distance from the model, too. Of false reports nothing 
 from __future__ import annotations
 
 import struct
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,15 +20,13 @@ import numpy as np
 from ravenjax.campaign import compile_cache
 from ravenjax.engines.cpu.stepper import StepCode, Stepper
 from ravenjax.numbers.setup import per_arm, real
-from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.numbers.vec import Scalar, Vec, cast, replace
 from ravenjax.robots.raven2.arms import ARMS
-from ravenjax.robots.raven2.console.packet import U_STRUCT, Packet
-from ravenjax.robots.raven2.geometry import kinematics, scene
-from ravenjax.robots.raven2.loop import connections
-from ravenjax.robots.raven2.plant import nominal
-from ravenjax.robots.raven2.run_levels import E_STOP, PEDAL_DOWN
-from ravenjax.robots.raven2.setup import Setup
-from ravenjax.stages import haptics, monitor
+from ravenjax.robots.raven2.console.packet import U_STRUCT
+from ravenjax.robots.raven2.geometry import kinematics
+from ravenjax.robots.raven2.loop import connections, observers
+from ravenjax.robots.raven2.run_levels import E_STOP
+from ravenjax.stages import monitor
 from ravenjax.trainer.robot_link.joint_record import JointReport
 from ravenjax.trainer.robot_link.remote import RemoteRobot
 from ravenjax.trainer.session.blueprint import Blueprint, hazard_distances
@@ -39,16 +37,17 @@ _SEEN = (
     *("unintended_mm", "unintended_off_mm", "loss_mm", "false_report_mm", "known_mm"),
 )
 """Channels of an arm that the half tick fills, in this order."""
-_UM_PER_M = 1e6
 _U_FIELDS = struct.Struct("<3I6i8d2i2i2i")
 assert _U_FIELDS.size == U_STRUCT.itemsize
 
 
-@record
-class _State:
-    nominal: tuple[nominal.State, ...]
-    haptics: tuple[haptics.State, ...]
-    monitor: monitor.State
+class _Reported(NamedTuple):
+    """What the robot reported last, one entry an arm."""
+
+    jpos: tuple[Vec, ...]  # 7, rad; insertion m
+    mvel: tuple[Vec, ...]  # 7, rad/s, of its motors
+    runlevel: Scalar  # int32
+    soft_estopped: Scalar  # int32 flag
 
 
 class DistantRobot:
@@ -63,10 +62,8 @@ class DistantRobot:
         self.row = self._frame.row[: blueprint.layout.simulated]
         self.now = 0
         self._out = np.zeros(self._stepper.code.outputs, np.float32)
-        self._live = self._stepper.entering[-1]  # as the robot reported last
-        code = self._stepper.code
-        leaves = jax.tree.unflatten(jax.tree.structure(code.state), range(len(jax.tree.leaves(code.state))))
-        self._missed = [place for arm in leaves.monitor.arms for place in arm.missed]
+        self._rest = _resting(blueprint)
+        self._reported = _Reported(*jax.tree.unflatten(jax.tree.structure(self._rest), self._stepper.entering))
         self._sequence = 0
         self._places = [blueprint.layout.places[name] for name in (*_names(self.arms), "halted_ms")]
         self._outcomes: dict[str, Any] = {}
@@ -103,7 +100,7 @@ class DistantRobot:
 
     def arm(self, row: int) -> None:
         """Let the hazard of this row strike in the robot's process."""
-        self._stepper.write(self._missed, [0.0] * len(self._missed))
+        self._stepper.change(lambda state: replace(state, monitor=monitor.restarted(state.monitor)))
         self.remote.order({"order": "arm", "number": row})
 
     def disarm(self) -> None:
@@ -116,10 +113,7 @@ class DistantRobot:
 
     def _at_rest(self) -> None:
         """Until the robot reports, it counts as standing where it begins."""
-        for i, start in enumerate(self.blueprint.plan.program.params.start):
-            for place, number in zip(self._stepper.entering[14 * i : 14 * i + 14], [*start, *[0.0] * 7], strict=True):
-                place[0] = number
-        self._live[0] = 0
+        _write(self._reported, self._rest)
         self._stopped: dict[str, bool] = dict.fromkeys(
             ("soft_estop", "estop"), True
         )  # checks, in the last report: entering counts
@@ -147,13 +141,11 @@ class DistantRobot:
 
     def _take(self, report: JointReport) -> None:
         report.fill(self._frame)
-        entering = self._stepper.entering
-        for i, arm in enumerate(self.arms):
-            numbers = [*self._frame[f"{arm}/jpos"].tolist(), *self._frame[f"{arm}/mvel"].tolist()]
-            for place, number in zip(entering[14 * i : 14 * i + 14], numbers, strict=True):
-                place[0] = number
-        stopped = bool(self._frame.number("soft_estopped"))
-        self._set_live(report.runlevel == PEDAL_DOWN and not stopped)
+        frame, arms = self._frame, self.arms
+        stopped = bool(frame.number("soft_estopped"))
+        jpos, mvel = (tuple(Vec(frame[f"{arm}/{name}"].tolist()) for arm in arms) for name in ("jpos", "mvel"))
+        _write(self._reported, _Reported(jpos, mvel, report.runlevel, stopped))
+        frame["live"] = observers.live(report.runlevel, stopped)
         for check, trips in (("soft_estop", stopped), ("estop", report.runlevel == E_STOP)):
             if trips and not self._stopped[check]:
                 self._outcomes.setdefault(f"check_{check}_first_ms", self.now)
@@ -166,104 +158,60 @@ class DistantRobot:
         """Nothing is heard of the robot: it counts as stopped, and nobody is pulled toward it."""
         for name in ("runlevel", "surgeon_mode", "plc_runlevel", "fault_active"):
             self._frame[name] = 0
-        self._set_live(False)
+        self._reported.runlevel[0] = E_STOP
+        self._frame["live"] = False
         for arm in self.arms:
             self._frame[f"{arm}/force"] = 0.0
 
-    def _set_live(self, live: bool) -> None:
-        self._frame["live"] = live
-        self._live[0] = -int(live)
+
+def _write(places: _Reported, numbers: _Reported) -> None:
+    for place, number in zip(jax.tree.leaves(places), jax.tree.leaves(numbers), strict=True):
+        place[0] = number
 
 
 def _names(arms: tuple[str, ...]) -> list[str]:
     return [f"{arm}/{name}" for arm in arms for name in _SEEN]
 
 
+def _resting(blueprint: Blueprint) -> _Reported:
+    """What a robot would report that stands where it begins, stopped."""
+    start = cast(blueprint.plan.program.params.start, "float32")
+    return _Reported(start, tuple(Vec.full(7, np.float32(0.0)) for _ in start), np.int32(E_STOP), np.int32(0))
+
+
 def _half(blueprint: Blueprint) -> StepCode:
-    """The compiled half.
-
-    What enters a tick is what the robot reported last: joints (7) and motor velocities (7) of each arm, whether it is
-    live.
-    """
+    """The compiled half; what the robot reported last enters a tick."""
     setup, params = blueprint.setup, blueprint.plan.program.params
-    columns = len(blueprint.plan.columns)
-    start = params.start
+    watched = observers.Params(params.nominal, params.haptics, params.monitor)
+    unwritten = per_arm(setup, lambda i, arm: Vec.full(7, np.int32(0)))
 
-    def begin(inputs: Any) -> _State:
-        tips = per_arm(setup, lambda i, arm: kinematics.forward(arm, real(setup, start[i])).position)
-        return _State(
-            tuple(nominal.init(setup, arm, params.nominal[i], start[i]) for i, arm in enumerate(setup.arms)),
-            tuple(haptics.init(setup, params.haptics) for _ in setup.arms),
-            monitor.init(setup, tips, tuple(tip * _UM_PER_M for tip in tips)),
-        )
+    def begin(inputs: Any) -> observers.State:
+        start = real(setup, params.start)
+        tips = per_arm(setup, lambda i, arm: kinematics.forward(arm, start[i]).position)
+        return observers.init(setup, watched, start, tips)
 
-    def step(inputs: Any, state: _State, now: Scalar, entering: Any, motion: Any) -> tuple[_State, list[Scalar]]:
+    def step(
+        inputs: Any, state: observers.State, now: Scalar, entering: _Reported, motion: Any
+    ) -> tuple[observers.State, list[Scalar]]:
         packet = connections.packet(setup, params.operator, None, motion, None, None, now)
-        told = [[Vec(entering[14 * i + 7 * part :][:7]) for part in (0, 1)] for i in range(len(setup.arms))]
-        models = per_arm(
-            setup,
-            lambda i, arm: nominal.step(
-                setup,
-                arm,
-                params.nominal[i],
-                state.nominal[i],
-                connections.clean(setup, packet, jnp.bool_(True), i),
-                told[i][0],
-            ),
-        )
-        model_tips = tuple(model.tip_position for _, model in models)
-        signals = [connections.felt(setup, arm, i, models[i][1], *told[i]) for i, arm in enumerate(setup.arms)]
-        tips = tuple(signal.robot_position for signal in signals)
-        observer = _observe(setup, params.monitor, state.monitor, packet, tips, model_tips, entering[-1], now)
+        robot = observers.Robot(*entering, unwritten)
+        after, seen = observers.observe(setup, watched, state, packet, jnp.bool_(True), robot, None, now)
         out: list[Scalar] = []
-        cues = []
-        for i, arm in enumerate(setup.arms):
-            moved, cue = haptics.step(setup, params.haptics, state.haptics[i], signals[i])
-            cues.append(moved)
+        for i, (model, cue) in enumerate(zip(seen.models, seen.cues, strict=True)):
             distance = cue.distance * 1e3
-            out += [*models[i][1].jpos, *tips[i], *model_tips[i], distance]
-            out += [*(x * cue.force[0] for x in cue.direction), scene.tissue_depth(arm, tips[i]) * 1e3]
+            out += [*model.jpos, *seen.tips[i], *model.tip_position, distance]
+            out += [*(x * cue.force[0] for x in cue.direction), seen.depth[i] * 1e3]
             still = Vec.full(3, 0.0)
-            off = monitor.distances(params.monitor, observer.arms[i], model_tips[i], still, still)
-            unintended, unintended_off, loss, _ = hazard_distances(entering[-1], off)
+            off = monitor.distances(params.monitor, after.monitor.arms[i], model.tip_position, still, still)
+            unintended, unintended_off, loss, _ = hazard_distances(seen.live, off)
             out += [unintended, unintended_off, loss, jnp.nan, distance]
-        out += [observer.halted, packet.surgeon_mode]
+        out += [after.monitor.halted, packet.surgeon_mode]
         for i in range(len(setup.arms)):
             out += [*packet.delta[i], *packet.quat[i], packet.grasp[i]]
-        return _State(tuple(model for model, _ in models), tuple(cues), observer), [jnp.float32(x) for x in out]
+        return after, [jnp.float32(x) for x in out]
 
-    def finish(inputs: Any, state: _State) -> dict[str, Scalar]:
+    def finish(inputs: Any, state: observers.State) -> dict[str, Scalar]:
         return {"cue0_first_ms": state.haptics[0].cues[0].first_tick}
 
-    length = blueprint.code.tables[0]
-    rest = [np.float32(x) for i in range(len(setup.arms)) for x in (*start[i], *([0.0] * 7))]
-    rest = [*rest, np.bool_(False)]
-    return StepCode(begin, step, finish, (), rest, (length,) * columns, compile_cache.objects())
-
-
-def _observe(
-    setup: Setup,
-    params: monitor.Params,
-    state: monitor.State,
-    packet: Packet,
-    tips: tuple[Vec, ...],
-    model_tips: tuple[Vec, ...],
-    live: Scalar,
-    now: Scalar,
-) -> monitor.State:
-    """The observer, of what is known here: the reported tip as the true one, the model as the golden run."""
-    none = per_arm(setup, lambda i, arm: Vec.full(7, jnp.int32(0)))
-    signal = monitor.Signal(
-        tip=tips,
-        pos=tuple(tip * _UM_PER_M for tip in tips),
-        model_tip=model_tips,
-        depth=per_arm(setup, lambda i, arm: scene.tissue_depth(arm, tips[i])),
-        distance=scene.tip_distance(setup.arms, tips),
-        dac=none,
-        fresh=jnp.bool_(True),
-        live=live,
-        pedal=packet.surgeon_mode != 0,
-        tick=now,
-    )
-    golden = monitor.Reference(model_tips, tuple(tip * _UM_PER_M for tip in model_tips))
-    return monitor.step(setup, params, state, signal, golden)
+    tables = blueprint.code.tables[:1] * len(blueprint.plan.columns)
+    return StepCode(begin, step, finish, (), _resting(blueprint), tables, compile_cache.objects())

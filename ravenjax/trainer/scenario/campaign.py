@@ -25,6 +25,7 @@ from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.hazards import expansion
+from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.sites import SITES
 from ravenjax.trainer.scenario import hazard
 from ravenjax.trainer.scenario.config import INSTRUCTOR, Entry, Scenario
@@ -109,7 +110,7 @@ def _of_scenario(key: tuple[str | int, ...], message: str) -> str:
     """A campaign's message with the scenario's keys in place of the campaign's."""
     match key:
         case ("parameters", str(path), *_):
-            kind = bounds.plain(path)
+            kind = bounds.plain(ROBOT, path)
             own = (keys for name, keys in _OWN_KEYS.items() if kind == name or kind.startswith(f"{name}."))
             return next((f"cannot be set: write {keys}" for keys in own), message)
         case _:

@@ -26,7 +26,7 @@ from ravenjax.numbers.algebra import minus
 from ravenjax.numbers.vec import Scalar, Vec, as_int, replace
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.robots.raven2.console.packet import silence
-from ravenjax.robots.raven2.loop import connections, tick
+from ravenjax.robots.raven2.loop import connections, observers, tick
 from ravenjax.robots.raven2.setup import Setup
 from ravenjax.stages import monitor
 from ravenjax.trainer.session.frame import Layout
@@ -108,7 +108,7 @@ def _frame(
     pulls = jnp.bool_(False)
     for cue in out.haptics:
         pulls = pulls | (cue.force[0] > 0.0)
-    live = tick.live(software, state.control)
+    live = observers.live(software.runlevel, state.control.state_machine.soft_estopped)
     numbers = [now, software.runlevel, software.surgeon_mode, software.soft_estopped, as_int(live)]
     numbers += [out.plc.runlevel, out.plc.brakes]
     trips = jnp.int32(0)
@@ -116,8 +116,8 @@ def _frame(
         trips = trips + one.count
     numbers += [software.last_seq, as_int(struck), trips, out.tip_distance * 1e3]
     numbers += [seen.halted, seen.halted, as_int(pulls)]  # `simulation` puts the golden run's in place of the last two
-    golden = tick.reference(setup, signal, out.tip, software)
     positions = connections.measured(setup, software)
+    golden = observers.reference(setup, observers.Golden(signal.reference, signal.apart), out.tip, positions)
     for i, measured in enumerate(software.arms):
         cue, position = out.haptics[i], positions[i]
         numbers += [*measured.jpos, *measured.jpos_d, *measured.mpos, *measured.mvel]

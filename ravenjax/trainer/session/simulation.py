@@ -12,8 +12,10 @@ import numpy as np
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.engines.cpu.stepper import Stepper
 from ravenjax.faults.fault import Fault
+from ravenjax.numbers.vec import replace
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.loop import tick
+from ravenjax.stages import monitor
 from ravenjax.trainer.session import blueprint
 from ravenjax.trainer.session.blueprint import Blueprint
 from ravenjax.trainer.session.frame import GOLDEN, Frame
@@ -44,20 +46,22 @@ class Robot:
         self.now = 0  # tick to come
         series = tick.series_length(blueprint.setup)
         self._series = self._shown[1, -series:]
-        self._reference = self._own._entering[0, : 4 * series].view(np.float32)
+        self._reference = self._own.entering[:series]
         self._apart = False
         self._told_apart = self._own.entering[series]
+        self.packets = [stepper.entering[series + 1 :] for stepper in (self._own, self._twin)]
+        """Where a packet from outside enters the two."""
         self._fresh = self._own.snapshot()
-        self._record = jax.tree.unflatten(jax.tree.structure(code.state), range(len(jax.tree.leaves(code.state))))
-        """The state's record with the place of each number among its leaves."""
-        self._slots = [jax.tree.leaves(slot) for slot in self._record.faults.slots]
+        places = jax.tree.unflatten(jax.tree.structure(code.state), range(len(jax.tree.leaves(code.state))))
+        self._slots = [jax.tree.leaves(slot) for slot in places.faults.slots]  # of each number, among the state's
         self._fault_inputs = len(code.input_types) - len(_FIELDS) * (blueprint.fault_slots + 1)
 
     def step(self) -> None:
         """One tick."""
         if self._apart:
             self._twin.step(self.now, self._addresses[1])
-            self._reference[:] = self._series
+            for place, number in zip(self._reference, self._series.tolist(), strict=True):
+                place[0] = number
         self._own.step(self.now, self._addresses[0])
         if self._apart:
             self._golden[0] = self._golden[1]
@@ -94,11 +98,7 @@ class Robot:
 
         The model comes along by itself at the next pedal-up (`nominal.resync`).
         """
-        places = self.blueprint.layout.places
-        for i, arm in enumerate(self.blueprint.layout.arms):
-            seen = self._record.monitor.arms[i]
-            tip = self.row[places[f"{arm}/tip"]].tolist()
-            self._own.write([*seen.missed, *seen.twin_tip], [0.0, 0.0, 0.0, *tip])
+        self._own.change(lambda state: replace(state, monitor=monitor.realigned(state.monitor)))
         self._twin.restore(self._own.snapshot())
 
     def _part(self, apart: bool) -> None:
@@ -170,18 +170,16 @@ class PacketRobot:
         made = self.blueprint = self._robot.blueprint
         self.arms = made.setup.arms
         self.frame = Frame(made.layout)
-        first = tick.series_length(made.setup) + 1  # after the golden run's series and whether it is apart
-        self._packets = [stepper.entering[first:] for stepper in (self._robot._own, self._robot._twin)]
 
     def step(self, packet: Packet | None) -> Frame:
         """One tick with the packet that arrived, None: none did. The frame is the same object each time."""
         if packet is not None:
             leaves = jax.tree.leaves(packet)
-            for entering in self._packets:
+            for entering in self._robot.packets:
                 for place, number in zip(entering, leaves, strict=True):
                     place[0] = number
         else:
-            for entering in self._packets:
+            for entering in self._robot.packets:
                 entering[0][0] = 0  # received
         self._robot.step()
         self.frame.row[: self._robot.row.size] = self._robot.row

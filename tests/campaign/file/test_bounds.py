@@ -1,4 +1,4 @@
-"""Ranges of parameters: each parameter has one, nothing outside it is accepted, everything in it can be run."""
+"""Ranges of parameters: nothing outside one is accepted, everything in it can be run. Each has one: `test_quantity`."""
 
 import numpy as np
 import pytest
@@ -7,8 +7,10 @@ import ravenjax as rj
 from ravenjax.campaign import plan
 from ravenjax.campaign.file import bounds, loading
 from ravenjax.campaign.file.axis import Axis, fixed
+from ravenjax.campaign.file.group import flatten_parameters
 from ravenjax.errors import UserError
 from ravenjax.numbers import paths
+from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.arms import ARMS
 
 BASE = {
@@ -25,7 +27,7 @@ def leaves(**campaign):
     config = loading.from_dict({**BASE, "campaign": {**BASE["campaign"], **campaign}})
     program = plan.make(config).program
     known = dict(paths.leaves(program.params, program.setup))
-    return {path: float(value) for path, value in known.items() if not path.startswith("start.")}
+    return {path: float(value) for path, value in known.items()}
 
 
 @pytest.fixture(scope="module")
@@ -33,35 +35,34 @@ def every():
     return leaves(arms=["gold", "green"]) | leaves(software="fork2015") | leaves(console="absolute")
 
 
-def test_each_parameter_has_one_row_or_is_reserved(every):
-    for path in every:
-        rows = bounds.of(path)
-        assert len(rows) == (0 if bounds.reserved(path) else 1), path
+def test_a_parameter_is_named_as_its_fields_are(every):
+    kinds = {bounds.plain(ROBOT, path) for path in every}
+    assert {path for path, _ in bounds.rows(ROBOT)} == {kind for kind in kinds if not bounds.reserved(ROBOT, kind)}
 
 
-def test_each_row_is_of_a_parameter(every):
-    used = {id(row) for path in every for row in bounds.of(path)}
-    assert [row.path for row in bounds.BOUNDS if id(row) not in used] == []
-    kinds = {bounds.plain(path) for path in every}
-    for name in bounds.RESERVED:
-        assert any(kind == name or kind.startswith(f"{name}.") for kind in kinds), name
+def test_of_reserved_parameters_the_inmost_word_counts(every):
+    assert bounds.reserved(ROBOT, "monitor.limit") != bounds.reserved(ROBOT, "monitor.idle_share")
+    assert bounds.reserved(ROBOT, "plant.gold.noise_key") == bounds.reserved(ROBOT, "plant.noise_key") != ""
+    assert bounds.reserved(ROBOT, "plant.gravity") == ""
 
 
-def test_the_robots_own_values_are_within(every):
-    for path, value in every.items():
-        assert not [*bounds.complaints(path, fixed(value))] or bounds.reserved(path), path
+def test_no_word_of_a_path_is_taken_for_a_misspelt_distribution():
+    """But `nominal`, which is like `normal` and names no number."""
+    words = bounds.names(ROBOT) - {"nominal"}
+    for word in words:
+        assert flatten_parameters({"parameters": {"a": {word: [1, 2]}}}) == {"parameters": {f"a.{word}": [1, 2]}}
 
 
 @pytest.mark.parametrize("path", ["control.cartesian.lower", "control.cartesian.lower.elbow", "plant.gold.stops.upper"])
 def test_a_vector_is_checked_against_the_rows_of_all_its_numbers(path):
     """0.5 suits angles and the insertion, 3 rad no insertion in m."""
-    assert not [*bounds.complaints(path, fixed(0.5))]
-    assert len([*bounds.complaints(path, fixed(3.0))]) == (0 if path.endswith("elbow") else 1)
+    assert not [*bounds.complaints(ROBOT, path, fixed(0.5))]
+    assert len([*bounds.complaints(ROBOT, path, fixed(3.0))]) == (0 if path.endswith("elbow") else 1)
 
 
 @pytest.mark.parametrize("path", ["plant.friction_scale", "plant.gold.friction_scale", "plant.green.friction_scale"])
 def test_an_arm_may_be_named_or_left_out(path):
-    assert [*bounds.complaints(path, fixed(-1))]
+    assert [*bounds.complaints(ROBOT, path, fixed(-1))]
 
 
 @pytest.mark.parametrize(
@@ -91,6 +92,7 @@ def test_an_arm_may_be_named_or_left_out(path):
         ("detectors.levels.0.1", 2, ("cannot be set", "write level = [..] in [[detector]]")),
         ("plant.noise_key", 7, ("cannot be set", "campaign.noise = true")),
         ("plant.gold.noise_key", 7, ("cannot be set",)),
+        ("start.elbow", 1.5, ("cannot be set", "write [operator.start]")),
     ],
 )
 def test_what_is_out_of_range_is_refused(path, value, words):
@@ -127,7 +129,7 @@ def test_the_ends_of_every_range_can_be_run(every):
     shown = {path for path in shown if not path.startswith(idle)}
     groups = [{"name": "free"}]
     for path in sorted(shown):
-        for row in bounds.of(path):
+        for row in bounds.of(ROBOT, path):
             groups += [{"name": f"{path} = {end}", "parameters": {path: end}} for end in (row.low, row.high)]
     campaign = {"name": "ends", "duration_s": 0.4, "noise": True, "console": "absolute"}
     table = rj.run({**BASE, "campaign": campaign, "operator": {"motion": "reach"}, "group": groups}, engine="simd")

@@ -10,6 +10,7 @@ import pytest
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import copies, loading
 from ravenjax.errors import UserError
+from ravenjax.robots.raven2 import ROBOT
 
 HEAD = """
 [campaign]
@@ -219,7 +220,7 @@ def test_a_template_of_a_search_draws_by_itself() -> None:
     ],
 )
 def test_paths_that_share_a_number(one: str, other: str, both: bool) -> None:
-    assert copies.overlap(one, other) is copies.overlap(other, one) is both
+    assert copies.overlap(ROBOT, one, other) is copies.overlap(ROBOT, other, one) is both
 
 
 def test_notices_are_no_errors() -> None:

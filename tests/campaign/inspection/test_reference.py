@@ -10,6 +10,7 @@ from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.loading import header, tables_of
 from ravenjax.campaign.inspection import reference
 from ravenjax.hazards.expansion import KEYS
+from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
 
@@ -64,6 +65,8 @@ def test_units_ranges_and_defaults():
 def test_every_word_of_a_file_is_there():
     page = sections()
     assert set(page["[[group]] that names hazards"]) - {"key"} == set(KEYS)
-    assert {row.path for row in bounds.BOUNDS} <= {path.partition("`")[0] for path in page["[parameters], [cross]"]}
+    assert {path for path, _ in bounds.rows(ROBOT)} <= {
+        path.partition("`")[0] for path in page["[parameters], [cross]"]
+    }
     assert set(SITES) < set(page["Layers and sites"])
     assert set(EFFECTS) < set(page["Effects"]) and set(TRIGGERS) < set(page["Triggers"])

@@ -66,6 +66,18 @@ def test_a_changed_input_counts_from_the_next_tick_and_leaves_the_state(code):
     assert stepper.outcomes()["ticks"] == 23
 
 
+def test_a_function_changes_the_state_between_two_ticks(code):
+    stepper = Stepper(code, Inputs(np.float32(2.0), np.int32(1)))
+    stepper.tables[0][:] = 1.0
+    stepped(stepper, 3)
+    stepper.change(lambda state: State(state.sum + 0.25, state.ticks * 7, state.spare))
+    assert stepper.outcomes() == {"ticks": 21, "sum": 6.25, "spare": 7.0}
+    before = stepper.snapshot()
+    stepper.change(lambda state: state)
+    assert all((one == other).all() for one, other in zip(stepper.snapshot(), before, strict=True))
+    assert stepped(stepper, 1, first=3)[0, 0] == 8.25
+
+
 def test_a_snapshot_is_taken_over_whole_or_in_part(code):
     one, other = (Stepper(code, Inputs(np.float32(2.0), np.int32(1))) for _ in range(2))
     one.tables[0][:] = 1.0

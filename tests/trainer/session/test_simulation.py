@@ -133,6 +133,15 @@ def test_a_session_says_of_a_hazard_what_the_table_of_its_campaign_says(made, ro
     ) == told["motion_hazard"]
 
 
+def test_a_hazard_armed_before_the_first_tick_finds_nothing_missed(made):
+    robot, states = robot_of(made), []
+    robot.arm(0)
+    robot.step()
+    robot._own.change(lambda state: states.append(state) or state)
+    for arm in states[0].monitor.arms:
+        assert np.abs(arm.missed).max() < 1e-6  # the golden run begins where the robot is
+
+
 def test_as_long_as_nothing_has_struck_the_robot_is_its_own_twin(made):
     """The twin is computed from the first arming on only; computed all along it gives the same bits."""
     lazy, eager = robot_of(made), robot_of(made)

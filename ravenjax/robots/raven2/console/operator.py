@@ -9,11 +9,12 @@ ones, so that the robot's accumulator never drifts from the hand by more than a 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import jax
 import jax.numpy as jnp
 
+from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, to_int32, where
 from ravenjax.robots.raven2.console.motion import ARM_COLUMNS, NOMINAL_SCALE
@@ -27,10 +28,21 @@ from ravenjax.robots.raven2.setup import Setup
 class Params:
     """What a campaign may vary of the console."""
 
-    scale: Scalar  # 1, tip motion per hand motion; SEED uses 0.05 .. 0.2
-    start_position: tuple[Vec, ...]  # um, tip in frame 0 where the motion starts; console "absolute" only
-    start_quat: tuple[Vec, ...]  # x, y, z, w, tip in frame 0 where the motion starts; console "absolute" only
-    start_grasp: tuple[Scalar, ...]  # mrad, jaw opening where the motion starts; console "absolute" only
+    scale: Annotated[  # SEED uses 0.05 .. 0.2
+        Scalar, Quantity("", 0, 1, "tip motion per hand motion: the teleoperation scale")
+    ]
+    start_position: Annotated[
+        tuple[Vec, ...], Quantity("um", -1e6, 1e6, "tip where an absolute console starts, in frame 0")
+    ]
+    start_quat: Annotated[  # x, y, z, w
+        tuple[Vec, ...],
+        Quantity(
+            "", -1, 1, "tip rotation where an absolute console starts, in frame 0", why="component of a unit quaternion"
+        ),
+    ]
+    start_grasp: Annotated[
+        tuple[Scalar, ...], Quantity("mrad", -6300, 6300, "jaw opening where an absolute console starts")
+    ]
 
 
 def params(setup: Setup, start_jpos: tuple[tuple[float, ...], ...], scale: float = NOMINAL_SCALE) -> Params:

@@ -18,11 +18,14 @@ of now.
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
 from ravenjax.numbers.algebra import dot
+from ravenjax.numbers.quantity import HOUR_MS, Quantity
 from ravenjax.numbers.setup import per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
 from ravenjax.robots.raven2.setup import Setup
@@ -36,12 +39,16 @@ TINY_M = 1e-9  # below it there is nothing to correct
 class Params:
     """What a campaign may vary."""
 
-    action: Scalar  # int32, one of ACTIONS
-    delay_ms: Scalar  # ms from the first felt pull to the action
-    felt_force: Scalar  # device units; a weaker pull is not noticed
-    slow_to: Scalar  # 1, speed of the hands afterwards, of what it was
-    correct_per_s: Scalar  # 1/s, share of the distance that is corrected
-    correct_speed: Scalar  # m/s of the tip, at most
+    action: Annotated[  # int32, one of ACTIONS
+        Scalar, Quantity("", 0, 3, "what the operator does: 0 none, 1 release, 2 slow, 3 correct", whole=True)
+    ]
+    delay_ms: Annotated[Scalar, Quantity("ms", 0, HOUR_MS, "from the first felt pull to the action")]
+    felt_force: Annotated[Scalar, Quantity("device units", 0, 1e9, "weakest pull that the operator notices")]
+    slow_to: Annotated[Scalar, Quantity("", 0, 1, "speed of slowed hands, of what it was")]
+    correct_per_s: Annotated[
+        Scalar, Quantity("1/s", 0, 1e3, "share of the distance that a correcting operator takes back")
+    ]
+    correct_speed: Annotated[Scalar, Quantity("m/s", 0, 10, "fastest correction of the tip")]
 
 
 @record

@@ -127,7 +127,7 @@ def watched(
     command_limit: Vec,
     signals: control.Signals,
     robots: tuple[plant.Out, ...],
-    cues: tuple[Any, ...],
+    cues: tuple[haptics.Out, ...],
     armed: Scalar,
     now: Scalar,
 ) -> detectors.Signal:
@@ -137,7 +137,7 @@ def watched(
         mvel=tuple(out.mvel for out in robots),
         jpos=tuple(out.jpos for out in robots),
         jvel=tuple(out.jvel for out in robots),
-        tip_error=tuple(out.distance for _, out in cues),
+        tip_error=tuple(out.distance for out in cues),
         command=tuple(arm.current_cmd for arm in signals.arms),
         command_limit=command_limit,
         armed=armed,

@@ -7,7 +7,7 @@ operator input; the monitor compares it with the robot and the console's haptic 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,12 +15,13 @@ import numpy as np
 from jax import lax
 
 from ravenjax.faults import fault, injection, window
+from ravenjax.numbers.quantity import Quantity, Reserved
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.console import operator, reaction
-from ravenjax.robots.raven2.geometry import kinematics, scene
-from ravenjax.robots.raven2.loop import connections, control
+from ravenjax.robots.raven2.geometry import kinematics
+from ravenjax.robots.raven2.loop import connections, control, observers
 from ravenjax.robots.raven2.loop.injector import Injector, strikes
 from ravenjax.robots.raven2.plant import nominal
 from ravenjax.robots.raven2.plant import robot as plant
@@ -28,10 +29,6 @@ from ravenjax.robots.raven2.setup import Setup
 from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import channel, check, detectors, haptics, monitor
 from ravenjax.stages.check import Check
-
-UM = 1e-6
-"""Metres in a micrometre."""
-
 
 # --- records: one entry an arm in each tuple ---
 
@@ -50,22 +47,28 @@ class Params:
     haptics: haptics.Params
     reaction: reaction.Params | None  # where Setup.reacts
     detectors: detectors.Params | None  # where there are any
-    monitor: monitor.Params
-    start: tuple[Vec, ...]  # joints where the run begins, 7, rad and m
+    monitor: Annotated[monitor.Params, Reserved("it belongs to the observer, not to the robot")]
+    start: Annotated[  # joints where the run begins, 7, rad and m
+        tuple[Vec, ...], Reserved("it is where the operator's motion begins; write [operator.start]")
+    ]
 
 
 @record
 class NetworkParams:
     """The channel from console to robot."""
 
-    cycles_per_packet: Scalar  # int32, control cycles from one packet to the next; 1: a packet a millisecond
+    cycles_per_packet: Annotated[  # int32; 1: a packet a millisecond
+        Scalar, Quantity("cycles", 1, 1000, "how long a packet of the console lasts", whole=True)
+    ]
 
 
 @record
 class UsbParams:
     """The way from USB board to motor."""
 
-    command_delay: Scalar  # int32 ms, at most Setup.command_delay
+    command_delay: Annotated[  # int32, at most Setup.command_delay
+        Scalar, Quantity("ms", 0, 16, "from USB write to motor", whole=True)
+    ]
 
 
 @record
@@ -130,8 +133,95 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
     clock = window.Clock(now, sequence + 1, state.pedal_ticks)
     inject = Injector(setup, faults, window.open_windows(setup, faults, state.faults, clock), clock)
 
-    # --- console and network: the robot's packet, and the clean one that the nominal model follows ---
-    reacting = _reacting(setup, params, state, now, sequence)
+    sent = _console_and_network(setup, params, inject, state, signal, fresh, sequence)
+    done = _robot(setup, params, inject, state, sent.packet)
+    signals, robots = done.signals, done.robots
+    observed, seen = observers.observe(
+        setup,
+        _observed(params),
+        observers.State(state.nominal, state.haptics, state.monitor),
+        sent.clean,
+        fresh,
+        observers.Robot(
+            jpos=tuple(arm.jpos for arm in signals.arms),
+            mvel=tuple(arm.mvel for arm in signals.arms),
+            runlevel=signals.runlevel,
+            soft_estopped=done.software.state_machine.soft_estopped,
+            dac=done.boards.current_cmd,
+            pos=tuple(arm.pos.position_um for arm in signals.arms),
+            links=tuple(out.jpos for out in robots),
+        ),
+        observers.Golden(signal.reference, signal.apart),
+        now,
+    )
+    down = signals.runlevel == run_levels.PEDAL_DOWN
+
+    watched = None
+    if params.detectors is not None and state.detectors is not None:
+        shown = connections.watched(params.control.overdrive.dac_max, signals, robots, seen.cues, seen.live, now)
+        watched = detectors.step(setup, params.detectors, state.detectors, shown)
+    hands, reacting = sent.hands, sent.reacting
+    if hands is not None:
+        off_plan = operator.tip_offset(setup, params.operator, hands)
+        hands = operator.sent(hands, fresh)
+        if params.reaction is not None and reacting is not None:
+            pulls = tuple(out.force[0] for out in seen.cues)
+            shown = reaction.Felt(pulls, seen.tips, tuple(out.tip_position for out in seen.models), off_plan, down, now)
+            reacting, correction = reaction.feel(setup, params.reaction, reacting, shown)
+            hands = operator.steered(setup, params.operator, hands, correction)
+    state = State(
+        faults=inject.state,
+        control=done.software,
+        boards=done.boards,
+        commands=(done.boards.current_cmd, *state.commands)[: setup.command_delay],
+        plc=done.plc,
+        plant=done.plant,
+        enc_val=tuple(out.enc_val for out in robots),
+        motors=connections.motors(setup, robots),
+        nominal=observed.nominal,
+        haptics=observed.haptics,
+        hands=hands,
+        reaction=reacting,
+        channel=sent.channel,
+        detectors=watched,
+        monitor=observed.monitor,
+        pedal_ticks=jnp.where(down, jnp.maximum(state.pedal_ticks, -1) + 1, -1),
+        pedal_down_ticks=state.pedal_down_ticks + as_int(seen.live),
+        packet=sequence,
+        delivered=jnp.where(sent.arrives, sent.sequence - 1, state.delivered),
+    )
+    out = Signals(
+        packet=sent.packet,
+        control=signals,
+        plant=robots,
+        plc=done.relays,
+        nominal=seen.models,
+        haptics=seen.cues,
+        tip=seen.tips,
+        depth=seen.depth,
+        tip_distance=seen.distance,
+        fault_active=tuple(slot.active for slot in inject.state.slots),
+    )
+    return state, out
+
+
+class _Sent(NamedTuple):
+    """What the console and the network leave of this tick."""
+
+    clean: Any  # packet.Packet as the console meant it: what the nominal model follows
+    packet: Any  # packet.Packet as it reaches the robot
+    arrives: Scalar  # bool
+    sequence: Scalar  # int32, number of that packet
+    hands: operator.Hands | None
+    reacting: reaction.State | None
+    channel: channel.State | None
+
+
+def _console_and_network(
+    setup: Setup, params: Params, inject: Injector, state: State, signal: Input, fresh: Scalar, sequence: Scalar
+) -> _Sent:
+    """The robot's packet, and the clean one."""
+    reacting = _reacting(setup, params, state, signal.tick, sequence)
     hands = state.hands
     if hands is not None and inject.strikes("hand"):
         hands = operator.strayed(hands, inject("hand", _each(setup, Vec.full(3, real(setup, 0.0)))))
@@ -150,8 +240,23 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
         index = sent.sequence - 1
         arrives = arrives & (index >= 0) & ((network.delay == 0) | (index > state.delivered))
     packet = replace(sent, received=as_int(arrives))
+    return _Sent(clean, packet, arrives, sent.sequence, hands, reacting, line)
 
-    # --- control computer ---
+
+class _Done(NamedTuple):
+    """What the robot did in this tick."""
+
+    software: control.State
+    signals: control.Signals
+    boards: usb.UsbOut
+    plc: plc.State
+    relays: plc.Out
+    plant: tuple[plant.State, ...]
+    robots: tuple[plant.Out, ...]
+
+
+def _robot(setup: Setup, params: Params, inject: Injector, state: State, packet: Any) -> _Done:
+    """Control computer and PLC; then motors, cables and links."""
     status = inject("usb_status", connections.UsbStatus(_each(setup, jnp.int32(1)), _each(setup, jnp.int32(1))))
     pins = plc.input_pins(inject("plc", state.plc.runlevel))
     delivered = usb.UsbIn(inject("encoder", state.enc_val), _each(setup, pins))
@@ -161,7 +266,6 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
     message = usb.UsbOut(tuple(arm.current_cmd_written for arm in signals.arms), _each(setup, signals.pins_out))
     boards = usb.write(setup, state.boards, message, status.write_ok)
 
-    # --- PLC, motors, cables, links ---
     buttons = inject("buttons", connections.Buttons(jnp.bool_(False), jnp.bool_(False)))
     told = plc.Signal(boards.pins[: _boards_apart(setup)], buttons.estop, buttons.start)
     controller, relays = plc.step(setup, params.plc, state.plc, told)
@@ -178,104 +282,12 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
             setup, arm, params.plant[i], state.plant[i], connections.plant_signal(driven[i], brakes, multipliers, i)
         ),
     )
-    robots = tuple(out for _, out in moved)
-
-    # --- nominal model, haptics, monitor ---
-    models = per_arm(
-        setup,
-        lambda i, arm: nominal.step(
-            setup,
-            arm,
-            params.nominal[i],
-            state.nominal[i],
-            connections.clean(setup, clean, fresh, i),
-            real(setup, signals.arms[i].jpos),
-        ),
-    )
-    tips = per_arm(setup, lambda i, arm: kinematics.forward(arm, robots[i].jpos).position)
-    cues = per_arm(
-        setup,
-        lambda i, arm: haptics.step(
-            setup,
-            params.haptics,
-            state.haptics[i],
-            connections.felt(setup, arm, i, models[i][1], signals.arms[i].jpos, signals.arms[i].mvel),
-        ),
-    )
-    depth = per_arm(setup, lambda i, arm: scene.tissue_depth(arm, tips[i]))
-    distance = scene.tip_distance(setup.arms, tips)
-    down = signals.runlevel == run_levels.PEDAL_DOWN
-    now_live = live(signals, software)
-    seen = monitor.step(
-        setup,
-        params.monitor,
-        state.monitor,
-        monitor.Signal(
-            tip=tips,
-            pos=connections.measured(setup, signals),
-            model_tip=tuple(out.tip_position for _, out in models),
-            depth=depth,
-            distance=distance,
-            dac=boards.current_cmd,
-            fresh=fresh,
-            live=now_live,
-            pedal=clean.surgeon_mode != 0,
-            tick=now,
-        ),
-        reference(setup, signal, tips, signals),
-    )
-
-    watched = None
-    if params.detectors is not None and state.detectors is not None:
-        shown = connections.watched(params.control.overdrive.dac_max, signals, robots, cues, now_live, now)
-        watched = detectors.step(setup, params.detectors, state.detectors, shown)
-    if hands is not None:
-        off_plan = operator.tip_offset(setup, params.operator, hands)
-        hands = operator.sent(hands, fresh)
-        if params.reaction is not None and reacting is not None:
-            pulls = tuple(out.force[0] for _, out in cues)
-            shown = reaction.Felt(pulls, tips, tuple(out.tip_position for _, out in models), off_plan, down, now)
-            reacting, correction = reaction.feel(setup, params.reaction, reacting, shown)
-            hands = operator.steered(setup, params.operator, hands, correction)
-    state = State(
-        faults=inject.state,
-        control=software,
-        boards=boards,
-        commands=(boards.current_cmd, *state.commands)[: setup.command_delay],
-        plc=controller,
-        plant=tuple(new for new, _ in moved),
-        enc_val=tuple(out.enc_val for out in robots),
-        motors=connections.motors(setup, robots),
-        nominal=tuple(new for new, _ in models),
-        haptics=tuple(new for new, _ in cues),
-        hands=hands,
-        reaction=reacting,
-        channel=line,
-        detectors=watched,
-        monitor=seen,
-        pedal_ticks=jnp.where(down, jnp.maximum(state.pedal_ticks, -1) + 1, -1),
-        pedal_down_ticks=state.pedal_down_ticks + as_int(now_live),
-        packet=sequence,
-        delivered=jnp.where(arrives, sent.sequence - 1, state.delivered),
-    )
-    out = Signals(
-        packet=packet,
-        control=signals,
-        plant=robots,
-        plc=relays,
-        nominal=tuple(out for _, out in models),
-        haptics=tuple(out for _, out in cues),
-        tip=tips,
-        depth=depth,
-        tip_distance=distance,
-        fault_active=tuple(slot.active for slot in inject.state.slots),
-    )
-    return state, out
+    plants, robots = tuple(new for new, _ in moved), tuple(out for _, out in moved)
+    return _Done(software, signals, boards, controller, relays, plants, robots)
 
 
-def live(signals: control.Signals, software: control.State) -> Scalar:
-    """Whether the robot is live, as `ravenjax.outcomes` says: run level pedal-down, no software E-stop."""
-    return (signals.runlevel == run_levels.PEDAL_DOWN) & (software.state_machine.soft_estopped == 0)
+def _observed(params: Params) -> observers.Params:
+    return observers.Params(params.nominal, params.haptics, params.monitor)
 
 
 # --- its beginning and end ---
@@ -309,6 +321,7 @@ def init(setup: Setup, params: Params) -> State:
     plants = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.plant[i], start[i]))
     robots = per_arm(setup, lambda i, arm: plant.observe(setup, arm, params.plant[i], plants[i]))
     tips = per_arm(setup, lambda i, arm: kinematics.forward(arm, robots[i].jpos).position)
+    beside = observers.init(setup, _observed(params), start, tips)
     zero = jnp.int32(0)
     with jax.ensure_compile_time_eval():  # where a run begins is a constant of the campaign
         software = control.init(setup, params.start, ready)
@@ -321,13 +334,13 @@ def init(setup: Setup, params: Params) -> State:
         plant=plants,
         enc_val=tuple(out.enc_val for out in robots),
         motors=connections.motors(setup, robots),
-        nominal=per_arm(setup, lambda i, arm: nominal.init(setup, arm, params.nominal[i], start[i])),
-        haptics=per_arm(setup, lambda i, arm: haptics.init(setup, params.haptics)),
+        nominal=beside.nominal,
+        haptics=beside.haptics,
         hands=operator.at_plan(setup) if setup.reacts or strikes(setup, "hand") else None,
         reaction=reaction.init(setup) if setup.reacts else None,
         channel=channel.init() if _seeded(setup, "bursts") else None,
         detectors=detectors.init(setup) if setup.detectors else None,
-        monitor=monitor.init(setup, tips, tuple(tip * (1.0 / UM) for tip in tips)),
+        monitor=beside.monitor,
         pedal_ticks=jnp.int32(-1),
         pedal_down_ticks=jnp.int32(0),
         packet=jnp.int32(-1),
@@ -352,15 +365,6 @@ def reference_series(setup: Setup, signals: Signals) -> tuple[Scalar, ...]:
     """The numbers of a fault-free tick that its faulty brothers are compared with."""
     measured = connections.measured(setup, signals.control)
     return tuple(x for tip, pos in zip(signals.tip, measured, strict=True) for x in (*tip, *pos))
-
-
-def reference(setup: Setup, signal: Input, tips: tuple[Vec, ...], signals: control.Signals) -> monitor.Reference:
-    """What the robot is compared with: its twin, or itself as long as they are the same."""
-    twin = signal.reference
-    if signal.apart is None:
-        return twin
-    own = monitor.Reference(tips, connections.measured(setup, signals))
-    return jax.tree.map(lambda there, here: jnp.where(signal.apart, there, real(setup, here)), twin, own)
 
 
 def advance(

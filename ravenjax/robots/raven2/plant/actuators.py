@@ -8,23 +8,42 @@ the link's: `w = (momentum + coupling * T q') * inverse`, and it can be eliminat
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from ravenjax.numbers.algebra import add, mul
+from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2.plant.cables import Linear
-from ravenjax.robots.raven2.plant.friction import coulomb_damping
+from ravenjax.robots.raven2.plant.friction import OPPOSES, coulomb_damping
 
 
 @record
 class Params:
     """Of seven motors."""
 
-    torque_per_count: Vec  # N m after gearbox per DAC count, magnitude
-    gain: Vec  # 1, amplifier gain error
-    bias: Vec  # N m in positive motor direction, at any command
-    inertia: Vec  # kg m2, Im
-    coulomb: Vec  # N m
-    viscous: Vec  # N m s/rad
-    reaction_scale: Vec  # 1, cable torque that the motor feels: 1 as the authors have it, the gearbox ratio by statics
+    torque_per_count: Annotated[
+        Vec,
+        Quantity(
+            "N m per count",
+            0,
+            1,
+            "motor torque after the gearbox per DAC count, magnitude",
+            why="its sign is the wiring's",
+        ),
+    ]
+    gain: Annotated[Vec, Quantity("", 0, 100, "gain error of the amplifier, times the torque")]
+    bias: Annotated[
+        Vec, Quantity("N m", -100, 100, "torque of the amplifier at any command, in positive motor direction")
+    ]
+    inertia: Annotated[Vec, Quantity("kg m2", 1e-7, 1, "of rotor and gearbox", why="a rotor has some")]  # Im
+    coulomb: Annotated[Vec, Quantity("N m", 0, 1e3, "dry friction of the motor", why=OPPOSES)]
+    viscous: Annotated[Vec, Quantity("N m s/rad", 0, 1e3, "viscous friction of the motor", why=OPPOSES)]
+    reaction_scale: Annotated[
+        Vec,
+        Quantity(
+            "", 0, 100, "share of the cable's torque that the motor feels; 1 as published, the gearbox ratio by statics"
+        ),
+    ]
 
 
 @record

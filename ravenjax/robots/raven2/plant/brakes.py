@@ -6,17 +6,26 @@ time after the PLC's command and then adds dry friction of its holding torque to
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import jax.numpy as jnp
 
+from ravenjax.numbers.quantity import HOUR_MS, Quantity
 from ravenjax.numbers.vec import Scalar, as_int, record
 from ravenjax.robots.raven2.setup import Setup
 
 
 @record
 class Params:
-    holding_torque: Scalar  # N m after gearbox; assumption: maxon AB 28, 0.4 N m at the shaft, times 12.25
-    engage_ticks: Scalar  # ms from command to grip, int32; assumption: 15 (relay and spring)
-    release_ticks: Scalar  # ms from command to free, int32; assumption: 20 (coil current rises)
+    holding_torque: Annotated[  # assumption: maxon AB 28, 0.4 N m at the shaft, times 12.25
+        Scalar, Quantity("N m", 0, 1e4, "dry friction of a closed brake, after the gearbox")
+    ]
+    engage_ticks: Annotated[  # int32; assumption: 15 (relay and spring)
+        Scalar, Quantity("ms", 0, HOUR_MS, "from brake command to grip", whole=True)
+    ]
+    release_ticks: Annotated[  # int32; assumption: 20 (coil current rises)
+        Scalar, Quantity("ms", 0, HOUR_MS, "from brake command to free", whole=True)
+    ]
 
 
 @record

@@ -16,6 +16,9 @@ from ravenjax.numbers.vec import Scalar
 
 CREEP = 1e-7  # rad/s or m/s at most while stuck: 1 um or urad in 10 s
 
+OPPOSES = "friction opposes motion"
+"""Why no friction is negative."""
+
 
 def coulomb_damping(level: Scalar, drive: Scalar, inertia: Scalar) -> Scalar:
     """Damping coefficient of a dry friction of `level` (N m, N) at `drive` (same unit), `inertia` (level / speed)."""

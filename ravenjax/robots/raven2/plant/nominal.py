@@ -24,17 +24,20 @@ Integration is linearly implicit in gains and friction: stable at 1 kHz for any 
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import jax.numpy as jnp
 import numpy as np
 
 from ravenjax.numbers.algebra import mul
 from ravenjax.numbers.linear_solve import solve_spd
+from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.vec import Scalar, Vec, cast, record, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import kinematics, limits, transmission
 from ravenjax.robots.raven2.plant import nominal_target, published
-from ravenjax.robots.raven2.plant.friction import coulomb_damping
+from ravenjax.robots.raven2.plant.friction import OPPOSES, coulomb_damping
 from ravenjax.robots.raven2.plant.nominal_target import Clean
 from ravenjax.robots.raven2.setup import Setup
 
@@ -50,15 +53,52 @@ KD = (0.008, 0.008, 0.012, 0.001, 0.0, 0.0, 0.0)
 INTEGRAL_RATE = 0.25  # 1/s, ki / kp of the insertion
 
 
+_STABLE = "the model is stable"
+
+
 @record
 class Params:
-    kp: Vec  # N m/rad; insertion N/m; jaws 1/s2
-    kd: Vec  # N m s/rad; insertion N s/m; jaws 1/s
-    ki: Scalar  # N/(m s), insertion only
-    kv: Vec  # 5: N m s/rad; insertion N s/m
-    kc: Vec  # 5: N m; insertion N
-    mass_scale: Scalar  # 1
-    resync: Scalar  # int32, 1: while the pedal is up the model stands where the robot is measured; 0: where it was left
+    kp: Annotated[
+        Vec,
+        Quantity(
+            "N m/rad; insertion N/m; jaws 1/s2",
+            0,
+            1e6,
+            "stiffness with which the nominal model follows its target",
+            why=_STABLE,
+        ),
+    ]
+    kd: Annotated[
+        Vec,
+        Quantity(
+            "N m s/rad; insertion N s/m; jaws 1/s",
+            0,
+            1e6,
+            "damping with which the nominal model follows its target",
+            why=_STABLE,
+        ),
+    ]
+    ki: Annotated[Scalar, Quantity("N/(m s)", 0, 1e6, "integral gain of the nominal model's insertion", why=_STABLE)]
+    kv: Annotated[  # 5: no jaws
+        Vec,
+        Quantity("N m s/rad; insertion N s/m", 0, 1e6, "viscous friction of the nominal model's joints", why=OPPOSES),
+    ]
+    kc: Annotated[  # 5: no jaws
+        Vec, Quantity("N m; insertion N", 0, 1e6, "dry friction of the nominal model's joints", why=OPPOSES)
+    ]
+    mass_scale: Annotated[
+        Scalar, Quantity("", 0.01, 100, "times masses and inertias of the nominal model", why="masses are positive")
+    ]
+    resync: Annotated[  # int32; 1: where it is measured
+        Scalar,
+        Quantity(
+            "",
+            0,
+            1,
+            "while the pedal is up the nominal model 1: stands where the robot is, 0: stays where it was",
+            whole=True,
+        ),
+    ]
     target: nominal_target.Params
 
 

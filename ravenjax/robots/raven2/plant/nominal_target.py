@@ -8,6 +8,7 @@ While the pedal is up the model holds, and the target is where it stands, as the
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import jax.numpy as jnp
 
@@ -23,8 +24,8 @@ UM_PER_M = 1e6
 class Params:
     """Where targets are clamped: the software's joint limits, the same for every arm."""
 
-    lower: Vec  # 5: shoulder, elbow (rad), insertion (m), tool_roll, wrist (rad)
-    upper: Vec  # 5, as lower
+    lower: Annotated[Vec, limits.position("lower soft limit of the nominal model's target")]  # 5: no jaws
+    upper: Annotated[Vec, limits.position("upper soft limit of the nominal model's target")]  # 5: no jaws
 
 
 def params(setup: Setup) -> Params:

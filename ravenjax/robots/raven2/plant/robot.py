@@ -15,19 +15,22 @@ that an encoder sees.
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import jax.numpy as jnp
 import numpy as np
 
 from ravenjax.numbers import counter_random
 from ravenjax.numbers.algebra import add, dot, mul, sub
 from ravenjax.numbers.linear_solve import solve_spd
+from ravenjax.numbers.quantity import Quantity, Reserved
 from ravenjax.numbers.vec import Scalar, Vec, cast, record
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import actuators, brakes, cables, encoders, published, stops
 from ravenjax.robots.raven2.plant.coupling import Coupling, coupling
-from ravenjax.robots.raven2.plant.friction import coulomb_damping
+from ravenjax.robots.raven2.plant.friction import OPPOSES, coulomb_damping
 from ravenjax.robots.raven2.setup import Setup
 
 TICK_S = 1e-3
@@ -43,19 +46,63 @@ class Params:
 
     actuators: actuators.Params
     brakes: brakes.Params
-    cable_stiffness: Vec  # N/m, ke of each cable
-    cable_damping: Vec  # N s/m, be of each cable
-    link_coulomb: Vec  # N m; insertion N
-    link_viscous: Vec  # N m s/rad; insertion N s/m
+    cable_stiffness: Annotated[  # ke
+        Vec,
+        Quantity(
+            "N/m",
+            100,
+            1e8,
+            "stiffness of each cable",
+            why="an unbroken cable holds the arm at rest; break it by a fault",
+        ),
+    ]
+    cable_damping: Annotated[  # be
+        Vec, Quantity("N s/m", 0, 1e6, "damping of each cable", why="damping takes energy")
+    ]
+    link_coulomb: Annotated[Vec, Quantity("N m; insertion N", 0, 1e3, "dry friction of the joint", why=OPPOSES)]
+    link_viscous: Annotated[
+        Vec, Quantity("N m s/rad; insertion N s/m", 0, 1e3, "viscous friction of the joint", why=OPPOSES)
+    ]
     stops: stops.Params
-    friction_scale: Scalar  # 1, times all friction of motors and links
-    cable_stiffness_scale: Scalar  # 1, times ke
-    motor_constant_scale: Scalar  # 1, times torque per count
-    mass_scale: Scalar  # 1, times link masses and inertias
-    gravity: Vec  # m/s2, 3, in frame 0 of the arm
-    encoder_noise: Scalar  # counts rms; drawn where Setup.noise
-    torque_noise: Scalar  # N m rms after gearbox; drawn where Setup.noise
-    noise_key: Scalar  # uint32; a run and its golden run share it
+    friction_scale: Annotated[Scalar, Quantity("", 0, 100, "times all friction of motors and joints", why=OPPOSES)]
+    cable_stiffness_scale: Annotated[
+        Scalar,
+        Quantity(
+            "",
+            0.05,
+            100,
+            "times the stiffness of every cable",
+            why="an unbroken cable holds the arm; break one by a fault",
+        ),
+    ]
+    motor_constant_scale: Annotated[Scalar, Quantity("", 0, 100, "times torque per count of every motor")]
+    mass_scale: Annotated[
+        Scalar, Quantity("", 0.01, 100, "times masses and inertias of the links", why="masses are positive")
+    ]
+    gravity: Annotated[Vec, Quantity("m/s2", -100, 100, "acceleration of gravity in frame 0 of the arm")]  # 3
+    encoder_noise: Annotated[
+        Scalar,
+        Quantity(
+            "counts rms", 0, 1e4, "noise of the encoders; read where campaign.noise is on", why="a standard deviation"
+        ),
+    ]
+    torque_noise: Annotated[
+        Scalar,
+        Quantity(
+            "N m rms",
+            0,
+            100,
+            "noise of the motor torques after the gearbox; read where campaign.noise is on",
+            why="a standard deviation",
+        ),
+    ]
+    noise_key: Annotated[  # uint32; a run and its golden run share it
+        Scalar,
+        Reserved(
+            "it is derived from each run's id, so that no two runs draw the same noise; set campaign.noise = true, and "
+            "campaign.seed or repeats for other draws"
+        ),
+    ]
 
 
 @record

@@ -9,9 +9,11 @@ rubber, stiffer than the cable that presses the joint against it.
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import jax.numpy as jnp
 
+from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2.geometry import limits
 from ravenjax.robots.raven2.geometry.tools import find_tool
@@ -22,9 +24,12 @@ SETTLING_S = 5e-3  # s, damping over stiffness
 
 @record
 class Params:
-    lower: Vec  # rad; insertion m
-    upper: Vec  # rad; insertion m
-    stiffness: Vec  # N m/rad; insertion N/m
+    lower: Annotated[Vec, limits.position("lower hard stop of the joint")]
+    upper: Annotated[Vec, limits.position("upper hard stop of the joint")]
+    stiffness: Annotated[
+        Vec,
+        Quantity("N m/rad; insertion N/m", 0, 1e8, "stiffness of the hard stop; 0: no stop", why="a stop pushes back"),
+    ]
 
 
 @record

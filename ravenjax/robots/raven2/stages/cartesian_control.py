@@ -8,6 +8,7 @@ pose becomes that of the clamped joints.
 from __future__ import annotations
 
 from functools import reduce
+from typing import Annotated
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from ravenjax.numbers.setup import narrow, per_arm, real, wide
 from ravenjax.numbers.vec import Scalar, Vec, rarely, record, replace, to_int32, where
 from ravenjax.robots.raven2.arms import ArmName
-from ravenjax.robots.raven2.geometry import stored_pose
+from ravenjax.robots.raven2.geometry import limits, stored_pose
 from ravenjax.robots.raven2.geometry.inverse import COST_LIMIT, REJECTED
 from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
 from ravenjax.robots.raven2.original.constants import joint_limits
@@ -43,8 +44,8 @@ State = tuple[Arm, ...]
 class Params:
     """Software joint limits, the same for every arm, as float32 numbers."""
 
-    lower: Vec  # 5: shoulder, elbow (rad), insertion (m), tool_roll, wrist (rad)
-    upper: Vec  # 5, as lower
+    lower: Annotated[Vec, limits.position("lower soft limit of the joint in the control software")]  # 5: no jaws
+    upper: Annotated[Vec, limits.position("upper soft limit of the joint in the control software")]  # 5: no jaws
 
 
 def params(setup: Setup) -> Params:

@@ -6,9 +6,12 @@ them after a third-order Butterworth low-pass of 120 Hz.
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import jax.numpy as jnp
 import numpy as np
 
+from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.setup import narrow, wide
 from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2.arms import ArmName
@@ -25,7 +28,17 @@ LOW_PASS_OUTPUT = (1.5189, -0.9600, 0.2120)
 
 @record
 class Params:
-    enc_offset: Vec  # 7 int32 counts at motor angle 0, set by homing
+    enc_offset: Annotated[  # 7, int32
+        Vec,
+        Quantity(
+            "counts",
+            -(2**23),
+            2**23 - 1,
+            "encoder count at motor angle 0, as homing leaves it",
+            whole=True,
+            why="a reading of 24 bits",
+        ),
+    ]
 
 
 @record

@@ -6,9 +6,12 @@ gravity torque never reaches tau_d.
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import jax.numpy as jnp
 import numpy as np
 
+from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.setup import narrow, wide
 from ravenjax.numbers.vec import Scalar, Vec, record, where
 from ravenjax.robots.raven2.arms import ArmName
@@ -18,14 +21,18 @@ from ravenjax.robots.raven2.original.evaluation import evaluation
 from ravenjax.robots.raven2.setup import Setup
 
 
+def _gain(unit: str, meaning: str) -> Quantity:
+    return Quantity(unit, -1e3, 1e3, meaning, why="gain; negative: a mistaken sign")
+
+
 @record
 class Params:
-    """Gains on motor angles. There is no integral clamp and no anti-windup."""
+    """Of seven motors: gains on their angles, of torque after the gearbox. No integral clamp and no anti-windup."""
 
-    kp: Vec  # 7, N m (after the gearbox) per motor rad; raven2: params/r2params.yaml
-    kd: Vec  # 7, N m per motor rad/s; the same file
-    ki: Vec  # 7, N m per motor rad s; the same file
-    mvel_d: Vec  # 7, rad/s; 0 in raven2, where nothing sets it
+    kp: Annotated[Vec, _gain("N m/rad", "proportional gain of the motor controller")]  # raven2: params/r2params.yaml
+    kd: Annotated[Vec, _gain("N m s/rad", "derivative gain of the motor controller")]  # the same file
+    ki: Annotated[Vec, _gain("N m/(rad s)", "integral gain of the motor controller")]  # the same file
+    mvel_d: Annotated[Vec, Quantity("rad/s", -1e4, 1e4, "desired motor velocity, 0 in raven2")]  # where nothing sets it
 
 
 @record

@@ -9,11 +9,13 @@ an instant trip resets. The 2015 fork clips at every run level and has no polici
 from __future__ import annotations
 
 from functools import reduce
+from typing import Annotated
 
 import jax.numpy as jnp
 import numpy as np
 
 from ravenjax.errors import UserError, suggestion
+from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.setup import real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
 from ravenjax.robots.raven2.setup import Setup
@@ -42,9 +44,26 @@ CHECKED_JOINTS = 6
 
 @record
 class Params:
-    policy: Scalar  # int32, a policy above; unused by the 2015 fork
-    dac_max: Vec  # 7 int32 DAC counts; that of grasp2 is unused, as in the original
-    max_inst_dac: Scalar  # int32 DAC counts
+    policy: Annotated[  # int32; unused by the 2015 fork
+        Scalar, Quantity("", 0, 2, "overdrive policy: 0 none, 1 soft (clips), 2 hard (stops after ten)", whole=True)
+    ]
+    dac_max: Annotated[  # 7, int32; that of grasp2 is unused, as in the original
+        Vec,
+        Quantity(
+            "counts", 0, 2**15, "command to which the overdrive check clips", whole=True, why="a magnitude of 16 bits"
+        ),
+    ]
+    max_inst_dac: Annotated[  # int32
+        Scalar,
+        Quantity(
+            "counts",
+            0,
+            2**15,
+            "command above which the overdrive check stops the robot",
+            whole=True,
+            why="a magnitude of 16 bits",
+        ),
+    ]
 
 
 @record

@@ -19,9 +19,11 @@ from __future__ import annotations
 
 import operator
 from functools import reduce
+from typing import Annotated
 
 import jax.numpy as jnp
 
+from ravenjax.numbers.quantity import HOUR_MS, Quantity
 from ravenjax.numbers.setup import real
 from ravenjax.numbers.vec import Scalar, as_int, record
 from ravenjax.robots.raven2.run_levels import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP
@@ -39,9 +41,15 @@ CAUSE_NONE, CAUSE_WATCHDOG, CAUSE_BUTTON = 0, 1, 2
 
 @record
 class Params:
-    watchdog_ticks: Scalar  # ms without an edge before the trip, int32; assumption: 1.5 periods of 50 ms
-    auto_start: Scalar  # 1: the start button is pressed by itself, 0: never; int32; assumption: 1
-    start_ticks: Scalar  # ms of living watchdog in E-STOP before it is pressed, int32; assumption: 100 (two periods)
+    watchdog_ticks: Annotated[  # int32; assumption: 1.5 periods of 50 ms
+        Scalar, Quantity("ms", 1, HOUR_MS, "without a watchdog edge before the PLC trips", whole=True)
+    ]
+    auto_start: Annotated[  # int32; assumption: 1
+        Scalar, Quantity("", 0, 1, "1: the start button is pressed by itself, 0: never", whole=True)
+    ]
+    start_ticks: Annotated[  # int32; assumption: 100 (two periods)
+        Scalar, Quantity("ms", 0, HOUR_MS, "of living watchdog in E-stop before start is pressed", whole=True)
+    ]
 
 
 @record

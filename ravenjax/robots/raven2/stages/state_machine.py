@@ -7,9 +7,12 @@ robot passes sublevels 0, 1, 2 (11 cycles) and 3 again, as it does on the real o
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import jax.numpy as jnp
 import numpy as np
 
+from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.vec import Scalar, as_int, record, replace
 from ravenjax.robots.raven2.run_levels import E_STOP, INIT
 from ravenjax.robots.raven2.setup import Setup
@@ -25,7 +28,9 @@ SETTLING_CYCLES = 11
 
 @record
 class Params:
-    plc_obeyed: Scalar  # int32; 0: the pins are not looked at, as in the simulator builds of the 2015 fork
+    plc_obeyed: Annotated[  # int32; 0 in the simulator builds of the 2015 fork
+        Scalar, Quantity("", 0, 1, "1: the software looks at the PLC's pins, 0: it does not", whole=True)
+    ]
 
 
 @record

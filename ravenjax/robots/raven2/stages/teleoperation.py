@@ -8,10 +8,12 @@ reset to it, so the console slips instead of jumping.
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import jax.numpy as jnp
 import numpy as np
 
+from ravenjax.numbers.quantity import HOUR_MS, Quantity
 from ravenjax.numbers.setup import narrow, per_arm, real, wide
 from ravenjax.numbers.vec import INT32_MIN, Scalar, Vec, as_int, record, replace, where
 from ravenjax.robots.raven2.arms import ArmName
@@ -32,10 +34,14 @@ NO_PACKET_SEQUENCE = 111
 
 @record
 class Params:
-    grasp_gain: Scalar  # int32, mrad of opening per mrad of the packet; raven2: local_io.cpp
-    grasp_min_mrad: Scalar  # int32 mrad
-    grasp_max_mrad: Scalar  # int32 mrad
-    timeout_ticks: Scalar  # int32 cycles without an update after which the pedal counts as up; raven2: local_io.cpp
+    grasp_gain: Annotated[  # raven2: local_io.cpp
+        Scalar, Quantity("", -100, 100, "jaw opening per grasp increment of a packet", whole=True)
+    ]
+    grasp_min_mrad: Annotated[Scalar, Quantity("mrad", -6300, 6300, "smallest jaw opening", whole=True)]
+    grasp_max_mrad: Annotated[Scalar, Quantity("mrad", -6300, 6300, "largest jaw opening", whole=True)]
+    timeout_ticks: Annotated[  # raven2: local_io.cpp
+        Scalar, Quantity("ms", 0, HOUR_MS, "silence of the console that lifts the pedal", whole=True)
+    ]
 
 
 @record

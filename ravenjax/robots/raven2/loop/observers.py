@@ -1,0 +1,166 @@
+"""The half of the tick beside the robot: the nominal model on the clean packet, the console's cue, the monitor.
+
+It runs in every tick, and alone where the robot is elsewhere and no more is known of it than it reports.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from ravenjax.numbers.setup import per_arm, real
+from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.robots.raven2 import run_levels
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.console.packet import Packet
+from ravenjax.robots.raven2.geometry import kinematics, scene
+from ravenjax.robots.raven2.loop import connections
+from ravenjax.robots.raven2.plant import nominal
+from ravenjax.robots.raven2.setup import Setup
+from ravenjax.stages import haptics, monitor
+
+
+class Params(NamedTuple):
+    """Of each observer; what a campaign may vary of them stands in the tick's."""
+
+    nominal: tuple[nominal.Params, ...]
+    haptics: haptics.Params
+    monitor: monitor.Params
+
+
+@record
+class State:
+    """What the observers remember, one entry an arm."""
+
+    nominal: tuple[nominal.State, ...]
+    haptics: tuple[haptics.State, ...]
+    monitor: monitor.State
+
+
+class Robot(NamedTuple):
+    """What is known of the robot in this tick, one entry an arm."""
+
+    jpos: tuple[Vec, ...]  # rad; insertion m, as its control software has them
+    mvel: tuple[Vec, ...]  # rad/s, of its motors
+    runlevel: Scalar  # int32
+    soft_estopped: Scalar  # int32 flag
+    dac: tuple[Vec, ...]  # counts, as written to USB
+    pos: tuple[Vec, ...] | None = None  # um, measured tip; None: that of `jpos`
+    links: tuple[Vec, ...] | None = None  # rad; insertion m, where the links are; None: as reported
+
+
+class Golden(NamedTuple):
+    """What the robot is compared with."""
+
+    reference: monitor.Reference  # its golden run in this tick
+    apart: Scalar | None = None  # bool, False: nothing has struck so far, and the robot is its own twin; None: True
+
+
+class Seen(NamedTuple):
+    """What the observers make of this tick, one entry an arm."""
+
+    models: tuple[nominal.Out, ...]
+    cues: tuple[haptics.Out, ...]
+    tips: tuple[Vec, ...]  # m, true tip in frame 0; where nobody knows it the reported one
+    depth: tuple[Scalar, ...]  # m below the tissue's surface, negative above
+    distance: Scalar  # m between the tips; infinite with one arm
+    live: Scalar  # bool
+
+
+def init(setup: Setup, params: Params, start: tuple[Vec, ...], tips: tuple[Vec, ...]) -> State:
+    """Beside a robot at rest: its joints (rad; insertion m) and its true tips (m)."""
+    return State(
+        nominal=per_arm(setup, lambda i, arm: nominal.init(setup, arm, params.nominal[i], start[i])),
+        haptics=per_arm(setup, lambda i, arm: haptics.init(setup, params.haptics)),
+        monitor=monitor.init(setup, tips, _um(tips)),
+    )
+
+
+def observe(
+    setup: Setup,
+    params: Params,
+    state: State,
+    clean: Packet,
+    fresh: Scalar,
+    robot: Robot,
+    golden: Golden | None,
+    now: Scalar,
+) -> tuple[State, Seen]:
+    """One tick of the observers.
+
+    clean: the newest packet as the console meant it, whatever became of it; `fresh` where it is of this tick. golden:
+    None where there is no golden run; the nominal model stands for it.
+    """
+    models = per_arm(
+        setup,
+        lambda i, arm: nominal.step(
+            setup,
+            arm,
+            params.nominal[i],
+            state.nominal[i],
+            connections.clean(setup, clean, fresh, i),
+            real(setup, robot.jpos[i]),
+        ),
+    )
+    model_tips = tuple(out.tip_position for _, out in models)
+    true = None
+    if (links := robot.links) is not None:
+        true = per_arm(setup, lambda i, arm: kinematics.forward(arm, links[i]).position)
+    felt, cues = zip(*per_arm(setup, lambda i, arm: _cue(setup, params, state, models, robot, i, arm)), strict=True)
+    tips = tuple(signal.robot_position for signal in felt) if true is None else true
+    depth = per_arm(setup, lambda i, arm: scene.tissue_depth(arm, tips[i]))
+    distance = scene.tip_distance(setup.arms, tips)
+    now_live = live(robot.runlevel, robot.soft_estopped)
+    pos = _um(tips) if robot.pos is None else real(setup, robot.pos)
+    signal = monitor.Signal(
+        tip=tips,
+        pos=pos,
+        model_tip=model_tips,
+        depth=depth,
+        distance=distance,
+        dac=robot.dac,
+        fresh=fresh,
+        live=now_live,
+        pedal=clean.surgeon_mode != 0,
+        tick=now,
+    )
+    twin = monitor.Reference(model_tips, _um(model_tips)) if golden is None else reference(setup, golden, tips, pos)
+    seen = monitor.step(setup, params.monitor, state.monitor, signal, twin)
+    after = State(tuple(new for new, _ in models), tuple(new for new, _ in cues), seen)
+    outs = tuple(out for _, out in models), tuple(out for _, out in cues)
+    return after, Seen(*outs, tips, depth, distance, now_live)
+
+
+def live(runlevel: Scalar, soft_estopped: Scalar) -> Scalar:
+    """Whether the robot is live, as `ravenjax.outcomes` says: run level pedal-down, no software E-stop."""
+    return (runlevel == run_levels.PEDAL_DOWN) & (soft_estopped == 0)
+
+
+def reference(setup: Setup, golden: Golden, tips: tuple[Vec, ...], pos: tuple[Vec, ...]) -> monitor.Reference:
+    """The golden run, or the robot itself (true tips, m; measured tips, um) as long as they are the same."""
+    twin, apart = golden
+    if apart is None:
+        return twin
+    own = monitor.Reference(tips, pos)
+    return jax.tree.map(lambda there, here: jnp.where(apart, there, real(setup, here)), twin, own)
+
+
+def _um(tips: tuple[Vec, ...]) -> tuple[Vec, ...]:
+    """Metres in micrometres."""
+    return tuple(tip * 1e6 for tip in tips)
+
+
+def _cue(
+    setup: Setup,
+    params: Params,
+    state: State,
+    models: tuple[tuple[nominal.State, nominal.Out], ...],
+    robot: Robot,
+    i: int,
+    arm: ArmName,
+) -> tuple[haptics.Signal, tuple[haptics.State, haptics.Out]]:
+    """What the console compares, and the cue after it."""
+    felt = connections.felt(setup, arm, i, models[i][1], robot.jpos[i], robot.mvel[i])
+    return felt, haptics.step(setup, params.haptics, state.haptics[i], felt)

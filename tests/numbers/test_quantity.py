@@ -1,0 +1,133 @@
+"""What is said of a number at its field: said of each, found by the path of its fields, and true of the robot's own."""
+
+import dataclasses
+from typing import Annotated
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ravenjax.campaign import plan
+from ravenjax.campaign.file import bounds, loading
+from ravenjax.campaign.file.axis import fixed
+from ravenjax.numbers import paths
+from ravenjax.numbers.quantity import Quantity, Reserved, quantities, reserved
+from ravenjax.numbers.vec import Scalar, Vec
+from ravenjax.robots.raven2 import ROBOT
+from ravenjax.robots.raven2.loop.tick import Params
+
+SCALE = Quantity("", 0, 1, "a scale")
+ANGLE = Quantity("rad", -1, 1, "an angle", joints=("elbow",))
+TRAVEL = Quantity("m", 0, 1, "a travel", joints=("insertion",))
+
+
+@dataclasses.dataclass(frozen=True)
+class Inner:
+    step: Annotated[Scalar, ANGLE, TRAVEL]
+    note: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Outer:
+    scale: Annotated[Scalar, "any word", SCALE]
+    pair: Annotated[Vec, (ANGLE, TRAVEL)]
+    arms: Annotated[tuple[Vec, ...], SCALE]
+    elbow: Inner
+    insertion: tuple[Inner, ...]
+    other: Annotated[Inner | None, Reserved("leave it")]
+    levels: tuple[tuple[Annotated[Scalar, Reserved("nor this")], ...], ...]
+
+
+def test_rows_stand_in_the_order_of_the_fields_whatever_they_are_wrapped_in():
+    whole = {"joints": ()}
+    assert list(quantities(Outer)) == [
+        ("scale", SCALE),
+        ("pair", ANGLE),
+        ("pair", TRAVEL),
+        ("arms", SCALE),
+        ("elbow.step", dataclasses.replace(ANGLE, **whole)),
+        ("insertion.step", dataclasses.replace(TRAVEL, **whole)),
+        ("other.step", ANGLE),
+        ("other.step", TRAVEL),
+    ]
+    assert list(reserved(Outer)) == [("other", "leave it"), ("levels", "nor this")]
+
+
+@given(
+    low=st.floats(-1e9, 1e9), high=st.floats(-1e9, 1e9), unit=st.sampled_from(["", "N m"]), whole=st.booleans()
+)  # fmt: skip
+def test_a_range_is_told_with_its_ends(low, high, unit, whole):
+    told = Quantity(unit, low, high, "meaning", whole=whole).range
+    first, _, rest = told.partition("..")
+    assert float(first) == pytest.approx(low, rel=1e-9)
+    number = rest.removesuffix(", whole").removesuffix(unit)
+    assert float(number) == pytest.approx(high, rel=1e-9) and rest.endswith(", whole") == whole
+
+
+def test_why_stands_for_a_meaning_that_does_not_say_it():
+    assert str(SCALE) == "0..1 (a scale)"
+    assert str(dataclasses.replace(SCALE, why="because")) == "0..1 (because)"
+
+
+# --- the Raven-II ---
+
+
+def leaves(**campaign):
+    """(path, number, arms) of each parameter of a robot that has every part."""
+    config = loading.from_dict(
+        {
+            "campaign": {"name": "x", "duration_s": 0.01, **campaign},
+            "operator": {"motion": "still"},
+            "reaction": {},
+            "detector": [{"name": "model", "kind": "steps", "level": [1, 2, 3]}],
+            "group": [{"name": "g"}],
+        }
+    )
+    program = plan.make(config).program
+    return [(path, float(value)) for path, value in paths.leaves(program.params, program.setup)]
+
+
+@pytest.fixture(scope="module")
+def every():
+    made = [leaves(arms=["gold", "green"]), leaves(software="fork2015"), leaves(console="absolute")]
+    return [leaf for one in made for leaf in one]
+
+
+def test_each_number_has_one_quantity_or_is_reserved(every):
+    for path, _ in every:
+        assert len(bounds.of(ROBOT, path)) == (0 if bounds.reserved(ROBOT, path) else 1), path
+
+
+def test_the_robots_own_numbers_lie_within(every):
+    for path, value in every:
+        for row in bounds.of(ROBOT, path):
+            assert row.low <= value <= row.high and (not row.whole or value == int(value)), path
+
+
+def test_what_is_said_makes_sense():
+    said = list(quantities(Params))
+    assert len(said) > 70
+    for path, row in said:
+        assert row.low < row.high and row.meaning, path
+        assert abs(row.low) <= 1e9 and abs(row.high) <= 1e9, path  # far within single precision
+        assert {*row.joints} <= {*ROBOT.joints}, path
+        if row.whole:
+            assert row.low == int(row.low) and row.high == int(row.high), path
+    assert len({(path, row.joints) for path, row in said}) == len(said)
+
+
+def test_unlike_joints_share_no_number_and_leave_none_out():
+    shared: dict[str, list[str]] = {}
+    for path, row in quantities(Params):
+        if row.joints:
+            shared.setdefault(path, []).extend(row.joints)
+    assert shared and all(sorted(joints) == sorted(ROBOT.joints) for joints in shared.values())
+
+
+@given(data=st.data())
+def test_a_value_is_refused_just_where_it_leaves_its_range(data):
+    path, row = data.draw(st.sampled_from(bounds.rows(ROBOT)))
+    full = f"{path}.{data.draw(st.sampled_from(row.joints))}" if row.joints else path
+    value = data.draw(st.floats(-2.0 * abs(row.low) - 1.0, 2.0 * abs(row.high) + 1.0))
+    wrong = not row.low <= value <= row.high or (row.whole and value != int(value))
+    assert bool([*bounds.complaints(ROBOT, full, fixed(value))]) == wrong
