@@ -8,6 +8,7 @@
     position, rotation = rj.forward_kinematics(jpos, "gold")
     software = rj.ControlSoftware()              # drive the control software alone
 
+What `__all__` names here is public. Every other module and name is internal and may change with any version.
 Names are imported when they are first used, so that `import ravenjax` costs nothing.
 """
 
@@ -18,6 +19,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ravenjax.api import load_campaign, run, simulate
+    from ravenjax.campaign.file.config import CampaignConfig
+    from ravenjax.errors import StoreError, UserError
+    from ravenjax.numbers.setup import Precision
+    from ravenjax.robots.raven2.console.packet import Packet
     from ravenjax.robots.raven2.geometry.arrays import (
         forward_kinematics,
         gravity_torque,
@@ -39,10 +44,20 @@ _HOMES = {
     "joint_from_motor": "ravenjax.robots.raven2.geometry.arrays",
     "gravity_torque": "ravenjax.robots.raven2.geometry.arrays",
     "ControlSoftware": "ravenjax.robots.raven2.software.control_software",
+    "Packet": "ravenjax.robots.raven2.console.packet",
+    "Precision": "ravenjax.numbers.setup",
+    "CampaignConfig": "ravenjax.campaign.file.config",
+    "UserError": "ravenjax.errors",
+    "StoreError": "ravenjax.errors",
 }
 
 __all__ = [
+    "CampaignConfig",
     "ControlSoftware",
+    "Packet",
+    "Precision",
+    "StoreError",
+    "UserError",
     "forward_kinematics",
     "gravity_torque",
     "inverse_kinematics",
@@ -61,4 +76,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return [*globals(), *__all__]
+    return [*__all__, "__version__"]

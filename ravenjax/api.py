@@ -1,5 +1,8 @@
 """Campaigns from a notebook: load, run, look at one run."""
 
+# Callers may pass anything, and pandas has no types.
+# pyright: reportUnnecessaryIsInstance=false, reportMissingTypeStubs=false
+
 from __future__ import annotations
 
 import numbers
@@ -83,7 +86,7 @@ def simulate(
         raise UserError(f"run is {shown(run)}, expected its index (a whole number) or its run_id (text)")
     config = _config(campaign)
     again = replay(config, run if isinstance(run, str) else int(run), _engine(engine))
-    row = again.row.to_dict()
+    row: dict[str, Any] = {str(name): value for name, value in again.row.items()}
     plain = ("run_id", "group", "operator", "verdict", "response", "response_cause", "hazard")
     attributes = {name: str(row[name]) for name in plain} | {
         "index": int(row["index"]),

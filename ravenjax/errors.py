@@ -1,4 +1,4 @@
-"""Floor 1: the error that a user caused and can mend."""
+"""The errors that a user can mend, and how they are worded."""
 
 from __future__ import annotations
 
@@ -12,6 +12,10 @@ class UserError(ValueError):
 
     The command line prints it without a traceback and exits with code 2.
     """
+
+
+class StoreError(Exception):
+    """A result folder or file that cannot be used; the message names it, says what is wrong and what to do."""
 
 
 _SHORT = reprlib.Repr()

@@ -81,3 +81,11 @@ def test_nested_tables_need_not_be_loaded_first():
 def test_a_campaign_is_not_changed_by_overrides():
     config = rj.load_campaign(CAMPAIGN, ["campaign.seed=7", "group.b.parameters.plant.mass_scale=1.1"])
     assert config.campaign.seed == 7 and "parameters" not in CAMPAIGN["group"][1]
+
+
+def test_public_names_are_what_their_home_defines():
+    assert dir(rj) == sorted([*rj.__all__, "__version__"])
+    assert rj.UserError is UserError
+    assert all(getattr(rj, name).__module__.startswith("ravenjax.") for name in rj.__all__)
+    with pytest.raises(AttributeError, match="it has CampaignConfig"):
+        rj.engines_of_war  # noqa: B018

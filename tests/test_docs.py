@@ -23,7 +23,7 @@ import pytest
 import snippets
 
 from ravenjax.campaign.inspection import json_schema as campaigns
-from ravenjax.search import json_schema as searches
+from ravenjax.search.file import json_schema as searches
 from ravenjax.trainer.scenario import json_schema as scenarios
 
 DOCS = snippets.ROOT / "docs"
@@ -87,7 +87,7 @@ def test_python_uses_names_that_exist(page, snippet):
 def test_files_are_valid(page, snippet, tmp_path):
     """By the JSON Schema and by the loader; a recorded operator's file is read when the page is run."""
     from ravenjax.campaign.file import loading
-    from ravenjax.search import loading as search_loading
+    from ravenjax.search.file import loading as search_loading
     from ravenjax.trainer import scenario
 
     assert snippet.title, "name the file: ```toml title=..."
@@ -145,12 +145,12 @@ def test_examples_run(page, tmp_path):
 
 
 def test_the_reference_is_what_the_code_says():
-    from ravenjax.cli import reference_pages
+    from ravenjax.cli import docs_pages
 
-    pages = reference_pages.pages()
+    pages = docs_pages.pages()
     assert {path.name for path in GENERATED.iterdir()} == set(pages)
     for name, text in pages.items():
-        assert (GENERATED / name).read_text(encoding="utf-8") == text, f"write it anew: {reference_pages.COMMAND}"
+        assert (GENERATED / name).read_text(encoding="utf-8") == text, f"write it anew: {docs_pages.COMMAND}"
 
 
 def test_every_page_is_in_the_navigation():

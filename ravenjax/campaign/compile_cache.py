@@ -10,6 +10,7 @@ from pathlib import Path
 
 import jax
 
+from ravenjax.errors import StoreError
 from ravenjax.store import files
 
 VARIABLE = "RAVENJAX_CACHE"
@@ -69,7 +70,7 @@ class _Objects(MutableMapping[str, bytes]):
         try:
             self._place.mkdir(parents=True, exist_ok=True)
             files.write_aside(self._path(key), lambda target: target.write_bytes(value))
-        except (OSError, files.StoreError):
+        except (OSError, StoreError):
             return
 
     def __delitem__(self, key: str) -> None:

@@ -25,11 +25,10 @@ from ravenjax.campaign.progress.counts import OnProgress, Progress
 from ravenjax.campaign.progress.file import ProgressFile
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Engine
-from ravenjax.errors import UserError
+from ravenjax.errors import StoreError, UserError
 from ravenjax.store import files, manifest, parts, schema
 from ravenjax.store.access import lock
 from ravenjax.store.access.results import Results
-from ravenjax.store.files import StoreError
 from ravenjax.store.folder import ResultFolder
 
 

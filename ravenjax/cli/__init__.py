@@ -101,7 +101,7 @@ def _is_parse_error(error: Exception) -> bool:
 def _is_mendable(error: Exception) -> bool:
     if _is_parse_error(error):
         return True
-    from ravenjax.store.files import StoreError
+    from ravenjax.errors import StoreError
 
     return isinstance(error, StoreError)
 

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 def campaigns(*, as_json: AsJson = False) -> None:
     """List the bundled campaigns, searches and training scenarios."""
-    from ravenjax import resources
+    from ravenjax.bundled import resources
     from ravenjax.campaign.faults import design
     from ravenjax.campaign.file import loading
-    from ravenjax.search import loading as searches
+    from ravenjax.search.file import loading as searches
     from ravenjax.trainer import scenario
 
     files = [(path.name, loading.load(path)) for path in resources.bundled("campaigns", "*.toml")]

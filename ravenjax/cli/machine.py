@@ -70,11 +70,11 @@ def doctor(
 
 
 def _keeps_time(seconds: float, as_json: bool) -> int:
-    from ravenjax.trainer.realtime import check
+    from ravenjax.trainer import timing
 
-    found = check.measure(seconds, lambda what: console.err.print(what, highlight=False))
-    loops = Listing("loops", "One tick a millisecond", check.COLUMNS, [one.row() for one in found])
-    states = check.verdict(found)
+    found = timing.measure(seconds, lambda what: console.err.print(what, highlight=False))
+    loops = Listing("loops", "One tick a millisecond", timing.COLUMNS, [one.row() for one in found])
+    states = timing.verdict(found)
     if as_json:
         console.emit([loops, Listing("verdict", "", ("state", "sentence"), list(states))], as_json)
     else:
@@ -105,7 +105,7 @@ def _engine_chosen() -> str:
 def _model_loads() -> str:
     import mujoco
 
-    from ravenjax import resources
+    from ravenjax.bundled import resources
 
     path = resources.model("raven2/raven2.xml")
     model = mujoco.MjModel.from_xml_path(str(path))  # pyright: ignore[reportAttributeAccessIssue]
@@ -113,7 +113,7 @@ def _model_loads() -> str:
 
 
 def _campaigns_load() -> str:
-    from ravenjax import resources
+    from ravenjax.bundled import resources
     from ravenjax.campaign.file import loading
 
     files = resources.bundled("campaigns", "*.toml")

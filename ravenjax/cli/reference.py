@@ -21,10 +21,10 @@ def reference(
     from ravenjax.store import files
 
     if pages is not None:
-        from ravenjax.cli import reference_pages
+        from ravenjax.cli import docs_pages
 
         pages.mkdir(parents=True, exist_ok=True)
-        for name, text in reference_pages.pages().items():
+        for name, text in docs_pages.pages().items():
             files.write_aside(pages / name, lambda target, text=text: target.write_text(text, encoding="utf-8"))
             console.out.print(f"wrote {pages / name}", highlight=False, soft_wrap=True)
         return

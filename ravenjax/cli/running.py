@@ -211,7 +211,8 @@ def search(
         Search file, or the name of a bundled one (see `ravenjax campaigns`).
     """
     from ravenjax.cli import terminal
-    from ravenjax.search import loading, output, runner
+    from ravenjax.search import output, runner
+    from ravenjax.search.file import loading
 
     shown = console.err if as_json else console.out
     show_operator(loading.load(file, overrides or ()).campaign, shown)
@@ -244,8 +245,8 @@ def reproduce(
         The study, or "all". Without one: list them.
     """
     from ravenjax.cli import terminal
-    from ravenjax.studies import catalogue
-    from ravenjax.studies.framework import markdown, running, targets, writing
+    from ravenjax.studies import catalogue, running
+    from ravenjax.studies.framework import markdown, targets, writing
     from ravenjax.studies.framework.study import plain
 
     if name is None:

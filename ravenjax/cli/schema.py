@@ -41,7 +41,7 @@ def _schema(kind: str) -> dict[str, object]:
 
     robot = robots.find(robots.DEFAULT)
     if kind == "search":
-        from ravenjax.search import json_schema
+        from ravenjax.search.file import json_schema
 
         return json_schema.schema(robot)
     if kind == "scenario":

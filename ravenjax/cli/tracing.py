@@ -72,12 +72,13 @@ def _write(place: Path, record: Manifest, again: Replay, events: list[dict[str, 
     """MCAP, CSV and plot of one run."""
     from ravenjax.report import wording
     from ravenjax.report.run.plot import trace_plot
-    from ravenjax.store.logs import trace_csv, trace_log
+    from ravenjax.store.logs.trace import csv_file
+    from ravenjax.store.logs.trace import log as trace_log
 
     row, series, rules = again.row.to_dict(), again.series, record.rules
     log, table, plot = (place / f"{row['run_id']}.{kind}" for kind in ("mcap", "csv", "svg"))
     trace_log.write(log, series, _metadata(record, again), bases=again.bases, events=events, robot=record.robot)
-    trace_csv.write(table, series, record.robot)
+    csv_file.write(table, series, record.robot)
     named = {"fault": "first_active_ms", "cue": f"cue{rules.cue}_first_ms", str(row["response"]): "response_ms"}
     named |= {"unintended motion": "unintended_first_ms", "loss of motion": "loss_first_ms"}
     trace_plot(

@@ -41,8 +41,8 @@ def train(
     scenario
         Scenario file, or the name of a bundled one (see `ravenjax campaigns`).
     """
+    from ravenjax.trainer import launch
     from ravenjax.trainer import scenario as scenarios
-    from ravenjax.trainer.session import launch
 
     chosen = scenarios.load(scenario, overrides or ())
     options = launch.Options(

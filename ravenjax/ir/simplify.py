@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from ravenjax.ir.integers import RULES, neg, operands_of
 from ravenjax.ir.program import Writer
-from ravenjax.ir.simplify_integers import RULES, neg, operands_of
 
 FLOATS = ("float32", "float64")
 _COMPARISONS = ("eq", "ne", "lt", "le")

@@ -17,7 +17,7 @@ from ravenjax.numbers.vec import cast
 class Precision:
     """Widths of floating point numbers, static.
 
-    The original control software stores float32 and evaluates many expressions in double (spec section 9): `narrow` is
+    The original control software stores float32 and evaluates many expressions in double: `narrow` is
     what it stores, `wide` what it evaluates in. `real` is the width of everything that is not control software: plant,
     nominal model, haptics, monitor. Campaigns run with all three float32; the control software driven alone, or checked
     against the original, with `wide` float64.

@@ -14,9 +14,9 @@ from ravenjax.errors import UserError
 from ravenjax.outcomes import events
 from ravenjax.outcomes.verdict import CUES, HAZARDS, RESPONSES
 from ravenjax.report import wording
-from ravenjax.report.facts import faulty_sql
+from ravenjax.report.data.facts import faulty_sql
+from ravenjax.stats.comparison.paired import difference_of_counts
 from ravenjax.stats.intervals import Estimate, Rate, wilson
-from ravenjax.stats.paired import difference_of_counts
 from ravenjax.store import manifest
 from ravenjax.store.access import query
 from ravenjax.store.access.query import Table, quoted

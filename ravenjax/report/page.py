@@ -15,18 +15,20 @@ from ravenjax.document import html
 from ravenjax.document.tables import with_scopes
 from ravenjax.hazards import naming, severity, titles
 from ravenjax.outcomes import definitions
-from ravenjax.report import after_stop, answers, dependence, downloads, figures, precision, risk, tables, wording
-from ravenjax.report import facts as run_facts
-from ravenjax.report.cues import choice, figure
-from ravenjax.report.cues import sweep as cue_sweep
-from ravenjax.report.detection import figures as detector_figures
-from ravenjax.report.detection import performance
-from ravenjax.report.maps import panels
-from ravenjax.report.motion import fault_free, operator
-from ravenjax.report.reaction import figures as reaction_figures
-from ravenjax.report.reaction import pairs as reactions
+from ravenjax.report import downloads, wording
+from ravenjax.report.data import facts as run_facts
+from ravenjax.report.data import fault_free
+from ravenjax.report.data.runs import Runs
 from ravenjax.report.run import path_figure, paths, worst
-from ravenjax.report.runs import Runs
+from ravenjax.report.sections import after_stop, answers, dependence, precision, risk, tables, time_to_know
+from ravenjax.report.sections.cues import choice, figure
+from ravenjax.report.sections.cues import sweep as cue_sweep
+from ravenjax.report.sections.detection import figures as detector_figures
+from ravenjax.report.sections.detection import performance
+from ravenjax.report.sections.maps import panels
+from ravenjax.report.sections.motion import operator
+from ravenjax.report.sections.reaction import figures as reaction_figures
+from ravenjax.report.sections.reaction import pairs as reactions
 from ravenjax.store import manifest as manifests
 from ravenjax.store.files import write_aside
 from ravenjax.store.manifest import Manifest
@@ -116,7 +118,7 @@ def _verdicts(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
         "groups": tables.group_rows(runs),
         "maps": shares,
         "map_csv": panels.cells(shares),
-        "lead": figures.lead_histogram(runs),
+        "lead": time_to_know.lead_histogram(runs),
         "checks": tables.check_rows(runs, manifest),
         "causes": tables.cause_rows(runs),
         "worst": worst_runs,
@@ -130,7 +132,7 @@ def _knowledge(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
     """Who could know when, and what the cue would change."""
     found = performance.alarms(runs, manifest)
     known = answers.knowledge(runs, performance.known(found), manifest)
-    curves, timing = figures.incidence_curves(runs, manifest, known.delay)
+    curves, timing = time_to_know.incidence_curves(runs, manifest, known.delay)
     pairs = reactions.drawn(runs) if manifest.shape.reacts else None
     differences = reactions.differences(pairs.frame, pairs.facts) if pairs and pairs.crossed else []
     sweep = cue_sweep.rows(runs, manifest)
@@ -144,7 +146,7 @@ def _knowledge(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
         "class_words": answers.CLASSES,
         "most_classes": answers.MOST_CLASSES,
         "axis_end": answers.scale,
-        "curve_csv": {name: figures.points(timing[name]["curve"]) for name in ("cue", "told")},
+        "curve_csv": {name: time_to_know.points(timing[name]["curve"]) for name in ("cue", "told")},
         "curves": curves,
         "timing": timing,
         "known": known,

@@ -15,12 +15,12 @@ from ravenjax.document import axes
 from ravenjax.document.chart import Chart
 from ravenjax.document.figure_style import STYLE
 from ravenjax.document.palette import PALETTE, RESPONSE
-from ravenjax.report import answers, figures, tables
-from ravenjax.report.cues import figure as cue_figure
-from ravenjax.report.cues import sweep
-from ravenjax.report.detection import figures as detector_figures
-from ravenjax.report.detection import performance
-from ravenjax.report.runs import Runs
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections import answers, tables, time_to_know
+from ravenjax.report.sections.cues import figure as cue_figure
+from ravenjax.report.sections.cues import sweep
+from ravenjax.report.sections.detection import figures as detector_figures
+from ravenjax.report.sections.detection import performance
 from ravenjax.store import manifest as manifests
 from ravenjax.store.files import require_writable, write_aside
 from ravenjax.store.manifest import Manifest
@@ -72,7 +72,7 @@ def _figures(runs: Runs, manifest: Manifest) -> Iterator[tuple[str, Figure]]:
     if rows:
         yield "verdicts", _verdicts(rows)
         known = answers.knowledge(runs, performance.known(alarms), manifest).delay
-        curves, _ = figures.incidence_curves(runs, manifest, known)
+        curves, _ = time_to_know.incidence_curves(runs, manifest, known)
         if curves:
             yield "time_to_know", _of_chart(curves)
     if manifest.detectors:

@@ -26,9 +26,9 @@ from ravenjax.engines import selection
 from ravenjax.engines.interface import Block, Kernel, Result
 from ravenjax.engines.interface import Progress as OnTicks
 from ravenjax.errors import UserError
+from ravenjax.search.file.outcome import Outcome
+from ravenjax.search.file.template import Template
 from ravenjax.search.journal import Journal
-from ravenjax.search.outcome import Outcome
-from ravenjax.search.template import Template
 from ravenjax.store import parts, schema
 
 

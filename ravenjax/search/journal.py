@@ -16,8 +16,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ravenjax.campaign.executors.carriers.behind import Behind
+from ravenjax.errors import StoreError
 from ravenjax.store import files, folder, manifest, parts
-from ravenjax.store.files import StoreError
 
 ROWS = "rows.parquet"
 EVERY_S = 1.0

@@ -9,13 +9,17 @@ from typing import Any
 
 from ravenjax.campaign.progress.counts import OnProgress
 from ravenjax.campaign.progress.file import ProgressFile
-from ravenjax.search import boundary, indices, loading, output, rare
-from ravenjax.search import outcome as outcomes
-from ravenjax.search.config import Boundary, Rare, SearchConfig
+from ravenjax.search import output
+from ravenjax.search.boundary import bisection
 from ravenjax.search.evaluator import Evaluator
+from ravenjax.search.file import loading
+from ravenjax.search.file import outcome as outcomes
+from ravenjax.search.file.config import Boundary, Rare, SearchConfig
+from ravenjax.search.file.template import Template
 from ravenjax.search.findings import Findings, plain
+from ravenjax.search.indices import analysis
 from ravenjax.search.journal import Journal
-from ravenjax.search.template import Template
+from ravenjax.search.rare import simulation
 from ravenjax.store import files, manifest
 from ravenjax.store.access import lock
 
@@ -56,8 +60,8 @@ def _into(folder: Path, config: SearchConfig, evaluator: Evaluator, on_progress:
     search, identity = config.search, _identity(config, evaluator)
     earlier = output.open_folder(folder, identity)
     journal = Journal(folder, manifest.config_hash(identity), earlier.get("rows_sha256"))
-    estimates = {Boundary: boundary.due, Rare: rare.due}
-    due = estimates.get(type(search), indices.due)(evaluator.template, search)  # pyright: ignore[reportArgumentType]
+    estimates = {Boundary: bisection.due, Rare: simulation.due}
+    due = estimates.get(type(search), analysis.due)(evaluator.template, search)  # pyright: ignore[reportArgumentType]
     evaluator.keep_in(journal, due, ProgressFile(folder, on_progress))
     try:
         with journal:
@@ -76,10 +80,10 @@ def _find(config: SearchConfig, evaluator: Evaluator, folder: Path) -> Findings:
     """The search of its kind."""
     search, template = config.search, evaluator.template
     if isinstance(search, Boundary):
-        return boundary.find(template, search, evaluator, folder)
+        return bisection.find(template, search, evaluator, folder)
     if isinstance(search, Rare):
-        return rare.find(template, search, evaluator)
-    return indices.find(template, search, evaluator)
+        return simulation.find(template, search, evaluator)
+    return analysis.find(template, search, evaluator)
 
 
 def _identity(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:

@@ -1,0 +1,1 @@
+"""Statistics, free of robots: intervals, comparisons, bootstrap, alarms, sensitivity, sample sizes."""

@@ -2,7 +2,8 @@
 
 Wilson for display, Clopper-Pearson for guarantees (never covers less than promised), Jeffreys for small rates; all from
 statsmodels' proportion_confint (Brown, Cai, DasGupta, Statistical Science 16, 2001). They take the n trials as
-independent: repeats of a deterministic run are not, so count distinct faults, or resample clusters (`cluster`).
+independent: repeats of a deterministic run are not, so count distinct faults, or resample clusters
+(`bootstrap.clusters`).
 """
 
 from __future__ import annotations

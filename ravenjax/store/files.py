@@ -1,4 +1,4 @@
-"""Writing files so that a reader sees the whole of one or nothing of it; the one error of this package."""
+"""Writing files so that a reader sees the whole of one or nothing of it."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-
-class StoreError(Exception):
-    """A result folder or file that cannot be used; the message names it, says what is wrong and what to do."""
+from ravenjax.errors import StoreError
 
 
 def write_aside(path: Path, write: Callable[[Path], object]) -> None:

@@ -10,10 +10,10 @@ from typing import TypeVar
 
 import pandas as pd
 
-from ravenjax.errors import listed
+from ravenjax.errors import StoreError, listed
 from ravenjax.store import manifest as manifests
 from ravenjax.store import parts, schema
-from ravenjax.store.files import StoreError, require_writable
+from ravenjax.store.files import require_writable
 from ravenjax.store.manifest import Manifest
 
 PARTS, SET_ASIDE = "parts", "set-aside"

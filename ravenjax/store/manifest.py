@@ -20,10 +20,11 @@ import pydantic
 from pydantic import BaseModel, ConfigDict, Field
 
 from ravenjax import robots
+from ravenjax.errors import StoreError
 from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
 from ravenjax.store import schema
-from ravenjax.store.files import StoreError, write_aside
+from ravenjax.store.files import write_aside
 from ravenjax.store.motion.summary import MotionSummary
 from ravenjax.store.parts import Part, require_version
 from ravenjax.vocabulary.robot import Robot
@@ -39,14 +40,13 @@ _READERS = (
     "cli",
     "document",
     "report",
+    "robots/raven2/software",
     "search",
-    "software",
     "stats",
     "store/access",
     "store/logs",
     "store/motion/view",
     "studies",
-    "cli/terminal.py",
     "trainer",
 )
 """What decides no outcome, folder by folder: a change there must not forbid to resume.

@@ -17,8 +17,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict
 
+from ravenjax.errors import StoreError
 from ravenjax.store import schema
-from ravenjax.store.files import StoreError, sha256, write_aside
+from ravenjax.store.files import sha256, write_aside
 
 _NAME = re.compile(r"part-(\d{9})-(\d{9})\.parquet")
 

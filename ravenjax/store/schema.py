@@ -19,8 +19,8 @@ import pandas as pd
 import pyarrow as pa
 
 from ravenjax import robots
+from ravenjax.errors import StoreError
 from ravenjax.store import words
-from ravenjax.store.files import StoreError
 from ravenjax.vocabulary.checks import Check
 from ravenjax.vocabulary.robot import Robot
 

@@ -8,10 +8,10 @@ from ravenjax.errors import UserError, suggestion
 from ravenjax.studies.framework.study import Study
 
 NAMES = {
-    "seed_fault_free": "seed.fault_free",
-    "seed_burst": "seed.burst",
-    "dsn16_a": "dsn16.scenario_a",
-    "dsn16_b": "dsn16.scenario_b",
+    "seed_fault_free": "seed.fault_free.scales",
+    "seed_burst": "seed.burst.constants",
+    "dsn16_a": "dsn16.operator_packets",
+    "dsn16_b": "dsn16.motor_commands",
     "dsn16_thresholds": "dsn16.thresholds",
     "dsn16_model": "dsn16.model",
     "safecomp45": "hazards.safecomp45",

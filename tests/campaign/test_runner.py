@@ -17,8 +17,7 @@ from ravenjax.campaign.inspection import replay
 from ravenjax.engines import traced
 from ravenjax.engines.cpu import engine as simd
 from ravenjax.engines.cpu.code import VectorCode
-from ravenjax.errors import UserError
-from ravenjax.store.files import StoreError
+from ravenjax.errors import StoreError, UserError
 
 CAMPAIGN = {
     "campaign": {"name": "small", "duration_s": 0.7, "seed": 3, "chunk": 7},

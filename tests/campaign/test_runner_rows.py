@@ -12,10 +12,9 @@ from ravenjax.campaign import runner
 from ravenjax.campaign.executors.shards import Shard
 from ravenjax.campaign.progress import file
 from ravenjax.campaign.progress.counts import Progress, Status
-from ravenjax.errors import UserError
+from ravenjax.errors import StoreError, UserError
 from ravenjax.store import manifest, parts
 from ravenjax.store.access import lock
-from ravenjax.store.files import StoreError
 from ravenjax.store.folder import read_all
 
 

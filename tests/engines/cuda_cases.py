@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from compiled_program import HARD_FLOATS, HARD_INTEGERS, pairs, same_bits
 
-from ravenjax import resources
+from ravenjax.bundled import resources
 from ravenjax.campaign import plan
 from ravenjax.campaign.file import loading
 from ravenjax.engines.cpu.engine import SimdEngine

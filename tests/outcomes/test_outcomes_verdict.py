@@ -10,10 +10,11 @@ import synthetic_results as synthetic
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ravenjax import robots
 from ravenjax.outcomes import definitions, events, verdict
 from ravenjax.outcomes.events import Rules
+from ravenjax.robots.raven2.checks import CHECKS
 from ravenjax.robots.raven2.loop import tick
-from ravenjax.vocabulary import checks
 
 STRENGTH = {"stop": 3, "flag": 2, "limit": 1}
 WORDS = {3: "stopped", 2: "flagged", 1: "limited", 0: "silent"}
@@ -42,7 +43,7 @@ def told(row):
     for name in NAMES:
         first, own, usual = row[name]
         if own > usual:
-            known = checks.CHECKS.get(name)
+            known = CHECKS.get(name)
             ms = max(first, row["onset"]) if usual else first
             cause = known.cause or name if known else name
             events.append((STRENGTH[known.action if known else "flag"], ms, cause))
@@ -56,7 +57,7 @@ def told(row):
 @settings(max_examples=200)
 @given(runs)
 def test_a_response_is_the_strongest_that_the_golden_run_has_not(rows):
-    found = verdict.responses(*columns(rows))
+    found = verdict.responses(*columns(rows), robots.USUAL)
     for i, row in enumerate(rows):
         strength, cause, ms, told_ms = told(row)
         assert verdict.RESPONSES[found.response[i]] == WORDS[strength]
@@ -64,11 +65,11 @@ def test_a_response_is_the_strongest_that_the_golden_run_has_not(rows):
 
 
 def test_a_clip_and_a_dropped_packet_tell_nobody():
-    limits = {name for name, check in checks.CHECKS.items() if check.action == "limit"}
-    assert limits == {"overdrive_clip", *(name for name in checks.CHECKS if name.startswith("packet_"))}
+    limits = {name for name, check in CHECKS.items() if check.action == "limit"}
+    assert limits == {"overdrive_clip", *(name for name in CHECKS if name.startswith("packet_"))}
     outcomes = {"first_active_ms": np.array([5]), "check_overdrive_clip_count": np.array([9])}
     outcomes["check_overdrive_clip_first_ms"] = np.array([7])
-    found = verdict.responses(outcomes, {"check_overdrive_clip_count": np.array([0])})
+    found = verdict.responses(outcomes, {"check_overdrive_clip_count": np.array([0])}, robots.USUAL)
     assert verdict.RESPONSES[found.response[0]] == "limited" and (found.ms[0], found.told_ms[0]) == (7, -1)
 
 
@@ -116,7 +117,7 @@ def test_what_the_golden_run_has_by_then_does_not_count():
 
 def test_every_check_of_the_tick_has_its_definition(any_setup_and_state):
     state = any_setup_and_state
-    assert tuple(tick.checks(state)) == tuple(checks.CHECKS)
+    assert tuple(tick.checks(state)) == tuple(CHECKS)
 
 
 @pytest.fixture(scope="module")

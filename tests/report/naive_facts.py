@@ -1,4 +1,5 @@
-"""What the report says about each run, in plain pandas from the raw columns: the oracle of `ravenjax.report.facts`.
+"""What the report says about each run, in plain pandas from the raw columns:
+the oracle of `ravenjax.report.data.facts`.
 
 It takes nothing from the package: the definitions of `ravenjax.outcomes` are written out once more, from first
 detections, counts of milliseconds and golden runs, and neither the column `hazard` nor `verdict` is read.

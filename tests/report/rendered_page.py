@@ -7,7 +7,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 from ravenjax.report import page
-from ravenjax.report.runs import Runs
+from ravenjax.report.data.runs import Runs
 
 
 def rendered(frame, manifest):

@@ -9,8 +9,9 @@ import pandas as pd
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.report import after_stop, page
-from ravenjax.report.runs import Runs
+from ravenjax.report import page
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections import after_stop
 from ravenjax.stats.intervals import wilson
 
 RUNS = 1500

@@ -8,9 +8,9 @@ import pytest
 import synthetic_results as synthetic
 from statsmodels.duration.survfunc import SurvfuncRight
 
-from ravenjax.report import answers
-from ravenjax.report.detection import performance
-from ravenjax.report.runs import Runs
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections import answers
+from ravenjax.report.sections.detection import performance
 from ravenjax.stats.intervals import wilson
 
 MANIFEST = synthetic.manifest(1200)

@@ -13,7 +13,7 @@ import reacting_results as reacting
 
 from ravenjax.report import page
 from ravenjax.store.folder import ResultFolder
-from ravenjax.store.logs import trace_log
+from ravenjax.store.logs.trace import log
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -37,7 +37,7 @@ def report(tmp_path_factory):
     (folder / "traces").mkdir()
     for run_id in worst["run_id"]:
         series = {"gold/model_position": model, "gold/tip": model + 1e-5 * time[:, None], "gold/position": model}
-        trace_log.write(folder / "traces" / f"{run_id}.mcap", series)
+        log.write(folder / "traces" / f"{run_id}.mcap", series)
     return page.build(folder)
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ravenjax.report import counted
+from ravenjax.report.data import counted
 from ravenjax.stats import latency
 
 RUNS = st.lists(st.tuples(st.integers(0, 9), st.booleans()), max_size=40)

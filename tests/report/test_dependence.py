@@ -6,8 +6,8 @@ import naive_facts
 import numpy as np
 import synthetic_results as synthetic
 
-from ravenjax.report import dependence
-from ravenjax.report.runs import Runs
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections import dependence
 from ravenjax.stats.intervals import wilson
 
 RUNS = 900

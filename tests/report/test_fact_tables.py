@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ravenjax.outcomes.events import Rules
-from ravenjax.report import facts as run_facts
-from ravenjax.report.facts import Choices
+from ravenjax.report.data import facts as run_facts
+from ravenjax.report.data.facts import Choices
 
 
 def same(frame, cue=0, jump="jump_code", action=0):

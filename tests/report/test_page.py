@@ -18,16 +18,18 @@ from rendered_page import Page, rendered, words
 from statsmodels.duration.survfunc import SurvfuncRight
 
 from ravenjax.campaign.stop import decisions
+from ravenjax.errors import StoreError
 from ravenjax.hazards import titles
-from ravenjax.report import counted, figures, page, tables, wording
-from ravenjax.report import facts as run_facts
-from ravenjax.report.runs import Runs
-from ravenjax.report.style import round_step
+from ravenjax.report import page, wording
+from ravenjax.report.bins import round_step
+from ravenjax.report.data import counted
+from ravenjax.report.data import facts as run_facts
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections import tables, time_to_know
 from ravenjax.stats.intervals import wilson
 from ravenjax.stats.latency import Incidence
-from ravenjax.stats.sequential import Look
+from ravenjax.stats.sample_size.sequential import Look
 from ravenjax.store import schema
-from ravenjax.store.files import StoreError
 from ravenjax.store.folder import ResultFolder
 
 RUNS = 2000
@@ -263,7 +265,7 @@ def test_groups_in_which_everybody_reacts_are_shown_without_a_rate():
 
 
 def leads(warned_ms, told_ms):
-    chart = figures.lead_histogram(of_facts(faulty=True, sample=True, warned_ms=warned_ms, told_ms=told_ms))
+    chart = time_to_know.lead_histogram(of_facts(faulty=True, sample=True, warned_ms=warned_ms, told_ms=told_ms))
     return {mark.name.partition(" (")[0]: (mark.top - mark.bottom).sum() for mark in chart.marks}
 
 
@@ -283,7 +285,7 @@ def test_a_response_at_once_is_drawn_at_the_beginning():
     delays, _ = tables.delays(runs, "told_ms", MANIFEST.duration_ms, "sample")
     truth = counted.incidence(delays)
     assert truth.fraction[1] > 0.25 and truth.time[1] == 0
-    chart, _ = figures.incidence_curves(runs, MANIFEST, counted.incidence(counted.NONE))
+    chart, _ = time_to_know.incidence_curves(runs, MANIFEST, counted.incidence(counted.NONE))
     (curve,) = (mark for mark in chart.marks if mark.name.startswith("check that tells"))
     for ms in (1, 2, 5, 100, 1000, 2999):
         place = np.searchsorted(truth.time, ms, side="right") - 1
@@ -295,7 +297,7 @@ def test_a_response_at_once_is_drawn_at_the_beginning():
 
 def test_shares_that_are_small_have_an_axis_that_tells_them_apart():
     curve = Incidence(np.array([0.0, 5]), np.array([0, 0.004]), np.zeros(2), np.full(2, 0.01), 1, 250)
-    axis = figures.share_axis("share", [figures.of_incidence(curve, "cue", "cue", 3000)])
+    axis = time_to_know.share_axis("share", [time_to_know.of_incidence(curve, "cue", "cue", 3000)])
     labels = axis.labels(axis.ticks(6))
     assert axis.low == 0 and 0.004 < axis.high <= 0.006 and len(set(labels)) == len(labels) > 3
 
@@ -329,7 +331,7 @@ def test_hazards_have_their_titles():
 
 @pytest.mark.parametrize(("key", "column"), [("cue", "cue0_first_ms"), ("told", "told_ms")])
 def test_how_soon_is_of_faults_that_did_anything_and_censored_where_they_are_stopped(key, column):
-    _, timing = figures.incidence_curves(TABLE, MANIFEST, counted.incidence(counted.NONE))
+    _, timing = time_to_know.incidence_curves(TABLE, MANIFEST, counted.incidence(counted.NONE))
     active = FAULTY[FAULTY["activated"]]
     came = active[column] >= 0
     end = active["response_ms"].where(active["response"] == "stopped", MANIFEST.duration_ms)

@@ -7,8 +7,8 @@ import math
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.report import precision
-from ravenjax.report.runs import Runs
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections import precision
 from ravenjax.stats.intervals import wilson
 
 FRAME = synthetic.frame(900)

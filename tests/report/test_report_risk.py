@@ -7,8 +7,8 @@ import math
 import pytest
 import result_rows
 
-from ravenjax.report import risk
-from ravenjax.report.risk import Pool
+from ravenjax.report.sections import risk
+from ravenjax.report.sections.risk import Pool
 
 JUMPS = {"jump_tip": True}
 TOLD = {"response": "stopped"}

@@ -11,12 +11,13 @@ import pytest
 import reacting_results as reacting
 import synthetic_results as synthetic
 
-from ravenjax.report import dependence, page, risk
-from ravenjax.report import facts as run_facts
-from ravenjax.report.cues import sweep
-from ravenjax.report.detection import performance
-from ravenjax.report.reaction import pairs
-from ravenjax.report.runs import Faults, Runs
+from ravenjax.report import page
+from ravenjax.report.data import facts as run_facts
+from ravenjax.report.data.runs import Faults, Runs
+from ravenjax.report.sections import dependence, risk
+from ravenjax.report.sections.cues import sweep
+from ravenjax.report.sections.detection import performance
+from ravenjax.report.sections.reaction import pairs
 from ravenjax.store import schema
 from ravenjax.store.folder import ResultFolder
 
@@ -100,7 +101,7 @@ def test_a_campaign_without_a_fault_has_none():
 
 def test_severities_do_not_depend_on_the_batches(monkeypatch):
     frame = FRAME.assign(group=np.where(FRAME["group"] == "encoder", "C09 encoder", "B24,B25 others"))
-    monkeypatch.setattr("ravenjax.report.runs.BATCH", 130)
+    monkeypatch.setattr("ravenjax.report.data.runs.BATCH", 130)
     found, whole = risk.counted(Runs.of(frame, MANIFEST)), risk.counts(frame)
     assert {name: number.tolist() for name, number in found.items()} == {
         name: number.tolist() for name, number in whole.items()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ravenjax.search.bracketing import ALWAYS, CROSSING, INVALID, NEVER, Range, bracket
+from ravenjax.search.boundary.brackets import ALWAYS, CROSSING, INVALID, NEVER, Range, bracket
 
 LOG, LINEAR = Range(1.0, 10_000.0, True, 0.01), Range(-5.0, 5.0, False, 0.001)
 

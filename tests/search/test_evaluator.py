@@ -13,9 +13,9 @@ from ravenjax.campaign.faults import sampling
 from ravenjax.campaign.file import loading as campaigns
 from ravenjax.engines import traced
 from ravenjax.errors import UserError
-from ravenjax.search import loading, outcome
 from ravenjax.search.evaluator import Evaluator
-from ravenjax.search.template import Template
+from ravenjax.search.file import loading, outcome
+from ravenjax.search.file.template import Template
 
 RAW = {
     "campaign": {"name": "points", "duration_s": 0.6, "seed": 5, "noise": True},

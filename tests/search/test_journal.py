@@ -12,12 +12,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from ravenjax.campaign import plan, runner
-from ravenjax.search import journal, loading, outcome
+from ravenjax.errors import StoreError
+from ravenjax.search import journal
 from ravenjax.search.evaluator import Evaluator
+from ravenjax.search.file import loading, outcome
+from ravenjax.search.file.template import Template
 from ravenjax.search.journal import Journal
-from ravenjax.search.template import Template
 from ravenjax.store import folder, manifest, parts, schema
-from ravenjax.store.files import StoreError
 
 FAULT = {"site": "usb_out", "channel": ["shoulder", "elbow"], "effect": "offset", "start_ms": 250, "duration_ms": 9}
 TEMPLATE = Template(

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from ravenjax.outcomes.events import Rules
-from ravenjax.search import outcome
+from ravenjax.search.file import outcome
 from ravenjax.store import schema
 
 FRAME = pd.DataFrame(

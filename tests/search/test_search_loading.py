@@ -6,10 +6,10 @@ import tomllib
 
 import pytest
 
-from ravenjax import resources
+from ravenjax.bundled import resources
 from ravenjax.errors import UserError
-from ravenjax.search import loading
-from ravenjax.search.template import Template
+from ravenjax.search.file import loading
+from ravenjax.search.file.template import Template
 
 FILE = """
 [campaign]

@@ -9,12 +9,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ravenjax.errors import UserError
-from ravenjax.search import boundary, journal, loading, output, runner
+from ravenjax.errors import StoreError, UserError
+from ravenjax.search import journal, output, runner
+from ravenjax.search.boundary import bisection
+from ravenjax.search.file import loading
 from ravenjax.search.findings import plain
 from ravenjax.store import folder
 from ravenjax.store.access import lock
-from ravenjax.store.files import StoreError
 
 BASE = {
     "campaign": {"name": "small", "duration_s": 0.5, "seed": 3},
@@ -63,7 +64,7 @@ def test_a_boundary_is_verified_by_a_campaign_of_its_two_sides(bounded):
     assert len(cells) == 12 and record["kind"] == "boundary" and record["runs"] == len(rows)
     crossed = [cell for cell in cells if cell["state"] == "crossing"]
     assert len(crossed) >= 6
-    verified = folder.read_all(out / boundary.FOLDER).set_index("run_id")
+    verified = folder.read_all(out / bisection.FOLDER).set_index("run_id")
     for cell in crossed:
         low, high = verified.loc[cell["harmless_run"]], verified.loc[cell["harmful_run"]]
         assert low["peak_twin_deviation_mm"] < 0.5 <= high["peak_twin_deviation_mm"]
@@ -86,7 +87,7 @@ def test_what_never_harms_is_censored(tmp_path):
     assert [(cell["state"], cell["harmless"]) for cell in found] == [("never", 40.0)]
     record, _, text = files(tmp_path)
     assert record["result"]["cells"][0]["harmful"] is None and "harmless up to 40" in text
-    assert not (tmp_path / boundary.FOLDER).exists()
+    assert not (tmp_path / bisection.FOLDER).exists()
 
 
 def test_the_same_search_may_come_again_and_another_not(bounded):

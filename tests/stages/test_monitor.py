@@ -55,32 +55,38 @@ def course(kind: str) -> dict[str, np.ndarray]:
     }
 
 
+@jax.jit
+def observed(params, inputs):
+    """The observer's state after all ticks of `inputs`, arrays by name."""
+
+    def one(state, x):
+        vec = {name: (Vec(x[name][i] for i in range(3)),) for name in THREE}
+        signal = monitor.Signal(
+            tip=vec["tip"],
+            pos=vec["pos"],
+            model_tip=vec["model"],
+            depth=(x["depth"],),
+            distance=jnp.inf,
+            dac=(Vec(x["dac"][i] for i in range(7)),),
+            fresh=jnp.bool_(True),
+            live=x["live"],
+            pedal=x["pedal"],
+            tick=x["tick"],
+        )
+        return monitor.step(SETUP, params, state, signal, monitor.Reference(vec["twin"], vec["twin_pos"])), None
+
+    at_rest = tuple(Vec(inputs[name][0][i] for i in range(3)) for name in ("tip", "pos"))
+    return jax.lax.scan(one, monitor.init(SETUP, (at_rest[0],), (at_rest[1],)), inputs)[0]
+
+
 def watched(series, **limits):
     """Outcomes of the run."""
     with jax.enable_x64(True):
         params = replace(monitor.params(SETUP), **limits)
-
-        def one(state, x):
-            vec = {name: (Vec(x[name][i] for i in range(3)),) for name in THREE}
-            signal = monitor.Signal(
-                tip=vec["tip"],
-                pos=vec["pos"],
-                model_tip=vec["model"],
-                depth=(x["depth"],),
-                distance=jnp.inf,
-                dac=(Vec(x["dac"][i] for i in range(7)),),
-                fresh=jnp.bool_(True),
-                live=x["live"],
-                pedal=x["pedal"],
-                tick=x["tick"],
-            )
-            return monitor.step(SETUP, params, state, signal, monitor.Reference(vec["twin"], vec["twin_pos"])), None
-
         inputs = {name: jnp.asarray(values) for name, values in series.items()}
         inputs |= {"dac": inputs["dac"].astype(jnp.int32), "tick": jnp.arange(TICKS, dtype=jnp.int32)}
-        at_rest = tuple(Vec(jnp.float64(v) for v in series[name][0]) for name in ("tip", "pos"))
-        state, _ = jax.lax.scan(one, monitor.init(SETUP, (at_rest[0],), (at_rest[1],)), inputs)
-        return {name: float(value) for name, value in monitor.outcomes(SETUP, state).items()}
+        outcomes = monitor.outcomes(SETUP, observed(params, inputs))
+        return {name: float(value) for name, value in outcomes.items()}
 
 
 def first(happens: np.ndarray) -> int:

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy.stats import fisher_exact
 
-from ravenjax.stats.association import dependences
+from ravenjax.stats.inputs.association import dependences
 from ravenjax.stats.intervals import wilson
 
 N = 3000

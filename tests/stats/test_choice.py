@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ravenjax.stats.choice import AlarmCounts, cheapest, false_rates, hours_to_decide, missed_difference, rare
-from ravenjax.stats.false_alarms import alarm_rate
-from ravenjax.stats.paired import rate_difference
+from ravenjax.stats.alarms.choice import AlarmCounts, cheapest, false_rates, hours_to_decide, missed_difference, rare
+from ravenjax.stats.alarms.false_alarms import alarm_rate
+from ravenjax.stats.comparison.paired import rate_difference
 
 
 def alarms(missed, count, hours):

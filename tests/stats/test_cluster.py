@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ravenjax.stats.cluster import cluster_bootstrap, cluster_ratio
+from ravenjax.stats.bootstrap.clusters import cluster_bootstrap, cluster_ratio
 
 CLUSTERS, EACH = 60, 20
 LABEL = np.repeat(np.arange(CLUSTERS), EACH)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from ravenjax.stats import effect_size
+from ravenjax.stats.comparison import effect_size
 
 
 def test_hedges_g_is_cohens_d_without_its_bias():

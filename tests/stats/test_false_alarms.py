@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import expon, poisson
 
-from ravenjax.stats.false_alarms import alarm_rate, threshold_for_rate
+from ravenjax.stats.alarms.false_alarms import alarm_rate, threshold_for_rate
 
 
 def test_known_poisson_interval():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from ravenjax.stats.paired import difference_of_counts, mcnemar, mean_difference, rate_difference
+from ravenjax.stats.comparison.paired import difference_of_counts, mcnemar, mean_difference, rate_difference
 
 
 def pairs(both, first, second, none):

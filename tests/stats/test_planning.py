@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from ravenjax.stats.false_alarms import alarm_rate
+from ravenjax.stats.alarms.false_alarms import alarm_rate
 from ravenjax.stats.intervals import bounds, clopper_pearson, wilson
-from ravenjax.stats.planning import hours_to_bound, more_runs, runs_for_half_width, runs_to_bound
+from ravenjax.stats.sample_size.planning import hours_to_bound, more_runs, runs_for_half_width, runs_to_bound
 
 # Leveugle et al., DATE 2009, rounds the quantiles of 90, 95 and 99 % so; its table follows from these alone
 ROUNDED = {1.645: 0.90, 1.96: 0.95, 2.576: 0.99}

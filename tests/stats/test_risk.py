@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from ravenjax.stats.risk import compare
+from ravenjax.stats.comparison.independent import compare
 
 
 def test_published_difference():

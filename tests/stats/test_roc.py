@@ -9,8 +9,8 @@ import pytest
 from scipy.stats import norm
 from sklearn.metrics import average_precision_score, roc_auc_score
 
+from ravenjax.stats.alarms.roc import operating_points, precision_recall, precision_recall_band, roc, roc_band
 from ravenjax.stats.intervals import wilson
-from ravenjax.stats.roc import operating_points, precision_recall, precision_recall_band, roc, roc_band
 
 SEPARATION = 1.2
 AUC = norm.cdf(SEPARATION / math.sqrt(2))

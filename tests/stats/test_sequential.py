@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import hypergeom
 
-from ravenjax.stats import sequential
 from ravenjax.stats.intervals import bounds, wilson
-from ravenjax.stats.sequential import Sequential, Stratum
+from ravenjax.stats.sample_size import sequential
+from ravenjax.stats.sample_size.sequential import Sequential, Stratum
 
 
 def rule(sizes=(1000,), rates=("harm",), half_width=0.03, shares=(0.1, 0.3, 1.0), **more):

@@ -15,9 +15,9 @@ import synthetic_results as synthetic
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ravenjax.errors import StoreError
 from ravenjax.store import manifest as manifests
 from ravenjax.store import parts, schema
-from ravenjax.store.files import StoreError
 from ravenjax.store.folder import ResultFolder, read_all
 
 RUNS = 100

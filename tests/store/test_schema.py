@@ -12,9 +12,9 @@ import pyarrow as pa
 import pytest
 import synthetic_results as synthetic
 
+from ravenjax.errors import StoreError
+from ravenjax.robots.raven2.checks import CHECKS
 from ravenjax.store import schema
-from ravenjax.store.files import StoreError
-from ravenjax.vocabulary import checks
 
 SHAPE = synthetic.shape()
 
@@ -78,7 +78,7 @@ def test_results_readme_describes_each_column():
             assert f"`{name.removeprefix(schema.TWIN)}`" in text.partition("`twin_<column>`")[2]
         else:
             assert f"| `{name}` | {column.dtype} |" in text
-    for check, unit, what, action, _ in checks.CHECKS.values():
+    for check, unit, what, action, _ in CHECKS.values():
         assert f"| `{check}` | {unit} | {what} | {action} |" in text
     assert f"schema version {schema.VERSION} " in text
 

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from ravenjax.errors import StoreError
 from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.checks import CHECKS
 from ravenjax.store import parts, schema
-from ravenjax.store.files import StoreError
 
 names = st.text("abcdefghijklmnopqrstuvwxyz_.0123456789", min_size=1, max_size=12)
 SHAPES = st.builds(

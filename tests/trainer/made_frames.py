@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from ravenjax.campaign.faults import design
 from ravenjax.trainer import scenario
-from ravenjax.trainer.session.frame import PHASES, Frame, Layout
-from ravenjax.trainer.session.world import from_world
+from ravenjax.trainer.protocol.frame import PHASES, Frame, Layout
+from ravenjax.trainer.protocol.world import from_world
 
 HOME = (-0.07794699817895889, -0.02526555210351944, 0.013225629925727844)
 TIPS = {"gold": HOME, "green": (HOME[0], -HOME[1], HOME[2])}

@@ -7,9 +7,10 @@ import dataclasses
 
 import numpy as np
 
-from ravenjax.store.logs import session_file, session_log
-from ravenjax.trainer.recording.hazard_table import Hazard
-from ravenjax.trainer.session.frame import Frame, Layout
+from ravenjax.store.logs.session import description
+from ravenjax.store.logs.session import log as session_log
+from ravenjax.trainer.protocol.frame import Frame, Layout
+from ravenjax.trainer.recording.hazards.table import Hazard
 
 LIMIT_MM = 8.0
 """[harm] stray_mm of these sessions."""
@@ -138,7 +139,7 @@ def write(folder, table, seconds=8.0, arms=("gold", "green"), recorded=True, **h
         "task": {},
         "summary": {"recording": {"rows": int(seconds * 1000), "lost_rows": 0, "late_ticks": 3}},
     } | header
-    session_file.write(folder, told)
+    description.write(folder, told)
     if recorded:
         log = session_log.Writer(folder / session_log.FILE, layout.names(), told)
         data = rows(layout, table or [], seconds)

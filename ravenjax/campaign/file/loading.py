@@ -13,7 +13,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from ravenjax import resources
+from ravenjax.bundled import resources
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import bounds, copies, location, overriding, semantics
 from ravenjax.campaign.file.axis import Axis

@@ -16,8 +16,8 @@ from ravenjax.campaign.file import copies, loading, location, semantics
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Group
 from ravenjax.campaign.inspection.estimate import BASIS, Estimate, Machine, Work, estimate
+from ravenjax.errors import StoreError
 from ravenjax.store import manifest
-from ravenjax.store.files import StoreError
 
 MOST_EXPANDED = 1_000_000
 """Runs that are expanded to be looked at; of more, groups are counted alone."""

@@ -16,7 +16,7 @@ from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
 from ravenjax.errors import UserError
 from ravenjax.store import manifest
-from ravenjax.store.logs.trace_log import Base
+from ravenjax.store.logs.trace.log import Base
 
 LANES = 16
 """Lanes of a replay's block: one vector, so that the run takes the same vector code as in its campaign."""

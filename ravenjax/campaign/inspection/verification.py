@@ -23,11 +23,10 @@ from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress.counts import OnProgress, Progress
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Engine
-from ravenjax.errors import UserError
+from ravenjax.errors import StoreError, UserError
 from ravenjax.store import manifest, schema
 from ravenjax.store.access import checking
 from ravenjax.store.access.checking import Check
-from ravenjax.store.files import StoreError
 from ravenjax.store.folder import PARTS
 from ravenjax.store.manifest import Manifest
 from ravenjax.store.parts import Part

@@ -21,7 +21,7 @@ from ravenjax.campaign.stop import decisions, strata
 from ravenjax.campaign.stop.marks import Marks
 from ravenjax.campaign.stop.strata import Draws
 from ravenjax.errors import UserError
-from ravenjax.stats.sequential import Look
+from ravenjax.stats.sample_size.sequential import Look
 from ravenjax.store.access.results import Results
 
 

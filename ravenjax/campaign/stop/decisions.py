@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ravenjax.stats import sequential
-from ravenjax.stats.sequential import Look
-from ravenjax.store.files import StoreError, write_aside
+from ravenjax.errors import StoreError
+from ravenjax.stats.sample_size import sequential
+from ravenjax.stats.sample_size.sequential import Look
+from ravenjax.store.files import write_aside
 
 FILE = "decisions.jsonl"
 

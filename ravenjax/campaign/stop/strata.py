@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from ravenjax.campaign.faults import design, sampled_order
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.stats.sequential import Sequential, Stratum
+from ravenjax.stats.sample_size.sequential import Sequential, Stratum
 
 
 class Draws(NamedTuple):

@@ -16,7 +16,7 @@ import numpy as np
 
 from ravenjax import robots
 from ravenjax.report import wording
-from ravenjax.report.runs import Runs
+from ravenjax.report.data.runs import Runs
 from ravenjax.store.access.query import RESULTS
 from ravenjax.store.logs import topics
 from ravenjax.vocabulary.robot import Robot

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from ravenjax.errors import UserError, suggestion
 from ravenjax.outcomes.events import Rules
-from ravenjax.report.facts import faulty_sql
+from ravenjax.report.data.facts import faulty_sql
 from ravenjax.store import manifest
 from ravenjax.store.access import query
 from ravenjax.store.access.query import RESULTS

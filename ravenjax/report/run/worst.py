@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ravenjax.report import wording
-from ravenjax.report.facts import FACTS
-from ravenjax.report.runs import Runs
+from ravenjax.report.data.facts import FACTS
+from ravenjax.report.data.runs import Runs
 from ravenjax.store.access.query import RESULTS
 from ravenjax.store.manifest import Manifest
 from ravenjax.vocabulary.robot import Robot

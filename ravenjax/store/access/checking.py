@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 import pyarrow.parquet as pq
 
+from ravenjax.errors import StoreError
 from ravenjax.outcomes import events, verdict
 from ravenjax.store import parts, schema
 from ravenjax.store.access import query
 from ravenjax.store.access.query import Table, quoted, text
-from ravenjax.store.files import StoreError
 from ravenjax.store.folder import PARTS, READERS
 from ravenjax.store.manifest import Manifest
 

@@ -11,8 +11,8 @@ import json
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ravenjax.errors import StoreError
 from ravenjax.store import manifest as manifests
-from ravenjax.store.files import StoreError
 from ravenjax.store.manifest import Manifest
 
 FOLDER = "fault_free"

@@ -16,11 +16,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-from ravenjax.errors import listed
+from ravenjax.errors import StoreError, listed
 from ravenjax.store import manifest as manifests
 from ravenjax.store import parts
 from ravenjax.store.access import lock, query
-from ravenjax.store.files import StoreError, require_writable, sha256, write_aside
+from ravenjax.store.files import require_writable, sha256, write_aside
 from ravenjax.store.folder import PARTS, READERS
 from ravenjax.store.manifest import Manifest
 from ravenjax.store.parts import Part

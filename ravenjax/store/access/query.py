@@ -15,9 +15,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ravenjax.errors import StoreError
 from ravenjax.store import manifest as manifests
 from ravenjax.store import parts
-from ravenjax.store.files import StoreError
 from ravenjax.store.folder import PARTS, READERS
 from ravenjax.store.manifest import Manifest
 

@@ -20,7 +20,7 @@ from mcap.records import Attachment, Channel, Chunk, Header, Metadata, Schema
 from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
-from ravenjax.store.files import StoreError
+from ravenjax.errors import StoreError
 
 _HEAD = struct.Struct("<BQ")  # of a record: opcode, length
 _MESSAGE = struct.Struct("<HIQQ")  # of a message, before its data

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 from mcap.writer import Writer
 
-from ravenjax.store.files import StoreError, write_aside
+from ravenjax.errors import StoreError
+from ravenjax.store.files import write_aside
 from ravenjax.store.logs import mcap_records
 
 

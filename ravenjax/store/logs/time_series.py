@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.store.files import StoreError
+from ravenjax.errors import StoreError
 from ravenjax.vocabulary.robot import Robot
 
 _PLACES = ("x", "y", "z")

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.stats.cluster import codes
+from ravenjax.stats.bootstrap.clusters import codes
 from ravenjax.stats.intervals import alpha_of
 from ravenjax.studies.framework.study import Estimate
 

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ravenjax.outcomes import events
-from ravenjax.stats.false_alarms import alarm_rate
-from ravenjax.stats.planning import hours_to_bound
+from ravenjax.stats.alarms.false_alarms import alarm_rate
+from ravenjax.stats.sample_size.planning import hours_to_bound
 from ravenjax.studies.detection import drawings, runs, tables
 from ravenjax.studies.detection.areas import Areas, areas
 from ravenjax.studies.detection.points import (

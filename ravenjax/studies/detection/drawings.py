@@ -9,8 +9,8 @@ import numpy as np
 
 from ravenjax.document.axes import step_curve
 from ravenjax.document.steps import steps
+from ravenjax.stats.alarms.roc import CurveBand, precision_recall_band, roc_band
 from ravenjax.stats.latency import Incidence, Lead
-from ravenjax.stats.roc import CurveBand, precision_recall_band, roc_band
 from ravenjax.studies.detection.points import CLIP, FORK, PER_HOUR, PUBLISHED, Chosen, share, times
 from ravenjax.studies.detection.runs import CUE, OTHERS, STOPS, Faulty, Free, names
 from ravenjax.studies.detection.tables import at_scale, layers_of, unclutched

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ravenjax.report import wording
-from ravenjax.stats.cluster import cluster_ratio
+from ravenjax.stats.bootstrap.clusters import cluster_ratio
 from ravenjax.stats.intervals import wilson
 from ravenjax.stats.latency import Incidence, Lead, incidence, lead_time, restricted_mean
 from ravenjax.studies.detection.runs import OTHERS, Faulty, Free

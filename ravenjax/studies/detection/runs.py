@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 
 from ravenjax.outcomes.events import Rules
 from ravenjax.robots.raven2 import ROBOT
-from ravenjax.stats.cluster import cluster_ratio
-from ravenjax.stats.false_alarms import alarm_rate
+from ravenjax.stats.alarms.false_alarms import alarm_rate
+from ravenjax.stats.bootstrap.clusters import cluster_ratio
 from ravenjax.store import folder, manifest
 from ravenjax.store.manifest import Detector, Manifest
 from ravenjax.studies.framework import motions_alike

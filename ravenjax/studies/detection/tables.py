@@ -10,8 +10,8 @@ import numpy as np
 from ravenjax.outcomes.verdict import HAZARDS
 from ravenjax.report import wording
 from ravenjax.robots.raven2.layers import LAYERS
+from ravenjax.stats.alarms.roc import precision_recall
 from ravenjax.stats.multiplicity import holm
-from ravenjax.stats.roc import precision_recall
 from ravenjax.studies.detection.areas import Areas, areas
 from ravenjax.studies.detection.points import (
     HORIZON_MS,

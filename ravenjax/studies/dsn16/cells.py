@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ravenjax.stats.bootstrap.resample import bootstrap
+from ravenjax.stats.comparison.paired import mean_difference
 from ravenjax.stats.intervals import clopper_pearson
-from ravenjax.stats.paired import mean_difference
-from ravenjax.stats.resample import bootstrap
 from ravenjax.studies.framework.study import Estimate
 
 DURATIONS = (1, 2, 4, 8, 16, 32, 64, 128)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.stats.cluster import cluster_ratio
+from ravenjax.stats.bootstrap.clusters import cluster_ratio
 from ravenjax.studies.dsn16 import detector
 from ravenjax.studies.dsn16.cells import RESAMPLES, SEED
 from ravenjax.studies.dsn16.detector import Alarms, Learned, Score, score

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.stats.resample import bootstrap
+from ravenjax.stats.bootstrap.resample import bootstrap
 from ravenjax.studies.dsn16.published_log import Log
 from ravenjax.studies.framework.study import Estimate
 

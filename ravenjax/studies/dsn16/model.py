@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ravenjax.robots.raven2.geometry import transmission
-from ravenjax.stats.resample import bootstrap
+from ravenjax.stats.bootstrap.resample import bootstrap
 from ravenjax.studies.dsn16 import closed_loop
 from ravenjax.studies.framework import literature
 from ravenjax.studies.framework.study import Context, Estimate, Findings, Line, Study, Table

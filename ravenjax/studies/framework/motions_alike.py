@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from ravenjax.report import facts as run_facts
+from ravenjax.report.data import facts as run_facts
 from ravenjax.store.manifest import Manifest
 from ravenjax.studies.framework.study import Variant
 

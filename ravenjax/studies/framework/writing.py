@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from ravenjax.document import html
-from ravenjax.store.files import StoreError, require_writable, write_aside
+from ravenjax.errors import StoreError
+from ravenjax.store.files import require_writable, write_aside
 from ravenjax.studies.framework import drawing, markdown
 from ravenjax.studies.framework.provenance import Provenance
 from ravenjax.studies.framework.study import Findings, Study, plain

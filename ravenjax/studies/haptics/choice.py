@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.stats.cluster import codes
+from ravenjax.stats.bootstrap.clusters import codes
 
 RESAMPLES = 2000
 WEIGHTS = (1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0)

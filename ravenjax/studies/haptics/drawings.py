@@ -9,8 +9,8 @@ import numpy as np
 
 from ravenjax.document.axes import step_curve
 from ravenjax.document.steps import steps
+from ravenjax.stats.alarms.pareto import front
 from ravenjax.stats.latency import Incidence, incidence, lead_time
-from ravenjax.stats.pareto import front
 from ravenjax.studies.detection.points import share
 from ravenjax.studies.detection.runs import per_hour
 from ravenjax.studies.framework.drawing import MUTED, PREDICTED, SERIES, THRESHOLD, WIDTH_IN

@@ -15,7 +15,7 @@ import pandas as pd
 
 from ravenjax.hazards import severity
 from ravenjax.outcomes.events import Rules
-from ravenjax.report import facts as run_facts
+from ravenjax.report.data import facts as run_facts
 from ravenjax.store import folder, manifest
 from ravenjax.store.manifest import Cue, Manifest
 from ravenjax.studies.detection.runs import FREE, SCALE

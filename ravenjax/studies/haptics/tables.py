@@ -10,10 +10,10 @@ import numpy as np
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report import wording
 from ravenjax.robots.raven2.layers import LAYERS
-from ravenjax.stats.cluster import cluster_ratio
+from ravenjax.stats.alarms.pareto import front
+from ravenjax.stats.bootstrap.clusters import cluster_ratio
+from ravenjax.stats.comparison.paired import mcnemar
 from ravenjax.stats.latency import incidence, lead_time
-from ravenjax.stats.paired import mcnemar
-from ravenjax.stats.pareto import front
 from ravenjax.store.manifest import Cue
 from ravenjax.studies.detection.points import MOVED, percent, plain, rate, share
 from ravenjax.studies.detection.runs import AS_MODELLED, FEWEST, UNCERTAIN, per_hour

@@ -11,8 +11,9 @@ import pandas as pd
 from ravenjax.hazards import classes, expansion, library, maude, severity
 from ravenjax.hazards.library import Hazard
 from ravenjax.outcomes.verdict import LIMIT_MM
-from ravenjax.report import risk, wording
-from ravenjax.report.risk import Pool, PoolRisk
+from ravenjax.report import wording
+from ravenjax.report.sections import risk
+from ravenjax.report.sections.risk import Pool, PoolRisk
 from ravenjax.stats.intervals import Rate, wilson
 from ravenjax.stats.strata import StratifiedRate, stratified
 from ravenjax.store import folder

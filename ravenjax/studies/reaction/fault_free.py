@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.stats.false_alarms import AlarmRate, alarm_rate
+from ravenjax.stats.alarms.false_alarms import AlarmRate, alarm_rate
 from ravenjax.stats.intervals import Rate, wilson
 from ravenjax.studies.reaction.pairs import Runs
 

@@ -2,7 +2,7 @@
 
 A measure compares the robot with something, and a reaction may change that something, too:
 
-- *Unintended motion, live or not*: how far the tip went by itself (`report.reactions.EXCURSION`). It sees an arm that
+- *Unintended motion, live or not*: how far the tip went by itself (`report`: `pairs.EXCURSION`). It sees an arm that
   runs on after the pedal was lifted, and a correction brings the tip back to where the operator meant to be. Slow hands
   stay behind the golden run on purpose: where a fault has put the nominal model out, too, they would count as moved.
 - *Unintended motion*: the hazard of the report. The same while the robot is live, so that what an arm does after the
@@ -23,7 +23,7 @@ import pandas as pd
 
 from ravenjax.hazards import classes, severity
 from ravenjax.outcomes.verdict import LIMIT_MM
-from ravenjax.report.reaction.pairs import EXCURSION
+from ravenjax.report.sections.reaction.pairs import EXCURSION
 from ravenjax.vocabulary.reactions import CORRECT, RELEASE, SLOW
 
 SIZES_MM = (LIMIT_MM, 5.0, 10.0, 20.0)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from ravenjax.report.reaction.pairs import Pairs
+from ravenjax.report.sections.reaction.pairs import Pairs
 from ravenjax.stats.intervals import Estimate as Interval
 from ravenjax.stats.intervals import Rate, wilson
 from ravenjax.studies.framework.study import Context, Drawing, Estimate, Findings, Line, Study, Variant

@@ -12,12 +12,12 @@ import pandas as pd
 
 from ravenjax.hazards import library
 from ravenjax.hazards.naming import hazards_of
-from ravenjax.report import facts as run_facts
-from ravenjax.report.reaction import pairs as reactions
-from ravenjax.report.reaction.pairs import EXCURSION, Pairs
+from ravenjax.report.data import facts as run_facts
+from ravenjax.report.sections.reaction import pairs as reactions
+from ravenjax.report.sections.reaction.pairs import EXCURSION, Pairs
+from ravenjax.stats.comparison.paired import mcnemar, mean_difference, rate_difference
 from ravenjax.stats.intervals import Estimate, Rate, wilson
 from ravenjax.stats.multiplicity import holm
-from ravenjax.stats.paired import mcnemar, mean_difference, rate_difference
 from ravenjax.store import folder, manifest
 from ravenjax.studies.reaction.measures import Measure
 

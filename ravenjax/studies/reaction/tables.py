@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from ravenjax.report import wording
-from ravenjax.report.reaction.pairs import EXCURSION, Pairs
+from ravenjax.report.sections.reaction.pairs import EXCURSION, Pairs
 from ravenjax.stats.intervals import Estimate, Rate, wilson
 from ravenjax.studies.framework.study import Table
 from ravenjax.studies.reaction.fault_free import Free

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from ravenjax.report import facts as run_facts
-from ravenjax.report.reaction.pairs import Pairs
+from ravenjax.report.data import facts as run_facts
+from ravenjax.report.sections.reaction.pairs import Pairs
 from ravenjax.stats.intervals import Rate, wilson
 from ravenjax.stats.latency import Lead, lead_time
 from ravenjax.studies.reaction import measures

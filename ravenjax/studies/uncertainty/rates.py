@@ -12,12 +12,12 @@ import pandas as pd
 
 from ravenjax.hazards import severity
 from ravenjax.outcomes.verdict import LIMIT_MM
-from ravenjax.report import facts as run_facts
+from ravenjax.report.data import facts as run_facts
 from ravenjax.robots.raven2.layers import LAYERS
-from ravenjax.stats.association import Dependence, dependences
+from ravenjax.stats.comparison.paired import mcnemar, rate_difference
+from ravenjax.stats.inputs.association import Dependence, dependences
 from ravenjax.stats.intervals import Estimate, Rate, wilson
 from ravenjax.stats.multiplicity import Finding, holm
-from ravenjax.stats.paired import mcnemar, rate_difference
 from ravenjax.store import folder, manifest
 from ravenjax.studies.uncertainty.parameters import Uncertain
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import pandas as pd
 
-from ravenjax.stats.association import Dependence
+from ravenjax.stats.inputs.association import Dependence
 from ravenjax.studies.framework.study import Context, Drawing, Estimate, Findings, Line, Study, Variant
 from ravenjax.studies.uncertainty import drawings, rates, search, tables
 from ravenjax.studies.uncertainty.parameters import PARAMETERS, SETS, Uncertain

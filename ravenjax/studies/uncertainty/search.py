@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ravenjax.search import loading, runner
+from ravenjax.search import runner
+from ravenjax.search.file import loading
 from ravenjax.studies.uncertainty.parameters import PARAMETERS, Uncertain
 
 OUTCOME = "peak_twin_deviation_mm"

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from ravenjax.report import wording
-from ravenjax.stats.association import Dependence
+from ravenjax.stats.inputs.association import Dependence
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.studies.framework.study import Table
 from ravenjax.studies.uncertainty import rates as uncertain_rates

@@ -8,14 +8,15 @@ import io
 from pathlib import Path
 from typing import Any
 
+from ravenjax.errors import StoreError
 from ravenjax.outcomes import definitions
 from ravenjax.outcomes.events import Rules
-from ravenjax.store.files import StoreError, write_aside
-from ravenjax.store.logs import session_file
-from ravenjax.trainer import html
-from ravenjax.trainer.debrief import figures, words
+from ravenjax.store.files import write_aside
+from ravenjax.store.logs.session import description
+from ravenjax.trainer.debrief import figures, html, words
 from ravenjax.trainer.debrief.course import Course
-from ravenjax.trainer.recording import hazard_events, hazard_table, reader
+from ravenjax.trainer.recording import reader
+from ravenjax.trainer.recording.hazards import events, table
 
 FILE = "debrief.html"
 
@@ -34,12 +35,12 @@ def write(folder: Path) -> Path:
 
 def render(folder: Path) -> str:
     """The page as text."""
-    header = session_file.read(folder)
+    header = description.read(folder)
     found, told = _recording(folder)
-    told["table"] = (folder / hazard_table.FILE).exists()
-    hazards = hazard_table.read(folder)
+    told["table"] = (folder / table.FILE).exists()
+    hazards = table.read(folder)
     if not told["table"] and found is not None:
-        hazards = hazard_events.from_recording(found, header)
+        hazards = events.from_recording(found, header)
     threshold_mm, limit_mm = header.get("cue_threshold_mm"), words.harm_mm(header)
     blinded = bool(header.get("blinded"))
     course = None
@@ -89,7 +90,7 @@ def _recording(folder: Path) -> tuple[reader.Recording | None, dict[str, Any]]:
     }
 
 
-def _told(one: hazard_table.Hazard, course: Course | None, blinded: bool) -> dict[str, Any]:
+def _told(one: table.Hazard, course: Course | None, blinded: bool) -> dict[str, Any]:
     steps = words.steps(one, blinded) if one.struck_ms is not None else []
     return {
         "row": one,
@@ -142,11 +143,11 @@ def _task(summary: dict[str, Any], course: Course | None) -> dict[str, Any]:
     return {name: value for name, value in found.items() if isinstance(value, int | float | str)}
 
 
-def _csv(hazards: list[hazard_table.Hazard], blinded: bool) -> str:
+def _csv(hazards: list[table.Hazard], blinded: bool) -> str:
     """The table as it stands in the folder; without group and cue where the session is blinded."""
     hidden = ("group", "cue", "cue_ms") if blinded else ()
     out = io.StringIO()
-    names = [one.name for one in dataclasses.fields(hazard_table.Hazard) if one.name not in hidden]
+    names = [one.name for one in dataclasses.fields(table.Hazard) if one.name not in hidden]
     writer = csv.DictWriter(out, names, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
     writer.writerows(dataclasses.asdict(one) for one in hazards)

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from ravenjax.outcomes.verdict import HALT_MS
-from ravenjax.trainer.recording.hazard_table import OUTCOMES, Hazard
+from ravenjax.trainer.recording.hazards.table import OUTCOMES, Hazard
 
 DASH = "–"
 RESPONSES = {

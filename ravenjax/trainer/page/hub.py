@@ -20,9 +20,9 @@ from websockets.exceptions import ConnectionClosed
 from ravenjax.trainer.page.door import query
 from ravenjax.trainer.page.inbox import Inbox, Refused
 from ravenjax.trainer.page.sight import Sight
+from ravenjax.trainer.protocol import messages
+from ravenjax.trainer.protocol.frame import PHASES, VIEWS, Layout
 from ravenjax.trainer.realtime.ring import Ring, put_json
-from ravenjax.trainer.session import messages
-from ravenjax.trainer.session.frame import PHASES, VIEWS, Layout
 
 MOST_PER_S = 400  # messages of one window; a gamepad at 144 Hz with all keys stays below
 KEPT_EVENTS = 1000

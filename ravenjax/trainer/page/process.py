@@ -21,8 +21,8 @@ from ravenjax.trainer.page.options import Options
 from ravenjax.trainer.page.server import Server
 from ravenjax.trainer.page.site import Site
 from ravenjax.trainer.page.world import World, place
+from ravenjax.trainer.protocol.frame import Frame, Layout
 from ravenjax.trainer.realtime.ring import Ring, read_json
-from ravenjax.trainer.session.frame import Frame, Layout
 
 PROMPT_S = 0.004  # between frames while the answer to a key is awaited
 ANSWER_S = 0.06

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.trainer.session.frame import Layout
+from ravenjax.trainer.protocol.frame import Layout
 
 _OPERATOR = {
     "phase",

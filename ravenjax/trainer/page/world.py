@@ -19,7 +19,7 @@ from ravenjax.robots.raven2.dynamics import arm_model
 from ravenjax.robots.raven2.geometry import scene
 from ravenjax.trainer.page import body_meshes, task_shapes
 from ravenjax.trainer.page.trails import Trails
-from ravenjax.trainer.session.frame import VIEWS, Frame
+from ravenjax.trainer.protocol.frame import VIEWS, Frame
 
 LAYERS = ("robot", "ghost", "virtual", "trails", "force", "task")
 GHOST, VIRTUAL = (88, 196, 255), (120, 226, 170)

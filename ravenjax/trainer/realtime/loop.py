@@ -7,11 +7,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ravenjax.trainer.protocol.frame import Frame
 from ravenjax.trainer.realtime import clock
 from ravenjax.trainer.realtime.clock import Clock, Timing
 from ravenjax.trainer.realtime.ring import Ring, put_json, read_json
-from ravenjax.trainer.session.frame import Frame
-from ravenjax.trainer.session.session import PAUSED, Session
+from ravenjax.trainer.session.advance import PAUSED, Session
 
 MOST_COMMANDS = 16
 """Commands taken in a tick; what is more waits for the next."""

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from ravenjax.errors import StoreError
 from ravenjax.robots.raven2.arms import ArmName
-from ravenjax.store.files import StoreError
-from ravenjax.store.logs import recover, session_log
-from ravenjax.trainer.session.frame import Layout
+from ravenjax.store.logs import recover
+from ravenjax.store.logs.session import log as session_log
+from ravenjax.trainer.protocol.frame import Layout
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.store.logs import session_file, session_log
+from ravenjax.store.logs.session import description
+from ravenjax.store.logs.session import log as session_log
 from ravenjax.trainer.realtime.ring import Ring, read_json
 
 POLL_S = 0.015
@@ -48,7 +49,7 @@ def run(options: Options) -> None:
     """
     stop = _Stop()
     header = {"started": now(), **options.header, "ended": None}
-    session_file.write(options.folder, header)
+    description.write(options.folder, header)
     with contextlib.ExitStack() as stack:
         frames, told = Ring.attach(options.frames), Ring.attach(options.events)
         stack.callback(frames.close)
@@ -58,7 +59,7 @@ def run(options: Options) -> None:
         log = session_log.Writer(options.folder / session_log.FILE, options.names, header)
         stack.callback(log.close)
         tally = _record(frames, told, log, list(options.names), stop)
-    session_file.update(options.folder, {"ended": now(), "summary": {"recording": tally.summary()}})
+    description.update(options.folder, {"ended": now(), "summary": {"recording": tally.summary()}})
 
 
 def now() -> str:

@@ -27,10 +27,10 @@ from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.loop import connections, observers
 from ravenjax.robots.raven2.run_levels import E_STOP
 from ravenjax.stages import monitor
-from ravenjax.trainer.robot_link.joint_record import JointReport
+from ravenjax.trainer.protocol.frame import Frame
+from ravenjax.trainer.robot_link.joints.record import JointReport
 from ravenjax.trainer.robot_link.remote import RemoteRobot
 from ravenjax.trainer.session.blueprint import Blueprint, hazard_distances
-from ravenjax.trainer.session.frame import Frame
 
 _SEEN = (
     *("model_jpos", "tip", "model_tip", "error_mm", "force", "depth_mm"),

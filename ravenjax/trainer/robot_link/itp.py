@@ -27,9 +27,9 @@ from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS, ArmName
 from ravenjax.robots.raven2.console.packet import UDP_PORT, V_STRUCT
 from ravenjax.robots.raven2.geometry.mapping import position_to_itp
+from ravenjax.trainer.protocol.messages import STALE_MS
 from ravenjax.trainer.robot_link.increments import Increments, merge
 from ravenjax.trainer.robot_link.packet_filter import DEFAULT, SIZE, Gate, Limits
-from ravenjax.trainer.session.messages import STALE_MS
 
 LOOPBACK = "127.0.0.1"
 PER_TICK = 8

@@ -26,8 +26,8 @@ from collections.abc import Sequence
 from ravenjax.robots.raven2.arms import ARMS, ArmName
 from ravenjax.robots.raven2.console.packet import U_STRUCT
 from ravenjax.robots.raven2.stages.network import RESET_GAP
+from ravenjax.trainer.protocol.messages import STALE_MS
 from ravenjax.trainer.robot_link.increments import Increments
-from ravenjax.trainer.session.messages import STALE_MS
 
 SIZE = U_STRUCT.itemsize
 _FIELDS = struct.Struct("<3I6i8d6i")  # U_STRUCT; unpacking it is ten times as fast as NumPy is

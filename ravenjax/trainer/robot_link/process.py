@@ -23,7 +23,7 @@ from ravenjax.trainer import scenario
 from ravenjax.trainer.realtime.clock import Clock, Timing, no_collection, realtime
 from ravenjax.trainer.realtime.interruption import until_interrupted
 from ravenjax.trainer.robot_link.itp import LOOPBACK, ItpServer
-from ravenjax.trainer.robot_link.joint_stream import JOINT_PORT, JointServer
+from ravenjax.trainer.robot_link.joints.stream import JOINT_PORT, JointServer
 from ravenjax.trainer.robot_link.packet_filter import Limits
 from ravenjax.trainer.robot_link.station import Station
 from ravenjax.trainer.scenario import Armable, Scenario

@@ -1,6 +1,6 @@
 """A robot elsewhere, as a session holds it: its packets out by ITP, its joints in over TCP. It never waits.
 
-The other end is `ravenjax robot`, or a real Raven with a program beside it that sends `joint_record.RECORD`s; without
+The other end is `ravenjax robot`, or a real Raven with a program beside it that sends `joints.record.RECORD`s; without
 such a one (`joint_port=None`) a Raven can be driven all the same, but nothing is known of it.
 """
 
@@ -15,10 +15,10 @@ from typing import Any
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.packet import UDP_PORT
-from ravenjax.trainer.robot_link.joint_decoder import Decoder
-from ravenjax.trainer.robot_link.joint_record import JointReport
-from ravenjax.trainer.robot_link.joint_stream import JOINT_PORT
-from ravenjax.trainer.session.messages import STALE_MS
+from ravenjax.trainer.protocol.messages import STALE_MS
+from ravenjax.trainer.robot_link.joints.decoder import Decoder
+from ravenjax.trainer.robot_link.joints.record import JointReport
+from ravenjax.trainer.robot_link.joints.stream import JOINT_PORT
 
 PATIENCE_S = 10.0
 """Longest that a robot may take to let a session in: a busy machine may leave it alone for seconds."""
@@ -77,7 +77,7 @@ class RemoteRobot:
         return self.report
 
     def order(self, content: dict[str, Any]) -> None:
-        """Send an order of `joint_stream` to the robot's process, now or as soon as there is room.
+        """Send an order of `joints.stream` to the robot's process, now or as soon as there is room.
 
         After a reset there is no report until one comes from the robot that was reset.
         """

@@ -15,10 +15,10 @@ from ravenjax.errors import UserError, shown
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.stages.teleoperation import NO_PACKET_SEQUENCE
+from ravenjax.trainer.protocol.frame import Frame, Layout
 from ravenjax.trainer.robot_link.itp import ItpServer
-from ravenjax.trainer.robot_link.joint_record import Reporter
-from ravenjax.trainer.robot_link.joint_stream import JointServer, Order
-from ravenjax.trainer.session.frame import Frame, Layout
+from ravenjax.trainer.robot_link.joints.record import Reporter
+from ravenjax.trainer.robot_link.joints.stream import JointServer, Order
 
 
 class Machine(Protocol):
@@ -65,7 +65,7 @@ class Station:
         return frame
 
     def obey(self, content: dict[str, Any]) -> None:
-        """Carry out an order of `joint_stream`. UserError where it cannot be."""
+        """Carry out an order of `joints.stream`. UserError where it cannot be."""
         kind = content.get("order")
         if kind == "arm":
             self._arm(content.get("number"))

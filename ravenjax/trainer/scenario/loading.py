@@ -12,7 +12,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from ravenjax import resources
+from ravenjax.bundled import resources
 from ravenjax.campaign.file import location, overriding
 from ravenjax.campaign.file.loading import SUFFIX
 from ravenjax.errors import UserError, shown, suggestion

@@ -29,7 +29,7 @@ from ravenjax.robots.raven2.console.packet import silence
 from ravenjax.robots.raven2.loop import connections, observers, tick
 from ravenjax.robots.raven2.setup import Setup
 from ravenjax.stages import monitor
-from ravenjax.trainer.session.frame import Layout
+from ravenjax.trainer.protocol.frame import Layout
 
 SPARE_MS = 60_000
 """Rows of the motion beyond the session's length, for ticks after its end and for packets sent again."""

@@ -1,4 +1,4 @@
-"""What consoles say about hands and pedal, read from messages that may be anything: see `trainer.session.messages`.
+"""What consoles say about hands and pedal, read from messages that may be anything: see `trainer.protocol.messages`.
 
 Every function raises `Refused` for what it cannot take.
 """

@@ -14,8 +14,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from ravenjax.robots.raven2.run_levels import PEDAL_DOWN
+from ravenjax.trainer.protocol.frame import PHASES, VIEWS, Frame
 from ravenjax.trainer.scenario import Armable, Scenario
-from ravenjax.trainer.session.frame import PHASES, VIEWS, Frame
 
 SETTLED_MS = 500
 """Pedal-down is adopted and the hands move: what the library takes as its earliest start in pedal-down."""

@@ -19,11 +19,11 @@ import numpy as np
 
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.motion import ARM_COLUMNS
+from ravenjax.trainer.protocol.messages import STALE_MS
+from ravenjax.trainer.protocol.world import itp_from_view, turned
 from ravenjax.trainer.scenario import Speeds
 from ravenjax.trainer.session import console_message
 from ravenjax.trainer.session.console_message import LEVEL, STILL, Increment, Refused
-from ravenjax.trainer.session.messages import STALE_MS
-from ravenjax.trainer.session.world import itp_from_view, turned
 
 SMOOTHING_MS = 30.0
 """Time in which hands reach 90 % of a new speed: keys have no ramp of their own, and a hand cannot jump. Ours."""

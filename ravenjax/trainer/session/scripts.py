@@ -14,9 +14,9 @@ from typing import Any, Literal, Protocol
 from ravenjax.errors import UserError, shown
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.run_levels import PEDAL_DOWN
+from ravenjax.trainer.protocol.frame import PHASES, Frame
+from ravenjax.trainer.protocol.world import Point, to_world, view_from_world
 from ravenjax.trainer.scenario import Speeds
-from ravenjax.trainer.session.frame import PHASES, Frame
-from ravenjax.trainer.session.world import Point, to_world, view_from_world
 from ravenjax.trainer.tasks import Task
 
 Message = dict[str, Any]

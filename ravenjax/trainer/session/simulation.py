@@ -16,9 +16,9 @@ from ravenjax.numbers.vec import replace
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.loop import tick
 from ravenjax.stages import monitor
+from ravenjax.trainer.protocol.frame import GOLDEN, Frame
 from ravenjax.trainer.session import blueprint
 from ravenjax.trainer.session.blueprint import Blueprint
-from ravenjax.trainer.session.frame import GOLDEN, Frame
 from ravenjax.vocabulary.effects import TRIGGER_CODES
 
 _FIELDS = tuple(field.name for field in dataclasses.fields(Fault))

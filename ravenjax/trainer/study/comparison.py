@@ -12,11 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.stats import clustered, effect_size, multiplicity
+from ravenjax.stats import multiplicity
+from ravenjax.stats.bootstrap.resample import Band
+from ravenjax.stats.comparison import clustered, effect_size
 from ravenjax.stats.intervals import Estimate, Rate, wilson
 from ravenjax.stats.latency import Incidence, LogRank, incidence, log_rank
-from ravenjax.stats.resample import Band
-from ravenjax.trainer.recording.hazard_table import Hazard
+from ravenjax.trainer.recording.hazards.table import Hazard
 from ravenjax.trainer.study.table import Study
 
 _NONE = Estimate(math.nan, math.nan, math.nan)

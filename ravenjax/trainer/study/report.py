@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ravenjax.store.files import require_writable, write_aside
-from ravenjax.trainer import html
+from ravenjax.trainer.debrief import html
 from ravenjax.trainer.study import comparison, figures, words
 from ravenjax.trainer.study import table as study_table
 from ravenjax.trainer.study.assignment import Assignment, assign

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from ravenjax.errors import UserError
-from ravenjax.store.logs import session_file
-from ravenjax.trainer.recording import hazard_table
-from ravenjax.trainer.recording.hazard_table import Hazard
+from ravenjax.store.logs.session import description
+from ravenjax.trainer.recording.hazards import table
+from ravenjax.trainer.recording.hazards.table import Hazard
 
 BY = ("group", "cue")
 """What sessions may be compared by."""
@@ -127,10 +127,10 @@ def scenario_name(header: dict[str, Any]) -> str:
 def _folders(given: Iterable[Path]) -> list[Path]:
     out: list[Path] = []
     for folder in map(Path, given):
-        if (folder / session_file.FILE).exists():
+        if (folder / description.FILE).exists():
             inside = [folder]
         else:
-            inside = sorted(path.parent for path in folder.rglob(session_file.FILE)) if folder.is_dir() else []
+            inside = sorted(path.parent for path in folder.rglob(description.FILE)) if folder.is_dir() else []
         if not inside:
             raise UserError(
                 f"{folder}: holds no session; expected folders that `ravenjax train` wrote, or one with such"
@@ -140,7 +140,7 @@ def _folders(given: Iterable[Path]) -> list[Path]:
 
 
 def _read(folder: Path) -> Session:
-    return Session(folder, session_file.read(folder), hazard_table.read(folder))
+    return Session(folder, description.read(folder), table.read(folder))
 
 
 def _struck(one: Session) -> bool:

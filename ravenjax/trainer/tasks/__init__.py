@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.trainer.protocol.world import Point, to_world
 from ravenjax.trainer.scenario import Scenario
 from ravenjax.trainer.scenario.config import Path, PegTransfer, Reach
-from ravenjax.trainer.session.world import Point, to_world
 from ravenjax.trainer.tasks.base import Task, Wish
 from ravenjax.trainer.tasks.free import FreeTask
 from ravenjax.trainer.tasks.path import PathTask

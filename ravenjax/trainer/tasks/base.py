@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from ravenjax.robots.raven2.arms import ArmName
-from ravenjax.trainer.session.frame import Frame
-from ravenjax.trainer.session.world import Point, to_world
+from ravenjax.trainer.protocol.frame import Frame
+from ravenjax.trainer.protocol.world import Point, to_world
 
 Event = dict[str, Any]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ravenjax.robots.raven2.arms import ArmName
-from ravenjax.trainer.session.frame import Frame
-from ravenjax.trainer.session.world import Point
+from ravenjax.trainer.protocol.frame import Frame
+from ravenjax.trainer.protocol.world import Point
 from ravenjax.trainer.tasks.base import Event, Task
 
 

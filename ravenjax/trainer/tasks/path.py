@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.trainer.protocol.frame import Frame
+from ravenjax.trainer.protocol.world import Point, surface
 from ravenjax.trainer.scenario.config import Path
-from ravenjax.trainer.session.frame import Frame
-from ravenjax.trainer.session.world import Point, surface
 from ravenjax.trainer.tasks.base import Event, Task, Wish, rounded
 
 POINTS = 200

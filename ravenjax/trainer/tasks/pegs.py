@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.trainer.protocol.frame import Frame
+from ravenjax.trainer.protocol.world import Point, surface
 from ravenjax.trainer.scenario.config import PegTransfer
-from ravenjax.trainer.session.frame import Frame
-from ravenjax.trainer.session.world import Point, surface
 from ravenjax.trainer.tasks.base import Event, Task, Wish, rounded
 
 CLOSED_RAD, OPEN_RAD = 0.8, 1.1

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.trainer.protocol.frame import Frame
+from ravenjax.trainer.protocol.world import Point, surface
 from ravenjax.trainer.scenario.config import Reach
-from ravenjax.trainer.session.frame import Frame
-from ravenjax.trainer.session.world import Point, surface
 from ravenjax.trainer.tasks.base import Event, Task, Wish, rounded
 
 LEAST_WAY_M = 0.005

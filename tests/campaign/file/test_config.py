@@ -4,7 +4,7 @@ import tomllib
 
 import pytest
 
-from ravenjax import resources
+from ravenjax.bundled import resources
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import loading, location
 from ravenjax.campaign.file.config import CampaignConfig

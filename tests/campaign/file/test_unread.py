@@ -12,10 +12,11 @@ from jax.interpreters import partial_eval
 import ravenjax as rj
 from ravenjax.campaign import plan
 from ravenjax.campaign.file import bounds
-from ravenjax.campaign.file.copies import UNREAD
-from ravenjax.campaign.file.semantics import NOISE
 from ravenjax.engines.xla import engine as scan
 from ravenjax.numbers import paths
+from ravenjax.robots.raven2 import ROBOT
+from ravenjax.robots.raven2.campaign.program import DELAY, NOISE_KEY
+from ravenjax.robots.raven2.campaign.unread import UNREAD
 from ravenjax.robots.raven2.loop import tick
 
 KINDS = ("steps", "derivative_sum", "tip_error", "overdrive")
@@ -59,7 +60,7 @@ def test_what_nothing_reads_is_refused(campaign):
     ready = plan.make(config)
     refused = {row.path for row in UNREAD if row.where(config.campaign) and not row.component}
     components = {f"{row.path}.{row.component}" for row in UNREAD if row.where(config.campaign) and row.component}
-    silent = {plan.NOISE_KEY, *NOISE} if not config.campaign.noise else set()
-    idle = {path for path in without_influence(ready) if path != plan.DELAY}  # which is read where it is varied
-    assert {bounds.plain(path) for path in idle - components} == refused | silent
+    silent = {NOISE_KEY, *ROBOT.noise} if not config.campaign.noise else set()
+    idle = {path for path in without_influence(ready) if path != DELAY}  # which is read where it is varied
+    assert {bounds.plain(ROBOT, path) for path in idle - components} == refused | silent
     assert components <= idle

@@ -10,10 +10,10 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from ravenjax import resources
+from ravenjax.bundled import resources
 from ravenjax.campaign.inspection import json_schema as campaigns
 from ravenjax.cli import main
-from ravenjax.search import json_schema as searches
+from ravenjax.search.file import json_schema as searches
 from ravenjax.trainer.scenario import json_schema as scenarios
 
 FOLDERS = {"campaign": "campaigns", "search": "campaigns/searches", "scenario": "campaigns/training"}

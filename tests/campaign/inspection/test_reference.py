@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from ravenjax import resources
+from ravenjax.bundled import resources
 from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.loading import header, tables_of

@@ -12,10 +12,9 @@ import ravenjax as rj
 from ravenjax.campaign import runner
 from ravenjax.campaign.inspection import verification
 from ravenjax.cli import results
-from ravenjax.errors import UserError
+from ravenjax.errors import StoreError, UserError
 from ravenjax.store import manifest as manifests
 from ravenjax.store import parts, schema
-from ravenjax.store.files import StoreError
 from ravenjax.store.folder import read_all
 
 CAMPAIGN = {

@@ -12,11 +12,10 @@ from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import loading
 from ravenjax.campaign.stop import adaptive, decisions, strata
 from ravenjax.campaign.stop.marks import Marks
-from ravenjax.errors import UserError
+from ravenjax.errors import StoreError, UserError
 from ravenjax.store import manifest as manifests
 from ravenjax.store import schema
 from ravenjax.store.access.results import Results
-from ravenjax.store.files import StoreError
 from ravenjax.store.folder import ResultFolder, read_all
 
 FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "start_ms": 5}

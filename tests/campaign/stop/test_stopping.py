@@ -11,12 +11,11 @@ import synthetic_results as synthetic
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import loading
 from ravenjax.campaign.stop import decisions, strata
-from ravenjax.errors import UserError
+from ravenjax.errors import StoreError, UserError
 from ravenjax.outcomes import events
 from ravenjax.outcomes.events import Rules
-from ravenjax.report import facts
-from ravenjax.search import loading as searches
-from ravenjax.store.files import StoreError
+from ravenjax.report.data import facts
+from ravenjax.search.file import loading as searches
 
 FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "start_ms": 5}
 GROUPS = [

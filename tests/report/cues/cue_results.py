@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import synthetic_results as synthetic
 
-from ravenjax.report.cues import sweep
-from ravenjax.report.runs import Runs
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections.cues import sweep
 
 RUNS = 900
 MANIFEST = synthetic.manifest(RUNS)

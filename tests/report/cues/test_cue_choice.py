@@ -11,10 +11,10 @@ import synthetic_results as synthetic
 from cue_results import FRAME, HAZARD, MANIFEST, ROWS, RUNS, TABLE, missed
 
 from ravenjax.report import page
-from ravenjax.report.cues import choice, sweep
-from ravenjax.report.runs import Runs
-from ravenjax.stats.choice import AlarmCounts
-from ravenjax.stats.planning import hours_to_bound
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections.cues import choice, sweep
+from ravenjax.stats.alarms.choice import AlarmCounts
+from ravenjax.stats.sample_size.planning import hours_to_bound
 
 
 def test_a_minute_of_motion_chooses_nothing_and_says_what_it_needs():

@@ -8,11 +8,11 @@ import synthetic_results as synthetic
 from cue_results import FRAME, HAZARD, LOW, MANIFEST, ROWS, missed
 
 from ravenjax.document.chart import Dots
-from ravenjax.report.cues import figure, sweep
-from ravenjax.report.runs import Runs
-from ravenjax.stats.false_alarms import alarm_rate
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections.cues import figure, sweep
+from ravenjax.stats.alarms.false_alarms import alarm_rate
+from ravenjax.stats.alarms.pareto import front
 from ravenjax.stats.intervals import wilson
-from ravenjax.stats.pareto import front
 
 
 @pytest.mark.parametrize("k", range(len(synthetic.CUES)))

@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.report.detection import figures, performance
-from ravenjax.report.runs import Runs
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections.detection import figures, performance
 from ravenjax.stats.intervals import wilson
 from ravenjax.store.manifest import Detector
 

@@ -10,10 +10,10 @@ import pytest
 import synthetic_results as synthetic
 
 from ravenjax.report import page, wording
-from ravenjax.report.maps import axes, panels
-from ravenjax.report.maps import counts as map_counts
-from ravenjax.report.maps import inputs as map_inputs
-from ravenjax.report.runs import Runs
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections.maps import axes, panels
+from ravenjax.report.sections.maps import counts as map_counts
+from ravenjax.report.sections.maps import inputs as map_inputs
 from ravenjax.stats.intervals import wilson
 
 MANIFEST = synthetic.manifest(2000)

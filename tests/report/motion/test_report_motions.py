@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.report.motion import fault_free as motions
-from ravenjax.report.runs import Runs
-from ravenjax.stats.false_alarms import alarm_rate
+from ravenjax.report.data import fault_free as motions
+from ravenjax.report.data.runs import Runs
+from ravenjax.stats.alarms.false_alarms import alarm_rate
 from ravenjax.store.access import fault_free
 from ravenjax.store.folder import ResultFolder
 

@@ -5,7 +5,7 @@ import pytest
 import synthetic_results as synthetic
 from rendered_page import Page, rendered, words
 
-from ravenjax.report.motion import operator
+from ravenjax.report.sections.motion import operator
 from ravenjax.store.motion.summary import ArmSummary, MotionSummary, line
 
 TIME_S = np.arange(4000) * 1e-3

@@ -9,10 +9,10 @@ import pytest
 import reacting_results as reacting
 import synthetic_results as synthetic
 
-from ravenjax.report.reaction import figures, pairs
-from ravenjax.report.runs import Runs
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections.reaction import figures, pairs
+from ravenjax.stats.comparison.paired import mcnemar, rate_difference
 from ravenjax.stats.intervals import wilson
-from ravenjax.stats.paired import mcnemar, rate_difference
 
 FAULTS = 300
 FRAME = reacting.frame(FAULTS)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.report import facts as run_facts
+from ravenjax.report.data import facts as run_facts
+from ravenjax.report.data.runs import Runs
 from ravenjax.report.run import path_figure, paths
-from ravenjax.report.runs import Runs
-from ravenjax.store.logs import trace_log
+from ravenjax.store.logs.trace import log
 
 TICKS = 1500
 FRAME = synthetic.frame(60)
@@ -38,7 +38,7 @@ def series(reach_mm, arms=("gold",), twin=False):
 def folder_with(tmp_path, rows, **options):
     (tmp_path / "traces").mkdir(exist_ok=True)
     for reach, run_id in enumerate(rows["run_id"], start=4):
-        trace_log.write(tmp_path / "traces" / f"{run_id}.mcap", series(reach, **options))
+        log.write(tmp_path / "traces" / f"{run_id}.mcap", series(reach, **options))
     return tmp_path
 
 
@@ -83,7 +83,7 @@ def test_damaged_and_foreign_files_are_named(tmp_path):
     one, two, three = (folder / "traces" / f"{run_id}.mcap" for run_id in WORST["run_id"])
     one.write_bytes(one.read_bytes()[:5000])
     two.write_bytes(b"no mcap at all")
-    trace_log.write(three, {"gold/position": np.zeros((5, 3))})
+    log.write(three, {"gold/position": np.zeros((5, 3))})
     (folder / "traces" / "unknown.mcap").write_bytes(b"of another campaign")
     found, broken = paths.find(folder, RUNS)
     assert found == [] and [name.partition(":")[0] for name in broken] == [one.name, two.name, three.name]

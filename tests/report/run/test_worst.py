@@ -10,8 +10,8 @@ import pytest
 import synthetic_results as synthetic
 
 from ravenjax.report import downloads, page
+from ravenjax.report.data.runs import Runs
 from ravenjax.report.run import worst
-from ravenjax.report.runs import Runs
 
 RUNS = 1500
 MANIFEST = synthetic.manifest(RUNS)

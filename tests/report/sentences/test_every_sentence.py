@@ -29,8 +29,9 @@ from hypothesis import HealthCheck, example, given, settings
 from page_text import Node, Text, count, parse, percent
 
 from ravenjax.cli import terminal
-from ravenjax.report import answers, dependence, page
-from ravenjax.report.runs import Runs
+from ravenjax.report import page
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections import answers, dependence
 from ravenjax.store import schema
 from ravenjax.store.access.results import Results
 

@@ -14,8 +14,8 @@ import sys
 
 import pytest
 
+from ravenjax.errors import StoreError
 from ravenjax.store.access import lock
-from ravenjax.store.files import StoreError
 
 HOLD = """
 import sys, time, pathlib

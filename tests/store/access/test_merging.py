@@ -13,10 +13,10 @@ import synthetic_results as synthetic
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ravenjax.errors import StoreError
 from ravenjax.store import manifest as manifests
 from ravenjax.store import parts, schema
 from ravenjax.store.access import merging
-from ravenjax.store.files import StoreError
 from ravenjax.store.folder import ResultFolder, read_all
 
 RUNS = 120

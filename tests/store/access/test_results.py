@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 import synthetic_results as synthetic
 
+from ravenjax.errors import StoreError
 from ravenjax.store import schema
 from ravenjax.store.access.results import Results
-from ravenjax.store.files import StoreError
 from ravenjax.store.folder import ResultFolder
 
 RUNS = 500

@@ -7,8 +7,9 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from ravenjax.store.files import StoreError
-from ravenjax.store.logs import mcap_records, recover, session_log
+from ravenjax.errors import StoreError
+from ravenjax.store.logs import mcap_records, recover
+from ravenjax.store.logs.session import log as session_log
 
 NAMES = ["tick", "runlevel", *(f"gold/jpos/{i}" for i in range(7))]
 BLOCKS = 12

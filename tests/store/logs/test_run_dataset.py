@@ -8,8 +8,8 @@ import sys
 import numpy as np
 import pytest
 
+from ravenjax.errors import StoreError
 from ravenjax.robots.raven2.arms import JOINTS
-from ravenjax.store.files import StoreError
 from ravenjax.store.logs import run_dataset, time_series
 
 T = 40

@@ -9,12 +9,14 @@ import pytest
 import ros2_log
 from scipy.spatial.transform import Rotation
 
+from ravenjax.errors import StoreError
 from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.geometry import arrays
-from ravenjax.store.files import StoreError
-from ravenjax.store.logs import session_file, session_log, session_words
+from ravenjax.store.logs.session import description
+from ravenjax.store.logs.session import log as session_log
+from ravenjax.store.logs.session import words as session_words
 from ravenjax.store.motion import mcap_file
-from ravenjax.trainer.session.frame import Layout
+from ravenjax.trainer.protocol.frame import Layout
 
 LAYOUT = Layout.of(("gold", "green"))
 START = 1_767_323_045_678_000_000  # ns, of the header's "started"
@@ -179,15 +181,15 @@ def test_what_is_no_recording_says_so(tmp_path):
 
 
 def test_session_json_is_merged_and_its_damage_named(tmp_path):
-    session_file.write(tmp_path, {"name": "a", "summary": {"score": 3}})
-    told = session_file.update(tmp_path, {"ended": "now", "summary": {"rows": 4}})
-    assert told == session_file.read(tmp_path)
+    description.write(tmp_path, {"name": "a", "summary": {"score": 3}})
+    told = description.update(tmp_path, {"ended": "now", "summary": {"rows": 4}})
+    assert told == description.read(tmp_path)
     assert told == {"version": 1, "name": "a", "ended": "now", "summary": {"score": 3, "rows": 4}}
     with pytest.raises(StoreError, match="not the folder of a session"):
-        session_file.read(tmp_path / "elsewhere")
-    (tmp_path / session_file.FILE).write_text('{"version": 99}')
+        description.read(tmp_path / "elsewhere")
+    (tmp_path / description.FILE).write_text('{"version": 99}')
     with pytest.raises(StoreError, match="version 99, expected 1 or less"):
-        session_file.read(tmp_path)
-    (tmp_path / session_file.FILE).write_text('{"version": ')
+        description.read(tmp_path)
+    (tmp_path / description.FILE).write_text('{"version": ')
     with pytest.raises(StoreError, match="is not valid JSON"):
-        session_file.read(tmp_path)
+        description.read(tmp_path)

@@ -6,8 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ravenjax.store.files import StoreError
-from ravenjax.store.logs import time_series, trace_csv
+from ravenjax.errors import StoreError
+from ravenjax.store.logs import time_series
+from ravenjax.store.logs.trace import csv_file
 
 T = 50
 
@@ -28,7 +29,7 @@ def series():
 
 def test_what_was_written_is_read(series, tmp_path):
     path = tmp_path / "run.csv"
-    trace_csv.write(path, series)
+    csv_file.write(path, series)
     table = pd.read_csv(path)
     assert table["time_s"].tolist() == [tick / 1000 for tick in range(T)]
     assert list(table)[1:6] == [
@@ -46,7 +47,7 @@ def test_what_was_written_is_read(series, tmp_path):
 
 def test_series_of_unequal_length_are_refused(tmp_path):
     with pytest.raises(StoreError, match=r"run.csv: a trace needs series of one length"):
-        trace_csv.write(tmp_path / "run.csv", {"a": np.zeros(3), "b": np.zeros(4)})
+        csv_file.write(tmp_path / "run.csv", {"a": np.zeros(3), "b": np.zeros(4)})
     assert not list(tmp_path.iterdir())
 
 

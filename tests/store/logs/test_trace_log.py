@@ -10,10 +10,10 @@ import ros2_log
 from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
+from ravenjax.errors import StoreError
 from ravenjax.robots.raven2.arms import JOINTS
-from ravenjax.store.files import StoreError
-from ravenjax.store.logs import trace_log
-from ravenjax.store.logs.trace_log import Base
+from ravenjax.store.logs.trace import log as trace_log
+from ravenjax.store.logs.trace.log import Base
 
 TICKS = 2500
 EVENTS = [

@@ -6,7 +6,7 @@ from recorded_hands import HOME_MM, ROWS, play, recording, refused, table, tip_m
 from scipy.spatial.transform import Rotation
 
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
-from ravenjax.store.logs import trace_log
+from ravenjax.store.logs.trace import log
 from ravenjax.store.motion import mcap_file
 from ravenjax.store.motion import recording as recordings
 from ravenjax.store.motion.options import ReplayOptions
@@ -116,7 +116,7 @@ def trace(path, place, ticks=ROWS, arms=("gold",)):
             f"{arm}/jpos": np.tile([0.5, 1.5, 0.4, 0.0, 0.0, 0.7, 0.8], (ticks, 1)),
             f"{arm}/jpos_d": np.tile([0.5, 1.5, 0.4, 0.0, 0.0, 0.7, 0.8], (ticks, 1)),
         }
-    trace_log.write(path, series)
+    log.write(path, series)
 
 
 def test_a_trace_is_a_recording(tmp_path, parquet):

@@ -14,13 +14,13 @@ from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import loading
 from ravenjax.outcomes.events import Rules
 from ravenjax.store.manifest import Detector
-from ravenjax.studies import catalogue
+from ravenjax.studies import catalogue, running
 from ravenjax.studies.detection import areas, comparison, drawings, tables
 from ravenjax.studies.detection import points as detector_points
 from ravenjax.studies.detection import runs as detector_runs
 from ravenjax.studies.detection.points import CLIP, FORK, PUBLISHED, Chosen
 from ravenjax.studies.detection.runs import AS_MODELLED, CHECKS, CUE, OTHERS, STOPS, UNCERTAIN, Faulty, Free
-from ravenjax.studies.framework import drawing, running
+from ravenjax.studies.framework import drawing
 from ravenjax.studies.framework.study import plain
 
 DETECTORS = (

@@ -21,7 +21,7 @@ from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.stats.intervals import wilson
 from ravenjax.studies import catalogue
 from ravenjax.studies.dsn16 import cells as dsn16_cells
-from ravenjax.studies.dsn16 import drawings, scenario_b, sensitivity, statements, trajectory
+from ravenjax.studies.dsn16 import drawings, motor_commands, sensitivity, statements, trajectory
 from ravenjax.studies.dsn16 import runs as dsn16_runs
 from ravenjax.studies.dsn16.cells import DURATIONS
 from ravenjax.studies.dsn16.runs import Runs, stored
@@ -240,9 +240,9 @@ def test_statements_hold_or_not_as_the_counts_say() -> None:
 
 def test_fit_needs_every_band_and_no_bias() -> None:
     jumps, bands = np.full(8, 50.0), [(40.0, 60.0)] * 8
-    assert scenario_b._fits(jumps + np.tile([5.0, -5.0], 4), jumps, bands, 0.6)
-    assert not scenario_b._fits(jumps + 5.0, jumps, bands, 0.6)  # all above
-    assert not scenario_b._fits(jumps + np.tile([5.0, -11.0], 4), jumps, bands, 0.6)  # outside
+    assert motor_commands._fits(jumps + np.tile([5.0, -5.0], 4), jumps, bands, 0.6)
+    assert not motor_commands._fits(jumps + 5.0, jumps, bands, 0.6)  # all above
+    assert not motor_commands._fits(jumps + np.tile([5.0, -11.0], 4), jumps, bands, 0.6)  # outside
 
 
 def test_drawings_draw() -> None:

@@ -10,7 +10,7 @@ from fake_study import FINDINGS, STUDY
 
 from ravenjax.errors import UserError
 from ravenjax.store import manifest
-from ravenjax.studies.framework import running
+from ravenjax.studies import running
 from ravenjax.studies.framework.study import Estimate, Findings, Line, Variant
 
 SHORT = ("campaign.duration_s=0.03", "campaign.limit=2")

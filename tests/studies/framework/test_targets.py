@@ -8,7 +8,7 @@ import re
 import pytest
 from fake_study import FINDINGS
 
-from ravenjax import resources
+from ravenjax.bundled import resources
 from ravenjax.studies import catalogue
 from ravenjax.studies.framework import markdown, targets
 from ravenjax.studies.framework.study import plain

@@ -7,7 +7,7 @@ import json
 import pytest
 from fake_study import FINDINGS, MADE, STUDY
 
-from ravenjax.store.files import StoreError
+from ravenjax.errors import StoreError
 from ravenjax.studies.framework import markdown, writing
 from ravenjax.studies.framework.provenance import shown_override
 from ravenjax.studies.framework.study import Findings, plain

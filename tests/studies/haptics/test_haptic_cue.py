@@ -16,9 +16,9 @@ from ravenjax.outcomes.events import Rules
 from ravenjax.robots.raven2.setup import Setup
 from ravenjax.stages import haptics
 from ravenjax.store.manifest import Cue
-from ravenjax.studies import catalogue
+from ravenjax.studies import catalogue, running
 from ravenjax.studies.detection.runs import AS_MODELLED, UNCERTAIN
-from ravenjax.studies.framework import drawing, running
+from ravenjax.studies.framework import drawing
 from ravenjax.studies.framework.study import plain
 from ravenjax.studies.haptics import choice, tables
 from ravenjax.studies.haptics import cue as haptic_cue

@@ -10,7 +10,7 @@ import result_rows
 
 from ravenjax.campaign.file import loading
 from ravenjax.hazards import expansion, library, maude, naming
-from ravenjax.studies.framework import running
+from ravenjax.studies import running
 from ravenjax.studies.framework.study import Findings, Table
 from ravenjax.studies.hazards import library as hazard_library
 

@@ -10,7 +10,8 @@ import result_rows
 
 from ravenjax.campaign.file import loading
 from ravenjax.hazards import library, naming
-from ravenjax.studies.framework import literature, running
+from ravenjax.studies import running
+from ravenjax.studies.framework import literature
 from ravenjax.studies.framework.study import Findings
 from ravenjax.studies.hazards import agreement, safecomp45
 

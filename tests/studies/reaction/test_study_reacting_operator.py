@@ -14,9 +14,9 @@ import synthetic_results
 
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import loading
-from ravenjax.report.reaction.pairs import EXCURSION
+from ravenjax.report.sections.reaction.pairs import EXCURSION
 from ravenjax.stats.intervals import Estimate
-from ravenjax.studies.framework import running
+from ravenjax.studies import running
 from ravenjax.studies.reaction import drawings, fault_free, measures, operator, tables, times
 from ravenjax.studies.reaction import pairs as reacting_pairs
 from ravenjax.studies.reaction.pairs import Runs

@@ -12,13 +12,13 @@ import pytest
 from ravenjax.campaign import plan
 from ravenjax.campaign.file import loading
 from ravenjax.numbers import paths
-from ravenjax.studies import catalogue
-from ravenjax.studies.framework import drawing, running
+from ravenjax.studies import catalogue, running
+from ravenjax.studies.framework import drawing
 from ravenjax.studies.framework.study import Context
-from ravenjax.studies.seed import burst
-from ravenjax.studies.seed.burst import BURST, CONSTANTS, FREE, MODELLED, PACKETS, SETTINGS, STUDY
-from ravenjax.studies.seed.burst_tables import ranges, span
-from ravenjax.studies.seed.events import DRAWN_TICKS, Drawn, Event, Run
+from ravenjax.studies.seed.burst import constants as burst
+from ravenjax.studies.seed.burst.constants import BURST, CONSTANTS, FREE, MODELLED, PACKETS, SETTINGS, STUDY
+from ravenjax.studies.seed.burst.events import DRAWN_TICKS, Drawn, Event, Run
+from ravenjax.studies.seed.burst.tables import ranges, span
 from ravenjax.studies.seed.motions import MOTIONS
 
 

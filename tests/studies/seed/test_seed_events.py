@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from ravenjax.studies.framework import literature
-from ravenjax.studies.seed import events
-from ravenjax.studies.seed.events import EVENT_TICKS, Event, Run, criteria, jump_ticks, rebound
+from ravenjax.studies.seed.burst import events
+from ravenjax.studies.seed.burst.events import EVENT_TICKS, Event, Run, criteria, jump_ticks, rebound
 
 TICKS = 20_000
 ONSETS = (2000, 10_000)

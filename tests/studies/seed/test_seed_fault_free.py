@@ -11,12 +11,12 @@ import pytest
 from ravenjax.campaign import plan
 from ravenjax.campaign.file import loading
 from ravenjax.numbers import paths
-from ravenjax.studies import catalogue
-from ravenjax.studies.framework import drawing, running
+from ravenjax.studies import catalogue, running
+from ravenjax.studies.framework import drawing
 from ravenjax.studies.framework.study import Context
-from ravenjax.studies.seed import fault_free
-from ravenjax.studies.seed.fault_free import MODELLED, MOTIONS, SCALES, SETTINGS, STUDY, Setting
-from ravenjax.studies.seed.segments import Segment
+from ravenjax.studies.seed.fault_free import scales
+from ravenjax.studies.seed.fault_free.scales import MODELLED, MOTIONS, SCALES, SETTINGS, STUDY, Setting
+from ravenjax.studies.seed.fault_free.segments import Segment
 
 
 def own(ready, path):
@@ -26,7 +26,7 @@ def own(ready, path):
 
 @pytest.fixture(scope="module")
 def ready():
-    return plan.make(loading.load(fault_free.CAMPAIGN))
+    return plan.make(loading.load(scales.CAMPAIGN))
 
 
 def test_the_catalogue_finds_it():
@@ -51,7 +51,7 @@ def test_the_first_four_runs_are_as_modelled(ready):
 
 
 def test_noise_has_the_robots_own_sizes(ready):
-    row = ready.table.index[ready.table["group"] == fault_free.NOISE][0]
+    row = ready.table.index[ready.table["group"] == scales.NOISE][0]
     for path in ("plant.gold.encoder_noise", "plant.gold.torque_noise"):
         value = own(ready, path)
         assert value > 0.0 and ready.varied[path][row] == pytest.approx(value, rel=1e-4)
@@ -97,8 +97,8 @@ def settings():
 
 
 def compared(monkeypatch, settings):
-    monkeypatch.setattr(fault_free, "_measured", lambda context: settings)
-    return fault_free.compare(Context({}))
+    monkeypatch.setattr(scales, "_measured", lambda context: settings)
+    return scales.compare(Context({}))
 
 
 def test_findings_follow_from_the_segments(monkeypatch, settings):

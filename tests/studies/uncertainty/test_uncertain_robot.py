@@ -14,9 +14,9 @@ import synthetic_results
 
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import loading
-from ravenjax.report import facts as run_facts
+from ravenjax.report.data import facts as run_facts
 from ravenjax.stats.intervals import Rate
-from ravenjax.studies.framework import running
+from ravenjax.studies import running
 from ravenjax.studies.uncertainty import drawings, robot, search, tables
 from ravenjax.studies.uncertainty import rates as uncertain_rates
 from ravenjax.studies.uncertainty.parameters import PARAMETERS, SETS, Uncertain

@@ -14,13 +14,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ravenjax.cli import main
-from ravenjax.store.files import StoreError
-from ravenjax.store.logs import session_log
+from ravenjax.errors import StoreError
+from ravenjax.store.logs.session import log
 from ravenjax.trainer.debrief import course as debrief_course
 from ravenjax.trainer.debrief import figures as debrief_figures
 from ravenjax.trainer.debrief import page as debrief
 from ravenjax.trainer.debrief import words as debrief_words
-from ravenjax.trainer.recording import hazard_events, hazard_table, reader
+from ravenjax.trainer.recording import reader
+from ravenjax.trainer.recording.hazards import events
+from ravenjax.trainer.recording.hazards import table as hazard_table
 
 MET = synthetic.hazard(0)
 MISSED = synthetic.hazard(1, struck=9000.0, cue=None, known=None, response=None, off=12.0, ok=False)
@@ -224,7 +226,7 @@ def test_pauses_are_left_out(tmp_path):
     rows = synthetic.rows(layout, [], 1.0)
     rows[400:600, layout.places["session_tick"]] = 400
     rows[600:, layout.places["session_tick"]] -= 199
-    writer = session_log.Writer(tmp_path / session_log.FILE, layout.names(), {})
+    writer = log.Writer(tmp_path / log.FILE, layout.names(), {})
     writer.add(0, rows)
     writer.close()
     course = debrief_course.Course(reader.read(tmp_path))
@@ -238,13 +240,13 @@ def test_the_page_is_honest_about_what_is_missing(tmp_path):
     assert "There is no recording" in told and "Nobody timed this session" in told
 
     cut = synthetic.write(tmp_path / "cut", [MET, ALARMED], seconds=8.0)
-    data = (cut / session_log.FILE).read_bytes()
-    (cut / session_log.FILE).write_bytes(data[: len(data) // 2])
+    data = (cut / log.FILE).read_bytes()
+    (cut / log.FILE).write_bytes(data[: len(data) // 2])
     told = text_of(debrief.render(cut))
     assert "The recording was cut short" in told and "ravenjax log recover" in told
     assert "The recording does not reach this hazard" in told
 
-    (cut / session_log.FILE).write_bytes(b"nothing")
+    (cut / log.FILE).write_bytes(b"nothing")
     assert "cannot be read" in text_of(debrief.render(cut))
     with pytest.raises(StoreError, match="not the folder of a session"):
         debrief.write(tmp_path)
@@ -281,12 +283,12 @@ def test_hazards_of_a_killed_session_come_from_its_events(tmp_path):
         {"tick": 3950, "kind": "hazard_struck", "number": 4},
     ]
     synthetic.write(tmp_path, None, recorded=False, **header)
-    writer = session_log.Writer(tmp_path / session_log.FILE, layout.names(), header)
+    writer = log.Writer(tmp_path / log.FILE, layout.names(), header)
     writer.add(0, synthetic.rows(layout, [MET], 4.0), told)
     writer.close()
-    data = (tmp_path / session_log.FILE).read_bytes()
-    (tmp_path / session_log.FILE).write_bytes(data[:-40])  # it never came to its end
-    first, second = hazard_events.from_recording(reader.read(tmp_path), header)
+    data = (tmp_path / log.FILE).read_bytes()
+    (tmp_path / log.FILE).write_bytes(data[:-40])  # it never came to its end
+    first, second = events.from_recording(reader.read(tmp_path), header)
     assert first.after == {"knowable": 35.0, "cue": 90.0, "alarm": 60.0, "response": 430.0}
     assert (first.response, first.response_ok, first.reaction_ms, first.outcome, first.score) == (
         *("release", True, 395.0, "avoided", 82.0),

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from made_frames import made, running
 
 from ravenjax.outcomes import verdict
+from ravenjax.robots.raven2.checks import CHECKS
 from ravenjax.trainer.judge import Judge
-from ravenjax.trainer.recording import hazard_events
-from ravenjax.trainer.recording.hazard_table import Hazard
-from ravenjax.vocabulary import checks
+from ravenjax.trainer.recording.hazards import events as hazard_events
+from ravenjax.trainer.recording.hazards.table import Hazard
 
 TICKS, STRIKE, LOOK = 500, 40, 10
 FAULT = [{"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 2000}]
@@ -38,7 +38,7 @@ def course(seed: int, limit_mm: float) -> dict[str, np.ndarray]:
     data["unintended_off_mm"] = (blocks(rng.uniform(0.0, 1.3 * limit_mm, 25)) * ~live).astype(np.float32)
     data["halted_ms"] = np.cumsum(~live)
     data["golden_halted_ms"] = np.cumsum(rng.random(TICKS) < rng.choice([0.0, 0.4]))
-    for name in rng.choice(list(checks.CHECKS), 4, replace=False):
+    for name in rng.choice(list(CHECKS), 4, replace=False):
         own, golden = (rng.random((2, TICKS)) < rng.choice([0.0, 0.004, 0.03], (2, 1))).astype(int)
         data[f"check_{name}"], data[f"golden_{name}"] = np.cumsum(own), np.cumsum(golden)
     return data
@@ -86,7 +86,7 @@ def expected(data, limit_mm):
         own, golden = data[f"check_{name}"], data[f"golden_{name}"]
         for tick in range(LOOK, TICKS, LOOK):
             if tick >= STRIKE and own[tick] > own[tick - LOOK] and own[tick] > golden[tick]:
-                word = ACTIONS[checks.CHECKS[name].action]
+                word = ACTIONS[CHECKS[name].action]
                 ms = max(STRIKE, first(own > 0)) if own[tick - LOOK] == 0 else tick
                 times[word] = min(times.get(word, TICKS), ms)
     for word in ("stopped", "flagged", "limited"):
@@ -168,4 +168,4 @@ def test_a_recording_that_broke_off_says_the_same(seed, limit_mm):
 def test_the_words_are_those_of_outcomes():
     row, *_ = judged(course(1, 3.0), 3.0)
     assert row["check_response"] in verdict.RESPONSES and row["motion_hazard"] in verdict.HAZARDS
-    assert {check.response for check in checks.CHECKS.values()} == {"stopped", "flagged", "limited"}
+    assert {check.response for check in CHECKS.values()} == {"stopped", "flagged", "limited"}

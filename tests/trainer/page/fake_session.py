@@ -15,8 +15,8 @@ import waiting
 
 from ravenjax.robots.raven2.dynamics import arm_model
 from ravenjax.trainer import page
+from ravenjax.trainer.protocol.frame import PHASES, VIEWS, Frame, Layout
 from ravenjax.trainer.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring, put_json, read_json
-from ravenjax.trainer.session.frame import PHASES, VIEWS, Frame, Layout
 
 HEADER = {
     "version": 1,

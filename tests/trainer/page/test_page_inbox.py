@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ravenjax.trainer.page.inbox import LARGEST, ROLES, Inbox, Refused
-from ravenjax.trainer.session import messages
+from ravenjax.trainer.protocol import messages
 
 INBOX = Inbox(("gold", "green"), hazards=3, blinded=False)
 INPUT = {

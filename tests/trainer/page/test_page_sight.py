@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ravenjax.trainer.page.sight import Sight
-from ravenjax.trainer.session.frame import Frame, Layout
+from ravenjax.trainer.protocol.frame import Frame, Layout
 
 LAYOUT = Layout.of(("gold", "green"))
 HEADER = {

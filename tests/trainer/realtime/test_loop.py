@@ -6,7 +6,7 @@ import pytest
 from ravenjax.trainer import scenario
 from ravenjax.trainer.realtime import loop
 from ravenjax.trainer.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring, put_json, read_json
-from ravenjax.trainer.session.session import Session
+from ravenjax.trainer.session.advance import Session
 
 CHOSEN = scenario.from_dict({"name": "tiny", "duration_s": 1.5, "task": {"kind": "reach", "targets": 50}})
 TIMING = ("compute_us", "lateness_us", "late_ticks")

@@ -15,10 +15,12 @@ import pytest
 import waiting
 from mcap.reader import make_reader
 
-from ravenjax.store.logs import recover, session_file, session_log
+from ravenjax.store.logs import recover
+from ravenjax.store.logs.session import description
+from ravenjax.store.logs.session import log as session_log
+from ravenjax.trainer.protocol.frame import Layout
 from ravenjax.trainer.realtime.ring import EVENT_BYTES, Ring, put_json
 from ravenjax.trainer.recording import reader, recorder
-from ravenjax.trainer.session.frame import Layout
 
 LAYOUT = Layout.of(("gold", "green"))
 HEADER = {"arms": ["gold", "green"], "name": "synthetic", "seed": 7, "started": "2026-01-02T03:04:05.678+00:00"}
@@ -72,7 +74,7 @@ def session(tmp_path):
 
 def test_a_session_is_recorded_to_the_last_row(session):
     session.start()
-    told = session_file.read(session.folder)
+    told = description.read(session.folder)
     assert told["ended"] is None and told["seed"] == 7
     for i in range(10):
         session.write(50)
@@ -87,7 +89,7 @@ def test_a_session_is_recorded_to_the_last_row(session):
     np.testing.assert_array_equal(found.rows, np.stack([row_of(i) for i in range(500)]))
     np.testing.assert_array_equal(found["gold/tip"][:, 1], found.rows[:, LAYOUT.places["gold/tip"].start + 1])
     assert [one.get("target") for one in found.events] == [*range(10), None]
-    told = session_file.read(session.folder)
+    told = description.read(session.folder)
     assert told["ended"] > told["started"]
     assert told["summary"]["recording"] | {"compute_us": 0, "lateness_us": 0} == {
         "rows": 500,
@@ -126,7 +128,7 @@ def test_rows_that_came_too_fast_are_told_and_leave_a_gap(tmp_path):
         np.testing.assert_array_equal(found.rows[0], row_of(first))
         lost = sum(one["rows"] for one in found.events if one["kind"] == "lost_rows")
         assert lost + len(found.rows) == 1010
-        assert session_file.read(session.folder)["summary"]["recording"]["lost_rows"] == lost
+        assert description.read(session.folder)["summary"]["recording"]["lost_rows"] == lost
     finally:
         session.close()
 
@@ -190,7 +192,7 @@ def test_a_kill_at_any_moment_loses_at_most_50_ms(tmp_path, seed):
                 -len(found.rows) // 10
             )
             assert json.loads(metadata["ravenjax"]["header"])["seed"] == 7
-            assert session_file.read(session.folder)["ended"] is None
+            assert description.read(session.folder)["ended"] is None
         finally:
             session.close()
         if (

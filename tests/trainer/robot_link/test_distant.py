@@ -6,11 +6,11 @@ import pytest
 from ravenjax.campaign.file import loading
 from ravenjax.robots.raven2.console.packet import decode
 from ravenjax.trainer.judge.trips import Trips
+from ravenjax.trainer.protocol.frame import Layout
 from ravenjax.trainer.robot_link.distant import DistantRobot
-from ravenjax.trainer.robot_link.joint_decoder import Decoder
-from ravenjax.trainer.robot_link.joint_record import Reporter
+from ravenjax.trainer.robot_link.joints.decoder import Decoder
+from ravenjax.trainer.robot_link.joints.record import Reporter
 from ravenjax.trainer.session import blueprint
-from ravenjax.trainer.session.frame import Layout
 from ravenjax.trainer.session.simulation import PacketRobot, Robot
 
 TICKS = 800

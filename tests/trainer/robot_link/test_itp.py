@@ -11,9 +11,9 @@ from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.console.packet import UDP_PORT
 from ravenjax.robots.raven2.geometry import mapping
+from ravenjax.trainer.protocol.messages import STALE_MS
 from ravenjax.trainer.robot_link.itp import PER_TICK, TAKEN_PER_TICK, ItpServer
 from ravenjax.trainer.robot_link.packet_filter import Limits
-from ravenjax.trainer.session.messages import STALE_MS
 
 BOTH = ("gold", "green")
 

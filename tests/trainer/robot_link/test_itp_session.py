@@ -8,10 +8,10 @@ from itp_client import STILL, Console, datagram
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.geometry import kinematics, mapping
 from ravenjax.trainer import scenario
+from ravenjax.trainer.protocol.messages import STALE_MS
 from ravenjax.trainer.robot_link.itp import ItpServer
 from ravenjax.trainer.robot_link.packet_filter import CAUSES
-from ravenjax.trainer.session.messages import STALE_MS
-from ravenjax.trainer.session.session import Session
+from ravenjax.trainer.session.advance import Session
 
 
 class Driven:

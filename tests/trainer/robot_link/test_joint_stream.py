@@ -13,10 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ravenjax.errors import UserError
-from ravenjax.trainer.robot_link.joint_decoder import Decoder
-from ravenjax.trainer.robot_link.joint_record import RECORD, JointReport, Reporter, encode_text
-from ravenjax.trainer.robot_link.joint_stream import BUFFER_BYTES, LONGEST_LINE, MOST_CLIENTS, JointServer
-from ravenjax.trainer.session.frame import Frame, Layout
+from ravenjax.trainer.protocol.frame import Frame, Layout
+from ravenjax.trainer.robot_link.joints.decoder import Decoder
+from ravenjax.trainer.robot_link.joints.record import RECORD, JointReport, Reporter, encode_text
+from ravenjax.trainer.robot_link.joints.stream import BUFFER_BYTES, LONGEST_LINE, MOST_CLIENTS, JointServer
 
 BOTH = ("gold", "green")
 GREETING = {"robot": "ravenjax"}

@@ -16,15 +16,15 @@ from itp_client import datagram
 
 from ravenjax.errors import UserError
 from ravenjax.trainer import scenario
+from ravenjax.trainer.protocol.frame import Frame, Layout
+from ravenjax.trainer.protocol.messages import STALE_MS
 from ravenjax.trainer.robot_link import process as robot_process
 from ravenjax.trainer.robot_link import remote
 from ravenjax.trainer.robot_link.distant import DistantRobot
-from ravenjax.trainer.robot_link.joint_record import Reporter
-from ravenjax.trainer.robot_link.joint_stream import JointServer
+from ravenjax.trainer.robot_link.joints.record import Reporter
+from ravenjax.trainer.robot_link.joints.stream import JointServer
 from ravenjax.trainer.robot_link.remote import RemoteRobot
-from ravenjax.trainer.session.frame import Frame, Layout
-from ravenjax.trainer.session.messages import STALE_MS
-from ravenjax.trainer.session.session import Session
+from ravenjax.trainer.session.advance import Session
 
 GOLD = ("gold",)
 

@@ -13,16 +13,16 @@ from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.geometry import kinematics, mapping
 from ravenjax.trainer import scenario
+from ravenjax.trainer.protocol.frame import Frame, Layout
 from ravenjax.trainer.realtime.clock import Timing
 from ravenjax.trainer.robot_link import process
 from ravenjax.trainer.robot_link.itp import ItpServer
-from ravenjax.trainer.robot_link.joint_decoder import Decoder
-from ravenjax.trainer.robot_link.joint_record import JointReport
-from ravenjax.trainer.robot_link.joint_stream import JointServer
+from ravenjax.trainer.robot_link.joints.decoder import Decoder
+from ravenjax.trainer.robot_link.joints.record import JointReport
+from ravenjax.trainer.robot_link.joints.stream import JointServer
 from ravenjax.trainer.robot_link.packet_filter import CAUSES, TAKEN
 from ravenjax.trainer.robot_link.process import Counters, Strike
 from ravenjax.trainer.robot_link.station import Station
-from ravenjax.trainer.session.frame import Frame, Layout
 from ravenjax.trainer.session.simulation import PacketRobot
 
 BOTH = ("gold", "green")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_frames import made
 
-from ravenjax import resources
+from ravenjax.bundled import resources
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import loading
 from ravenjax.errors import UserError

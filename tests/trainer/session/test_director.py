@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from made_frames import made, running
 
+from ravenjax.trainer.protocol.frame import PHASES, VIEWS
 from ravenjax.trainer.session.director import CLEARED_MS, GAP_MS, SETTLED_MS, Director, Order
-from ravenjax.trainer.session.frame import PHASES, VIEWS
 
 FAULT = [{"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 100}]
 

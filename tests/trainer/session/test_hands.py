@@ -12,9 +12,9 @@ from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.console import operator
 from ravenjax.robots.raven2.geometry import mapping, scene
 from ravenjax.robots.raven2.setup import Setup
+from ravenjax.trainer.protocol.messages import STALE_MS
 from ravenjax.trainer.scenario import Speeds
 from ravenjax.trainer.session.hands import FARTHEST_UM, SMOOTHING_MS, Hands
-from ravenjax.trainer.session.messages import STALE_MS
 
 ARMS = ("gold", "green")
 SETUP = Setup(arms=ARMS, tools=("r_grasper", "r_grasper"))

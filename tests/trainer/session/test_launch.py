@@ -10,10 +10,9 @@ import pytest
 import ros2_log
 
 from ravenjax.errors import UserError
-from ravenjax.trainer import scenario
+from ravenjax.trainer import launch, scenario
+from ravenjax.trainer.launch import Options
 from ravenjax.trainer.recording import reader
-from ravenjax.trainer.session import launch
-from ravenjax.trainer.session.launch import Options
 
 CHOSEN = scenario.from_dict(
     {

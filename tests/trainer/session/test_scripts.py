@@ -11,11 +11,11 @@ from made_frames import TIPS, made, put, running
 
 from ravenjax.errors import UserError
 from ravenjax.trainer import scenario, tasks
+from ravenjax.trainer.protocol.frame import PHASES
 from ravenjax.trainer.session import scripts
-from ravenjax.trainer.session.frame import PHASES
+from ravenjax.trainer.session.advance import Session
 from ravenjax.trainer.session.hands import Hands
 from ravenjax.trainer.session.scripts import INPUT_EVERY_MS, Follower, Recorded, Recording
-from ravenjax.trainer.session.session import Session
 
 
 def follower(**keys):

@@ -5,7 +5,7 @@ import pytest
 
 from ravenjax.trainer import scenario
 from ravenjax.trainer.session import scripts
-from ravenjax.trainer.session.session import Session
+from ravenjax.trainer.session.advance import Session
 from ravenjax.trainer.session.simulation import Robot
 
 CHOSEN = scenario.from_dict(

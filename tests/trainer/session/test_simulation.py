@@ -14,8 +14,8 @@ from ravenjax.robots.raven2.console.motion import columns
 from ravenjax.robots.raven2.console.operator import lookup, packet
 from ravenjax.robots.raven2.loop import tick
 from ravenjax.trainer.judge import Judge
+from ravenjax.trainer.protocol.frame import Frame
 from ravenjax.trainer.session import blueprint
-from ravenjax.trainer.session.frame import Frame
 from ravenjax.trainer.session.simulation import PacketRobot, Robot
 
 TICKS, START = 900, 600

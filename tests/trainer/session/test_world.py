@@ -7,8 +7,8 @@ import pytest
 
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.geometry import mapping, scene
-from ravenjax.trainer.session import world
-from ravenjax.trainer.session.messages import VIEW
+from ravenjax.trainer.protocol import world
+from ravenjax.trainer.protocol.messages import VIEW
 
 
 @pytest.mark.parametrize("arm", ["gold", "green"])

@@ -13,7 +13,7 @@ from made_frames import TIPS, kinds, made, put, running
 import ravenjax
 from ravenjax.robots.raven2.geometry import kinematics, limits
 from ravenjax.trainer import tasks
-from ravenjax.trainer.session.world import from_world, surface, to_world
+from ravenjax.trainer.protocol.world import from_world, surface, to_world
 
 BOTH = ("gold", "green")
 OPEN, CLOSED = (0.785, 0.785), (0.3, 0.3)

@@ -9,7 +9,7 @@ import numpy as np
 from ravenjax.robots.raven2.geometry import scene
 from ravenjax.robots.raven2.geometry.links import jaw_rotation
 from ravenjax.robots.raven2.setup import Setup
-from ravenjax.store.logs.trace_log import Base
+from ravenjax.store.logs.trace.log import Base
 
 
 def series(setup: Setup, signals: Any, golden: np.ndarray | None = None) -> dict[str, np.ndarray]:

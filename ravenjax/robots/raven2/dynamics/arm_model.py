@@ -9,7 +9,7 @@ import functools
 
 import mujoco
 
-from ravenjax import resources
+from ravenjax.bundled import resources
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, ArmName
 
 MODEL = "raven2/raven2.xml"

@@ -6,6 +6,9 @@ are NumPy arrays. Numbers are real and finite (NaN comes out, never goes in), ro
 anything else, a wrong shape or an unknown name raises UserError, a ValueError.
 """
 
+# Callers may pass anything, and JAX is typed in part.
+# pyright: reportUnnecessaryIsInstance=false, reportUnknownMemberType=false
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -96,13 +99,23 @@ def _row_function(name: str, arm: str, tool: str) -> Callable[..., tuple[Any, ..
         found = kinematics.inverse(arm, pose, grasp, _vec(jpos_ref))
         return jnp.stack(found.jpos), found.status
 
-    return {
+    def motor(jpos: Any) -> tuple[Any, ...]:
+        return (jnp.stack(transmission.motor_from_joint(arm, tool, _vec(jpos))),)
+
+    def joint(mpos: Any) -> tuple[Any, ...]:
+        return (jnp.stack(transmission.joint_from_motor(arm, tool, _vec(mpos))),)
+
+    def torque(jpos: Any) -> tuple[Any, ...]:
+        return (jnp.stack(gravity.gravity_torque(arm, _vec(jpos))),)
+
+    functions: dict[str, Callable[..., tuple[Any, ...]]] = {
         "forward": forward,
         "inverse": inverse,
-        "motor": lambda jpos: (jnp.stack(transmission.motor_from_joint(arm, tool, _vec(jpos))),),
-        "joint": lambda mpos: (jnp.stack(transmission.joint_from_motor(arm, tool, _vec(mpos))),),
-        "gravity": lambda jpos: (jnp.stack(gravity.gravity_torque(arm, _vec(jpos))),),
-    }[name]
+        "motor": motor,
+        "joint": joint,
+        "gravity": torque,
+    }
+    return functions[name]
 
 
 @cache

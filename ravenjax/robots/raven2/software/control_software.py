@@ -9,6 +9,10 @@ arithmetic (float32 stored, float64 in between), in the original's order (`origi
 a time (`ravenjax.engines.cpu.python`): every number equals the original's.
 """
 
+# Callers may pass anything, and JAX is typed in part.
+# pyright: reportUnnecessaryIsInstance=false, reportUnknownMemberType=false, reportUnknownArgumentType=false
+# pyright: reportUnknownVariableType=false
+
 from __future__ import annotations
 
 import dataclasses
@@ -85,7 +89,7 @@ class ControlSoftware:
         if runlevel is not None:
             runlevel = given_inputs.whole("runlevel", runlevel, 0, 3)
         if not isinstance(precision, Precision):
-            raise UserError(f"precision is {shown(precision)}, expected a ravenjax.numbers.setup.Precision")
+            raise UserError(f"precision is {shown(precision)}, expected a ravenjax.Precision")
         names = given_inputs.arm_names(arms)
         own = tuple(DEFAULT_TOOLS[software][arm] for arm in names)
         chosen_tools = own if tools is None else given_inputs.tool_names(tools, names)
@@ -152,7 +156,7 @@ class ControlSoftware:
         self._now = receive([*self._fixed, *self._now, *self._packets_kind.represent(packet)])
 
     def _packets(self, given: Any) -> list[Packet]:
-        many = list(given) if isinstance(given, (list, tuple)) else [given]
+        many: list[Any] = list(given) if isinstance(given, (list, tuple)) else [given]
         return [self._packet(one) for one in many] or [self._packet(None)]
 
     def _packet(self, given: bytes | Packet | None) -> Packet:
@@ -172,7 +176,9 @@ class _Kind:
     """The shape of a record of NumPy numbers: its tree and number types."""
 
     def __init__(self, example: Any) -> None:
-        leaves, self.tree = jax.tree.flatten(example)
+        leaves: list[Any]
+        leaves, tree = jax.tree.flatten(example)
+        self.tree: Any = tree
         self.types = tuple(np.dtype(leaf.dtype) for leaf in leaves)
 
     def __eq__(self, other: object) -> bool:

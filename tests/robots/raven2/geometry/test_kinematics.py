@@ -151,11 +151,17 @@ def batch(one, arm):
     return jax.jit(jax.vmap(functools.partial(one, arm)))
 
 
+ROWS = 128  # of a compiled call: one compile serves any number of robots
+
+
 def compiled(one, arm, *rows, dtype=np.float64):
     """`one` of arrays, each row one robot, as NumPy arrays of float64."""
+    rows = [np.asarray(row, dtype) for row in rows]
+    count = len(rows[0])
+    filled = [np.concatenate([row, np.repeat(row[-1:], -count % ROWS, axis=0)]) for row in rows]
     with jax.enable_x64(dtype == np.float64):
-        out = batch(one, arm)(*(np.asarray(row, dtype) for row in rows))
-        return jax.tree.map(lambda x: np.asarray(x, np.float64), out)
+        parts = [batch(one, arm)(*(row[i : i + ROWS] for row in filled)) for i in range(0, count, ROWS)]
+        return jax.tree.map(lambda *part: np.concatenate(part).astype(np.float64)[:count], *parts)
 
 
 def forward(arm, jpos, dtype=np.float64):

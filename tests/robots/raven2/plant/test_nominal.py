@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import quickly
 from scipy.integrate import solve_ivp
 
 from ravenjax.numbers.setup import CAMPAIGN, REFERENCE
@@ -51,7 +52,7 @@ def by_targets(setup: Setup, targets: np.ndarray, params=None) -> np.ndarray:
 
     start = nominal.init(setup, "gold", params, HOME_JPOS)
     rows = jnp.asarray(targets, setup.precision.real)
-    return np.asarray(jax.jit(lambda s, u: jax.lax.scan(tick, s, u))(start, rows)[1])
+    return np.asarray(quickly.jit(lambda s, u: jax.lax.scan(tick, s, u))(start, rows)[1])
 
 
 def test_the_equation_of_motion_is_the_stated_one() -> None:
@@ -130,7 +131,7 @@ def closed_loop_robot(targets: np.ndarray) -> np.ndarray:
 
     start = robot.init(SETUP, "gold", params, HOME_JPOS)
     zero = Vec(jnp.float64(0.0) for _ in range(7))
-    run = jax.jit(lambda c, u: jax.lax.scan(tick, c, u))
+    run = quickly.jit(lambda c, u: jax.lax.scan(tick, c, u))
     return np.asarray(run((start, measure(start)[0], zero), jnp.asarray(targets))[1])
 
 
@@ -165,7 +166,7 @@ def run(setup: Setup, commands: list[nominal_target.Clean], start=HOME_JPOS, mea
 @functools.cache
 def compiled_step(setup: Setup):
     """A step of the model, compiled once for all tests of a setup."""
-    return jax.jit(lambda params, state, command, at: nominal.step(setup, "gold", params, state, command, at))
+    return quickly.jit(lambda params, state, command, at: nominal.step(setup, "gold", params, state, command, at))
 
 
 def test_it_follows_increments_to_where_they_lead() -> None:

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import quickly
 from scipy.integrate import solve_ivp
 
 from ravenjax.numbers.setup import CAMPAIGN, REFERENCE
@@ -33,7 +34,7 @@ def setup(arm: str = "gold", precision=REFERENCE, **other) -> Setup:
 
 @cache
 def stepper(setup_: Setup):
-    """A jitted scan over DAC rows; parameters and initial state are traced, so one compile serves all tests."""
+    """A compiled scan over DAC rows; parameters and initial state are traced, so one compile serves all tests."""
     arm = setup_.arms[0]
 
     def tick(carry, row):
@@ -42,7 +43,7 @@ def stepper(setup_: Setup):
         state, out = robot.step(setup_, arm, params, state, robot.Signal(command, brakes, *scales))
         return (params, state, brakes, scales), out
 
-    @jax.jit
+    @quickly.jit
     def run(params, state, brakes, scales, commands):
         (_, state, *_), out = jax.lax.scan(tick, (params, state, brakes, scales), commands)
         return state, out

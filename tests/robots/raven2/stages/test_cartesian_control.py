@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from printed_python import printed
 
 from ravenjax.numbers.setup import ORIGINAL
 from ravenjax.numbers.vec import Vec, replace
@@ -30,8 +32,13 @@ def joints(*values):
     return Vec(map(np.float32, values))
 
 
+@functools.cache
+def solver(setup):
+    return printed(functools.partial(control.solve, setup))
+
+
 def solve(setup, state, jpos, active=True):
-    return control.solve(setup, control.params(setup), state, jnp.int32(0), jnp.bool_(active), jpos)
+    return solver(setup)(control.params(setup), state, jnp.int32(0), jnp.bool_(active), jpos)
 
 
 @pytest.mark.parametrize(("arm", "y"), [("gold", -25265), ("green", 25265)])

@@ -1,0 +1,1 @@
+"""Files that come with the package: campaigns and models; where a wheel holds them."""

@@ -1,0 +1,45 @@
+"""Finds bundled data: an explicit path, then the working directory, then what was installed with the package."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+_BUNDLED = Path(__file__).resolve().parent
+_CHECKOUT = _BUNDLED.parents[1]
+
+
+def find(kind: str, name: str | Path) -> Path:
+    """Path of data file `name` of folder `kind` ("campaigns" or "models").
+
+    Looked for as given, in ./<kind>, beside the package (a checkout) and inside it (a wheel), in this order.
+    Raises FileNotFoundError that lists each place tried.
+    """
+    places = [
+        Path(name),
+        Path.cwd() / kind / name,
+        _CHECKOUT / kind / name,
+        _BUNDLED / kind / name,
+    ]
+    for place in places:
+        if place.is_file():
+            return place.resolve()
+    tried = "\n".join(f"  {place}" for place in places)
+    raise FileNotFoundError(f"{name}: no such file in {kind}. Looked at:\n{tried}")
+
+
+def model(name: str | Path) -> Path:
+    """Path of a file of models/."""
+    return find("models", name)
+
+
+def campaign(name: str | Path) -> Path:
+    """Path of a file of campaigns/."""
+    return find("campaigns", name)
+
+
+def bundled(kind: str, pattern: str) -> list[Path]:
+    """Every file of the bundled folder `kind` that matches the glob `pattern`, sorted by name."""
+    for folder in (_CHECKOUT / kind, _BUNDLED / kind):
+        if folder.is_dir():
+            return sorted(folder.glob(pattern))
+    return []

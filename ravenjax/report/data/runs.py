@@ -1,0 +1,179 @@
+"""Every run of a result table and what the report says about it, asked by SQL: counts of all, rows of a few.
+
+Whatever a section counts is counted over all rows. What needs the rows themselves takes at most a given number of them,
+drawn by a hash of the row's number, so that the same table always gives the same rows; the page says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from ravenjax.report.data import facts as run_facts
+from ravenjax.report.data import fault_free as fault_free_motions
+from ravenjax.report.data.counted import NONE, Delays
+from ravenjax.report.data.facts import FACTS
+from ravenjax.report.data.fault_free import Motions
+from ravenjax.store.access import fault_free, query
+from ravenjax.store.access.fault_free import NO_COMPANIONS, Companions
+from ravenjax.store.access.query import RESULTS, Table, quoted
+from ravenjax.store.manifest import Manifest
+
+UNINTENDED = "sample AND faulty AND unintended"
+"""Condition of the runs whose times are told: one run of each fault that made an unintended motion."""
+BATCH = 200_000
+"""Rows of a table that are looked at together, where SQL does not say what is asked."""
+
+
+class Faults(NamedTuple):
+    """Distinct faults of one class, by the first valid run of each in which nobody reacts."""
+
+    name: str
+    runs: int  # of these faults: repeats, runs with a reaction and failed ones among them
+    faults: int
+    evaded: int
+    unintended: int  # unintended motion, whatever the checks did
+    loss: int  # loss of motion, whatever the checks did
+    told: int  # a check told a person or stopped the robot
+
+
+class Runs:
+    """The runs of one campaign. Tables: `results`, as in the parts, and `facts`, as `facts.define`; both have `row`."""
+
+    def __init__(self, table: Table, manifest: Manifest, beside: Companions = NO_COMPANIONS) -> None:
+        """table: has `results` with a column `row`; beside: further fault-free motion."""
+        self.table, self.types = table, table.types()
+        self.robot = manifest.robot
+        self._length_ms, self._beside = manifest.duration_ms, beside
+        self.names = list(self.types)
+        run_facts.define(table, run_facts.choices(manifest), _more(manifest))
+        self.facts = list(table.types(FACTS))
+        self.rows = self.count("true")
+        self._motions: Motions | None = None
+        self._cube: pd.DataFrame | None = None
+
+    @staticmethod
+    def open(folder: Path, manifest: Manifest) -> Runs:
+        """Those of a result folder. Raises StoreError as `query.open_folder`."""
+        table = query.open_folder(folder)
+        try:
+            return Runs(table, manifest, fault_free.find(folder, manifest))
+        except BaseException:
+            table.close()
+            raise
+
+    @staticmethod
+    def of(frame: pd.DataFrame, manifest: Manifest) -> Runs:
+        """Those of a result table in memory; a row's number is its place."""
+        table = query.empty()
+        run_facts.take(table, frame)
+        return Runs(table, manifest)
+
+    def close(self) -> None:
+        """Give back memory and disk."""
+        self.table.close()
+
+    def count(self, condition: str, table: str = FACTS) -> int:
+        """How many rows fulfil a condition."""
+        return self.counts([condition], table)[0]
+
+    def counts(self, conditions: list[str], table: str = FACTS, where: str = "true") -> list[int]:
+        """How many rows fulfil each condition, in one pass."""
+        asked = ", ".join(f"count(*) FILTER ({condition})" for condition in conditions)
+        return list(self.table.row(f"SELECT {asked} FROM {table} WHERE {where}")) if conditions else []
+
+    def cube(self) -> pd.DataFrame:
+        """Counts (`runs`) by group, response, hazard, outcome, cued, faulty, failed, evaded, plain and sample."""
+        if self._cube is None:
+            words = ("group", "response", "hazard", "outcome")
+            names = ", ".join(map(quoted, (*words, "cued", "faulty", "failed", "evaded", "plain", "sample")))
+            found = self.table.frame(f"SELECT {names}, count(*) AS runs FROM {FACTS} GROUP BY ALL")
+            self._cube = found.astype(dict.fromkeys(words, "str"))
+        return self._cube
+
+    def groups(self) -> list[str]:
+        """Names of the campaign's groups that have runs."""
+        return sorted(self.cube()["group"].unique().tolist())
+
+    def faults(self, by: str | None = None) -> list[Faults]:
+        """Distinct faults, of all together or by each value of a column."""
+        name = quoted(by) if by else "''"
+        counts = ", ".join(
+            f"count(*) FILTER (sample{also})" for also in ("", *(f" AND {n}" for n in Faults._fields[3:]))
+        )
+        rows = self.table.rows(f"SELECT {name} AS name, count(*), {counts} FROM {FACTS} WHERE faulty GROUP BY name")
+        if by is None and not rows:
+            return [Faults("", 0, 0, 0, 0, 0, 0)]
+        return sorted(Faults(str(name), *numbers) for name, *numbers in rows)
+
+    def delays(self, event: str, start: str, end: str, where: str, by: str | None = None) -> dict[str, Delays]:
+        """How long after `start` an event came, or how long until `end` it did not: expressions of columns of `facts`,
+        in ms, the event -1 where it never came. Of all runs together under "", or by each value of a column."""
+        name = quoted(by) if by else "''"
+        found = self.table.frame(
+            f"SELECT {name} AS name, CASE WHEN ({event}) >= 0 THEN ({event}) ELSE {end} END - {start} AS time, "
+            f"({event}) >= 0 AS came, count(*) AS count FROM {FACTS} WHERE {where} GROUP BY ALL ORDER BY time, came"
+        )
+        made = {
+            str(key): Delays(*(part[column].to_numpy() for column in ("time", "came", "count")))
+            for key, part in found.groupby("name", observed=True)
+        }
+        return made if by or made else {"": NONE}
+
+    def those(self, where: str) -> str:
+        """The rows of `results` whose facts fulfil a condition, to select from."""
+        return f"{RESULTS} SEMI JOIN (SELECT row FROM {FACTS} WHERE {where}) USING (row)"
+
+    def motions(self) -> Motions:
+        """The different fault-free motions: golden runs of runs that are plain, and those beside the result."""
+        if self._motions is None:
+            source = self.those("plain") if self.count("NOT plain") else RESULTS
+            self._motions = fault_free_motions.make(self.table, self.names, source, self._length_ms, self._beside)
+        return self._motions
+
+    def numbered(self, rows: list[int]) -> list[dict[str, Any]]:
+        """These rows, in their order: every column of `results`, and those of `facts` that have other names."""
+        if not rows:
+            return []
+        listed = ", ".join(map(str, rows))
+        own = [name for name in self.facts if name not in self.names]
+        raw = self.table.frame(f"SELECT * FROM {RESULTS} WHERE row IN ({listed})").set_index("row")
+        told = self.table.frame(f"SELECT row, {', '.join(map(quoted, own))} FROM {FACTS} WHERE row IN ({listed})")
+        return raw.join(told.set_index("row")).loc[rows].to_dict("records")  # pyright: ignore[reportReturnType]
+
+    def batches(self, names: list[str]) -> Iterator[pd.DataFrame]:
+        """Columns of `results` for all rows, in any order, some rows at a time; words are categories."""
+        listed = ", ".join(map(quoted, names))
+        for batch in self.table.batches(f"SELECT {listed} FROM {RESULTS}", BATCH):
+            yield batch.to_pandas(strings_to_categorical=True)
+
+    def drawn(self, columns: str, where: str, most: int, by: str = "row", of: str = "") -> pd.DataFrame:
+        """Rows of `results` and `facts` joined, in order: all that fulfil a condition, or about `most` of them.
+
+        by: rows that are equal in it come together or not at all. of: a query that stands for `facts`.
+        """
+        (n,) = self.counts([where])
+        some = "true" if n <= most else f"hash({quoted(by)} + 1) % {2**32} < {int(2**32 * most / n)}"
+        return self.table.frame(
+            f"SELECT {columns} FROM {RESULTS} JOIN ({of or f'SELECT * FROM {FACTS} WHERE {where}'}) AS {FACTS} "
+            f"USING (row) WHERE {some} ORDER BY row"
+        )
+
+
+def after_onset(event: str) -> str:
+    """A time of facts, -1 where it lies before the fault's first effect: it tells of something else then."""
+    return f"CASE WHEN {event} >= active_ms THEN {event} ELSE -1 END"
+
+
+def _more(manifest: Manifest) -> dict[str, str]:
+    """Further columns of facts: warned<k>_ms of each haptic set, alarm<d>_<k>_ms of each level of each detector."""
+    warned = {f"warned{k}_ms": run_facts.warned_sql(k) for k in range(len(manifest.cues))}
+    levels = {
+        f"alarm{d}_{k}_ms": f"detector{d}_level{k}_first_ms"
+        for d, detector in enumerate(manifest.detectors)
+        for k in range(len(detector.levels))
+    }
+    return warned | levels

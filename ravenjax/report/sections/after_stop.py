@@ -1,0 +1,78 @@
+"""What happens after a stop: how long a check took, how far the tip still went, and whether the cue came before."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ravenjax.report.data import facts as run_facts
+from ravenjax.report.data.facts import FACTS
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections import tables
+from ravenjax.stats.intervals import Rate
+from ravenjax.store.access.query import RESULTS
+
+CHOSEN = "sample AND faulty AND response = 'stopped'"
+QUANTILES = (0.5, 0.95, 1.0)
+ALL = "every stop"
+
+
+class StopQuantiles(NamedTuple):
+    """Of some runs, in one unit."""
+
+    median: float
+    most: float  # 95 % of the runs have at most so much
+    largest: float
+
+
+class StopRow(NamedTuple):
+    """Stops by one check; a fault that was run several times counts once."""
+
+    cause: str
+    n: int
+    took_ms: StopQuantiles  # from the fault's first effect to the stop
+    before: Rate  # those whose motion was beyond the limit before the stop
+    after: Rate  # those in which it was beyond the limit only after the stop
+    off_mm: StopQuantiles  # farthest that the tip was off its course while the robot was not live
+    cue_before: Rate
+    cue_after: Rate  # in the millisecond of the stop or after it
+    no_cue: Rate
+
+
+def rows(runs: Runs, limit_mm: float) -> list[StopRow]:
+    """Every stop together, then by the check that stopped, the most frequent first; none without a stop."""
+    stops = _of(runs, "''", limit_mm)
+    if not stops:
+        return []
+    causes = sorted(_of(runs, "response_cause::VARCHAR", limit_mm), key=lambda row: (-row.n, row.cause))
+    if len(causes) == 1:
+        return [causes[0]._replace(cause=f"{ALL}: {causes[0].cause}")]
+    return [stops[0]._replace(cause=ALL), *causes]
+
+
+def _of(runs: Runs, by: str, limit_mm: float) -> list[StopRow]:
+    listed = ", ".join(map(str, QUANTILES))
+    moved = "unintended_ms >= 0 AND unintended_ms <= stop_ms"
+    off = run_facts.beyond_sql("unintended_off_mm", limit_mm, runs.types)
+    counts = runs.table.rows(
+        f"SELECT {by} AS cause, count(*), quantile_cont(stop_ms - active_ms, [{listed}]), "
+        f"count(*) FILTER ({moved}), count(*) FILTER (NOT ({moved}) AND {off}), "
+        f"quantile_cont(unintended_off_mm::DOUBLE, [{listed}]), "
+        "count(*) FILTER (warned_ms >= 0 AND warned_ms < stop_ms), count(*) FILTER (warned_ms >= stop_ms) "
+        f"FROM (SELECT row, response_cause, unintended_off_mm FROM {RESULTS}) JOIN "
+        f"(SELECT row, response_ms AS stop_ms, active_ms, unintended_ms, warned_ms FROM {FACTS} WHERE {CHOSEN}) "
+        "USING (row) GROUP BY cause"
+    )
+    return [
+        StopRow(
+            cause or "not recorded",
+            n,
+            StopQuantiles(*took),
+            tables.rate_of(before, n),
+            tables.rate_of(after, n),
+            StopQuantiles(*off_mm),
+            tables.rate_of(cue_before, n),
+            tables.rate_of(cue_after, n),
+            tables.rate_of(n - cue_before - cue_after, n),
+        )
+        for cause, n, took, before, after, off_mm, cue_before, cue_after in counts
+    ]

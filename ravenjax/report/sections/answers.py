@@ -1,0 +1,137 @@
+"""The first page: which faults evade, how long before anyone can know, what the cue would change."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from ravenjax.document import ticks
+from ravenjax.report.data import counted
+from ravenjax.report.data.counted import NONE, Delays
+from ravenjax.report.data.runs import UNINTENDED, Faults, Runs, after_onset
+from ravenjax.report.sections import tables
+from ravenjax.report.sections.reaction.pairs import Difference
+from ravenjax.stats.alarms.false_alarms import AlarmRate
+from ravenjax.stats.intervals import Estimate, Rate
+from ravenjax.stats.latency import Incidence, Lead
+from ravenjax.store.manifest import Cue, Manifest
+
+CLASSES = {"layer": "Layer", "site": "Site", "group": "Group"}
+MOST_CLASSES = 12
+"""Rows of the compact table; the rest stand in the evidence."""
+
+
+class ClassRow(NamedTuple):
+    """One class of faults, of runs in which nobody reacts; a fault that was run several times counts once."""
+
+    name: str
+    evaded: Rate  # of distinct faults
+    unintended: Rate  # of distinct faults, whatever the checks did
+    loss: Rate  # of distinct faults, whatever the checks did
+    before: Rate  # of faults with an unintended motion, those that could be known before it
+    half_ms: Estimate  # time from the first effect by which half of those could be known
+
+
+def scale(rows: Sequence[ClassRow]) -> float:
+    """The share at which the drawn intervals of these rows end: a round one, at most 1."""
+    return min(1.0, ticks.above(max([0.05, *(row.evaded.high for row in rows if row.evaded.n)])))
+
+
+class Knowledge(NamedTuple):
+    """Time from the first effect to the first possible knowledge, over faults with an unintended motion."""
+
+    delay: Incidence
+    half_ms: Estimate
+    quarter_ms: Estimate
+    lead: Lead
+    never: Rate  # not known when the run ended
+    by_detectors: bool  # the campaign has detectors, which count at their quiet level
+
+
+class Announced(NamedTuple):
+    """Of evading faults, what a cue announces before the motion exceeds the limit."""
+
+    cue: Cue
+    lead: Lead
+    lead_ms: Estimate  # median
+    false: Rate  # of fault-free motions, those with this cue
+    per_hour: AlarmRate | None  # false ones an hour
+
+
+class Changed(NamedTuple):
+    """What the cue would change: pairs where the campaign has them, else what it announces."""
+
+    pairs: list[Difference]  # all faults, one for each reaction
+    announced: Announced | None  # by the cue of the verdicts; None: no cue, or nothing evaded
+    better: Announced | None  # the cue that announces most without a false one, where it is another
+
+
+def knowledge(runs: Runs, known: str, manifest: Manifest) -> Knowledge:
+    """known: when anyone could first know, -1 if never; an expression of columns of facts (`detectors.known`)."""
+    delay, lags = (
+        runs.delays(known, start, str(manifest.duration_ms), UNINTENDED)[""] for start in ("active_ms", "unintended_ms")
+    )
+    found, lead = counted.incidence(delay), counted.lead(lags)
+    return Knowledge(
+        found,
+        found.quantile_interval(0.5),
+        found.quantile_interval(0.25),
+        lead,
+        tables.rate_of(lead.n - lead.alarmed, lead.n),
+        bool(manifest.detectors),
+    )
+
+
+def classes(runs: Runs, known: str, manifest: Manifest) -> dict[str, list[ClassRow]]:
+    """Rows by each of CLASSES, most evasive first; a kind of class that is the same for all faults is left out.
+
+    known: as of `knowledge`.
+    """
+    made = {}
+    for kind in CLASSES:
+        present = runs.faults(kind)
+        if len(present) > 1 or (kind == "group" and present):
+            delay, lags = (
+                runs.delays(known, start, str(manifest.duration_ms), UNINTENDED, kind)
+                for start in ("active_ms", "unintended_ms")
+            )
+            rows = [_class(one, delay.get(one.name, NONE), lags.get(one.name, NONE)) for one in present]
+            made[kind] = sorted(rows, key=_most_evasive)
+    return made
+
+
+def changed(runs: Runs, manifest: Manifest, differences: Sequence[Difference]) -> Changed:
+    """differences: of all reactions, none where the campaign has no pairs."""
+    chosen = "sample AND faulty AND evaded"
+    told = []
+    if runs.count(chosen) and runs.motions().count:
+        told = [_announced(runs, manifest, k, chosen) for k in range(len(manifest.cues))]
+    first = told[manifest.verdict_cue] if told else None
+    quiet = [one for one in told if not one.false.k]
+    best = max(quiet, key=lambda one: (one.lead.before.value, one.cue.threshold_mm), default=None)
+    better = best if best and first and best.lead.before.k > first.lead.before.k else None
+    return Changed([row for row in differences if row.among == "all faults"], first, better)
+
+
+def _announced(runs: Runs, manifest: Manifest, k: int, chosen: str) -> Announced:
+    free = runs.motions()
+    lead = counted.lead(
+        runs.delays(after_onset(f"warned{k}_ms"), "unintended_ms", str(manifest.duration_ms), chosen)[""]
+    )
+    false = tables.rate_of(free.came(f"twin_cue{k}_first_ms"), free.count)
+    return Announced(manifest.cues[k], lead, lead.quantile(0.5), false, free.cue_rate(k))
+
+
+def _most_evasive(row: ClassRow) -> tuple[Any, ...]:
+    return *tables.least_last(row.evaded), *tables.least_last(row.unintended), row.name
+
+
+def _class(faults: Faults, delay: Delays, lags: Delays) -> ClassRow:
+    return ClassRow(
+        faults.name,
+        tables.rate_of(faults.evaded, faults.faults),
+        tables.rate_of(faults.unintended, faults.faults),
+        tables.rate_of(faults.loss, faults.faults),
+        counted.lead(lags).before,
+        counted.incidence(delay).quantile_interval(0.5),
+    )

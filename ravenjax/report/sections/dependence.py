@@ -1,0 +1,90 @@
+"""Which conclusions depend on the robot: each rate of the report against each parameter that was varied."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.report.data.facts import FACTS
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections import tables
+from ravenjax.stats.inputs.association import Dependence, dependences
+from ravenjax.stats.intervals import Rate
+from ravenjax.store.access.query import quoted
+
+LEAST_RUNS = 20
+"""Of a conclusion; with fewer, thirds of a parameter hold too few for any statement."""
+MOST = 200_000
+"""Runs that are looked at one by one; a dependence that these do not show changes a rate by less than a point."""
+
+
+class Conclusion(NamedTuple):
+    """One rate and how it hangs on each varied parameter, the clearest first; Holm over the parameters."""
+
+    name: str
+    rate: Rate
+    drawn: int  # runs that the dependences are of
+    found: list[Dependence]
+
+
+def conclusions(runs: Runs) -> list[Conclusion]:
+    """The report's rates over one run of each fault, against every parameter that varies among them.
+
+    Rates are of all such runs; how they depend on a parameter is asked of MOST of them, drawn, where there are more.
+    """
+    chosen = "sample AND faulty"
+    asked = {
+        "evades the checks": ("true", "evaded"),
+        "makes an unintended motion": ("true", "unintended"),
+        "leads to a loss of motion": ("true", "loss"),
+        "is told of by a check": ("true", "told"),
+        "has the cue before the unintended motion": ("unintended", "warned_ms >= 0 AND warned_ms < unintended_ms"),
+    }
+    hits = ", ".join(
+        f"{among} AND {hit} AS hit{i}, {among} AS among{i}" for i, (among, hit) in enumerate(asked.values())
+    )
+    told = f"SELECT row, {hits} FROM {FACTS} WHERE {chosen}"
+    inputs = [quoted(name) for name in runs.names if name.startswith("param:")]
+    drawn = runs.drawn(", ".join([*inputs, f"{FACTS}.*"]), chosen, MOST, of=told) if inputs else pd.DataFrame()
+    names = varied(drawn)
+    if not names:
+        return []
+    counts = runs.counts([sql for among, hit in asked.values() for sql in (among, f"{among} AND {hit}")], where=chosen)
+    made = []
+    for i, name in enumerate(asked):
+        n, k = counts[2 * i : 2 * i + 2]
+        if n >= LEAST_RUNS:
+            mine = drawn.loc[drawn[f"among{i}"]]
+            given = {path.removeprefix("param:"): mine[path].to_numpy(float) for path in names}
+            found = dependences(mine[f"hit{i}"].to_numpy(bool), given)
+            made.append(Conclusion(name, tables.rate_of(k, n), len(mine), found))
+    return made
+
+
+def flat(made: list[Conclusion]) -> list[dict[str, Any]]:
+    """One row a conclusion and parameter, levels side by side."""
+    return [
+        {"conclusion": one.name, "parameter": item.name, "n": item.n, "p": item.p, "adjusted": item.adjusted}
+        | {"depends": item.depends, "difference": item.difference}
+        | {level.name.replace(" ", "_"): level for level in item.levels}
+        for one in made
+        for item in one.found
+    ]
+
+
+def varied(frame: pd.DataFrame) -> list[str]:
+    """Columns of parameters of robot and operation that vary in a table; the cue and the reaction to it are choices of
+    the campaign and no uncertainty of the robot."""
+    chosen = ("param:reaction.", "param:haptics.", "param:detectors.")
+    return [
+        name
+        for name in frame
+        if name.startswith("param:") and not name.startswith(chosen) and np.ptp(_known(frame[name].to_numpy(float))) > 0
+    ]
+
+
+def _known(values: np.ndarray) -> np.ndarray:
+    known = values[~np.isnan(values)]
+    return known if len(known) else np.zeros(1)

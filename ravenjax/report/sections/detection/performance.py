@@ -1,0 +1,225 @@
+"""Detectors: which share of unintended motions they recall, how early, and how many false alarms they give.
+
+The robot's own checks and the haptic cue of the verdicts stand beside the campaign's detectors as two that have a
+single level. Rates and times are of one run of each fault; curves are of every run, or of so many drawn, their bands
+resample faults.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ravenjax.report.data import counted
+from ravenjax.report.data import facts as run_facts
+from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset
+from ravenjax.stats.alarms.false_alarms import AlarmRate
+from ravenjax.stats.alarms.roc import CurveBand
+from ravenjax.stats.bootstrap.resample import Band
+from ravenjax.stats.intervals import Estimate, Rate, wilson
+from ravenjax.stats.latency import Incidence, Lead
+from ravenjax.store.manifest import Detector, Manifest
+
+CHECKS, CUE = "built-in checks", "haptic cue"
+GRID = np.unique(np.concatenate([np.linspace(0, 0.1, 41), np.linspace(0.1, 1, 91)]))
+"""Of curves: finer where alarms are few, which is where a detector would be used."""
+DRAWS = 1_000_000
+"""Runs drawn for the bands of one curve, all resamples together; between 100 and 400 resamples."""
+MOST_DRAWN = 20_000
+"""Runs that curves are made of; of more, about so many are drawn, and bands are too wide rather than too narrow."""
+SCORED = "plain AND faulty AND NOT failed"
+MOST_LEVELS = 12
+"""Levels of a detector in the table; of more, so many, evenly taken, and the quiet one."""
+
+
+class Level(NamedTuple):
+    """What one level of a detector does. level: in the unit of the score, NaN for a check or a cue."""
+
+    detector: str
+    level: float
+    caught: Rate  # of faults with an unintended motion, those with an alarm
+    harmless: Rate  # of faults without one, those with an alarm
+    precision: Rate  # of faults with an alarm, those with an unintended motion
+    false: AlarmRate | None  # on fault-free motion; None: not known
+    delay_ms: Estimate  # median over faults with an unintended motion, from the fault's first effect
+    before: Rate  # of faults with an unintended motion, those with an alarm before it
+    lead_ms: Estimate  # median over faults with an unintended motion; NaN: half of them never had an alarm
+    quiet: bool  # the lowest level without a false alarm on fault-free motion
+
+
+class Alarms(NamedTuple):
+    """When a detector first spoke at one level, in every run of the table; -1: never."""
+
+    name: str
+    level: float
+    column: str  # of facts
+    free: int | None  # fault-free motions in which it spoke; None: not known
+    false: AlarmRate | None  # first false alarms an hour of them; None: not known
+    quiet: bool
+
+
+class Row(NamedTuple):
+    """One detector."""
+
+    name: str
+    what: str  # kind and settings in words
+    levels: list[Level]
+    roc: CurveBand | None  # None for a check or a cue, and where runs do not differ in it or are all of one fault
+    recall: CurveBand | None
+    auc: Band | None
+    average_precision: Band | None
+
+
+class Curves(NamedTuple):
+    """How early one detector speaks at its quiet level (else its highest), over runs with an unintended motion."""
+
+    name: str
+    level: float
+    delay: Incidence  # from the fault's first effect
+    lead: Lead
+
+
+def alarms(runs: Runs, manifest: Manifest) -> list[Alarms]:
+    """Everything that can speak, level by level: the campaign's detectors, the checks, the cue of the verdicts."""
+    free = runs.motions()
+    found = [one for d, detector in enumerate(manifest.detectors) for one in _levels(runs, d, detector)]
+    found.append(Alarms(CHECKS, math.nan, "told_ms", None, None, False))
+    if manifest.cues:
+        told = free.came(f"twin_cue{manifest.verdict_cue}_first_ms")
+        name = f"{CUE}, {manifest.cues[manifest.verdict_cue].threshold_mm:g} mm"
+        rate = free.cue_rate(manifest.verdict_cue)
+        found.append(Alarms(name, math.nan, "warned_ms", told, rate, told == 0))
+    return found
+
+
+def _levels(runs: Runs, d: int, detector: Detector) -> Iterator[Alarms]:
+    free, score = runs.motions(), f"twin_detector{d}_score"
+    events = [run_facts.beyond_sql(score, level, runs.types) for level in detector.levels]
+    counts = [free.with_event(event) for event in events]
+    quiet = min((level for level, count in zip(detector.levels, counts, strict=True) if not count), default=None)
+    for k, (level, count, event) in enumerate(zip(detector.levels, counts, events, strict=True)):
+        rate = free.first_rate(event, f"detector{d}_level{k}_first_ms")
+        yield Alarms(detector.name, level, f"alarm{d}_{k}_ms", count, rate, level == quiet)
+
+
+def known(found: list[Alarms]) -> str:
+    """When anyone could first know of each run's fault, -1 if never, as an expression of columns of facts: the cue, a
+    check, or a detector at its lowest level without a false alarm; what spoke before the fault had any effect does not
+    know of it."""
+    able = [one for one in found if one.quiet or one.free is None or math.isnan(one.level)]
+    return run_facts.first_sql(*(f"({after_onset(one.column)})" for one in able))
+
+
+def rows(runs: Runs, manifest: Manifest, found: list[Alarms]) -> list[Row]:
+    """One row a detector, then the checks and the cue."""
+    names = list(dict.fromkeys(one.name for one in found))
+    shown = {name: _shown([one for one in found if one.name == name]) for name in names}
+    counts = _caught(runs, [one for own in shown.values() for one in own])
+    made = []
+    for number, name in enumerate(names):
+        levels = [_level(runs, manifest, one, counts[one.column]) for one in shown[name]]
+        scored = number < len(manifest.detectors)
+        roc, recall = _bands(runs, number) if scored else (None, None)
+        made.append(
+            Row(
+                name,
+                _what(manifest.detectors[number]) if scored else "",
+                levels,
+                roc,
+                recall,
+                roc.area if roc else None,
+                recall.area if recall else None,
+            )
+        )
+    return made
+
+
+def curve_runs(runs: Runs) -> tuple[int, int]:
+    """Runs that curves are made of, about, and runs that there are."""
+    n = runs.count(SCORED)
+    return min(n, MOST_DRAWN), n
+
+
+def curves(runs: Runs, manifest: Manifest, found: list[Alarms]) -> list[Curves]:
+    """How early each detector speaks, in the order of `found`."""
+    made = []
+    for name in dict.fromkeys(one.name for one in found):
+        own = [one for one in found if one.name == name]
+        one = next((level for level in own if level.quiet), own[-1])
+        made.append(Curves(name, one.level, *_times(runs, manifest, one)))
+    return made
+
+
+def _shown(own: list[Alarms]) -> list[Alarms]:
+    kept = np.unique(np.linspace(0, len(own) - 1, MOST_LEVELS).round()) if len(own) > MOST_LEVELS else range(len(own))
+    return [one for k, one in enumerate(own) if k in kept or one.quiet]
+
+
+def _what(detector: Detector) -> str:
+    words = [detector.kind.replace("_", " ")]
+    if detector.kind == "steps":
+        words.append(f"fused: {detector.fusion}")
+    if detector.consecutive > 1:
+        words.append(f"{detector.consecutive} ms in a row")
+    return ", ".join(words)
+
+
+class _Caught(NamedTuple):
+    """Distinct faults: those with an unintended motion and the others, and those of both with an alarm."""
+
+    unintended: int
+    others: int
+    hits: int
+    misses: int
+
+
+def _caught(runs: Runs, found: list[Alarms]) -> dict[str, _Caught]:
+    """By column."""
+    kinds = ("unintended", "NOT unintended")
+    asked = [f"{kind} AND {one.column} >= 0" for one in found for kind in kinds]
+    unintended, others, *counts = runs.counts([*kinds, *asked], where="sample AND faulty")
+    pairs = zip(counts[::2], counts[1::2], strict=True)
+    return {one.column: _Caught(unintended, others, *pair) for one, pair in zip(found, pairs, strict=True)}
+
+
+def _level(runs: Runs, manifest: Manifest, one: Alarms, counts: _Caught) -> Level:
+    delay, lead = _times(runs, manifest, one)
+    return Level(
+        one.name,
+        one.level,
+        wilson(counts.hits, counts.unintended),
+        wilson(counts.misses, counts.others),
+        wilson(counts.hits, counts.hits + counts.misses),
+        one.false,
+        delay.quantile_interval(0.5),
+        lead.before,
+        lead.quantile(0.5),
+        one.quiet,
+    )
+
+
+def _times(runs: Runs, manifest: Manifest, one: Alarms) -> tuple[Incidence, Lead]:
+    """Delay after the first effect, and lead over the unintended motion; an alarm before the first effect counts
+    as none, for it tells of something else."""
+    event, end = after_onset(one.column), str(manifest.duration_ms)
+    delay, lags = (runs.delays(event, start, end, UNINTENDED)[""] for start in ("active_ms", "unintended_ms"))
+    return counted.incidence(delay), counted.lead(lags)
+
+
+def _bands(runs: Runs, number: int) -> tuple[CurveBand, CurveBand] | tuple[None, None]:
+    """Of the runs drawn; none where they do not differ in it, or are all of one fault."""
+    from ravenjax.stats.alarms.roc import precision_recall_band, roc_band
+
+    score = f"detector{number}_score"
+    drawn = runs.drawn(f'{score} AS score, unintended, "distinct" AS cell', SCORED, MOST_DRAWN)
+    values, unintended, cell = (drawn[name].to_numpy() for name in ("score", "unintended", "cell"))
+    if min(len(np.unique(unintended)), len(np.unique(cell))) < 2:
+        return None, None
+    given: dict[str, Any] = {"resamples": int(np.clip(DRAWS // len(values), 100, 400))}
+    return (
+        roc_band(values, unintended, cell, grid=GRID, **given),
+        precision_recall_band(values, unintended, cell, grid=GRID[1:], **given),
+    )

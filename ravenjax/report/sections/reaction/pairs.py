@@ -1,0 +1,211 @@
+"""What the operator's reaction to the cue changes: the same fault under the same random numbers, with it and without.
+
+A pair is two runs that differ in the crossed parameters alone, of which one has an operator who does not react. Of a
+fault that was run several times the first pair counts, so that pairs are independent draws.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.report.data import facts as run_facts
+from ravenjax.report.data.facts import FACTS
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections import tables
+from ravenjax.stats.alarms.false_alarms import AlarmRate, alarm_rate
+from ravenjax.stats.bootstrap.resample import Band
+from ravenjax.stats.comparison.paired import mcnemar, mean_difference, rate_difference
+from ravenjax.stats.intervals import Estimate, Rate
+from ravenjax.store.access.query import RESULTS, quoted
+from ravenjax.vocabulary.reactions import ACTIONS, MEANINGS
+
+EXCURSION = "excursion_mm"
+"""How far the tip went by itself, mm: off the golden run, and from where standing would have left it; while live, also
+off the nominal model, for who slows down stays behind the golden run on purpose."""
+_EXCURSION = f"greatest({RESULTS}.unintended_mm, {RESULTS}.unintended_off_mm)"
+MOST_VALUES = 12
+"""Values of a crossed parameter that get rows of their own."""
+MOST = 400_000
+"""Runs that are looked at pair by pair; of more, pairs are drawn."""
+OF_FACTS = ("failed", "faulty", "action", "distinct", "unintended")
+RESAMPLES = 1000
+DRAWS = 20_000_000
+"""Pairs drawn for one band of a mean, all resamples together."""
+
+
+class Pairs(NamedTuple):
+    """Pairs of one kind of reaction; frames and facts of both sides row by row, without failed runs."""
+
+    with_facts: pd.DataFrame
+    without_facts: pd.DataFrame
+    with_frame: pd.DataFrame
+    without_frame: pd.DataFrame
+
+    def where(self, chosen: np.ndarray) -> Pairs:
+        """Those of `chosen` (bool [pairs])."""
+        return Pairs(*(part.loc[chosen] for part in self))
+
+
+class Difference(NamedTuple):
+    """Pairs compared. Differences are with the reaction minus without: negative is what it spares."""
+
+    action: str  # in words
+    among: str  # which pairs: all, a layer, a value of a crossed parameter
+    n: int
+    without: Rate  # unintended motion
+    with_: Rate
+    change: Estimate  # difference of these rates, fraction
+    spared: int  # pairs in which only the run without the reaction had one
+    caused: int  # only the run with it
+    p: float  # McNemar, exact
+    distance_mm: Estimate  # mean difference of EXCURSION; bounds NaN: one pair
+    depth_mm: Estimate  # the same of the tissue's depth
+    reacted: Rate  # pairs in which the operator acted
+    idle: Rate  # of those, without an unintended motion even where nobody reacts: interrupted for nothing
+
+
+class Idle(NamedTuple):
+    """Interruptions of fault-free motion."""
+
+    action: str
+    motions: Rate  # of fault-free motions, those in which the operator acted
+    per_hour: AlarmRate | None
+    lost_ms: float  # mean of pedal-down time lost in those, ms; NaN: none
+
+
+class Drawn(NamedTuple):
+    """Runs that are looked at pair by pair: all, or so many that every pair is there as a whole."""
+
+    frame: pd.DataFrame
+    facts: pd.DataFrame
+
+    @property
+    def crossed(self) -> bool:
+        """As `crossed`."""
+        return crossed(self.frame, self.facts)
+
+
+def drawn(runs: Runs) -> Drawn:
+    """The runs of about MOST of a table's rows, all that share a pair together."""
+    plain = ("pair", "operator", "reaction_ms", "pedal_down_ms", "tissue_depth_mm")
+    names = [name for name in runs.names if name in plain or name.startswith(("param:", "twin_"))]
+    raw = ", ".join([*(f"{RESULTS}.{quoted(name)}" for name in names), f"{_EXCURSION} AS {EXCURSION}"])
+    own = ", ".join(f'{FACTS}.{name} AS "fact {name}"' for name in OF_FACTS)
+    both = runs.drawn(f"{raw}, {own}, {FACTS}.layer::VARCHAR AS layer", "true", MOST, by="pair")
+    facts = pd.DataFrame({name: both[f"fact {name}"] for name in OF_FACTS} | {"layer": both["layer"]})
+    return Drawn(both.loc[:, [*names, EXCURSION]], facts)
+
+
+def crossed(frame: pd.DataFrame, facts: pd.DataFrame) -> bool:
+    """Whether there are pairs: runs in which nobody reacts beside runs in which somebody does."""
+    actions = facts["action"].unique().tolist()
+    return run_facts.ACTION in frame and len(actions) > 1 and 0 in actions
+
+
+def pairs(frame: pd.DataFrame, facts: pd.DataFrame, action: int, faulty: bool = True) -> Pairs:
+    """Every run with this action and its partner of the same pair in which nobody reacts; what else is crossed, but for
+    how somebody reacts, is the same for both."""
+    others = _crossed_names(frame)
+    same = ["pair", *(name for name in others if not name.startswith("param:reaction."))]
+    valid = ~facts["failed"] & (facts["faulty"] == faulty)
+    runs = frame.loc[valid, same].assign(row=frame.loc[valid].index, action=facts.loc[valid, "action"])
+    idle = runs.loc[runs["action"] == 0].drop_duplicates(same)
+    both = runs.loc[runs["action"] == action].merge(idle, on=same, suffixes=("", "_idle"))
+    alike = pd.DataFrame({name: frame.loc[both["row"], name].to_numpy() for name in others}, index=both.index)
+    first = ~alike.assign(distinct=facts.loc[both["row"], "distinct"].to_numpy()).duplicated()
+    mine, other = both.loc[first, "row"], both.loc[first, "row_idle"]
+    return Pairs(facts.loc[mine], facts.loc[other], frame.loc[mine], frame.loc[other])
+
+
+def differences(frame: pd.DataFrame, facts: pd.DataFrame) -> list[Difference]:
+    """For each action: all pairs, then by layer, then by each value of other crossed parameters."""
+    return [
+        _difference(action, among, part)
+        for number, action in _actions(facts)
+        for among, part in _parts(pairs(frame, facts, number))
+        if len(part.with_facts)
+    ]
+
+
+def interruptions(frame: pd.DataFrame, facts: pd.DataFrame) -> list[Idle]:
+    """For each action, what it does to fault-free motion: the twins of all runs that have it."""
+    made = []
+    for number, action in _actions(facts):
+        free = run_facts.twins(frame, facts["action"].to_numpy() == number)
+        acted = run_facts.first_came(free, "twin_reaction_ms")
+        hours = run_facts.hours(free)
+        mine = pairs(frame, facts, number, faulty=False)
+        lost = mine.without_frame["pedal_down_ms"].to_numpy() - mine.with_frame["pedal_down_ms"].to_numpy()
+        lost = lost[run_facts.first_came(mine.with_frame, "reaction_ms")]
+        made.append(
+            Idle(
+                MEANINGS[action],
+                tables.rate(acted),
+                alarm_rate(int(acted.sum()), hours) if hours else None,
+                float(lost.mean()) if len(lost) else math.nan,
+            )
+        )
+    return made
+
+
+def _actions(facts: pd.DataFrame) -> list[tuple[int, str]]:
+    present = facts["action"].unique().tolist()
+    return [(n, name) for n, name in enumerate(ACTIONS) if n and n in present]
+
+
+def _crossed_names(frame: pd.DataFrame) -> list[str]:
+    """Parameters that differ within pairs, but for the action: crossed with it."""
+    names = [name for name in frame if name.startswith("param:") and name != run_facts.ACTION]
+    pair = frame["pair"]
+    return [name for name in names if (frame[name].groupby(pair).nunique(dropna=False) > 1).to_numpy().any()]
+
+
+def _parts(mine: Pairs) -> Iterator[tuple[str, Pairs]]:
+    yield "all faults", mine
+    layers = mine.with_facts["layer"].to_numpy()
+    present = pd.unique(layers)
+    if len(present) > 1:
+        for layer in present:
+            yield str(layer), mine.where(layers == layer)
+    for name in _crossed_names(pd.concat([mine.with_frame, mine.without_frame])):
+        values = mine.with_frame[name].to_numpy(float)
+        different = np.unique(values[~np.isnan(values)])
+        if 1 < len(different) <= MOST_VALUES:
+            for value in different:
+                yield f"{name.removeprefix('param:')} = {value:g}", mine.where(values == value)
+
+
+def _difference(action: str, among: str, mine: Pairs) -> Difference:
+    """action: of ACTIONS."""
+    after, before = mine.with_facts["unintended"].to_numpy(), mine.without_facts["unintended"].to_numpy()
+    acted = run_facts.first_came(mine.with_frame, "reaction_ms")
+    test = mcnemar(after, before)
+    return Difference(
+        MEANINGS[action],
+        among,
+        len(after),
+        tables.rate(before),
+        tables.rate(after),
+        rate_difference(after, before),
+        test.second_only,
+        test.first_only,
+        test.p,
+        _mean(mine, EXCURSION),
+        _mean(mine, "tissue_depth_mm"),
+        tables.rate(acted),
+        tables.rate(~before[acted]),
+    )
+
+
+def _mean(mine: Pairs, column: str) -> Estimate:
+    first, second = (part[column].to_numpy(float) for part in (mine.with_frame, mine.without_frame))
+    if len(first) < 2:
+        return Estimate(float((first - second).mean()), math.nan, math.nan)
+    resamples = int(np.clip(DRAWS // len(first), 100, RESAMPLES))
+    band: Band = mean_difference(first, second, resamples=resamples, kind="percentile")
+    return Estimate(float(band.value), float(band.low), float(band.high))

@@ -1,0 +1,131 @@
+"""How bad the runs of each hazard were, of pools of hazards, and of pools weighted against each other.
+
+A hazard's runs are a design over values and times that somebody chose, so a rate says what share of *these* runs did
+it, not how often it happens; its interval holds for runs drawn in the same way. Hazards of a pool count alike.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.hazards import naming, severity
+from ravenjax.outcomes.verdict import LIMIT_MM
+from ravenjax.report.data.runs import Runs
+from ravenjax.stats.intervals import Rate, wilson
+from ravenjax.stats.strata import StratifiedRate, stratified
+
+Counts = Mapping[str, np.ndarray]
+"""Hazard id -> valid runs of each severity, int [6]."""
+
+
+@dataclass(frozen=True)
+class HazardRisk:
+    """How bad the runs of one hazard were."""
+
+    hazard: str  # its id
+    counts: tuple[int, ...]  # valid runs of severity 0 .. 5
+    mean: float  # probability times severity, summed; severities are ordinal, so it ranks and does not measure
+    injury: Rate  # injury-capable motion
+    silent: Rate  # the same without any alarm
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Hazards that belong together."""
+
+    name: str
+    meaning: str
+    hazards: tuple[str, ...]  # ids
+    weight: float = math.nan  # against other pools; NaN: none
+
+
+@dataclass(frozen=True)
+class PoolRisk:
+    """How bad the runs of a pool's hazards were."""
+
+    pool: Pool  # with those of its hazards that have runs
+    mean: float  # as of one hazard; NaN: no hazard has runs, and no rates
+    injury: StratifiedRate | None
+    silent: StratifiedRate | None
+
+
+def counts(frame: pd.DataFrame, cue: int | None = 0, limit_mm: float = LIMIT_MM) -> dict[str, np.ndarray]:
+    """Hazard id -> valid runs of each severity, int [6], of the groups whose names begin with hazards' ids.
+
+    A group that stands for several hazards counts for each. cue, limit_mm: as in `severity.severity`.
+    """
+    found: dict[str, np.ndarray] = {}
+    grades = severity.severity(frame, cue, limit_mm)
+    for group, part in grades.groupby(frame["group"].astype(str)):
+        number = np.bincount(part.dropna().to_numpy(int), minlength=len(severity.SCALE))
+        for name in naming.hazards_of(str(group)):
+            found[name] = found.get(name, 0) + number
+    return found
+
+
+def counted(runs: Runs, cue: int | None = 0, limit_mm: float = LIMIT_MM) -> dict[str, np.ndarray]:
+    """`counts` of every run of a table, a batch of rows at a time."""
+    alarms = [] if cue is None else [f"cue{cue}_first_ms", f"twin_cue{cue}_first_ms"]
+    needed = [*severity.COLUMNS, "group", *alarms]
+    slots = [name for name in runs.names if name.startswith("fault")]
+    found: dict[str, np.ndarray] = {}
+    for frame in runs.batches(list(dict.fromkeys([*needed, *slots]))):
+        for name, number in counts(frame, cue, limit_mm).items():
+            found[name] = found.get(name, 0) + number
+    return found
+
+
+def by_hazard(found: Counts) -> list[HazardRisk]:
+    """One row a hazard with runs, the worst first: by mean severity, then by id."""
+    rows = [
+        HazardRisk(
+            name,
+            tuple(int(n) for n in number),
+            _mean(number),
+            wilson(int(number[severity.INJURY :].sum()), int(number.sum())),
+            wilson(int(number[-1]), int(number.sum())),
+        )
+        for name, number in found.items()
+        if number.sum()
+    ]
+    return sorted(rows, key=lambda row: (-row.mean, row.hazard))
+
+
+def by_pool(found: Counts, pool: Pool) -> PoolRisk:
+    """The hazards of a pool, each counting alike."""
+    ids = _run(found, pool)
+    return _pooled(found, Pool(pool.name, pool.meaning, ids, pool.weight), [1.0] * len(ids))
+
+
+def together(found: Counts, pools: Sequence[Pool], name: str, meaning: str) -> PoolRisk:
+    """Pools against each other by their weights, those without a run left out; a hazard of two counts in both."""
+    run = [(pool, ids) for pool in pools if (ids := _run(found, pool))]
+    ids = tuple(one for _, own in run for one in own)
+    weights = [pool.weight / len(own) for pool, own in run for _ in own]
+    return _pooled(found, Pool(name, meaning, ids, sum(pool.weight for pool, _ in run)), weights)
+
+
+def _run(found: Counts, pool: Pool) -> tuple[str, ...]:
+    return tuple(name for name in pool.hazards if name in found and found[name].sum())
+
+
+def _pooled(found: Counts, pool: Pool, weights: Sequence[float]) -> PoolRisk:
+    if not pool.hazards:
+        return PoolRisk(pool, math.nan, None, None)
+    numbers = np.array([found[name] for name in pool.hazards])
+    runs, share = numbers.sum(axis=1), np.array(weights) / np.sum(weights)
+    return PoolRisk(
+        pool,
+        float(share @ [_mean(number) for number in numbers]),
+        stratified(numbers[:, severity.INJURY :].sum(axis=1), runs, share),
+        stratified(numbers[:, -1], runs, share),
+    )
+
+
+def _mean(number: np.ndarray) -> float:
+    return float(number @ np.arange(len(number)) / number.sum())

@@ -1,0 +1,256 @@
+"""The report's numbers: every rate with its n and Wilson interval, failed runs counted and never dropped."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.outcomes import verdict
+from ravenjax.report.data.counted import Delays, median
+from ravenjax.report.data.facts import FACTS, OUTCOMES
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.run.worst import replay
+from ravenjax.stats.intervals import Rate, wilson
+from ravenjax.store.access.query import RESULTS, text
+from ravenjax.store.manifest import Manifest
+
+CAUSED = ("stopped", "flagged", "limited")
+
+
+def rate(hits: Any) -> Rate:
+    """Wilson rate of truth values."""
+    hits = np.asarray(hits, bool)
+    return rate_of(int(hits.sum()), len(hits))
+
+
+@functools.lru_cache(maxsize=10_000)
+def rate_of(k: int, n: int) -> Rate:
+    """Wilson rate of k in n; the same few counts come again and again in the cells of a page."""
+    return wilson(k, n)
+
+
+def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
+    """Counts of distinct faults, by the first valid run of each in which nobody reacts.
+
+    evaded, felt, unseen, evaded_limited: faults that evaded, those with and without the cue, those with a limit by a
+    check. loss, misreport: hazards of which no check told. halted: losses for no other reason than that the robot was
+    not live. inactive: faults that never changed a bit. repeats: valid runs of these faults beyond the first. reacting:
+    runs in which an operator reacts to the cue while nobody does in others; they are in no rate. faulty, failed: runs
+    with a fault, and runs without a valid outcome, of all runs. false_cue: of fault-free motions.
+    """
+    (faults,) = runs.faults()
+    both = "warned_ms >= 0 AND told_ms >= 0"
+    counts = runs.counts(
+        [
+            "true",
+            "activated",
+            "evaded AND response = 'limited'",
+            "NOT told AND loss",
+            "NOT told AND halted",
+            "NOT told AND misreport",
+            "unintended AND told",
+            "response = 'stopped' AND warned_ms > response_ms",
+            both,
+            f"{both} AND warned_ms < told_ms",
+            f"{both} AND warned_ms = told_ms",
+            *(f"outcome = {text(name)}" for name in OUTCOMES),
+        ],
+        where="sample AND faulty",
+    )
+    total, activated, limited, loss, halted, misreport, told, late, came, first, same, *outcomes = counts
+    valid, faulty, failed, reacting = runs.counts(["plain AND faulty AND NOT failed", "faulty", "failed", "NOT plain"])
+    free = runs.motions()
+    leads = runs.table.frame(
+        f"SELECT told_ms - warned_ms AS ms, count(*) AS n FROM {FACTS} WHERE sample AND faulty AND {both} GROUP BY ms"
+    )
+    by_outcome = dict(zip(OUTCOMES, outcomes, strict=True))
+    return {
+        "evaded": rate_of(faults.evaded, total),
+        "unintended": rate_of(faults.unintended, total),
+        "unintended_told": told,
+        "felt": by_outcome["felt"],
+        "unseen": by_outcome["unseen"],
+        "phantom": by_outcome["phantom"],
+        "evaded_limited": limited,
+        "loss": rate_of(loss, total),
+        "halted": halted,
+        "misreport": rate_of(misreport, total),
+        "late": late,
+        "inactive": total - activated,
+        "repeats": valid - total,
+        "reacting": reacting,
+        "faulty": faulty,
+        "failed": failed,
+        "activated": rate_of(activated, total),
+        "outcomes": {name: rate_of(k, total) for name, k in by_outcome.items() if name != "failed"},
+        "cue_first": rate_of(first, came),
+        "same_ms": same,
+        "lead_ms": median(leads["ms"].to_numpy(), leads["n"].to_numpy()),
+        "false_cue": rate_of(free.came(f"twin_cue{manifest.verdict_cue}_first_ms"), free.count),
+    }
+
+
+def verdict_matrix(runs: Runs) -> list[dict[str, Any]]:
+    """Rows by RESPONSES; cells by hazard and cue, each a rate of all distinct faults."""
+    cube = runs.cube()
+    return _matrix(cube.loc[cube["faulty"] & cube["sample"]])
+
+
+def _matrix(cube: pd.DataFrame) -> list[dict[str, Any]]:
+    """Of valid runs."""
+    cube = cube.loc[~cube["failed"]]
+    total = int(cube["runs"].to_numpy().sum())
+    counts = _by(cube, ["response", "hazard", "cued"])
+    rows = []
+    for response in verdict.RESPONSES:
+        cells = [
+            {
+                "hazard": hazard,
+                "cue": cued,
+                "rate": rate_of(counts.get((response, hazard, cued), 0), total),
+                "evades": response in verdict.UNTOLD and hazard == "unintended motion",
+            }
+            for hazard, cued in itertools.product(verdict.HAZARDS, (True, False))
+        ]
+        rows.append({"name": response, "cells": cells, "total": rate_of(sum(cell["rate"].k for cell in cells), total)})
+    return rows
+
+
+def jump_rows(runs: Runs, manifest: Manifest) -> list[dict[str, Any]]:
+    """One row a jump rule: the distinct faults with such a jump, and which hazards they had."""
+    outcomes = manifest.config.get("outcomes") or {}
+    step, large = outcomes.get("jump_step_mm", 0.1), outcomes.get("large_jump_mm", 1.0)
+    rules = {
+        "jump_code": f"reported tip: steps over {step:g} mm on two packets in a row",
+        "jump_tip": f"true tip: steps over {step:g} mm in two ticks in a row",
+        "jump_text": f"true tip: over {large:g} mm within 2 ms",
+    }
+    counts = ", ".join(
+        f"count(*) FILTER ({name}), count(*) FILTER ({name} AND unintended), count(*) FILTER ({name} AND misreport)"
+        for name in rules
+    )
+    source = f"{RESULTS} JOIN {FACTS} USING (row) WHERE sample AND faulty"
+    n, *found = runs.table.row(f"SELECT count(*), {counts} FROM {source}")
+    return [
+        {"rule": rule, "rate": rate_of(k, n), "unintended": unintended, "misreport": misreport}
+        for rule, (k, unintended, misreport) in zip(
+            rules.values(), zip(found[::3], found[1::3], found[2::3], strict=True), strict=True
+        )
+    ]
+
+
+def _by(counted: pd.DataFrame, names: list[str]) -> dict[tuple[Any, ...], int]:
+    """Runs by what these columns hold."""
+    found: dict[tuple[Any, ...], int] = {}
+    for *key, runs in zip(*(counted[name].tolist() for name in (*names, "runs")), strict=True):
+        found[tuple(key)] = found.get(tuple(key), 0) + runs
+    return found
+
+
+def matrix_cells(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """A verdict matrix cell by cell."""
+    return [
+        {
+            "response": row["name"],
+            "hazard": cell["hazard"],
+            "cue": "cue" if cell["cue"] else "no cue",
+            "share": cell["rate"],
+        }
+        for row in rows
+        for cell in row["cells"]
+    ]
+
+
+def group_rows(runs: Runs) -> list[dict[str, Any]]:
+    """One row per group: outcomes of its distinct faults as rates, and their verdict matrix; of a group without faults
+    those of its runs in which nobody reacts. The most evasive first. runs, failed: of all runs of the group."""
+    cube = runs.cube()
+    rows = []
+    for name, part in cube.groupby("group"):
+        faulty = bool(part["faulty"].any())
+        mine = part.loc[~part["failed"] & (part["sample"] | (part["plain"] & (not faulty)))]
+        n = int(mine["runs"].to_numpy().sum())
+        counts = _by(mine, ["outcome"])
+        rows.append(
+            {
+                "name": name,
+                "runs": int(part["runs"].to_numpy().sum()),
+                "n": n,
+                "faulty": faulty,
+                "outcomes": {key: rate_of(counts.get((key,), 0), n) for key in OUTCOMES if key != "failed"},
+                "evaded": rate_of(_by(mine, ["evaded"]).get((True,), 0), n),
+                "matrix": _matrix(mine),
+                "failed": _by(part, ["failed"]).get((True,), 0),
+            }
+        )
+    return sorted(rows, key=lambda row: (not row["faulty"], *least_last(row["evaded"])))
+
+
+def least_last(rate: Rate) -> tuple[bool, float]:
+    """To sort by: the largest rate first, one of nothing last."""
+    return not rate.n, -rate.value if rate.n else 0.0
+
+
+def delays(runs: Runs, event: str, end_ms: int, where: str = "sample") -> tuple[Delays, int]:
+    """Delay (ms) of an event, a column of facts, after the fault's first effect, for activated valid runs; to the end
+    of observation where it never came: a stop or the end of the run.
+
+    And how many runs are left out because the event came before the fault did anything.
+    """
+    chosen = f"({where}) AND activated AND NOT failed AND faulty"
+    early = f"{event} >= 0 AND {event} < active_ms"
+    end = f"greatest(CASE WHEN response = 'stopped' THEN response_ms ELSE {end_ms} END, active_ms)"
+    found = runs.delays(event, "active_ms", end, f"{chosen} AND NOT ({early})")
+    return found[""], runs.count(f"{chosen} AND {early}")
+
+
+def check_rows(runs: Runs, manifest: Manifest) -> list[dict[str, Any]]:
+    """One row per built-in check: in how many distinct faults it tripped, and how close it came in silent ones."""
+    names = manifest.shape.checks
+    asked = ["count(*)"]
+    for check in names:
+        margin = f"check_{check}_margin"
+        asked.append(f"count(*) FILTER (check_{check}_first_ms >= 0)")
+        asked.append(f"min({margin}) FILTER (response = 'silent' AND NOT isnan({margin}::DOUBLE))")
+    total, *found = runs.table.row(f"SELECT {', '.join(asked)} FROM {runs.those('sample AND faulty')}")
+    rows = []
+    for check, tripped, margin in zip(names, found[::2], found[1::2], strict=True):
+        known = manifest.robot.check(check)
+        rows.append(
+            {
+                "name": check,
+                "what": known.meaning,
+                "does": known.does,
+                "tripped": rate_of(tripped, total),
+                "closest": math.nan if margin is None else float(margin),
+                "unit": "" if known.unit == "1" else known.unit,
+            }
+        )
+    return sorted(rows, key=lambda row: -row["tripped"].k)
+
+
+def cause_rows(runs: Runs) -> list[dict[str, Any]]:
+    """Which check decided the response to distinct faults, by response, the most frequent first."""
+    counts = ", ".join(f"count(*) FILTER (response = {text(name)}) AS {name}" for name in CAUSED)
+    rows = runs.table.rows(
+        f"SELECT response_cause::VARCHAR AS cause, {counts} FROM {runs.those('sample AND faulty')} "
+        f"WHERE response <> 'silent' GROUP BY cause ORDER BY count(*) DESC, cause"
+    )
+    return [{"cause": cause or "not recorded", **dict(zip(CAUSED, numbers, strict=True))} for cause, *numbers in rows]
+
+
+def failure_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
+    """Runs without a valid outcome by cause and group, with one to replay."""
+    found = runs.table.rows(
+        f'SELECT failed::VARCHAR AS cause, "group"::VARCHAR AS name, count(*), arg_min(run_id, row) FROM {RESULTS} '
+        "WHERE failed <> '' GROUP BY cause, name ORDER BY cause, name"
+    )
+    return [
+        {"cause": cause, "group": group, "n": n, "command": replay(folder, run_id)} for cause, group, n, run_id in found
+    ]

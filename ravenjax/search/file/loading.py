@@ -1,0 +1,124 @@
+"""Reads a search file: a campaign file of one group, its template, with a section [search].
+
+The campaign's part goes through `ravenjax.campaign.file.loading`; all that is wrong with either part is told at once.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from ravenjax.bundled import resources
+from ravenjax.campaign.file import loading, location, overriding
+from ravenjax.campaign.file.location import Complaint
+from ravenjax.errors import UserError, shown, suggestion
+from ravenjax.search.file import template
+from ravenjax.search.file.config import KINDS, Search, SearchConfig
+
+SECTION = "search"
+FOLDER = "campaigns/searches"
+"""Where bundled search files lie."""
+
+
+def load(path: str | Path, overrides: Sequence[str] = ()) -> SearchConfig:
+    """The search of a TOML file, or of a bundled one by name (`.toml` may be left out). Raises UserError."""
+    found = _found(path)
+    raw, text = location.read(found)
+    return from_dict(raw, source=found, text=text, overrides=overrides)
+
+
+def bundled() -> list[Path]:
+    """The bundled search files."""
+    return resources.bundled(FOLDER, f"*{loading.SUFFIX}")
+
+
+def _found(path: str | Path) -> Path:
+    if not isinstance(path, str | os.PathLike) or not str(path):
+        raise UserError(f"got {shown(path)}, expected the path of a search file or the name of a bundled search")
+    name = Path(path)
+    for candidate in (name, name.with_name(name.name + loading.SUFFIX)) if name.name else ():
+        try:
+            return resources.find(FOLDER, candidate)
+        except FileNotFoundError:
+            continue
+        except OSError as error:
+            raise UserError(f"{shown(str(path))}: cannot be read ({error.strerror})") from None
+    names = [file.stem for file in bundled()]
+    problem = "is a folder, expected a search file" if name.is_dir() else "no such search file"
+    near = suggestion(name.name.removesuffix(loading.SUFFIX), names)
+    raise UserError(f"{path}: {problem}; bundled are {', '.join(names) or 'none'}{near}")
+
+
+def from_dict(
+    raw: dict[str, Any], source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
+) -> SearchConfig:
+    """The search of nested tables as TOML has them, with overrides; `source` and `text` say where from.
+
+    Raises UserError.
+    """
+    replaced: list[location.Key] = []
+    left: list[str] = []
+    for override in overriding.listed(overrides):
+        if override.partition("=")[0].partition(".")[0].strip() == SECTION:
+            raw, key = overriding.applied(raw, override)
+            replaced.append(key)
+        else:
+            left.append(override)
+    where = location.Where(source, location.lines(text), replaced)
+    told: list[str] = []
+    campaign = search = None
+    try:
+        campaign = loading.from_dict({k: v for k, v in raw.items() if k != SECTION}, source, text, left, template=True)
+    except UserError as error:
+        told.append(str(error))
+    wrong: list[Complaint] = []
+    try:
+        search = _section(raw)
+    except _Wrong as error:
+        wrong += error.complaints
+    if campaign is not None:
+        wrong += template.complaints(campaign, search)
+    if wrong:
+        told.append(str(where.error(wrong)))
+    if campaign is None or search is None or told:
+        raise UserError("\n".join(told))
+    return SearchConfig(campaign, search)
+
+
+class _Wrong(Exception):
+    def __init__(self, *complaints: Complaint) -> None:
+        self.complaints = complaints
+
+
+def _section(raw: dict[str, Any]) -> Search:
+    table = raw.get(SECTION)
+    kinds = ", ".join(KINDS)
+    if not isinstance(table, dict):
+        got = "missing" if table is None else f"got {shown(table)}"
+        raise _Wrong(((SECTION,), f"{got}: write a section [search] with kind, one of {kinds}"))
+    kind = table.get("kind")
+    if kind not in KINDS:
+        got = "missing" if kind is None else f"got {shown(kind)}"
+        raise _Wrong(((SECTION, "kind"), f"{got}, expected one of {kinds}{suggestion(str(kind), KINDS)}"))
+    try:
+        return KINDS[kind].model_validate(table)
+    except ValidationError as error:
+        raise _Wrong(*_complaints(KINDS[kind], error)) from None
+
+
+def _complaints(model: type[BaseModel], error: ValidationError) -> Iterator[Complaint]:
+    known = list(model.model_fields)
+    for one in error.errors():
+        name = str(one["loc"][0]) if one["loc"] else ""
+        message = one["msg"].removeprefix("Value error, ")
+        if one["type"] == "extra_forbidden":
+            message = f"unknown key, expected one of {', '.join(known)}{suggestion(name, known)}"
+        elif one["type"] == "missing":
+            message = f"missing: {model.model_fields[name].description}"
+        elif one["type"] != "value_error":
+            message = f"got {shown(one['input'])}, expected {message.removeprefix('Input should be ')}"
+        yield (SECTION, *one["loc"]), message

@@ -1,0 +1,1 @@
+"""How likely a rare event is: subset simulation and plain Monte Carlo, and their figure."""

@@ -1,0 +1,1 @@
+"""How good an alarm is: ROC, false alarms per hour, trade-offs, and which alarm to choose."""

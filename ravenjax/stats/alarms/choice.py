@@ -1,0 +1,80 @@
+"""Which of several alarms is best, and whether the data decide it: those that no other is shown to beat.
+
+An alarm costs what it misses and what it says for nothing. Both are known with an interval; an alarm is out where
+another is better at the ends of the intervals that speak least for it. What is left is all that may be the best.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ravenjax.stats.alarms.false_alarms import rate_bounds
+from ravenjax.stats.comparison.paired import difference_of_counts
+from ravenjax.stats.intervals import Estimate
+
+MOST_TIMES = 1e9
+"""More hours than so many times those that there are do not decide."""
+
+
+class AlarmCounts(NamedTuple):
+    """What each of some alarms misses of the same hazards, and how often it comes for nothing."""
+
+    missed: np.ndarray  # int [alarms]
+    only: np.ndarray  # int [alarms, alarms], hazards that the first misses and the second does not
+    hazards: int
+    count: np.ndarray  # int [alarms], false alarms
+    hours: np.ndarray  # [alarms], of fault-free motion in which they came
+
+
+def missed_difference(alarms: AlarmCounts, confidence: float = 0.95) -> Estimate:
+    """Share of hazards missed by the first minus that by the second, arrays [alarms, alarms], of the same hazards."""
+    return difference_of_counts(alarms.only, alarms.only.T, alarms.hazards, confidence)
+
+
+def false_rates(alarms: AlarmCounts, times: float = 1.0, confidence: float = 0.95) -> Estimate:
+    """False alarms an hour with exact Poisson intervals, arrays [alarms]; as if there were so many `times` the hours,
+    and the rates as they are. Infinite times: without an interval."""
+    if np.isinf(times):
+        value = alarms.count / alarms.hours
+        return Estimate(value, value, value)
+    count, hours = np.round(alarms.count * times), alarms.hours * times
+    return Estimate(count / hours, *rate_bounds(count, hours, confidence))
+
+
+def cheapest(alarms: AlarmCounts, weight: float, times: float = 1.0) -> np.ndarray:
+    """Which may be cheapest, bool [alarms], where a missed hazard costs `weight` false alarms and one comes an hour."""
+    missed, false = missed_difference(alarms), false_rates(alarms, times)
+    dearer = weight * missed.low + false.low[:, None] - false.high[None, :]
+    return ~(dearer > 0).any(axis=1)
+
+
+def rare(alarms: AlarmCounts, per_hour: float, times: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Which may miss fewest hazards of those with at most so many false alarms an hour, and which are shown to have at
+    most so many: bool [alarms] each; `times` as of `false_rates`."""
+    false = false_rates(alarms, times)
+    keeps = false.high <= per_hour * (1 + 1e-9)
+    worse = (missed_difference(alarms).low > 0) & keeps[None, :]
+    return (false.low <= per_hour) & ~worse.any(axis=1), keeps
+
+
+def hours_to_decide(possible: Callable[[float], np.ndarray]) -> float:
+    """How many times the hours leave no more than endless hours would, the rates staying as they are; NaN where what is
+    there does already.
+
+    possible: as of `cheapest`, by the times.
+    """
+    end = possible(np.inf)
+    if np.array_equal(possible(1.0), end):
+        return np.nan
+    low, high = 1.0, 2.0
+    while high < MOST_TIMES and not np.array_equal(possible(high), end):
+        low, high = high, 2 * high
+    if high >= MOST_TIMES:
+        return np.inf
+    while high / low > 1.005:
+        middle = np.sqrt(low * high)
+        low, high = (low, middle) if np.array_equal(possible(middle), end) else (middle, high)
+    return float(high)

@@ -1,0 +1,1 @@
+"""Intervals by resampling: of anything computed from units, and of rows that come in clusters."""

@@ -1,0 +1,178 @@
+"""Two groups whose rows come in clusters: hazards of one participant resemble each other, so participants are counted.
+
+A cluster is an array of its rows' values. In an independent comparison each cluster is in one group; in a paired one
+`first[i]` and `second[i]` are the same cluster under both conditions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ravenjax.stats.bootstrap.resample import Band
+from ravenjax.stats.comparison import paired
+from ravenjax.stats.intervals import Estimate, alpha_of, bounds
+
+Clusters = Sequence[np.ndarray]
+
+_DRAWS = 9999  # permutations drawn where there are more
+_NONE = Estimate(math.nan, math.nan, math.nan)
+
+
+class Correlation(NamedTuple):
+    """How alike rows of one cluster are, and by how much that inflates the variance of a mean."""
+
+    icc: float  # intraclass correlation, 0 to 1
+    design_effect: float  # rows count as so many times fewer
+
+
+def correlation(*groups: Clusters) -> Correlation:
+    """Intraclass correlation within groups, the analysis of variance's estimate (Donner, Klar, 2000), at least 0.
+
+    icc is NaN and the design effect 1 where no cluster has two rows.
+    """
+    sizes = np.array([len(one) for group in groups for one in group], float)
+    clusters, rows = len(sizes), sizes.sum()
+    if clusters <= len(groups) or rows <= clusters:
+        return Correlation(math.nan, 1.0)
+    within = sum(((one - one.mean()) ** 2).sum() for group in groups for one in group)
+    between, typical = 0.0, 0.0
+    for group in groups:
+        mean = np.concatenate(list(group)).mean()
+        between += sum(len(one) * (one.mean() - mean) ** 2 for one in group)
+        mine = np.array([len(one) for one in group], float)
+        typical += (mine.sum() - (mine**2).sum() / mine.sum()) / (clusters - len(groups))
+    between, within = between / (clusters - len(groups)), within / (rows - clusters)
+    if between + (typical - 1) * within <= 0:
+        return Correlation(0.0, 1.0)
+    icc = min(1.0, max(0.0, (between - within) / (between + (typical - 1) * within)))
+    return Correlation(float(icc), float(1 + ((sizes**2).sum() / rows - 1) * icc))
+
+
+def risk_difference(first: Clusters, second: Clusters, confidence: float = 0.95) -> Estimate:
+    """Rate of `first` minus rate of `second`, clusters of bool rows, each cluster in one group.
+
+    Newcombe's square-and-add of two Wilson intervals (Stat. Med. 17, 1998) with each n divided by the design effect,
+    and, where clusters have several rows, Student's quantile for clusters - 2 in place of the normal one. One row a
+    cluster: Newcombe's own interval. NaN where a group is empty.
+    """
+    from scipy.stats import norm, t
+
+    if not len(first) or not len(second):
+        return _NONE
+    inflation = correlation(first, second)
+    clusters = len(first) + len(second)
+    alpha = alpha_of(confidence)
+    if not math.isnan(inflation.icc):
+        alpha = 2 * float(norm.sf(t.isf(alpha / 2, max(1, clusters - 2))))
+    hits = np.array([sum(float(one.sum()) for one in group) for group in (first, second)])
+    n = np.array([sum(len(one) for one in group) for group in (first, second)], float)
+    low, high = bounds(hits / inflation.design_effect, n / inflation.design_effect, 1 - alpha)
+    rate = hits / n
+    value = float(rate[0] - rate[1])
+    below = math.hypot(rate[0] - low[0], high[1] - rate[1])
+    above = math.hypot(high[0] - rate[0], rate[1] - low[1])
+    return Estimate(value, max(-1.0, value - below), min(1.0, value + above))
+
+
+def paired_risk_difference(first: Clusters, second: Clusters, confidence: float = 0.95) -> Estimate:
+    """The same where each cluster was under both conditions: mean of the clusters' differences of rates.
+
+    One row a cluster and condition: Bonett and Price's interval (`paired.rate_difference`). Else Student's, over the
+    clusters. NaN with fewer than 2 clusters, and without an interval where all differences are alike.
+    """
+    if all(len(one) == 1 for one in [*first, *second]):
+        return paired.rate_difference([one[0] for one in first], [one[0] for one in second], confidence)
+    return mean_difference(first, second, confidence, is_paired=True)
+
+
+def mean_difference(
+    first: Clusters, second: Clusters, confidence: float = 0.95, *, is_paired: bool = False
+) -> Estimate:
+    """Mean over clusters of their means, `first` minus `second`, with Student's (paired) or Welch's interval.
+
+    NaN with fewer than 2 clusters in a group; without an interval where clusters do not vary at all.
+    """
+    from scipy.stats import ttest_1samp, ttest_ind
+
+    one, two = means(first), means(second)
+    if min(len(one), len(two)) < 2:
+        return _NONE
+    value = float((one - two).mean() if is_paired else one.mean() - two.mean())
+    still = np.ptp(one - two) == 0 if is_paired else np.ptp(one) == 0 and np.ptp(two) == 0
+    if still:
+        return Estimate(value, math.nan, math.nan)
+    found: Any = ttest_1samp(one - two, 0.0) if is_paired else ttest_ind(one, two, equal_var=False)
+    low, high = found.confidence_interval(confidence)
+    return Estimate(value, float(low), float(high))
+
+
+def permutation_p(first: Clusters, second: Clusters, *, is_paired: bool = False, seed: int = 0) -> float:
+    """Two-sided p that the condition changes nothing in the clusters' means: labels are exchanged between clusters.
+
+    Within clusters where paired. Exact where there are few ways to exchange them, else by 9999 draws; this is what a
+    randomised assignment of clusters warrants, whatever the law of the values. NaN with fewer than 2 clusters.
+    """
+    from scipy.stats import permutation_test
+
+    one, two = means(first), means(second)
+    if min(len(one), len(two)) < 2:
+        return math.nan
+
+    def difference(a: np.ndarray, b: np.ndarray, axis: int = -1) -> np.ndarray:
+        return a.mean(axis=axis) - b.mean(axis=axis)
+
+    found: Any = permutation_test(
+        (one, two),
+        difference,
+        permutation_type="samples" if is_paired else "independent",
+        vectorized=True,
+        n_resamples=_DRAWS,
+        rng=np.random.default_rng(seed),
+    )
+    return float(found.pvalue)
+
+
+def bootstrap_difference(
+    first: Clusters,
+    second: Clusters,
+    statistic: Callable[[np.ndarray], float],
+    confidence: float = 0.95,
+    *,
+    is_paired: bool = False,
+    resamples: int = 2000,
+    seed: int = 0,
+) -> Band:
+    """Statistic of all rows of `first` minus that of `second`, percentile band by resampling whole clusters.
+
+    Within each group, or pairs of clusters where paired. Resamples in which it is not finite are left out and counted
+    in Band.undefined. Fewer than some 20 clusters give too narrow a band. NaN with fewer than 2 clusters in a group.
+    """
+    counts = (len(first), len(second))
+    value = _statistic(first, statistic) - _statistic(second, statistic) if min(counts) else math.nan
+    if min(counts) < 2:
+        return Band(value, math.nan, math.nan, sum(counts), 0)
+    rng = np.random.default_rng(seed)
+    drawn = np.empty(resamples)
+    for i in range(resamples):
+        one = rng.integers(counts[0], size=counts[0])
+        two = one if is_paired else rng.integers(counts[1], size=counts[1])
+        drawn[i] = _statistic([first[k] for k in one], statistic) - _statistic([second[k] for k in two], statistic)
+    known = drawn[np.isfinite(drawn)]
+    alpha = alpha_of(confidence)
+    low, high = np.quantile(known, [alpha / 2, 1 - alpha / 2]) if len(known) else (math.nan, math.nan)
+    units = counts[0] if is_paired else sum(counts)
+    return Band(value, float(low), float(high), units, resamples - len(known))
+
+
+def means(clusters: Clusters) -> np.ndarray:
+    """Mean of each cluster's rows."""
+    return np.array([float(np.mean(one)) for one in clusters])
+
+
+def _statistic(clusters: Clusters, statistic: Callable[[np.ndarray], float]) -> float:
+    with np.errstate(invalid="ignore"):
+        return float(statistic(np.concatenate(list(clusters))))

@@ -1,0 +1,1 @@
+"""What an outcome depends on: rates against inputs, Sobol's and Morris's sensitivity."""

@@ -1,0 +1,125 @@
+"""Does a rate depend on an input? Which conclusions hang on which uncertain parameter."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from ravenjax.stats.comparison.independent import compare
+from ravenjax.stats.intervals import Estimate, Rate, alpha_of, rates
+from ravenjax.stats.multiplicity import holm
+
+_FEW = 5  # expected count below which the chi-squared law no longer holds (Cochran 1954)
+_DRAWS = 9999  # tables drawn then
+
+
+class Level(NamedTuple):
+    """Runs of one level of an input: its name, the input's least and greatest value there (a category: itself)."""
+
+    name: str
+    least: Any
+    greatest: Any
+    rate: Rate
+
+
+class Dependence(NamedTuple):
+    """Whether a rate depends on one input.
+
+    levels: "numeric" has the lowest, (middle) and highest third of the input, "categorical" its values by rising rate.
+    difference: rate in the last level minus rate in the first. p: of independence, NaN where the input or the outcome
+    never varies; adjusted: by Holm over all inputs asked about; depends: adjusted p below 1 - confidence.
+    """
+
+    name: str
+    kind: Literal["numeric", "categorical"]
+    n: int  # runs in which the input has a value
+    p: float
+    adjusted: float
+    depends: bool
+    levels: tuple[Level, ...]
+    difference: Estimate
+
+
+def dependences(
+    hit: ArrayLike, inputs: Mapping[str, ArrayLike] | pd.DataFrame, confidence: float = 0.95, seed: int = 0
+) -> list[Dependence]:
+    """Whether the rate of `hit` (bool [n]) depends on each named input [n], the clearest first.
+
+    Numeric input: Mann-Whitney's test, which sees a rate that rises or falls, and the chi-squared test over thirds,
+    which sees one that is worst at both ends or in the middle; p is twice the lesser (Bonferroni). Strings, categories
+    and bools: the chi-squared test over the values; where a value expects fewer than 5 hits or misses, by tables drawn
+    with `seed`. Runs are taken as independent, and a run without a value (NaN) is left out of that input. For a
+    categorical input the difference is between extremes chosen after the fact: it describes, p tests. ValueError where
+    lengths differ.
+    """
+    alpha_of(confidence)
+    outcome = np.asarray(hit).astype(bool)
+    measured = [_measured(str(name), outcome, pd.Series(column), confidence, seed) for name, column in inputs.items()]
+    findings = holm({one.name: one.p for one in measured}, confidence)
+    told = [one._replace(adjusted=findings[one.name].adjusted, depends=findings[one.name].rejected) for one in measured]
+    return sorted(told, key=lambda one: (np.isnan(one.p), one.p, -abs(one.difference.value)))
+
+
+def _measured(name: str, hit: np.ndarray, column: pd.Series, confidence: float, seed: int) -> Dependence:
+    if len(column) != len(hit):
+        raise ValueError(f"input {name!r} has {len(column)} values, the outcome {len(hit)}")
+    known = column.notna().to_numpy()
+    hit = hit[known]
+    column = pd.Series(column[known])
+    numeric = pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column)
+    values = column.to_numpy(float) if numeric else column.astype(str).to_numpy()
+    code, names = _thirds(values) if numeric else pd.factorize(values, sort=True)
+    n = np.bincount(code, minlength=len(names))
+    found = rates(np.bincount(code, hit, minlength=len(names)).astype(int), n, confidence)
+    levels = [
+        Level(str(label), values[code == i].min(), values[code == i].max(), rate)
+        if numeric
+        else Level(str(label), label, label, rate)
+        for i, (label, rate) in enumerate(zip(names, found, strict=True))
+        if rate.n
+    ]
+    if not numeric:
+        levels.sort(key=lambda level: level.rate.value)
+    p = _p(hit, code[:, None] == np.flatnonzero(n), values if numeric else None, seed)
+    difference = Estimate(np.nan, np.nan, np.nan)
+    if len(levels) > 1:
+        first, last = levels[0].rate, levels[-1].rate
+        difference = compare(last.k, last.n, first.k, first.n, confidence).difference
+    kind = "numeric" if numeric else "categorical"
+    return Dependence(name, kind, len(hit), p, p, False, tuple(levels), difference)
+
+
+def _thirds(values: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Level of each value by its rank: equal values stay together, and both extremes have a level of their own."""
+    from scipy.stats import rankdata
+
+    if not len(values) or values.min() == values.max():
+        return np.zeros(len(values), int), ["constant"]
+    place = (rankdata(values) - 0.5) / len(values)
+    low, high = (place < 1 / 3) | (values == values.min()), (place > 2 / 3) | (values == values.max())
+    return np.where(low, 0, np.where(high, 2, 1)), ["lowest third", "middle third", "highest third"]
+
+
+def _p(hit: np.ndarray, member: np.ndarray, values: np.ndarray | None, seed: int) -> float:
+    """p of independence of hit [n] from its level (one-hot [n, levels]) and from the numeric values [n], if any."""
+    from scipy.stats import MonteCarloMethod, chi2_contingency, mannwhitneyu
+    from scipy.stats.contingency import expected_freq
+
+    table = np.stack([member[hit].sum(axis=0), member[~hit].sum(axis=0)])
+    if table.shape[1] < 2 or not table.sum(axis=1).all():
+        return float("nan")
+    sparse = expected_freq(table).min() < _FEW
+    method = MonteCarloMethod(n_resamples=_DRAWS, rng=np.random.default_rng(seed)) if sparse else None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        found: Any = chi2_contingency(table, correction=False, method=method)
+    levels = float(found.pvalue)
+    if values is None:
+        return levels
+    trend: Any = mannwhitneyu(values[hit], values[~hit])
+    return min(1.0, 2 * min(levels, float(trend.pvalue)))

@@ -1,0 +1,1 @@
+"""How many runs a precision needs, and when to stop early."""

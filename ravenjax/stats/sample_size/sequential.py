@@ -1,0 +1,258 @@
+"""When to stop: looks registered in advance, intervals that hold whatever they lead one to do.
+
+A user who looks at m sizes of a sample and stops when it suits has m chances to be wrong. So the sizes that each
+stratum may ever have are fixed before the first run, one for each look, and every interval is made at confidence
+1 - (1 - confidence) / (looks x strata x rates). By Bonferroni's inequality the intervals of all rates in all strata at
+all sizes hold together with the wanted confidence: hence also those at the sizes that the data themselves chose, be it
+by stopping or by giving one stratum more than another. Each is exact (Clopper, Pearson, Biometrika 26, 1934).
+
+The rate of the whole table is that of strata weighted by their sizes; its interval is the effective-sample-size Wilson
+interval of `strata.stratified`, at 1 - (1 - confidence) / (looks x rates). It is approximate, as that one is.
+
+Runs count as independent draws. A table that is itself the population, such as a shuffled grid, is drawn without
+replacement, which makes the intervals wider than need be.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Sequence
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from ravenjax.stats.intervals import alpha_of, rates
+from ravenjax.stats.sample_size.planning import more_runs
+from ravenjax.stats.strata import allocate, stratified
+
+Of = Literal["groups", "whole"]
+Allocation = Literal["proportional", "neyman"]
+
+
+class Stratum(NamedTuple):
+    """A part of the table that is sampled by itself, in the order of its draws."""
+
+    name: str
+    size: int  # draws that it holds
+    judged: bool = True  # whether its rates count; one that does not is taken as a whole at the first look
+
+
+class Interval(NamedTuple):
+    """One rate with its simultaneous interval, fractions; NaN where no run was valid."""
+
+    rate: str
+    stratum: str  # "" of the whole table
+    k: int
+    n: int
+    value: float
+    low: float
+    high: float
+
+    @property
+    def half_width(self) -> float:
+        """Fraction; 1 where no run was valid."""
+        return (self.high - self.low) / 2 if self.n else 1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Look:
+    """What one look found and decided."""
+
+    number: int  # from 1
+    looks: int  # how many there are at most
+    taken: dict[str, int]  # draws of each stratum
+    held: dict[str, int]  # draws that the table has of each: the weights of a rate over several
+    intervals: tuple[Interval, ...]
+    widest: float  # largest half-width of those still waited for, else of all; fraction
+    waiting: tuple[str, ...]  # strata that are neither narrow enough nor computed as a whole; "" the whole table
+    stop: bool
+    half_width: float  # asked for, fraction
+    each: float  # confidence of each interval
+    even: bool  # every stratum was taken to the same share
+
+    def line(self) -> str:
+        """Itself as one line of JSON; computed floats to nine digits."""
+        content = dataclasses.asdict(self) | {"intervals": [_rounded(one) for one in self.intervals]}
+        return json.dumps(content | {"widest": _nine(self.widest), "each": _nine(self.each)}, ensure_ascii=False) + "\n"
+
+
+def parse(line: str) -> Look:
+    """The look of a line. ValueError where it is none."""
+    try:
+        raw = json.loads(line)
+        intervals = tuple(Interval(**_present(one)) for one in raw.pop("intervals"))
+        return Look(intervals=intervals, waiting=tuple(raw.pop("waiting")), **raw)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"no record of a look: {line[:80]!r}") from error
+
+
+@dataclasses.dataclass(frozen=True)
+class Sequential:
+    """The rule: what is judged, how narrow it must get, at which sizes one looks. ValueError for one that cannot be."""
+
+    strata: tuple[Stratum, ...]
+    rates: tuple[str, ...]
+    half_width: float  # fraction
+    shares: tuple[float, ...]  # of each stratum, at each look, increasing
+    confidence: float = 0.95
+    of: Of = "groups"
+    allocation: Allocation = "proportional"
+
+    def __post_init__(self) -> None:
+        if not 0 < self.half_width < 0.5:
+            raise ValueError(f"half_width is a fraction between 0 and 0.5, got {self.half_width}")
+        if (
+            not self.shares
+            or list(self.shares) != sorted(set(self.shares))
+            or not 0 < self.shares[0] <= self.shares[-1] <= 1
+        ):
+            raise ValueError(f"looks are increasing shares of the table, above 0 and at most 1, got {self.shares}")
+        if not self.rates or not any(stratum.judged and stratum.size for stratum in self.strata):
+            raise ValueError("a stop rule needs a rate, and a stratum that is judged by it")
+        alpha_of(self.confidence)
+
+    @property
+    def judged(self) -> np.ndarray:
+        """Which strata are judged, bool [strata]."""
+        return np.array([stratum.judged and stratum.size > 0 for stratum in self.strata])
+
+    @property
+    def each(self) -> float:
+        """Confidence at which each interval is made."""
+        apart = int(self.judged.sum()) if self.of == "groups" else 1
+        return 1 - alpha_of(self.confidence) / (len(self.shares) * apart * len(self.rates))
+
+    def sizes(self) -> np.ndarray:
+        """Draws of each stratum that may ever be taken, int64 [looks, strata]; one at least."""
+        held = np.array([stratum.size for stratum in self.strata], np.int64)
+        part = np.ceil(np.outer(self.shares, held) - 1e-9).astype(np.int64)
+        return np.where(self.judged, np.clip(part, np.minimum(1, held), held), held)
+
+    def first(self) -> np.ndarray:
+        """Draws of each stratum before the first look, int64 [strata]."""
+        return self.sizes()[0]
+
+    def look(self, number: int, taken: np.ndarray, k: np.ndarray, n: np.ndarray) -> Look:
+        """The decision after look `number` (from 1), with k[rate, stratum] events in n[stratum] valid draws.
+
+        ValueError where `taken` are not registered sizes.
+        """
+        sizes = self.sizes()
+        if not (taken == sizes).any(axis=0).all():
+            raise ValueError(
+                f"sizes {taken.tolist()} were not registered, only {sizes.tolist()}: a look would not hold"
+            )
+        intervals = self._groups(k, n) if self.of == "groups" else self._whole(k, n)
+        wide = [one for one in intervals if one.half_width > self.half_width and not self._exhausted(one, taken)]
+        waiting = tuple(dict.fromkeys(one.stratum for one in wide))
+        widest = max(one.half_width for one in wide or intervals)
+        stop = not waiting or number == len(self.shares)
+        return Look(
+            number=number,
+            looks=len(self.shares),
+            taken={stratum.name: int(count) for stratum, count in zip(self.strata, taken, strict=True)},
+            held={stratum.name: stratum.size for stratum in self.strata},
+            intervals=tuple(intervals),
+            widest=widest,
+            waiting=waiting,
+            stop=stop,
+            half_width=self.half_width,
+            each=self.each,
+            even=bool((taken == sizes).all(axis=1).any()),
+        )
+
+    def following(self, look: Look, k: np.ndarray, n: np.ndarray) -> np.ndarray:
+        """Draws of each stratum before the next look, int64 [strata]; none falls below what was taken.
+
+        neyman: the draws that the next share has in all go where they narrow what is judged most, in proportion to
+        size times spread (Neyman 1934), or for strata judged one by one to the square of the spread, which makes the
+        widest interval narrowest; several rates count by the largest spread. A stratum that is not waited for gets
+        none, one judged by itself no more than it is likely to need. Then each is rounded up to a registered size.
+        """
+        sizes, taken = self.sizes(), np.array(list(look.taken.values()), np.int64)
+        if self.allocation == "proportional":
+            return np.maximum(taken, sizes[look.number])
+        waits = self.judged & np.array([{stratum.name, ""} & set(look.waiting) != set() for stratum in self.strata])
+        guess = ((k + 2) / (n + 4)).clip(0, 1)  # a stratum without an event yet may still have some (Agresti, Coull)
+        spread = np.sqrt(guess * (1 - guess)).max(axis=0)
+        held = np.array([stratum.size for stratum in self.strata], float)
+        spread = spread**2 if self.of == "groups" else spread * held
+        most = np.where(waits, np.minimum(sizes[-1], taken + self._more(k, n)), taken)
+        wanted = allocate(int(sizes[look.number].sum()), np.where(waits, spread, 0.0), taken, most)
+        return np.where(sizes >= wanted, sizes, sizes[-1]).min(axis=0)
+
+    def _more(self, k: np.ndarray, n: np.ndarray) -> np.ndarray:
+        """Further draws of each stratum that are likely to be enough, at least 1; int64 [strata]."""
+        if self.of == "whole":
+            return np.array([stratum.size for stratum in self.strata])
+        return np.array(
+            [
+                max(1, *(more_runs(int(hits), int(runs), self.half_width, self.each).safe for hits in of))
+                if runs
+                else stratum.size
+                for stratum, of, runs in zip(self.strata, k.T, n, strict=True)
+            ]
+        )
+
+    def _exhausted(self, one: Interval, taken: np.ndarray) -> bool:
+        """Whether the table holds no further draw of what an interval is about."""
+        of_it = self.judged & np.array([one.stratum in ("", stratum.name) for stratum in self.strata])
+        held = np.array([stratum.size for stratum in self.strata])
+        return bool((taken >= held)[of_it].all())
+
+    def _groups(self, k: np.ndarray, n: np.ndarray) -> list[Interval]:
+        there = np.flatnonzero(self.judged)
+        names = [self.strata[s].name for s in there]
+        return [
+            Interval(rate, name, *found)
+            for r, rate in enumerate(self.rates)
+            for name, found in zip(names, rates(k[r, there], n[there], self.each, "clopper_pearson"), strict=True)
+        ]
+
+    def _whole(self, k: np.ndarray, n: np.ndarray) -> list[Interval]:
+        there = np.flatnonzero(self.judged)
+        weight = np.array([self.strata[s].size for s in there], float)
+        valid = n[there] > 0
+        if not valid.all():  # a stratum of which nothing is known leaves the whole unknown
+            return [Interval(rate, "", 0, 0, math.nan, math.nan, math.nan) for rate in self.rates]
+        found = [stratified(k[r, there], n[there], weight, self.each) for r in range(len(self.rates))]
+        return [
+            Interval(rate, "", int(k[r, there].sum()), one.n, one.value, one.low, one.high)
+            for r, (rate, one) in enumerate(zip(self.rates, found, strict=True))
+        ]
+
+
+def sentence(looks: Sequence[Look]) -> str:
+    """Why a campaign stopped, or that it has not: of its looks in order."""
+    if not looks:
+        return "No look at the stop rule yet."
+    last = looks[-1]
+    where, asked = f"look {last.number} of {last.looks}", f"+-{last.half_width:g}"
+    if not last.stop:
+        return f"Not stopped yet: at {where} the widest interval was +-{last.widest:.2g}, asked for {asked}."
+    uneven = "" if last.even else " Groups were computed to different shares: weigh them for a rate over several."
+    if not last.waiting:
+        wide = any(one.half_width > last.half_width for one in last.intervals)
+        whole = ", or its group computed whole" if wide else ""
+        return f"Stopped at {where}: every rate is known within {asked}{whole}.{uneven}"
+    names = ", ".join(name or "the whole table" for name in last.waiting[:4])
+    more = f" and {len(last.waiting) - 4} more" if len(last.waiting) > 4 else ""
+    return (
+        f"Stopped at {where}, the last that was planned: not every rate is known within {asked}, "
+        f"the widest within +-{last.widest:.2g} ({names}{more}).{uneven}"
+    )
+
+
+def _rounded(one: Interval) -> dict[str, Any]:
+    numbers = {name: _nine(getattr(one, name)) for name in ("value", "low", "high")}
+    return one._asdict() | numbers
+
+
+def _nine(value: float) -> float | None:
+    return None if math.isnan(value) else float(f"{value:.9g}")
+
+
+def _present(raw: dict[str, Any]) -> dict[str, Any]:
+    return {name: math.nan if value is None else value for name, value in raw.items()}

@@ -1,0 +1,1 @@
+"""What a training session leaves: session.json, session.mcap, and its events in words."""

@@ -1,0 +1,232 @@
+"""A training session's recording, session.mcap: written while it happens, read back even where it was cut short.
+
+Profile ros2, CDR, for each arm (arm1 is gold, arm2 green) `STANDARD_HZ` times a second
+
+    /armN/measured_js, setpoint_js, true_js, model_js  sensor_msgs/JointState     joints measured, wanted, true, of the
+                                                                                  nominal model
+    /armN/measured_cp, true_cp, model_cp       geometry_msgs/PoseStamped   the tip, with the orientation at those joints
+    /armN/haptic_cf                            geometry_msgs/WrenchStamped  force of the cue
+    /tf                                        tf2_msgs/TFMessage          frames as in a trace (`trace.log`)
+
+every millisecond /ravenjax/signals, a flat message with every channel of the session as float32, exactly as it was;
+/ravenjax/events, std_msgs/String, one JSON object each, and the same in words on /ravenjax/log, rcl_interfaces/Log. A
+message's time is the session's start plus a millisecond a row, its sequence number the number of the row, so that rows
+which were lost leave a gap instead of shifting the rest.
+
+A block of rows is one chunk that is handed to the operating system at once: a killed recorder loses what it had not
+yet written, never what it had. What a power cut loses is the operating system's affair.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from mcap.writer import Writer as McapWriter
+
+from ravenjax.errors import StoreError
+from ravenjax.robots.raven2.arms import JOINTS
+from ravenjax.robots.raven2.geometry.links import jaw_rotation
+from ravenjax.store.logs import cdr, mcap_records, topics
+from ravenjax.store.logs.orientation import quaternions
+from ravenjax.store.logs.session import words
+from ravenjax.store.logs.topics import ARM_TOPICS, EVENTS, SIGNALS, Topic
+
+FILE = "session.mcap"
+METADATA = "ravenjax"
+TICK_NS = 1_000_000
+STANDARD_HZ = 100
+_EVERY = 1000 // STANDARD_HZ
+
+_STATES = {"measured_js": "jpos", "setpoint_js": "jpos_d", "true_js": "link_jpos", "model_js": "model_jpos"}
+_TIPS = {"measured": ("position", "jpos"), "true": ("tip", "link_jpos"), "model": ("model_tip", "model_jpos")}
+"""Where a tip is, and the joints at which its orientation is taken."""
+_PLAIN = ("scenario", "seed", "robot", "engine", "code_hash", "started")
+"""What of the header is in the metadata under its own name, too."""
+
+
+class Writer:
+    """The recording in progress."""
+
+    def __init__(self, path: Path, names: Sequence[str], header: Mapping[str, Any]) -> None:
+        """names: of a row's numbers, `gold/jpos/0` and so on; header: what session.json says.
+
+        Raises StoreError where the file cannot be made.
+        """
+        self.path = path
+        try:
+            self._file = open(path, "wb")  # noqa: SIM115  closed by close()
+        except OSError as error:
+            raise StoreError(f"{path}: the recording cannot be written ({error.strerror or error})") from error
+        self._start_ns = _start_ns(header)
+        self._standard = _Standard(names, header.get("bases") or {})
+        self._flat = topics.signals([topics.field(name) for name in names], single=True)
+        self._writer = McapWriter(self._file)
+        self._writer.start(profile="ros2", library="ravenjax")
+        self._writer.add_metadata(METADATA, _metadata(names, header))
+        self._signals, *channels = topics.register(self._writer, [self._flat, *topics.events(), *self._standard.topics])
+        self._events, self._channels = channels[:2], channels[2:]
+        self._next = 0
+        self._file.flush()
+
+    def add(self, first: int, rows: np.ndarray, events: Sequence[Mapping[str, Any]] = ()) -> None:
+        """Write rows float32 [n, names], the first of them number `first`, and the events that came with them.
+
+        They are with the operating system when it returns. Raises StoreError where the disk refuses.
+        """
+        self._next = first + len(rows)
+        numbers = np.arange(first, self._next)
+        self._put(self._signals, self._flat, numbers, rows)
+        chosen = numbers % _EVERY == 0
+        if chosen.any():
+            filled = zip(self._channels, self._standard.values(rows[chosen]), strict=True)
+            for channel, (topic, values) in filled:
+                self._put(channel, topic, numbers[chosen], values)
+        stamp = self._stamp(max(0, self._next - 1))
+        for event in events:
+            encoded = topics.encoded_event(event, words.text(event), words.level(event), stamp)
+            for channel, data in zip(self._events, encoded, strict=True):
+                self._writer.add_message(channel, stamp, data, stamp)
+        try:
+            self._writer.flush()
+        except OSError as error:
+            raise StoreError(
+                f"{self.path}: cannot be written ({error.strerror or error}); "
+                f"the first {max(0, first)} ms of the session are recorded"
+            ) from error
+
+    def close(self) -> None:
+        """Write the index; the seeking readers of other tools open the file from then on."""
+        self._writer.finish()
+        self._file.close()
+
+    def _put(self, channel: int, topic: Topic, numbers: np.ndarray, values: np.ndarray) -> None:
+        stamps = self._start_ns + numbers * TICK_NS
+        add = self._writer.add_message
+        for row, data in topic.encode(stamps, values).items():
+            stamp = int(stamps[row])
+            add(channel, stamp, data, stamp, int(numbers[row]))
+
+    def _stamp(self, number: int) -> int:
+        return self._start_ns + number * TICK_NS
+
+
+@dataclass(frozen=True, eq=False)
+class SessionLog:
+    """A recording read back."""
+
+    header: dict[str, Any]  # as session.json had it when the session began
+    names: list[str]  # of a row's numbers
+    numbers: np.ndarray  # int64 [T], number of each row: gaps where rows were lost
+    rows: np.ndarray  # float32 [T, names]
+    events: list[dict[str, Any]]
+    complete: bool  # closed by its recorder, not cut short
+    lost_bytes: int  # at the end, of a chunk that was not finished; or damaged
+
+
+def read(path: Path) -> SessionLog:
+    """The recording of a session, as much as is there. Raises StoreError where it is no recording of a session."""
+    found = mcap_records.scan(path)
+    metadata = next((one.metadata for one in found.metadata if one.name == METADATA), {})
+    if "channels" not in metadata:
+        raise StoreError(
+            f"{path}: is no recording of a session, it names no channels; expected the {FILE} of a session's folder"
+        )
+    names, header = json.loads(metadata["channels"]), json.loads(metadata["header"])
+    kinds = {channel.id: channel.topic for channel in found.channels}
+    width = 4 * len(names)
+    numbers: list[int] = []
+    data: list[bytes] = []
+    events: list[dict[str, Any]] = []
+    for channel, number, _, _, message in found.messages():
+        topic = kinds.get(channel)
+        if topic == SIGNALS:
+            numbers.append(number)
+            data.append(message[-width:])
+        elif topic == EVENTS:
+            events.append(json.loads(cdr.read_string(message)))
+    rows = np.frombuffer(b"".join(data), "<f4").reshape(-1, len(names))
+    return SessionLog(header, names, np.array(numbers, np.int64), rows, events, found.complete, found.lost_bytes)
+
+
+class _Tip(NamedTuple):
+    """A tip whose place and joints are among the channels."""
+
+    arm: str
+    name: str  # of _TIPS
+    position: np.ndarray  # [3], places in a row
+    joints: np.ndarray  # [7]
+
+
+class _Standard:
+    """The standard topics that the channels allow, and how rows fill them."""
+
+    def __init__(self, names: Sequence[str], bases: Mapping[str, Mapping[str, Sequence[float]]]) -> None:
+        """bases: `origin` and `quaternion` of each arm's frame 0 in the world."""
+        self._place = {name: i for i, name in enumerate(names)}
+        self._numbers: list[tuple[Topic, np.ndarray, int]] = []  # topic, places in a row, zeros after them
+        self._tips: list[_Tip] = []
+        for arm in ARM_TOPICS:
+            for name, channel in _STATES.items():
+                if (joints := self._places(arm, channel, len(JOINTS))) is not None:
+                    self._numbers.append((topics.joint_state(arm, name, JOINTS), joints, 0))
+            if (force := self._places(arm, "force", 3)) is not None:
+                self._numbers.append((topics.wrench(arm, "haptic_cf"), force, 3))
+            for name, (channel, joint_channel) in _TIPS.items():
+                position, joints = self._places(arm, channel, 3), self._places(arm, joint_channel, len(JOINTS))
+                if position is not None and joints is not None:
+                    self._tips.append(_Tip(arm, name, position, joints))
+        standing = [arm for arm in ARM_TOPICS if arm in bases and any(tip.arm == arm for tip in self._tips)]
+        self._bases = np.array([[*bases[arm]["origin"], *bases[arm]["quaternion"]] for arm in standing]).reshape(-1, 7)
+        self._poses = [topics.pose(tip.arm, f"{tip.name}_cp") for tip in self._tips]
+        pairs = [(topics.WORLD, topics.base(arm)) for arm in standing]
+        pairs += [(topics.base(tip.arm), topics.tip(tip.arm, tip.name)) for tip in self._tips]
+        self._frames = [topics.frames(pairs)] if self._tips else []
+        self.topics = [*(topic for topic, _, _ in self._numbers), *self._poses, *self._frames]
+
+    def values(self, rows: np.ndarray) -> Iterator[tuple[Topic, np.ndarray]]:
+        """Of rows [n, names] the numbers [n, k] of each topic, in the order of `topics`."""
+        for topic, places, zeros in self._numbers:
+            values = rows[:, places]
+            yield topic, np.concatenate([values, np.zeros((len(rows), zeros))], axis=1) if zeros else values
+        if not self._tips:
+            return
+        rotation = np.empty((len(rows), len(self._tips), 3, 3))
+        for arm in {tip.arm for tip in self._tips}:
+            own = [i for i, tip in enumerate(self._tips) if tip.arm == arm]
+            rotation[:, own] = jaw_rotation(arm, rows[:, [self._tips[i].joints for i in own]])
+        points = rows[:, [tip.position for tip in self._tips]]
+        poses = np.concatenate([points, quaternions(rotation)], axis=2)  # [n, tips, 7]
+        yield from zip(self._poses, poses.swapaxes(0, 1), strict=True)
+        bases = np.broadcast_to(self._bases.reshape(-1), (len(rows), self._bases.size))
+        yield self._frames[0], np.concatenate([bases, poses.reshape(len(rows), -1)], axis=1)
+
+    def _places(self, arm: str, channel: str, width: int) -> np.ndarray | None:
+        """Where a channel's numbers stand in a row; None where there is no such channel."""
+        found = [self._place.get(f"{arm}/{channel}/{i}", -1) for i in range(width)]
+        return np.array(found) if min(found) >= 0 else None
+
+
+def _metadata(names: Sequence[str], header: Mapping[str, Any]) -> dict[str, str]:
+    """The header as JSON, the channels, and what tells sessions apart as plain text."""
+    plain = {name: header[name] for name in _PLAIN if name in header}
+    if isinstance(scenario := plain.get("scenario"), Mapping):
+        plain["scenario"] = scenario.get("name", "")
+    plain["session"] = header.get("name", "")
+    plain["version"] = (header.get("versions") or {}).get("ravenjax", "")
+    plain["hazards"] = json.dumps([hazard.get("title", "") for hazard in header.get("hazards") or ()])
+    return {name: str(value) for name, value in plain.items()} | {
+        "header": json.dumps(header),
+        "channels": json.dumps(list(names)),
+    }
+
+
+def _start_ns(header: Mapping[str, Any]) -> int:
+    """ns since 1970 at which the session began; 0 where the header does not say."""
+    started = header.get("started")
+    return round(datetime.fromisoformat(started).timestamp() * 1e3) * 1_000_000 if started else 0

@@ -1,0 +1,1 @@
+"""One run's time series as files: MCAP and CSV."""

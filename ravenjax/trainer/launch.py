@@ -1,0 +1,403 @@
+"""A whole session: its processes, from the scenario to the debrief.
+
+    realtime   this process, one thread: consoles in, tick, rows and events into two rings
+    page       serves the browser: reads the rings, sends commands (not without a page)
+    recorder   reads the rings, writes the folder
+
+Neither of the others can make the realtime loop wait, and both end when it is gone.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import dataclasses
+import multiprocessing
+import os
+import secrets
+import socket
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ravenjax.errors import UserError
+from ravenjax.robots.raven2.console.packet import UDP_PORT
+from ravenjax.robots.raven2.geometry import scene
+from ravenjax.store import files, manifest
+from ravenjax.store.logs.session import description
+from ravenjax.store.logs.session import log as session_log
+from ravenjax.trainer import judge, page, scenario
+from ravenjax.trainer.page.options import loopback
+from ravenjax.trainer.protocol.frame import Frame
+from ravenjax.trainer.realtime import clock, loop
+from ravenjax.trainer.realtime.clock import Timing
+from ravenjax.trainer.realtime.interruption import until_interrupted
+from ravenjax.trainer.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring
+from ravenjax.trainer.recording import recorder
+from ravenjax.trainer.recording.hazards import table
+from ravenjax.trainer.robot_link.distant import DistantRobot
+from ravenjax.trainer.robot_link.itp import ItpServer
+from ravenjax.trainer.robot_link.joints.stream import JOINT_PORT
+from ravenjax.trainer.robot_link.process import digest
+from ravenjax.trainer.robot_link.remote import RemoteRobot
+from ravenjax.trainer.scenario import Scenario
+from ravenjax.trainer.session import scripts
+from ravenjax.trainer.session.advance import Driven, Session
+from ravenjax.trainer.session.blueprint import Blueprint
+from ravenjax.trainer.session.simulation import Robot
+
+KEPT_FRAMES, KEPT_EVENTS, KEPT_COMMANDS = 4096, 1024, 256
+"""Rows of the rings: four seconds of frames, more events and commands than come in that time."""
+STARTING_S = 60.0
+"""Longest that page and recorder may take to be there."""
+COMMANDS = "commands.jsonl"
+"""What was said to the session (up to `session.MOST_HEARD`): a script that makes it again."""
+Say = Callable[[str], None]
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """What a session is started with."""
+
+    scenario: Scenario
+    folder: Path
+    seed: int
+    participant: str = ""
+    group: str = ""
+    cue: bool | None = None  # None: the scenario's own
+    blinded: bool | None = None
+    host: str = "127.0.0.1"
+    port: int = 0
+    token: str | None = None
+    script: str | None = None  # who drives in place of a person: a reaction of `scripts`, or a file of commands
+    itp_port: int | None = None  # None: no console over the network
+    robot: str | None = None  # a robot elsewhere, HOST[:ITP_PORT[:JOINT_PORT]]
+
+
+@dataclasses.dataclass(frozen=True)
+class Finished:
+    """What a session left."""
+
+    folder: Path
+    hazards: list[dict[str, Any]]
+    timing: Timing | None
+    ended: str
+
+
+def realtime(
+    options: Options,
+    *,
+    with_page: bool = True,
+    linger_s: float | None = None,
+    say: Say = print,
+) -> Finished:
+    """Run a session against the clock.
+
+    linger_s: how long the page stays after the end, None: until Ctrl-C.
+    """
+    if with_page:
+        _require_address(options.host, options.port)
+    files.require_writable(options.folder)
+    with contextlib.ExitStack() as stack:
+        session = Session(options.scenario, options.seed, cue=options.cue, robot=_robot(stack, options))
+        header = _header(options, session)
+        frames, events = Ring.create(KEPT_FRAMES, 4 * session.layout.size), Ring.create(KEPT_EVENTS, EVENT_BYTES)
+        stack.callback(events.close)
+        stack.callback(frames.close)
+        names = tuple(session.layout.names())
+        recording = _spawn(
+            stack, recorder.run, recorder.Options(frames.name, events.name, names, options.folder, header)
+        )
+        consoles: list[loop.Console] = []
+        if with_page:
+            commands = Ring.create(KEPT_COMMANDS, COMMAND_BYTES)
+            stack.callback(commands.close)
+            _open_page(stack, options, session, header, (frames, events, commands), say)
+            consoles.append(loop.Inbox(commands))
+        if options.itp_port is not None:
+            server = ItpServer(session.arms, options.host, options.itp_port)
+            stack.callback(server.close)
+            stack.callback(lambda: say(f"console: {_counted(server.counters())}"))
+            consoles.append(_ItpConsole(server, session))
+            say("console: ITP over UDP {}:{}".format(*server.address))
+        if options.script is not None:
+            consoles.append(_Scripted(options.script, session))
+        _wait_for(recording, options.folder / session_log.FILE)
+        stop = stack.enter_context(until_interrupted())
+        with clock.realtime() as granted:
+            say(f"realtime: {granted}")
+            timing = loop.run(session, frames, events, consoles, lambda: bool(stop), lambda: _ended(recording))
+        if trouble := _ended(recording):
+            say(trouble)
+        recording.join(STARTING_S)
+        found = _conclude(options, session, timing, say)
+        if with_page and linger_s != 0:
+            say("the page stays until Ctrl-C" if linger_s is None else f"the page stays for {linger_s:g} s")
+            end = float("inf") if linger_s is None else time.monotonic() + linger_s
+            while len(stop) < 2 and time.monotonic() < end:
+                time.sleep(0.05)
+                if linger_s is None and stop:
+                    break
+    return found
+
+
+def headless(options: Options, say: Say = lambda _: None) -> Finished:
+    """Run a session as fast as it goes, without page and clock: the same folder, the same bits each time.
+
+    UserError without a script: somebody must drive.
+    """
+    if options.script is None:
+        raise UserError(f"nobody drives: give a script, one of {', '.join(scripts.REACTIONS)} or a file of commands")
+    files.require_writable(options.folder)
+    session = Session(options.scenario, options.seed, cue=options.cue)
+    header = {"started": recorder.now(), **_header(options, session), "ended": None}
+    description.write(options.folder, header)
+    log = session_log.Writer(options.folder / session_log.FILE, tuple(session.layout.names()), header)
+    driver = _Scripted(options.script, session)
+    block: list[np.ndarray] = []
+    told: list[dict[str, Any]] = []
+    first = 0
+    with contextlib.closing(log):
+        while not session.over:
+            told += session.tick(driver.poll())
+            block.append(session.frame.row.copy())
+            if len(block) == recorder.BLOCK or session.over:
+                log.add(first, np.stack(block), told)
+                first += len(block)
+                block, told = [], []
+    description.update(options.folder, {"ended": recorder.now()})
+    return _conclude(options, session, None, say)
+
+
+def fresh_folder(name: str, base: Path = Path("results/sessions")) -> Path:
+    """A folder for a session that begins now."""
+    return base / f"{name}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
+
+
+# --- parts ---
+
+
+def _header(options: Options, session: Session) -> dict[str, Any]:
+    chosen = options.scenario
+    return {
+        "name": options.folder.name,
+        "scenario": chosen.resolved(),
+        "seed": options.seed,
+        "participant": options.participant,
+        "group": options.group,
+        "cue": session.cue_on,
+        "blinded": _blinded(options),
+        "cue_threshold_mm": chosen.cue.threshold_mm,
+        "versions": manifest.package_versions(),
+        "code_hash": manifest.code_hash(),
+        "engine": "stepper",
+        "arms": list(session.arms),
+        "bases": {arm: dict(zip(("origin", "quaternion"), scene.base_pose(arm), strict=True)) for arm in session.arms},
+        "robot": options.robot or "virtual",
+        "hazards": [hazard.header() for hazard in session.hazards],
+        "task": session.task.geometry(),
+        "summary": {},
+    }
+
+
+def _robot(stack: contextlib.ExitStack, options: Options) -> Callable[[Blueprint], Driven]:
+    """What makes the robot that is driven: the virtual one, or a connection to one elsewhere."""
+    if options.robot is None:
+        return Robot
+    host, ports = address(options.robot)
+
+    def connected(made: Blueprint) -> Driven:
+        remote = RemoteRobot(host, *ports, made.setup.arms, options.token)
+        stack.callback(remote.close)
+        mine, theirs = digest(scenario.armable(options.scenario, made.plan.table)), remote.greeting.get("hazards")
+        if mine != theirs:
+            told = f"scenario {remote.greeting.get('scenario')!r}, seed {remote.greeting.get('seed')}"
+            raise UserError(
+                f"the robot at {host} ({told}) has other hazards than this session ({options.scenario.name!r}, seed "
+                f"{options.seed}): start both with the same scenario, --seed and --set"
+            )
+        return DistantRobot(made, remote)
+
+    return connected
+
+
+def address(text: str) -> tuple[str, tuple[int, int]]:
+    """Host, and ports of ITP and of the joint stream, of HOST[:ITP_PORT[:JOINT_PORT]]. UserError."""
+    host, *given = text.split(":")
+    if not host or len(given) > 2 or not all(port.isdecimal() and int(port) < 65536 for port in given):
+        raise UserError(f"robot is {text!r}, expected HOST[:ITP_PORT[:JOINT_PORT]], such as 127.0.0.1:36000:36002")
+    itp, joint = [*map(int, given), *(UDP_PORT, JOINT_PORT)[len(given) :]]
+    return host, (itp, joint)
+
+
+def _open_page(
+    stack: contextlib.ExitStack,
+    options: Options,
+    session: Session,
+    header: dict[str, Any],
+    rings: tuple[Ring, Ring, Ring],
+    say: Say,
+) -> None:
+    """Spawn the page's process, wait until it listens, and say where."""
+    token = options.token
+    if token is None and not loopback(options.host):
+        token = secrets.token_urlsafe(24)
+    port_told, port_taken = multiprocessing.Pipe(duplex=False)
+    stack.callback(port_told.close)
+    given = page.Options(
+        frames=rings[0].name,
+        events=rings[1].name,
+        commands=rings[2].name,
+        port_taken=port_taken,
+        arms=session.arms,
+        header=header,
+        folder=str(options.folder.absolute()),
+        host=options.host,
+        port=options.port,
+        token=token,
+    )
+    process = _spawn(stack, page.run, given)
+    port_taken.close()
+    if not port_told.poll(STARTING_S):
+        raise UserError(f"the page did not start within {STARTING_S:g} s; try `--no-page`, or `ravenjax doctor`")
+    try:
+        port = port_told.recv()
+    except EOFError:
+        process.join(STARTING_S)
+        raise UserError(f"the page's process ended with code {process.exitcode}; its message stands above") from None
+    ask = f"&token={token}" if token else ""
+    host = "127.0.0.1" if options.host in ("0.0.0.0", "") else options.host
+    for role in ("operator", "instructor"):
+        say(f"{role}: http://{host}:{port}/?role={role}{ask}")
+
+
+def _require_address(host: str, port: int) -> None:
+    """Told before a process is started for it: viser would wait forever."""
+    try:
+        found = socket.getaddrinfo(host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        for family, kind, protocol, _, address in found:
+            with socket.socket(family, kind, protocol) as probe:
+                probe.bind(address)
+    except OSError as error:
+        raise UserError(
+            f"host is {host!r}, where the page cannot listen ({error}); "
+            "give an address of this machine, 127.0.0.1 for itself alone, or 0.0.0.0 for all it has"
+        ) from None
+    if not 0 <= port <= 65535:
+        raise UserError(f"port is {port}, expected 0 (any free one) to 65535")
+
+
+def _spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any) -> BaseProcess:
+    """A process of its own, never a fork: jax does not survive one."""
+    process = multiprocessing.get_context("spawn").Process(target=target, args=(given,), daemon=True)
+    process.start()
+    if process.pid is not None and (cpus := clock.other_cpus()):
+        os.sched_setaffinity(process.pid, cpus)
+
+    def end() -> None:
+        process.terminate()
+        process.join(5.0)
+        if process.is_alive():
+            process.kill()
+
+    stack.callback(end)
+    return process
+
+
+def _wait_for(recording: BaseProcess, path: Path) -> None:
+    end = time.monotonic() + STARTING_S
+    while not path.exists():
+        if not recording.is_alive() or time.monotonic() > end:
+            raise UserError(f"{path.parent}: the recorder did not start (exit code {recording.exitcode})")
+        time.sleep(0.02)
+
+
+def _ended(recording: BaseProcess) -> str | None:
+    """What to tell where the recorder has ended before the session."""
+    if recording.is_alive() or recording.exitcode == 0:
+        return None
+    return f"the recorder has ended (exit code {recording.exitcode}): the session goes on unrecorded"
+
+
+def _conclude(options: Options, session: Session, timing: Timing | None, say: Say) -> Finished:
+    """Table, summary and debrief once the recording is whole."""
+    from ravenjax.trainer.debrief import page as debrief  # plotly: a second, after the session
+
+    rows = session.judge.rows(
+        session=options.folder.name,
+        participant=options.participant,
+        group=options.group,
+        seed=options.seed,
+        blinded=_blinded(options),
+    )
+    with open(options.folder / table.FILE, "w", newline="", encoding="utf-8") as file:
+        writer: csv.DictWriter[str] = csv.DictWriter(file, judge.COLUMNS)
+        writer.writeheader()
+        writer.writerows(rows)
+    scripts.save(options.folder / COMMANDS, session.heard)
+    summary: dict[str, Any] = {"ended": session.ended, "task": session.task.result(), "ticks": session.ticks}
+    summary["hazards"] = session.judge.result()
+    if timing is not None:
+        summary["timing"] = facts(timing)
+    description.update(options.folder, {"summary": summary})
+    say(f"debrief: {debrief.write(options.folder)}")
+    return Finished(options.folder, rows, timing, session.ended)
+
+
+def facts(timing: Timing) -> dict[str, float]:
+    """A loop's timing in numbers, us."""
+    found: dict[str, float] = {"ticks": timing.ticks, "late_ticks": timing.late, "skipped_ms": timing.skipped}
+    for what in ("compute", "whole", "lateness"):
+        for name, share in (("p50", 0.5), ("p99", 0.99), ("p99_9", 0.999)):
+            found[f"{what}_{name}_us"] = timing.percentile(what, share)
+    return found
+
+
+def _blinded(options: Options) -> bool:
+    return options.scenario.cue.blinded if options.blinded is None else options.blinded
+
+
+def _counted(counts: dict[str, int]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in counts.items() if count) or "nothing arrived"
+
+
+class _Scripted:
+    """A scripted or recorded operator as a console."""
+
+    def __init__(self, script: str, session: Session) -> None:
+        self._session = session
+        self._operator: scripts.Operator
+        if script in scripts.REACTIONS:
+            speeds = session.scenario.speeds
+            self._operator = scripts.Follower(session.task, session.arms, speeds, reaction=script)  # type: ignore[arg-type]
+        else:
+            self._operator = scripts.load(script)
+
+    def poll(self) -> list[dict[str, Any]]:
+        return self._operator.messages(self._session.ticks, self._session.frame)
+
+    def tell(self, frame: Frame) -> None:
+        """It sees the frame when it is asked."""
+
+
+class _ItpConsole:
+    """A console over the network: increments in, force out."""
+
+    def __init__(self, server: ItpServer, session: Session) -> None:
+        self._server, self._arms = server, session.arms
+        self._still: dict[str, Any] = dict.fromkeys(session.arms, (0.0, 0.0, 0.0))
+
+    def poll(self) -> list[dict[str, Any]]:
+        return self._server.poll()
+
+    def tell(self, frame: Frame) -> None:
+        felt = frame.number("cue_on") and frame.number("console_alive")
+        forces = self._still
+        if felt:
+            forces = {arm: frame[f"{arm}/force"].tolist() for arm in self._arms}
+        self._server.send_force(forces, int(frame.number("runlevel")), bool(frame.number("soft_estopped")))

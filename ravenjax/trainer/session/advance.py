@@ -1,0 +1,345 @@
+"""A training session, one millisecond at a time: hands in, robots moved, hazards armed, events out.
+
+A session is a function of its scenario, its seed and a list of (tick, command): no clock, file, socket or thread is
+touched here. A headless run calls `tick` as fast as it can; the realtime loop calls its halves once a millisecond,
+`move` before frame and force go out, `conclude` after.
+
+Three robots run side by side, all with the campaigns' tick: the one that is driven, its golden run, and the
+virtual one on which a motion can be tried while the robot rests; what was tried is then given to the robot, row by row,
+for as long as the pedal is held.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.geometry import kinematics
+from ravenjax.robots.raven2.run_levels import E_STOP, PEDAL_DOWN
+from ravenjax.trainer import judge, scenario, tasks
+from ravenjax.trainer.protocol.frame import PHASES, VIEWS, Frame, Layout
+from ravenjax.trainer.protocol.messages import INSTRUCTOR, OPERATOR
+from ravenjax.trainer.protocol.world import Point
+from ravenjax.trainer.scenario import Scenario
+from ravenjax.trainer.session import blueprint, director, hands
+from ravenjax.trainer.session.blueprint import Blueprint
+from ravenjax.trainer.session.simulation import Robot
+
+Event = dict[str, Any]
+READY, RUNNING, PAUSED, STOPPED, OVER = range(len(PHASES))
+REAL, VIRTUAL, REPLAY = range(len(VIEWS))
+_TOLD = (("phase", "phase"), ("view", "view"), ("console", "alive"), ("pedal", "down"), ("runlevel", "runlevel"))
+"""Events that tell of each change of a state, and their word for it."""
+MOST_HEARD = 1_000_000
+"""Commands that are kept: hours of a page's, a quarter of an hour of a console's that sends one a millisecond."""
+OUTCOMES_EVERY = 10
+"""Ticks between two looks at the robot's checks, at least."""
+
+
+class Driven(Protocol):
+    """The robot of a session, here or elsewhere; as `simulation.Robot`."""
+
+    motion: np.ndarray
+    now: int
+    row: np.ndarray
+
+    def step(self) -> None: ...
+    def outcomes(self) -> dict[str, Any]: ...
+    def golden_outcomes(self) -> dict[str, Any] | None: ...
+    def reset(self) -> None: ...
+    def arm(self, row: int) -> None: ...
+    def disarm(self) -> None: ...
+    def press(self, row: int, ticks: int = 100) -> None: ...
+
+
+class _Places(NamedTuple):
+    """Where an arm's channels stand in a row."""
+
+    hand: slice  # hand, hand_quat and grasp: as in a row of motion
+    link_jpos: slice
+    tip: slice
+    virtual_jpos: slice
+    virtual_tip: slice
+
+    @staticmethod
+    def of(places: dict[str, slice], arm: str) -> _Places:
+        hand = slice(places[f"{arm}/hand"].start, places[f"{arm}/grasp"].stop)
+        return _Places(hand, *(places[f"{arm}/{name}"] for name in _Places._fields[1:]))
+
+
+class Session:
+    """One session. `tick` until `over`."""
+
+    def __init__(
+        self,
+        chosen: Scenario,
+        seed: int,
+        *,
+        cue: bool | None = None,
+        made: Blueprint | None = None,
+        robot: Callable[[Blueprint], Driven] = Robot,
+    ) -> None:
+        """cue: whether the force is felt, the scenario's own if None. made: compiled before, for the same scenario and
+        seed. robot: what makes the robot that is driven."""
+        self.scenario, self.seed = chosen, seed
+        if made is None:
+            made = blueprint.make(scenario.campaign(chosen, seed), limit_mm=chosen.harm.stray_mm)
+        self.blueprint = made
+        self.layout: Layout = self.blueprint.layout
+        self.arms = self.layout.arms
+        self.hazards = scenario.armable(chosen, self.blueprint.plan.table)
+        self.robot = robot(self.blueprint)
+        self.virtual = Robot(self.blueprint)
+        self.frame = Frame(self.layout)
+        self.cue_on = chosen.cue.on if cue is None else cue
+        self.estop_row = self.blueprint.plan.runs - 1
+        self.task = tasks.make(chosen, self._tips(), seed)
+        self.director = director.Director(chosen, self.hazards, seed)
+        self.judge = judge.Judge(chosen, self.hazards, cue_on=self.cue_on)
+        self.phase, self.view = READY, REAL
+        self.ticks = 0  # ms of the session, without pauses
+        self.ended = ""  # why it is over
+        self.heard: list[tuple[int, dict[str, Any]]] = []  # with scenario and seed these are the whole session
+        self._hands = self._new_hands()
+        self._resume_to = READY
+        self._rest: np.ndarray | None = None  # row of the resting robot while the virtual one is driven
+        self._tried = (0, 0)  # ticks of the motion that was tried
+        self._replayed = 0  # how far the robot has followed it
+        self._pedal, self._alive = 0.0, False
+        self._told: tuple[Any, ...] = (None,) * len(_TOLD)
+        places = self.layout.places
+        self._places = [_Places.of(places, arm) for arm in self.arms]
+        self._common = slice(places["session_tick"].start, places["cue_on"].stop)
+        self._runlevel, self._trips = places["runlevel"].start, places["trips"].start
+        self._soft_estopped = places["soft_estopped"].start
+        self._seen_trips, self._looked = 0.0, -OUTCOMES_EVERY
+        self._events: list[Event] = []
+        self._moved = False  # the robots, in this tick
+
+    @property
+    def over(self) -> bool:
+        """Whether it has ended."""
+        return self.phase == OVER
+
+    def tick(self, commands: list[dict[str, Any]]) -> list[Event]:
+        """One millisecond: `frame` is filled, events are returned."""
+        self.move(commands)
+        return self.conclude()
+
+    def move(self, commands: list[dict[str, Any]]) -> None:
+        """First half: hands, hazards and robots; `frame` is filled. Nobody outside waits for the other half."""
+        self._events, self._moved = [], False
+        for command in commands:
+            if len(self.heard) < MOST_HEARD:
+                self.heard.append((self.ticks, command))
+            self._command(command)
+        if self.phase in (PAUSED, OVER):
+            self._publish()
+            return
+        hand = self._hands.advance(self.ticks)
+        self._drive(hand)
+        for order in self.director.step(self.ticks, self.frame):
+            self._order(order)
+        self.robot.step()
+        if self.view == VIRTUAL:
+            self.virtual.step()
+        self._publish(hand)
+        self._moved = True
+
+    def conclude(self) -> list[Event]:
+        """Second half: what task, judge and phase make of it; the events of both."""
+        self.frame.settle()
+        self._tell_changes()
+        if self._moved:
+            self._follow()
+            self.ticks += 1
+        return self._events
+
+    # --- commands ---
+
+    def _command(self, command: dict[str, Any]) -> None:
+        kind, do = command.get("type"), command.get("do")
+        if kind in ("input", "increments"):
+            self._hands.take(command, self.ticks)
+        elif kind == "operator" and do in OPERATOR:
+            self._operator(command)
+        elif kind == "instructor" and do in INSTRUCTOR:
+            self._instructor(command)
+
+    def _operator(self, command: dict[str, Any]) -> None:
+        do = command["do"]
+        self._events += self.judge.command(command, self.ticks)
+        if do == "estop":
+            self.robot.press(self.estop_row)
+        elif do == "restart" and (self.phase == STOPPED or self.frame.number("runlevel") != PEDAL_DOWN):
+            self._restart()
+        elif do == "rehearse" and self.view == REAL and self.phase == RUNNING:
+            self._rehearse()
+        elif do == "reengage" and self.view == VIRTUAL:
+            self._reengage()
+        elif do == "discard" and self.view != REAL:
+            self._discard()
+        elif do == "note":
+            self._tell("note", text=str(command.get("text", ""))[:500])
+
+    def _instructor(self, command: dict[str, Any]) -> None:
+        do = command["do"]
+        if do in ("arm", "disarm"):
+            self.director.command(command, self.ticks)
+        elif do == "pause" and self.phase in (READY, RUNNING, STOPPED):
+            self._resume_to, self.phase = self.phase, PAUSED
+        elif do == "resume" and self.phase == PAUSED:
+            self._hands.take({"type": "input", "pedal": False, "arms": {}}, self.ticks)  # what was held may be gone
+            self.phase = self._resume_to
+        elif do == "reset" and self.phase != OVER:
+            self._restart()
+        elif do == "end":
+            self._end("instructor")
+        elif do == "cue":
+            self.cue_on = bool(command.get("on"))
+            self.judge.cue_on = self.cue_on
+
+    def _order(self, order: Any) -> None:
+        if order.kind == "arm":
+            self.robot.arm(self.hazards[order.number].row)
+            self._events += self.judge.armed(order.number, self.ticks)
+        else:
+            self._look()
+            self.robot.disarm()
+            self._events += self.judge.disarmed(self.ticks)
+
+    # --- the three robots ---
+
+    def _drive(self, hand: hands.Row) -> None:
+        """Write this tick's rows of motion: who follows the hand depends on the view."""
+        now = self.robot.now
+        if self.view == VIRTUAL:
+            self.virtual.motion[:, self.virtual.now] = hand.columns
+            self.robot.motion[:, now] = self._rest
+        elif self.view == REPLAY and hand.columns[-1]:
+            first, last = self._tried
+            self.robot.motion[:, now] = self.virtual.motion[:, first + self._replayed]
+            self._replayed += 1
+            if first + self._replayed >= last:
+                self._hands.place(self.robot.motion[:, now])
+                self.view = REAL
+        elif self.view == REPLAY:  # the pedal is up: the robot waits where it is
+            self.robot.motion[:, now] = self.robot.motion[:, max(now - 1, 0)]
+            self.robot.motion[-1, now] = 0
+        else:
+            self.robot.motion[:, now] = hand.columns
+
+    def _rehearse(self) -> None:
+        """The robot rests, the virtual one takes over its place and the hand."""
+        now = self.robot.now
+        if not isinstance(self.robot, Robot) or now == 0:
+            return
+        self.virtual.copy_from(self.robot)
+        self._rest = self.robot.motion[:, now - 1].copy()
+        self._rest[-1] = 0
+        self._tried = (now, now)
+        self.view = VIRTUAL
+
+    def _reengage(self) -> None:
+        """The robot follows what was tried."""
+        self._tried = (self._tried[0], self.virtual.now)
+        self._replayed = 0
+        self.view = REPLAY if self._tried[1] > self._tried[0] else REAL
+
+    def _discard(self) -> None:
+        """Back to the robot, which stands where it rested; the hand goes on from there."""
+        now = self.robot.now
+        self._hands.place(self.robot.motion[:, now - 1])
+        self.view = REAL
+
+    def _restart(self) -> None:
+        """The robot is homed again and stands at its beginning, ready."""
+        self._look()
+        self.robot.reset()
+        self._hands = self._new_hands()
+        self.director.reset(self.ticks)
+        self._events += self.judge.restarted(self.ticks)
+        self.task.restart()
+        self.phase, self.view = READY, REAL
+
+    # --- what is shown and told ---
+
+    def _publish(self, hand: hands.Row | None = None) -> None:
+        """Fill the frame; without a hand what the robot and the hand show stays."""
+        row, task = self.frame.row, self.task
+        if hand is not None:
+            row[: self.robot.row.size] = self.robot.row
+            shown = self.virtual.row if self.view == VIRTUAL else self.robot.row
+            for i, places in enumerate(self._places):
+                row[places.hand] = hand.columns[8 * i : 8 * i + 8]
+                row[places.virtual_jpos], row[places.virtual_tip] = shown[places.link_jpos], shown[places.tip]
+            self._pedal, self._alive = float(hand.columns[-1]), hand.alive
+        row[self._common] = (
+            *(self.ticks, self.phase, self.view, self._pedal, self._alive),
+            *(self.director.at_work, task.target, task.progress, self.cue_on),
+        )
+
+    def _tell_changes(self) -> None:
+        runlevel = int(self.frame.numbers[self._runlevel])
+        told = (PHASES[self.phase], VIEWS[self.view], self._alive, self._pedal != 0.0, runlevel)
+        if told != self._told:
+            for (kind, word), value, before in zip(_TOLD, told, self._told, strict=True):
+                if value != before:
+                    self._tell(kind, **{word: value})
+            self._told = told
+
+    def _follow(self) -> None:
+        """Task, judge and phase after the tick."""
+        frame = self.frame
+        self._events += self.task.step(frame, self.ticks)
+        due = self.ticks - self._looked >= OUTCOMES_EVERY  # looking costs as much as a tick
+        checked = self._checked() if due else ()
+        self._events += self.judge.step(self.ticks, frame, *checked)
+        runlevel = frame.numbers[self._runlevel]
+        if self.phase == READY and runlevel == PEDAL_DOWN:
+            self.phase = RUNNING
+        elif self.phase == RUNNING and (runlevel == E_STOP or frame.numbers[self._soft_estopped]):
+            self.phase = STOPPED
+        if self.ticks + 1 >= self.scenario.duration_s * 1000:
+            self._end("time")
+        elif self.task.done:
+            self._end("task")
+
+    def _checked(self) -> tuple[()] | tuple[dict[str, Any], dict[str, Any] | None]:
+        """Outcomes of robot and golden run where a check has tripped since the last look."""
+        trips = float(self.robot.row[self._trips])
+        if trips == self._seen_trips:
+            return ()
+        self._seen_trips, self._looked = trips, self.ticks
+        return self.robot.outcomes(), self.robot.golden_outcomes()
+
+    def _look(self) -> None:
+        """Let the judge see what the checks did until now: robot or golden run are about to begin anew."""
+        if checked := self._checked():
+            self._events += self.judge.look(*checked)
+
+    def _end(self, reason: str) -> None:
+        if self.phase != OVER:
+            self._look()
+            self._events += self.judge.close(self.ticks)
+            self.phase, self.ended = OVER, reason
+            self._tell("end", reason=reason)
+
+    def _tell(self, kind: str, **what: Any) -> None:
+        self._events.append({"tick": self.ticks, "kind": kind, **what})
+
+    def _new_hands(self) -> hands.Hands:
+        return hands.Hands(self.arms, self.scenario.scale, self.scenario.speeds)
+
+    def _tips(self) -> dict[ArmName, Point]:
+        """Where the tips begin, m, frame 0."""
+        starts = self.blueprint.plan.motion.start_jpos
+        found: dict[ArmName, Point] = {}
+        for arm, jpos in zip(self.arms, starts, strict=True):
+            x, y, z = (float(number) for number in kinematics.forward(arm, Vec(jpos)).position)
+            found[arm] = (x, y, z)
+        return found
