@@ -36,9 +36,9 @@ def listed(lines: Sequence[str], most: int = 8) -> str:
     return "\n".join(f"  {line}" for line in [*lines[:most], *more])
 
 
-def suggestion(word: str, known: Iterable[str]) -> str:
+def suggestion(word: str, names: Iterable[str]) -> str:
     """`. Did you mean 'x'?` for the known word nearest to `word`; "" where none is near."""
-    known = list(known)
-    same = [one for one in known if one.lower() == str(word).lower()]
-    near = same or difflib.get_close_matches(str(word), known, n=1, cutoff=0.5)
+    names = list(names)
+    same = [one for one in names if one.lower() == str(word).lower()]
+    near = same or difflib.get_close_matches(str(word), names, n=1, cutoff=0.5)
     return f". Did you mean {near[0]!r}?" if near else ""

@@ -9,14 +9,14 @@ import pandas as pd
 
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.store import schema
-from ravenjax.store.manifest import Cue, Detector, Manifest, config_hash
+from ravenjax.store.manifest import CueRecord, DetectorRecord, Manifest, config_hash
 
 CHECKS = ("overdrive_instant", "overdrive_clip", "estop", "ik_reject", "joint_limit", "master_timeout", "packet_order")
-CUES = tuple(Cue(threshold_mm=t, kp_per_mm=k, cap=0.05) for t in (3.0, 1.0, 2.0, 5.0) for k in (0.0045, 0.009))
+CUES = tuple(CueRecord(threshold_mm=t, kp_per_mm=k, cap=0.05) for t in (3.0, 1.0, 2.0, 5.0) for k in (0.0045, 0.009))
 
 DETECTORS = (
-    Detector("dsn16", "steps", "all", 1, (0.5, 1.0, 2.0)),
-    Detector("tip", "tip_error", "all", 1, (3.0,)),
+    DetectorRecord("dsn16", "steps", "all", 1, (0.5, 1.0, 2.0)),
+    DetectorRecord("tip", "tip_error", "all", 1, (3.0,)),
 )
 
 # group: site, effect, magnitudes (site's unit), share of runs, tip motion (mm per unit and 100 ms), chance of response

@@ -16,7 +16,7 @@ COMPILED = "/jax/core/compile/backend_compile_duration"
 
 
 @dataclasses.dataclass(frozen=True)
-class Timing:
+class WorkTiming:
     """Seconds of one piece of work, done several times."""
 
     best_s: float  # s, the least disturbed
@@ -24,13 +24,13 @@ class Timing:
     repeats: int
 
 
-def timed(work: Callable[[], Any], repeats: int, enough_s: float) -> Timing:
+def timed(work: Callable[[], Any], repeats: int, enough_s: float) -> WorkTiming:
     """Do `work` once untimed, then up to `repeats` times, or until `enough_s` are spent; once at least."""
     work()
-    found: list[float] = []
-    while not found or (len(found) < repeats and sum(found) < enough_s):
-        found.append(seconds(work))
-    return Timing(min(found), statistics.median(found), len(found))
+    times: list[float] = []
+    while not times or (len(times) < repeats and sum(times) < enough_s):
+        times.append(seconds(work))
+    return WorkTiming(min(times), statistics.median(times), len(times))
 
 
 def seconds(work: Callable[[], Any]) -> float:

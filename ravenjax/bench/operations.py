@@ -31,8 +31,8 @@ class Operations:
 def count(workload: Workload) -> Operations:
     """Count the operations of the workload's tick."""
     program = workload.program
-    found = traced.trace(program, workload.twins(1), workload.motion, operation_count.stage)
+    trace = traced.trace(program, workload.twins(1), workload.motion, operation_count.stage)
     parts = operation_count.by_stage(
-        split(found.without_signals(), range(len(program.varied)), range(1 + found.series))
+        split(trace.without_signals(), range(len(program.varied)), range(1 + trace.series))
     )
     return Operations(*({name or "tick.glue": n for name, n in parts[k].most_common()} for k in ("lane", "shared")))

@@ -55,7 +55,7 @@ def cuda(repeats: int = 5) -> float:
     def one(device: cuda_device.Device) -> float:
         module = cuda_device.DeviceModule(device, cuda_device.compile(_CUDA, device.architecture, ()))
         function, blocks = module.function("peak"), device.multiprocessors * _GPU_BLOCKS
-        with cuda_device.Session(device) as session:
+        with cuda_device.DeviceSession(device) as session:
             room = session.room(4)
 
             def work() -> None:

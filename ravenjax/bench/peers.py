@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 
 from ravenjax.bench import clock
-from ravenjax.bench.clock import Timing
+from ravenjax.bench.clock import WorkTiming
 from ravenjax.robots.raven2.dynamics import arm_model
 
 STEP_S = 1e-3
@@ -38,7 +38,7 @@ class Peer:
     robots: int
     steps: int  # of each robot
     compile_s: float  # s; 0: nothing is compiled
-    timing: Timing
+    timing: WorkTiming
 
     @property
     def steps_per_s(self) -> float:
@@ -96,7 +96,7 @@ def published_model(steps: int, repeats: int, enough_s: float) -> Peer:
     from ravenjax.numbers.vec import Vec
     from ravenjax.robots.raven2.plant import authors
 
-    def advance(start: authors.State) -> authors.State:
+    def advance(start: authors.AuthorsState) -> authors.AuthorsState:
         command = Vec.full(3, jnp.float64(0.0))
         return jax.lax.fori_loop(0, steps, lambda _, now: authors.euler(now, command, tension_bug=True), start)
 

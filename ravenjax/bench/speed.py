@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 from ravenjax.bench import clock
-from ravenjax.bench.clock import Timing
+from ravenjax.bench.clock import WorkTiming
 from ravenjax.bench.workload import Workload
 from ravenjax.engines import selection, traced
 from ravenjax.engines.interface import Engine, Kernel
@@ -25,7 +25,7 @@ class Batch:
     runs: int
     lanes: int  # of a block
     ticks: int  # of a run
-    timing: Timing
+    timing: WorkTiming
 
     @property
     def ticks_per_s(self) -> float:

@@ -53,7 +53,7 @@ MJX_STEPS, ROLLOUT_ROBOTS, ROLLOUT_STEPS, EULER_STEPS = 20, 1024, 200, 20_000
 
 
 @dataclasses.dataclass(frozen=True)
-class Machine:
+class BenchMachine:
     """What it was measured on, and how busy that was."""
 
     cpu: str
@@ -83,10 +83,10 @@ class Campaigns:
 
 
 @dataclasses.dataclass(frozen=True)
-class Findings:
+class BenchFindings:
     """Everything that one benchmark found."""
 
-    machine: Machine
+    machine: BenchMachine
     engines: tuple[Speed, ...]
     absent: Mapping[str, str]  # engine or peer -> why it was not timed
     operations: Operations
@@ -97,43 +97,43 @@ class Findings:
 
     def engine(self, name: str) -> Speed | None:
         """The speed of an engine, if it was timed."""
-        return next((found for found in self.engines if found.engine == name), None)
+        return next((one for one in self.engines if one.engine == name), None)
 
     def peak_share(self, name: str) -> float | None:
         """Operations a second of an engine's lanes, as a share of its device's peak."""
-        found = self.engine(name)
-        if found is None or name not in self.peak:
+        one = self.engine(name)
+        if one is None or name not in self.peak:
             return None
-        return found.best.ticks_per_s * self.operations.per_lane / self.peak[name]
+        return one.best.ticks_per_s * self.operations.per_lane / self.peak[name]
 
     def ratios(self) -> dict[str, dict[str, float]]:
         """Full ticks/s of each printing engine over every other's ticks/s or steps/s, each at its best."""
-        others = {f"engine {found.engine}": found.best.ticks_per_s for found in self.engines}
+        others = {f"engine {one.engine}": one.best.ticks_per_s for one in self.engines}
         others |= {peer.name: peer.steps_per_s for peer in self.peers}
         return {
-            found.engine: {
-                name: found.best.ticks_per_s / rate for name, rate in others.items() if name != f"engine {found.engine}"
+            one.engine: {
+                name: one.best.ticks_per_s / rate for name, rate in others.items() if name != f"engine {one.engine}"
             }
-            for found in self.engines
-            if found.engine in PRINTING
+            for one in self.engines
+            if one.engine in PRINTING
         }
 
     def as_json(self) -> dict[str, Any]:
         """All numbers, those that follow from others included."""
         plain = dataclasses.asdict(self)
-        for shown, found in zip(plain["engines"], self.engines, strict=True):
-            shown["growth_s_and_s_per_run"] = found.growth
-            shown["peak_share"] = self.peak_share(found.engine)
-            for batch, measured in zip(shown["batches"], found.batches, strict=True):
+        for record, one in zip(plain["engines"], self.engines, strict=True):
+            record["growth_s_and_s_per_run"] = one.growth
+            record["peak_share"] = self.peak_share(one.engine)
+            for batch, measured in zip(record["batches"], one.batches, strict=True):
                 batch["ticks_per_s"] = measured.ticks_per_s
-        for shown, peer in zip(plain["peers"], self.peers, strict=True):
-            shown["steps_per_s"] = peer.steps_per_s
+        for record, peer in zip(plain["peers"], self.peers, strict=True):
+            record["steps_per_s"] = peer.steps_per_s
         plain["operations"] |= {"per_lane": self.operations.per_lane, "per_group": self.operations.per_group}
         plain["campaigns"]["growth_s_and_s_per_run"] = self.campaigns.growth
         return plain | {"ratios": self.ratios()}
 
 
-def measure(effort: Effort = FULL, tell: Callable[[str], None] = lambda _: None) -> Findings:
+def measure(effort: Effort = FULL, tell: Callable[[str], None] = lambda _: None) -> BenchFindings:
     """Measure; `tell` hears what comes next. Compiled code is neither taken from a cache nor left in one."""
     cores, before = len(os.sched_getaffinity(0)), _load()
     caching = jax.config.jax_enable_compilation_cache  # pyright: ignore[reportAttributeAccessIssue]
@@ -142,8 +142,8 @@ def measure(effort: Effort = FULL, tell: Callable[[str], None] = lambda _: None)
         engines, absent = _engines(effort, tell)
         tell("operations and peak")
         counted = operations.count(Workload(1000))
-        peaks = {found.engine: peak.cuda() if found.engine == "cuda" else peak.cpu(cores) for found in engines
-                 if found.engine in PRINTING}  # fmt: skip
+        peaks = {one.engine: peak.cuda() if one.engine == "cuda" else peak.cpu(cores) for one in engines
+                 if one.engine in PRINTING}  # fmt: skip
         tell("mujoco.rollout")
         often = effort.repeats, effort.enough_s
         others = [peers.rollout(cores, ROLLOUT_ROBOTS, ROLLOUT_STEPS, *often)]
@@ -159,7 +159,7 @@ def measure(effort: Effort = FULL, tell: Callable[[str], None] = lambda _: None)
         whole = _campaigns(engines[0], effort.campaign_runs)
     finally:
         jax.config.update("jax_enable_compilation_cache", caching)
-    return Findings(_machine(cores, before), engines, absent, counted, peaks, tuple(others), euler, whole)
+    return BenchFindings(_machine(cores, before), engines, absent, counted, peaks, tuple(others), euler, whole)
 
 
 def _engines(effort: Effort, tell: Callable[[str], None]) -> tuple[tuple[Speed, ...], dict[str, str]]:
@@ -180,15 +180,15 @@ def _engines(effort: Effort, tell: Callable[[str], None]) -> tuple[tuple[Speed, 
 
 def _campaigns(engine: Speed, sizes: tuple[int, ...]) -> Campaigns:
     ticks = engine.best.ticks
-    kept = os.environ.get(compile_cache.VARIABLE)
+    before = os.environ.get(compile_cache.VARIABLE)
     os.environ[compile_cache.VARIABLE] = "off"
     try:
         seconds = {runs: clock.seconds(functools.partial(_campaign, runs, ticks, engine.engine)) for runs in sizes}
     finally:
-        if kept is None:
+        if before is None:
             del os.environ[compile_cache.VARIABLE]
         else:
-            os.environ[compile_cache.VARIABLE] = kept
+            os.environ[compile_cache.VARIABLE] = before
     return Campaigns(engine.engine, ticks, seconds)
 
 
@@ -203,10 +203,10 @@ def _load() -> float:
         return float("nan")
 
 
-def _machine(cores: int, before: float) -> Machine:
+def _machine(cores: int, before: float) -> BenchMachine:
     host, device = jit.host(), jax.devices()[0]
     system = f"{platform.system()} {platform.machine()}, Python {platform.python_version()}, JAX {jax.__version__}"
-    return Machine(
+    return BenchMachine(
         f"{_cpu_name()} ({host.cpu})", cores, host.vectors, host.width, system,
         f"{device.platform} {device.device_kind}", before, _load(),
     )  # fmt: skip

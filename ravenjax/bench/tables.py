@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ravenjax.bench import peers
-from ravenjax.bench.suite import Findings
+from ravenjax.bench.suite import BenchFindings
 
 Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
 """Title, columns, rows."""
@@ -27,7 +27,7 @@ NOTES = """\
 - A whole campaign includes planning, tracing, compiling, running and the result table, all in memory."""
 
 
-def tables(found: Findings) -> Iterator[Table]:
+def tables(found: BenchFindings) -> Iterator[Table]:
     """Each table."""
     yield "Machine", ("what", "is"), _machine(found)
     yield "Engines: full ticks a second", _ENGINE_COLUMNS, _engines(found)
@@ -44,7 +44,7 @@ def tables(found: Findings) -> Iterator[Table]:
     yield "Growth with the number of runs", ("what", "fixed", "each further run"), list(_growth(found))
 
 
-def markdown(found: Findings, command: str) -> str:
+def markdown(found: BenchFindings, command: str) -> str:
     """A page with all tables."""
     parts = ["# How fast the engines are", f"Written by `{command}`; the machine is named below.", NOTES]
     for title, columns, rows in tables(found):
@@ -59,7 +59,7 @@ _ENGINE_COLUMNS = ("engine", "runs", "lanes of a block", "M ticks/s", "median", 
 _A2_COLUMNS = ("what", "us a step", "of the published time", "inside the band")
 
 
-def _a2(found: Findings) -> list[tuple[str, ...]]:
+def _a2(found: BenchFindings) -> list[tuple[str, ...]]:
     published, ours = peers.PUBLISHED_EULER_S, 1.0 / found.published_model.steps_per_s
     verdict = "yes" if ours <= published else "NO"
     return [
@@ -68,7 +68,7 @@ def _a2(found: Findings) -> list[tuple[str, ...]]:
     ]
 
 
-def _machine(found: Findings) -> list[tuple[str, str]]:
+def _machine(found: BenchFindings) -> list[tuple[str, str]]:
     m = found.machine
     rows = [
         ("CPU", f"{m.cpu}, {m.cores} cores used, {m.vectors} ({m.width} float32)"),
@@ -87,7 +87,7 @@ def _machine(found: Findings) -> list[tuple[str, str]]:
     ]
 
 
-def _engines(found: Findings) -> list[tuple[str, ...]]:
+def _engines(found: BenchFindings) -> list[tuple[str, ...]]:
     rows = []
     for speed in found.engines:
         share = found.peak_share(speed.engine)
@@ -108,18 +108,18 @@ def _engines(found: Findings) -> list[tuple[str, ...]]:
     return rows
 
 
-def _operations(found: Findings) -> list[tuple[str, ...]]:
+def _operations(found: BenchFindings) -> list[tuple[str, ...]]:
     lane, shared = found.operations.lane, found.operations.shared
     names = sorted({*lane, *shared}, key=lambda name: -lane.get(name, 0) - shared.get(name, 0))
-    shown, others = names[:STAGES_SHOWN], names[STAGES_SHOWN:]
-    rows = [(name, f"{lane.get(name, 0)}", f"{shared.get(name, 0)}") for name in shown]
+    largest, others = names[:STAGES_SHOWN], names[STAGES_SHOWN:]
+    rows = [(name, f"{lane.get(name, 0)}", f"{shared.get(name, 0)}") for name in largest]
     if others:
         of_lane, of_group = (sum(part.get(name, 0) for name in others) for part in (lane, shared))
         rows.append((f"{len(others)} others", f"{of_lane}", f"{of_group}"))
     return [*rows, ("all", f"{found.operations.per_lane}", f"{found.operations.per_group}")]
 
 
-def _growth(found: Findings) -> Iterator[tuple[str, ...]]:
+def _growth(found: BenchFindings) -> Iterator[tuple[str, ...]]:
     for speed in found.engines:
         if speed.growth is not None:
             fixed, marginal = speed.growth

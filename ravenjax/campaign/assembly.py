@@ -11,7 +11,7 @@ Tables = tuple[Mapping[str, np.ndarray], ...]
 """Columns by name, all of the same rows."""
 
 
-class Part(NamedTuple):
+class PartRows(NamedTuple):
     """The rows of one part, and the pieces of blocks that hold them."""
 
     rows: range
@@ -25,15 +25,15 @@ class Part(NamedTuple):
         )
 
 
-def parts(ranges: Iterable[range], blocks: Iterable[Tables]) -> Iterator[Part]:
+def parts(ranges: Iterable[range], blocks: Iterable[Tables]) -> Iterator[PartRows]:
     """Each of `ranges` as soon as its rows are there; `blocks` hold the rows of all in order, none missing."""
     wanted = iter(ranges)
-    part, room = Part(range(0), []), 0
+    part, room = PartRows(range(0), []), 0
     for block in blocks:
         size, first = len(next(iter(block[0].values()))), 0
         while first < size:
             if not room:
-                part = Part(next(wanted), [])
+                part = PartRows(next(wanted), [])
                 room = len(part.rows)
             piece = slice(first, min(size, first + room))
             part.pieces.append((block, piece))

@@ -100,8 +100,8 @@ class Computation:
         self.progress.more_due(lanes * self.ready.program.ticks)
         varied, faults = self.ready.lanes(rows, lanes, harmless=True)
         result = self.kernel.run(Block(varied, faults, None), self.ready.columns, self.progress.ticks)
-        kept = {name: result.outcomes[name][: len(rows)] for name in outcomes.of_twin(result.outcomes)}
-        return Computed(self.ready.twin[rows], result.reference[:, :, : len(rows)], kept)
+        columns = {name: result.outcomes[name][: len(rows)] for name in outcomes.of_twin(result.outcomes)}
+        return Computed(self.ready.twin[rows], result.reference[:, :, : len(rows)], columns)
 
     def _faulty(self, rows: np.ndarray, twins: Twins) -> tuple[Columns, Columns]:
         lanes, own = self.kernel.size(len(rows)), twins.get()
@@ -110,5 +110,5 @@ class Computation:
         filled = twin[np.minimum(np.arange(lanes), len(rows) - 1)]
         block = Block(*self.ready.lanes(rows, lanes), own.reference, filled)
         result = self.kernel.run(block, self.ready.columns, self.progress.ticks)
-        found = {name: values[: len(rows)] for name, values in result.outcomes.items()}
-        return found, {name: values[twin] for name, values in own.outcomes.items()}
+        columns = {name: values[: len(rows)] for name, values in result.outcomes.items()}
+        return columns, {name: values[twin] for name, values in own.outcomes.items()}

@@ -30,25 +30,25 @@ def columns(config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, twins
 
     runs: rows of the fault table. outcomes: what the engine returned for each; twins: `of_twin` of its golden run.
     """
-    found = {name: np.asarray(values) for name, values in outcomes.items()}
-    diverged, failed = found.pop("diverged_ms"), found.pop("failed_ms")
-    jumps = {rule: found.pop(f"jump_{rule}_ms") for rule in ("code", "text", "tip")}
-    depth, distance = found["tissue_depth_mm"], found["tip_distance_mm"]
+    measures = {name: np.asarray(values) for name, values in outcomes.items()}
+    diverged, failed = measures.pop("diverged_ms"), measures.pop("failed_ms")
+    jumps = {rule: measures.pop(f"jump_{rule}_ms") for rule in ("code", "text", "tip")}
+    depth, distance = measures["tissue_depth_mm"], measures["tip_distance_mm"]
     out: dict[str, Any] = {
         **{name: runs[name].array for name in runs.columns if name != SHARED},
         "run_id": run_id.text(runs["run_id"].to_numpy()),
-        **found,
-        "activated": found["active_ticks"] > 0,
+        **measures,
+        "activated": measures["active_ticks"] > 0,
         "diverged": _faulty(runs) & (diverged >= 0),
         **{f"jump_{rule}": first >= 0 for rule, first in jumps.items()},
         **{f"jump_{rule}_first_ms": first for rule, first in jumps.items()},
         "failed": words.column((failed >= 0).astype(np.int8), ("", "nan")),
         "tissue_depth_mm": np.maximum(depth, depth.dtype.type(0)),
         "tip_distance_mm": np.where(np.isfinite(distance), distance, distance.dtype.type(np.nan)),
-        **{f"twin_{name}": np.asarray(twins[name]) for name in found if schema.kept_of_twin(name)},
+        **{f"twin_{name}": np.asarray(twins[name]) for name in measures if schema.kept_of_twin(name)},
     }
     out["twin_tissue_depth_mm"] = np.maximum(out["twin_tissue_depth_mm"], depth.dtype.type(0))
-    return out | judged(out, verdict.responses(found, twins, config.robot), failed < 0, config.outcomes.cue)
+    return out | judged(out, verdict.responses(measures, twins, config.robot), failed < 0, config.outcomes.cue)
 
 
 def frame(config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, twins: Columns) -> pd.DataFrame:

@@ -14,7 +14,7 @@ from ravenjax.campaign.file import loading
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.prepared import Prepared
 from ravenjax.engines.interface import TickProgram
-from ravenjax.faults.fault import Fault, Faults
+from ravenjax.faults.fault import Faults, FaultSlot
 from ravenjax.numbers import paths
 from ravenjax.numbers.setup import CAMPAIGN, Precision, Setup
 from ravenjax.store.motion.summary import MotionSummary
@@ -51,7 +51,7 @@ class Plan:
             picked["code"] = np.zeros_like(picked["code"])
         slots = range(self.program.setup.injection.slots)
         return varied, Faults(
-            tuple(Fault(**{name: values[:, slot] for name, values in picked.items()}) for slot in slots)
+            tuple(FaultSlot(**{name: values[:, slot] for name, values in picked.items()}) for slot in slots)
         )
 
 
@@ -81,16 +81,16 @@ def make(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
 
 def known_parameters(params: Any, setup: Setup) -> list[str]:
     """Every path that a campaign may vary: full ones, without the arm, and of whole vectors."""
-    known: dict[str, None] = {}
+    names: dict[str, None] = {}
     for full, _ in paths.leaves(params, setup):
         if full.startswith("start."):
             continue  # where a run begins is the motion's
         for path in (full, paths.shorten(full, setup.arms)):
-            known[path] = None
+            names[path] = None
             head, _, last = path.rpartition(".")
             if last in paths.components(setup.joints):
-                known[head] = None
-    return list(known)
+                names[head] = None
+    return list(names)
 
 
 def _filled(varied: dict[str, np.ndarray], params: Any, setup: Setup) -> dict[str, np.ndarray]:

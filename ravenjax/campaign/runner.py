@@ -16,7 +16,7 @@ import pyarrow as pa
 
 from ravenjax.campaign import compile_cache, plan
 from ravenjax.campaign.executors.local import Local
-from ravenjax.campaign.executors.protocol import Executor, Finished, Work
+from ravenjax.campaign.executors.protocol import Executor, FinishedChunk, Work
 from ravenjax.campaign.executors.shards import Shard
 from ravenjax.campaign.faults import run_id, table
 from ravenjax.campaign.file.config import CampaignConfig
@@ -52,7 +52,7 @@ def run_campaign(
     """
     compile_cache.enable()
     ready = plan.make(config)
-    chosen = selection.select(engine, ready.program.setup.precision, compile_cache.objects())
+    backend = selection.select(engine, ready.program.setup.precision, compile_cache.objects())
     executor = executor or Local()
     chunk = config.campaign.chunk or parts.rows_of_a_part(ready.runs)
     first = range(min(config.campaign.limit or ready.runs, ready.runs))
@@ -63,7 +63,7 @@ def run_campaign(
         rows = shard.rows(len(first), chunk)
     elif rows is None and len(first) < ready.runs:
         rows = [first]
-    record = _manifest(ready, chosen).model_copy(
+    record = _manifest(ready, backend).model_copy(
         update={
             "rows": None if rows is None else _pairs(rows, ready.runs),
             "shard": None if shard is None else str(shard),
@@ -73,11 +73,11 @@ def run_campaign(
         }
     )
     if out is None:
-        return _in_memory(ready, chosen, executor, list(parts.gaps((), record.wanted, chunk)), on_progress)
+        return _in_memory(ready, backend, executor, list(parts.gaps((), record.wanted, chunk)), on_progress)
     files.require_writable(out)
     with lock.held(out):
         folder = ResultFolder.open(out, record)
-        _into(folder, ready, chosen, executor, list(folder.missing(chunk)), on_progress)
+        _into(folder, ready, backend, executor, list(folder.missing(chunk)), on_progress)
     return Results(record.shape, out)
 
 
@@ -90,12 +90,12 @@ def _into(
     on_progress: OnProgress | None,
 ) -> None:
     """Compute what is missing into its folder."""
-    told, shape = ProgressFile(folder.path, on_progress), shape_of(ready)
+    listener, shape = ProgressFile(folder.path, on_progress), shape_of(ready)
     due = folder.manifest.due
-    progress = _progress(ready, engine, due, missing, told, folder.notes)
+    progress = _progress(ready, engine, due, missing, listener, folder.notes)
     progress.known(folder.manifest.failures)
 
-    def deliver(done: Finished[parts.Encoded]) -> None:
+    def deliver(done: FinishedChunk[parts.Encoded]) -> None:
         folder.put(done.packed)
         progress.part(len(done.rows), done.failures)
 
@@ -116,17 +116,17 @@ def _in_memory(
     ready: Plan, engine: Engine, executor: Executor, chunks: Sequence[range], on_progress: OnProgress | None
 ) -> Results:
     """Compute chunks into tables."""
-    shape, kept = shape_of(ready), dict[int, pa.Table]()
+    shape, tables = shape_of(ready), dict[int, pa.Table]()
     progress = _progress(ready, engine, sum(map(len, chunks)), chunks, on_progress, ())
 
-    def deliver(done: Finished[pa.Table]) -> None:
-        kept[done.rows.start] = done.packed
+    def deliver(done: FinishedChunk[pa.Table]) -> None:
+        tables[done.rows.start] = done.packed
         progress.part(len(done.rows), done.failures)
 
     if chunks:
         executor.run(Work(ready, engine, functools.partial(schema.conform, shape=shape), deliver, progress), chunks)
     progress.tell("done")
-    return Results(shape, None, tuple(kept[first] for first in sorted(kept)))
+    return Results(shape, None, tuple(tables[first] for first in sorted(tables)))
 
 
 def _progress(
@@ -157,11 +157,13 @@ def _manifest(ready: Plan, engine: Engine) -> manifest.Manifest:
         duration_ms=ready.program.ticks,
         shape=shape_of(ready),
         cues=tuple(
-            manifest.Cue(threshold_mm=c.threshold_m * 1e3, kp_per_mm=c.kp / 1e3, kd_s_per_mm=c.kd / 1e3, cap=c.cap)
+            manifest.CueRecord(
+                threshold_mm=c.threshold_m * 1e3, kp_per_mm=c.kp / 1e3, kd_s_per_mm=c.kd / 1e3, cap=c.cap
+            )
             for c in config.haptics.cues()
         ),
         detectors=tuple(
-            manifest.Detector(name, use.kind, use.fusion, use.consecutive, levels)
+            manifest.DetectorRecord(name, use.kind, use.fusion, use.consecutive, levels)
             for name, use, levels in config.detectors
         ),
         operator=ready.operator,

@@ -39,17 +39,17 @@ def cut(ranges: Iterable[range], twin: np.ndarray, lanes: int, most_twins: int, 
 
 
 def _blocks(ranges: Iterable[range], lanes: int) -> Iterator[np.ndarray]:
-    held: list[range] = []
+    pieces: list[range] = []
     room = lanes
     for rows in ranges:
         while rows:
-            held.append(rows[:room])
-            rows, room = rows[room:], room - len(held[-1])
+            pieces.append(rows[:room])
+            rows, room = rows[room:], room - len(pieces[-1])
             if not room:
-                yield np.concatenate([np.arange(some.start, some.stop) for some in held])
-                held, room = [], lanes
-    if held:
-        yield np.concatenate([np.arange(some.start, some.stop) for some in held])
+                yield np.concatenate([np.arange(some.start, some.stop) for some in pieces])
+                pieces, room = [], lanes
+    if pieces:
+        yield np.concatenate([np.arange(some.start, some.stop) for some in pieces])
 
 
 def _fitting(rows: np.ndarray, twin: np.ndarray, most_twins: int) -> Iterator[np.ndarray]:

@@ -22,9 +22,9 @@ class Computed:
 
     def picked(self, numbers: np.ndarray) -> Computed:
         """Those of `numbers` that are here."""
-        kept = np.isin(self.numbers, numbers)
-        outcomes = {name: values[kept] for name, values in self.outcomes.items()}
-        return Computed(self.numbers[kept], self.reference[:, :, kept], outcomes)
+        mask = np.isin(self.numbers, numbers)
+        outcomes = {name: values[mask] for name, values in self.outcomes.items()}
+        return Computed(self.numbers[mask], self.reference[:, :, mask], outcomes)
 
 
 def _joined(some: Sequence[Computed]) -> Computed:
@@ -53,10 +53,10 @@ class Twins:
         """All of them, once they are there."""
         with self._lock:
             if self._computed is None:
-                found = [future.result() for future in self._coming]
+                parts = [future.result() for future in self._coming]
                 if self._earlier is not None:
-                    found.append(self._earlier.get().picked(self.numbers))
-                self._computed = _joined(found)
+                    parts.append(self._earlier.get().picked(self.numbers))
+                self._computed = _joined(parts)
                 self._coming, self._earlier = (), None
             return self._computed
 

@@ -102,10 +102,10 @@ def _faults(word: str | None) -> Iterator[Listing]:
     else:
         ids = [row.id for row in library.rows()]
         if word not in ids:
-            known = [*every, *library.layers(), *ROBOT.sites, *EFFECTS, *ids]
+            words = [*every, *library.layers(), *ROBOT.sites, *EFFECTS, *ids]
             raise UserError(
                 f"unknown word {word!r}, expected a layer (L1 to L10), a site, an effect, the id of a hazard, or one "
-                f"of {', '.join(every)}{suggestion(word, known)}"
+                f"of {', '.join(every)}{suggestion(word, words)}"
             )
         yield Listing("hazard", f"Hazard {word}", ("what", "is"), listing.description(word))
 

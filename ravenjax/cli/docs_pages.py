@@ -17,7 +17,7 @@ _WRITTEN = f"*Written by `{COMMAND}`; a test holds it up to date.*"
 
 def pages() -> dict[str, str]:
     """Every page by the name of its file."""
-    made = {
+    contents = {
         "commands.md": _commands(),
         "campaigns.md": _campaigns(),
         "searches.md": _searches(),
@@ -27,7 +27,7 @@ def pages() -> dict[str, str]:
         "hazards.md": _hazards(),
         "python.md": _python(),
     }
-    return {name: "\n\n".join(parts) + "\n" for name, parts in made.items()}
+    return {name: "\n\n".join(parts) + "\n" for name, parts in contents.items()}
 
 
 def _commands() -> Iterator[str]:
@@ -63,13 +63,13 @@ def _searches() -> Iterator[str]:
 def _scenarios() -> Iterator[str]:
     from ravenjax.campaign.file.group import Fault
     from ravenjax.robots.raven2.campaign.config import Start
-    from ravenjax.trainer.scenario.config import TASKS, Cue, Entry, Harm, Robot, Scenario, Speeds
+    from ravenjax.trainer.scenario.config import TASKS, Cue, Entry, Harm, RobotSection, Scenario, Speeds
 
     yield "# Training scenarios"
     yield _WRITTEN
     yield "A scenario is a TOML file; `ravenjax train FILE` runs it. These keys stand at its top, before any table."
     yield from _keys(Scenario)
-    tables = {"[speeds]": Speeds, "[cue]": Cue, "[harm]": Harm, "[robot]": Robot, "[robot.start]": Start}
+    tables = {"[speeds]": Speeds, "[cue]": Cue, "[harm]": Harm, "[robot]": RobotSection, "[robot.start]": Start}
     tasks = {f'[task] kind = "{name}"': model for name, model in TASKS.items()}
     for title, model in {**tasks, "[[hazard]]": Entry, **tables}.items():
         yield f"## {title}"

@@ -28,13 +28,13 @@ def bench(
     if markdown is not None and not markdown.absolute().parent.is_dir():
         raise UserError(f"--markdown {markdown}: the folder does not exist, expected a file in a folder that does")
     effort = suite.QUICK if quick else suite.FULL
-    found = suite.measure(effort, lambda what: console.err.print(f"measuring: {what}", highlight=False))
+    findings = suite.measure(effort, lambda what: console.err.print(f"measuring: {what}", highlight=False))
     if markdown is not None:
-        markdown.write_text(tables.markdown(found, f"ravenjax bench{' --quick' if quick else ''} --markdown FILE"))
+        markdown.write_text(tables.markdown(findings, f"ravenjax bench{' --quick' if quick else ''} --markdown FILE"))
     if json:
-        print(json_format.dumps(found.as_json(), indent=1))
+        print(json_format.dumps(findings.as_json(), indent=1))
         return
-    for title, columns, rows in tables.tables(found):
+    for title, columns, rows in tables.tables(findings):
         console.out.print(terminal.table(title, columns, rows))
         console.out.print()
 
@@ -72,9 +72,9 @@ def doctor(
 def _keeps_time(seconds: float, as_json: bool) -> int:
     from ravenjax.trainer import timing
 
-    found = timing.measure(seconds, lambda what: console.err.print(what, highlight=False))
-    loops = Listing("loops", "One tick a millisecond", timing.COLUMNS, [one.row() for one in found])
-    states = timing.verdict(found)
+    measured = timing.measure(seconds, lambda what: console.err.print(what, highlight=False))
+    loops = Listing("loops", "One tick a millisecond", timing.COLUMNS, [one.row() for one in measured])
+    states = timing.verdict(measured)
     if as_json:
         console.emit([loops, Listing("verdict", "", ("state", "sentence"), list(states))], as_json)
     else:

@@ -13,7 +13,7 @@ from ravenjax.cli.console import AsJson, Listing
 
 if TYPE_CHECKING:
     from ravenjax.campaign.inspection.verification import Verification
-    from ravenjax.report.comparison import Comparison
+    from ravenjax.report.comparison import FolderComparison
 
 
 def report(
@@ -120,9 +120,9 @@ def merge(
 
     done = merging.merge(out, shards, partial)
     record = done.manifest
-    told = f"{record.done} of {record.runs} runs in {len(record.parts)} parts"
-    ways = f"{done.linked} linked, {done.copied} copied, {done.kept} there before"
-    console.out.print(f"merged: {out}: {told} ({ways})", highlight=False, soft_wrap=True)
+    count = f"{record.done} of {record.runs} runs in {len(record.parts)} parts"
+    ways = f"{done.linked} linked, {done.copied} copied, {done.present} there before"
+    console.out.print(f"merged: {out}: {count} ({ways})", highlight=False, soft_wrap=True)
     if done.missing:
         console.out.print(f"missing: rows {query.in_words(done.missing)}", highlight=False, soft_wrap=True)
 
@@ -157,19 +157,19 @@ def compare(
     """
     from ravenjax.report import comparison
 
-    found = comparison.compare(first, second, most)
+    result = comparison.compare(first, second, most)
     if as_json:
-        console.emit_json(_compared(found))
+        console.emit_json(_compared(result))
         return
-    for sentence in found.sentences():
+    for sentence in result.sentences():
         console.say(sentence)
-    console.emit([listing for listing in _comparison_tables(found) if listing.rows], as_json)
+    console.emit([listing for listing in _comparison_tables(result) if listing.rows], as_json)
 
 
-def _comparison_tables(found: Comparison) -> Iterator[Listing]:
+def _comparison_tables(found: FolderComparison) -> Iterator[Listing]:
     from ravenjax.report import wording
 
-    changes = [(one.path, one.first or "–", one.second or "–") for one in (*found.configuration, *found.made)]
+    changes = [(one.path, one.first or "–", one.second or "–") for one in (*found.configuration, *found.environment)]
     yield Listing(
         "configuration", "What differs in configuration, code and machine", ("key", "first", "second"), changes
     )
@@ -196,9 +196,10 @@ def _comparison_tables(found: Comparison) -> Iterator[Listing]:
     yield Listing("changed", "Runs that changed most", columns, changed)
 
 
-def _compared(found: Comparison) -> dict[str, Any]:
+def _compared(found: FolderComparison) -> dict[str, Any]:
     """A comparison as JSON has it."""
     plain = found._asdict()
+    plain["made"] = plain.pop("environment")
     for name in ("configuration", "made", "changed"):
         plain[name] = [one._asdict() for one in plain[name]]
     plain["pairs"] = found.pairs._asdict()

@@ -57,17 +57,17 @@ def run(
     from ravenjax.cli import terminal
 
     sizes = {"chunk": chunk, "limit": limit}
-    given = [*(overrides or ()), *(f"campaign.{key}={value}" for key, value in sizes.items() if value is not None)]
+    changes = [*(overrides or ()), *(f"campaign.{key}={value}" for key, value in sizes.items() if value is not None)]
     share = shards.parse(shard) if shard is not None else None
     who = choice.executor(executor, workers, ray_address)
-    config = loading.load(file, given)
+    config = loading.load(file, changes)
     folder = out or Path("results") / config.campaign.name / (share.folder if share is not None else "")
 
     from ravenjax.campaign.stop import adaptive
 
-    shown = console.err if as_json else console.out
-    show_operator(config, shown)
-    with _ended_by_signals(), terminal.Watch(shown) as watch:
+    screen = console.err if as_json else console.out
+    show_operator(config, screen)
+    with _ended_by_signals(), terminal.Watch(screen) as watch:
         results = adaptive.run(config, folder, engine, on_progress=watch, executor=who, shard=share, command=sys.argv)
     if as_json:
         page = write_report(folder, tell=False) if report and share is None else None
@@ -214,17 +214,17 @@ def search(
     from ravenjax.search import output, runner
     from ravenjax.search.file import loading
 
-    shown = console.err if as_json else console.out
-    show_operator(loading.load(file, overrides or ()).campaign, shown)
-    with _ended_by_signals(), terminal.Watch(shown) as watch:
-        found = runner.run(file, out, engine, overrides or (), watch)
+    screen = console.err if as_json else console.out
+    show_operator(loading.load(file, overrides or ()).campaign, screen)
+    with _ended_by_signals(), terminal.Watch(screen) as watch:
+        result = runner.run(file, out, engine, overrides or (), watch)
     if as_json:
-        console.emit_json(_file(found.out, output.NUMBERS))
+        console.emit_json(_file(result.out, output.NUMBERS))
         return
-    for sentence in found.findings.sentences:
+    for sentence in result.findings.sentences:
         console.out.print(f"- {sentence}", markup=False, highlight=False)
-    console.out.print(f"search: {found.out}", highlight=False, soft_wrap=True)
-    console.out.print(f"page: {found.out / output.PAGE}", highlight=False, soft_wrap=True)
+    console.out.print(f"search: {result.out}", highlight=False, soft_wrap=True)
+    console.out.print(f"page: {result.out / output.PAGE}", highlight=False, soft_wrap=True)
 
 
 def reproduce(
@@ -250,7 +250,7 @@ def reproduce(
     from ravenjax.studies.framework.study import plain
 
     if name is None:
-        studies = [catalogue.find(known) for known in catalogue.NAMES]
+        studies = [catalogue.find(one_name) for one_name in catalogue.NAMES]
         rows = [(one.name, one.title, ", ".join(one.targets), f"{one.minutes:g}") for one in studies]
         columns = ("name", "what", "targets", "minutes")
         goals = [(one.id, one.title, one.source, one.band, one.judged_by) for one in targets.targets().values()]
@@ -265,8 +265,8 @@ def reproduce(
         ]
         console.emit(listings, as_json)
         return
-    chosen = catalogue.NAMES if name == "all" else (catalogue.find(name).name,)
-    for study in chosen:
+    names = catalogue.NAMES if name == "all" else (catalogue.find(name).name,)
+    for study in names:
         with terminal.Watch(console.err if as_json else console.out) as watch:
             findings = running.reproduce(study, out, engine, watch)
         if not as_json and findings.lines:
@@ -280,7 +280,7 @@ def reproduce(
         if keep is not None:
             writing.keep(out / study, keep / study)
     if as_json:
-        console.emit_json([_file(out / study, writing.JSON) for study in chosen])
+        console.emit_json([_file(out / study, writing.JSON) for study in names])
 
 
 def _file(folder: Path, name: str) -> dict[str, Any]:

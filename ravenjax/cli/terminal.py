@@ -37,7 +37,7 @@ PACKAGES = (
 )
 
 
-class Status(Protocol):
+class CampaignStatus(Protocol):
     """How far a campaign is; `ravenjax.campaign.progress.counts.Status`."""
 
     @property
@@ -91,7 +91,7 @@ class Watch:
         if self._console.is_terminal:
             self._bar.stop()
 
-    def __call__(self, status: Status) -> None:
+    def __call__(self, status: CampaignStatus) -> None:
         if not self._engine:
             self._engine = status.engine
             self._console.print(f"engine: {status.engine}", highlight=False)
@@ -108,23 +108,23 @@ class Watch:
             self._console.print(f"{status.phase}: {text}", highlight=False)
 
 
-def words(status: Status) -> str:
+def words(status: CampaignStatus) -> str:
     """How far a campaign is, in one line."""
-    said = [f"{status.done} of {status.total} runs"]
+    parts = [f"{status.done} of {status.total} runs"]
     if status.runs_per_s is not None:
-        said.append(f"{status.runs_per_s:.0f} runs/s")
+        parts.append(f"{status.runs_per_s:.0f} runs/s")
     if status.phase == "run" and status.left_s is not None:
-        said.append(f"{duration(status.left_s)} left")
+        parts.append(f"{duration(status.left_s)} left")
     if status.parts:
-        said.append(f"{status.parts} parts" if status.parts > 1 else "1 part")
+        parts.append(f"{status.parts} parts" if status.parts > 1 else "1 part")
     if status.workers > 1:
-        said.append(f"{status.workers} workers")
+        parts.append(f"{status.workers} workers")
     if status.compile_s > 0.0:
-        said.append(f"compiled in {status.compile_s:.1f} s")
+        parts.append(f"compiled in {status.compile_s:.1f} s")
     if status.failed:
-        said.append(f"{status.failed} failed")
-    said += [f"{cause} {count}" for cause, count in sorted(status.failures.items())]
-    return ", ".join(said)
+        parts.append(f"{status.failed} failed")
+    parts += [f"{cause} {count}" for cause, count in sorted(status.failures.items())]
+    return ", ".join(parts)
 
 
 def duration(seconds: float) -> str:
@@ -138,13 +138,13 @@ def duration(seconds: float) -> str:
 def table(title: str, columns: tuple[str, ...], rows: Iterator[tuple[str, ...]] | list[tuple[str, ...]]) -> Table:
     """A table of text; square brackets are text, too. What the first column names stays in one piece, to be copied."""
     rows = list(rows)
-    shown = Table(title=title, title_justify="left", show_edge=False)
+    grid = Table(title=title, title_justify="left", show_edge=False)
     names = max((len(row[0]) for row in rows), default=0) <= LONGEST_NAME
     for place, column in enumerate(columns):
-        shown.add_column(column, overflow="fold", no_wrap=names and place == 0)
+        grid.add_column(column, overflow="fold", no_wrap=names and place == 0)
     for row in rows:
-        shown.add_row(*(cell.replace("[", r"\[") for cell in row))
-    return shown
+        grid.add_row(*(cell.replace("[", r"\[") for cell in row))
+    return grid
 
 
 def machine() -> Iterator[tuple[str, str]]:

@@ -53,7 +53,7 @@ def trace(
     if record.code_hash != manifest.code_hash():
         console.note(f"{folder} was computed by another version of the code; a run may come out otherwise")
     runs = run_ids or tuple(run.run_id for run in ranked)
-    told = []
+    records = []
     replayer = Replayer.of_folder(folder, engine) if runs else None
     for run in runs:
         assert replayer is not None
@@ -61,11 +61,11 @@ def trace(
         row = again.row.to_dict()
         summary = run_summary.summary(row, record.rules, again.series, again.golden, record.robot)
         paths = _write(place, record, again, [event.as_dict() for event in summary.events])
-        told.append({"run_id": row["run_id"], **summary.as_dict(), "files": [str(path) for path in paths]})
+        records.append({"run_id": row["run_id"], **summary.as_dict(), "files": [str(path) for path in paths]})
         if not as_json:
             console.say("\n".join([*summary.lines(), *(f"  wrote    {path}" for path in paths), ""]))
     if as_json:
-        console.emit_json(told)
+        console.emit_json(records)
 
 
 def _write(place: Path, record: Manifest, again: Replay, events: list[dict[str, Any]]) -> list[Path]:
@@ -100,7 +100,7 @@ def _metadata(record: Manifest, again: Replay) -> dict[str, str]:
 
     row = again.row.to_dict()
     plain = ("run_id", "index", "group", "seed", "operator", "verdict", "response", "response_cause", "hazard")
-    told = {name: row[name] for name in plain} | {
+    values = {name: row[name] for name in plain} | {
         "fault": wording.fault(row, record.robot),
         **{name: value for name, value in row.items() if name.startswith(("fault", "param:")) and value == value},
         "campaign": record.campaign,
@@ -115,7 +115,7 @@ def _metadata(record: Manifest, again: Replay) -> dict[str, str]:
         "campaign_version": record.versions.get("ravenjax", ""),
         "campaign_code_hash": record.code_hash,
     }
-    return {name: str(value) for name, value in told.items()}
+    return {name: str(value) for name, value in values.items()}
 
 
 def _plotted(series: Mapping[str, Any], cue: int) -> dict[str, Any]:

@@ -44,11 +44,11 @@ def train(
     from ravenjax.trainer import launch
     from ravenjax.trainer import scenario as scenarios
 
-    chosen = scenarios.load(scenario, overrides or ())
-    options = launch.Options(
-        scenario=chosen,
-        folder=out or launch.fresh_folder(chosen.name),
-        seed=chosen.seed if seed is None else seed,
+    setting = scenarios.load(scenario, overrides or ())
+    options = launch.SessionOptions(
+        scenario=setting,
+        folder=out or launch.fresh_folder(setting.name),
+        seed=setting.seed if seed is None else seed,
         participant=participant,
         group=group,
         cue=cue,
@@ -62,10 +62,10 @@ def train(
     )
 
     if headless:
-        found = launch.headless(options, _say)
+        result = launch.headless(options, _say)
     else:
-        found = launch.realtime(options, with_page=page, linger_s=linger, say=_say)
-    _say(f"session: {found.folder} ({found.ended})")
+        result = launch.realtime(options, with_page=page, linger_s=linger, say=_say)
+    _say(f"session: {result.folder} ({result.ended})")
 
 
 def robot(
@@ -123,9 +123,9 @@ def compare(
     """
     from ravenjax.trainer.study import report
 
-    found = report.run(folders, out, by, unblind=unblind, mixed=mixed)
-    _say(found.text.rstrip())
-    _say(f"study: {found.page}")
+    result = report.run(folders, out, by, unblind=unblind, mixed=mixed)
+    _say(result.text.rstrip())
+    _say(f"study: {result.page}")
 
 
 @study.command

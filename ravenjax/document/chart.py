@@ -18,7 +18,7 @@ MANY = 3
 
 
 @dataclasses.dataclass(frozen=True)
-class Axis:
+class ChartAxis:
     """One axis: what is shown, and how it is told."""
 
     title: str
@@ -136,8 +136,8 @@ class Chart:
     """One chart. Marks of one name are shown and hidden together."""
 
     title: str
-    x: Axis
-    y: Axis
+    x: ChartAxis
+    y: ChartAxis
     marks: tuple[Mark, ...]
     height: int = 300  # px of the drawn area
 
@@ -190,7 +190,7 @@ class Chart:
             yield name, across, up
 
     @staticmethod
-    def _spread(axis: Axis, value: float, low: np.ndarray, high: np.ndarray, place: int) -> str:
+    def _spread(axis: ChartAxis, value: float, low: np.ndarray, high: np.ndarray, place: int) -> str:
         words = axis.words(value)
         return f"{words} ({axis.words(low[place])} to {axis.words(high[place])})" if len(low) else words
 

@@ -19,19 +19,19 @@ _TEMPLATES = resources.files("ravenjax.document") / "templates"
 
 def environment(*packages: str) -> jinja2.Environment:
     """Templates of these packages (their folders `templates`) and of this one, with what every page needs."""
-    made = jinja2.Environment(
+    templates = jinja2.Environment(
         loader=jinja2.ChoiceLoader([jinja2.PackageLoader(name) for name in (*packages, "ravenjax.document")]),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.globals |= {
+    templates.globals |= {
         "document_style": Markup(palette.css() + (_TEMPLATES / "document.css").read_text(encoding="utf-8")),
         "document_script": Markup((_TEMPLATES / "document.js").read_text(encoding="utf-8")),
     }
-    made.filters |= {"drawings": svg.drawings, "values": _values, "data": data}
-    return made
+    templates.filters |= {"drawings": svg.drawings, "values": _values, "data": data}
+    return templates
 
 
 def _values(chart: Chart) -> Markup:

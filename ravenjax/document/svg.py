@@ -131,14 +131,14 @@ def _group(mark: Mark, area: _Area, series: dict[str, int]) -> str:
 
 def _curve(mark: Curve, area: _Area) -> Iterator[str]:
     if len(mark.low):
-        known = np.isfinite(mark.low) & np.isfinite(mark.high)
-        x, low, high = mark.x[known], mark.low[known], mark.high[known]
+        finite = np.isfinite(mark.low) & np.isfinite(mark.high)
+        x, low, high = mark.x[finite], mark.low[finite], mark.high[finite]
         edges = [corners(x, edge) if mark.step else (x, edge) for edge in (high, low)]
         (ahead, above), (back, below) = edges
         outline = np.concatenate([ahead, back[::-1]]), np.concatenate([above, below[::-1]])
         yield f'<path class="band" d="{_path(area, *outline)}Z"/>'
-    known = np.isfinite(mark.y)
-    line = corners(mark.x[known], mark.y[known]) if mark.step else (mark.x[known], mark.y[known])
+    finite = np.isfinite(mark.y)
+    line = corners(mark.x[finite], mark.y[finite]) if mark.step else (mark.x[finite], mark.y[finite])
     yield f'<path class="line{" dashed" if mark.dashed else ""}" d="{_path(area, *line)}"/>'
 
 

@@ -75,7 +75,7 @@ class Block:
 
 
 @dataclasses.dataclass(frozen=True)
-class Result:
+class BlockResult:
     """What came out of one block."""
 
     outcomes: dict[str, np.ndarray]  # outcome -> [lanes]
@@ -95,7 +95,7 @@ class Kernel(Protocol):
         """Trace and compile for blocks and motions of these types; done once, and by `run` if not before."""
         ...
 
-    def run(self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None) -> Result:
+    def run(self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None) -> BlockResult:
         """Run one block; `motion` are the columns of the operator's motion. May be called from several threads."""
         ...
 
@@ -130,11 +130,11 @@ class Engine(Protocol):
 class SignalKernel(Protocol):
     """A compiled program that can keep every signal."""
 
-    def run(self, block: Block, motion: tuple[np.ndarray, ...]) -> Result:
+    def run(self, block: Block, motion: tuple[np.ndarray, ...]) -> BlockResult:
         """See `Kernel`."""
         ...
 
-    def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[Result, Any]:
+    def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[BlockResult, Any]:
         """As `run`, and every signal of the first lane: a record of [ticks]."""
         ...
 
@@ -145,7 +145,7 @@ class Tracer:
 
     kernel: SignalKernel
 
-    def run(self, twin: Block, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[Result, Result, Any]:
+    def run(self, twin: Block, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[BlockResult, BlockResult, Any]:
         """Results of `twin` and of `block`, and every signal of the block's first lane: a record of [ticks].
 
         `twin` is the same block without faults.

@@ -17,6 +17,6 @@ class Lanes:
     """
 
     inputs: Sequence[np.ndarray]  # each [lanes]
-    given: np.ndarray  # what enters a tick
+    tick_inputs: np.ndarray  # what enters a tick
     tables: np.ndarray  # one after the other
     out: np.ndarray | None  # [ticks, numbers, lanes], written: what goes out in a tick; None: nobody asks

@@ -140,10 +140,10 @@ def inputs(program: TickProgram, block: Block) -> list[np.ndarray]:
 
 def params(program: TickProgram, varied: Sequence[Any]) -> Any:
     """The parameters of a lane."""
-    found = program.params
+    record = program.params
     for path, value in zip(program.varied, varied, strict=True):
-        found = paths.assign(found, program.setup, path, value)
-    return found
+        record = paths.assign(record, program.setup, path, value)
+    return record
 
 
 def jaxprs(

@@ -12,7 +12,7 @@ FOREVER_TICKS = 2**30
 
 
 @record
-class Fault:
+class FaultSlot:
     """One slot: what is done, where, and when. Codes are those of `vocabulary`; an empty slot has code 0."""
 
     code: Scalar  # int32, 1-based place of the channel in the campaign's list of channels; 0: no fault
@@ -30,7 +30,7 @@ class Fault:
 class Faults:
     """The faults of one run."""
 
-    slots: tuple[Fault, ...]
+    slots: tuple[FaultSlot, ...]
 
 
 @record
@@ -47,16 +47,16 @@ class SlotState:
 
 
 @record
-class State:
+class FaultState:
     """What the faults of one run remember."""
 
     slots: tuple[SlotState, ...]
 
 
-def no_fault() -> Fault:
+def no_fault() -> FaultSlot:
     """An empty slot."""
     zero = jnp.int32(0)
-    return Fault(zero, zero, jnp.float32(0.0), zero, zero, zero, zero, jnp.int32(1), jnp.uint32(0))
+    return FaultSlot(zero, zero, jnp.float32(0.0), zero, zero, zero, zero, jnp.int32(1), jnp.uint32(0))
 
 
 def no_faults(setup: Setup) -> Faults:
@@ -64,7 +64,7 @@ def no_faults(setup: Setup) -> Faults:
     return Faults(tuple(no_fault() for _ in range(setup.injection.slots)))
 
 
-def outcomes(state: State) -> dict[str, Scalar]:
+def outcomes(state: FaultState) -> dict[str, Scalar]:
     """What the faults did so far; columns of the result table."""
     out: dict[str, Scalar] = {}
     first, ticks = jnp.int32(-1), jnp.int32(0)
@@ -78,9 +78,9 @@ def outcomes(state: State) -> dict[str, Scalar]:
     return out | {"first_active_ms": first, "active_ticks": ticks}
 
 
-def init(setup: Setup) -> State:
+def init(setup: Setup) -> FaultState:
     """State before the first tick."""
     zero = jnp.asarray(0.0, setup.precision.real)
     unseen = jnp.asarray(jnp.nan, setup.precision.real)
     slot = SlotState(jnp.bool_(False), jnp.int32(0), zero, unseen, jnp.int32(-1), jnp.int32(0), jnp.int32(-1))
-    return State((slot,) * setup.injection.slots)
+    return FaultState((slot,) * setup.injection.slots)

@@ -14,8 +14,8 @@ import jax.numpy as jnp
 from jax import lax
 
 from ravenjax.faults import effects
-from ravenjax.faults.fault import Fault, Faults, SlotState, State
-from ravenjax.faults.window import Clock
+from ravenjax.faults.fault import Faults, FaultSlot, FaultState, SlotState
+from ravenjax.faults.window import TriggerClocks
 from ravenjax.numbers.setup import Setup, SiteUse
 from ravenjax.numbers.vec import Scalar, Vec, replace, to_int32, wrap16
 from ravenjax.vocabulary.effects import EFFECT_CODES
@@ -72,9 +72,9 @@ def _strike(
     setup: Setup,
     use: SiteUse,
     targets: list[tuple[int, Path, str]],
-    fault: Fault,
+    fault: FaultSlot,
     slot: SlotState,
-    clock: Clock,
+    clock: TriggerClocks,
     signal: Any,
     present: Scalar,
 ) -> tuple[SlotState, Any]:
@@ -114,12 +114,12 @@ def inject(
     setup: Setup,
     paths: Mapping[ChannelKey, Target],
     faults: Faults,
-    state: State,
-    clock: Clock,
+    state: FaultState,
+    clock: TriggerClocks,
     site: str,
     signal: Any,
     present: Scalar = True,
-) -> tuple[State, Any]:
+) -> tuple[FaultState, Any]:
     """The signal of `site` as the faults leave it.
 
     paths: where each channel of `channel_keys` stands in its site's signal, and its kind ("int16", "int16 saturated",
@@ -134,5 +134,5 @@ def inject(
         slots = list(state.slots)
         for i, fault in enumerate(faults.slots):
             slots[i], signal = _strike(setup, use, targets, fault, slots[i], clock, signal, present)
-        state = State(tuple(slots))
+        state = FaultState(tuple(slots))
     return state, signal

@@ -16,7 +16,7 @@ class Injector:
     """`inject(site, signal)` for one tick of a robot."""
 
     def __init__(
-        self, robot: Robot, setup: Setup, faults: fault.Faults, state: fault.State, clock: window.Clock
+        self, robot: Robot, setup: Setup, faults: fault.Faults, state: fault.FaultState, clock: window.TriggerClocks
     ) -> None:
         self.robot, self.setup, self.faults, self.state, self.clock = robot, setup, faults, state, clock
 

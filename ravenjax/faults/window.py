@@ -5,14 +5,14 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jax import lax
 
-from ravenjax.faults.fault import Fault, Faults, SlotState, State
+from ravenjax.faults.fault import Faults, FaultSlot, FaultState, SlotState
 from ravenjax.numbers.setup import Setup
 from ravenjax.numbers.vec import Scalar, record, replace
 from ravenjax.vocabulary.effects import TRIGGER_CODES
 
 
 @record
-class Clock:
+class TriggerClocks:
     """The clocks that triggers read, all int32."""
 
     tick: Scalar  # ticks since the run began
@@ -20,7 +20,7 @@ class Clock:
     pedal: Scalar  # ticks since pedal-down was entered; negative: not in pedal-down
 
 
-def _elapsed(setup: Setup, fault: Fault, clock: Clock) -> Scalar:
+def _elapsed(setup: Setup, fault: FaultSlot, clock: TriggerClocks) -> Scalar:
     """Trigger's clock reading minus the fault's start."""
     used = setup.injection.triggers
     readings = {"time": clock.tick, "packet": clock.packet, "pedal": clock.pedal}
@@ -34,7 +34,7 @@ def _elapsed(setup: Setup, fault: Fault, clock: Clock) -> Scalar:
     return since
 
 
-def _slot(setup: Setup, fault: Fault, state: SlotState, clock: Clock) -> SlotState:
+def _slot(setup: Setup, fault: FaultSlot, state: SlotState, clock: TriggerClocks) -> SlotState:
     since = _elapsed(setup, fault, clock)
     repeats = fault.every > 0
     cycle = jnp.where(repeats, lax.rem(since, jnp.where(repeats, fault.every, 1)), since)
@@ -43,11 +43,11 @@ def _slot(setup: Setup, fault: Fault, state: SlotState, clock: Clock) -> SlotSta
     return replace(state, active=active, age=age)
 
 
-def open_windows(setup: Setup, faults: Faults, state: State, clock: Clock) -> State:
+def open_windows(setup: Setup, faults: Faults, state: FaultState, clock: TriggerClocks) -> FaultState:
     """Once a tick, before any site: which slots act in this tick, and for how long they have.
 
     A window counts on its trigger's clock, so one that counts packets stays open while its packet lasts.
     """
     if not setup.injection.triggers:  # slots, but no fault in any run
         return state
-    return State(tuple(_slot(setup, f, s, clock) for f, s in zip(faults.slots, state.slots, strict=True)))
+    return FaultState(tuple(_slot(setup, f, s, clock) for f, s in zip(faults.slots, state.slots, strict=True)))

@@ -45,23 +45,23 @@ def classify(frame: pd.DataFrame, limit_mm: float = LIMIT_MM) -> pd.DataFrame:
 
     limit_mm: how far is `displaced`. KeyError names a column that the table lacks.
     """
-    seen = evidence(frame, limit_mm)
+    signs = evidence(frame, limit_mm)
     valid, response = frame["failed"] == "", frame["response"].astype(str)
-    stop = valid & ((response == "stopped") | seen["halted"])
-    jump = valid & seen["leapt"]
-    found = pd.DataFrame(
+    stop = valid & ((response == "stopped") | signs["halted"])
+    jump = valid & signs["leapt"]
+    flags = pd.DataFrame(
         {
             "none": False,
             "message": valid & ~stop & response.isin(("flagged", "limited")),
             "stop": stop,
-            "unresponsive": valid & ~stop & seen["idle"],
-            "displaced": valid & ~jump & seen["strayed"],
+            "unresponsive": valid & ~stop & signs["idle"],
+            "displaced": valid & ~jump & signs["strayed"],
             "jump": jump,
         },
         index=frame.index,
     )
-    found["none"] = valid & ~found.any(axis=1)
-    return found
+    flags["none"] = valid & ~flags.any(axis=1)
+    return flags
 
 
 def evidence(frame: pd.DataFrame, limit_mm: float = LIMIT_MM) -> pd.DataFrame:

@@ -108,8 +108,8 @@ def named(words: Any) -> list[Hazard]:
     listed = [words] if isinstance(words, str) else words
     if not isinstance(listed, Sequence) or not listed or not all(isinstance(word, str) for word in listed):
         raise WrongGroup(KEY, f'got {shown(words)}, expected ids and layers, such as ["C09", "L7"], or "all"')
-    chosen = {row.id for word in listed for row in _meant(word)}
-    return [row for row in library.rows() if row.id in chosen]
+    ids = {row.id for word in listed for row in _meant(word)}
+    return [row for row in library.rows() if row.id in ids]
 
 
 def words() -> list[str]:
@@ -122,8 +122,8 @@ def _meant(word: str) -> list[Hazard]:
     runnable = [row for row in library.rows() if row.runnable]
     if word == ALL:
         return runnable
-    if found := [row for row in runnable if word in (row.id, row.layer)]:
-        return found
+    if matches := [row for row in runnable if word in (row.id, row.layer)]:
+        return matches
     for row in library.rows():
         if row.id == word:
             raise WrongGroup(KEY, f"{word} ({row.title}) cannot be run: {row.documented_only}")
@@ -135,12 +135,12 @@ def _groups(group: Mapping[str, Any], hazard: Hazard, case: Case, arms: Sequence
     """The plain groups of one case: one, or one an arm."""
     name = f"{hazard.id}-{case.name}" if case.name else hazard.id
     overrides = {key: group[key] for key in OVERRIDES if key in group}
-    per_arm = any(SITES[struck.site].per_arm for struck in case.fault)
+    per_arm = any(SITES[fault.site].per_arm for fault in case.fault)
     arm = overrides.pop("arm", None)
     turns = _turns(hazard, arm, arms) if per_arm else [("", ())]
     for suffix, together in turns:
         _check(name, case, overrides, together)
-        slots = [slot for struck in case.fault for slot in _slots(struck, overrides, together)]
+        slots = [slot for fault in case.fault for slot in _slots(fault, overrides, together)]
         side_by_side = case.fault[0].along or len(together) > 1
         design = "zip" if side_by_side else case.design
         table: dict[str, Any] = {"name": f"{group['name']}/{name}{suffix}", "design": design, "fault": slots}

@@ -31,13 +31,13 @@ Numbers = Number | tuple[Number, ...] | dict[str, tuple[Number, ...]]
 """One number, a list of them, or a distribution, as a campaign file has them."""
 
 
-class Section(BaseModel):
+class LibraryTable(BaseModel):
     """A table of the library: frozen, unknown keys refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class Struck(Section):
+class Struck(LibraryTable):
     """One fault slot of a case: the keys of [[group.fault]], with the value's unit, and `along` in place of channel."""
 
     site: str
@@ -94,7 +94,7 @@ class Struck(Section):
         return self
 
 
-class Case(Section):
+class Case(LibraryTable):
     """One way of running a hazard: slots that strike in the same run, and a design."""
 
     name: str = Field(default="", description="tells the cases of a row apart")
@@ -108,12 +108,12 @@ class Case(Section):
             raise ValueError(
                 f"design {self.design!r} with runs {self.runs!r}: lhs and random need runs, others take none"
             )
-        if any(struck.along for struck in self.fault) and (len(self.fault) > 1 or self.design != "grid"):
+        if any(fault.along for fault in self.fault) and (len(self.fault) > 1 or self.design != "grid"):
             raise ValueError("along stands alone in a case of design grid")
         return self
 
 
-class Hazard(Section):
+class Hazard(LibraryTable):
     """One row of the library."""
 
     id: str = Field(pattern=r"^[A-Z]\d\d$")
@@ -164,9 +164,9 @@ class Hazard(Section):
         names = [case.name for case in self.case]
         if len(set(names)) != len(names):
             raise ValueError(f"cases are named {names}, expected a name of its own for each")
-        together = [struck for case in self.case for struck in case.fault] if self.arm == "both" else []
+        together = [fault for case in self.case for fault in case.fault] if self.arm == "both" else []
         if any(len(case.fault) > 1 or case.design != "grid" for case in self.case if together) or any(
-            isinstance(value, dict) for struck in together for value in struck.model_dump().values()
+            isinstance(value, dict) for fault in together for value in fault.model_dump().values()
         ):
             raise ValueError("arm both: expected cases of one slot, design grid and without distributions")
         if (self.activated is None) != (self.injected is None):
@@ -190,34 +190,34 @@ def layers() -> dict[str, str]:
 @cache
 def rows() -> tuple[Hazard, ...]:
     """Every hazard, by layer. Raises UserError that names file, row and key of whatever is wrong."""
-    found = tuple(row for name in files() for row in parse(_data(name), name))
-    ids = [row.id for row in found]
+    hazards = tuple(row for name in files() for row in parse(_data(name), name))
+    ids = [row.id for row in hazards]
     if twice := sorted({name for name in ids if ids.count(name) > 1}):
         raise UserError(f"hazard library: got {', '.join(twice)} more than once, expected ids of their own")
-    return found
+    return hazards
 
 
 def files() -> list[str]:
     """Names of the layers' files, L1 first."""
-    found = [file.name for file in DATA.iterdir() if file.name.startswith("L")]
-    return sorted(found, key=lambda name: int(name[1:].partition("_")[0]))
+    names = [file.name for file in DATA.iterdir() if file.name.startswith("L")]
+    return sorted(names, key=lambda name: int(name[1:].partition("_")[0]))
 
 
 def parse(text: str, file: str) -> tuple[Hazard, ...]:
     """The rows of one layer's file. Raises UserError."""
     raw = tomllib.loads(text)
-    found, wrong = [], []
+    hazards, complaints = [], []
     for row in raw["hazard"]:
         try:
-            found.append(Hazard.model_validate({**row, "layer": raw["layer"]}))
+            hazards.append(Hazard.model_validate({**row, "layer": raw["layer"]}))
         except ValidationError as error:
             for one in error.errors():
                 key = ".".join(str(part) for part in one["loc"])
                 message = one["msg"].removeprefix("Value error, ")
-                wrong.append(f"{file}: hazard {row.get('id', '?')}: {key + ': ' if key else ''}{message}")
-    if wrong:
-        raise UserError("\n".join(wrong))
-    return tuple(found)
+                complaints.append(f"{file}: hazard {row.get('id', '?')}: {key + ': ' if key else ''}{message}")
+    if complaints:
+        raise UserError("\n".join(complaints))
+    return tuple(hazards)
 
 
 def find(name: str) -> Hazard:

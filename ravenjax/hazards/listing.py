@@ -81,7 +81,7 @@ def _lines(row: Hazard) -> Iterator[tuple[str, str]]:
 
 def _case(case: Case) -> str:
     design = f"{case.design}, {case.runs} runs: " if case.runs else ""
-    return design + "; ".join(_struck(struck) for struck in case.fault)
+    return design + "; ".join(_struck(fault) for fault in case.fault)
 
 
 def _struck(struck: Struck) -> str:

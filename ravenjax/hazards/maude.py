@@ -11,7 +11,7 @@ from functools import cache
 from pydantic import Field, model_validator
 
 from ravenjax.hazards import library
-from ravenjax.hazards.library import DATA, Hazard, Section
+from ravenjax.hazards.library import DATA, Hazard, LibraryTable
 
 FILE = "maude.toml"
 CAVEAT = (
@@ -21,7 +21,7 @@ CAVEAT = (
 )
 
 
-class Category(Section):
+class Category(LibraryTable):
     """One category of reports."""
 
     name: str = Field(min_length=1)
@@ -46,7 +46,7 @@ class Category(Section):
         return tuple(row for row in library.rows() if row.runnable and self.covers(row))
 
 
-class Reports(Section):
+class Reports(LibraryTable):
     """All categories."""
 
     reports: int

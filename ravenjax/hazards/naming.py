@@ -15,11 +15,11 @@ def hazards_of(group: str) -> tuple[str, ...]:
     So named are the plain groups of `expansion.expand`, and those that a campaign's author calls "B07,B08 no write" or
     "K15-K17 run level": a dash spans the ids between.
     """
-    found = _IDS.match(group)
-    if found is None:
+    match = _IDS.match(group)
+    if match is None:
         return ()
     ids: list[str] = []
-    for part in found[1].split(","):
+    for part in match[1].split(","):
         first, *rest = _ID.findall(part)
         last = rest[-1] if rest else first
         ids += [f"{first[0]}{number:02}" for number in range(int(first[1:]), int(last[1:]) + 1)]

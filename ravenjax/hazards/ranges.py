@@ -23,7 +23,7 @@ RUN_MS = 3000
 """How long a window without end is taken to last, for what grows with it."""
 
 
-class Range(NamedTuple):
+class ChannelRange(NamedTuple):
     """What one channel did over all fault-free runs, in the channel's unit."""
 
     site: str
@@ -38,18 +38,18 @@ class Range(NamedTuple):
 
 
 @cache
-def measured() -> dict[tuple[str, str, str], Range]:
+def measured() -> dict[tuple[str, str, str], ChannelRange]:
     """(site, arm, channel) -> range."""
     text = (DATA / FILE).read_text(encoding="utf-8")
-    found = {}
+    by_channel = {}
     for row in csv.DictReader(text.splitlines()):
         low, low_permille, high_permille, high = (float(row[name]) for name in ("min", "p0.1", "p99.9", "max"))
         key = row["site"], row["arm"], row["channel"]
-        found[key] = Range(*key, row["unit"], low, low_permille, high_permille, high, int(row["ticks"]))
-    return found
+        by_channel[key] = ChannelRange(*key, row["unit"], low, low_permille, high_permille, high, int(row["ticks"]))
+    return by_channel
 
 
-def normal(site: str, channel: str, arm: str = ARMS[0]) -> Range:
+def normal(site: str, channel: str, arm: str = ARMS[0]) -> ChannelRange:
     """The normal operating range of a channel; `arm` counts where the site is on each arm. Raises UserError."""
     key = site, arm if site in SITES and SITES[site].per_arm else "", channel
     if key not in measured():
@@ -63,16 +63,16 @@ def verdict(struck: Struck, arm: str = ARMS[0]) -> str:
     EITHER: some of its values, channels or moments in, others out; also where a bit flips, whose effect the number
     itself decides.
     """
-    found = set()
+    verdicts = set()
     for channel in struck.channels:
         share = struck.along[channel] if struck.along else 1.0
         usual, ticks = normal(struck.site, channel, arm), _longest(struck.duration_ms)
         for values in _values(struck.value):
-            found.add(within(struck.effect, [share * value for value in values], usual, ticks))
-    return found.pop() if len(found) == 1 else EITHER
+            verdicts.add(within(struck.effect, [share * value for value in values], usual, ticks))
+    return verdicts.pop() if len(verdicts) == 1 else EITHER
 
 
-def within(effect: str, values: Sequence[float], usual: Range, ticks: int = RUN_MS) -> str:
+def within(effect: str, values: Sequence[float], usual: ChannelRange, ticks: int = RUN_MS) -> str:
     """IN, OUT or EITHER: where a channel may lie while an effect acts for `ticks` with any value between `values`."""
     spans = [reach(effect, value, usual, ticks) for value in values]
     ends = [end for span in spans if span is not None for end in span]
@@ -85,7 +85,7 @@ def within(effect: str, values: Sequence[float], usual: Range, ticks: int = RUN_
     return OUT if high < usual.low or low > usual.high else EITHER
 
 
-def reach(effect: str, value: float, usual: Range, ticks: int = RUN_MS) -> tuple[float, float] | None:
+def reach(effect: str, value: float, usual: ChannelRange, ticks: int = RUN_MS) -> tuple[float, float] | None:
     """Least and greatest number that an effect makes of a channel that would stay in its normal range; None: any."""
     low, high = usual.low, usual.high
     ends = {
@@ -105,7 +105,7 @@ def reach(effect: str, value: float, usual: Range, ticks: int = RUN_MS) -> tuple
     return None if ends is None else (min(ends), max(ends))
 
 
-def _stored(usual: Range, low: float, high: float) -> tuple[float, float] | None:
+def _stored(usual: ChannelRange, low: float, high: float) -> tuple[float, float] | None:
     """A span as the channel holds it: 16-bit numbers wrap; None where a part of it does."""
     if SITES[usual.site].channel(usual.channel).kind != "int16":
         return low, high

@@ -39,28 +39,28 @@ def severity(frame: pd.DataFrame, cue: int | None = 0, limit_mm: float = LIMIT_M
     """
     if missing := [name for name in COLUMNS if name not in frame]:
         raise KeyError(f"severities need the columns {', '.join(COLUMNS)}; the table lacks {', '.join(missing)}")
-    found = classes.classify(frame, limit_mm)
-    unavailable = found["stop"] | found["unresponsive"]
+    flags = classes.classify(frame, limit_mm)
+    unavailable = flags["stop"] | flags["unresponsive"]
     alarmed = frame["response"].astype(str).isin(TOLD)
     if cue is not None:
         alarmed |= beyond_golden(frame[f"cue{cue}_first_ms"], frame[f"twin_cue{cue}_first_ms"]) >= 0
-    harmful = injury_capable(frame, found)
+    harmful = injury_capable(frame, flags)
     number = np.select(
-        [harmful & ~alarmed, harmful, unavailable & lasting(frame), unavailable, found["message"]], [5, 4, 3, 2, 1], 0
+        [harmful & ~alarmed, harmful, unavailable & lasting(frame), unavailable, flags["message"]], [5, 4, 3, 2, 1], 0
     )
     return pd.Series(number, frame.index, "Int64", name="severity").where(frame["failed"] == "")
 
 
-def injury_capable(frame: pd.DataFrame, found: pd.DataFrame | None = None) -> pd.Series:
+def injury_capable(frame: pd.DataFrame, flags: pd.DataFrame | None = None) -> pd.Series:
     """Which runs moved the instrument so that it could injure.
 
     A jump, an unintended motion beyond the limit, or a tip deeper in the tissue than its twin's by more than DEPTH_MM.
     `found`: their classes, where they are at hand.
     """
-    found = classes.classify(frame) if found is None else found
+    flags = classes.classify(frame) if flags is None else flags
     deeper_mm = frame["tissue_depth_mm"] - frame["twin_tissue_depth_mm"]
     deeper = (deeper_mm > DEPTH_MM) & (frame["failed"] == "")
-    return pd.Series(found[["jump", "displaced"]].any(axis=1) | deeper, frame.index)
+    return pd.Series(flags[["jump", "displaced"]].any(axis=1) | deeper, frame.index)
 
 
 def lasting(frame: pd.DataFrame) -> pd.Series:

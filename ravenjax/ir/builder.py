@@ -19,7 +19,7 @@ class Builder:
 
     def __init__(self) -> None:
         self.operations: list[Operation] = []
-        self.known: dict[int, Any] = {}  # constants: operation -> NumPy number
+        self.constants: dict[int, Any] = {}  # constants: operation -> NumPy number
         self.inputs: list[str] = []
         self.tables: list[tuple[str, int]] = []
         self.origin = ""
@@ -40,15 +40,15 @@ class Builder:
         """A known number."""
         pattern = bits(dtype, value)
         i = self._write(Operation("constant", dtype, (), pattern))
-        if i not in self.known:
-            self.known[i] = number(dtype, pattern)
+        if i not in self.constants:
+            self.constants[i] = number(dtype, pattern)
         return i
 
     def emit(self, name: str, dtype: str, *operands: int) -> int:
         """The number of an operation's result."""
-        known = self.known
-        if all(o in known for o in operands):
-            return self.constant(dtype, semantics.evaluate(name, dtype, tuple(known[o] for o in operands)))
+        constants = self.constants
+        if all(o in constants for o in operands):
+            return self.constant(dtype, semantics.evaluate(name, dtype, tuple(constants[o] for o in operands)))
         if name in COMMUTATIVE and operands[0] > operands[1]:
             operands = (operands[1], operands[0])
         simpler = simplify.simplify(self, name, dtype, operands)
@@ -65,12 +65,12 @@ class Builder:
         )
 
     def _write(self, operation: Operation) -> int:
-        found = self._numbers.get(operation)
-        if found is None:
-            found = self._numbers[operation] = len(self.operations)
+        place = self._numbers.get(operation)
+        if place is None:
+            place = self._numbers[operation] = len(self.operations)
             self.operations.append(operation)
             self.origins.append(self.origin)
-        return found
+        return place
 
 
 def rewrite(program: Program, change: Callable[[Builder, int, tuple[int, ...]], int | None]) -> Program:

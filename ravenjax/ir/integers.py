@@ -6,79 +6,79 @@ from itertools import permutations
 
 import numpy as np
 
-from ravenjax.ir.program import Writer
+from ravenjax.ir.program import ProgramWriter
 
 
-def operands_of(b: Writer, i: int, name: str) -> tuple[int, ...] | None:
+def operands_of(b: ProgramWriter, i: int, name: str) -> tuple[int, ...] | None:
     """Operands of operation `i` if it has this name."""
     operation = b.operations[i]
     return operation.operands if operation.name == name else None
 
 
-def neg(b: Writer, dtype: str, x: int) -> int | None:
+def neg(b: ProgramWriter, dtype: str, x: int) -> int | None:
     """- - x is x."""
     negated = operands_of(b, x, "neg")
     return negated[0] if negated else None
 
 
 def _neutral(value: int, absorbing: int | None = None):
-    def rule(b: Writer, dtype: str, x: int, y: int) -> int | None:
+    def rule(b: ProgramWriter, dtype: str, x: int, y: int) -> int | None:
         for p, q in ((x, y), (y, x)):
-            known = b.known.get(p)
-            if known is not None and int(known) == value:
+            constant = b.constants.get(p)
+            if constant is not None and int(constant) == value:
                 return q
-            if known is not None and absorbing is not None and int(known) == absorbing:
+            if constant is not None and absorbing is not None and int(constant) == absorbing:
                 return p
         return None
 
     return rule
 
 
-def _sub_integer(b: Writer, dtype: str, x: int, y: int) -> int | None:
-    if y in b.known:
+def _sub_integer(b: ProgramWriter, dtype: str, x: int, y: int) -> int | None:
+    if y in b.constants:
         return b.emit("add", dtype, x, b.emit("neg", dtype, y))
     return b.constant(dtype, 0) if x == y else None
 
 
-def _add_integer(b: Writer, dtype: str, x: int, y: int) -> int | None:
-    found = _neutral(0)(b, dtype, x, y)
-    if found is not None:
-        return found
+def _add_integer(b: ProgramWriter, dtype: str, x: int, y: int) -> int | None:
+    simpler = _neutral(0)(b, dtype, x, y)
+    if simpler is not None:
+        return simpler
     for p, q in ((x, y), (y, x)):
         inner = operands_of(b, q, "add")
-        for known, rest in permutations(inner) if inner else ():
-            if p in b.known and known in b.known:
-                return b.emit("add", dtype, b.emit("add", dtype, p, known), rest)
+        for constant, rest in permutations(inner) if inner else ():
+            if p in b.constants and constant in b.constants:
+                return b.emit("add", dtype, b.emit("add", dtype, p, constant), rest)
     return None
 
 
 def _bits(absorbing: int, neutral: int):
-    def rule(b: Writer, dtype: str, x: int, y: int) -> int | None:
+    def rule(b: ProgramWriter, dtype: str, x: int, y: int) -> int | None:
         if x == y:
             return x
         width = np.dtype(dtype).itemsize * 8
         for p, q in ((x, y), (y, x)):
-            known = b.known.get(p)
-            if known is not None and int(known) % 2**width == neutral % 2**width:
+            constant = b.constants.get(p)
+            if constant is not None and int(constant) % 2**width == neutral % 2**width:
                 return q
-            if known is not None and int(known) % 2**width == absorbing % 2**width:
+            if constant is not None and int(constant) % 2**width == absorbing % 2**width:
                 return p
         return None
 
     return rule
 
 
-def _shifted(b: Writer, dtype: str, x: int, y: int) -> int | None:
-    return x if y in b.known and b.known[y] == 0 else None
+def _shifted(b: ProgramWriter, dtype: str, x: int, y: int) -> int | None:
+    return x if y in b.constants and b.constants[y] == 0 else None
 
 
-def _shifted_out(b: Writer, dtype: str, x: int, y: int) -> int | None:
-    if y in b.known and not 0 <= int(b.known[y]) < np.dtype(dtype).itemsize * 8:
+def _shifted_out(b: ProgramWriter, dtype: str, x: int, y: int) -> int | None:
+    if y in b.constants and not 0 <= int(b.constants[y]) < np.dtype(dtype).itemsize * 8:
         return b.constant(dtype, 0)
     return _shifted(b, dtype, x, y)
 
 
-def _extreme_integer(b: Writer, dtype: str, x: int, y: int) -> int | None:
+def _extreme_integer(b: ProgramWriter, dtype: str, x: int, y: int) -> int | None:
     return x if x == y else None
 
 

@@ -76,11 +76,11 @@ def number(dtype: str, pattern: int) -> Any:
     return np.asarray(pattern, f"u{np.dtype(dtype).itemsize}").view(dtype)[()]
 
 
-class Writer(Protocol):
+class ProgramWriter(Protocol):
     """A program being written, as the simplifier reads and continues it; see `builder.Builder`."""
 
     operations: list[Operation]
-    known: dict[int, Any]
+    constants: dict[int, Any]
 
     def constant(self, dtype: str, value: Any) -> int:
         """A known number."""

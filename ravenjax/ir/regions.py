@@ -26,8 +26,8 @@ class Region(NamedTuple):
     def reads(self, operations: Sequence[Operation]) -> list[int]:
         """What comes into the region from outside."""
         here = set(self.operations)
-        found = dict.fromkeys(o for i in self.operations for o in operations[i].operands if o not in here)
-        return list(found)
+        inputs = dict.fromkeys(o for i in self.operations for o in operations[i].operands if o not in here)
+        return list(inputs)
 
 
 def flat(arranged: Iterable[int | Region]) -> Iterator[int]:
@@ -84,8 +84,8 @@ def _labels(operations: Sequence[Operation], order: Sequence[int], results: Sequ
     wanted: dict[int, set[int | None]] = {i: {None} for i in results}
     label: dict[int, int] = {}
     for i in reversed(order):
-        asked = wanted.get(i, {None})
-        (only,) = asked if len(asked) == 1 else (None,)
+        conditions = wanted.get(i, {None})
+        (only,) = conditions if len(conditions) == 1 else (None,)
         if only is not None:
             label[i] = only
         operation = operations[i]

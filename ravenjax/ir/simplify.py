@@ -7,13 +7,13 @@ import math
 import numpy as np
 
 from ravenjax.ir.integers import RULES, neg, operands_of
-from ravenjax.ir.program import Writer
+from ravenjax.ir.program import ProgramWriter
 
 FLOATS = ("float32", "float64")
 _COMPARISONS = ("eq", "ne", "lt", "le")
 
 
-def simplify(b: Writer, name: str, dtype: str, operands: tuple[int, ...]) -> int | None:
+def simplify(b: ProgramWriter, name: str, dtype: str, operands: tuple[int, ...]) -> int | None:
     """The number of a simpler result that equals the operation's; None where there is none."""
     if name in _COMPARISONS:
         return _comparison(b, name, operands)
@@ -30,16 +30,16 @@ def simplify(b: Writer, name: str, dtype: str, operands: tuple[int, ...]) -> int
     return rule(b, dtype, *operands) if rule else None
 
 
-def _is(b: Writer, i: int, value: float) -> bool:
+def _is(b: ProgramWriter, i: int, value: float) -> bool:
     """Whether an operation is this constant, its sign of zero included."""
-    known = b.known.get(i)
-    return known is not None and known == value and bool(np.signbit(known)) == (math.copysign(1.0, value) < 0)
+    constant = b.constants.get(i)
+    return constant is not None and constant == value and bool(np.signbit(constant)) == (math.copysign(1.0, value) < 0)
 
 
 # --- floats -----------------------------------------------------------------------------------------------------------
 
 
-def _add(b: Writer, dtype: str, x: int, y: int) -> int | None:
+def _add(b: ProgramWriter, dtype: str, x: int, y: int) -> int | None:
     for p, q in ((x, y), (y, x)):
         if _is(b, p, -0.0):
             return q
@@ -48,7 +48,7 @@ def _add(b: Writer, dtype: str, x: int, y: int) -> int | None:
     return None
 
 
-def _sub(b: Writer, dtype: str, x: int, y: int) -> int | None:
+def _sub(b: ProgramWriter, dtype: str, x: int, y: int) -> int | None:
     if _is(b, y, 0.0):
         return x
     if _is(b, x, -0.0):
@@ -58,7 +58,7 @@ def _sub(b: Writer, dtype: str, x: int, y: int) -> int | None:
     return None
 
 
-def _mul(b: Writer, dtype: str, x: int, y: int) -> int | None:
+def _mul(b: ProgramWriter, dtype: str, x: int, y: int) -> int | None:
     for p, q in ((x, y), (y, x)):
         if _is(b, p, 1.0):
             return q
@@ -70,10 +70,10 @@ def _mul(b: Writer, dtype: str, x: int, y: int) -> int | None:
     return None
 
 
-def _div(b: Writer, dtype: str, x: int, y: int) -> int | None:
-    known = b.known.get(y)
-    if known is not None and known != 0 and np.isfinite(known) and abs(math.frexp(float(known))[0]) == 0.5:
-        inverse = 1.0 / float(known)
+def _div(b: ProgramWriter, dtype: str, x: int, y: int) -> int | None:
+    divisor = b.constants.get(y)
+    if divisor is not None and divisor != 0 and np.isfinite(divisor) and abs(math.frexp(float(divisor))[0]) == 0.5:
+        inverse = 1.0 / float(divisor)
         if np.finfo(dtype).tiny <= abs(inverse) <= np.finfo(dtype).max:
             return b.emit("mul", dtype, x, b.constant(dtype, inverse))
     for p, q in ((x, y), (y, x)):
@@ -83,14 +83,14 @@ def _div(b: Writer, dtype: str, x: int, y: int) -> int | None:
     return None
 
 
-def _abs(b: Writer, dtype: str, x: int) -> int | None:
+def _abs(b: ProgramWriter, dtype: str, x: int) -> int | None:
     if operands_of(b, x, "abs") or operands_of(b, x, "sqrt"):
         return x if operands_of(b, x, "abs") else None
     negated = operands_of(b, x, "neg")
     return b.emit("abs", dtype, negated[0]) if negated else None
 
 
-def _whole(b: Writer, dtype: str, x: int) -> int | None:
+def _whole(b: ProgramWriter, dtype: str, x: int) -> int | None:
     """floor, ceil and round of a whole number."""
     operation = b.operations[x]
     if operation.name in ("floor", "ceil", "round"):
@@ -100,10 +100,10 @@ def _whole(b: Writer, dtype: str, x: int) -> int | None:
 
 
 def _extreme(name: str):
-    def rule(b: Writer, dtype: str, x: int, y: int) -> int | None:
+    def rule(b: ProgramWriter, dtype: str, x: int, y: int) -> int | None:
         if x == y:
             return x
-        if y in b.known and not np.isnan(b.known[y]):  # a constant first: no NaN can come from there
+        if y in b.constants and not np.isnan(b.constants[y]):  # a constant first: no NaN can come from there
             return b.emit(name, dtype, y, x)
         return None
 
@@ -128,7 +128,7 @@ _FLOAT = {
 # --- truth values -----------------------------------------------------------------------------------------------------
 
 
-def _logic(b: Writer, name: str, operands: tuple[int, ...]) -> int | None:
+def _logic(b: ProgramWriter, name: str, operands: tuple[int, ...]) -> int | None:
     if name == "not":
         inner = operands_of(b, operands[0], "not")
         if inner:
@@ -143,10 +143,10 @@ def _logic(b: Writer, name: str, operands: tuple[int, ...]) -> int | None:
     if x == y:
         return x if name != "xor" else b.constant("bool", False)
     for p, q in ((x, y), (y, x)):
-        if p in b.known:
+        if p in b.constants:
             if name == "xor":
-                return b.emit("not", "bool", q) if b.known[p] else q
-            return q if bool(b.known[p]) == (name == "and") else p
+                return b.emit("not", "bool", q) if b.constants[p] else q
+            return q if bool(b.constants[p]) == (name == "and") else p
         if operands_of(b, p, "not") == (q,):
             return b.constant("bool", name != "and")
         inner = operands_of(b, p, name)
@@ -155,7 +155,7 @@ def _logic(b: Writer, name: str, operands: tuple[int, ...]) -> int | None:
     return None
 
 
-def _comparison(b: Writer, name: str, operands: tuple[int, ...]) -> int | None:
+def _comparison(b: ProgramWriter, name: str, operands: tuple[int, ...]) -> int | None:
     x, y = operands
     dtype = b.operations[x].dtype
     if dtype == "bool":
@@ -164,23 +164,27 @@ def _comparison(b: Writer, name: str, operands: tuple[int, ...]) -> int | None:
     if x == y and dtype not in FLOATS:
         return b.constant("bool", name in ("eq", "le"))
     for p, q in ((x, y), (y, x)):
-        chosen = operands_of(b, p, "select")
-        if chosen and q in b.known and chosen[1] in b.known and chosen[2] in b.known:
-            sides = (chosen[1:], (q, q)) if p == x else ((q, q), chosen[1:])
+        choice = operands_of(b, p, "select")
+        if choice and q in b.constants and choice[1] in b.constants and choice[2] in b.constants:
+            sides = (choice[1:], (q, q)) if p == x else ((q, q), choice[1:])
             yes, no = (b.emit(name, "bool", left, right) for left, right in zip(*sides, strict=True))
-            return b.emit("select", "bool", chosen[0], yes, no)
-    if dtype in FLOATS and (left := operands_of(b, x, "neg")) and ((right := operands_of(b, y, "neg")) or y in b.known):
+            return b.emit("select", "bool", choice[0], yes, no)
+    if (
+        dtype in FLOATS
+        and (left := operands_of(b, x, "neg"))
+        and ((right := operands_of(b, y, "neg")) or y in b.constants)
+    ):
         other = right[0] if right else b.emit("neg", dtype, y)
         pair = (left[0], other) if name in ("eq", "ne") else (other, left[0])
         return b.emit(name, "bool", *pair)
     return None
 
 
-def _choice(b: Writer, dtype: str, condition: int, yes: int, no: int) -> int | None:
+def _choice(b: ProgramWriter, dtype: str, condition: int, yes: int, no: int) -> int | None:
     if yes == no:
         return yes
-    if condition in b.known:
-        return yes if b.known[condition] else no
+    if condition in b.constants:
+        return yes if b.constants[condition] else no
     if inverted := operands_of(b, condition, "not"):
         return b.emit("select", dtype, inverted[0], no, yes)
     if (inner := operands_of(b, yes, "select")) and inner[0] == condition:
@@ -192,40 +196,40 @@ def _choice(b: Writer, dtype: str, condition: int, yes: int, no: int) -> int | N
     return _as_c_truncates(b, dtype, condition, yes, no)
 
 
-def _rare_choice(b: Writer, condition: int, yes: int, no: int) -> int | None:
+def _rare_choice(b: ProgramWriter, condition: int, yes: int, no: int) -> int | None:
     if yes == no:
         return yes
-    return (yes if b.known[condition] else no) if condition in b.known else None
+    return (yes if b.constants[condition] else no) if condition in b.constants else None
 
 
-def _chosen_truth(b: Writer, condition: int, yes: int, no: int) -> int | None:
-    if yes in b.known:
-        if b.known[yes]:
+def _chosen_truth(b: ProgramWriter, condition: int, yes: int, no: int) -> int | None:
+    if yes in b.constants:
+        if b.constants[yes]:
             return b.emit("or", "bool", condition, no)
         return b.emit("and", "bool", b.emit("not", "bool", condition), no)
-    if no in b.known:
-        if b.known[no]:
+    if no in b.constants:
+        if b.constants[no]:
             return b.emit("or", "bool", b.emit("not", "bool", condition), yes)
         return b.emit("and", "bool", condition, yes)
     return None
 
 
-def _as_c_truncates(b: Writer, dtype: str, condition: int, yes: int, no: int) -> int | None:
+def _as_c_truncates(b: ProgramWriter, dtype: str, condition: int, yes: int, no: int) -> int | None:
     """`types.to_int32` spelt out becomes one operation."""
-    if dtype != "int32" or no not in b.known or b.known[no] != -2147483648:
+    if dtype != "int32" or no not in b.constants or b.constants[no] != -2147483648:
         return None
     converted = operands_of(b, yes, "convert")
-    chosen = converted and operands_of(b, converted[0], "select")
-    if not chosen or chosen[0] != condition or chosen[2] not in b.known:
+    choice = converted and operands_of(b, converted[0], "select")
+    if not choice or choice[0] != condition or choice[2] not in b.constants:
         return None
-    x = chosen[1]
+    x = choice[1]
     real = b.operations[x].dtype
     low, high = b.constant(real, -2147483648.0), b.constant(real, 2147483648.0)
     fits = b.emit("and", "bool", b.emit("le", "bool", low, x), b.emit("lt", "bool", x, high))
     return b.emit("truncate", "int32", x) if fits == condition else None
 
 
-def _conversion(b: Writer, name: str, dtype: str, x: int) -> int | None:
+def _conversion(b: ProgramWriter, name: str, dtype: str, x: int) -> int | None:
     source = b.operations[x].dtype
     if source == dtype:
         return x
@@ -238,7 +242,7 @@ def _conversion(b: Writer, name: str, dtype: str, x: int) -> int | None:
         return b.emit("ne", "bool", x, b.constant(source, 0))
     if source in ("int32", "uint32") and dtype in ("int32", "uint32"):
         return b.emit("bitcast", dtype, x)
-    chosen = operands_of(b, x, "select")
-    if chosen and chosen[1] in b.known and chosen[2] in b.known:
-        return b.emit("select", dtype, chosen[0], *(b.emit("convert", dtype, side) for side in chosen[1:]))
+    choice = operands_of(b, x, "select")
+    if choice and choice[1] in b.constants and choice[2] in b.constants:
+        return b.emit("select", dtype, choice[0], *(b.emit("convert", dtype, side) for side in choice[1:]))
     return None

@@ -74,8 +74,8 @@ class Term:
         operation = self.builder.operations[self.number]
         if operation.name == "mul":
             for constant, rest in (operation.operands, operation.operands[::-1]):
-                if constant in self.builder.known:
-                    return Term(self.builder, rest, self.sign), float(self.builder.known[constant])
+                if constant in self.builder.constants:
+                    return Term(self.builder, rest, self.sign), float(self.builder.constants[constant])
         return self, None
 
 

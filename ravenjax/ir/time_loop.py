@@ -62,10 +62,10 @@ class Split:
     held_state: tuple[int, ...]  # that never change, but differ between lanes
     shared_state: tuple[int, ...]  # that a group keeps once
     shared: tuple[int, ...]  # operations of the shared part
-    held: tuple[int, ...]  # operations done once a lane
+    prologue: tuple[int, ...]  # operations done once a lane
     lane: tuple[int, ...]  # operations done each tick in each lane
     row: tuple[int, ...]  # shared operations whose result lanes read
-    kept: tuple[int, ...]  # held operations whose result the loop reads
+    prologue_results: tuple[int, ...]  # operations of the prologue whose result the loop reads
 
 
 def split(loop: TimeLoop, shared_inputs: Iterable[int], shared_ticks: Iterable[int]) -> Split:
@@ -89,7 +89,7 @@ def split(loop: TimeLoop, shared_inputs: Iterable[int], shared_ticks: Iterable[i
     results = [step.outputs[k] for k in sorted(live)] + list(step.outputs[loop.states :])
     needed = step.needed(results)
     both = {i for i in needed if rates[i] == LANE | TICK}
-    row, kept = set(), set()
+    row, reads = set(), set()
     queue = [o for i in sorted(both) for o in step.operations[i].operands]
     queue += step.outputs[loop.states :]
     queue += [step.outputs[k] for k in live if state[k] == LANE | TICK]
@@ -102,7 +102,7 @@ def split(loop: TimeLoop, shared_inputs: Iterable[int], shared_ticks: Iterable[i
             both.add(i)
             queue.extend(step.operations[i].operands)
         elif rates[i] & LANE and name != "input":
-            kept.add(i)
+            reads.add(i)
         elif not rates[i] & LANE:
             row.add(i)
     shared_state = [k for k in sorted(live) if not state[k] & LANE]
@@ -114,10 +114,10 @@ def split(loop: TimeLoop, shared_inputs: Iterable[int], shared_ticks: Iterable[i
         tuple(k for k in sorted(live) if state[k] == LANE),
         tuple(shared_state),
         tuple(shared),
-        tuple(i for i in step.needed(kept)),
+        tuple(i for i in step.needed(reads)),
         tuple(i for i in needed if i in both and step.operations[i].name != "input"),
         tuple(sorted(row)),
-        tuple(sorted(kept)),
+        tuple(sorted(reads)),
     )
 
 

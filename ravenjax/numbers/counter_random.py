@@ -45,8 +45,8 @@ def uniform(key: Scalar, tick: Scalar, channel: int) -> Scalar:
 
 def normal(key: Scalar, tick: Scalar, channel: int) -> Scalar:
     """Standard normal float32 by Box and Muller from the two halves of one draw; its tail ends at 4.9 sigma."""
-    drawn = bits(key, tick, channel)
-    radius_half = lax.convert_element_type(drawn >> _u32(16), jnp.float32)
-    angle_half = lax.convert_element_type(drawn & _u32(0xFFFF), jnp.float32)
+    word = bits(key, tick, channel)
+    radius_half = lax.convert_element_type(word >> _u32(16), jnp.float32)
+    angle_half = lax.convert_element_type(word & _u32(0xFFFF), jnp.float32)
     radius = jnp.sqrt(-2.0 * jnp.log((radius_half + 0.5) * 2.0**-16))
     return radius * jnp.cos((angle_half + 0.5) * (2.0 * math.pi * 2.0**-16))

@@ -65,8 +65,8 @@ def assign(node: Any, setup: Setup, path: str, value: Scalar) -> Any:
     """
     new, hits = _assign(node, setup, path.split("."), value)
     if not hits:
-        known = sorted({shorten(full, setup.arms) for full, _ in leaves(node, setup)})
-        close = difflib.get_close_matches(path, known, n=1, cutoff=0.4)
+        names = sorted({shorten(full, setup.arms) for full, _ in leaves(node, setup)})
+        close = difflib.get_close_matches(path, names, n=1, cutoff=0.4)
         hint = f" Did you mean {close[0]!r}?" if close else ""
         raise KeyError(f"no parameter is named {path!r}.{hint} `ravenjax parameters` lists them")
     return new

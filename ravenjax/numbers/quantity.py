@@ -59,10 +59,10 @@ def quantities(params: type) -> Iterator[tuple[str, Quantity]]:
 
     A path has no arm, number of a set, joint or axis: it is that of the fields.
     """
-    for path, said in _fields(params):
-        found = [one for one in said if isinstance(one, Quantity)]
-        here = {*path.split(".")} & {joint for one in found for joint in one.joints}
-        for one in found:
+    for path, notes in _fields(params):
+        limits = [one for one in notes if isinstance(one, Quantity)]
+        here = {*path.split(".")} & {joint for one in limits for joint in one.joints}
+        for one in limits:
             if not here:
                 yield path, one
             elif here & {*one.joints}:
@@ -71,33 +71,33 @@ def quantities(params: type) -> Iterator[tuple[str, Quantity]]:
 
 def reserved(params: type) -> Iterator[tuple[str, str]]:
     """(path, why) of every field of a record class that a campaign must leave alone."""
-    for path, said in _fields(params):
-        yield from ((path, one.why) for one in said if isinstance(one, Reserved))
+    for path, notes in _fields(params):
+        yield from ((path, one.why) for one in notes if isinstance(one, Reserved))
 
 
 def _fields(params: type, above: str = "") -> Iterator[tuple[str, list[Any]]]:
     """(path, what its annotation says) of each field of a record class, and of the records in it."""
     hints = typing.get_type_hints(params, include_extras=True)
     for field in dataclasses.fields(params):
-        inner, said = _opened(hints[field.name])
+        inner, notes = _opened(hints[field.name])
         path = f"{above}{field.name}"
-        yield path, said
+        yield path, notes
         if isinstance(inner, type) and dataclasses.is_dataclass(inner):
             yield from _fields(inner, f"{path}.")
 
 
 def _opened(hint: Any) -> tuple[Any, list[Any]]:
     """What a field holds one of, and what its annotation says: `Annotated[tuple[X, ...] | None, said]`."""
-    said: list[Any] = []
+    notes: list[Any] = []
     while True:
         kind, parts = typing.get_origin(hint), typing.get_args(hint)
         if kind is typing.Annotated:
             hint = parts[0]
             for one in parts[1:]:
-                said += one if isinstance(one, tuple) else (one,)
+                notes += one if isinstance(one, tuple) else (one,)
         elif kind is tuple:
             hint = parts[0]
         elif kind in (typing.Union, types.UnionType):
             hint = next(part for part in parts if part is not type(None))
         else:
-            return hint, said
+            return hint, notes

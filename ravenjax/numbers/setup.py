@@ -1,6 +1,6 @@
 """What picks code, static: how wide numbers are, which faults, cues and detectors are in the tick.
 
-Everything that a campaign may vary is a traced number in the robot's `Params`; what is here is hashable, and one
+Everything that a campaign may vary is a traced number in the robot's `TickParams`; what is here is hashable, and one
 `Setup` is one compile. A robot adds its own choices in a subclass.
 """
 

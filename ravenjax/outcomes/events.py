@@ -107,11 +107,11 @@ def happened(table: pa.Table, names: Sequence[str], rules: Rules) -> np.ndarray:
     import duckdb
     import numpy as np
 
-    asked = ", ".join(
+    select_list = ", ".join(
         f"coalesce(({expression})::BOOLEAN, false) AS e{place}"
         for place, expression in enumerate([VALID_SQL, *(sql(name, rules) for name in names)])
     )
     with duckdb.connect(config={"threads": 1}) as connection:
         connection.register("runs", table)
-        rows = connection.execute(f"SELECT {asked} FROM runs").fetchnumpy()
+        rows = connection.execute(f"SELECT {select_list} FROM runs").fetchnumpy()
     return np.array([np.asarray(rows[f"e{place}"], bool) for place in range(1 + len(names))])

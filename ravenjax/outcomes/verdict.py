@@ -67,7 +67,7 @@ def responses(outcomes: Outcomes, golden: Outcomes, robot: Robot) -> Response:
     names = checks.names(outcomes)
     response = np.full(len(onset), SILENT, np.int8)
     cause = np.zeros(len(onset), np.int8)
-    first, told = np.full((2, len(onset)), -1, np.int32)
+    first, alarm = np.full((2, len(onset)), -1, np.int32)
     for place, name in enumerate(names, start=1):
         rank = RESPONSES.index(robot.check(name).response)
         own, usual = np.asarray(outcomes[f"check_{name}_count"]), np.asarray(golden[f"check_{name}_count"])
@@ -80,9 +80,9 @@ def responses(outcomes: Outcomes, golden: Outcomes, robot: Robot) -> Response:
         stronger = more & ((response > rank) | ((response == rank) & (ms < first)))
         response[stronger], cause[stronger], first[stronger] = rank, place, ms[stronger]
         if rank in _TOLD:
-            sooner = more & ((told < 0) | (ms < told))
-            told[sooner] = ms[sooner]
-    return Response(response, cause, first, told, ("", *(robot.check(name).named_cause for name in names)))
+            sooner = more & ((alarm < 0) | (ms < alarm))
+            alarm[sooner] = ms[sooner]
+    return Response(response, cause, first, alarm, ("", *(robot.check(name).named_cause for name in names)))
 
 
 def hazards(outcomes: Any, stopped: np.ndarray) -> np.ndarray:

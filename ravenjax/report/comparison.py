@@ -19,7 +19,7 @@ from ravenjax.stats.comparison.paired import difference_of_counts
 from ravenjax.stats.intervals import Estimate, Rate, wilson
 from ravenjax.store import manifest
 from ravenjax.store.access import query
-from ravenjax.store.access.query import Table, quoted
+from ravenjax.store.access.query import ResultTable, quoted
 from ravenjax.store.manifest import Change, Manifest
 from ravenjax.vocabulary.robot import Robot
 
@@ -32,7 +32,7 @@ WORDS = {"response": RESPONSES, "hazard": HAZARDS, "cue": CUES}
 SIDES = ("first", "second")
 
 
-class Pairs(NamedTuple):
+class ComparedPairs(NamedTuple):
     """How many runs were paired."""
 
     by_run_id: int
@@ -70,15 +70,15 @@ class RunChange(NamedTuple):
     unintended_mm: tuple[float, float]
 
 
-class Comparison(NamedTuple):
+class FolderComparison(NamedTuple):
     """Two result folders."""
 
     folders: tuple[Path, Path]
     campaigns: tuple[str, str]
     limits_mm: tuple[float, float]
     configuration: Sequence[Change]
-    made: Sequence[Change]  # engine, device, code, versions
-    pairs: Pairs
+    environment: Sequence[Change]  # engine, device, code, versions
+    pairs: ComparedPairs
     rates: Sequence[RateChange]
     transitions: dict[str, Sequence[Transition]]  # of each of WORDS, every one that occurred
     changed: Sequence[RunChange]  # the most changed first
@@ -86,22 +86,22 @@ class Comparison(NamedTuple):
     def sentences(self) -> list[str]:
         """What the comparison is of, in words."""
         pairs = self.pairs
-        said = [
+        lines = [
             f"{wording.count(pairs.by_run_id)} runs are paired by run id, {wording.count(pairs.by_fault)} by fault; "
             f"{wording.count(pairs.compared)} pairs have a fault and two valid outcomes and are compared."
         ]
         if any(pairs.unpaired):
             one, other = (wording.count(number) for number in pairs.unpaired)
-            said.append(f"Without a counterpart: {one} runs of {self.folders[0]}, {other} of {self.folders[1]}.")
+            lines.append(f"Without a counterpart: {one} runs of {self.folders[0]}, {other} of {self.folders[1]}.")
         if self.limits_mm[0] != self.limits_mm[1]:
             one, other = (f"{limit:g} mm" for limit in self.limits_mm)
-            said.append(
+            lines.append(
                 f"Hazards begin at {one} in the first and at {other} in the second: they are not the same events."
             )
-        return said
+        return lines
 
 
-def compare(first: Path, second: Path, most: int = 10) -> Comparison:
+def compare(first: Path, second: Path, most: int = 10) -> FolderComparison:
     """Compare two result folders; `most`: runs that are listed as changed.
 
     Raises StoreError as `query.open_folder`, UserError where they share no fault.
@@ -117,7 +117,7 @@ def compare(first: Path, second: Path, most: int = 10) -> Comparison:
         for side, record in zip(SIDES, records, strict=True):
             _judge(table, side, record)
         compared = _compared(table)
-        return Comparison(
+        return FolderComparison(
             (first, second),
             (records[0].campaign, records[1].campaign),
             (records[0].limit_mm, records[1].limit_mm),
@@ -140,7 +140,7 @@ def _made(record: Manifest) -> dict[str, Any]:
     }
 
 
-def _pair(table: Table, folders: tuple[Path, Path]) -> Pairs:
+def _pair(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
     """Make the table `pairs` (first, second: rows of either folder)."""
     keys = _keys(table)
     table.run(
@@ -164,10 +164,10 @@ def _pair(table: Table, folders: tuple[Path, Path]) -> Pairs:
             "by --set."
         )
     runs = [table.row(f"SELECT count(*) FROM runs_{side}")[0] for side in SIDES]
-    return Pairs(alike, similar, (runs[0] - alike - similar, runs[1] - alike - similar), 0)
+    return ComparedPairs(alike, similar, (runs[0] - alike - similar, runs[1] - alike - similar), 0)
 
 
-def _keys(table: Table) -> tuple[str, str]:
+def _keys(table: ResultTable) -> tuple[str, str]:
     """Of either folder the columns that tell its runs apart and that the other may have too, as SQL."""
     types = [table.types(f"runs_{side}") for side in SIDES]
     faults = sorted({name for one in types for name in one if name.startswith("fault")})
@@ -192,7 +192,7 @@ def _keys(table: Table) -> tuple[str, str]:
     return key(types[0]), key(types[1])
 
 
-def _judge(table: Table, side: str, record: Manifest) -> None:
+def _judge(table: ResultTable, side: str, record: Manifest) -> None:
     """Make the table `judged_<side>`: of each run its outcome by the campaign's own rules."""
     names = list(table.types(f"runs_{side}"))
     happened = {name: f"coalesce(({events.sql(name, record.rules)})::BOOLEAN, false)" for name in RATES}
@@ -212,16 +212,16 @@ _JOINED = (
 )
 
 
-def _compared(table: Table) -> int:
+def _compared(table: ResultTable) -> int:
     return table.row(f"SELECT count(*) FROM {_JOINED}")[0]
 
 
-def _rate(table: Table, name: str, records: tuple[Manifest, Manifest], n: int) -> RateChange:
+def _rate(table: ResultTable, name: str, records: tuple[Manifest, Manifest], n: int) -> RateChange:
     one, other = f"a.{quoted('is_' + name)}", f"b.{quoted('is_' + name)}"
-    asked = ", ".join(
+    counts = ", ".join(
         f"count(*) FILTER ({c})" for c in (one, other, f"{one} AND NOT {other}", f"{other} AND NOT {one}")
     )
-    first, second, first_only, second_only = table.row(f"SELECT {asked} FROM {_JOINED}")
+    first, second, first_only, second_only = table.row(f"SELECT {counts} FROM {_JOINED}")
     return RateChange(
         name,
         events.meaning(name, records[0].rules),
@@ -233,13 +233,13 @@ def _rate(table: Table, name: str, records: tuple[Manifest, Manifest], n: int) -
     )
 
 
-def _transitions(table: Table, word: str) -> list[Transition]:
+def _transitions(table: ResultTable, word: str) -> list[Transition]:
     rows = table.rows(f"SELECT a.{word}, b.{word}, count(*) FROM {_JOINED} GROUP BY ALL")
     order = WORDS[word].index
     return [Transition(*row) for row in sorted(rows, key=lambda row: (order(row[0]), order(row[1])))]
 
 
-def _changed(robot: Robot, table: Table, most: int) -> list[RunChange]:
+def _changed(robot: Robot, table: ResultTable, most: int) -> list[RunChange]:
     """Runs whose verdict or unintended motion differs, by how much the latter does."""
     rows = table.rows(
         "SELECT pairs.first, a.run_id, b.run_id, a.verdict, b.verdict, a.unintended_mm, b.unintended_mm "

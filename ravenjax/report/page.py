@@ -73,7 +73,7 @@ def build(folder: Path) -> Path:
 def render(runs: Runs, manifest: Manifest, folder: Path) -> str:
     """The page of a result table; `folder` is what the replay commands name, and where traces are looked for."""
     cue = manifest.cues[manifest.verdict_cue] if manifest.cues else None
-    told: dict[str, Any] = {
+    content: dict[str, Any] = {
         **_verdicts(runs, manifest, folder),
         **_knowledge(runs, manifest, folder),
         **_robots(runs, manifest),
@@ -83,11 +83,11 @@ def render(runs: Runs, manifest: Manifest, folder: Path) -> str:
     absent = {
         "detectors": not manifest.detectors,
         "reaction": not manifest.shape.reacts,
-        "robots": not told["conclusions"],
-        "risk": not told["risks"],
-        "operator": told["operator"] is None,
-        "precision": not told["precision"],
-        "after_stop": not told["stops"],
+        "robots": not content["conclusions"],
+        "risk": not content["risks"],
+        "operator": content["operator"] is None,
+        "precision": not content["precision"],
+        "after_stop": not content["stops"],
     }
     return with_scopes(
         _environment()
@@ -101,7 +101,7 @@ def render(runs: Runs, manifest: Manifest, folder: Path) -> str:
             frame_rows=runs.rows,
             stopped=decisions.sentence(folder),
             outcomes=run_facts.OUTCOMES,
-            **told,
+            **content,
         )
     )
 
@@ -130,9 +130,9 @@ def _verdicts(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
 
 def _knowledge(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
     """Who could know when, and what the cue would change."""
-    found = performance.alarms(runs, manifest)
-    known = answers.knowledge(runs, performance.known(found), manifest)
-    curves, timing = time_to_know.incidence_curves(runs, manifest, known.delay)
+    alarms = performance.alarms(runs, manifest)
+    knowledge = answers.knowledge(runs, performance.known(alarms), manifest)
+    curves, timing = time_to_know.incidence_curves(runs, manifest, knowledge.delay)
     pairs = reactions.drawn(runs) if manifest.shape.reacts else None
     differences = reactions.differences(pairs.frame, pairs.facts) if pairs and pairs.crossed else []
     sweep = cue_sweep.rows(runs, manifest)
@@ -149,8 +149,8 @@ def _knowledge(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
         "curve_csv": {name: time_to_know.points(timing[name]["curve"]) for name in ("cue", "told")},
         "curves": curves,
         "timing": timing,
-        "known": known,
-        "classes": answers.classes(runs, performance.known(found), manifest),
+        "known": knowledge,
+        "classes": answers.classes(runs, performance.known(alarms), manifest),
         "changed": answers.changed(runs, manifest, differences),
         "cues": sweep,
         "choices": choices,
@@ -163,7 +163,7 @@ def _knowledge(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
         "reaction_runs": (len(pairs.frame), runs.rows) if pairs else (0, 0),
     }
     if manifest.detectors:
-        rows, times = performance.rows(runs, manifest, found), performance.curves(runs, manifest, found)
+        rows, times = performance.rows(runs, manifest, alarms), performance.curves(runs, manifest, alarms)
         out |= {
             "detectors": rows,
             "roc": detector_figures.roc(rows),
@@ -203,12 +203,12 @@ def _robots(runs: Runs, manifest: Manifest) -> dict[str, Any]:
 
 def _paths(runs: Runs, folder: Path) -> dict[str, Any]:
     """Tip paths of traced runs."""
-    found, broken = paths.find(folder, runs)
+    replays, broken = paths.find(folder, runs)
     return {
-        "replays": found,
-        "replay_figures": [path_figure.distance(one) for one in found],
-        "replay_views": [path_figure.views(one) for one in found],
-        "replay_courses": [json.dumps(path_figure.course(one), allow_nan=False) for one in found],
+        "replays": replays,
+        "replay_figures": [path_figure.distance(one) for one in replays],
+        "replay_views": [path_figure.views(one) for one in replays],
+        "replay_courses": [json.dumps(path_figure.course(one), allow_nan=False) for one in replays],
         "broken_traces": broken,
     }
 

@@ -71,8 +71,8 @@ def _figures(runs: Runs, manifest: Manifest) -> Iterator[tuple[str, Figure]]:
     rows = [row for row in tables.group_rows(runs) if row["faulty"]][:MOST_GROUPS]
     if rows:
         yield "verdicts", _verdicts(rows)
-        known = answers.knowledge(runs, performance.known(alarms), manifest).delay
-        curves, _ = time_to_know.incidence_curves(runs, manifest, known)
+        delay = answers.knowledge(runs, performance.known(alarms), manifest).delay
+        curves, _ = time_to_know.incidence_curves(runs, manifest, delay)
         if curves:
             yield "time_to_know", _of_chart(curves)
     if manifest.detectors:

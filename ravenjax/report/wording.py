@@ -75,8 +75,8 @@ def signed_points(difference: float) -> str:
     """−3.1 points, of a difference of rates."""
     if not math.isfinite(difference):
         return DASH
-    shown = f"{100 * difference:+.1f}"
-    return f"{'0.0' if shown in ('+0.0', '-0.0') else shown} points".replace("-", "−")
+    text = f"{100 * difference:+.1f}"
+    return f"{'0.0' if text in ('+0.0', '-0.0') else text} points".replace("-", "−")
 
 
 def point_bounds(value: Estimate) -> str:
@@ -151,14 +151,14 @@ _UNIT_WORDS = {"cnt": "counts", "1": "", "bits": ""}
 
 def _magnitude(robot: Robot, site: str, channel: str, effect: str, value: float) -> str:
     """The value of a fault as its effect takes it, with its unit where this version knows the channel."""
-    shown = number(value, 5)
+    text = number(value, 5)
     if effect == "bit_flip":
-        return f"of bit {shown}"
+        return f"of bit {text}"
     if effect == "scale":
-        return f"by {shown}"
+        return f"by {text}"
     units = {one.name: one.unit for one in robot.sites[site].channels} if site in robot.sites else {}
     unit = units.get(channel, "")
     unit = _UNIT_WORDS.get(unit, unit)
     if effect == "drift":
-        return f"{shown} {unit or '1'}/ms"
-    return f"{shown} {unit}".rstrip()
+        return f"{text} {unit or '1'}/ms"
+    return f"{text} {unit}".rstrip()

@@ -23,7 +23,7 @@ from ravenjax.campaign.faults import design, run_id, table
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress.counts import OnProgress, Progress
 from ravenjax.engines import selection
-from ravenjax.engines.interface import Block, Kernel, Result
+from ravenjax.engines.interface import Block, BlockResult, Kernel
 from ravenjax.engines.interface import Progress as OnTicks
 from ravenjax.errors import UserError
 from ravenjax.search.file.outcome import Outcome
@@ -51,9 +51,9 @@ class Evaluator:
         self._margins = margins
         self._plan = plan.make(template.config)  # one run a case: what picks code is the same for every point
         self.shape = runner.shape_of(self._plan)
-        if wrong := [complaint for outcome in wanted for complaint in outcome.complaints(self.shape)]:
+        if complaints := [complaint for outcome in wanted for complaint in outcome.complaints(self.shape)]:
             source = f"{template.config.source}: " if template.config.source is not None else ""
-            raise UserError("\n".join(f"{source}search: {complaint}" for complaint in wrong))
+            raise UserError("\n".join(f"{source}search: {complaint}" for complaint in complaints))
         self.engine = selection.select(engine, self._plan.program.setup.precision, compile_cache.objects())
         self.batches, self.run_s = 0, 0.0
         self.progress = self._progress(1, None, 0, ())
@@ -151,10 +151,10 @@ class Evaluator:
 
     def _planned(self, rows: pd.DataFrame) -> Plan:
         """The template's plan with other rows; those that share a twin stand together, so that it is computed once."""
-        base, given = self._plan, table.parameters(rows)
+        base, columns = self._plan, table.parameters(rows)
         if base.noise_key:
-            given[base.noise_key] = run_id.stream(rows["run_id"].to_numpy(), "noise")
-        varied = {path: given[path].astype(values.dtype) for path, values in base.varied.items()}
+            columns[base.noise_key] = run_id.stream(rows["run_id"].to_numpy(), "noise")
+        varied = {path: columns[path].astype(values.dtype) for path, values in base.varied.items()}
         twin = np.zeros(len(rows), np.int32)
         if varied:
             different = np.stack([values.astype(np.float64) for values in varied.values()], axis=1)
@@ -194,5 +194,5 @@ class _Narrow:
     def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
         self.kernel.prepare(block, motion)
 
-    def run(self, block: Block, motion: tuple[np.ndarray, ...], progress: OnTicks | None = None) -> Result:
+    def run(self, block: Block, motion: tuple[np.ndarray, ...], progress: OnTicks | None = None) -> BlockResult:
         return self.kernel.run(block, motion, progress)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 @dataclasses.dataclass(frozen=True)
-class Table:
+class TextTable:
     """A table of text."""
 
     title: str
@@ -23,12 +23,12 @@ class Table:
 
 
 @dataclasses.dataclass(frozen=True)
-class Findings:
+class SearchFindings:
     """Of one search."""
 
     numbers: dict[str, Any]  # as JSON has them, NaN as None
     sentences: tuple[str, ...]  # the answer in short
-    tables: tuple[Table, ...]
+    tables: tuple[TextTable, ...]
     figures: Mapping[str, Callable[[], Figure]]  # name of the file without suffix -> draws it
 
 
@@ -60,7 +60,7 @@ def short(name: str) -> str:
 
 def words(case: Mapping[str, Any]) -> str:
     """A case in words."""
-    told = ((*short(name).partition(", "), value) for name, value in case.items())
+    parts = ((*short(name).partition(", "), value) for name, value in case.items())
     return ", ".join(
-        f"{name} {value}" + (f" {unit}" if value != "end" and unit else "") for name, _, unit, value in told
+        f"{name} {value}" + (f" {unit}" if value != "end" and unit else "") for name, _, unit, value in parts
     )

@@ -11,7 +11,7 @@ from typing import Any
 from ravenjax.document import html
 from ravenjax.errors import UserError, listed
 from ravenjax.search import style
-from ravenjax.search.findings import Findings, Table, plain
+from ravenjax.search.findings import SearchFindings, TextTable, plain
 from ravenjax.store import files, manifest
 
 NUMBERS, TEXT, PAGE = "search.json", "search.md", "search.html"
@@ -28,8 +28,8 @@ def open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
         _json(path, dict(identity))
         return {}
     try:
-        held = json.loads(path.read_text(encoding="utf-8"))
-        differences = manifest.differences({name: held[name] for name in identity}, dict(identity))
+        earlier = json.loads(path.read_text(encoding="utf-8"))
+        differences = manifest.differences({name: earlier[name] for name in identity}, dict(identity))
     except (OSError, ValueError, KeyError, TypeError):
         raise UserError(f"{path}: cannot be read as a search; delete it, or give another folder with --out") from None
     if differences:
@@ -37,10 +37,10 @@ def open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
             f"{out}: holds another search, which differs:\n{listed(differences)}\n"
             "Nothing was changed. Give another folder with --out, or delete this one"
         )
-    return held
+    return earlier
 
 
-def write(out: Path, record: dict[str, Any], findings: Findings) -> None:
+def write(out: Path, record: dict[str, Any], findings: SearchFindings) -> None:
     """All files of a search; each is there whole or not at all. Raises StoreError where the disk refuses."""
     figures = {name: f"{name}.svg" for name in findings.figures}
     for name, draw in findings.figures.items():
@@ -64,7 +64,7 @@ def _put(text: str, path: Path) -> None:
     path.write_text(text, encoding="utf-8")
 
 
-def _markdown(record: dict[str, Any], findings: Findings, figures: dict[str, str]) -> str:
+def _markdown(record: dict[str, Any], findings: SearchFindings, figures: dict[str, str]) -> str:
     campaign = record["config"]["campaign"]
     lines = [f"# Search {campaign['name']}: {record['kind']}", ""]
     if campaign["description"]:
@@ -90,7 +90,7 @@ def _pace(record: dict[str, Any]) -> str:
     return f"{record['runs_per_s']:.0f} runs/s{last}, "
 
 
-def _table(table: Table) -> list[str]:
+def _table(table: TextTable) -> list[str]:
     def row(cells: tuple[str, ...]) -> str:
         return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"
 

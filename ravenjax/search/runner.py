@@ -16,7 +16,7 @@ from ravenjax.search.file import loading
 from ravenjax.search.file import outcome as outcomes
 from ravenjax.search.file.config import Boundary, Rare, SearchConfig
 from ravenjax.search.file.template import Template
-from ravenjax.search.findings import Findings, plain
+from ravenjax.search.findings import SearchFindings, plain
 from ravenjax.search.indices import analysis
 from ravenjax.search.journal import Journal
 from ravenjax.search.rare import simulation
@@ -25,11 +25,11 @@ from ravenjax.store.access import lock
 
 
 @dataclasses.dataclass(frozen=True)
-class Result:
+class SearchResult:
     """A search that has run."""
 
     out: Path  # its folder
-    findings: Findings
+    findings: SearchFindings
     record: dict[str, Any]  # what search.json says beside the findings
 
 
@@ -39,7 +39,7 @@ def run(
     engine: str = "auto",
     overrides: Sequence[str] = (),
     on_progress: OnProgress | None = None,
-) -> Result:
+) -> SearchResult:
     """Run the search of a file, of a bundled one by name, or a loaded one, and write it into `out`, or finish it where
     `out` holds a part of it.
 
@@ -55,7 +55,7 @@ def run(
         return _into(folder, config, evaluator, on_progress)
 
 
-def _into(folder: Path, config: SearchConfig, evaluator: Evaluator, on_progress: OnProgress | None) -> Result:
+def _into(folder: Path, config: SearchConfig, evaluator: Evaluator, on_progress: OnProgress | None) -> SearchResult:
     """Search, in a folder that nobody else writes to."""
     search, identity = config.search, _identity(config, evaluator)
     earlier = output.open_folder(folder, identity)
@@ -73,10 +73,10 @@ def _into(folder: Path, config: SearchConfig, evaluator: Evaluator, on_progress:
     output.write(folder, record, findings)
     journal.forget()
     evaluator.progress.tell("done")
-    return Result(folder, findings, record)
+    return SearchResult(folder, findings, record)
 
 
-def _find(config: SearchConfig, evaluator: Evaluator, folder: Path) -> Findings:
+def _find(config: SearchConfig, evaluator: Evaluator, folder: Path) -> SearchFindings:
     """The search of its kind."""
     search, template = config.search, evaluator.template
     if isinstance(search, Boundary):

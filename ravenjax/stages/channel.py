@@ -34,19 +34,19 @@ _QUALITY, _GOES_ON, _BEGINS, _DELAY, _JITTER = range(5)
 
 
 @record
-class State:
+class ChannelState:
     """What the channel remembers from packet to packet."""
 
     quality: Scalar  # int32, row of TRANSITIONS
     burst: Scalar  # int32, packets in a row lost to the burst that lasts; 0: none does
 
 
-def init() -> State:
+def init() -> ChannelState:
     """Good, and no burst."""
-    return State(jnp.int32(0), jnp.int32(0))
+    return ChannelState(jnp.int32(0), jnp.int32(0))
 
 
-def step(state: State, seed: Scalar, packet: Scalar, fresh: Scalar) -> State:
+def step(state: ChannelState, seed: Scalar, packet: Scalar, fresh: Scalar) -> ChannelState:
     """The channel after the packet of this cycle, of index `packet` (int32), where it is `fresh` (bool).
 
     seed: float, one for each channel or a new one in each cycle; 0: an ideal channel, which forgets what it was.
@@ -58,16 +58,16 @@ def step(state: State, seed: Scalar, packet: Scalar, fresh: Scalar) -> State:
     goes_on = (state.burst > 0) & (uniform(key, packet, _GOES_ON) < share * jnp.sqrt(share))
     begins = uniform(key, packet, _BEGINS) < _of(quality, LOSS)
     burst = jnp.where(goes_on, state.burst + 1, as_int(begins))
-    moved = where(fresh, State(quality, burst), state)
+    moved = where(fresh, ChannelState(quality, burst), state)
     return where(seed != 0.0, moved, init())
 
 
 def delay_ms(seed: Scalar, packet: Scalar) -> Scalar:
     """How old in ms (int32) what arrives is when packet `packet` is sent; `seed` as in `step`."""
-    drawn = jnp.float32(0.5)  # to the nearest millisecond
+    delay = jnp.float32(0.5)  # to the nearest millisecond
     for place, (least, most) in ((_DELAY, DELAY_MS), (_JITTER, JITTER_MS)):
-        drawn = drawn + least + (most - least) * uniform(_key(seed), packet, place)
-    return jnp.where(seed != 0.0, as_int(drawn), 0)
+        delay = delay + least + (most - least) * uniform(_key(seed), packet, place)
+    return jnp.where(seed != 0.0, as_int(delay), 0)
 
 
 def _key(seed: Scalar) -> Scalar:
@@ -76,10 +76,10 @@ def _key(seed: Scalar) -> Scalar:
 
 def _of(quality: Scalar, numbers: tuple[float, ...]) -> Scalar:
     """The one of `numbers` that belongs to a quality, float32."""
-    found = jnp.float32(numbers[0])
+    number_of = jnp.float32(numbers[0])
     for k, number in enumerate(numbers[1:], start=1):
-        found = jnp.where(quality == k, jnp.float32(number), found)
-    return found
+        number_of = jnp.where(quality == k, jnp.float32(number), number_of)
+    return number_of
 
 
 def _next(quality: Scalar, drawn: Scalar) -> Scalar:

@@ -12,7 +12,7 @@ from ravenjax.numbers.vec import Scalar, as_int, earliest, record
 
 
 @record
-class Check:
+class CheckHistory:
     """One check's history over a run."""
 
     first_tick: Scalar  # int32 tick of the first trip; -1: never
@@ -20,21 +20,21 @@ class Check:
     margin: Scalar  # smallest distance to the limit, in the check's own unit, <= 0 beyond it; inf: none measured
 
 
-def init(setup: Setup) -> Check:
+def init(setup: Setup) -> CheckHistory:
     """A check that has not looked at anything yet."""
-    return Check(np.int32(-1), np.int32(0), np.dtype(setup.precision.real).type(np.inf))
+    return CheckHistory(np.int32(-1), np.int32(0), np.dtype(setup.precision.real).type(np.inf))
 
 
-def update(check: Check, tick: Scalar, tripped: Scalar, margin: Scalar | None = None) -> Check:
+def update(check: CheckHistory, tick: Scalar, tripped: Scalar, margin: Scalar | None = None) -> CheckHistory:
     """Enter this tick: `tripped` is a truth value, `margin` a distance to the limit (left out where none is cheap)."""
     first = tripped & (check.first_tick < 0)
     nearest = check.margin
     if margin is not None:
         nearest = jnp.where(margin < nearest, margin, nearest)  # a NaN margin says nothing
-    return Check(jnp.where(first, tick, check.first_tick), check.count + as_int(tripped), nearest)
+    return CheckHistory(jnp.where(first, tick, check.first_tick), check.count + as_int(tripped), nearest)
 
 
-def outcomes(checks: Mapping[str, Check]) -> dict[str, Scalar]:
+def outcomes(checks: Mapping[str, CheckHistory]) -> dict[str, Scalar]:
     """What each check did so far; columns of the result table."""
     out: dict[str, Scalar] = {}
     for name, one in checks.items():
@@ -44,9 +44,9 @@ def outcomes(checks: Mapping[str, Check]) -> dict[str, Scalar]:
     return out
 
 
-def worse(arms: list[Check]) -> Check:
+def worse(arms: list[CheckHistory]) -> CheckHistory:
     """The checks of all arms as one."""
     count, margin = arms[0].count, arms[0].margin
     for arm in arms[1:]:
         count, margin = count + arm.count, jnp.minimum(margin, arm.margin)
-    return Check(earliest([arm.first_tick for arm in arms]), count, margin)
+    return CheckHistory(earliest([arm.first_tick for arm in arms]), count, margin)

@@ -48,7 +48,7 @@ def _step(unit: str, joints: tuple[str, ...] = ()) -> Quantity:
 
 
 @record
-class Step:
+class StepScale:
     """What a joint's motion within 1 ms is measured in, by `steps`."""
 
     mpos: Annotated[Scalar, _step("rad")]
@@ -57,12 +57,12 @@ class Step:
 
 
 @record
-class Params:
+class DetectorParams:
     """What a campaign may vary."""
 
-    shoulder: Step
-    elbow: Step
-    insertion: Step
+    shoulder: StepScale
+    elbow: StepScale
+    insertion: StepScale
     armed_after: Annotated[  # int32
         Scalar, Quantity("ms", 0, HOUR_MS, "since the run began, before which no detector looks", whole=True)
     ]
@@ -73,7 +73,7 @@ class Params:
 
 
 @record
-class ArmState:
+class DetectorArmState:
     """What is remembered of one arm from the last tick."""
 
     mpos: Vec  # 3, rad
@@ -102,13 +102,13 @@ class DetectorState:
 
 
 @record
-class State:
-    arms: tuple[ArmState, ...]
+class DetectorsState:
+    arms: tuple[DetectorArmState, ...]
     detectors: tuple[DetectorState, ...]
 
 
 @record
-class Signal:
+class DetectorSignal:
     """What the detectors see in this tick; tuples have one entry an arm."""
 
     mpos: tuple[Vec, ...]  # 7, rad, motors of the dynamic model
@@ -122,13 +122,15 @@ class Signal:
     tick: Scalar  # int32
 
 
-def params(setup: Setup) -> Params:
+def params(setup: Setup) -> DetectorParams:
     """Steps learned from fault-free runs (`LEARNED`); levels of 1 until a campaign names them."""
-    steps = {joint: Step(*values) for joint, values in LEARNED.items()}
-    return Params(**steps, armed_after=np.int32(500), levels=tuple((1.0,) * use.levels for use in setup.detectors))
+    steps = {joint: StepScale(*values) for joint, values in LEARNED.items()}
+    return DetectorParams(
+        **steps, armed_after=np.int32(500), levels=tuple((1.0,) * use.levels for use in setup.detectors)
+    )
 
 
-def init(setup: Setup) -> State:
+def init(setup: Setup) -> DetectorsState:
     """Nothing seen."""
     zero = real(setup, 0.0)
     still = Vec.full(POSITIONING, zero)
@@ -136,21 +138,21 @@ def init(setup: Setup) -> State:
     detectors = tuple(
         DetectorState(Vec.full(use.consecutive - 1, zero), zero, (level,) * use.levels) for use in setup.detectors
     )
-    return State(per_arm(setup, lambda *_: ArmState(still, still, still, still, zero)), detectors)
+    return DetectorsState(per_arm(setup, lambda *_: DetectorArmState(still, still, still, still, zero)), detectors)
 
 
-def step(setup: Setup, params: Params, state: State, signal: Signal) -> State:
+def step(setup: Setup, params: DetectorParams, state: DetectorsState, signal: DetectorSignal) -> DetectorsState:
     """The detectors after this tick."""
-    seen = per_arm(setup, lambda i, _: _arm(setup, params, state.arms[i], signal, i))
+    views = per_arm(setup, lambda i, _: _arm(setup, params, state.arms[i], signal, i))
     armed = signal.armed & (signal.tick >= params.armed_after)
     detectors = []
     for use, levels, before in zip(setup.detectors, params.levels, state.detectors, strict=True):
-        score = reduce(jnp.maximum, [_score(use, scores) for _, scores in seen])
+        score = reduce(jnp.maximum, [_score(use, scores) for _, scores in views])
         detectors.append(_watch(before, levels, jnp.where(armed, score, 0.0), signal.tick))
-    return State(tuple(arm for arm, _ in seen), tuple(detectors))
+    return DetectorsState(tuple(arm for arm, _ in views), tuple(detectors))
 
 
-def outcomes(setup: Setup, state: State) -> dict[str, Scalar]:
+def outcomes(setup: Setup, state: DetectorsState) -> dict[str, Scalar]:
     """Outcome columns of a run."""
     out: dict[str, Scalar] = {}
     for d, detector in enumerate(state.detectors):
@@ -173,7 +175,9 @@ class _Scores:
     overdrive: Scalar
 
 
-def _arm(setup: Setup, params: Params, before: ArmState, signal: Signal, i: int) -> tuple[ArmState, _Scores]:
+def _arm(
+    setup: Setup, params: DetectorParams, before: DetectorArmState, signal: DetectorSignal, i: int
+) -> tuple[DetectorArmState, _Scores]:
     mpos, mvel, jpos, jvel = (Vec(values[i][:POSITIONING]) for values in _motion(signal))
 
     learned = (params.shoulder, params.elbow, params.insertion)
@@ -197,10 +201,10 @@ def _arm(setup: Setup, params: Params, before: ArmState, signal: Signal, i: int)
         tip_error=signal.tip_error[i] * 1e3,
         overdrive=reduce(jnp.maximum, shares),
     )
-    return ArmState(mpos, mvel, jpos, jvel, mvel_step), scores
+    return DetectorArmState(mpos, mvel, jpos, jvel, mvel_step), scores
 
 
-def _motion(signal: Signal) -> tuple[tuple[Vec, ...], ...]:
+def _motion(signal: DetectorSignal) -> tuple[tuple[Vec, ...], ...]:
     return signal.mpos, signal.mvel, signal.jpos, signal.jvel
 
 
@@ -217,12 +221,12 @@ def _score(use: DetectorUse, scores: _Scores) -> Scalar:
 
 
 def _watch(before: DetectorState, levels: tuple[Scalar, ...], score: Scalar, tick: Scalar) -> DetectorState:
-    held = reduce(jnp.minimum, [score, *before.recent])
+    lowest = reduce(jnp.minimum, [score, *before.recent])
     after = []
     for level, state in zip(levels, before.levels, strict=True):
-        over = held > level
+        over = lowest > level
         begins = over & ~state.over
         first = jnp.where(begins & (state.first_tick < 0), tick, state.first_tick)
         after.append(LevelState(first, state.alarms + as_int(begins), over))
     recent = Vec((score, *before.recent)[: len(before.recent)])
-    return DetectorState(recent, jnp.maximum(before.peak, held), tuple(after))
+    return DetectorState(recent, jnp.maximum(before.peak, lowest), tuple(after))

@@ -31,7 +31,7 @@ TINY_M = 1e-12  # below it e has no direction; far below one micrometre, so no c
 
 
 @record
-class Cue:
+class CueParams:
     """One threshold and gain set."""
 
     threshold_m: Scalar  # m
@@ -41,9 +41,9 @@ class Cue:
 
 
 @record
-class Params:
+class HapticParams:
     cues: Annotated[
-        tuple[Cue, ...],
+        tuple[CueParams, ...],
         Reserved(
             "reports name each cue by it; write [haptics] threshold_mm, kp_per_mm, kd_per_mm_s and cap, whose lists "
             "are evaluated side by side in the same runs"
@@ -63,13 +63,13 @@ class CueState:
 
 
 @record
-class State:
+class HapticState:
     tick: Scalar  # ticks seen, int32
     cues: tuple[CueState, ...]
 
 
 @record
-class Signal:
+class HapticSignal:
     model_position: Vec  # m, frame 0 of the arm
     model_velocity: Vec  # m/s
     robot_position: Vec  # m
@@ -77,25 +77,25 @@ class Signal:
 
 
 @record
-class Out:
+class HapticOutput:
     error: Vec  # m, e = p_model - p_robot
     distance: Scalar  # m, |e|
     direction: Vec  # unit vector d, zero where e is
     force: Vec  # device units along `direction`, one per cue
 
 
-def params(setup: Setup) -> Params:
+def params(setup: Setup) -> HapticParams:
     """The published cue, `setup.cues` times.
 
     3 mm and cap 0.05: published. kp 4.5 per m: Figure 5 shows about 0.0045 per mm. kd is not published: 0.09 per m/s
     makes the third pulse (0.0296 at 5.0 mm, of which 0.0225 is spring) out of its rebound of 6.7 degrees in 150 ms,
     which is about 80 mm/s at the 0.1 m between tip and shoulder axis.
     """
-    cue = Cue(threshold_m=PUBLISHED_CUE_MM / 1e3, kp=4.5, kd=0.09, cap=0.05)
-    return Params(cues=(cue,) * setup.cues)
+    cue = CueParams(threshold_m=PUBLISHED_CUE_MM / 1e3, kp=4.5, kd=0.09, cap=0.05)
+    return HapticParams(cues=(cue,) * setup.cues)
 
 
-def init(setup: Setup, params: Params) -> State:
+def init(setup: Setup, params: HapticParams) -> HapticState:
     """Nothing seen."""
     zero = jnp.int32(0)
     fresh = CueState(
@@ -105,16 +105,18 @@ def init(setup: Setup, params: Params) -> State:
         impulses=zero,
         active=zero,
     )
-    return State(tick=zero, cues=(fresh,) * setup.cues)
+    return HapticState(tick=zero, cues=(fresh,) * setup.cues)
 
 
-def cue_force(cue: Cue, distance: Scalar, closing_speed: Scalar) -> Scalar:
+def cue_force(cue: CueParams, distance: Scalar, closing_speed: Scalar) -> Scalar:
     """Force of one cue (device units) for |e| in m and (v_model - v_robot) . d in m/s."""
     pull = cue.kp * distance + cue.kd * closing_speed
     return jnp.where(distance > cue.threshold_m, jnp.minimum(jnp.maximum(pull, 0.0), cue.cap), 0.0)
 
 
-def step(setup: Setup, params: Params, state: State, signal: Signal) -> tuple[State, Out]:
+def step(
+    setup: Setup, params: HapticParams, state: HapticState, signal: HapticSignal
+) -> tuple[HapticState, HapticOutput]:
     """One tick: the force of each cue, and its record."""
     error = signal.model_position - signal.robot_position
     square = error[0] * error[0] + error[1] * error[1] + error[2] * error[2]
@@ -138,11 +140,11 @@ def step(setup: Setup, params: Params, state: State, signal: Signal) -> tuple[St
                 active=active,
             )
         )
-    out = Out(error=error, distance=distance, direction=direction, force=Vec(forces))
-    return State(tick=state.tick + 1, cues=tuple(cues)), out
+    out = HapticOutput(error=error, distance=distance, direction=direction, force=Vec(forces))
+    return HapticState(tick=state.tick + 1, cues=tuple(cues)), out
 
 
-def outcomes(setup: Setup, arms: tuple[State, ...]) -> dict[str, Scalar]:
+def outcomes(setup: Setup, arms: tuple[HapticState, ...]) -> dict[str, Scalar]:
     """What each cue did so far, the worst of the arms; columns of the result table."""
     out: dict[str, Scalar] = {}
     for k in range(setup.cues):

@@ -39,7 +39,7 @@ _WORDS = "it is what the words of every report mean"
 
 
 @record
-class Params:
+class MonitorParams:
     """Limits of the observer."""
 
     jump_step: Annotated[  # m per packet, on two packets in a row; 0.1 mm, CSLDepend/raven2_sim analyze_faulty.py
@@ -57,7 +57,7 @@ class Params:
 
 
 @record
-class ArmState:
+class MonitorArmState:
     """What is remembered of one arm."""
 
     tip: Vec  # m, true tip in the last tick
@@ -88,10 +88,10 @@ class ArmState:
 
 
 @record
-class State:
+class MonitorState:
     """What the observer remembers."""
 
-    arms: tuple[ArmState, ...]
+    arms: tuple[MonitorArmState, ...]
     tip_distance: Scalar  # m, smallest distance between the two tips; infinite with one arm
     diverged: Scalar  # int32, first tick farther from the twin than the limit; -1: never
     unintended: Scalar  # int32, first tick of unintended motion; -1: never
@@ -103,7 +103,7 @@ class State:
 
 
 @record
-class Signal:
+class MonitorSignal:
     """What the observer sees in this tick; one entry an arm."""
 
     tip: tuple[Vec, ...]  # m, true
@@ -118,22 +118,24 @@ class Signal:
     tick: Scalar  # int32
 
 
-def params(setup: Setup) -> Params:
+def params(setup: Setup) -> MonitorParams:
     """The published limits."""
-    return Params(jump_step=1e-4, large_jump=1e-3, diverged=1e-6, limit=LIMIT_MM / 1e3, idle_share=0.25, idle_step=1e-6)
+    return MonitorParams(
+        jump_step=1e-4, large_jump=1e-3, diverged=1e-6, limit=LIMIT_MM / 1e3, idle_share=0.25, idle_step=1e-6
+    )
 
 
-def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> State:
+def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> MonitorState:
     """Before the first tick, at rest with the given true [m] and measured [um] tips."""
     zero = real(setup, 0.0)
     never = jnp.int32(-1)
 
-    def arm_state(i: int) -> ArmState:
+    def arm_state(i: int) -> MonitorArmState:
         tip, pos = real(setup, tips[i]), real(setup, positions[i])
         dac = Vec.full(len(setup.joints), jnp.int32(0))
         depth = real(setup, -jnp.inf)
         still, no = real(setup, Vec.full(3, 0.0)), jnp.bool_(False)
-        return ArmState(
+        return MonitorArmState(
             tip=tip,
             tip_before=tip,
             twin_tip=tip,
@@ -161,7 +163,7 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Sta
             tip_jump=never,
         )
 
-    return State(
+    return MonitorState(
         arms=per_arm(setup, lambda i, arm: arm_state(i)),
         tip_distance=real(setup, jnp.inf),
         diverged=never,
@@ -174,12 +176,12 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Sta
     )
 
 
-def restarted(state: State) -> State:
+def restarted(state: MonitorState) -> MonitorState:
     """From now on the robot has missed nothing."""
     return replace(state, arms=tuple(replace(arm, missed=Vec.full(3, 0.0)) for arm in state.arms))
 
 
-def realigned(state: State) -> State:
+def realigned(state: MonitorState) -> MonitorState:
     """The same, and from now on the golden run begins where the robot is."""
     arms = restarted(state).arms
     return replace(state, arms=tuple(replace(arm, twin_tip=arm.tip) for arm in arms))
@@ -199,7 +201,7 @@ class Distances(NamedTuple):
     false_report: Scalar
 
 
-def distances(params: Params, arm: ArmState, model_tip: Vec, pos: Vec, twin_pos: Vec) -> Distances:
+def distances(params: MonitorParams, arm: MonitorArmState, model_tip: Vec, pos: Vec, twin_pos: Vec) -> Distances:
     """Distances of an arm. arm: with `tip`, `twin_tip` and `missed` of this tick; model_tip: m; pos, twin_pos: um."""
     tip, twin_tip = arm.tip, arm.twin_tip
     golden, model = _norm(tip - twin_tip), _norm(tip - model_tip)
@@ -226,15 +228,17 @@ def _first(tick: Scalar, happens: Scalar, before: Scalar) -> Scalar:
     return jnp.where(happens & (before < 0), tick, before)
 
 
-def _arm(params: Params, state: ArmState, signal: Signal, reference: Reference, i: int) -> tuple[ArmState, Distances]:
+def _arm(
+    params: MonitorParams, state: MonitorArmState, signal: MonitorSignal, reference: Reference, i: int
+) -> tuple[MonitorArmState, Distances]:
     """The arm after this tick, and how far it is off."""
     tip, pos, twin_pos = signal.tip[i], signal.pos[i], reference.pos[i]
     twin_tip = reference.tip[i]
     step = _norm(tip - state.tip)
-    asked = twin_tip - state.twin_tip
-    twin_step_true = _norm(asked)
+    twin_way = twin_tip - state.twin_tip
+    twin_step_true = _norm(twin_way)
     idle = (twin_step_true > params.idle_step) & (step < params.idle_share * twin_step_true)
-    missed = where(idle | ~signal.live, state.missed + asked, state.missed)
+    missed = where(idle | ~signal.live, state.missed + twin_way, state.missed)
     after = replace(state, tip=tip, tip_before=state.tip, twin_tip=twin_tip, missed=missed)
     off = distances(params, after, signal.model_tip[i], pos, twin_pos)
     golden, model = off.golden, off.model
@@ -272,7 +276,9 @@ def _arm(params: Params, state: ArmState, signal: Signal, reference: Reference, 
     return new, off
 
 
-def step(setup: Setup, params: Params, state: State, signal: Signal, reference: Reference) -> State:
+def step(
+    setup: Setup, params: MonitorParams, state: MonitorState, signal: MonitorSignal, reference: Reference
+) -> MonitorState:
     """The observer after this tick."""
     arms, off = zip(*per_arm(setup, lambda i, arm: _arm(params, state.arms[i], signal, reference, i)), strict=True)
     diverged, finite = jnp.bool_(False), jnp.bool_(True)
@@ -285,7 +291,7 @@ def step(setup: Setup, params: Params, state: State, signal: Signal, reference: 
         tip = signal.tip[i]
         total = tip[0] + tip[1] + tip[2]
         finite = finite & (total - total == 0.0)
-    return State(
+    return MonitorState(
         arms=arms,
         tip_distance=jnp.minimum(state.tip_distance, signal.distance),
         diverged=_first(signal.tick, diverged, state.diverged),
@@ -298,7 +304,7 @@ def step(setup: Setup, params: Params, state: State, signal: Signal, reference: 
     )
 
 
-def outcomes(setup: Setup, state: State) -> dict[str, Scalar]:
+def outcomes(setup: Setup, state: MonitorState) -> dict[str, Scalar]:
     """Outcome columns of a run: lengths in mm, ticks in ms; worst over the arms."""
 
     def worst(name: str) -> Scalar:

@@ -60,9 +60,9 @@ def rates(k: ArrayLike, n: ArrayLike, confidence: float = 0.95, method: Method =
     k and n are whole numbers of one shape [m] or a number each. ValueError unless 0 <= k <= n and 0 < confidence < 1.
     """
     hits, trials = (np.atleast_1d(part) for part in np.broadcast_arrays(whole(k, "k"), whole(n, "n")))
-    wrong = np.flatnonzero((hits < 0) | (hits > trials))
-    if len(wrong):
-        raise ValueError(f"a rate needs 0 <= k <= n, got k = {hits[wrong[0]]}, n = {trials[wrong[0]]}")
+    outside = np.flatnonzero((hits < 0) | (hits > trials))
+    if len(outside):
+        raise ValueError(f"a rate needs 0 <= k <= n, got k = {hits[outside[0]]}, n = {trials[outside[0]]}")
     low, high = bounds(hits, trials, confidence, method)
     with np.errstate(invalid="ignore"):
         value = hits / trials
@@ -99,9 +99,9 @@ def alpha_of(confidence: float) -> float:
 
 def whole(counts: ArrayLike, name: str) -> np.ndarray:
     """`counts` as int64. ValueError with their `name` where one is not a whole number."""
-    given = np.asarray(counts)
+    raw = np.asarray(counts)
     with np.errstate(invalid="ignore"):
-        numbers = given.astype(np.int64)
-    if not np.array_equal(numbers, given):
-        raise ValueError(f"{name} counts, so it must be whole numbers, got {given[np.asarray(numbers != given)]}")
+        numbers = raw.astype(np.int64)
+    if not np.array_equal(numbers, raw):
+        raise ValueError(f"{name} counts, so it must be whole numbers, got {raw[np.asarray(numbers != raw)]}")
     return numbers

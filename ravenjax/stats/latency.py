@@ -98,12 +98,12 @@ def restricted_mean(delay: ArrayLike, happened: ArrayLike, horizon: float, confi
             f"restricted_mean: the horizon {horizon:g} lies beyond the last observation, {times.max():g}, of runs "
             f"without event; take that or less"
         )
-    found: Any = SurvfuncRight(times, came)
-    inside = found.surv_times < horizon
-    left = np.concatenate([[0.0], found.surv_times[inside]])
-    area = np.concatenate([[1.0], found.surv_prob[inside]]) * np.diff(left, append=[horizon])
+    survival: Any = SurvfuncRight(times, came)
+    inside = survival.surv_times < horizon
+    left = np.concatenate([[0.0], survival.surv_times[inside]])
+    area = np.concatenate([[1.0], survival.surv_prob[inside]]) * np.diff(left, append=[horizon])
     after = area[::-1].cumsum()[::-1][1:]  # from each event on to the horizon
-    events, at_risk = found.n_events[inside], found.n_risk[inside]
+    events, at_risk = survival.n_events[inside], survival.n_risk[inside]
     staying = at_risk - events
     weight = np.divide(events, at_risk * staying, out=np.zeros(len(events)), where=staying > 0)  # nobody stays: no area
     half = z * np.sqrt(np.sum(after**2 * weight))
@@ -125,9 +125,9 @@ def lead_time(alarm: ArrayLike, harm: ArrayLike, end: ArrayLike | float, confide
     ended = np.broadcast_to(np.asarray(end, float), alarmed.shape)
     if not np.isfinite(ended).all() or (alarmed > ended).any() or (harmed > ended).any():
         raise ValueError("lead_time: each run needs a finite end, and no alarm or harm comes after it")
-    chosen = ~np.isnan(harmed)
-    came = ~np.isnan(alarmed[chosen])
-    lag = np.where(came, alarmed[chosen], ended[chosen]) - harmed[chosen]
+    harmful = ~np.isnan(harmed)
+    came = ~np.isnan(alarmed[harmful])
+    lag = np.where(came, alarmed[harmful], ended[harmful]) - harmed[harmful]
     curve = _curve(lag, came, lag.min(initial=0.0), confidence)
     before = wilson(int((came & (lag < 0)).sum()), len(lag), confidence)
     return Lead(curve, before, int(came.sum()), len(lag))
@@ -142,8 +142,8 @@ def log_rank(first: ArrayLike, first_happened: ArrayLike, second: ArrayLike, sec
         return LogRank(float("nan"), float("nan"))
     one, two = (CensoredData(uncensored=times[came], right=times[~came]) for times, came in groups)
     with np.errstate(invalid="ignore", divide="ignore"):
-        found: Any = logrank(one, two)
-    return LogRank(-float(found.statistic), float(found.pvalue))
+        test: Any = logrank(one, two)
+    return LogRank(-float(test.statistic), float(test.pvalue))
 
 
 def _curve(times: np.ndarray, came: np.ndarray, start: float, confidence: float) -> Incidence:

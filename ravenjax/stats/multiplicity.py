@@ -55,4 +55,4 @@ def _findings(
         adjusted[tested] = adjust(values[tested])
     rejected = adjusted <= alpha_of(confidence)
     rows = zip(p, values.tolist(), adjusted.tolist(), rejected.tolist(), strict=True)
-    return {name: Finding(*found) for name, *found in rows}
+    return {name: Finding(*values_of) for name, *values_of in rows}

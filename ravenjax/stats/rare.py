@@ -88,12 +88,12 @@ def subset(
         try:
             if runs >= _MOST_LEVELS * per_level:
                 raise _Unreached
-            found = _margins(g, np.asarray(points))
+            values = _margins(g, np.asarray(points))
         except BaseException as error:  # a signal, too: OpenTURNS passes on its text only
             failure = error
             raise _Ended from None
-        runs += len(found)
-        return found[:, None]
+        runs += len(values)
+        return values[:, None]
 
     inputs = ot.RandomVector(ot.JointDistribution([ot.Uniform(0.0, 1.0)] * d))
     event = ot.ThresholdEvent(
@@ -144,11 +144,11 @@ class _Unreached(Exception):
 
 
 def _margins(g: LimitState, points: np.ndarray) -> np.ndarray:
-    found = np.asarray(g(points), float)
-    if found.shape != (len(points),):
-        raise ValueError(f"a limit state gives one margin a point: [{len(points)}] wanted, got {found.shape}")
-    if np.isnan(found).any():
+    margins = np.asarray(g(points), float)
+    if margins.shape != (len(points),):
+        raise ValueError(f"a limit state gives one margin a point: [{len(points)}] wanted, got {margins.shape}")
+    if np.isnan(margins).any():
         raise ValueError(
-            f"{int(np.isnan(found).sum())} margins are NaN; give a failed run the margin that it stands for"
+            f"{int(np.isnan(margins).sum())} margins are NaN; give a failed run the margin that it stands for"
         )
-    return found
+    return margins

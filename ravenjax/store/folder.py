@@ -48,31 +48,33 @@ class ResultFolder:
         holds another campaign.
         """
         require_writable(path / PARTS)
-        kept, known = wanted, (path / manifests.FILE).exists()
-        if known:
-            kept = manifests.read(path)
-            _require_same(path, kept, wanted)
-            kept = kept.model_copy(
+        record, resumes = wanted, (path / manifests.FILE).exists()
+        if resumes:
+            record = manifests.read(path)
+            _require_same(path, record, wanted)
+            record = record.model_copy(
                 update={name: getattr(wanted, name) for name in ("command", "executor", "workers")}
-                | {"rows": manifests.joined(kept.rows, wanted.rows), "starts": kept.starts + 1}
+                | {"rows": manifests.joined(record.rows, wanted.rows), "starts": record.starts + 1}
             )
-        recorded = {part.file: part for part in kept.parts}
+        recorded = {part.file: part for part in record.parts}
         there = parts.files(path / PARTS)
-        found = _side_by_side(lambda file: _finished(file, recorded.get(file.name), wanted.config_hash), there)
-        if not known:  # then what is foreign may be somebody's only copy of another campaign
-            for what in found:
+        finished = _side_by_side(lambda file: _finished(file, recorded.get(file.name), wanted.config_hash), there)
+        if not resumes:  # then what is foreign may be somebody's only copy of another campaign
+            for what in finished:
                 if isinstance(what, parts.ForeignPart):
                     raise what
-        whole, over = parts.apart([part for part in found if isinstance(part, parts.Part)], recorded)
-        useless = {file.name: str(why) for file, why in zip(there, found, strict=True) if isinstance(why, StoreError)}
+        whole, over = parts.apart([part for part in finished if isinstance(part, parts.Part)], recorded)
+        useless = {
+            file.name: str(why) for file, why in zip(there, finished, strict=True) if isinstance(why, StoreError)
+        }
         useless |= {part.file: f"{path / PARTS / part.file}: holds rows that another part holds, too" for part in over}
         notes = tuple(set_aside(path, name, why) for name, why in useless.items())
         for torn in (path / PARTS).glob(".part-*.tmp"):
             torn.unlink(missing_ok=True)
-        kept = kept.model_copy(update={"parts": tuple(whole)})
-        folder = ResultFolder(path, kept, notes)
-        if any(True for _ in folder.missing(kept.runs)):  # a part that was lost is computed again, or there is more
-            folder._manifest = kept.model_copy(update={"finished": None})
+        record = record.model_copy(update={"parts": tuple(whole)})
+        folder = ResultFolder(path, record, notes)
+        if any(True for _ in folder.missing(record.runs)):  # a part that was lost is computed again, or there is more
+            folder._manifest = record.model_copy(update={"finished": None})
         manifests.write(path, folder.manifest)
         return folder
 

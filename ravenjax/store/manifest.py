@@ -58,7 +58,7 @@ _SHOWN = 60
 PACKAGES = ("ravenjax", "jax", "jaxlib", "mujoco", "mujoco-mjx", "numpy", "pandas", "pyarrow", "scipy")
 
 
-class Cue(BaseModel):
+class CueRecord(BaseModel):
     """One haptic threshold and gain set; its number is its place in `Manifest.cues`."""
 
     model_config = ConfigDict(frozen=True)
@@ -69,7 +69,7 @@ class Cue(BaseModel):
     cap: float | None = None  # device units, largest force
 
 
-class Detector(NamedTuple):
+class DetectorRecord(NamedTuple):
     """One detector; its number is its place in `Manifest.detectors`."""
 
     name: str
@@ -92,8 +92,8 @@ class Manifest(BaseModel):
     runs: int = Field(description="rows of the fault table")
     duration_ms: int = Field(description="ms, length of every run")
     shape: schema.Shape = Field(description="which repeated columns the table has")
-    cues: tuple[Cue, ...] = Field(default=(), description="haptic sets, in column order")
-    detectors: tuple[Detector, ...] = Field(default=(), description="detectors, in column order")
+    cues: tuple[CueRecord, ...] = Field(default=(), description="haptic sets, in column order")
+    detectors: tuple[DetectorRecord, ...] = Field(default=(), description="detectors, in column order")
     operator: MotionSummary | None = Field(default=None, description="what became of a recorded operator")
     verdict_cue: int = Field(default=0, description="number of the haptic set that the column `verdict` uses")
     verdict_jump: str = Field(default="jump_code", description="column of the jump rule of the campaign")
@@ -141,11 +141,11 @@ class Manifest(BaseModel):
     @property
     def failures(self) -> dict[str, int]:
         """Runs of finished parts without a valid outcome, by cause; of parts that nobody counted, none."""
-        found: dict[str, int] = {}
+        causes: dict[str, int] = {}
         for part in self.parts:
             for cause, count in (part.failed or {}).items():
-                found[cause] = found.get(cause, 0) + count
-        return found
+                causes[cause] = causes.get(cause, 0) + count
+        return causes
 
     @property
     def wanted(self) -> tuple[range, ...]:
@@ -168,10 +168,12 @@ class Manifest(BaseModel):
 
 def differences(here: dict[str, Any], wanted: dict[str, Any]) -> list[str]:
     """Where nested values differ: 'path: here, asked for', one line each."""
-    found = changes(here, wanted)
-    if any(change.path.startswith("config.") for change in found):
-        found = [change for change in found if change.path != "config_hash"]  # follows, and says nothing by itself
-    return [f"{path}: {_short(one)} here, {_short(other)} asked for" for path, one, other in found]
+    all_changes = changes(here, wanted)
+    if any(change.path.startswith("config.") for change in all_changes):
+        all_changes = [
+            change for change in all_changes if change.path != "config_hash"
+        ]  # follows, and says nothing by itself
+    return [f"{path}: {_short(one)} here, {_short(other)} asked for" for path, one, other in all_changes]
 
 
 class Change(NamedTuple):
@@ -229,12 +231,12 @@ def recorded(folder: Path) -> tuple[Part, ...] | None:
         lines = path.read_bytes().splitlines(keepends=True)
     except OSError as error:
         raise StoreError(f"{path}: cannot be read ({error.strerror or error})") from error
-    found = []
+    entries = []
     with contextlib.suppress(pydantic.ValidationError):
         for line in lines:
             if line.endswith(b"\n"):
-                found.append(Part.model_validate_json(line))
-    return tuple(found)
+                entries.append(Part.model_validate_json(line))
+    return tuple(entries)
 
 
 def write(folder: Path, manifest: Manifest) -> None:
@@ -269,13 +271,13 @@ def joined(*some: tuple[tuple[int, int], ...] | None) -> tuple[tuple[int, int], 
     """Row ranges (first, last inclusive) that hold every row of these, in order and apart; None: all rows."""
     if any(ranges is None for ranges in some):
         return None
-    found: list[tuple[int, int]] = []
+    union: list[tuple[int, int]] = []
     for first, last in sorted(pair for ranges in some if ranges is not None for pair in ranges):
-        if found and first <= found[-1][1] + 1:
-            found[-1] = found[-1][0], max(last, found[-1][1])
+        if union and first <= union[-1][1] + 1:
+            union[-1] = union[-1][0], max(last, union[-1][1])
         else:
-            found.append((first, last))
-    return tuple(found)
+            union.append((first, last))
+    return tuple(union)
 
 
 def now() -> str:

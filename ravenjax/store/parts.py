@@ -198,14 +198,14 @@ def gaps(finished: Iterable[Part], wanted: Iterable[range], chunk: int) -> Itera
 
     Cut at the multiples of `chunk`, wherever a gap begins: the same rows make the same parts whoever computes them.
     """
-    held = sorted((part.rows for part in finished), key=lambda rows: rows.start)
+    blocks = sorted((part.rows for part in finished), key=lambda rows: rows.start)
     next_held = 0
     for rows in wanted:
         row = rows.start
         while row < rows.stop:
-            while next_held < len(held) and held[next_held].stop <= row:
+            while next_held < len(blocks) and blocks[next_held].stop <= row:
                 next_held += 1
-            following = held[next_held] if next_held < len(held) else range(rows.stop, rows.stop)
+            following = blocks[next_held] if next_held < len(blocks) else range(rows.stop, rows.stop)
             if following.start <= row < following.stop:
                 row = following.stop
                 continue
@@ -217,17 +217,17 @@ def gaps(finished: Iterable[Part], wanted: Iterable[range], chunk: int) -> Itera
 def apart(found: Sequence[Part], trusted: Iterable[str] = ()) -> tuple[list[Part], list[Part]]:
     """(parts of which no two hold the same row, those that overlap one of them); files of these names go first."""
     names = set(trusted)
-    kept: list[Part] = []  # by first row
+    disjoint: list[Part] = []  # by first row
     over: list[Part] = []
     for part in sorted(found, key=lambda part: (part.file not in names, part.first, part.last)):
-        place = bisect.bisect(kept, part.first, key=lambda other: other.first)
-        before, after = kept[max(0, place - 1) : place], kept[place : place + 1]
+        place = bisect.bisect(disjoint, part.first, key=lambda other: other.first)
+        before, after = disjoint[max(0, place - 1) : place], disjoint[place : place + 1]
         clash = any(other.last >= part.first for other in before) or any(other.first <= part.last for other in after)
         if clash:
             over.append(part)
         else:
-            kept.insert(place, part)
-    return kept, over
+            disjoint.insert(place, part)
+    return disjoint, over
 
 
 def require_disjoint(folder: Path, finished: Sequence[Part]) -> None:
@@ -275,10 +275,10 @@ def require_version(path: Path, version: int) -> None:
 
 
 def _require_campaign(path: Path, metadata: dict[bytes, bytes], config_hash: str | None) -> None:
-    found = metadata.get(b"ravenjax.config_hash", b"").decode()
-    if config_hash is not None and found != config_hash:
+    actual = metadata.get(b"ravenjax.config_hash", b"").decode()
+    if config_hash is not None and actual != config_hash:
         raise ForeignPart(
-            f"{path}: belongs to another campaign (config hash {found[:16]}, expected {config_hash[:16]}). "
+            f"{path}: belongs to another campaign (config hash {actual[:16]}, expected {config_hash[:16]}). "
             "Move it away, or choose another output folder with --out."
         )
 

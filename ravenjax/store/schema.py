@@ -296,9 +296,9 @@ def _array(values: Any, field: pa.Field) -> pa.Array:
 
 def require_columns(shape: Shape, names: Sequence[str]) -> None:
     """StoreError where a table of this shape lacks one of these columns."""
-    known = [column.name for column in columns(shape)]
-    if unknown := [name for name in names if name not in known]:
-        raise StoreError(_mismatch([], unknown, known))
+    expected = [column.name for column in columns(shape)]
+    if unknown := [name for name in names if name not in expected]:
+        raise StoreError(_mismatch([], unknown, expected))
 
 
 def _mismatch(missing: list[str], unknown: list[str], known: Sequence[str]) -> str:

@@ -21,9 +21,9 @@ def column(places: np.ndarray, known: Sequence[str]) -> pd.Categorical:
 def arrow(words: Any) -> pa.DictionaryArray:
     """Words [rows], categorical or not, as a dictionary-encoded Arrow array; a missing word is ""."""
     values = pd.Categorical(words)
-    known = list(values.categories)
+    categories = list(values.categories)
     codes = values.codes.astype(np.int32)
     if (codes < 0).any():
-        known = known if "" in known else [*known, ""]
-        codes = np.where(codes < 0, known.index(""), codes).astype(np.int32)
-    return pa.DictionaryArray.from_arrays(pa.array(codes), pa.array(known, pa.string()))
+        categories = categories if "" in categories else [*categories, ""]
+        codes = np.where(codes < 0, categories.index(""), codes).astype(np.int32)
+    return pa.DictionaryArray.from_arrays(pa.array(codes), pa.array(categories, pa.string()))

@@ -14,7 +14,7 @@ from ravenjax.campaign.progress.counts import OnProgress, Status
 from ravenjax.store import manifest
 from ravenjax.studies import catalogue
 from ravenjax.studies.framework import writing
-from ravenjax.studies.framework.provenance import Campaign, Provenance, shown_override
+from ravenjax.studies.framework.provenance import CampaignRecord, Provenance, shown_override
 from ravenjax.studies.framework.study import Context, Findings, Study, Variant
 
 RUNS = "runs"
@@ -51,9 +51,9 @@ def _provenance(study: Study, configs: dict[str, CampaignConfig], folders: dict[
     records = {name: manifest.read(folder) for name, folder in folders.items()}
     any_record = next(iter(records.values()), None)
 
-    def campaign(variant: Variant) -> Campaign:
+    def campaign(variant: Variant) -> CampaignRecord:
         record = records[variant.name]
-        return Campaign(
+        return CampaignRecord(
             variant=variant.name,
             campaign=variant.campaign,
             overrides=tuple(shown_override(text) for text in variant.overrides),
@@ -97,18 +97,18 @@ class _Whole:
     def _tell(self, phase: str) -> None:
         if self._on_progress is None or not self._last:
             return
-        told = list(self._last.values())
+        statuses = list(self._last.values())
         runs = sum(self._runs)
         share = sum(self._runs[k] * status.progress for k, status in self._last.items()) / max(1, runs)
         self._on_progress(
             dataclasses.replace(
-                told[-1],
+                statuses[-1],
                 phase=phase,
-                done=sum(status.done for status in told),
+                done=sum(status.done for status in statuses),
                 total=runs,
-                compile_s=sum(status.compile_s for status in told),
-                run_s=sum(status.run_s for status in told),
-                failed=sum(status.failed for status in told),
+                compile_s=sum(status.compile_s for status in statuses),
+                run_s=sum(status.run_s for status in statuses),
+                failed=sum(status.failed for status in statuses),
                 progress=1.0 if phase == "compare" else share,
             )
         )

@@ -35,7 +35,7 @@ from ravenjax.trainer import judge, page, scenario
 from ravenjax.trainer.page.options import loopback
 from ravenjax.trainer.protocol.frame import Frame
 from ravenjax.trainer.realtime import clock, loop
-from ravenjax.trainer.realtime.clock import Timing
+from ravenjax.trainer.realtime.clock import LoopTiming
 from ravenjax.trainer.realtime.interruption import until_interrupted
 from ravenjax.trainer.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring
 from ravenjax.trainer.recording import recorder
@@ -49,7 +49,7 @@ from ravenjax.trainer.scenario import Scenario
 from ravenjax.trainer.session import scripts
 from ravenjax.trainer.session.advance import Driven, Session
 from ravenjax.trainer.session.blueprint import Blueprint
-from ravenjax.trainer.session.simulation import Robot
+from ravenjax.trainer.session.simulation import SimulatedRobot
 
 KEPT_FRAMES, KEPT_EVENTS, KEPT_COMMANDS = 4096, 1024, 256
 """Rows of the rings: four seconds of frames, more events and commands than come in that time."""
@@ -61,7 +61,7 @@ Say = Callable[[str], None]
 
 
 @dataclasses.dataclass(frozen=True)
-class Options:
+class SessionOptions:
     """What a session is started with."""
 
     scenario: Scenario
@@ -80,22 +80,22 @@ class Options:
 
 
 @dataclasses.dataclass(frozen=True)
-class Finished:
+class FinishedSession:
     """What a session left."""
 
     folder: Path
     hazards: list[dict[str, Any]]
-    timing: Timing | None
+    timing: LoopTiming | None
     ended: str
 
 
 def realtime(
-    options: Options,
+    options: SessionOptions,
     *,
     with_page: bool = True,
     linger_s: float | None = None,
     say: Say = print,
-) -> Finished:
+) -> FinishedSession:
     """Run a session against the clock.
 
     linger_s: how long the page stays after the end, None: until Ctrl-C.
@@ -111,14 +111,14 @@ def realtime(
         stack.callback(frames.close)
         names = tuple(session.layout.names())
         recording = _spawn(
-            stack, recorder.run, recorder.Options(frames.name, events.name, names, options.folder, header)
+            stack, recorder.run, recorder.RecorderOptions(frames.name, events.name, names, options.folder, header)
         )
         consoles: list[loop.Console] = []
         if with_page:
             commands = Ring.create(KEPT_COMMANDS, COMMAND_BYTES)
             stack.callback(commands.close)
             _open_page(stack, options, session, header, (frames, events, commands), say)
-            consoles.append(loop.Inbox(commands))
+            consoles.append(loop.PageCommands(commands))
         if options.itp_port is not None:
             server = ItpServer(session.arms, options.host, options.itp_port)
             stack.callback(server.close)
@@ -135,7 +135,7 @@ def realtime(
         if trouble := _ended(recording):
             say(trouble)
         recording.join(STARTING_S)
-        found = _conclude(options, session, timing, say)
+        result = _conclude(options, session, timing, say)
         if with_page and linger_s != 0:
             say("the page stays until Ctrl-C" if linger_s is None else f"the page stays for {linger_s:g} s")
             end = float("inf") if linger_s is None else time.monotonic() + linger_s
@@ -143,10 +143,10 @@ def realtime(
                 time.sleep(0.05)
                 if linger_s is None and stop:
                     break
-    return found
+    return result
 
 
-def headless(options: Options, say: Say = lambda _: None) -> Finished:
+def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSession:
     """Run a session as fast as it goes, without page and clock: the same folder, the same bits each time.
 
     UserError without a script: somebody must drive.
@@ -157,19 +157,19 @@ def headless(options: Options, say: Say = lambda _: None) -> Finished:
     session = Session(options.scenario, options.seed, cue=options.cue)
     header = {"started": recorder.now(), **_header(options, session), "ended": None}
     description.write(options.folder, header)
-    log = session_log.Writer(options.folder / session_log.FILE, tuple(session.layout.names()), header)
+    log = session_log.SessionWriter(options.folder / session_log.FILE, tuple(session.layout.names()), header)
     driver = _Scripted(options.script, session)
     block: list[np.ndarray] = []
-    told: list[dict[str, Any]] = []
+    events: list[dict[str, Any]] = []
     first = 0
     with contextlib.closing(log):
         while not session.over:
-            told += session.tick(driver.poll())
+            events += session.tick(driver.poll())
             block.append(session.frame.row.copy())
             if len(block) == recorder.BLOCK or session.over:
-                log.add(first, np.stack(block), told)
+                log.add(first, np.stack(block), events)
                 first += len(block)
-                block, told = [], []
+                block, events = [], []
     description.update(options.folder, {"ended": recorder.now()})
     return _conclude(options, session, None, say)
 
@@ -182,17 +182,17 @@ def fresh_folder(name: str, base: Path = Path("results/sessions")) -> Path:
 # --- parts ---
 
 
-def _header(options: Options, session: Session) -> dict[str, Any]:
-    chosen = options.scenario
+def _header(options: SessionOptions, session: Session) -> dict[str, Any]:
+    setting = options.scenario
     return {
         "name": options.folder.name,
-        "scenario": chosen.resolved(),
+        "scenario": setting.resolved(),
         "seed": options.seed,
         "participant": options.participant,
         "group": options.group,
         "cue": session.cue_on,
         "blinded": _blinded(options),
-        "cue_threshold_mm": chosen.cue.threshold_mm,
+        "cue_threshold_mm": setting.cue.threshold_mm,
         "versions": manifest.package_versions(),
         "code_hash": manifest.code_hash(),
         "engine": "stepper",
@@ -205,10 +205,10 @@ def _header(options: Options, session: Session) -> dict[str, Any]:
     }
 
 
-def _robot(stack: contextlib.ExitStack, options: Options) -> Callable[[Blueprint], Driven]:
+def _robot(stack: contextlib.ExitStack, options: SessionOptions) -> Callable[[Blueprint], Driven]:
     """What makes the robot that is driven: the virtual one, or a connection to one elsewhere."""
     if options.robot is None:
-        return Robot
+        return SimulatedRobot
     host, ports = address(options.robot)
 
     def connected(made: Blueprint) -> Driven:
@@ -216,9 +216,9 @@ def _robot(stack: contextlib.ExitStack, options: Options) -> Callable[[Blueprint
         stack.callback(remote.close)
         mine, theirs = digest(scenario.armable(options.scenario, made.plan.table)), remote.greeting.get("hazards")
         if mine != theirs:
-            told = f"scenario {remote.greeting.get('scenario')!r}, seed {remote.greeting.get('seed')}"
+            other = f"scenario {remote.greeting.get('scenario')!r}, seed {remote.greeting.get('seed')}"
             raise UserError(
-                f"the robot at {host} ({told}) has other hazards than this session ({options.scenario.name!r}, seed "
+                f"the robot at {host} ({other}) has other hazards than this session ({options.scenario.name!r}, seed "
                 f"{options.seed}): start both with the same scenario, --seed and --set"
             )
         return DistantRobot(made, remote)
@@ -228,16 +228,16 @@ def _robot(stack: contextlib.ExitStack, options: Options) -> Callable[[Blueprint
 
 def address(text: str) -> tuple[str, tuple[int, int]]:
     """Host, and ports of ITP and of the joint stream, of HOST[:ITP_PORT[:JOINT_PORT]]. UserError."""
-    host, *given = text.split(":")
-    if not host or len(given) > 2 or not all(port.isdecimal() and int(port) < 65536 for port in given):
+    host, *ports = text.split(":")
+    if not host or len(ports) > 2 or not all(port.isdecimal() and int(port) < 65536 for port in ports):
         raise UserError(f"robot is {text!r}, expected HOST[:ITP_PORT[:JOINT_PORT]], such as 127.0.0.1:36000:36002")
-    itp, joint = [*map(int, given), *(UDP_PORT, JOINT_PORT)[len(given) :]]
+    itp, joint = [*map(int, ports), *(UDP_PORT, JOINT_PORT)[len(ports) :]]
     return host, (itp, joint)
 
 
 def _open_page(
     stack: contextlib.ExitStack,
-    options: Options,
+    options: SessionOptions,
     session: Session,
     header: dict[str, Any],
     rings: tuple[Ring, Ring, Ring],
@@ -249,7 +249,7 @@ def _open_page(
         token = secrets.token_urlsafe(24)
     port_told, port_taken = multiprocessing.Pipe(duplex=False)
     stack.callback(port_told.close)
-    given = page.Options(
+    page_options = page.PageOptions(
         frames=rings[0].name,
         events=rings[1].name,
         commands=rings[2].name,
@@ -261,7 +261,7 @@ def _open_page(
         port=options.port,
         token=token,
     )
-    process = _spawn(stack, page.run, given)
+    process = _spawn(stack, page.run, page_options)
     port_taken.close()
     if not port_told.poll(STARTING_S):
         raise UserError(f"the page did not start within {STARTING_S:g} s; try `--no-page`, or `ravenjax doctor`")
@@ -279,8 +279,8 @@ def _open_page(
 def _require_address(host: str, port: int) -> None:
     """Told before a process is started for it: viser would wait forever."""
     try:
-        found = socket.getaddrinfo(host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
-        for family, kind, protocol, _, address in found:
+        addresses = socket.getaddrinfo(host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        for family, kind, protocol, _, address in addresses:
             with socket.socket(family, kind, protocol) as probe:
                 probe.bind(address)
     except OSError as error:
@@ -324,7 +324,7 @@ def _ended(recording: BaseProcess) -> str | None:
     return f"the recorder has ended (exit code {recording.exitcode}): the session goes on unrecorded"
 
 
-def _conclude(options: Options, session: Session, timing: Timing | None, say: Say) -> Finished:
+def _conclude(options: SessionOptions, session: Session, timing: LoopTiming | None, say: Say) -> FinishedSession:
     """Table, summary and debrief once the recording is whole."""
     from ravenjax.trainer.debrief import page as debrief  # plotly: a second, after the session
 
@@ -346,19 +346,19 @@ def _conclude(options: Options, session: Session, timing: Timing | None, say: Sa
         summary["timing"] = facts(timing)
     description.update(options.folder, {"summary": summary})
     say(f"debrief: {debrief.write(options.folder)}")
-    return Finished(options.folder, rows, timing, session.ended)
+    return FinishedSession(options.folder, rows, timing, session.ended)
 
 
-def facts(timing: Timing) -> dict[str, float]:
+def facts(timing: LoopTiming) -> dict[str, float]:
     """A loop's timing in numbers, us."""
-    found: dict[str, float] = {"ticks": timing.ticks, "late_ticks": timing.late, "skipped_ms": timing.skipped}
+    numbers: dict[str, float] = {"ticks": timing.ticks, "late_ticks": timing.late, "skipped_ms": timing.skipped}
     for what in ("compute", "whole", "lateness"):
         for name, share in (("p50", 0.5), ("p99", 0.99), ("p99_9", 0.999)):
-            found[f"{what}_{name}_us"] = timing.percentile(what, share)
-    return found
+            numbers[f"{what}_{name}_us"] = timing.percentile(what, share)
+    return numbers
 
 
-def _blinded(options: Options) -> bool:
+def _blinded(options: SessionOptions) -> bool:
     return options.scenario.cue.blinded if options.blinded is None else options.blinded
 
 
@@ -371,7 +371,7 @@ class _Scripted:
 
     def __init__(self, script: str, session: Session) -> None:
         self._session = session
-        self._operator: scripts.Operator
+        self._operator: scripts.SessionOperator
         if script in scripts.REACTIONS:
             speeds = session.scenario.speeds
             self._operator = scripts.Follower(session.task, session.arms, speeds, reaction=script)  # type: ignore[arg-type]

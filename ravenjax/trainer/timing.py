@@ -11,9 +11,9 @@ from pathlib import Path
 
 from ravenjax.trainer import launch, scenario
 from ravenjax.trainer.realtime import clock
-from ravenjax.trainer.realtime.clock import Clock, Timing
+from ravenjax.trainer.realtime.clock import Clock, LoopTiming
 from ravenjax.trainer.session import blueprint
-from ravenjax.trainer.session.simulation import Robot
+from ravenjax.trainer.session.simulation import SimulatedRobot
 
 COLUMNS = ("loop", "compute, us: p50 / p99 / p99.9", "with judge and log", "lateness, us", "late ticks", "of")
 AIM_US = 100
@@ -27,7 +27,7 @@ class Measured:
     """One loop, for so many seconds."""
 
     loop: str
-    timing: Timing
+    timing: LoopTiming
 
     def row(self) -> tuple[str, ...]:
         """As `COLUMNS`."""
@@ -47,16 +47,16 @@ def measure(seconds: float, say: Callable[[str], None] = lambda _: None) -> list
 
     The session is driven by commands that were recorded before, as many as a page sends.
     """
-    chosen = scenario.load(SCENARIO, [f"duration_s={seconds}", "task.targets=1000"])
-    found = [Measured("empty", _empty(seconds, say)), Measured(TICK, _tick_alone(chosen, seconds, say))]
+    setting = scenario.load(SCENARIO, [f"duration_s={seconds}", "task.targets=1000"])
+    results = [Measured("empty", _empty(seconds, say)), Measured(TICK, _tick_alone(setting, seconds, say))]
     with tempfile.TemporaryDirectory() as place:
-        driven = launch.Options(scenario=chosen, folder=Path(place) / "driven", seed=0, script="none")
+        driven = launch.SessionOptions(scenario=setting, folder=Path(place) / "driven", seed=0, script="none")
         commands = launch.headless(driven).folder / launch.COMMANDS
         for name, visited in (("session, page closed", False), ("session, page open", True)):
             say(f"{name}: {seconds:g} s")
             options = dataclasses.replace(driven, folder=Path(place) / name, script=str(commands))
-            found.append(Measured(name, _session(options, visited)))
-    return [*found, Measured("empty again", _empty(seconds, say))]
+            results.append(Measured(name, _session(options, visited)))
+    return [*results, Measured("empty again", _empty(seconds, say))]
 
 
 def verdict(found: list[Measured]) -> list[tuple[str, str]]:
@@ -79,7 +79,7 @@ def verdict(found: list[Measured]) -> list[tuple[str, str]]:
     return out
 
 
-def _empty(seconds: float, say: Callable[[str], None]) -> Timing:
+def _empty(seconds: float, say: Callable[[str], None]) -> LoopTiming:
     say(f"empty loop: {seconds:g} s")
     with clock.realtime(), clock.no_collection():
         paced = Clock()
@@ -89,9 +89,9 @@ def _empty(seconds: float, say: Callable[[str], None]) -> Timing:
     return paced.timing
 
 
-def _tick_alone(chosen: scenario.Scenario, seconds: float, say: Callable[[str], None]) -> Timing:
+def _tick_alone(chosen: scenario.Scenario, seconds: float, say: Callable[[str], None]) -> LoopTiming:
     say(f"{TICK}: {seconds:g} s")
-    robot = Robot(blueprint.make(scenario.campaign(chosen, 0)))
+    robot = SimulatedRobot(blueprint.make(scenario.campaign(chosen, 0)))
     with clock.realtime(), clock.no_collection():
         paced = Clock()
         for _ in range(round(seconds * 1000)):
@@ -101,7 +101,7 @@ def _tick_alone(chosen: scenario.Scenario, seconds: float, say: Callable[[str], 
     return paced.timing
 
 
-def _session(options: launch.Options, visited: bool) -> Timing:
+def _session(options: launch.SessionOptions, visited: bool) -> LoopTiming:
     with contextlib.ExitStack() as stack:
 
         def say(text: str) -> None:

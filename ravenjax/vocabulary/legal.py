@@ -74,10 +74,14 @@ def rounding(channel: Channel, effect: str, value: float) -> str | None:
     """What to say of a whole number that single precision, in which values travel, would change; None if it is held."""
     if channel.kind in ("float", "bool") or not EFFECTS[effect].of_its_type or not abs(value) < 2**31:
         return None
-    held = float(np.float32(value))
-    if held == value:
+    nearest_float = float(np.float32(value))
+    if nearest_float == value:
         return None
-    nearest = int(held) if abs(held) < 2**31 else int(np.nextafter(np.float32(held), np.float32(0)))
+    nearest = (
+        int(nearest_float)
+        if abs(nearest_float) < 2**31
+        else int(np.nextafter(np.float32(nearest_float), np.float32(0)))
+    )
     return (
         f"values travel in single precision, which holds every whole number to 2^24 only: got {value:.10g}, write "
         f"{nearest}"

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from ravenjax.bench import clock, operations, peak, peers, speed, suite, tables
-from ravenjax.bench.clock import Timing
+from ravenjax.bench.clock import WorkTiming
 from ravenjax.bench.operations import Operations
 from ravenjax.bench.peers import Peer
 from ravenjax.bench.speed import Batch, Speed
-from ravenjax.bench.suite import Campaigns, Findings, Machine
+from ravenjax.bench.suite import BenchFindings, BenchMachine, Campaigns
 from ravenjax.bench.workload import PATTERN_RUNS, Workload
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.robots.raven2.dynamics.mjx_dynamics import mjx
@@ -31,17 +31,19 @@ def work():
 
 def findings():
     """One second for a million ticks by simd, a thousandth of that by mjx."""
-    one = Timing(1.0, 2.0, 3)
-    simd = Speed("simd", "a CPU", 2, 3.0, 0.5, (Batch(500, 16, 1000, Timing(0.6, 0.7, 3)), Batch(1000, 256, 1000, one)))
+    one = WorkTiming(1.0, 2.0, 3)
+    simd = Speed(
+        "simd", "a CPU", 2, 3.0, 0.5, (Batch(500, 16, 1000, WorkTiming(0.6, 0.7, 3)), Batch(1000, 256, 1000, one))
+    )
     mjx = Speed("mjx", "a CPU", 2, 9.0, 8.0, (Batch(10, 16, 100, one),))
-    return Findings(
-        Machine("CPU [4]", 2, "AVX-512", 16, "Linux", "cpu", 0.5, 1.5),
+    return BenchFindings(
+        BenchMachine("CPU [4]", 2, "AVX-512", 16, "Linux", "cpu", 0.5, 1.5),
         (simd, mjx),
         {"cuda": "no GPU"},
         Operations({"robot.step": 1000, "": 500}, {"nominal.step": 200}),
         {"simd": 3e9},
-        (Peer("mujoco.rollout", "CPU", 10, 200, 0.0, Timing(0.01, 0.02, 3)),),
-        Peer("published 3-joint Euler model", "CPU, 1 core", 1, 1000, 0.1, Timing(0.0055, 0.006, 3)),
+        (Peer("mujoco.rollout", "CPU", 10, 200, 0.0, WorkTiming(0.01, 0.02, 3)),),
+        Peer("published 3-joint Euler model", "CPU, 1 core", 1, 1000, 0.1, WorkTiming(0.0055, 0.006, 3)),
         Campaigns("simd", 1000, {100: 3.0, 1100: 4.0}),
     )
 

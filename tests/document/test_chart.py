@@ -13,13 +13,13 @@ import pytest
 from matplotlib.figure import Figure
 
 from ravenjax.document import axes, palette, svg
-from ravenjax.document.chart import Axis, Bars, Chart, Curve, Dots
+from ravenjax.document.chart import Bars, Chart, ChartAxis, Curve, Dots
 from ravenjax.document.steps import steps
 
 matplotlib.use("agg")
 
-TIME = Axis("time, ms", 1.0, 1000.0, log=True, unit="ms")
-SHARE = Axis("share of faults", 0.0, 0.8, share=True)
+TIME = ChartAxis("time, ms", 1.0, 1000.0, log=True, unit="ms")
+SHARE = ChartAxis("share of faults", 0.0, 0.8, share=True)
 CURVE = Curve.of(
     steps([0, 1, 10, 100], [0, 0.25, 0.5, 0.75], [0, 0.2, 0.4, 0.7], [0, 0.3, 0.6, 0.8], start=1, end=1000),
     "cue",
@@ -105,7 +105,11 @@ def test_its_numbers_as_a_table():
 def test_marks_and_bars_in_numbers():
     dots = Dots("sets", "cue", np.array([0.0]), np.array([0.05]), np.array([0.0]), np.array([396.0]), tips=("2 mm",))
     bars = Bars("first", "cue", np.array([-50.0]), np.array([0.0]), np.array([3.0]), np.array([10.0]))
-    hourly, lead, runs = Axis("per hour", 0, 400), Axis("lead, ms", -50, 50, unit="ms"), Axis("runs", 0, 10, whole=True)
+    hourly, lead, runs = (
+        ChartAxis("per hour", 0, 400),
+        ChartAxis("lead, ms", -50, 50, unit="ms"),
+        ChartAxis("runs", 0, 10, whole=True),
+    )
     (marks,) = Chart("Trade", hourly, SHARE, (dots,)).numbers()
     assert marks.rows == [("2 mm", "0 (0 to 396)", "5.0\u202f%")]
     (bins,) = Chart("Lead", lead, runs, (bars,)).numbers()
@@ -128,9 +132,9 @@ def test_names_are_escaped():
 
 def test_places_have_names_and_long_ones_are_cut():
     names = ("USB out, motors", "a name that is far too long for the margin of a chart")
-    up = Axis("faults", -0.5, 1.5, names=names)
+    up = ChartAxis("faults", -0.5, 1.5, names=names)
     dots = Dots("release", "series0", np.array([1.0, 2.0]), np.array([0.0, 1.0]))
-    root, _, box = drawn(Chart("Spared", Axis("mm", 0, 4), up, (dots,), height=100))
+    root, _, box = drawn(Chart("Spared", ChartAxis("mm", 0, 4), up, (dots,), height=100))
     texts = [part.text for part in root.iter("text")]
     assert names[0] in texts and names[1] not in texts and any(text.endswith("…") for text in texts)
     centres = [float(part.get("cy")) for part in root.iter("circle")]
@@ -151,7 +155,7 @@ def test_what_is_hidden_at_first_is_drawn_but_not_shown_and_not_printed():
 def test_texts_beside_marks_do_not_overlap():
     names = ("2 mm", "3 mm", "4 mm", "5 mm")
     dots = Dots("sets", "cue", np.zeros(4), np.array([0.050, 0.055, 0.060, 0.060]), texts=names)
-    root, _, _ = drawn(Chart("Trade", Axis("per hour", 0, 1), SHARE, (dots,)))
+    root, _, _ = drawn(Chart("Trade", ChartAxis("per hour", 0, 1), SHARE, (dots,)))
     found = {part.text: float(part.get("y")) for part in root.iter("text") if "mm" in part.text}
     assert list(found) == ["4 mm, 5 mm", "3 mm", "2 mm"]  # of one place in a row
     assert min(np.diff(sorted(found.values()))) >= svg.LINE - 0.11

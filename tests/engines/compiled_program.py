@@ -9,7 +9,7 @@ import numpy as np
 
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.llvm import LlvmPrinter
-from ravenjax.engines.cpu.memory import Layout
+from ravenjax.engines.cpu.memory import BufferLayout
 from ravenjax.ir import lowering
 from ravenjax.ir.program import Program
 
@@ -38,8 +38,8 @@ def lowered(function, *columns: np.ndarray) -> Program:
 
 def compiled(program: Program, width: int, columns: tuple[np.ndarray, ...], tables: np.ndarray | None = None):
     """Results of a program by compiled code, `width` inputs at a time."""
-    inputs = Layout(program.inputs, width)
-    outputs = Layout(tuple(program.operations[i].dtype for i in program.outputs), width)
+    inputs = BufferLayout(program.inputs, width)
+    outputs = BufferLayout(tuple(program.operations[i].dtype for i in program.outputs), width)
     features = jit.host().features
     printer = LlvmPrinter(width, features)
     places = inputs.places("%in")

@@ -142,4 +142,4 @@ def pretend(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
     monkeypatch.setattr(cuda_device, "compile", compile)
     monkeypatch.setattr(cuda_device, "DeviceModule", _Module)
     monkeypatch.setattr(cuda_device, "devices", lambda: (Device(),))
-    monkeypatch.setattr(cuda_code, "Session", _Session)
+    monkeypatch.setattr(cuda_code, "DeviceSession", _Session)

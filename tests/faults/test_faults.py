@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from ravenjax.faults import fault, injection, window
 from ravenjax.numbers.setup import Injection, SiteUse
 from ravenjax.numbers.vec import Scalar, Vec, record
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.vocabulary import effects
 
 TICKS = 40
@@ -39,7 +39,7 @@ PATHS = {
     ("pump", "", "flag"): (("flag",), "bool"),
 }
 EFFECTS = tuple(name for name in effects.EFFECTS if name not in effects.NETWORK_EFFECTS)
-SETUP = Setup(
+SETUP = RavenSetup(
     injection=Injection(
         slots=2,
         sites=(SiteUse("pump", tuple((arm, channel) for _, arm, channel in PATHS), EFFECTS),),
@@ -54,7 +54,7 @@ def clean(tick: int) -> tuple[float, float, int, int, bool]:
 
 
 def make(code: int, effect: str, value: float, trigger: str, start: int, duration: int, every: int, period: int = 7):
-    return fault.Fault(
+    return fault.FaultSlot(
         jnp.int32(code), jnp.int32(effects.EFFECT_CODES[effect]), jnp.float32(value),
         jnp.int32(effects.TRIGGER_CODES[trigger]), jnp.int32(start), jnp.int32(duration), jnp.int32(every),
         jnp.int32(period), jnp.uint32(12345),
@@ -78,7 +78,7 @@ def run(*faults, pedal=lambda tick: -1):
         signal = Signal(
             Vec((jnp.float32(left), jnp.float32(right))), jnp.int32(command), jnp.int32(count), jnp.bool_(flag)
         )
-        clock = window.Clock(jnp.int32(tick), jnp.int32(tick + 1), jnp.int32(pedal(tick)))
+        clock = window.TriggerClocks(jnp.int32(tick), jnp.int32(tick + 1), jnp.int32(pedal(tick)))
         state, out = _TICK(fault.Faults(slots), state, signal, clock)
         rows.append([np.asarray(x)[()] for x in jax.tree.leaves(out)])
     return rows, state.slots[0]
@@ -197,7 +197,7 @@ def test_a_fault_that_changes_nothing_was_not_activated():
 @pytest.mark.parametrize("present", [False, True])
 def test_where_nothing_is_there_nothing_is_struck(present):
     slots = fault.Faults((make(3, "offset", 5.0, "time", 0, TICKS, 0), fault.no_fault()))
-    clock = window.Clock(jnp.int32(0), jnp.int32(1), jnp.int32(-1))
+    clock = window.TriggerClocks(jnp.int32(0), jnp.int32(1), jnp.int32(-1))
     state = window.open_windows(SETUP, slots, fault.init(SETUP), clock)
     clean_signal = Signal(Vec((jnp.float32(0), jnp.float32(0))), jnp.int32(7), jnp.int32(0), jnp.bool_(False))
     state, out = injection.inject(SETUP, PATHS, slots, state, clock, "pump", clean_signal, jnp.bool_(present))

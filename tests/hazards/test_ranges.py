@@ -9,12 +9,12 @@ import pytest
 from ravenjax.errors import UserError
 from ravenjax.hazards import library, ranges
 from ravenjax.hazards.library import Struck
-from ravenjax.hazards.ranges import EITHER, IN, OUT, Range
+from ravenjax.hazards.ranges import EITHER, IN, OUT, ChannelRange
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.sites import SITES
 
-USUAL = Range("mpos", "gold", "shoulder", "rad", -2.0, -1.9, 2.9, 3.0, 1000)
-COUNTS = Range("usb_out", "gold", "shoulder", "cnt", -800.0, -700.0, 700.0, 800.0, 1000)
+USUAL = ChannelRange("mpos", "gold", "shoulder", "rad", -2.0, -1.9, 2.9, 3.0, 1000)
+COUNTS = ChannelRange("usb_out", "gold", "shoulder", "cnt", -800.0, -700.0, 700.0, 800.0, 1000)
 
 
 def test_every_channel_that_a_fault_can_strike_has_a_range() -> None:

@@ -14,7 +14,7 @@ from ravenjax.numbers import paths
 from ravenjax.numbers.quantity import Quantity, Reserved, quantities, reserved
 from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2 import ROBOT
-from ravenjax.robots.raven2.loop.tick import Params
+from ravenjax.robots.raven2.loop.tick import TickParams
 
 SCALE = Quantity("", 0, 1, "a scale")
 ANGLE = Quantity("rad", -1, 1, "an angle", joints=("elbow",))
@@ -105,7 +105,7 @@ def test_the_robots_own_numbers_lie_within(every):
 
 
 def test_what_is_said_makes_sense():
-    said = list(quantities(Params))
+    said = list(quantities(TickParams))
     assert len(said) > 70
     for path, row in said:
         assert row.low < row.high and row.meaning, path
@@ -118,7 +118,7 @@ def test_what_is_said_makes_sense():
 
 def test_unlike_joints_share_no_number_and_leave_none_out():
     shared: dict[str, list[str]] = {}
-    for path, row in quantities(Params):
+    for path, row in quantities(TickParams):
         if row.joints:
             shared.setdefault(path, []).extend(row.joints)
     assert shared and all(sorted(joints) == sorted(ROBOT.joints) for joints in shared.values())

@@ -122,9 +122,9 @@ def test_every_check_of_the_tick_has_its_definition(any_setup_and_state):
 
 @pytest.fixture(scope="module")
 def any_setup_and_state():
-    from ravenjax.robots.raven2.setup import Setup
+    from ravenjax.robots.raven2.setup import RavenSetup
 
-    setup = Setup()
+    setup = RavenSetup()
     return tick.init(setup, tick.params(setup, ((0.4, 1.5, 0.4, 0.0, 0.0, 0.4, 0.4),)))
 
 

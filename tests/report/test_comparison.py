@@ -116,7 +116,7 @@ def test_the_most_changed_runs_come_first(found):
 
 def test_what_differs_is_named(found):
     assert [tuple(one) for one in found.configuration] == [("operator.name", '"suturing"', '"circle"')]
-    assert [one.path for one in found.made] == ["code_hash"]
+    assert [one.path for one in found.environment] == ["code_hash"]
     pairs = found.pairs
     assert found.sentences() == [
         f"{pairs.by_run_id} runs are paired by run id, {pairs.by_fault} by fault; "
@@ -126,7 +126,7 @@ def test_what_differs_is_named(found):
 
 def test_a_folder_beside_itself_differs_in_nothing(folders):
     same = comparison.compare(folders[0], folders[0])
-    assert same.changed == [] and same.configuration == [] and same.made == []
+    assert same.changed == [] and same.configuration == [] and same.environment == []
     assert all(one.first == one.second for rows in same.transitions.values() for one in rows)
     assert all(rate.difference.value == 0 and rate.difference.low < 0 < rate.difference.high for rate in same.rates)
 

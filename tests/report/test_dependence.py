@@ -34,11 +34,11 @@ def test_the_parameter_that_decides_is_found_and_the_others_are_not():
     chosen = (frame["fault0_site"] != "") & (frame["failed"] == "")
     hits = chosen & (frame["unintended_first_ms"] >= 0)
     assert motion.rate == wilson(int(hits.sum()), int(chosen.sum()))
-    by_name = {item.name: item for item in motion.found}
+    by_name = {item.name: item for item in motion.dependences}
     assert set(by_name) == {"plant.friction_scale", "plant.mass_scale"}
     assert by_name["plant.friction_scale"].depends and not by_name["plant.mass_scale"].depends
     assert by_name["plant.friction_scale"].difference.value == -1
-    assert motion.found[0].name == "plant.friction_scale"
+    assert motion.dependences[0].name == "plant.friction_scale"
 
 
 def test_every_rate_against_a_plain_count():

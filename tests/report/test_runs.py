@@ -13,7 +13,7 @@ import synthetic_results as synthetic
 
 from ravenjax.report import page
 from ravenjax.report.data import facts as run_facts
-from ravenjax.report.data.runs import Faults, Runs
+from ravenjax.report.data.runs import FaultCounts, Runs
 from ravenjax.report.sections import dependence, risk
 from ravenjax.report.sections.cues import sweep
 from ravenjax.report.sections.detection import performance
@@ -81,7 +81,7 @@ def test_faults_by_class_against_a_plain_count(by):
         valid = mine[~mine["failed"]]
         assert (one.runs, one.faults) == (len(mine), len(valid))
         told = (valid["evaded"].sum(), valid["unintended"].sum(), valid["loss"].sum(), valid["told"].sum())
-        assert (one.evaded, one.unintended, one.loss, one.told) == told
+        assert (one.evaded, one.unintended, one.loss, one.alarms) == told
 
 
 def test_runs_with_a_reaction_and_failed_ones_are_runs_of_a_fault_and_no_further_faults():
@@ -95,7 +95,7 @@ def test_runs_with_a_reaction_and_failed_ones_are_runs_of_a_fault_and_no_further
 
 def test_a_campaign_without_a_fault_has_none():
     free = FRAME[FRAME["fault0_site"] == ""].reset_index(drop=True)
-    assert Runs.of(free, MANIFEST).faults() == [Faults("", 0, 0, 0, 0, 0, 0)]
+    assert Runs.of(free, MANIFEST).faults() == [FaultCounts("", 0, 0, 0, 0, 0, 0)]
     assert Runs.of(free, MANIFEST).faults("group") == []
 
 

@@ -58,21 +58,21 @@ class Params:
     kd: Annotated[Scalar, Quantity("N m s/rad", 0, 1e3, "gain of velocity")]
     inertia: Annotated[Scalar, Quantity("kg m^2", 1e-3, 1e3, "inertia of each joint")]
     torque_max: Annotated[Scalar, Quantity("N m", 0, 1e3, "limit of the check")]
-    haptics: haptics.Params
-    monitor: monitor.Params
+    haptics: haptics.HapticParams
+    monitor: monitor.MonitorParams
 
 
 @record
 class State:
     """What is remembered from one tick to the next."""
 
-    faults: fault.State
+    faults: fault.FaultState
     jpos: Vec  # rad
     jvel: Vec  # rad/s
     stopped: Scalar  # bool
-    limit: check.Check
-    haptics: haptics.State
-    monitor: monitor.State
+    limit: check.CheckHistory
+    haptics: haptics.HapticState
+    monitor: monitor.MonitorState
     live: Scalar  # int32 ticks
 
 
@@ -93,7 +93,7 @@ def init(setup: Setup, params: Params) -> State:
 
 def advance(setup, params, faults, state, now, motion, golden):
     """One millisecond: sense, control, check, move, watch."""
-    clock = window.Clock(now, now + 1, now)
+    clock = window.TriggerClocks(now, now + 1, now)
     inject = Injector(ROBOT, setup, faults, window.open_windows(setup, faults, state.faults, clock), clock)
     wanted = Vec(real(setup, column[now]) for column in motion)
     (reported,) = inject("encoder", (state.jpos,))
@@ -107,10 +107,12 @@ def advance(setup, params, faults, state, now, motion, golden):
     jpos = state.jpos + jvel * 1e-3
     tip, seen, model = tip_of(jpos), tip_of(reported), tip_of(wanted)
     still = model * 0.0
-    cue, pull = haptics.step(setup, params.haptics, state.haptics, haptics.Signal(model, still, seen, still))
+    cue, pull = haptics.step(setup, params.haptics, state.haptics, haptics.HapticSignal(model, still, seen, still))
     never, always = jnp.asarray(jnp.inf, setup.precision.real), jnp.bool_(True)
     still = (Vec((0, 0)),)
-    watched = monitor.Signal((tip,), (seen * 1e6,), (model,), (-never,), never, still, always, ~stopped, always, now)
+    watched = monitor.MonitorSignal(
+        (tip,), (seen * 1e6,), (model,), (-never,), never, still, always, ~stopped, always, now
+    )
     reference = monitor.Reference((Vec(golden[:3]),), (Vec(golden[3:]),))
     watch = monitor.step(setup, params.monitor, state.monitor, watched, reference)
     live = state.live + as_int(~stopped)
@@ -135,11 +137,11 @@ def outcomes(setup: Setup, params: Params, state: State) -> dict[str, Scalar]:
 def prepare(config, varied, injection, precision) -> Prepared:
     """What a campaign asks of the arm."""
     setup = Setup(config.campaign.arms, precision, injection=injection, cues=len(config.haptics.cues()))
-    cues = tuple(haptics.Cue(c.threshold_m, c.kp, c.kd, c.cap) for c in config.haptics.cues())
+    cues = tuple(haptics.CueParams(c.threshold_m, c.kp, c.kd, c.cap) for c in config.haptics.cues())
     watch = replace(monitor.params(setup), limit=config.outcomes.limit_mm / 1e3)
     time_s = np.arange(config.campaign.ticks) / 1e3
     columns = (np.sin(time_s).astype(np.float32) * 0.4, (1.0 + 0.3 * np.sin(2 * time_s)).astype(np.float32))
-    return Prepared(ROBOT.part("loop"), setup, Params(40.0, 2.0, 0.05, 8.0, haptics.Params(cues), watch), columns)
+    return Prepared(ROBOT.part("loop"), setup, Params(40.0, 2.0, 0.05, 8.0, haptics.HapticParams(cues), watch), columns)
 
 
 def series(setup: Setup, signals: dict[str, Any], golden: np.ndarray) -> dict[str, np.ndarray]:

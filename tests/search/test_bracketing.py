@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ravenjax.search.boundary.brackets import ALWAYS, CROSSING, INVALID, NEVER, Range, bracket
+from ravenjax.search.boundary.brackets import ALWAYS, CROSSING, INVALID, NEVER, SearchRange, bracket
 
-LOG, LINEAR = Range(1.0, 10_000.0, True, 0.01), Range(-5.0, 5.0, False, 0.001)
+LOG, LINEAR = SearchRange(1.0, 10_000.0, True, 0.01), SearchRange(-5.0, 5.0, False, 0.001)
 
 
 def thresholds(values):
@@ -52,7 +52,7 @@ def test_whole_numbers_are_found_exactly():
         return (number >= at[cell]).astype(float)
 
     for sections in (2, 5):
-        found = bracket(asked, Range(1.0, 10_000.0, True, 1e-6), np.ones(6, bool), scan=5, sections=sections)
+        found = bracket(asked, SearchRange(1.0, 10_000.0, True, 1e-6), np.ones(6, bool), scan=5, sections=sections)
         np.testing.assert_array_equal(found.high, at)
         np.testing.assert_array_equal(found.low, at - 1)
     assert all((numbers == np.rint(numbers)).all() for numbers in tried)

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check
 
 
 def history(entries):
-    seen = check.init(Setup())
+    seen = check.init(RavenSetup())
     for tick, (tripped, margin) in enumerate(entries):
         seen = check.update(seen, np.int32(tick), np.bool_(tripped), margin)
     return int(seen.first_tick), int(seen.count), float(seen.margin)

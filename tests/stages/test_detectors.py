@@ -9,7 +9,7 @@ import pytest
 
 from ravenjax.numbers.setup import REFERENCE, DetectorUse
 from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import detectors
 
 TICKS = 60
@@ -20,7 +20,7 @@ USES = (
     DetectorUse("tip_error", consecutive=2, levels=1),
     DetectorUse("overdrive", levels=1),
 )
-SETUP = Setup(precision=REFERENCE, detectors=USES)
+SETUP = RavenSetup(precision=REFERENCE, detectors=USES)
 LIMIT = np.array([2500, 2500, 2000, 3000, 3000, 3800, 3800])
 
 
@@ -44,10 +44,10 @@ def found(series):
     levels = tuple((0.8, 1.6)[: use.levels] for use in USES)
     with jax.enable_x64(True):
         params = detectors.params(SETUP)
-        params = detectors.Params(params.shoulder, params.elbow, params.insertion, 10, levels)
+        params = detectors.DetectorParams(params.shoulder, params.elbow, params.insertion, 10, levels)
 
         def one(state, x):
-            signal = detectors.Signal(
+            signal = detectors.DetectorSignal(
                 **{name: (Vec(x[name][i] for i in range(7)),) for name in ("mpos", "mvel", "jpos", "jvel", "command")},
                 tip_error=(x["tip_error"],),
                 command_limit=Vec(jnp.int32(limit) for limit in LIMIT),
@@ -98,7 +98,7 @@ def test_score_first_alarm_and_alarms_follow_the_rule(series, found, d):
 
 
 def test_the_worse_arm_counts():
-    setup = Setup(
+    setup = RavenSetup(
         arms=("gold", "green"),
         tools=("r_grasper", "r_grasper"),
         precision=REFERENCE,
@@ -108,7 +108,7 @@ def test_the_worse_arm_counts():
         still = (Vec.full(7, jnp.float64(0.0)),) * 2
         commands = (Vec.full(7, jnp.int32(0)),) * 2
         limit = Vec.full(7, jnp.int32(1))
-        signal = detectors.Signal(
+        signal = detectors.DetectorSignal(
             *(still,) * 4, (jnp.float64(1e-3), jnp.float64(4e-3)), commands, limit, True, jnp.int32(700)
         )
         state = detectors.step(setup, detectors.params(setup), detectors.init(setup), signal)

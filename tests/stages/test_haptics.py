@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from ravenjax.numbers.setup import REFERENCE
 from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import haptics
 
-SETUP = Setup(precision=REFERENCE)
+SETUP = RavenSetup(precision=REFERENCE)
 coordinate = st.floats(-0.02, 0.02)
 speed = st.floats(-0.5, 0.5)
 three = lambda number: st.tuples(number, number, number)  # noqa: E731
@@ -29,7 +29,7 @@ def by_the_rule(p_model, v_model, p_robot, v_robot) -> float:
 
 
 def one_tick(setup, params, state, p_model, v_model, p_robot=(0, 0, 0), v_robot=(0, 0, 0)):
-    signal = haptics.Signal(*(Vec(jnp.float64(x) for x in item) for item in (p_model, v_model, p_robot, v_robot)))
+    signal = haptics.HapticSignal(*(Vec(jnp.float64(x) for x in item) for item in (p_model, v_model, p_robot, v_robot)))
     return haptics.step(setup, params, state, signal)
 
 
@@ -56,10 +56,10 @@ def test_published_points() -> None:
 
 
 def test_cues_side_by_side_keep_their_own_record() -> None:
-    setup = Setup(cues=2, precision=REFERENCE)
+    setup = RavenSetup(cues=2, precision=REFERENCE)
     with jax.enable_x64(True):
-        fine, coarse = haptics.Cue(1e-3, 4.5, 0.0, 0.05), haptics.Cue(3e-3, 4.5, 0.0, 0.05)
-        params = haptics.Params(cues=(fine, coarse))
+        fine, coarse = haptics.CueParams(1e-3, 4.5, 0.0, 0.05), haptics.CueParams(3e-3, 4.5, 0.0, 0.05)
+        params = haptics.HapticParams(cues=(fine, coarse))
         state = haptics.init(setup, params)
         for error_mm in (0, 2, 4, 5, 2, 0, 4, 0):
             state, _ = one_tick(setup, params, state, (error_mm * 1e-3, 0, 0), (0, 0, 0))
@@ -71,6 +71,6 @@ def test_cues_side_by_side_keep_their_own_record() -> None:
 
 
 def test_a_quiet_run_reports_no_cue() -> None:
-    params = haptics.params(Setup())
-    state = haptics.init(Setup(), params)
+    params = haptics.params(RavenSetup())
+    state = haptics.init(RavenSetup(), params)
     assert int(state.cues[0].first_tick) == -1 and int(state.cues[0].impulses) == 0

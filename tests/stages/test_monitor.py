@@ -9,11 +9,11 @@ import pytest
 
 from ravenjax.numbers.setup import REFERENCE
 from ravenjax.numbers.vec import Vec, replace
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import monitor
 
 TICKS = 400
-SETUP = Setup(precision=REFERENCE)
+SETUP = RavenSetup(precision=REFERENCE)
 THREE = ("tip", "twin", "model", "pos", "twin_pos")
 
 
@@ -61,7 +61,7 @@ def observed(params, inputs):
 
     def one(state, x):
         vec = {name: (Vec(x[name][i] for i in range(3)),) for name in THREE}
-        signal = monitor.Signal(
+        signal = monitor.MonitorSignal(
             tip=vec["tip"],
             pos=vec["pos"],
             model_tip=vec["model"],

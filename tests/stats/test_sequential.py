@@ -76,7 +76,7 @@ def test_the_rate_of_the_whole_table_is_covered(allocation):
     for _ in range(tries):
         looks = course(one, [[random.random(size) < p for size, p in zip(sizes, truth, strict=True)]])
         wrong += any(not i.low <= whole <= i.high for look in looks for i in look.intervals)
-        used += sum(looks[-1].taken.values())
+        used += sum(looks[-1].draws.values())
     assert wrong / tries <= 0.05
     assert used / tries < 0.6 * sum(sizes)
 
@@ -114,7 +114,7 @@ def test_neyman_needs_fewer_runs_than_proportional():
             shares = tuple(np.linspace(0.02, 1, 50).round(3).tolist())
             looks = course(rule(sizes, half_width=0.01, of=of, allocation=allocation, shares=shares), cases)
             assert not looks[-1].waiting
-            used[of, allocation] = sum(looks[-1].taken.values())
+            used[of, allocation] = sum(looks[-1].draws.values())
     assert used["groups", "neyman"] < 0.65 * used["groups", "proportional"]
     assert used["whole", "neyman"] < 0.75 * used["whole", "proportional"]
 
@@ -132,13 +132,13 @@ def test_any_course_ends_and_keeps_to_what_was_registered(data, sizes, shares, o
     cases = [[random.random(size) < random.random() for size in sizes] for _ in "ab"]
     looks = course(one, cases)
     assert [look.number for look in looks] == list(range(1, len(looks) + 1)) and len(looks) <= len(shares)
-    taken = np.array([list(look.taken.values()) for look in looks])
+    taken = np.array([list(look.draws.values()) for look in looks])
     assert (np.diff(taken, axis=0) >= 0).all() and (taken >= 1).all() and (taken <= one.sizes()[-1]).all()
     assert all((taken[:, s] == one.sizes()[:, [s]]).any(axis=0).all() for s in range(len(sizes)))
     last = looks[-1]
     wide = {i.stratum for i in last.intervals if i.half_width > one.half_width}
     held = {stratum.name: stratum.size for stratum in one.strata}
-    open_still = {name for name in held if last.taken[name] < held[name]}
+    open_still = {name for name in held if last.draws[name] < held[name]}
     assert set(last.waiting) == {name for name in wide if (open_still if name == "" else name in open_still)}
     assert last.number == len(shares) or not last.waiting
     assert [sequential.parse(look.line()).line() for look in looks] == [look.line() for look in looks]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ravenjax.campaign.faults import design
 from ravenjax.trainer import scenario
-from ravenjax.trainer.protocol.frame import PHASES, Frame, Layout
+from ravenjax.trainer.protocol.frame import PHASES, Frame, FrameLayout
 from ravenjax.trainer.protocol.world import from_world
 
 HOME = (-0.07794699817895889, -0.02526555210351944, 0.013225629925727844)
@@ -14,7 +14,7 @@ TIPS = {"gold": HOME, "green": (HOME[0], -HOME[1], HOME[2])}
 
 def running(arms=("gold",)):
     """A frame of a session at work: pedal down, the robot follows, no force."""
-    frame = Frame(Layout.of(arms))
+    frame = Frame(FrameLayout.of(arms))
     for name, value in {
         "phase": PHASES.index("running"),
         "runlevel": 3,

@@ -9,8 +9,8 @@ import numpy as np
 
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.trainer.protocol.frame import Frame, Layout
-from ravenjax.trainer.recording.hazards.table import Hazard
+from ravenjax.trainer.protocol.frame import Frame, FrameLayout
+from ravenjax.trainer.recording.hazards.table import HazardRow
 
 LIMIT_MM = 8.0
 """[harm] stray_mm of these sessions."""
@@ -71,7 +71,7 @@ def hazard(
         "outcome": "avoided" if ok and response is not None else "harm",
         "score": 82.0 if ok and response is not None else 10.0,
     }
-    return Hazard(**(values | more))
+    return HazardRow(**(values | more))
 
 
 def rows(layout, hazards, seconds):
@@ -115,7 +115,7 @@ def rows(layout, hazards, seconds):
 
 def write(folder, table, seconds=8.0, arms=("gold", "green"), recorded=True, **header):
     """A session's folder; `header` changes session.json."""
-    layout = Layout.of(arms)
+    layout = FrameLayout.of(arms)
     told = {
         "name": "synthetic",
         "scenario": {
@@ -141,7 +141,7 @@ def write(folder, table, seconds=8.0, arms=("gold", "green"), recorded=True, **h
     } | header
     description.write(folder, told)
     if recorded:
-        log = session_log.Writer(folder / session_log.FILE, layout.names(), told)
+        log = session_log.SessionWriter(folder / session_log.FILE, layout.names(), told)
         data = rows(layout, table or [], seconds)
         for first in range(0, len(data), 50):
             log.add(first, data[first : first + 50])
@@ -153,7 +153,7 @@ def write(folder, table, seconds=8.0, arms=("gold", "green"), recorded=True, **h
 
 
 def write_hazards(folder, hazards):
-    names = [one.name for one in dataclasses.fields(Hazard)]
+    names = [one.name for one in dataclasses.fields(HazardRow)]
     with open(folder / "hazards.csv", "w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, names)
         writer.writeheader()

@@ -23,7 +23,7 @@ Pack = Callable[[Mapping[str, Any]], T]
 
 
 @dataclass(frozen=True, eq=False)
-class Finished(Generic[T]):
+class FinishedChunk(Generic[T]):
     """A chunk whose rows are all computed."""
 
     rows: range
@@ -38,7 +38,9 @@ class Work(Generic[T]):
     ready: Plan
     engine: Engine
     pack: Pack[T]
-    deliver: Callable[[Finished[T]], None]  # may be called from several threads at once; what it raises ends the work
+    deliver: Callable[
+        [FinishedChunk[T]], None
+    ]  # may be called from several threads at once; what it raises ends the work
     progress: Progress
 
 

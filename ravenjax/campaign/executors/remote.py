@@ -17,7 +17,7 @@ import pandas as pd
 from ravenjax.campaign import assembly, compile_cache
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.executors.chunk import finished
-from ravenjax.campaign.executors.protocol import Finished, Pack, Work
+from ravenjax.campaign.executors.protocol import FinishedChunk, Pack, Work
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress.counts import Progress
 from ravenjax.engines import selection
@@ -89,7 +89,7 @@ class Bench:
         _require_same(given, self._engine.device)
         self._computation: Computation | None = None
 
-    def compute(self, given: Share) -> tuple[Plan, assembly.Part]:
+    def compute(self, given: Share) -> tuple[Plan, assembly.PartRows]:
         """The outcomes of a chunk, and the plan of its rows alone: what `chunk.finished` takes."""
         ready = _with(self._head.ready, given)
         if self._computation is None:
@@ -98,7 +98,7 @@ class Bench:
         rows = [range(ready.runs)]
         return ready, next(assembly.parts(rows, self._computation.of(ready).blocks(rows)))
 
-    def finish(self, ready: Plan, part: assembly.Part) -> Finished[Any]:
+    def finish(self, ready: Plan, part: assembly.PartRows) -> FinishedChunk[Any]:
         """`chunk.finished`, of what `compute` returned."""
         return finished(ready, part, self._head.pack)
 

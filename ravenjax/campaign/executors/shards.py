@@ -42,9 +42,9 @@ class Shard(NamedTuple):
 
 def parse(text: str) -> Shard:
     """A shard as the command line names it; raises UserError."""
-    found = re.fullmatch(r"\s*(\d+)\s*/\s*(\d+)\s*", text)
-    if found is not None:
-        shard = Shard(int(found[1]), int(found[2]))
+    match = re.fullmatch(r"\s*(\d+)\s*/\s*(\d+)\s*", text)
+    if match is not None:
+        shard = Shard(int(match[1]), int(match[2]))
         if 1 <= shard.number <= shard.of:
             return shard
     raise UserError(f"--shard {shown(text)}: expected i/N with 1 <= i <= N, as 2/7 for the second of seven")

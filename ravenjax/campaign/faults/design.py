@@ -62,9 +62,9 @@ def expand(config: CampaignConfig) -> pd.DataFrame:
     numbers: dict[str, np.ndarray] = {}
     for s in range(config.slots):
         faults = [piece.faults[s] if s < len(piece.faults) else {} for piece in pieces]
-        for name, known in words_of(config.robot).items():
+        for name, vocabulary in words_of(config.robot).items():
             codes = _joined(pieces, [fault.get(name, np.int8(0)) for fault in faults], np.int8)
-            words[f"fault{s}_{name}"] = column(codes, known)
+            words[f"fault{s}_{name}"] = column(codes, vocabulary)
         for name, (dtype, empty) in NUMBERS.items():
             numbers[f"fault{s}_{name}"] = _joined(pieces, [fault.get(name, empty) for fault in faults], dtype)
     parameters = {
@@ -143,8 +143,10 @@ def _pieces(config: CampaignConfig, group: Group) -> Iterator[_Piece]:
             slot(config.robot, fault, _of_slot(axes, f), _of_slot(places, f), config.says_beyond(fault))
             for f, fault in enumerate(faults)
         ]
-        if wrong := [(found.wrong[0], f, found.wrong[1]) for f, found in enumerate(slots) if found.wrong]:
-            _, f, complaint = min(wrong)
+        if complaints := [
+            (one_slot.complaint[0], f, one_slot.complaint[1]) for f, one_slot in enumerate(slots) if one_slot.complaint
+        ]:
+            _, f, complaint = min(complaints)
             raise UserError(f"group {group.name!r}, fault[{f}].value: {complaint}")
         parameters = {path: axis.at(places[s, path]) for (s, path), axis in axes.items() if s == _PARAMETER}
         for number, crossing in enumerate(_crossings(config, group)):
@@ -153,7 +155,7 @@ def _pieces(config: CampaignConfig, group: Group) -> Iterator[_Piece]:
                 group=group.name,
                 seed=(config.campaign.seed + repeat) % 2**31,
                 behind=number * runs,
-                faults=[found.columns for found in slots],
+                faults=[one_slot.columns for one_slot in slots],
                 parameters=parameters | crossing,
             )
 

@@ -23,10 +23,10 @@ def arranged(config: CampaignConfig, table: pd.DataFrame) -> pd.DataFrame:
     order = np.arange(len(table))
     pair = table["pair"].to_numpy()
     first_of_kind = pair == order
-    held = table["group"].value_counts()
+    sizes = table["group"].value_counts()
     start = 0
     for group in config.group:
-        rows = order[start : start + held[group.name]]
+        rows = order[start : start + sizes[group.name]]
         kind = np.cumsum(first_of_kind[rows]) - 1  # of each row that is the first of its kind, which one it is
         draw = kind[pair[rows] - start] // group.repeats
         number = len(rows) // rows_of_a_draw(config, group)

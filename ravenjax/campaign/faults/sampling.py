@@ -33,8 +33,8 @@ def count(group: Group, axes: Mapping[Key, Axis]) -> int:
     if group.design != "zip":
         return math.prod(lengths.values())
     if len({length for length in lengths.values() if length > 1}) > 1:
-        told = ", ".join(f"{name} of slot {f}: {n}" if f >= 0 else f"{name}: {n}" for (f, name), n in lengths.items())
-        raise UserError(f"group {group.name!r}: design 'zip' needs lists of one length, got {told}")
+        sizes = ", ".join(f"{name} of slot {f}: {n}" if f >= 0 else f"{name}: {n}" for (f, name), n in lengths.items())
+        raise UserError(f"group {group.name!r}: design 'zip' needs lists of one length, got {sizes}")
     return max(lengths.values(), default=1)
 
 
@@ -45,18 +45,18 @@ def sample(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator) -> 
     place, repeat = np.divmod(np.arange(runs), group.repeats)
     places = {key: np.zeros((), np.int64) for key in axes}
     if group.design in SAMPLED:
-        drawn = {key: axis for key, axis in axes.items() if axis.kind != "fixed"}
-        unit = _unit(group.design, different, len(drawn), rng)
-        places |= {key: axis.places(unit[:, i])[place] for i, (key, axis) in enumerate(drawn.items())}
+        random_axes = {key: axis for key, axis in axes.items() if axis.kind != "fixed"}
+        unit = _unit(group.design, different, len(random_axes), rng)
+        places |= {key: axis.places(unit[:, i])[place] for i, (key, axis) in enumerate(random_axes.items())}
         return Sample(runs, repeat, places)
     stride = different
     for key, axis in axes.items():
         if axis.kind == "list" and (length := len(axis.values)) > 1:
             stride = 1 if group.design == "zip" else stride // length
             places[key] = place // stride % length
-    drawn = {key: axis for key, axis in axes.items() if axis.drawn}
-    unit = _unit("random", runs, len(drawn), rng)
-    places |= {key: axis.places(unit[:, i]) for i, (key, axis) in enumerate(drawn.items())}
+    random_axes = {key: axis for key, axis in axes.items() if axis.drawn}
+    unit = _unit("random", runs, len(random_axes), rng)
+    places |= {key: axis.places(unit[:, i]) for i, (key, axis) in enumerate(random_axes.items())}
     return Sample(runs, repeat, places)
 
 

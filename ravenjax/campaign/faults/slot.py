@@ -71,7 +71,7 @@ class Slot(NamedTuple):
     """A fault slot over the runs of a sample."""
 
     columns: dict[str, np.ndarray]  # FIELDS -> [runs], or [] where all runs agree; words as their places in `words_of`
-    wrong: tuple[int, str] | None  # the first run with a value that its channel cannot take, and what to say of it
+    complaint: tuple[int, str] | None  # the first run with a value that its channel cannot take, and what to say of it
 
 
 def slot(
@@ -86,12 +86,12 @@ def slot(
     effect = word["effect"]
     acts = codes.channel_of_effect[effect]
     word["channel"] = np.where(acts > 0, acts, word["channel"])
-    value, wrong = _values(codes, site, axes, places["value"], word["channel"], effect, beyond)
+    value, complaint = _values(codes, site, axes, places["value"], word["channel"], effect, beyond)
     columns = {"site": np.int8(codes.code["site"][fault.site]), **word, "value": value}
     periodic = effect == codes.code["effect"]["periodic"]
     for name in ("start_ms", "duration_ms", "every_ms", "period_ms"):
         columns[name] = _times(name, axes[name].at(places[name], whole=True), axes[name], periodic).astype(np.int32)
-    return Slot({name: columns[name] for name in FIELDS}, wrong)
+    return Slot({name: columns[name] for name in FIELDS}, complaint)
 
 
 def _times(name: str, drawn: np.ndarray, axis: Axis, periodic: np.ndarray) -> np.ndarray:
@@ -113,7 +113,7 @@ def _values(
     effect: np.ndarray,
     beyond: bool,
 ) -> tuple[np.ndarray, tuple[int, str] | None]:
-    """The values, and the first that its channel cannot take, as `Slot.wrong`."""
+    """The values, and the first that its channel cannot take, as `Slot.complaint`."""
     axis = axes["value"]
     low, high, whole, rounded = (
         column[channel, effect] for column in _legal(codes, site, axes["effect"].listed, beyond)

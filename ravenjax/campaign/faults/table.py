@@ -28,7 +28,7 @@ ARRAYS = {
     "period": np.int32,
     "key": np.uint32,
 }
-"""The numbers of a fault, as `stages.faults.fault.Fault` has them."""
+"""The numbers of a fault, as `stages.faults.fault.FaultSlot` has them."""
 
 SHARED = "shared_id"
 """Column of a fault table with crossed parameters: the id of the first of the runs that differ in those alone."""
@@ -108,11 +108,11 @@ class _Words:
         sizes = [len(column.categories) for column in columns]
         self.size = math.prod(sizes)
         self.number = np.ravel_multi_index([column.codes.to_numpy() for column in columns], sizes)  # int64 [rows]
-        found = np.flatnonzero(np.bincount(self.number, minlength=self.size))
-        places = np.stack(np.unravel_index(found, sizes), axis=1)
+        present = np.flatnonzero(np.bincount(self.number, minlength=self.size))
+        places = np.stack(np.unravel_index(present, sizes), axis=1)
         self.combinations = {
             number: tuple(column.categories[i] for column, i in zip(columns, row, strict=True))
-            for number, row in zip(found.tolist(), places.tolist(), strict=True)
+            for number, row in zip(present.tolist(), places.tolist(), strict=True)
         }
 
 

@@ -76,14 +76,14 @@ class Axis(BaseModel):
         if self.kind == "normal":
             from scipy.special import ndtri  # slow to import
 
-            drawn = low + high * ndtri(np.clip(places, 1e-12, 1.0 - 1e-12))
+            numbers = low + high * ndtri(np.clip(places, 1e-12, 1.0 - 1e-12))
         elif self.kind == "loguniform":
-            drawn = np.exp(math.log(low) + places * (math.log(high) - math.log(low)))
+            numbers = np.exp(math.log(low) + places * (math.log(high) - math.log(low)))
         elif whole:
-            drawn = np.minimum(np.floor(low) + np.floor(places * (math.floor(high) - math.floor(low) + 1.0)), high)
+            numbers = np.minimum(np.floor(low) + np.floor(places * (math.floor(high) - math.floor(low) + 1.0)), high)
         else:
-            drawn = low + places * (high - low)
-        return np.rint(drawn) if whole else drawn
+            numbers = low + places * (high - low)
+        return np.rint(numbers) if whole else numbers
 
 
 def fixed(value: Any) -> Axis:

@@ -19,7 +19,7 @@ TAIL = 7.04
 @functools.cache
 def rows(robot: Robot) -> tuple[tuple[str, Quantity], ...]:
     """(path as `plain` gives it, what it may be) of each parameter, in order; two where joints are unlike."""
-    return tuple(quantity.quantities(robot.part("loop.tick").Params))
+    return tuple(quantity.quantities(robot.part("loop.tick").TickParams))
 
 
 @functools.cache
@@ -31,8 +31,8 @@ def names(robot: Robot) -> frozenset[str]:
 @functools.cache
 def _reserved(robot: Robot) -> tuple[tuple[str, str], ...]:
     """(path, why) of parameters, or all that begin so, that a campaign must leave alone; longer paths first."""
-    found = quantity.reserved(robot.part("loop.tick").Params)
-    return tuple(sorted(found, key=lambda row: len(row[0]), reverse=True))
+    rows_of = quantity.reserved(robot.part("loop.tick").TickParams)
+    return tuple(sorted(rows_of, key=lambda row: len(row[0]), reverse=True))
 
 
 def plain(robot: Robot, path: str) -> str:
@@ -43,8 +43,8 @@ def plain(robot: Robot, path: str) -> str:
 def of(robot: Robot, path: str) -> list[Quantity]:
     """What `path` may be: one for a single number, more where it names a whole vector of unlike ones."""
     kind, last = plain(robot, path), path.rpartition(".")[2]
-    found = [row for name, row in rows(robot) if name == kind]
-    return [row for row in found if last in row.joints or not row.joints or last not in robot.joints]
+    matches = [row for name, row in rows(robot) if name == kind]
+    return [row for row in matches if last in row.joints or not row.joints or last not in robot.joints]
 
 
 def reserved(robot: Robot, path: str) -> str:

@@ -30,9 +30,9 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> CampaignConfig:
 
     `.toml` may be left out. A recorded operator's path is taken from the campaign file's folder. Raises UserError.
     """
-    found = _found(path)
-    raw, text = location.read(found)
-    return from_dict(raw, source=found, text=text, overrides=overrides)
+    file = _found(path)
+    raw, text = location.read(file)
+    return from_dict(raw, source=file, text=text, overrides=overrides)
 
 
 def _found(path: str | Path) -> Path:
@@ -89,8 +89,8 @@ def from_dict(
         raise where.error(_complaint(robot, e, raw) for e in faults) from None
     except RecursionError:
         raise UserError("the campaign's tables are nested too deeply to be read") from None
-    if wrong := list(semantics.complaints(config)) or list(_wasted(config, template)) or list(_too_many(config)):
-        raise where.error(wrong)
+    if errors := list(semantics.complaints(config)) or list(_wasted(config, template)) or list(_too_many(config)):
+        raise where.error(errors)
     return config if source is None else config.with_source(source)
 
 
@@ -105,12 +105,12 @@ def _too_many(config: CampaignConfig) -> Iterable[location.Complaint]:
         yield ("group",), f"the groups make {shown(runs)} runs, expected at most {design.MOST_RUNS}"
 
 
-def check_parameters(config: CampaignConfig, known: Iterable[str]) -> None:
+def check_parameters(config: CampaignConfig, names: Iterable[str]) -> None:
     """UserError for a varied parameter whose path is not among `known`, or whose list reads like a vector."""
-    if wrong := list(semantics.unfit_parameters(config, known)):
+    if errors := list(semantics.unfit_parameters(config, names)):
         source = config.source
         text = source.read_text(encoding="utf-8") if source is not None and source.is_file() else ""
-        raise location.Where(source, location.lines(text), []).error(wrong)
+        raise location.Where(source, location.lines(text), []).error(errors)
 
 
 def _complaint(robot: Robot, error: Any, raw: Any) -> location.Complaint:
@@ -144,9 +144,9 @@ def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
 def _message(robot: Robot, error: Any) -> str:
     model = config_class_of(robot)
     if error["type"] == "extra_forbidden":
-        known, key = _keys(model, error["loc"][:-1]), str(error["loc"][-1])
-        hint = _elsewhere(robot, key, error["loc"][:-1]) or suggestion(key, known)
-        return f"unknown key, expected one of {', '.join(known)}{hint}"
+        keys, key = _keys(model, error["loc"][:-1]), str(error["loc"][-1])
+        hint = _elsewhere(robot, key, error["loc"][:-1]) or suggestion(key, keys)
+        return f"unknown key, expected one of {', '.join(keys)}{hint}"
     if error["type"] == "missing":
         field = _model(model, error["loc"][:-1]).model_fields.get(str(error["loc"][-1]))
         return "missing" + (f": {field.description}" if field is not None and field.description else "")

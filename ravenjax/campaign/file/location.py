@@ -50,16 +50,16 @@ def lines(text: str) -> dict[str, int]:
 
     Keys inside inline tables and within multi-line strings are not told apart: ask `nearest`.
     """
-    found: dict[str, int] = {}
+    numbers: dict[str, int] = {}
     counts: dict[Key, int] = {}
     table: Key = ()
     for number, line in enumerate(text.splitlines(), start=1):
         if header := _HEADER.match(line):
             table = _enter(_parts(header[2]), header[1] == "[[", counts)
-            found.setdefault(dotted(table), number)
+            numbers.setdefault(dotted(table), number)
         elif key := _KEY.match(line):
-            found.setdefault(dotted((*table, *_parts(key[1]))), number)
-    return found
+            numbers.setdefault(dotted((*table, *_parts(key[1]))), number)
+    return numbers
 
 
 def nearest(found: dict[str, int], key: Key) -> int | None:

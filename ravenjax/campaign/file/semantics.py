@@ -41,15 +41,15 @@ def complaints(config: CampaignConfig) -> Iterator[Complaint]:
             yield from (((*key, path), message) for message in bounds.complaints(config.robot, path, axis))
 
 
-def unfit_parameters(config: CampaignConfig, known: Iterable[str]) -> Iterator[Complaint]:
+def unfit_parameters(config: CampaignConfig, names: Iterable[str]) -> Iterator[Complaint]:
     """(key, message) of each varied parameter that is not a path in `known`, or whose list reads like a vector."""
-    known = list(known)
+    names = list(names)
     for key, table in parameter_tables(config):
         for path, axis in table.items():
-            if path not in known:
-                yield (*key, path), f"unknown parameter{_section_of(path) or suggestion(path, known)}"
+            if path not in names:
+                yield (*key, path), f"unknown parameter{_section_of(path) or suggestion(path, names)}"
             elif axis.kind == "list" and not axis.explicit:
-                parts = [full.rpartition(".")[2] for full in known if full.rpartition(".")[0] == path]
+                parts = [full.rpartition(".")[2] for full in names if full.rpartition(".")[0] == path]
                 parts = [part for part in parts if part in paths.components(config.robot.joints)]
                 if len(axis.values) == len(parts):
                     yield (*key, path), _ambiguous(path, axis, parts)
@@ -83,9 +83,9 @@ def parameter_tables(config: CampaignConfig) -> Iterator[tuple[Key, dict[str, Ax
 
 
 def _campaign(config: CampaignConfig) -> Iterator[Complaint]:
-    arms, known = config.campaign.arms, config.robot.arms
-    if list(arms) != [arm for arm in known if arm in arms]:
-        yield ("campaign", "arms"), f"got {list(arms)}, expected each arm once, in the order {list(known)}"
+    arms, names = config.campaign.arms, config.robot.arms
+    if list(arms) != [arm for arm in names if arm in arms]:
+        yield ("campaign", "arms"), f"got {list(arms)}, expected each arm once, in the order {list(names)}"
     yield from config.complaints()
     if config.outcomes.cue >= len(config.haptics.cues()):
         count = len(config.haptics.cues())
@@ -99,8 +99,8 @@ def _group(config: CampaignConfig, group: Group, key: Key) -> Iterator[Complaint
     for r, run in enumerate(group.run):
         slots += [((*key, "run", r, "fault", f), fault) for f, fault in enumerate(group.faults_of(run))]
     for slot, fault in slots:
-        wrong = list(_fault(config, fault, slot))
-        yield from wrong or _value(config, fault, slot, paired=group.design == "zip")
+        errors = list(_fault(config, fault, slot))
+        yield from errors or _value(config, fault, slot, paired=group.design == "zip")
     for r, run in enumerate(group.run):
         if len(run.fault) > len(group.fault):
             yield (*key, "run", r, "fault"), f"got {len(run.fault)} faults, the group has {len(group.fault)}"
@@ -111,8 +111,8 @@ def _group(config: CampaignConfig, group: Group, key: Key) -> Iterator[Complaint
         lengths = {name: len(axis.values) for name, axis in _axes(config, group) if axis.kind == "list"}
         if len({length for length in lengths.values() if length > 1}) > 1:
             yield (*key, "design"), f"'zip' needs lists of one length, got lengths {lengths}"
-    drawn = any(axis.drawn for _, axis in _axes(config, group))
-    if group.repeats > 1 and not (drawn or random_in_itself(config, group)):
+    is_random = any(axis.drawn for _, axis in _axes(config, group))
+    if group.repeats > 1 and not (is_random or random_in_itself(config, group)):
         yield (
             (*key, "repeats"),
             (
@@ -209,9 +209,9 @@ def _value(config: CampaignConfig, fault: Fault, key: Key, paired: bool) -> Iter
         aimed = [site.channel(NETWORK_EFFECTS[effect][0])] if effect in NETWORK_EFFECTS else channels
         for channel in aimed:
             for value in fault.value.listed or extent(fault.value):
-                drawn = not fault.value.listed
-                if wrong := _value_complaint(site, channel, effect, value, drawn, beyond):
-                    yield (*key, "value"), wrong
+                is_random = not fault.value.listed
+                if message := _value_complaint(site, channel, effect, value, is_random, beyond):
+                    yield (*key, "value"), message
                     return
 
 
@@ -259,6 +259,6 @@ def last_start(config: CampaignConfig, fault: Fault, key: Key) -> int:
     return math.ceil(ticks / max(1, least)) - 1
 
 
-def _unknown(what: str, got: str, known: Iterable[str]) -> str:
-    known = list(known)
-    return f"unknown {what} {got!r}, expected one of {', '.join(known)}{suggestion(got, known)}"
+def _unknown(what: str, got: str, names: Iterable[str]) -> str:
+    names = list(names)
+    return f"unknown {what} {got!r}, expected one of {', '.join(names)}{suggestion(got, names)}"

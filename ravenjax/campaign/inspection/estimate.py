@@ -67,7 +67,7 @@ BASIS = (
 )
 
 
-class Work(NamedTuple):
+class CostFactors(NamedTuple):
     """What decides the cost of a campaign."""
 
     runs: int  # to compute
@@ -90,7 +90,7 @@ class Machine(NamedTuple):
     width: int = WIDTH  # float32 numbers in a vector of the CPU
 
 
-class Estimate(NamedTuple):
+class CostEstimate(NamedTuple):
     """What to expect."""
 
     start_s: float  # from the command to the first run, nothing cached
@@ -98,7 +98,7 @@ class Estimate(NamedTuple):
     memory_mib: float  # at most
 
 
-def estimate(work: Work, machine: Machine) -> Estimate:
+def estimate(work: CostFactors, machine: Machine) -> CostEstimate:
     """The expected cost of `work` on `machine`."""
     ticks = (work.runs + work.golden_runs) * work.ticks
     if machine.engine == "cuda":
@@ -108,14 +108,14 @@ def estimate(work: Work, machine: Machine) -> Estimate:
         compute_s = ticks * tick_ns(work) * 1e-9 * slower * WIDTH / machine.width / machine.cores
     series = work.golden_runs * work.ticks * BYTES_SERIES * work.arms / 2**20
     plan = work.runs * (BYTES_RUN + BYTES_SLOT * work.slots) / 2**20
-    return Estimate(
+    return CostEstimate(
         start_s=START_S + TRACE_S + SITE_S * work.sites,
         run_s=compute_s + work.runs * NS_RUN * 1e-9 / machine.cores,
         memory_mib=MIB_BASE + MIB_SITE * work.sites + plan + min(series, MOST_SERIES_MIB),
     )
 
 
-def tick_ns(work: Work) -> float:
+def tick_ns(work: CostFactors) -> float:
     """ns of one core for a tick of one run."""
     shared = work.golden_runs * SHARED <= max(work.runs, SHARED) and not work.reacts
     ns = NS_ARM + NS_FURTHER_ARM * (work.arms - 1)

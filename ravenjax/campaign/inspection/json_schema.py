@@ -31,26 +31,26 @@ TABLE = "Parameters"
 
 def schema(robot: Robot) -> Schema:
     """JSON Schema of a campaign file of that robot."""
-    found = of_model(robot, config_class_of(robot), "ravenjax campaign")
-    _groups(found)
-    return found
+    whole = of_model(robot, config_class_of(robot), "ravenjax campaign")
+    _groups(whole)
+    return whole
 
 
 def of_model(robot: Robot, model: type[BaseModel], title: str) -> Schema:
     """JSON Schema of a file that a model checks, with the words that campaigns of a robot share."""
-    found = {"$schema": DIALECT, **model.model_json_schema(), "title": title}
-    definitions = found.setdefault("$defs", {})
-    for table in (found, *definitions.values()):
+    whole = {"$schema": DIALECT, **model.model_json_schema(), "title": title}
+    definitions = whole.setdefault("$defs", {})
+    for table in (whole, *definitions.values()):
         tidy(table)
-    known, ranges = _words(robot), config_class_of(robot).ranges()
+    vocabulary, ranges = _words(robot), config_class_of(robot).ranges()
     for name, table in definitions.items():
-        for key, words in known.get(name, {}).items():
+        for key, words in vocabulary.get(name, {}).items():
             table["properties"][key] = _among(table["properties"][key], words)
         for key, (low, high) in ranges.get(name, {}).items():
             _numbers(table["properties"][key], lambda node, a=low, b=high: node | {"minimum": a, "maximum": b})
     if "Fault" in definitions:
         _times(definitions["Fault"]["properties"])
-    for table in (found, *definitions.values()):
+    for table in (whole, *definitions.values()):
         for key in PATHS:
             if key in table.get("properties", ()):
                 text = table["properties"][key].get("description", "")
@@ -61,7 +61,7 @@ def of_model(robot: Robot, model: type[BaseModel], title: str) -> Schema:
         "ParameterPath": _path(any_path),
         "ParameterValue": TypeAdapter(Number).json_schema(),
     }
-    return found
+    return whole
 
 
 def _words(robot: Robot) -> dict[str, dict[str, Iterable[str]]]:

@@ -15,7 +15,7 @@ from ravenjax.campaign.faults import design, run_id
 from ravenjax.campaign.file import copies, loading, location, semantics
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Group
-from ravenjax.campaign.inspection.estimate import BASIS, Estimate, Machine, Work, estimate
+from ravenjax.campaign.inspection.estimate import BASIS, CostEstimate, CostFactors, Machine, estimate
 from ravenjax.errors import StoreError
 from ravenjax.store import manifest
 
@@ -61,7 +61,7 @@ class Preview(NamedTuple):
     engine: str
     device: str
     why: str  # why it is no faster engine, "" if there is none
-    cost: Estimate
+    cost: CostEstimate
     basis: str  # where the estimate comes from
     folder: Path
     state: str  # what the result folder holds
@@ -77,12 +77,12 @@ def preview(config: CampaignConfig, folder: Path, engine: str = "auto") -> Previ
     if ready is None:
         _require_parameters(config)
     rows = None if ready is None else ready.table
-    chosen = selection.select(engine, CAMPAIGN)
+    backend = selection.select(engine, CAMPAIGN)
     why = selection.fastest(CAMPAIGN)[1] if engine == "auto" else ""
-    machine = Machine(chosen.name, len(os.sched_getaffinity(0)), _width(chosen.device))
+    machine = Machine(backend.name, len(os.sched_getaffinity(0)), _width(backend.device))
     golden_runs = None if ready is None else len(np.unique(ready.twin[:due]))
     sites = {fault.site for group in config.group for fault in group.fault}
-    work = Work(
+    work = CostFactors(
         runs=due,
         ticks=config.campaign.ticks,
         golden_runs=(due if config.campaign.noise else 1) if golden_runs is None else golden_runs,
@@ -106,8 +106,8 @@ def preview(config: CampaignConfig, folder: Path, engine: str = "auto") -> Previ
         copies=0 if rows is None else _copies(config, rows),
         sample=pd.DataFrame() if rows is None else _sample(rows),
         notices=tuple(_notices(config)),
-        engine=chosen.name,
-        device=chosen.device,
+        engine=backend.name,
+        device=backend.device,
         why=why,
         cost=cost,
         basis=basis,
@@ -141,16 +141,16 @@ def _sites(config: CampaignConfig, rows: pd.DataFrame) -> pd.DataFrame:
 
 def _faults(config: CampaignConfig, rows: pd.DataFrame) -> Iterator[FaultRow]:
     """By the robot's order of sites; a run that is struck twice in the same way counts once."""
-    struck: dict[tuple[str, str], np.ndarray] = {}
+    hits: dict[tuple[str, str], np.ndarray] = {}
     for slot in range(config.slots):
         site, effect = rows[f"fault{slot}_site"].astype(str), rows[f"fault{slot}_effect"].astype(str)
         for pair in set(zip(site, effect, strict=True)) - {("", "")}:
             hit = ((site == pair[0]) & (effect == pair[1])).to_numpy()
-            struck[pair] = struck.get(pair, np.zeros(len(rows), bool)) | hit
+            hits[pair] = hits.get(pair, np.zeros(len(rows), bool)) | hit
     sites = config.robot.sites
     order = list(sites)
-    for site, effect in sorted(struck, key=lambda pair: (order.index(pair[0]), pair[1])):
-        yield FaultRow(site, sites[site].layer, effect, int(struck[site, effect].sum()))
+    for site, effect in sorted(hits, key=lambda pair: (order.index(pair[0]), pair[1])):
+        yield FaultRow(site, sites[site].layer, effect, int(hits[site, effect].sum()))
 
 
 def _inputs(rows: pd.DataFrame) -> list[str]:
@@ -178,7 +178,7 @@ def _notices(config: CampaignConfig) -> Iterator[str]:
         yield f"{location.dotted(key)}: {message}"
 
 
-def _expected(work: Work, machine: Machine, name: str, folder: Path) -> tuple[Estimate, str]:
+def _expected(work: CostFactors, machine: Machine, name: str, folder: Path) -> tuple[CostEstimate, str]:
     """What it will cost, by what the folder's last start measured where it holds a part of such a campaign."""
     cost, record = estimate(work, machine), _record(folder)
     alike = record is not None and (record.campaign, record.engine, record.duration_ms) == (

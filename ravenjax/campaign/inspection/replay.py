@@ -43,9 +43,9 @@ class Replayer:
         self._plan = plan.make(config)
         self._ids = self._plan.table["run_id"].to_numpy()
         program = self._plan.program
-        chosen = selection.select(engine, program.setup.precision, compile_cache.objects())
-        self.engine = f"{chosen.name} on {chosen.device}"
-        self._tracer = chosen.tracer(program, LANES)
+        backend = selection.select(engine, program.setup.precision, compile_cache.objects())
+        self.engine = f"{backend.name} on {backend.device}"
+        self._tracer = backend.tracer(program, LANES)
         self._robot = config.robot.part("campaign")
         self._bases = self._robot.bases(program.setup) if hasattr(self._robot, "bases") else {}
 

@@ -26,7 +26,7 @@ from ravenjax.engines.interface import Engine
 from ravenjax.errors import StoreError, UserError
 from ravenjax.store import manifest, schema
 from ravenjax.store.access import checking
-from ravenjax.store.access.checking import Check
+from ravenjax.store.access.checking import FolderCheck
 from ravenjax.store.folder import PARTS
 from ravenjax.store.manifest import Manifest
 from ravenjax.store.parts import Part
@@ -35,7 +35,7 @@ SAMPLE = 64
 """Runs that are made again where nobody names a number."""
 
 
-class Column(NamedTuple):
+class ColumnAgreement(NamedTuple):
     """How a column of runs made again agrees with the folder."""
 
     name: str
@@ -50,10 +50,10 @@ class Rerun(NamedTuple):
     other: list[str]  # what is not as it was when the folder was computed: differences do not show an error then
     rows: np.ndarray  # indices, ascending
     verdicts: int  # rows with the same verdict
-    columns: list[Column]  # every column of the table
+    columns: list[ColumnAgreement]  # every column of the table
 
     @property
-    def differing(self) -> list[Column]:
+    def differing(self) -> list[ColumnAgreement]:
         """Columns that are not equal in every row, those that differ in most rows first."""
         return sorted((one for one in self.columns if one.equal < len(self.rows)), key=lambda one: one.equal)
 
@@ -61,7 +61,7 @@ class Rerun(NamedTuple):
 class Verification(NamedTuple):
     """What was checked."""
 
-    checks: list[Check]
+    checks: list[FolderCheck]
     rerun: Rerun | None  # None: no run was asked for, or none could be made
 
     @property
@@ -93,7 +93,9 @@ def verify(
     try:
         ready = plan.make(validated(record.config))
     except ValueError as error:  # UserError, and pydantic's: a config that this version does not read
-        return Verification([*checks, Check("campaign", "the manifest's campaign, expanded again", [str(error)])], None)
+        return Verification(
+            [*checks, FolderCheck("campaign", "the manifest's campaign, expanded again", [str(error)])], None
+        )
     checks.append(_campaign(folder, record, ready, whole))
     if not sample or not checks[-1].fine or not whole:
         return Verification(checks, None)
@@ -101,23 +103,25 @@ def verify(
     return Verification([*checks, _check(rerun, ready)], rerun)
 
 
-def _campaign(folder: Path, record: Manifest, ready: Plan, whole: Sequence[Part]) -> Check:
+def _campaign(folder: Path, record: Manifest, ready: Plan, whole: Sequence[Part]) -> FolderCheck:
     """That the campaign of the manifest, expanded again, has the hash and the run ids that the folder has."""
     ids = ready.table["run_id"].to_numpy()
-    told = []
+    complaints = []
     if ready.runs != record.runs:
-        told.append(f"the campaign expands to {ready.runs} runs, the manifest says {record.runs}")
+        complaints.append(f"the campaign expands to {ready.runs} runs, the manifest says {record.runs}")
     elif manifest.config_hash({"config": record.config, "runs": run_id.digest(ids)}) != record.config_hash:
-        told.append(f"{manifest.FILE}: config_hash is not that of its config and of the runs that it expands to")
+        complaints.append(f"{manifest.FILE}: config_hash is not that of its config and of the runs that it expands to")
     else:
         for part in whole:
             stored = pq.read_table(folder / PARTS / part.file, columns=["run_id"]).column(0).to_pylist()
             if stored != run_id.text(ids[part.first : part.last + 1]).to_pylist():
-                told.append(
+                complaints.append(
                     f"{part.file}: its run ids are not those of the campaign's rows {part.first} to {part.last}"
                 )
     rows = sum(len(part.rows) for part in whole)
-    return Check("campaign", f"expanded again, {rows:,} run ids and the config hash compared", told[: checking.MOST])
+    return FolderCheck(
+        "campaign", f"expanded again, {rows:,} run ids and the config hash compared", complaints[: checking.MOST]
+    )
 
 
 def _drawn(whole: Sequence[Part], sample: int, seed: int) -> np.ndarray:
@@ -134,12 +138,12 @@ def _again(
 ) -> Rerun:
     if engine == "auto" and record.engine != "cuda":
         engine = record.engine
-    chosen = selection.select(engine, ready.program.setup.precision, compile_cache.objects())
-    new = schema.conform(compute(ready, chosen, rows, on_progress), record.shape)
-    kept = stored(folder, record, rows)
-    columns = [_column(name, kept.column(name), new.column(name)) for name in kept.column_names]
+    backend = selection.select(engine, ready.program.setup.precision, compile_cache.objects())
+    new = schema.conform(compute(ready, backend, rows, on_progress), record.shape)
+    old = stored(folder, record, rows)
+    columns = [_column(name, old.column(name), new.column(name)) for name in old.column_names]
     equal = {one.name: one.equal for one in columns}
-    return Rerun(f"{chosen.name} on {chosen.device}", _other(record, ready, chosen), rows, equal["verdict"], columns)
+    return Rerun(f"{backend.name} on {backend.device}", _other(record, ready, backend), rows, equal["verdict"], columns)
 
 
 def compute(ready: Plan, engine: Engine, rows: np.ndarray, on_progress: OnProgress | None = None) -> dict[str, Any]:
@@ -150,21 +154,21 @@ def compute(ready: Plan, engine: Engine, rows: np.ndarray, on_progress: OnProgre
     computation.compile()
     blocks = list(computation.blocks([range(row, row + 1) for row in rows.tolist()]))
     progress.tell("done")
-    found, twins = (
+    columns, twins = (
         {name: np.concatenate([block[table][name] for block in blocks]) for name in blocks[0][table]}
         for table in (0, 1)
     )
-    return outcomes.columns(ready.config, ready.table.iloc[rows], found, twins)
+    return outcomes.columns(ready.config, ready.table.iloc[rows], columns, twins)
 
 
 def stored(folder: Path, record: Manifest, rows: np.ndarray) -> pa.Table:
     """These rows (ascending) as the folder's parts hold them."""
-    found = []
+    tables = []
     for part in sorted(record.parts, key=lambda one: one.first):
         mine = rows[(rows >= part.first) & (rows <= part.last)]
         if len(mine):
-            found.append(pq.read_table(folder / PARTS / part.file).take(mine - part.first))
-    return pa.concat_tables(found).unify_dictionaries()
+            tables.append(pq.read_table(folder / PARTS / part.file).take(mine - part.first))
+    return pa.concat_tables(tables).unify_dictionaries()
 
 
 def _other(record: Manifest, ready: Plan, engine: Engine) -> list[str]:
@@ -182,24 +186,24 @@ def _other(record: Manifest, ready: Plan, engine: Engine) -> list[str]:
     ]
 
 
-def _column(name: str, kept: pa.ChunkedArray, new: pa.ChunkedArray) -> Column:
+def _column(name: str, kept: pa.ChunkedArray, new: pa.ChunkedArray) -> ColumnAgreement:
     if pa.types.is_dictionary(kept.type) or pa.types.is_string(kept.type):
         same = np.array(kept.to_pylist(), object) == np.array(new.to_pylist(), object)
-        return Column(name, int(same.sum()), np.nan)
+        return ColumnAgreement(name, int(same.sum()), np.nan)
     one, other = kept.to_numpy(), new.to_numpy()
     same = (one == other) | ((one != one) & (other != other))
     if one.dtype.kind == "f":
         same &= (np.signbit(one) == np.signbit(other)) | (one != one)
     apart = np.abs(one[~same].astype(float) - other[~same].astype(float))
-    return Column(name, int(same.sum()), float(apart.max()) if len(apart) else 0.0)
+    return ColumnAgreement(name, int(same.sum()), float(apart.max()) if len(apart) else 0.0)
 
 
-def _check(rerun: Rerun, ready: Plan) -> Check:
+def _check(rerun: Rerun, ready: Plan) -> FolderCheck:
     """What of a rerun is wrong: any difference where nothing else differs, of the inputs always."""
     inputs = set(ready.table.columns)
-    wrong = [one for one in rerun.differing if not rerun.other or one.name in inputs]
-    told = [f"{one.name}: differs in {len(rerun.rows) - one.equal} of {len(rerun.rows)} rows" for one in wrong]
-    more = [f"and {len(told) - checking.MOST} more columns"] if len(told) > checking.MOST else []
+    unequal = [one for one in rerun.differing if not rerun.other or one.name in inputs]
+    complaints = [f"{one.name}: differs in {len(rerun.rows) - one.equal} of {len(rerun.rows)} rows" for one in unequal]
+    more = [f"and {len(complaints) - checking.MOST} more columns"] if len(complaints) > checking.MOST else []
     n = len(rerun.rows)
     equal = len(rerun.columns) - len(rerun.differing)
     looked_at = (
@@ -208,4 +212,4 @@ def _check(rerun: Rerun, ready: Plan) -> Check:
     )
     if rerun.other:
         looked_at += f" ({'; '.join(rerun.other)}, so numbers may differ)"
-    return Check("runs made again", looked_at, told[: checking.MOST] + more)
+    return FolderCheck("runs made again", looked_at, complaints[: checking.MOST] + more)

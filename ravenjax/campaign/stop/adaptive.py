@@ -52,20 +52,20 @@ def run(
     rule, draws = strata.rule(config), strata.draws(config)
     marks = Marks(draws[-1].range(draws[-1].number).stop, rule.rates, config.rules)
     looks: list[Look] = []
-    found: list[Results] = []
-    taken, before = rule.first(), np.zeros(len(draws), np.int64)
+    results: list[Results] = []
+    counts, before = rule.first(), np.zeros(len(draws), np.int64)
     while True:
-        rows = _rows(draws, before, taken)
+        rows = _rows(draws, before, counts)
         if not marks.cover(rows):
-            found.append(compute(rows=rows))
-            marks.take(found[-1])
-        k, n = marks.counts(draws, taken)
-        looks.append(rule.look(len(looks) + 1, taken, k, n))
+            results.append(compute(rows=rows))
+            marks.take(results[-1])
+        k, n = marks.counts(draws, counts)
+        looks.append(rule.look(len(looks) + 1, counts, k, n))
         if out is not None:
             decisions.write(out, looks)
         if looks[-1].stop:
-            return found[-1] if out is not None else _joined(found)
-        before, taken = taken, rule.following(looks[-1], k, n)
+            return results[-1] if out is not None else _joined(results)
+        before, counts = counts, rule.following(looks[-1], k, n)
 
 
 def _rows(draws: Sequence[Draws], before: np.ndarray, taken: np.ndarray) -> list[range]:

@@ -45,9 +45,9 @@ class Marks:
         for g, (of, number) in enumerate(zip(draws, taken.tolist(), strict=True)):
             rows = of.range(number)
             valid = self.valid[rows.start : rows.stop].reshape(number, of.rows)
-            told = np.flatnonzero(valid.any(axis=1))
-            first = rows.start + told * of.rows + valid[told].argmax(axis=1)
-            k[:, g], n[g] = self.cases[:, first].sum(axis=1), len(told)
+            valid_draws = np.flatnonzero(valid.any(axis=1))
+            first = rows.start + valid_draws * of.rows + valid[valid_draws].argmax(axis=1)
+            k[:, g], n[g] = self.cases[:, first].sum(axis=1), len(valid_draws)
         return k, n
 
     def _new(self, folder: Path) -> Iterator[pa.Table]:

@@ -23,13 +23,13 @@ class Draws(NamedTuple):
 
 def draws(config: CampaignConfig) -> tuple[Draws, ...]:
     """Of each group in the order of the table."""
-    found, first = [], 0
+    result, first = [], 0
     for group in config.group:
         rows = design.count(config.model_copy(update={"group": (group,)}))
         each = sampled_order.rows_of_a_draw(config, group)
-        found.append(Draws(first, rows // each, each))
+        result.append(Draws(first, rows // each, each))
         first += rows
-    return tuple(found)
+    return tuple(result)
 
 
 def rule(config: CampaignConfig) -> Sequential:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.kernel import FUNCTIONS, print_kernel
-from ravenjax.engines.cpu.memory import Layout
+from ravenjax.engines.cpu.memory import BufferLayout
 from ravenjax.engines.interface import Progress
 from ravenjax.engines.lanes import Lanes
 from ravenjax.ir.time_loop import TimeLoop, split
@@ -44,25 +44,25 @@ class VectorCode:
         vectors = len(lanes.inputs[0]) // width if lanes.inputs else 1
         inputs = packed(kernel.inputs, lanes.inputs, vectors)
         group_inputs = packed(kernel.group_inputs, [column[:1] for column in lanes.inputs], 1)
-        state, held = buffer(vectors, kernel.state.bytes), buffer(vectors, kernel.held.bytes)
+        state, prologue = buffer(vectors, kernel.state.bytes), buffer(vectors, kernel.prologue.bytes)
         group_state, results = buffer(1, kernel.group_state.bytes), buffer(vectors, kernel.results.bytes)
         rows = buffer(min(CHUNK, ticks), kernel.row.bytes)
-        given, tables = lanes.given, lanes.tables.ctypes.data
-        stride = given.strides[0] if len(given) > 1 else 0
+        tick_inputs, tables = lanes.tick_inputs, lanes.tables.ctypes.data
+        stride = tick_inputs.strides[0] if len(tick_inputs) > 1 else 0
         spare = np.empty((1, self.outputs, width * _SLOT), np.uint8)
         out = spare if lanes.out is None else lanes.out
         out_stride = out.strides[0] if len(out) > 1 else 0
 
         self._call.shared_begin(at(group_inputs), at(group_state))
         for v in range(vectors):
-            self._call.lane_begin(at(inputs, v), at(state, v), at(held, v))
+            self._call.lane_begin(at(inputs, v), at(state, v), at(prologue, v))
         for first in range(0, ticks, CHUNK):
             count = min(CHUNK, ticks - first)
-            entering = (given.ctypes.data + first * stride, stride, given.strides[1])
+            entering = (tick_inputs.ctypes.data + first * stride, stride, tick_inputs.strides[1])
             self._call.shared_run(at(group_inputs), at(group_state), tables, *entering, at(rows), first, count)
             for v in range(vectors):
-                mine = at(inputs, v), at(held, v), at(state, v), tables
-                here = entering[0] + (v * width * given.itemsize if given.ndim == 3 else 0)
+                mine = at(inputs, v), at(prologue, v), at(state, v), tables
+                here = entering[0] + (v * width * tick_inputs.itemsize if tick_inputs.ndim == 3 else 0)
                 leaving = out.ctypes.data + first * out_stride + (0 if out is spare else v * width * out.itemsize)
                 self._call.lane_run(*mine, here, *entering[1:], at(rows), leaving, out_stride, out.strides[1], count)
             if progress is not None:
@@ -110,20 +110,20 @@ def _stored(dtype: str) -> np.dtype:
     return np.dtype(np.int32 if dtype == "bool" else dtype)
 
 
-def packed(layout: Layout, columns: Sequence[np.ndarray], vectors: int) -> np.ndarray:
+def packed(layout: BufferLayout, columns: Sequence[np.ndarray], vectors: int) -> np.ndarray:
     """Columns as the kernel reads them: bytes [vectors, ..]."""
-    found = buffer(vectors, layout.bytes)
+    data = buffer(vectors, layout.bytes)
     for dtype, offset, column in zip(layout.types, layout.offsets, columns, strict=True):
         stored = np.ascontiguousarray(column.reshape(vectors, layout.width).astype(_stored(dtype)))
-        found[:, offset : offset + stored.shape[1] * stored.itemsize] = stored.view(np.uint8)
-    return found
+        data[:, offset : offset + stored.shape[1] * stored.itemsize] = stored.view(np.uint8)
+    return data
 
 
-def _unpacked(layout: Layout, buffer: np.ndarray) -> list[np.ndarray]:
+def _unpacked(layout: BufferLayout, buffer: np.ndarray) -> list[np.ndarray]:
     """Numbers that the kernel wrote, each [lanes]."""
-    found = []
+    columns = []
     for dtype, offset in zip(layout.types, layout.offsets, strict=True):
         stored = _stored(dtype)
         part = np.ascontiguousarray(buffer[:, offset : offset + layout.width * stored.itemsize])
-        found.append(part.view(stored).reshape(-1).astype(dtype))
-    return found
+        columns.append(part.view(stored).reshape(-1).astype(dtype))
+    return columns

@@ -16,7 +16,7 @@ import numpy as np
 from ravenjax.engines import traced
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.code import VectorCode
-from ravenjax.engines.interface import Block, Progress, Result, TickProgram, Tracer
+from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram, Tracer
 from ravenjax.engines.lanes import Lanes
 
 MAX_LANES = 256
@@ -44,11 +44,11 @@ class SimdKernel:
         """Trace and compile for blocks and motions like these."""
         self._code(block, motion, self._plan(traced.inputs(self.program, block)).grouped)
 
-    def run(self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None) -> Result:
+    def run(self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None) -> BlockResult:
         """See `interface.Kernel`. Lanes with equal inputs are computed once."""
         return self._run(block, motion, progress)[0]
 
-    def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[Result, Any]:
+    def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[BlockResult, Any]:
         """As `run`, and every signal of the first lane, each leaf [ticks]."""
         result, out = self._run(block, motion, None)
         assert self._forms is not None
@@ -56,7 +56,7 @@ class SimdKernel:
 
     def _run(
         self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None
-    ) -> tuple[Result, np.ndarray]:
+    ) -> tuple[BlockResult, np.ndarray]:
         inputs = traced.inputs(self.program, block)
         plan = self._plan(inputs)
         code = self._code(block, motion, plan.grouped)
@@ -65,25 +65,29 @@ class SimdKernel:
         series = own.series
         tables = np.concatenate([np.ascontiguousarray(column) for column in motion])
         keep = self.signals or block.reference is None
-        kept = np.zeros((ticks if keep else 0, code.outputs, lanes), np.uint64 if self.signals else self._dtype)
+        record = np.zeros((ticks if keep else 0, code.outputs, lanes), np.uint64 if self.signals else self._dtype)
         outcomes: list[np.ndarray] = []
         for part in plan.parts:
-            chosen = plan.first[part[np.minimum(np.arange(-(-len(part) // self.width) * self.width), len(part) - 1)]]
-            out = np.zeros((ticks, code.outputs, len(chosen)), kept.dtype) if keep else None
-            given = _given(block, chosen, code.grouped, series, self._dtype)
-            found = code.run(Lanes([column[chosen] for column in inputs], given, tables, out), ticks, progress)
-            outcomes = outcomes or [np.zeros(lanes, column.dtype) for column in found]
+            lanes_of_part = plan.first[
+                part[np.minimum(np.arange(-(-len(part) // self.width) * self.width), len(part) - 1)]
+            ]
+            out = np.zeros((ticks, code.outputs, len(lanes_of_part)), record.dtype) if keep else None
+            tick_inputs = _given(block, lanes_of_part, code.grouped, series, self._dtype)
+            columns = code.run(
+                Lanes([column[lanes_of_part] for column in inputs], tick_inputs, tables, out), ticks, progress
+            )
+            outcomes = outcomes or [np.zeros(lanes, column.dtype) for column in columns]
             mine = np.flatnonzero(np.isin(plan.place, part))
             at = np.searchsorted(part, plan.place[mine])
-            for column, values in zip(outcomes, found, strict=True):
+            for column, values in zip(outcomes, columns, strict=True):
                 column[mine] = values[at]
             if out is not None:
-                kept[:, :, mine] = out[:, :, at]
+                record[:, :, mine] = out[:, :, at]
         named = dict(zip(own.outcomes, outcomes, strict=True))
-        reference = kept[:, :series]
+        reference = record[:, :series]
         if self.signals:
             reference = np.ascontiguousarray(reference).view(self._dtype)[:, :, :: 8 // self._dtype.itemsize]
-        return Result(named, reference), kept
+        return BlockResult(named, reference), record
 
     def _plan(self, inputs: list[np.ndarray]) -> _Plan:
         # Runs without faults of their own and without varied parameters are all alike.

@@ -88,5 +88,7 @@ def compile(text: str, names: Sequence[str], objects: Objects | None = None) -> 
 
 
 def _machine(target: Host) -> Any:
-    found = llvm.Target.from_default_triple()
-    return found.create_target_machine(target.cpu, target.text, _OPTIMISATION, reloc="pic", codemodel="small", jit=True)
+    llvm_target = llvm.Target.from_default_triple()
+    return llvm_target.create_target_machine(
+        target.cpu, target.text, _OPTIMISATION, reloc="pic", codemodel="small", jit=True
+    )

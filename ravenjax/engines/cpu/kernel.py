@@ -14,7 +14,7 @@ from __future__ import annotations
 import dataclasses
 
 from ravenjax.engines.cpu.llvm import LlvmPrinter
-from ravenjax.engines.cpu.memory import Layout, Place
+from ravenjax.engines.cpu.memory import BufferLayout, Place
 from ravenjax.engines.cpu.schedule import schedule
 from ravenjax.ir.program import Program
 from ravenjax.ir.regions import arrange
@@ -28,13 +28,13 @@ class VectorKernel:
     """The module's text and its buffers."""
 
     text: str
-    inputs: Layout  # all inputs, of lanes
-    group_inputs: Layout  # all inputs, of a group
-    state: Layout
-    group_state: Layout
-    held: Layout
-    row: Layout
-    results: Layout
+    inputs: BufferLayout  # all inputs, of lanes
+    group_inputs: BufferLayout  # all inputs, of a group
+    state: BufferLayout
+    group_state: BufferLayout
+    prologue: BufferLayout
+    row: BufferLayout
+    results: BufferLayout
 
 
 def print_kernel(split: Split, width: int, features: frozenset[str]) -> VectorKernel:
@@ -53,11 +53,11 @@ class _LlvmModule:
         def typed(numbers: tuple[int, ...]) -> tuple[str, ...]:
             return tuple(self.step.operations[i].dtype for i in numbers)
 
-        self.inputs, self.group_inputs = Layout(self.begin.inputs, width), Layout(self.begin.inputs, 1)
-        self.state = Layout(tuple(types[k] for k in self.lane_state), width)
-        self.group_state = Layout(tuple(types[k] for k in split.shared_state), 1)
-        self.held, self.row = Layout(typed(split.kept), width), Layout(typed(split.row), 1)
-        self.results = Layout(tuple(self.finish.operations[i].dtype for i in self.finish.outputs), width)
+        self.inputs, self.group_inputs = BufferLayout(self.begin.inputs, width), BufferLayout(self.begin.inputs, 1)
+        self.state = BufferLayout(tuple(types[k] for k in self.lane_state), width)
+        self.group_state = BufferLayout(tuple(types[k] for k in split.shared_state), 1)
+        self.prologue, self.row = BufferLayout(typed(split.prologue_results), width), BufferLayout(typed(split.row), 1)
+        self.results = BufferLayout(tuple(self.finish.operations[i].dtype for i in self.finish.outputs), width)
         self.declared: set[str] = set()
         self.functions: list[str] = []
 
@@ -72,7 +72,7 @@ class _LlvmModule:
         weights = '!0 = !{!"branch_weights", i32 1, i32 2000}'
         text = "\n".join([*self.functions, *sorted(self.declared), attributes, weights])
         return VectorKernel(
-            text, self.inputs, self.group_inputs, self.state, self.group_state, self.held, self.row, self.results
+            text, self.inputs, self.group_inputs, self.state, self.group_state, self.prologue, self.row, self.results
         )
 
     # --- where inputs stand ---
@@ -88,10 +88,10 @@ class _LlvmModule:
 
     def _state(self, pointer: str, group: str = "") -> dict[int, Place]:
         """Places of the lanes' state, and of their group's if it is at hand."""
-        found = dict(zip(self.lane_state, self.state.places(pointer), strict=True))
+        places = dict(zip(self.lane_state, self.state.places(pointer), strict=True))
         if group:
-            found |= dict(zip(self.split.shared_state, self.group_state.places(group, splat=True), strict=True))
-        return found
+            places |= dict(zip(self.split.shared_state, self.group_state.places(group, splat=True), strict=True))
+        return places
 
     def _group(self, pointer: str) -> dict[int, Place]:
         return dict(zip(self.split.shared_state, self.group_state.places(pointer), strict=True))
@@ -128,11 +128,11 @@ class _LlvmModule:
         split, step = self.split, self.step
         state = self._group("%state")
         sources = self._sources(step, self.group_inputs.places("%inputs"), state)
-        given = self._of_this_tick(printer, sources, shared=True)
+        tick_values = self._of_this_tick(printer, sources, shared=True)
         results = [(step.outputs[k], place) for k, place in state.items()]
         results += list(zip(split.row, self.row.places("%row"), strict=True))
         order = arrange(step.operations, split.shared, [i for i, _ in results])
-        printer.run(step, order, sources, results, "%tables", given)
+        printer.run(step, order, sources, results, "%tables", tick_values)
         parameters = (
             "ptr noalias %inputs, ptr noalias %state, ptr noalias %tables, ptr noalias %in0, i64 %in_stride, "
             "i64 %in_step, ptr noalias %row0, i32 %first"
@@ -142,18 +142,18 @@ class _LlvmModule:
     def _of_this_tick(self, printer: LlvmPrinter, sources: dict[int, Place], shared: bool) -> dict[int, str]:
         """Adds the sources of what enters a tick; returns the tick's number, which is a value."""
         first = self.split.loop.lane_inputs + self.split.loop.states
-        given: dict[int, str] = {}
+        tick_values: dict[int, str] = {}
         for i, op in enumerate(self.step.operations):
             if op.name != "input" or op.detail < first:
                 continue
             if op.detail == first:
                 if shared:
                     now = printer.op("trunc i64 %tick to i32")
-                    given[i] = printer.op(f"add i32 %first, {now}")
+                    tick_values[i] = printer.op(f"add i32 %first, {now}")
                 continue
             offset = printer.op(f"mul i64 %in_step, {op.detail - first - 1}")
             sources[i] = Place(printer.op(f"getelementptr i8, ptr %in, i64 {offset}"))
-        return given
+        return tick_values
 
     def _lane_begin(self) -> None:
         printer = LlvmPrinter(self.width, self.features)
@@ -163,8 +163,8 @@ class _LlvmModule:
         results = [(self.begin.outputs[k], place) for k, place in state.items()]
         printer.run(self.begin, self.begin.needed(i for i, _ in results), sources, results)
         sources = self._sources(self.step, inputs, state)
-        kept = list(zip(self.split.kept, self.held.places("%held"), strict=True))
-        printer.run(self.step, self.split.held, sources, kept)
+        results_read = list(zip(self.split.prologue_results, self.prologue.places("%held"), strict=True))
+        printer.run(self.step, self.split.prologue, sources, results_read)
         self._function("lane_begin", "ptr noalias %inputs, ptr noalias %state, ptr noalias %held", printer)
 
     def _lane_run(self) -> None:
@@ -173,7 +173,7 @@ class _LlvmModule:
         state = self._state("%state")
         sources = self._sources(step, self.inputs.places("%inputs"), state)
         self._of_this_tick(printer, sources, shared=False)
-        sources |= dict(zip(split.kept, self.held.places("%held"), strict=True))
+        sources |= dict(zip(split.prologue_results, self.prologue.places("%held"), strict=True))
         sources |= dict(zip(split.row, self.row.places("%row", splat=True), strict=True))
         results = [(step.outputs[k], state[k]) for k in split.lane_state]
         for k, i in enumerate(step.outputs[split.loop.states :]):

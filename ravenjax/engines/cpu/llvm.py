@@ -64,12 +64,12 @@ class LlvmPrinter(Printing[Place]):
     def _end_region(self, begun: tuple[str, str, list[str]], results: list[str]) -> list[str]:
         outer, after, types = begun
         self.lines += [f"br label %{after}", f"{after}:"]
-        found = [
+        values = [
             self.op(f"phi {self.type(dtype)} [ {x}, %{self.block} ], [ {self._constant(dtype, 0)}, %{outer} ]")
             for dtype, x in zip(types, results, strict=True)
         ]
         self.block = after
-        return found
+        return values
 
     # --- text ---
 
@@ -118,12 +118,12 @@ class LlvmPrinter(Printing[Place]):
             one = self.op(f"load {scalar}, ptr {address}, align {size(dtype)}")
             start = self.op(f"insertelement {self._wide(scalar)} poison, {scalar} {one}, i64 0")
             order = f"<{self.width} x i32> zeroinitializer"
-            found = self.op(f"shufflevector {self._wide(scalar)} {start}, {self._wide(scalar)} poison, {order}")
+            value = self.op(f"shufflevector {self._wide(scalar)} {start}, {self._wide(scalar)} poison, {order}")
         else:
-            found = self.op(f"load {self._wide(scalar)}, ptr {address}, align {size(dtype)}")
+            value = self.op(f"load {self._wide(scalar)}, ptr {address}, align {size(dtype)}")
         if dtype != "bool":
-            return found
-        return self.op(f"icmp ne {self._wide('i32')} {found}, {self._constant('int32', 0)}")
+            return value
+        return self.op(f"icmp ne {self._wide('i32')} {value}, {self._constant('int32', 0)}")
 
     def _store(self, dtype: str, value: str, place: Place) -> None:
         """Write a number to a place."""
@@ -170,8 +170,8 @@ class LlvmPrinter(Printing[Place]):
             case "abs":
                 return self.call(wide, f"llvm.abs.{self._suffix(dtype)}", (wide, x[0]), ("i1", "false"))
             case "max" | "min" if real:
-                found = self.op(f"fcmp {'ogt' if name == 'max' else 'olt'} {wide} {x[0]}, {x[1]}")
-                best = self.op(f"select {self.type('bool')} {found}, {self.pair(dtype, x)}")
+                condition = self.op(f"fcmp {'ogt' if name == 'max' else 'olt'} {wide} {x[0]}, {x[1]}")
+                best = self.op(f"select {self.type('bool')} {condition}, {self.pair(dtype, x)}")
                 if constants[0]:
                     return best
                 unknown = self.op(f"fcmp uno {wide} {x[0]}, {x[0]}")
@@ -206,8 +206,8 @@ class LlvmPrinter(Printing[Place]):
         if constant:  # inside the width, or `simplify` would have taken it
             return self.op(f"{_SHIFTED[name]} {wide} {x[0]}, {by}")
         inside = self.op(f"icmp ult {wide} {by}, {self._constant(dtype, bits)}")
-        kept = self.op(f"and {wide} {by}, {self._constant(dtype, bits - 1)}")
-        moved = self.op(f"{_SHIFTED[name]} {wide} {x[0]}, {kept}")
+        amount = self.op(f"and {wide} {by}, {self._constant(dtype, bits - 1)}")
+        moved = self.op(f"{_SHIFTED[name]} {wide} {x[0]}, {amount}")
         return self.op(f"select {self.type('bool')} {inside}, {self.pair(dtype, [moved, self._constant(dtype, 0)])}")
 
     def _divided(self, name: str, dtype: str, x: list[str]) -> str:
@@ -236,9 +236,9 @@ class LlvmPrinter(Printing[Place]):
             (f"oge {before} {x}, {self._constant(source, 2147483648.0)}", 2**31 - 1),
             (f"uno {before} {x}, {x}", 0),
         ):
-            found = self.op(f"fcmp {condition}")
+            outside = self.op(f"fcmp {condition}")
             best = self.op(
-                f"select {self.type('bool')} {found}, {self.pair(dtype, [self._constant(dtype, value), best])}"
+                f"select {self.type('bool')} {outside}, {self.pair(dtype, [self._constant(dtype, value), best])}"
             )
         return best
 
@@ -266,10 +266,10 @@ class LlvmPrinter(Printing[Place]):
         at = self.op(f"getelementptr {scalar}, ptr {start}, {self.type('int32')} {index}")
         if self.width == 1:
             return self.op(f"load {scalar}, ptr {at}, align {size(dtype)}")
-        found = self._constant(dtype, 0)
+        value = self._constant(dtype, 0)
         vector = self._wide(scalar)
         for lane in range(self.width):  # rare, and every CPU has it
             one = self.op(f"extractelement <{self.width} x ptr> {at}, i64 {lane}")
             loaded = self.op(f"load {scalar}, ptr {one}, align {size(dtype)}")
-            found = self.op(f"insertelement {vector} {found}, {scalar} {loaded}, i64 {lane}")
-        return found
+            value = self.op(f"insertelement {vector} {value}, {scalar} {loaded}, i64 {lane}")
+        return value

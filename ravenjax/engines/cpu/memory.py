@@ -17,7 +17,7 @@ class Place:
 
 
 @dataclasses.dataclass(frozen=True)
-class Layout:
+class BufferLayout:
     """Where numbers of these types stand in a buffer of one number a lane, one after the other."""
 
     types: tuple[str, ...]

@@ -59,12 +59,12 @@ def _straight(operations: Sequence[Operation], order: Sequence[int], window: int
     due: dict[int, int] = {}  # when the result of a placed operation is there
     waiting: list[int] = []  # the window, in order
     placed: list[int] = []
-    now = taken = 0
+    now = next_place = 0
     while len(placed) < len(order):
-        if len(waiting) < window and taken < len(order):
-            more = order[taken : taken + window - len(waiting)]
+        if len(waiting) < window and next_place < len(order):
+            more = order[next_place : next_place + window - len(waiting)]
             waiting.extend(more)
-            taken += len(more)
+            next_place += len(more)
         best, best_time = 0, None
         for k, i in enumerate(waiting):
             ready = _ready(operations[i].operands, here, due)

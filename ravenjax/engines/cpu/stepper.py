@@ -20,7 +20,7 @@ import numpy as np
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.code import at, bound, buffer, packed
 from ravenjax.engines.cpu.kernel import FUNCTIONS, print_kernel
-from ravenjax.engines.cpu.memory import Layout
+from ravenjax.engines.cpu.memory import BufferLayout
 from ravenjax.ir import lowering
 from ravenjax.ir.builder import contract
 from ravenjax.ir.time_loop import TimeLoop, split
@@ -71,12 +71,12 @@ class StepCode:
         middle, (_, out) = jax.make_jaxpr(step, return_shape=True)(
             inputs, state, number((), np.int32), entering, columns
         )
-        last, found = jax.make_jaxpr(finish, return_shape=True)(inputs, state)
+        last, outcomes = jax.make_jaxpr(finish, return_shape=True)(inputs, state)
         self.input_types = [np.dtype(leaf.dtype) for leaf in jax.tree.leaves(inputs)]
         self.entering_types = [np.dtype(leaf.dtype) for leaf in jax.tree.leaves(entering)]
         self.tables = tuple(tables)
         self.state = state  # shapes of the state's record
-        self.names = tuple(sorted(found))
+        self.names = tuple(sorted(outcomes))
         self.outputs = len(jax.tree.leaves(out))
         if any(leaf.dtype != np.float32 for leaf in jax.tree.leaves(out)):
             raise TypeError("what goes out of a tick is float32")
@@ -93,7 +93,7 @@ class StepCode:
     def state_places(self) -> dict[int, tuple[bool, int, int]]:
         """Of each number of the state that is kept, by its place among the state's leaves: whether it stands in the
         group's buffer, its offset there and its bytes."""
-        found = {}
+        places = {}
         kernel, split_ = self.kernel, self.split
         for group, numbers, layout in (
             (False, (*split_.lane_state, *split_.held_state), kernel.state),
@@ -101,8 +101,8 @@ class StepCode:
         ):
             ends = (*layout.offsets[1:], layout.bytes)
             for k, start, end in zip(numbers, layout.offsets, ends, strict=True):
-                found[k] = (group, start, end - start)
-        return found
+                places[k] = (group, start, end - start)
+        return places
 
 
 class Stepper:
@@ -121,7 +121,7 @@ class Stepper:
         ]
         self._inputs = packed(kernel.inputs, leaves, 1)
         self.inputs = _views(self._inputs[0], kernel.inputs, code.input_types)
-        self._state, self._held = buffer(1, kernel.state.bytes), buffer(1, kernel.held.bytes)
+        self._state, self._held = buffer(1, kernel.state.bytes), buffer(1, kernel.prologue.bytes)
         self._group, self._row = buffer(1, kernel.group_state.bytes), buffer(1, kernel.row.bytes)
         self._results = buffer(1, kernel.results.bytes)
         self._entering = buffer(1, max(_NUMBER * len(code.entering_types), _NUMBER))
@@ -157,9 +157,9 @@ class Stepper:
 
     def inputs_changed(self) -> None:
         """Take over changed inputs; the state stays."""
-        kept = self._state.copy()
+        before = self._state.copy()
         self.code.call.lane_begin(at(self._inputs), at(self._state), at(self._held))
-        self._state[:] = kept
+        self._state[:] = before
 
     def outcomes(self) -> dict[str, Any]:
         """What became of it so far; a truth value is 0 or -1."""
@@ -181,10 +181,10 @@ class Stepper:
         """
         leaves, form = jax.tree.flatten(self.code.state)
         places = self.code.state_places
-        kept = {k: self._number(places[k], leaf.dtype) for k, leaf in enumerate(leaves) if k in places}
-        before = [kept[k][0].item() if k in kept else math.nan for k in range(len(leaves))]
+        numbers = {k: self._number(places[k], leaf.dtype) for k, leaf in enumerate(leaves) if k in places}
+        before = [numbers[k][0].item() if k in numbers else math.nan for k in range(len(leaves))]
         after = jax.tree.leaves(function(jax.tree.unflatten(form, before)))
-        for k, place in kept.items():
+        for k, place in numbers.items():
             if after[k] is not before[k]:
                 place[0] = after[k]
 
@@ -204,7 +204,7 @@ class Stepper:
                 target[0, start : start + size] = snapshot[int(group)][0, start : start + size]
 
 
-def _views(buffer: np.ndarray, layout: Layout, types: Sequence[np.dtype]) -> list[np.ndarray]:
+def _views(buffer: np.ndarray, layout: BufferLayout, types: Sequence[np.dtype]) -> list[np.ndarray]:
     """A one-number array for each number of a buffer of width 1."""
     stored = [np.dtype(np.int32 if dtype.kind == "b" else dtype) for dtype in types]
     return [

@@ -11,7 +11,7 @@ import numpy as np
 
 from ravenjax.engines.gpu import device as cuda_device
 from ravenjax.engines.gpu.cuda import OPTIONS
-from ravenjax.engines.gpu.device import Cubins, Device, Session
+from ravenjax.engines.gpu.device import Cubins, Device, DeviceSession
 from ravenjax.engines.gpu.kernel import VECTOR, WARP, Form, print_loop
 from ravenjax.engines.interface import Progress
 from ravenjax.engines.lanes import Lanes
@@ -96,14 +96,14 @@ class CudaCode:
 
     def run(self, lanes: Lanes, places: Places, ticks: int, progress: Progress | None = None) -> list[np.ndarray]:
         """Run lanes from the beginning; their results, each [lanes]."""
-        with Session(self.device) as session:
+        with DeviceSession(self.device) as session:
             return _Run(self, session, lanes, places, ticks).results(progress)
 
 
 class _Run:
     """One call of `CudaCode.run`."""
 
-    def __init__(self, code: CudaCode, session: Session, lanes: Lanes, places: Places, ticks: int) -> None:
+    def __init__(self, code: CudaCode, session: DeviceSession, lanes: Lanes, places: Places, ticks: int) -> None:
         self.code, self.session, self.lanes, self.places, self.ticks = code, session, lanes, places, ticks
         source = code.source
         self.threads = source.form.threads
@@ -126,7 +126,7 @@ class _Run:
         self.group_state = session.room(self.groups * source.group_state)
         self.rows = [session.room(self.groups * self.chunk * source.row) for _ in range(2)]
         entering = self.groups if code.grouped else self.total
-        self.given = [session.room(entering * self.chunk * source.given) for _ in range(2)]
+        self.given = [session.room(entering * self.chunk * source.tick_inputs) for _ in range(2)]
         self.out = session.room(self.total * self.chunk * len(source.outputs)) if lanes.out is not None else None
 
     def results(self, progress: Progress | None) -> list[np.ndarray]:
@@ -135,15 +135,15 @@ class _Run:
         self._by_group(code.shared_begin, urgent, self.group_inputs, self.group_state, self.groups)
         session.launch(code.lane_begin, self.blocks, self.threads, main, self.inputs, self.state, self.total)
         starts = range(0, self.ticks, self.chunk)
-        made = [self._make_rows(0, 0)]
+        marks = [self._make_rows(0, 0)]
         finished = []
         for k, first in enumerate(starts):
             count = min(self.chunk, self.ticks - first)
             if k + 1 < len(starts):
                 if k:
                     session.finish(finished[k - 1])  # it read the buffers that are written next
-                made.append(self._make_rows(k + 1, starts[k + 1]))
-            session.wait(main, made[k])
+                marks.append(self._make_rows(k + 1, starts[k + 1]))
+            session.wait(main, marks[k])
             buffers = self.tables, self.given[k % 2], self.rows[k % 2], self.group
             session.launch(
                 code.lane_run, self.blocks, self.threads, main, self.inputs, self.state, *buffers, self.out,
@@ -162,28 +162,28 @@ class _Run:
 
     def _make_rows(self, k: int, first: int) -> object:
         """Start the rows of chunk `k`; the point where they are there."""
-        count, given, rows = min(self.chunk, self.ticks - first), self.given[k % 2], self.rows[k % 2]
-        urgent, entering = self.session.urgent, self.lanes.given
-        if self.code.source.given and len(entering):
+        count, tick_inputs, rows = min(self.chunk, self.ticks - first), self.given[k % 2], self.rows[k % 2]
+        urgent, entering = self.session.urgent, self.lanes.tick_inputs
+        if self.code.source.tick_inputs and len(entering):
             here = entering[:, first : first + count] if self.code.grouped else entering[first : first + count]
-            self.session.write(given, words(np.ascontiguousarray(here)), urgent)
-        buffers = self.group_inputs, self.group_state, self.tables, given, rows
+            self.session.write(tick_inputs, words(np.ascontiguousarray(here)), urgent)
+        buffers = self.group_inputs, self.group_state, self.tables, tick_inputs, rows
         self._by_group(self.code.shared_run, urgent, *buffers, self.groups, first, count)
         return self.session.mark(urgent)
 
     def _take_out(self, first: int, count: int) -> None:
         """Bring what went out in a chunk back into the order of lanes."""
         assert self.lanes.out is not None
-        found = np.empty((count, len(self.code.source.outputs), self.total), np.uint32)
-        self.session.read(found, self.out, self.session.main)
-        self.lanes.out[first : first + count] = found[:, :, self.places.thread]
+        block = np.empty((count, len(self.code.source.outputs), self.total), np.uint32)
+        self.session.read(block, self.out, self.session.main)
+        self.lanes.out[first : first + count] = block[:, :, self.places.thread]
 
     def _finish(self) -> list[np.ndarray]:
         session, types = self.session, self.code.source.results
         results = session.room(len(types) * self.total)
         buffers = self.inputs, self.state, self.group_state, self.group, results
         session.launch(self.code.lane_finish, self.blocks, self.threads, session.main, *buffers, self.total)
-        found = np.empty((len(types), self.total), np.uint32)
-        session.read(found, results, session.main)
+        block = np.empty((len(types), self.total), np.uint32)
+        session.read(block, results, session.main)
         lanes = slice(len(self.places.thread)) if self.places.in_order else self.places.thread
-        return [typed(row[lanes], dtype) for row, dtype in zip(found, types, strict=True)]
+        return [typed(row[lanes], dtype) for row, dtype in zip(block, types, strict=True)]

@@ -92,9 +92,9 @@ class CudaPrinter(Printing[str]):
         if name == "lookup":
             start = sum(length for _, length in program.tables[:detail])
             return self._new(dtype, _READ[dtype].format(f"__ldg({tables} + {start} + {inputs[0]})"))
-        known = number(first.dtype, first.detail) if first.name == "constant" else None
+        literal = number(first.dtype, first.detail) if first.name == "constant" else None
         types = [program.operations[o].dtype for o in operands]
-        return self._new(dtype, expression(name, dtype, types, inputs, known))
+        return self._new(dtype, expression(name, dtype, types, inputs, literal))
 
     def _begin_region(self, condition: str, types: list[str]) -> list[str]:
         names = [self._name() for _ in types]

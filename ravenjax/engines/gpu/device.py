@@ -48,13 +48,13 @@ def devices() -> tuple[Device, ...]:
     _bindings()
     try:
         _call("cuInit", 0)
-        found = tuple(Device(k) for k in range(_call("cuDeviceGetCount")))
+        gpus = tuple(Device(k) for k in range(_call("cuDeviceGetCount")))
     except Exception as error:  # the bindings raise their own kinds where the driver is absent
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise UserError(f"engine 'cuda' finds no NVIDIA driver ({reason}); engine 'simd' needs none") from None
-    if not found:
+    if not gpus:
         raise UserError("engine 'cuda' finds no NVIDIA GPU; engine 'simd' needs none")
-    return found
+    return gpus
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,12 +109,12 @@ def compile(text: str, architecture: str, options: Sequence[str], cubins: Cubins
     nvrtc, version = _compiler_for(architecture)
     flags = [f"--gpu-architecture={architecture}", "--std=c++17", "--disable-warnings", *options]
     key = hashlib.sha256("\n".join((str(version), *flags, text)).encode()).hexdigest()
-    found = cubins.get(key) if cubins is not None else None
-    if found is None:
-        found = _compiled(nvrtc, text, flags)
+    cubin = cubins.get(key) if cubins is not None else None
+    if cubin is None:
+        cubin = _compiled(nvrtc, text, flags)
         if cubins is not None:
-            cubins[key] = found
-    return found
+            cubins[key] = cubin
+    return cubin
 
 
 def _compiler_for(architecture: str) -> tuple[Any, tuple[int, int]]:
@@ -122,13 +122,13 @@ def _compiler_for(architecture: str) -> tuple[Any, tuple[int, int]]:
     _, nvrtc = _bindings()
     try:
         _, major, minor = nvrtc.nvrtcVersion()
-        known = nvrtc.nvrtcGetSupportedArchs()[1]
+        architectures = nvrtc.nvrtcGetSupportedArchs()[1]
     except Exception as error:  # the bindings raise their own kinds where the library is absent
         raise UserError(f"engine 'cuda' finds no NVRTC ({str(error).splitlines()[0]}): {INSTALL}") from None
-    if int(architecture[3:]) not in known:
+    if int(architecture[3:]) not in architectures:
         raise UserError(
             f"engine 'cuda' cannot compile for {architecture}: NVRTC {major}.{minor} knows "
-            f"sm_{min(known)} to sm_{max(known)}; engine 'simd' needs no GPU"
+            f"sm_{min(architectures)} to sm_{max(architectures)}; engine 'simd' needs no GPU"
         )
     return nvrtc, (major, minor)
 
@@ -141,11 +141,11 @@ def _compiled(nvrtc: Any, text: str, flags: list[str]) -> bytes:
             log = bytearray(nvrtc.nvrtcGetProgramLogSize(program)[1])
             nvrtc.nvrtcGetProgramLog(program, log)
             raise RuntimeError(f"NVRTC refuses the printed kernel: {log.decode()[:2000]}")
-        found = bytearray(nvrtc.nvrtcGetCUBINSize(program)[1])
-        nvrtc.nvrtcGetCUBIN(program, found)
+        cubin = bytearray(nvrtc.nvrtcGetCUBINSize(program)[1])
+        nvrtc.nvrtcGetCUBIN(program, cubin)
     finally:
         nvrtc.nvrtcDestroyProgram(program)
-    return bytes(found)
+    return bytes(cubin)
 
 
 class DeviceModule:
@@ -181,7 +181,7 @@ class Function:
         )
 
 
-class Session:
+class DeviceSession:
     """Work of one thread on one device: its streams, and memory that goes back at the end."""
 
     def __init__(self, device: Device) -> None:
@@ -189,7 +189,7 @@ class Session:
         self._rooms: list[Any] = []
         self._events: list[Any] = []
 
-    def __enter__(self) -> Session:
+    def __enter__(self) -> DeviceSession:
         driver, _ = _bindings()
         _call("cuCtxSetCurrent", self.device.context)
         lowest, highest = _call("cuCtxGetStreamPriorityRange")
@@ -214,18 +214,18 @@ class Session:
     def room(self, words: int) -> Any:
         """Memory for so many 32-bit words, zeroed; at hand in both streams."""
         size = max(words, 4)
-        found = _call("cuMemAllocAsync", 4 * size, self.main)
-        self._rooms.append(found)
-        _call("cuMemsetD32Async", found, 0, size, self.main)
+        address = _call("cuMemAllocAsync", 4 * size, self.main)
+        self._rooms.append(address)
+        _call("cuMemsetD32Async", address, 0, size, self.main)
         self.wait(self.urgent, self.mark(self.main))
-        return found
+        return address
 
     def upload(self, words: np.ndarray) -> Any:
         """New memory that holds an array."""
-        found = self.room(words.nbytes // 4)
-        self.write(found, words, self.urgent)
+        address = self.room(words.nbytes // 4)
+        self.write(address, words, self.urgent)
         self.wait(self.main, self.mark(self.urgent))
-        return found
+        return address
 
     def write(self, place: Any, words: np.ndarray, stream: Any) -> None:
         """Copy a contiguous array to the device."""

@@ -19,7 +19,7 @@ from ravenjax.engines.gpu import device as cuda_device
 from ravenjax.engines.gpu.code import CudaCode, Places, form_for, place, typed
 from ravenjax.engines.gpu.device import Cubins, Device
 from ravenjax.engines.gpu.kernel import WARP
-from ravenjax.engines.interface import Block, Progress, Result, TickProgram, Tracer
+from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram, Tracer
 from ravenjax.engines.lanes import Lanes
 from ravenjax.errors import UserError
 from ravenjax.numbers.setup import Precision
@@ -59,11 +59,11 @@ class CudaKernel:
         for device in self.devices:
             self._code(block, motion, self._placed(inputs, device)[1], device)
 
-    def run(self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None) -> Result:
+    def run(self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None) -> BlockResult:
         """See `interface.Kernel`. A block may have any number of lanes; each is computed, alike or not."""
         return self._run(block, motion, progress)[0]
 
-    def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[Result, Any]:
+    def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[BlockResult, Any]:
         """As `run`, and every signal of the first lane, each leaf [ticks]."""
         result, out = self._run(block, motion, None)
         assert self._forms is not None
@@ -71,7 +71,7 @@ class CudaKernel:
 
     def _run(
         self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None
-    ) -> tuple[Result, np.ndarray]:
+    ) -> tuple[BlockResult, np.ndarray]:
         inputs = traced.inputs(self.program, block)
         tables = np.concatenate([np.ascontiguousarray(column) for column in motion])
         device = self._seats.get()
@@ -83,13 +83,13 @@ class CudaKernel:
             series = own.series
             keep = self.signals or block.reference is None
             out = np.empty((ticks, len(code.source.outputs), lanes), np.uint32) if keep else None
-            given = _given(block, places, grouped)
-            found = code.run(Lanes(inputs, given, tables, out), places, ticks, progress)
+            tick_inputs = _given(block, places, grouped)
+            outcomes = code.run(Lanes(inputs, tick_inputs, tables, out), places, ticks, progress)
         finally:
             self._seats.put(device)
         if out is None:
             out = np.empty((0, series, lanes), np.uint32)
-        return Result(dict(zip(own.outcomes, found, strict=True)), out[:, :series].view(np.float32)), out
+        return BlockResult(dict(zip(own.outcomes, outcomes, strict=True)), out[:, :series].view(np.float32)), out
 
     def _placed(self, inputs: list[np.ndarray], device: Device) -> tuple[Places, bool]:
         """Where lanes are computed, and whether by group: if that fits the device at once, or wastes half at most."""
@@ -150,8 +150,8 @@ class CudaEngine:
     @property
     def device(self) -> str:
         """The GPUs in words."""
-        found = collections.Counter(device.name for device in cuda_device.devices())
-        return ", ".join(f"{count} x {name}" if count > 1 else name for name, count in found.items())
+        counts = collections.Counter(device.name for device in cuda_device.devices())
+        return ", ".join(f"{count} x {name}" if count > 1 else name for name, count in counts.items())
 
     @property
     def threads(self) -> int:

@@ -67,7 +67,7 @@ class Form:
 
 
 @dataclasses.dataclass(frozen=True)
-class Source:
+class KernelSource:
     """The module's text and its buffers, in words of a lane or group."""
 
     text: str
@@ -75,14 +75,14 @@ class Source:
     inputs: tuple[str, ...]  # types
     results: tuple[str, ...]  # types
     outputs: tuple[str, ...]  # types of what goes out in each tick
-    given: int  # numbers that enter each tick, the tick's own number aside
+    tick_inputs: int  # numbers that enter each tick, the tick's own number aside
     state: int
     group_state: int
     row: int
     shared_bytes: int  # of a block's shared memory
 
 
-def print_loop(split: Split, form: Form, given_by_group: bool) -> Source:
+def print_loop(split: Split, form: Form, given_by_group: bool) -> KernelSource:
     """Print `split`; given_by_group: what enters a tick is alike in a group. Raises NotImplementedError for float64."""
     return _CudaModule(split, form, given_by_group).source()
 
@@ -93,7 +93,7 @@ class _CudaModule:
         self.split, self.form, self.given_by_group = split, form, given_by_group
         self.step, self.begin, self.finish = loop.step, loop.begin, loop.finish
         self.inputs, self.states = loop.lane_inputs, loop.states
-        self.given = len(loop.step.inputs) - loop.lane_inputs - loop.states - 1
+        self.tick_inputs = len(loop.step.inputs) - loop.lane_inputs - loop.states - 1
         self.outputs = loop.step.outputs[loop.states :]
         self.in_row = self._row_order()
         self.row = -(-len(split.row) // VECTOR) * VECTOR
@@ -103,19 +103,19 @@ class _CudaModule:
             if "float64" in {operation.dtype for operation in program.operations}:
                 raise NotImplementedError("a program with float64 numbers; CUDA kernels keep every number in 32 bits")
 
-    def source(self) -> Source:
+    def source(self) -> KernelSource:
         kernels = [self._shared_begin(), self._shared_run(), self._lane_begin(), self._lane_run(), self._lane_finish()]
 
         def types(program: Program, numbers: tuple[int, ...]) -> tuple[str, ...]:
             return tuple(program.operations[i].dtype for i in numbers)
 
-        return Source(
+        return KernelSource(
             text="\n".join([PRELUDE, _POINTERS, *kernels]),
             form=self.form,
             inputs=self.begin.inputs,
             results=types(self.finish, self.finish.outputs),
             outputs=types(self.step, self.outputs),
-            given=self.given,
+            tick_inputs=self.tick_inputs,
             state=len(self.lane_state),
             group_state=len(self.split.shared_state),
             row=self.row,
@@ -127,8 +127,8 @@ class _CudaModule:
     def _words(self, program: Program, inputs: str, state: dict[int, str]) -> dict[int, str]:
         """Words of a program's inputs: those of the lane by template, the state's by number."""
         numbers = {i: op.detail for i, op in enumerate(program.operations) if op.name == "input"}
-        found = {i: inputs.format(k) for i, k in numbers.items() if k < self.inputs}
-        return found | {i: state[k - self.inputs] for i, k in numbers.items() if k - self.inputs in state}
+        words = {i: inputs.format(k) for i, k in numbers.items() if k < self.inputs}
+        return words | {i: state[k - self.inputs] for i, k in numbers.items() if k - self.inputs in state}
 
     def _of_this_tick(self, template: str) -> tuple[dict[int, str], dict[int, str]]:
         """Words of what enters a tick, and the text of the tick's number."""
@@ -189,11 +189,11 @@ class _CudaModule:
     def _state_in_loop(self) -> dict[int, str]:
         """The word that holds each number of a lane's state in the loop; four of a thread are neighbours."""
         template = "state[{} * {}]" if len(self.far) <= _MOST_PLAIN else "Far{{state + {} * {}}}"
-        found = {k: template.format(position, self.form.threads) for position, k in enumerate(self.far)}
+        places = {k: template.format(position, self.form.threads) for position, k in enumerate(self.far)}
         for position, k in enumerate(self.in_shared):
             group, member = divmod(position, VECTOR)
-            found[k] = f"room[{group * self.form.threads * VECTOR + member}]"
-        return found
+            places[k] = f"room[{group * self.form.threads * VECTOR + member}]"
+        return places
 
     def _stored(self, position: int) -> str:
         """The word of a number of a lane's state in device memory."""
@@ -214,14 +214,14 @@ class _CudaModule:
         printer = CudaPrinter("    ")
         step, split = self.step, self.split
         state = {k: f"s{position}" for position, k in enumerate(split.shared_state)}
-        words, given = self._of_this_tick(f"given[(size_t)tick * {self.given} + {{}}]")
+        words, tick_values = self._of_this_tick(f"given[(size_t)tick * {self.tick_inputs} + {{}}]")
         sources = self._words(step, "inputs[{}]", state) | words
         results = [(step.outputs[k], word) for k, word in state.items()]
         results += [(i, f"row[{position}]") for position, i in enumerate(self.in_row)]
         order = arrange(step.operations, split.shared, [i for i, _ in results])
-        printer.run(step, order, sources, results, "tables", given)
+        printer.run(step, order, sources, results, "tables", tick_values)
         start = self._at_group(
-            inputs=self.inputs, state=len(state), given=f"count * {self.given}", row=f"count * {self.row}"
+            inputs=self.inputs, state=len(state), given=f"count * {self.tick_inputs}", row=f"count * {self.row}"
         )
         body = [
             *start,
@@ -250,16 +250,16 @@ class _CudaModule:
         step, split, form = self.step, self.split, self.form
         state = self._state_in_loop()
         inputs = self._words(step, "in{}", state)
-        packed, kept, held = self._held(inputs)
+        packed, prologue_words, prologue = self._held(inputs)
 
         printer = CudaPrinter("    ")
-        words, given = self._of_this_tick(f"given[((size_t)tick * {self.given} + {{}}) * lanes + lane]")
+        words, tick_values = self._of_this_tick(f"given[((size_t)tick * {self.tick_inputs} + {{}}) * lanes + lane]")
         rows = {i: f"row[{position // VECTOR}].{'xyzw'[position % VECTOR]}" for position, i in enumerate(self.in_row)}
-        sources = inputs | ({} if self.given_by_group else words) | rows | kept
+        sources = inputs | ({} if self.given_by_group else words) | rows | prologue_words
         results = [(step.outputs[k], state[k]) for k in split.lane_state]
         results += [(i, f"o{position}") for position, i in enumerate(self.outputs)]
         order = arrange(step.operations, split.lane, [i for i, _ in results])
-        printer.run(step, order, sources, results, "tables", given)
+        printer.run(step, order, sources, results, "tables", tick_values)
         for at in range(len(printer.lines) // form.region * form.region, 0, -form.region):
             printer.lines.insert(at, '    asm volatile("" ::: "memory");')
 
@@ -276,7 +276,7 @@ class _CudaModule:
             f"  unsigned* room = block_room + threadIdx.x * {VECTOR};",
             *(f"  const unsigned in{k} = {self._of_lane('inputs').format(k)};" for k in sorted(used)),
             *(f"  {word} = {stored};" for word, stored in near),
-            *held,
+            *prologue,
             f"  row += (size_t)groups[lane / {WARP}] * count * {self.row // VECTOR};",
             f"  for (int tick = 0; tick < count; ++tick, row += {self.row // VECTOR}) {{",
             *(["    __syncthreads();"] if len(split.lane) >= form.in_step_from else []),
@@ -297,18 +297,18 @@ class _CudaModule:
     def _held(self, inputs: dict[int, str]) -> tuple[list[str], dict[int, str], list[str]]:
         """Words packed with the truth values that the loop reads, the word of each held number, and the statements."""
         printer = CudaPrinter()
-        numbers = self.split.kept
-        printer.run(self.step, self.split.held, inputs, [(i, f"k{i}") for i in numbers])
+        numbers = self.split.prologue_results
+        printer.run(self.step, self.split.prologue, inputs, [(i, f"k{i}") for i in numbers])
         lines = [f"  unsigned k{i};" for i in numbers] + printer.lines
-        kept = {i: f"k{i}" for i in numbers}
+        words_of = {i: f"k{i}" for i in numbers}
         truths = [i for i in numbers if self.step.operations[i].dtype == "bool"]
         names = []
         for p in range(0, len(truths), 32):
             names.append(f"held{p // 32}")
             pack = truths[p : p + 32]
             lines.append(f"  unsigned {names[-1]} = {' | '.join(f'k{i} << {bit}' for bit, i in enumerate(pack))};")
-            kept.update({i: f"{names[-1]} & 0x{1 << bit:x}u" for bit, i in enumerate(pack)})
-        return names, kept, lines
+            words_of.update({i: f"{names[-1]} & 0x{1 << bit:x}u" for bit, i in enumerate(pack)})
+        return names, words_of, lines
 
     def _lane_finish(self) -> str:
         printer = CudaPrinter()

@@ -19,7 +19,7 @@ import numpy as np
 from jax import lax
 
 from ravenjax.engines import traced
-from ravenjax.engines.interface import Block, Progress, Result, TickProgram, Tracer
+from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram, Tracer
 from ravenjax.numbers.vec import where
 
 MAX_SEGMENT = 1000
@@ -114,15 +114,15 @@ class ScanKernel:
         reference = jnp.zeros((self.length, self.series, self.lanes), self.dtype)
         return varied, faults, state, jnp.int32(0), reference, tuple(jnp.asarray(c) for c in motion)
 
-    def run(self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None) -> Result:
+    def run(self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None) -> BlockResult:
         """See `interface.Kernel`."""
         outcomes, series, _ = self._run(block, motion, progress, keep=block.reference is None)
-        return Result(outcomes, series)
+        return BlockResult(outcomes, series)
 
-    def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[Result, Any]:
+    def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[BlockResult, Any]:
         """As `run`, and every signal of the first lane, each leaf [ticks]."""
         outcomes, series, signals = self._run(block, motion, None, keep=True)
-        return Result(outcomes, series), signals
+        return BlockResult(outcomes, series), signals
 
     def _run(
         self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None, keep: bool
@@ -132,21 +132,21 @@ class ScanKernel:
             varied, faults, state, now, reference, columns = self._arguments(block, motion)
             compiled = self._compile(varied, faults, state, now, reference, columns)
             outcomes: Any = {}
-            kept: list[Any] = []
+            chunks: list[Any] = []
             for first in range(0, ticks, self.length):
                 if block.reference is not None:
                     reference = jnp.asarray(self._segment_of(block, first))
                 state, outcomes, *series = compiled(varied, faults, state, jnp.int32(first), reference, columns)
                 if keep:
-                    kept.append(jax.tree.map(np.asarray, series))
+                    chunks.append(jax.tree.map(np.asarray, series))
                 jax.block_until_ready(outcomes)
                 if progress is not None:
                     progress(min(self.length, ticks - first) * self.lanes)
-        found = {name: np.asarray(value) for name, value in outcomes.items()}
-        if not kept:
-            return found, np.zeros((0, self.series, self.lanes), self.dtype), ()
-        series, signals = jax.tree.map(lambda *parts: np.concatenate(parts)[:ticks], *kept)
-        return found, series, signals
+        named = {name: np.asarray(value) for name, value in outcomes.items()}
+        if not chunks:
+            return named, np.zeros((0, self.series, self.lanes), self.dtype), ()
+        series, signals = jax.tree.map(lambda *parts: np.concatenate(parts)[:ticks], *chunks)
+        return named, series, signals
 
     def _segment_of(self, block: Block, first: int) -> np.ndarray:
         """The reference of each lane for one segment; the last row is repeated where it overshoots the run."""

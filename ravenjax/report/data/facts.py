@@ -16,7 +16,7 @@ from ravenjax import robots
 from ravenjax.outcomes import events, verdict
 from ravenjax.outcomes.events import Rules
 from ravenjax.store.access import query
-from ravenjax.store.access.query import RESULTS, Table, quoted, text
+from ravenjax.store.access.query import RESULTS, ResultTable, quoted, text
 from ravenjax.store.manifest import Manifest
 from ravenjax.vocabulary.reactions import ACTIONS
 from ravenjax.vocabulary.robot import OTHER_LAYER, Robot
@@ -83,12 +83,12 @@ def derive(frame: pd.DataFrame, chosen: Choices = USUAL) -> pd.DataFrame:
     return facts
 
 
-def take(table: Table, frame: pd.DataFrame) -> None:
+def take(table: ResultTable, frame: pd.DataFrame) -> None:
     """Make a DataFrame the result table of a connection."""
     # a NaN stays one, as in the parts: Arrow would make it a missing value
     plain = {name: frame[name].to_numpy() if frame[name].dtype.kind == "f" else frame[name] for name in frame}
-    given = {name: pa.array(values, from_pandas=not isinstance(values, np.ndarray)) for name, values in plain.items()}
-    table.register("given", pa.table({"row": np.arange(len(frame), dtype=np.int32), **given}))
+    columns = {name: pa.array(values, from_pandas=not isinstance(values, np.ndarray)) for name, values in plain.items()}
+    table.register("given", pa.table({"row": np.arange(len(frame), dtype=np.int32), **columns}))
     table.run(f"CREATE VIEW {RESULTS} AS SELECT * FROM given")
 
 
@@ -101,7 +101,7 @@ def needed(names: Sequence[str], chosen: Choices) -> list[str]:
     return [name for name in names if name in plain or name.startswith(("fault", "param:"))]
 
 
-def define(table: Table, chosen: Choices, more: Mapping[str, str] | None = None) -> bool:
+def define(table: ResultTable, chosen: Choices, more: Mapping[str, str] | None = None) -> bool:
     """Make the table `facts` of a connection that has `results` with a column `row`, different in each.
 
     Columns: row, group, faulty, activated, failed, response and hazard (as in the table; "" of failed runs), told and
@@ -220,12 +220,12 @@ def beyond_sql(name: str, limit: float, types: Mapping[str, str]) -> str:
     return f"({quoted(name)} > {limit!r}::{types[name]} AND NOT isnan({quoted(name)}::DOUBLE))"
 
 
-def _number(table: Table, types: Mapping[str, str]) -> bool:
+def _number(table: ResultTable, types: Mapping[str, str]) -> bool:
     """Make the table `numbers` (row, distinct) where some input occurs twice, and say whether none does."""
     inputs = [name for name in types if name == "operator" or name.startswith(("param:", "fault"))]
     # 0 + x: a negative zero is a zero
-    given = [f"0 + {quoted(name)}" if types[name] in ("FLOAT", "DOUBLE") else quoted(name) for name in inputs]
-    key = f"hash({', '.join(given) or '0'})"
+    terms = [f"0 + {quoted(name)}" if types[name] in ("FLOAT", "DOUBLE") else quoted(name) for name in inputs]
+    key = f"hash({', '.join(terms) or '0'})"
     (unique,) = table.row(f"SELECT count(*) = count(DISTINCT {key}) AND bool_and(pair = row) FROM {RESULTS}")
     if not unique:
         table.run(
@@ -237,22 +237,22 @@ def _number(table: Table, types: Mapping[str, str]) -> bool:
     return bool(unique)
 
 
-def _words(table: Table, names: Sequence[str], robot: Robot) -> dict[str, list[str]]:
+def _words(table: ResultTable, names: Sequence[str], robot: Robot) -> dict[str, list[str]]:
     """Columns of words that a campaign chooses, and which occur; they are stored as one small number a row."""
     first = {name: sql for name, sql in _first_fault(names, robot).items() if name in ("site", "block")}
-    asked = {"group": '"group"', **first}
-    found = table.rows(f"SELECT DISTINCT {', '.join(asked.values())} FROM {RESULTS}")
-    told = {name: sorted({row[place] for row in found}) for place, name in enumerate(asked)}
-    return told | {"layer": [*robot.layers.values(), OTHER_LAYER]}
+    columns = {"group": '"group"', **first}
+    rows = table.rows(f"SELECT DISTINCT {', '.join(columns.values())} FROM {RESULTS}")
+    vocabulary = {name: sorted({row[place] for row in rows}) for place, name in enumerate(columns)}
+    return vocabulary | {"layer": [*robot.layers.values(), OTHER_LAYER]}
 
 
 def _first_fault(names: Sequence[str], robot: Robot) -> dict[str, str]:
     if "fault0_site" not in names:
         return {"site": "''", "layer": text(OTHER_LAYER)}  # a campaign without any fault
-    known = " ".join(f"WHEN {text(site)} THEN {text(robot.layer(site))}" for site in robot.sites)
+    cases = " ".join(f"WHEN {text(site)} THEN {text(robot.layer(site))}" for site in robot.sites)
     return {
         "site": "fault0_site",
-        "layer": f"CASE fault0_site {known} ELSE {text(OTHER_LAYER)} END",
+        "layer": f"CASE fault0_site {cases} ELSE {text(OTHER_LAYER)} END",
         "block": "fault0_site || ' · ' || fault0_effect",
         "onset_ms": "fault0_start_ms",
         "length_ms": "fault0_duration_ms",

@@ -17,7 +17,7 @@ from ravenjax.stats.alarms.false_alarms import AlarmRate, alarm_rate
 from ravenjax.store import schema
 from ravenjax.store.access import query
 from ravenjax.store.access.fault_free import UNVARIED, Companions
-from ravenjax.store.access.query import Table, quoted
+from ravenjax.store.access.query import ResultTable, quoted
 from ravenjax.store.manifest import Manifest
 
 TABLE = "motions"
@@ -28,7 +28,7 @@ _ALARM = re.compile(r"detector\d+_level\d+_first_ms")
 class Motions(NamedTuple):
     """Different fault-free motions. Golden runs of one robot and operator are one computation, so they count once."""
 
-    table: Table  # with the table TABLE: operator, length_ms, the columns twin_..., first alarms of detectors
+    table: ResultTable  # with the table TABLE: operator, length_ms, the columns twin_..., first alarms of detectors
     count: int
     hours: float  # in pedal-down
     hands: int  # different motions of the hands among them
@@ -76,7 +76,7 @@ def rounded_up(hours: float) -> float:
     return round(math.ceil(hours / step * (1 - 1e-9)) * step, 12)
 
 
-def make(table: Table, names: Sequence[str], source: str, length_ms: int, beside: Companions) -> Motions:
+def make(table: ResultTable, names: Sequence[str], source: str, length_ms: int, beside: Companions) -> Motions:
     """Make TABLE of the golden runs of `source`, rows of a result table with columns `names` and runs of `length_ms`,
     and of the motion beside."""
     golden = [name for name in names if name == "operator" or name.startswith("twin_")]

@@ -19,7 +19,7 @@ from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.fault_free import Motions
 from ravenjax.store.access import fault_free, query
 from ravenjax.store.access.fault_free import NO_COMPANIONS, Companions
-from ravenjax.store.access.query import RESULTS, Table, quoted
+from ravenjax.store.access.query import RESULTS, ResultTable, quoted
 from ravenjax.store.manifest import Manifest
 
 UNINTENDED = "sample AND faulty AND unintended"
@@ -28,7 +28,7 @@ BATCH = 200_000
 """Rows of a table that are looked at together, where SQL does not say what is asked."""
 
 
-class Faults(NamedTuple):
+class FaultCounts(NamedTuple):
     """Distinct faults of one class, by the first valid run of each in which nobody reacts."""
 
     name: str
@@ -37,13 +37,13 @@ class Faults(NamedTuple):
     evaded: int
     unintended: int  # unintended motion, whatever the checks did
     loss: int  # loss of motion, whatever the checks did
-    told: int  # a check told a person or stopped the robot
+    alarms: int  # a check told a person or stopped the robot
 
 
 class Runs:
     """The runs of one campaign. Tables: `results`, as in the parts, and `facts`, as `facts.define`; both have `row`."""
 
-    def __init__(self, table: Table, manifest: Manifest, beside: Companions = NO_COMPANIONS) -> None:
+    def __init__(self, table: ResultTable, manifest: Manifest, beside: Companions = NO_COMPANIONS) -> None:
         """table: has `results` with a column `row`; beside: further fault-free motion."""
         self.table, self.types = table, table.types()
         self.robot = manifest.robot
@@ -82,46 +82,47 @@ class Runs:
 
     def counts(self, conditions: list[str], table: str = FACTS, where: str = "true") -> list[int]:
         """How many rows fulfil each condition, in one pass."""
-        asked = ", ".join(f"count(*) FILTER ({condition})" for condition in conditions)
-        return list(self.table.row(f"SELECT {asked} FROM {table} WHERE {where}")) if conditions else []
+        columns = ", ".join(f"count(*) FILTER ({condition})" for condition in conditions)
+        return list(self.table.row(f"SELECT {columns} FROM {table} WHERE {where}")) if conditions else []
 
     def cube(self) -> pd.DataFrame:
         """Counts (`runs`) by group, response, hazard, outcome, cued, faulty, failed, evaded, plain and sample."""
         if self._cube is None:
             words = ("group", "response", "hazard", "outcome")
             names = ", ".join(map(quoted, (*words, "cued", "faulty", "failed", "evaded", "plain", "sample")))
-            found = self.table.frame(f"SELECT {names}, count(*) AS runs FROM {FACTS} GROUP BY ALL")
-            self._cube = found.astype(dict.fromkeys(words, "str"))
+            frame = self.table.frame(f"SELECT {names}, count(*) AS runs FROM {FACTS} GROUP BY ALL")
+            self._cube = frame.astype(dict.fromkeys(words, "str"))
         return self._cube
 
     def groups(self) -> list[str]:
         """Names of the campaign's groups that have runs."""
         return sorted(self.cube()["group"].unique().tolist())
 
-    def faults(self, by: str | None = None) -> list[Faults]:
+    def faults(self, by: str | None = None) -> list[FaultCounts]:
         """Distinct faults, of all together or by each value of a column."""
         name = quoted(by) if by else "''"
         counts = ", ".join(
-            f"count(*) FILTER (sample{also})" for also in ("", *(f" AND {n}" for n in Faults._fields[3:]))
+            f"count(*) FILTER (sample{also})"
+            for also in ("", *(f" AND {n}" for n in ("evaded", "unintended", "loss", "told")))
         )
         rows = self.table.rows(f"SELECT {name} AS name, count(*), {counts} FROM {FACTS} WHERE faulty GROUP BY name")
         if by is None and not rows:
-            return [Faults("", 0, 0, 0, 0, 0, 0)]
-        return sorted(Faults(str(name), *numbers) for name, *numbers in rows)
+            return [FaultCounts("", 0, 0, 0, 0, 0, 0)]
+        return sorted(FaultCounts(str(name), *numbers) for name, *numbers in rows)
 
     def delays(self, event: str, start: str, end: str, where: str, by: str | None = None) -> dict[str, Delays]:
         """How long after `start` an event came, or how long until `end` it did not: expressions of columns of `facts`,
         in ms, the event -1 where it never came. Of all runs together under "", or by each value of a column."""
         name = quoted(by) if by else "''"
-        found = self.table.frame(
+        frame = self.table.frame(
             f"SELECT {name} AS name, CASE WHEN ({event}) >= 0 THEN ({event}) ELSE {end} END - {start} AS time, "
             f"({event}) >= 0 AS came, count(*) AS count FROM {FACTS} WHERE {where} GROUP BY ALL ORDER BY time, came"
         )
-        made = {
+        by_name = {
             str(key): Delays(*(part[column].to_numpy() for column in ("time", "came", "count")))
-            for key, part in found.groupby("name", observed=True)
+            for key, part in frame.groupby("name", observed=True)
         }
-        return made if by or made else {"": NONE}
+        return by_name if by or by_name else {"": NONE}
 
     def those(self, where: str) -> str:
         """The rows of `results` whose facts fulfil a condition, to select from."""
@@ -141,8 +142,8 @@ class Runs:
         listed = ", ".join(map(str, rows))
         own = [name for name in self.facts if name not in self.names]
         raw = self.table.frame(f"SELECT * FROM {RESULTS} WHERE row IN ({listed})").set_index("row")
-        told = self.table.frame(f"SELECT row, {', '.join(map(quoted, own))} FROM {FACTS} WHERE row IN ({listed})")
-        return raw.join(told.set_index("row")).loc[rows].to_dict("records")  # pyright: ignore[reportReturnType]
+        facts = self.table.frame(f"SELECT row, {', '.join(map(quoted, own))} FROM {FACTS} WHERE row IN ({listed})")
+        return raw.join(facts.set_index("row")).loc[rows].to_dict("records")  # pyright: ignore[reportReturnType]
 
     def batches(self, names: list[str]) -> Iterator[pd.DataFrame]:
         """Columns of `results` for all rows, in any order, some rows at a time; words are categories."""

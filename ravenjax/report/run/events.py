@@ -69,8 +69,8 @@ def events(
     ]
     if series is not None:
         parts.append(_states(robot, series))
-    found = [event for part in parts for event in part]
-    return sorted(found, key=lambda event: (event.ms, _ORDER.index(event.kind)))
+    every = [event for part in parts for event in part]
+    return sorted(every, key=lambda event: (event.ms, _ORDER.index(event.kind)))
 
 
 def _faults(robot: Robot, row: Mapping[str, Any], series: Series | None) -> Iterator[RunEvent]:
@@ -187,9 +187,9 @@ def _states(robot: Robot, series: Series) -> Iterator[RunEvent]:
             "run level", levels, lambda old, new: f"run level: {names[old]} to {names[new]}", alarming=0
         )
     if "soft_estopped" in series:
-        held = (np.asarray(series["soft_estopped"]) != 0).astype(int)
+        stop = (np.asarray(series["soft_estopped"]) != 0).astype(int)
         texts = ("software E-stop released", "software E-stop raised: DACs are 0")
-        yield from _changes("run level", held, lambda _, new: texts[new], alarming=1)
+        yield from _changes("run level", stop, lambda _, new: texts[new], alarming=1)
     if "brakes" in series:
         closed = (np.asarray(series["brakes"]) != 0).astype(int)
         yield from _changes("brakes", closed, lambda _, new: f"the PLC {('opens', 'closes')[new]} the brakes")

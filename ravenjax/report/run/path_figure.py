@@ -10,9 +10,9 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from ravenjax.document import palette, ticks
-from ravenjax.document.chart import Axis, Chart, Curve, Dots, Mark
+from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
 from ravenjax.document.ticks import above
-from ravenjax.report.run.paths import Replay
+from ravenjax.report.run.paths import TracedRun
 
 WIDTH, HEIGHT, MARGIN, FOOT = 300, 240, 34, 30  # px of one view, and of what its ticks take
 PARTS = 24
@@ -32,7 +32,7 @@ LEAST_MM = 1.0
 """A path that hardly moves is drawn at this scale."""
 
 
-def distance(replay: Replay) -> Chart:
+def distance(replay: TracedRun) -> Chart:
     """Chart of how far the true tip was off the model, with what came when."""
     time, off = replay.time_ms.astype(float), replay.deviation_mm
     marks: list[Mark] = [Curve("true tip off the model", "series1", time, off)]
@@ -42,10 +42,12 @@ def distance(replay: Replay) -> Chart:
         marks.append(Dots(text, COLOURS[label], at, far, tips=(f"{text}: {off[point]:.2f} mm",)))
     most = above(1.05 * max(float(off.max()), 0.1))
     end = max(float(time[-1]), 1.0)
-    return Chart("Off the model", Axis("ms", 0.0, end, unit="ms"), Axis("mm", 0.0, most, unit="mm"), tuple(marks), 190)
+    return Chart(
+        "Off the model", ChartAxis("ms", 0.0, end, unit="ms"), ChartAxis("mm", 0.0, most, unit="mm"), tuple(marks), 190
+    )
 
 
-def views(replay: Replay) -> list[Markup]:
+def views(replay: TracedRun) -> list[Markup]:
     """The path as seen along each axis: one drawing each, all at one scale; marks of the class "now" can be moved."""
     everything = np.concatenate(list(replay.paths.values()))
     low, high = everything.min(axis=0), everything.max(axis=0)
@@ -61,7 +63,7 @@ def views(replay: Replay) -> list[Markup]:
     return [_view(replay, (sides[a], sides[b]), (a, b), middle, scale) for a, b in VIEWS]
 
 
-def course(replay: Replay) -> dict[str, Any]:
+def course(replay: TracedRun) -> dict[str, Any]:
     """What the page's player needs: per point the time, both places and the distance, rounded."""
     return {
         "time": replay.time_ms.tolist(),
@@ -71,7 +73,9 @@ def course(replay: Replay) -> dict[str, Any]:
     }
 
 
-def _view(replay: Replay, sides: tuple[int, int], names: tuple[str, str], middle: np.ndarray, scale: float) -> Markup:
+def _view(
+    replay: TracedRun, sides: tuple[int, int], names: tuple[str, str], middle: np.ndarray, scale: float
+) -> Markup:
     """One view; pixels are (place - origin) * scale, upwards for the second axis."""
     wide, high = WIDTH - MARGIN - 10, HEIGHT - FOOT - 24
     across, up = sides

@@ -40,41 +40,41 @@ MARKS = {
 """What is marked on a path, and the column of facts that says when."""
 
 
-class Replay(NamedTuple):
+class TracedRun(NamedTuple):
     """One traced run. Paths are [points, 3] in mm about the first point of the true tip, frame 0 of the arm."""
 
     run_id: str
     arm: str  # the one whose tip went farthest from the model
-    told: str  # group and fault in words
+    title: str  # group and fault in words
     time_ms: np.ndarray  # [points]
     paths: dict[str, np.ndarray]  # "true tip", "nominal model", "golden run" where the trace has it
     deviation_mm: np.ndarray  # [points], true tip from the model
     marks: dict[str, int]  # label -> index of the point
 
 
-def find(folder: Path, runs: Runs) -> tuple[list[Replay], list[str]]:
+def find(folder: Path, runs: Runs) -> tuple[list[TracedRun], list[str]]:
     """The MOST worst traced runs, the farthest from the model first; and the files that could not be read."""
     traced = {path.stem: path for path in sorted((folder / FOLDER).glob("*.mcap"))}
-    found, broken = [], []
+    replays, broken = [], []
     for row in runs.numbered(_worst(runs, list(traced))):
         path = traced[row["run_id"]]
         try:
-            found.append(_replay(runs.robot, row, read(path, runs.robot)))
+            replays.append(_replay(runs.robot, row, read(path, runs.robot)))
         except (OSError, ValueError, KeyError, struct.error, *_damage()) as error:
             broken.append(f"{path.name}: {error or type(error).__name__}")
-    return found, broken
+    return replays, broken
 
 
 def _worst(runs: Runs, run_ids: list[str]) -> list[int]:
     if not run_ids:
         return []
     far = "greatest(unintended_mm, loss_mm)"
-    found = runs.table.rows(
+    rows = runs.table.rows(
         f"SELECT row FROM {RESULTS} WHERE run_id IN (SELECT unnest(?)) ORDER BY isnan({far}), {far} DESC, row "
         f"LIMIT {MOST}",
         [run_ids],
     )
-    return [row for (row,) in found]
+    return [row for (row,) in rows]
 
 
 def read(path: Path, robot: Robot = robots.USUAL) -> dict[str, np.ndarray]:
@@ -122,7 +122,7 @@ def _damage() -> tuple[type[Exception], ...]:
     return McapError, zstandard.ZstdError, RuntimeError
 
 
-def _replay(robot: Robot, row: dict[Any, Any], series: dict[str, np.ndarray]) -> Replay:
+def _replay(robot: Robot, row: dict[Any, Any], series: dict[str, np.ndarray]) -> TracedRun:
     arms = [arm for arm in robot.arms if f"{arm}/tip" in series and f"{arm}/model" in series]
     if not arms:
         raise ValueError("the trace holds no tip beside its model")
@@ -131,15 +131,19 @@ def _replay(robot: Robot, row: dict[Any, Any], series: dict[str, np.ndarray]) ->
     ticks = len(series["time_ms"])
     events = {label: int(row[column]) for label, column in MARKS.items() if 0 <= row[column] < ticks}
     even = np.linspace(0, ticks - 1, min(POINTS, ticks)).round().astype(int)
-    kept = np.unique(np.concatenate([even, [*events.values(), int(distance[arm].argmax())]]).astype(int))
+    points = np.unique(np.concatenate([even, [*events.values(), int(distance[arm].argmax())]]).astype(int))
     start = series[f"{arm}/tip"][0]
     named = {"true tip": "tip", "nominal model": "model", "golden run": "twin"}
-    return Replay(
+    return TracedRun(
         row["run_id"],
         arm,
         f"{row['group']}: {wording.fault(row, robot)}",
-        series["time_ms"][kept],
-        {name: 1e3 * (series[f"{arm}/{key}"][kept] - start) for name, key in named.items() if f"{arm}/{key}" in series},
-        distance[arm][kept],
-        {label: int(np.searchsorted(kept, ms)) for label, ms in events.items()},
+        series["time_ms"][points],
+        {
+            name: 1e3 * (series[f"{arm}/{key}"][points] - start)
+            for name, key in named.items()
+            if f"{arm}/{key}" in series
+        },
+        distance[arm][points],
+        {label: int(np.searchsorted(points, ms)) for label, ms in events.items()},
     )

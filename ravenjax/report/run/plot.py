@@ -69,14 +69,14 @@ def trace_plot(
             _dac(axes, time_s, arrays[f"{arm}/current_cmd"], f"{arm} DAC", robot.joints, joints, dac_limits or {})
         _state(state, time_s, arrays, len(robot.run_levels))
         panels = [error, force, *dacs, state]
-        shown = {name: ms for name, ms in (events or {}).items() if ms >= 0}
-        _fault_windows(panels, arrays, told="fault" in shown)
-        _events(panels, shown)
+        marks = {name: ms for name, ms in (events or {}).items() if ms >= 0}
+        _fault_windows(panels, arrays, told="fault" in marks)
+        _events(panels, marks)
         state.set_xlabel("time, s")
         state.set_xlim(0.0, ticks / 1000.0)
         figure.suptitle(title, x=0.01, ha="left", fontsize=10, fontweight="bold")
         lines = textwrap.fill(subtitle, SUBTITLE_LETTERS)
-        error.set_title(lines, loc="left", x=0.0, fontsize=8.5, color="#3a424c", pad=4 + 10 * len(shown))
+        error.set_title(lines, loc="left", x=0.0, fontsize=8.5, color="#3a424c", pad=4 + 10 * len(marks))
         figure.align_ylabels(panels)
         kind = path.suffix.lstrip(".") or "png"
         dateless = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
@@ -127,8 +127,8 @@ def _dac(
     limits: Mapping[str, float],
 ) -> None:
     peaks = np.abs(command.astype(float)).max(axis=0)
-    shown = [names.index(name) for name in joints] or sorted(np.argsort(-peaks, kind="stable")[:SHOWN_JOINTS])
-    for joint in shown:
+    numbers = [names.index(name) for name in joints] or sorted(np.argsort(-peaks, kind="stable")[:SHOWN_JOINTS])
+    for joint in numbers:
         name, colour = names[joint], JOINT_COLOURS[joint % len(JOINT_COLOURS)]
         axes.plot(time_s, command[:, joint], color=colour, lw=1.0, label=name, drawstyle="steps-post")
         if name in limits:

@@ -26,8 +26,8 @@ class RunSummary(NamedTuple):
 
     def lines(self) -> list[str]:
         """As a terminal shows it; events of level "debug" are left out."""
-        shown = [event for event in self.events if event.level != "debug"]
-        course = [f"{wording.count(event.ms):>9} ms  {event.text}" for event in shown]
+        visible = [event for event in self.events if event.level != "debug"]
+        course = [f"{wording.count(event.ms):>9} ms  {event.text}" for event in visible]
         return [
             self.title,
             f"  fault    {self.fault}",

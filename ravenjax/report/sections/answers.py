@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 from ravenjax.document import ticks
 from ravenjax.report.data import counted
 from ravenjax.report.data.counted import NONE, Delays
-from ravenjax.report.data.runs import UNINTENDED, Faults, Runs, after_onset
+from ravenjax.report.data.runs import UNINTENDED, FaultCounts, Runs, after_onset
 from ravenjax.report.sections import tables
 from ravenjax.report.sections.reaction.pairs import Difference
 from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.stats.latency import Incidence, Lead
-from ravenjax.store.manifest import Cue, Manifest
+from ravenjax.store.manifest import CueRecord, Manifest
 
 CLASSES = {"layer": "Layer", "site": "Site", "group": "Group"}
 MOST_CLASSES = 12
@@ -51,7 +51,7 @@ class Knowledge(NamedTuple):
 class Announced(NamedTuple):
     """Of evading faults, what a cue announces before the motion exceeds the limit."""
 
-    cue: Cue
+    cue: CueRecord
     lead: Lead
     lead_ms: Estimate  # median
     false: Rate  # of fault-free motions, those with this cue
@@ -71,11 +71,11 @@ def knowledge(runs: Runs, known: str, manifest: Manifest) -> Knowledge:
     delay, lags = (
         runs.delays(known, start, str(manifest.duration_ms), UNINTENDED)[""] for start in ("active_ms", "unintended_ms")
     )
-    found, lead = counted.incidence(delay), counted.lead(lags)
+    delays, lead = counted.incidence(delay), counted.lead(lags)
     return Knowledge(
-        found,
-        found.quantile_interval(0.5),
-        found.quantile_interval(0.25),
+        delays,
+        delays.quantile_interval(0.5),
+        delays.quantile_interval(0.25),
         lead,
         tables.rate_of(lead.n - lead.alarmed, lead.n),
         bool(manifest.detectors),
@@ -87,7 +87,7 @@ def classes(runs: Runs, known: str, manifest: Manifest) -> dict[str, list[ClassR
 
     known: as of `knowledge`.
     """
-    made = {}
+    by_kind = {}
     for kind in CLASSES:
         present = runs.faults(kind)
         if len(present) > 1 or (kind == "group" and present):
@@ -96,18 +96,18 @@ def classes(runs: Runs, known: str, manifest: Manifest) -> dict[str, list[ClassR
                 for start in ("active_ms", "unintended_ms")
             )
             rows = [_class(one, delay.get(one.name, NONE), lags.get(one.name, NONE)) for one in present]
-            made[kind] = sorted(rows, key=_most_evasive)
-    return made
+            by_kind[kind] = sorted(rows, key=_most_evasive)
+    return by_kind
 
 
 def changed(runs: Runs, manifest: Manifest, differences: Sequence[Difference]) -> Changed:
     """differences: of all reactions, none where the campaign has no pairs."""
-    chosen = "sample AND faulty AND evaded"
-    told = []
-    if runs.count(chosen) and runs.motions().count:
-        told = [_announced(runs, manifest, k, chosen) for k in range(len(manifest.cues))]
-    first = told[manifest.verdict_cue] if told else None
-    quiet = [one for one in told if not one.false.k]
+    condition = "sample AND faulty AND evaded"
+    announcements = []
+    if runs.count(condition) and runs.motions().count:
+        announcements = [_announced(runs, manifest, k, condition) for k in range(len(manifest.cues))]
+    first = announcements[manifest.verdict_cue] if announcements else None
+    quiet = [one for one in announcements if not one.false.k]
     best = max(quiet, key=lambda one: (one.lead.before.value, one.cue.threshold_mm), default=None)
     better = best if best and first and best.lead.before.k > first.lead.before.k else None
     return Changed([row for row in differences if row.among == "all faults"], first, better)
@@ -126,7 +126,7 @@ def _most_evasive(row: ClassRow) -> tuple[Any, ...]:
     return *tables.least_last(row.evaded), *tables.least_last(row.unintended), row.name
 
 
-def _class(faults: Faults, delay: Delays, lags: Delays) -> ClassRow:
+def _class(faults: FaultCounts, delay: Delays, lags: Delays) -> ClassRow:
     return ClassRow(
         faults.name,
         tables.rate_of(faults.evaded, faults.faults),

@@ -25,8 +25,8 @@ class Conclusion(NamedTuple):
 
     name: str
     rate: Rate
-    drawn: int  # runs that the dependences are of
-    found: list[Dependence]
+    runs: int  # runs that the dependences are of
+    dependences: list[Dependence]
 
 
 def conclusions(runs: Runs) -> list[Conclusion]:
@@ -34,8 +34,8 @@ def conclusions(runs: Runs) -> list[Conclusion]:
 
     Rates are of all such runs; how they depend on a parameter is asked of MOST of them, drawn, where there are more.
     """
-    chosen = "sample AND faulty"
-    asked = {
+    condition = "sample AND faulty"
+    questions = {
         "evades the checks": ("true", "evaded"),
         "makes an unintended motion": ("true", "unintended"),
         "leads to a loss of motion": ("true", "loss"),
@@ -43,24 +43,26 @@ def conclusions(runs: Runs) -> list[Conclusion]:
         "has the cue before the unintended motion": ("unintended", "warned_ms >= 0 AND warned_ms < unintended_ms"),
     }
     hits = ", ".join(
-        f"{among} AND {hit} AS hit{i}, {among} AS among{i}" for i, (among, hit) in enumerate(asked.values())
+        f"{among} AND {hit} AS hit{i}, {among} AS among{i}" for i, (among, hit) in enumerate(questions.values())
     )
-    told = f"SELECT row, {hits} FROM {FACTS} WHERE {chosen}"
+    query = f"SELECT row, {hits} FROM {FACTS} WHERE {condition}"
     inputs = [quoted(name) for name in runs.names if name.startswith("param:")]
-    drawn = runs.drawn(", ".join([*inputs, f"{FACTS}.*"]), chosen, MOST, of=told) if inputs else pd.DataFrame()
-    names = varied(drawn)
+    sample = runs.drawn(", ".join([*inputs, f"{FACTS}.*"]), condition, MOST, of=query) if inputs else pd.DataFrame()
+    names = varied(sample)
     if not names:
         return []
-    counts = runs.counts([sql for among, hit in asked.values() for sql in (among, f"{among} AND {hit}")], where=chosen)
-    made = []
-    for i, name in enumerate(asked):
+    counts = runs.counts(
+        [sql for among, hit in questions.values() for sql in (among, f"{among} AND {hit}")], where=condition
+    )
+    result = []
+    for i, name in enumerate(questions):
         n, k = counts[2 * i : 2 * i + 2]
         if n >= LEAST_RUNS:
-            mine = drawn.loc[drawn[f"among{i}"]]
-            given = {path.removeprefix("param:"): mine[path].to_numpy(float) for path in names}
-            found = dependences(mine[f"hit{i}"].to_numpy(bool), given)
-            made.append(Conclusion(name, tables.rate_of(k, n), len(mine), found))
-    return made
+            mine = sample.loc[sample[f"among{i}"]]
+            inputs_of = {path.removeprefix("param:"): mine[path].to_numpy(float) for path in names}
+            links = dependences(mine[f"hit{i}"].to_numpy(bool), inputs_of)
+            result.append(Conclusion(name, tables.rate_of(k, n), len(mine), links))
+    return result
 
 
 def flat(made: list[Conclusion]) -> list[dict[str, Any]]:
@@ -70,21 +72,23 @@ def flat(made: list[Conclusion]) -> list[dict[str, Any]]:
         | {"depends": item.depends, "difference": item.difference}
         | {level.name.replace(" ", "_"): level for level in item.levels}
         for one in made
-        for item in one.found
+        for item in one.dependences
     ]
 
 
 def varied(frame: pd.DataFrame) -> list[str]:
     """Columns of parameters of robot and operation that vary in a table; the cue and the reaction to it are choices of
     the campaign and no uncertainty of the robot."""
-    chosen = ("param:reaction.", "param:haptics.", "param:detectors.")
+    prefixes = ("param:reaction.", "param:haptics.", "param:detectors.")
     return [
         name
         for name in frame
-        if name.startswith("param:") and not name.startswith(chosen) and np.ptp(_known(frame[name].to_numpy(float))) > 0
+        if name.startswith("param:")
+        and not name.startswith(prefixes)
+        and np.ptp(_known(frame[name].to_numpy(float))) > 0
     ]
 
 
 def _known(values: np.ndarray) -> np.ndarray:
-    known = values[~np.isnan(values)]
-    return known if len(known) else np.zeros(1)
+    finite = values[~np.isnan(values)]
+    return finite if len(finite) else np.zeros(1)

@@ -6,7 +6,7 @@ import functools
 import math
 from typing import NamedTuple
 
-from ravenjax.report.data.runs import Faults, Runs
+from ravenjax.report.data.runs import FaultCounts, Runs
 from ravenjax.report.sections import tables
 from ravenjax.stats.intervals import Rate
 from ravenjax.stats.sample_size.planning import MoreRuns, more_runs
@@ -15,7 +15,7 @@ POINTS = (0.03, 0.01)
 """Half-widths asked for, as fractions."""
 
 
-class Row(NamedTuple):
+class PrecisionRow(NamedTuple):
     """The rate of evading faults of one group."""
 
     group: str
@@ -26,7 +26,7 @@ class Row(NamedTuple):
     within_1: MoreRuns | None  # for +- 1 point
 
 
-def rows(runs: Runs) -> list[Row]:
+def rows(runs: Runs) -> list[PrecisionRow]:
     """All faults first, then each group, the widest first. A fault that was run several times counts once."""
     groups = [_row(one) for one in runs.faults("group")]
     groups.sort(key=lambda row: -row.half_width if row.rate.n else math.inf)
@@ -36,11 +36,11 @@ def rows(runs: Runs) -> list[Row]:
     return [_row(together._replace(name="all faults")), *groups]
 
 
-def _row(faults: Faults) -> Row:
+def _row(faults: FaultCounts) -> PrecisionRow:
     rate = tables.rate_of(faults.evaded, faults.faults)
     wide, narrow = (_more(rate.k, rate.n, half) if rate.n else None for half in POINTS)
     half = (rate.high - rate.low) / 2 if rate.n else math.nan
-    return Row(faults.name, faults.runs, rate, half, wide, narrow)
+    return PrecisionRow(faults.name, faults.runs, rate, half, wide, narrow)
 
 
 @functools.lru_cache(maxsize=10_000)

@@ -59,13 +59,13 @@ def counts(frame: pd.DataFrame, cue: int | None = 0, limit_mm: float = LIMIT_MM)
 
     A group that stands for several hazards counts for each. cue, limit_mm: as in `severity.severity`.
     """
-    found: dict[str, np.ndarray] = {}
+    result: dict[str, np.ndarray] = {}
     grades = severity.severity(frame, cue, limit_mm)
     for group, part in grades.groupby(frame["group"].astype(str)):
         number = np.bincount(part.dropna().to_numpy(int), minlength=len(severity.SCALE))
         for name in naming.hazards_of(str(group)):
-            found[name] = found.get(name, 0) + number
-    return found
+            result[name] = result.get(name, 0) + number
+    return result
 
 
 def counted(runs: Runs, cue: int | None = 0, limit_mm: float = LIMIT_MM) -> dict[str, np.ndarray]:
@@ -73,11 +73,11 @@ def counted(runs: Runs, cue: int | None = 0, limit_mm: float = LIMIT_MM) -> dict
     alarms = [] if cue is None else [f"cue{cue}_first_ms", f"twin_cue{cue}_first_ms"]
     needed = [*severity.COLUMNS, "group", *alarms]
     slots = [name for name in runs.names if name.startswith("fault")]
-    found: dict[str, np.ndarray] = {}
+    result: dict[str, np.ndarray] = {}
     for frame in runs.batches(list(dict.fromkeys([*needed, *slots]))):
         for name, number in counts(frame, cue, limit_mm).items():
-            found[name] = found.get(name, 0) + number
-    return found
+            result[name] = result.get(name, 0) + number
+    return result
 
 
 def by_hazard(found: Counts) -> list[HazardRisk]:

@@ -63,7 +63,7 @@ def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
         ],
         where="sample AND faulty",
     )
-    total, activated, limited, loss, halted, misreport, told, late, came, first, same, *outcomes = counts
+    total, activated, limited, loss, halted, misreport, alarms, late, came, first, same, *outcomes = counts
     valid, faulty, failed, reacting = runs.counts(["plain AND faulty AND NOT failed", "faulty", "failed", "NOT plain"])
     free = runs.motions()
     leads = runs.table.frame(
@@ -73,7 +73,7 @@ def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     return {
         "evaded": rate_of(faults.evaded, total),
         "unintended": rate_of(faults.unintended, total),
-        "unintended_told": told,
+        "unintended_told": alarms,
         "felt": by_outcome["felt"],
         "unseen": by_outcome["unseen"],
         "phantom": by_outcome["phantom"],
@@ -136,21 +136,21 @@ def jump_rows(runs: Runs, manifest: Manifest) -> list[dict[str, Any]]:
         for name in rules
     )
     source = f"{RESULTS} JOIN {FACTS} USING (row) WHERE sample AND faulty"
-    n, *found = runs.table.row(f"SELECT count(*), {counts} FROM {source}")
+    n, *numbers = runs.table.row(f"SELECT count(*), {counts} FROM {source}")
     return [
         {"rule": rule, "rate": rate_of(k, n), "unintended": unintended, "misreport": misreport}
         for rule, (k, unintended, misreport) in zip(
-            rules.values(), zip(found[::3], found[1::3], found[2::3], strict=True), strict=True
+            rules.values(), zip(numbers[::3], numbers[1::3], numbers[2::3], strict=True), strict=True
         )
     ]
 
 
 def _by(counted: pd.DataFrame, names: list[str]) -> dict[tuple[Any, ...], int]:
     """Runs by what these columns hold."""
-    found: dict[tuple[Any, ...], int] = {}
+    result: dict[tuple[Any, ...], int] = {}
     for *key, runs in zip(*(counted[name].tolist() for name in (*names, "runs")), strict=True):
-        found[tuple(key)] = found.get(tuple(key), 0) + runs
-    return found
+        result[tuple(key)] = result.get(tuple(key), 0) + runs
+    return result
 
 
 def matrix_cells(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -203,33 +203,33 @@ def delays(runs: Runs, event: str, end_ms: int, where: str = "sample") -> tuple[
 
     And how many runs are left out because the event came before the fault did anything.
     """
-    chosen = f"({where}) AND activated AND NOT failed AND faulty"
+    condition = f"({where}) AND activated AND NOT failed AND faulty"
     early = f"{event} >= 0 AND {event} < active_ms"
     end = f"greatest(CASE WHEN response = 'stopped' THEN response_ms ELSE {end_ms} END, active_ms)"
-    found = runs.delays(event, "active_ms", end, f"{chosen} AND NOT ({early})")
-    return found[""], runs.count(f"{chosen} AND {early}")
+    by_name = runs.delays(event, "active_ms", end, f"{condition} AND NOT ({early})")
+    return by_name[""], runs.count(f"{condition} AND {early}")
 
 
 def check_rows(runs: Runs, manifest: Manifest) -> list[dict[str, Any]]:
     """One row per built-in check: in how many distinct faults it tripped, and how close it came in silent ones."""
     names = manifest.shape.checks
-    asked = ["count(*)"]
+    columns = ["count(*)"]
     for check in names:
         margin = f"check_{check}_margin"
-        asked.append(f"count(*) FILTER (check_{check}_first_ms >= 0)")
-        asked.append(f"min({margin}) FILTER (response = 'silent' AND NOT isnan({margin}::DOUBLE))")
-    total, *found = runs.table.row(f"SELECT {', '.join(asked)} FROM {runs.those('sample AND faulty')}")
+        columns.append(f"count(*) FILTER (check_{check}_first_ms >= 0)")
+        columns.append(f"min({margin}) FILTER (response = 'silent' AND NOT isnan({margin}::DOUBLE))")
+    total, *numbers = runs.table.row(f"SELECT {', '.join(columns)} FROM {runs.those('sample AND faulty')}")
     rows = []
-    for check, tripped, margin in zip(names, found[::2], found[1::2], strict=True):
-        known = manifest.robot.check(check)
+    for check, tripped, margin in zip(names, numbers[::2], numbers[1::2], strict=True):
+        definition = manifest.robot.check(check)
         rows.append(
             {
                 "name": check,
-                "what": known.meaning,
-                "does": known.does,
+                "what": definition.meaning,
+                "does": definition.does,
                 "tripped": rate_of(tripped, total),
                 "closest": math.nan if margin is None else float(margin),
-                "unit": "" if known.unit == "1" else known.unit,
+                "unit": "" if definition.unit == "1" else definition.unit,
             }
         )
     return sorted(rows, key=lambda row: -row["tripped"].k)
@@ -247,10 +247,11 @@ def cause_rows(runs: Runs) -> list[dict[str, Any]]:
 
 def failure_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
     """Runs without a valid outcome by cause and group, with one to replay."""
-    found = runs.table.rows(
+    groups = runs.table.rows(
         f'SELECT failed::VARCHAR AS cause, "group"::VARCHAR AS name, count(*), arg_min(run_id, row) FROM {RESULTS} '
         "WHERE failed <> '' GROUP BY cause, name ORDER BY cause, name"
     )
     return [
-        {"cause": cause, "group": group, "n": n, "command": replay(folder, run_id)} for cause, group, n, run_id in found
+        {"cause": cause, "group": group, "n": n, "command": replay(folder, run_id)}
+        for cause, group, n, run_id in groups
     ]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.document.chart import Axis, Bars, Chart, Curve
+from ravenjax.document.chart import Bars, Chart, ChartAxis, Curve
 from ravenjax.document.palette import CUE, RESPONSE, SAME
 from ravenjax.document.steps import steps
 from ravenjax.document.ticks import above
@@ -64,16 +64,16 @@ def points(curve: Incidence) -> list[dict[str, float]]:
     return [dict(zip(("ms", "share", "low", "high"), row, strict=True)) for row in rows]
 
 
-def log_time(end_ms: int) -> Axis:
+def log_time(end_ms: int) -> ChartAxis:
     """Axis of delays after a fault's first effect."""
     end = max(float(end_ms), 10 * FIRST_MS)
-    return Axis("time after the fault's first effect, ms", FIRST_MS, end, log=True, unit="ms")
+    return ChartAxis("time after the fault's first effect, ms", FIRST_MS, end, log=True, unit="ms")
 
 
-def share_axis(title: str, curves: list[Curve]) -> Axis:
+def share_axis(title: str, curves: list[Curve]) -> ChartAxis:
     """From 0 to above all curves, at most to 1."""
     most = max((float(curve.y.max()) for curve in curves if len(curve.y)), default=0.0)
-    return Axis(title, 0.0, min(1.0, above(1.05 * most)) if most else 1.0, share=True)
+    return ChartAxis(title, 0.0, min(1.0, above(1.05 * most)) if most else 1.0, share=True)
 
 
 def lead_histogram(runs: Runs) -> Chart | None:
@@ -96,13 +96,13 @@ def lead_histogram(runs: Runs) -> Chart | None:
         ("same millisecond", SAME, lead == 0),
     )
     marks, below = [], np.zeros(len(edges) - 1)
-    for name, colour, chosen in parts:
-        heights, _ = np.histogram(lead[chosen], edges, weights=count[chosen])
+    for name, colour, part in parts:
+        heights, _ = np.histogram(lead[part], edges, weights=count[part])
         marks.append(_bars(name, colour, edges, below, heights))
         below = below + heights
-    time = Axis("check minus cue, ms", edges[0], edges[-1], unit="ms", line=0.0)
+    time = ChartAxis("check minus cue, ms", edges[0], edges[-1], unit="ms", line=0.0)
     most = float(below.max())
-    return Chart("Which first", time, Axis("runs", 0.0, max(above(1.02 * most), 2.0), whole=True), tuple(marks))
+    return Chart("Which first", time, ChartAxis("runs", 0.0, max(above(1.02 * most), 2.0), whole=True), tuple(marks))
 
 
 def _bars(name: str, colour: str, edges: np.ndarray, below: np.ndarray, heights: np.ndarray) -> Bars:

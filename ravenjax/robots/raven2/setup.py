@@ -10,7 +10,7 @@ from ravenjax.robots.raven2.arms import JOINTS, ArmName
 
 
 @dataclasses.dataclass(frozen=True)
-class Setup(setup.Setup):
+class RavenSetup(setup.Setup):
     """Everything that picks code. Static and hashable: one Setup, one compile."""
 
     joints: ClassVar[tuple[str, ...]] = JOINTS

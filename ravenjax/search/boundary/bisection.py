@@ -18,13 +18,13 @@ import pandas as pd
 
 from ravenjax.campaign import runner
 from ravenjax.search.boundary import brackets
-from ravenjax.search.boundary.brackets import CROSSING, Brackets, Range
+from ravenjax.search.boundary.brackets import CROSSING, Brackets, SearchRange
 from ravenjax.search.boundary.words import FOLDER, sentences, series, tables
 from ravenjax.search.evaluator import Evaluator
 from ravenjax.search.file import outcome
 from ravenjax.search.file.config import Boundary
 from ravenjax.search.file.template import Template
-from ravenjax.search.findings import Findings
+from ravenjax.search.findings import SearchFindings
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,8 +44,8 @@ def cells(template: Template, search: Boundary) -> Cells:
     """Every cell, signs varying fastest."""
     pairs = list(itertools.product(range(template.cases), search.signs))
     signed = len(search.signs) > 1
-    told = tuple(template.case(case) | ({"sign": "+-"[sign < 0]} if signed else {}) for case, sign in pairs)
-    return Cells(np.array([c for c, _ in pairs]), np.array([s for _, s in pairs], float), told)
+    names = tuple(template.case(case) | ({"sign": "+-"[sign < 0]} if signed else {}) for case, sign in pairs)
+    return Cells(np.array([c for c, _ in pairs]), np.array([s for _, s in pairs], float), names)
 
 
 def due(template: Template, search: Boundary) -> int:
@@ -57,11 +57,11 @@ def due(template: Template, search: Boundary) -> int:
     return template.cases * len(search.signs) * (search.scan + math.ceil(steps) * (search.sections - 1))
 
 
-def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) -> Findings:
+def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) -> SearchFindings:
     """Search, verify in folder `out`/verified, and put into words."""
     axis, grid = template.axis(0), cells(template, search)
     low, high = (float(value) for value in axis.values)
-    within = Range(low, high, axis.kind == "loguniform", search.tolerance)
+    within = SearchRange(low, high, axis.kind == "loguniform", search.tolerance)
 
     def harm(cell: np.ndarray, size: np.ndarray) -> np.ndarray:
         return evaluator(*grid.points(cell, size))[:, 0]
@@ -81,7 +81,7 @@ def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) 
         "exponents": _exponents(records, _along(grid.told)),
         "verified": {"cells": int(np.count_nonzero(found.state == CROSSING)), "runs": len(sides), "folder": FOLDER},
     }  # fmt: skip
-    return Findings(numbers, tuple(sentences(numbers)), tuple(tables(numbers)), _figures(numbers))
+    return SearchFindings(numbers, tuple(sentences(numbers)), tuple(tables(numbers)), _figures(numbers))
 
 
 def _along(told: tuple[dict[str, Any], ...]) -> str | None:
@@ -109,10 +109,10 @@ def _verified(
     campaign = template.campaign(case, values)
     rows = runner.run_campaign(campaign, out / FOLDER, evaluator.engine.name).frame()
     expected = np.repeat([0.0, 1.0], len(crossed))
-    said = outcome.parse(search.harm).values(rows, campaign.rules)
-    if not np.array_equal(said, expected) or rows["run_id"].tolist() != evaluator.ids(case, values):
-        wrong = rows["run_id"][said != expected].tolist()
-        raise RuntimeError(f"the campaign in {out / FOLDER} contradicts the search that it verifies: runs {wrong}")
+    outcomes = outcome.parse(search.harm).values(rows, campaign.rules)
+    if not np.array_equal(outcomes, expected) or rows["run_id"].tolist() != evaluator.ids(case, values):
+        contrary = rows["run_id"][outcomes != expected].tolist()
+        raise RuntimeError(f"the campaign in {out / FOLDER} contradicts the search that it verifies: runs {contrary}")
     index = pd.MultiIndex.from_arrays([np.tile(crossed, 2), expected == 1.0])
     return rows.set_index(index)
 
@@ -140,15 +140,15 @@ def _exponents(records: list[dict[str, Any]], along: str | None) -> list[dict[st
     """d log(boundary) / d log(duration) between neighbouring durations: -1 for an impulse, value x duration."""
     if along is None or not along.endswith("duration_ms"):
         return []
-    found = []
+    exponents = []
     for others, line in series(records, along).items():
         crossed = sorted(
             (r["cell"][along], abs(r["harmful"])) for r in line if r["state"] == CROSSING and r["monotone"]
         )
         for (x0, y0), (x1, y1) in itertools.pairwise(crossed):
             slope = math.log(y1 / y0) / math.log(x1 / x0) if min(y0, y1) > 0 and x1 > x0 else math.nan
-            found.append({"cell": dict(others), "from_ms": x0, "to_ms": x1, "exponent": slope})
-    return found
+            exponents.append({"cell": dict(others), "from_ms": x0, "to_ms": x1, "exponent": slope})
+    return exponents
 
 
 def _figures(numbers: dict[str, Any]) -> dict[str, Any]:

@@ -18,7 +18,7 @@ CROSSING, NEVER, ALWAYS, INVALID = "crossing", "never", "always", "invalid"
 
 
 @dataclasses.dataclass(frozen=True)
-class Range:
+class SearchRange:
     """The numbers that are searched."""
 
     low: float
@@ -30,11 +30,11 @@ class Range:
         """[points, cells] evenly from `low` to `high` [cells], both included."""
         share = np.linspace(0.0, 1.0, points)[:, None]
         if self.log:
-            found = np.exp(np.log(low) * (1.0 - share) + np.log(high) * share)
+            values = np.exp(np.log(low) * (1.0 - share) + np.log(high) * share)
         else:
-            found = low * (1.0 - share) + high * share
-        found[0], found[-1] = low, high
-        return found
+            values = low * (1.0 - share) + high * share
+        values[0], values[-1] = low, high
+        return values
 
     def narrow(self, low: np.ndarray, high: np.ndarray, whole: np.ndarray) -> np.ndarray:
         """Whether brackets are narrow enough, or have no whole number in between."""
@@ -61,7 +61,7 @@ class Brackets:
         return np.array(single, bool)
 
 
-def bracket(asked: Asked, within: Range, whole: np.ndarray, scan: int, sections: int = 2) -> Brackets:
+def bracket(asked: Asked, within: SearchRange, whole: np.ndarray, scan: int, sections: int = 2) -> Brackets:
     """The smallest number at which `asked` says yes, of every cell.
 
     whole: of each cell whether it takes whole numbers only, bool [cells]. scan: numbers that are tried first, evenly
@@ -85,8 +85,8 @@ def bracket(asked: Asked, within: Range, whole: np.ndarray, scan: int, sections:
         answer = np.zeros(tried.shape)
         answer[-1] = 1.0
         answer[1:-1] = _ask(asked, active, tried[1:-1])
-        found, low[active], high[active] = _first(answer, tried)
-        state[active] = found
+        states, low[active], high[active] = _first(answer, tried)
+        state[active] = states
     return Brackets(state, low, high, changes, steps)
 
 

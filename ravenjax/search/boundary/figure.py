@@ -79,12 +79,12 @@ def _line(
 def _explain(axes: Any, cells: list[Record]) -> None:
     """Entries of the legend for what is no boundary."""
     style = {"mfc": "none", "mec": SOFT, "ls": "none"}
-    for state, marker, told in (
+    for state, marker, meaning in (
         (NEVER, "^", "harmless in the whole range"),
         (ALWAYS, "v", "harmful in the whole range"),
     ):
         if any(record["state"] == state for record in cells):
-            axes.plot([], [], marker=marker, ms=8, label=told, **style)
+            axes.plot([], [], marker=marker, ms=8, label=meaning, **style)
     if not all(record["monotone"] for record in cells):
         axes.plot([], [], marker="o", ms=11, label="harm comes and goes above", **(style | {"mec": INK}))
 

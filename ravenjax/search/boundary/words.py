@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from ravenjax.search.boundary.brackets import ALWAYS, CROSSING, INVALID, NEVER
-from ravenjax.search.findings import Table, number, short, words
+from ravenjax.search.findings import TextTable, number, short, words
 
 FOLDER = "verified"
 """Of the campaign of both sides of every bracket, inside the search's folder."""
@@ -16,11 +16,11 @@ FOLDER = "verified"
 
 def series(records: list[dict[str, Any]], along: str) -> dict[tuple[tuple[str, Any], ...], list[dict[str, Any]]]:
     """The records of each combination of what is not `along`."""
-    found: dict[tuple[tuple[str, Any], ...], list[dict[str, Any]]] = {}
+    groups: dict[tuple[tuple[str, Any], ...], list[dict[str, Any]]] = {}
     for record in records:
         others = tuple((key, value) for key, value in record["cell"].items() if key != along)
-        found.setdefault(others, []).append(record)
-    return found
+        groups.setdefault(others, []).append(record)
+    return groups
 
 
 def sentences(numbers: dict[str, Any]) -> Iterator[str]:
@@ -55,7 +55,7 @@ def sentences(numbers: dict[str, Any]) -> Iterator[str]:
         )
 
 
-def tables(numbers: dict[str, Any]) -> Iterator[Table]:
+def tables(numbers: dict[str, Any]) -> Iterator[TextTable]:
     """The values of `along` side by side, then every cell, then those that are not monotone."""
     cells, unit, along = numbers["cells"], numbers["searched"]["unit"], numbers["along"]
     names = list(cells[0]["cell"])
@@ -63,13 +63,13 @@ def tables(numbers: dict[str, Any]) -> Iterator[Table]:
         yield from _across(numbers, along)
     rows = []
     for record in cells:
-        told = tuple(str(record["cell"][name]) for name in names)
+        case = tuple(str(record["cell"][name]) for name in names)
         sides = (number(record["harmless"]), number(record["harmful"]))
         before, after = (record.get(f"{side}_peak_twin_deviation_mm", math.nan) for side in ("harmless", "harmful"))
-        rows.append((*told, *sides, _state(record), f"{number(before, 3)} to {number(after, 3)}" if before == before
+        rows.append((*case, *sides, _state(record), f"{number(before, 3)} to {number(after, 3)}" if before == before
                      else "", str(record.get("harmful_response", "")), "" if record["monotone"] else "no"))  # fmt: skip
     of = f", {unit}" if unit else ""
-    yield Table(
+    yield TextTable(
         "Every cell",
         (*map(short, names), f"harmless{of}", f"harmful{of}", "", "tip off its twin, mm", "response", "monotone"),
         tuple(rows),
@@ -77,7 +77,7 @@ def tables(numbers: dict[str, Any]) -> Iterator[Table]:
         "what the file says. Tip and response: of the runs at both sides, and at the harmful one.",
     )
     if odd := [record for record in cells if not record["monotone"]]:
-        yield Table(
+        yield TextTable(
             "Cells in which harm comes and goes",
             (*map(short, names), "harm changes between"),
             tuple((*(str(r["cell"][n]) for n in names), "; ".join(f"{number(a)} and {number(b)}"
@@ -85,7 +85,7 @@ def tables(numbers: dict[str, Any]) -> Iterator[Table]:
         )  # fmt: skip
 
 
-def _across(numbers: dict[str, Any], along: str) -> Iterator[Table]:
+def _across(numbers: dict[str, Any], along: str) -> Iterator[TextTable]:
     """The smallest harmful value and the slope of its line, the values of `along` side by side."""
     unit = f", {numbers['searched']['unit']}" if numbers["searched"]["unit"] else ""
     lines = series(numbers["cells"], along)
@@ -95,7 +95,7 @@ def _across(numbers: dict[str, Any], along: str) -> Iterator[Table]:
     for others, line in lines.items():
         cells = {record["cell"][along]: _harmful(record) for record in line}
         rows.append((*(str(value) for _, value in others), *(cells.get(value, "") for value in values)))
-    yield Table(
+    yield TextTable(
         f"Smallest harmful {short(numbers['searched']['name'])}{unit}, by {short(along)}",
         (*names, *(f"{value:g}" for value in values)),
         tuple(rows),
@@ -112,7 +112,7 @@ def _across(numbers: dict[str, Any], along: str) -> Iterator[Table]:
         (*(str(value) for _, value in others), *(number(slopes.get((others, *step), math.nan), 3) for step in steps))
         for others in lines
     ]
-    yield Table(
+    yield TextTable(
         "Slope d log(boundary) / d log(duration)",
         (*names, *(f"{begin:g} to {end:g} ms" for begin, end in steps)),
         tuple(rows),

@@ -11,14 +11,14 @@ from ravenjax.vocabulary.robot import Robot
 
 def schema(robot: Robot) -> dict[str, Any]:
     """JSON Schema of a search file."""
-    found: dict[str, Any] = {**json_schema.schema(robot), "title": "ravenjax search"}
+    whole: dict[str, Any] = {**json_schema.schema(robot), "title": "ravenjax search"}
     for name, model in KINDS.items():
         table = model.model_json_schema(ref_template="#/$defs/{model}")
         json_schema.tidy(table)
         table["properties"]["kind"] = {"const": name, "description": "which search"}
-        found["$defs"][model.__name__] = table
+        whole["$defs"][model.__name__] = table
     kinds = [{"$ref": f"#/$defs/{model.__name__}"} for model in KINDS.values()]
-    found["properties"]["search"] = {"description": "[search]: what is asked of the runs", "oneOf": kinds}
-    found["properties"]["group"]["maxItems"] = 1
-    found["required"] = [*found["required"], "search"]
-    return found
+    whole["properties"]["search"] = {"description": "[search]: what is asked of the runs", "oneOf": kinds}
+    whole["properties"]["group"]["maxItems"] = 1
+    whole["required"] = [*whole["required"], "search"]
+    return whole

@@ -26,9 +26,9 @@ FOLDER = "campaigns/searches"
 
 def load(path: str | Path, overrides: Sequence[str] = ()) -> SearchConfig:
     """The search of a TOML file, or of a bundled one by name (`.toml` may be left out). Raises UserError."""
-    found = _found(path)
-    raw, text = location.read(found)
-    return from_dict(raw, source=found, text=text, overrides=overrides)
+    file = _found(path)
+    raw, text = location.read(file)
+    return from_dict(raw, source=file, text=text, overrides=overrides)
 
 
 def bundled() -> list[Path]:
@@ -69,23 +69,23 @@ def from_dict(
         else:
             left.append(override)
     where = location.Where(source, location.lines(text), replaced)
-    told: list[str] = []
+    messages: list[str] = []
     campaign = search = None
     try:
         campaign = loading.from_dict({k: v for k, v in raw.items() if k != SECTION}, source, text, left, template=True)
     except UserError as error:
-        told.append(str(error))
-    wrong: list[Complaint] = []
+        messages.append(str(error))
+    complaints: list[Complaint] = []
     try:
         search = _section(raw)
     except _Wrong as error:
-        wrong += error.complaints
+        complaints += error.complaints
     if campaign is not None:
-        wrong += template.complaints(campaign, search)
-    if wrong:
-        told.append(str(where.error(wrong)))
-    if campaign is None or search is None or told:
-        raise UserError("\n".join(told))
+        complaints += template.complaints(campaign, search)
+    if complaints:
+        messages.append(str(where.error(complaints)))
+    if campaign is None or search is None or messages:
+        raise UserError("\n".join(messages))
     return SearchConfig(campaign, search)
 
 
@@ -111,12 +111,12 @@ def _section(raw: dict[str, Any]) -> Search:
 
 
 def _complaints(model: type[BaseModel], error: ValidationError) -> Iterator[Complaint]:
-    known = list(model.model_fields)
+    keys = list(model.model_fields)
     for one in error.errors():
         name = str(one["loc"][0]) if one["loc"] else ""
         message = one["msg"].removeprefix("Value error, ")
         if one["type"] == "extra_forbidden":
-            message = f"unknown key, expected one of {', '.join(known)}{suggestion(name, known)}"
+            message = f"unknown key, expected one of {', '.join(keys)}{suggestion(name, keys)}"
         elif one["type"] == "missing":
             message = f"missing: {model.model_fields[name].description}"
         elif one["type"] != "value_error":

@@ -68,38 +68,40 @@ class Outcome:
             valid, cases = events.happened(table, [self.column], rules)
             return np.where(valid, cases.astype(np.float64), np.nan)
         if self.word:
-            found = np.asarray(pd.Categorical(columns[self.column]) == self.word, np.float64)
+            values = np.asarray(pd.Categorical(columns[self.column]) == self.word, np.float64)
         else:
-            found = self._numbers(columns)
+            values = self._numbers(columns)
             if self.relation:
-                reached = found >= self.bound if self.relation == ">=" else found <= self.bound
-                found = np.where(np.isnan(found) & (not self._may_be_absent), np.nan, reached)
-        return np.where(np.asarray(columns["failed"] == ""), found, np.nan)
+                reached = values >= self.bound if self.relation == ">=" else values <= self.bound
+                values = np.where(np.isnan(values) & (not self._may_be_absent), np.nan, reached)
+        return np.where(np.asarray(columns["failed"] == ""), values, np.nan)
 
     def margins(self, columns: schema.Columns) -> np.ndarray:
         """float64 [rows]: how far the column is beyond its bound, from 0 on where the event happened; NaN as above."""
         beyond = self._numbers(columns) - self.bound
-        found = beyond if self.relation == ">=" else -beyond
-        return np.where(np.asarray(columns["failed"] == ""), found, np.nan)
+        margins = beyond if self.relation == ">=" else -beyond
+        return np.where(np.asarray(columns["failed"] == ""), margins, np.nan)
 
     @property
     def _may_be_absent(self) -> bool:
         return self.column.endswith(_TIMES)
 
     def _numbers(self, columns: schema.Columns) -> np.ndarray:
-        found = np.asarray(columns[self.column]).astype(np.float64)
-        return np.where(found < 0, np.nan, found) if self._may_be_absent else found  # a time that never came is -1
+        numbers = np.asarray(columns[self.column]).astype(np.float64)
+        return (
+            np.where(numbers < 0, np.nan, numbers) if self._may_be_absent else numbers
+        )  # a time that never came is -1
 
     def complaints(self, shape: schema.Shape) -> Iterator[str]:
         """What is wrong with it for a table of this shape."""
         if self.named_event:
             return
-        known = {c.name: c.dtype for c in schema.columns(shape) if _is_outcome(c.name)}
-        if self.column not in known:
-            near, names = suggestion(self.column, [*known, *events.EVENTS]), ", ".join(events.EVENTS)
+        dtypes = {c.name: c.dtype for c in schema.columns(shape) if _is_outcome(c.name)}
+        if self.column not in dtypes:
+            near, names = suggestion(self.column, [*dtypes, *events.EVENTS]), ", ".join(events.EVENTS)
             yield f"unknown outcome {self.column!r}, expected a column of results/README.md or one of {names}{near}"
             return
-        text = known[self.column] == "category"
+        text = dtypes[self.column] == "category"
         words = _WORDS.get(self.column, ())
         if text and not self.word:
             example = f" such as '{self.column} = {words[0]}'" if words else ""
@@ -150,8 +152,8 @@ def require_event(text: str) -> str:
 
 def require_margin(text: str) -> str:
     """`text`, or ValueError where it is not a column against a number, so that runs can be nearer to it or farther."""
-    found = parse(text)
-    if found.relation not in (">=", "<=") or found.column.endswith(_TIMES):
+    outcome = parse(text)
+    if outcome.relation not in (">=", "<=") or outcome.column.endswith(_TIMES):
         raise ValueError(
             f"got {shown(text)}, expected a measured number against a bound, such as 'peak_model_deviation_mm >= 10': "
             "the search must see how near a run came"

@@ -33,15 +33,15 @@ DESIGNS = ("grid", "zip")
 
 def axes(config: CampaignConfig) -> dict[Key, Axis]:
     """Every axis of the template, slot by slot, then the parameters; "*" and what may be left out filled in."""
-    group, found = config.group[0], {}
+    group, result = config.group[0], {}
     for f, fault in enumerate(group.fault):
         for name in FIELDS:
             axis = getattr(fault, name) if name != "site" else None
             if name == "channel":
                 axis = _channels(config.robot.sites[fault.site], fault)
             if isinstance(axis, Axis):
-                found[f, name] = axis
-    return found | {(PARAMETER, path): axis for path, axis in {**config.parameters, **group.parameters}.items()}
+                result[f, name] = axis
+    return result | {(PARAMETER, path): axis for path, axis in {**config.parameters, **group.parameters}.items()}
 
 
 def _channels(site: Site, fault: Fault) -> Axis:
@@ -76,11 +76,11 @@ def complaints(config: CampaignConfig, search: Search | None) -> Iterator[Compla
         yield ("campaign", "limit"), "a search decides how many runs it makes; remove limit, and see section [search]"
     if config.stop is not None:
         yield ("stop",), "a search decides how many runs it makes; remove the section, and see section [search]"
-    drawn = {key: axis for key, axis in axes(config).items() if axis.drawn}
-    for key in drawn:
+    distributions = {key: axis for key, axis in axes(config).items() if axis.drawn}
+    for key in distributions:
         if key[0] != PARAMETER and key[1] in WORDS:
             yield _place(config, key), "a search has no distribution of words; write a list: each word is a case"
-    yield from _inputs(config, search, [key for key in drawn if key[0] == PARAMETER or key[1] not in WORDS])
+    yield from _inputs(config, search, [key for key in distributions if key[0] == PARAMETER or key[1] not in WORDS])
 
 
 def _inputs(config: CampaignConfig, search: Search | None, drawn: list[Key]) -> Iterator[Complaint]:
@@ -146,11 +146,11 @@ class Template:
 
     def case(self, case: int) -> dict[str, Any]:
         """What tells a case from the others: the value of each list, by label."""
-        told = {}
+        parts = {}
         for key in self.lists:
             value = self._values[key][case]
-            told[label(key)] = "end" if key[1] == "duration_ms" and value == UNTIL_END else value
-        return told
+            parts[label(key)] = "end" if key[1] == "duration_ms" and value == UNTIL_END else value
+        return parts
 
     def unit(self, number: int) -> str:
         """Unit of an input, "" where the cases differ in it."""
@@ -167,14 +167,14 @@ class Template:
     def values(self, case: np.ndarray, unit: np.ndarray) -> np.ndarray:
         """Values of the inputs, float64 [n, inputs], at points `unit` [n, inputs] of the unit cube, by their
         distributions, just as a sampled design has them."""
-        whole, found = self.whole(case), np.empty(unit.shape)
+        whole, values = self.whole(case), np.empty(unit.shape)
         for i, (slot, name) in enumerate(self.inputs):
             axis = self.axis(i)
             places = axis.places(unit[:, i])
-            found[:, i] = np.where(whole[:, i], axis.at(places, whole=True), axis.at(places))
+            values[:, i] = np.where(whole[:, i], axis.at(places, whole=True), axis.at(places))
             if slot != PARAMETER and name != "value" and not axis.listed:
-                found[:, i] = np.maximum(found[:, i], 1 if name in ("duration_ms", "period_ms") else 0)
-        return found
+                values[:, i] = np.maximum(values[:, i], 1 if name in ("duration_ms", "period_ms") else 0)
+        return values
 
     def campaign(self, case: np.ndarray, values: np.ndarray) -> CampaignConfig:
         """The campaign whose runs are these points, in their order: case [n], values [n, inputs]."""

@@ -13,7 +13,7 @@ from ravenjax.search.evaluator import Evaluator
 from ravenjax.search.file import outcome
 from ravenjax.search.file.config import Morris, Sobol
 from ravenjax.search.file.template import Template
-from ravenjax.search.findings import Findings, Table, number, short, words
+from ravenjax.search.findings import SearchFindings, TextTable, number, short, words
 from ravenjax.stats.inputs import sensitivity
 
 CONFIDENCE = 0.95
@@ -39,7 +39,7 @@ def due(template: Template, search: Sobol | Morris) -> int:
     return template.cases * points
 
 
-def find(template: Template, search: Sobol | Morris, evaluator: Evaluator) -> Findings:
+def find(template: Template, search: Sobol | Morris, evaluator: Evaluator) -> SearchFindings:
     """Sample the unit cube, run every point in every case, analyse every outcome."""
     unit, analyse = _design(search, len(template.inputs), template.config.campaign.seed)
     points = len(unit)
@@ -62,7 +62,7 @@ def find(template: Template, search: Sobol | Morris, evaluator: Evaluator) -> Fi
         "resamples": RESAMPLES,
         "results": records,
     }
-    return Findings(numbers, tuple(_sentences(numbers)), tuple(_tables(numbers)), _figures(numbers))
+    return SearchFindings(numbers, tuple(_sentences(numbers)), tuple(_tables(numbers)), _figures(numbers))
 
 
 def _of(values: np.ndarray, analyse: Analyse) -> dict[str, Any]:
@@ -80,17 +80,17 @@ def _design(search: Sobol | Morris, inputs: int, seed: int) -> tuple[np.ndarray,
     if isinstance(search, Sobol):
 
         def sobol(values: np.ndarray) -> Indices:
-            found = sensitivity.sobol_analyse(values, inputs, CONFIDENCE, resamples=RESAMPLES, seed=seed)
-            return {"S1": _bounded(found.first), "ST": _bounded(found.total)}
+            indices = sensitivity.sobol_analyse(values, inputs, CONFIDENCE, resamples=RESAMPLES, seed=seed)
+            return {"S1": _bounded(indices.first), "ST": _bounded(indices.total)}
 
         return sensitivity.sobol_sample(inputs, search.n, seed), sobol
     unit = sensitivity.morris_sample(inputs, search.trajectories, seed, search.levels)
 
     def morris(values: np.ndarray) -> Indices:
-        found = sensitivity.morris_analyse(
+        effects = sensitivity.morris_analyse(
             unit, values, CONFIDENCE, levels=search.levels, resamples=RESAMPLES, seed=seed
         )
-        return {"mu_star": _bounded(found.mu_star), "mu": {"value": found.mu}, "sigma": {"value": found.sigma}}
+        return {"mu_star": _bounded(effects.mu_star), "mu": {"value": effects.mu}, "sigma": {"value": effects.sigma}}
 
     return unit, morris
 
@@ -121,12 +121,12 @@ def _sentences(numbers: dict[str, Any]) -> Iterator[str]:
 
 
 def _told(one: dict[str, Any]) -> str:
-    drawn = one["drawn"]
-    kind, values = next(iter(drawn.items()))
+    law = one["drawn"]
+    kind, values = next(iter(law.items()))
     return f"{kind} {', '.join(f'{v:g}' for v in values)}" + (f" {one['unit']}" if one["unit"] else "")
 
 
-def _tables(numbers: dict[str, Any]) -> Iterator[Table]:
+def _tables(numbers: dict[str, Any]) -> Iterator[TextTable]:
     method = numbers["method"]
     half = f"In brackets: {CONFIDENCE:.0%} interval ({RESAMPLES} bootstrap samples)."
     notes = {
@@ -150,7 +150,7 @@ def _tables(numbers: dict[str, Any]) -> Iterator[Table]:
         unit = f" {record['unit']}" if record["unit"] else ""
         moments = f"mean {number(record['mean'], 3)}, deviation {number(record['deviation'], 3)}{unit}"
         columns = tuple(f"{name}, {what}" if method == "sobol" else what for name, what in INDICES[method].items())
-        yield Table(f"{record['outcome']}{where} ({moments})", ("input", *columns, "n"), tuple(rows), notes[method])
+        yield TextTable(f"{record['outcome']}{where} ({moments})", ("input", *columns, "n"), tuple(rows), notes[method])
 
 
 def _figures(numbers: dict[str, Any]) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from ravenjax.search.evaluator import Evaluator
 from ravenjax.search.file import outcome
 from ravenjax.search.file.config import Rare
 from ravenjax.search.file.template import Template
-from ravenjax.search.findings import Findings, Table, number, short, words
+from ravenjax.search.findings import SearchFindings, TextTable, number, short, words
 from ravenjax.stats.intervals import clopper_pearson
 from ravenjax.stats.rare import LimitState, RareEvent, monte_carlo, subset
 
@@ -33,18 +33,18 @@ def due(template: Template, search: Rare) -> int:
     return template.cases * (search.check + 4 * search.runs)
 
 
-def find(template: Template, search: Rare, evaluator: Evaluator) -> Findings:
+def find(template: Template, search: Rare, evaluator: Evaluator) -> SearchFindings:
     """Both estimates of every case."""
     seed, inputs = template.config.campaign.seed, len(template.inputs)
     records = []
     for case in range(template.cases):
-        drawn: list[np.ndarray] = []
-        g = _limit_state(template, evaluator, case, drawn)
+        margins: list[np.ndarray] = []
+        g = _limit_state(template, evaluator, case, margins)
         plain = monte_carlo(g, inputs, search.check, seed=seed) if search.check else None
-        sampled = np.concatenate(drawn) if drawn else np.zeros(0)
-        drawn.clear()
+        sampled = np.concatenate(margins) if margins else np.zeros(0)
+        margins.clear()
         level = subset(g, inputs, search.runs, share=1.0 / search.steps, seed=seed + 1)
-        failed = int(np.count_nonzero(np.concatenate([sampled, *drawn]) >= FAR))
+        failed = int(np.count_nonzero(np.concatenate([sampled, *margins]) >= FAR))
         records.append({
             "case": template.case(case),
             "subset": _of(level),
@@ -66,7 +66,7 @@ def find(template: Template, search: Rare, evaluator: Evaluator) -> Findings:
         "share": 1.0 / search.steps,
         "results": records,
     }  # fmt: skip
-    return Findings(numbers, tuple(_sentences(numbers)), tuple(_tables(numbers)), _figures(numbers))
+    return SearchFindings(numbers, tuple(_sentences(numbers)), tuple(_tables(numbers)), _figures(numbers))
 
 
 def _limit_state(template: Template, evaluator: Evaluator, case: int, drawn: list[np.ndarray]) -> LimitState:
@@ -96,8 +96,8 @@ def _exceedance(sampled: np.ndarray, search: Rare) -> dict[str, list[float]]:
     valid = np.sort(sampled[sampled < FAR])
     if not len(valid):
         return {"value": [], "probability": []}
-    kept = np.unique(np.geomspace(1, len(valid), min(CURVE, len(valid))).astype(int)) - 1
-    return {"value": _column(valid[kept], search).tolist(), "probability": ((kept + 1) / len(sampled)).tolist()}
+    rank = np.unique(np.geomspace(1, len(valid), min(CURVE, len(valid))).astype(int)) - 1
+    return {"value": _column(valid[rank], search).tolist(), "probability": ((rank + 1) / len(sampled)).tolist()}
 
 
 def _reached(found: RareEvent, sampled: np.ndarray, search: Rare) -> list[dict[str, Any]]:
@@ -142,24 +142,24 @@ def _estimate(found: dict[str, Any]) -> str:
     return f"{found['probability']:.2g} ({found['low']:.2g} to {found['high']:.2g})"
 
 
-def _tables(numbers: dict[str, Any]) -> Iterator[Table]:
+def _tables(numbers: dict[str, Any]) -> Iterator[TextTable]:
     rows = []
     for record in numbers["results"]:
         for name, method in (("subset", "subset simulation"), ("monte_carlo", "plain Monte Carlo")):
-            found = record[name]
-            if found is None:
+            estimate = record[name]
+            if estimate is None:
                 continue
-            cov, levels = found["cov"], len(found["levels"])
+            cov, levels = estimate["cov"], len(estimate["levels"])
             need = (
                 ""
                 if math.isnan(cov) or not cov
-                else f"{(1 - found['probability']) / found['probability'] / cov**2:.0f}"
+                else f"{(1 - estimate['probability']) / estimate['probability'] / cov**2:.0f}"
             )
-            rows.append((*(str(v) for v in record["case"].values()), method, f"{found['probability']:.3g}",
-                         f"{found['low']:.2g} to {found['high']:.2g}", number(cov, 2), str(levels or ""),
-                         str(found["runs"]), need))  # fmt: skip
+            rows.append((*(str(v) for v in record["case"].values()), method, f"{estimate['probability']:.3g}",
+                         f"{estimate['low']:.2g} to {estimate['high']:.2g}", number(cov, 2), str(levels or ""),
+                         str(estimate["runs"]), need))  # fmt: skip
     names = tuple(short(name) for name in numbers["results"][0]["case"])
-    yield Table(
+    yield TextTable(
         f"Probability of {numbers['event']}",
         (
             *names,
@@ -190,7 +190,7 @@ def _tables(numbers: dict[str, Any]) -> Iterator[Table]:
                 )
             )
     if rows:
-        yield Table(
+        yield TextTable(
             "Level by level",
             (*names, numbers["column"], "by subset simulation", "by plain Monte Carlo", "plain runs"),
             tuple(rows),

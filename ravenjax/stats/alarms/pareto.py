@@ -16,8 +16,8 @@ def front(first: ArrayLike, second: ArrayLike) -> np.ndarray:
     if x.shape != y.shape or x.ndim != 1:
         raise ValueError(f"front: costs {x.shape} and {y.shape} must be one-dimensional and of one length")
     best = np.zeros(len(x), bool)
-    known = np.flatnonzero(~np.isnan(x) & ~np.isnan(y))
-    order = known[np.lexsort((y[known], x[known]))]
+    valid = np.flatnonzero(~np.isnan(x) & ~np.isnan(y))
+    order = valid[np.lexsort((y[valid], x[valid]))]
     x, y = x[order], y[order]
     start = np.searchsorted(x, x)  # where the choices of the same first cost begin; the first of them has the least y
     before = np.concatenate([[np.inf], np.minimum.accumulate(y)])[start]

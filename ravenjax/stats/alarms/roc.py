@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ravenjax.stats.bootstrap.clusters import cluster_bootstrap
-from ravenjax.stats.bootstrap.resample import Band
+from ravenjax.stats.bootstrap.resample import BootstrapBand
 from ravenjax.stats.intervals import Rate, rates
 
 GRID = np.linspace(0.0, 1.0, 101)
@@ -52,8 +52,8 @@ class CurveBand(NamedTuple):
     """A curve on a common grid with its bootstrap band, and the area under it with its own."""
 
     grid: np.ndarray  # of fpr or of recall
-    curve: Band  # tpr or precision, arrays as the grid
-    area: Band  # AUC or average precision
+    curve: BootstrapBand  # tpr or precision, arrays as the grid
+    area: BootstrapBand  # AUC or average precision
 
 
 class OperatingPoint(NamedTuple):
@@ -153,12 +153,12 @@ def operating_points(
 ) -> list[OperatingPoint]:
     """What each threshold [m] (unit of the score) does, with Wilson intervals; errors as in `roc`."""
     values, truth = _scored(score, positive)
-    asked = np.atleast_1d(np.asarray(thresholds, float))
-    hits, misses = alarms(values[truth], asked), alarms(values[~truth], asked)
+    levels = np.atleast_1d(np.asarray(thresholds, float))
+    hits, misses = alarms(values[truth], levels), alarms(values[~truth], levels)
     true = rates(hits, int(truth.sum()), confidence)
     false = rates(misses, int((~truth).sum()), confidence)
     precision = rates(hits, hits + misses, confidence)
-    return [OperatingPoint(*point) for point in zip(asked.tolist(), true, false, precision, strict=True)]
+    return [OperatingPoint(*point) for point in zip(levels.tolist(), true, false, precision, strict=True)]
 
 
 def alarms(score: np.ndarray, thresholds: np.ndarray) -> np.ndarray:
@@ -199,8 +199,8 @@ def _band(
     value, low, high = (np.asarray(part) for part in band[:3])
     return CurveBand(
         grid,
-        Band(value[:-1], low[:-1], high[:-1], band.units, band.undefined[:-1]),
-        Band(float(value[-1]), float(low[-1]), float(high[-1]), band.units, int(band.undefined[-1])),
+        BootstrapBand(value[:-1], low[:-1], high[:-1], band.units, band.undefined[:-1]),
+        BootstrapBand(float(value[-1]), float(low[-1]), float(high[-1]), band.units, int(band.undefined[-1])),
     )
 
 

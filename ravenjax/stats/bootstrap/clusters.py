@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.bootstrap.resample import Band, Kind, bootstrap
+from ravenjax.stats.bootstrap.resample import BootstrapBand, Kind, bootstrap
 
 _ELEMENTS = 2_000_000  # of a batch of weights, 16 MB
 
@@ -24,7 +24,7 @@ def cluster_bootstrap(
     resamples: int = 1000,
     seed: int = 0,
     kind: Kind = "percentile",
-) -> Band:
+) -> BootstrapBand:
     """Band of any statistic of n rows that belong to clusters; `cluster` [n] is each row's label (no NaN).
 
     statistic: weight [b, n] -> values [b, ...]: how often each row is drawn (whole, 0 where its cluster is not), one
@@ -35,8 +35,8 @@ def cluster_bootstrap(
 
     def weighted(index: np.ndarray) -> np.ndarray:
         line = np.arange(len(index))[:, None] * clusters
-        drawn = np.bincount((index + line).ravel(), minlength=len(index) * clusters).reshape(-1, clusters)
-        return statistic(drawn[:, code].astype(float))
+        weights = np.bincount((index + line).ravel(), minlength=len(index) * clusters).reshape(-1, clusters)
+        return statistic(weights[:, code].astype(float))
 
     batch = max(1, _ELEMENTS // max(1, len(code)))
     return bootstrap(clusters, weighted, confidence, resamples=resamples, seed=seed, kind=kind, batch=batch)
@@ -51,7 +51,7 @@ def cluster_ratio(
     resamples: int = 1000,
     seed: int = 0,
     kind: Kind = "percentile",
-) -> Band:
+) -> BootstrapBand:
     """Band of sum(above) / sum(below) over rows [n] in clusters: below 1 gives a mean or a rate, below bool [n] a rate
     among some, weights [n] a weighted one.
 

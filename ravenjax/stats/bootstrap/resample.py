@@ -13,7 +13,7 @@ from ravenjax.stats.intervals import alpha_of
 Kind = Literal["percentile", "BCa"]
 
 
-class Band(NamedTuple):
+class BootstrapBand(NamedTuple):
     """A statistic with its bootstrap interval: numbers, or arrays of one shape.
 
     `undefined`: resamples without a value (NaN), left out of the band; an array where value is one.
@@ -35,7 +35,7 @@ def bootstrap(
     seed: int = 0,
     kind: Kind = "percentile",
     batch: int = 100,
-) -> Band:
+) -> BootstrapBand:
     """Band of a statistic of `units` exchangeable units by scipy.stats.bootstrap.
 
     statistic: index of the chosen units [b, m] -> values [b, ...], one for each row; at most `batch` rows at a time,
@@ -56,7 +56,7 @@ def bootstrap(
 
     with warnings.catch_warnings(), np.errstate(invalid="ignore", divide="ignore"):
         warnings.simplefilter("ignore", DegenerateDataWarning)  # NaN tells it
-        found = resampled(
+        result = resampled(
             (np.arange(units),),
             last,
             n_resamples=resamples,
@@ -66,15 +66,15 @@ def bootstrap(
             method=kind,
             rng=np.random.default_rng(seed),
         )
-    drawn = found.bootstrap_distribution
-    undefined = np.isnan(drawn).sum(axis=-1)
+    samples = result.bootstrap_distribution
+    undefined = np.isnan(samples).sum(axis=-1)
     if kind == "BCa":
-        low, high = found.confidence_interval
+        low, high = result.confidence_interval
     else:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # nothing but NaN: NaN
-            low, high = np.nanquantile(drawn, [alpha / 2, 1 - alpha / 2], axis=-1)
+            low, high = np.nanquantile(samples, [alpha / 2, 1 - alpha / 2], axis=-1)
     value = last(np.arange(units))
-    still = np.ptp(drawn, axis=-1) == 0  # every resample alike: BCa has no spread to correct
-    low, high = (np.where(still, drawn[..., 0], bound) for bound in (low, high))
-    return Band(value[()], low[()], high[()], units, undefined[()])
+    still = np.ptp(samples, axis=-1) == 0  # every resample alike: BCa has no spread to correct
+    low, high = (np.where(still, samples[..., 0], bound) for bound in (low, high))
+    return BootstrapBand(value[()], low[()], high[()], units, undefined[()])

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.stats.bootstrap.resample import Band
+from ravenjax.stats.bootstrap.resample import BootstrapBand
 from ravenjax.stats.comparison import paired
 from ravenjax.stats.intervals import Estimate, alpha_of, bounds
 
@@ -105,8 +105,8 @@ def mean_difference(
     still = np.ptp(one - two) == 0 if is_paired else np.ptp(one) == 0 and np.ptp(two) == 0
     if still:
         return Estimate(value, math.nan, math.nan)
-    found: Any = ttest_1samp(one - two, 0.0) if is_paired else ttest_ind(one, two, equal_var=False)
-    low, high = found.confidence_interval(confidence)
+    test: Any = ttest_1samp(one - two, 0.0) if is_paired else ttest_ind(one, two, equal_var=False)
+    low, high = test.confidence_interval(confidence)
     return Estimate(value, float(low), float(high))
 
 
@@ -125,7 +125,7 @@ def permutation_p(first: Clusters, second: Clusters, *, is_paired: bool = False,
     def difference(a: np.ndarray, b: np.ndarray, axis: int = -1) -> np.ndarray:
         return a.mean(axis=axis) - b.mean(axis=axis)
 
-    found: Any = permutation_test(
+    test: Any = permutation_test(
         (one, two),
         difference,
         permutation_type="samples" if is_paired else "independent",
@@ -133,7 +133,7 @@ def permutation_p(first: Clusters, second: Clusters, *, is_paired: bool = False,
         n_resamples=_DRAWS,
         rng=np.random.default_rng(seed),
     )
-    return float(found.pvalue)
+    return float(test.pvalue)
 
 
 def bootstrap_difference(
@@ -145,7 +145,7 @@ def bootstrap_difference(
     is_paired: bool = False,
     resamples: int = 2000,
     seed: int = 0,
-) -> Band:
+) -> BootstrapBand:
     """Statistic of all rows of `first` minus that of `second`, percentile band by resampling whole clusters.
 
     Within each group, or pairs of clusters where paired. Resamples in which it is not finite are left out and counted
@@ -154,18 +154,20 @@ def bootstrap_difference(
     counts = (len(first), len(second))
     value = _statistic(first, statistic) - _statistic(second, statistic) if min(counts) else math.nan
     if min(counts) < 2:
-        return Band(value, math.nan, math.nan, sum(counts), 0)
+        return BootstrapBand(value, math.nan, math.nan, sum(counts), 0)
     rng = np.random.default_rng(seed)
-    drawn = np.empty(resamples)
+    differences = np.empty(resamples)
     for i in range(resamples):
         one = rng.integers(counts[0], size=counts[0])
         two = one if is_paired else rng.integers(counts[1], size=counts[1])
-        drawn[i] = _statistic([first[k] for k in one], statistic) - _statistic([second[k] for k in two], statistic)
-    known = drawn[np.isfinite(drawn)]
+        differences[i] = _statistic([first[k] for k in one], statistic) - _statistic(
+            [second[k] for k in two], statistic
+        )
+    finite = differences[np.isfinite(differences)]
     alpha = alpha_of(confidence)
-    low, high = np.quantile(known, [alpha / 2, 1 - alpha / 2]) if len(known) else (math.nan, math.nan)
+    low, high = np.quantile(finite, [alpha / 2, 1 - alpha / 2]) if len(finite) else (math.nan, math.nan)
     units = counts[0] if is_paired else sum(counts)
-    return Band(value, float(low), float(high), units, resamples - len(known))
+    return BootstrapBand(value, float(low), float(high), units, resamples - len(finite))
 
 
 def means(clusters: Clusters) -> np.ndarray:

@@ -58,11 +58,11 @@ def cliffs_delta(first: ArrayLike, second: ArrayLike, confidence: float = 0.95) 
     if min(len(one), len(two)) < 2:
         return _NONE
     with np.errstate(invalid="ignore", divide="ignore"):
-        found: Any = rank_compare_2indep(one, two)
-        value = 2 * float(found.prob1) - 1
-        if abs(value) == 1 or not found.var > 0:
+        ranks: Any = rank_compare_2indep(one, two)
+        value = 2 * float(ranks.prob1) - 1
+        if abs(value) == 1 or not ranks.var > 0:
             return Estimate(value, math.nan, math.nan)
-        low, high = found.conf_int(alpha=alpha_of(confidence))
+        low, high = ranks.conf_int(alpha=alpha_of(confidence))
     return Estimate(value, max(-1.0, 2 * float(low) - 1), min(1.0, 2 * float(high) - 1))
 
 
@@ -100,8 +100,8 @@ def _root(rising: Callable[[float], float], start: float) -> float:
         reach *= 1.5
     if reach >= 1e4:
         return math.nan
-    found: Any = brentq(rising, start - reach, start + reach)
-    return float(found)
+    root: Any = brentq(rising, start - reach, start + reach)
+    return float(root)
 
 
 def _values(given: ArrayLike) -> np.ndarray:

@@ -10,7 +10,7 @@ from ravenjax.stats.intervals import Estimate, Rate, alpha_of, rates
 _NOTHING = Estimate(math.nan, math.nan, math.nan)
 
 
-class Comparison(NamedTuple):
+class RateComparison(NamedTuple):
     """Two rates, their difference (first - second) and ratio (first / second), and the p-value of their equality."""
 
     first: Rate
@@ -20,7 +20,7 @@ class Comparison(NamedTuple):
     p: float
 
 
-def compare(k1: int, n1: int, k2: int, n2: int, confidence: float = 0.95) -> Comparison:
+def compare(k1: int, n1: int, k2: int, n2: int, confidence: float = 0.95) -> RateComparison:
     """Risk difference and relative risk of k1 of n1 against k2 of n2 independent runs.
 
     Difference: Newcombe's square-and-add of two Wilson intervals (Stat. Med. 17, 1998, method 10). Ratio: the same idea
@@ -33,13 +33,13 @@ def compare(k1: int, n1: int, k2: int, n2: int, confidence: float = 0.95) -> Com
 
     first, second = rates([k1, k2], [n1, n2], confidence)
     if not first.n or not second.n:
-        return Comparison(first, second, _NOTHING, _NOTHING, math.nan)
+        return RateComparison(first, second, _NOTHING, _NOTHING, math.nan)
     counts = (first.k, first.n, second.k, second.n)
     low, high = confint_proportions_2indep(*counts, "newcomb", "diff", alpha_of(confidence))
     difference = Estimate(first.value - second.value, float(low), float(high))
     table = [[first.k, first.n - first.k], [second.k, second.n - second.k]]
     exact: Any = fisher_exact(table)
-    return Comparison(first, second, difference, _ratio(first, second), float(exact.pvalue))
+    return RateComparison(first, second, difference, _ratio(first, second), float(exact.pvalue))
 
 
 def _ratio(first: Rate, second: Rate) -> Estimate:

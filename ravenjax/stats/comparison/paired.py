@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.bootstrap.resample import Band, Kind, bootstrap
+from ravenjax.stats.bootstrap.resample import BootstrapBand, Kind, bootstrap
 from ravenjax.stats.intervals import Estimate, alpha_of
 
 
@@ -71,7 +71,7 @@ def mean_difference(
     resamples: int = 5000,
     seed: int = 0,
     kind: Kind = "BCa",
-) -> Band:
+) -> BootstrapBand:
     """Mean of first - second, two numbers [n] of the same runs in any unit, with its bootstrap band; Band.units is n.
 
     ValueError where the lengths differ, a value is not finite, or there are fewer than 2 pairs.

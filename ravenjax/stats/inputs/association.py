@@ -18,7 +18,7 @@ _FEW = 5  # expected count below which the chi-squared law no longer holds (Coch
 _DRAWS = 9999  # tables drawn then
 
 
-class Level(NamedTuple):
+class InputLevel(NamedTuple):
     """Runs of one level of an input: its name, the input's least and greatest value there (a category: itself)."""
 
     name: str
@@ -41,7 +41,7 @@ class Dependence(NamedTuple):
     p: float
     adjusted: float
     depends: bool
-    levels: tuple[Level, ...]
+    levels: tuple[InputLevel, ...]
     difference: Estimate
 
 
@@ -61,26 +61,28 @@ def dependences(
     outcome = np.asarray(hit).astype(bool)
     measured = [_measured(str(name), outcome, pd.Series(column), confidence, seed) for name, column in inputs.items()]
     findings = holm({one.name: one.p for one in measured}, confidence)
-    told = [one._replace(adjusted=findings[one.name].adjusted, depends=findings[one.name].rejected) for one in measured]
-    return sorted(told, key=lambda one: (np.isnan(one.p), one.p, -abs(one.difference.value)))
+    results = [
+        one._replace(adjusted=findings[one.name].adjusted, depends=findings[one.name].rejected) for one in measured
+    ]
+    return sorted(results, key=lambda one: (np.isnan(one.p), one.p, -abs(one.difference.value)))
 
 
 def _measured(name: str, hit: np.ndarray, column: pd.Series, confidence: float, seed: int) -> Dependence:
     if len(column) != len(hit):
         raise ValueError(f"input {name!r} has {len(column)} values, the outcome {len(hit)}")
-    known = column.notna().to_numpy()
-    hit = hit[known]
-    column = pd.Series(column[known])
+    present = column.notna().to_numpy()
+    hit = hit[present]
+    column = pd.Series(column[present])
     numeric = pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column)
     values = column.to_numpy(float) if numeric else column.astype(str).to_numpy()
     code, names = _thirds(values) if numeric else pd.factorize(values, sort=True)
     n = np.bincount(code, minlength=len(names))
-    found = rates(np.bincount(code, hit, minlength=len(names)).astype(int), n, confidence)
+    rate_of = rates(np.bincount(code, hit, minlength=len(names)).astype(int), n, confidence)
     levels = [
-        Level(str(label), values[code == i].min(), values[code == i].max(), rate)
+        InputLevel(str(label), values[code == i].min(), values[code == i].max(), rate)
         if numeric
-        else Level(str(label), label, label, rate)
-        for i, (label, rate) in enumerate(zip(names, found, strict=True))
+        else InputLevel(str(label), label, label, rate)
+        for i, (label, rate) in enumerate(zip(names, rate_of, strict=True))
         if rate.n
     ]
     if not numeric:
@@ -117,8 +119,8 @@ def _p(hit: np.ndarray, member: np.ndarray, values: np.ndarray | None, seed: int
     method = MonteCarloMethod(n_resamples=_DRAWS, rng=np.random.default_rng(seed)) if sparse else None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
-        found: Any = chi2_contingency(table, correction=False, method=method)
-    levels = float(found.pvalue)
+        association: Any = chi2_contingency(table, correction=False, method=method)
+    levels = float(association.pvalue)
     if values is None:
         return levels
     trend: Any = mannwhitneyu(values[hit], values[~hit])

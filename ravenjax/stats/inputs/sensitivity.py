@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.bootstrap.resample import Band, bootstrap
+from ravenjax.stats.bootstrap.resample import BootstrapBand, bootstrap
 from ravenjax.stats.intervals import Estimate, alpha_of
 
 
@@ -20,8 +20,8 @@ class SobolIndices(NamedTuple):
     """First-order and total index of each input, arrays [d] with bands: share of the output's variance that the input
     explains alone, and with all its interactions. NaN where the output never varies."""
 
-    first: Band
-    total: Band
+    first: BootstrapBand
+    total: BootstrapBand
 
 
 class MorrisEffects(NamedTuple):
@@ -74,17 +74,18 @@ def sobol_analyse(
     resting = np.ptp(block[[0, -1]]) == 0
 
     def indices(index: np.ndarray) -> np.ndarray:
-        drawn = block[:, index]  # [d + 2, b, n]: scipy takes the resamples as so many outputs of one model
-        found = sobol_indices(func={"f_A": drawn[0], "f_B": drawn[-1], "f_AB": drawn[1:-1]}, n=n)
-        still = np.ptp(drawn[[0, -1]], axis=(0, 2)) == 0
+        resample = block[:, index]  # [d + 2, b, n]: scipy takes the resamples as so many outputs of one model
+        result = sobol_indices(func={"f_A": resample[0], "f_B": resample[-1], "f_AB": resample[1:-1]}, n=n)
+        still = np.ptp(resample[[0, -1]], axis=(0, 2)) == 0
         # [b, 2, d]; scipy drops the first axis of a single output
-        both = np.stack([np.reshape(part, (-1, d)) for part in (found.first_order, found.total_order)], axis=1)
+        both = np.stack([np.reshape(part, (-1, d)) for part in (result.first_order, result.total_order)], axis=1)
         return np.where(still[:, None, None] | resting, np.nan, both)
 
     batch = max(1, 2_000_000 // values.size)
     band = bootstrap(n, indices, confidence, resamples=resamples, seed=seed, batch=batch)
     first, total = (
-        Band(band.value[which], band.low[which], band.high[which], n, band.undefined[which]) for which in (0, 1)
+        BootstrapBand(band.value[which], band.low[which], band.high[which], n, band.undefined[which])
+        for which in (0, 1)
     )
     return SobolIndices(first, total)
 
@@ -124,8 +125,8 @@ def morris_analyse(
     if points.ndim != 2 or values.shape != (len(points),) or len(points) % (points.shape[1] + 1):
         raise ValueError(f"morris_analyse: design {points.shape} and outputs {values.shape} do not fit")
     _finite(values, "morris_analyse")
-    found = analyze(_problem(points.shape[1]), points, values, resamples, confidence, num_levels=levels, seed=seed)
-    mu_star, half, mu, sigma = (np.asarray(found[key], float) for key in ("mu_star", "mu_star_conf", "mu", "sigma"))
+    effects = analyze(_problem(points.shape[1]), points, values, resamples, confidence, num_levels=levels, seed=seed)
+    mu_star, half, mu, sigma = (np.asarray(effects[key], float) for key in ("mu_star", "mu_star_conf", "mu", "sigma"))
     return MorrisEffects(Estimate(mu_star, np.maximum(0.0, mu_star - half), mu_star + half), mu, sigma)
 
 

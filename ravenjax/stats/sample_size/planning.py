@@ -63,13 +63,13 @@ def more_runs(k: int, n: int, half_width: float, confidence: float = 0.95) -> Mo
 
     ValueError unless 0 <= k <= n, n > 0 and 0 < half_width < 0.5.
     """
-    (seen,) = rates(k, n, confidence)
-    if not seen.n:
+    (rate,) = rates(k, n, confidence)
+    if not rate.n:
         raise ValueError("more_runs: no run was seen yet; plan with runs_for_half_width")
     if not 0 < half_width < 0.5:
         raise ValueError(f"more_runs: half_width lies between 0 and 0.5, got {half_width}")
-    worst = min(max(0.5, seen.low), seen.high)
-    return MoreRuns(*(max(0, _wilson_runs(p, half_width, confidence) - seen.n) for p in (seen.value, worst)))
+    worst = min(max(0.5, rate.low), rate.high)
+    return MoreRuns(*(max(0, _wilson_runs(p, half_width, confidence) - rate.n) for p in (rate.value, worst)))
 
 
 def _wilson_runs(rate: float, half_width: float, confidence: float) -> int:

@@ -56,14 +56,17 @@ class Interval(NamedTuple):
         return (self.high - self.low) / 2 if self.n else 1.0
 
 
+_KEYS = {"draws": "taken", "sizes": "held"}  # field of a look -> its name in a line
+
+
 @dataclasses.dataclass(frozen=True)
 class Look:
     """What one look found and decided."""
 
     number: int  # from 1
     looks: int  # how many there are at most
-    taken: dict[str, int]  # draws of each stratum
-    held: dict[str, int]  # draws that the table has of each: the weights of a rate over several
+    draws: dict[str, int]  # draws of each stratum
+    sizes: dict[str, int]  # draws that the table has of each: the weights of a rate over several
     intervals: tuple[Interval, ...]
     widest: float  # largest half-width of those still waited for, else of all; fraction
     waiting: tuple[str, ...]  # strata that are neither narrow enough nor computed as a whole; "" the whole table
@@ -74,7 +77,8 @@ class Look:
 
     def line(self) -> str:
         """Itself as one line of JSON; computed floats to nine digits."""
-        content = dataclasses.asdict(self) | {"intervals": [_rounded(one) for one in self.intervals]}
+        content = {_KEYS.get(field, field): value for field, value in dataclasses.asdict(self).items()}
+        content |= {"intervals": [_rounded(one) for one in self.intervals]}
         return json.dumps(content | {"widest": _nine(self.widest), "each": _nine(self.each)}, ensure_ascii=False) + "\n"
 
 
@@ -83,7 +87,8 @@ def parse(line: str) -> Look:
     try:
         raw = json.loads(line)
         intervals = tuple(Interval(**_present(one)) for one in raw.pop("intervals"))
-        return Look(intervals=intervals, waiting=tuple(raw.pop("waiting")), **raw)
+        fields = {field: raw.pop(name) for field, name in _KEYS.items()}
+        return Look(intervals=intervals, waiting=tuple(raw.pop("waiting")), **fields, **raw)
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"no record of a look: {line[:80]!r}") from error
 
@@ -126,9 +131,9 @@ class Sequential:
 
     def sizes(self) -> np.ndarray:
         """Draws of each stratum that may ever be taken, int64 [looks, strata]; one at least."""
-        held = np.array([stratum.size for stratum in self.strata], np.int64)
-        part = np.ceil(np.outer(self.shares, held) - 1e-9).astype(np.int64)
-        return np.where(self.judged, np.clip(part, np.minimum(1, held), held), held)
+        size = np.array([stratum.size for stratum in self.strata], np.int64)
+        part = np.ceil(np.outer(self.shares, size) - 1e-9).astype(np.int64)
+        return np.where(self.judged, np.clip(part, np.minimum(1, size), size), size)
 
     def first(self) -> np.ndarray:
         """Draws of each stratum before the first look, int64 [strata]."""
@@ -152,8 +157,8 @@ class Sequential:
         return Look(
             number=number,
             looks=len(self.shares),
-            taken={stratum.name: int(count) for stratum, count in zip(self.strata, taken, strict=True)},
-            held={stratum.name: stratum.size for stratum in self.strata},
+            draws={stratum.name: int(count) for stratum, count in zip(self.strata, taken, strict=True)},
+            sizes={stratum.name: stratum.size for stratum in self.strata},
             intervals=tuple(intervals),
             widest=widest,
             waiting=waiting,
@@ -171,16 +176,16 @@ class Sequential:
         widest interval narrowest; several rates count by the largest spread. A stratum that is not waited for gets
         none, one judged by itself no more than it is likely to need. Then each is rounded up to a registered size.
         """
-        sizes, taken = self.sizes(), np.array(list(look.taken.values()), np.int64)
+        sizes, counts = self.sizes(), np.array(list(look.draws.values()), np.int64)
         if self.allocation == "proportional":
-            return np.maximum(taken, sizes[look.number])
+            return np.maximum(counts, sizes[look.number])
         waits = self.judged & np.array([{stratum.name, ""} & set(look.waiting) != set() for stratum in self.strata])
         guess = ((k + 2) / (n + 4)).clip(0, 1)  # a stratum without an event yet may still have some (Agresti, Coull)
         spread = np.sqrt(guess * (1 - guess)).max(axis=0)
-        held = np.array([stratum.size for stratum in self.strata], float)
-        spread = spread**2 if self.of == "groups" else spread * held
-        most = np.where(waits, np.minimum(sizes[-1], taken + self._more(k, n)), taken)
-        wanted = allocate(int(sizes[look.number].sum()), np.where(waits, spread, 0.0), taken, most)
+        size = np.array([stratum.size for stratum in self.strata], float)
+        spread = spread**2 if self.of == "groups" else spread * size
+        most = np.where(waits, np.minimum(sizes[-1], counts + self._more(k, n)), counts)
+        wanted = allocate(int(sizes[look.number].sum()), np.where(waits, spread, 0.0), counts, most)
         return np.where(sizes >= wanted, sizes, sizes[-1]).min(axis=0)
 
     def _more(self, k: np.ndarray, n: np.ndarray) -> np.ndarray:
@@ -199,16 +204,16 @@ class Sequential:
     def _exhausted(self, one: Interval, taken: np.ndarray) -> bool:
         """Whether the table holds no further draw of what an interval is about."""
         of_it = self.judged & np.array([one.stratum in ("", stratum.name) for stratum in self.strata])
-        held = np.array([stratum.size for stratum in self.strata])
-        return bool((taken >= held)[of_it].all())
+        size = np.array([stratum.size for stratum in self.strata])
+        return bool((taken >= size)[of_it].all())
 
     def _groups(self, k: np.ndarray, n: np.ndarray) -> list[Interval]:
         there = np.flatnonzero(self.judged)
         names = [self.strata[s].name for s in there]
         return [
-            Interval(rate, name, *found)
+            Interval(rate, name, *bounds)
             for r, rate in enumerate(self.rates)
-            for name, found in zip(names, rates(k[r, there], n[there], self.each, "clopper_pearson"), strict=True)
+            for name, bounds in zip(names, rates(k[r, there], n[there], self.each, "clopper_pearson"), strict=True)
         ]
 
     def _whole(self, k: np.ndarray, n: np.ndarray) -> list[Interval]:
@@ -217,10 +222,10 @@ class Sequential:
         valid = n[there] > 0
         if not valid.all():  # a stratum of which nothing is known leaves the whole unknown
             return [Interval(rate, "", 0, 0, math.nan, math.nan, math.nan) for rate in self.rates]
-        found = [stratified(k[r, there], n[there], weight, self.each) for r in range(len(self.rates))]
+        estimates = [stratified(k[r, there], n[there], weight, self.each) for r in range(len(self.rates))]
         return [
             Interval(rate, "", int(k[r, there].sum()), one.n, one.value, one.low, one.high)
-            for r, (rate, one) in enumerate(zip(self.rates, found, strict=True))
+            for r, (rate, one) in enumerate(zip(self.rates, estimates, strict=True))
         ]
 
 
@@ -229,18 +234,18 @@ def sentence(looks: Sequence[Look]) -> str:
     if not looks:
         return "No look at the stop rule yet."
     last = looks[-1]
-    where, asked = f"look {last.number} of {last.looks}", f"+-{last.half_width:g}"
+    where, target = f"look {last.number} of {last.looks}", f"+-{last.half_width:g}"
     if not last.stop:
-        return f"Not stopped yet: at {where} the widest interval was +-{last.widest:.2g}, asked for {asked}."
+        return f"Not stopped yet: at {where} the widest interval was +-{last.widest:.2g}, asked for {target}."
     uneven = "" if last.even else " Groups were computed to different shares: weigh them for a rate over several."
     if not last.waiting:
         wide = any(one.half_width > last.half_width for one in last.intervals)
         whole = ", or its group computed whole" if wide else ""
-        return f"Stopped at {where}: every rate is known within {asked}{whole}.{uneven}"
+        return f"Stopped at {where}: every rate is known within {target}{whole}.{uneven}"
     names = ", ".join(name or "the whole table" for name in last.waiting[:4])
     more = f" and {len(last.waiting) - 4} more" if len(last.waiting) > 4 else ""
     return (
-        f"Stopped at {where}, the last that was planned: not every rate is known within {asked}, "
+        f"Stopped at {where}, the last that was planned: not every rate is known within {target}, "
         f"the widest within +-{last.widest:.2g} ({names}{more}).{uneven}"
     )
 

@@ -16,7 +16,7 @@ from ravenjax.errors import StoreError
 from ravenjax.outcomes import events, verdict
 from ravenjax.store import parts, schema
 from ravenjax.store.access import query
-from ravenjax.store.access.query import Table, quoted, text
+from ravenjax.store.access.query import ResultTable, quoted, text
 from ravenjax.store.folder import PARTS, READERS
 from ravenjax.store.manifest import Manifest
 
@@ -29,7 +29,7 @@ MAY_BE_NAN = ("_value", "tip_distance_mm")
 """Ends of names of those that are NaN where there is no such number; varied parameters are, too."""
 
 
-class Check(NamedTuple):
+class FolderCheck(NamedTuple):
     """One thing that was looked at."""
 
     name: str
@@ -42,7 +42,7 @@ class Check(NamedTuple):
         return not self.problems
 
 
-def files(folder: Path, record: Manifest) -> tuple[Check, list[parts.Part]]:
+def files(folder: Path, record: Manifest) -> tuple[FolderCheck, list[parts.Part]]:
     """That every recorded part is to the byte what was recorded, and that there is no other; and the whole ones."""
     there = {path.name for path in parts.files(folder / PARTS)}
     stray = sorted(there - {part.file for part in record.parts})
@@ -56,51 +56,51 @@ def files(folder: Path, record: Manifest) -> tuple[Check, list[parts.Part]]:
             return str(error)
 
     with ThreadPoolExecutor(READERS) as pool:
-        found = list(pool.map(problem, record.parts))
-    told = [*filter(None, found), *(f"{folder / PARTS / name}: no record names this part" for name in stray)]
+        problems = list(pool.map(problem, record.parts))
+    complaints = [*filter(None, problems), *(f"{folder / PARTS / name}: no record names this part" for name in stray)]
     size = sum(part.size for part in record.parts)
     looked_at = f"{len(record.parts):,} parts, {size / 1e6:,.1f} MB: checksum, schema, campaign"
-    whole = [part for part, wrong in zip(record.parts, found, strict=True) if not wrong]
-    return Check("parts", looked_at, _short(told)), whole
+    whole = [part for part, complaint in zip(record.parts, problems, strict=True) if not complaint]
+    return FolderCheck("parts", looked_at, _short(complaints)), whole
 
 
-def rows(record: Manifest) -> Check:
+def rows(record: Manifest) -> FolderCheck:
     """That the recorded parts hold each row that they are to hold, and none twice."""
-    told = [f"{part.file}: holds rows that another part holds, too" for part in parts.apart(record.parts)[1]]
+    complaints = [f"{part.file}: holds rows that another part holds, too" for part in parts.apart(record.parts)[1]]
     missing = query.lacking(record.wanted, record.parts)
     if missing:
-        told.append(f"{sum(map(len, missing)):,} rows are missing: {query.in_words(missing)}")
+        complaints.append(f"{sum(map(len, missing)):,} rows are missing: {query.in_words(missing)}")
     elif record.finished is None:
-        told.append("every row is there, but no start of the command ended: start it again")
+        complaints.append("every row is there, but no start of the command ended: start it again")
     beyond = [
         part for part in record.parts if not any(r.start <= part.first and part.last < r.stop for r in record.wanted)
     ]
-    told += [f"{part.file}: holds rows that are not asked of this folder" for part in beyond]
-    return Check("rows", f"{record.done:,} of {record.due:,} rows", _short(told))
+    complaints += [f"{part.file}: holds rows that are not asked of this folder" for part in beyond]
+    return FolderCheck("rows", f"{record.done:,} of {record.due:,} rows", _short(complaints))
 
 
-def values(folder: Path, record: Manifest, whole: list[parts.Part]) -> list[Check]:
+def values(folder: Path, record: Manifest, whole: list[parts.Part]) -> list[FolderCheck]:
     """That the rows of whole parts have values that a run can have: one pass over the table for each check."""
     if not whole:
         return []
     with query.open_parts([folder / PARTS / part.file for part in whole], folder, numbered=True) as table:
-        made = [("row numbers", _numbers), ("ranges", _ranges), ("finite numbers", _finite), ("verdicts", _verdicts)]
-        return [_check(table, record, name, conditions) for name, conditions in made]
+        checks = [("row numbers", _numbers), ("ranges", _ranges), ("finite numbers", _finite), ("verdicts", _verdicts)]
+        return [_check(table, record, name, conditions) for name, conditions in checks]
 
 
 def _check(
-    table: Table, record: Manifest, name: str, conditions: Callable[[Manifest], Iterator[tuple[str, str, str]]]
-) -> Check:
+    table: ResultTable, record: Manifest, name: str, conditions: Callable[[Manifest], Iterator[tuple[str, str, str]]]
+) -> FolderCheck:
     """Count the rows that break each of the conditions: (column, condition that must hold, what is wrong else)."""
-    asked = list(conditions(record))
-    counted = [f"count(*) FILTER (NOT coalesce({must}, false))" for _, must, _ in asked]
+    rules = list(conditions(record))
+    counted = [f"count(*) FILTER (NOT coalesce({must}, false))" for _, must, _ in rules]
     _, *broken = table.row(f"SELECT count(*), {', '.join(counted)} FROM {query.RESULTS}")
-    told = []
-    for (column, must, wrong), n in zip(asked, broken, strict=True):
+    complaints = []
+    for (column, must, complaint), n in zip(rules, broken, strict=True):
         if n:
             ((first,),) = table.rows(f'SELECT min("index") FROM {query.RESULTS} WHERE NOT coalesce({must}, false)')
-            told.append(f"{column}: {wrong} in {n:,} row{'s' if n > 1 else ''}, the first is {first}")
-    return Check(name, f"{len(asked)} columns or rules in {record.done:,} rows", _short(told))
+            complaints.append(f"{column}: {complaint} in {n:,} row{'s' if n > 1 else ''}, the first is {first}")
+    return FolderCheck(name, f"{len(rules)} columns or rules in {record.done:,} rows", _short(complaints))
 
 
 def _numbers(record: Manifest) -> Iterator[tuple[str, str, str]]:
@@ -129,8 +129,8 @@ def _ranges(record: Manifest) -> Iterator[tuple[str, str, str]]:
         "failed": FAILURES,
         "verdict": (*verdict.VERDICTS, ""),
     }
-    for name, known in known_words.items():
-        yield name, f"{name} IN ({', '.join(map(text, known))})", "is none of the words that it can be"
+    for name, words in known_words.items():
+        yield name, f"{name} IN ({', '.join(map(text, words))})", "is none of the words that it can be"
 
 
 def _finite(record: Manifest) -> Iterator[tuple[str, str, str]]:
@@ -169,11 +169,11 @@ def _differs(path: Path, part: parts.Part, shape: schema.Shape) -> str:
     footer = pq.read_metadata(path)
     if footer.num_rows != len(part.rows):
         return f"{path}: holds {footer.num_rows} rows, its name says {part.first} to {part.last}"
-    wanted, found = schema.arrow_schema(shape), footer.schema.to_arrow_schema()
-    if found.equals(wanted):
+    wanted, actual = schema.arrow_schema(shape), footer.schema.to_arrow_schema()
+    if actual.equals(wanted):
         return ""
-    odd = [name for name in wanted.names if name not in found.names or found.field(name) != wanted.field(name)]
-    odd += [name for name in found.names if name not in wanted.names]
+    odd = [name for name in wanted.names if name not in actual.names or actual.field(name) != wanted.field(name)]
+    odd += [name for name in actual.names if name not in wanted.names]
     return f"{path}: has other columns than its campaign: {', '.join(odd[:MOST]) or 'in another order'}"
 
 

@@ -68,20 +68,20 @@ def _put(file, text: str) -> None:
 def _holder(text: str) -> dict:
     """What a lock file says; nothing where it is torn or empty."""
     try:
-        told = json.loads(text)
+        content = json.loads(text)
     except ValueError:
         return {}
-    return told if isinstance(told, dict) else {}
+    return content if isinstance(content, dict) else {}
 
 
 def _may_live(text: str) -> bool:
-    told = _holder(text)
-    if not told:
+    holder = _holder(text)
+    if not holder:
         return False
-    if told.get("host") != socket.gethostname():
+    if holder.get("host") != socket.gethostname():
         return True
     try:
-        os.kill(int(told["pid"]), 0)
+        os.kill(int(holder["pid"]), 0)
     except (ProcessLookupError, KeyError, TypeError, ValueError):
         return False
     except PermissionError:  # it is another user's, and there
@@ -90,8 +90,12 @@ def _may_live(text: str) -> bool:
 
 
 def _refusal(folder: Path, text: str, remedy: str) -> StoreError:
-    told = _holder(text)
-    who = f"process {told.get('pid')} on {told.get('host')}, since {told.get('since')}" if told else "another process"
+    holder = _holder(text)
+    who = (
+        f"process {holder.get('pid')} on {holder.get('host')}, since {holder.get('since')}"
+        if holder
+        else "another process"
+    )
     return StoreError(
         f"{folder}: is being written by {who}. Two runs into one folder would do the same work twice: wait for it, "
         f"stop it, or choose another --out.{remedy} Nothing was changed."

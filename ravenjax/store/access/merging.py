@@ -35,11 +35,11 @@ class Merged(NamedTuple):
     manifest: Manifest  # of the merged folder
     linked: int  # parts that are hard links
     copied: int
-    kept: int  # parts that were there already
+    present: int  # parts that were there already
     missing: list[range]  # rows that no shard holds
 
 
-class Source(NamedTuple):
+class PartSource(NamedTuple):
     """A part and where it is."""
 
     folder: Path  # the shard
@@ -91,32 +91,32 @@ def _require_same(first: Path, one: Manifest, other: Path, two: Manifest) -> Non
     if one.runs != two.runs:
         differences.append(f"runs: {one.runs} here, {two.runs} asked for")
     if differences:
-        told = listed([f"{line.removesuffix(' asked for')} there" for line in differences])
+        lines = listed([f"{line.removesuffix(' asked for')} there" for line in differences])
         raise StoreError(
-            f"{other}: is no shard of the campaign in {first}. Here {first}, there {other}:\n{told}\n"
+            f"{other}: is no shard of the campaign in {first}. Here {first}, there {other}:\n{lines}\n"
             "Nothing was merged: shards are made by the same command and code, but for --shard and --out."
         )
 
 
-def _parts(folder: Path, record: Manifest) -> list[Source]:
+def _parts(folder: Path, record: Manifest) -> list[PartSource]:
     """The whole parts of a shard; one that was renamed but not recorded when the power went is one, too."""
     recorded = {part.file: part for part in record.parts}
     there = {path.name: path for path in parts.files(folder / PARTS)}
 
-    def checked(name: str) -> Source:
+    def checked(name: str) -> PartSource:
         path = there.get(name, folder / PARTS / name)
         if name not in recorded:
-            return Source(folder, parts.inspect(path, record.config_hash))
+            return PartSource(folder, parts.inspect(path, record.config_hash))
         parts.verify(path, record.config_hash, recorded[name])
-        return Source(folder, recorded[name])
+        return PartSource(folder, recorded[name])
 
     with ThreadPoolExecutor(READERS) as pool:
         return list(pool.map(checked, sorted(recorded.keys() | there.keys())))
 
 
-def _disjoint(sources: list[Source]) -> list[Source]:
+def _disjoint(sources: list[PartSource]) -> list[PartSource]:
     """The parts by row, those that several shards hold alike once. Raises StoreError where two differ in a row."""
-    alike: dict[tuple[int, int, str], Source] = {}
+    alike: dict[tuple[int, int, str], PartSource] = {}
     for source in sources:
         alike.setdefault((source.part.first, source.part.last, source.part.sha256), source)
     ordered = sorted(alike.values(), key=lambda source: source.part.first)
@@ -132,17 +132,17 @@ def _disjoint(sources: list[Source]) -> list[Source]:
 
 def _incomplete(records: dict[Path, Manifest], missing: list[range]) -> str:
     rows = sum(map(len, missing))
-    told = [f"the campaign has {next(iter(records.values())).runs:,} runs; no shard holds {rows:,} of them: rows "
+    sentences = [f"the campaign has {next(iter(records.values())).runs:,} runs; no shard holds {rows:,} of them: rows "
             f"{query.in_words(missing)}."]  # fmt: skip
     for folder, record in records.items():
         own = query.lacking(record.wanted, record.parts)
         if record.rows is not None and own:
-            told.append(f"{folder} lacks rows {query.in_words(own)} of its own: start its command again.")
-    told.append("Nothing was merged: name every shard, or merge what is there with --partial.")
-    return " ".join(told)
+            sentences.append(f"{folder} lacks rows {query.in_words(own)} of its own: start its command again.")
+    sentences.append("Nothing was merged: name every shard, or merge what is there with --partial.")
+    return " ".join(sentences)
 
 
-def _taken(source: Source, out: Path, config_hash: str) -> str:
+def _taken(source: PartSource, out: Path, config_hash: str) -> str:
     """How a part came into the folder: kept, linked or copied."""
     target = out / PARTS / source.part.file
     if target.exists() and (target.samefile(source.file) or sha256(target) == source.part.sha256):
@@ -165,7 +165,7 @@ def _taken(source: Source, out: Path, config_hash: str) -> str:
     return ways[-1]
 
 
-def _require_own(out: Path, sources: list[Source]) -> None:
+def _require_own(out: Path, sources: list[PartSource]) -> None:
     """StoreError where the folder holds a part that is none of these: nobody would know what it is."""
     own = {source.part.file for source in sources}
     foreign = [path for path in parts.files(out / PARTS) if path.name not in own]
@@ -176,7 +176,7 @@ def _require_own(out: Path, sources: list[Source]) -> None:
         )
 
 
-def _joined(records: list[Manifest], sources: list[Source], incomplete: bool) -> Manifest:
+def _joined(records: list[Manifest], sources: list[PartSource], incomplete: bool) -> Manifest:
     """One record for all: as if one start had computed everything, as fast as all together."""
     finished = [record.finished for record in records]
     seconds = [record.run_s for record in records if record.run_s]

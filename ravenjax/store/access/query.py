@@ -32,13 +32,13 @@ RESULTS = "results"
 """The view of the whole table."""
 
 
-class Table:
+class ResultTable:
     """SQL over one result table. Use as a context manager, or `close` it."""
 
     def __init__(self, connection: duckdb.DuckDBPyConnection, closing: contextlib.ExitStack) -> None:
         self._connection, self._closing = connection, closing
 
-    def __enter__(self) -> Table:
+    def __enter__(self) -> ResultTable:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -58,8 +58,8 @@ class Table:
 
     def row(self, sql: str, given: Sequence[Any] = ()) -> tuple[Any, ...]:
         """The one row of a query."""
-        (found,) = self.rows(sql, given)
-        return found
+        (only,) = self.rows(sql, given)
+        return only
 
     def frame(self, sql: str, given: Sequence[Any] = ()) -> pd.DataFrame:
         """A query as a DataFrame, for what is known to be small."""
@@ -91,7 +91,7 @@ class Table:
             raise StoreError(f"a query of the result table failed: {_first_line(error)}") from error
 
 
-def open_folder(path: str | Path, memory_mb: int | None = None) -> Table:
+def open_folder(path: str | Path, memory_mb: int | None = None) -> ResultTable:
     """The finished rows of a result folder.
 
     memory_mb: of DuckDB, in MB; None is MEMORY_MB, or what the environment variable RAVENJAX_QUERY_MB says. Raises
@@ -103,7 +103,7 @@ def open_folder(path: str | Path, memory_mb: int | None = None) -> Table:
 
 def open_parts(
     files: Sequence[Path], aside: Path | None = None, memory_mb: int | None = None, numbered: bool = False
-) -> Table:
+) -> ResultTable:
     """The rows of these Parquet files, taken as they are.
 
     aside: where there is room to spill, if it may be written to. numbered: with columns `filename` and
@@ -129,17 +129,17 @@ def whole_parts(path: Path) -> list[Path]:
     return [path / PARTS / part.file for part in record.parts]
 
 
-def empty(aside: Path | None = None, memory_mb: int | None = None) -> Table:
+def empty(aside: Path | None = None, memory_mb: int | None = None) -> ResultTable:
     """A connection without a table; arguments as of `open_parts`."""
     import duckdb
 
-    given = memory_mb or _memory_mb()
+    limit_mb = memory_mb or _memory_mb()
     with contextlib.ExitStack() as closing:
         place = aside if aside is not None and os.access(aside, os.W_OK) else None
         folder = closing.enter_context(tempfile.TemporaryDirectory(prefix=".query-", dir=place))
         connection = duckdb.connect(
             config={
-                "memory_limit": f"{given}MB",
+                "memory_limit": f"{limit_mb}MB",
                 "temp_directory": folder,
                 "threads": len(os.sched_getaffinity(0)),
                 "preserve_insertion_order": False,  # who needs an order says so; keeping one takes memory
@@ -150,7 +150,7 @@ def empty(aside: Path | None = None, memory_mb: int | None = None) -> Table:
         connection.execute("SET enable_progress_bar = false")
         connection.execute("ATTACH ':memory:' AS aside (COMPRESS)")  # tables made on the way take a third of the room
         connection.execute("USE aside")
-        return Table(connection, closing.pop_all())
+        return ResultTable(connection, closing.pop_all())
 
 
 def readable(path: Path) -> Manifest:
@@ -179,9 +179,9 @@ def lacking(wanted: Sequence[range], held: Sequence[parts.Part]) -> list[range]:
 
 def in_words(ranges: Sequence[range], most: int = 5) -> str:
     """Row ranges as an error tells them: `0 to 99, 300 and 2 more ranges`."""
-    told = [f"{rows.start:,}" + (f" to {rows.stop - 1:,}" if len(rows) > 1 else "") for rows in ranges[:most]]
+    words = [f"{rows.start:,}" + (f" to {rows.stop - 1:,}" if len(rows) > 1 else "") for rows in ranges[:most]]
     more = f" and {len(ranges) - most} more ranges" if len(ranges) > most else ""
-    return ", ".join(told) + more
+    return ", ".join(words) + more
 
 
 def quoted(name: str) -> str:
@@ -205,10 +205,10 @@ def _literal(path: Path) -> str:
 
 
 def _memory_mb() -> int:
-    given = os.environ.get("RAVENJAX_QUERY_MB", "")
-    if given and not (given.isdecimal() and int(given)):
-        raise StoreError(f"RAVENJAX_QUERY_MB={given}: expected a number of MB, as 4000")
-    return int(given) if given else MEMORY_MB
+    megabytes = os.environ.get("RAVENJAX_QUERY_MB", "")
+    if megabytes and not (megabytes.isdecimal() and int(megabytes)):
+        raise StoreError(f"RAVENJAX_QUERY_MB={megabytes}: expected a number of MB, as 4000")
+    return int(megabytes) if megabytes else MEMORY_MB
 
 
 def _first_line(error: BaseException) -> str:

@@ -41,8 +41,8 @@ class Results:
             faulty = np.zeros(table.num_rows, bool)
             for site in sites:
                 faulty |= np.asarray(table.column(site).to_pandas() != "")
-            for found in table.column("verdict").filter(pa.array(faulty)).value_counts().to_pylist():
-                counts[found["values"]] += found["counts"]
+            for entry in table.column("verdict").filter(pa.array(faulty)).value_counts().to_pylist():
+                counts[entry["values"]] += entry["counts"]
         return dict(counts.most_common())
 
     def _parts(self, columns: list[str]) -> Iterator[pa.Table]:

@@ -15,7 +15,7 @@ _HEADER = b"\x00\x01\x00\x00"  # CDR, little-endian, no options
 _SECOND_NS = 1_000_000_000
 
 
-class Layout:
+class MessageLayout:
     """Template of one message type: text is constant, times and numbers are holes filled later."""
 
     def __init__(self) -> None:
@@ -93,7 +93,7 @@ class Layout:
 
 def log(time_ns: int, level: int, name: str, text: str) -> bytes:
     """A whole rcl_interfaces/Log: `level` 10 debug, 20 info, 30 warn, 40 error, 50 fatal; no file, function, line."""
-    layout = Layout()
+    layout = MessageLayout()
     for part in divmod(time_ns, _SECOND_NS):
         layout.count(part)
     layout.byte(level)

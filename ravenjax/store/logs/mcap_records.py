@@ -70,17 +70,17 @@ def scan(path: Path) -> Scan:
     magic = len(MCAP0_MAGIC)
     if data[:magic] != MCAP0_MAGIC:
         raise StoreError(f"{path}: is no MCAP file, it does not begin with the magic bytes; expected one, whole or cut")
-    found = Scan(data)
+    result = Scan(data)
     whole = magic
     footer = False
     for opcode, start, end in _walk(data, magic):
-        _take(found, opcode, start, end)
+        _take(result, opcode, start, end)
         whole, footer = end, opcode == Opcode.FOOTER
         if footer:
             break
-    found.complete = footer and data[whole : whole + magic] == MCAP0_MAGIC
-    found.lost_bytes += 0 if found.complete else len(data) - whole
-    return found
+    result.complete = footer and data[whole : whole + magic] == MCAP0_MAGIC
+    result.lost_bytes += 0 if result.complete else len(data) - whole
+    return result
 
 
 def _walk(data: Bytes, at: int = 0) -> Iterator[tuple[int, int, int]]:

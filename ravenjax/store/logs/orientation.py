@@ -14,10 +14,10 @@ def quaternions(rotation: np.ndarray) -> np.ndarray:
     """
     matrices = np.asarray(rotation, float)
     out = np.full((*matrices.shape[:-2], 4), np.nan)
-    known = np.asarray(np.isfinite(matrices).all(axis=(-2, -1)))
-    known[known] = np.linalg.det(matrices[known]) > 0.0
-    if known.any():
-        out[known] = Rotation.from_matrix(matrices[known]).as_quat()
+    valid = np.asarray(np.isfinite(matrices).all(axis=(-2, -1)))
+    valid[valid] = np.linalg.det(matrices[valid]) > 0.0
+    if valid.any():
+        out[valid] = Rotation.from_matrix(matrices[valid]).as_quat()
     flips = np.where(np.sum(out[1:] * out[:-1], axis=-1) < 0.0, -1.0, 1.0)
     out[1:] *= np.cumprod(flips, axis=0)[..., None]
     return out

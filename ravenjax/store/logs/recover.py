@@ -44,37 +44,37 @@ def recover(path: Path, out: Path | None = None) -> Recovered:
     """
     path = Path(path)
     out = recovered_path(path) if out is None else Path(out)
-    found = mcap_records.scan(path)
-    if next(found.messages(), None) is None:
+    parts = mcap_records.scan(path)
+    if next(parts.messages(), None) is None:
         raise StoreError(
-            f"{path}: holds no whole message, {found.lost_bytes} bytes of an unfinished chunk; nothing can be recovered"
+            f"{path}: holds no whole message, {parts.lost_bytes} bytes of an unfinished chunk; nothing can be recovered"
         )
     times: list[int] = []
 
     def fill(target: Path) -> None:
         with open(target, "wb") as file:
             writer = Writer(file)
-            writer.start(profile=found.profile, library="ravenjax")
-            for metadata in found.metadata:
+            writer.start(profile=parts.profile, library="ravenjax")
+            for metadata in parts.metadata:
                 writer.add_metadata(metadata.name, metadata.metadata)
             schemas = {0: 0} | {
                 number: writer.register_schema(schema.name, schema.encoding, schema.data)
-                for number, schema in sorted(found.schemas.items())
+                for number, schema in sorted(parts.schemas.items())
             }
             channels = {
                 one.id: writer.register_channel(
                     one.topic, one.message_encoding, schemas.get(one.schema_id, 0), one.metadata
                 )
-                for one in found.channels
+                for one in parts.channels
             }
-            for channel, number, log_time, publish_time, data in found.messages():
+            for channel, number, log_time, publish_time, data in parts.messages():
                 if channel in channels:  # not where the chunk that defined it is damaged
                     writer.add_message(channels[channel], log_time, data, publish_time, number)
                     times.append(log_time)
-            for one in found.attachments:
+            for one in parts.attachments:
                 writer.add_attachment(one.create_time, one.log_time, one.name, one.media_type, one.data)
             writer.finish()
 
     write_aside(out, fill)
     seconds = (max(times, default=0) - min(times, default=0)) * 1e-9
-    return Recovered(out, len(times), seconds, found.lost_bytes, found.complete)
+    return Recovered(out, len(times), seconds, parts.lost_bytes, parts.complete)

@@ -109,8 +109,8 @@ def check(series: Mapping[str, np.ndarray], where: str) -> int:
     lengths = {name: values.shape[0] if values.ndim else 0 for name, values in series.items()}
     counts = set(lengths.values())
     if len(counts) != 1 or 0 in counts:
-        shown = ", ".join(f"{name} {length}" for name, length in list(lengths.items())[:6])
-        raise StoreError(f"{where}: a trace needs series of one length, at least 1 tick each, got {shown or 'none'}")
+        listing = ", ".join(f"{name} {length}" for name, length in list(lengths.items())[:6])
+        raise StoreError(f"{where}: a trace needs series of one length, at least 1 tick each, got {listing or 'none'}")
     return counts.pop()
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from mcap.writer import Writer
 
 from ravenjax.store.logs import cdr, ros_messages
-from ravenjax.store.logs.cdr import Layout
+from ravenjax.store.logs.cdr import MessageLayout
 
 ARM_TOPICS = {"gold": "arm1", "green": "arm2"}
 """CRTK's names of the arms of a Raven-II; an arm of another robot keeps its own."""
@@ -39,13 +39,13 @@ class Topic:
     name: str
     schema: str
     definition: str  # ros2msg text of the schema
-    layout: Layout
+    layout: MessageLayout
 
     def encode(self, time_ns: np.ndarray, values: np.ndarray) -> dict[int, bytes]:
         """Messages by tick: `time_ns` int64 [T], `values` [T, numbers]. Of a pose, point or frame that is not known in
         a tick (a number is none) there is no message then."""
-        known = np.flatnonzero(np.isfinite(values).all(axis=1)) if self.schema in _OF_PLACES else range(len(values))
-        return dict(zip(map(int, known), self.layout.encode(time_ns[known], values[known]), strict=True))
+        ticks = np.flatnonzero(np.isfinite(values).all(axis=1)) if self.schema in _OF_PLACES else range(len(values))
+        return dict(zip(map(int, ticks), self.layout.encode(time_ns[ticks], values[ticks]), strict=True))
 
 
 _OF_PLACES = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PointStamped", "tf2_msgs/msg/TFMessage")
@@ -95,7 +95,7 @@ def wrench(arm: str, name: str) -> Topic:
 
 def frames(pairs: Sequence[tuple[str, str]]) -> Topic:
     """tf2_msgs/TFMessage: of each (parent, child) the place x, y, z in m and the quaternion x, y, z, w."""
-    layout = Layout()
+    layout = MessageLayout()
     layout.count(len(pairs))
     for parent, child in pairs:
         layout.header(parent)
@@ -106,7 +106,7 @@ def frames(pairs: Sequence[tuple[str, str]]) -> Topic:
 
 def signals(names: Sequence[str], single: bool = False) -> Topic:
     """The flat message of one number per name: float64, or float32 if `single`."""
-    layout = Layout()
+    layout = MessageLayout()
     layout.header("")
     if single:
         layout.singles(len(names))
@@ -118,7 +118,9 @@ def signals(names: Sequence[str], single: bool = False) -> Topic:
 
 def events() -> tuple[Topic, Topic]:
     """std_msgs/String and rcl_interfaces/Log; their messages are `encoded_event`'s."""
-    return _topic(EVENTS, "std_msgs/msg/String", Layout()), _topic(LOG, "rcl_interfaces/msg/Log", Layout())
+    return _topic(EVENTS, "std_msgs/msg/String", MessageLayout()), _topic(
+        LOG, "rcl_interfaces/msg/Log", MessageLayout()
+    )
 
 
 def encoded_event(event: Mapping[str, Any], text: str, level: str, stamp_ns: int) -> tuple[bytes, bytes]:
@@ -147,15 +149,15 @@ def arm_name(arm: str) -> str:
     return ARM_TOPICS.get(arm) or field(arm)
 
 
-def _framed(arm: str) -> Layout:
-    layout = Layout()
+def _framed(arm: str) -> MessageLayout:
+    layout = MessageLayout()
     layout.header(base(arm))
     return layout
 
 
-def _of_arm(arm: str, name: str, schema: str, layout: Layout) -> Topic:
+def _of_arm(arm: str, name: str, schema: str, layout: MessageLayout) -> Topic:
     return _topic(f"/{arm_name(arm)}/{name}", schema, layout)
 
 
-def _topic(name: str, schema: str, layout: Layout) -> Topic:
+def _topic(name: str, schema: str, layout: MessageLayout) -> Topic:
     return Topic(name, schema, ros_messages.definition(schema), layout)

@@ -13,7 +13,7 @@ import numpy as np
 
 from ravenjax.stats.bootstrap.clusters import codes
 from ravenjax.stats.intervals import alpha_of
-from ravenjax.studies.framework.study import Estimate
+from ravenjax.studies.framework.study import StudyEstimate
 
 
 class Areas(NamedTuple):
@@ -24,22 +24,22 @@ class Areas(NamedTuple):
     positives: int
     negatives: int
 
-    def estimate(self, d: int, confidence: float = 0.95, of: str = "positive runs") -> Estimate:
+    def estimate(self, d: int, confidence: float = 0.95, of: str = "positive runs") -> StudyEstimate:
         """One area with its normal interval, within 0..1; of: what the positive runs are."""
         low, high = _interval(self.value[d], self.covariance[d, d], confidence)
-        return Estimate(float(self.value[d]), max(0.0, low), min(1.0, high), self.positives, of)
+        return StudyEstimate(float(self.value[d]), max(0.0, low), min(1.0, high), self.positives, of)
 
-    def difference(self, d: int, than: int, confidence: float = 0.95) -> tuple[Estimate, float]:
+    def difference(self, d: int, than: int, confidence: float = 0.95) -> tuple[StudyEstimate, float]:
         """Area d minus area `than` of the same runs, and the two-sided p-value that they are alike; 1 where they are
         the same score."""
         from scipy.stats import norm
 
-        found = float(self.value[d] - self.value[than])
+        gap = float(self.value[d] - self.value[than])
         variance = float(self.covariance[d, d] + self.covariance[than, than] - 2 * self.covariance[d, than])
-        estimate = Estimate(found, *_interval(found, variance, confidence), self.positives, "positive runs")
+        estimate = StudyEstimate(gap, *_interval(gap, variance, confidence), self.positives, "positive runs")
         if variance <= 1e-18:
-            return estimate, 1.0 if abs(found) < 1e-12 else 0.0
-        return estimate, float(2 * norm.sf(abs(found) / np.sqrt(variance)))
+            return estimate, 1.0 if abs(gap) < 1e-12 else 0.0
+        return estimate, float(2 * norm.sf(abs(gap) / np.sqrt(variance)))
 
 
 def areas(score: np.ndarray, positive: np.ndarray, cell: np.ndarray) -> Areas:
@@ -66,10 +66,10 @@ def areas(score: np.ndarray, positive: np.ndarray, cell: np.ndarray) -> Areas:
     code, clusters = codes(cell)
     both = np.zeros((detectors, detectors))
     scaled = []
-    for chosen, count in ((positive, m), (~positive, n)):
+    for members, count in ((positive, m), (~positive, n)):
         sums = np.zeros((clusters, detectors))
-        np.add.at(sums, code[chosen], beats[chosen] - value)
-        units = len(np.unique(code[chosen]))
+        np.add.at(sums, code[members], beats[members] - value)
+        units = len(np.unique(code[members]))
         both += _more(units) * (sums.T @ sums) / count**2
         scaled.append(sums / count)
     cross = scaled[0].T @ scaled[1]

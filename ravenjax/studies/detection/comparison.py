@@ -29,9 +29,9 @@ from ravenjax.studies.detection.points import (
     point,
     share,
 )
-from ravenjax.studies.detection.runs import AS_MODELLED, Faulty, Free, names
+from ravenjax.studies.detection.runs import AS_MODELLED, FaultyScores, FreeScores, names
 from ravenjax.studies.framework import motions_alike
-from ravenjax.studies.framework.study import Context, Estimate, Findings, Line, Study, Variant
+from ravenjax.studies.framework.study import Context, Findings, Line, Study, StudyEstimate, Variant
 
 CAMPAIGN = "detectors.toml"
 BASELINE, FAST = "suture", "suture_fast"
@@ -63,10 +63,10 @@ def compare(context: Context) -> Findings:
     return findings(faulty, fast, free)
 
 
-def findings(faulty: Faulty, fast: Faulty, free: Free) -> Findings:
+def findings(faulty: FaultyScores, fast: FaultyScores, free: FreeScores) -> Findings:
     """As `compare`, of runs at hand. `fast`: the faults at twice the scale."""
     modelled = free.where(free.robot == AS_MODELLED)
-    found = areas(faulty.score, faulty.unintended, faulty.cell)
+    auc = areas(faulty.score, faulty.unintended, faulty.cell)
     points = {name: _quiet(faulty, modelled, name) for name in names(faulty.detectors)}
     best = max(
         (p for name, p in points.items() if p is not None and name.startswith("steps")),
@@ -76,16 +76,16 @@ def findings(faulty: Faulty, fast: Faulty, free: Free) -> Findings:
     main = (MAIN[0], *([best.name] if best and best.name != MAIN[0] else []), *MAIN[1:])
     quiet = [p for name in main if (p := points[name]) is not None]
     published = [point(faulty, modelled, *one) for one in (PUBLISHED, FORK, CLIP)]
-    spoken = others(faulty, modelled)
-    chosen = [Chosen(p.name, p.level) for p in (*quiet, *spoken)]
+    other_points = others(faulty, modelled)
+    picks = [Chosen(p.name, p.level) for p in (*quiet, *other_points)]
     return Findings(
-        lines=tuple(_lines(faulty, modelled, found, quiet, published, spoken)),
+        lines=tuple(_lines(faulty, modelled, auc, quiet, published, other_points)),
         tables=(
-            tables.point_table(quiet, published, spoken),
-            tables.rule_table(points, found, names(faulty.detectors)),
-            tables.area_table(faulty, found),
-            tables.first_table(faulty, chosen),
-            tables.layer_table(faulty, chosen),
+            tables.point_table(quiet, published, other_points),
+            tables.rule_table(points, auc, names(faulty.detectors)),
+            tables.area_table(faulty, auc),
+            tables.first_table(faulty, picks),
+            tables.layer_table(faulty, picks),
             tables.robot_table(faulty, free, main),
             tables.condition_table(faulty, fast, modelled, main),
             tables.recording_table(modelled, main),
@@ -93,19 +93,19 @@ def findings(faulty: Faulty, fast: Faulty, free: Free) -> Findings:
             tables.hazard_table(faulty, main),
             tables.hours_table(free),
         ),
-        drawings=tuple(drawings.drawings(faulty, modelled, main, chosen)),
+        drawings=tuple(drawings.drawings(faulty, modelled, main, picks)),
         notes=_notes(faulty, modelled, best),
     )
 
 
-def _quiet(faulty: Faulty, modelled: Free, name: str) -> Point | None:
+def _quiet(faulty: FaultyScores, modelled: FreeScores, name: str) -> Point | None:
     level = level_for(modelled, name)
     return None if level is None else point(faulty, modelled, name, level)
 
 
 def _lines(
-    faulty: Faulty,
-    modelled: Free,
+    faulty: FaultyScores,
+    modelled: FreeScores,
     found: Areas,
     quiet: Sequence[Point],
     published: Sequence[Point],
@@ -113,14 +113,16 @@ def _lines(
 ) -> list[Line]:
     listed = names(faulty.detectors)
 
-    def hundred(value: Estimate) -> Estimate:
-        return Estimate(100 * value.value, 100 * value.low, 100 * value.high, value.n, value.of)
+    def hundred(value: StudyEstimate) -> StudyEstimate:
+        return StudyEstimate(100 * value.value, 100 * value.low, 100 * value.high, value.n, value.of)
 
     moved = share(faulty.unintended, np.ones(len(faulty.cell), bool), faulty.cell, "activated runs")
     lines = [
-        Line("faults, distinct", "", None, Estimate(len(np.unique(faulty.cell)), of=f"{len(MOTIONS)} motions")),
+        Line("faults, distinct", "", None, StudyEstimate(len(np.unique(faulty.cell)), of=f"{len(MOTIONS)} motions")),
         Line("faulty runs with unintended motion", "%", None, hundred(moved)),
-        Line("motion without a fault, robot as modelled", "h", None, Estimate(round(float(modelled.hours.sum()), 2))),
+        Line(
+            "motion without a fault, robot as modelled", "h", None, StudyEstimate(round(float(modelled.hours.sum()), 2))
+        ),
         *(Line(f"AUC, {p.name}", "", None, found.estimate(listed.index(p.name), of=MOVED)) for p in quiet),
     ]
     for p in quiet:
@@ -142,7 +144,7 @@ def _lines(
     return lines
 
 
-def _notes(faulty: Faulty, modelled: Free, best: Point | None) -> tuple[str, ...]:
+def _notes(faulty: FaultyScores, modelled: FreeScores, best: Point | None) -> tuple[str, ...]:
     hours, recordings = float(modelled.hours.sum()), len(np.unique(modelled.recording))
     return (
         f"Unintended motion: {events.meaning('unintended_motion', faulty.rules)}. The cue fires at the same "

@@ -12,10 +12,10 @@ from ravenjax.document.steps import steps
 from ravenjax.stats.alarms.roc import CurveBand, precision_recall_band, roc_band
 from ravenjax.stats.latency import Incidence, Lead
 from ravenjax.studies.detection.points import CLIP, FORK, PER_HOUR, PUBLISHED, Chosen, share, times
-from ravenjax.studies.detection.runs import CUE, OTHERS, STOPS, Faulty, Free, names
+from ravenjax.studies.detection.runs import CUE, OTHERS, STOPS, FaultyScores, FreeScores, names
 from ravenjax.studies.detection.tables import at_scale, layers_of, unclutched
 from ravenjax.studies.framework.drawing import MUTED, SERIES, WIDTH_IN
-from ravenjax.studies.framework.study import Drawing, Estimate
+from ravenjax.studies.framework.study import Drawing, StudyEstimate
 
 BAND_RESAMPLES = 200
 MARKERS = ("o", "s", "D")
@@ -84,17 +84,17 @@ def trade(panels: Sequence[Trade], wanted: float) -> Callable[[Any], None]:
     return draw
 
 
-def incidences(curves: Mapping[str, tuple[Incidence, Estimate, Lead]]) -> Callable[[Any], None]:
+def incidences(curves: Mapping[str, tuple[Incidence, StudyEstimate, Lead]]) -> Callable[[Any], None]:
     """Incidence of the alarm after the first effect and about the beginning of the unintended motion."""
 
     def draw(figure: Any) -> None:
         figure.set_size_inches(WIDTH_IN, 4.6)
         left, right = figure.subplots(1, 2, sharey=True)
         for colour, (name, (delay, _, lead)) in zip(SERIES, curves.items(), strict=False):
-            for axis, found in ((left, delay), (right, lead.lag)):
-                shown = found.time + (1 if axis is left else 0)
-                drawn = steps(shown, found.fraction, found.low, found.high)
-                step_curve(axis, drawn, color=colour, scale=100, alpha=0.12, lw=1.3, label=name)
+            for axis, curve in ((left, delay), (right, lead.lag)):
+                time = curve.time + (1 if axis is left else 0)
+                stairs = steps(time, curve.fraction, curve.low, curve.high)
+                step_curve(axis, stairs, color=colour, scale=100, alpha=0.12, lw=1.3, label=name)
         left.set_xscale("log")
         left.set(
             title="After the fault's first effect",
@@ -136,7 +136,9 @@ def _band(axis: Any, grid: np.ndarray, found: CurveBand, colour: str, label: str
     axis.fill_between(grid, found.curve.low, found.curve.high, color=colour, alpha=0.15, lw=0)
 
 
-def drawings(faulty: Faulty, modelled: Free, main: Sequence[str], chosen: Sequence[Chosen]) -> list[Drawing]:
+def drawings(
+    faulty: FaultyScores, modelled: FreeScores, main: Sequence[str], chosen: Sequence[Chosen]
+) -> list[Drawing]:
     """Every figure of the study; `modelled`: motion without a fault, robot as modelled."""
     listed = names(faulty.detectors)
     bands = {}
@@ -148,9 +150,9 @@ def drawings(faulty: Faulty, modelled: Free, main: Sequence[str], chosen: Sequen
         )
     single = {
         name: (
-            share(told := faulty.spoke_ms(name, np.nan) >= 0, ~faulty.unintended, faulty.cell, "").value,
-            share(told, faulty.unintended, faulty.cell, "").value,
-            share(faulty.unintended, told, faulty.cell, "").value,
+            share(spoke := faulty.spoke_ms(name, np.nan) >= 0, ~faulty.unintended, faulty.cell, "").value,
+            share(spoke, faulty.unintended, faulty.cell, "").value,
+            share(faulty.unintended, spoke, faulty.cell, "").value,
         )
         for name in OTHERS
     }
@@ -206,7 +208,7 @@ def drawings(faulty: Faulty, modelled: Free, main: Sequence[str], chosen: Sequen
     ]  # fmt: skip
 
 
-def _trade(faulty: Faulty, free: Free, name: str) -> np.ndarray:
+def _trade(faulty: FaultyScores, free: FreeScores, name: str) -> np.ndarray:
     """[levels, 2] false alarms an hour and share caught, by rising level. Levels that catch less than a higher one are
     left out: there an alarm is mostly on before the fault. So are those that are quiet, and above the lowest such."""
     levels = next(one.levels for one in faulty.detectors if one.name == name)
@@ -216,7 +218,7 @@ def _trade(faulty: Faulty, free: Free, name: str) -> np.ndarray:
     return points[: quiet[0] + 1] if len(quiet) else points
 
 
-def _at(one: tuple[str, float], free: Free, faulty: Faulty) -> tuple[float, float]:
+def _at(one: tuple[str, float], free: FreeScores, faulty: FaultyScores) -> tuple[float, float]:
     """False alarms an hour and share caught at one level."""
     false = float(free.count(*one).sum() / free.hours.sum())
     return false, float((faulty.spoke_ms(*one) >= 0)[faulty.unintended].mean())

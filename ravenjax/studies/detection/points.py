@@ -17,8 +17,8 @@ from ravenjax.report import wording
 from ravenjax.stats.bootstrap.clusters import cluster_ratio
 from ravenjax.stats.intervals import wilson
 from ravenjax.stats.latency import Incidence, Lead, incidence, lead_time, restricted_mean
-from ravenjax.studies.detection.runs import OTHERS, Faulty, Free
-from ravenjax.studies.framework.study import Estimate
+from ravenjax.studies.detection.runs import OTHERS, FaultyScores, FreeScores
+from ravenjax.studies.framework.study import StudyEstimate
 
 PER_HOUR = 1.0
 """False alarms an hour that an operating point may have had."""
@@ -55,17 +55,17 @@ class Point(NamedTuple):
 
     name: str
     level: float  # NaN: has none
-    false: Estimate  # alarms an hour
-    caught: Estimate  # of runs with an unintended motion, those with an alarm
-    disturbed: Estimate  # of the other faulty runs, those with an alarm
-    precision: Estimate  # of alarms in faulty runs, those in runs with an unintended motion
-    before: Estimate  # of runs with an unintended motion, those with the alarm before it began
-    delay_ms: Estimate  # median, from the fault's first effect
-    mean_delay_ms: Estimate  # restricted to HORIZON_MS
-    lead_ms: Estimate  # median; NaN: half of them never had an alarm
+    false: StudyEstimate  # alarms an hour
+    caught: StudyEstimate  # of runs with an unintended motion, those with an alarm
+    disturbed: StudyEstimate  # of the other faulty runs, those with an alarm
+    precision: StudyEstimate  # of alarms in faulty runs, those in runs with an unintended motion
+    before: StudyEstimate  # of runs with an unintended motion, those with the alarm before it began
+    delay_ms: StudyEstimate  # median, from the fault's first effect
+    mean_delay_ms: StudyEstimate  # restricted to HORIZON_MS
+    lead_ms: StudyEstimate  # median; NaN: half of them never had an alarm
 
 
-def level_for(free: Free, name: str, per_hour: float = PER_HOUR) -> float | None:
+def level_for(free: FreeScores, name: str, per_hour: float = PER_HOUR) -> float | None:
     """Lowest level of a detector from which on false alarms come at most so often; None where none of its levels
     does. ValueError without any hours."""
     if not free.hours.sum() > 0:
@@ -73,11 +73,11 @@ def level_for(free: Free, name: str, per_hour: float = PER_HOUR) -> float | None
     levels = next(one.levels for one in free.detectors if one.name == name)
     rates = np.array([free.count(name, level).sum() / free.hours.sum() for level in levels])
     order = np.argsort(levels)
-    kept = np.logical_and.accumulate((rates[order] <= per_hour)[::-1])[::-1]
-    return float(np.array(levels)[order][kept][0]) if kept.any() else None
+    quiet = np.logical_and.accumulate((rates[order] <= per_hour)[::-1])[::-1]
+    return float(np.array(levels)[order][quiet][0]) if quiet.any() else None
 
 
-def point(faulty: Faulty, free: Free, name: str, level: float) -> Point:
+def point(faulty: FaultyScores, free: FreeScores, name: str, level: float) -> Point:
     """What a detector, or one of OTHERS (level NaN), does at a level."""
     spoke_ms = faulty.spoke_ms(name, level)
     spoke, moved = spoke_ms >= 0, faulty.unintended
@@ -96,7 +96,7 @@ def point(faulty: Faulty, free: Free, name: str, level: float) -> Point:
     )
 
 
-def times(faulty: Faulty, name: str, level: float) -> tuple[Incidence, Estimate, Lead]:
+def times(faulty: FaultyScores, name: str, level: float) -> tuple[Incidence, StudyEstimate, Lead]:
     """Delay of the alarm after the fault's first effect, its restricted mean, and the lead over the unintended motion.
 
     One run of each fault that made one. A run is watched to its end; one that a stop ended has no alarm any more.
@@ -112,32 +112,32 @@ def times(faulty: Faulty, name: str, level: float) -> tuple[Incidence, Estimate,
     return incidence(delay, came), _told(mean, len(came)), lead
 
 
-def share(hit: np.ndarray, among: np.ndarray, cell: np.ndarray, of: str) -> Estimate:
+def share(hit: np.ndarray, among: np.ndarray, cell: np.ndarray, of: str) -> StudyEstimate:
     """Rate of `hit` among `among` (bool [runs]); its interval resamples cells, or is Wilson's of as many draws as there
     are cells where all are alike. NaN where there are none."""
     n = int(among.sum())
     if not n:
-        return Estimate(np.nan, n=0, of=of)
+        return StudyEstimate(np.nan, n=0, of=of)
     cells = len(np.unique(cell[among]))
     value = float(hit[among].mean())
     if value in (0.0, 1.0) or cells < 2:
         alike = wilson(round(value * cells), cells)
-        return Estimate(value, alike.low, alike.high, n, of)
+        return StudyEstimate(value, alike.low, alike.high, n, of)
     band = cluster_ratio(hit[among], 1.0, cell[among], resamples=RESAMPLES)
-    return Estimate(value, float(band.low), float(band.high), n, of)
+    return StudyEstimate(value, float(band.low), float(band.high), n, of)
 
 
-def others(faulty: Faulty, free: Free) -> list[Point]:
+def others(faulty: FaultyScores, free: FreeScores) -> list[Point]:
     """The robot's checks and the haptic cue."""
     return [point(faulty, free, name, np.nan) for name in OTHERS]
 
 
-def caught(faulty: Faulty, name: str, level: float) -> Estimate:
+def caught(faulty: FaultyScores, name: str, level: float) -> StudyEstimate:
     """Share of the runs with an unintended motion that have an alarm at a level."""
     return share(faulty.spoke_ms(name, level) >= 0, faulty.unintended, faulty.cell, MOVED)
 
 
-def percent(value: Estimate) -> str:
+def percent(value: StudyEstimate) -> str:
     """63.2 % (60.1–66.4 %) of 812."""
     if not value.n:
         return "no runs"
@@ -145,7 +145,7 @@ def percent(value: Estimate) -> str:
     return f"{wording.percent(value.value)}{ends} of {wording.count(value.n)}"
 
 
-def plain(value: Estimate, show: Callable[[float], str] = wording.number) -> str:
+def plain(value: StudyEstimate, show: Callable[[float], str] = wording.number) -> str:
     """12 (10 to 15); a dash for what is not known."""
     if not np.isfinite(value.value):
         return wording.DASH
@@ -153,10 +153,10 @@ def plain(value: Estimate, show: Callable[[float], str] = wording.number) -> str
     return show(value.value + 0.0) + ends  # no -0
 
 
-def rate(value: Estimate) -> str:
+def rate(value: StudyEstimate) -> str:
     """0.8 (0 to 2.1); 3 alarms in 4.0 h."""
     return f"{plain(value)}; {wording.count(value.n)} in {value.of.rpartition(' in ')[2]}"
 
 
-def _told(value: tuple[float, float, float], n: int) -> Estimate:
-    return Estimate(*value, n, "faults with unintended motion")
+def _told(value: tuple[float, float, float], n: int) -> StudyEstimate:
+    return StudyEstimate(*value, n, "faults with unintended motion")

@@ -20,9 +20,9 @@ from ravenjax.robots.raven2 import ROBOT
 from ravenjax.stats.alarms.false_alarms import alarm_rate
 from ravenjax.stats.bootstrap.clusters import cluster_ratio
 from ravenjax.store import folder, manifest
-from ravenjax.store.manifest import Detector, Manifest
+from ravenjax.store.manifest import DetectorRecord, Manifest
 from ravenjax.studies.framework import motions_alike
-from ravenjax.studies.framework.study import Estimate
+from ravenjax.studies.framework.study import StudyEstimate
 from ravenjax.vocabulary import checks
 
 FREE = "free/"
@@ -35,10 +35,10 @@ OTHERS = (CHECKS, STOPS, CUE)
 """What speaks beside the detectors; each has one level."""
 
 
-class Faulty(NamedTuple):
+class FaultyScores(NamedTuple):
     """Activated faulty runs, one entry a run; times in ms from the start of the run, -1: never."""
 
-    detectors: tuple[Detector, ...]
+    detectors: tuple[DetectorRecord, ...]
     cell: np.ndarray  # int, equal for runs of one fault
     motion: np.ndarray  # int, number of the campaign that it is of
     layer: np.ndarray  # words
@@ -65,7 +65,7 @@ class Faulty(NamedTuple):
         d = names(self.detectors).index(name)
         return self.first_ms[d][:, self.detectors[d].levels.index(level)]
 
-    def once(self) -> Faulty:
+    def once(self) -> FaultyScores:
         """One run of each fault, the motions in turn, so that faults are independent draws."""
         motions = np.unique(self.motion)
         turn = motions[self.cell % len(motions)]
@@ -74,7 +74,7 @@ class Faulty(NamedTuple):
         first = order[np.unique(self.cell[order], return_index=True)[1]]
         return self.where(np.sort(first))
 
-    def where(self, chosen: np.ndarray) -> Faulty:
+    def where(self, chosen: np.ndarray) -> FaultyScores:
         """Those of `chosen`, a mask or indices."""
         return self._replace(
             **{name: getattr(self, name)[chosen] for name in _BY_RUN},
@@ -86,10 +86,10 @@ class Faulty(NamedTuple):
 _BY_RUN = ("cell", "motion", "layer", "active_ms", "unintended_ms", "hazard", "jumped", "leapt", "score")
 
 
-class Free(NamedTuple):
+class FreeScores(NamedTuple):
     """Runs without a fault, one entry a run."""
 
-    detectors: tuple[Detector, ...]
+    detectors: tuple[DetectorRecord, ...]
     robot: np.ndarray  # words: as modelled, uncertain robot ..
     recording: np.ndarray  # words, which motion; runs of one resemble each other
     scale: np.ndarray
@@ -99,13 +99,13 @@ class Free(NamedTuple):
     others: Mapping[str, np.ndarray]  # of OTHERS: 1 where a check tripped, pulses of the cue
 
     def count(self, name: str, level: float) -> np.ndarray:
-        """Separate false alarms of each run. KeyError, ValueError as `Faulty.spoke_ms`."""
+        """Separate false alarms of each run. KeyError, ValueError as `FaultyScores.spoke_ms`."""
         if name in self.others:
             return self.others[name]
         d = names(self.detectors).index(name)
         return self.alarms[d][:, self.detectors[d].levels.index(level)]
 
-    def where(self, chosen: np.ndarray) -> Free:
+    def where(self, chosen: np.ndarray) -> FreeScores:
         """Those of `chosen`."""
         return self._replace(
             **{name: getattr(self, name)[chosen] for name in _FREE_BY_RUN},
@@ -113,12 +113,12 @@ class Free(NamedTuple):
             others={name: counts[chosen] for name, counts in self.others.items()},
         )
 
-    def per_hour(self, counts: np.ndarray) -> Estimate:
+    def per_hour(self, counts: np.ndarray) -> StudyEstimate:
         """`per_hour` of these runs."""
         return per_hour(counts, self.hours, self.recording)
 
 
-def per_hour(counts: np.ndarray, hours: np.ndarray, recording: np.ndarray, of: str = "alarms") -> Estimate:
+def per_hour(counts: np.ndarray, hours: np.ndarray, recording: np.ndarray, of: str = "alarms") -> StudyEstimate:
     """Rate of `counts` [runs] over `hours` [runs], its interval by resampling recordings; where none came or there are
     fewer than FEWEST recordings the exact Poisson one, which takes all of them as independent."""
     total, all_hours = int(counts.sum()), float(hours.sum())
@@ -127,31 +127,31 @@ def per_hour(counts: np.ndarray, hours: np.ndarray, recording: np.ndarray, of: s
     if total and len(np.unique(recording)) >= FEWEST:
         band = cluster_ratio(counts, hours, recording)
         low, high = float(band.low), float(band.high)
-    return Estimate(exact.per_hour, low, high, total, f"{of} in {all_hours:.1f} h")
+    return StudyEstimate(exact.per_hour, low, high, total, f"{of} in {all_hours:.1f} h")
 
 
 _FREE_BY_RUN = ("robot", "recording", "scale", "hours", "score")
 
 
-def names(detectors: Sequence[Detector]) -> list[str]:
+def names(detectors: Sequence[DetectorRecord]) -> list[str]:
     """Name of each."""
     return [detector.name for detector in detectors]
 
 
-def faulty(folders: Sequence[Path]) -> Faulty:
+def faulty(folders: Sequence[Path]) -> FaultyScores:
     """Activated faulty runs of campaigns that differ in their motion alone. ValueError where their faults differ."""
     read = [(folder.read_all(path), manifest.read(path)) for path in folders]
     return pooled([frame for frame, _ in read], read[0][1])
 
 
-def pooled(frames: Sequence[pd.DataFrame], made: Manifest) -> Faulty:
+def pooled(frames: Sequence[pd.DataFrame], made: Manifest) -> FaultyScores:
     """As `faulty`, of result tables at hand; `made`: manifest of the first."""
     return _joined(
         [_faulty(one.frame, one.facts, made, one.cell, one.motion) for one in motions_alike.activated(frames, made)]
     )
 
 
-def _faulty(frame: pd.DataFrame, facts: pd.DataFrame, made: Manifest, cell: np.ndarray, motion: int) -> Faulty:
+def _faulty(frame: pd.DataFrame, facts: pd.DataFrame, made: Manifest, cell: np.ndarray, motion: int) -> FaultyScores:
     active = facts["active_ms"].to_numpy()
 
     def told(times: ArrayLike) -> np.ndarray:
@@ -159,7 +159,7 @@ def _faulty(frame: pd.DataFrame, facts: pd.DataFrame, made: Manifest, cell: np.n
         return np.where(values >= active, values, -1)
 
     stop = np.where(frame["response"].astype(str) == "stopped", frame["response_ms"], -1)
-    return Faulty(
+    return FaultyScores(
         detectors=made.detectors,
         cell=cell,
         motion=np.full(len(frame), motion),
@@ -180,7 +180,7 @@ def _faulty(frame: pd.DataFrame, facts: pd.DataFrame, made: Manifest, cell: np.n
     )
 
 
-def _joined(parts: Sequence[Faulty]) -> Faulty:
+def _joined(parts: Sequence[FaultyScores]) -> FaultyScores:
     first = parts[0]
     return first._replace(
         **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _BY_RUN},
@@ -189,7 +189,7 @@ def _joined(parts: Sequence[Faulty]) -> Faulty:
     )
 
 
-def free(folders: Sequence[tuple[str, Path]]) -> Free:
+def free(folders: Sequence[tuple[str, Path]]) -> FreeScores:
     """Runs without a fault of campaigns, each with the name of its recording; where there is noise, the robot as
     modelled is called another one."""
     parts = [alone(folder.read_all(path), manifest.read(path), name) for name, path in folders]
@@ -200,32 +200,32 @@ def free(folders: Sequence[tuple[str, Path]]) -> Free:
     )
 
 
-def alone(frame: pd.DataFrame, made: Manifest, recording: str) -> Free:
+def alone(frame: pd.DataFrame, header: Manifest, recording: str) -> FreeScores:
     """As `free`, of one result table at hand; its faulty runs are left out."""
-    noise = made.config["campaign"]["noise"]
+    noise = header.config["campaign"]["noise"]
     group = frame["group"].astype(str)
-    kept = group.str.startswith(FREE) & (frame["failed"] == "")
+    rows = group.str.startswith(FREE) & (frame["failed"] == "")
     if not noise:
-        kept &= group != FREE + MORE_NOISE  # as modelled once more
-    frame = frame.loc[kept]
+        rows &= group != FREE + MORE_NOISE  # as modelled once more
+    frame = frame.loc[rows]
     robot = frame["group"].astype(str).str.removeprefix(FREE).to_numpy(object)
     if noise:
         robot = np.array([NOISY.get(word, word) for word in robot], object)
-    return Free(
-        made.detectors,
+    return FreeScores(
+        header.detectors,
         robot,
         np.full(len(frame), recording, object),
         frame[SCALE].to_numpy(float),
         frame["pedal_down_ms"].to_numpy(float) / 3.6e6,
-        np.stack([frame[f"detector{d}_score"].to_numpy(float) for d in range(len(made.detectors))], axis=1),
+        np.stack([frame[f"detector{d}_score"].to_numpy(float) for d in range(len(header.detectors))], axis=1),
         tuple(
             np.stack([frame[f"detector{d}_level{k}_alarms"].to_numpy() for k in range(len(one.levels))], axis=1)
-            for d, one in enumerate(made.detectors)
+            for d, one in enumerate(header.detectors)
         ),
         {
             CHECKS: _tripped(frame, "stop", "flag"),
             STOPS: _tripped(frame, "stop"),
-            CUE: frame[f"cue{made.verdict_cue}_count"].to_numpy(),
+            CUE: frame[f"cue{header.verdict_cue}_count"].to_numpy(),
         },
     )
 

@@ -27,7 +27,7 @@ from ravenjax.studies.detection.points import (
     rate,
     share,
 )
-from ravenjax.studies.detection.runs import AS_MODELLED, CHECKS, CUE, Faulty, Free, names
+from ravenjax.studies.detection.runs import AS_MODELLED, CHECKS, CUE, FaultyScores, FreeScores, names
 from ravenjax.studies.framework.study import Table
 from ravenjax.vocabulary.robot import OTHER_LAYER
 
@@ -66,7 +66,7 @@ def point_table(quiet: Sequence[Point], published: Sequence[Point], spoken: Sequ
     )  # fmt: skip
 
 
-def rule_table(points: Mapping[str, Point | None], found: Areas, listed: Sequence[str]) -> Table:
+def rule_table(points: Mapping[str, Point | None], auc: Areas, listed: Sequence[str]) -> Table:
     """Fusion rules and consecutive milliseconds of the detector of steps."""
     rows = []
     for d, name in enumerate(listed):
@@ -74,11 +74,11 @@ def rule_table(points: Mapping[str, Point | None], found: Areas, listed: Sequenc
             continue
         _, fusion, count = name.split("/")
         p = points[name]
-        told = ("no level is quiet", *[""] * 5)
+        cells = ("no level is quiet", *[""] * 5)
         if p is not None:
-            told = (p.level, percent(p.caught), percent(p.disturbed), percent(p.before), plain(p.mean_delay_ms),
+            cells = (p.level, percent(p.caught), percent(p.disturbed), percent(p.before), plain(p.mean_delay_ms),
                     rate(p.false))  # fmt: skip
-        rows.append((fusion, int(count), plain(found.estimate(d)), *told))
+        rows.append((fusion, int(count), plain(auc.estimate(d)), *cells))
     return Table(
         f"Steps: which must be over, and for how long, at most {PER_HOUR:g} false alarm an hour seen",
         (
@@ -91,32 +91,32 @@ def rule_table(points: Mapping[str, Point | None], found: Areas, listed: Sequenc
     )  # fmt: skip
 
 
-def area_table(faulty: Faulty, found: Areas) -> Table:
+def area_table(faulty: FaultyScores, auc: Areas) -> Table:
     """AUC and average precision of each detector, and its difference to the published rule."""
     listed = names(faulty.detectors)
     than = listed.index(PUBLISHED[0])
-    differences = {name: found.difference(d, than) for d, name in enumerate(listed) if d != than}
+    differences = {name: auc.difference(d, than) for d, name in enumerate(listed) if d != than}
     tested = holm({name: p for name, (_, p) in differences.items()})
     rows = []
     for d, name in enumerate(listed):
         precision = precision_recall(faulty.score[:, d], faulty.unintended).average_precision
-        told = ("", "", "")
+        cells = ("", "", "")
         if name in differences:
             adjusted = tested[name].adjusted
-            told = (plain(differences[name][0]), wording.number(adjusted) if adjusted >= 1e-4 else "< 0.0001",
+            cells = (plain(differences[name][0]), wording.number(adjusted) if adjusted >= 1e-4 else "< 0.0001",
                     "yes" if tested[name].rejected else "no")  # fmt: skip
-        rows.append((name, plain(found.estimate(d)), round(precision, 3), *told))
+        rows.append((name, plain(auc.estimate(d)), round(precision, 3), *cells))
     return Table(
         "Areas: how well a run's score tells an unintended motion from another fault",
         ("detector", "AUC", "average precision", f"AUC minus that of {PUBLISHED[0]}", "p, Holm", "differ"),
         tuple(rows),
-        f"{wording.count(found.positives)} runs with unintended motion and {wording.count(found.negatives)} others of "
+        f"{wording.count(auc.positives)} runs with unintended motion and {wording.count(auc.negatives)} others of "
         f"{wording.count(len(np.unique(faulty.cell)))} faults; every detector saw the same. Intervals and tests are "
         f"over faults (Obuchowski 1997). Average precision of chance: {faulty.unintended.mean():.3f}.",
     )
 
 
-def first_table(faulty: Faulty, chosen: Sequence[Chosen]) -> Table:
+def first_table(faulty: FaultyScores, chosen: Sequence[Chosen]) -> Table:
     """Who speaks first of faults that make an unintended motion."""
     once = faulty.where(faulty.unintended).once()
     spoke = np.stack([once.spoke_ms(*one) for one in chosen]).astype(float)
@@ -150,13 +150,13 @@ def first_table(faulty: Faulty, chosen: Sequence[Chosen]) -> Table:
     )
 
 
-def layer_table(faulty: Faulty, chosen: Sequence[Chosen]) -> Table:
+def layer_table(faulty: FaultyScores, chosen: Sequence[Chosen]) -> Table:
     """Unintended motion caught, by layer of the fault."""
     rows = []
     for layer in layers_of(faulty):
         part = faulty.where((faulty.layer == layer) & faulty.unintended)
-        told = [percent(share(part.spoke_ms(*one) >= 0, part.unintended, part.cell, "")) for one in chosen]
-        rows.append((layer, len(part.cell), len(np.unique(part.cell)), *told))
+        shares = [percent(share(part.spoke_ms(*one) >= 0, part.unintended, part.cell, "")) for one in chosen]
+        rows.append((layer, len(part.cell), len(np.unique(part.cell)), *shares))
     alike = []
     for one in chosen:
         caught = [
@@ -174,7 +174,7 @@ def layer_table(faulty: Faulty, chosen: Sequence[Chosen]) -> Table:
     )
 
 
-def robot_table(faulty: Faulty, free: Free, main: Sequence[str]) -> Table:
+def robot_table(faulty: FaultyScores, free: FreeScores, main: Sequence[str]) -> Table:
     """What an uncertain robot and noise do to false alarms, and to the level that would be needed."""
     modelled = free.where(free.robot == AS_MODELLED)
     rows = []
@@ -188,8 +188,8 @@ def robot_table(faulty: Faulty, free: Free, main: Sequence[str]) -> Table:
             rates = ["", ""]
             if level is not None:
                 rates = [rate(part.per_hour(part.count(name, level))) for part in (same, mine)]
-            told = [percent(caught(faulty, name, one)) if one is not None else "" for one in (level, needed)]
-            rows.append((robot, name, _level(level), *rates, _level(needed), *told))
+            shares = [percent(caught(faulty, name, one)) if one is not None else "" for one in (level, needed)]
+            rows.append((robot, name, _level(level), *rates, _level(needed), *shares))
         for name in (CUE, CHECKS):
             rates = [rate(part.per_hour(part.count(name, np.nan))) for part in (same, mine)]
             rows.append((robot, name, "", *rates, "", "", ""))
@@ -207,7 +207,7 @@ def robot_table(faulty: Faulty, free: Free, main: Sequence[str]) -> Table:
     )  # fmt: skip
 
 
-def condition_table(faulty: Faulty, fast: Faulty, modelled: Free, main: Sequence[str]) -> Table:
+def condition_table(faulty: FaultyScores, fast: FaultyScores, modelled: FreeScores, main: Sequence[str]) -> Table:
     """What the motion that a level must be quiet on does to the level, and so to what is caught."""
     still_down = unclutched(modelled)
     conditions = (
@@ -223,17 +223,17 @@ def condition_table(faulty: Faulty, fast: Faulty, modelled: Free, main: Sequence
             continue
         for name in main:
             level = level_for(free, name)
-            told: tuple[str | float, ...] = ("none is quiet", "", "", "", "")
+            cells: tuple[str | float, ...] = ("none is quiet", "", "", "", "")
             if level is not None:
                 spoke_ms = runs.spoke_ms(name, level)
-                told = (
+                cells = (
                     level,
                     rate(free.per_hour(free.count(name, level))),
                     percent(caught(runs, name, level)),
                     percent(share(spoke_ms >= 0, ~runs.unintended, runs.cell, "")),
                     percent(share((spoke_ms >= 0) & (spoke_ms < runs.unintended_ms), runs.unintended, runs.cell, "")),
                 )
-            rows.append((words, scale, name, *told))
+            rows.append((words, scale, name, *cells))
     return Table(
         "What a level must be quiet on, and what that costs",
         (
@@ -246,7 +246,7 @@ def condition_table(faulty: Faulty, fast: Faulty, modelled: Free, main: Sequence
     )  # fmt: skip
 
 
-def recording_table(modelled: Free, main: Sequence[str]) -> Table:
+def recording_table(modelled: FreeScores, main: Sequence[str]) -> Table:
     """Highest score of each recording without a fault."""
     listed = names(modelled.detectors)
     rows = []
@@ -264,7 +264,7 @@ def recording_table(modelled: Free, main: Sequence[str]) -> Table:
     )
 
 
-def published_table(modelled: Free, chosen: Sequence[tuple[str, float]]) -> Table:
+def published_table(modelled: FreeScores, chosen: Sequence[tuple[str, float]]) -> Table:
     """False alarms of the published levels, by scale."""
     rows = []
     for name, level in chosen:
@@ -283,7 +283,7 @@ def published_table(modelled: Free, chosen: Sequence[tuple[str, float]]) -> Tabl
     )
 
 
-def hazard_table(faulty: Faulty, main: Sequence[str]) -> Table:
+def hazard_table(faulty: FaultyScores, main: Sequence[str]) -> Table:
     """How areas depend on what a detector is to tell."""
     listed = names(faulty.detectors)
     calm = (faulty.hazard == "none") & ~faulty.jumped & ~faulty.leapt
@@ -294,9 +294,9 @@ def hazard_table(faulty: Faulty, main: Sequence[str]) -> Table:
     }
     rows = []
     for words, kind in kinds.items():
-        chosen = kind | calm
-        found = areas(faulty.score[chosen], kind[chosen], faulty.cell[chosen])
-        rows.append((words, found.positives, *(plain(found.estimate(listed.index(name))) for name in main)))
+        rows_in = kind | calm
+        auc = areas(faulty.score[rows_in], kind[rows_in], faulty.cell[rows_in])
+        rows.append((words, auc.positives, *(plain(auc.estimate(listed.index(name))) for name in main)))
     return Table(
         "AUC by kind of hazard",
         ("what a detector is to tell", "runs", *main),
@@ -310,7 +310,7 @@ def hazard_table(faulty: Faulty, main: Sequence[str]) -> Table:
     )
 
 
-def hours_table(free: Free) -> Table:
+def hours_table(free: FreeScores) -> Table:
     """How much motion without a fault there was."""
     rows = []
     for robot in dict.fromkeys(free.robot.tolist()):
@@ -330,18 +330,18 @@ def hours_table(free: Free) -> Table:
     )
 
 
-def layers_of(faulty: Faulty) -> list[str]:
+def layers_of(faulty: FaultyScores) -> list[str]:
     """Layers that have a run with unintended motion, in the robot's order."""
     there = set(faulty.layer[faulty.unintended].tolist())
     return [name for name in (*LAYERS.values(), OTHER_LAYER) if name in there]
 
 
-def unclutched(free: Free) -> Free:
+def unclutched(free: FreeScores) -> FreeScores:
     """Motion in which the pedal stays down."""
     return free.where(~np.char.startswith(free.recording.astype(str), CLUTCHED))
 
 
-def at_scale(free: Free, scale: float) -> Free:
+def at_scale(free: FreeScores, scale: float) -> FreeScores:
     """Motion of one scale."""
     return free.where(np.isclose(free.scale, scale))
 

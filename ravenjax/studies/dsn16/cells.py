@@ -14,7 +14,7 @@ import numpy as np
 from ravenjax.stats.bootstrap.resample import bootstrap
 from ravenjax.stats.comparison.paired import mean_difference
 from ravenjax.stats.intervals import clopper_pearson
-from ravenjax.studies.framework.study import Estimate
+from ravenjax.studies.framework.study import StudyEstimate
 
 DURATIONS = (1, 2, 4, 8, 16, 32, 64, 128)
 """Packets that a fault lasts, in both scenarios."""
@@ -34,7 +34,7 @@ def inside(first_tick: np.ndarray, start: np.ndarray, duration: np.ndarray, cycl
     return (np.asarray(first_tick) >= 0) & (packet >= start) & (packet <= np.asarray(start) + duration + 1)
 
 
-class Cells(NamedTuple):
+class CellShares(NamedTuple):
     """A share in each cell."""
 
     values: np.ndarray  # [V] of the fault, ascending
@@ -59,17 +59,17 @@ class Cells(NamedTuple):
         return int(((self.shares == 0.0) | (self.shares == 1.0)).sum())
 
 
-def means(value: np.ndarray, duration: np.ndarray, hit: np.ndarray) -> Cells:
+def means(value: np.ndarray, duration: np.ndarray, hit: np.ndarray) -> CellShares:
     """Share of runs with `hit` (bool [n]) in each cell of value [n] and duration [n]."""
     values, row = np.unique(value, return_inverse=True)
     durations, column = np.unique(duration, return_inverse=True)
     place, size = row * len(durations) + column, len(values) * len(durations)
     with np.errstate(invalid="ignore"):
         shares = np.bincount(place, np.asarray(hit, float), size) / np.bincount(place, minlength=size)
-    return Cells(values, durations, shares.reshape(len(values), len(durations)))
+    return CellShares(values, durations, shares.reshape(len(values), len(durations)))
 
 
-def rate(cells: np.ndarray, confidence: float = 0.95) -> Estimate:
+def rate(cells: np.ndarray, confidence: float = 0.95) -> StudyEstimate:
     """Mean of the cells' shares [n], in %, with its interval over cells. ValueError for none."""
     shares = np.asarray(cells, float)
     if shares.ndim != 1 or not len(shares):
@@ -81,14 +81,14 @@ def rate(cells: np.ndarray, confidence: float = 0.95) -> Estimate:
     else:
         band = bootstrap(n, lambda index: shares[index].mean(axis=-1), confidence, resamples=RESAMPLES, seed=SEED)
         low, high = band.low, band.high
-    return Estimate(100.0 * float(shares.mean()), 100.0 * float(low), 100.0 * float(high), n, "cells")
+    return StudyEstimate(100.0 * float(shares.mean()), 100.0 * float(low), 100.0 * float(high), n, "cells")
 
 
-def difference(cells: np.ndarray, others: np.ndarray, confidence: float = 0.95) -> Estimate:
+def difference(cells: np.ndarray, others: np.ndarray, confidence: float = 0.95) -> StudyEstimate:
     """Mean difference, in points, of `cells` minus `others` [n], cell by cell, with its bootstrap over cells."""
     one, two = (100.0 * np.asarray(shares, float).ravel() for shares in (cells, others))
     band = mean_difference(one, two, confidence, resamples=RESAMPLES, seed=SEED, kind="percentile")
-    return Estimate(float(band.value), float(band.low), float(band.high), band.units, "cells")
+    return StudyEstimate(float(band.value), float(band.low), float(band.high), band.units, "cells")
 
 
 class Bias(NamedTuple):

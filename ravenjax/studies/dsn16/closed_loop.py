@@ -22,11 +22,11 @@ from ravenjax.numbers.setup import REFERENCE
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.geometry import kinematics, transmission
 from ravenjax.robots.raven2.plant import robot
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 
 DATA, FILE = "RAVENJAX_DATA", "recording_gold_joints123.parquet"
 JOINTS = ("shoulder", "elbow", "insertion")
-SETUP = Setup(software="fork2015", precision=REFERENCE)
+SETUP = RavenSetup(software="fork2015", precision=REFERENCE)
 ARM, TOOL = "gold", "r_grasper"
 TOOL_POSE = (0.0, 0.0, math.radians(45), math.radians(45))  # rad; the recording has no tool joints: held at home
 KP, KD = np.array((0.3, 0.3, 0.15)), np.array((0.008, 0.008, 0.012))  # raven2: params/r2params.yaml
@@ -34,7 +34,7 @@ TOOL_KP, TOOL_KD = (0.09, 0.05, 0.02, 0.02), (0.001, 0.0, 0.0, 0.0)  # of the fo
 NUMERATOR, DENOMINATOR = (0.02864, 0.08591, 0.08591, 0.02864), (1.5189, -0.9600, 0.2120)  # 120 Hz, state_estimate.cpp
 
 
-class Recording(NamedTuple):
+class JointRecording(NamedTuple):
     """Joints 1-3 of the recorded arm, each [T, 3]."""
 
     angle: np.ndarray  # rad, motors
@@ -55,12 +55,12 @@ def find(environment: Mapping[str, str] | None = None) -> Path | None:
     return path if folder and path.is_file() else None
 
 
-def read(path: Path) -> Recording:
+def read(path: Path) -> JointRecording:
     """The recording, without its first row."""
     table = pd.read_parquet(path).iloc[1:]
     angle = np.radians(table[[f"mpos_{joint}_deg" for joint in JOINTS]].to_numpy(float))
     speed = np.radians(table[[f"mvel_{joint}_deg_s" for joint in JOINTS]].to_numpy(float))
-    return Recording(angle, speed, table[[f"dac_{joint}" for joint in JOINTS]].to_numpy(float))
+    return JointRecording(angle, speed, table[[f"dac_{joint}" for joint in JOINTS]].to_numpy(float))
 
 
 def motors(three: np.ndarray, still: bool = False) -> Vec:
@@ -70,7 +70,7 @@ def motors(three: np.ndarray, still: bool = False) -> Vec:
     return Vec((three[0], three[1], three[2], *tool))
 
 
-def started(params: robot.Params, angle: np.ndarray, speed: np.ndarray) -> robot.State:
+def started(params: robot.PlantParams, angle: np.ndarray, speed: np.ndarray) -> robot.PlantState:
     """Brakes off, motors at `angle` (rad, 3) and `speed` (rad/s, 3), links where loaded cables then hold them."""
     slack = transmission.joint_from_motor(ARM, TOOL, motors(angle), "fork2015")
     stretch = robot.init(SETUP, ARM, params, slack).stretch

@@ -15,11 +15,11 @@ import numpy as np
 from ravenjax.stats.bootstrap.clusters import cluster_ratio
 from ravenjax.studies.dsn16 import detector
 from ravenjax.studies.dsn16.cells import RESAMPLES, SEED
-from ravenjax.studies.dsn16.detector import Alarms, Learned, Score, score
+from ravenjax.studies.dsn16.detector import Learned, RunAlarms, Score, score
 from ravenjax.studies.dsn16.published_log import Log, log
-from ravenjax.studies.dsn16.runs import Runs
+from ravenjax.studies.dsn16.runs import VariantRuns
 from ravenjax.studies.dsn16.signals import Series, measure
-from ravenjax.studies.framework.study import Estimate, Table, Variant
+from ravenjax.studies.framework.study import StudyEstimate, Table, Variant
 
 TRAINING = (
     Variant("training_suture", "dsn16_thresholds.toml", (), "fault-free runs for the detector, first motion"),
@@ -42,7 +42,7 @@ class Watched(NamedTuple):
     """What the detector made of the runs of one variant, in the order of its frame."""
 
     thresholds: Mapping[str, np.ndarray]  # how they were learned -> [3, 3]
-    alarms: Mapping[str, Sequence[Alarms]]  # the same -> of each run
+    alarms: Mapping[str, Sequence[RunAlarms]]  # the same -> of each run
     largest_mvel: np.ndarray  # [runs] largest step of motor velocity inside the window, over its 99.9 % threshold
     leaps: np.ndarray  # bool [runs] the reported tip moved more than 1 mm within two packets: the text's jump
 
@@ -66,23 +66,23 @@ def thresholds(learned: Learned) -> dict[str, np.ndarray]:
     }
 
 
-def watch(folder: Path, runs: Runs, levels: Mapping[str, np.ndarray]) -> Watched:
+def watch(folder: Path, runs: VariantRuns, levels: Mapping[str, np.ndarray]) -> Watched:
     """Every faulty run of a folder under the detector's eyes."""
     faults = {int(i): (int(t1), int(d)) for i, t1, d in zip(runs.index, runs.start, runs.duration, strict=True)}
 
-    def one(row: int, series: Series) -> tuple[list[Alarms], float, bool]:
-        found, (first, lasts) = log(series), faults[row]
-        inside = (found.packet[:-1] >= first) & (found.packet[:-1] <= first + lasts + 1)
-        moved = detector.steps(found)[inside, 1] / levels[CHOSEN][1]
-        told = [detector.alarms(found, level, first, lasts) for level in levels.values()]
-        return told, float(moved.max(initial=0.0)), leaps(found)
+    def one(row: int, series: Series) -> tuple[list[RunAlarms], float, bool]:
+        trace, (first, lasts) = log(series), faults[row]
+        inside = (trace.packet[:-1] >= first) & (trace.packet[:-1] <= first + lasts + 1)
+        moved = detector.steps(trace)[inside, 1] / levels[CHOSEN][1]
+        verdicts = [detector.alarms(trace, level, first, lasts) for level in levels.values()]
+        return verdicts, float(moved.max(initial=0.0)), leaps(trace)
 
-    seen = measure(folder, one, runs.index.tolist())
+    measured = measure(folder, one, runs.index.tolist())
     return Watched(
         thresholds=levels,
-        alarms={name: [alarms[k] for alarms, _, _ in seen] for k, name in enumerate(levels)},
-        largest_mvel=np.array([largest for _, largest, _ in seen]),
-        leaps=np.array([leapt for _, _, leapt in seen]),
+        alarms={name: [alarms[k] for alarms, _, _ in measured] for k, name in enumerate(levels)},
+        largest_mvel=np.array([largest for _, largest, _ in measured]),
+        leaps=np.array([leapt for _, _, leapt in measured]),
     )
 
 
@@ -91,19 +91,19 @@ def leaps(found: Log) -> bool:
     return any(bool((np.linalg.norm(found.tip[rows:] - found.tip[:-rows], axis=1) > LEAP_UM).any()) for rows in (1, 2))
 
 
-def table(runs: Runs, watched: Watched, title: str) -> Table:
+def table(runs: VariantRuns, watched: Watched, title: str) -> Table:
     """Detectors against jumps, with intervals over cells."""
     jumped, stopped, cell = runs.hits["jump"], runs.hits["stop"], runs.cell
-    told: dict[str, np.ndarray] = {"RAVEN: software E-stop": stopped}
+    flags_of: dict[str, np.ndarray] = {"RAVEN: software E-stop": stopped}
     for name, alarms in watched.alarms.items():
-        told[f"model, all three; {name}"] = np.array([a.inside[3] for a in alarms])
+        flags_of[f"model, all three; {name}"] = np.array([a.inside[3] for a in alarms])
     for k, part in enumerate(("motor position alone", "motor velocity alone", "joint position alone")):
-        told[f"model, {part}; {CHOSEN}"] = np.array([a.inside[k] for a in watched.alarms[CHOSEN]])
-    fused = told[f"model, all three; {CHOSEN}"]
-    told[f"model, all three, anywhere; {CHOSEN}"] = np.array([a.anywhere[3] for a in watched.alarms[CHOSEN]])
-    told[f"model or RAVEN; {CHOSEN}"] = fused | stopped
+        flags_of[f"model, {part}; {CHOSEN}"] = np.array([a.inside[k] for a in watched.alarms[CHOSEN]])
+    fused = flags_of[f"model, all three; {CHOSEN}"]
+    flags_of[f"model, all three, anywhere; {CHOSEN}"] = np.array([a.anywhere[3] for a in watched.alarms[CHOSEN]])
+    flags_of[f"model or RAVEN; {CHOSEN}"] = fused | stopped
     rows = []
-    for name, flags in told.items():
+    for name, flags in flags_of.items():
         values, low, high = intervals(flags, jumped, cell)
         cells = [f"{100 * v:.1f} [{100 * a:.1f}, {100 * b:.1f}]" for v, a, b in zip(values, low, high, strict=True)]
         rows.append((name, int(flags.sum()), *cells))
@@ -118,7 +118,7 @@ def table(runs: Runs, watched: Watched, title: str) -> Table:
     return Table(title, (*heads, "F1, %"), tuple(rows), note)
 
 
-def missed(runs: Runs, fused: np.ndarray) -> str:
+def missed(runs: VariantRuns, fused: np.ndarray) -> str:
     """Which cells jump unseen by both, in words."""
     cells = runs.counting(unseen=runs.hits["missed"] & ~fused).share("unseen")
     unseen = np.argwhere(cells.shares >= 0.5)
@@ -128,15 +128,15 @@ def missed(runs: Runs, fused: np.ndarray) -> str:
     return f"{len(unseen)} cells jump unseen by model and RAVEN: {listed} packets."
 
 
-def leads(runs: Runs, watched: Watched) -> Estimate:
+def leads(runs: VariantRuns, watched: Watched) -> StudyEstimate:
     """Packets from the first fused alarm to the jump: median, 5th and 95th percentile; n counts runs with both."""
     first = np.array([a.first for a in watched.alarms[CHOSEN]])
     jump = runs.jump_ms // runs.cycles + 1 - runs.start
     both = (first >= 0) & runs.hits["jump"]
     if not both.any():
-        return Estimate(math.nan, n=0, of="runs")
+        return StudyEstimate(math.nan, n=0, of="runs")
     low, middle, high = np.percentile((jump - first)[both], (5, 50, 95))
-    return Estimate(float(middle), float(low), float(high), int(both.sum()), "runs")
+    return StudyEstimate(float(middle), float(low), float(high), int(both.sum()), "runs")
 
 
 def intervals(told: np.ndarray, jumped: np.ndarray, cell: np.ndarray) -> tuple[Score, Score, Score]:

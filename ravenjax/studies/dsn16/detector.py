@@ -16,7 +16,7 @@ import numpy as np
 
 from ravenjax.stats.bootstrap.resample import bootstrap
 from ravenjax.studies.dsn16.published_log import Log
-from ravenjax.studies.framework.study import Estimate
+from ravenjax.studies.framework.study import StudyEstimate
 
 VARIABLES = ("mpos", "mvel", "jpos")
 JOINTS = ("shoulder", "elbow", "insertion")
@@ -62,39 +62,39 @@ def fault_free(log: Log) -> np.ndarray:
 
 def learn(runs: Iterable[np.ndarray]) -> Learned:
     """From what `fault_free` gave of runs of equal length. ValueError for none."""
-    found = list(runs)
-    if not found:
+    steps_of = list(runs)
+    if not steps_of:
         raise ValueError("thresholds are learned from at least one run, got none")
-    return Learned(np.stack(found))
+    return Learned(np.stack(steps_of))
 
 
-def pooled_interval(values: np.ndarray, percent: float, confidence: float = 0.95) -> Estimate:
+def pooled_interval(values: np.ndarray, percent: float, confidence: float = 0.95) -> StudyEstimate:
     """Percentile of `values` [runs, rows] with a block bootstrap: runs are drawn, their rows stay together."""
     runs, rows = values.shape
     flat, owner = values.ravel(), np.repeat(np.arange(runs), rows)
     beyond = (1.0 - percent / 100.0) * flat.size
-    kept = np.argsort(flat)[::-1][: max(1, math.ceil(TAIL * beyond))]
-    largest, owner = flat[kept], owner[kept]
+    tail = np.argsort(flat)[::-1][: max(1, math.ceil(TAIL * beyond))]
+    largest, owner = flat[tail], owner[tail]
 
-    def quantile(drawn: np.ndarray) -> np.ndarray:
-        times = np.stack([np.bincount(index, minlength=runs) for index in drawn])  # how often each run was drawn
+    def quantile(indices: np.ndarray) -> np.ndarray:
+        times = np.stack([np.bincount(index, minlength=runs) for index in indices])  # how often each run was drawn
         passed = np.cumsum(times[:, owner], axis=1)  # steps at least as large, of each resample
         return largest[np.minimum((passed <= beyond).sum(axis=1), len(largest) - 1)]
 
     band = bootstrap(runs, quantile, confidence, resamples=RESAMPLES, seed=SEED, batch=50)
-    return Estimate(float(np.percentile(flat, percent)), float(band.low), float(band.high), runs, "runs")
+    return StudyEstimate(float(np.percentile(flat, percent)), float(band.low), float(band.high), runs, "runs")
 
 
-def maxima_interval(maxima: np.ndarray, percent: float, confidence: float = 0.95) -> Estimate:
+def maxima_interval(maxima: np.ndarray, percent: float, confidence: float = 0.95) -> StudyEstimate:
     """Percentile of the runs' maxima [runs] with its order-statistic interval; an end that no run can give is NaN."""
     from scipy.stats import quantile_test
 
-    found = quantile_test(maxima, p=percent / 100.0).confidence_interval(confidence)
-    low, high = (float(end) if math.isfinite(end) else math.nan for end in (found.low, found.high))
-    return Estimate(float(np.percentile(maxima, percent)), low, high, len(maxima), "runs")
+    interval = quantile_test(maxima, p=percent / 100.0).confidence_interval(confidence)
+    low, high = (float(end) if math.isfinite(end) else math.nan for end in (interval.low, interval.high))
+    return StudyEstimate(float(np.percentile(maxima, percent)), low, high, len(maxima), "runs")
 
 
-class Alarms(NamedTuple):
+class RunAlarms(NamedTuple):
     """Which of a run's alarms came, inside the published window and anywhere."""
 
     inside: tuple[bool, bool, bool, bool]  # motor position, motor velocity, joint position, all three in one row
@@ -102,18 +102,18 @@ class Alarms(NamedTuple):
     first: int  # packets from t1 to the first fused alarm inside the window, -1: none
 
 
-def alarms(log: Log, thresholds: np.ndarray, start: int, duration: int) -> Alarms:
+def alarms(log: Log, thresholds: np.ndarray, start: int, duration: int) -> RunAlarms:
     """Of one run with a fault in packets `start` to `start + duration - 1`; thresholds [3, 3]."""
     position, velocity, joint = np.any(steps(log) > thresholds, axis=2).T  # each [rows - 1]: its joints are or-ed
     velocity = velocity & np.append(velocity[1:], False)
-    found = np.stack([position, velocity, joint, position & velocity & joint], axis=1)
+    over = np.stack([position, velocity, joint, position & velocity & joint], axis=1)
     packet = log.packet[:-1]
     window = (packet >= start) & (packet <= start + duration + 1)
     settled = packet >= FIRST_PACKET
-    first = np.flatnonzero(found[:, 3] & window)
-    return Alarms(
-        inside=_four(found[window]),
-        anywhere=_four(found[settled]),
+    first = np.flatnonzero(over[:, 3] & window)
+    return RunAlarms(
+        inside=_four(over[window]),
+        anywhere=_four(over[settled]),
         first=int(packet[first[0]] - start) if len(first) else -1,
     )
 
@@ -133,12 +133,12 @@ class Score(NamedTuple):
     f1: float
 
 
-def score(told: Sequence[bool] | np.ndarray, jumped: Sequence[bool] | np.ndarray) -> Score:
+def score(alarmed: Sequence[bool] | np.ndarray, jumped: Sequence[bool] | np.ndarray) -> Score:
     """Of runs [n]. ValueError for lengths that differ."""
-    told, jumped = np.asarray(told, bool), np.asarray(jumped, bool)
-    if told.shape != jumped.shape:
-        raise ValueError(f"alarms {told.shape} and jumps {jumped.shape} must be of one length")
-    hits, false = int((told & jumped).sum()), int((told & ~jumped).sum())
+    alarmed, jumped = np.asarray(alarmed, bool), np.asarray(jumped, bool)
+    if alarmed.shape != jumped.shape:
+        raise ValueError(f"alarms {alarmed.shape} and jumps {jumped.shape} must be of one length")
+    hits, false = int((alarmed & jumped).sum()), int((alarmed & ~jumped).sum())
 
     def share(part: float, whole: float) -> float:
         return part / whole if whole else math.nan
@@ -147,6 +147,6 @@ def score(told: Sequence[bool] | np.ndarray, jumped: Sequence[bool] | np.ndarray
         tpr=share(hits, int(jumped.sum())),
         fpr=share(false, int((~jumped).sum())),
         precision=share(hits, hits + false),
-        accuracy=share(float((told == jumped).sum()), len(told)),
+        accuracy=share(float((alarmed == jumped).sum()), len(alarmed)),
         f1=share(2.0 * hits, hits + false + int(jumped.sum())),
     )

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.studies.dsn16.cells import DURATIONS, Cells
+from ravenjax.studies.dsn16.cells import DURATIONS, CellShares
 from ravenjax.studies.framework.drawing import PREDICTED, PUBLISHED, SERIES, WIDTH_IN
 
 OTHERS = SERIES[1:]
@@ -95,7 +95,7 @@ def _panel(axis: Any, panel: Panel, places: np.ndarray, label: str) -> None:
         )
 
 
-def maps(shares: Mapping[str, Cells], labels: Sequence[str], quantity: str) -> Callable[[Any], None]:
+def maps(shares: Mapping[str, CellShares], labels: Sequence[str], quantity: str) -> Callable[[Any], None]:
     """Draws value x duration maps side by side; shares: title -> cells."""
 
     def draw(figure: Any) -> None:

@@ -11,7 +11,7 @@ from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.stats.bootstrap.resample import bootstrap
 from ravenjax.studies.dsn16 import closed_loop
 from ravenjax.studies.framework import literature
-from ravenjax.studies.framework.study import Context, Estimate, Findings, Line, Study, Table
+from ravenjax.studies.framework.study import Context, Findings, Line, Study, StudyEstimate, Table
 
 SETTLING_MS = 200
 """At the start the cables' stretch is not known."""
@@ -30,7 +30,7 @@ class Error(NamedTuple):
     high: np.ndarray
 
 
-def error(asked: np.ndarray, found: closed_loop.Recording, parameter_set: str = "traj3") -> Error:
+def error(asked: np.ndarray, found: closed_loop.JointRecording, parameter_set: str = "traj3") -> Error:
     """Of the virtual robot that is asked for motor angles `asked` (rad, [T, 3]), at the joints, by the motors."""
     motors = closed_loop.closed_loop(asked, found.angle[0], found.speed[0], parameter_set)["mpos"][SETTLING_MS:, :3]
     to_joint = np.array((180.0 / math.pi, 180.0 / math.pi, 1e3)) / np.array(transmission.TR[:3])
@@ -50,13 +50,13 @@ def compare(context: Context) -> Findings:
         return Findings(tuple(_line(published, joint, None, absent) for joint in UNITS), notes=_NOTES)
     import jax
 
-    found = closed_loop.read(path)
+    log = closed_loop.read(path)
     with jax.enable_x64(True):
-        errors = {name: error(found.asked, found, name) for name in SETS}
-        smooth = error(_low_passed(found.angle), found)
+        errors = {name: error(log.asked, log, name) for name in SETS}
+        smooth = error(_low_passed(log.angle), log)
     best = errors["traj3"]
     lines = [
-        _line(published, joint, Estimate(float(mean), float(low), float(high), BLOCKS, "stretches of 2 s"))
+        _line(published, joint, StudyEstimate(float(mean), float(low), float(high), BLOCKS, "stretches of 2 s"))
         for joint, mean, low, high in zip(UNITS, best.mean, best.low, best.high, strict=True)
     ]
     rows = [(f"set {name}, asked for what the recorded robot was asked for", *_cells(e)) for name, e in errors.items()]
@@ -70,7 +70,7 @@ def compare(context: Context) -> Findings:
     return Findings(tuple(lines), (table,), notes=_NOTES)
 
 
-def _line(published: literature.Published, joint: str, predicted: Estimate | None, reason: str = "") -> Line:
+def _line(published: literature.Published, joint: str, predicted: StudyEstimate | None, reason: str = "") -> Line:
     key = f"error.{joint}"
     name = f"mean absolute error, {joint}"
     return Line(name, UNITS[joint], published.estimate(key), predicted, published.band(key), "A3", reason)

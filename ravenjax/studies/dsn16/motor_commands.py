@@ -10,11 +10,11 @@ from ravenjax.studies.dsn16 import cells as dsn16_cells
 from ravenjax.studies.dsn16 import detection, drawings, sensitivity, statements, trajectory
 from ravenjax.studies.dsn16 import runs as dsn16_runs
 from ravenjax.studies.dsn16.cells import DURATIONS
-from ravenjax.studies.dsn16.runs import Runs, stored
-from ravenjax.studies.dsn16.sensitivity import Case
+from ravenjax.studies.dsn16.runs import VariantRuns, stored
+from ravenjax.studies.dsn16.sensitivity import VariantCase
 from ravenjax.studies.framework import literature
 from ravenjax.studies.framework.literature import Published
-from ravenjax.studies.framework.study import Context, Drawing, Estimate, Findings, Line, Study, Table, Variant
+from ravenjax.studies.framework.study import Context, Drawing, Findings, Line, Study, StudyEstimate, Table, Variant
 
 CAMPAIGN = "dsn16_b.toml"
 BASELINE = "baseline"
@@ -109,7 +109,7 @@ def compare(context: Context) -> Findings:
     base = runs[BASELINE]
     jumps, stops = (_counts(published, what) for what in ("jump", "estop"))
     bands = [published.band(f"b.jump.{d}ms") for d in DURATIONS]
-    cases = [Case(one, found[name].question) for name, one in runs.items() if name != BASELINE]
+    cases = [VariantCase(one, found[name].question) for name, one in runs.items() if name != BASELINE]
     levels = detection.thresholds(detection.learn(context.folders))
     watched = detection.watch(context.folders[BASELINE], base, levels)
     rules = sensitivity.rules(base, watched.leaps)
@@ -121,7 +121,7 @@ def compare(context: Context) -> Findings:
     lines += _stops(base, published)
     lines += statements.scenario_b(base, watched.largest_mvel, jumps, stops)
     lines += _blind(base)
-    own = Case(base, "", label=BASELINE)
+    own = VariantCase(base, "", label=BASELINE)
     tables = (
         sensitivity.table(
             "P(jump), %, by duration: what each open question is worth",
@@ -152,17 +152,17 @@ def _counts(published: Published, what: str) -> np.ndarray:
     return np.array([100.0 * published.value(f"b.{what}.{d}ms") / published.value("b.runs") for d in DURATIONS])
 
 
-def _percent(published: Published, what: str, duration: int) -> Estimate:
+def _percent(published: Published, what: str, duration: int) -> StudyEstimate:
     """A published count in % with its Wilson interval."""
     from ravenjax.stats.intervals import wilson
 
     k, n = published.value(f"b.{what}.{duration}ms"), published.value("b.runs")
     rate = wilson(int(k), int(n))
-    return Estimate(100 * rate.value, 100 * rate.low, 100 * rate.high, int(n), "runs, read off Figure 9 b")
+    return StudyEstimate(100 * rate.value, 100 * rate.low, 100 * rate.high, int(n), "runs, read off Figure 9 b")
 
 
 def _a1(
-    runs: Runs, published: Published, bands: Sequence[tuple[float, float]], reason: Callable[[int], str]
+    runs: VariantRuns, published: Published, bands: Sequence[tuple[float, float]], reason: Callable[[int], str]
 ) -> Iterator[Line]:
     """P(jump) by duration of one trajectory, beside its band; reason: of the place of a duration that is outside."""
     cells = runs.share("jump")
@@ -180,7 +180,7 @@ def _a1(
         )
 
 
-def _would_fit(cases: Sequence[Case], place: int, band: tuple[float, float]) -> str:
+def _would_fit(cases: Sequence[VariantCase], place: int, band: tuple[float, float]) -> str:
     """Which answers to an open question would put this duration into its band."""
     fitting = [(case.name, case.runs.percent(case.hit)[place]) for case in cases]
     inside = [f"{name} {percent:.0f}" for name, percent in fitting if dsn16_cells.in_band(percent, band)]
@@ -189,27 +189,27 @@ def _would_fit(cases: Sequence[Case], place: int, band: tuple[float, float]) -> 
     return f"inside with {len(inside)} of {len(fitting)} other answers, each alone: {', '.join(inside)}"
 
 
-def _counted_inside(runs: Runs) -> Callable[[int], str]:
+def _counted_inside(runs: VariantRuns) -> Callable[[int], str]:
     """What another trajectory's rate would be if jumps counted inside the published window only."""
     inside = runs.percent("inside")
     return lambda place: f"inside t1 .. t1 + d + 1 alone it is {inside[place]:.1f} %"
 
 
-def _bias(runs: Runs, jumps: np.ndarray, published: Published) -> Line:
+def _bias(runs: VariantRuns, jumps: np.ndarray, published: Published) -> Line:
     """Sign test of prediction against publication over the durations."""
     sign = dsn16_cells.bias(runs.percent("jump"), jumps, 100.0 / published.value("b.runs"))
     return Line(
         f"bias: p of the sign test over durations; {runs.name}, lever {runs.lever.words}",
         "",
         None,
-        Estimate(sign.p, n=sign.above + sign.below, of="durations that differ by more than the reading error"),
+        StudyEstimate(sign.p, n=sign.above + sign.below, of="durations that differ by more than the reading error"),
         (SIGNIFICANT, 1.0),
         "A1",
         f"prediction {sign.words}; mean difference {float(np.mean(runs.percent('jump') - jumps)):+.1f} points",
     )
 
 
-def _stops(base: Runs, published: Published) -> Iterator[Line]:
+def _stops(base: VariantRuns, published: Published) -> Iterator[Line]:
     cells = base.share("stop")
     for duration in DURATIONS:
         yield Line(
@@ -221,7 +221,7 @@ def _stops(base: Runs, published: Published) -> Iterator[Line]:
         )
 
 
-def _blind(base: Runs) -> tuple[Line, ...]:
+def _blind(base: VariantRuns) -> tuple[Line, ...]:
     """Rates whose published values were withheld."""
     return tuple(
         Line(quantity, "%", None, dsn16_cells.rate(base.share(hit).shares.ravel()))
@@ -233,7 +233,7 @@ def _blind(base: Runs) -> tuple[Line, ...]:
     )
 
 
-def _by_value(base: Runs, watched: detection.Watched) -> Table:
+def _by_value(base: VariantRuns, watched: detection.Watched) -> Table:
     fused = np.array([a.inside[3] for a in watched.alarms[detection.CHOSEN]])
     counted = base.counting(told=fused)
     shares = {hit: counted.share(hit) for hit in ("jump", "stop", "told", "missed")}
@@ -251,7 +251,7 @@ def _by_value(base: Runs, watched: detection.Watched) -> Table:
 
 
 def _drawings(
-    runs: Mapping[str, Runs],
+    runs: Mapping[str, VariantRuns],
     names: Sequence[str],
     jumps: np.ndarray,
     stops: np.ndarray,
@@ -263,7 +263,7 @@ def _drawings(
 
     def panel(title: str, hit: str, counts: np.ndarray, what: str, band: np.ndarray | None) -> drawings.Panel:
         rates = [dsn16_cells.rate(base.share(hit).of(d)) for d in DURATIONS]
-        seen = [_percent(published, what, d) for d in DURATIONS]
+        observed = [_percent(published, what, d) for d in DURATIONS]
         others = {f"{n}, lever {runs[n].lever.words}": runs[n].percent(hit) for n in names[1:]}
         return drawings.Panel(
             title=title,
@@ -272,7 +272,7 @@ def _drawings(
             two_cycles=two.percent(hit) if two is not None else None,
             others=others,
             published=counts,
-            published_interval=np.array([[e.low for e in seen], [e.high for e in seen]]),
+            published_interval=np.array([[e.low for e in observed], [e.high for e in observed]]),
             band=band,
         )
 
@@ -305,9 +305,9 @@ def _value_label(value: float) -> str:
 
 
 def _notes(
-    base: Runs,
-    runs: Mapping[str, Runs],
-    cases: Sequence[Case],
+    base: VariantRuns,
+    runs: Mapping[str, VariantRuns],
+    cases: Sequence[VariantCase],
     jumps: np.ndarray,
     stops: np.ndarray,
     bands: Sequence[tuple[float, float]],
@@ -370,11 +370,11 @@ def _fits(percent: np.ndarray, jumps: np.ndarray, bands: Sequence[tuple[float, f
     return inside and dsn16_cells.bias(percent, jumps, error).p > SIGNIFICANT
 
 
-def _has(cases: Sequence[Case], name: str) -> bool:
+def _has(cases: Sequence[VariantCase], name: str) -> bool:
     return any(case.name == name for case in cases)
 
 
-def _largest(cases: Sequence[Case], name: str) -> float:
+def _largest(cases: Sequence[VariantCase], name: str) -> float:
     """Largest percent over durations of the case of that name."""
     return float(next(case.runs.percent(case.hit).max() for case in cases if case.name == name))
 

@@ -13,8 +13,8 @@ from ravenjax.studies.dsn16 import cells as dsn16_cells
 from ravenjax.studies.dsn16 import detection, drawings, sensitivity, statements, trajectory
 from ravenjax.studies.dsn16 import runs as dsn16_runs
 from ravenjax.studies.dsn16.cells import DURATIONS
-from ravenjax.studies.dsn16.runs import Runs
-from ravenjax.studies.dsn16.sensitivity import Case
+from ravenjax.studies.dsn16.runs import VariantRuns
+from ravenjax.studies.dsn16.sensitivity import VariantCase
 from ravenjax.studies.framework.study import Context, Drawing, Findings, Line, Study, Table, Variant
 
 CAMPAIGN = "dsn16_a.toml"
@@ -66,7 +66,7 @@ def compare(context: Context) -> Findings:
     trained = [v.name for v in detection.TRAINING]
     runs = {name: dsn16_runs.read(name, context.folders[name]) for name in found if name not in trained}
     base = runs[BASELINE]
-    cases = [Case(one, found[name].question) for name, one in runs.items() if name != BASELINE]
+    cases = [VariantCase(one, found[name].question) for name, one in runs.items() if name != BASELINE]
     levels = detection.thresholds(detection.learn(context.folders))
     watched = detection.watch(context.folders[BASELINE], base, levels)
     shown = [base, *(runs[name] for name in (DRIFT,) if name in runs)]
@@ -74,7 +74,7 @@ def compare(context: Context) -> Findings:
     lines += [_overall(one, hit) for one in shown for hit in OUTCOMES]
     lines += statements.of_attack(base)
     rules = sensitivity.rules(base, watched.leaps)
-    own = Case(base, "", label=BASELINE)
+    own = VariantCase(base, "", label=BASELINE)
     tables = (
         *(_by_displacement(one, hit) for one in shown for hit in OUTCOMES),
         sensitivity.table(
@@ -94,19 +94,19 @@ def compare(context: Context) -> Findings:
     return Findings(tuple(lines), tables, _drawings(runs, shown), _notes(base, runs, cases))
 
 
-def _rates(runs: Runs, hit: str) -> Iterator[Line]:
+def _rates(runs: VariantRuns, hit: str) -> Iterator[Line]:
     cells = runs.share(hit)
     for duration in DURATIONS:
         predicted = dsn16_cells.rate(cells.of(duration))
         yield Line(f"{OUTCOMES[hit]}, {duration} packets; {runs.name}, lever {runs.lever.words}", "%", None, predicted)
 
 
-def _overall(runs: Runs, hit: str) -> Line:
+def _overall(runs: VariantRuns, hit: str) -> Line:
     predicted = dsn16_cells.rate(runs.share(hit).shares.ravel())
     return Line(f"{OUTCOMES[hit]}, all cells; {runs.name}", "%", None, predicted)
 
 
-def _by_displacement(runs: Runs, hit: str) -> Table:
+def _by_displacement(runs: VariantRuns, hit: str) -> Table:
     cells = runs.share(hit)
     rows = [
         (int(value), *(round(100.0 * float(x), 1) for x in row), _interval(row))
@@ -121,7 +121,7 @@ def _interval(shares: np.ndarray) -> str:
     return f"{rate.value:.1f} [{rate.low:.1f}, {rate.high:.1f}]"
 
 
-def _drawings(runs: Mapping[str, Runs], shown: Sequence[Runs]) -> tuple[Drawing, ...]:
+def _drawings(runs: Mapping[str, VariantRuns], shown: Sequence[VariantRuns]) -> tuple[Drawing, ...]:
     base, two = runs[BASELINE], runs.get("cycles_2")
     others = [n for n in (DRIFT, *trajectory.LEVERS, *trajectory.recorded()) if n in runs]
 
@@ -151,7 +151,7 @@ def _drawings(runs: Mapping[str, Runs], shown: Sequence[Runs]) -> tuple[Drawing,
     )
 
 
-def _notes(base: Runs, runs: Mapping[str, Runs], cases: Sequence[Case]) -> tuple[str, ...]:
+def _notes(base: VariantRuns, runs: Mapping[str, VariantRuns], cases: Sequence[VariantCase]) -> tuple[str, ...]:
     ranked = sensitivity.ranked(cases, base)
     most = ", ".join(f"{name} {apart.value:+.1f} ({changed} cells)" for name, apart, changed in ranked[:8])
     rejects = [f"{one.name} {float(one.percent('ik').mean()):.1f} %" for one in runs.values() if one.hits["ik"].any()]

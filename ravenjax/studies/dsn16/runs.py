@@ -13,12 +13,12 @@ from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.store import manifest
 from ravenjax.store.folder import read_all
 from ravenjax.studies.dsn16 import cells, trajectory
-from ravenjax.studies.dsn16.cells import Cells
+from ravenjax.studies.dsn16.cells import CellShares
 from ravenjax.studies.dsn16.trajectory import Lever
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Runs:
+class VariantRuns:
     """One variant; arrays have one entry a faulty run."""
 
     name: str
@@ -37,11 +37,11 @@ class Runs:
         """Number of each run's cell."""
         return np.unique(np.stack([self.value, self.duration], axis=1), axis=0, return_inverse=True)[1].ravel()
 
-    def counting(self, **hits: np.ndarray) -> Runs:
+    def counting(self, **hits: np.ndarray) -> VariantRuns:
         """The same runs with more to count."""
         return dataclasses.replace(self, hits={**self.hits, **hits})
 
-    def share(self, hit: str) -> Cells:
+    def share(self, hit: str) -> CellShares:
         """Share of runs with `hit` in each cell."""
         return cells.means(self.value, self.duration, self.hits[hit])
 
@@ -50,7 +50,7 @@ class Runs:
         return 100.0 * self.share(hit).shares.mean(axis=0)
 
 
-def read(name: str, folder: Path) -> Runs:
+def read(name: str, folder: Path) -> VariantRuns:
     """The runs of a finished folder."""
     config = validated(manifest.read(folder).config)
     return of(name, config, read_all(folder), cycles_of(config))
@@ -62,7 +62,7 @@ def cycles_of(config: CampaignConfig) -> int:
     return 1 if axis is None else int(axis.values[0])
 
 
-def of(name: str, config: CampaignConfig, table: pd.DataFrame, cycles: int) -> Runs:
+def of(name: str, config: CampaignConfig, table: pd.DataFrame, cycles: int) -> VariantRuns:
     """The faulty rows of a result table. A displacement's value is the group's (its three slots hold shares of it)."""
     columns = {str(column): table[column].to_numpy() for column in table.columns}
     faulty = np.flatnonzero(columns["fault0_site"] != "")
@@ -73,7 +73,7 @@ def of(name: str, config: CampaignConfig, table: pd.DataFrame, cycles: int) -> R
     jump, first = columns["jump_code"][rows].astype(bool), columns["jump_code_first_ms"][rows]
     stop = columns["response"][rows] == "stopped"
     value = [_displacement(g, v) for g, v in zip(columns["group"][rows], columns["fault0_value"][rows], strict=True)]
-    return Runs(
+    return VariantRuns(
         name=name,
         config=config,
         cycles=cycles,

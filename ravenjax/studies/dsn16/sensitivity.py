@@ -10,8 +10,8 @@ import numpy as np
 
 from ravenjax.studies.dsn16 import cells as dsn16_cells
 from ravenjax.studies.dsn16.cells import DURATIONS
-from ravenjax.studies.dsn16.runs import Runs
-from ravenjax.studies.framework.study import Estimate, Table
+from ravenjax.studies.dsn16.runs import VariantRuns
+from ravenjax.studies.framework.study import StudyEstimate, Table
 
 NOTE = (
     "Points are means over all cells, with a 95 % bootstrap over them, each variant's cell against the same cell of "
@@ -19,10 +19,10 @@ NOTE = (
 )
 
 
-class Case(NamedTuple):
+class VariantCase(NamedTuple):
     """One way to answer the open questions."""
 
-    runs: Runs
+    runs: VariantRuns
     question: str
     hit: str = "jump"  # column of the runs that is counted
     label: str = ""  # where it is not the variant's name
@@ -33,11 +33,11 @@ class Case(NamedTuple):
         return self.label or self.runs.name
 
 
-def rules(base: Runs, leaps: np.ndarray) -> list[Case]:
+def rules(base: VariantRuns, leaps: np.ndarray) -> list[VariantCase]:
     """The baseline's own runs with other rules of what a jump is; leaps: bool [runs], the text's."""
     return [
-        Case(base, "jumps only inside t1 .. t1 + d + 1", "inside", "inside_window"),
-        Case(
+        VariantCase(base, "jumps only inside t1 .. t1 + d + 1", "inside", "inside_window"),
+        VariantCase(
             base.counting(leap=leaps),
             "text's rule: the tip moves over 1 mm within two packets",
             "leap",
@@ -46,18 +46,18 @@ def rules(base: Runs, leaps: np.ndarray) -> list[Case]:
     ]
 
 
-def shifts(case: Case, baseline: Runs, hit: str = "jump") -> tuple[Estimate, int]:
+def shifts(case: VariantCase, baseline: VariantRuns, hit: str = "jump") -> tuple[StudyEstimate, int]:
     """Mean difference to the baseline over all cells, in points, and how many cells change sides."""
     cells, base = case.runs.share(case.hit).by_size, baseline.share(hit).by_size
     if cells.shape != base.shape:
-        return Estimate(math.nan), 0
+        return StudyEstimate(math.nan), 0
     return dsn16_cells.difference(cells, base), int(((cells >= 0.5) != (base >= 0.5)).sum())
 
 
 def table(
     title: str,
-    cases: Sequence[Case],
-    baseline: Runs,
+    cases: Sequence[VariantCase],
+    baseline: VariantRuns,
     published: np.ndarray | None = None,
     bands: Sequence[tuple[float, float]] | None = None,
     reading_error: float = 0.0,
@@ -89,13 +89,13 @@ def table(
     return Table(title, tuple(heads), tuple(rows), note)
 
 
-def _points(apart: Estimate) -> str:
+def _points(apart: StudyEstimate) -> str:
     if math.isnan(apart.value):
         return ""
     return f"{apart.value:+.1f} [{apart.low:+.1f}, {apart.high:+.1f}]" if apart.value or apart.high else "0"
 
 
-def ranked(cases: Iterable[Case], baseline: Runs) -> list[tuple[str, Estimate, int]]:
+def ranked(cases: Iterable[VariantCase], baseline: VariantRuns) -> list[tuple[str, StudyEstimate, int]]:
     """Name, mean difference and changed cells of each case, the largest difference first."""
-    found = [(case.name, *shifts(case, baseline)) for case in cases]
-    return sorted((f for f in found if not math.isnan(f[1].value)), key=lambda f: -abs(f[1].value))
+    differences = [(case.name, *shifts(case, baseline)) for case in cases]
+    return sorted((f for f in differences if not math.isnan(f[1].value)), key=lambda f: -abs(f[1].value))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ravenjax.studies.dsn16.cells import DURATIONS
-from ravenjax.studies.dsn16.runs import Runs, stored
-from ravenjax.studies.framework.study import Estimate, Line
+from ravenjax.studies.dsn16.runs import VariantRuns, stored
+from ravenjax.studies.framework.study import Line, StudyEstimate
 
 SMALL_COUNTS = 800
 """DAC: on the published trajectory the nominal shoulder command stays within it (comment in the fork's code)."""
@@ -16,21 +16,23 @@ LARGE_COUNTS = 10000
 
 def holds(quantity: str, published: bool | None, predicted: bool, reason: str) -> Line:
     """A statement: 1 holds, 0 does not. published: whether the published counts bear it out, None: there are none."""
-    stated = Estimate(1.0, of="stated" if published is None else f"stated; in the published counts: {int(published)}")
-    return Line(f"{quantity} (1: holds)", "", stated, Estimate(float(predicted)), (1.0, 1.0), "", reason)
+    stated = StudyEstimate(
+        1.0, of="stated" if published is None else f"stated; in the published counts: {int(published)}"
+    )
+    return Line(f"{quantity} (1: holds)", "", stated, StudyEstimate(float(predicted)), (1.0, 1.0), "", reason)
 
 
-def scenario_b(runs: Runs, moved: np.ndarray, jumps: np.ndarray, stops: np.ndarray) -> tuple[Line, ...]:
+def scenario_b(runs: VariantRuns, moved: np.ndarray, jumps: np.ndarray, stops: np.ndarray) -> tuple[Line, ...]:
     """The four statements on scenario B.
 
     moved: [runs] largest step of motor velocity in the window over its fault-free 99.9 % threshold. jumps, stops:
     published percent by duration.
     """
-    size, held = np.abs([stored(value) for value in runs.value]), runs.duration
+    size, duration = np.abs([stored(value) for value in runs.value]), runs.duration
     jumped = runs.hits["jump"]
     affected = jumped | runs.hits["stop"]
-    small = (size <= SMALL_COUNTS) & (held <= 64)
-    short = (size <= LARGE_COUNTS) & ((held == 2) | (held == 4))
+    small = (size <= SMALL_COUNTS) & (duration <= 64)
+    short = (size <= LARGE_COUNTS) & ((duration == 2) | (duration == 4))
     disturbed = float((moved[short] > 1.0).mean())
     return (
         holds(
@@ -51,7 +53,7 @@ def scenario_b(runs: Runs, moved: np.ndarray, jumps: np.ndarray, stops: np.ndarr
     )
 
 
-def of_attack(runs: Runs, jumps: np.ndarray | None = None, stops: np.ndarray | None = None) -> tuple[Line, ...]:
+def of_attack(runs: VariantRuns, jumps: np.ndarray | None = None, stops: np.ndarray | None = None) -> tuple[Line, ...]:
     """The two statements on either scenario; jumps, stops: published percent by duration, None where withheld."""
     jumped, stopped, missed = (runs.percent(hit) for hit in ("jump", "stop", "missed"))
     window = np.isin(DURATIONS, (2, 4, 8, 16))

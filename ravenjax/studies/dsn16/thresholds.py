@@ -15,7 +15,7 @@ from ravenjax.studies.dsn16.signals import Series, measure
 from ravenjax.studies.framework import literature
 from ravenjax.studies.framework.drawing import PUBLISHED, SERIES
 from ravenjax.studies.framework.literature import Published
-from ravenjax.studies.framework.study import Context, Drawing, Estimate, Findings, Line, Study, Table, Variant
+from ravenjax.studies.framework.study import Context, Drawing, Findings, Line, Study, StudyEstimate, Table, Variant
 
 CAMPAIGN = "dsn16_thresholds.toml"
 BASELINE, SECOND = "suture", "peg_transfer"
@@ -61,17 +61,17 @@ def variants() -> tuple[Variant, ...]:
 def compare(context: Context) -> Findings:
     """Fault-free steps beside the published ones; thresholds, which were not published."""
     published = literature.read("dsn16")
-    learned, tips, seen = {}, {}, {}
+    learned, tips, runs_of = {}, {}, {}
     for variant in variants():
         if variant.name in context.folders:
             measured = measure(context.folders[variant.name], _measured)
             learned[variant.name] = detector.learn(one.steps for one in measured)
             tips[variant.name] = np.stack([one.tip for one in measured])
-            seen[variant.name] = measured
+            runs_of[variant.name] = measured
     both = Learned(_joined([learned[name].pooled for name in (BASELINE, SECOND) if name in learned]))
     questions = {variant.name: variant.question for variant in variants()}
     lines = [*_spread(learned, tips, published), *_largest(learned, published), *_integrator(learned, published)]
-    lines += _tracking(seen, published)
+    lines += _tracking(runs_of, published)
     tables = (_thresholds(both), _sensitivity(learned, tips, questions, published))
     return Findings(tuple(lines), tables, (_drawing(both),), _notes(learned, tips, published))
 
@@ -92,12 +92,12 @@ class FaultFree(NamedTuple):
 
 def _measured(row: int, series: Series) -> FaultFree:
     """Of one run."""
-    found, moving = log(series), np.asarray(series["last_seq"]) >= detector.FIRST_PACKET
+    trace, moving = log(series), np.asarray(series["last_seq"]) >= detector.FIRST_PACKET
     error = (series["gold/mpos_d"] - series["gold/mpos"])[moving, :3]
     distance = np.linalg.norm((series["gold/position_d"] - series["gold/position"])[moving], axis=1) * 1e3
     return FaultFree(
-        steps=detector.fault_free(found),
-        tip=tip_steps(found),
+        steps=detector.fault_free(trace),
+        tip=tip_steps(trace),
         error=np.sqrt(np.mean(np.square(error, dtype=float), axis=0)),
         dac=np.std(series["gold/dac_cnt"][moving, :3].astype(float), axis=0),
         distance_mm=(float(distance.mean()), float(distance.max())),
@@ -109,10 +109,12 @@ def tip_steps(found: Log) -> np.ndarray:
     return np.diff(found.tip, axis=0)[found.packet[:-1] >= detector.FIRST_PACKET]
 
 
-def deviation(values: np.ndarray) -> Estimate:
+def deviation(values: np.ndarray) -> StudyEstimate:
     """Standard deviation about 0 of steps [runs, rows], with its range over runs; steps have no mean to speak of."""
     by_run = np.sqrt(np.mean(np.square(values, dtype=float), axis=1))
-    return Estimate(float(np.sqrt(np.mean(by_run**2))), float(by_run.min()), float(by_run.max()), len(by_run), "runs")
+    return StudyEstimate(
+        float(np.sqrt(np.mean(by_run**2))), float(by_run.min()), float(by_run.max()), len(by_run), "runs"
+    )
 
 
 def _spread(learned: Mapping[str, Learned], tips: Mapping[str, np.ndarray], published: Published) -> Iterator[Line]:
@@ -121,13 +123,13 @@ def _spread(learned: Mapping[str, Learned], tips: Mapping[str, np.ndarray], publ
         for v in ("mpos", "mvel"):
             for j, joint in enumerate(JOINTS):
                 predicted = deviation(learned[name].pooled[:, :, VARIABLES.index(v), j])
-                known = published.estimate(f"step.{v}.{joint}")
+                reference = published.estimate(f"step.{v}.{joint}")
                 yield Line(
                     f"standard deviation of a step, {NAMES[v]}, {joint}; {name}",
                     UNITS[v][j],
-                    known,
+                    reference,
                     predicted,
-                    reason=f"{predicted.value / known.value:.2f} of the published one: another motion",
+                    reason=f"{predicted.value / reference.value:.2f} of the published one: another motion",
                 )
         tip = tips[name]
         predicted = deviation(tip.reshape(len(tip), -1))
@@ -145,7 +147,7 @@ def _largest(learned: Mapping[str, Learned], published: Published) -> Iterator[L
             f"largest step, {NAMES[v]}, {joint}; {BASELINE}",
             UNITS[v][j],
             published.estimate(f"largest.{key}"),
-            Estimate(float(maxima.max()), float(maxima.min()), float(maxima.max()), len(maxima), "runs"),
+            StudyEstimate(float(maxima.max()), float(maxima.min()), float(maxima.max()), len(maxima), "runs"),
             reason="generated hands move smoothly; the published trajectories have steps of their own",
         )
 
@@ -163,28 +165,28 @@ def _integrator(learned: Mapping[str, Learned], published: Published) -> Iterato
             )
 
 
-def _tracking(seen: Mapping[str, Sequence[FaultFree]], published: Published) -> Iterator[Line]:
+def _tracking(runs_of: Mapping[str, Sequence[FaultFree]], published: Published) -> Iterator[Line]:
     """How well motors and tip follow, beside a rebuild that followed the recording of one published trajectory."""
     reason = "another motion"
-    for name in (name for name in (BASELINE, SECOND) if name in seen):
+    for name in (name for name in (BASELINE, SECOND) if name in runs_of):
         for j, joint in enumerate(JOINTS):
-            key, error, dac = published.estimate(f"rms.{joint}"), *_over(seen[name], j)
+            key, error, dac = published.estimate(f"rms.{joint}"), *_over(runs_of[name], j)
             yield Line(f"motor error, root mean square, {joint}; {name}", "rad", key, error, reason=reason)
-            known = published.estimate(f"dac.{joint}")
-            yield Line(f"DAC command, standard deviation, {joint}; {name}", "counts", known, dac, reason=reason)
+            reference = published.estimate(f"dac.{joint}")
+            yield Line(f"DAC command, standard deviation, {joint}; {name}", "counts", reference, dac, reason=reason)
         for k, key in enumerate(("mean", "largest")):
-            values = [one.distance_mm[k] for one in seen[name]]
-            known = published.estimate(f"tip_error.{key}")
-            yield Line(f"tip from desired tip, {key}; {name}", "mm", known, _range(values), reason=reason)
+            values = [one.distance_mm[k] for one in runs_of[name]]
+            reference = published.estimate(f"tip_error.{key}")
+            yield Line(f"tip from desired tip, {key}; {name}", "mm", reference, _range(values), reason=reason)
 
 
-def _over(runs: Sequence[FaultFree], joint: int) -> tuple[Estimate, Estimate]:
+def _over(runs: Sequence[FaultFree], joint: int) -> tuple[StudyEstimate, StudyEstimate]:
     """Motor error and DAC spread of a joint over runs."""
     return _range([float(one.error[joint]) for one in runs]), _range([float(one.dac[joint]) for one in runs])
 
 
-def _range(values: Sequence[float]) -> Estimate:
-    return Estimate(float(np.mean(values)), min(values), max(values), len(values), "runs")
+def _range(values: Sequence[float]) -> StudyEstimate:
+    return StudyEstimate(float(np.mean(values)), min(values), max(values), len(values), "runs")
 
 
 def _thresholds(learned: Learned) -> Table:
@@ -222,7 +224,7 @@ def _thresholds(learned: Learned) -> Table:
     return Table("Thresholds, predicted blind", heads, tuple(rows), note)
 
 
-def _shown(estimate: Estimate) -> str:
+def _shown(estimate: StudyEstimate) -> str:
     ends = ["-" if math.isnan(end) else f"{end:.4g}" for end in (estimate.low, estimate.high)]
     return f"{estimate.value:.4g} [{ends[0]}, {ends[1]}]"
 
@@ -233,9 +235,9 @@ def _sensitivity(
     heads = ["variant", "question", "runs"]
     heads += [f"sd {NAMES[v]}, {joint}" for v in ("mpos", "mvel") for joint in JOINTS] + ["sd tip, um"]
     heads += [f"99.9 % {NAMES[v]}, {joint}" for v in ("mpos", "mvel") for joint in JOINTS]
-    known = [published.value(f"step.{v}.{joint}") for v in ("mpos", "mvel") for joint in JOINTS]
+    reference = [published.value(f"step.{v}.{joint}") for v in ("mpos", "mvel") for joint in JOINTS]
     rows: list[tuple[str | int | float, ...]] = [
-        ("published", "", "", *known, published.value("step.tip"), *("not published",) * 6)
+        ("published", "", "", *reference, published.value("step.tip"), *("not published",) * 6)
     ]
     for name, one in learned.items():
         spread = [deviation(one.pooled[:, :, v, j]).value for v in (0, 1) for j in range(3)]

@@ -16,7 +16,7 @@ from typing import TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from ravenjax.errors import UserError, suggestion
-from ravenjax.studies.framework.study import Estimate
+from ravenjax.studies.framework.study import StudyEstimate
 
 FOLDER = Path(__file__).parent / "published"
 
@@ -51,12 +51,12 @@ class Number(_Row):
                 raise ValueError(f"expected low <= value <= high, got {self.low}, {self.value}, {self.high}")
         return self
 
-    def estimate(self) -> Estimate:
+    def estimate(self) -> StudyEstimate:
         """With the interval that its reading has."""
         low, high = (math.nan, math.nan) if self.low is None or self.high is None else (self.low, self.high)
         if self.error is not None:
             low, high = self.value - self.error, self.value + self.error
-        return Estimate(self.value, low, high, of=self.source)
+        return StudyEstimate(self.value, low, high, of=self.source)
 
 
 class Band(_Row):
@@ -98,7 +98,7 @@ class Published:
         """A published number. KeyError where there is none of that key."""
         return _at(self.numbers, key).value
 
-    def estimate(self, key: str) -> Estimate:
+    def estimate(self, key: str) -> StudyEstimate:
         """A published number with its interval and source. KeyError where there is none of that key."""
         return _at(self.numbers, key).estimate()
 
@@ -112,22 +112,22 @@ def read(name: str) -> Published:
     """The numbers of `published/NAME.toml`. Raises UserError for a file that is missing or not as described above."""
     path = FOLDER / f"{name}.toml"
     if not path.is_file():
-        known = sorted(file.stem for file in FOLDER.glob("*.toml"))
-        raise UserError(f"{path}: no such file; published numbers are there of {', '.join(known)}")
+        names = sorted(file.stem for file in FOLDER.glob("*.toml"))
+        raise UserError(f"{path}: no such file; published numbers are there of {', '.join(names)}")
     return parse(path.read_text(encoding="utf-8"), str(path))
 
 
 def parse(text: str, where: str) -> Published:
     """As `read`, of a file's text; `where` names it in errors."""
     try:
-        found = _File.model_validate(tomllib.loads(text))
+        content = _File.model_validate(tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:
         raise UserError(f"{where}: not valid TOML: {error}") from None
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"]) or "the file"
         raise UserError(f"{where}: {place}: {first['msg']}; got {first['input']!r}") from None
-    return Published({row.key: row for row in found.number}, {row.key: row for row in found.band})
+    return Published({row.key: row for row in content.number}, {row.key: row for row in content.band})
 
 
 def _at(rows: Mapping[str, _R], key: str) -> _R:

@@ -24,7 +24,7 @@ def line_rows(findings: Findings) -> list[tuple[str, ...]]:
 
 def page(record: Record, pictures: bool) -> str:
     """The Markdown page of a record; `pictures`: with the drawings, which then lie beside it."""
-    study, made = record["study"], record["provenance"]
+    study, provenance = record["study"], record["provenance"]
     parts = [f"# {study['title']}", f"{study['question']}", f"Source: {study['source']}", _verdict(record["lines"])]
     if record["lines"]:
         compared = any(line["published"] for line in record["lines"])
@@ -39,7 +39,7 @@ def page(record: Record, pictures: bool) -> str:
     for table in record["tables"]:
         rows = (tuple(map(_cell, row)) for row in table["rows"])
         parts += [f"## {table['title']}", _table(table["columns"], rows), table["note"]]
-    return "\n\n".join(part for part in (*parts, *_made_by(study["name"], made)) if part) + "\n"
+    return "\n\n".join(part for part in (*parts, *_made_by(study["name"], provenance)) if part) + "\n"
 
 
 _LEGEND = (

@@ -29,8 +29,8 @@ def activated(frames: Sequence[pd.DataFrame], made: Manifest) -> Iterator[Activa
         if not np.array_equal(frame["group"].astype(str), frames[0]["group"].astype(str)):
             raise ValueError(f"campaign {motion} of a comparison of motions has other groups than the first")
         facts = run_facts.of(frame, made)
-        chosen = (facts["faulty"] & facts["activated"] & ~facts["failed"]).to_numpy()
-        yield Activated(frame.loc[chosen], facts.loc[chosen], distinct[chosen], motion)
+        mask = (facts["faulty"] & facts["activated"] & ~facts["failed"]).to_numpy()
+        yield Activated(frame.loc[mask], facts.loc[mask], distinct[mask], motion)
 
 
 def fault_free(campaign: str, motion: str, seed: int, runs: int, seconds: float, question: str) -> Variant:

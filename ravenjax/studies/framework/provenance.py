@@ -9,7 +9,7 @@ from typing import Any
 
 
 @dataclasses.dataclass(frozen=True)
-class Campaign:
+class CampaignRecord:
     """One campaign of a study as it was run."""
 
     variant: str
@@ -37,7 +37,7 @@ class Provenance:
     code_hash: str
     lock_hash: str
     versions: dict[str, str]
-    campaigns: tuple[Campaign, ...]
+    campaigns: tuple[CampaignRecord, ...]
 
     def as_json(self) -> dict[str, Any]:
         """As JSON can hold it."""

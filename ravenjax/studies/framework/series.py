@@ -43,7 +43,7 @@ SIGNALS: dict[str, tuple[Callable[[Any], Any], float]] = {
     "tip_error_mm": (lambda signals: signals.haptics[0].distance, 1e3),  # mm, measured tip to nominal model
     "cue_force": (lambda signals: signals.haptics[0].force[0], 1.0),  # device units, first cue
 }
-"""Name -> where it stands in `tick.Signals`, and the factor to its unit here."""
+"""Name -> where it stands in `tick.TickSignals`, and the factor to its unit here."""
 
 
 class Recorder:
@@ -70,8 +70,8 @@ class Recorder:
         blocks = [rows[i : i + code.width] for i in range(0, len(rows), code.width)]
 
         def block(rows: list[int]) -> list[T]:
-            found = zip(table.loc[rows].to_dict("records"), code.run(ready, rows), strict=True)
-            return [measured({str(k): v for k, v in row.items()}, series) for row, series in found]
+            pairs = zip(table.loc[rows].to_dict("records"), code.run(ready, rows), strict=True)
+            return [measured({str(k): v for k, v in row.items()}, series) for row, series in pairs]
 
         with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
             return [one for of_block in pool.map(block, blocks) for one in of_block]
@@ -93,11 +93,11 @@ class _Code:
 
         self.program = traced.unrolled(ready.program)
         self.width = jit.host().width
-        found = traced.trace(self.program, self._block(ready, [0]), ready.columns)
-        leaves, structure = jax.tree.flatten(found.signals)
+        trace = traced.trace(self.program, self._block(ready, [0]), ready.columns)
+        leaves, structure = jax.tree.flatten(trace.signals)
         numbered = jax.tree.unflatten(structure, list(range(len(leaves))))
-        loop = found.loop
-        before, picked, dtypes = loop.states + found.series, [], []
+        loop = trace.loop
+        before, picked, dtypes = loop.states + trace.series, [], []
         for name, (where, _) in SIGNALS.items():
             numbers = jax.tree.leaves(where(numbered))
             dtypes.append((name, [np.dtype(leaves[k].dtype) for k in numbers]))
@@ -105,7 +105,7 @@ class _Code:
         self._dtypes: list[tuple[str, list[np.dtype]]] = dtypes
         step = dataclasses.replace(loop.step, outputs=(*loop.step.outputs[: loop.states], *picked))
         shared = len(self.program.varied)
-        self._series = found.series
+        self._series = trace.series
         objects = compile_cache.objects()
         self._code = VectorCode(dataclasses.replace(loop, step=step), shared, not shared, self.width, objects)
 
@@ -127,12 +127,12 @@ class _Code:
         """columns: [numbers, ticks], whole numbers and truth values as the bits of 32-bit integers."""
         series, first = {}, 0
         for (name, dtypes), (_, factor) in zip(self._dtypes, SIGNALS.values(), strict=True):
-            found = [
+            parts = [
                 column if dtype.kind == "f" else column.view(np.int32)
                 for column, dtype in zip(columns[first : first + len(dtypes)], dtypes, strict=True)
             ]
             first += len(dtypes)
-            values = found[0] if len(found) == 1 else np.stack(found, axis=-1)
+            values = parts[0] if len(parts) == 1 else np.stack(parts, axis=-1)
             series[name] = values.astype(bool) if dtypes[0].kind == "b" else values * factor
         return series
 

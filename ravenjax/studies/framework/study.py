@@ -27,7 +27,7 @@ class Variant:
 
 
 @dataclasses.dataclass(frozen=True)
-class Estimate:
+class StudyEstimate:
     """A number with its interval, and what it was counted over."""
 
     value: float
@@ -43,8 +43,8 @@ class Line:
 
     quantity: str  # "P(jump), 8 ms"
     unit: str  # "", "mm", "%", ...
-    published: Estimate | None
-    predicted: Estimate | None
+    published: StudyEstimate | None
+    predicted: StudyEstimate | None
     band: tuple[float, float] | None = None  # acceptance band of the prediction's value, ends included
     target: str = ""  # acceptance target, "A1"
     reason: str = ""  # likely reason where both differ

@@ -25,7 +25,7 @@ class Target(NamedTuple):
     judged_by: str  # studies, or the command that measures it
 
 
-class State(NamedTuple):
+class TargetStanding(NamedTuple):
     """How the lines of a target stand."""
 
     id: str
@@ -45,18 +45,18 @@ def targets() -> dict[str, Target]:
     return {name: Target(name, **table) for name, table in tables.items()}
 
 
-def states(lines: Sequence[Mapping[str, Any]]) -> list[State]:
+def states(lines: Sequence[Mapping[str, Any]]) -> list[TargetStanding]:
     """The state of each target that lines (as in findings.json) belong to, in the order of the lines."""
     names = dict.fromkeys(line["target"] for line in lines if line["target"])
     return [_state(name, [line["passed"] for line in lines if line["target"] == name]) for name in names]
 
 
-def _state(name: str, passed: Sequence[bool | None]) -> State:
+def _state(name: str, passed: Sequence[bool | None]) -> TargetStanding:
     judged = [one for one in passed if one is not None]
-    return State(name, sum(judged), len(judged))
+    return TargetStanding(name, sum(judged), len(judged))
 
 
-def sentence(state: State) -> str:
+def sentence(state: TargetStanding) -> str:
     """`A1 not met: 33 of 36 lines inside their band`."""
     if state.met is None:
         return f"{state.id} not judged: no line of it has a band"

@@ -37,14 +37,14 @@ class Winners(NamedTuple):
     """The choice at each weight."""
 
     weight: np.ndarray  # [weights]
-    chosen: np.ndarray  # [weights], number of the set
+    winner: np.ndarray  # [weights], number of the set
     wins: np.ndarray  # [weights, sets], share of resamples in which it wins; sums to 1
     cost: np.ndarray  # [weights, sets], false cues an hour
 
     @property
     def sure(self) -> np.ndarray:
         """Whether the choice at each weight is sure enough to be named, bool [weights]."""
-        return self.wins[np.arange(len(self.weight)), self.chosen] >= SURE
+        return self.wins[np.arange(len(self.weight)), self.winner] >= SURE
 
 
 def counts(missed: np.ndarray, cell: np.ndarray, false: np.ndarray, hours: np.ndarray, recording: np.ndarray) -> Counts:

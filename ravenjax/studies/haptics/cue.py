@@ -14,11 +14,11 @@ from ravenjax.outcomes import events
 from ravenjax.studies.detection.points import MOVED, share
 from ravenjax.studies.detection.runs import AS_MODELLED, per_hour
 from ravenjax.studies.framework import motions_alike
-from ravenjax.studies.framework.study import Context, Estimate, Findings, Line, Study, Variant
+from ravenjax.studies.framework.study import Context, Findings, Line, Study, StudyEstimate, Variant
 from ravenjax.studies.haptics import choice as haptic_choice
 from ravenjax.studies.haptics import drawings, runs, tables
 from ravenjax.studies.haptics.choice import Winners
-from ravenjax.studies.haptics.runs import UNINTENDED, Faulty, Free
+from ravenjax.studies.haptics.runs import UNINTENDED, FaultyCues, FreeCues
 from ravenjax.studies.haptics.tables import hundred, missed, sums
 
 CAMPAIGN = "haptic_sweep.toml"
@@ -42,7 +42,7 @@ class _Choice(NamedTuple):
     @property
     def numbers(self) -> list[int]:
         """Numbers of the sets that win at any weight of the tables, by rising threshold."""
-        return [self.sets[k] for k in np.unique(self.winners.chosen)]
+        return [self.sets[k] for k in np.unique(self.winners.winner)]
 
 
 def compare(context: Context) -> Findings:
@@ -52,7 +52,7 @@ def compare(context: Context) -> Findings:
     return findings(faulty, free)
 
 
-def findings(faulty: Faulty, free: Free) -> Findings:
+def findings(faulty: FaultyCues, free: FreeCues) -> Findings:
     """As `compare`, of runs at hand."""
     modelled = free.where(free.robot == AS_MODELLED)
     sets = runs.default_sets(faulty.cues, faulty.published)
@@ -79,9 +79,9 @@ def findings(faulty: Faulty, free: Free) -> Findings:
     )
 
 
-def _lines(faulty: Faulty, modelled: Free, choice: _Choice, compared: Sequence[int]) -> list[Line]:
+def _lines(faulty: FaultyCues, modelled: FreeCues, choice: _Choice, compared: Sequence[int]) -> list[Line]:
     moved = faulty.unintended
-    cells = Estimate(len(np.unique(faulty.cell)), of=f"{len(MOTIONS)} motions, {len(moved):,} activated runs")
+    cells = StudyEstimate(len(np.unique(faulty.cell)), of=f"{len(MOTIONS)} motions, {len(moved):,} activated runs")
     lines = [
         Line("faults, distinct", "", None, cells),
         Line(
@@ -90,22 +90,24 @@ def _lines(faulty: Faulty, modelled: Free, choice: _Choice, compared: Sequence[i
             None,
             hundred(share(moved, moved | True, faulty.cell, "activated runs")),
         ),
-        Line("motion without a fault, robot as modelled", "h", None, Estimate(round(float(modelled.hours.sum()), 2))),
+        Line(
+            "motion without a fault, robot as modelled", "h", None, StudyEstimate(round(float(modelled.hours.sum()), 2))
+        ),
     ]
     for k in compared:
-        told = f"{faulty.cues[k].threshold_mm:g} mm" + (" (published)" if k == faulty.published else "")
+        words = f"{faulty.cues[k].threshold_mm:g} mm" + (" (published)" if k == faulty.published else "")
         never = missed(faulty, [k])[:, 0]
         before = (faulty.first_ms[:, k] >= 0) & (faulty.first_ms[:, k] < faulty.unintended_ms)
         rates = {"unintended motion missed": never, "unintended motion felt before it began": before}
         lines += [
-            Line(f"{told}: {what}", "%", None, hundred(share(hit, moved, faulty.cell, MOVED)))
+            Line(f"{words}: {what}", "%", None, hundred(share(hit, moved, faulty.cell, MOVED)))
             for what, hit in rates.items()
         ]
         false = per_hour(modelled.count[:, k], modelled.hours, modelled.recording, "cues")
-        lines.append(Line(f"{told}: false cues", "1/h", None, false))
-    for weight, chosen, wins, sure in zip(*choice.winners[:3], choice.winners.sure, strict=True):
-        mm, wins_often = faulty.cues[choice.sets[chosen]].threshold_mm, f"wins {100 * wins[chosen]:.0f} % of resamples"
-        threshold = Estimate(
+        lines.append(Line(f"{words}: false cues", "1/h", None, false))
+    for weight, winner, wins, sure in zip(*choice.winners[:3], choice.winners.sure, strict=True):
+        mm, wins_often = faulty.cues[choice.sets[winner]].threshold_mm, f"wins {100 * wins[winner]:.0f} % of resamples"
+        threshold = StudyEstimate(
             mm if sure else np.nan,
             *_range([faulty.cues[k].threshold_mm for k in choice.sets], wins),
             of=wins_often if sure else f"cannot be said: {mm:g} mm {wins_often}",
@@ -128,7 +130,7 @@ def _range(values: Sequence[float], wins: np.ndarray) -> tuple[float, float]:
     return values[low], values[min(high, len(values) - 1)]
 
 
-def _notes(faulty: Faulty, modelled: Free) -> tuple[str, ...]:
+def _notes(faulty: FaultyCues, modelled: FreeCues) -> tuple[str, ...]:
     return (
         f"Unintended motion: {events.meaning('unintended_motion', faulty.rules)}. The published cue has the same "
         "distance, of the reported tip from the model, so that it comes at about the same time as the motion, and a "

@@ -16,29 +16,29 @@ from ravenjax.studies.detection.runs import per_hour
 from ravenjax.studies.framework.drawing import MUTED, PREDICTED, SERIES, THRESHOLD, WIDTH_IN
 from ravenjax.studies.framework.study import Drawing
 from ravenjax.studies.haptics.choice import Winners
-from ravenjax.studies.haptics.runs import Faulty, Free, sets_at
+from ravenjax.studies.haptics.runs import FaultyCues, FreeCues, sets_at
 from ravenjax.studies.haptics.tables import damper
 
 SHOWN_MM = (1.0, 2.0, 3.0, 5.0, 8.0)
 """Thresholds whose times are drawn."""
 
 
-def drawings(faulty: Faulty, modelled: Free, sets: Sequence[int], fine: Winners) -> tuple[Drawing, ...]:
+def drawings(faulty: FaultyCues, modelled: FreeCues, sets: Sequence[int], fine: Winners) -> tuple[Drawing, ...]:
     """Every figure; `sets`: numbers of those with the published gains, `fine`: the choice at many weights."""
     moved = faulty.unintended
     never = (faulty.first_ms[moved] < 0).mean(axis=0)
     false = modelled.count.sum(axis=0) / modelled.hours.sum()
     thresholds = np.array([faulty.cues[k].threshold_mm for k in sets])
-    told = faulty.first_ms[:, list(sets)]
+    cue_ms = faulty.first_ms[:, list(sets)]
     rates = {
-        "felt": [share(told[:, j] >= 0, moved, faulty.cell, "") for j in range(len(sets))],
+        "felt": [share(cue_ms[:, j] >= 0, moved, faulty.cell, "") for j in range(len(sets))],
         "felt before it began": [
-            share((told[:, j] >= 0) & (told[:, j] < faulty.unintended_ms), moved, faulty.cell, "")
+            share((cue_ms[:, j] >= 0) & (cue_ms[:, j] < faulty.unintended_ms), moved, faulty.cell, "")
             for j in range(len(sets))
         ],
-        "other faults felt": [share(told[:, j] >= 0, ~moved, faulty.cell, "") for j in range(len(sets))],
+        "other faults felt": [share(cue_ms[:, j] >= 0, ~moved, faulty.cell, "") for j in range(len(sets))],
     }
-    felt = {name: 100 * np.array([[r.value, r.low, r.high] for r in found]).T for name, found in rates.items()}
+    felt = {name: 100 * np.array([[r.value, r.low, r.high] for r in shares]).T for name, shares in rates.items()}
     by_scale = {}
     for scale in np.unique(modelled.scale):
         mine = modelled.where(modelled.scale == scale)
@@ -157,7 +157,7 @@ def _choice(thresholds: np.ndarray, found: Winners) -> Callable[[Any], None]:
         image = axis.pcolormesh(
             found.weight, rows, 100 * found.wins.T, cmap="Blues", vmin=0, vmax=100, shading="nearest"
         )
-        axis.step(found.weight, found.chosen, where="mid", color=SERIES[1], lw=1.6, label="chosen")
+        axis.step(found.weight, found.winner, where="mid", color=SERIES[1], lw=1.6, label="chosen")
         axis.axhline(list(thresholds).index(3.0), color=THRESHOLD, lw=0.9, ls="--", label="published")
         axis.set_xscale("log")
         axis.grid(False)
@@ -173,10 +173,10 @@ def _times(curves: dict[str, tuple[Incidence, Incidence]]) -> Callable[[Any], No
     def draw(figure: Any) -> None:
         figure.set_size_inches(WIDTH_IN, 4.2)
         left, right = figure.subplots(1, 2, sharey=True)
-        for colour, (name, found) in zip(SERIES, curves.items(), strict=False):
-            for axis, one, shift in ((left, found[0], 1), (right, found[1], 0)):
-                drawn = steps(one.time + shift, one.fraction, one.low, one.high)
-                step_curve(axis, drawn, color=colour, scale=100, alpha=0.12, lw=1.3, label=name)
+        for colour, (name, pair) in zip(SERIES, curves.items(), strict=False):
+            for axis, one, shift in ((left, pair[0], 1), (right, pair[1], 0)):
+                stairs = steps(one.time + shift, one.fraction, one.low, one.high)
+                step_curve(axis, stairs, color=colour, scale=100, alpha=0.12, lw=1.3, label=name)
         left.set_xscale("log")
         left.set(
             title="After the fault's first effect", xlabel="ms after it, 1: at once", xlim=(1, 3000), ylim=(0, 101),
@@ -191,13 +191,13 @@ def _times(curves: dict[str, tuple[Incidence, Incidence]]) -> Callable[[Any], No
     return draw
 
 
-def _force(faulty: Faulty) -> Callable[[Any], None]:
-    shown = sets_at(faulty.cues, faulty.cues[faulty.published].threshold_mm)
+def _force(faulty: FaultyCues) -> Callable[[Any], None]:
+    numbers = sets_at(faulty.cues, faulty.cues[faulty.published].threshold_mm)
 
     def draw(figure: Any) -> None:
         figure.set_size_inches(WIDTH_IN, 3.6)
         axis = figure.subplots()
-        for place, k in enumerate(shown):
+        for place, k in enumerate(numbers):
             force = faulty.force[faulty.unintended & (faulty.first_ms[:, k] >= 0), k]
             if not len(force):
                 continue
@@ -210,8 +210,8 @@ def _force(faulty: Faulty) -> Callable[[Any], None]:
         if cap is not None:
             axis.axhline(cap, color=MUTED, lw=0.9, ls="--")
             axis.text(-0.45, cap, "cap", fontsize=8, color=MUTED, va="bottom")
-        words = [f"Kp {faulty.cues[k].kp_per_mm:g}\nKd {damper(faulty.cues[k])}" for k in shown]
-        axis.set_xticks(range(len(shown)), words, fontsize=7.5)
+        words = [f"Kp {faulty.cues[k].kp_per_mm:g}\nKd {damper(faulty.cues[k])}" for k in numbers]
+        axis.set_xticks(range(len(numbers)), words, fontsize=7.5)
         axis.set(ylabel="largest force, device units", ylim=(0, None))
 
     return draw

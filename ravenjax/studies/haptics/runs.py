@@ -17,7 +17,7 @@ from ravenjax.hazards import severity
 from ravenjax.outcomes.events import Rules
 from ravenjax.report.data import facts as run_facts
 from ravenjax.store import folder, manifest
-from ravenjax.store.manifest import Cue, Manifest
+from ravenjax.store.manifest import CueRecord, Manifest
 from ravenjax.studies.detection.runs import FREE, SCALE
 from ravenjax.studies.framework import motions_alike
 
@@ -26,10 +26,10 @@ KINDS = (UNINTENDED, INJURY, JUMP)
 """What a cue is to tell; the first is a hazard of `ravenjax.outcomes`."""
 
 
-class Faulty(NamedTuple):
+class FaultyCues(NamedTuple):
     """Activated faulty runs, one entry a run; times in ms from the start of the run, -1: never."""
 
-    cues: tuple[Cue, ...]
+    cues: tuple[CueRecord, ...]
     published: int  # number of the published set
     cell: np.ndarray  # int, equal for runs of one fault
     motion: np.ndarray  # int, number of the campaign that it is of
@@ -49,11 +49,11 @@ class Faulty(NamedTuple):
         """Which runs had an unintended motion."""
         return self.kinds[:, KINDS.index(UNINTENDED)]
 
-    def where(self, chosen: np.ndarray) -> Faulty:
+    def where(self, chosen: np.ndarray) -> FaultyCues:
         """Those of `chosen`, a mask or indices."""
         return self._replace(**{name: getattr(self, name)[chosen] for name in _BY_RUN})
 
-    def once(self) -> Faulty:
+    def once(self) -> FaultyCues:
         """One run of each fault, the motions in turn, so that faults are independent draws."""
         motions = np.unique(self.motion)
         exact = self.motion == motions[self.cell % len(motions)]
@@ -66,10 +66,10 @@ _BY_RUN = (
 )  # fmt: skip
 
 
-class Free(NamedTuple):
+class FreeCues(NamedTuple):
     """Runs without a fault, one entry a run."""
 
-    cues: tuple[Cue, ...]
+    cues: tuple[CueRecord, ...]
     robot: np.ndarray  # words
     recording: np.ndarray  # words, motion and seed
     scale: np.ndarray
@@ -77,7 +77,7 @@ class Free(NamedTuple):
     count: np.ndarray  # [runs, cues], separate pulses
     felt_hours: np.ndarray  # [runs, cues], how long
 
-    def where(self, chosen: np.ndarray) -> Free:
+    def where(self, chosen: np.ndarray) -> FreeCues:
         """Those of `chosen`."""
         return self._replace(**{name: getattr(self, name)[chosen] for name in _FREE_BY_RUN})
 
@@ -85,38 +85,38 @@ class Free(NamedTuple):
 _FREE_BY_RUN = ("robot", "recording", "scale", "hours", "count", "felt_hours")
 
 
-def default_sets(cues: Sequence[Cue], published: int) -> list[int]:
+def default_sets(cues: Sequence[CueRecord], published: int) -> list[int]:
     """Numbers of the sets with the published gains, by rising threshold."""
     own = cues[published]
     alike = [k for k, cue in enumerate(cues) if _gains(cue) == _gains(own)]
     return sorted(alike, key=lambda k: cues[k].threshold_mm)
 
 
-def sets_at(cues: Sequence[Cue], threshold_mm: float) -> list[int]:
+def sets_at(cues: Sequence[CueRecord], threshold_mm: float) -> list[int]:
     """Numbers of the sets of one threshold."""
     return [k for k, cue in enumerate(cues) if cue.threshold_mm == threshold_mm]
 
 
-def faulty(folders: Sequence[Path]) -> Faulty:
+def faulty(folders: Sequence[Path]) -> FaultyCues:
     """Activated faulty runs of campaigns that differ in their motion alone. ValueError where their faults differ."""
     read = [(folder.read_all(path), manifest.read(path)) for path in folders]
     return pooled([frame for frame, _ in read], read[0][1])
 
 
-def pooled(frames: Sequence[pd.DataFrame], made: Manifest) -> Faulty:
+def pooled(frames: Sequence[pd.DataFrame], made: Manifest) -> FaultyCues:
     """As `faulty`, of result tables at hand; `made`: manifest of the first."""
     parts = [_faulty(one.frame, one.facts, made, one.cell, one.motion) for one in motions_alike.activated(frames, made)]
     return parts[0]._replace(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in _BY_RUN})
 
 
-def _faulty(frame: pd.DataFrame, facts: pd.DataFrame, made: Manifest, cell: np.ndarray, motion: int) -> Faulty:
+def _faulty(frame: pd.DataFrame, facts: pd.DataFrame, made: Manifest, cell: np.ndarray, motion: int) -> FaultyCues:
     active, every = facts["active_ms"].to_numpy(), range(len(made.cues))
 
     def columns(name: str) -> np.ndarray:
         return np.stack([frame[name.format(k)].to_numpy() for k in every], axis=1)
 
     own = np.stack([run_facts.warned(frame, k) for k in every], axis=1)
-    return Faulty(
+    return FaultyCues(
         cues=made.cues,
         published=made.verdict_cue,
         cell=cell,
@@ -141,16 +141,16 @@ def _faulty(frame: pd.DataFrame, facts: pd.DataFrame, made: Manifest, cell: np.n
     )
 
 
-def free(folders: Sequence[tuple[str, Path]]) -> Free:
+def free(folders: Sequence[tuple[str, Path]]) -> FreeCues:
     """Runs without a fault of campaigns, each with the name of its recording."""
     parts = [alone(folder.read_all(path), manifest.read(path), name) for name, path in folders]
     return parts[0]._replace(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in _FREE_BY_RUN})
 
 
-def alone(frame: pd.DataFrame, made: Manifest, recording: str) -> Free:
+def alone(frame: pd.DataFrame, made: Manifest, recording: str) -> FreeCues:
     """As `free`, of one result table at hand; its faulty runs are left out."""
     frame = frame.loc[frame["group"].astype(str).str.startswith(FREE) & (frame["failed"] == "")]
-    return Free(
+    return FreeCues(
         made.cues,
         frame["group"].astype(str).str.removeprefix(FREE).to_numpy(object),
         np.full(len(frame), recording, object),
@@ -161,5 +161,5 @@ def alone(frame: pd.DataFrame, made: Manifest, recording: str) -> Free:
     )
 
 
-def _gains(cue: Cue) -> tuple[float, float]:
+def _gains(cue: CueRecord) -> tuple[float, float]:
     return cue.kp_per_mm, cue.kd_s_per_mm

@@ -14,14 +14,14 @@ from ravenjax.stats.alarms.pareto import front
 from ravenjax.stats.bootstrap.clusters import cluster_ratio
 from ravenjax.stats.comparison.paired import mcnemar
 from ravenjax.stats.latency import incidence, lead_time
-from ravenjax.store.manifest import Cue
+from ravenjax.store.manifest import CueRecord
 from ravenjax.studies.detection.points import MOVED, percent, plain, rate, share
 from ravenjax.studies.detection.runs import AS_MODELLED, FEWEST, UNCERTAIN, per_hour
 from ravenjax.studies.detection.tables import CLUTCHED
-from ravenjax.studies.framework.study import Estimate, Table
+from ravenjax.studies.framework.study import StudyEstimate, Table
 from ravenjax.studies.haptics import choice
 from ravenjax.studies.haptics.choice import Counts, Winners
-from ravenjax.studies.haptics.runs import KINDS, UNINTENDED, Faulty, Free, sets_at
+from ravenjax.studies.haptics.runs import KINDS, UNINTENDED, FaultyCues, FreeCues, sets_at
 from ravenjax.vocabulary.robot import OTHER_LAYER
 
 AT_CAP = 0.999
@@ -32,27 +32,27 @@ SHOWN_MM = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
 """Thresholds in the table of false cues by motion."""
 
 
-class Felt(NamedTuple):
+class CueResult(NamedTuple):
     """One set. Rates are fractions, times ms."""
 
-    missed: Estimate  # of runs with unintended motion, never felt
-    before: Estimate  # of those, felt before it began
-    others: Estimate  # of the other faulty runs, felt
-    delay_ms: Estimate  # median, from the fault's first effect
-    lead_ms: Estimate  # median, over the unintended motion
+    missed: StudyEstimate  # of runs with unintended motion, never felt
+    before: StudyEstimate  # of those, felt before it began
+    others: StudyEstimate  # of the other faulty runs, felt
+    delay_ms: StudyEstimate  # median, from the fault's first effect
+    lead_ms: StudyEstimate  # median, over the unintended motion
     force: str  # median and quartiles of the largest where felt
-    at_cap: Estimate  # of the unintended motions that are felt, those at the cap
+    at_cap: StudyEstimate  # of the unintended motions that are felt, those at the cap
     felt_ms: str  # median and quartiles of the time with force where felt
 
 
-def missed(faulty: Faulty, sets: Sequence[int], before: bool = False) -> np.ndarray:
+def missed(faulty: FaultyCues, sets: Sequence[int], before: bool = False) -> np.ndarray:
     """Which runs were never told by each set, or not `before` their unintended motion: bool [runs, sets]."""
     first = faulty.first_ms[:, list(sets)]
     late = (first >= faulty.unintended_ms[:, None]) & (faulty.unintended_ms >= 0)[:, None]
     return (first < 0) | late if before else first < 0
 
 
-def sums(faulty: Faulty, free: Free, sets: Sequence[int], kind: str, before: bool = False) -> Counts:
+def sums(faulty: FaultyCues, free: FreeCues, sets: Sequence[int], kind: str, before: bool = False) -> Counts:
     """What a choice among `sets` is made of, for hazards of one of KINDS; `before`: a cue after it began is missed."""
     hazards = faulty.where(faulty.kinds[:, KINDS.index(kind)])
     return choice.counts(
@@ -60,38 +60,38 @@ def sums(faulty: Faulty, free: Free, sets: Sequence[int], kind: str, before: boo
     )
 
 
-def felt(faulty: Faulty, k: int) -> Felt:
+def felt(faulty: FaultyCues, k: int) -> CueResult:
     """What set number k tells of faults that make an unintended motion."""
     moved = faulty.unintended
     first = faulty.first_ms[:, k]
-    told = first >= 0
+    cued = first >= 0
     once = faulty.where(moved).once()
-    mine = faulty.where(moved & told)
+    mine = faulty.where(moved & cued)
     cap = faulty.cues[k].cap
     at_cap = mine.force[:, k] >= AT_CAP * cap if cap is not None else np.zeros(len(mine.cell), bool)
     spoke = np.where(once.first_ms[:, k] >= 0, once.first_ms[:, k], np.nan).astype(float)
     came, end = ~np.isnan(spoke), float(faulty.duration_ms)
     delay = incidence(np.where(came, spoke, end) - once.active_ms, came)
     lead = lead_time(spoke, once.unintended_ms.astype(float), end)
-    return Felt(
-        share(~told, moved, faulty.cell, MOVED),
-        share(told & (first < faulty.unintended_ms), moved, faulty.cell, MOVED),
-        share(told, ~moved, faulty.cell, "other faulty runs"),
-        Estimate(*delay.quantile_interval(0.5), delay.n),
-        Estimate(*lead.quantile(0.5), lead.n),
+    return CueResult(
+        share(~cued, moved, faulty.cell, MOVED),
+        share(cued & (first < faulty.unintended_ms), moved, faulty.cell, MOVED),
+        share(cued, ~moved, faulty.cell, "other faulty runs"),
+        StudyEstimate(*delay.quantile_interval(0.5), delay.n),
+        StudyEstimate(*lead.quantile(0.5), lead.n),
         _quartiles(mine.force[:, k]),
         share(at_cap, np.ones(len(at_cap), bool), mine.cell, "felt runs"),
         _quartiles(mine.felt_ms[:, k]),
     )
 
 
-def false_cues(free: Free, k: int, robot: str) -> Estimate:
+def false_cues(free: FreeCues, k: int, robot: str) -> StudyEstimate:
     """False cues an hour of set k with one robot."""
     mine = free.where(free.robot == robot)
     return per_hour(mine.count[:, k], mine.hours, mine.recording, "cues")
 
 
-def false_time(free: Free, k: int, robot: str) -> str:
+def false_time(free: FreeCues, k: int, robot: str) -> str:
     """Share of motion without a fault in which set k pulls, with one robot."""
     mine = free.where(free.robot == robot)
     hours = float(mine.hours.sum())
@@ -102,15 +102,15 @@ def false_time(free: Free, k: int, robot: str) -> str:
     return f"{wording.percent(value)} ({wording.percent(band.low)} to {wording.percent(band.high)}) of {hours:.1f} h"
 
 
-def threshold_table(faulty: Faulty, free: Free, sets: Sequence[int]) -> Table:
+def threshold_table(faulty: FaultyCues, free: FreeCues, sets: Sequence[int]) -> Table:
     """What each threshold does, with the published gains."""
     rows = []
     for k in sets:
-        found = felt(faulty, k)
+        result = felt(faulty, k)
         rows.append(
             (
-                faulty.cues[k].threshold_mm, percent(found.missed), percent(found.before), percent(found.others),
-                plain(found.delay_ms), plain(found.lead_ms), found.force, percent(found.at_cap), found.felt_ms,
+                faulty.cues[k].threshold_mm, percent(result.missed), percent(result.before), percent(result.others),
+                plain(result.delay_ms), plain(result.lead_ms), result.force, percent(result.at_cap), result.felt_ms,
                 rate(false_cues(free, k, AS_MODELLED)), false_time(free, k, AS_MODELLED),
                 rate(false_cues(free, k, UNCERTAIN)),
             )
@@ -132,21 +132,21 @@ def threshold_table(faulty: Faulty, free: Free, sets: Sequence[int]) -> Table:
     )  # fmt: skip
 
 
-def choice_table(faulty: Faulty, sets: Sequence[int], winners: Winners) -> Table:
+def choice_table(faulty: FaultyCues, sets: Sequence[int], winners: Winners) -> Table:
     """What the data choose at each weight, and how sure that is."""
     published = sets.index(faulty.published)
     rows = []
-    for weight, chosen, wins, cost, sure in zip(*winners, winners.sure, strict=True):
-        mm = faulty.cues[sets[chosen]].threshold_mm
+    for weight, winner, wins, cost, sure in zip(*winners, winners.sure, strict=True):
+        mm = faulty.cues[sets[winner]].threshold_mm
         others = [
             f"{faulty.cues[sets[j]].threshold_mm:g} mm {100 * wins[j]:.0f} %"
             for j in np.argsort(-wins, kind="stable")
-            if j != chosen and wins[j] >= 0.01
+            if j != winner and wins[j] >= 0.01
         ]
         rows.append(
             (
-                f"{weight:,.0f}", mm if sure else f"cannot be said; {mm:g} costs least", f"{100 * wins[chosen]:.0f} %",
-                ", ".join(others), float(f"{cost[chosen]:.3g}"), float(f"{cost[published]:.3g}"),
+                f"{weight:,.0f}", mm if sure else f"cannot be said; {mm:g} costs least", f"{100 * wins[winner]:.0f} %",
+                ", ".join(others), float(f"{cost[winner]:.3g}"), float(f"{cost[published]:.3g}"),
                 f"{100 * wins[published]:.0f} %",
             )
         )  # fmt: skip
@@ -163,20 +163,20 @@ def choice_table(faulty: Faulty, sets: Sequence[int], winners: Winners) -> Table
     )  # fmt: skip
 
 
-def versus_table(faulty: Faulty, free: Free, numbers: Sequence[int]) -> Table:
+def versus_table(faulty: FaultyCues, free: FreeCues, numbers: Sequence[int]) -> Table:
     """Sets side by side over the same runs, the first the one that the others are compared with."""
-    found = [felt(faulty, k) for k in numbers]
+    results = [felt(faulty, k) for k in numbers]
     once = faulty.where(faulty.unintended).once()
-    told = once.first_ms >= 0
-    pairs = [mcnemar(told[:, numbers[0]], told[:, k]) for k in numbers]
+    cued = once.first_ms >= 0
+    pairs = [mcnemar(cued[:, numbers[0]], cued[:, k]) for k in numbers]
     versus = [f"{p.first_only} and {p.second_only} of {wording.count(p.n)}, p = {wording.number(p.p)}" for p in pairs]
     rows = [
-        ("unintended motion missed", *(percent(one.missed) for one in found)),
-        ("felt before it began", *(percent(one.before) for one in found)),
-        ("other faults felt", *(percent(one.others) for one in found)),
-        ("of what is felt, at the cap", *(percent(one.at_cap) for one in found)),
-        ("median delay, ms", *(plain(one.delay_ms) for one in found)),
-        ("median lead, ms", *(plain(one.lead_ms) for one in found)),
+        ("unintended motion missed", *(percent(one.missed) for one in results)),
+        ("felt before it began", *(percent(one.before) for one in results)),
+        ("other faults felt", *(percent(one.others) for one in results)),
+        ("of what is felt, at the cap", *(percent(one.at_cap) for one in results)),
+        ("median delay, ms", *(plain(one.delay_ms) for one in results)),
+        ("median lead, ms", *(plain(one.lead_ms) for one in results)),
         *(
             (f"false cues an hour, {robot}", *(rate(false_cues(free, k, robot)) for k in numbers))
             for robot in (AS_MODELLED, UNCERTAIN)
@@ -191,7 +191,7 @@ def versus_table(faulty: Faulty, free: Free, numbers: Sequence[int]) -> Table:
     )
 
 
-def rules_table(faulty: Faulty, free: Free, sets: Sequence[int]) -> Table:
+def rules_table(faulty: FaultyCues, free: FreeCues, sets: Sequence[int]) -> Table:
     """What is chosen where what is to be told, a miss or the motion without a fault is something else."""
     modelled = free.where(free.robot == AS_MODELLED)
     slow = modelled.where(modelled.scale <= SLOW + 1e-9)
@@ -211,12 +211,12 @@ def rules_table(faulty: Faulty, free: Free, sets: Sequence[int]) -> Table:
         if not hazard.any() or not mine.hours.sum() > 0:
             continue
         never = share(missed(faulty, [faulty.published], before)[:, 0], hazard, faulty.cell, "")
-        found = choice.choose(sums(faulty, mine, sets, kind, before), np.array(choice.WEIGHTS))
-        chosen = [
+        winners = choice.choose(sums(faulty, mine, sets, kind, before), np.array(choice.WEIGHTS))
+        names = [
             f"{'' if sure else 'undecided: '}{faulty.cues[sets[k]].threshold_mm:g} ({100 * wins[k]:.0f} %)"
-            for k, wins, sure in zip(found.chosen, found.wins, found.sure, strict=True)
+            for k, wins, sure in zip(winners.winner, winners.wins, winners.sure, strict=True)
         ]
-        rows.append((kind, miss, motion, percent(never), *chosen))
+        rows.append((kind, miss, motion, percent(never), *names))
     return Table(
         "What the choice hangs on: threshold in mm, and how often it wins",
         (
@@ -233,7 +233,7 @@ def rules_table(faulty: Faulty, free: Free, sets: Sequence[int]) -> Table:
     )
 
 
-def front_table(faulty: Faulty, modelled: Free) -> Table:
+def front_table(faulty: FaultyCues, modelled: FreeCues) -> Table:
     """Sets that no other beats in both unintended motion missed and false cues."""
     moved = faulty.unintended
     never = (faulty.first_ms[moved] < 0).mean(axis=0)
@@ -258,17 +258,17 @@ def front_table(faulty: Faulty, modelled: Free) -> Table:
     )
 
 
-def gain_table(faulty: Faulty, modelled: Free, numbers: Sequence[int]) -> Table:
+def gain_table(faulty: FaultyCues, modelled: FreeCues, numbers: Sequence[int]) -> Table:
     """What the gains change at some sets' thresholds."""
     rows = []
     for mm in dict.fromkeys(faulty.cues[k].threshold_mm for k in numbers):
         for k in sets_at(faulty.cues, mm):
-            found, cue = felt(faulty, k), faulty.cues[k]
+            result, cue = felt(faulty, k), faulty.cues[k]
             false = per_hour(modelled.count[:, k], modelled.hours, modelled.recording, "cues")
             rows.append(
                 (
-                    mm, cue.kp_per_mm, damper(cue), percent(found.missed), plain(found.delay_ms),
-                    found.force, percent(found.at_cap), found.felt_ms, rate(false),
+                    mm, cue.kp_per_mm, damper(cue), percent(result.missed), plain(result.delay_ms),
+                    result.force, percent(result.at_cap), result.felt_ms, rate(false),
                 )
             )  # fmt: skip
     return Table(
@@ -283,20 +283,20 @@ def gain_table(faulty: Faulty, modelled: Free, numbers: Sequence[int]) -> Table:
     )  # fmt: skip
 
 
-def motion_table(free: Free, sets: Sequence[int]) -> Table:
+def motion_table(free: FreeCues, sets: Sequence[int]) -> Table:
     """False cues an hour by motion and scale."""
     modelled = free.where(free.robot == AS_MODELLED)
-    shown = [k for k in sets if free.cues[k].threshold_mm in SHOWN_MM]
+    columns = [k for k in sets if free.cues[k].threshold_mm in SHOWN_MM]
     motion = np.array([name.rpartition(" ")[0] for name in modelled.recording], object)
     rows = []
     for name in dict.fromkeys(motion.tolist()):
         for scale in np.unique(modelled.scale):
             mine = modelled.where((motion == name) & np.isclose(modelled.scale, scale))
-            told = [_with_count(per_hour(mine.count[:, k], mine.hours, mine.recording)) for k in shown]
-            rows.append((name, float(scale), len(np.unique(mine.recording)), round(float(mine.hours.sum()), 3), *told))
+            cells = [_with_count(per_hour(mine.count[:, k], mine.hours, mine.recording)) for k in columns]
+            rows.append((name, float(scale), len(np.unique(mine.recording)), round(float(mine.hours.sum()), 3), *cells))
     return Table(
         "False cues an hour, by motion and scale, robot as modelled",
-        ("motion", "scale", "recordings", "hours", *(f"{free.cues[k].threshold_mm:g} mm" for k in shown)),
+        ("motion", "scale", "recordings", "hours", *(f"{free.cues[k].threshold_mm:g} mm" for k in columns)),
         tuple(rows),
         "Published gains; an hour (95 %, exact Poisson), and pulses seen. Few hours each: an upper bound of 50 or "
         "100 an hour is what a quarter of an hour without a cue can say. With clutching the distance to the model "
@@ -304,7 +304,7 @@ def motion_table(free: Free, sets: Sequence[int]) -> Table:
     )
 
 
-def layer_table(faulty: Faulty, numbers: Sequence[int]) -> Table:
+def layer_table(faulty: FaultyCues, numbers: Sequence[int]) -> Table:
     """What is felt of each layer's faults."""
     there = set(faulty.layer[faulty.unintended].tolist())
     rows = []
@@ -312,11 +312,11 @@ def layer_table(faulty: Faulty, numbers: Sequence[int]) -> Table:
         if layer not in there:
             continue
         part = faulty.where(faulty.layer == layer)
-        told = []
+        cells = []
         for k in numbers:
-            found = felt(part, k)
-            told += [percent(found.missed), percent(found.before), plain(found.delay_ms), found.force]
-        rows.append((layer, len(np.unique(part.cell[part.unintended])), *told))
+            result = felt(part, k)
+            cells += [percent(result.missed), percent(result.before), plain(result.delay_ms), result.force]
+        rows.append((layer, len(np.unique(part.cell[part.unintended])), *cells))
     heads = [
         f"{words}, {faulty.cues[k].threshold_mm:g} mm"
         for k in numbers
@@ -325,15 +325,15 @@ def layer_table(faulty: Faulty, numbers: Sequence[int]) -> Table:
     return Table("By layer of the fault", ("layer", "faults with unintended motion", *heads), tuple(rows))
 
 
-def shared_table(faulty: Faulty, motions: Sequence[str], sets: Sequence[int]) -> Table:
+def shared_table(faulty: FaultyCues, motions: Sequence[str], sets: Sequence[int]) -> Table:
     """How many faulty runs have a twin that feels the cue, too."""
     numbers = np.unique(faulty.motion)
     rows = []
     for k in sets:
         had = [faulty.shared[faulty.motion == number, k] for number in numbers]
-        told = [f"{wording.percent(float(twin.mean()))} of {wording.count(len(twin))}" for twin in had]
+        shares = [f"{wording.percent(float(twin.mean()))} of {wording.count(len(twin))}" for twin in had]
         if any(twin.any() for twin in had):
-            rows.append((faulty.cues[k].threshold_mm, *told))
+            rows.append((faulty.cues[k].threshold_mm, *shares))
     return Table(
         "Faulty runs whose golden run has a cue, too",
         ("threshold, mm", *(motions[int(number)] for number in numbers)),
@@ -343,22 +343,22 @@ def shared_table(faulty: Faulty, motions: Sequence[str], sets: Sequence[int]) ->
     )
 
 
-def _with_count(value: Estimate) -> str:
+def _with_count(value: StudyEstimate) -> str:
     """12 (10 to 15); 8 of them."""
     return f"{plain(value)}; {wording.count(value.n)}"
 
 
-def hundred(value: Estimate) -> Estimate:
+def hundred(value: StudyEstimate) -> StudyEstimate:
     """A fraction in percent."""
-    return Estimate(100 * value.value, 100 * value.low, 100 * value.high, value.n, value.of)
+    return StudyEstimate(100 * value.value, 100 * value.low, 100 * value.high, value.n, value.of)
 
 
-def damper(cue: Cue) -> str:
+def damper(cue: CueRecord) -> str:
     """Damping in device units per mm/s, without an exponent."""
     return np.format_float_positional(cue.kd_s_per_mm, trim="-")
 
 
-def _named(cue: Cue) -> str:
+def _named(cue: CueRecord) -> str:
     return f"{cue.threshold_mm:g} mm, Kp {cue.kp_per_mm:g}, Kd {damper(cue)}"
 
 

@@ -32,7 +32,7 @@ _NO_OUTCOME = {"withheld", "unpublished"}
 
 
 @dataclass(frozen=True)
-class Outcome:
+class HazardOutcome:
     """What the runs of one row of the library did."""
 
     hazard: Hazard
@@ -90,32 +90,34 @@ def outcomes(
     rows: Sequence[Hazard] | None = None,
     limit_mm: float = LIMIT_MM,
     seen_share: float = SEEN_SHARE,
-) -> list[Outcome]:
+) -> list[HazardOutcome]:
     """One a row of the library, in its order, of the result table of a campaign whose groups are named by hazards.
 
     rows: only these; None: the whole library. Rows without runs have zeros. limit_mm: as in `classes.classify`.
     """
-    found = classes.classify(frame, limit_mm)
+    class_flags = classes.classify(frame, limit_mm)
     ids = [hazards_of(group) for group in frame["group"].astype(str)]
     listed = library.rows() if rows is None else rows
     return [
-        _outcome(row, frame, found, pd.Series([row.id in has for has in ids], frame.index, bool), seen_share)
+        _outcome(row, frame, class_flags, pd.Series([row.id in has for has in ids], frame.index, bool), seen_share)
         for row in listed
     ]
 
 
-def _outcome(row: Hazard, frame: pd.DataFrame, found: pd.DataFrame, mine: pd.Series, seen_share: float) -> Outcome:
+def _outcome(
+    row: Hazard, frame: pd.DataFrame, class_flags: pd.DataFrame, mine: pd.Series, seen_share: float
+) -> HazardOutcome:
     active = mine & frame["activated"].astype(bool)
-    own = found.loc[active & (frame["failed"] == "")]
+    own = class_flags.loc[active & (frame["failed"] == "")]
     expected = frozenset(row.expected_class)
     sets = [_counted({name for name in own if has[name]}, expected) for has in own.to_dict("records")]
-    return Outcome(
+    return HazardOutcome(
         row,
         int(mine.sum()),
         int(active.sum()),
         int(active.sum()) - len(own),
         {name: int(own[name].sum()) for name in classes.CLASSES},
-        sum(bool(shown) and shown <= expected for shown in sets),
+        sum(bool(names) and names <= expected for names in sets),
         int((~own[[*EFFECTS]].any(axis=1)).sum()),
         seen_share,
     )

@@ -18,9 +18,9 @@ from ravenjax.stats.intervals import Rate, wilson
 from ravenjax.stats.strata import StratifiedRate, stratified
 from ravenjax.store import folder
 from ravenjax.studies.framework import literature
-from ravenjax.studies.framework.study import Context, Estimate, Findings, Line, Study, Table, Variant
+from ravenjax.studies.framework.study import Context, Findings, Line, Study, StudyEstimate, Table, Variant
 from ravenjax.studies.hazards import agreement
-from ravenjax.studies.hazards.agreement import NOT_SIMULATED, Outcome
+from ravenjax.studies.hazards.agreement import NOT_SIMULATED, HazardOutcome
 from ravenjax.studies.hazards.safecomp45 import normal
 
 BASELINE = "library"
@@ -43,12 +43,12 @@ MANIFEST: dict[str, tuple[str, ...]] = {
 def compare(context: Context) -> Findings:
     """Every row of the library, its risk, and the three scenarios."""
     frame = folder.read_all(context.folders[BASELINE])
-    found = agreement.outcomes(frame)
+    outcomes = agreement.outcomes(frame)
     counts = risk.counts(frame)
     return Findings(
-        lines=tuple(_lines(found, literature.read("hazard_library"))),
+        lines=tuple(_lines(outcomes, literature.read("hazard_library"))),
         tables=(
-            row_table(found, {one.hazard.id: documented(frame, one.hazard) for one in found}),
+            row_table(outcomes, {one.hazard.id: documented(frame, one.hazard) for one in outcomes}),
             documented_only_table(),
             hazard_table(risk.by_hazard(counts), risk.counts(frame, cue=None)),
             pool_table(
@@ -61,7 +61,7 @@ def compare(context: Context) -> Findings:
                 if name in context.folders
             ),
         ),
-        notes=_notes(frame, found),
+        notes=_notes(frame, outcomes),
     )
 
 
@@ -102,7 +102,7 @@ def documented(frame: pd.DataFrame, row: Hazard) -> tuple[int, int]:
     return inside, total
 
 
-def row_table(found: Sequence[Outcome], values: dict[str, tuple[int, int]]) -> Table:
+def row_table(found: Sequence[HazardOutcome], values: dict[str, tuple[int, int]]) -> Table:
     """One line a row that is run."""
     return Table(
         "Every hazard that is run",
@@ -176,16 +176,16 @@ def pool_table(title: str, rows: Sequence[PoolRisk], caveat: str = "") -> Table:
 
 def scenario_table(words: str, frame: pd.DataFrame) -> Table:
     """Classes and severities of each group of one training scenario."""
-    found, grades = classes.classify(frame), severity.severity(frame)
+    class_flags, grades = classes.classify(frame), severity.severity(frame)
     uncued = severity.severity(frame, cue=None)
     rows = []
     for group, part in frame.groupby(frame["group"].astype(str), sort=False):
-        mine = found.loc[part.index]
+        mine = class_flags.loc[part.index]
         graded = grades.loc[part.index].dropna()
-        said = ", ".join(f"{name} {k}" for name in mine if (k := np.count_nonzero(mine[name])))
+        summary = ", ".join(f"{name} {k}" for name in mine if (k := np.count_nonzero(mine[name])))
         numbers = [np.count_nonzero(graded == number) for number in range(len(severity.SCALE))]
         blind = np.count_nonzero(uncued.loc[part.index].dropna() == len(severity.SCALE) - 1)
-        rows.append((group, len(part), np.count_nonzero(part["activated"]), said, *numbers, blind))
+        rows.append((group, len(part), np.count_nonzero(part["activated"]), summary, *numbers, blind))
     return Table(
         f"Training scenario: {words}",
         (
@@ -212,12 +212,12 @@ def _within(values: pd.Series, documented_values: object) -> pd.Series:
     return values.isin(listed)
 
 
-def _lines(found: Sequence[Outcome], published: literature.Published) -> Iterator[Line]:
+def _lines(found: Sequence[HazardOutcome], published: literature.Published) -> Iterator[Line]:
     by_id = {one.hazard.id: one for one in found}
     runnable = [one for one in found if one.verdict != NOT_SIMULATED]
 
-    def count(quantity: str, holds: Callable[[Outcome], bool]) -> Line:
-        value = Estimate(sum(map(holds, runnable)), n=len(runnable), of="rows that can be run")
+    def count(quantity: str, holds: Callable[[HazardOutcome], bool]) -> Line:
+        value = StudyEstimate(sum(map(holds, runnable)), n=len(runnable), of="rows that can be run")
         return Line(quantity, "rows", None, value)
 
     yield count("rows that ran", lambda one: one.runs > 0)
@@ -237,7 +237,7 @@ def _lines(found: Sequence[Outcome], published: literature.Published) -> Iterato
         yield Line(words[key], "%", published.estimate(key), predicted, reason=reason)
 
 
-def _manifest(rows: Sequence[Outcome], name: str) -> Estimate | None:
+def _manifest(rows: Sequence[HazardOutcome], name: str) -> StudyEstimate | None:
     """Share of activated runs that have a class (""; any but `none` and `message` alone), each row counting alike."""
     if not rows:
         return None
@@ -245,7 +245,7 @@ def _manifest(rows: Sequence[Outcome], name: str) -> Estimate | None:
     runs = [one.valid for one in rows]
     rate = stratified(hits, runs, [1.0] * len(rows))
     of = "runs of " + ", ".join(one.hazard.id for one in rows)
-    return Estimate(100 * rate.value, 100 * rate.low, 100 * rate.high, sum(runs), of)
+    return StudyEstimate(100 * rate.value, 100 * rate.low, 100 * rate.high, sum(runs), of)
 
 
 def _rate(rate: Rate) -> str:
@@ -262,7 +262,7 @@ def _scale() -> str:
     return "Severity: " + "; ".join(f"{number} {words}" for number, words in enumerate(severity.SCALE)) + "."
 
 
-def _notes(frame: pd.DataFrame, found: Sequence[Outcome]) -> tuple[str, ...]:
+def _notes(frame: pd.DataFrame, found: Sequence[HazardOutcome]) -> tuple[str, ...]:
     idle = [
         f"{one.hazard.id} {one.runs - one.activated} of {one.runs}"
         for one in found

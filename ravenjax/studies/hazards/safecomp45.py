@@ -12,9 +12,9 @@ from ravenjax.hazards.naming import hazards_of
 from ravenjax.stats.intervals import clopper_pearson
 from ravenjax.store import folder
 from ravenjax.studies.framework import literature
-from ravenjax.studies.framework.study import Context, Estimate, Findings, Line, Study, Table, Variant
+from ravenjax.studies.framework.study import Context, Findings, Line, Study, StudyEstimate, Table, Variant
 from ravenjax.studies.hazards import agreement
-from ravenjax.studies.hazards.agreement import AGREE, DIFFER, NOT_SIMULATED, PARTLY, Outcome
+from ravenjax.studies.hazards.agreement import AGREE, DIFFER, NOT_SIMULATED, PARTLY, HazardOutcome
 
 CAMPAIGN = "safecomp45.toml"
 BASELINE = "list"
@@ -41,21 +41,21 @@ def compare(context: Context) -> Findings:
     published = literature.read("safecomp")
     frames = {name: folder.read_all(path) for name, path in context.folders.items()}
     listed = tuple(rows.values())
-    found = {name: agreement.outcomes(frame, listed) for name, frame in frames.items()}
-    baseline = found[BASELINE]
+    outcomes = {name: agreement.outcomes(frame, listed) for name, frame in frames.items()}
+    baseline = outcomes[BASELINE]
     for words, rule in OTHER_RULES.items():
-        found[f"{BASELINE}, {words}"] = agreement.outcomes(frames[BASELINE], listed, **rule)
+        outcomes[f"{BASELINE}, {words}"] = agreement.outcomes(frames[BASELINE], listed, **rule)
     return Findings(
         lines=(*_agreement_lines(baseline), *_total_lines(frames[BASELINE], baseline, published)),
-        tables=(row_table(baseline), verdict_table(found)),
+        tables=(row_table(baseline), verdict_table(outcomes)),
         notes=_notes(baseline),
     )
 
 
 def injections() -> dict[int, Hazard]:
     """Number in the list -> row of the library, in the list's order."""
-    found = {number_of(row): row for row in library.rows() if row.source.startswith("INJ ")}
-    return dict(sorted(found.items()))
+    numbered = {number_of(row): row for row in library.rows() if row.source.startswith("INJ ")}
+    return dict(sorted(numbered.items()))
 
 
 def number_of(row: Hazard) -> int:
@@ -63,7 +63,7 @@ def number_of(row: Hazard) -> int:
     return int(row.source.removeprefix("INJ "))
 
 
-def row_table(found: Sequence[Outcome]) -> Table:
+def row_table(found: Sequence[HazardOutcome]) -> Table:
     """One line a row of the list."""
     return Table(
         "The 45 rows, published and predicted",
@@ -79,7 +79,7 @@ def row_table(found: Sequence[Outcome]) -> Table:
     )  # fmt: skip
 
 
-def verdict_table(found: dict[str, list[Outcome]]) -> Table:
+def verdict_table(found: dict[str, list[HazardOutcome]]) -> Table:
     """How many rows have each verdict in each variant, and which rows change theirs."""
     baseline = {one.hazard.id: one.verdict for one in found[BASELINE]}
     rows = []
@@ -94,16 +94,16 @@ def verdict_table(found: dict[str, list[Outcome]]) -> Table:
 
 def normal(row: Hazard) -> str:
     """Where a row's values lie beside the normal ranges of what they strike; "" where it is not run."""
-    verdicts = {ranges.verdict(struck) for case in row.case for struck in case.fault}
+    verdicts = {ranges.verdict(fault) for case in row.case for fault in case.fault}
     return verdicts.pop() if len(verdicts) == 1 else ranges.EITHER if verdicts else ""
 
 
-def unintended(outcome: Outcome) -> bool:
+def unintended(outcome: HazardOutcome) -> bool:
     """Whether a row shows motion that nobody asked for."""
     return bool({"jump", "displaced"} & outcome.shown)
 
 
-def _row(one: Outcome) -> tuple[str | int | float, ...]:
+def _row(one: HazardOutcome) -> tuple[str | int | float, ...]:
     row = one.hazard
     simulated = one.verdict != NOT_SIMULATED
     return (
@@ -114,13 +114,13 @@ def _row(one: Outcome) -> tuple[str | int | float, ...]:
     )  # fmt: skip
 
 
-def _agreement_lines(found: Sequence[Outcome]) -> tuple[Line, ...]:
+def _agreement_lines(found: Sequence[HazardOutcome]) -> tuple[Line, ...]:
     simulated = [one for one in found if one.verdict != NOT_SIMULATED]
     software = [one for one in simulated if number_of(one.hazard) < FIRST_PLC]
 
-    def share(quantity: str, of: Sequence[Outcome], verdicts: tuple[str, ...], words: str) -> Line:
+    def share(quantity: str, of: Sequence[HazardOutcome], verdicts: tuple[str, ...], words: str) -> Line:
         rate = clopper_pearson(sum(one.verdict in verdicts for one in of), len(of))
-        value = Estimate(100 * rate.value, 100 * rate.low, 100 * rate.high, rate.n, words)
+        value = StudyEstimate(100 * rate.value, 100 * rate.low, 100 * rate.high, rate.n, words)
         return Line(quantity, "%", None, value, target="A7")
 
     return (
@@ -130,25 +130,27 @@ def _agreement_lines(found: Sequence[Outcome]) -> tuple[Line, ...]:
     )
 
 
-def _total_lines(frame: pd.DataFrame, found: Sequence[Outcome], published: literature.Published) -> tuple[Line, ...]:
+def _total_lines(
+    frame: pd.DataFrame, found: Sequence[HazardOutcome], published: literature.Published
+) -> tuple[Line, ...]:
     causes = frame.assign(id=[ids[0] if (ids := hazards_of(g)) else "" for g in frame["group"].astype(str)])
     console = [one for one in found if number_of(one.hazard) < FIRST_USB]
     usb = [one for one in found if number_of(one.hazard) >= FIRST_USB]
 
-    def mostly(one: Outcome, of: Sequence[str]) -> bool:
+    def mostly(one: HazardOutcome, of: Sequence[str]) -> bool:
         """Whether most activated runs of a row that is unavailable stopped for one of these causes."""
         mine = causes.loc[(causes["id"] == one.hazard.id) & causes["activated"], "response_cause"].astype(str)
         return len(mine) > 0 and bool(mine.isin(of).mean() > 0.5)
 
-    def line(quantity: str, key: str, rows: Sequence[Outcome], holds: Callable[[Outcome], bool]) -> Line:
+    def line(quantity: str, key: str, rows: Sequence[HazardOutcome], holds: Callable[[HazardOutcome], bool]) -> Line:
         simulated = [one for one in rows if one.verdict != NOT_SIMULATED]
         predicted = sum(holds(one) for one in simulated)
         left = len(rows) - len(simulated)
         reason = f"{left} of the {len(rows)} rows are not simulated" if left else ""
-        value = Estimate(predicted, n=len(simulated), of="simulated rows")
+        value = StudyEstimate(predicted, n=len(simulated), of="simulated rows")
         return Line(quantity, "rows", published.estimate(key), value, reason=reason)
 
-    def unavailable(one: Outcome) -> bool:
+    def unavailable(one: HazardOutcome) -> bool:
         return bool({"stop", "unresponsive"} & one.shown)
 
     return (
@@ -176,7 +178,7 @@ def _total_lines(frame: pd.DataFrame, found: Sequence[Outcome], published: liter
     )
 
 
-def _notes(found: Sequence[Outcome]) -> tuple[str, ...]:
+def _notes(found: Sequence[HazardOutcome]) -> tuple[str, ...]:
     missing = [f"INJ {number_of(one.hazard)} ({one.hazard.id})" for one in found if one.verdict == NOT_SIMULATED]
     failed = sum(one.failed for one in found)
     return (

@@ -14,7 +14,7 @@ from ravenjax.studies.reaction.times import Advance
 OPERATOR_MS = (150, 400)
 
 
-class Row(NamedTuple):
+class ContrastRow(NamedTuple):
     """One contrast with its name; rows of one `block` stand together."""
 
     block: str
@@ -38,9 +38,9 @@ def leads(found: Sequence[Advance], most_ms: int = 800) -> Callable[[Any], None]
                 early = lag.time <= 0
                 if not early.any():
                     continue
-                drawn = steps(lag.time[early], lag.fraction[early], lag.low[early], lag.high[early], end=0.0)
+                stairs = steps(lag.time[early], lag.fraction[early], lag.low[early], lag.high[early], end=0.0)
                 named = f"{_motion(one)} (n = {one.lead.n})"
-                step_curve(axis, drawn._replace(x=-drawn.x), color=colour, scale=100, alpha=0.14, lw=1.6, label=named)
+                step_curve(axis, stairs._replace(x=-stairs.x), color=colour, scale=100, alpha=0.14, lw=1.6, label=named)
             axis.set(title=f"cue at {threshold:g} mm", xlim=(0, most_ms), ylim=(0, 100), xlabel="reaction time, ms")
             axis.set_xticks(range(0, most_ms + 1, 200))
         panels[0].set_ylabel("% of motions still to come")
@@ -50,7 +50,7 @@ def leads(found: Sequence[Advance], most_ms: int = 800) -> Callable[[Any], None]
     return draw
 
 
-def rates(rows: Sequence[Row]) -> Callable[[Any], None]:
+def rates(rows: Sequence[ContrastRow]) -> Callable[[Any], None]:
     """Draws rates with and without, one panel a block: a dot and its interval for each series."""
     blocks = list(dict.fromkeys(row.block for row in rows))
 
@@ -71,14 +71,14 @@ def rates(rows: Sequence[Row]) -> Callable[[Any], None]:
             axis.set(title=block, xlabel="size of the motion")
             axis.grid(axis="x", visible=False)
             handles, words = axis.get_legend_handles_labels()
-            shown = dict(zip(words, handles, strict=True))
-            axis.legend(shown.values(), shown.keys(), loc="upper right")
+            entries = dict(zip(words, handles, strict=True))
+            axis.legend(entries.values(), entries.keys(), loc="upper right")
         panels[0].set(ylabel="% of faults", ylim=(0, None))
 
     return draw
 
 
-def differences(rows: Sequence[Row], label: str) -> Callable[[Any], None]:
+def differences(rows: Sequence[ContrastRow], label: str) -> Callable[[Any], None]:
     """Draws paired differences with their intervals, a line a name, a column a series; blocks set apart."""
     series = list(dict.fromkeys(row.series for row in rows))
     lines: list[tuple[str, str]] = list(dict.fromkeys((row.block, row.name) for row in rows))

@@ -8,13 +8,13 @@ import numpy as np
 
 from ravenjax.stats.alarms.false_alarms import AlarmRate, alarm_rate
 from ravenjax.stats.intervals import Rate, wilson
-from ravenjax.studies.reaction.pairs import Runs
+from ravenjax.studies.reaction.pairs import ReactionRuns
 
 SCALE = "param:operator.scale"
 MS_PER_HOUR = 3.6e6
 
 
-class Free(NamedTuple):
+class FreeReactions(NamedTuple):
     """Cues of one threshold in fault-free motion at one scale."""
 
     motion: str
@@ -25,10 +25,10 @@ class Free(NamedTuple):
     pulses: AlarmRate  # all separate pulls in all the time
 
 
-def free(runs: Runs, thresholds_mm: tuple[float, ...]) -> list[Free]:
+def free(runs: ReactionRuns, thresholds_mm: tuple[float, ...]) -> list[FreeReactions]:
     """By scale and threshold, of the haptic sets in their order; failed runs are left out."""
     valid = runs.frame.loc[~runs.facts["failed"]]
-    found = []
+    results = []
     for scale, mine in valid.groupby(SCALE):
         for cue, threshold in sorted(enumerate(thresholds_mm), key=lambda item: item[1]):
             first = mine[f"cue{cue}_first_ms"].to_numpy()
@@ -36,8 +36,8 @@ def free(runs: Runs, thresholds_mm: tuple[float, ...]) -> list[Free]:
             live = mine["pedal_down_ms"].to_numpy()
             began = runs.end_ms - live  # the motion is live to its end, once it began
             exposed = np.where(cued, np.maximum(first - began, 0), live).sum() / MS_PER_HOUR
-            found.append(
-                Free(
+            results.append(
+                FreeReactions(
                     str(mine["operator"].iloc[0]),
                     float(np.asarray(scale)),
                     threshold,
@@ -46,4 +46,4 @@ def free(runs: Runs, thresholds_mm: tuple[float, ...]) -> list[Free]:
                     alarm_rate(int(mine[f"cue{cue}_count"].sum()), float(live.sum()) / MS_PER_HOUR),
                 )
             )
-    return found
+    return results

@@ -9,13 +9,13 @@ import numpy as np
 from ravenjax.report.sections.reaction.pairs import Pairs
 from ravenjax.stats.intervals import Estimate as Interval
 from ravenjax.stats.intervals import Rate, wilson
-from ravenjax.studies.framework.study import Context, Drawing, Estimate, Findings, Line, Study, Variant
+from ravenjax.studies.framework.study import Context, Drawing, Findings, Line, Study, StudyEstimate, Variant
 from ravenjax.studies.reaction import drawings, fault_free, measures, tables, times
 from ravenjax.studies.reaction import pairs as reacting_pairs
-from ravenjax.studies.reaction.drawings import Row
-from ravenjax.studies.reaction.fault_free import Free
+from ravenjax.studies.reaction.drawings import ContrastRow
+from ravenjax.studies.reaction.fault_free import FreeReactions
 from ravenjax.studies.reaction.measures import SIZES_MM
-from ravenjax.studies.reaction.pairs import Contrast, Runs
+from ravenjax.studies.reaction.pairs import Contrast, ReactionRuns
 from ravenjax.studies.reaction.times import Advance
 from ravenjax.vocabulary.reactions import CORRECT, RELEASE, SLOW
 
@@ -113,7 +113,7 @@ def _timed(size_mm: float) -> str:
     return f"timed_{size_mm:g}"
 
 
-def _advances(timed: Sequence[Runs]) -> list[Advance]:
+def _advances(timed: Sequence[ReactionRuns]) -> list[Advance]:
     """Of motions of each size, and of jumps, at each threshold."""
     alone = [times.unreacted(runs) for runs in timed]
     return [
@@ -126,25 +126,25 @@ def _advances(timed: Sequence[Runs]) -> list[Advance]:
 # --- lines ---
 
 
-def _lines(pairs: Mapping[int, Pairs], advances: list[Advance], free: list[Free]) -> Iterator[Line]:
+def _lines(pairs: Mapping[int, Pairs], advances: list[Advance], free: list[FreeReactions]) -> Iterator[Line]:
     released = pairs[RELEASE]
     for measure in (measures.INJURY, *map(measures.excursion, SIZES_MM)):
-        found = reacting_pairs.contrast(released, measure)
-        yield _line(f"lifting the pedal: {measure.name}", "points", _scaled(found.difference, found.n, "faults"))
+        contrast = reacting_pairs.contrast(released, measure)
+        yield _line(f"lifting the pedal: {measure.name}", "points", _scaled(contrast.difference, contrast.n, "faults"))
     for measure in map(measures.excursion, SIZES_MM):
-        found = reacting_pairs.contrast(released, measure)
-        avoided = wilson(found.avoided, found.without.k)
+        contrast = reacting_pairs.contrast(released, measure)
+        avoided = wilson(contrast.avoided, contrast.without.k)
         yield _line(f"share that lifting the pedal avoids: {measure.name}", "%", _percent(avoided, "runs"))
     for measure in map(measures.excursion, DRAWN_SIZES):
-        found = reacting_pairs.contrast(released, measure)
-        yield _line(f"lifted pedals for each one avoided: {measure.name}", "", _needed(found))
+        contrast = reacting_pairs.contrast(released, measure)
+        yield _line(f"lifted pedals for each one avoided: {measure.name}", "", _needed(contrast))
     for action, measure in ((SLOW, measures.live(SPARED_MM)), (CORRECT, measures.excursion(SPARED_MM))):
-        found = reacting_pairs.contrast(pairs[action], measure)
-        value = _scaled(found.difference, found.n, "faults")
+        contrast = reacting_pairs.contrast(pairs[action], measure)
+        value = _scaled(contrast.difference, contrast.n, "faults")
         yield _line(f"{tables.words(action)}: {measure.name}", "points", value)
     for action, measure in ((RELEASE, measures.INJURY), (CORRECT, measures.INJURY), (SLOW, measures.live(SIZES_MM[0]))):
-        found = reacting_pairs.contrast(pairs[action], measure)
-        caused = wilson(found.caused, found.n)
+        contrast = reacting_pairs.contrast(pairs[action], measure)
+        caused = wilson(contrast.caused, contrast.n)
         words = f"{tables.words(action)}, only with the reaction: {measure.name}"
         yield _line(words, "%", _percent(caused, "faults"))
     for one in advances:
@@ -157,30 +157,32 @@ def _lines(pairs: Mapping[int, Pairs], advances: list[Advance], free: list[Free]
     for one in free:
         if one.threshold_mm == THRESHOLDS_MM[0] and one.scale in HEADLINE_SCALES:
             first = one.first
-            value = Estimate(first.per_hour, first.low, first.high, first.count, f"first cues in {first.hours:.2f} h")
+            value = StudyEstimate(
+                first.per_hour, first.low, first.high, first.count, f"first cues in {first.hours:.2f} h"
+            )
             yield _line(f"interruptions of fault-free motion, {one.motion}, scale {one.scale:g}", "per hour", value)
 
 
-def _line(quantity: str, unit: str, value: Estimate) -> Line:
+def _line(quantity: str, unit: str, value: StudyEstimate) -> Line:
     return Line(quantity, unit, None, value)
 
 
-def _scaled(value: Interval, n: int, of: str) -> Estimate:
-    return Estimate(100 * value.value, 100 * value.low, 100 * value.high, n, of)
+def _scaled(value: Interval, n: int, of: str) -> StudyEstimate:
+    return StudyEstimate(100 * value.value, 100 * value.low, 100 * value.high, n, of)
 
 
-def _percent(rate: Rate, of: str) -> Estimate:
-    return Estimate(100 * rate.value, 100 * rate.low, 100 * rate.high, rate.n, of)
+def _percent(rate: Rate, of: str) -> StudyEstimate:
+    return StudyEstimate(100 * rate.value, 100 * rate.low, 100 * rate.high, rate.n, of)
 
 
-def _needed(found: Contrast) -> Estimate:
-    return Estimate(*found.needed, found.acted, "reactions")
+def _needed(found: Contrast) -> StudyEstimate:
+    return StudyEstimate(*found.needed, found.acted, "reactions")
 
 
 # --- drawings ---
 
 
-def _rate_rows(pairs: Mapping[int, Pairs]) -> Iterator[Row]:
+def _rate_rows(pairs: Mapping[int, Pairs]) -> Iterator[ContrastRow]:
     panels = {
         "unintended motion, live or not": (measures.excursion, (RELEASE, CORRECT)),
         "off the model, live": (measures.live, (RELEASE, SLOW)),
@@ -188,18 +190,18 @@ def _rate_rows(pairs: Mapping[int, Pairs]) -> Iterator[Row]:
     for block, (measure, actions) in panels.items():
         for size in SIZES_MM:
             for action in actions:
-                found = reacting_pairs.contrast(pairs[action], measure(size))
-                yield Row(block, f"{size:g} mm", tables.words(action), found)
+                contrast = reacting_pairs.contrast(pairs[action], measure(size))
+                yield ContrastRow(block, f"{size:g} mm", tables.words(action), contrast)
 
 
-def _variant_rows(others: list[tuple[str, str, Pairs]]) -> Iterator[Row]:
+def _variant_rows(others: list[tuple[str, str, Pairs]]) -> Iterator[ContrastRow]:
     for block, words, part in others:
         for size in DRAWN_SIZES:
-            found = reacting_pairs.contrast(part, measures.excursion(size))
-            yield Row(block, words, f"more than {size:g} mm", found)
+            contrast = reacting_pairs.contrast(part, measures.excursion(size))
+            yield ContrastRow(block, words, f"more than {size:g} mm", contrast)
 
 
-def _notes(runs: Runs) -> tuple[str, ...]:
+def _notes(runs: ReactionRuns) -> tuple[str, ...]:
     failed = np.count_nonzero(runs.facts["failed"])
     idle = np.count_nonzero(~runs.facts["activated"] & (runs.facts["action"] == 0))
     return (

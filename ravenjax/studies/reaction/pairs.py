@@ -25,7 +25,7 @@ SPEEDS_MS = (0, 50, 200, 500, 1000)
 """Edges of the classes of how soon after its first effect a fault moves the tip where nobody reacts."""
 
 
-class Runs(NamedTuple):
+class ReactionRuns(NamedTuple):
     """A variant's result table, with a column EXCURSION, and its facts."""
 
     frame: pd.DataFrame
@@ -33,7 +33,7 @@ class Runs(NamedTuple):
     end_ms: int
     limit_mm: float  # of the hazards in facts
 
-    def where(self, chosen: np.ndarray) -> Runs:
+    def where(self, chosen: np.ndarray) -> ReactionRuns:
         """Those of `chosen` (bool [runs])."""
         return self._replace(frame=self.frame.loc[chosen], facts=self.facts.loc[chosen])
 
@@ -52,17 +52,17 @@ class Contrast(NamedTuple):
     needed: Estimate  # reactions for each one avoided; infinite where none is
 
 
-def read(path: Path) -> Runs:
+def read(path: Path) -> ReactionRuns:
     """The runs of a result folder. Raises StoreError."""
-    frame, made = folder.read_all(path), manifest.read(path)
+    frame, header = folder.read_all(path), manifest.read(path)
     frame[EXCURSION] = frame[["unintended_mm", "unintended_off_mm"]].max(axis=1)
-    return Runs(frame, run_facts.of(frame, made), made.duration_ms, made.limit_mm)
+    return ReactionRuns(frame, run_facts.of(frame, header), header.duration_ms, header.limit_mm)
 
 
-def paired(runs: Runs, action: int) -> Pairs:
+def paired(runs: ReactionRuns, action: int) -> Pairs:
     """Every fault that changed a bit where nobody reacts, with this action and without one."""
-    found = reactions.pairs(runs.frame, runs.facts, action)
-    return found.where(found.without_facts["activated"].to_numpy())
+    every = reactions.pairs(runs.frame, runs.facts, action)
+    return every.where(every.without_facts["activated"].to_numpy())
 
 
 def contrast(pairs: Pairs, measure: Measure) -> Contrast:
@@ -110,8 +110,8 @@ def mean_change(pairs: Pairs, column: str) -> Estimate:
 
 def adjusted(contrasts: Sequence[Contrast]) -> list[float]:
     """Holm's p of each, of all of them together; NaN where no pair differs."""
-    asked = {str(k): one.p if one.avoided + one.caused else math.nan for k, one in enumerate(contrasts)}
-    return [found.adjusted for found in holm(asked).values()]
+    tests = {str(k): one.p if one.avoided + one.caused else math.nan for k, one in enumerate(contrasts)}
+    return [finding.adjusted for finding in holm(tests).values()]
 
 
 # --- classes of faults: name -> which pairs ---
@@ -153,8 +153,8 @@ def by_speed(pairs: Pairs) -> Mapping[str, np.ndarray]:
     """How soon after its first effect the fault makes an unintended motion where nobody reacts."""
     facts = pairs.without_facts
     after = np.where(facts["unintended"], facts["unintended_ms"] - facts["active_ms"], -1)
-    found: dict[str, np.ndarray] = {}
+    members: dict[str, np.ndarray] = {}
     for low, high in zip(SPEEDS_MS, (*SPEEDS_MS[1:], None), strict=True):
         words = f"after {low} to {high} ms" if high else f"after {low} ms or more"
-        found[words] = (after >= low) & ((after < high) if high else True)
-    return {**found, "no unintended motion": after < 0}
+        members[words] = (after >= low) & ((after < high) if high else True)
+    return {**members, "no unintended motion": after < 0}

@@ -11,7 +11,7 @@ from ravenjax.report import wording
 from ravenjax.report.sections.reaction.pairs import EXCURSION, Pairs
 from ravenjax.stats.intervals import Estimate, Rate, wilson
 from ravenjax.studies.framework.study import Table
-from ravenjax.studies.reaction.fault_free import Free
+from ravenjax.studies.reaction.fault_free import FreeReactions
 from ravenjax.studies.reaction.measures import MEASURES, Measure
 from ravenjax.studies.reaction.pairs import Contrast, adjusted, contrast, mean_change
 from ravenjax.studies.reaction.times import DELAYS_MS, Advance
@@ -52,25 +52,25 @@ def contrast_rows(found: Sequence[tuple[tuple[Cell, ...], Contrast]]) -> tuple[t
 
 def reactions(pairs: Mapping[int, Pairs]) -> Table:
     """What each reaction changes, by every measure that is fair for it."""
-    found = [
+    rows = [
         ((words(action), measure.name), contrast(part, measure))
         for action, part in pairs.items()
         for measure in MEASURES
         if action in measure.fair
     ]
     return Table("What the cue changes, by reaction and measure", ("reaction", "measure", *COLUMNS),
-                 contrast_rows(found), NOTE)  # fmt: skip
+                 contrast_rows(rows), NOTE)  # fmt: skip
 
 
 def split(title: str, head: str, pairs: Pairs, classes: Mapping[str, np.ndarray], by: Sequence[Measure]) -> Table:
     """What lifting the pedal changes, by class of fault."""
-    found = [
+    rows = [
         ((name, measure.name), contrast(pairs.where(mine), measure))
         for name, mine in classes.items()
         for measure in by
         if mine.any()
     ]
-    return Table(title, (head, "measure", *COLUMNS), contrast_rows(found), SAME)
+    return Table(title, (head, "measure", *COLUMNS), contrast_rows(rows), SAME)
 
 
 def fairness() -> Table:
@@ -88,8 +88,8 @@ def fairness() -> Table:
     }
 
     def cell(measure: Measure, action: int) -> str:
-        told = next((rows for words, rows in why.items() if words in measure.name), {})
-        return told.get(action, "fair" if action in measure.fair else "no")
+        reasons = next((rows for words, rows in why.items() if words in measure.name), {})
+        return reasons.get(action, "fair" if action in measure.fair else "no")
 
     actions = (RELEASE, SLOW, CORRECT)
     return Table(
@@ -126,13 +126,13 @@ def sizes(pairs: Mapping[int, Pairs]) -> Table:
 
 def variants(found: Iterable[tuple[str, Pairs]], by: Sequence[Measure]) -> Table:
     """What lifting the pedal changes under other cues and other operators, sampled faults alone."""
-    asked = [(name, part, measure) for name, part in found for measure in by]
-    told = contrast_rows([((name, measure.name), contrast(part, measure)) for name, part, measure in asked])
-    idle = [idle_rate(part) for _, part, _ in asked]
+    questions = [(name, part, measure) for name, part in found for measure in by]
+    rows = contrast_rows([((name, measure.name), contrast(part, measure)) for name, part, measure in questions])
+    idle = [idle_rate(part) for _, part, _ in questions]
     return Table(
         "Other thresholds, gains and reaction times: lifting the pedal, sampled faults",
         ("cue and operator", "measure", *COLUMNS, "reactions where no hazard was coming"),
-        tuple((*row, rate(extra)) for row, extra in zip(told, idle, strict=True)),
+        tuple((*row, rate(extra)) for row, extra in zip(rows, idle, strict=True)),
         SAME + " No hazard was coming: the run without reaction has none of any kind.",
     )
 
@@ -185,7 +185,7 @@ def had_time(classes: Mapping[str, tuple[int, int]], size_mm: float) -> Table:
     )
 
 
-def price(found: Sequence[Free]) -> Table:
+def price(found: Sequence[FreeReactions]) -> Table:
     """What the cue costs on fault-free motion."""
     return Table(
         "Interruptions for nothing: fault-free motion",

@@ -16,7 +16,7 @@ from ravenjax.report.sections.reaction.pairs import Pairs
 from ravenjax.stats.intervals import Rate, wilson
 from ravenjax.stats.latency import Lead, lead_time
 from ravenjax.studies.reaction import measures
-from ravenjax.studies.reaction.pairs import Runs
+from ravenjax.studies.reaction.pairs import ReactionRuns
 
 DELAY = "param:reaction.delay_ms"
 DELAYS_MS = (150, 250, 400)
@@ -31,12 +31,12 @@ class Advance(NamedTuple):
     late: dict[int, Rate]  # reaction time, ms -> share of motions that come too soon for it, or without a cue
 
 
-def unreacted(runs: Runs) -> Runs:
+def unreacted(runs: ReactionRuns) -> ReactionRuns:
     """Runs with a fault that changed a bit, in which nobody reacts."""
     return runs.where((runs.facts["activated"] & (runs.facts["action"] == 0)).to_numpy())
 
 
-def began_ms(runs: Runs, jump: bool = False) -> np.ndarray:
+def began_ms(runs: ReactionRuns, jump: bool = False) -> np.ndarray:
     """When the unintended motion of each run exceeded the limit of its campaign; `jump`: when its true tip jumped. NaN:
     never."""
     if jump:
@@ -46,26 +46,26 @@ def began_ms(runs: Runs, jump: bool = False) -> np.ndarray:
     return np.where(came >= 0, came, np.nan)
 
 
-def leads_ms(runs: Runs, cue: int, jump: bool = False) -> np.ndarray:
+def leads_ms(runs: ReactionRuns, cue: int, jump: bool = False) -> np.ndarray:
     """Time from cue to motion of every run, negative: the cue came after; NaN: no motion; -inf: no cue."""
     cued, began = run_facts.warned(runs.frame, cue), began_ms(runs, jump)
     return np.where(np.isnan(began), np.nan, np.where(cued >= 0, began - cued, -np.inf))
 
 
-def advance(runs: Runs, cue: int, threshold_mm: float, jump: bool = False) -> Advance:
+def advance(runs: ReactionRuns, cue: int, threshold_mm: float, jump: bool = False) -> Advance:
     """Of runs in which nobody reacts; `cue`: number of the haptic set with that threshold; `jump`: as `began_ms`."""
     lead, cued = leads_ms(runs, cue, jump), run_facts.warned(runs.frame, cue)
-    found = lead_time(np.where(cued >= 0, cued, np.nan), began_ms(runs, jump), float(runs.end_ms))
+    lead_curve = lead_time(np.where(cued >= 0, cued, np.nan), began_ms(runs, jump), float(runs.end_ms))
     came = lead[~np.isnan(lead)]
     late = {delay: wilson(int((came < delay).sum()), len(came)) for delay in DELAYS_MS}
-    return Advance(threshold_mm, None if jump else runs.limit_mm, found, late)
+    return Advance(threshold_mm, None if jump else runs.limit_mm, lead_curve, late)
 
 
 LEFT_MS = (0, 50, 200)
 """Edges of the classes of the time that was left after the operator's own reaction time."""
 
 
-def left_by_time(timed: Runs, runs: Runs, pairs: Pairs) -> dict[str, tuple[int, int]]:
+def left_by_time(timed: ReactionRuns, runs: ReactionRuns, pairs: Pairs) -> dict[str, tuple[int, int]]:
     """Unintended motions of the size of `timed` by the time that was left after the reaction: name -> (motions without
     it, those still there with it).
 
@@ -82,13 +82,13 @@ def left_by_time(timed: Runs, runs: Runs, pairs: Pairs) -> dict[str, tuple[int, 
         *(f"{low} to {high} ms" for low, high in itertools.pairwise(LEFT_MS)),
         f"{LEFT_MS[-1]} ms and more",
     )
-    found = {"no cue, or not before the motion": lead <= 0}
+    members = {"no cue, or not before the motion": lead <= 0}
     for name, (low, high) in zip(names, itertools.pairwise(edges), strict=True):
-        found[name] = (lead > 0) & (left >= low) & (left < high)
-    return {name: (int(mine.sum()), int((mine & still).sum())) for name, mine in found.items()}
+        members[name] = (lead > 0) & (left >= low) & (left < high)
+    return {name: (int(mine.sum()), int((mine & still).sum())) for name, mine in members.items()}
 
 
-def _places(timed: Runs, alone: Runs, runs: Runs, pairs: Pairs) -> np.ndarray:
+def _places(timed: ReactionRuns, alone: ReactionRuns, runs: ReactionRuns, pairs: Pairs) -> np.ndarray:
     """Of each pair, the place of its fault among `alone`, those of the timed runs that count."""
     faults, others = (np.unique(one.frame["pair"]) for one in (runs, timed))
     if len(faults) != len(others):

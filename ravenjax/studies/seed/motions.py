@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ravenjax.studies.framework.study import Estimate
+from ravenjax.studies.framework.study import StudyEstimate
 
 Motion = tuple[str, int]
 """Kind and seed."""
@@ -37,7 +37,7 @@ def variant(motion: Motion, setting: str = "") -> str:
     return "_".join([f"{motion[0]}_{motion[1]}", *setting.split()])
 
 
-def over_kinds(values: Mapping[tuple[str, int], float]) -> Estimate:
+def over_kinds(values: Mapping[tuple[str, int], float]) -> StudyEstimate:
     """Mean over kinds of motion of the mean over their seeds, with its t interval; `values` by (kind, seed).
 
     Kinds are the independent units: seeds of one kind differ less among themselves than kinds do.
@@ -50,6 +50,6 @@ def over_kinds(values: Mapping[tuple[str, int], float]) -> Estimate:
     means = np.array([np.mean(of_kind) for of_kind in kinds.values()])
     n, of = len(means), f"kinds of motion ({len(values)} motions)"
     if n < 2:
-        return Estimate(float(means.mean()), n=n, of=of)
+        return StudyEstimate(float(means.mean()), n=n, of=of)
     half = float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, n - 1) * means.std(ddof=1) / np.sqrt(n))
-    return Estimate(float(means.mean()), float(means.mean()) - half, float(means.mean()) + half, n, of)
+    return StudyEstimate(float(means.mean()), float(means.mean()) - half, float(means.mean()) + half, n, of)

@@ -7,7 +7,7 @@ from typing import Any
 
 from ravenjax.stats.intervals import Rate
 from ravenjax.studies.framework.drawing import MUTED, PREDICTED, SERIES, WIDTH_IN
-from ravenjax.studies.uncertainty.rates import EVENTS, Robot
+from ravenjax.studies.uncertainty.rates import EVENTS, RobotRates
 from ravenjax.studies.uncertainty.search import Index
 
 LOW, HIGH = SERIES[5], SERIES[1]
@@ -20,7 +20,9 @@ SHOWN = {
 }
 
 
-def ranges(known: Robot, ends: Mapping[str, tuple[Robot, Robot]], sets: Sequence[Robot]) -> Callable[[Any], None]:
+def ranges(
+    known: RobotRates, ends: Mapping[str, tuple[RobotRates, RobotRates]], sets: Sequence[RobotRates]
+) -> Callable[[Any], None]:
     """Draws each rate at both ends of each parameter, and on the published sets, about that of the known robot."""
     names = [*ends, *(robot.name for robot in sets)]
 

@@ -24,7 +24,7 @@ class Uncertain(NamedTuple):
     law: str  # distribution, as a campaign file writes it
     low: float  # ends of the range, at which it is tried alone
     high: float
-    known: float  # the value of the robot as it is known
+    nominal: float  # the value of the robot as it is known
     source: str
 
     @property
@@ -49,8 +49,8 @@ class Uncertain(NamedTuple):
 
     def values(self, frame: pd.DataFrame) -> np.ndarray:
         """Its value in each run of a result table."""
-        known = pd.Series(self.known, frame.index)
-        return (frame[self.column].fillna(self.known) if self.column in frame else known).to_numpy(float)
+        nominal = pd.Series(self.nominal, frame.index)
+        return (frame[self.column].fillna(self.nominal) if self.column in frame else nominal).to_numpy(float)
 
 
 PARAMETERS = (

@@ -38,7 +38,7 @@ EVENTS = {
 FAULT = "fault"
 
 
-class Robot(NamedTuple):
+class RobotRates(NamedTuple):
     """One robot under the same faults as every other."""
 
     name: str
@@ -49,7 +49,7 @@ class Robot(NamedTuple):
         return wilson(int(self.events[event].to_numpy().sum()), len(self.events))
 
 
-class Effect(NamedTuple):
+class ParameterEffect(NamedTuple):
     """An event at the ends of one parameter, all else alike."""
 
     event: str
@@ -65,11 +65,11 @@ def read(path: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
 
     The table has a column more, `fault`: which of the campaign's faults it is, the same number in every variant.
     """
-    frame, made = folder.read_all(path), manifest.read(path)
+    frame, header = folder.read_all(path), manifest.read(path)
     frame[FAULT] = numbered(frame["pair"].to_numpy())
-    facts = run_facts.of(frame, made)
-    chosen = facts["activated"] & facts["faulty"] & ~facts["failed"]
-    return frame.loc[chosen], events(frame.loc[chosen], facts.loc[chosen])
+    facts = run_facts.of(frame, header)
+    mask = facts["activated"] & facts["faulty"] & ~facts["failed"]
+    return frame.loc[mask], events(frame.loc[mask], facts.loc[mask])
 
 
 def numbered(pair: np.ndarray) -> np.ndarray:
@@ -96,7 +96,7 @@ def events(frame: pd.DataFrame, facts: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def robots(frame: pd.DataFrame, found: pd.DataFrame, parameter: Uncertain) -> tuple[Robot, Robot]:
+def robots(frame: pd.DataFrame, found: pd.DataFrame, parameter: Uncertain) -> tuple[RobotRates, RobotRates]:
     """The robots at both ends of a parameter that was crossed, on faults that changed a bit in both."""
     values = parameter.values(frame)
 
@@ -107,15 +107,15 @@ def robots(frame: pd.DataFrame, found: pd.DataFrame, parameter: Uncertain) -> tu
     low, high = at(parameter.low), at(parameter.high)
     both = low.index.intersection(high.index)
     return (
-        Robot(f"{parameter.words} {parameter.low:g}", low.loc[both]),
-        Robot(f"{parameter.words} {parameter.high:g}", high.loc[both]),
+        RobotRates(f"{parameter.words} {parameter.low:g}", low.loc[both]),
+        RobotRates(f"{parameter.words} {parameter.high:g}", high.loc[both]),
     )
 
 
-def effects(ends: Mapping[Uncertain, tuple[Robot, Robot]]) -> list[Effect]:
+def effects(ends: Mapping[Uncertain, tuple[RobotRates, RobotRates]]) -> list[ParameterEffect]:
     """Of every event and parameter."""
     return [
-        Effect(
+        ParameterEffect(
             event,
             parameter,
             low.rate(event),
@@ -139,25 +139,25 @@ def judged(p: Sequence[float]) -> list[Finding]:
     return list(holm({str(k): one for k, one in enumerate(p)}).values())
 
 
-def thirds(frame: pd.DataFrame, found: pd.DataFrame, parameters: Sequence[Uncertain]) -> list[tuple[str, Dependence]]:
+def thirds(frame: pd.DataFrame, flags: pd.DataFrame, parameters: Sequence[Uncertain]) -> list[tuple[str, Dependence]]:
     """Each event by thirds of each parameter, of robots all of whose parameters were drawn; p by Holm over all."""
     inputs = {one.path: one.values(frame) for one in parameters}
-    asked = [(event, one) for event in EVENTS for one in dependences(found[event].to_numpy(), inputs)]
-    told = judged([one.p for _, one in asked])
+    tests = [(event, one) for event in EVENTS for one in dependences(flags[event].to_numpy(), inputs)]
+    findings = judged([one.p for _, one in tests])
     return [
         (event, one._replace(adjusted=finding.adjusted, depends=finding.rejected))
-        for (event, one), finding in zip(asked, told, strict=True)
+        for (event, one), finding in zip(tests, findings, strict=True)
     ]
 
 
-def rounding(known: Robot, ends: Mapping[Uncertain, tuple[Robot, Robot]]) -> tuple[float, int]:
+def rounding(known: RobotRates, ends: Mapping[Uncertain, tuple[RobotRates, RobotRates]]) -> tuple[float, int]:
     """Largest difference of a rate (fraction) between the known robot and ends that are the known robot, and how many
     such ends there are: what rounding alone decides, of runs at the edge of an event. NaN and 0 without such an end."""
     same = [
         robot
         for one, pair in ends.items()
         for robot, value in zip(pair, (one.low, one.high), strict=True)
-        if value == one.known
+        if value == one.nominal
     ]
     apart = []
     for robot in same:
@@ -168,7 +168,7 @@ def rounding(known: Robot, ends: Mapping[Uncertain, tuple[Robot, Robot]]) -> tup
     return max(apart, default=math.nan), len(same)
 
 
-class Range(NamedTuple):
+class RateRange(NamedTuple):
     """Lowest and highest rate of an event over robots, and which robots have them."""
 
     low: Rate
@@ -177,18 +177,18 @@ class Range(NamedTuple):
     high_robot: str
 
 
-def over(listed: Sequence[Robot], event: str) -> Range:
+def over(listed: Sequence[RobotRates], event: str) -> RateRange:
     """Of one event."""
     rates = [(robot.rate(event), robot.name) for robot in listed]
     low, high = min(rates, key=lambda one: one[0].value), max(rates, key=lambda one: one[0].value)
-    return Range(*low, *high)
+    return RateRange(*low, *high)
 
 
-def by_layer(listed: Sequence[Robot], event: str) -> dict[str, list[Rate]]:
+def by_layer(listed: Sequence[RobotRates], event: str) -> dict[str, list[Rate]]:
     """Rate of an event by layer of the fault, one a robot, in the robot's order of layers."""
-    found = {}
+    rates = {}
     for name in LAYERS.values():
         parts = [robot.events.loc[robot.events["layer"] == name, event] for robot in listed]
         if all(len(part) for part in parts):
-            found[name] = [wilson(int(part.sum()), len(part)) for part in parts]
-    return found
+            rates[name] = [wilson(int(part.sum()), len(part)) for part in parts]
+    return rates

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 import pandas as pd
 
 from ravenjax.stats.inputs.association import Dependence
-from ravenjax.studies.framework.study import Context, Drawing, Estimate, Findings, Line, Study, Variant
+from ravenjax.studies.framework.study import Context, Drawing, Findings, Line, Study, StudyEstimate, Variant
 from ravenjax.studies.uncertainty import drawings, rates, search, tables
 from ravenjax.studies.uncertainty.parameters import PARAMETERS, SETS, Uncertain
-from ravenjax.studies.uncertainty.rates import EVENTS, Effect, Robot
+from ravenjax.studies.uncertainty.rates import EVENTS, ParameterEffect, RobotRates
 
 CAMPAIGN = "uncertain_robot.toml"
 KNOWN = "known"
@@ -22,18 +22,18 @@ WORDS = {one.path: one.words for one in PARAMETERS}
 
 def compare(context: Context) -> Findings:
     """Rates on every robot, one parameter at a time and all together, and what decides how far a fault throws."""
-    frame, found = rates.read(context.folders[KNOWN])
-    known = Robot("known robot", found.set_axis(pd.Index(frame[rates.FAULT])))
+    frame, flags = rates.read(context.folders[KNOWN])
+    base = RobotRates("known robot", flags.set_axis(pd.Index(frame[rates.FAULT])))
     ends = {one: rates.robots(*rates.read(context.folders[_alone(one)]), one) for one in PARAMETERS}
     sets = [_set(context, name) for name in SETS]
-    robots = [known, *(robot for pair in ends.values() for robot in pair), *sets]
+    robots = [base, *(robot for pair in ends.values() for robot in pair), *sets]
     effects = rates.effects(ends)
     thirds = _thirds(context)
     decided = search.find(context.folders[KNOWN].parent.parent / "searches", context.engine)
     return Findings(
-        lines=tuple(_lines(known, robots, effects)),
+        lines=tuple(_lines(base, robots, effects)),
         tables=(
-            tables.conclusions(known, robots, effects, thirds, WORDS),
+            tables.conclusions(base, robots, effects, thirds, WORDS),
             tables.by_layer(robots, LAYER_EVENT),
             tables.parameters(PARAMETERS),
             tables.ends(effects),
@@ -45,7 +45,7 @@ def compare(context: Context) -> Findings:
             Drawing("ranges", "Rates of five conclusions with one parameter at each end of its range, and on the other "
                     "published sets of parameters; the same faults on all. Band: 95 % of the known robot's rate, of "
                     "faults drawn as these were.",
-                    drawings.ranges(known, {one.words: pair for one, pair in ends.items()}, sets)),
+                    drawings.ranges(base, {one.words: pair for one, pair in ends.items()}, sets)),
             Drawing("layers", "Share of faults that make an unintended motion, by the layer where they strike: every "
                     "robot, the same faults.",
                     drawings.layers(rates.by_layer(robots, LAYER_EVENT), LAYER_EVENT)),
@@ -53,7 +53,7 @@ def compare(context: Context) -> Findings:
                     "total Sobol index of each parameter of the robot, 95 %.",
                     drawings.indices(decided)),
         ),
-        notes=_notes(len(robots), *rates.rounding(known, ends)),
+        notes=_notes(len(robots), *rates.rounding(base, ends)),
     )  # fmt: skip
 
 
@@ -62,30 +62,32 @@ def _alone(parameter: Uncertain) -> str:
     return "alone_" + parameter.path.removeprefix("plant.").replace(".", "_")
 
 
-def _set(context: Context, name: str) -> Robot:
-    frame, found = rates.read(context.folders[f"set_{name}"])
-    return Robot(f"set {name}", found.set_axis(pd.Index(frame[rates.FAULT])))
+def _set(context: Context, name: str) -> RobotRates:
+    frame, flags = rates.read(context.folders[f"set_{name}"])
+    return RobotRates(f"set {name}", flags.set_axis(pd.Index(frame[rates.FAULT])))
 
 
 def _thirds(context: Context) -> list[tuple[str, Dependence]]:
     parts = [rates.read(context.folders[f"drawn_{seed}"]) for seed in SEEDS]
     columns = [one.column for one in PARAMETERS]
     frame = pd.DataFrame(pd.concat([frame[columns] for frame, _ in parts], ignore_index=True))
-    return rates.thirds(frame, pd.concat([found for _, found in parts], ignore_index=True), PARAMETERS)
+    return rates.thirds(frame, pd.concat([flags for _, flags in parts], ignore_index=True), PARAMETERS)
 
 
-def _lines(known: Robot, robots: Sequence[Robot], effects: Sequence[Effect]) -> Iterator[Line]:
+def _lines(known: RobotRates, robots: Sequence[RobotRates], effects: Sequence[ParameterEffect]) -> Iterator[Line]:
     for event, words in EVENTS.items():
         rate = known.rate(event)
-        value = Estimate(100 * rate.value, 100 * rate.low, 100 * rate.high, rate.n, "faults, the known robot")
+        value = StudyEstimate(100 * rate.value, 100 * rate.low, 100 * rate.high, rate.n, "faults, the known robot")
         yield Line(words, "%", None, value)
         span = rates.over(robots, event)
-        many = Estimate(100 * rate.value, 100 * span.low.value, 100 * span.high.value, len(robots), "robots, extremes")
+        many = StudyEstimate(
+            100 * rate.value, 100 * span.low.value, 100 * span.high.value, len(robots), "robots, extremes"
+        )
         yield Line(f"{words}, over robots", "%", None, many)
     judged = rates.judged([one.p for one in effects])
     for parameter in PARAMETERS:
         depends = [f.rejected for one, f in zip(effects, judged, strict=True) if one.parameter == parameter]
-        value = Estimate(sum(depends), n=len(EVENTS), of="conclusions")
+        value = StudyEstimate(sum(depends), n=len(EVENTS), of="conclusions")
         yield Line(f"conclusions that depend on: {parameter.words}", "", None, value)
 
 

@@ -56,7 +56,7 @@ def indices(records: Mapping[str, Mapping[str, Any]]) -> list[Index]:
     """Of the records of both searches, by joint in their order and by total index, greatest first."""
     by_path = {one.path: one for one in PARAMETERS}
     morris, sobol = records["morris"], records["sobol"]
-    found = []
+    result = []
     for screen, shares in zip(morris["results"], sobol["results"], strict=True):
         if screen["indices"] is None or shares["indices"] is None:
             continue
@@ -71,8 +71,8 @@ def indices(records: Mapping[str, Mapping[str, Any]]) -> list[Index]:
             )
             for place, path in enumerate(sobol["inputs"])
         ]  # fmt: skip
-        found += sorted(mine, key=lambda one: -one.total[0])
-    return found
+        result += sorted(mine, key=lambda one: -one.total[0])
+    return result
 
 
 def _template(search: Mapping[str, Any]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.studies.framework.study import Table
 from ravenjax.studies.uncertainty import rates as uncertain_rates
 from ravenjax.studies.uncertainty.parameters import Uncertain
-from ravenjax.studies.uncertainty.rates import EVENTS, Effect, Robot
+from ravenjax.studies.uncertainty.rates import EVENTS, ParameterEffect, RobotRates
 from ravenjax.studies.uncertainty.search import Index
 
 NONE = "none of those tried"
@@ -23,20 +23,23 @@ def parameters(listed: Sequence[Uncertain]) -> Table:
         "What is not known of the robot",
         ("parameter", "path", "range", "known robot", "unit", "drawn", "where the range comes from"),
         tuple(
-            (one.words, one.path, f"{one.low:g} to {one.high:g}", one.known, one.unit, one.law, one.source)
+            (one.words, one.path, f"{one.low:g} to {one.high:g}", one.nominal, one.unit, one.law, one.source)
             for one in listed
         ),
     )
 
 
 def conclusions(
-    known: Robot, listed: Sequence[Robot], found: Sequence[Effect], drawn: Sequence[tuple[str, Dependence]],
+    known: RobotRates,
+    listed: Sequence[RobotRates],
+    found: Sequence[ParameterEffect],
+    drawn: Sequence[tuple[str, Dependence]],
     words: Mapping[str, str],
-) -> Table:  # fmt: skip
+) -> Table:
     """Each conclusion, its range over robots, and what it depends on. words: path -> parameter in words."""
     judged = uncertain_rates.judged([one.p for one in found])
     rows = []
-    for event, told in EVENTS.items():
+    for event, words_of in EVENTS.items():
         span = uncertain_rates.over(listed, event)
         mine = [
             (one, finding)
@@ -48,7 +51,7 @@ def conclusions(
         together = [words[one.name] for name, one in drawn if name == event and one.depends]
         rows.append(
             (
-                told, rate(known.rate(event)), f"{percent(span.low)} to {percent(span.high)}",
+                words_of, rate(known.rate(event)), f"{percent(span.low)} to {percent(span.high)}",
                 f"{span.low_robot}; {span.high_robot}", ", ".join(alone) or NONE, ", ".join(together) or NONE,
             )
         )  # fmt: skip
@@ -68,7 +71,7 @@ def conclusions(
     )  # fmt: skip
 
 
-def ends(found: Sequence[Effect]) -> Table:
+def ends(found: Sequence[ParameterEffect]) -> Table:
     """Every rate at both ends of every parameter."""
     judged = uncertain_rates.judged([one.p for one in found])
     return Table(
@@ -108,7 +111,7 @@ def thirds(drawn: Sequence[tuple[str, Dependence]], words: Mapping[str, str]) ->
     )  # fmt: skip
 
 
-def robots(listed: Sequence[Robot]) -> Table:
+def robots(listed: Sequence[RobotRates]) -> Table:
     """Every rate on every robot."""
     return Table(
         "Every robot",
@@ -119,13 +122,13 @@ def robots(listed: Sequence[Robot]) -> Table:
     )
 
 
-def by_layer(listed: Sequence[Robot], event: str) -> Table:
+def by_layer(listed: Sequence[RobotRates], event: str) -> Table:
     """Whether the order of layers depends on the robot."""
-    found = uncertain_rates.by_layer(listed, event)
-    places: dict[str, list[int]] = {name: [] for name in found}
+    rates_of = uncertain_rates.by_layer(listed, event)
+    places: dict[str, list[int]] = {name: [] for name in rates_of}
     for k in range(len(listed)):
-        order = sorted(found, key=lambda name: -found[name][k].value)
-        for name in found:
+        order = sorted(rates_of, key=lambda name: -rates_of[name][k].value)
+        for name in rates_of:
             places[name].append(order.index(name) + 1)
     return Table(
         f"Does the order of layers depend on the robot? Share of faults with: {EVENTS[event]}",
@@ -137,7 +140,7 @@ def by_layer(listed: Sequence[Robot], event: str) -> Table:
                 percent(max(rates, key=lambda one: one.value)), places[name][0],
                 f"{min(places[name])} to {max(places[name])}",
             )
-            for name, rates in found.items()
+            for name, rates in rates_of.items()
         ),
         "Place 1 is the layer whose faults do it most often. The first robot is the known one.",
     )  # fmt: skip

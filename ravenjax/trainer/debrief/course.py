@@ -36,8 +36,8 @@ class Course:
 
     def worst(self, name: str, arms: Sequence[str]) -> np.ndarray:
         """The greatest of the arms' values; the size of what is a vector."""
-        found = [self.channel(f"{arm}/{name}") for arm in arms]
-        return np.max([np.linalg.norm(one, axis=1) if one.ndim > 1 else one for one in found], axis=0)
+        channels = [self.channel(f"{arm}/{name}") for arm in arms]
+        return np.max([np.linalg.norm(one, axis=1) if one.ndim > 1 else one for one in channels], axis=0)
 
 
 def peaks(time: np.ndarray, values: np.ndarray, points: int = POINTS) -> tuple[np.ndarray, np.ndarray]:
@@ -47,5 +47,5 @@ def peaks(time: np.ndarray, values: np.ndarray, points: int = POINTS) -> tuple[n
     if stride == 1:
         return time, finite
     best = [start + int(finite[start : start + stride].argmax()) for start in range(0, len(time), stride)]
-    kept = np.unique([0, *best, len(time) - 1])
-    return time[kept], finite[kept]
+    indices = np.unique([0, *best, len(time) - 1])
+    return time[indices], finite[indices]

@@ -12,7 +12,7 @@ from ravenjax.document.figure_style import GRID, json_of, look
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.trainer.debrief.course import Course, peaks
 from ravenjax.trainer.debrief.words import Step
-from ravenjax.trainer.recording.hazards.table import Hazard
+from ravenjax.trainer.recording.hazards.table import HazardRow
 
 MARKS = {"strike": "#a23b82", "knowable": "#8a8f96", "cue": "#c2410c", "alarm": "#a67c00", "response": "#0072b2"}
 """Colour of each moment; blue and vermilion differ in every colour blindness."""
@@ -50,7 +50,7 @@ class Figure(NamedTuple):
     height: int
 
 
-def hazard(course: Course, one: Hazard, steps: Sequence[Step]) -> Figure | None:
+def hazard(course: Course, one: HazardRow, steps: Sequence[Step]) -> Figure | None:
     """Figure of one hazard in ms after its strike; None where the recording does not reach it."""
     if one.struck_ms is None:
         return None
@@ -75,7 +75,7 @@ def hazard(course: Course, one: Hazard, steps: Sequence[Step]) -> Figure | None:
                 "xanchor": "left",
                 "yanchor": "bottom",
                 "showarrow": False,
-                "text": step.name if step.kind != "response" else step.told or step.name,
+                "text": step.name if step.kind != "response" else step.text or step.name,
                 "font": {"size": 11.5, "color": MARKS[step.kind]},
             }
         )
@@ -83,7 +83,7 @@ def hazard(course: Course, one: Hazard, steps: Sequence[Step]) -> Figure | None:
     return _figure(traces, layout)
 
 
-def overview(course: Course, hazards: Sequence[Hazard]) -> Figure | None:
+def overview(course: Course, hazards: Sequence[HazardRow]) -> Figure | None:
     """Figure of the whole session in s, with the hazards and the progress of the task."""
     if len(course.ms) < 2:
         return None

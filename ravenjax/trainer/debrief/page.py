@@ -36,19 +36,19 @@ def write(folder: Path) -> Path:
 def render(folder: Path) -> str:
     """The page as text."""
     header = description.read(folder)
-    found, told = _recording(folder)
-    told["table"] = (folder / table.FILE).exists()
+    recording, state = _recording(folder)
+    state["table"] = (folder / table.FILE).exists()
     hazards = table.read(folder)
-    if not told["table"] and found is not None:
-        hazards = events.from_recording(found, header)
+    if not state["table"] and recording is not None:
+        hazards = events.from_recording(recording, header)
     threshold_mm, limit_mm = header.get("cue_threshold_mm"), words.harm_mm(header)
     blinded = bool(header.get("blinded"))
     course = None
-    if found is not None and len(found.rows) > 1:
-        course = Course(found, threshold_mm, limit_mm, blinded)
+    if recording is not None and len(recording.rows) > 1:
+        course = Course(recording, threshold_mm, limit_mm, blinded)
     numbers = words.summary(hazards)
     summary = header.get("summary") or {}
-    begin, rest = words.headline(hazards, numbers, told["table"] or found is not None)
+    begin, rest = words.headline(hazards, numbers, state["table"] or recording is not None)
     return html.page(
         "debrief.html.j2",
         header=header,
@@ -64,8 +64,8 @@ def render(folder: Path) -> str:
         timing=figures.loop(course) if course else None,
         quality=_quality(summary),
         task=_task(summary, course),
-        caveats=words.caveats(header, told),
-        events=[one for one in told.get("events", []) if not blinded or one["kind"] != "cue"],
+        caveats=words.caveats(header, state),
+        events=[one for one in state.get("events", []) if not blinded or one["kind"] != "cue"],
         marks=figures.MARKS,
         limit_mm=limit_mm,
         depth_mm=words.harm_mm(header, "depth_mm"),
@@ -79,18 +79,18 @@ def _recording(folder: Path) -> tuple[reader.Recording | None, dict[str, Any]]:
     if path is None:
         return None, {"missing": True}
     try:
-        found = reader.read(path)
+        recording = reader.read(path)
     except StoreError as error:
         return None, {"broken": str(error)}
-    return found, {
-        "complete": found.complete,
-        "lost_bytes": found.lost_bytes,
-        "lost_rows": int(found.numbers[-1] + 1 - len(found.numbers)) if len(found.numbers) else 0,
-        "events": found.events,
+    return recording, {
+        "complete": recording.complete,
+        "lost_bytes": recording.lost_bytes,
+        "lost_rows": int(recording.numbers[-1] + 1 - len(recording.numbers)) if len(recording.numbers) else 0,
+        "events": recording.events,
     }
 
 
-def _told(one: table.Hazard, course: Course | None, blinded: bool) -> dict[str, Any]:
+def _told(one: table.HazardRow, course: Course | None, blinded: bool) -> dict[str, Any]:
     steps = words.steps(one, blinded) if one.struck_ms is not None else []
     return {
         "row": one,
@@ -111,11 +111,11 @@ def _definitions(threshold_mm: float | None, limit_mm: float | None, blinded: bo
 
 def _scenario(header: dict[str, Any]) -> dict[str, str]:
     """Name and title of the scenario; a session's header holds it resolved, as a table or a name."""
-    found = header.get("scenario") or {}
-    if not isinstance(found, dict):
-        found = {"name": str(found)}
-    name = str(found.get("name") or header.get("name") or "session")
-    return {"name": name, "title": str(found.get("title") or name), "text": str(found.get("description") or "")}
+    content = header.get("scenario") or {}
+    if not isinstance(content, dict):
+        content = {"name": str(content)}
+    name = str(content.get("name") or header.get("name") or "session")
+    return {"name": name, "title": str(content.get("title") or name), "text": str(content.get("description") or "")}
 
 
 def _quality(summary: dict[str, Any]) -> dict[str, Any]:
@@ -137,17 +137,17 @@ def _quality(summary: dict[str, Any]) -> dict[str, Any]:
 
 def _task(summary: dict[str, Any], course: Course | None) -> dict[str, Any]:
     """How far the task came, and what else the session says of it."""
-    found = dict(summary.get("task") or {})
+    values = dict(summary.get("task") or {})
     if course is not None:
-        found.setdefault("progress", float(course.channel("progress")[-1]))
-    return {name: value for name, value in found.items() if isinstance(value, int | float | str)}
+        values.setdefault("progress", float(course.channel("progress")[-1]))
+    return {name: value for name, value in values.items() if isinstance(value, int | float | str)}
 
 
-def _csv(hazards: list[table.Hazard], blinded: bool) -> str:
+def _csv(hazards: list[table.HazardRow], blinded: bool) -> str:
     """The table as it stands in the folder; without group and cue where the session is blinded."""
     hidden = ("group", "cue", "cue_ms") if blinded else ()
     out = io.StringIO()
-    names = [one.name for one in dataclasses.fields(table.Hazard) if one.name not in hidden]
+    names = [one.name for one in dataclasses.fields(table.HazardRow) if one.name not in hidden]
     writer = csv.DictWriter(out, names, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
     writer.writerows(dataclasses.asdict(one) for one in hazards)

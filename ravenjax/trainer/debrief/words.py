@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from ravenjax.outcomes.verdict import HALT_MS
-from ravenjax.trainer.recording.hazards.table import OUTCOMES, Hazard
+from ravenjax.trainer.recording.hazards.table import OUTCOMES, HazardRow
 
 DASH = "–"
 RESPONSES = {
@@ -41,10 +41,10 @@ class Step(NamedTuple):
     kind: str  # strike, knowable, cue, alarm, response
     name: str
     after_ms: float | None
-    told: str
+    text: str
 
 
-def title(hazard: Hazard) -> str:
+def title(hazard: HazardRow) -> str:
     """Its title, as a heading has it."""
     name = hazard.title or hazard.hazard or f"hazard {hazard.number}"
     return name[:1].upper() + name[1:]
@@ -80,13 +80,13 @@ def did(response: str) -> str:
     return RESPONSES[response][0] if response in RESPONSES else f"responded ({response})"
 
 
-def wanted(hazard: Hazard) -> str:
+def wanted(hazard: HazardRow) -> str:
     """The right responses in words."""
     names = [RESPONSES[name][1] if name in RESPONSES else name for name in hazard.right_response.split()]
     return " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
-def sign(hazard: Hazard) -> str:
+def sign(hazard: HazardRow) -> str:
     """What gave it away."""
     by = hazard.knowable_by
     return SIGNS.get(by, f"the check {check_name(by)}") if by else ""
@@ -97,13 +97,13 @@ def check_name(name: str) -> str:
     return name.replace("_", " ")
 
 
-def checks(hazard: Hazard) -> str:
+def checks(hazard: HazardRow) -> str:
     """What the robot's checks did, as a sentence without its full stop."""
     words = CHECKS.get(hazard.check_response, "What the checks did is not known")
     return f"{words} ({check_name(hazard.check_cause)})" if hazard.check_cause else words
 
 
-def motion(hazard: Hazard) -> str:
+def motion(hazard: HazardRow) -> str:
     """What became of the motion, in a sentence or two: the hazard's own words, the distance and the limit."""
     if hazard.limit_mm is None or hazard.unintended_mm is None:
         return "How far the instrument was off is not known."
@@ -133,26 +133,26 @@ def motion(hazard: Hazard) -> str:
     return f"{sentence}. While not live it was up to {length(off)} off{over}."
 
 
-def steps(hazard: Hazard, blinded: bool) -> list[Step]:
+def steps(hazard: HazardRow, blinded: bool) -> list[Step]:
     """The course of one hazard in order of time; what never came stands last. Nothing of the cue where blinded."""
     after = hazard.after
-    told = {
+    entries = {
         "knowable": ("could be known", sign(hazard), "not from what the robot measures"),
         "cue": ("the cue", "", "did not come" if hazard.cue == "on" else "was off"),
         "alarm": ("the robot's alarm", check_name(hazard.alarm), "none"),
         "response": ("the operator", did(hazard.response) if hazard.response else "", _no_response(hazard)),
     }
     if blinded:
-        del told["cue"]
-    came = sorted((kind for kind in told if kind in after), key=lambda kind: after[kind])
+        del entries["cue"]
+    came = sorted((kind for kind in entries if kind in after), key=lambda kind: after[kind])
     return [
         Step("strike", "strikes", 0.0, f"at {moment(hazard.struck_ms)}"),
-        *(Step(kind, told[kind][0], after[kind], told[kind][1]) for kind in came),
-        *(Step(kind, told[kind][0], None, told[kind][2]) for kind in told if kind not in after),
+        *(Step(kind, entries[kind][0], after[kind], entries[kind][1]) for kind in came),
+        *(Step(kind, entries[kind][0], None, entries[kind][2]) for kind in entries if kind not in after),
     ]
 
 
-def sentence(hazard: Hazard, blinded: bool) -> str:
+def sentence(hazard: HazardRow, blinded: bool) -> str:
     """One hazard in a few sentences."""
     if hazard.struck_ms is None:
         return "It was armed and never struck."
@@ -173,7 +173,7 @@ def sentence(hazard: Hazard, blinded: bool) -> str:
     return " ".join(part[:1].upper() + part[1:] for part in parts)
 
 
-def _response(hazard: Hazard) -> str:
+def _response(hazard: HazardRow) -> str:
     right = wanted(hazard)
     if hazard.response_ms is None:
         return (
@@ -188,7 +188,7 @@ def _response(hazard: Hazard) -> str:
     return f"the operator {did(hazard.response)} after {milliseconds(hazard.after['response'])}{reaction}: {verdict}."
 
 
-def _no_response(hazard: Hazard) -> str:
+def _no_response(hazard: HazardRow) -> str:
     """To carry on may be what was right."""
     if hazard.response_ok:
         return f"the operator {did(hazard.response)}, the right response"
@@ -198,7 +198,7 @@ def _no_response(hazard: Hazard) -> str:
 class Summary(NamedTuple):
     """The session's numbers."""
 
-    struck: int
+    strikes: int
     right: int
     timed: int  # right responses with a reaction time; to carry on has none
     reaction_ms: float | None  # their median
@@ -207,33 +207,33 @@ class Summary(NamedTuple):
     score: float | None  # mean over hazards that struck
 
 
-def summary(hazards: Sequence[Hazard]) -> Summary:
+def summary(hazards: Sequence[HazardRow]) -> Summary:
     """Over all hazards that struck."""
-    struck = [one for one in hazards if one.struck_ms is not None]
-    reactions = [one.reaction_ms for one in struck if one.response_ok and one.reaction_ms is not None]
-    scores = [one.score for one in struck if one.score is not None]
+    active = [one for one in hazards if one.struck_ms is not None]
+    reactions = [one.reaction_ms for one in active if one.response_ok and one.reaction_ms is not None]
+    scores = [one.score for one in active if one.score is not None]
     return Summary(
-        len(struck),
-        sum(one.response_ok for one in struck),
+        len(active),
+        sum(one.response_ok for one in active),
         len(reactions),
         statistics.median(reactions) if reactions else None,
-        max((mm for one in struck if (mm := one.farthest_mm) is not None), default=None),
-        max((one.deepest_mm for one in struck if one.deepest_mm is not None), default=None),
+        max((mm for one in active if (mm := one.farthest_mm) is not None), default=None),
+        max((one.deepest_mm for one in active if one.deepest_mm is not None), default=None),
         statistics.fmean(scores) if scores else None,
     )
 
 
-def headline(hazards: Sequence[Hazard], numbers: Summary, known: bool) -> tuple[str, str]:
+def headline(hazards: Sequence[HazardRow], numbers: Summary, known: bool) -> tuple[str, str]:
     """What is to be remembered: the emphasised beginning and the rest. known: a table or a recording tells hazards."""
     if not known:
         return "Nothing is known of hazards", ": neither a table nor a readable recording was left."
-    if not numbers.struck:
+    if not numbers.strikes:
         return "No hazard struck", " in this session."
-    if numbers.struck == 1:
+    if numbers.strikes == 1:
         met = "The hazard was met" if numbers.right else "The hazard was not met"
         begin = f"{met} with the right response"
     else:
-        begin = f"{numbers.right} of {numbers.struck} hazards met with the right response"
+        begin = f"{numbers.right} of {numbers.strikes} hazards met with the right response"
     rest = []
     if numbers.reaction_ms is not None:
         median = ", at the median" if numbers.timed > 1 else ""
@@ -242,7 +242,7 @@ def headline(hazards: Sequence[Hazard], numbers: Summary, known: bool) -> tuple[
         (one for one in hazards if one.farthest_mm is not None), key=lambda one: one.farthest_mm or 0, default=None
     )
     if worst is not None:
-        where = f" ({title(worst)})" if numbers.struck > 1 else ""
+        where = f" ({title(worst)})" if numbers.strikes > 1 else ""
         rest.append(f"unintended motion of at most {length(worst.farthest_mm)}{where}")
     return begin, ", " + "; ".join(rest) + "." if rest else "."
 

@@ -262,8 +262,8 @@ class Judge:
             return []
         if what == "slow" and what not in episode.hazard.right_response:
             return []
-        told = {"number": episode.hazard.number, "what": what, "ok": episode.right(what)}
-        return [{"tick": tick, "kind": "response", **told, "ms": episode.reaction_ms(what)}]
+        facts = {"number": episode.hazard.number, "what": what, "ok": episode.right(what)}
+        return [{"tick": tick, "kind": "response", **facts, "ms": episode.reaction_ms(what)}]
 
     def _close(self, tick: int) -> list[Event]:
         episode, self._episode = self._episode, None

@@ -5,12 +5,12 @@ It never makes the realtime process wait: commands go into a ring of their own, 
 
 from __future__ import annotations
 
-from ravenjax.trainer.page.options import Options
+from ravenjax.trainer.page.options import PageOptions
 
-__all__ = ["Options", "run"]
+__all__ = ["PageOptions", "run"]
 
 
-def run(options: Options) -> None:
+def run(options: PageOptions) -> None:
     """Serve the page until the process is terminated or the session's is gone. The entry point of a spawned process.
 
     Sends its port through `options.port_taken` once it listens.

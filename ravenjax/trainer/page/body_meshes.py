@@ -63,11 +63,11 @@ def _drawn(model: mujoco.MjModel, body: int) -> list[int]:
 
 
 def _looks(model: mujoco.MjModel, body: int) -> dict[tuple[float, ...], list[int]]:
-    found: dict[tuple[float, ...], list[int]] = {}
+    geoms: dict[tuple[float, ...], list[int]] = {}
     for geom in _drawn(model, body):
         look = (float(model.geom_matid[geom]), *model.geom_rgba[geom].round(3).tolist())
-        found.setdefault(look, []).append(geom)
-    return found
+        geoms.setdefault(look, []).append(geom)
+    return geoms
 
 
 def _material(model: mujoco.MjModel, geom: int) -> PBRMaterial:

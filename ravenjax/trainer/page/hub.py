@@ -18,10 +18,10 @@ from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
 from ravenjax.trainer.page.door import query
-from ravenjax.trainer.page.inbox import Inbox, Refused
+from ravenjax.trainer.page.inbox import Inbox, RefusedMessage
 from ravenjax.trainer.page.sight import Sight
 from ravenjax.trainer.protocol import messages
-from ravenjax.trainer.protocol.frame import PHASES, VIEWS, Layout
+from ravenjax.trainer.protocol.frame import PHASES, VIEWS, FrameLayout
 from ravenjax.trainer.realtime.ring import Ring, put_json
 
 MOST_PER_S = 400  # messages of one window; a gamepad at 144 Hz with all keys stays below
@@ -82,7 +82,7 @@ class Hub:
         self,
         header: dict[str, Any],
         place: dict[str, Any],
-        layout: Layout,
+        layout: FrameLayout,
         commands: Ring,
         inbox: Inbox,
         on_page: Callable[[Client, dict[str, Any]], None],
@@ -104,9 +104,9 @@ class Hub:
 
     async def serve(self, connection: ServerConnection) -> None:
         """One websocket, from its greeting to its end."""
-        asked = query(connection.request.path if connection.request else "")
-        role = "instructor" if asked.get("role") == "instructor" else self._free_seat()
-        client = Client(connection, role, asked.get("window", "")[:64])
+        options = query(connection.request.path if connection.request else "")
+        role = "instructor" if options.get("role") == "instructor" else self._free_seat()
+        client = Client(connection, role, options.get("window", "")[:64])
         self._greet(client)
         self._clients.append(client)
         sender = asyncio.create_task(client.send(lambda: self._sights[client.role]))
@@ -175,15 +175,15 @@ class Hub:
             self.dropped["too many"] += 1
             return
         try:
-            told = self._inbox.read(message, client.role)
-        except Refused as reason:
+            content = self._inbox.read(message, client.role)
+        except RefusedMessage as reason:
             self.dropped["refused"] += 1
             client.tell({"type": "refused", "why": str(reason), "dropped": self.dropped["refused"]})
             return
-        if told["type"] == "page":
-            self._page(client, told)
+        if content["type"] == "page":
+            self._page(client, content)
         else:
-            self._forward(told)
+            self._forward(content)
 
     def _page(self, client: Client, told: dict[str, Any]) -> None:
         if told["do"] == "ping":

@@ -17,7 +17,7 @@ _Speed = Annotated[float, Field(ge=-1.0, le=1.0, allow_inf_nan=False)]
 _Axes = Annotated[list[_Speed], Field(min_length=3, max_length=3)]
 
 
-class Refused(ValueError):
+class RefusedMessage(ValueError):
     """The message is dropped; says why."""
 
 
@@ -76,35 +76,35 @@ class Inbox:
     def read(self, message: str | bytes, role: str) -> dict[str, Any]:
         """The message as `messages` describes it, or one of "page". Raises Refused."""
         if len(message) > LARGEST:
-            raise Refused(f"{len(message)} bytes, expected {LARGEST} at most")
+            raise RefusedMessage(f"{len(message)} bytes, expected {LARGEST} at most")
         try:
-            told = _ANY.validate_json(message)
+            content = _ANY.validate_json(message)
         except ValidationError as error:
             first = error.errors(include_url=False, include_input=False, include_context=False)[0]
-            raise Refused(f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+            raise RefusedMessage(f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from None
         except RecursionError:
-            raise Refused("nested too deep") from None
-        if not _may(role, told):
-            raise Refused(f"a {role} may not send {told.type} {getattr(told, 'do', '')}".rstrip())
-        return self._sense(told)
+            raise RefusedMessage("nested too deep") from None
+        if not _may(role, content):
+            raise RefusedMessage(f"a {role} may not send {content.type} {getattr(content, 'do', '')}".rstrip())
+        return self._sense(content)
 
     def _sense(self, told: _Message) -> dict[str, Any]:
         if isinstance(told, _Input):
             strange = [arm for arm in told.arms if arm not in self._arms]
             if strange:
-                raise Refused(f"arm {strange[0]}, the session has {' and '.join(self._arms)}")
+                raise RefusedMessage(f"arm {strange[0]}, the session has {' and '.join(self._arms)}")
         if isinstance(told, _Operator):
             if (told.do == "note") != (told.text is not None):
-                raise Refused("a note has a text, and nothing else has")
+                raise RefusedMessage("a note has a text, and nothing else has")
             if told.text is not None and len(json.dumps(told.text)) > NOTE:
-                raise Refused(f"a note of more than {NOTE} bytes")
+                raise RefusedMessage(f"a note of more than {NOTE} bytes")
         if isinstance(told, _Instructor):
             if told.do == "cue" and self._blinded:
-                raise Refused("the session is blinded: its cue is not the instructor's")
+                raise RefusedMessage("the session is blinded: its cue is not the instructor's")
             if (told.do == "cue") != (told.on is not None) or (told.do == "arm") != (told.hazard is not None):
-                raise Refused("`on` belongs to cue, `hazard` to arm")
+                raise RefusedMessage("`on` belongs to cue, `hazard` to arm")
             if told.hazard is not None and told.hazard >= self._hazards:
-                raise Refused(f"hazard {told.hazard}, the session has {self._hazards}")
+                raise RefusedMessage(f"hazard {told.hazard}, the session has {self._hazards}")
         return told.model_dump(exclude_none=True)
 
 

@@ -12,7 +12,7 @@ from ravenjax.robots.raven2.arms import ArmName
 
 
 @dataclasses.dataclass(frozen=True)
-class Options:
+class PageOptions:
     """Picklable, so that a spawned process gets it whole."""
 
     frames: str  # name of the ring of frames

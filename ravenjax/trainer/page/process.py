@@ -17,11 +17,11 @@ from ravenjax.trainer.page.cameras import Windows
 from ravenjax.trainer.page.door import Door
 from ravenjax.trainer.page.hub import Hub
 from ravenjax.trainer.page.inbox import Inbox
-from ravenjax.trainer.page.options import Options
+from ravenjax.trainer.page.options import PageOptions
 from ravenjax.trainer.page.server import Server
-from ravenjax.trainer.page.site import Site
+from ravenjax.trainer.page.site import PageSite
 from ravenjax.trainer.page.world import World, place
-from ravenjax.trainer.protocol.frame import Frame, Layout
+from ravenjax.trainer.protocol.frame import Frame, FrameLayout
 from ravenjax.trainer.realtime.ring import Ring, read_json
 
 PROMPT_S = 0.004  # between frames while the answer to a key is awaited
@@ -29,7 +29,7 @@ ANSWER_S = 0.06
 PARENT_S = 1.0
 
 
-def run(options: Options) -> None:
+def run(options: PageOptions) -> None:
     """See the package."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the session's to take; it ends the page in its own time
     page = Page(options)
@@ -42,10 +42,10 @@ def run(options: Options) -> None:
 class Page:
     """Everything of the process, put together."""
 
-    def __init__(self, options: Options) -> None:
+    def __init__(self, options: PageOptions) -> None:
         """Attach to the rings, bind the port, and say which it is."""
         self._options = options
-        self._layout = Layout.of(options.arms)
+        self._layout = FrameLayout.of(options.arms)
         self._frames, self._events = Ring.attach(options.frames), Ring.attach(options.events)
         self._commands = Ring.attach(options.commands)
         self._next_event = 0
@@ -67,7 +67,7 @@ class Page:
         )
         door = Door(options.host, options.token)
         logging.getLogger("websockets").setLevel(logging.CRITICAL)  # refusals are counted, not printed
-        self._server = Server(options.host, options.port, door, Site(door, options.folder), self._hub.serve)
+        self._server = Server(options.host, options.port, door, PageSite(door, options.folder), self._hub.serve)
         self._windows.watch(self._server.viser)
         self._world = World(self._server.viser, options.arms, options.header.get("task"), blinded)
         options.port_taken.send(self._server.port)
@@ -76,19 +76,21 @@ class Page:
     def work(self) -> None:
         """Until the session's process is gone."""
         period = 1.0 / self._options.fps
-        drawn = asked = time.monotonic()
+        last_frame = last_check = time.monotonic()
         while True:
             now = time.monotonic()
             self._tell()
-            if now >= drawn + period - 1e-3:
-                drawn = now
+            if now >= last_frame + period - 1e-3:
+                last_frame = now
                 self._draw()
             parent = multiprocessing.parent_process()
-            if now > asked + PARENT_S:
-                asked = now
+            if now > last_check + PARENT_S:
+                last_check = now
                 if parent is not None and not parent.is_alive():
                     return
-            self._changed.wait(PROMPT_S if now < self._answer_until else max(0.0, drawn + period - time.monotonic()))
+            self._changed.wait(
+                PROMPT_S if now < self._answer_until else max(0.0, last_frame + period - time.monotonic())
+            )
             self._changed.clear()
 
     def close(self) -> None:
@@ -104,10 +106,10 @@ class Page:
         first, rows = self._events.read(self._next_event)
         if len(rows):
             self._next_event = first + len(rows)
-            told = list(read_json(rows))
-            for event in told:
+            events = list(read_json(rows))
+            for event in events:
                 self._world.tell(event)
-            self._server.loop.call_soon_threadsafe(self._hub.tell, told)
+            self._server.loop.call_soon_threadsafe(self._hub.tell, events)
         _, rows = self._frames.read(self._seen)
         if len(rows):
             self._seen = self._frames.written

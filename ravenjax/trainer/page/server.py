@@ -22,7 +22,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
 from ravenjax.trainer.page.door import Door
-from ravenjax.trainer.page.site import Site
+from ravenjax.trainer.page.site import PageSite
 
 SESSION = "/session"
 SCENE = "/scene/"
@@ -38,7 +38,7 @@ Handler = Callable[[ServerConnection], Awaitable[None]]
 class Server:
     """A running viser server behind the door."""
 
-    def __init__(self, host: str, port: int, door: Door, site: Site, session: Handler) -> None:
+    def __init__(self, host: str, port: int, door: Door, site: PageSite, session: Handler) -> None:
         """session: handles each websocket of /session."""
         self.watching = 0  # sockets that look at the scene
         with _wrapped(door, site, session, self._watched), contextlib.redirect_stdout(io.StringIO()):
@@ -62,7 +62,7 @@ class Server:
 
 
 @contextlib.contextmanager
-def _wrapped(door: Door, site: Site, session: Handler, watched: Callable[[int], None]) -> Iterator[None]:
+def _wrapped(door: Door, site: PageSite, session: Handler, watched: Callable[[int], None]) -> Iterator[None]:
     original = websockets.asyncio.server.serve
 
     def serve(handler: Handler, host: str, port: int, **settings: Any) -> Any:

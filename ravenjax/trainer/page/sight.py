@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.trainer.protocol.frame import Layout
+from ravenjax.trainer.protocol.frame import FrameLayout
 
 _OPERATOR = {
     "phase",
@@ -36,7 +36,7 @@ _HEADER_BLINDED = {"group", "cue", "scenario", "seed", "summary"}
 class Sight:
     """What one role sees of one session."""
 
-    def __init__(self, layout: Layout, role: str, blinded: bool) -> None:
+    def __init__(self, layout: FrameLayout, role: str, blinded: bool) -> None:
         self._layout, self._blinded = layout, blinded
         self._instructor = role == "instructor"
 

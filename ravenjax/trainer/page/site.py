@@ -25,7 +25,7 @@ _EARLY = '<script src="/static/early.js"></script>'
 _LATE = '<link rel="stylesheet" href="/static/page.css"><script type="module" src="/static/page.js"></script>'
 
 
-class Site:
+class PageSite:
     """The files of one session. A request that is not for one of them gets 404, a stranger's 403."""
 
     def __init__(self, door: Door, folder: str | None) -> None:

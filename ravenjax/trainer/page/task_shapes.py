@@ -11,7 +11,7 @@ GLOW = (255, 214, 50)
 DIM = 0.55  # size of what is not the goal
 
 
-class Task:
+class TaskShapes:
     """Nodes of one task, from its geometry: world, m.
 
     {"targets": [{"number", "at", "radius_m", "colour"}], "pegs": [{"number", "top", "height_m", "radius_m", "colour"}],

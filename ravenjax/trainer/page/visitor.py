@@ -22,10 +22,10 @@ async def _look(url: str) -> None:
     import viser  # seconds; its version is what its websocket asks for
     from websockets import Subprotocol
 
-    asked = urlsplit(url)
-    base = f"ws://{asked.netloc}"
+    address = urlsplit(url)
+    base = f"ws://{address.netloc}"
     await asyncio.gather(
-        _take(f"{base}/session?{asked.query}&window={WINDOW}", None),
+        _take(f"{base}/session?{address.query}&window={WINDOW}", None),
         _take(f"{base}/scene/{WINDOW}", [Subprotocol(f"viser-v{viser.__version__}")]),
     )
 

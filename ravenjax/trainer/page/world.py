@@ -31,7 +31,7 @@ SHADOW = 0.3  # how dark
 _STILL_M, _STILL = 2e-6, 2e-5  # m and 1: what nobody sees is not sent
 
 
-class Figure:
+class RobotFigure:
     """All moving links of the session's arms in one look; follows joint positions."""
 
     def __init__(self, server: viser.ViserServer, layer: str, model: mujoco.MjModel, arms: tuple[ArmName, ...]) -> None:
@@ -103,12 +103,12 @@ class World:
         self._frames = {arm: _frame0(model, arm) for arm in arms}
         with server.atomic():
             _surroundings(server, model)
-            self._robot = Figure(server, "robot", model, ARMS)
-            self._virtual = Figure(server, "virtual", model, arms)
-            self._ghosts = {} if blinded else {arm: Figure(server, "ghost", model, (arm,)) for arm in arms}
+            self._robot = RobotFigure(server, "robot", model, ARMS)
+            self._virtual = RobotFigure(server, "virtual", model, arms)
+            self._ghosts = {} if blinded else {arm: RobotFigure(server, "ghost", model, (arm,)) for arm in arms}
             self._trails = Trails(server, arms, blinded)
             self._arrows = {} if blinded else {arm: _arrow(server, arm) for arm in arms}
-            self._task = task_shapes.Task(server, task or {})
+            self._task = task_shapes.TaskShapes(server, task or {})
         for figure in (self._virtual, *self._ghosts.values()):
             figure.visible = False
 
@@ -185,8 +185,8 @@ def _arrow(server: viser.ViserServer, arm: ArmName) -> Any:
 
 
 def _point(arrow: Any, tip: np.ndarray, along: np.ndarray) -> None:
-    shown = bool(np.abs(along).max() > 1e-6)
-    if shown:
+    visible = bool(np.abs(along).max() > 1e-6)
+    if visible:
         arrow.points = np.array([[tip, tip + along]], np.float32)
-    if arrow.visible != shown:
-        arrow.visible = shown
+    if arrow.visible != visible:
+        arrow.visible = visible

@@ -92,7 +92,7 @@ VIEWS = ("real", "virtual", "replay")
 
 
 @dataclasses.dataclass(frozen=True)
-class Layout:
+class FrameLayout:
     """Where each channel stands in a row."""
 
     arms: tuple[ArmName, ...]
@@ -100,7 +100,7 @@ class Layout:
     size: int
 
     @staticmethod
-    def of(arms: Sequence[ArmName]) -> Layout:
+    def of(arms: Sequence[ArmName]) -> FrameLayout:
         """The layout of a session with these arms: the tick's channels first, the session's after them."""
         places: dict[str, slice] = {}
         at = 0
@@ -109,7 +109,7 @@ class Layout:
             for name, size in named.items():
                 places[name] = slice(at, at + size)
                 at += size
-        return Layout(tuple(arms), places, at)
+        return FrameLayout(tuple(arms), places, at)
 
     @property
     def simulated(self) -> int:
@@ -134,7 +134,7 @@ class Frame:
 
     __slots__ = ("layout", "numbers", "row")
 
-    def __init__(self, layout: Layout, row: np.ndarray | None = None) -> None:
+    def __init__(self, layout: FrameLayout, row: np.ndarray | None = None) -> None:
         """row: float32 [layout.size]; zeros if left out."""
         self.layout = layout
         self.row = np.zeros(layout.size, np.float32) if row is None else row

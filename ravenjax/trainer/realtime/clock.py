@@ -37,7 +37,7 @@ BINS = 20_000
 
 
 @dataclasses.dataclass
-class Timing:
+class LoopTiming:
     """Histograms of a loop, in microseconds: what ticks took until frame and force were out, what they took with all
     that follows, how late they began."""
 
@@ -64,7 +64,7 @@ class Clock:
     """Says when the next tick begins: `wait()`, the tick, `done()`; what can follow, `rest()`."""
 
     def __init__(self) -> None:
-        self.timing = Timing()
+        self.timing = LoopTiming()
         self.compute_us = self.lateness_us = 0.0
         self._began = time.monotonic_ns()
         self._due = self._began // PERIOD_NS * PERIOD_NS + PHASE_NS

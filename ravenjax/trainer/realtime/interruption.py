@@ -10,16 +10,16 @@ from collections.abc import Iterator
 @contextlib.contextmanager
 def until_interrupted() -> Iterator[list[int]]:
     """A list that each signal is appended to; the third raises KeyboardInterrupt. Main thread only."""
-    seen: list[int] = []
+    signals: list[int] = []
 
     def note(number: int, _: object) -> None:
-        seen.append(number)
-        if len(seen) > 2:
+        signals.append(number)
+        if len(signals) > 2:
             raise KeyboardInterrupt
 
     before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield seen
+        yield signals
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ravenjax.trainer.protocol.frame import Frame
 from ravenjax.trainer.realtime import clock
-from ravenjax.trainer.realtime.clock import Clock, Timing
+from ravenjax.trainer.realtime.clock import Clock, LoopTiming
 from ravenjax.trainer.realtime.ring import Ring, put_json, read_json
 from ravenjax.trainer.session.advance import PAUSED, Session
 
@@ -26,7 +26,7 @@ class Console(Protocol):
     def tell(self, frame: Frame) -> None: ...
 
 
-class Inbox:
+class PageCommands:
     """Commands that the page puts into its ring."""
 
     def __init__(self, ring: Ring) -> None:
@@ -54,14 +54,14 @@ def run(
     consoles: list[Console],
     stopped: Callable[[], bool] = lambda: False,
     trouble: Callable[[], str | None] = lambda: None,
-) -> Timing:
+) -> LoopTiming:
     """Run `session` in real time until it is over, or `stopped` says so.
 
     trouble: asked once a second for what goes wrong elsewhere; its first answer is told.
     """
     understudy = _Understudy(session)
     frame, places = session.frame, session.layout.places
-    row, kept = frame.row.view(np.uint8), slice(places["compute_us"].start, places["late_ticks"].stop)
+    row, timing = frame.row.view(np.uint8), slice(places["compute_us"].start, places["late_ticks"].stop)
     reported = left = ticks = 0
     troubled = None
     with clock.no_collection():
@@ -71,21 +71,21 @@ def run(
             commands = [command for console in consoles for command in console.poll()]
             if not session.over and stopped():
                 commands.append({"type": "instructor", "do": "end"})
-            frame.row[kept] = paced.compute_us, paced.lateness_us, paced.timing.late
+            frame.row[timing] = paced.compute_us, paced.lateness_us, paced.timing.late
             session.move(commands)
             frames.put(row)
             for console in consoles:
                 console.tell(frame)
             paced.done()
-            told = session.conclude()
+            notes = session.conclude()
             understudy.hear(commands)
             if paced.timing.late > reported and session.ticks % 100 == 0:
                 reported = paced.timing.late
-                told.append({"tick": session.ticks, "kind": "overrun", "late_ticks": reported})
+                notes.append({"tick": session.ticks, "kind": "overrun", "late_ticks": reported})
             ticks += 1
             if troubled is None and ticks % 1000 == 0 and (troubled := trouble()):
-                told.append({"tick": session.ticks, "kind": "trouble", "text": troubled})
-            for event in told:  # for log and page, which look every few ms
+                notes.append({"tick": session.ticks, "kind": "trouble", "text": troubled})
+            for event in notes:  # for log and page, which look every few ms
                 put_json(events, event)
             left += session.over
             paced.rest()
@@ -101,7 +101,7 @@ class _Understudy:
 
     def __init__(self, session: Session) -> None:
         self._seen = session
-        self._session = Session(session.scenario, session.seed, made=session.blueprint)
+        self._session = Session(session.scenario, session.seed, ready=session.blueprint)
         self._commands: list[dict[str, Any]] = []
 
     def hear(self, commands: list[dict[str, Any]]) -> None:

@@ -12,14 +12,14 @@ from ravenjax.errors import StoreError
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.store.logs import recover
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.trainer.protocol.frame import Layout
+from ravenjax.trainer.protocol.frame import FrameLayout
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
     """What a session wrote."""
 
-    layout: Layout
+    layout: FrameLayout
     numbers: np.ndarray  # int64 [T], number of each row: gaps where rows were lost
     rows: np.ndarray  # float32 [T, layout.size]; NaN in channels that the recording does not have
     events: list[dict[str, Any]]
@@ -45,13 +45,13 @@ def read(path: Path) -> Recording:
     """A recording, whole or cut short: a file, or the folder of a session. StoreError where there is none."""
     path = Path(path)
     if path.is_dir():
-        found = find(path)
-        if found is None:
+        file = find(path)
+        if file is None:
             raise StoreError(f"{path}: holds no {session_log.FILE}; give the folder of a session that was recorded")
-        path = found
+        path = file
     log = session_log.read(path)
     arms: tuple[ArmName, ...] = ("gold", "green")
-    layout = Layout.of([arm for arm in arms if f"{arm}/jpos/0" in log.names])
+    layout = FrameLayout.of([arm for arm in arms if f"{arm}/jpos/0" in log.names])
     names = layout.names()
     if names == log.names:
         rows = log.rows

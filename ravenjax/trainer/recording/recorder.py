@@ -32,17 +32,17 @@ LINGER_S = 0.5
 
 
 @dataclass(frozen=True)
-class Options:
+class RecorderOptions:
     """What the recorder needs; goes to it by pickling."""
 
     frames: str  # name of the ring of rows
     events: str  # name of the ring of events
-    names: tuple[str, ...]  # of a row's numbers, `frame.Layout.names()`
+    names: tuple[str, ...]  # of a row's numbers, `frame.FrameLayout.names()`
     folder: Path
     header: Mapping[str, Any]  # session.json without "version", "started", "ended"
 
 
-def run(options: Options) -> None:
+def run(options: RecorderOptions) -> None:
     """Record until the session ends. The target of a spawned process; session.mcap is there once it listens.
 
     Raises StoreError where the folder cannot be written, ValueError where the ring's rows have another length.
@@ -51,14 +51,14 @@ def run(options: Options) -> None:
     header = {"started": now(), **options.header, "ended": None}
     description.write(options.folder, header)
     with contextlib.ExitStack() as stack:
-        frames, told = Ring.attach(options.frames), Ring.attach(options.events)
+        frames, events = Ring.attach(options.frames), Ring.attach(options.events)
         stack.callback(frames.close)
-        stack.callback(told.close)
+        stack.callback(events.close)
         if frames.row_bytes != 4 * len(options.names):
             raise ValueError(f"rows have {frames.row_bytes} bytes, expected {4 * len(options.names)} for their names")
-        log = session_log.Writer(options.folder / session_log.FILE, options.names, header)
+        log = session_log.SessionWriter(options.folder / session_log.FILE, options.names, header)
         stack.callback(log.close)
-        tally = _record(frames, told, log, list(options.names), stop)
+        tally = _record(frames, events, log, list(options.names), stop)
     description.update(options.folder, {"ended": now(), "summary": {"recording": tally.summary()}})
 
 
@@ -67,24 +67,24 @@ def now() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
-def _record(frames: Ring, told: Ring, log: session_log.Writer, names: list[str], stop: _Stop) -> _Tally:
+def _record(frames: Ring, events: Ring, log: session_log.SessionWriter, names: list[str], stop: _Stop) -> _Tally:
     tally = _Tally(names)
     row = event = 0
     while True:
         leaving = stop.now()  # asked before the look, so that what came before it is taken
-        first_event, rows_of_events = told.read(event)
+        first_event, rows_of_events = events.read(event)
         first, raw = frames.read(row, BLOCK)
-        found = list(read_json(rows_of_events))
+        batch = list(read_json(rows_of_events))
         if lost := first - row:
-            found.append({"kind": "lost_rows", "tick": row, "rows": lost})
+            batch.append({"kind": "lost_rows", "tick": row, "rows": lost})
         if lost_events := first_event - event:
-            found.append({"kind": "lost_events", "tick": row, "events": lost_events})
+            batch.append({"kind": "lost_events", "tick": row, "events": lost_events})
         row, event = first + len(raw), first_event + len(rows_of_events)
-        if len(raw) or found:
+        if len(raw) or batch:
             rows = raw.view(np.float32)
-            log.add(first, rows, found)
-            tally.add(rows, lost, len(found))
-        if any(one["kind"] == "end" for one in found):
+            log.add(first, rows, batch)
+            tally.add(rows, lost, len(batch))
+        if any(one["kind"] == "end" for one in batch):
             stop.after(LINGER_S)
         behind = frames.written - row
         if leaving and not behind:

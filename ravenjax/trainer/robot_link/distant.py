@@ -51,7 +51,7 @@ class _Reported(NamedTuple):
 
 
 class DistantRobot:
-    """As `simulation.Robot`, for a session; the robot itself is at the other end of `remote`."""
+    """As `simulation.SimulatedRobot`, for a session; the robot itself is at the other end of `remote`."""
 
     def __init__(self, blueprint: Blueprint, remote: RemoteRobot) -> None:
         self.blueprint, self.remote = blueprint, remote
@@ -182,35 +182,35 @@ def _resting(blueprint: Blueprint) -> _Reported:
 def _half(blueprint: Blueprint) -> StepCode:
     """The compiled half; what the robot reported last enters a tick."""
     setup, params = blueprint.setup, blueprint.plan.program.params
-    watched = observers.Params(params.nominal, params.haptics, params.monitor)
+    watched = observers.ObserverParams(params.nominal, params.haptics, params.monitor)
     unwritten = per_arm(setup, lambda i, arm: Vec.full(7, np.int32(0)))
 
-    def begin(inputs: Any) -> observers.State:
+    def begin(inputs: Any) -> observers.ObserverState:
         start = real(setup, params.start)
         tips = per_arm(setup, lambda i, arm: kinematics.forward(arm, start[i]).position)
         return observers.init(setup, watched, start, tips)
 
     def step(
-        inputs: Any, state: observers.State, now: Scalar, entering: _Reported, motion: Any
-    ) -> tuple[observers.State, list[Scalar]]:
+        inputs: Any, state: observers.ObserverState, now: Scalar, entering: _Reported, motion: Any
+    ) -> tuple[observers.ObserverState, list[Scalar]]:
         packet = connections.packet(setup, params.operator, None, motion, None, None, now)
-        robot = observers.Robot(*entering, unwritten)
-        after, seen = observers.observe(setup, watched, state, packet, jnp.bool_(True), robot, None, now)
+        robot = observers.RobotView(*entering, unwritten)
+        after, view = observers.observe(setup, watched, state, packet, jnp.bool_(True), robot, None, now)
         out: list[Scalar] = []
-        for i, (model, cue) in enumerate(zip(seen.models, seen.cues, strict=True)):
+        for i, (model, cue) in enumerate(zip(view.models, view.cues, strict=True)):
             distance = cue.distance * 1e3
-            out += [*model.jpos, *seen.tips[i], *model.tip_position, distance]
-            out += [*(x * cue.force[0] for x in cue.direction), seen.depth[i] * 1e3]
+            out += [*model.jpos, *view.tips[i], *model.tip_position, distance]
+            out += [*(x * cue.force[0] for x in cue.direction), view.depth[i] * 1e3]
             still = Vec.full(3, 0.0)
             off = monitor.distances(params.monitor, after.monitor.arms[i], model.tip_position, still, still)
-            unintended, unintended_off, loss, _ = hazard_distances(seen.live, off)
+            unintended, unintended_off, loss, _ = hazard_distances(view.live, off)
             out += [unintended, unintended_off, loss, jnp.nan, distance]
         out += [after.monitor.halted, packet.surgeon_mode]
         for i in range(len(setup.arms)):
             out += [*packet.delta[i], *packet.quat[i], packet.grasp[i]]
         return after, [jnp.float32(x) for x in out]
 
-    def finish(inputs: Any, state: observers.State) -> dict[str, Scalar]:
+    def finish(inputs: Any, state: observers.ObserverState) -> dict[str, Scalar]:
         return {"cue0_first_ms": state.haptics[0].cues[0].first_tick}
 
     tables = blueprint.code.tables[:1] * len(blueprint.plan.columns)

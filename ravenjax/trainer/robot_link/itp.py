@@ -29,7 +29,7 @@ from ravenjax.robots.raven2.console.packet import UDP_PORT, V_STRUCT
 from ravenjax.robots.raven2.geometry.mapping import position_to_itp
 from ravenjax.trainer.protocol.messages import STALE_MS
 from ravenjax.trainer.robot_link.increments import Increments, merge
-from ravenjax.trainer.robot_link.packet_filter import DEFAULT, SIZE, Gate, Limits
+from ravenjax.trainer.robot_link.packet_filter import DEFAULT, SIZE, Gate, PacketLimits
 
 LOOPBACK = "127.0.0.1"
 PER_TICK = 8
@@ -68,7 +68,7 @@ class ItpServer:
         arms: Sequence[ArmName],
         host: str = LOOPBACK,
         port: int = UDP_PORT,
-        limits: Limits = DEFAULT,
+        limits: PacketLimits = DEFAULT,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         """port 0: any free one. UserError where the address cannot be had."""
@@ -90,7 +90,7 @@ class ItpServer:
     def receive(self) -> Increments | None:
         """What the console asks for since the last call, as one; None: nothing was accepted."""
         now_ms = self._clock() * 1e-6
-        taken: list[Increments] = []
+        increments: list[Increments] = []
         for _ in range(PER_TICK):
             try:
                 datagram, source = self._socket.recvfrom(SIZE + 1)  # one byte more tells a longer one
@@ -100,18 +100,18 @@ class ItpServer:
                 continue
             admitted = self.gate.admit(datagram, source, now_ms)
             if admitted is not None:
-                taken.append(admitted)
-                if len(taken) == TAKEN_PER_TICK:
+                increments.append(admitted)
+                if len(increments) == TAKEN_PER_TICK:
                     break
-        asked = merge(taken)
-        if asked is not None:
-            self._last, self._taken_ms = asked, now_ms
-        return asked
+        total = merge(increments)
+        if total is not None:
+            self._last, self._taken_ms = total, now_ms
+        return total
 
     def poll(self) -> list[dict[str, Any]]:
         """The same as commands of `messages`: one "increments", or none."""
-        asked = self.receive()
-        return [] if asked is None else [asked.message(self.arms)]
+        increments = self.receive()
+        return [] if increments is None else [increments.message(self.arms)]
 
     @property
     def alive(self) -> bool:
@@ -121,8 +121,8 @@ class ItpServer:
     def send_force(self, forces: Mapping[str, Sequence[float]], runlevel: int = 0, soft_estopped: bool = False) -> bool:
         """Send the force of each arm (3, device units, frame 0 of the arm) to the console, at most once a tick.
 
-        A console that is stale gets zero force and pedal up, until `Limits.release_ms`, when it counts as gone. Returns
-        whether a packet went out.
+        A console that is stale gets zero force and pedal up, until `PacketLimits.release_ms`, when it counts as gone.
+        Returns whether a packet went out.
         """
         now_ms = self._clock() * 1e-6
         peer = self.gate.peer(now_ms)
@@ -174,18 +174,18 @@ class ItpServer:
 
 
 def _bound(host: str, port: int) -> socket.socket:
-    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    endpoint = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
-        made.setblocking(False)
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
-        made.bind((host, port))
+        endpoint.setblocking(False)
+        endpoint.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+        endpoint.bind((host, port))
     except (OSError, OverflowError) as error:
-        made.close()
+        endpoint.close()
         raise UserError(
             f"UDP {host}:{port} cannot be opened for consoles ({error}); another session may hold it. "
             "Give another port, or 0 for any free one"
         ) from None
-    return made
+    return endpoint
 
 
 def _whole(value: float) -> int:

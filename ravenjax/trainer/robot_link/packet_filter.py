@@ -3,17 +3,17 @@
 In this order, and each refusal is counted under its cause:
 
 1. size: shorter than 124 bytes is dropped, longer is cut, as the robot does (raven2: network_layer.cpp);
-2. one console at a time: whose stream is followed, until it has been silent for `Limits.release_ms`;
-3. content: pedal 0 or 1, quaternions finite and of about unit length, increments within `Limits`. The robot itself
-   checks none of that. What is refused so far is as if it had never arrived;
+2. one console at a time: whose stream is followed, until it has been silent for `PacketLimits.release_ms`;
+3. content: pedal 0 or 1, quaternions finite and of about unit length, increments within `PacketLimits`. The robot
+   itself checks none of that. What is refused so far is as if it had never arrived;
 4. sequence: the robot's own rules (`raven2.stages.network`): the number after the last is taken, a gap loses the
    packet after it too, 0 and repeated numbers are dropped, and a stream begins at 1, or loses its first packet. But
    stricter, for the robot would follow a replayed stream: going back means a restart only at number 1, only from a
-   console that has been quiet for `Limits.quiet_ms`, and the packet that restarts is lost; a leap further than
-   `Limits.gap` ahead is dropped. After `release_ms` of silence any stream may begin.
+   console that has been quiet for `PacketLimits.quiet_ms`, and the packet that restarts is lost; a leap further than
+   `PacketLimits.gap` ahead is dropped. After `release_ms` of silence any stream may begin.
 
 No protocol without a secret can tell a recorded stream from a console that starts: bind loopback or name the console's
-address (`Limits.console`) where others share the network.
+address (`PacketLimits.console`) where others share the network.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ CAUSES = (
 
 
 @dataclasses.dataclass(frozen=True)
-class Limits:
+class PacketLimits:
     """Bounds of one packet and of the stream. The robot has none of the first three."""
 
     step_um: float = 1000.0  # displacement; recorded teleoperation stays below 232 um per ms
@@ -67,13 +67,13 @@ class Limits:
     console: str | None = None  # the only host that may send; None: any
 
 
-DEFAULT = Limits()
+DEFAULT = PacketLimits()
 
 
 class Gate:
     """Judges datagrams one by one; no sockets, no clock."""
 
-    def __init__(self, arms: Sequence[ArmName], limits: Limits = DEFAULT) -> None:
+    def __init__(self, arms: Sequence[ArmName], limits: PacketLimits = DEFAULT) -> None:
         """arms: those whose fields are read; an arm that is not there may have any."""
         self.limits = limits
         self.counts: dict[str, int] = dict.fromkeys(CAUSES, 0)

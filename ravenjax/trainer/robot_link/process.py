@@ -20,11 +20,11 @@ from typing import Any
 from ravenjax.errors import UserError, shown
 from ravenjax.robots.raven2.console.packet import UDP_PORT
 from ravenjax.trainer import scenario
-from ravenjax.trainer.realtime.clock import Clock, Timing, no_collection, realtime
+from ravenjax.trainer.realtime.clock import Clock, LoopTiming, no_collection, realtime
 from ravenjax.trainer.realtime.interruption import until_interrupted
 from ravenjax.trainer.robot_link.itp import LOOPBACK, ItpServer
 from ravenjax.trainer.robot_link.joints.stream import JOINT_PORT, JointServer
-from ravenjax.trainer.robot_link.packet_filter import Limits
+from ravenjax.trainer.robot_link.packet_filter import PacketLimits
 from ravenjax.trainer.robot_link.station import Station
 from ravenjax.trainer.scenario import Armable, Scenario
 from ravenjax.trainer.session.simulation import PacketRobot
@@ -34,7 +34,7 @@ from ravenjax.trainer.session.simulation import PacketRobot
 class Counters:
     """What a process did."""
 
-    timing: Timing
+    timing: LoopTiming
     itp: dict[str, int]
     joints: dict[str, int]
 
@@ -66,12 +66,12 @@ class Strike:
         """NUMBER@MS. UserError."""
         number, _, at = text.partition("@")
         try:
-            made = Strike(int(number), int(at))
+            strike = Strike(int(number), int(at))
         except ValueError:
-            made = Strike(-1, -1)
-        if made.number < 0 or made.at_ms < 0:
+            strike = Strike(-1, -1)
+        if strike.number < 0 or strike.at_ms < 0:
             raise UserError(f"hazard is {shown(text)}, expected NUMBER@MS, such as 0@5000: hazard 0 after 5 s")
-        return made
+        return strike
 
 
 def run(
@@ -93,23 +93,23 @@ def run(
     token: what orders from other machines must carry; None: they are refused. console: the only host that may drive.
     UserError where a port cannot be had or a hazard is not there.
     """
-    drawn = chosen.seed if seed is None else seed
-    robot = PacketRobot(scenario.campaign(chosen, drawn))
+    number = chosen.seed if seed is None else seed
+    robot = PacketRobot(scenario.campaign(chosen, number))
     table = robot.blueprint.plan.table
     armables = scenario.armable(chosen, table)
     for strike in hazards:
         if strike.number >= len(armables):
-            known = f"it has 0..{len(armables) - 1}" if armables else "it has none"
-            raise UserError(f"hazard {strike.number} is not in scenario {chosen.name!r}: {known}")
+            choice = f"it has 0..{len(armables) - 1}" if armables else "it has none"
+            raise UserError(f"hazard {strike.number} is not in scenario {chosen.name!r}: {choice}")
     greeting = {
         "robot": "ravenjax",
         "arms": list(robot.arms),
         "scenario": chosen.name,
-        "seed": drawn,
+        "seed": number,
         "hazards": digest(armables),
     }
     with contextlib.ExitStack() as stack:
-        itp = ItpServer(robot.arms, host, itp_port, Limits(console=console))
+        itp = ItpServer(robot.arms, host, itp_port, PacketLimits(console=console))
         stack.callback(itp.close)
         joints = JointServer(greeting, host, joint_port, token)
         stack.callback(joints.close)
@@ -137,7 +137,7 @@ def serve(
     orders: Sequence[tuple[int, dict[str, Any]]] = (),
     seconds: float | None = None,
     stopped: Callable[[], bool] = lambda: False,
-) -> Timing:
+) -> LoopTiming:
     """Tick `station` against the clock. orders: (tick, order), in the order of their ticks."""
     waiting = list(orders)
     end = float("inf") if seconds is None else seconds * 1000.0

@@ -84,14 +84,14 @@ class RemoteRobot:
         if content.get("order") == "reset" and self._stream is not None:
             self._resets += 1
             self.report = None
-        asked = content if self._token is None else content | {"token": self._token}
-        self._orders += json.dumps(asked, separators=(",", ":")).encode() + b"\n"
+        request = content if self._token is None else content | {"token": self._token}
+        self._orders += json.dumps(request, separators=(",", ":")).encode() + b"\n"
         self._write_orders()
 
     def answers(self) -> list[dict[str, Any]]:
         """What the robot answered to orders since the last call: {"answer": order, "ok": ..., "error": ...}."""
-        found, self._answers = self._answers, []
-        return found
+        answers, self._answers = self._answers, []
+        return answers
 
     @property
     def age_ms(self) -> float:
@@ -123,12 +123,12 @@ class RemoteRobot:
         except OSError:
             content = b""
         self.lost = not content
-        for told in self._decoder.feed(content):
-            if not isinstance(told, JointReport):
-                self._answers.append(told)
-                self._resets -= told.get("answer") == "reset"
+        for record in self._decoder.feed(content):
+            if not isinstance(record, JointReport):
+                self._answers.append(record)
+                self._resets -= record.get("answer") == "reset"
             elif not self._resets:
-                self.report, self._arrived_ms = told, self._clock() * 1e-6
+                self.report, self._arrived_ms = record, self._clock() * 1e-6
                 self.reports += 1
 
     def _write_orders(self) -> None:
@@ -147,9 +147,9 @@ class RemoteRobot:
             self._read()
             time.sleep(0.005)
         answers = self.answers()
-        for told in answers:
-            if told.get("robot") == "ravenjax":
-                return told
+        for answer in answers:
+            if answer.get("robot") == "ravenjax":
+                return answer
         heard = "sent something else" if answers else "hung up" if self.lost else f"was silent for {PATIENCE_S:g} s"
         raise UserError(
             f"{host}:{port} takes connections but is no ravenjax robot, or a busy one (it {heard}): "
@@ -167,24 +167,24 @@ class RemoteRobot:
 
 
 def _console(host: str, port: int) -> socket.socket:
-    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    endpoint = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
-        made.connect((host, port))
+        endpoint.connect((host, port))
     except (OSError, OverflowError) as error:
-        made.close()
+        endpoint.close()
         raise UserError(f"no robot can be reached at {host}:{port} ({error}); expected a name or address") from None
-    made.setblocking(False)
-    return made
+    endpoint.setblocking(False)
+    return endpoint
 
 
 def _connected(host: str, port: int) -> socket.socket:
     try:
-        made = socket.create_connection((host, port), PATIENCE_S)
+        endpoint = socket.create_connection((host, port), PATIENCE_S)
     except (OSError, OverflowError) as error:
         raise UserError(
             f"no robot answers at {host}:{port} ({error}): start one there with `ravenjax robot`, and give the port of "
             "its joint stream"
         ) from None
-    made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    made.setblocking(False)
-    return made
+    endpoint.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    endpoint.setblocking(False)
+    return endpoint

@@ -15,13 +15,13 @@ from ravenjax.errors import UserError, shown
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.stages.teleoperation import NO_PACKET_SEQUENCE
-from ravenjax.trainer.protocol.frame import Frame, Layout
+from ravenjax.trainer.protocol.frame import Frame, FrameLayout
 from ravenjax.trainer.robot_link.itp import ItpServer
 from ravenjax.trainer.robot_link.joints.record import Reporter
-from ravenjax.trainer.robot_link.joints.stream import JointServer, Order
+from ravenjax.trainer.robot_link.joints.stream import JointServer, ListenerOrder
 
 
-class Machine(Protocol):
+class DrivenRobot(Protocol):
     """What is driven; as `simulation.PacketRobot`."""
 
     arms: tuple[ArmName, ...]
@@ -36,13 +36,13 @@ class Machine(Protocol):
 class Station:
     """One machine with its ports: `tick` once a millisecond, `obey` for what is asked of it."""
 
-    def __init__(self, machine: Machine, itp: ItpServer, joints: JointServer, hazards: int, estop_row: int) -> None:
+    def __init__(self, machine: DrivenRobot, itp: ItpServer, joints: JointServer, hazards: int, estop_row: int) -> None:
         """hazards: rows that may be armed, from 0. estop_row: the row of the E-stop button."""
         self.machine, self.itp, self.joints = machine, itp, joints
         self.armed: int | None = None
         self.ticks = 0
         self._hazards, self._estop_row = hazards, estop_row
-        self._reporter = Reporter(Layout.of(machine.arms))
+        self._reporter = Reporter(FrameLayout.of(machine.arms))
         self._number = 0  # of the robot's newest packet
         self._last_seq = NO_PACKET_SEQUENCE  # of the console's packet that the robot took last
 
@@ -50,14 +50,14 @@ class Station:
         """Orders, the console's increments, the robot's millisecond, and what it reports."""
         for order in self.joints.poll():
             self._answer(order)
-        asked = self.itp.receive()
+        increments = self.itp.receive()
         packet = None
-        if asked is not None:
+        if increments is not None:
             self._number += 1
-            packet = asked.packet(self._number)
+            packet = increments.packet(self._number)
         frame = self.machine.step(packet)
-        if asked is not None and frame.number("last_seq") == float(np.float32(self._number)):
-            self._last_seq = asked.sequence
+        if increments is not None and frame.number("last_seq") == float(np.float32(self._number)):
+            self._last_seq = increments.sequence
         self.joints.publish(self._reporter.encode(frame, self.ticks, self._last_seq))
         forces = {arm: frame[f"{arm}/force"].tolist() for arm in self.machine.arms}
         self.itp.send_force(forces, int(frame.number("runlevel")), bool(frame.number("soft_estopped")))
@@ -82,12 +82,14 @@ class Station:
 
     def _arm(self, number: Any) -> None:
         if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number < self._hazards:
-            known = f"a hazard's number 0..{self._hazards - 1}" if self._hazards else "no hazard: the scenario has none"
-            raise UserError(f"number is {shown(number)}, expected {known}")
+            expected = (
+                f"a hazard's number 0..{self._hazards - 1}" if self._hazards else "no hazard: the scenario has none"
+            )
+            raise UserError(f"number is {shown(number)}, expected {expected}")
         self.machine.arm(number)
         self.armed = number
 
-    def _answer(self, order: Order) -> None:
+    def _answer(self, order: ListenerOrder) -> None:
         try:
             self.obey(order.content)
         except UserError as error:

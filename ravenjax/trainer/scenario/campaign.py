@@ -54,7 +54,7 @@ def campaign(scenario: Scenario, seed: int) -> CampaignConfig:
     """The campaign of a session. Raises ValueError for what `complaints` tells of."""
     groups, _ = _groups(scenario, seed)
     table = design.expand(_config(scenario, seed, groups, _UNBOUNDED_S)) if groups else pd.DataFrame()
-    taken: dict[str, list[dict[str, Any]]] = {}
+    faults_of: dict[str, list[dict[str, Any]]] = {}
     for h, entry in enumerate(scenario.hazard):
         prefix = f"{scenario.entry_name(h)}/"
         for group in (group["name"] for group in groups if group["name"].startswith(prefix)):
@@ -62,8 +62,8 @@ def campaign(scenario: Scenario, seed: int) -> CampaignConfig:
             order = _rng(seed, group).permutation(len(rows))
             for k in range(entry.times):
                 row: _Row = table.iloc[int(rows[order[k % len(rows)]])].to_dict()
-                taken[group if entry.times == 1 else f"{group}#{k + 1}"] = _faults(row)
-    fixed: list[dict[str, Any]] = [{"name": name, "fault": faults} for name, faults in taken.items()]
+                faults_of[group if entry.times == 1 else f"{group}#{k + 1}"] = _faults(row)
+    fixed: list[dict[str, Any]] = [{"name": name, "fault": faults} for name, faults in faults_of.items()]
     button = {"site": "buttons", "channel": "estop", "effect": "overwrite", "value": 1, "start_ms": 0}
     return _config(scenario, seed, [*fixed, {"name": BUTTONS, "fault": [button]}], scenario.duration_s)
 
@@ -133,7 +133,7 @@ def _of_file(scenario: Scenario, key: tuple[str | int, ...], written: list[int])
 
 def _groups(scenario: Scenario, seed: int) -> tuple[list[dict[str, Any]], list[int]]:
     """The groups as a campaign file would have them, one a case, and the number of the entry that each is of."""
-    found: list[dict[str, Any]] = []
+    result: list[dict[str, Any]] = []
     written: list[int] = []
     for h, entry in enumerate(scenario.hazard):
         name = scenario.entry_name(h)
@@ -141,9 +141,9 @@ def _groups(scenario: Scenario, seed: int) -> tuple[list[dict[str, Any]], list[i
             groups = _of_library(entry, name, scenario, seed) if entry.hazards else [_of_faults(entry, name, scenario)]
         except expansion.WrongGroup as error:
             raise expansion.WrongGroup((h, *error.key), error.message) from None
-        found += groups
+        result += groups
         written += [h] * len(groups)
-    return found, written
+    return result, written
 
 
 def _of_library(entry: Entry, name: str, scenario: Scenario, seed: int) -> list[dict[str, Any]]:
@@ -227,8 +227,8 @@ def _faults(row: _Row) -> list[dict[str, Any]]:
 def _armable(entries: dict[str, Entry], number: int, row: _Row) -> Armable:
     group = str(row["group"])
     name, identity, case = hazard.named(group)
-    entry, known = entries[name], hazard.of_library(identity)
-    title = entry.title or (known.title if known is not None else name)
+    entry, library_hazard = entries[name], hazard.of_library(identity)
+    title = entry.title or (library_hazard.title if library_hazard is not None else name)
     slots = [s for s in range(8) if row.get(f"fault{s}_site", "")]
     ends = [_end_ms(row, s) for s in slots]
     duration = None if None in ends else max(end for end in ends if end is not None)
@@ -240,7 +240,7 @@ def _armable(entries: dict[str, Entry], number: int, row: _Row) -> Armable:
         run_id=f"{int(row['run_id']):016x}",
         row=number,
         arm=next((str(row[f"fault{s}_arm"]) for s in slots if row[f"fault{s}_arm"]), ""),
-        right_response=hazard.responses(entry, known),
+        right_response=hazard.responses(entry, library_hazard),
         within_s=entry.within_s,
         duration_ms=duration,
         lasts_ms=hazard.lasts_ms(entry, duration),

@@ -189,7 +189,7 @@ class Entry(Section):
         return self
 
 
-class Robot(Section):
+class RobotSection(Section):
     """[robot]: which robot; keys as in [campaign]."""
 
     tools: tuple[str, ...] | None = Field(default=None, description="one per arm; default: the software's own")
@@ -225,7 +225,7 @@ class Scenario(Section):
     parameters: dict[str, Number] = Field(
         default_factory=dict, description="path = value as in campaigns; of a list or distribution a session draws one"
     )
-    robot: Robot = Robot()
+    robot: RobotSection = RobotSection()
     _source: FilePath | None = PrivateAttr(None)
 
     @model_validator(mode="before")

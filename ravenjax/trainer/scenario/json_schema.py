@@ -11,8 +11,8 @@ from ravenjax.trainer.scenario.config import Scenario
 
 def schema() -> dict[str, Any]:
     """JSON Schema of a scenario file."""
-    found = json_schema.of_model(ROBOT, Scenario, "ravenjax scenario")
-    fault, entry = found["$defs"]["Fault"], found["$defs"]["Entry"]
+    whole = json_schema.of_model(ROBOT, Scenario, "ravenjax scenario")
+    fault, entry = whole["$defs"]["Fault"], whole["$defs"]["Entry"]
     fault["required"] = [key for key in fault["required"] if key != "start_ms"]  # a fault strikes when its hazard does
     entry["oneOf"] = [{"required": ["hazards"]}, {"required": ["fault"]}]
-    return found
+    return whole

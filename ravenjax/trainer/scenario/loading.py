@@ -28,9 +28,9 @@ def load(name: str | Path, overrides: Sequence[str] = ()) -> Scenario:
 
     `.toml` may be left out. Raises UserError.
     """
-    found = _found(name)
-    raw, text = location.read(found)
-    return from_dict(raw, source=found, text=text, overrides=overrides)
+    file = _found(name)
+    raw, text = location.read(file)
+    return from_dict(raw, source=file, text=text, overrides=overrides)
 
 
 def bundled() -> list[Path]:
@@ -55,8 +55,8 @@ def from_dict(
         raise where.error((_key(one["loc"], raw), _message(one)) for one in faults) from None
     except RecursionError:
         raise UserError("the scenario's tables are nested too deeply to be read") from None
-    if wrong := list(complaints(scenario)):
-        raise where.error(wrong)
+    if errors := list(complaints(scenario)):
+        raise where.error(errors)
     scenario._source = source
     return scenario
 
@@ -98,8 +98,8 @@ def _message(error: Any) -> str:
             suggestion(str(error["input"].get("kind")), TASKS) if kind == "union_tag_invalid" else ""
         )
     if kind == "extra_forbidden":
-        known = list(_model(loc[:-1]).model_fields)
-        return f"unknown key, expected one of {', '.join(known)}{suggestion(str(loc[-1]), known)}"
+        keys = list(_model(loc[:-1]).model_fields)
+        return f"unknown key, expected one of {', '.join(keys)}{suggestion(str(loc[-1]), keys)}"
     if kind == "missing":
         field = _model(loc[:-1]).model_fields.get(str(loc[-1]))
         return "missing" + (f": {field.description}" if field is not None and field.description else "")

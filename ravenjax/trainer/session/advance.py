@@ -21,13 +21,13 @@ from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.run_levels import E_STOP, PEDAL_DOWN
 from ravenjax.trainer import judge, scenario, tasks
-from ravenjax.trainer.protocol.frame import PHASES, VIEWS, Frame, Layout
+from ravenjax.trainer.protocol.frame import PHASES, VIEWS, Frame, FrameLayout
 from ravenjax.trainer.protocol.messages import INSTRUCTOR, OPERATOR
 from ravenjax.trainer.protocol.world import Point
 from ravenjax.trainer.scenario import Scenario
 from ravenjax.trainer.session import blueprint, director, hands
 from ravenjax.trainer.session.blueprint import Blueprint
-from ravenjax.trainer.session.simulation import Robot
+from ravenjax.trainer.session.simulation import SimulatedRobot
 
 Event = dict[str, Any]
 READY, RUNNING, PAUSED, STOPPED, OVER = range(len(PHASES))
@@ -41,7 +41,7 @@ OUTCOMES_EVERY = 10
 
 
 class Driven(Protocol):
-    """The robot of a session, here or elsewhere; as `simulation.Robot`."""
+    """The robot of a session, here or elsewhere; as `simulation.SimulatedRobot`."""
 
     motion: np.ndarray
     now: int
@@ -80,20 +80,20 @@ class Session:
         seed: int,
         *,
         cue: bool | None = None,
-        made: Blueprint | None = None,
-        robot: Callable[[Blueprint], Driven] = Robot,
+        ready: Blueprint | None = None,
+        robot: Callable[[Blueprint], Driven] = SimulatedRobot,
     ) -> None:
         """cue: whether the force is felt, the scenario's own if None. made: compiled before, for the same scenario and
         seed. robot: what makes the robot that is driven."""
         self.scenario, self.seed = chosen, seed
-        if made is None:
-            made = blueprint.make(scenario.campaign(chosen, seed), limit_mm=chosen.harm.stray_mm)
-        self.blueprint = made
-        self.layout: Layout = self.blueprint.layout
+        if ready is None:
+            ready = blueprint.make(scenario.campaign(chosen, seed), limit_mm=chosen.harm.stray_mm)
+        self.blueprint = ready
+        self.layout: FrameLayout = self.blueprint.layout
         self.arms = self.layout.arms
         self.hazards = scenario.armable(chosen, self.blueprint.plan.table)
         self.robot = robot(self.blueprint)
-        self.virtual = Robot(self.blueprint)
+        self.virtual = SimulatedRobot(self.blueprint)
         self.frame = Frame(self.layout)
         self.cue_on = chosen.cue.on if cue is None else cue
         self.estop_row = self.blueprint.plan.runs - 1
@@ -214,7 +214,7 @@ class Session:
 
     # --- the three robots ---
 
-    def _drive(self, hand: hands.Row) -> None:
+    def _drive(self, hand: hands.HandsRow) -> None:
         """Write this tick's rows of motion: who follows the hand depends on the view."""
         now = self.robot.now
         if self.view == VIRTUAL:
@@ -236,7 +236,7 @@ class Session:
     def _rehearse(self) -> None:
         """The robot rests, the virtual one takes over its place and the hand."""
         now = self.robot.now
-        if not isinstance(self.robot, Robot) or now == 0:
+        if not isinstance(self.robot, SimulatedRobot) or now == 0:
             return
         self.virtual.copy_from(self.robot)
         self._rest = self.robot.motion[:, now - 1].copy()
@@ -268,15 +268,15 @@ class Session:
 
     # --- what is shown and told ---
 
-    def _publish(self, hand: hands.Row | None = None) -> None:
+    def _publish(self, hand: hands.HandsRow | None = None) -> None:
         """Fill the frame; without a hand what the robot and the hand show stays."""
         row, task = self.frame.row, self.task
         if hand is not None:
             row[: self.robot.row.size] = self.robot.row
-            shown = self.virtual.row if self.view == VIRTUAL else self.robot.row
+            view_row = self.virtual.row if self.view == VIRTUAL else self.robot.row
             for i, places in enumerate(self._places):
                 row[places.hand] = hand.columns[8 * i : 8 * i + 8]
-                row[places.virtual_jpos], row[places.virtual_tip] = shown[places.link_jpos], shown[places.tip]
+                row[places.virtual_jpos], row[places.virtual_tip] = view_row[places.link_jpos], view_row[places.tip]
             self._pedal, self._alive = float(hand.columns[-1]), hand.alive
         row[self._common] = (
             *(self.ticks, self.phase, self.view, self._pedal, self._alive),
@@ -285,12 +285,12 @@ class Session:
 
     def _tell_changes(self) -> None:
         runlevel = int(self.frame.numbers[self._runlevel])
-        told = (PHASES[self.phase], VIEWS[self.view], self._alive, self._pedal != 0.0, runlevel)
-        if told != self._told:
-            for (kind, word), value, before in zip(_TOLD, told, self._told, strict=True):
+        state = (PHASES[self.phase], VIEWS[self.view], self._alive, self._pedal != 0.0, runlevel)
+        if state != self._told:
+            for (kind, word), value, before in zip(_TOLD, state, self._told, strict=True):
                 if value != before:
                     self._tell(kind, **{word: value})
-            self._told = told
+            self._told = state
 
     def _follow(self) -> None:
         """Task, judge and phase after the tick."""
@@ -338,8 +338,8 @@ class Session:
     def _tips(self) -> dict[ArmName, Point]:
         """Where the tips begin, m, frame 0."""
         starts = self.blueprint.plan.motion.start_jpos
-        found: dict[ArmName, Point] = {}
+        tips: dict[ArmName, Point] = {}
         for arm, jpos in zip(self.arms, starts, strict=True):
             x, y, z = (float(number) for number in kinematics.forward(arm, Vec(jpos)).position)
-            found[arm] = (x, y, z)
-        return found
+            tips[arm] = (x, y, z)
+        return tips

@@ -21,15 +21,15 @@ from ravenjax.campaign.plan import Plan
 from ravenjax.engines import traced
 from ravenjax.engines.cpu.stepper import StepCode
 from ravenjax.errors import UserError
-from ravenjax.faults.fault import Fault, Faults
+from ravenjax.faults.fault import Faults, FaultSlot
 from ravenjax.numbers.algebra import minus
 from ravenjax.numbers.vec import Scalar, Vec, as_int, replace
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.robots.raven2.console.packet import silence
 from ravenjax.robots.raven2.loop import connections, observers, tick
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import monitor
-from ravenjax.trainer.protocol.frame import Layout
+from ravenjax.trainer.protocol.frame import FrameLayout
 
 SPARE_MS = 60_000
 """Rows of the motion beyond the session's length, for ticks after its end and for packets sent again."""
@@ -40,14 +40,14 @@ class Blueprint:
     """A compiled session; robots are made from it."""
 
     plan: Plan
-    layout: Layout
+    layout: FrameLayout
     code: StepCode
     inputs: Any  # varied parameters and faults as the robot begins with: none
     fault_slots: int  # of a row; the buttons' slot comes after them
     packets: bool  # packets come from a console outside, not from the motion
 
     @property
-    def setup(self) -> Setup:
+    def setup(self) -> RavenSetup:
         """What picks code."""
         return self.plan.program.setup
 
@@ -68,19 +68,19 @@ def make(config: CampaignConfig, packets: bool = False, limit_mm: float = LIMIT_
     params = replace(params, monitor=replace(params.monitor, limit=limit_mm / 1e3))
     program = dataclasses.replace(ready.program, setup=setup, params=params)
     ready = dataclasses.replace(ready, program=program)
-    layout = Layout.of(setup.arms)
+    layout = FrameLayout.of(setup.arms)
     own = [values[-1] for values in ready.varied.values()]  # those of the last row, the button's: no hazard's
     inputs = own, Faults(tuple(_empty() for _ in range(slots + 1)))
     entering = [np.float32(0.0)] * tick.series_length(setup), np.bool_(False), silence(setup) if packets else None
     columns = len(ready.columns)
     length = 1 if packets else config.campaign.ticks + SPARE_MS
 
-    def begin(inputs: Any) -> tick.State:
+    def begin(inputs: Any) -> tick.TickState:
         return tick.init(setup, traced.params(program, inputs[0]))
 
     def step(
-        inputs: Any, state: tick.State, now: Scalar, entering: Any, motion: Any
-    ) -> tuple[tick.State, list[Scalar]]:
+        inputs: Any, state: tick.TickState, now: Scalar, entering: Any, motion: Any
+    ) -> tuple[tick.TickState, list[Scalar]]:
         series, apart, packet = entering
         signal = tick.Input(now, motion, tick.reference_from(setup, series), packet, apart)
         params = traced.params(program, inputs[0])
@@ -88,7 +88,7 @@ def make(config: CampaignConfig, packets: bool = False, limit_mm: float = LIMIT_
         frame = _frame(setup, params, now, new, signals, signal)
         return new, [jnp.float32(x) for x in (*frame, *tick.reference_series(setup, signals))]
 
-    def finish(inputs: Any, state: tick.State) -> dict[str, Scalar]:
+    def finish(inputs: Any, state: tick.TickState) -> dict[str, Scalar]:
         return tick.outcomes(setup, traced.params(program, inputs[0]), state)
 
     compile_cache.enable()
@@ -98,13 +98,18 @@ def make(config: CampaignConfig, packets: bool = False, limit_mm: float = LIMIT_
 
 
 def _frame(
-    setup: Setup, params: tick.Params, now: Scalar, state: tick.State, out: tick.Signals, signal: tick.Input
+    setup: RavenSetup,
+    params: tick.TickParams,
+    now: Scalar,
+    state: tick.TickState,
+    out: tick.TickSignals,
+    signal: tick.Input,
 ) -> list[Scalar]:
     """The numbers of `frame.SIMULATED`, then of `frame.SIMULATED_ARM` for each arm."""
-    struck = jnp.bool_(False)
+    active_fault = jnp.bool_(False)
     for active in out.fault_active:
-        struck = struck | active
-    software, seen = out.control, state.monitor
+        active_fault = active_fault | active
+    software, observer = out.control, state.monitor
     pulls = jnp.bool_(False)
     for cue in out.haptics:
         pulls = pulls | (cue.force[0] > 0.0)
@@ -114,8 +119,12 @@ def _frame(
     trips = jnp.int32(0)
     for one in tick.checks(state).values():
         trips = trips + one.count
-    numbers += [software.last_seq, as_int(struck), trips, out.tip_distance * 1e3]
-    numbers += [seen.halted, seen.halted, as_int(pulls)]  # `simulation` puts the golden run's in place of the last two
+    numbers += [software.last_seq, as_int(active_fault), trips, out.tip_distance * 1e3]
+    numbers += [
+        observer.halted,
+        observer.halted,
+        as_int(pulls),
+    ]  # `simulation` puts the golden run's in place of the last two
     positions = connections.measured(setup, software)
     golden = observers.reference(setup, observers.Golden(signal.reference, signal.apart), out.tip, positions)
     for i, measured in enumerate(software.arms):
@@ -124,7 +133,7 @@ def _frame(
         numbers += [*out.plant[i].jpos, *out.nominal[i].jpos]
         numbers += [*out.tip[i], *out.nominal[i].tip_position, *(jnp.float32(x) * 1e-6 for x in position)]
         numbers += [cue.distance * 1e3, *(x * cue.force[0] for x in cue.direction), *measured.current_cmd_written]
-        off = monitor.distances(params.monitor, seen.arms[i], out.nominal[i].tip_position, position, golden.pos[i])
+        off = monitor.distances(params.monitor, observer.arms[i], out.nominal[i].tip_position, position, golden.pos[i])
         numbers += [out.depth[i] * 1e3, *hazard_distances(live, off)]
         numbers += [_distance(Vec(jnp.float32(x) for x in position), golden.pos[i]) * 1e-3]
     return numbers
@@ -146,9 +155,9 @@ def _distance(a: Vec, b: Vec) -> Scalar:
     return jnp.sqrt(x * x + y * y + z * z)
 
 
-def _empty() -> Fault:
+def _empty() -> FaultSlot:
     zeros = {name: np.zeros((), dtype) for name, dtype in table.ARRAYS.items()}
-    return Fault(**(zeros | {"period": np.ones((), np.int32)}))
+    return FaultSlot(**(zeros | {"period": np.ones((), np.int32)}))
 
 
 OLDER_PACKETS: dict[str, Sequence[str]] = {"console": (), "hand": (), "network": ("lost",)}

@@ -1,6 +1,6 @@
 """What consoles say about hands and pedal, read from messages that may be anything: see `trainer.protocol.messages`.
 
-Every function raises `Refused` for what it cannot take.
+Every function raises `RefusedCommand` for what it cannot take.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ LEVEL = (0.0, 0.0, 0.0, 1.0)
 _NUMBER, _LIST = (int, float), (list, tuple)
 
 
-class Refused(Exception):
+class RefusedCommand(Exception):
     """What is wrong with a message, in words that do not depend on its numbers."""
 
 
@@ -36,33 +36,33 @@ class Increment(NamedTuple):
         qx, qy, qz, qw = _numbers(given, "quat", 4) if "quat" in given else LEVEL
         norm = math.sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
         if not 1e-6 < norm < 1e6:
-            raise Refused("quat is no rotation")
+            raise RefusedCommand("quat is no rotation")
         return Increment((x, y, z), (qx, qy, qz, qw), _number(given, "grasp_mrad"))
 
 
 def pedal(message: Mapping[str, Any]) -> bool:
     """Whether a message "input" or "increments" holds the pedal down."""
     if not isinstance(message, dict):
-        raise Refused("no table")
+        raise RefusedCommand("no table")
     if message.get("type") not in ("input", "increments"):
-        raise Refused("type is neither input nor increments")
+        raise RefusedCommand("type is neither input nor increments")
     down = message.get("pedal")
     if not isinstance(down, bool):
-        raise Refused("pedal is neither true nor false")
+        raise RefusedCommand("pedal is neither true nor false")
     return down
 
 
 def each_arm(message: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
     """The tables of the arms that a message names."""
-    given = message.get("arms", {})
-    if not isinstance(given, dict):
-        raise Refused("arms is no table of tables")
-    for arm, each in given.items():
+    tables = message.get("arms", {})
+    if not isinstance(tables, dict):
+        raise RefusedCommand("arms is no table of tables")
+    for arm, each in tables.items():
         if not isinstance(each, dict):
-            raise Refused("arms is no table of tables")
+            raise RefusedCommand("arms is no table of tables")
         if arm not in ARMS:
-            raise Refused("unknown arm")
-    return given
+            raise RefusedCommand("unknown arm")
+    return tables
 
 
 def speeds(given: Mapping[str, Any]) -> tuple[float, ...]:
@@ -80,17 +80,17 @@ def _at_most_one(v: Sequence[float]) -> Sequence[float]:
 def _numbers(given: Mapping[str, Any], name: str, count: int) -> Sequence[float]:
     values = given.get(name)
     if not isinstance(values, _LIST) or len(values) != count:
-        raise Refused(f"{name} is not {count} finite numbers")
+        raise RefusedCommand(f"{name} is not {count} finite numbers")
     for value in values:
         if not _is_number(value):
-            raise Refused(f"{name} is not {count} finite numbers")
+            raise RefusedCommand(f"{name} is not {count} finite numbers")
     return values
 
 
 def _number(given: Mapping[str, Any], name: str) -> float:
     value = given.get(name, 0.0)
     if not _is_number(value):
-        raise Refused(f"{name} is no finite number")
+        raise RefusedCommand(f"{name} is no finite number")
     return value
 
 

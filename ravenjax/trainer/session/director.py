@@ -94,16 +94,16 @@ class Director:
                 return (self._take_back(tick),)
             return ()
         self._stop = False
-        chosen = self._chosen(tick)
+        choice = self._chosen(tick)
         self.at_work = self._pending
-        if chosen < 0 or self._down < SETTLED_MS or tick < self._free_from:
+        if choice < 0 or self._down < SETTLED_MS or tick < self._free_from:
             return ()
-        if chosen == self._pending:
+        if choice == self._pending:
             self._pending = -1
         else:
             self.plan.pop(0)
-        self.at_work, self._ordered, self._since = chosen, True, tick
-        return (Order("arm", chosen),)
+        self.at_work, self._ordered, self._since = choice, True, tick
+        return (Order("arm", choice),)
 
     def reset(self, tick: int) -> None:
         """The robot was homed again and holds no fault any more; what is yet to come stays."""

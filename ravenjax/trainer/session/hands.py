@@ -23,7 +23,7 @@ from ravenjax.trainer.protocol.messages import STALE_MS
 from ravenjax.trainer.protocol.world import itp_from_view, turned
 from ravenjax.trainer.scenario import Speeds
 from ravenjax.trainer.session import console_message
-from ravenjax.trainer.session.console_message import LEVEL, STILL, Increment, Refused
+from ravenjax.trainer.session.console_message import LEVEL, STILL, Increment, RefusedCommand
 
 SMOOTHING_MS = 30.0
 """Time in which hands reach 90 % of a new speed: keys have no ramp of their own, and a hand cannot jump. Ours."""
@@ -39,7 +39,7 @@ FARTHEST_UM = 1_000_000.0
 """Scaled positions stay below it, where single precision still holds half a micrometre. No arm reaches 1 m."""
 
 
-class Row(NamedTuple):
+class HandsRow(NamedTuple):
     """The hands in one tick."""
 
     columns: np.ndarray  # float32, as a row of `Motion.table`; the same array in each tick
@@ -65,7 +65,7 @@ class Hands:
         try:
             pedal, meant = console_message.pedal(message), console_message.each_arm(message)
             if message.get("type") == "increments":
-                increments = {arm: Increment.read(given) for arm, given in meant.items() if arm in self._hands}
+                increments = {arm: Increment.read(entry) for arm, entry in meant.items() if arm in self._hands}
                 for arm, increment in increments.items():
                     self._hands[arm].require_room(increment)
                 for arm, hand in self._hands.items():
@@ -73,17 +73,17 @@ class Hands:
                     if arm in increments:
                         hand.add(increments[arm])
             else:
-                speeds = {arm: console_message.speeds(given) for arm, given in meant.items()}
+                speeds = {arm: console_message.speeds(entry) for arm, entry in meant.items()}
                 for arm, hand in self._hands.items():
                     hand.aim(speeds.get(arm, STILL))
-        except Refused as error:
+        except RefusedCommand as error:
             reason = str(error)
             self.refused[reason] = self.refused.get(reason, 0) + 1
             return False
         self._pedal, self._heard = pedal, tick
         return True
 
-    def advance(self, tick: int) -> Row:
+    def advance(self, tick: int) -> HandsRow:
         """The hands after one more millisecond; once a tick."""
         alive = self._heard >= 0 and tick - self._heard <= STALE_MS
         values: list[float] = []
@@ -95,7 +95,7 @@ class Hands:
             hand.fill(values, self._scale)
         values.append(1.0 if alive and self._pedal else 0.0)
         self._columns[:] = values
-        return Row(self._columns, alive)
+        return HandsRow(self._columns, alive)
 
     def place(self, columns: np.ndarray) -> None:
         """Put the hands, at rest, where a row of a motion has them: the next row is the same."""
@@ -181,9 +181,9 @@ class _Hand:
     def require_room(self, increment: Increment) -> None:
         """Refuse what would lead farther than the robot can be told."""
         if any(abs(x + d) > FARTHEST_UM for x, d in zip(self._x, increment.delta_um, strict=True)):
-            raise Refused("delta_um leads out of range")
+            raise RefusedCommand("delta_um leads out of range")
         if abs(self._grasped + increment.grasp_mrad) > FARTHEST_UM:
-            raise Refused("grasp_mrad leads out of range")
+            raise RefusedCommand("grasp_mrad leads out of range")
 
     def add(self, increment: Increment) -> None:
         """Move by what a console has told the robot."""

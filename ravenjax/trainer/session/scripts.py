@@ -29,7 +29,7 @@ REACTIONS = ("none", "release", "slow", "stop")
 _STOPPED = PHASES.index("stopped")
 
 
-class Operator(Protocol):
+class SessionOperator(Protocol):
     """Whoever operates."""
 
     def messages(self, tick: int, frame: Frame) -> list[Message]:
@@ -102,12 +102,12 @@ class Follower:
         due = []
         touch = bool(frame.number("cue_on") and frame.number("console_alive"))
         felt = touch and any(any(frame[f"{arm}/force"].tolist()) for arm in self.arms)
-        seen = any(frame.number(f"{arm}/error_mm") > self.sees_mm for arm in self.arms)
+        visible = any(frame.number(f"{arm}/error_mm") > self.sees_mm for arm in self.arms)
         if felt and not self._felt:
             due.append(tick + self.delay_ms)
-        if seen and not self._seen:
+        if visible and not self._seen:
             due.append(tick + self.sees_delay_ms)
-        self._felt, self._seen = felt, seen
+        self._felt, self._seen = felt, visible
         return min(due, default=-1)
 
     def _input(self, tick: int, frame: Frame) -> Message:
@@ -136,10 +136,10 @@ class Follower:
         """The robot does not follow: hands still, foot off once it is seen, and a restart once it is understood."""
         if self._restart_at < 0:
             self._restart_at = tick + self.rest_ms
-        seen = tick - (self._restart_at - self.rest_ms) >= self.sees_delay_ms
+        aware = tick - (self._restart_at - self.rest_ms) >= self.sees_delay_ms
         out: list[Message] = []
         if tick % INPUT_EVERY_MS == 0:
-            out.append({"type": "input", "source": "script", "pedal": not seen, "arms": {}})
+            out.append({"type": "input", "source": "script", "pedal": not aware, "arms": {}})
         if self.restarts and tick == self._restart_at:
             self.pedal_ms = tick + self.rest_ms // 2
             out.append({"type": "operator", "do": "restart"})
@@ -161,10 +161,10 @@ class Recorded:
         return out
 
 
-class Recording:
+class RecordingOperator:
     """Passes on what an operator says, and keeps it."""
 
-    def __init__(self, operator: Operator) -> None:
+    def __init__(self, operator: SessionOperator) -> None:
         self.operator = operator
         self.said: list[tuple[int, Message]] = []
 
@@ -186,7 +186,7 @@ def load(path: str | Path) -> Recorded:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise UserError(f"{path}: cannot be read: {error}. Expected JSON lines") from None
-    said = []
+    entries = []
     for number, line in enumerate(text.splitlines(), start=1):
         if not line.strip():
             continue
@@ -198,5 +198,5 @@ def load(path: str | Path) -> Recorded:
             good = False
         if not good:
             raise UserError(f'{path}:{number}: got {shown(line)}, expected {{"tick": ms, "message": {{..}}}}')
-        said.append((tick, message))
-    return Recorded(said)
+        entries.append((tick, message))
+    return Recorded(entries)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.engines.cpu.stepper import Stepper
-from ravenjax.faults.fault import Fault
+from ravenjax.faults.fault import FaultSlot
 from ravenjax.numbers.vec import replace
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.loop import tick
@@ -21,12 +21,12 @@ from ravenjax.trainer.session import blueprint
 from ravenjax.trainer.session.blueprint import Blueprint
 from ravenjax.vocabulary.effects import TRIGGER_CODES
 
-_FIELDS = tuple(field.name for field in dataclasses.fields(Fault))
+_FIELDS = tuple(field.name for field in dataclasses.fields(FaultSlot))
 HISTORY_MS = 2000
 """How far back a packet may be sent again: rows that a copied robot takes along."""
 
 
-class Robot:
+class SimulatedRobot:
     """One robot, its golden run beside it; `row` is what it shows after each `step`.
 
     As long as nothing is armed both are the same, and one is computed.
@@ -82,7 +82,7 @@ class Robot:
             robot.begin()
         self.now = 0
 
-    def copy_from(self, other: Robot) -> None:
+    def copy_from(self, other: SimulatedRobot) -> None:
         """Stand where another robot of the same blueprint stands, without its faults."""
         self.disarm()
         for mine, theirs in ((self._own, other._own), (self._twin, other._twin)):
@@ -166,10 +166,10 @@ class PacketRobot:
 
     def __init__(self, config: CampaignConfig) -> None:
         """UserError where a hazard of `config` strikes the console's side of the network."""
-        self._robot = Robot(blueprint.make(config, packets=True))
-        made = self.blueprint = self._robot.blueprint
-        self.arms = made.setup.arms
-        self.frame = Frame(made.layout)
+        self._robot = SimulatedRobot(blueprint.make(config, packets=True))
+        plans = self.blueprint = self._robot.blueprint
+        self.arms = plans.setup.arms
+        self.frame = Frame(plans.layout)
 
     def step(self, packet: Packet | None) -> Frame:
         """One tick with the packet that arrived, None: none did. The frame is the same object each time."""
@@ -186,21 +186,21 @@ class PacketRobot:
         return self.frame
 
     def arm(self, row: int) -> None:
-        """See `Robot.arm`."""
+        """See `SimulatedRobot.arm`."""
         self._robot.arm(row)
 
     def disarm(self) -> None:
-        """See `Robot.disarm`."""
+        """See `SimulatedRobot.disarm`."""
         self._robot.disarm()
 
     def press(self, row: int) -> None:
-        """See `Robot.press`."""
+        """See `SimulatedRobot.press`."""
         self._robot.press(row)
 
     def reset(self) -> None:
-        """See `Robot.reset`."""
+        """See `SimulatedRobot.reset`."""
         self._robot.reset()
 
     def outcomes(self) -> dict[str, Any]:
-        """See `Robot.outcomes`."""
+        """See `SimulatedRobot.outcomes`."""
         return self._robot.outcomes()

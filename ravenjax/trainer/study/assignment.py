@@ -28,8 +28,8 @@ def assign(participants: Sequence[str], groups: Sequence[str], seed: int, block:
     groups closer to balance when a study ends early. Raises UserError where names repeat or the block does not fit.
     """
     people, names = [str(one) for one in participants], [str(one) for one in groups]
-    for what, given in (("participants", people), ("groups", names)):
-        repeated = sorted({one for one in given if given.count(one) > 1})
+    for what, entries in (("participants", people), ("groups", names)):
+        repeated = sorted({one for one in entries if entries.count(one) > 1})
         if repeated:
             raise UserError(f"{what}: {', '.join(repeated)} given more than once; expected each name once")
     if len(names) < 2:

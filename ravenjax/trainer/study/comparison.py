@@ -13,36 +13,36 @@ from typing import NamedTuple
 import numpy as np
 
 from ravenjax.stats import multiplicity
-from ravenjax.stats.bootstrap.resample import Band
+from ravenjax.stats.bootstrap.resample import BootstrapBand
 from ravenjax.stats.comparison import clustered, effect_size
 from ravenjax.stats.intervals import Estimate, Rate, wilson
 from ravenjax.stats.latency import Incidence, LogRank, incidence, log_rank
-from ravenjax.trainer.recording.hazards.table import Hazard
-from ravenjax.trainer.study.table import Study
+from ravenjax.trainer.recording.hazards.table import HazardRow
+from ravenjax.trainer.study.table import TrainingStudy
 
 _NONE = Estimate(math.nan, math.nan, math.nan)
 
 
-class Outcome(NamedTuple):
+class ComparedOutcome(NamedTuple):
     """What is compared of each hazard."""
 
     key: str
     name: str
     unit: str
     better: int  # 1: more is better, -1: less
-    value: Callable[[Hazard], float | None]
+    value: Callable[[HazardRow], float | None]
 
 
-def _time(hazard: Hazard) -> float | None:
+def _time(hazard: HazardRow) -> float | None:
     """None where the right response was to carry on: there is none to wait for."""
     return None if hazard.right_response == "continue" else hazard.after.get("response", math.inf)
 
 
-RIGHT = Outcome("right", "right response", "", 1, lambda one: float(one.response_ok))
-TIME = Outcome("time", "time to a response", "ms", -1, _time)
+RIGHT = ComparedOutcome("right", "right response", "", 1, lambda one: float(one.response_ok))
+TIME = ComparedOutcome("time", "time to a response", "ms", -1, _time)
 SIZES = (
-    Outcome("unintended", "largest unintended motion", "mm", -1, lambda one: one.farthest_mm),
-    Outcome(
+    ComparedOutcome("unintended", "largest unintended motion", "mm", -1, lambda one: one.farthest_mm),
+    ComparedOutcome(
         "depth",
         "deepest in the tissue",
         "mm",
@@ -53,7 +53,7 @@ SIZES = (
 OUTCOMES = (RIGHT, TIME, *SIZES)
 
 
-class Group(NamedTuple):
+class ComparedGroup(NamedTuple):
     """One side of a comparison, of one outcome."""
 
     label: str
@@ -66,15 +66,15 @@ class Group(NamedTuple):
     points: list[float]  # participants' means
 
 
-class Comparison(NamedTuple):
+class GroupComparison(NamedTuple):
     """One outcome, `second` against the reference `first`: differences are second - first."""
 
-    outcome: Outcome
-    first: Group
-    second: Group
+    outcome: ComparedOutcome
+    first: ComparedGroup
+    second: ComparedGroup
     paired: bool
     difference: Estimate  # of rates (fraction), of means (unit)
-    median: Band | None  # difference of medians, participants resampled
+    median: BootstrapBand | None  # difference of medians, participants resampled
     g: Estimate  # standardised difference of participants' means
     delta: Estimate  # Cliff's, of participants' means
     icc: float  # likeness of hazards of one participant, NaN where each met one
@@ -85,43 +85,50 @@ class Comparison(NamedTuple):
     left_out: int  # participants whose conditions do not fit the design
 
 
-def compare(study: Study, confidence: float = 0.95, seed: int = 0) -> list[Comparison]:
+def compare(study: TrainingStudy, confidence: float = 0.95, seed: int = 0) -> list[GroupComparison]:
     """Every outcome, each group against the reference: the first of `study.labels`."""
     labels = list(study.labels.values())
     horizon = horizon_ms(study)
-    found = [
+    comparisons = [
         _compared(study, outcome, labels[0], label, horizon, confidence, seed)
         for label in labels[1:]
         for outcome in OUTCOMES
     ]
-    findings = multiplicity.holm({str(i): one.p for i, one in enumerate(found)}, confidence)
+    findings = multiplicity.holm({str(i): one.p for i, one in enumerate(comparisons)}, confidence)
     return [
-        one._replace(adjusted=findings[str(i)].adjusted, clear=findings[str(i)].rejected) for i, one in enumerate(found)
+        one._replace(adjusted=findings[str(i)].adjusted, clear=findings[str(i)].rejected)
+        for i, one in enumerate(comparisons)
     ]
 
 
-def horizon_ms(study: Study) -> float:
+def horizon_ms(study: TrainingStudy) -> float:
     """Until when every hazard was watched for a response, ms after its strike; later ones count as none.
 
     The shortest time for a response that a hazard of the scenario gives; the longest response seen where none tells.
     """
-    given = [
+    limits = [
         session.watched_ms[hazard.number] for session, _, hazard in study.rows() if hazard.number in session.watched_ms
     ]
-    seen = [hazard.after["response"] for _, _, hazard in study.rows() if "response" in hazard.after]
-    return min(given) if given else max(seen, default=1000.0)
+    responses = [hazard.after["response"] for _, _, hazard in study.rows() if "response" in hazard.after]
+    return min(limits) if limits else max(responses, default=1000.0)
 
 
 def _compared(
-    study: Study, outcome: Outcome, first: str, second: str, horizon: float, confidence: float, seed: int
-) -> Comparison:
+    study: TrainingStudy,
+    outcome: ComparedOutcome,
+    first: str,
+    second: str,
+    horizon: float,
+    confidence: float,
+    seed: int,
+) -> GroupComparison:
     sides = [_clusters(study, outcome, label, horizon) for label in (first, second)]
     both = sides[0].keys() & sides[1].keys()
     everyone = sides[0].keys() | sides[1].keys()
     is_paired = 2 * len(both) > len(everyone)
-    kept = [sorted(both)] * 2 if is_paired else [sorted(side.keys() - both) for side in sides]
-    left_out = len(everyone - set(kept[0]) - set(kept[1]))
-    one, two = ([side[name] for name in names] for side, names in zip(sides, kept, strict=True))
+    members = [sorted(both)] * 2 if is_paired else [sorted(side.keys() - both) for side in sides]
+    left_out = len(everyone - set(members[0]) - set(members[1]))
+    one, two = ([side[name] for name in names] for side, names in zip(sides, members, strict=True))
     means = [[np.minimum(cluster, horizon) if outcome is TIME else cluster for cluster in side] for side in (one, two)]
     if outcome is RIGHT:
         risk = clustered.paired_risk_difference if is_paired else clustered.risk_difference
@@ -132,7 +139,7 @@ def _compared(
     enough = min(map(len, points)) > 1
     standard = effect_size.paired_g if is_paired else effect_size.hedges_g
     dominance = effect_size.paired_dominance if is_paired else effect_size.cliffs_delta
-    return Comparison(
+    return GroupComparison(
         outcome,
         first=_group(first, one, outcome, horizon),
         second=_group(second, two, outcome, horizon),
@@ -150,7 +157,7 @@ def _compared(
     )
 
 
-def _clusters(study: Study, outcome: Outcome, label: str, horizon: float) -> dict[str, np.ndarray]:
+def _clusters(study: TrainingStudy, outcome: ComparedOutcome, label: str, horizon: float) -> dict[str, np.ndarray]:
     """Values of each participant's hazards; a response after the horizon counts as none (infinite)."""
     out: dict[str, list[float]] = {}
     for session, group, hazard in study.rows():
@@ -161,11 +168,11 @@ def _clusters(study: Study, outcome: Outcome, label: str, horizon: float) -> dic
     return {name: np.array(values) for name, values in out.items()}
 
 
-def _group(label: str, clusters: list[np.ndarray], outcome: Outcome, horizon: float) -> Group:
+def _group(label: str, clusters: list[np.ndarray], outcome: ComparedOutcome, horizon: float) -> ComparedGroup:
     values = np.concatenate(clusters) if clusters else np.zeros(0)
     limited = [np.minimum(cluster, horizon) if outcome is TIME else cluster for cluster in clusters]
     points = clustered.means(limited).tolist()
-    return Group(
+    return ComparedGroup(
         label,
         len(clusters),
         len(values),
@@ -182,7 +189,9 @@ def _median(values: np.ndarray) -> float:
     return float(np.sort(values)[(len(values) - 1) // 2])
 
 
-def _medians(one: list[np.ndarray], two: list[np.ndarray], confidence: float, is_paired: bool, seed: int) -> Band:
+def _medians(
+    one: list[np.ndarray], two: list[np.ndarray], confidence: float, is_paired: bool, seed: int
+) -> BootstrapBand:
     return clustered.bootstrap_difference(two, one, _median, confidence, is_paired=is_paired, seed=seed)
 
 

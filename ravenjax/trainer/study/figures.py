@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 
 from ravenjax.document.figure_style import GRID, faded, json_of, look
-from ravenjax.trainer.study.comparison import RIGHT, TIME, Comparison, Group
+from ravenjax.trainer.study.comparison import RIGHT, TIME, ComparedGroup, GroupComparison
 
 COLOURS = ("#8a8f96", "#0072b2", "#c2410c", "#009e73", "#8b2a6b", "#56b4e9", "#a67c00")
 """Of the groups; the reference is grey."""
 CURVE_HEIGHT, POINTS_HEIGHT = 340, 300
 
 
-def forest_height(found: list[Comparison]) -> int:
+def forest_height(found: list[GroupComparison]) -> int:
     """px."""
     return 110 + 34 * len(found)
 
 
-def forest(found: list[Comparison], labels: list[str]) -> str:
+def forest(found: list[GroupComparison], labels: list[str]) -> str:
     """Standardised differences with their intervals, one line a comparison; right of 0 the group did better."""
     traces = []
     for label in dict.fromkeys(one.second.label for one in found):
@@ -58,7 +58,7 @@ def forest(found: list[Comparison], labels: list[str]) -> str:
     return json_of(traces, layout)
 
 
-def curves(found: list[Comparison], labels: list[str], horizon: float) -> str | None:
+def curves(found: list[GroupComparison], labels: list[str], horizon: float) -> str | None:
     """Share of hazards that were answered by each time after their strike, with its band."""
     groups = _groups([one for one in found if one.outcome is TIME])
     traces: list[dict[str, Any]] = []
@@ -104,7 +104,7 @@ def curves(found: list[Comparison], labels: list[str], horizon: float) -> str | 
     return json_of(traces, layout)
 
 
-def participants(one: Comparison, found: list[Comparison], labels: list[str]) -> str:
+def participants(one: GroupComparison, found: list[GroupComparison], labels: list[str]) -> str:
     """Mean of each participant in each group; lines join the same one where everyone did both."""
     groups = _groups([other for other in found if other.outcome is one.outcome])
     traces: list[dict[str, Any]] = []
@@ -152,12 +152,12 @@ def participants(one: Comparison, found: list[Comparison], labels: list[str]) ->
     return json_of(traces, layout)
 
 
-def _groups(found: list[Comparison]) -> list[Group]:
+def _groups(found: list[GroupComparison]) -> list[ComparedGroup]:
     """Each group of one outcome once, the reference first."""
     return [found[0].first, *(one.second for one in found)] if found else []
 
 
-def _row(one: Comparison, found: list[Comparison]) -> str:
+def _row(one: GroupComparison, found: list[GroupComparison]) -> str:
     several = len({other.second.label for other in found}) > 1
     return f"{one.outcome.name}, {one.second.label}" if several else one.outcome.name
 

@@ -14,23 +14,23 @@ from ravenjax.trainer.debrief import html
 from ravenjax.trainer.study import comparison, figures, words
 from ravenjax.trainer.study import table as study_table
 from ravenjax.trainer.study.assignment import Assignment, assign
-from ravenjax.trainer.study.comparison import Comparison
-from ravenjax.trainer.study.table import Study
+from ravenjax.trainer.study.comparison import GroupComparison
+from ravenjax.trainer.study.table import TrainingStudy
 
-__all__ = ["Assignment", "Result", "assign", "run"]
+__all__ = ["Assignment", "StudyResult", "assign", "run"]
 
 PAGE, TABLE, TEXT = "study.html", "study.csv", "study.txt"
 _HIDDEN = ("group", "cue", "cue_ms", "session")
 """Columns that would tell a blinded reader who had the cue; a session's folder may be named after it."""
 
 
-class Result(NamedTuple):
+class StudyResult(NamedTuple):
     """What a study gave."""
 
     page: Path
     table: Path
     text: str
-    comparisons: list[Comparison]
+    comparisons: list[GroupComparison]
 
 
 def run(
@@ -42,25 +42,25 @@ def run(
     mixed: bool = False,
     confidence: float = 0.95,
     seed: int = 0,
-) -> Result:
+) -> StudyResult:
     """Compare sessions and write study.html, study.csv (one row a hazard) and study.txt into `out`.
 
     Arguments as `study_table.collect`; seed: of bootstrap and permutations. Raises UserError and StoreError as it does.
     """
     study = study_table.collect(folders, by, unblind=unblind, mixed=mixed)
-    found = comparison.compare(study, confidence, seed)
+    comparisons = comparison.compare(study, confidence, seed)
     horizon = comparison.horizon_ms(study)
-    text = words.text(study, found, horizon)
+    text = words.text(study, comparisons, horizon)
     out = Path(out)
     require_writable(out)
-    page = render(study, found, horizon, text)
+    page = render(study, comparisons, horizon, text)
     for name, content in ((PAGE, page), (TABLE, table(study)), (TEXT, text)):
         data = content.encode()
         write_aside(out / name, lambda target, data=data: target.write_bytes(data))
-    return Result(out / PAGE, out / TABLE, text, found)
+    return StudyResult(out / PAGE, out / TABLE, text, comparisons)
 
 
-def table(study: Study) -> str:
+def table(study: TrainingStudy) -> str:
     """One row a hazard that struck, as CSV; `compared` is the group as it is shown."""
     rows = []
     for session, label, hazard in study.rows():
@@ -75,7 +75,7 @@ def table(study: Study) -> str:
     return out.getvalue()
 
 
-def render(study: Study, found: list[Comparison], horizon: float, text: str) -> str:
+def render(study: TrainingStudy, found: list[GroupComparison], horizon: float, text: str) -> str:
     """The page as text."""
     labels = list(study.labels.values())
     begin, rest = words.headline(found)

@@ -15,7 +15,7 @@ import numpy as np
 from ravenjax.errors import UserError
 from ravenjax.store.logs.session import description
 from ravenjax.trainer.recording.hazards import table
-from ravenjax.trainer.recording.hazards.table import Hazard
+from ravenjax.trainer.recording.hazards.table import HazardRow
 
 BY = ("group", "cue")
 """What sessions may be compared by."""
@@ -24,12 +24,12 @@ _LONGEST = 6  # names of an error's list
 
 
 @dataclasses.dataclass(frozen=True)
-class Session:
+class StudySession:
     """A session of the study."""
 
     folder: Path
     header: dict[str, Any]
-    hazards: list[Hazard]
+    hazards: list[HazardRow]
 
     @property
     def name(self) -> str:
@@ -41,9 +41,9 @@ class Session:
         """Who drove it; a session without a name is a participant of its own."""
         return str(self.header.get("participant") or f"(session {self.name})")
 
-    def groups(self, by: str) -> dict[str, list[Hazard]]:
+    def groups(self, by: str) -> dict[str, list[HazardRow]]:
         """Its hazards that struck, by condition; the cue may have been changed on the way."""
-        out: dict[str, list[Hazard]] = {}
+        out: dict[str, list[HazardRow]] = {}
         for hazard in self.hazards:
             if hazard.struck_ms is not None:
                 condition = hazard.cue if by == "cue" else str(self.header.get("group") or "")
@@ -60,10 +60,10 @@ class Session:
 
 
 @dataclasses.dataclass(frozen=True)
-class Study:
+class TrainingStudy:
     """Sessions that may be compared. labels: shown name of each group, the reference first."""
 
-    sessions: list[Session]
+    sessions: list[StudySession]
     by: str
     labels: dict[str, str]
     blinded: bool
@@ -75,7 +75,7 @@ class Study:
         """Name of its scenario."""
         return scenario_name(self.sessions[0].header)
 
-    def rows(self) -> list[tuple[Session, str, Hazard]]:
+    def rows(self) -> list[tuple[StudySession, str, HazardRow]]:
         """Session, label of its group and hazard, of every hazard that struck."""
         return [
             (one, self.labels[condition], hazard)
@@ -84,38 +84,40 @@ class Study:
             for hazard in hazards
         ]
 
-    def label(self, session: Session) -> str:
+    def label(self, session: StudySession) -> str:
         """Shown name of the session's condition."""
         return " and ".join(self.labels[condition] for condition in session.groups(self.by))
 
 
-def collect(folders: Iterable[Path], by: str | None = None, *, unblind: bool = False, mixed: bool = False) -> Study:
+def collect(
+    folders: Iterable[Path], by: str | None = None, *, unblind: bool = False, mixed: bool = False
+) -> TrainingStudy:
     """Read sessions: each folder is one, or holds some at any depth.
 
     by: "group" or "cue"; the one that differs if None, "group" first. unblind: show what conditions the groups of
     blinded sessions were. mixed: take sessions of several scenarios or versions together, and say so. Raises UserError
     where there is nothing to compare or sessions are not of one study, StoreError where a file is damaged.
     """
-    found = [_read(folder) for folder in _folders(folders)]
-    left_out = [f"{one.name}: it did not end" for one in found if not one.header.get("ended")]
-    left_out += [f"{one.name}: no hazard struck" for one in found if one.header.get("ended") and not _struck(one)]
-    kept = [one for one in found if one.header.get("ended") and _struck(one)]
-    if not kept:
+    every = [_read(folder) for folder in _folders(folders)]
+    left_out = [f"{one.name}: it did not end" for one in every if not one.header.get("ended")]
+    left_out += [f"{one.name}: no hazard struck" for one in every if one.header.get("ended") and not _struck(one)]
+    valid = [one for one in every if one.header.get("ended") and _struck(one)]
+    if not valid:
         listed = "; ".join(left_out[:_LONGEST]) or "no session was found"
         raise UserError(f"a study needs finished sessions in which hazards struck: {listed}")
-    notes = _of_one_study(kept, mixed)
-    by = _by(kept, by)
+    notes = _of_one_study(valid, mixed)
+    by = _by(valid, by)
     groups = sorted(
-        {name for one in kept for name in one.groups(by)}, key=lambda name: (name.lower() not in _REFERENCES, name)
+        {name for one in valid for name in one.groups(by)}, key=lambda name: (name.lower() not in _REFERENCES, name)
     )
     if len(groups) < 2:
         raise UserError(
-            f"all {len(kept)} sessions have {by} {groups[0]!r}: there is nothing to compare. Give sessions of another "
+            f"all {len(valid)} sessions have {by} {groups[0]!r}: there is nothing to compare. Give sessions of another "
             f"{by} too" + ("" if by == "cue" else ", or compare by the cue")
         )
-    blinded = any(one.header.get("blinded") for one in kept) and not unblind
-    labels = _blind(groups, kept) if blinded else {name: _named(by, name) for name in groups}
-    return Study(kept, by, labels, blinded, left_out, notes)
+    blinded = any(one.header.get("blinded") for one in valid) and not unblind
+    labels = _blind(groups, valid) if blinded else {name: _named(by, name) for name in groups}
+    return TrainingStudy(valid, by, labels, blinded, left_out, notes)
 
 
 def scenario_name(header: dict[str, Any]) -> str:
@@ -139,15 +141,15 @@ def _folders(given: Iterable[Path]) -> list[Path]:
     return out
 
 
-def _read(folder: Path) -> Session:
-    return Session(folder, description.read(folder), table.read(folder))
+def _read(folder: Path) -> StudySession:
+    return StudySession(folder, description.read(folder), table.read(folder))
 
 
-def _struck(one: Session) -> bool:
+def _struck(one: StudySession) -> bool:
     return any(hazard.struck_ms is not None for hazard in one.hazards)
 
 
-def _of_one_study(sessions: Sequence[Session], mixed: bool) -> list[str]:
+def _of_one_study(sessions: Sequence[StudySession], mixed: bool) -> list[str]:
     """Scenario and versions must be alike, and no session may come twice."""
     same: dict[tuple[str, Any, str], str] = {}
     for one in sessions:
@@ -157,29 +159,29 @@ def _of_one_study(sessions: Sequence[Session], mixed: bool) -> list[str]:
         same[key] = str(one.folder)
     notes = []
     for what, value in (("scenarios", _scenario), ("versions", lambda header: header.get("versions") or {})):
-        kinds: dict[str, list[Session]] = {}
+        kinds: dict[str, list[StudySession]] = {}
         for one in sessions:
             kinds.setdefault(json.dumps(value(one.header), sort_keys=True), []).append(one)
         if len(kinds) > 1:
             first, second = list(kinds.values())[:2]
-            told = f"{len(kinds)} different {what}: {_difference(value(first[0].header), value(second[0].header))}"
+            text = f"{len(kinds)} different {what}: {_difference(value(first[0].header), value(second[0].header))}"
             if not mixed:
                 raise UserError(
-                    f"the sessions are not of one study, they have {told} ({first[0].name} against {second[0].name}). "
+                    f"the sessions are not of one study, they have {text} ({first[0].name} against {second[0].name}). "
                     "Give those of one study, or allow a mixture"
                 )
-            notes.append(f"Sessions with {told} are taken together.")
+            notes.append(f"Sessions with {text} are taken together.")
     return notes
 
 
 def _scenario(header: dict[str, Any]) -> Any:
     """The scenario without what a study varies."""
-    found = header.get("scenario") or {}
-    if not isinstance(found, dict):
-        return found
-    cue = found.get("cue")
+    content = header.get("scenario") or {}
+    if not isinstance(content, dict):
+        return content
+    cue = content.get("cue")
     fixed = {key: value for key, value in cue.items() if key not in ("on", "blinded")} if isinstance(cue, dict) else cue
-    return found | {"cue": fixed}
+    return content | {"cue": fixed}
 
 
 def _difference(first: Any, second: Any) -> str:
@@ -192,7 +194,7 @@ def _difference(first: Any, second: Any) -> str:
     return f"{str(first)[:60]} and {str(second)[:60]}"
 
 
-def _by(sessions: Sequence[Session], by: str | None) -> str:
+def _by(sessions: Sequence[StudySession], by: str | None) -> str:
     if by is not None and by not in BY:
         raise UserError(f"compare by {by!r}: expected one of {', '.join(BY)}")
     if by is not None:
@@ -200,7 +202,7 @@ def _by(sessions: Sequence[Session], by: str | None) -> str:
     return "group" if len({name for one in sessions for name in one.groups("group")}) > 1 else "cue"
 
 
-def _blind(groups: Sequence[str], sessions: Sequence[Session]) -> dict[str, str]:
+def _blind(groups: Sequence[str], sessions: Sequence[StudySession]) -> dict[str, str]:
     """Letters in an order that tells nothing: drawn from the sessions' own names, the same each time."""
     names = "\n".join(sorted(one.name for one in sessions))
     seed = int.from_bytes(hashlib.sha256(names.encode()).digest()[:8], "little")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from ravenjax.stats.intervals import Estimate, Rate
-from ravenjax.trainer.study.comparison import RIGHT, TIME, Comparison, Group
-from ravenjax.trainer.study.table import Study
+from ravenjax.trainer.study.comparison import RIGHT, TIME, ComparedGroup, GroupComparison
+from ravenjax.trainer.study.table import TrainingStudy
 
 DASH = "–"
 _FEW = 20  # clusters below which a bootstrap is too narrow
@@ -44,7 +44,7 @@ def p_value(value: float) -> str:
     return DASH if math.isnan(value) else "< 0.001" if value < 0.001 else f"{value:.3f}"
 
 
-def level(one: Comparison, group: Group) -> str:
+def level(one: GroupComparison, group: ComparedGroup) -> str:
     """What a group reached: a rate, or the mean and median."""
     if group.rate is not None:
         return rate(group.rate)
@@ -54,33 +54,33 @@ def level(one: Comparison, group: Group) -> str:
     return f"mean {number(group.mean)} {one.outcome.unit}"
 
 
-def difference(one: Comparison) -> str:
+def difference(one: GroupComparison) -> str:
     """The main difference with its interval, second minus first."""
     if one.outcome is RIGHT:
         return f"{estimate(one.difference, 0, 100)} points"
     return f"{estimate(one.difference, 0 if one.outcome is TIME else 1)} {one.outcome.unit}"
 
 
-def sentence(one: Comparison) -> str:
+def sentence(one: GroupComparison) -> str:
     """One outcome in a sentence."""
     sides = f"{one.second.label}: {level(one, one.second)}; {one.first.label}: {level(one, one.first)}"
     return f"{one.outcome.name[:1].upper()}{one.outcome.name[1:]}: {sides}. {_verdict(one)}"
 
 
-def _verdict(one: Comparison) -> str:
+def _verdict(one: GroupComparison) -> str:
     if math.isnan(one.p):
         return "Too few participants to compare."
-    told = f"difference {difference(one)}, p {_equals(p_value(one.p))}, adjusted {_equals(p_value(one.adjusted))}"
+    numbers = f"difference {difference(one)}, p {_equals(p_value(one.p))}, adjusted {_equals(p_value(one.adjusted))}"
     if not one.clear:
-        return f"No clear difference ({told})."
-    return f"{one.second.label} did {'better' if _sign(one) > 0 else 'worse'} ({told})."
+        return f"No clear difference ({numbers})."
+    return f"{one.second.label} did {'better' if _sign(one) > 0 else 'worse'} ({numbers})."
 
 
 def _equals(text: str) -> str:
     return text if text.startswith("<") else f"= {text}"
 
 
-def headline(found: list[Comparison]) -> tuple[str, str]:
+def headline(found: list[GroupComparison]) -> tuple[str, str]:
     """What the study says: the emphasised beginning and the rest."""
     clear = [one for one in found if one.clear]
     untested = all(math.isnan(one.p) for one in found)
@@ -100,7 +100,7 @@ def headline(found: list[Comparison]) -> tuple[str, str]:
     return f"{len(clear)} of {len(found)} {are} clear", ": " + "; ".join(parts) + "."
 
 
-def _sign(one: Comparison) -> int:
+def _sign(one: GroupComparison) -> int:
     """1 where the group did better than the reference, -1 where worse."""
     return 1 if one.difference.value * one.outcome.better > 0 else -1
 
@@ -110,7 +110,7 @@ def _listed(names: list[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def caveats(study: Study, found: list[Comparison]) -> list[str]:
+def caveats(study: TrainingStudy, found: list[GroupComparison]) -> list[str]:
     """What a reader must know before believing it."""
     out = list(study.notes)
     if study.blinded:
@@ -134,7 +134,7 @@ def caveats(study: Study, found: list[Comparison]) -> list[str]:
     return list(dict.fromkeys(out))
 
 
-def text(study: Study, found: list[Comparison], horizon: float) -> str:
+def text(study: TrainingStudy, found: list[GroupComparison], horizon: float) -> str:
     """The whole result as a few plain lines."""
     begin, rest = headline(found)
     hazards = len(study.rows())

@@ -94,11 +94,11 @@ class ReachTask(Task):
 def _drawn(settings: Reach, middle: tuple[float, float], rng: np.random.Generator, before: Point) -> Point:
     """A point of the box that is no repetition of the one before; the farthest of some where the box is small."""
     extent = settings.extent_mm / 1e3
-    found = []
+    points = []
     for _ in range(20):
         x, y = (float(middle[axis] + rng.uniform(-extent, extent)) for axis in (0, 1))
         point = (x, y, surface(x, y) + float(rng.uniform(*settings.height_mm)) / 1e3)
         if math.dist(point, before) > LEAST_WAY_M:
             return point
-        found.append(point)
-    return max(found, key=lambda point: math.dist(point, before))
+        points.append(point)
+    return max(points, key=lambda point: math.dist(point, before))

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import pytest
 
-from ravenjax.campaign.inspection.estimate import Machine, Work, duration, estimate, tick_ns
+from ravenjax.campaign.inspection.estimate import CostFactors, Machine, duration, estimate, tick_ns
 
 MEASURED = {
-    "one site": (78, Work(8192, 1000, 1)),
-    "both arms": (142, Work(8192, 1000, 1, arms=2)),
-    "64 haptic sets": (116, Work(8192, 1000, 1, cues=64)),
-    "32 levels": (102, Work(8192, 1000, 1, levels=32)),
-    "4 plant steps": (154, Work(8192, 1000, 1, substeps=4)),
-    "reaction": (130, Work(8192, 1000, 1, reacts=True)),
-    "a golden run each": (157, Work(8192, 1000, 8192)),
-    "quick": (169, Work(2571, 3000, 12, sites=30, cues=4)),
-    "hazard_library": (183, Work(1810, 7000, 1, sites=30, slots=4)),
-    "haptic_sweep": (413, Work(3121, 4000, 33, sites=30, slots=4, cues=126)),
-    "safecomp45": (229, Work(463, 7000, 1, arms=2, sites=18, slots=6)),
+    "one site": (78, CostFactors(8192, 1000, 1)),
+    "both arms": (142, CostFactors(8192, 1000, 1, arms=2)),
+    "64 haptic sets": (116, CostFactors(8192, 1000, 1, cues=64)),
+    "32 levels": (102, CostFactors(8192, 1000, 1, levels=32)),
+    "4 plant steps": (154, CostFactors(8192, 1000, 1, substeps=4)),
+    "reaction": (130, CostFactors(8192, 1000, 1, reacts=True)),
+    "a golden run each": (157, CostFactors(8192, 1000, 8192)),
+    "quick": (169, CostFactors(2571, 3000, 12, sites=30, cues=4)),
+    "hazard_library": (183, CostFactors(1810, 7000, 1, sites=30, slots=4)),
+    "haptic_sweep": (413, CostFactors(3121, 4000, 33, sites=30, slots=4, cues=126)),
+    "safecomp45": (229, CostFactors(463, 7000, 1, arms=2, sites=18, slots=6)),
 }
 """ns of a core for a tick, measured on the machine that the model names."""
 
@@ -41,7 +41,7 @@ def test_a_campaign_costs_its_ticks_on_every_core():
     [({"runs": 9000}, 0), ({"arms": 2}, 0), ({"golden_runs": 8192}, 2), ({"sites": 30}, 2), ({"slots": 8}, 2)],
 )
 def test_more_work_costs_more(more, key):
-    plain = Work(8192, 1000, 1)
+    plain = CostFactors(8192, 1000, 1)
     machine = Machine("simd", 4)
     dear, cheap = estimate(plain._replace(**more), machine), estimate(plain, machine)
     assert dear.run_s >= cheap.run_s and dear.memory_mib >= cheap.memory_mib
@@ -49,7 +49,7 @@ def test_more_work_costs_more(more, key):
 
 
 def test_machines():
-    work = Work(100_000, 3000, 1)
+    work = CostFactors(100_000, 3000, 1)
     simd = estimate(work, Machine("simd", 2)).run_s
     assert estimate(work, Machine("simd", 4)).run_s == pytest.approx(simd / 2)
     assert estimate(work, Machine("simd", 2, width=8)).run_s > 1.5 * simd
@@ -58,7 +58,7 @@ def test_machines():
 
 
 def test_memory_of_golden_runs_is_bounded():
-    memory = [estimate(Work(n, 3000, n), Machine("simd", 2)).memory_mib for n in (1000, 100_000)]
+    memory = [estimate(CostFactors(n, 3000, n), Machine("simd", 2)).memory_mib for n in (1000, 100_000)]
     assert memory[0] == pytest.approx(501.5 + 1000 * (95 + 3000 * 24) / 2**20)
     assert memory[1] == pytest.approx(501.5 + 100_000 * 95 / 2**20 + 1024)
 

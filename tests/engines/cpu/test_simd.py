@@ -21,7 +21,7 @@ from ravenjax.engines.cpu.engine import SimdEngine, SimdKernel
 from ravenjax.engines.interface import Block
 from ravenjax.engines.xla.engine import ScanEngine
 from ravenjax.ir.time_loop import split
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import network, plc, watchdog
 
 EVERY_LAYER = Path(__file__).resolve().parents[3] / "analysis" / "agreement" / "every_layer.toml"
@@ -178,7 +178,7 @@ def integer_columns(leaves, size=4000):
 
 
 def _plc(setup, state, pins, estop, start):
-    return plc.step(setup, plc.params(setup), state, plc.Signal((pins,), estop != 0, start != 0))
+    return plc.step(setup, plc.params(setup), state, plc.PlcSignal((pins,), estop != 0, start != 0))
 
 
 def _network(setup, state, tick, received, size, sequence):
@@ -198,7 +198,7 @@ def _watchdog(setup, state, *numbers):
     ],
 )
 def test_integer_stages_are_bit_equal_to_xla(stage, begin, numbers):
-    setup = Setup()
+    setup = RavenSetup()
     leaves, structure = jax.tree.flatten((begin(setup), *(jnp.int32(0),) * numbers))
 
     def function(*inputs):

@@ -10,7 +10,7 @@ from ravenjax.engines.gpu import device as cuda_device
 from ravenjax.engines.gpu import engine as cuda
 from ravenjax.engines.gpu.code import words
 from ravenjax.engines.gpu.cuda import OPTIONS
-from ravenjax.engines.gpu.device import Session
+from ravenjax.engines.gpu.device import DeviceSession
 from ravenjax.engines.interface import Block
 from ravenjax.errors import UserError
 from ravenjax.numbers.vec import replace
@@ -32,7 +32,7 @@ def operations(device):
 @pytest.mark.parametrize("k", range(len(CASES)), ids=[name for name, _, _ in CASES])
 def test_every_operation_gives_the_bits_that_it_means(device, operations, k):
     def launch(name, given, out, n):
-        with Session(device) as session:
+        with DeviceSession(device) as session:
             there, room = session.upload(given), session.room(out.size)
             session.launch(operations.function(name), -(-n // 64), 64, session.main, there, room, n)
             session.read(out, room, session.main)

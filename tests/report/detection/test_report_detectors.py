@@ -10,7 +10,7 @@ import synthetic_results as synthetic
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections.detection import figures, performance
 from ravenjax.stats.intervals import wilson
-from ravenjax.store.manifest import Detector
+from ravenjax.store.manifest import DetectorRecord
 
 RUNS = 900
 MANIFEST = synthetic.manifest(RUNS)
@@ -106,7 +106,9 @@ def test_many_levels_are_thinned_and_the_quiet_one_stays():
         f"detector0_level{k}_first_ms": np.where(FRAME["detector0_score"] > x, 900, -1) for k, x in enumerate(levels)
     }
     frame = pd.concat([FRAME.drop(columns=[c for c in columns if c in FRAME]), pd.DataFrame(columns)], axis=1)
-    manifest = synthetic.manifest(RUNS, detectors=(Detector("many", "steps", "all", 1, levels), MANIFEST.detectors[1]))
+    manifest = synthetic.manifest(
+        RUNS, detectors=(DetectorRecord("many", "steps", "all", 1, levels), MANIFEST.detectors[1])
+    )
     runs = Runs.of(frame, manifest)
     row = performance.rows(runs, manifest, performance.alarms(runs, manifest))[0]
     assert performance.MOST_LEVELS <= len(row.levels) <= performance.MOST_LEVELS + 1

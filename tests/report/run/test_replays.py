@@ -125,7 +125,7 @@ def test_views_are_at_one_scale_and_marks_stand_where_the_tip_is(tmp_path):
 
 
 def test_a_tip_that_does_not_move_has_views_too(tmp_path):
-    still = paths.Replay("r", "gold", "told", np.arange(5), {"true tip": np.zeros((5, 3)),
+    still = paths.TracedRun("r", "gold", "told", np.arange(5), {"true tip": np.zeros((5, 3)),
                            "nominal model": np.zeros((5, 3))}, np.zeros(5), {})  # fmt: skip
     assert all("nan" not in view for view in path_figure.views(still))
     assert path_figure.distance(still).y.high > 0

@@ -14,7 +14,7 @@ import synthetic_results as synthetic
 from hypothesis import strategies as st
 
 from ravenjax.store import schema
-from ravenjax.store.manifest import Cue, Detector, Manifest
+from ravenjax.store.manifest import CueRecord, DetectorRecord, Manifest
 
 BLOCKS = (
     ("usb_out", "overwrite"),
@@ -127,7 +127,7 @@ def made(plan: Plan) -> Campaign:
         config=config,
         shape=shape,
         duration_ms=plan.duration_ms,
-        cues=tuple(Cue(threshold_mm=t, kp_per_mm=0.0045, cap=0.05) for t in plan.thresholds),
+        cues=tuple(CueRecord(threshold_mm=t, kp_per_mm=0.0045, cap=0.05) for t in plan.thresholds),
         detectors=DETECTORS[: plan.detectors],
         verdict_cue=plan.verdict_cue,
         verdict_jump=plan.jump,
@@ -137,8 +137,8 @@ def made(plan: Plan) -> Campaign:
 
 
 DETECTORS = (
-    Detector("residual", "steps", "all", 1, (0.5, 1.0, 2.0)),
-    Detector("envelope", "tip_error", "all", 3, (1.5,)),
+    DetectorRecord("residual", "steps", "all", 1, (0.5, 1.0, 2.0)),
+    DetectorRecord("envelope", "tip_error", "all", 3, (1.5,)),
 )
 
 

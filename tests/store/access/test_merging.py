@@ -62,7 +62,7 @@ def test_any_cut_into_parts_and_shards_in_any_order_is_the_same_table(whole, dat
         pd.testing.assert_frame_equal(read_all(root / "out"), whole)
         assert [part.first for part in done.manifest.parts] == cuts[:-1]
         again = merging.merge(root / "out", [shards[n] for n in reversed(order)])
-        assert (again.kept, again.linked, again.copied) == (len(ranges), 0, 0)
+        assert (again.present, again.linked, again.copied) == (len(ranges), 0, 0)
         pd.testing.assert_frame_equal(read_all(root / "out"), whole)
 
 
@@ -100,7 +100,7 @@ def test_missing_rows_are_named_unless_a_part_of_the_table_will_do(tmp_path):
     assert done.missing == [range(30, 60)] and manifests.read(tmp_path / "out").finished is None
     assert len(read_all(tmp_path / "out")) == 90
     done = merging.merge(tmp_path / "out", [b])  # what is merged already counts
-    assert (done.kept, done.linked, done.missing) == (2, 1, [])
+    assert (done.present, done.linked, done.missing) == (2, 1, [])
     assert manifests.read(tmp_path / "out").finished is not None
 
 
@@ -120,7 +120,7 @@ def test_an_interrupted_merge_is_finished_by_the_same_command(tmp_path, monkeypa
     (tmp_path / "out" / "parts" / f".{calls[1].name}.tmp").write_bytes(b"half a copy")
     monkeypatch.setattr(merging, "write_aside", real)
     done = merging.merge(tmp_path / "out", shards)
-    assert (done.kept, done.linked) == (1, 2)
+    assert (done.present, done.linked) == (1, 2)
     pd.testing.assert_frame_equal(read_all(tmp_path / "out"), whole)
 
 

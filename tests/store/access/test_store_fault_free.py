@@ -10,7 +10,7 @@ import synthetic_results as synthetic
 from ravenjax.store import manifest
 from ravenjax.store.access import fault_free
 from ravenjax.store.folder import ResultFolder
-from ravenjax.store.manifest import Cue
+from ravenjax.store.manifest import CueRecord
 
 CONFIG = {
     "campaign": {"name": "c", "seed": 7, "duration_s": 3.0, "arms": ["gold"], "noise": False},
@@ -66,7 +66,7 @@ def test_what_is_not_finished_does_not_count_yet(tmp_path):
         ({"config": config(parameters={"plant.friction_scale": [1.4]})}, "[1.4] here, [1.0] in the campaign"),
         ({"config": config(campaign={"arms": ["green"]})}, 'campaign.arms: ["green"] here'),
         ({"code_hash": "f" * 64}, "computed by another version of the code, ffffffffffffffff"),
-        ({"cues": synthetic.CUES[:-1] + (Cue(threshold_mm=9, kp_per_mm=0.1),)}, "has other cues"),
+        ({"cues": synthetic.CUES[:-1] + (CueRecord(threshold_mm=9, kp_per_mm=0.1),)}, "has other cues"),
         ({"detectors": synthetic.DETECTORS[:1] * 2}, "has other detectors"),
     ],
 )

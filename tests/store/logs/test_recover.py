@@ -21,7 +21,7 @@ def whole(tmp_path_factory):
     """A recording, its bytes, and where each of its chunks ends with everything that belongs to it."""
     path = tmp_path_factory.mktemp("recover") / session_log.FILE
     rows = np.random.default_rng(2).normal(size=(BLOCKS * BLOCK, len(NAMES))).astype(np.float32)
-    writer = session_log.Writer(path, NAMES, {"arms": ["gold"]})
+    writer = session_log.SessionWriter(path, NAMES, {"arms": ["gold"]})
     for block in range(BLOCKS):
         part = slice(block * BLOCK, (block + 1) * BLOCK)
         writer.add(part.start, rows[part], [{"kind": "target", "tick": block}])

@@ -16,9 +16,9 @@ from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.store.logs.session import words as session_words
 from ravenjax.store.motion import mcap_file
-from ravenjax.trainer.protocol.frame import Layout
+from ravenjax.trainer.protocol.frame import FrameLayout
 
-LAYOUT = Layout.of(("gold", "green"))
+LAYOUT = FrameLayout.of(("gold", "green"))
 START = 1_767_323_045_678_000_000  # ns, of the header's "started"
 HEADER = {
     "arms": ["gold", "green"],
@@ -43,7 +43,7 @@ def rows():
 @pytest.fixture(scope="module")
 def written(rows, tmp_path_factory):
     path = tmp_path_factory.mktemp("log") / session_log.FILE
-    writer = session_log.Writer(path, LAYOUT.names(), HEADER)
+    writer = session_log.SessionWriter(path, LAYOUT.names(), HEADER)
     writer.add(0, rows[:37], EVENTS[:1])
     writer.add(37, rows[37:60])
     writer.add(70, rows[70:], EVENTS[1:])  # ten rows were lost
@@ -177,7 +177,7 @@ def test_what_is_no_recording_says_so(tmp_path):
     with pytest.raises(StoreError, match="is no MCAP file"):
         session_log.read(path)
     with pytest.raises(StoreError, match="cannot be written"):
-        session_log.Writer(tmp_path / "none" / "s.mcap", LAYOUT.names(), HEADER)
+        session_log.SessionWriter(tmp_path / "none" / "s.mcap", LAYOUT.names(), HEADER)
 
 
 def test_session_json_is_merged_and_its_damage_named(tmp_path):

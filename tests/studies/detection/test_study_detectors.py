@@ -13,32 +13,32 @@ import synthetic_results
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import loading
 from ravenjax.outcomes.events import Rules
-from ravenjax.store.manifest import Detector
+from ravenjax.store.manifest import DetectorRecord
 from ravenjax.studies import catalogue, running
 from ravenjax.studies.detection import areas, comparison, drawings, tables
 from ravenjax.studies.detection import points as detector_points
 from ravenjax.studies.detection import runs as detector_runs
 from ravenjax.studies.detection.points import CLIP, FORK, PUBLISHED, Chosen
-from ravenjax.studies.detection.runs import AS_MODELLED, CHECKS, CUE, OTHERS, STOPS, UNCERTAIN, Faulty, Free
+from ravenjax.studies.detection.runs import AS_MODELLED, CHECKS, CUE, OTHERS, STOPS, UNCERTAIN, FaultyScores, FreeScores
 from ravenjax.studies.framework import drawing
 from ravenjax.studies.framework.study import plain
 
 DETECTORS = (
-    Detector("steps/all/1", "steps", "all", 1, (0.5, 1.0, 2.0, 4.0)),
-    Detector("steps/any/1", "steps", "any", 1, (0.5, 1.0, 2.0, 4.0)),
-    Detector("derivative_sum", "derivative_sum", "all", 1, (10.0, 55.0)),
-    Detector("tip_error", "tip_error", "all", 1, (1.0, 3.0)),
-    Detector("overdrive", "overdrive", "all", 1, (0.5, 1.0)),
+    DetectorRecord("steps/all/1", "steps", "all", 1, (0.5, 1.0, 2.0, 4.0)),
+    DetectorRecord("steps/any/1", "steps", "any", 1, (0.5, 1.0, 2.0, 4.0)),
+    DetectorRecord("derivative_sum", "derivative_sum", "all", 1, (10.0, 55.0)),
+    DetectorRecord("tip_error", "tip_error", "all", 1, (1.0, 3.0)),
+    DetectorRecord("overdrive", "overdrive", "all", 1, (0.5, 1.0)),
 )
 
 
 def faulty(
     first: list[list[int]], unintended_ms: list[int], cell: list[int] | None = None, **others: list[int]
-) -> Faulty:
+) -> FaultyScores:
     """Runs with an alarm of each detector at `first` [runs][detectors], at every level; effects begin at 100 ms."""
     times, n = np.array(first), len(first)
     began = np.array(unintended_ms)
-    return Faulty(
+    return FaultyScores(
         DETECTORS,
         np.arange(n) if cell is None else np.array(cell),
         np.zeros(n, int),
@@ -56,12 +56,12 @@ def faulty(
     )
 
 
-def free(alarms: list[list[int]], hours: float = 1.0, robot: str = AS_MODELLED) -> Free:
+def free(alarms: list[list[int]], hours: float = 1.0, robot: str = AS_MODELLED) -> FreeScores:
     """One recording a row; `alarms` of steps/all/1 by level, nothing from the others."""
     n = len(alarms)
     counts = [np.zeros((n, len(one.levels)), int) for one in DETECTORS]
     counts[0] = np.array(alarms)
-    return Free(
+    return FreeScores(
         DETECTORS,
         np.full(n, robot, object),
         np.array([f"reach {k}" for k in range(n)], object),
@@ -73,7 +73,7 @@ def free(alarms: list[list[int]], hours: float = 1.0, robot: str = AS_MODELLED) 
     )
 
 
-def random_runs(n: int = 300, motions: int = 2, seed: int = 0) -> Faulty:
+def random_runs(n: int = 300, motions: int = 2, seed: int = 0) -> FaultyScores:
     """Runs whose scores tell an unintended motion the better, the more they are of tip_error."""
     rng = np.random.default_rng(seed)
     cells = n // motions
@@ -85,7 +85,7 @@ def random_runs(n: int = 300, motions: int = 2, seed: int = 0) -> Faulty:
         np.where(score[:, [d]] > np.array(one.levels), rng.integers(100, 400, (len(moved), 1)), -1)
         for d, one in enumerate(DETECTORS)
     )
-    return Faulty(
+    return FaultyScores(
         DETECTORS,
         np.tile(np.arange(cells), motions),
         np.repeat(np.arange(motions), cells),

@@ -24,8 +24,8 @@ from ravenjax.studies.dsn16 import cells as dsn16_cells
 from ravenjax.studies.dsn16 import drawings, motor_commands, sensitivity, statements, trajectory
 from ravenjax.studies.dsn16 import runs as dsn16_runs
 from ravenjax.studies.dsn16.cells import DURATIONS
-from ravenjax.studies.dsn16.runs import Runs, stored
-from ravenjax.studies.dsn16.sensitivity import Case
+from ravenjax.studies.dsn16.runs import VariantRuns, stored
+from ravenjax.studies.dsn16.sensitivity import VariantCase
 from ravenjax.studies.dsn16.trajectory import Lever
 from ravenjax.studies.framework import literature
 from ravenjax.studies.framework.study import Context, Findings, Study
@@ -60,7 +60,7 @@ def table(jumps: dict[tuple[float, int], int]) -> pd.DataFrame:
     return pd.concat([free.assign(fault0_site="", fault0_value=np.nan), faulty.iloc[::-1]])
 
 
-def runs_of(jumps: dict[tuple[float, int], int], name: str = "made_up") -> Runs:
+def runs_of(jumps: dict[tuple[float, int], int], name: str = "made_up") -> VariantRuns:
     return dsn16_runs.of(name, loading.load("dsn16_b.toml"), table(jumps), 1)
 
 
@@ -207,7 +207,9 @@ def test_sensitivity_table_compares_cell_by_cell() -> None:
     more = runs_of({(40000, d): 10 for d in (8, 16, 32)}, "more")
     published = np.array([0, 0, 0, 25.0, 25.0, 25.0, 0, 0])
     bands = [(0.0, 30.0)] * 8
-    found = sensitivity.table("t", [Case(base, "", label="b"), Case(more, "q")], base, published, bands, 0.6)
+    found = sensitivity.table(
+        "t", [VariantCase(base, "", label="b"), VariantCase(more, "q")], base, published, bands, 0.6
+    )
     by_name = {row[0]: dict(zip(found.columns, row, strict=True)) for row in found.rows}
     assert by_name["b"]["cells changed"] == 0 and by_name["b"]["points from baseline"] == "0"
     assert by_name["more"]["cells changed"] == 1
@@ -216,7 +218,7 @@ def test_sensitivity_table_compares_cell_by_cell() -> None:
     assert by_name["b"]["points from publication"] == "-3.1"
     assert by_name["b"]["above / below"] == "0 / 1"
     assert by_name["more"]["in band"] == "8 of 8"
-    assert [name for name, *_ in sensitivity.ranked([Case(base, ""), Case(more, "q")], base)] == [
+    assert [name for name, *_ in sensitivity.ranked([VariantCase(base, ""), VariantCase(more, "q")], base)] == [
         "more",
         "made_up",
     ]

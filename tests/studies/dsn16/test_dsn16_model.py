@@ -26,7 +26,7 @@ def test_bands_are_those_of_the_target():
 
 def test_the_asked_motor_angles_give_back_the_torque():
     rng = np.random.default_rng(1)
-    found = closed_loop.Recording(*(rng.normal(size=(9, 3)) for _ in range(3)))
+    found = closed_loop.JointRecording(*(rng.normal(size=(9, 3)) for _ in range(3)))
     torque = closed_loop.KP * (found.asked - found.angle) - closed_loop.KD * found.speed
     np.testing.assert_allclose(torque, -found.dac / np.array(transmission.COUNTS_PER_NM[:3]))
 
@@ -35,7 +35,7 @@ def test_the_asked_motor_angles_give_back_the_torque():
 def test_two_seconds_of_the_recording_are_followed(shared_data):
     path = shared_data(closed_loop.FILE)
     whole = closed_loop.read(path)
-    found = closed_loop.Recording(*(part[:2000] for part in whole))
+    found = closed_loop.JointRecording(*(part[:2000] for part in whole))
     with jax.enable_x64(True):
         error = model.error(found.asked, found)
     assert (error.mean < (0.2, 0.2, 0.3)).all() and (error.low <= error.mean).all() and (error.mean <= error.high).all()

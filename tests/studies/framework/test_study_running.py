@@ -11,14 +11,14 @@ from fake_study import FINDINGS, STUDY
 from ravenjax.errors import UserError
 from ravenjax.store import manifest
 from ravenjax.studies import running
-from ravenjax.studies.framework.study import Estimate, Findings, Line, Variant
+from ravenjax.studies.framework.study import Findings, Line, StudyEstimate, Variant
 
 SHORT = ("campaign.duration_s=0.03", "campaign.limit=2")
 
 
 def counted(context):
     rows = [manifest.read(folder).done for folder in context.folders.values()]
-    return Findings((Line("runs", "", None, Estimate(sum(rows))),))
+    return Findings((Line("runs", "", None, StudyEstimate(sum(rows))),))
 
 
 TWO = dataclasses.replace(
@@ -39,7 +39,7 @@ def test_a_study_without_campaigns_is_compared_and_written(tmp_path):
 def test_campaigns_run_once_and_their_findings_come_out_the_same(tmp_path):
     told = []
     findings = running.run(TWO, tmp_path, "simd", told.append)
-    assert findings.lines[0].predicted == Estimate(4)
+    assert findings.lines[0].predicted == StudyEstimate(4)
     runs = tmp_path / "fake" / "runs"
     assert sorted(path.name for path in runs.iterdir()) == ["base", "faster"]
     assert {status.phase for status in told} == {"run", "compare"} and told[-1].phase == "compare"

@@ -13,9 +13,9 @@ import synthetic_results
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import loading
 from ravenjax.outcomes.events import Rules
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import haptics
-from ravenjax.store.manifest import Cue
+from ravenjax.store.manifest import CueRecord
 from ravenjax.studies import catalogue, running
 from ravenjax.studies.detection.runs import AS_MODELLED, UNCERTAIN
 from ravenjax.studies.framework import drawing
@@ -23,19 +23,21 @@ from ravenjax.studies.framework.study import plain
 from ravenjax.studies.haptics import choice, tables
 from ravenjax.studies.haptics import cue as haptic_cue
 from ravenjax.studies.haptics import runs as haptic_runs
-from ravenjax.studies.haptics.runs import KINDS, Faulty, Free
+from ravenjax.studies.haptics.runs import KINDS, FaultyCues, FreeCues
 
 CUES = tuple(
-    Cue(threshold_mm=mm, kp_per_mm=kp, kd_s_per_mm=9e-5, cap=0.05) for mm in (1.0, 3.0, 8.0) for kp in (0.0045, 0.009)
+    CueRecord(threshold_mm=mm, kp_per_mm=kp, kd_s_per_mm=9e-5, cap=0.05)
+    for mm in (1.0, 3.0, 8.0)
+    for kp in (0.0045, 0.009)
 )
 PUBLISHED = 2
 
 
-def faulty(first: list[list[int]], unintended_ms: list[int]) -> Faulty:
+def faulty(first: list[list[int]], unintended_ms: list[int]) -> FaultyCues:
     """Runs felt at `first` [runs][thresholds], with either gain; effects begin at 100 ms."""
     n, began = len(first), np.array(unintended_ms)
     told = np.repeat(np.array(first), 2, axis=1)
-    return Faulty(
+    return FaultyCues(
         CUES,
         PUBLISHED,
         np.arange(n),
@@ -53,10 +55,10 @@ def faulty(first: list[list[int]], unintended_ms: list[int]) -> Faulty:
     )
 
 
-def free(count: list[list[int]], hours: float = 1.0, robot: str = AS_MODELLED) -> Free:
+def free(count: list[list[int]], hours: float = 1.0, robot: str = AS_MODELLED) -> FreeCues:
     """One recording a row, pulses by threshold."""
     n = len(count)
-    return Free(
+    return FreeCues(
         CUES,
         np.full(n, robot, object),
         np.array([f"reach {k}" for k in range(n)], object),
@@ -77,7 +79,7 @@ def test_the_choice_weighs_missed_hazards_against_false_cues() -> None:
     counts = choice.counts(missed, np.arange(4), np.array([[20, 1, 0]]), np.array([1.0]), np.array(["a"]))
     found = choice.choose(counts, np.array([1.0, 10.0, 1000.0]))
     assert found.cost.tolist() == [[20.0, 1.25, 0.75], [20.0, 3.5, 7.5], [20.0, 251.0, 750.0]]
-    assert found.chosen.tolist() == [2, 1, 0]
+    assert found.winner.tolist() == [2, 1, 0]
     assert found.wins.sum(axis=1) == pytest.approx(1.0)
 
 
@@ -86,7 +88,7 @@ def test_a_sure_choice_always_wins_and_equals_go_to_the_higher_threshold() -> No
     missed[:, 2] = True
     counts = choice.counts(missed, np.arange(50), np.array([[2, 2, 2]] * 4), np.ones(4), np.arange(4))
     found = choice.choose(counts, np.array([100.0]))
-    assert found.chosen.tolist() == [1]
+    assert found.winner.tolist() == [1]
     assert found.wins[0].tolist() == [0.0, 1.0, 0.0]
 
 
@@ -110,7 +112,7 @@ def test_a_rate_of_which_nothing_was_seen_decides_only_after_enough_hours() -> N
         return choice.choose(counts, np.array([10.0]))
 
     few, many = found(0.01), found(1000.0)
-    assert few.chosen.tolist() == many.chosen.tolist() == [0]
+    assert few.winner.tolist() == many.winner.tolist() == [0]
     assert not few.sure[0] and few.wins[0] == pytest.approx([0.5, 0.5], abs=0.05)
     assert many.sure[0] and many.wins[0, 0] == 1.0
 
@@ -212,7 +214,7 @@ def test_every_variant_loads(variant: haptic_cue.Variant) -> None:
 def test_the_published_set_is_that_of_the_stage() -> None:
     config = loading.load(haptic_cue.CAMPAIGN)
     chosen = config.haptics.cues()[config.outcomes.cue]
-    (own,) = haptics.params(Setup()).cues
+    (own,) = haptics.params(RavenSetup()).cues
     assert tuple(chosen) == pytest.approx((own.threshold_m, own.kp, own.kd, own.cap))
 
 

@@ -18,7 +18,7 @@ SAID = {"response": "flagged"}
 LIMITED = {"response": "limited"}
 
 
-def outcome(name: str, *rows: dict[str, Any], **rules: float) -> agreement.Outcome:
+def outcome(name: str, *rows: dict[str, Any], **rules: float) -> agreement.HazardOutcome:
     table = result_rows.frame(*({"group": f"list/{name}", **row} for row in rows), {"group": "fault_free"})
     (found,) = agreement.outcomes(table, (library.find(name),), **rules)
     return found

@@ -19,7 +19,7 @@ from ravenjax.stats.intervals import Estimate
 from ravenjax.studies import running
 from ravenjax.studies.reaction import drawings, fault_free, measures, operator, tables, times
 from ravenjax.studies.reaction import pairs as reacting_pairs
-from ravenjax.studies.reaction.pairs import Runs
+from ravenjax.studies.reaction.pairs import ReactionRuns
 from ravenjax.vocabulary.reactions import CORRECT, RELEASE, SLOW
 
 ACTION = "param:reaction.action"
@@ -60,14 +60,14 @@ FACTS: dict[str, Any] = {
 }
 
 
-def runs(*rows: tuple[dict[str, Any], dict[str, Any]]) -> Runs:
+def runs(*rows: tuple[dict[str, Any], dict[str, Any]]) -> ReactionRuns:
     """Runs by hand: what differs from a quiet one in the table, and in its facts; each its own fault."""
     frame = pd.DataFrame([{**QUIET, "pair": k, **row} for k, (row, _) in enumerate(rows)])
     facts = pd.DataFrame([{**FACTS, "distinct": k, **fact} for k, (_, fact) in enumerate(rows)])
-    return Runs(frame, facts.assign(group=frame["group"], action=frame[ACTION].astype(int)), 3000, 10.0)
+    return ReactionRuns(frame, facts.assign(group=frame["group"], action=frame[ACTION].astype(int)), 3000, 10.0)
 
 
-def paired_runs(*pairs: tuple[dict[str, Any], dict[str, Any]], action: int = RELEASE) -> Runs:
+def paired_runs(*pairs: tuple[dict[str, Any], dict[str, Any]], action: int = RELEASE) -> ReactionRuns:
     """Each pair as (what nobody's run shows, what the reacting run shows)."""
     rows = []
     for k, (without, with_) in enumerate(pairs):
@@ -147,7 +147,7 @@ def test_no_table_holds_a_measure_that_is_not_fair() -> None:
     assert told["jump of the true tip"] == ("fair", "fair", "fair")
 
 
-def timed(*rows: tuple[dict[str, Any], dict[str, Any]]) -> Runs:
+def timed(*rows: tuple[dict[str, Any], dict[str, Any]]) -> ReactionRuns:
     return runs(*rows)
 
 
@@ -240,7 +240,7 @@ def test_interruptions_are_counted_in_the_time_up_to_them() -> None:
 def test_the_drawings_draw() -> None:
     table = paired_runs((MOVED, ACTED), ({}, ACTED), (MOVED, {**MOVED, **ACTED}))
     contrast = reacting_pairs.contrast(reacting_pairs.paired(table, RELEASE), measures.excursion(10.0))
-    rows = [drawings.Row(block, name, "lift", contrast) for block in ("a", "b") for name in ("x", "y")]
+    rows = [drawings.ContrastRow(block, name, "lift", contrast) for block in ("a", "b") for name in ("x", "y")]
     advance = times.advance(timed(({"cue0_first_ms": 1100}, BEGAN), ({}, BEGAN)), 0, 3.0)
     for draw, panels in (
         (drawings.leads([advance]), 1),

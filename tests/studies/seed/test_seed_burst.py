@@ -17,7 +17,7 @@ from ravenjax.studies.framework import drawing
 from ravenjax.studies.framework.study import Context
 from ravenjax.studies.seed.burst import constants as burst
 from ravenjax.studies.seed.burst.constants import BURST, CONSTANTS, FREE, MODELLED, PACKETS, SETTINGS, STUDY
-from ravenjax.studies.seed.burst.events import DRAWN_TICKS, Drawn, Event, Run
+from ravenjax.studies.seed.burst.events import DRAWN_TICKS, BurstEvent, BurstRun, EventCurves
 from ravenjax.studies.seed.burst.tables import ranges, span
 from ravenjax.studies.seed.motions import MOTIONS
 
@@ -76,7 +76,9 @@ def test_a_span_leaves_out_what_is_not_there():
 
 
 TIME = np.array(DRAWN_TICKS) / 1e3
-GOOD = Event(0, 5.0, False, 5.0, 150.0, 0.2, 0.024, False, Drawn(TIME, 0 * TIME, 0 * TIME + 5.0, 0 * TIME + 0.02))
+GOOD = BurstEvent(
+    0, 5.0, False, 5.0, 150.0, 0.2, 0.024, False, EventCurves(TIME, 0 * TIME, 0 * TIME + 5.0, 0 * TIME + 0.02)
+)
 LAST = dataclasses.replace(GOOD, peak_mm=6.6, cut=True, rebound_deg=math.nan, rebound_ms=math.nan, force=0.05)
 
 
@@ -84,7 +86,7 @@ def runs(whole_at=()):
     """Three constants; those of `whole_at` as published, the others hold through four bursts of 8 mm."""
     large = dataclasses.replace(GOOD, peak_mm=8.0)
     found = [
-        Run(
+        BurstRun(
             FREE,
             math.nan,
             (),
@@ -93,13 +95,13 @@ def runs(whole_at=()):
             1,
             True,
         ),
-        Run(PACKETS, 20.0, (large,) * 4, "", -1, 0, True),
+        BurstRun(PACKETS, 20.0, (large,) * 4, "", -1, 0, True),
     ]
     for value in (700.0, 750.0, 800.0):
         if value in whole_at:
-            found.append(Run(BURST, value, (GOOD, GOOD, GOOD, LAST), "overdrive", 32_500, 0, True))
+            found.append(BurstRun(BURST, value, (GOOD, GOOD, GOOD, LAST), "overdrive", 32_500, 0, True))
         else:
-            found.append(Run(BURST, value, (large,) * 4, "", -1, 0, True))
+            found.append(BurstRun(BURST, value, (large,) * 4, "", -1, 0, True))
     return found
 
 

@@ -16,7 +16,7 @@ from ravenjax.studies.framework import drawing
 from ravenjax.studies.framework.study import Context
 from ravenjax.studies.seed.fault_free import scales
 from ravenjax.studies.seed.fault_free.scales import MODELLED, MOTIONS, SCALES, SETTINGS, STUDY, Setting
-from ravenjax.studies.seed.fault_free.segments import Segment
+from ravenjax.studies.seed.fault_free.segments import RunSegment
 
 
 def own(ready, path):
@@ -84,7 +84,7 @@ def made(mean_of, peak_of=lambda motion, scale: 15.0 * scale, pulses=0):
     def one(motion, scale):
         mean = mean_of(motion, scale)
         drawn = np.full(500, mean, np.float32)
-        return Segment("", scale, peak_of(motion, scale), mean, mean - 0.1, mean - 0.2, 0.3, pulses, -1, drawn)
+        return RunSegment("", scale, peak_of(motion, scale), mean, mean - 0.1, mean - 0.2, 0.3, pulses, -1, drawn)
 
     return {motion: {scale: one(motion, scale) for scale in SCALES} for motion in MOTIONS}
 

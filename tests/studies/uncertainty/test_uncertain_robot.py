@@ -20,7 +20,7 @@ from ravenjax.studies import running
 from ravenjax.studies.uncertainty import drawings, robot, search, tables
 from ravenjax.studies.uncertainty import rates as uncertain_rates
 from ravenjax.studies.uncertainty.parameters import PARAMETERS, SETS, Uncertain
-from ravenjax.studies.uncertainty.rates import EVENTS, Robot
+from ravenjax.studies.uncertainty.rates import EVENTS, RobotRates
 
 FRICTION = PARAMETERS[0]
 
@@ -35,7 +35,7 @@ def test_ranges_and_laws_agree() -> None:
     for one in PARAMETERS:
         (kind, values), *_ = search.drawn([one])[one.path].items()
         assert (min(values), max(values)) == (one.low, one.high), one.path
-        assert one.low <= one.known <= one.high, one.path
+        assert one.low <= one.nominal <= one.high, one.path
         assert kind == "choice" or len(values) == 2
         assert one.source
     assert len({one.path for one in PARAMETERS}) == len(PARAMETERS)
@@ -86,8 +86,10 @@ def test_a_fault_has_the_same_number_in_every_variant() -> None:
     assert uncertain_rates.numbered(np.array([0, 1, 0, 1, 4, 5, 4, 5])).tolist() == [0, 1, 0, 1, 2, 3, 2, 3]
 
 
-def ends(faults: int, low: list[int], high: list[int]) -> dict[Uncertain, tuple[Robot, Robot]]:
-    return {FRICTION: (Robot("low", table(faults, unintended=low)), Robot("high", table(faults, unintended=high)))}
+def ends(faults: int, low: list[int], high: list[int]) -> dict[Uncertain, tuple[RobotRates, RobotRates]]:
+    return {
+        FRICTION: (RobotRates("low", table(faults, unintended=low)), RobotRates("high", table(faults, unintended=high)))
+    }
 
 
 def test_an_effect_is_a_paired_difference() -> None:
@@ -113,16 +115,23 @@ def test_thirds_find_the_parameter_that_decides() -> None:
 
 
 def test_the_range_names_its_robots() -> None:
-    robots = [Robot("a", table(10, cue=[1])), Robot("b", table(10, cue=[])), Robot("c", table(10, cue=[1, 2, 3]))]
+    robots = [
+        RobotRates("a", table(10, cue=[1])),
+        RobotRates("b", table(10, cue=[])),
+        RobotRates("c", table(10, cue=[1, 2, 3])),
+    ]
     span = uncertain_rates.over(robots, "cue")
     assert (span.low_robot, span.low.k, span.high_robot, span.high.k) == ("b", 0, "c", 3)
 
 
 def test_rounding_is_what_sets_the_known_robot_apart_from_itself() -> None:
-    known = Robot("known", table(100, unintended=[1, 2]))
-    one = FRICTION._replace(low=FRICTION.known)
+    known = RobotRates("known", table(100, unintended=[1, 2]))
+    one = FRICTION._replace(low=FRICTION.nominal)
     again = {
-        one: (Robot("low", table(100, unintended=[1, 2, 3])), Robot("high", table(100, unintended=list(range(50)))))
+        one: (
+            RobotRates("low", table(100, unintended=[1, 2, 3])),
+            RobotRates("high", table(100, unintended=list(range(50)))),
+        )
     }
     assert uncertain_rates.rounding(known, again) == (pytest.approx(0.01), 1)
     apart, same = uncertain_rates.rounding(known, ends(100, [1], [2]))
@@ -131,7 +140,7 @@ def test_rounding_is_what_sets_the_known_robot_apart_from_itself() -> None:
 
 
 def test_the_plain_table_names_what_a_conclusion_depends_on() -> None:
-    known = Robot("known robot", table(100, unintended=list(range(15))))
+    known = RobotRates("known robot", table(100, unintended=list(range(15))))
     pairs = ends(100, list(range(20)), list(range(5)))
     robots = [known, *pairs[FRICTION]]
     shown = tables.conclusions(known, robots, uncertain_rates.effects(pairs), [], {})
@@ -143,7 +152,7 @@ def test_the_plain_table_names_what_a_conclusion_depends_on() -> None:
 
 
 def test_layers_have_places() -> None:
-    robots = [Robot("a", table(10, unintended=[1, 3])), Robot("b", table(10, unintended=[0, 2, 4, 1]))]
+    robots = [RobotRates("a", table(10, unintended=[1, 3])), RobotRates("b", table(10, unintended=[0, 2, 4, 1]))]
     rows = {str(row[0]): row for row in tables.by_layer(robots, "unintended").rows}
     assert rows["packets"][4:] == (1, "1 to 2")
     assert rows["USB in"][4:] == (2, "1 to 2")
@@ -167,7 +176,7 @@ def test_indices_of_both_searches_are_joined_by_parameter() -> None:
 
 
 def test_the_drawings_draw() -> None:
-    known = Robot("known", table(10, unintended=[1]))
+    known = RobotRates("known", table(10, unintended=[1]))
     pair = (known, known)
     index = search.Index("elbow", FRICTION, 1.0, 0.1, (1, 0, 2), 0.1, (0.5, 0.4, 0.6), (0.5, 0.4, 0.6), 9)
     rates = {"packets": [Rate(1, 10, 0.1, 0.01, 0.4), Rate(2, 10, 0.2, 0.05, 0.5)]}

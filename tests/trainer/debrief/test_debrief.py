@@ -191,7 +191,7 @@ def test_steps_stand_in_order_of_time_and_what_never_came_last():
 def test_the_summary_counts_right_responses_only():
     wrong = synthetic.hazard(1, response=200.0, ok=False)
     numbers = debrief_words.summary([MET, MISSED, wrong, ALARMED, UNSTRUCK, CARRIED_ON])
-    assert (numbers.struck, numbers.right, numbers.timed) == (5, 3, 2)
+    assert (numbers.strikes, numbers.right, numbers.timed) == (5, 3, 2)
     assert numbers.reaction_ms == np.median([395.0, 345.0]) and numbers.farthest_mm == 12.0
     assert debrief_words.headline([], debrief_words.summary([]), True) == ("No hazard struck", " in this session.")
 
@@ -222,11 +222,11 @@ def test_thinning_keeps_every_peak():
 
 
 def test_pauses_are_left_out(tmp_path):
-    layout = synthetic.Layout.of(("gold",))
+    layout = synthetic.FrameLayout.of(("gold",))
     rows = synthetic.rows(layout, [], 1.0)
     rows[400:600, layout.places["session_tick"]] = 400
     rows[600:, layout.places["session_tick"]] -= 199
-    writer = log.Writer(tmp_path / log.FILE, layout.names(), {})
+    writer = log.SessionWriter(tmp_path / log.FILE, layout.names(), {})
     writer.add(0, rows)
     writer.close()
     course = debrief_course.Course(reader.read(tmp_path))
@@ -253,7 +253,7 @@ def test_the_page_is_honest_about_what_is_missing(tmp_path):
 
 
 def test_hazards_of_a_killed_session_come_from_its_events(tmp_path):
-    layout = synthetic.Layout.of(("gold",))
+    layout = synthetic.FrameLayout.of(("gold",))
     header = {"name": "s", "cue": True, "arms": ["gold"], "ended": None} | {
         "scenario": {"name": "x", "harm": {"stray_mm": 6.0}},
         "hazards": [{"number": 4, "hazard": "C09", "title": "encoder", "right_response": ["release", "stop"]}],
@@ -283,7 +283,7 @@ def test_hazards_of_a_killed_session_come_from_its_events(tmp_path):
         {"tick": 3950, "kind": "hazard_struck", "number": 4},
     ]
     synthetic.write(tmp_path, None, recorded=False, **header)
-    writer = log.Writer(tmp_path / log.FILE, layout.names(), header)
+    writer = log.SessionWriter(tmp_path / log.FILE, layout.names(), header)
     writer.add(0, synthetic.rows(layout, [MET], 4.0), told)
     writer.close()
     data = (tmp_path / log.FILE).read_bytes()

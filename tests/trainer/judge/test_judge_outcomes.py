@@ -15,7 +15,7 @@ from ravenjax.outcomes import verdict
 from ravenjax.robots.raven2.checks import CHECKS
 from ravenjax.trainer.judge import Judge
 from ravenjax.trainer.recording.hazards import events as hazard_events
-from ravenjax.trainer.recording.hazards.table import Hazard
+from ravenjax.trainer.recording.hazards.table import HazardRow
 
 TICKS, STRIKE, LOOK = 500, 40, 10
 FAULT = [{"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 2000}]
@@ -153,7 +153,7 @@ def test_a_recording_that_broke_off_says_the_same(seed, limit_mm):
 
     header = {"name": "s", "cue": True, "scenario": {"name": "made", "harm": {"stray_mm": limit_mm}}}
     (again,) = hazard_events.from_recording(Cut(layout=layout, events=events), header)
-    assert isinstance(again, Hazard)
+    assert isinstance(again, HazardRow)
     for name in (
         *("check_response", "check_cause", "motion_hazard", "limit_mm", "halted"),
         *("alarm_ms", "alarm", "limited_ms", "limited"),

@@ -15,7 +15,7 @@ import waiting
 
 from ravenjax.robots.raven2.dynamics import arm_model
 from ravenjax.trainer import page
-from ravenjax.trainer.protocol.frame import PHASES, VIEWS, Frame, Layout
+from ravenjax.trainer.protocol.frame import PHASES, VIEWS, Frame, FrameLayout
 from ravenjax.trainer.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring, put_json, read_json
 
 HEADER = {
@@ -56,7 +56,7 @@ class FakeSession:
     """Rings, a socket pair, a thread that writes rows, and the page in a spawned process."""
 
     def __init__(self, header=HEADER, arms=("gold", "green"), folder=None, **options):
-        self.layout = Layout.of(arms)
+        self.layout = FrameLayout.of(arms)
         self.frames, self.events = Ring.create(4096, 4 * self.layout.size), Ring.create(1024, EVENT_BYTES)
         self._said, self._next = Ring.create(256, COMMAND_BYTES), 0
         self._port_told, port_taken = multiprocessing.Pipe(duplex=False)
@@ -70,7 +70,7 @@ class FakeSession:
         self.frame["cue_on"], self.frame["hazard"], self.frame["target"] = 1, -1, 0
         self._stop = threading.Event()
         context = multiprocessing.get_context("spawn")
-        self.options = page.Options(
+        self.options = page.PageOptions(
             self.frames.name,
             self.events.name,
             self._said.name,

@@ -8,7 +8,7 @@ from websockets.http11 import Request
 
 from ravenjax.errors import UserError
 from ravenjax.trainer.page.door import Door, query
-from ravenjax.trainer.page.options import Options, loopback
+from ravenjax.trainer.page.options import PageOptions, loopback
 
 TOKEN = "s3cret-token"
 
@@ -104,13 +104,13 @@ def test_only_a_loopback_address_goes_without_a_token(host, own):
         "host": host,
     }
     if own:
-        Options(**given)
+        PageOptions(**given)
     else:
         with pytest.raises(UserError, match="token"):
-            Options(**given)
-        Options(**given, token="t")
+            PageOptions(**given)
+        PageOptions(**given, token="t")
 
 
 def test_frames_come_at_30_hz_at_least():
     with pytest.raises(UserError, match="fps is 10"):
-        Options("f", "e", "c", None, ("gold",), {}, fps=10)  # type: ignore[arg-type]
+        PageOptions("f", "e", "c", None, ("gold",), {}, fps=10)  # type: ignore[arg-type]

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ravenjax.trainer.page.inbox import LARGEST, ROLES, Inbox, Refused
+from ravenjax.trainer.page.inbox import LARGEST, ROLES, Inbox, RefusedMessage
 from ravenjax.trainer.protocol import messages
 
 INBOX = Inbox(("gold", "green"), hazards=3, blinded=False)
@@ -48,7 +48,7 @@ def test_input_arrives_as_messages_describes_it():
     ],
 )
 def test_input_out_of_bounds_is_refused(change):
-    with pytest.raises(Refused):
+    with pytest.raises(RefusedMessage):
         read(INPUT | change)
 
 
@@ -56,24 +56,24 @@ def test_input_out_of_bounds_is_refused(change):
     "text", ["", "null", "[]", "{", '"x"', "NaN", '{"type": "input"}', "[" * 900, b"\xff\xfe", b"\x00"]
 )
 def test_what_is_no_message_is_refused(text):
-    with pytest.raises(Refused):
+    with pytest.raises(RefusedMessage):
         INBOX.read(text, "operator")
 
 
 @pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999"])
 def test_numbers_are_finite(number):
     text = json.dumps(INPUT).replace("-0.5", number)
-    with pytest.raises(Refused):
+    with pytest.raises(RefusedMessage):
         INBOX.read(text, "operator")
 
 
 def test_size_is_bounded():
-    with pytest.raises(Refused, match="bytes"):
+    with pytest.raises(RefusedMessage, match="bytes"):
         INBOX.read(json.dumps(INPUT) + " " * LARGEST, "operator")
 
 
 def test_an_arm_that_the_session_lacks_is_refused():
-    with pytest.raises(Refused, match="arm green"):
+    with pytest.raises(RefusedMessage, match="arm green"):
         read(INPUT | {"arms": {"green": {}}}, inbox=Inbox(("gold",), 0, False))
 
 
@@ -103,7 +103,7 @@ def test_hazards_and_cue_are_checked():
     assert _refused({"type": "instructor", "do": "arm"}, "instructor")
     assert _refused({"type": "instructor", "do": "pause", "on": True}, "instructor")
     assert _refused({"type": "instructor", "do": "cue"}, "instructor")
-    with pytest.raises(Refused, match="blinded"):
+    with pytest.raises(RefusedMessage, match="blinded"):
         Inbox(("gold",), 1, True).read('{"type": "instructor", "do": "cue", "on": true}', "instructor")
 
 
@@ -136,7 +136,7 @@ def test_nothing_gets_through_that_is_not_described(text):
     for role in ROLES:
         try:
             told = INBOX.read(text, role)
-        except Refused:
+        except RefusedMessage:
             continue
         assert told["type"] in ("input", "operator", "instructor", "page")
         if told["type"] == "input":
@@ -148,6 +148,6 @@ def test_nothing_gets_through_that_is_not_described(text):
 def _refused(message, role):
     try:
         read(message, role)
-    except Refused:
+    except RefusedMessage:
         return True
     return False

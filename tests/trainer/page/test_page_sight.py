@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from ravenjax.trainer.page.sight import Sight
-from ravenjax.trainer.protocol.frame import Frame, Layout
+from ravenjax.trainer.protocol.frame import Frame, FrameLayout
 
-LAYOUT = Layout.of(("gold", "green"))
+LAYOUT = FrameLayout.of(("gold", "green"))
 HEADER = {
     "name": "x",
     "hazards": [1],

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from ravenjax.trainer.realtime import clock
-from ravenjax.trainer.realtime.clock import PERIOD_NS, Clock, Timing
+from ravenjax.trainer.realtime.clock import PERIOD_NS, Clock, LoopTiming
 
 
 @pytest.fixture
@@ -71,7 +71,7 @@ def test_after_a_long_sleep_the_schedule_moves_on_instead(fake):
 
 
 def test_quantiles_of_a_histogram():
-    timing = Timing()
+    timing = LoopTiming()
     assert timing.percentile("compute", 0.5) != timing.percentile("compute", 0.5)  # NaN
     timing.compute[[10, 20, 30]] = 98, 1, 1
     assert [timing.percentile("compute", share) for share in (0.5, 0.98, 0.99, 1.0)] == [10, 10, 20, 30]

@@ -44,7 +44,7 @@ def rings():
 
 def test_the_inbox_hands_over_what_the_page_said_and_counts_what_it_missed(rings):
     ring = rings[2]
-    inbox = loop.Inbox(ring)
+    inbox = loop.PageCommands(ring)
     assert inbox.poll() == []
     for number in range(3):
         put_json(ring, {"type": "operator", "do": "note", "text": f"ä{number}"})
@@ -59,12 +59,12 @@ def test_the_inbox_hands_over_what_the_page_said_and_counts_what_it_missed(rings
 
 def test_a_session_against_the_clock_is_that_of_a_tight_loop(blueprint, rings):
     """The understudy runs the same code on the same tables' shapes in between: not a bit of the session is its."""
-    alone = Session(CHOSEN, 5, made=blueprint)
+    alone = Session(CHOSEN, 5, ready=blueprint)
     driver, rows, told = Mover(alone), [], []
     while not alone.over:
         told += alone.tick(driver.poll())
         rows.append(alone.frame.row.copy())
-    session = Session(CHOSEN, 5, made=blueprint)
+    session = Session(CHOSEN, 5, ready=blueprint)
     frames = Ring.create(4096, 4 * session.layout.size)
     try:
         timing = loop.run(session, frames, rings[1], [Mover(session)])
@@ -82,7 +82,7 @@ def test_a_session_against_the_clock_is_that_of_a_tight_loop(blueprint, rings):
 
 
 def test_trouble_elsewhere_is_told_once(blueprint, rings):
-    session = Session(CHOSEN, 5, made=blueprint)
+    session = Session(CHOSEN, 5, ready=blueprint)
     frames, asked = Ring.create(4096, 4 * session.layout.size), []
 
     def trouble():

@@ -18,11 +18,11 @@ from mcap.reader import make_reader
 from ravenjax.store.logs import recover
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.trainer.protocol.frame import Layout
+from ravenjax.trainer.protocol.frame import FrameLayout
 from ravenjax.trainer.realtime.ring import EVENT_BYTES, Ring, put_json
 from ravenjax.trainer.recording import reader, recorder
 
-LAYOUT = Layout.of(("gold", "green"))
+LAYOUT = FrameLayout.of(("gold", "green"))
 HEADER = {"arms": ["gold", "green"], "name": "synthetic", "seed": 7, "started": "2026-01-02T03:04:05.678+00:00"}
 
 
@@ -40,7 +40,7 @@ class Session:
         self.folder = folder
         self.frames = Ring.create(capacity, 4 * LAYOUT.size)
         self.events = Ring.create(256, EVENT_BYTES)
-        options = recorder.Options(self.frames.name, self.events.name, tuple(LAYOUT.names()), folder, HEADER)
+        options = recorder.RecorderOptions(self.frames.name, self.events.name, tuple(LAYOUT.names()), folder, HEADER)
         context = multiprocessing.get_context("spawn")
         self.process = context.Process(target=recorder.run, args=(options,), daemon=True)
 

@@ -6,12 +6,12 @@ import pytest
 from ravenjax.campaign.file import loading
 from ravenjax.robots.raven2.console.packet import decode
 from ravenjax.trainer.judge.trips import Trips
-from ravenjax.trainer.protocol.frame import Layout
+from ravenjax.trainer.protocol.frame import FrameLayout
 from ravenjax.trainer.robot_link.distant import DistantRobot
 from ravenjax.trainer.robot_link.joints.decoder import Decoder
 from ravenjax.trainer.robot_link.joints.record import Reporter
 from ravenjax.trainer.session import blueprint
-from ravenjax.trainer.session.simulation import PacketRobot, Robot
+from ravenjax.trainer.session.simulation import PacketRobot, SimulatedRobot
 
 TICKS = 800
 
@@ -21,7 +21,7 @@ class Wire:
 
     def __init__(self, robot):
         self.robot, self.orders, self.stale = robot, [], False
-        self._reporter, self._decoder, self._tick = Reporter(Layout.of(robot.arms)), Decoder(), 0
+        self._reporter, self._decoder, self._tick = Reporter(FrameLayout.of(robot.arms)), Decoder(), 0
 
     def exchange(self, datagram):
         assert len(datagram) == 124
@@ -47,7 +47,7 @@ def driven():
     made = blueprint.make(config)
     far = DistantRobot(made, Wire(PacketRobot(config)))
     rows = []
-    for robot in (Robot(made), far):
+    for robot in (SimulatedRobot(made), far):
         for column, values in zip(robot.motion, made.plan.columns, strict=True):
             column[: len(values)] = values
         rows.append(np.stack([(robot.step(), robot.row.copy())[1] for _ in range(TICKS)]))

@@ -13,9 +13,9 @@ from itp_client import IDENTITY, datagram
 
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.console.packet import Packet
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import network
-from ravenjax.trainer.robot_link.packet_filter import CAUSES, TAKEN, Gate, Limits
+from ravenjax.trainer.robot_link.packet_filter import CAUSES, TAKEN, Gate, PacketLimits
 
 CONSOLE, OTHER = ("127.0.0.1", 40000), ("127.0.0.1", 40001)
 BOTH = ("gold", "green")
@@ -137,7 +137,7 @@ def test_refused_packets_do_not_hold_the_place():
 
 
 def test_only_the_named_console():
-    gate = Gate(BOTH, Limits(console="10.0.0.7"))
+    gate = Gate(BOTH, PacketLimits(console="10.0.0.7"))
     assert sent(gate, 1) == "stranger"
     assert sent(gate, 1, source=("10.0.0.7", 9)) == TAKEN
 
@@ -146,7 +146,7 @@ def test_only_the_named_console():
 @given(st.lists(st.integers(0, 2200), min_size=1, max_size=6), st.integers(1, 1100))
 def test_takes_nothing_that_the_robot_would_drop(numbers, first):
     """The rules of `stages.network`, run beside, on streams without pauses: the gate is only ever stricter."""
-    setup, gate = Setup(arms=BOTH, tools=("r_grasper",) * 2), Gate(BOTH)
+    setup, gate = RavenSetup(arms=BOTH, tools=("r_grasper",) * 2), Gate(BOTH)
     state = network.init(setup)
     zero = Packet(1, np.int32(124), np.int32(0), (Vec.full(3, 0),) * 2, (Vec.full(4, 0.0),) * 2, (0, 0), 1)
     for number in (first, first + 1, *(first + n - 1100 for n in numbers)):

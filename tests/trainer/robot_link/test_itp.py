@@ -13,7 +13,7 @@ from ravenjax.robots.raven2.console.packet import UDP_PORT
 from ravenjax.robots.raven2.geometry import mapping
 from ravenjax.trainer.protocol.messages import STALE_MS
 from ravenjax.trainer.robot_link.itp import PER_TICK, TAKEN_PER_TICK, ItpServer
-from ravenjax.trainer.robot_link.packet_filter import Limits
+from ravenjax.trainer.robot_link.packet_filter import PacketLimits
 
 BOTH = ("gold", "green")
 
@@ -95,7 +95,7 @@ def test_a_burst_is_spread_over_ticks(server, console):
         console.send(gold=(100, 0, 0))
     each = [m["arms"]["gold"]["delta_um"][0] for m in polled(server, 4)]
     assert each == [400, 400, 300]
-    assert TAKEN_PER_TICK * Limits().step_um <= 4000, "what bounds the displacement of a tick"
+    assert TAKEN_PER_TICK * PacketLimits().step_um <= 4000, "what bounds the displacement of a tick"
 
 
 def test_a_flood_costs_a_tick_no_more_than_its_share_and_is_counted(server, console):

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ravenjax.errors import UserError
-from ravenjax.trainer.protocol.frame import Frame, Layout
+from ravenjax.trainer.protocol.frame import Frame, FrameLayout
 from ravenjax.trainer.robot_link.joints.decoder import Decoder
 from ravenjax.trainer.robot_link.joints.record import RECORD, JointReport, Reporter, encode_text
 from ravenjax.trainer.robot_link.joints.stream import BUFFER_BYTES, LONGEST_LINE, MOST_CLIENTS, JointServer
@@ -24,7 +24,7 @@ GREETING = {"robot": "ravenjax"}
 
 def example(arms=BOTH, seed=0):
     """A frame with different numbers everywhere."""
-    rng, frame = np.random.default_rng(seed), Frame(Layout.of(arms))
+    rng, frame = np.random.default_rng(seed), Frame(FrameLayout.of(arms))
     frame.row[:] = rng.uniform(-0.5, 0.5, frame.row.size)
     frame["runlevel"], frame["surgeon_mode"], frame["plc_runlevel"] = 3, 1, 2
     frame["soft_estopped"], frame["brakes"], frame["fault_active"] = 0, 1, 1
@@ -34,14 +34,14 @@ def example(arms=BOTH, seed=0):
 
 
 def records(count, arms=BOTH):
-    reporter = Reporter(Layout.of(arms))
+    reporter = Reporter(FrameLayout.of(arms))
     return [reporter.encode(example(arms, seed), tick=seed, last_seq=seed + 111) for seed in range(count)]
 
 
 def test_layout_as_documented():
     """Read with `struct` and the table of the docstring alone."""
     frame = example()
-    whole = Reporter(Layout.of(BOTH)).encode(frame, tick=7, last_seq=9)
+    whole = Reporter(FrameLayout.of(BOTH)).encode(frame, tick=7, last_seq=9)
     assert len(whole) == RECORD.itemsize == 304
     assert struct.unpack_from("<4sHHIBBHI", whole) == (b"RVNJ", 1, 304, 7, 3, 1, 0b11_0010_0110, 9)
     for i, arm in enumerate(BOTH):
@@ -56,11 +56,11 @@ def test_layout_as_documented():
 
 def test_one_arm_and_back_into_a_frame():
     sent = example(("green",))
-    (report,) = Decoder().feed(Reporter(Layout.of(("green",))).encode(sent, 5, 6))
+    (report,) = Decoder().feed(Reporter(FrameLayout.of(("green",))).encode(sent, 5, 6))
     assert isinstance(report, JointReport)
     assert (report.arms, report.tick, report.last_seq, report.runlevel) == (("green",), 5, 6, 3)
     assert not report["gold"]["jpos"].any()
-    got = Frame(Layout.of(BOTH))
+    got = Frame(FrameLayout.of(BOTH))
     report.fill(got)
     for name in ("runlevel", "surgeon_mode", "plc_runlevel", "soft_estopped", "brakes", "fault_active"):
         assert got.number(name) == sent.number(name)
@@ -176,7 +176,7 @@ def test_listeners_come_and_go(server):
 def test_a_slow_listener_loses_whole_records_and_holds_up_nobody(server):
     slow, quick = listener(server, SO_RCVBUF=4096), listener(server)
     decoder, ticks = Decoder(), []
-    reporter, frame = Reporter(Layout.of(BOTH)), example()
+    reporter, frame = Reporter(FrameLayout.of(BOTH)), example()
     count = 3000
     for tick in range(count):
         server.publish(reporter.encode(frame, tick, 0))

@@ -16,7 +16,7 @@ from itp_client import datagram
 
 from ravenjax.errors import UserError
 from ravenjax.trainer import scenario
-from ravenjax.trainer.protocol.frame import Frame, Layout
+from ravenjax.trainer.protocol.frame import Frame, FrameLayout
 from ravenjax.trainer.protocol.messages import STALE_MS
 from ravenjax.trainer.robot_link import process as robot_process
 from ravenjax.trainer.robot_link import remote
@@ -45,7 +45,7 @@ class StandIn:
         self.udp.bind(("127.0.0.1", 0))
         self.udp.settimeout(waiting.DEADLINE_S)
         self.joints = JointServer(greeting or {"robot": "ravenjax", "arms": ["gold"]}, "127.0.0.1", 0, token)
-        self.reporter, self.frame = Reporter(Layout.of(GOLD)), Frame(Layout.of(GOLD))
+        self.reporter, self.frame = Reporter(FrameLayout.of(GOLD)), Frame(FrameLayout.of(GOLD))
         self.orders, self.tick = [], 0
         self._over = threading.Event()
         self._lock = threading.Lock()

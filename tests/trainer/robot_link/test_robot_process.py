@@ -13,8 +13,8 @@ from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.geometry import kinematics, mapping
 from ravenjax.trainer import scenario
-from ravenjax.trainer.protocol.frame import Frame, Layout
-from ravenjax.trainer.realtime.clock import Timing
+from ravenjax.trainer.protocol.frame import Frame, FrameLayout
+from ravenjax.trainer.realtime.clock import LoopTiming
 from ravenjax.trainer.robot_link import process
 from ravenjax.trainer.robot_link.itp import ItpServer
 from ravenjax.trainer.robot_link.joints.decoder import Decoder
@@ -34,7 +34,7 @@ class Integrator:
     arms = BOTH
 
     def __init__(self):
-        self.frame, self.packets, self.orders = Frame(Layout.of(BOTH)), [], []
+        self.frame, self.packets, self.orders = Frame(FrameLayout.of(BOTH)), [], []
         self.deaf = False
         self.frame["last_seq"] = 111
         self.um = np.zeros((2, 3))
@@ -239,7 +239,7 @@ def test_who_listens_to_the_world_is_told():
 
 
 def test_counters_in_words():
-    lines = Counters(Timing(), {"accepted": 3, "short": 0}, {}).lines()
+    lines = Counters(LoopTiming(), {"accepted": 3, "short": 0}, {}).lines()
     assert lines[1:] == ["console: accepted 3", "joint stream: nothing"]
 
 

@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.console import operator
 from ravenjax.robots.raven2.geometry import mapping, scene
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.trainer.protocol.messages import STALE_MS
 from ravenjax.trainer.scenario import Speeds
 from ravenjax.trainer.session.hands import FARTHEST_UM, SMOOTHING_MS, Hands
 
 ARMS = ("gold", "green")
-SETUP = Setup(arms=ARMS, tools=("r_grasper", "r_grasper"))
+SETUP = RavenSetup(arms=ARMS, tools=("r_grasper", "r_grasper"))
 HOME = ((0.5, 1.5, 0.4, 0.0, 0.0, 0.7, 0.7),) * 2
 RATE = 3.8897 / SMOOTHING_MS  # 1/ms, of a critically damped step that is at 90 % after SMOOTHING_MS
 
@@ -39,7 +39,7 @@ def packets(rows, scale):
     table = [jnp.asarray(column, jnp.float32) for column in np.asarray(rows).T]
 
     def picked(part):
-        return operator.Row(
+        return operator.MotionRow(
             position=tuple(Vec(column[part] for column in table[i : i + 3]) for i in (0, 8)),
             quat=tuple(Vec(column[part] for column in table[i + 3 : i + 7]) for i in (0, 8)),
             grasp=tuple(table[i + 7][part] for i in (0, 8)),

@@ -11,7 +11,7 @@ import ros2_log
 
 from ravenjax.errors import UserError
 from ravenjax.trainer import launch, scenario
-from ravenjax.trainer.launch import Options
+from ravenjax.trainer.launch import SessionOptions
 from ravenjax.trainer.recording import reader
 
 CHOSEN = scenario.from_dict(
@@ -27,7 +27,7 @@ CHOSEN = scenario.from_dict(
 
 
 def options(folder, **more):
-    return Options(scenario=CHOSEN, folder=folder, seed=3, participant="P7", group="A", script="release", **more)
+    return SessionOptions(scenario=CHOSEN, folder=folder, seed=3, participant="P7", group="A", script="release", **more)
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +84,7 @@ def test_against_the_clock_it_is_the_same_session_but_for_the_timing(headless, t
 
 def test_somebody_must_drive_a_headless_session(tmp_path):
     with pytest.raises(UserError, match="give a script, one of none, release"):
-        launch.headless(Options(scenario=CHOSEN, folder=tmp_path / "x", seed=0))
+        launch.headless(SessionOptions(scenario=CHOSEN, folder=tmp_path / "x", seed=0))
     assert not (tmp_path / "x").exists()
 
 

@@ -15,7 +15,7 @@ from ravenjax.trainer.protocol.frame import PHASES
 from ravenjax.trainer.session import scripts
 from ravenjax.trainer.session.advance import Session
 from ravenjax.trainer.session.hands import Hands
-from ravenjax.trainer.session.scripts import INPUT_EVERY_MS, Follower, Recorded, Recording
+from ravenjax.trainer.session.scripts import INPUT_EVERY_MS, Follower, Recorded, RecordingOperator
 
 
 def follower(**keys):
@@ -116,7 +116,7 @@ def test_it_restarts_a_robot_that_does_not_follow_its_pedal():
 
 def test_what_was_said_can_be_kept_and_said_again(tmp_path):
     operator, _ = follower()
-    kept = Recording(operator)
+    kept = RecordingOperator(operator)
     frame = running()
     first = said(kept, frame, 0, 100)
     assert kept.said == first
@@ -172,7 +172,7 @@ def played(session, operator):
 def test_a_session_runs_without_a_person_and_is_the_same_again():
     chosen = scenario.from_dict(CREEPING)
     session = Session(chosen, 1)
-    kept = Recording(Follower(session.task, session.arms, chosen.speeds, delay_ms=250))
+    kept = RecordingOperator(Follower(session.task, session.arms, chosen.speeds, delay_ms=250))
     frames, events = played(session, kept)
     (row,) = session.judge.rows()
     assert row["struck_ms"] == 2000 and row["knowable_by"] == "tip"
@@ -180,6 +180,6 @@ def test_a_session_runs_without_a_person_and_is_the_same_again():
     assert row["response"] == "release" and row["response_ms"] == row["cue_ms"] + 251  # felt a tick later
     assert row["outcome"] == "avoided" and 3.0 < row["unintended_mm"] < 10.0 and math.isfinite(row["deepest_mm"])
     assert session.task.result()["reached"] >= 5
-    again = Session(chosen, 1, made=session.blueprint)
+    again = Session(chosen, 1, ready=session.blueprint)
     assert played(again, Recorded(kept.said)) == (frames, events)
     assert again.judge.rows() == [row]

@@ -6,7 +6,7 @@ import pytest
 from ravenjax.trainer import scenario
 from ravenjax.trainer.session import scripts
 from ravenjax.trainer.session.advance import Session
-from ravenjax.trainer.session.simulation import Robot
+from ravenjax.trainer.session.simulation import SimulatedRobot
 
 CHOSEN = scenario.from_dict(
     {
@@ -33,7 +33,7 @@ def made():
 
 @pytest.fixture
 def session(made):
-    return Session(CHOSEN, 5, made=made)
+    return Session(CHOSEN, 5, ready=made)
 
 
 def hand(pedal=True, move=(0.0, 0.0, 0.0)):
@@ -73,11 +73,11 @@ def follower(session, **settings):
 
 
 def test_a_session_comes_again_to_the_bit_from_its_script_and_from_what_was_said(made):
-    first = Session(CHOSEN, 5, made=made)
-    heard = scripts.Recording(follower(first))
+    first = Session(CHOSEN, 5, ready=made)
+    heard = scripts.RecordingOperator(follower(first))
     rows, events, hazards = whole(first, heard)
     for operator in (None, scripts.Recorded(heard.said)):
-        again = Session(CHOSEN, 5, made=made)
+        again = Session(CHOSEN, 5, ready=made)
         other, told, table = whole(again, operator or follower(again))
         np.testing.assert_array_equal(rows, other)
         assert (events, hazards) == (told, table)
@@ -180,7 +180,7 @@ def test_the_instructor_arms_switches_the_cue_and_ends(session):
     assert [e["reason"] for e in events if e["kind"] == "end"] == ["instructor"]
 
 
-class Tripping(Robot):
+class Tripping(SimulatedRobot):
     """A robot one of whose checks trips in its tick `at`, without the fault it would not; until it is disarmed."""
 
     at = 10**9
@@ -199,7 +199,7 @@ class Tripping(Robot):
 
 @pytest.mark.parametrize("end", ["disarm", "reset", "end"])
 def test_a_check_that_trips_in_the_last_tick_of_a_hazard_is_of_that_hazard(made, end):
-    session = started(Session(CHOSEN, 5, made=made, robot=Tripping))
+    session = started(Session(CHOSEN, 5, ready=made, robot=Tripping))
     drive(session, 205, also=[{"type": "instructor", "do": "arm", "hazard": 1}])
     session.robot.at, at_ms = session.robot.now, session.ticks
     session._looked = session.ticks  # the checks were looked at just now, and not again for some ticks
@@ -212,7 +212,7 @@ def test_a_check_that_trips_in_the_last_tick_of_a_hazard_is_of_that_hazard(made,
 
 
 def test_a_command_that_is_none_changes_nothing(made):
-    quiet, pestered = Session(CHOSEN, 5, made=made), Session(CHOSEN, 5, made=made)
+    quiet, pestered = Session(CHOSEN, 5, ready=made), Session(CHOSEN, 5, ready=made)
     nonsense = [
         {},
         {"type": "operator", "do": "fly"},

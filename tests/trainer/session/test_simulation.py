@@ -16,7 +16,7 @@ from ravenjax.robots.raven2.loop import tick
 from ravenjax.trainer.judge import Judge
 from ravenjax.trainer.protocol.frame import Frame
 from ravenjax.trainer.session import blueprint
-from ravenjax.trainer.session.simulation import PacketRobot, Robot
+from ravenjax.trainer.session.simulation import PacketRobot, SimulatedRobot
 
 TICKS, START = 900, 600
 FAULTS = {
@@ -48,7 +48,7 @@ def made():
 
 
 def robot_of(made):
-    robot = Robot(made)
+    robot = SimulatedRobot(made)
     for column, values in zip(robot.motion, made.plan.columns, strict=True):
         column[: len(values)], column[len(values) :] = values, values[-1]
     return robot

@@ -215,9 +215,9 @@ def test_without_an_effect_little_is_called_clear(tmp_path):
             skill = random.normal(0, 150)  # participants differ: hazards of one are alike
             hazards = [met(k, max(100.0, 700 + skill + random.normal(0, 50)), 5 + skill / 100) for k in range(4)]
             header = {"name": f"{i}", "participant": f"{i}", "group": name}
-            sessions.append(study_table.Session(tmp_path, header, hazards))
+            sessions.append(study_table.StudySession(tmp_path, header, hazards))
         labels = {"control": "control", "cue": "cue"}
-        found = comparison.compare(study_table.Study(sessions, "group", labels, False, [], []))
+        found = comparison.compare(study_table.TrainingStudy(sessions, "group", labels, False, [], []))
         clear += any(one.clear for one in found)
     assert clear / runs <= 0.05 + 2.3 * math.sqrt(0.05 * 0.95 / runs)
 

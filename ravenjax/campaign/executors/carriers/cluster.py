@@ -95,14 +95,14 @@ class Ray:
                 while _fill(attempts, under_way, 2 * seats, start):
                     done, _ = ray.wait(list(under_way), num_returns=1, timeout=1.0)
                     for task in done:
-                        taken = under_way.pop(task)
+                        chunk = under_way.pop(task)
                         try:
                             compile_s, finished = ray.get(task)
                         except ray.exceptions.RayError as error:
                             refused = getattr(error, "cause", None)
                             if isinstance(refused, UserError):
                                 raise refused from None
-                            attempts.failed(taken.rows, _cause(error))
+                            attempts.failed(chunk.rows, _cause(error))
                         else:
                             progress.began(compile_s)
                             behind.call(deliver, finished)
@@ -119,11 +119,11 @@ class Ray:
 
 def _fill(attempts: Attempts, under_way: dict[Any, Handed], most: int, start: Callable[[range], Any]) -> bool:
     """Start what there is room for; whether anything is under way."""
-    while len(under_way) < most and not any(taken.alone for taken in under_way.values()):
-        taken = attempts.take(idle=not under_way)
-        if taken is None:
+    while len(under_way) < most and not any(chunk.alone for chunk in under_way.values()):
+        chunk = attempts.take(idle=not under_way)
+        if chunk is None:
             break
-        under_way[start(taken.rows)] = taken
+        under_way[start(chunk.rows)] = chunk
     return bool(under_way)
 
 
@@ -131,8 +131,8 @@ def _join(ray: Any, address: str | None) -> None:
     """Join the cluster of that address, or begin one here. Raises UserError where nobody answers."""
     terminated = signal.getsignal(signal.SIGTERM)
     try:
-        if address is not None and (found := re.fullmatch(r"\[?([^/]+?)\]?:(\d+)", address)):
-            socket.create_connection((found[1], int(found[2])), ANSWER_S).close()  # Ray itself would ask for minutes
+        if address is not None and (match := re.fullmatch(r"\[?([^/]+?)\]?:(\d+)", address)):
+            socket.create_connection((match[1], int(match[2])), ANSWER_S).close()  # Ray itself would ask for minutes
         ray.init(address=address, include_dashboard=False, log_to_driver=False, logging_level="error")
     except OSError as error:  # a ConnectionError, which Ray raises, is one
         raise UserError(f"--ray-address {address}: no Ray cluster answers there ({error})") from error
@@ -142,8 +142,8 @@ def _join(ray: Any, address: str | None) -> None:
 
 def environment(engine: str) -> dict[str, str]:
     """Environment of a task of this engine: the coordinator's, and no GPU for JAX where it would only take memory."""
-    given = {name: os.environ[name] for name in _PASSED_ON if name in os.environ}
-    return {"JAX_PLATFORMS": "cpu"} | given if engine == "simd" else given
+    variables = {name: os.environ[name] for name in _PASSED_ON if name in os.environ}
+    return {"JAX_PLATFORMS": "cpu"} | variables if engine == "simd" else variables
 
 
 def _compute(key: str, head: remote.Head, share: remote.Share, cores: int) -> tuple[float, Any]:

@@ -72,14 +72,14 @@ class _Servant:
 
     def serve(self) -> None:
         """Until there is nothing left to do."""
-        held: list[Handed] = []
+        chunks: list[Handed] = []
         try:
-            while self._fill(held):
+            while self._fill(chunks):
                 message = self._receive()
                 if message is None:
-                    self._bury(held)
+                    self._bury(chunks)
                 else:
-                    self._handle(held, *message)
+                    self._handle(chunks, *message)
         except BaseException as error:
             self._attempts.stop(error)
         finally:
@@ -91,15 +91,15 @@ class _Servant:
             self._process.kill()
             self._process.wait()
 
-    def _fill(self, held: list[Handed]) -> bool:
+    def _fill(self, chunks: list[Handed]) -> bool:
         """Hand out what the worker should hold; whether it holds anything."""
-        while len(held) < HELD and not any(one.alone for one in held):
-            taken = self._attempts.take(idle=not held)
-            if taken is None:
+        while len(chunks) < HELD and not any(one.alone for one in chunks):
+            chunk = self._attempts.take(idle=not chunks)
+            if chunk is None:
                 break
-            held.append(taken)
-            self._send(taken)
-        return bool(held) and not self._attempts.stopped
+            chunks.append(chunk)
+            self._send(chunk)
+        return bool(chunks) and not self._attempts.stopped
 
     def _send(self, taken: Handed) -> None:
         try:

@@ -38,9 +38,9 @@ def _serve(connection: Connection) -> None:
     from ravenjax.errors import UserError
 
     post = _Post(connection)
-    given: Head = connection.recv()
+    head: Head = connection.recv()
     try:
-        bench = Bench(given, _relay(post))
+        bench = Bench(head, _relay(post))
     except UserError as error:
         post.send("refused", str(error))
         return
@@ -99,7 +99,7 @@ def _relay(post: _Post) -> Any:
         """What it counts goes to the coordinator, now and then."""
 
         done = due = 0
-        told = 0.0
+        last_report = 0.0
 
         def began(self, compile_s: float) -> None:
             post.send("compiled", compile_s)
@@ -112,10 +112,10 @@ def _relay(post: _Post) -> Any:
             with self._lock:
                 self.done += ticks
                 now = time.monotonic()
-                if now - self.told < EVERY_S:
+                if now - self.last_report < EVERY_S:
                     return
                 message = "ticks", self.done, self.due
-                self.done, self.due, self.told = 0, 0, now
+                self.done, self.due, self.last_report = 0, 0, now
             post.send(*message)
 
     return Relay("", 0, 0, 1, None)

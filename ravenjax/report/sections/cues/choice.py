@@ -16,7 +16,7 @@ import numpy as np
 
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset
-from ravenjax.report.sections.cues.sweep import Row
+from ravenjax.report.sections.cues.sweep import CueRow
 from ravenjax.stats.alarms import choice
 from ravenjax.stats.alarms.choice import AlarmCounts
 from ravenjax.stats.sample_size.planning import hours_to_bound
@@ -34,7 +34,7 @@ class Choice(NamedTuple):
     """Which set is best by one rule, as far as the data decide it."""
 
     rule: str
-    row: Row | None  # the best; None: undecided, or no set keeps the rule
+    row: CueRow | None  # the best; None: undecided, or no set keeps the rule
     alike: int  # other sets that do exactly as well
     possible: str  # where it is undecided: the thresholds that may be best, in words
     hours: float  # where fault-free motion would decide more: how many hours of it, in all; NaN: it would not
@@ -47,7 +47,7 @@ class Choice(NamedTuple):
         return " or " in self.possible or " to " in self.possible
 
 
-def choices(runs: Runs, rows: Sequence[Row]) -> list[Choice]:
+def choices(runs: Runs, rows: Sequence[CueRow]) -> list[Choice]:
     """What the data choose for each of WEIGHTS and of FALSE_PER_HOUR, neighbours with the same choice in one; none
     without unintended or fault-free motion. rows: as of `cue_sweep.rows`."""
     able = [row for row in rows if row.missed.n and row.per_hour is not None]
@@ -67,7 +67,7 @@ def hours_to_offer(of: Sequence[Choice]) -> float:
     return max(limits) if limits else min((one.hours for one in of if math.isfinite(one.hours)), default=0.0)
 
 
-def _alarm_counts(runs: Runs, rows: Sequence[Row]) -> AlarmCounts:
+def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
     """What the sets miss of the same hazards, and how often they come for nothing."""
     came = [f"({after_onset(f'warned{row.number}_ms')} >= 0)::INTEGER" for row in rows]
     # together, since what each set misses says nothing of what one misses and another does not
@@ -86,7 +86,7 @@ def _alarm_counts(runs: Runs, rows: Sequence[Row]) -> AlarmCounts:
     )
 
 
-def _cheapest(rows: Sequence[Row], alarms: AlarmCounts, weight: float, hours: float) -> Choice:
+def _cheapest(rows: Sequence[CueRow], alarms: AlarmCounts, weight: float, hours: float) -> Choice:
     def possible(times: float) -> np.ndarray:
         return choice.cheapest(alarms, weight, times)
 
@@ -96,7 +96,7 @@ def _cheapest(rows: Sequence[Row], alarms: AlarmCounts, weight: float, hours: fl
     return best._replace(least_mm=math.nan)
 
 
-def _rare(rows: Sequence[Row], alarms: AlarmCounts, most: float) -> Choice:
+def _rare(rows: Sequence[CueRow], alarms: AlarmCounts, most: float) -> Choice:
     possible, keeps = choice.rare(alarms, most)
     undecided = alarms.count[possible & ~keeps]
     more = hours_to_bound(most, int(undecided.min())) if len(undecided) else math.nan
@@ -105,7 +105,7 @@ def _rare(rows: Sequence[Row], alarms: AlarmCounts, most: float) -> Choice:
 
 
 def _choice(
-    rows: Sequence[Row],
+    rows: Sequence[CueRow],
     cost: Sequence[float],
     possible: np.ndarray,
     keeps: np.ndarray,
@@ -132,7 +132,7 @@ def _choice(
     return Choice("", best, len(same) - 1, "", math.nan, "", math.nan)
 
 
-def _thresholds(rows: Sequence[Row], which: np.ndarray) -> list[float]:
+def _thresholds(rows: Sequence[CueRow], which: np.ndarray) -> list[float]:
     """Different thresholds of some sets, mm, in order."""
     return sorted({row.cue.threshold_mm for row, is_one in zip(rows, which, strict=True) if is_one})
 
@@ -159,5 +159,5 @@ def _grouped(rule: str, by_number: Sequence[tuple[str, Choice]]) -> Iterator[Cho
         yield alike[0][1]._replace(rule=rule.format(numbers))
 
 
-def _per_hour(row: Row) -> float:
+def _per_hour(row: CueRow) -> float:
     return row.per_hour.per_hour if row.per_hour is not None else 0.0

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ravenjax.document.chart import Axis, Chart, Curve, Dots, Mark
+from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
 from ravenjax.document.palette import CUE, SAME
 from ravenjax.document.ticks import above
 from ravenjax.report import wording
-from ravenjax.report.sections.cues.sweep import Row
+from ravenjax.report.sections.cues.sweep import CueRow
 from ravenjax.stats.alarms.false_alarms import AlarmRate
 
 
-def tradeoff(rows: Sequence[Row]) -> Chart | None:
+def tradeoff(rows: Sequence[CueRow]) -> Chart | None:
     """Missed hazards over false cues an hour, one mark a set, those that none beats joined; None without either."""
     able = [row for row in rows if row.missed.n and row.per_hour is not None]
     if not able:
@@ -30,22 +30,22 @@ def tradeoff(rows: Sequence[Row]) -> Chart | None:
     missed = max(row.missed.high for row in able) or 0.01
     return Chart(
         "Missed hazards, false cues",
-        Axis("false cues per hour of fault-free motion", 0.0, above(1.1 * most)),
-        Axis("unintended motions without a cue", 0.0, min(1.0, above(1.02 * missed)), share=True),
+        ChartAxis("false cues per hour of fault-free motion", 0.0, above(1.1 * most)),
+        ChartAxis("unintended motions without a cue", 0.0, min(1.0, above(1.02 * missed)), share=True),
         tuple(marks),
     )
 
 
-def _hourly(row: Row) -> AlarmRate:
+def _hourly(row: CueRow) -> AlarmRate:
     assert row.per_hour is not None
     return row.per_hour
 
 
-def _marks(rows: Sequence[Row], name: str, colour: str) -> Dots:
+def _marks(rows: Sequence[CueRow], name: str, colour: str) -> Dots:
     force = np.array([row.force for row in rows])
     largest = force[np.isfinite(force)].max(initial=0.0)
     scale = np.nan_to_num(force / largest) if largest > 0 else np.zeros(len(rows))
-    first: dict[float, Row] = {}
+    first: dict[float, CueRow] = {}
     for row in rows:  # gains that change only the force fall on one mark: one label for them
         first.setdefault(row.cue.threshold_mm, row)
     return Dots(
@@ -63,7 +63,7 @@ def _marks(rows: Sequence[Row], name: str, colour: str) -> Dots:
     )
 
 
-def _words(row: Row) -> str:
+def _words(row: CueRow) -> str:
     missed = f"missed {wording.percent(row.missed.value)} ({wording.interval(row.missed)})"
     hourly = f"{wording.number(_hourly(row).per_hour)} false cues an hour"
     felt = f"peak force {wording.number(row.force)}, felt for {wording.number(row.felt_ms)} ms"

@@ -20,7 +20,7 @@ from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.alarms.pareto import front
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.store.access.query import RESULTS
-from ravenjax.store.manifest import Cue, Manifest
+from ravenjax.store.manifest import CueRecord, Manifest
 
 FELT = ("peak_force", "ms", "count")
 """What is told of a cue that is felt, by the ends of its columns."""
@@ -29,11 +29,11 @@ MOST = 500_000
 HARMLESS = "sample AND faulty AND NOT unintended"
 
 
-class Row(NamedTuple):
+class CueRow(NamedTuple):
     """One haptic set."""
 
     number: int
-    cue: Cue
+    cue: CueRecord
     missed: Rate  # of runs with an unintended motion
     false: Rate  # of fault-free motions
     per_hour: AlarmRate | None
@@ -52,21 +52,21 @@ class Row(NamedTuple):
         return f"{self.cue.threshold_mm:g} mm, Kp {self.cue.kp_per_mm:g}, Kd {self.cue.kd_s_per_mm:g}"
 
 
-def rows(runs: Runs, manifest: Manifest) -> list[Row]:
+def rows(runs: Runs, manifest: Manifest) -> list[CueRow]:
     """One row a haptic set, by threshold and gain."""
     free = runs.motions()
     felt = runs.counts([f"warned{k}_ms >= 0" for k in range(len(manifest.cues))], where=HARMLESS)
     harmless = runs.count(HARMLESS)
-    drawn = _felt(runs, len(manifest.cues))
-    made = []
+    sample = _felt(runs, len(manifest.cues))
+    result = []
     for k, cue in enumerate(manifest.cues):
         event, end = after_onset(f"warned{k}_ms"), str(manifest.duration_ms)
         delay, lags = (runs.delays(event, start, end, UNINTENDED)[""] for start in ("active_ms", "unintended_ms"))
         lead = counted.lead(lags)
         false = tables.rate_of(free.came(f"twin_cue{k}_first_ms"), free.count)
-        when = (drawn[f"warned{k}_ms"] >= drawn["active_ms"]) & (drawn[f"warned{k}_ms"] >= 0)
-        made.append(
-            Row(
+        when = (sample[f"warned{k}_ms"] >= sample["active_ms"]) & (sample[f"warned{k}_ms"] >= 0)
+        result.append(
+            CueRow(
                 k,
                 cue,
                 tables.rate_of(lead.n - lead.alarmed, lead.n),
@@ -77,12 +77,14 @@ def rows(runs: Runs, manifest: Manifest) -> list[Row]:
                 counted.incidence(delay).quantile_interval(0.5),
                 lead.before,
                 lead.quantile(0.5),
-                *(_median(drawn.loc[when, f"cue{k}_{what}"]) for what in FELT),
+                *(_median(sample.loc[when, f"cue{k}_{what}"]) for what in FELT),
             )
         )
-    best = front([row.missed.value for row in made], [row.per_hour.per_hour if row.per_hour else 0.0 for row in made])
-    made = [row._replace(best=bool(is_best)) for row, is_best in zip(made, best, strict=True)]
-    return sorted(made, key=lambda row: (row.cue.threshold_mm, row.cue.kp_per_mm, row.cue.kd_s_per_mm))
+    best = front(
+        [row.missed.value for row in result], [row.per_hour.per_hour if row.per_hour else 0.0 for row in result]
+    )
+    result = [row._replace(best=bool(is_best)) for row, is_best in zip(result, best, strict=True)]
+    return sorted(result, key=lambda row: (row.cue.threshold_mm, row.cue.kp_per_mm, row.cue.kd_s_per_mm))
 
 
 def _felt(runs: Runs, cues: int) -> pd.DataFrame:

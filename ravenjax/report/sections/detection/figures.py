@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from ravenjax.document import palette
-from ravenjax.document.chart import Axis, Chart, Curve, Dots, Mark
+from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
 from ravenjax.document.steps import steps
-from ravenjax.report.sections.detection.performance import Curves, Level, Row
+from ravenjax.report.sections.detection.performance import Curves, DetectorLevel, DetectorRow
 from ravenjax.report.sections.time_to_know import log_time, of_incidence
 
 HEIGHT = 340  # px
@@ -23,12 +23,12 @@ CAUGHT, DISTURBED = "share of unintended motions with an alarm", "share of other
 TELLING = "share of alarms with an unintended motion"
 
 
-def roc(rows: Sequence[Row]) -> Chart | None:
+def roc(rows: Sequence[DetectorRow]) -> Chart | None:
     """Chart of recall over alarms in other runs; None where no detector has a curve."""
     return _chart("Recall and false positives", rows, "roc", DISTURBED, CAUGHT)
 
 
-def precision_recall(rows: Sequence[Row]) -> Chart | None:
+def precision_recall(rows: Sequence[DetectorRow]) -> Chart | None:
     """Chart of precision over recall."""
     return _chart("Precision and recall", rows, "recall", CAUGHT, TELLING)
 
@@ -48,7 +48,7 @@ def leads(curves: Sequence[Curves]) -> Chart:
         line = steps(lag.time, lag.fraction, lag.low, lag.high, end=max(ends))
         marks.append(Curve.of(line, _label(one), palette.series(number)))
     low, high = max(-NEAR_MS, min(starts) - 10.0), min(NEAR_MS, max(ends) + 10.0)
-    time = Axis("alarm minus unintended motion, ms", low, max(high, low + 20.0), unit="ms", line=0.0)
+    time = ChartAxis("alarm minus unintended motion, ms", low, max(high, low + 20.0), unit="ms", line=0.0)
     return Chart("How long before the motion", time, _share(CAUGHT), _plain(marks), HEIGHT)
 
 
@@ -65,11 +65,11 @@ def _plain(curves: Sequence[Curve]) -> tuple[Curve, ...]:
     )
 
 
-def _share(title: str) -> Axis:
-    return Axis(title, 0.0, 1.0, share=True)
+def _share(title: str) -> ChartAxis:
+    return ChartAxis(title, 0.0, 1.0, share=True)
 
 
-def _chart(title: str, rows: Sequence[Row], kind: str, across: str, up: str) -> Chart | None:
+def _chart(title: str, rows: Sequence[DetectorRow], kind: str, across: str, up: str) -> Chart | None:
     numbered = [(number, row) for number, row in enumerate(rows) if getattr(row, kind) is not None]
     if not numbered:
         return None
@@ -84,7 +84,7 @@ def _chart(title: str, rows: Sequence[Row], kind: str, across: str, up: str) -> 
     return Chart(title, _share(across), _share(up), tuple(marks), HEIGHT)
 
 
-def _marks(row: Row, number: int, kind: str, visible: bool) -> list[Mark]:
+def _marks(row: DetectorRow, number: int, kind: str, visible: bool) -> list[Mark]:
     """Curve with band and marks of the levels; of what has a single level, the mark alone."""
     colour, name, marks = palette.series(number), row.name, []
     band = getattr(row, kind)
@@ -104,7 +104,7 @@ def _marks(row: Row, number: int, kind: str, visible: bool) -> list[Mark]:
     return marks
 
 
-def _place(level: Level, kind: str) -> tuple[float, float]:
+def _place(level: DetectorLevel, kind: str) -> tuple[float, float]:
     if kind == "roc":
         return level.harmless.value, level.caught.value
     return level.caught.value, level.precision.value

@@ -18,10 +18,10 @@ from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset
 from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.alarms.roc import CurveBand
-from ravenjax.stats.bootstrap.resample import Band
+from ravenjax.stats.bootstrap.resample import BootstrapBand
 from ravenjax.stats.intervals import Estimate, Rate, wilson
 from ravenjax.stats.latency import Incidence, Lead
-from ravenjax.store.manifest import Detector, Manifest
+from ravenjax.store.manifest import DetectorRecord, Manifest
 
 CHECKS, CUE = "built-in checks", "haptic cue"
 GRID = np.unique(np.concatenate([np.linspace(0, 0.1, 41), np.linspace(0.1, 1, 91)]))
@@ -35,7 +35,7 @@ MOST_LEVELS = 12
 """Levels of a detector in the table; of more, so many, evenly taken, and the quiet one."""
 
 
-class Level(NamedTuple):
+class DetectorLevel(NamedTuple):
     """What one level of a detector does. level: in the unit of the score, NaN for a check or a cue."""
 
     detector: str
@@ -50,7 +50,7 @@ class Level(NamedTuple):
     quiet: bool  # the lowest level without a false alarm on fault-free motion
 
 
-class Alarms(NamedTuple):
+class LevelAlarms(NamedTuple):
     """When a detector first spoke at one level, in every run of the table; -1: never."""
 
     name: str
@@ -61,16 +61,16 @@ class Alarms(NamedTuple):
     quiet: bool
 
 
-class Row(NamedTuple):
+class DetectorRow(NamedTuple):
     """One detector."""
 
     name: str
     what: str  # kind and settings in words
-    levels: list[Level]
+    levels: list[DetectorLevel]
     roc: CurveBand | None  # None for a check or a cue, and where runs do not differ in it or are all of one fault
     recall: CurveBand | None
-    auc: Band | None
-    average_precision: Band | None
+    auc: BootstrapBand | None
+    average_precision: BootstrapBand | None
 
 
 class Curves(NamedTuple):
@@ -82,30 +82,30 @@ class Curves(NamedTuple):
     lead: Lead
 
 
-def alarms(runs: Runs, manifest: Manifest) -> list[Alarms]:
+def alarms(runs: Runs, manifest: Manifest) -> list[LevelAlarms]:
     """Everything that can speak, level by level: the campaign's detectors, the checks, the cue of the verdicts."""
     free = runs.motions()
-    found = [one for d, detector in enumerate(manifest.detectors) for one in _levels(runs, d, detector)]
-    found.append(Alarms(CHECKS, math.nan, "told_ms", None, None, False))
+    result = [one for d, detector in enumerate(manifest.detectors) for one in _levels(runs, d, detector)]
+    result.append(LevelAlarms(CHECKS, math.nan, "told_ms", None, None, False))
     if manifest.cues:
-        told = free.came(f"twin_cue{manifest.verdict_cue}_first_ms")
+        cues = free.came(f"twin_cue{manifest.verdict_cue}_first_ms")
         name = f"{CUE}, {manifest.cues[manifest.verdict_cue].threshold_mm:g} mm"
         rate = free.cue_rate(manifest.verdict_cue)
-        found.append(Alarms(name, math.nan, "warned_ms", told, rate, told == 0))
-    return found
+        result.append(LevelAlarms(name, math.nan, "warned_ms", cues, rate, cues == 0))
+    return result
 
 
-def _levels(runs: Runs, d: int, detector: Detector) -> Iterator[Alarms]:
+def _levels(runs: Runs, d: int, detector: DetectorRecord) -> Iterator[LevelAlarms]:
     free, score = runs.motions(), f"twin_detector{d}_score"
     events = [run_facts.beyond_sql(score, level, runs.types) for level in detector.levels]
     counts = [free.with_event(event) for event in events]
     quiet = min((level for level, count in zip(detector.levels, counts, strict=True) if not count), default=None)
     for k, (level, count, event) in enumerate(zip(detector.levels, counts, events, strict=True)):
         rate = free.first_rate(event, f"detector{d}_level{k}_first_ms")
-        yield Alarms(detector.name, level, f"alarm{d}_{k}_ms", count, rate, level == quiet)
+        yield LevelAlarms(detector.name, level, f"alarm{d}_{k}_ms", count, rate, level == quiet)
 
 
-def known(found: list[Alarms]) -> str:
+def known(found: list[LevelAlarms]) -> str:
     """When anyone could first know of each run's fault, -1 if never, as an expression of columns of facts: the cue, a
     check, or a detector at its lowest level without a false alarm; what spoke before the fault had any effect does not
     know of it."""
@@ -113,18 +113,18 @@ def known(found: list[Alarms]) -> str:
     return run_facts.first_sql(*(f"({after_onset(one.column)})" for one in able))
 
 
-def rows(runs: Runs, manifest: Manifest, found: list[Alarms]) -> list[Row]:
+def rows(runs: Runs, manifest: Manifest, found: list[LevelAlarms]) -> list[DetectorRow]:
     """One row a detector, then the checks and the cue."""
     names = list(dict.fromkeys(one.name for one in found))
-    shown = {name: _shown([one for one in found if one.name == name]) for name in names}
-    counts = _caught(runs, [one for own in shown.values() for one in own])
-    made = []
+    levels_of = {name: _shown([one for one in found if one.name == name]) for name in names}
+    counts = _caught(runs, [one for own in levels_of.values() for one in own])
+    result = []
     for number, name in enumerate(names):
-        levels = [_level(runs, manifest, one, counts[one.column]) for one in shown[name]]
+        levels = [_level(runs, manifest, one, counts[one.column]) for one in levels_of[name]]
         scored = number < len(manifest.detectors)
         roc, recall = _bands(runs, number) if scored else (None, None)
-        made.append(
-            Row(
+        result.append(
+            DetectorRow(
                 name,
                 _what(manifest.detectors[number]) if scored else "",
                 levels,
@@ -134,7 +134,7 @@ def rows(runs: Runs, manifest: Manifest, found: list[Alarms]) -> list[Row]:
                 recall.area if recall else None,
             )
         )
-    return made
+    return result
 
 
 def curve_runs(runs: Runs) -> tuple[int, int]:
@@ -143,22 +143,22 @@ def curve_runs(runs: Runs) -> tuple[int, int]:
     return min(n, MOST_DRAWN), n
 
 
-def curves(runs: Runs, manifest: Manifest, found: list[Alarms]) -> list[Curves]:
+def curves(runs: Runs, manifest: Manifest, found: list[LevelAlarms]) -> list[Curves]:
     """How early each detector speaks, in the order of `found`."""
-    made = []
+    result = []
     for name in dict.fromkeys(one.name for one in found):
         own = [one for one in found if one.name == name]
         one = next((level for level in own if level.quiet), own[-1])
-        made.append(Curves(name, one.level, *_times(runs, manifest, one)))
-    return made
+        result.append(Curves(name, one.level, *_times(runs, manifest, one)))
+    return result
 
 
-def _shown(own: list[Alarms]) -> list[Alarms]:
-    kept = np.unique(np.linspace(0, len(own) - 1, MOST_LEVELS).round()) if len(own) > MOST_LEVELS else range(len(own))
-    return [one for k, one in enumerate(own) if k in kept or one.quiet]
+def _shown(own: list[LevelAlarms]) -> list[LevelAlarms]:
+    places = np.unique(np.linspace(0, len(own) - 1, MOST_LEVELS).round()) if len(own) > MOST_LEVELS else range(len(own))
+    return [one for k, one in enumerate(own) if k in places or one.quiet]
 
 
-def _what(detector: Detector) -> str:
+def _what(detector: DetectorRecord) -> str:
     words = [detector.kind.replace("_", " ")]
     if detector.kind == "steps":
         words.append(f"fused: {detector.fusion}")
@@ -176,18 +176,18 @@ class _Caught(NamedTuple):
     misses: int
 
 
-def _caught(runs: Runs, found: list[Alarms]) -> dict[str, _Caught]:
+def _caught(runs: Runs, found: list[LevelAlarms]) -> dict[str, _Caught]:
     """By column."""
     kinds = ("unintended", "NOT unintended")
-    asked = [f"{kind} AND {one.column} >= 0" for one in found for kind in kinds]
-    unintended, others, *counts = runs.counts([*kinds, *asked], where="sample AND faulty")
+    conditions = [f"{kind} AND {one.column} >= 0" for one in found for kind in kinds]
+    unintended, others, *counts = runs.counts([*kinds, *conditions], where="sample AND faulty")
     pairs = zip(counts[::2], counts[1::2], strict=True)
     return {one.column: _Caught(unintended, others, *pair) for one, pair in zip(found, pairs, strict=True)}
 
 
-def _level(runs: Runs, manifest: Manifest, one: Alarms, counts: _Caught) -> Level:
+def _level(runs: Runs, manifest: Manifest, one: LevelAlarms, counts: _Caught) -> DetectorLevel:
     delay, lead = _times(runs, manifest, one)
-    return Level(
+    return DetectorLevel(
         one.name,
         one.level,
         wilson(counts.hits, counts.unintended),
@@ -201,7 +201,7 @@ def _level(runs: Runs, manifest: Manifest, one: Alarms, counts: _Caught) -> Leve
     )
 
 
-def _times(runs: Runs, manifest: Manifest, one: Alarms) -> tuple[Incidence, Lead]:
+def _times(runs: Runs, manifest: Manifest, one: LevelAlarms) -> tuple[Incidence, Lead]:
     """Delay after the first effect, and lead over the unintended motion; an alarm before the first effect counts
     as none, for it tells of something else."""
     event, end = after_onset(one.column), str(manifest.duration_ms)
@@ -214,12 +214,12 @@ def _bands(runs: Runs, number: int) -> tuple[CurveBand, CurveBand] | tuple[None,
     from ravenjax.stats.alarms.roc import precision_recall_band, roc_band
 
     score = f"detector{number}_score"
-    drawn = runs.drawn(f'{score} AS score, unintended, "distinct" AS cell', SCORED, MOST_DRAWN)
-    values, unintended, cell = (drawn[name].to_numpy() for name in ("score", "unintended", "cell"))
+    sample = runs.drawn(f'{score} AS score, unintended, "distinct" AS cell', SCORED, MOST_DRAWN)
+    values, unintended, cell = (sample[name].to_numpy() for name in ("score", "unintended", "cell"))
     if min(len(np.unique(unintended)), len(np.unique(cell))) < 2:
         return None, None
-    given: dict[str, Any] = {"resamples": int(np.clip(DRAWS // len(values), 100, 400))}
+    options: dict[str, Any] = {"resamples": int(np.clip(DRAWS // len(values), 100, 400))}
     return (
-        roc_band(values, unintended, cell, grid=GRID, **given),
-        precision_recall_band(values, unintended, cell, grid=GRID[1:], **given),
+        roc_band(values, unintended, cell, grid=GRID, **options),
+        precision_recall_band(values, unintended, cell, grid=GRID[1:], **options),
     )

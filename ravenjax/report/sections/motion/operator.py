@@ -10,7 +10,7 @@ import numpy as np
 
 from ravenjax import robots
 from ravenjax.document import palette
-from ravenjax.document.chart import Axis, Chart, Curve
+from ravenjax.document.chart import Chart, ChartAxis, Curve
 from ravenjax.store.motion.options import MAX_GAP_S
 from ravenjax.store.motion.resampling import TICK_S
 from ravenjax.store.motion.summary import MotionSummary, TipLine
@@ -80,8 +80,8 @@ def _drawing(summary: MotionSummary, arm: str) -> TipDrawing:
         curves = tuple(_curve(line, colours[line.what], number) for line in lines)
         time, value = (np.concatenate([part for one in curves for part in (getattr(one, name),)]) for name in "xy")
         margin = 0.05 * max(float(np.ptp(value)), 0.1)
-        across = Axis("time in the recording, s", float(time.min()), float(time.max()), unit="s")
-        up = Axis(f"{axis}, mm", float(value.min()) - margin, float(value.max()) + margin, unit="mm")
+        across = ChartAxis("time in the recording, s", float(time.min()), float(time.max()), unit="s")
+        up = ChartAxis(f"{axis}, mm", float(value.min()) - margin, float(value.max()) + margin, unit="mm")
         charts.append(Chart(f"Tip of {arm}, {axis}", across, up, curves, HEIGHT))
     return TipDrawing(arm, charts)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.document import palette
-from ravenjax.document.chart import Axis, Chart, Curve, Dots
+from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots
 from ravenjax.document.steps import steps
 from ravenjax.document.ticks import above
 from ravenjax.report.sections.reaction import pairs
@@ -35,14 +35,14 @@ def spared(rows: Sequence[Difference]) -> Chart:
         marks.append(Dots(action, palette.series(number), value, places, low, high, tips=tips))
     ends = np.concatenate([[0.0], *(edge for one in marks for edge in (one.x_low, one.x_high))])
     low, high = (above(1.05 * abs(float(end))) if end else 0.0 for end in (ends.min(), ends.max()))
-    across = Axis(
+    across = ChartAxis(
         "how far the tip went by itself, with minus without, mm",
         -low,
         high or (0.0 if low else 1.0),
         unit="mm",
         line=0.0,
     )
-    up = Axis("faults", -0.5, len(classes) - 0.5, names=tuple(classes))
+    up = ChartAxis("faults", -0.5, len(classes) - 0.5, names=tuple(classes))
     return Chart("What it spares", across, up, tuple(marks), 20 + (ROW + 6 * len(actions)) * len(classes))
 
 
@@ -57,7 +57,7 @@ def exceedance(frame: pd.DataFrame, facts: pd.DataFrame) -> Chart:
         colour = palette.series(acting.index(number)) if number else palette.SAME
         curves.append(_exceedance_curve(values, name, colour, number == 0))
     far = max(max(float(curve.x[-1]) for curve in curves), 10.0)
-    across = Axis("how far the tip went by itself, mm", LEAST_MM, far, log=True, unit="mm")
+    across = ChartAxis("how far the tip went by itself, mm", LEAST_MM, far, log=True, unit="mm")
     return Chart(
         "How far the tip went by itself", across, share_axis("share of faults beyond it", curves), tuple(curves)
     )

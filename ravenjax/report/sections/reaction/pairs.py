@@ -18,7 +18,7 @@ from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables
 from ravenjax.stats.alarms.false_alarms import AlarmRate, alarm_rate
-from ravenjax.stats.bootstrap.resample import Band
+from ravenjax.stats.bootstrap.resample import BootstrapBand
 from ravenjax.stats.comparison.paired import mcnemar, mean_difference, rate_difference
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.store.access.query import RESULTS, quoted
@@ -78,7 +78,7 @@ class Idle(NamedTuple):
     lost_ms: float  # mean of pedal-down time lost in those, ms; NaN: none
 
 
-class Drawn(NamedTuple):
+class PairSample(NamedTuple):
     """Runs that are looked at pair by pair: all, or so many that every pair is there as a whole."""
 
     frame: pd.DataFrame
@@ -90,7 +90,7 @@ class Drawn(NamedTuple):
         return crossed(self.frame, self.facts)
 
 
-def drawn(runs: Runs) -> Drawn:
+def drawn(runs: Runs) -> PairSample:
     """The runs of about MOST of a table's rows, all that share a pair together."""
     plain = ("pair", "operator", "reaction_ms", "pedal_down_ms", "tissue_depth_mm")
     names = [name for name in runs.names if name in plain or name.startswith(("param:", "twin_"))]
@@ -98,7 +98,7 @@ def drawn(runs: Runs) -> Drawn:
     own = ", ".join(f'{FACTS}.{name} AS "fact {name}"' for name in OF_FACTS)
     both = runs.drawn(f"{raw}, {own}, {FACTS}.layer::VARCHAR AS layer", "true", MOST, by="pair")
     facts = pd.DataFrame({name: both[f"fact {name}"] for name in OF_FACTS} | {"layer": both["layer"]})
-    return Drawn(both.loc[:, [*names, EXCURSION]], facts)
+    return PairSample(both.loc[:, [*names, EXCURSION]], facts)
 
 
 def crossed(frame: pd.DataFrame, facts: pd.DataFrame) -> bool:
@@ -134,7 +134,7 @@ def differences(frame: pd.DataFrame, facts: pd.DataFrame) -> list[Difference]:
 
 def interruptions(frame: pd.DataFrame, facts: pd.DataFrame) -> list[Idle]:
     """For each action, what it does to fault-free motion: the twins of all runs that have it."""
-    made = []
+    result = []
     for number, action in _actions(facts):
         free = run_facts.twins(frame, facts["action"].to_numpy() == number)
         acted = run_facts.first_came(free, "twin_reaction_ms")
@@ -142,7 +142,7 @@ def interruptions(frame: pd.DataFrame, facts: pd.DataFrame) -> list[Idle]:
         mine = pairs(frame, facts, number, faulty=False)
         lost = mine.without_frame["pedal_down_ms"].to_numpy() - mine.with_frame["pedal_down_ms"].to_numpy()
         lost = lost[run_facts.first_came(mine.with_frame, "reaction_ms")]
-        made.append(
+        result.append(
             Idle(
                 MEANINGS[action],
                 tables.rate(acted),
@@ -150,7 +150,7 @@ def interruptions(frame: pd.DataFrame, facts: pd.DataFrame) -> list[Idle]:
                 float(lost.mean()) if len(lost) else math.nan,
             )
         )
-    return made
+    return result
 
 
 def _actions(facts: pd.DataFrame) -> list[tuple[int, str]]:
@@ -207,5 +207,5 @@ def _mean(mine: Pairs, column: str) -> Estimate:
     if len(first) < 2:
         return Estimate(float((first - second).mean()), math.nan, math.nan)
     resamples = int(np.clip(DRAWS // len(first), 100, RESAMPLES))
-    band: Band = mean_difference(first, second, resamples=resamples, kind="percentile")
+    band: BootstrapBand = mean_difference(first, second, resamples=resamples, kind="percentile")
     return Estimate(float(band.value), float(band.low), float(band.high))

@@ -14,7 +14,7 @@ from ravenjax.robots.raven2.campaign import hands
 from ravenjax.robots.raven2.campaign.config import RavenConfig
 from ravenjax.robots.raven2.console.motion import Motion
 from ravenjax.robots.raven2.loop import tick
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import overdrive
 from ravenjax.vocabulary.reactions import ACTIONS
 
@@ -40,7 +40,7 @@ def prepare(
     """See `ravenjax.campaign.prepared`. Raises UserError for an operator's file that cannot be used."""
     replay = hands.operator_replay(config)
     motion = hands.operator_motion(config) if replay is None else replay.motion
-    setup = Setup(
+    setup = RavenSetup(
         arms=config.campaign.arms,
         software=config.campaign.software,
         tools=config.tools,
@@ -74,7 +74,7 @@ def _longest(delays: np.ndarray | None) -> int:
     return int(np.clip(np.nanmax(delays), 0, LONGEST_DELAY))
 
 
-def _params(config: RavenConfig, setup: Setup, motion: Motion) -> tick.Params:
+def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> tick.TickParams:
     params = tick.params(setup, motion.start_jpos, config.campaign.parameter_set)
     operator = replace(params.operator, scale=config.operator.scale)
     level, policy = config.campaign.level, POLICIES[config.campaign.policy]
@@ -95,10 +95,10 @@ def _params(config: RavenConfig, setup: Setup, motion: Motion) -> tick.Params:
         levels = tuple(levels for _, _, levels in config.detectors)
         params = replace(params, detectors=replace(params.detectors, levels=levels))
     if params.reaction is not None and config.reaction is not None:
-        asked = config.reaction.model_dump(exclude={"action", "correct_mm_s"})
+        settings = config.reaction.model_dump(exclude={"action", "correct_mm_s"})
         action = np.int32(ACTIONS.index(config.reaction.action))
         speed = config.reaction.correct_mm_s / 1e3
-        params = replace(params, reaction=replace(params.reaction, action=action, correct_speed=speed, **asked))
+        params = replace(params, reaction=replace(params.reaction, action=action, correct_speed=speed, **settings))
     for joint, (low, high) in config.limits.si().items():
         for side, value in (("lower", low), ("upper", high)):
             stored = float(np.float32(value))  # the software holds its limits as float32

@@ -8,11 +8,11 @@ import numpy as np
 
 from ravenjax.robots.raven2.geometry import scene
 from ravenjax.robots.raven2.geometry.links import jaw_rotation
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.store.logs.trace.log import Base
 
 
-def series(setup: Setup, signals: Any, golden: np.ndarray | None = None) -> dict[str, np.ndarray]:
+def series(setup: RavenSetup, signals: Any, golden: np.ndarray | None = None) -> dict[str, np.ndarray]:
     """The time series of a run from its signals and the golden run's series [ticks, numbers]; names, axes, units and
     meanings in `store.logs.time_series`."""
     control = signals.control
@@ -38,7 +38,7 @@ def series(setup: Setup, signals: Any, golden: np.ndarray | None = None) -> dict
     return {name: np.asarray(values) for name, values in out.items()}
 
 
-def bases(setup: Setup) -> dict[str, Base]:
+def bases(setup: RavenSetup) -> dict[str, Base]:
     """Where each arm stands in the world."""
     return {arm: Base(*scene.base_pose(arm)) for arm in setup.arms}
 

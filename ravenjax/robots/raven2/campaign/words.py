@@ -33,6 +33,6 @@ def complaints(config: RavenConfig) -> Iterator[Complaint]:
         yield ("operator", "motion"), "got 'clutched', expected console = 'increments': an absolute one has no clutch"
 
 
-def _unknown(what: str, got: str, known: Iterable[str]) -> str:
-    known = list(known)
-    return f"unknown {what} {got!r}, expected one of {', '.join(known)}{suggestion(got, known)}"
+def _unknown(what: str, got: str, names: Iterable[str]) -> str:
+    names = list(names)
+    return f"unknown {what} {got!r}, expected one of {', '.join(names)}{suggestion(got, names)}"

@@ -21,11 +21,11 @@ from ravenjax.robots.raven2.console.motion import ARM_COLUMNS, NOMINAL_SCALE
 from ravenjax.robots.raven2.console.packet import SIZE_BYTES, Packet
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.geometry.mapping import position_from_itp, position_to_itp, quat_from_matrix, quat_mul
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 
 
 @record
-class Params:
+class OperatorParams:
     """What a campaign may vary of the console."""
 
     scale: Annotated[  # SEED uses 0.05 .. 0.2
@@ -45,12 +45,14 @@ class Params:
     ]
 
 
-def params(setup: Setup, start_jpos: tuple[tuple[float, ...], ...], scale: float = NOMINAL_SCALE) -> Params:
-    """Params of a motion that starts in `start_jpos` (`Motion.start_jpos`: per arm, 7 joints in rad and m)."""
+def params(
+    setup: RavenSetup, start_jpos: tuple[tuple[float, ...], ...], scale: float = NOMINAL_SCALE
+) -> OperatorParams:
+    """OperatorParams of a motion that starts in `start_jpos` (`Motion.start_jpos`: per arm, 7 joints in rad and m)."""
     with jax.enable_x64(True):
         poses = per_arm(setup, lambda i, arm: kinematics.forward(arm, Vec(jnp.float64(q) for q in start_jpos[i])))
         quats = [quat_from_matrix(pose.rotation) for pose in poses]
-    return Params(
+    return OperatorParams(
         scale=scale,
         start_position=tuple(Vec(float(x) * 1e6 for x in pose.position) for pose in poses),
         start_quat=tuple(Vec(float(x) for x in quat) for quat in quats),
@@ -59,7 +61,7 @@ def params(setup: Setup, start_jpos: tuple[tuple[float, ...], ...], scale: float
 
 
 @record
-class Row:
+class MotionRow:
     """The hands and the pedal at one millisecond; as `ravenjax.robots.raven2.console.motion.Motion`."""
 
     position: tuple[Vec, ...]  # um, ITP frame, before scaling
@@ -68,7 +70,7 @@ class Row:
     surgeon_mode: Scalar  # int32, 1 pedal down
 
 
-def lookup(table: tuple[Any, ...], k: Scalar) -> Row:
+def lookup(table: tuple[Any, ...], k: Scalar) -> MotionRow:
     """Row `k` of a motion, rows before the first and after the last being those.
 
     table: the columns of `Motion.table()`, each a 1-D array. The only indexing in the whole tick.
@@ -77,7 +79,7 @@ def lookup(table: tuple[Any, ...], k: Scalar) -> Row:
     values = [column.at[k].get(mode="clip", wrap_negative_indices=False) for column in table]
     width = len(ARM_COLUMNS)
     arms = [values[i : i + width] for i in range(0, len(values) - 1, width)]
-    return Row(
+    return MotionRow(
         position=tuple(Vec(arm[0:3]) for arm in arms),
         quat=tuple(Vec(arm[3:7]) for arm in arms),
         grasp=tuple(arm[7] for arm in arms),
@@ -86,47 +88,49 @@ def lookup(table: tuple[Any, ...], k: Scalar) -> Row:
 
 
 @record
-class Hands:
+class HandOffsets:
     """How far the hands are from where the plan has them: by a tremor, or to correct by eye. One entry an arm."""
 
     offset: tuple[Vec, ...]  # um before scaling, axes of an ITP packet
     offset_before: tuple[Vec, ...]  # the same when the last packet was made
 
 
-def at_plan(setup: Setup) -> Hands:
+def at_plan(setup: RavenSetup) -> HandOffsets:
     """Hands that are where the plan has them."""
     still = per_arm(setup, lambda *_: Vec.full(3, real(setup, 0.0)))
-    return Hands(still, still)
+    return HandOffsets(still, still)
 
 
-def strayed(hands: Hands, motion: tuple[Vec, ...]) -> Hands:
+def strayed(hands: HandOffsets, motion: tuple[Vec, ...]) -> HandOffsets:
     """The hands after a motion beyond the plan, um before scaling about the axes of an ITP packet."""
     return replace(hands, offset=tuple(a + b for a, b in zip(hands.offset, motion, strict=True)))
 
 
-def steered(setup: Setup, params: Params, hands: Hands, tips: tuple[Vec, ...]) -> Hands:
+def steered(setup: RavenSetup, params: OperatorParams, hands: HandOffsets, tips: tuple[Vec, ...]) -> HandOffsets:
     """The hands after a motion that takes each tip along by `tips`, m in frame 0."""
     per_m = 1e6 / params.scale
     return strayed(hands, per_arm(setup, lambda i, arm: position_to_itp(arm, tips[i]) * per_m))
 
 
-def tip_offset(setup: Setup, params: Params, hands: Hands) -> tuple[Vec, ...]:
+def tip_offset(setup: RavenSetup, params: OperatorParams, hands: HandOffsets) -> tuple[Vec, ...]:
     """By how much the hands ask each tip off its plan, m in frame 0."""
     m_each = params.scale * 1e-6
     return per_arm(setup, lambda i, arm: position_from_itp(arm, hands.offset[i]) * m_each)
 
 
-def sent(hands: Hands, fresh: Scalar) -> Hands:
+def sent(hands: HandOffsets, fresh: Scalar) -> HandOffsets:
     """The hands after a tick, in which they made a packet where `fresh` (bool)."""
     return replace(hands, offset_before=where(fresh, hands.offset, hands.offset_before))
 
 
-def moved(row: Row, offset: tuple[Vec, ...]) -> Row:
-    """The row of hands that are off the plan by `offset`, as in `Hands`."""
+def moved(row: MotionRow, offset: tuple[Vec, ...]) -> MotionRow:
+    """The row of hands that are off the plan by `offset`, as in `HandOffsets`."""
     return replace(row, position=tuple(a + b for a, b in zip(row.position, offset, strict=True)))
 
 
-def packet(setup: Setup, params: Params, row: Row, row_before: Row, sequence: Scalar) -> Packet:
+def packet(
+    setup: RavenSetup, params: OperatorParams, row: MotionRow, row_before: MotionRow, sequence: Scalar
+) -> Packet:
     """The packet that the console sends for `row`, `row_before` being that of the packet before.
 
     While the pedal is up a console of increments sends no motion: that is how the surgeon repositions the hands.
@@ -146,7 +150,9 @@ def packet(setup: Setup, params: Params, row: Row, row_before: Row, sequence: Sc
     )
 
 
-def _increment(i: int, arm: str, params: Params, row: Row, before: Row, pedal: Scalar) -> tuple[Vec, Vec, Scalar]:
+def _increment(
+    i: int, arm: str, params: OperatorParams, row: MotionRow, before: MotionRow, pedal: Scalar
+) -> tuple[Vec, Vec, Scalar]:
     """Increments since the row before, in the ITP frame (raven2 `local_io.cpp` accumulates them)."""
     delta = (row.position[i] * params.scale).map(to_int32) - (before.position[i] * params.scale).map(to_int32)
     x, y, z, w = before.quat[i]
@@ -160,7 +166,9 @@ def _increment(i: int, arm: str, params: Params, row: Row, before: Row, pedal: S
     )
 
 
-def _absolute(i: int, arm: str, params: Params, row: Row, before: Row, pedal: Scalar) -> tuple[Vec, Vec, Scalar]:
+def _absolute(
+    i: int, arm: str, params: OperatorParams, row: MotionRow, before: MotionRow, pedal: Scalar
+) -> tuple[Vec, Vec, Scalar]:
     """Desired pose in frame 0 and jaw opening (raven2_sim `Real_Packet_Generator.py`)."""
     position = params.start_position[i] + position_from_itp(arm, row.position[i] * params.scale)
     x, y, z, w = row.quat[i]

@@ -13,7 +13,7 @@ import numpy as np
 
 from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2.arms import ARMS, ArmName
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 
 UDP_PORT = 36000
 """Port the control software listens on; raven2 `network_layer.cpp`."""
@@ -55,16 +55,16 @@ V_STRUCT = np.dtype(
 """Robot to console, 52 bytes; declared by raven2 and never sent by it (NET_SEND is undefined)."""
 
 SIZE_BYTES = {"increments": U_STRUCT.itemsize, "absolute": 204}
-"""Bytes of a datagram by `Setup.console`. 204: the packet generator of the 2015 fork, whose two quaternions give way to
-two 3x3 rotation matrices (raven2_sim `include/itp_teleoperation.h`, `Real_Packet_Generator.py`)."""
+"""Bytes of a datagram by `RavenSetup.console`. 204: the packet generator of the 2015 fork, whose two quaternions give
+way to two 3x3 rotation matrices (raven2_sim `include/itp_teleoperation.h`, `Real_Packet_Generator.py`)."""
 
 
 @record
 class Packet:
-    """What the network hands to the robot in one cycle. Tuples have one entry per arm of `Setup.arms`.
+    """What the network hands to the robot in one cycle. Tuples have one entry per arm of `RavenSetup.arms`.
 
-    `delta` and `quat` are increments in the ITP frame; with `Setup.console == "absolute"` they are the desired position
-    and orientation in the arm's frame 0, and `grasp` is absolute.
+    `delta` and `quat` are increments in the ITP frame; with `RavenSetup.console == "absolute"` they are the desired
+    position and orientation in the arm's frame 0, and `grasp` is absolute.
     """
 
     received: Scalar  # int32, 1 where a datagram arrived in this cycle
@@ -77,7 +77,7 @@ class Packet:
 
 
 @functools.lru_cache(maxsize=16)
-def silence(setup: Setup) -> Packet:
+def silence(setup: RavenSetup) -> Packet:
     """No packet in this cycle."""
     arms, zero = range(len(setup.arms)), np.int32(0)
     number = np.dtype(setup.precision.wide).type

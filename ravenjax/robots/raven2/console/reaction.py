@@ -28,7 +28,7 @@ from ravenjax.numbers.algebra import dot
 from ravenjax.numbers.quantity import HOUR_MS, Quantity
 from ravenjax.numbers.setup import per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.vocabulary.reactions import CORRECT, NONE, RELEASE, SLOW
 
 TICK_S = 1e-3
@@ -36,7 +36,7 @@ TINY_M = 1e-9  # below it there is nothing to correct
 
 
 @record
-class Params:
+class ReactionParams:
     """What a campaign may vary."""
 
     action: Annotated[  # int32, one of ACTIONS
@@ -52,7 +52,7 @@ class Params:
 
 
 @record
-class State:
+class ReactionState:
     """What the operator remembers."""
 
     felt: Scalar  # int32, tick of the first pull that was felt in pedal-down; -1: none
@@ -61,7 +61,7 @@ class State:
 
 
 @record
-class Pace:
+class ReactionPace:
     """What the action makes of the planned motion in one packet."""
 
     released: Scalar  # bool, the foot is off the pedal
@@ -69,7 +69,7 @@ class Pace:
 
 
 @record
-class Felt:
+class OperatorSenses:
     """What reaches the operator's eyes and hands; tuples have one entry an arm."""
 
     force: tuple[Scalar, ...]  # device units, of the first haptic set
@@ -80,17 +80,17 @@ class Felt:
     tick: Scalar  # int32
 
 
-def params(setup: Setup) -> Params:
+def params(setup: RavenSetup) -> ReactionParams:
     """The assumptions above; nobody reacts until a campaign says so."""
-    return Params(np.int32(NONE), 250.0, 0.0, 0.25, 5.0, 0.05)
+    return ReactionParams(np.int32(NONE), 250.0, 0.0, 0.25, 5.0, 0.05)
 
 
-def init(setup: Setup) -> State:
+def init(setup: RavenSetup) -> ReactionState:
     """Nothing felt."""
-    return State(jnp.int32(-1), jnp.int32(-1), jnp.int32(-1))
+    return ReactionState(jnp.int32(-1), jnp.int32(-1), jnp.int32(-1))
 
 
-def act(setup: Setup, params: Params, state: State, tick: Scalar, packet: Scalar) -> State:
+def act(setup: RavenSetup, params: ReactionParams, state: ReactionState, tick: Scalar, packet: Scalar) -> ReactionState:
     """Before this tick's packet, of index `packet`: whether the action begins now."""
     waited = lax.convert_element_type(tick - state.felt, setup.precision.real) >= params.delay_ms
     begins = (params.action != NONE) & (state.felt >= 0) & waited & (state.acted < 0)
@@ -101,18 +101,20 @@ def act(setup: Setup, params: Params, state: State, tick: Scalar, packet: Scalar
     )
 
 
-def pace(setup: Setup, params: Params, state: State, packet: Scalar) -> Pace:
+def pace(setup: RavenSetup, params: ReactionParams, state: ReactionState, packet: Scalar) -> ReactionPace:
     """Foot and hands in the packet of that index."""
     since = packet - state.acted_packet
     acting = (state.acted >= 0) & (since >= 0)
     behind = lax.convert_element_type(since, setup.precision.real) * (1.0 - params.slow_to)
-    return Pace(
+    return ReactionPace(
         released=acting & (params.action == RELEASE),
         lag=jnp.where(acting & (params.action == SLOW), as_int(behind), 0),
     )
 
 
-def feel(setup: Setup, params: Params, state: State, felt: Felt) -> tuple[State, tuple[Vec, ...]]:
+def feel(
+    setup: RavenSetup, params: ReactionParams, state: ReactionState, felt: OperatorSenses
+) -> tuple[ReactionState, tuple[Vec, ...]]:
     """After this tick's cue: the state, and by how much the hands take each tip along to correct, m in frame 0."""
     noticed = felt.force[0] > params.felt_force
     for force in felt.force[1:]:

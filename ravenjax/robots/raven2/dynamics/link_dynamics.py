@@ -16,14 +16,14 @@ from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import arm_model, rigid_program
 from ravenjax.robots.raven2.dynamics.rigid_tree import Link, read_tree
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 
 FUNCTIONS = {"sin": jnp.sin, "cos": jnp.cos}
 """What the program calls."""
 
 
 def mass_matrix_and_bias(
-    setup: Setup, arm: ArmName, qpos: Vec, qvel: Vec, gravity: Vec, mass_scale: Scalar = 1.0
+    setup: RavenSetup, arm: ArmName, qpos: Vec, qvel: Vec, gravity: Vec, mass_scale: Scalar = 1.0
 ) -> tuple[tuple[Vec, ...], Vec]:
     """(M: 7 rows of 7, bias: 7) at joint positions `qpos` (= jpos) and velocities `qvel`.
 
@@ -53,9 +53,9 @@ def mass_matrix_and_bias(
 def links(arm: ArmName) -> tuple[Link, ...]:
     """The arm as a tree of links. Raises ValueError if the model's joints are not those of the arm."""
     tree = read_tree(arm_model.one_arm(arm), arm_model.base(arm))
-    found, expected = tuple(link.joint for link in tree), arm_model.joint_names(arm)
-    if found != expected:
-        raise ValueError(f"{arm_model.MODEL}: joints below {arm_model.base(arm)} are {found}, expected {expected}")
+    joints, expected = tuple(link.joint for link in tree), arm_model.joint_names(arm)
+    if joints != expected:
+        raise ValueError(f"{arm_model.MODEL}: joints below {arm_model.base(arm)} are {joints}, expected {expected}")
     return tree
 
 
@@ -67,8 +67,8 @@ def program(arm: ArmName, known: tuple[float | None, ...]) -> Program:
 
 def _unrolled(arm: ArmName, qpos: Vec, qvel: Vec, gravity: Vec) -> tuple[list[list[Scalar]], list[Scalar]]:
     inputs = (*qpos, *qvel, *gravity)
-    known = tuple(float(x) if type(x) in (int, float) else None for x in inputs)
-    out = replay(program(arm, known), inputs, FUNCTIONS)
+    constants = tuple(float(x) if type(x) in (int, float) else None for x in inputs)
+    out = replay(program(arm, constants), inputs, FUNCTIONS)
     n = len(qpos)
     triangle = [out[i * (i + 1) // 2 : (i + 1) * (i + 2) // 2] for i in range(n)]
     return [[triangle[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)], out[-n:]

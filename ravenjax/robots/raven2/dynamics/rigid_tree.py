@@ -191,7 +191,7 @@ def _regrouped(joints: list[_HomeJoint]) -> tuple[Link, ...]:
             unseen[2:, 2:] = inertia[2:, 2:]
         if joint.parent >= 0:
             inertias[joint.parent] += _moved(rotation, position, unseen)
-        seen = np.where(np.abs(inertia - unseen) < _SNAP * np.abs(inertia).max(), 0.0, inertia - unseen)
+        remainder = np.where(np.abs(inertia - unseen) < _SNAP * np.abs(inertia).max(), 0.0, inertia - unseen)
         beta, alpha, offset = _zxz(rotation)
         links.append(
             Link(
@@ -203,7 +203,7 @@ def _regrouped(joints: list[_HomeJoint]) -> tuple[Link, ...]:
                 offset=offset if joint.slide else _exact(offset - joint.reference),
                 reference=joint.reference,
                 position=tuple(float(x) if abs(x) > _SNAP else 0.0 for x in position),  # type: ignore[arg-type]
-                pseudo_inertia=seen,
+                pseudo_inertia=remainder,
                 armature=joint.armature,
             )
         )

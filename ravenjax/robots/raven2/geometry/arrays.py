@@ -96,8 +96,8 @@ def _row_function(name: str, arm: str, tool: str) -> Callable[..., tuple[Any, ..
 
     def inverse(position: Any, rotation: Any, grasp: Any, jpos_ref: Any) -> tuple[Any, ...]:
         pose = Pose(_vec(position), Vec(_vec(row) for row in rotation))
-        found = kinematics.inverse(arm, pose, grasp, _vec(jpos_ref))
-        return jnp.stack(found.jpos), found.status
+        solution = kinematics.inverse(arm, pose, grasp, _vec(jpos_ref))
+        return jnp.stack(solution.jpos), solution.status
 
     def motor(jpos: Any) -> tuple[Any, ...]:
         return (jnp.stack(transmission.motor_from_joint(arm, tool, _vec(jpos))),)
@@ -153,8 +153,8 @@ def _require_rotations(rotation: ArrayLike) -> None:
     matrices = _checked("rotation", rotation, (3, 3))
     off = np.abs(np.swapaxes(matrices, -1, -2) @ matrices - np.eye(3)).max(axis=(-1, -2))
     mirrored = np.linalg.det(matrices) < 0
-    if (wrong := (off > ORTHONORMAL) | mirrored).any():
-        index = tuple(int(i) for i in np.argwhere(wrong)[0])
+    if (invalid := (off > ORTHONORMAL) | mirrored).any():
+        index = tuple(int(i) for i in np.argwhere(invalid)[0])
         problem = "mirrors" if mirrored[index] else f"has columns that are not orthonormal (off by {off[index]:.2g})"
         where = f"rotation[{', '.join(map(str, index))}]" if index else "rotation"
         raise UserError(f"{where} {problem}, expected a rotation matrix whose columns are the axes of the jaws' frame")

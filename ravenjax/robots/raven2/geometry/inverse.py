@@ -259,6 +259,6 @@ def inverse(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
     nearest = rarely(~(usual.cost < others), lambda: _nearest_of_all(geometry, measured, wrists, axes), usual)
     singular = (insertions[0] <= LW) | (insertions[1] <= LW)
     choice = where(singular, _leftover(measured, insertions), nearest)
-    taken = choice.cost <= COST_LIMIT
-    status = jnp.where(taken, jnp.where(singular, AT_REMOTE_CENTRE, OK), REJECTED)
+    reachable = choice.cost <= COST_LIMIT
+    status = jnp.where(reachable, jnp.where(singular, AT_REMOTE_CENTRE, OK), REJECTED)
     return IK(joint_from_theta(arm, choice.theta, grasp_rad), choice.theta.theta6, choice.cost, as_int(status))

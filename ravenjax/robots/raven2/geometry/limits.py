@@ -55,11 +55,11 @@ def soft_limits(tool: str, software: str = "raven2") -> SoftLimits:
     Jaw yaw is limited from below only, by the range of grasp1; the 2015 fork does not limit it and fixes the roll
     limit.
     """
-    found = find_tool(tool)
+    instrument = find_tool(tool)
     fork = software == "fork2015"
-    roll = FORK_ROLL_LIMIT if fork else found.roll_limit_deg * _DEG
-    wrist = found.wrist_limit_deg * _DEG
-    yaw_lower = None if fork else -found.grasp1_limit_deg * _DEG
+    roll = FORK_ROLL_LIMIT if fork else instrument.roll_limit_deg * _DEG
+    wrist = instrument.wrist_limit_deg * _DEG
+    yaw_lower = None if fork else -instrument.grasp1_limit_deg * _DEG
     return SoftLimits((*POSITIONING_LOWER, -roll, -wrist, yaw_lower), (*POSITIONING_UPPER, roll, wrist, None))
 
 

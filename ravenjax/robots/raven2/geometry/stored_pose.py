@@ -8,7 +8,7 @@ from __future__ import annotations
 from ravenjax.numbers.setup import narrow, wide
 from ravenjax.numbers.vec import Scalar, Vec, record, to_int32
 from ravenjax.robots.raven2.geometry.kinematics import Pose
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 
 UM_PER_M = 1e6
 
@@ -22,12 +22,12 @@ class StoredPose:
     grasp_mrad: Scalar  # int32, jaw opening, positive open
 
 
-def store(setup: Setup, pose: Pose, grasp_mrad: Scalar) -> StoredPose:
+def store(setup: RavenSetup, pose: Pose, grasp_mrad: Scalar) -> StoredPose:
     """Truncate a pose (m) toward zero to whole micrometres and round its rotation."""
     position = Vec(to_int32(p * UM_PER_M) for p in pose.position)
     return StoredPose(position, narrow(setup, pose.rotation), grasp_mrad)
 
 
-def load(setup: Setup, stored: StoredPose) -> Pose:
+def load(setup: RavenSetup, stored: StoredPose) -> Pose:
     """The pose in metres, in the wide type that kinematics is evaluated in."""
     return Pose(wide(setup, stored.position_um) / UM_PER_M, wide(setup, stored.rotation))

@@ -14,13 +14,13 @@ from ravenjax.robots.raven2.geometry import kinematics, transmission
 from ravenjax.robots.raven2.loop import control
 from ravenjax.robots.raven2.plant import nominal, nominal_target
 from ravenjax.robots.raven2.plant import robot as plant
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import plc
 from ravenjax.stages import detectors, haptics
 
 
 @record
-class Console:
+class ConsoleSeam:
     """What a fault may change of the console."""
 
     scale: Scalar
@@ -54,30 +54,30 @@ class UsbStatus:
 
 
 def packet(
-    setup: Setup,
-    console: operator.Params,
-    reacts: reaction.Params | None,
+    setup: RavenSetup,
+    console: operator.OperatorParams,
+    reacts: reaction.ReactionParams | None,
     motion: tuple[Any, ...],
-    reacting: reaction.State | None,
-    hands: operator.Hands | None,
+    reacting: reaction.ReactionState | None,
+    hands: operator.HandOffsets | None,
     index: Scalar,
 ) -> Any:
     """The packet of that index, as `console` (the operator's own, or one that a fault struck) sends it."""
 
-    def row(index: Scalar, offset: tuple[Vec, ...] | None) -> operator.Row:
+    def row(index: Scalar, offset: tuple[Vec, ...] | None) -> operator.MotionRow:
         if reacts is None or reacting is None:
-            found = operator.lookup(motion, index)
+            line = operator.lookup(motion, index)
         else:
             pace = reaction.pace(setup, reacts, reacting, index)
-            found = operator.lookup(motion, index - pace.lag)
-            found = replace(found, surgeon_mode=jnp.where(pace.released, 0, found.surgeon_mode))
-        return found if offset is None else operator.moved(found, offset)
+            line = operator.lookup(motion, index - pace.lag)
+            line = replace(line, surgeon_mode=jnp.where(pace.released, 0, line.surgeon_mode))
+        return line if offset is None else operator.moved(line, offset)
 
     now, before = (None, None) if hands is None else (hands.offset, hands.offset_before)
     return operator.packet(setup, console, row(index, now), row(index - 1, before), index + 1)
 
 
-def clean(setup: Setup, packet: Any, fresh: Scalar, i: int) -> nominal_target.Clean:
+def clean(setup: RavenSetup, packet: Any, fresh: Scalar, i: int) -> nominal_target.Clean:
     """What the console asks of the nominal model: each increment once, also where a packet spans several cycles."""
     delta, quat, grasp = packet.delta[i], packet.quat[i], packet.grasp[i]
     if setup.console == "increments":
@@ -93,46 +93,52 @@ def delayed(delay: Scalar, now: tuple[Vec, ...], before: tuple[tuple[Vec, ...], 
     return arrives
 
 
-def motors(setup: Setup, robots: tuple[plant.Out, ...]) -> tuple[tuple[Vec, Vec], ...] | None:
+def motors(setup: RavenSetup, robots: tuple[plant.PlantOutput, ...]) -> tuple[tuple[Vec, Vec], ...] | None:
     """What the dynamics-simulator build reads in place of encoders: motors 1-3 of each arm."""
     if setup.build == "robot":
         return None
     return tuple((Vec(out.mpos[:3]), Vec(out.mvel[:3])) for out in robots)
 
 
-def plant_signal(current_cmd: Vec, brakes: Scalar, multipliers: dict[str, tuple[Vec, ...]], i: int) -> plant.Signal:
+def plant_signal(
+    current_cmd: Vec, brakes: Scalar, multipliers: dict[str, tuple[Vec, ...]], i: int
+) -> plant.PlantSignal:
     """What the i-th arm of the virtual robot gets; multipliers: of its mechanics, by site, where faults strike them."""
     return replace(plant.nominal_signal(current_cmd, brakes), **{site: arms[i] for site, arms in multipliers.items()})
 
 
-def brakes(setup: Setup, signals: control.Signals, relays: plc.Out) -> Scalar:
+def brakes(setup: RavenSetup, signals: control.ControlSignals, relays: plc.PlcOutput) -> Scalar:
     """Brakes follow the PLC; the simulator builds of the 2015 fork have none."""
     return relays.brakes if setup.software == "raven2" else jnp.int32(0)
 
 
-def measured(setup: Setup, signals: control.Signals) -> tuple[Vec, ...]:
+def measured(setup: RavenSetup, signals: control.ControlSignals) -> tuple[Vec, ...]:
     """Measured tip of each arm, whole um."""
     return tuple(real(setup, arm.pos.position_um) for arm in signals.arms)
 
 
-def felt(setup: Setup, arm: ArmName, i: int, model: nominal.Out, jpos: Vec, mvel: Vec) -> haptics.Signal:
+def felt(
+    setup: RavenSetup, arm: ArmName, i: int, model: nominal.NominalOutput, jpos: Vec, mvel: Vec
+) -> haptics.HapticSignal:
     """What the console compares: the nominal model and the robot as its control software reports joints and motors."""
     jpos, mvel = real(setup, (jpos, mvel))
     jvel = real(setup, transmission.joint_from_motor(arm, setup.tools[i], mvel, software=setup.software))
     position = kinematics.forward(arm, jpos).position
-    return haptics.Signal(model.tip_position, model.tip_velocity, position, kinematics.tip_velocity(arm, jpos, jvel))
+    return haptics.HapticSignal(
+        model.tip_position, model.tip_velocity, position, kinematics.tip_velocity(arm, jpos, jvel)
+    )
 
 
 def watched(
     command_limit: Vec,
-    signals: control.Signals,
-    robots: tuple[plant.Out, ...],
-    cues: tuple[haptics.Out, ...],
+    signals: control.ControlSignals,
+    robots: tuple[plant.PlantOutput, ...],
+    cues: tuple[haptics.HapticOutput, ...],
     armed: Scalar,
     now: Scalar,
-) -> detectors.Signal:
+) -> detectors.DetectorSignal:
     """What the detectors see."""
-    return detectors.Signal(
+    return detectors.DetectorSignal(
         mpos=tuple(out.mpos for out in robots),
         mvel=tuple(out.mvel for out in robots),
         jpos=tuple(out.jpos for out in robots),

@@ -15,7 +15,7 @@ from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import (
     cartesian_control,
     dac,
@@ -42,32 +42,32 @@ def unharmed(site: str, signal: Any, present: Scalar = True) -> Any:
 
 
 @record
-class Params:
+class ControlParams:
     """What a campaign may vary in the control software. Tuples have one entry per arm."""
 
-    teleoperation: teleoperation.Params
-    state_machine: state_machine.Params
-    estimator: tuple[estimator.Params, ...]
-    cartesian: cartesian_control.Params
-    motor_control: tuple[motor_control.Params, ...]
-    overdrive: overdrive.Params
+    teleoperation: teleoperation.TeleoperationParams
+    state_machine: state_machine.StateMachineParams
+    estimator: tuple[estimator.EstimatorParams, ...]
+    cartesian: cartesian_control.CartesianParams
+    motor_control: tuple[motor_control.MotorControlParams, ...]
+    overdrive: overdrive.OverdriveParams
 
 
 @record
-class State:
+class ControlState:
     """What the control software remembers from one cycle to the next."""
 
     tick: Scalar  # int32, cycles since the start
-    network: network.State
-    teleoperation: teleoperation.State
+    network: network.NetworkState
+    teleoperation: teleoperation.TeleoperationState
     usb: usb.UsbIn
-    state_machine: state_machine.State
-    estimator: tuple[estimator.State, ...]
+    state_machine: state_machine.StateMachineState
+    estimator: tuple[estimator.EstimatorState, ...]
     cartesian: cartesian_control.State
-    motor_control: tuple[motor_control.State, ...]
+    motor_control: tuple[motor_control.MotorControlState, ...]
     held_cmd: tuple[Vec, ...] | None  # int32 DAC counts last written; only the 2015 fork keeps them
-    overdrive: overdrive.State
-    watchdog: watchdog.State
+    overdrive: overdrive.OverdriveState
+    watchdog: watchdog.WatchdogState
 
 
 @record
@@ -103,7 +103,7 @@ class ArmSignals:
 
 
 @record
-class Signals:
+class ControlSignals:
     """What crossed the seams of the control software in one cycle."""
 
     arms: tuple[ArmSignals, ...]
@@ -119,9 +119,9 @@ class Signals:
     pins_out: Scalar  # int32 output byte to the PLC
 
 
-def params(setup: Setup) -> Params:
+def params(setup: RavenSetup) -> ControlParams:
     """The software's own figures."""
-    return Params(
+    return ControlParams(
         teleoperation.params(setup),
         state_machine.params(setup),
         per_arm(setup, lambda _, arm: estimator.params(setup, arm)),
@@ -131,7 +131,7 @@ def params(setup: Setup) -> Params:
     )
 
 
-def init(setup: Setup, jpos: tuple[Vec, ...] | None = None, runlevel: int | None = None) -> State:
+def init(setup: RavenSetup, jpos: tuple[Vec, ...] | None = None, runlevel: int | None = None) -> ControlState:
     """A homed robot at rest at `jpos` (rad and m, one Vec per arm; default: home) and `runlevel`.
 
     raven2 starts in E-stop (0) and waits for the PLC; the 2015 fork, whose simulator builds have no PLC, in
@@ -142,7 +142,7 @@ def init(setup: Setup, jpos: tuple[Vec, ...] | None = None, runlevel: int | None
         runlevel = run_levels.E_STOP if setup.software == "raven2" else run_levels.PEDAL_DOWN
     cartesian = cartesian_control.init(setup, rest)
     silent = per_arm(setup, lambda *_: Vec.full(7, np.int32(0)))
-    return State(
+    return ControlState(
         tick=np.int32(0),
         network=network.init(setup),
         teleoperation=teleoperation.init(setup, tuple(arm.pos_d for arm in cartesian)),
@@ -157,7 +157,7 @@ def init(setup: Setup, jpos: tuple[Vec, ...] | None = None, runlevel: int | None
     )
 
 
-def receive(setup: Setup, params: Params, state: State, packet: Packet) -> State:
+def receive(setup: RavenSetup, params: ControlParams, state: ControlState, packet: Packet) -> ControlState:
     """The network thread: take one datagram (or none) between two cycles."""
     net, accepted = network.step(setup, state.network, state.tick, packet)
     teleop = teleoperation.accumulate(setup, params.teleoperation, state.teleoperation, accepted, packet)
@@ -165,8 +165,8 @@ def receive(setup: Setup, params: Params, state: State, packet: Packet) -> State
 
 
 def cycle(
-    setup: Setup, params: Params, state: State, inputs: Inputs, inject: Inject = unharmed
-) -> tuple[State, Signals]:
+    setup: RavenSetup, params: ControlParams, state: ControlState, inputs: Inputs, inject: Inject = unharmed
+) -> tuple[ControlState, ControlSignals]:
     """One 1 ms cycle of the control software: packet, USB read, decide, check, write.
 
     raven2: rt_process_preempt.cpp.
@@ -248,7 +248,7 @@ def cycle(
     written = inject("usb_out", checked)
     pins = inject("pins_out", pins)
 
-    signals = Signals(
+    signals = ControlSignals(
         arms=each(
             lambda i, *_: ArmSignals(
                 enc_val=read.enc_val[i],
@@ -278,7 +278,7 @@ def cycle(
         clamped=as_int(clamped),
         pins_out=pins,
     )
-    state = State(
+    state = ControlState(
         tick=tick + 1,
         network=state.network,
         teleoperation=teleop,
@@ -306,7 +306,7 @@ def _struck(inject: Inject, sites: tuple[str, str], poses: tuple[StoredPose, ...
 
 
 def _measured(
-    setup: Setup, inputs: Inputs, state: State, estimates: tuple[tuple[Vec, Vec], ...]
+    setup: RavenSetup, inputs: Inputs, state: ControlState, estimates: tuple[tuple[Vec, Vec], ...]
 ) -> tuple[tuple[Vec, Vec], ...]:
     """Motor positions and velocities of each arm: the estimator's, but for the dynamics-simulator build, which takes
     joints 1-3 from its model as they are and believes the tool joints to be where they should."""
@@ -320,10 +320,10 @@ def _measured(
 
 
 def _resting_commands(
-    setup: Setup, params: Params, held_cmd: tuple[Vec, ...] | None, active: Scalar
+    setup: RavenSetup, params: ControlParams, held_cmd: tuple[Vec, ...] | None, active: Scalar
 ) -> tuple[Vec, ...]:
     """What the DAC commands are before the torques are converted: cleared, but in the fork's simulator builds."""
     if held_cmd is None:
         return per_arm(setup, lambda *_: Vec.full(7, 0))
     keep = ~active & (params.state_machine.plc_obeyed == 0)
-    return tuple(held.map(lambda command: jnp.where(keep, command, 0)) for held in held_cmd)
+    return tuple(commands.map(lambda command: jnp.where(keep, command, 0)) for commands in held_cmd)

@@ -11,24 +11,26 @@ from ravenjax.numbers.setup import narrow, wide
 from ravenjax.numbers.vec import Scalar, Vec, where
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.geometry.mapping import matrix_from_quat, quat_from_matrix
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.sites import USB_SITE
 
-__all__ = ["Injector", "strikes"]
+__all__ = ["RavenInjector", "strikes"]
 
 
-class Injector(injector.Injector):
+class RavenInjector(injector.Injector):
     """`inject(site, signal)` for one tick of a Raven-II."""
 
-    def __init__(self, setup: Setup, faults: fault.Faults, state: fault.State, clock: window.Clock) -> None:
+    def __init__(
+        self, setup: RavenSetup, faults: fault.Faults, state: fault.FaultState, clock: window.TriggerClocks
+    ) -> None:
         super().__init__(ROBOT, setup, faults, state, clock)
         self.raven = setup
 
     def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:
         if site in ROTATIONS and self.strikes(site):
             quats = tuple(quat_from_matrix(wide(self.setup, rotation)) for rotation in signal)
-            struck = super().__call__(site, quats, present)
-            return tuple(_rotated(self.raven, *of_arm) for of_arm in zip(signal, quats, struck, strict=True))
+            faulty = super().__call__(site, quats, present)
+            return tuple(_rotated(self.raven, *of_arm) for of_arm in zip(signal, quats, faulty, strict=True))
         return super().__call__(site, signal, present)
 
     def paths(self) -> dict[injection.ChannelKey, injection.Target]:
@@ -40,14 +42,14 @@ ROTATIONS = ("ori", "ori_d")
 """Sites whose signal is rotation matrices, struck as quaternions."""
 
 
-def _rotated(setup: Setup, rotation: Vec, quat: Vec, struck: Vec) -> Vec:
+def _rotated(setup: RavenSetup, rotation: Vec, quat: Vec, struck: Vec) -> Vec:
     """The rotation of a quaternion that a fault changed; one that none changed keeps every bit of its matrix."""
     changed = reduce(lambda a, b: a | b, quat.map(lambda before, after: before != after, struck))
     return where(changed, narrow(setup, matrix_from_quat(struck)), rotation)
 
 
 @cache
-def _paths(setup: Setup) -> dict[injection.ChannelKey, injection.Target]:
+def _paths(setup: RavenSetup) -> dict[injection.ChannelKey, injection.Target]:
     stored = _STORED[setup.dac_words]
     return {
         key: (path, stored if key[0] == USB_SITE else kind)
@@ -56,4 +58,4 @@ def _paths(setup: Setup) -> dict[injection.ChannelKey, injection.Target]:
 
 
 _STORED = {"wrap": "int16", "saturate": "int16 saturated", "unwrapped": "int32"}
-"""`Setup.dac_words` as the number that the USB hook stores."""
+"""`RavenSetup.dac_words` as the number that the USB hook stores."""

@@ -18,28 +18,28 @@ from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry import kinematics, scene
 from ravenjax.robots.raven2.loop import connections
 from ravenjax.robots.raven2.plant import nominal
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import haptics, monitor
 
 
-class Params(NamedTuple):
+class ObserverParams(NamedTuple):
     """Of each observer; what a campaign may vary of them stands in the tick's."""
 
-    nominal: tuple[nominal.Params, ...]
-    haptics: haptics.Params
-    monitor: monitor.Params
+    nominal: tuple[nominal.NominalParams, ...]
+    haptics: haptics.HapticParams
+    monitor: monitor.MonitorParams
 
 
 @record
-class State:
+class ObserverState:
     """What the observers remember, one entry an arm."""
 
-    nominal: tuple[nominal.State, ...]
-    haptics: tuple[haptics.State, ...]
-    monitor: monitor.State
+    nominal: tuple[nominal.NominalState, ...]
+    haptics: tuple[haptics.HapticState, ...]
+    monitor: monitor.MonitorState
 
 
-class Robot(NamedTuple):
+class RobotView(NamedTuple):
     """What is known of the robot in this tick, one entry an arm."""
 
     jpos: tuple[Vec, ...]  # rad; insertion m, as its control software has them
@@ -61,17 +61,17 @@ class Golden(NamedTuple):
 class Seen(NamedTuple):
     """What the observers make of this tick, one entry an arm."""
 
-    models: tuple[nominal.Out, ...]
-    cues: tuple[haptics.Out, ...]
+    models: tuple[nominal.NominalOutput, ...]
+    cues: tuple[haptics.HapticOutput, ...]
     tips: tuple[Vec, ...]  # m, true tip in frame 0; where nobody knows it the reported one
     depth: tuple[Scalar, ...]  # m below the tissue's surface, negative above
     distance: Scalar  # m between the tips; infinite with one arm
     live: Scalar  # bool
 
 
-def init(setup: Setup, params: Params, start: tuple[Vec, ...], tips: tuple[Vec, ...]) -> State:
+def init(setup: RavenSetup, params: ObserverParams, start: tuple[Vec, ...], tips: tuple[Vec, ...]) -> ObserverState:
     """Beside a robot at rest: its joints (rad; insertion m) and its true tips (m)."""
-    return State(
+    return ObserverState(
         nominal=per_arm(setup, lambda i, arm: nominal.init(setup, arm, params.nominal[i], start[i])),
         haptics=per_arm(setup, lambda i, arm: haptics.init(setup, params.haptics)),
         monitor=monitor.init(setup, tips, _um(tips)),
@@ -79,15 +79,15 @@ def init(setup: Setup, params: Params, start: tuple[Vec, ...], tips: tuple[Vec, 
 
 
 def observe(
-    setup: Setup,
-    params: Params,
-    state: State,
+    setup: RavenSetup,
+    params: ObserverParams,
+    state: ObserverState,
     clean: Packet,
     fresh: Scalar,
-    robot: Robot,
+    robot: RobotView,
     golden: Golden | None,
     now: Scalar,
-) -> tuple[State, Seen]:
+) -> tuple[ObserverState, Seen]:
     """One tick of the observers.
 
     clean: the newest packet as the console meant it, whatever became of it; `fresh` where it is of this tick. golden:
@@ -114,7 +114,7 @@ def observe(
     distance = scene.tip_distance(setup.arms, tips)
     now_live = live(robot.runlevel, robot.soft_estopped)
     pos = _um(tips) if robot.pos is None else real(setup, robot.pos)
-    signal = monitor.Signal(
+    signal = monitor.MonitorSignal(
         tip=tips,
         pos=pos,
         model_tip=model_tips,
@@ -127,8 +127,8 @@ def observe(
         tick=now,
     )
     twin = monitor.Reference(model_tips, _um(model_tips)) if golden is None else reference(setup, golden, tips, pos)
-    seen = monitor.step(setup, params.monitor, state.monitor, signal, twin)
-    after = State(tuple(new for new, _ in models), tuple(new for new, _ in cues), seen)
+    observer = monitor.step(setup, params.monitor, state.monitor, signal, twin)
+    after = ObserverState(tuple(new for new, _ in models), tuple(new for new, _ in cues), observer)
     outs = tuple(out for _, out in models), tuple(out for _, out in cues)
     return after, Seen(*outs, tips, depth, distance, now_live)
 
@@ -138,7 +138,7 @@ def live(runlevel: Scalar, soft_estopped: Scalar) -> Scalar:
     return (runlevel == run_levels.PEDAL_DOWN) & (soft_estopped == 0)
 
 
-def reference(setup: Setup, golden: Golden, tips: tuple[Vec, ...], pos: tuple[Vec, ...]) -> monitor.Reference:
+def reference(setup: RavenSetup, golden: Golden, tips: tuple[Vec, ...], pos: tuple[Vec, ...]) -> monitor.Reference:
     """The golden run, or the robot itself (true tips, m; measured tips, um) as long as they are the same."""
     twin, apart = golden
     if apart is None:
@@ -153,14 +153,14 @@ def _um(tips: tuple[Vec, ...]) -> tuple[Vec, ...]:
 
 
 def _cue(
-    setup: Setup,
-    params: Params,
-    state: State,
-    models: tuple[tuple[nominal.State, nominal.Out], ...],
-    robot: Robot,
+    setup: RavenSetup,
+    params: ObserverParams,
+    state: ObserverState,
+    models: tuple[tuple[nominal.NominalState, nominal.NominalOutput], ...],
+    robot: RobotView,
     i: int,
     arm: ArmName,
-) -> tuple[haptics.Signal, tuple[haptics.State, haptics.Out]]:
+) -> tuple[haptics.HapticSignal, tuple[haptics.HapticState, haptics.HapticOutput]]:
     """What the console compares, and the cue after it."""
     felt = connections.felt(setup, arm, i, models[i][1], robot.jpos[i], robot.mvel[i])
     return felt, haptics.step(setup, params.haptics, state.haptics[i], felt)

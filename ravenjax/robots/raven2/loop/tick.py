@@ -22,32 +22,32 @@ from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.loop import connections, control, observers
-from ravenjax.robots.raven2.loop.injector import Injector, strikes
+from ravenjax.robots.raven2.loop.injector import RavenInjector, strikes
 from ravenjax.robots.raven2.plant import nominal
 from ravenjax.robots.raven2.plant import robot as plant
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import channel, check, detectors, haptics, monitor
-from ravenjax.stages.check import Check
+from ravenjax.stages.check import CheckHistory
 
 # --- records: one entry an arm in each tuple ---
 
 
 @record
-class Params:
+class TickParams:
     """Everything that a campaign may vary, one sub-record a stage."""
 
-    operator: operator.Params
+    operator: operator.OperatorParams
     network: NetworkParams
     usb: UsbParams
-    control: control.Params
-    plc: plc.Params
-    plant: tuple[plant.Params, ...]
-    nominal: tuple[nominal.Params, ...]
-    haptics: haptics.Params
-    reaction: reaction.Params | None  # where Setup.reacts
-    detectors: detectors.Params | None  # where there are any
-    monitor: Annotated[monitor.Params, Reserved("it belongs to the observer, not to the robot")]
+    control: control.ControlParams
+    plc: plc.PlcParams
+    plant: tuple[plant.PlantParams, ...]
+    nominal: tuple[nominal.NominalParams, ...]
+    haptics: haptics.HapticParams
+    reaction: reaction.ReactionParams | None  # where Setup.reacts
+    detectors: detectors.DetectorParams | None  # where there are any
+    monitor: Annotated[monitor.MonitorParams, Reserved("it belongs to the observer, not to the robot")]
     start: Annotated[  # joints where the run begins, 7, rad and m
         tuple[Vec, ...], Reserved("it is where the operator's motion begins; write [operator.start]")
     ]
@@ -72,24 +72,24 @@ class UsbParams:
 
 
 @record
-class State:
+class TickState:
     """What is remembered from one tick to the next; each part is written by its own stage only."""
 
-    faults: fault.State
-    control: control.State
+    faults: fault.FaultState
+    control: control.ControlState
     boards: usb.UsbOut  # what the USB boards hold
     commands: tuple[tuple[Vec, ...], ...]  # int32, what the boards held in the ticks before, latest first
-    plc: plc.State
-    plant: tuple[plant.State, ...]
+    plc: plc.PlcState
+    plant: tuple[plant.PlantState, ...]
     enc_val: tuple[Vec, ...]  # int32 counts that the encoders show
     motors: tuple[tuple[Vec, Vec], ...] | None  # rad, rad/s of motors 1-3, for build "dyn_sim" alone
-    nominal: tuple[nominal.State, ...]
-    haptics: tuple[haptics.State, ...]
-    hands: operator.Hands | None  # where they may do more than is planned
-    reaction: reaction.State | None
-    channel: channel.State | None  # where faults seed it
-    detectors: detectors.State | None
-    monitor: monitor.State
+    nominal: tuple[nominal.NominalState, ...]
+    haptics: tuple[haptics.HapticState, ...]
+    hands: operator.HandOffsets | None  # where they may do more than is planned
+    reaction: reaction.ReactionState | None
+    channel: channel.ChannelState | None  # where faults seed it
+    detectors: detectors.DetectorsState | None
+    monitor: monitor.MonitorState
     pedal_ticks: Scalar  # int32, ticks since pedal-down was entered; negative: not in it
     pedal_down_ticks: Scalar  # int32, ticks in pedal-down so far
     packet: Scalar  # int32, index of the console's newest packet; -1: none yet
@@ -108,15 +108,15 @@ class Input:
 
 
 @record
-class Signals:
+class TickSignals:
     """What crossed the seams in this tick; also the schema of a trace."""
 
     packet: Any  # packet.Packet as it reached the robot
-    control: control.Signals
-    plant: tuple[plant.Out, ...]
-    plc: plc.Out
-    nominal: tuple[nominal.Out, ...]
-    haptics: tuple[haptics.Out, ...]
+    control: control.ControlSignals
+    plant: tuple[plant.PlantOutput, ...]
+    plc: plc.PlcOutput
+    nominal: tuple[nominal.NominalOutput, ...]
+    haptics: tuple[haptics.HapticOutput, ...]
     tip: tuple[Vec, ...]  # m, true tip in frame 0
     depth: tuple[Scalar, ...]  # m below the tissue's surface, negative above
     tip_distance: Scalar  # m between the tips; infinite with one arm
@@ -126,23 +126,25 @@ class Signals:
 # --- the tick ---
 
 
-def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signal: Input) -> tuple[State, Signals]:
+def tick(
+    setup: RavenSetup, params: TickParams, faults: fault.Faults, state: TickState, signal: Input
+) -> tuple[TickState, TickSignals]:
     """One millisecond of one robot."""
     now = signal.tick
     fresh, sequence = _packet_due(setup, params, state, signal)
-    clock = window.Clock(now, sequence + 1, state.pedal_ticks)
-    inject = Injector(setup, faults, window.open_windows(setup, faults, state.faults, clock), clock)
+    clock = window.TriggerClocks(now, sequence + 1, state.pedal_ticks)
+    inject = RavenInjector(setup, faults, window.open_windows(setup, faults, state.faults, clock), clock)
 
     sent = _console_and_network(setup, params, inject, state, signal, fresh, sequence)
     done = _robot(setup, params, inject, state, sent.packet)
     signals, robots = done.signals, done.robots
-    observed, seen = observers.observe(
+    observed, observer = observers.observe(
         setup,
         _observed(params),
-        observers.State(state.nominal, state.haptics, state.monitor),
+        observers.ObserverState(state.nominal, state.haptics, state.monitor),
         sent.clean,
         fresh,
-        observers.Robot(
+        observers.RobotView(
             jpos=tuple(arm.jpos for arm in signals.arms),
             mvel=tuple(arm.mvel for arm in signals.arms),
             runlevel=signals.runlevel,
@@ -158,18 +160,20 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
 
     watched = None
     if params.detectors is not None and state.detectors is not None:
-        shown = connections.watched(params.control.overdrive.dac_max, signals, robots, seen.cues, seen.live, now)
-        watched = detectors.step(setup, params.detectors, state.detectors, shown)
+        view = connections.watched(params.control.overdrive.dac_max, signals, robots, observer.cues, observer.live, now)
+        watched = detectors.step(setup, params.detectors, state.detectors, view)
     hands, reacting = sent.hands, sent.reacting
     if hands is not None:
         off_plan = operator.tip_offset(setup, params.operator, hands)
         hands = operator.sent(hands, fresh)
         if params.reaction is not None and reacting is not None:
-            pulls = tuple(out.force[0] for out in seen.cues)
-            shown = reaction.Felt(pulls, seen.tips, tuple(out.tip_position for out in seen.models), off_plan, down, now)
-            reacting, correction = reaction.feel(setup, params.reaction, reacting, shown)
+            pulls = tuple(out.force[0] for out in observer.cues)
+            view = reaction.OperatorSenses(
+                pulls, observer.tips, tuple(out.tip_position for out in observer.models), off_plan, down, now
+            )
+            reacting, correction = reaction.feel(setup, params.reaction, reacting, view)
             hands = operator.steered(setup, params.operator, hands, correction)
-    state = State(
+    state = TickState(
         faults=inject.state,
         control=done.software,
         boards=done.boards,
@@ -186,20 +190,20 @@ def tick(setup: Setup, params: Params, faults: fault.Faults, state: State, signa
         detectors=watched,
         monitor=observed.monitor,
         pedal_ticks=jnp.where(down, jnp.maximum(state.pedal_ticks, -1) + 1, -1),
-        pedal_down_ticks=state.pedal_down_ticks + as_int(seen.live),
+        pedal_down_ticks=state.pedal_down_ticks + as_int(observer.live),
         packet=sequence,
         delivered=jnp.where(sent.arrives, sent.sequence - 1, state.delivered),
     )
-    out = Signals(
+    out = TickSignals(
         packet=sent.packet,
         control=signals,
         plant=robots,
         plc=done.relays,
-        nominal=seen.models,
-        haptics=seen.cues,
-        tip=seen.tips,
-        depth=seen.depth,
-        tip_distance=seen.distance,
+        nominal=observer.models,
+        haptics=observer.cues,
+        tip=observer.tips,
+        depth=observer.depth,
+        tip_distance=observer.distance,
         fault_active=tuple(slot.active for slot in inject.state.slots),
     )
     return state, out
@@ -212,13 +216,19 @@ class _Sent(NamedTuple):
     packet: Any  # packet.Packet as it reaches the robot
     arrives: Scalar  # bool
     sequence: Scalar  # int32, number of that packet
-    hands: operator.Hands | None
-    reacting: reaction.State | None
-    channel: channel.State | None
+    hands: operator.HandOffsets | None
+    reacting: reaction.ReactionState | None
+    channel: channel.ChannelState | None
 
 
 def _console_and_network(
-    setup: Setup, params: Params, inject: Injector, state: State, signal: Input, fresh: Scalar, sequence: Scalar
+    setup: RavenSetup,
+    params: TickParams,
+    inject: RavenInjector,
+    state: TickState,
+    signal: Input,
+    fresh: Scalar,
+    sequence: Scalar,
 ) -> _Sent:
     """The robot's packet, and the clean one."""
     reacting = _reacting(setup, params, state, signal.tick, sequence)
@@ -228,13 +238,13 @@ def _console_and_network(
     clean = signal.packet
     if clean is None:
         clean = connections.packet(setup, params.operator, params.reaction, signal.motion, reacting, hands, sequence)
-    console = inject("console", connections.Console(params.operator.scale))
+    console = inject("console", connections.ConsoleSeam(params.operator.scale))
     line, network = _network(setup, params, inject, state, sequence, fresh)
     sent, again = clean, signal.packet is None  # a packet from outside is not there to be sent again
     if again and inject.strikes("console", "network"):
         index = sequence - network.lag - network.delay
-        struck = replace(params.operator, scale=console.scale)
-        sent = connections.packet(setup, struck, params.reaction, signal.motion, reacting, hands, index)
+        sender = replace(params.operator, scale=console.scale)
+        sent = connections.packet(setup, sender, params.reaction, signal.motion, reacting, hands, index)
     arrives = fresh & ~network.lost
     if again and inject.strikes("network"):
         index = sent.sequence - 1
@@ -246,16 +256,16 @@ def _console_and_network(
 class _Done(NamedTuple):
     """What the robot did in this tick."""
 
-    software: control.State
-    signals: control.Signals
+    software: control.ControlState
+    signals: control.ControlSignals
     boards: usb.UsbOut
-    plc: plc.State
-    relays: plc.Out
-    plant: tuple[plant.State, ...]
-    robots: tuple[plant.Out, ...]
+    plc: plc.PlcState
+    relays: plc.PlcOutput
+    plant: tuple[plant.PlantState, ...]
+    robots: tuple[plant.PlantOutput, ...]
 
 
-def _robot(setup: Setup, params: Params, inject: Injector, state: State, packet: Any) -> _Done:
+def _robot(setup: RavenSetup, params: TickParams, inject: RavenInjector, state: TickState, packet: Any) -> _Done:
     """Control computer and PLC; then motors, cables and links."""
     status = inject("usb_status", connections.UsbStatus(_each(setup, jnp.int32(1)), _each(setup, jnp.int32(1))))
     pins = plc.input_pins(inject("plc", state.plc.runlevel))
@@ -267,8 +277,8 @@ def _robot(setup: Setup, params: Params, inject: Injector, state: State, packet:
     boards = usb.write(setup, state.boards, message, status.write_ok)
 
     buttons = inject("buttons", connections.Buttons(jnp.bool_(False), jnp.bool_(False)))
-    told = plc.Signal(boards.pins[: _boards_apart(setup)], buttons.estop, buttons.start)
-    controller, relays = plc.step(setup, params.plc, state.plc, told)
+    plc_signal = plc.PlcSignal(boards.pins[: _boards_apart(setup)], buttons.estop, buttons.start)
+    controller, relays = plc.step(setup, params.plc, state.plc, plc_signal)
     brakes = inject("brake", connections.brakes(setup, signals, relays))
     multipliers = {
         site: inject(site, _each(setup, Vec.full(7, neutral)))
@@ -286,19 +296,19 @@ def _robot(setup: Setup, params: Params, inject: Injector, state: State, packet:
     return _Done(software, signals, boards, controller, relays, plants, robots)
 
 
-def _observed(params: Params) -> observers.Params:
-    return observers.Params(params.nominal, params.haptics, params.monitor)
+def _observed(params: TickParams) -> observers.ObserverParams:
+    return observers.ObserverParams(params.nominal, params.haptics, params.monitor)
 
 
 # --- its beginning and end ---
 
 
-def params(setup: Setup, start_jpos: tuple[tuple[float, ...], ...], parameter_set: str = "traj3") -> Params:
+def params(setup: RavenSetup, start_jpos: tuple[tuple[float, ...], ...], parameter_set: str = "traj3") -> TickParams:
     """Every parameter at its documented value, for a run that begins at `start_jpos` (7 joints per arm, rad and m).
 
     parameter_set: of joints 1-3 of the virtual robot, a name of `published.SETS`.
     """
-    return Params(
+    return TickParams(
         operator=operator.params(setup, start_jpos),
         network=NetworkParams(np.int32(1)),
         usb=UsbParams(np.int32(0)),
@@ -314,7 +324,7 @@ def params(setup: Setup, start_jpos: tuple[tuple[float, ...], ...], parameter_se
     )
 
 
-def init(setup: Setup, params: Params) -> State:
+def init(setup: RavenSetup, params: TickParams) -> TickState:
     """A homed robot at rest at `params.start`, pedal up, ready; its nominal model at the same place."""
     ready = run_levels.PEDAL_UP if setup.software == "raven2" else run_levels.PEDAL_DOWN
     start = real(setup, params.start)
@@ -325,7 +335,7 @@ def init(setup: Setup, params: Params) -> State:
     zero = jnp.int32(0)
     with jax.ensure_compile_time_eval():  # where a run begins is a constant of the campaign
         software = control.init(setup, params.start, ready)
-    return State(
+    return TickState(
         faults=fault.init(setup),
         control=software,
         boards=usb.init_out(setup),
@@ -348,7 +358,7 @@ def init(setup: Setup, params: Params) -> State:
     )
 
 
-def outcomes(setup: Setup, params: Params, state: State) -> dict[str, Scalar]:
+def outcomes(setup: RavenSetup, params: TickParams, state: TickState) -> dict[str, Scalar]:
     """What became of the run so far; columns of the result table before the verdict."""
     out = fault.outcomes(state.faults) | check.outcomes(checks(state)) | haptics.outcomes(setup, state.haptics)
     machine = state.control.state_machine
@@ -361,38 +371,38 @@ def outcomes(setup: Setup, params: Params, state: State) -> dict[str, Scalar]:
     return out | monitor.outcomes(setup, state.monitor)
 
 
-def reference_series(setup: Setup, signals: Signals) -> tuple[Scalar, ...]:
+def reference_series(setup: RavenSetup, signals: TickSignals) -> tuple[Scalar, ...]:
     """The numbers of a fault-free tick that its faulty brothers are compared with."""
     measured = connections.measured(setup, signals.control)
     return tuple(x for tip, pos in zip(signals.tip, measured, strict=True) for x in (*tip, *pos))
 
 
 def advance(
-    setup: Setup,
-    params: Params,
+    setup: RavenSetup,
+    params: TickParams,
     faults: fault.Faults,
-    state: State,
+    state: TickState,
     now: Scalar,
     motion: tuple[Any, ...],
     golden: tuple[Scalar, ...],
-) -> tuple[State, tuple[Scalar, ...], Signals]:
+) -> tuple[TickState, tuple[Scalar, ...], TickSignals]:
     """See `ravenjax.engines.interface.Loop`."""
     state, signals = tick(setup, params, faults, state, Input(now, motion, reference_from(setup, golden)))
     return state, reference_series(setup, signals), signals
 
 
-def series_length(setup: Setup) -> int:
+def series_length(setup: RavenSetup) -> int:
     """How many numbers `reference_series` has."""
     return 6 * len(setup.arms)
 
 
-def reference_from(setup: Setup, series: Any) -> monitor.Reference:
+def reference_from(setup: RavenSetup, series: Any) -> monitor.Reference:
     """The twin's tick from those numbers."""
     rows = [Vec(series[i + j] for j in range(3)) for i in range(0, series_length(setup), 3)]
     return monitor.Reference(tip=tuple(rows[0::2]), pos=tuple(rows[1::2]))
 
 
-def checks(state: State) -> dict[str, Check]:
+def checks(state: TickState) -> dict[str, CheckHistory]:
     """Every built-in check by its name in `ravenjax.vocabulary.checks`; that of the worse arm."""
     software = state.control
     net, machine, over = software.network, software.state_machine, software.overdrive
@@ -418,12 +428,12 @@ def checks(state: State) -> dict[str, Check]:
 # --- parts ---
 
 
-def _seeded(setup: Setup, what: str) -> bool:
+def _seeded(setup: RavenSetup, what: str) -> bool:
     """Whether faults seed the channel's `bursts`, or its `jitter`."""
     return ("network", "", what) in injection.channel_keys(setup)
 
 
-def _boards_apart(setup: Setup) -> int:
+def _boards_apart(setup: RavenSetup) -> int:
     """USB boards whose output pins may differ: all are written alike, unless a write can fail."""
     return len(setup.arms) if strikes(setup, "usb_status") else 1
 
@@ -437,11 +447,11 @@ _MECHANICS: dict[str, float] = {
 """Sites of the robot's mechanics, with what they are where nothing is wrong."""
 
 
-def _each(setup: Setup, item: Any) -> tuple[Any, ...]:
+def _each(setup: RavenSetup, item: Any) -> tuple[Any, ...]:
     return tuple(item for _ in setup.arms)
 
 
-def _packet_due(setup: Setup, params: Params, state: State, signal: Input) -> tuple[Scalar, Scalar]:
+def _packet_due(setup: RavenSetup, params: TickParams, state: TickState, signal: Input) -> tuple[Scalar, Scalar]:
     """Whether there is a new packet in this tick, and the index of the newest one."""
     if signal.packet is not None:
         fresh = signal.packet.received != 0
@@ -456,7 +466,9 @@ def _packet_due(setup: Setup, params: Params, state: State, signal: Input) -> tu
     return index != state.packet, index
 
 
-def _reacting(setup: Setup, params: Params, state: State, now: Scalar, sequence: Scalar) -> reaction.State | None:
+def _reacting(
+    setup: RavenSetup, params: TickParams, state: TickState, now: Scalar, sequence: Scalar
+) -> reaction.ReactionState | None:
     """The operator's reaction before the packet of this tick; None where nobody reacts."""
     if params.reaction is None or state.reaction is None:
         return None
@@ -464,8 +476,8 @@ def _reacting(setup: Setup, params: Params, state: State, now: Scalar, sequence:
 
 
 def _network(
-    setup: Setup, params: Params, inject: Injector, state: State, sequence: Scalar, fresh: Scalar
-) -> tuple[channel.State | None, connections.Network]:
+    setup: RavenSetup, params: TickParams, inject: RavenInjector, state: TickState, sequence: Scalar, fresh: Scalar
+) -> tuple[channel.ChannelState | None, connections.Network]:
     """What becomes of this tick's packet on its way, and the channel after it."""
     ideal = connections.Network(jnp.int32(0), jnp.int32(0), jnp.bool_(False), real(setup, 0.0), real(setup, 0.0))
     network, line = inject("network", ideal), state.channel

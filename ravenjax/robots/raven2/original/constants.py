@@ -14,7 +14,7 @@ import numpy as np
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.geometry import limits, transmission
 from ravenjax.robots.raven2.geometry.tools import find_tool
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 
 
 def float32(x: float) -> float:
@@ -52,7 +52,7 @@ class JointLimits(NamedTuple):
     lowest_yaw: float | None  # rad, of the jaws; None: not limited
 
 
-def joint_limits(setup: Setup) -> JointLimits:
+def joint_limits(setup: RavenSetup) -> JointLimits:
     """The software's limits: those of the first mechanism's tool serve every arm.
 
     All are stored as float32, but for the fork's roll: that is a literal of its r2_kinematics.cpp, and a double.

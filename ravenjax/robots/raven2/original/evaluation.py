@@ -17,7 +17,7 @@ from ravenjax.robots.raven2.geometry.joints import Pose
 from ravenjax.robots.raven2.original import gravity as original_gravity
 from ravenjax.robots.raven2.original import kinematics as original_kinematics
 from ravenjax.robots.raven2.original import transforms
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 
 
 class Evaluation(NamedTuple):
@@ -43,7 +43,7 @@ LITERAL = Evaluation(
 )
 
 
-def evaluation(setup: Setup) -> Evaluation:
+def evaluation(setup: RavenSetup) -> Evaluation:
     """LITERAL where the widths are the original's, else SHARING."""
     precision = setup.precision
     return LITERAL if (precision.narrow, precision.wide) == ("float32", "float64") else SHARING

@@ -18,7 +18,7 @@ from ravenjax.robots.raven2.plant.friction import OPPOSES, coulomb_damping
 
 
 @record
-class Params:
+class ActuatorParams:
     """Of seven motors."""
 
     torque_per_count: Annotated[

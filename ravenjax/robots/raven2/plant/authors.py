@@ -46,7 +46,7 @@ M33 = 0.407
 
 
 @record
-class State:
+class AuthorsState:
     """Link and motor states, gold arm, in the authors' joint convention."""
 
     q: Vec  # rad, rad, m
@@ -69,7 +69,7 @@ class Detail:
 
 @record
 class Rates:
-    """Time derivative of `State`."""
+    """Time derivative of `AuthorsState`."""
 
     q: Vec
     qd: Vec
@@ -121,13 +121,15 @@ def gravity_forces(q: Vec) -> Vec:
     )
 
 
-def initial(mpos: Vec, mvel: Vec) -> State:
+def initial(mpos: Vec, mvel: Vec) -> AuthorsState:
     """State at the first message: links from measured motors (rad, rad/s), cables unstretched, no coupling."""
     q = mpos.map(lambda m, ratio: m * ratio, Vec(JOINT_PER_MOTOR)) - Vec((math.pi, math.pi, 0.0))
-    return State(q=q, qd=mvel.map(lambda m, ratio: m * ratio, Vec(JOINT_PER_MOTOR)), m=mpos, md=mvel)
+    return AuthorsState(q=q, qd=mvel.map(lambda m, ratio: m * ratio, Vec(JOINT_PER_MOTOR)), m=mpos, md=mvel)
 
 
-def rates(state: State, dac: Vec, tension_bug: bool = False, parameter_set: str = "traj3") -> tuple[Rates, Detail]:
+def rates(
+    state: AuthorsState, dac: Vec, tension_bug: bool = False, parameter_set: str = "traj3"
+) -> tuple[Rates, Detail]:
     """Right-hand side for DAC counts in the gold arm's sign (positive drives a motor backwards)."""
     values = published.parameter_set(parameter_set)
     zero = (PI, PI, 0.0)
@@ -154,19 +156,19 @@ def rates(state: State, dac: Vec, tension_bug: bool = False, parameter_set: str 
     return Rates(q=state.qd, qd=qdd, m=state.md, md=mdd), detail
 
 
-def euler(state: State, dac: Vec, dt: float = 1e-3, tension_bug: bool = False) -> State:
+def euler(state: AuthorsState, dac: Vec, dt: float = 1e-3, tension_bug: bool = False) -> AuthorsState:
     """One explicit Euler step."""
     slope, _ = rates(state, dac, tension_bug)
     return _along(state, slope, dt)
 
 
-def rk4(state: State, dac: Vec, dt: float = 1e-3, tension_bug: bool = False) -> State:
+def rk4(state: AuthorsState, dac: Vec, dt: float = 1e-3, tension_bug: bool = False) -> AuthorsState:
     """One classical Runge-Kutta step; the motor speed that moves the motor angle is clamped, as in the source."""
 
-    def slope(at: State) -> Rates:
-        found, _ = rates(at, dac, tension_bug)
-        clamped = found.m.map(lambda speed: jnp.minimum(jnp.maximum(speed, -SPEED_CLAMP), SPEED_CLAMP))
-        return Rates(q=found.q, qd=found.qd, m=clamped, md=found.md)
+    def slope(at: AuthorsState) -> Rates:
+        derivative, _ = rates(at, dac, tension_bug)
+        clamped = derivative.m.map(lambda speed: jnp.minimum(jnp.maximum(speed, -SPEED_CLAMP), SPEED_CLAMP))
+        return Rates(q=derivative.q, qd=derivative.qd, m=clamped, md=derivative.md)
 
     k1 = slope(state)
     k2 = slope(_along(state, k1, dt / 2))
@@ -176,7 +178,7 @@ def rk4(state: State, dac: Vec, dt: float = 1e-3, tension_bug: bool = False) -> 
     return _along(state, mean, dt)
 
 
-def detector_statistic(state: State, dac: Vec, tension_bug: bool = False) -> Scalar:
+def detector_statistic(state: AuthorsState, dac: Vec, tension_bug: bool = False) -> Scalar:
     """S of the model-based detector at the start of an Euler step; the authors' alarm is S > 55."""
     slope, _ = rates(state, dac, tension_bug)
     links = _sum(abs(x) for x in (*slope.q, *slope.qd))
@@ -184,8 +186,8 @@ def detector_statistic(state: State, dac: Vec, tension_bug: bool = False) -> Sca
     return links + 0.001 * motors
 
 
-def _along(state: State, slope: Rates, dt: float) -> State:
-    return State(
+def _along(state: AuthorsState, slope: Rates, dt: float) -> AuthorsState:
+    return AuthorsState(
         q=state.q + slope.q * dt, qd=state.qd + slope.qd * dt, m=state.m + slope.m * dt, md=state.md + slope.md * dt
     )
 

@@ -12,11 +12,11 @@ import jax.numpy as jnp
 
 from ravenjax.numbers.quantity import HOUR_MS, Quantity
 from ravenjax.numbers.vec import Scalar, as_int, record
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 
 
 @record
-class Params:
+class BrakeParams:
     holding_torque: Annotated[  # assumption: maxon AB 28, 0.4 N m at the shaft, times 12.25
         Scalar, Quantity("N m", 0, 1e4, "dry friction of a closed brake, after the gearbox")
     ]
@@ -29,27 +29,27 @@ class Params:
 
 
 @record
-class State:
+class BrakeState:
     engaged: Scalar  # 1: gripping, int32
     pending_ticks: Scalar  # ms for which the command has differed from that, int32
 
 
-def params(setup: Setup) -> Params:
+def params(setup: RavenSetup) -> BrakeParams:
     """The assumptions above."""
-    return Params(holding_torque=0.4 * 12.25, engage_ticks=15, release_ticks=20)
+    return BrakeParams(holding_torque=0.4 * 12.25, engage_ticks=15, release_ticks=20)
 
 
-def init(setup: Setup, params: Params, engaged: int = 1) -> State:
+def init(setup: RavenSetup, params: BrakeParams, engaged: int = 1) -> BrakeState:
     """At rest, engaged unless said otherwise."""
-    return State(engaged=jnp.int32(engaged), pending_ticks=jnp.int32(0))
+    return BrakeState(engaged=jnp.int32(engaged), pending_ticks=jnp.int32(0))
 
 
-def step(setup: Setup, params: Params, state: State, commanded: Scalar) -> tuple[State, Scalar]:
+def step(setup: RavenSetup, params: BrakeParams, state: BrakeState, commanded: Scalar) -> tuple[BrakeState, Scalar]:
     """One tick with the PLC's command (1: on). Out: dry friction that the brakes add to motors 1-3 (N m)."""
     commanded = as_int(commanded)
     pending = jnp.where(commanded != state.engaged, state.pending_ticks + 1, 0)
     delay = jnp.where(commanded != 0, params.engage_ticks, params.release_ticks)
     moves = pending > delay
     engaged = jnp.where(moves, commanded, state.engaged)
-    state = State(engaged=as_int(engaged), pending_ticks=as_int(jnp.where(moves, 0, pending)))
+    state = BrakeState(engaged=as_int(engaged), pending_ticks=as_int(jnp.where(moves, 0, pending)))
     return state, jnp.where(engaged != 0, params.holding_torque, 0.0)

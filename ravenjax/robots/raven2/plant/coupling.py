@@ -34,13 +34,13 @@ class Coupling:
 
     def joints(self, motors: Vec) -> Vec:
         """The inverse: joint angles (or speeds) of motor ones, cables unstretched."""
-        found: list[Scalar] = []
+        angles: list[Scalar] = []
         for i in range(N):
             rest = sub(motors[i], mul(self.ratio[i], motors[Z]))
             for j in range(i):
-                rest = sub(rest, mul(self.own[i][j], found[j]))
-            found.append(rest * (1.0 / self.own[i][i]))
-        return Vec(found)
+                rest = sub(rest, mul(self.own[i][j], angles[j]))
+            angles.append(rest * (1.0 / self.own[i][i]))
+        return Vec(angles)
 
     def loads(self, forces: Vec) -> Vec:
         """T^T f: joint torques (N m, N) of motor ones (N m)."""

@@ -39,7 +39,7 @@ from ravenjax.robots.raven2.geometry import kinematics, limits, transmission
 from ravenjax.robots.raven2.plant import nominal_target, published
 from ravenjax.robots.raven2.plant.friction import OPPOSES, coulomb_damping
 from ravenjax.robots.raven2.plant.nominal_target import Clean
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 
 TICK_S = 1e-3
 LAGRANGE = 5  # joints of the Euler-Lagrange equation; the two jaws are double integrators
@@ -57,7 +57,7 @@ _STABLE = "the model is stable"
 
 
 @record
-class Params:
+class NominalParams:
     kp: Annotated[
         Vec,
         Quantity(
@@ -99,26 +99,26 @@ class Params:
             whole=True,
         ),
     ]
-    target: nominal_target.Params
+    target: nominal_target.TargetParams
 
 
 @record
-class State:
+class NominalState:
     jpos: Vec  # rad; insertion m
     jvel: Vec  # rad/s; insertion m/s
     integral: Scalar  # m s, of the insertion's error
-    target: nominal_target.State
+    target: nominal_target.TargetState
 
 
 @record
-class Out:
+class NominalOutput:
     jpos: Vec  # rad; insertion m
     tip_position: Vec  # m, 3, frame 0 of the arm
     tip_velocity: Vec  # m/s, 3
     jpos_d: Vec  # rad; insertion m
 
 
-def params(setup: Setup, arm: ArmName) -> Params:
+def params(setup: RavenSetup, arm: ArmName) -> NominalParams:
     """The gains derived above, from published numbers."""
     values = published.parameter_set("traj3")
     gain = [values.torque_per_count / published.CONTROLLER_TORQUE_PER_COUNT * g for g in values.gain] + [1.0] * 4
@@ -139,7 +139,7 @@ def params(setup: Setup, arm: ArmName) -> Params:
         kc.append(similar * (dry[i] + share[i] * link_dry[i] / ratio) / ratio)
     for jaw in range(LAGRANGE, 7):
         kd[jaw] += kv[jaw]
-    return Params(
+    return NominalParams(
         kp=Vec(kp),
         kd=Vec(kd),
         ki=INTEGRAL_RATE * kp[INSERTION],
@@ -151,30 +151,32 @@ def params(setup: Setup, arm: ArmName) -> Params:
     )
 
 
-def init(setup: Setup, arm: ArmName, params: Params, jpos0: Vec) -> State:
+def init(setup: RavenSetup, arm: ArmName, params: NominalParams, jpos0: Vec) -> NominalState:
     """At rest at `jpos0` (rad, m), which is its target."""
     dtype = setup.precision.real
     jpos = Vec(jnp.asarray(x, dtype) for x in jpos0)
     still = Vec(jnp.asarray(0.0, dtype) for _ in range(7))
-    return State(jpos=jpos, jvel=still, integral=still[0], target=nominal_target.init(setup, arm, jpos))
+    return NominalState(jpos=jpos, jvel=still, integral=still[0], target=nominal_target.init(setup, arm, jpos))
 
 
-def step(setup: Setup, arm: ArmName, params: Params, state: State, clean: Clean, measured: Vec) -> tuple[State, Out]:
+def step(
+    setup: RavenSetup, arm: ArmName, params: NominalParams, state: NominalState, clean: Clean, measured: Vec
+) -> tuple[NominalState, NominalOutput]:
     """One tick (1 ms) of the model under the operator's clean command; it holds still while the pedal is up.
 
     measured: the robot's joints as its control software has them (rad, m). With each lift of the pedal the robot takes
-    its measured pose, which hangs a little below the desired one, for the desired one, and sags on; `Params.resync`
-    lets the model go along, so that clutching adds up to no error of its own.
+    its measured pose, which hangs a little below the desired one, for the desired one, and sags on;
+    `NominalParams.resync` lets the model go along, so that clutching adds up to no error of its own.
     """
     stands = (params.resync != 0) & (clean.engaged == 0)
-    state = State(
+    state = NominalState(
         jpos=where(stands, measured, state.jpos), jvel=state.jvel, integral=state.integral, target=state.target
     )
     target = nominal_target.step(setup, arm, params.target, state.target, clean, state.jpos)
     moved = track(setup, arm, params, state, target.jpos_d)
-    held = State(jpos=state.jpos, jvel=state.jvel * 0.0, integral=state.integral, target=target)
-    state = where(clean.engaged != 0, _with_target(moved, target), held)
-    state = State(
+    still = NominalState(jpos=state.jpos, jvel=state.jvel * 0.0, integral=state.integral, target=target)
+    state = where(clean.engaged != 0, _with_target(moved, target), still)
+    state = NominalState(
         jpos=cast(state.jpos, setup.precision.real),
         jvel=cast(state.jvel, setup.precision.real),
         integral=cast(state.integral, setup.precision.real),
@@ -183,9 +185,9 @@ def step(setup: Setup, arm: ArmName, params: Params, state: State, clean: Clean,
     return state, observe(arm, state)
 
 
-def observe(arm: ArmName, state: State) -> Out:
+def observe(arm: ArmName, state: NominalState) -> NominalOutput:
     """Tip and joints of a state."""
-    return Out(
+    return NominalOutput(
         jpos=state.jpos,
         tip_position=kinematics.forward(arm, state.jpos).position,
         tip_velocity=kinematics.tip_velocity(arm, state.jpos, state.jvel),
@@ -193,7 +195,7 @@ def observe(arm: ArmName, state: State) -> Out:
     )
 
 
-def track(setup: Setup, arm: ArmName, params: Params, state: State, jpos_d: Vec) -> State:
+def track(setup: RavenSetup, arm: ArmName, params: NominalParams, state: NominalState, jpos_d: Vec) -> NominalState:
     """The dynamics alone: one tick towards the joint target `jpos_d` (rad, m)."""
     dt = TICK_S
     jpos, jvel = state.jpos, state.jvel
@@ -222,8 +224,8 @@ def track(setup: Setup, arm: ArmName, params: Params, state: State, jpos_d: Vec)
         damping = params.kd[i] + dt * params.kp[i]
         gained.append((params.kp[i] * error[i] - damping * jvel[i]) / (1.0 / dt + damping))
     jvel = jvel + Vec(gained)
-    return State(jpos=jpos + jvel * dt, jvel=jvel, integral=integral, target=state.target)
+    return NominalState(jpos=jpos + jvel * dt, jvel=jvel, integral=integral, target=state.target)
 
 
-def _with_target(state: State, target: nominal_target.State) -> State:
-    return State(jpos=state.jpos, jvel=state.jvel, integral=state.integral, target=target)
+def _with_target(state: NominalState, target: nominal_target.TargetState) -> NominalState:
+    return NominalState(jpos=state.jpos, jvel=state.jvel, integral=state.integral, target=target)

@@ -15,23 +15,23 @@ import jax.numpy as jnp
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, to_int32, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import joints, kinematics, limits, mapping
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 
 UM_PER_M = 1e6
 
 
 @record
-class Params:
+class TargetParams:
     """Where targets are clamped: the software's joint limits, the same for every arm."""
 
     lower: Annotated[Vec, limits.position("lower soft limit of the nominal model's target")]  # 5: no jaws
     upper: Annotated[Vec, limits.position("upper soft limit of the nominal model's target")]  # 5: no jaws
 
 
-def params(setup: Setup) -> Params:
+def params(setup: RavenSetup) -> TargetParams:
     """Limits with the first arm's tool, as the software has them."""
     allowed = limits.soft_limits(setup.tools[0], setup.software)
-    return Params(Vec(allowed.lower[:5]), Vec(allowed.upper[:5]))
+    return TargetParams(Vec(allowed.lower[:5]), Vec(allowed.upper[:5]))
 
 
 @record
@@ -45,17 +45,17 @@ class Clean:
 
 
 @record
-class State:
+class TargetState:
     position_um: Vec  # 3, um, int32, target in frame 0
     quat: Vec  # x, y, z, w, unit, target orientation in frame 0
     grasp_mrad: Scalar  # mrad, int32, target opening
     jpos_d: Vec  # rad; insertion m: target joints
 
 
-def init(setup: Setup, arm: ArmName, jpos: Vec) -> State:
+def init(setup: RavenSetup, arm: ArmName, jpos: Vec) -> TargetState:
     """The target is where the joints are."""
     pose = kinematics.forward(arm, jpos)
-    return State(
+    return TargetState(
         position_um=pose.position.map(lambda p: to_int32(p * UM_PER_M)),
         quat=mapping.quat_from_matrix(pose.rotation),
         grasp_mrad=to_int32(joints.grasp(jpos) * 1000.0),
@@ -63,32 +63,34 @@ def init(setup: Setup, arm: ArmName, jpos: Vec) -> State:
     )
 
 
-def step(setup: Setup, arm: ArmName, params: Params, state: State, clean: Clean, jpos: Vec) -> State:
+def step(
+    setup: RavenSetup, arm: ArmName, params: TargetParams, state: TargetState, clean: Clean, jpos: Vec
+) -> TargetState:
     """One tick: the target after the operator's command, for a model that stands at `jpos` (rad, m)."""
     engaged = clean.engaged != 0
     position_um, quat, grasp_mrad = _moved(setup, arm, state, clean)
-    asked = kinematics.Pose(
+    pose = kinematics.Pose(
         position=position_um.map(lambda p: p.astype(setup.precision.real) / UM_PER_M),
         rotation=mapping.matrix_from_quat(quat),
     )
     grasp_rad = grasp_mrad.astype(setup.precision.real) / 1000.0
-    solved = kinematics.inverse(arm, asked, grasp_rad, jpos)
+    solved = kinematics.inverse(arm, pose, grasp_rad, jpos)
     allowed, clamped = _clamp(setup, params, solved.jpos, solved.yaw)
-    taken = solved.status != -1
+    reachable = solved.status != -1
 
-    jpos_d = where(engaged & taken, allowed, where(engaged, state.jpos_d, jpos))
+    jpos_d = where(engaged & reachable, allowed, where(engaged, state.jpos_d, jpos))
     anchor = kinematics.forward(arm, jpos_d)
-    fresh = State(position_um=position_um, quat=quat, grasp_mrad=grasp_mrad, jpos_d=jpos_d)
-    restarted = State(
+    fresh = TargetState(position_um=position_um, quat=quat, grasp_mrad=grasp_mrad, jpos_d=jpos_d)
+    restarted = TargetState(
         position_um=anchor.position.map(lambda p: to_int32(p * UM_PER_M)),
         quat=mapping.quat_from_matrix(anchor.rotation),
         grasp_mrad=where(engaged, grasp_mrad, state.grasp_mrad),
         jpos_d=jpos_d,
     )
-    return where(~engaged | (taken & clamped), restarted, fresh)
+    return where(~engaged | (reachable & clamped), restarted, fresh)
 
 
-def _moved(setup: Setup, arm: ArmName, state: State, clean: Clean) -> tuple[Vec, Vec, Scalar]:
+def _moved(setup: RavenSetup, arm: ArmName, state: TargetState, clean: Clean) -> tuple[Vec, Vec, Scalar]:
     if setup.console == "absolute":
         return clean.delta_um, clean.quat, clean.grasp_mrad
     gain, lowest_deg = (1, -10.0) if setup.software == "raven2" else (2, -30.0)  # local_io.cpp of either
@@ -101,13 +103,13 @@ def _moved(setup: Setup, arm: ArmName, state: State, clean: Clean) -> tuple[Vec,
     return position_um, quat * (1.5 - 0.5 * square), as_int(grasp)
 
 
-def _clamp(setup: Setup, params: Params, jpos: Vec, yaw: Scalar) -> tuple[Vec, Scalar]:
+def _clamp(setup: RavenSetup, params: TargetParams, jpos: Vec, yaw: Scalar) -> tuple[Vec, Scalar]:
     """Joints within the limits, and whether any was at or beyond one. Jaws keep the unclamped yaw."""
-    found, reached = list(jpos), False
+    angles, reached = list(jpos), False
     for i, (low, high) in enumerate(zip(params.lower, params.upper, strict=True)):
         reached = reached | (jpos[i] <= low) | (jpos[i] >= high)
-        found[i] = jnp.minimum(jnp.maximum(jpos[i], low), high)
+        angles[i] = jnp.minimum(jnp.maximum(jpos[i], low), high)
     lowest_yaw = limits.soft_limits(setup.tools[0], setup.software).lower[5]
     if lowest_yaw is not None:
         reached = reached | (yaw <= lowest_yaw)
-    return Vec(found), reached
+    return Vec(angles), reached

@@ -31,7 +31,7 @@ from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import actuators, brakes, cables, encoders, published, stops
 from ravenjax.robots.raven2.plant.coupling import Coupling, coupling
 from ravenjax.robots.raven2.plant.friction import OPPOSES, coulomb_damping
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 
 TICK_S = 1e-3
 N = 7
@@ -41,11 +41,11 @@ ARM_CHANNELS = 16
 
 
 @record
-class Params:
+class PlantParams:
     """Of one arm. Every number may vary from run to run."""
 
-    actuators: actuators.Params
-    brakes: brakes.Params
+    actuators: actuators.ActuatorParams
+    brakes: brakes.BrakeParams
     cable_stiffness: Annotated[  # ke
         Vec,
         Quantity(
@@ -63,7 +63,7 @@ class Params:
     link_viscous: Annotated[
         Vec, Quantity("N m s/rad; insertion N s/m", 0, 1e3, "viscous friction of the joint", why=OPPOSES)
     ]
-    stops: stops.Params
+    stops: stops.StopParams
     friction_scale: Annotated[Scalar, Quantity("", 0, 100, "times all friction of motors and joints", why=OPPOSES)]
     cable_stiffness_scale: Annotated[
         Scalar,
@@ -106,19 +106,19 @@ class Params:
 
 
 @record
-class State:
+class PlantState:
     motors: tuple[encoders.Angle, ...]  # seven, from the reference count
     stretch: Vec  # rad of motor angle, cable stretch m - T q
     mvel: Vec  # rad/s
     jvel: Vec  # rad/s; insertion m/s
-    brakes: brakes.State
+    brakes: brakes.BrakeState
     tick: Scalar  # ms, int32: counter of the noise
     jpos_ref: Vec  # joints at the reference counts with unstretched cables, rad; insertion m; constant in a run
     count_ref: Vec  # counts, int32, whole motor counts at the reference; constant in a run
 
 
 @record
-class Signal:
+class PlantSignal:
     current_cmd: Vec  # DAC counts as written to USB, int32
     brakes: Scalar  # 1: brakes commanded on, int32 or bool
     torque_scale: Vec  # 1, nominally 1.0: times each motor's constant
@@ -128,7 +128,7 @@ class Signal:
 
 
 @record
-class Out:
+class PlantOutput:
     enc_val: Vec  # counts, int32, as unpacked from USB
     jpos: Vec  # rad; insertion m, of the links
     jvel: Vec  # rad/s; insertion m/s
@@ -139,13 +139,13 @@ class Out:
     brakes: Scalar  # 1: brakes grip, int32
 
 
-def nominal_signal(current_cmd: Vec, brakes: Scalar) -> Signal:
+def nominal_signal(current_cmd: Vec, brakes: Scalar) -> PlantSignal:
     """A signal without any fault; the literal ones and zeros drop out of the traced code."""
     one = Vec.full(N, 1.0)
-    return Signal(current_cmd, brakes, one, one, one, Vec.full(N, 0.0))
+    return PlantSignal(current_cmd, brakes, one, one, one, Vec.full(N, 0.0))
 
 
-def params(setup: Setup, arm: ArmName, parameter_set: str = "traj3") -> Params:
+def params(setup: RavenSetup, arm: ArmName, parameter_set: str = "traj3") -> PlantParams:
     """Published values; `parameter_set` names one of `published.SETS`."""
     values = published.parameter_set(parameter_set)
 
@@ -154,8 +154,8 @@ def params(setup: Setup, arm: ArmName, parameter_set: str = "traj3") -> Params:
 
     per_count = values.torque_per_count
     motor_inertia = published.MOTOR_INERTIA
-    return Params(
-        actuators=actuators.Params(
+    return PlantParams(
+        actuators=actuators.ActuatorParams(
             torque_per_count=seven((per_count, per_count, per_count), published.TOOL_TORQUE_PER_COUNT),
             gain=seven(values.gain, 1.0),
             bias=seven(values.bias, 0.0),
@@ -182,7 +182,7 @@ def params(setup: Setup, arm: ArmName, parameter_set: str = "traj3") -> Params:
     )
 
 
-def init(setup: Setup, arm: ArmName, params: Params, jpos0: Vec) -> State:
+def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> PlantState:
     """At rest with the links at `jpos0` (rad, m), brakes on, each cable stretched by its share of gravity."""
     geometry = _coupling(setup, arm)
     dtype = setup.precision.real
@@ -198,7 +198,7 @@ def init(setup: Setup, arm: ArmName, params: Params, jpos0: Vec) -> State:
     motors = tuple(encoders.at_angle(angle) for angle in geometry.motors(jpos0) + stretch)
     fractions = Vec(motor.fraction * encoders.RAD_PER_COUNT for motor in motors)
     zero = jnp.int32(0)
-    return State(
+    return PlantState(
         motors=tuple(encoders.Angle(count=zero, fraction=cast(motor.fraction, dtype)) for motor in motors),
         stretch=cast(stretch, dtype),
         mvel=still,
@@ -210,15 +210,17 @@ def init(setup: Setup, arm: ArmName, params: Params, jpos0: Vec) -> State:
     )
 
 
-def step(setup: Setup, arm: ArmName, params: Params, state: State, signal: Signal) -> tuple[State, Out]:
-    """One tick (1 ms, `setup.substeps` steps) under the DAC command just written; the next tick reads `Out`."""
+def step(
+    setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState, signal: PlantSignal
+) -> tuple[PlantState, PlantOutput]:
+    """One tick (1 ms, `setup.substeps` steps) under the DAC command just written; the next tick reads `PlantOutput`."""
     brake_state, holding = brakes.step(setup, params.brakes, state.brakes, signal.brakes)
     brake_state = cast(brake_state, "int32")
     drive = _drive(setup, arm, params, state, signal)
     for _ in range(setup.substeps):
         state = _substep(setup, arm, params, state, signal, drive, holding, TICK_S / setup.substeps)
     dtype = setup.precision.real
-    state = State(
+    state = PlantState(
         motors=state.motors,
         stretch=cast(state.stretch, dtype),
         mvel=cast(state.mvel, dtype),
@@ -231,7 +233,7 @@ def step(setup: Setup, arm: ArmName, params: Params, state: State, signal: Signa
     return state, observe(setup, arm, params, state)
 
 
-def observe(setup: Setup, arm: ArmName, params: Params, state: State) -> Out:
+def observe(setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState) -> PlantOutput:
     """What can be seen of a state: encoders, and the truth."""
     dtype = setup.precision.real
     signs = transmission.encoder_signs(arm, _tool(setup, arm), setup.software)
@@ -242,7 +244,7 @@ def observe(setup: Setup, arm: ArmName, params: Params, state: State) -> Out:
             count + encoders.noise_counts(params.encoder_noise, params.noise_key, state.tick, _channel(arm, i))
             for i, count in enumerate(counts)
         ]
-    return Out(
+    return PlantOutput(
         enc_val=Vec(mul(int(sign), count) for sign, count in zip(signs, counts, strict=True)),
         jpos=_jpos(_coupling(setup, arm), state, dtype),
         jvel=state.jvel,
@@ -263,15 +265,15 @@ def observe(setup: Setup, arm: ArmName, params: Params, state: State) -> Out:
 
 
 def _substep(
-    setup: Setup,
+    setup: RavenSetup,
     arm: ArmName,
-    params: Params,
-    state: State,
-    signal: Signal,
+    params: PlantParams,
+    state: PlantState,
+    signal: PlantSignal,
     drive: Vec,
     holding: Scalar,
     dt: float,
-) -> State:
+) -> PlantState:
     geometry = _coupling(setup, arm)
     motor = params.actuators
     jpos, jvel = _jpos(geometry, state, setup.precision.real), state.jvel
@@ -283,12 +285,12 @@ def _substep(
     for i in range(N):
         stiffness = mul(signal.cable_scale[i], params.cable_stiffness[i] * params.cable_stiffness_scale)
         damping = mul(signal.cable_scale[i], params.cable_damping[i])
-        held = motor.coulomb[i] * friction[i]
+        coulomb = motor.coulomb[i] * friction[i]
         solved.append(
             actuators.eliminate(
                 inertia_rate=motor.inertia[i] * (1.0 / dt),
                 viscous=motor.viscous[i] * friction[i],
-                coulomb=held + holding if i < POSITIONING else held,
+                coulomb=coulomb + holding if i < POSITIONING else coulomb,
                 reaction_scale=motor.reaction_scale[i],
                 drive=drive[i],
                 speed=state.mvel[i],
@@ -320,7 +322,7 @@ def _substep(
         mvel.append(speed)
         stretch.append(state.stretch[i] + dt * rate)
         motors.append(encoders.advance(state.motors[i], dt * speed))
-    return State(
+    return PlantState(
         motors=tuple(motors),
         stretch=Vec(stretch),
         mvel=Vec(mvel),
@@ -332,7 +334,7 @@ def _substep(
     )
 
 
-def _drive(setup: Setup, arm: ArmName, params: Params, state: State, signal: Signal) -> Vec:
+def _drive(setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState, signal: PlantSignal) -> Vec:
     """Motor torques (N m after gearbox, positive motor direction) of the DAC command, constant over the tick."""
     motor = params.actuators
     signs = transmission.tau_signs(arm, _tool(setup, arm), setup.software)
@@ -348,7 +350,7 @@ def _drive(setup: Setup, arm: ArmName, params: Params, state: State, signal: Sig
     return Vec(drive)
 
 
-def _jpos(geometry: Coupling, state: State, dtype: str) -> Vec:
+def _jpos(geometry: Coupling, state: PlantState, dtype: str) -> Vec:
     turned = Vec(encoders.radians(motor, dtype) for motor in state.motors)
     return state.jpos_ref + geometry.joints(turned - state.stretch)
 
@@ -359,11 +361,11 @@ def _share(geometry: Coupling, loads: Vec) -> Vec:
     return Vec(dot(column, loads) for column in columns)
 
 
-def _coupling(setup: Setup, arm: ArmName) -> Coupling:
+def _coupling(setup: RavenSetup, arm: ArmName) -> Coupling:
     return coupling(arm, _tool(setup, arm), setup.software)
 
 
-def _tool(setup: Setup, arm: ArmName) -> str:
+def _tool(setup: RavenSetup, arm: ArmName) -> str:
     return setup.tools[setup.arms.index(arm)]
 
 

@@ -23,7 +23,7 @@ SETTLING_S = 5e-3  # s, damping over stiffness
 
 
 @record
-class Params:
+class StopParams:
     lower: Annotated[Vec, limits.position("lower hard stop of the joint")]
     upper: Annotated[Vec, limits.position("upper hard stop of the joint")]
     stiffness: Annotated[
@@ -40,18 +40,18 @@ class Contact:
     damping: Scalar  # N m s/rad; insertion N s/m
 
 
-def params(tool: str) -> Params:
+def params(tool: str) -> StopParams:
     """Of an arm with that tool."""
-    found = find_tool(tool)
+    instrument = find_tool(tool)
     low, high = limits.POSITIONING_LOWER, limits.POSITIONING_UPPER
-    return Params(
-        lower=Vec((low[0], low[1] - _MARGIN[1], low[2] - _MARGIN[2], *found.hard_min)),
-        upper=Vec((high[0] + _MARGIN[0], high[1] + _MARGIN[1], high[2] + _MARGIN[2], *found.hard_max)),
+    return StopParams(
+        lower=Vec((low[0], low[1] - _MARGIN[1], low[2] - _MARGIN[2], *instrument.hard_min)),
+        upper=Vec((high[0] + _MARGIN[0], high[1] + _MARGIN[1], high[2] + _MARGIN[2], *instrument.hard_max)),
         stiffness=Vec((1e5, 1e5, 1e6, 20.0, 20.0, 20.0, 20.0)),
     )
 
 
-def contact(params: Params, i: int, jpos: Scalar, jvel: Scalar, dt: float) -> Contact:
+def contact(params: StopParams, i: int, jpos: Scalar, jvel: Scalar, dt: float) -> Contact:
     """Joint `i` at `jpos` (rad, m) and `jvel` over the coming `dt` (s); zero within the range."""
     beyond = jnp.maximum(jpos - params.upper[i], 0.0) + jnp.minimum(jpos - params.lower[i], 0.0)
     damping = jnp.where(beyond != 0.0, params.stiffness[i] * (dt + SETTLING_S), 0.0)

@@ -33,7 +33,7 @@ from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.packet import SIZE_BYTES, Packet, decode, silence
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
 from ravenjax.robots.raven2.loop import control
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.software import inputs as given_inputs
 from ravenjax.robots.raven2.stages import overdrive
 from ravenjax.robots.raven2.stages.usb import UsbIn
@@ -48,10 +48,10 @@ class Output:
 
     dac: tuple[tuple[int, ...], ...]  # per arm 7 signed counts, as written to USB
     output_pins: int  # byte to the PLC: run level (bits 0, 1), FP (2), READY (3), watchdog (4)
-    _signals: Callable[[], control.Signals] = dataclasses.field(repr=False)
+    _signals: Callable[[], control.ControlSignals] = dataclasses.field(repr=False)
 
     @functools.cached_property
-    def signals(self) -> control.Signals:
+    def signals(self) -> control.ControlSignals:
         """Everything that crossed the seams of the control software in this cycle."""
         return self._signals()
 
@@ -74,7 +74,7 @@ class ControlSoftware:
         enc_offset: Any = 0,
         console: Literal["increments", "absolute"] = "increments",
         runlevel: int | None = None,
-        params: Callable[[control.Params], control.Params] | None = None,
+        params: Callable[[control.ControlParams], control.ControlParams] | None = None,
         precision: Precision = ORIGINAL,
     ) -> None:
         """`tools`: one per arm, the software's own if left out. `level`: an overdrive level ("beginner", "moderate",
@@ -93,22 +93,23 @@ class ControlSoftware:
         names = given_inputs.arm_names(arms)
         own = tuple(DEFAULT_TOOLS[software][arm] for arm in names)
         chosen_tools = own if tools is None else given_inputs.tool_names(tools, names)
-        self.setup = Setup(arms=names, software=software, tools=chosen_tools, console=console, precision=precision)
+        self.setup = RavenSetup(arms=names, software=software, tools=chosen_tools, console=console, precision=precision)
         offsets = given_inputs.counts("enc_offset", enc_offset, len(names), repeated=True)
         with _widths(self.setup):
-            chosen = control.params(self.setup)
-            chosen = replace(
-                chosen,
+            parameters = control.params(self.setup)
+            parameters = replace(
+                parameters,
                 overdrive=overdrive.params(self.setup, level, POLICIES.index(policy)),
                 estimator=tuple(
-                    replace(e, enc_offset=Vec(map(np.int32, o))) for e, o in zip(chosen.estimator, offsets, strict=True)
+                    replace(e, enc_offset=Vec(map(np.int32, o)))
+                    for e, o in zip(parameters.estimator, offsets, strict=True)
                 ),
             )
-            chosen = chosen if params is None else _changed(self.setup, chosen, params)
+            parameters = parameters if params is None else _changed(self.setup, parameters, params)
             state = control.init(self.setup, runlevel=runlevel)
-        self._params, self._states, self._inputs = _Kind(chosen), _Kind(state), _Kind(_example_inputs(self.setup))
+        self._params, self._states, self._inputs = _Kind(parameters), _Kind(state), _Kind(_example_inputs(self.setup))
         self._packets_kind = _Kind(silence(self.setup))
-        self._fixed, self._now = self._params.represent(chosen), self._states.represent(state)
+        self._fixed, self._now = self._params.represent(parameters), self._states.represent(state)
         self._signals, self._cycle = _cycle(self.setup, self._params, self._states, self._inputs)
         places = jax.tree.unflatten(self._signals, range(self._signals.num_leaves))
         self._dac_places = [list(arm.current_cmd_written) for arm in places.arms]
@@ -147,7 +148,7 @@ class ControlSoftware:
         )
 
     @property
-    def state(self) -> control.State:
+    def state(self) -> control.ControlState:
         """Everything the software remembers, the checks' histories among it."""
         return jax.tree.unflatten(self._states.tree, self._now)
 
@@ -195,7 +196,7 @@ class _Kind:
 
 
 @functools.lru_cache(maxsize=16)
-def _cycle(setup: Setup, params: _Kind, state: _Kind, inputs: _Kind) -> tuple[Any, python.ScalarFunction]:
+def _cycle(setup: RavenSetup, params: _Kind, state: _Kind, inputs: _Kind) -> tuple[Any, python.ScalarFunction]:
     """Tree of the signals, and the cycle as printed code: shared by the instances of a setup."""
 
     def one_cycle(*arguments: Any) -> Any:
@@ -208,7 +209,7 @@ def _cycle(setup: Setup, params: _Kind, state: _Kind, inputs: _Kind) -> tuple[An
 
 
 @functools.lru_cache(maxsize=16)
-def _reception(setup: Setup, params: _Kind, state: _Kind, packet: _Kind) -> python.ScalarFunction:
+def _reception(setup: RavenSetup, params: _Kind, state: _Kind, packet: _Kind) -> python.ScalarFunction:
     """`receive` alone as printed code, for packets that arrive before the last of a cycle."""
 
     def receive(*arguments: Any) -> Any:
@@ -218,16 +219,16 @@ def _reception(setup: Setup, params: _Kind, state: _Kind, packet: _Kind) -> pyth
         return python.compile(jax.make_jaxpr(receive)(params.abstract(), state.abstract(), packet.abstract()))
 
 
-def _changed(setup: Setup, own: control.Params, change: Any) -> control.Params:
+def _changed(setup: RavenSetup, own: control.ControlParams, change: Any) -> control.ControlParams:
     """The parameters as `change` returns them, each number in its own type."""
     if not callable(change):
         raise UserError(
-            f"params is {shown(change)}, expected a function that takes the Params and returns changed ones"
+            f"params is {shown(change)}, expected a function that takes the ControlParams and returns changed ones"
         )
     new = change(own)
     kinds, numbers = (list(paths.leaves(record, setup)) for record in (own, new))
-    if not isinstance(new, control.Params) or [name for name, _ in kinds] != [name for name, _ in numbers]:
-        raise UserError(f"params returned {shown(new)}, expected the Params it was given, with numbers replaced")
+    if not isinstance(new, control.ControlParams) or [name for name, _ in kinds] != [name for name, _ in numbers]:
+        raise UserError(f"params returned {shown(new)}, expected the ControlParams it was given, with numbers replaced")
     return jax.tree.unflatten(
         jax.tree.structure(own), [_of_type(name, old, x) for (name, old), (_, x) in zip(kinds, numbers, strict=True)]
     )
@@ -242,10 +243,10 @@ def _of_type(name: str, old: Any, new: Any) -> Any:
     return old.dtype.type(new)
 
 
-def _example_inputs(setup: Setup) -> control.Inputs:
+def _example_inputs(setup: RavenSetup) -> control.Inputs:
     flags = (np.int32(1),) * len(setup.arms)
     return control.Inputs(silence(setup), UsbIn(tuple(Vec.full(7, np.int32(0)) for _ in flags), flags), flags)
 
 
-def _widths(setup: Setup) -> AbstractContextManager[Any]:
+def _widths(setup: RavenSetup) -> AbstractContextManager[Any]:
     return jax.enable_x64(setup.precision.needs_x64)

@@ -16,7 +16,7 @@ from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS, JOINTS
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry.tools import find_tool
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 
 INT32 = (-(2**31), 2**31 - 1)
 WORD = (-(2**31), 2**32 - 1)
@@ -98,17 +98,17 @@ def flag(what: str, given: Any) -> int:
     return int(given)
 
 
-def each(what: str, given: Any, arms: int) -> tuple[Any, ...]:
+def each(what: str, entries: Any, arms: int) -> tuple[Any, ...]:
     """One entry an arm; a single one stands for all."""
-    if isinstance(given, np.ndarray):
-        given = given.tolist()
-    values = tuple(given) if isinstance(given, list | tuple) else (given,) * arms
+    if isinstance(entries, np.ndarray):
+        entries = entries.tolist()
+    values = tuple(entries) if isinstance(entries, list | tuple) else (entries,) * arms
     if len(values) != arms:
         raise UserError(f"{what} has {len(values)} entries, expected one number or one per arm ({arms})")
     return values
 
 
-def packet(setup: Setup, given: Packet) -> Packet:
+def packet(setup: RavenSetup, given: Packet) -> Packet:
     """A packet's numbers; quaternions may hold any number, NaN among them, as a datagram may."""
     arms = len(setup.arms)
     deltas, quats = (_rows(f"packet.{name}", getattr(given, name), arms, n) for name, n in (("delta", 3), ("quat", 4)))

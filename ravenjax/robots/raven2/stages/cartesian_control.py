@@ -21,9 +21,9 @@ from ravenjax.robots.raven2.geometry.inverse import COST_LIMIT, REJECTED
 from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
 from ravenjax.robots.raven2.original.constants import joint_limits
 from ravenjax.robots.raven2.original.evaluation import evaluation
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check
-from ravenjax.stages.check import Check
+from ravenjax.stages.check import CheckHistory
 
 
 @record
@@ -33,29 +33,29 @@ class Arm:
     pos: StoredPose  # measured in the last cycle
     pos_d: StoredPose
     jpos_d: Vec  # 7, rad and m, held while inverse kinematics rejects
-    ik_reject: Check  # margin: pi minus the cost of the best solution
-    joint_limit: Check  # margin: distance to the nearer limit as a fraction of the joint's range
+    ik_reject: CheckHistory  # margin: pi minus the cost of the best solution
+    joint_limit: CheckHistory  # margin: distance to the nearer limit as a fraction of the joint's range
 
 
 State = tuple[Arm, ...]
 
 
 @record
-class Params:
+class CartesianParams:
     """Software joint limits, the same for every arm, as float32 numbers."""
 
     lower: Annotated[Vec, limits.position("lower soft limit of the joint in the control software")]  # 5: no jaws
     upper: Annotated[Vec, limits.position("upper soft limit of the joint in the control software")]  # 5: no jaws
 
 
-def params(setup: Setup) -> Params:
+def params(setup: RavenSetup) -> CartesianParams:
     """The software's own limits: those of the first mechanism's tool serve every arm."""
     number = np.dtype(setup.precision.wide).type
     ranges, _ = joint_limits(setup)
-    return Params(Vec(number(low) for low, _ in ranges), Vec(number(high) for _, high in ranges))
+    return CartesianParams(Vec(number(low) for low, _ in ranges), Vec(number(high) for _, high in ranges))
 
 
-def init(setup: Setup, jpos: tuple[Vec, ...]) -> State:
+def init(setup: RavenSetup, jpos: tuple[Vec, ...]) -> State:
     """At rest at `jpos`, wanting to stay there."""
     number = np.dtype(setup.precision.narrow).type
 
@@ -67,17 +67,17 @@ def init(setup: Setup, jpos: tuple[Vec, ...]) -> State:
     return per_arm(setup, at_rest)
 
 
-def measure(setup: Setup, arm: ArmName, jpos: Vec) -> StoredPose:
+def measure(setup: RavenSetup, arm: ArmName, jpos: Vec) -> StoredPose:
     """Pose of the tip at measured joints, as stored. The jaws' difference and sum are rounded before they are used."""
     pose = evaluation(setup).forward(arm, wide(setup, jpos), _yaw(setup, jpos))
     return stored_pose.store(setup, pose, to_int32((jpos[5] + jpos[6]) * 1000.0))
 
 
-def _yaw(setup: Setup, jpos: Vec) -> Scalar:
+def _yaw(setup: RavenSetup, jpos: Vec) -> Scalar:
     return wide(setup, jpos[6] - jpos[5]) * 0.5
 
 
-def _reference(setup: Setup, jpos: Vec) -> Vec:
+def _reference(setup: RavenSetup, jpos: Vec) -> Vec:
     """Measured joints from which solutions are judged, with jaws that give the rounded yaw."""
     yaw = _yaw(setup, jpos)
     return Vec((*wide(setup, Vec(jpos[:5])), -yaw, yaw))
@@ -88,13 +88,13 @@ def follow(state: State, condition: Scalar) -> State:
     return tuple(replace(arm, pos_d=where(condition, arm.pos, arm.pos_d)) for arm in state)
 
 
-def sense(setup: Setup, state: State, jpos: tuple[Vec, ...]) -> State:
+def sense(setup: RavenSetup, state: State, jpos: tuple[Vec, ...]) -> State:
     """Enter this cycle's measured poses."""
     return per_arm(setup, lambda i, arm: replace(state[i], pos=measure(setup, arm, jpos[i])))
 
 
 def solve(
-    setup: Setup, params: Params, state: State, tick: Scalar, active: Scalar, jpos: tuple[Vec, ...]
+    setup: RavenSetup, params: CartesianParams, state: State, tick: Scalar, active: Scalar, jpos: tuple[Vec, ...]
 ) -> tuple[State, Scalar]:
     """Inverse kinematics of all arms where `active`; returns the state and whether any target was clamped (bool)."""
     forward, inverse, *_ = evaluation(setup)
@@ -132,7 +132,7 @@ def solve(
     return tuple(arms), reduce(lambda a, b: a | b, clamped)
 
 
-def _clamp(setup: Setup, params: Params, jpos: Vec, yaw: Scalar) -> tuple[Vec, Scalar, Scalar]:
+def _clamp(setup: RavenSetup, params: CartesianParams, jpos: Vec, yaw: Scalar) -> tuple[Vec, Scalar, Scalar]:
     """Shoulder to wrist within their software limits and yaw above its lower one; whether any was at or beyond its
     limit; the smallest distance to one, as a fraction of the joint's range."""
     values, at_limit, spares = [], [], []

@@ -8,12 +8,12 @@ from ravenjax.numbers.vec import Scalar, Vec, to_int32
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.original import constants as stored
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 
 HIGHEST, LOWEST = 32767, -32768
 
 
-def step(setup: Setup, arm: ArmName, tool: str, tau_d: Vec, enabled: Scalar, otherwise: Vec) -> Vec:
+def step(setup: RavenSetup, arm: ArmName, tool: str, tau_d: Vec, enabled: Scalar, otherwise: Vec) -> Vec:
     """DAC counts (7 int32) of capstan torques (N m) where `enabled`, elsewhere `otherwise`."""
     amps = stored.amps_per_torque(arm, tool, setup.software)
 

@@ -17,7 +17,7 @@ from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.original import constants as stored
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 
 RAD_PER_COUNT = 2.0 * stored.PI * (1.0 / transmission.ENCODER_COUNTS)
 
@@ -27,7 +27,7 @@ LOW_PASS_OUTPUT = (1.5189, -0.9600, 0.2120)
 
 
 @record
-class Params:
+class EstimatorParams:
     enc_offset: Annotated[  # 7, int32
         Vec,
         Quantity(
@@ -42,25 +42,27 @@ class Params:
 
 
 @record
-class State:
+class EstimatorState:
     started: Scalar  # int32 flag; the first sample fills the history
     inputs: tuple[Vec, ...]  # latest first: unfiltered motor angles, rad; one of them in raven2, three in the fork
     outputs: tuple[Vec, ...]  # latest first: filtered motor angles, rad; none in raven2, three in the fork
 
 
-def params(setup: Setup, arm: ArmName) -> Params:
+def params(setup: RavenSetup, arm: ArmName) -> EstimatorParams:
     """Encoders that read 0 at motor angle 0."""
-    return Params(Vec.full(7, np.int32(0)))
+    return EstimatorParams(Vec.full(7, np.int32(0)))
 
 
-def init(setup: Setup) -> State:
+def init(setup: RavenSetup) -> EstimatorState:
     """No sample yet."""
     zero = Vec.full(7, np.dtype(setup.precision.narrow).type(0.0))
     inputs, outputs = (1, 0) if setup.software == "raven2" else (3, 3)
-    return State(np.int32(0), (zero,) * inputs, (zero,) * outputs)
+    return EstimatorState(np.int32(0), (zero,) * inputs, (zero,) * outputs)
 
 
-def step(setup: Setup, arm: ArmName, tool: str, params: Params, state: State, enc_val: Vec) -> tuple[State, Vec, Vec]:
+def step(
+    setup: RavenSetup, arm: ArmName, tool: str, params: EstimatorParams, state: EstimatorState, enc_val: Vec
+) -> tuple[EstimatorState, Vec, Vec]:
     """One sample of one arm; returns the state, mpos (rad) and mvel (rad/s)."""
     signs = transmission.encoder_signs(arm, tool, setup.software)
     counts = narrow(setup, enc_val) * signs
@@ -69,16 +71,16 @@ def step(setup: Setup, arm: ArmName, tool: str, params: Params, state: State, en
     filled = [old.map(lambda a, b: jnp.where(started, a, b), angle) for old in (*state.inputs, *state.outputs)]
     if setup.software == "raven2":
         (previous,) = filled
-        return State(state.started | 1, (angle,), ()), angle, (angle - previous) / stored.PERIOD
+        return EstimatorState(state.started | 1, (angle,), ()), angle, (angle - previous) / stored.PERIOD
     inputs, outputs = filled[:3], filled[3:]
     position = angle * LOW_PASS_INPUT[0]
     for gain, history in zip((*LOW_PASS_INPUT[1:], *LOW_PASS_OUTPUT), filled, strict=True):
         position = position + history * gain
     velocity = (position - outputs[0]) / stored.PERIOD
-    return State(state.started | 1, (angle, *inputs[:2]), (position, *outputs[:2])), position, velocity
+    return EstimatorState(state.started | 1, (angle, *inputs[:2]), (position, *outputs[:2])), position, velocity
 
 
-def joints(setup: Setup, arm: ArmName, tool: str, mpos: Vec) -> Vec:
+def joints(setup: RavenSetup, arm: ArmName, tool: str, mpos: Vec) -> Vec:
     """Joint positions (rad, m). Products with a reciprocal ratio and sums in the wide type, products of a coupling
     constant and a rounded joint in the narrow one, one rounding per joint."""
     per, kappa = stored.TR.map(lambda ratio: 1.0 / ratio), stored.wrist_coupling(tool)
@@ -104,7 +106,7 @@ def joints(setup: Setup, arm: ArmName, tool: str, mpos: Vec) -> Vec:
     return Vec((shoulder, elbow, insertion, roll, wrist, rounded(grasp1), rounded(grasp2)))
 
 
-def joint_velocities(setup: Setup, mvel: Vec) -> Vec:
+def joint_velocities(setup: RavenSetup, mvel: Vec) -> Vec:
     """Joint velocities (rad/s, m/s): without coupling, and 0 for the tool joints, as the original leaves them."""
     zero = narrow(setup, 0.0)
     return Vec((*(mvel[i] / stored.TR[i] for i in range(3)), *(zero,) * 4))

@@ -18,7 +18,7 @@ from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.original import constants as stored
 from ravenjax.robots.raven2.original.evaluation import evaluation
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 
 
 def _gain(unit: str, meaning: str) -> Quantity:
@@ -26,7 +26,7 @@ def _gain(unit: str, meaning: str) -> Quantity:
 
 
 @record
-class Params:
+class MotorControlParams:
     """Of seven motors: gains on their angles, of torque after the gearbox. No integral clamp and no anti-windup."""
 
     kp: Annotated[Vec, _gain("N m/rad", "proportional gain of the motor controller")]  # raven2: params/r2params.yaml
@@ -36,14 +36,14 @@ class Params:
 
 
 @record
-class State:
+class MotorControlState:
     mpos_d: Vec  # 7 rad, held below run level 2
     integral: Vec  # 7 motor rad s; survives pedal changes and E-stops
     tau_d: Vec  # 7 N m at the capstan, held below run level 2
     tau_g: Vec  # 3 N m at the capstan, held below run level 2
 
 
-def params(setup: Setup, arm: ArmName) -> Params:
+def params(setup: RavenSetup, arm: ArmName) -> MotorControlParams:
     """The gains of the robot's parameter file."""
     fork = setup.software == "fork2015"
     jaw_kp, jaw_ki = (0.02, 0.0) if fork else (0.05, 0.05)
@@ -53,7 +53,7 @@ def params(setup: Setup, arm: ArmName) -> Params:
     def gains(*values: float) -> Vec:
         return Vec(number(value) for value in values)
 
-    return Params(
+    return MotorControlParams(
         kp=gains(0.3, 0.3, 0.15, 0.09, 0.05, jaw_kp, jaw_kp),
         kd=gains(0.008, 0.008, damping, 0.001, 0.0, 0.0, 0.0),
         ki=gains(0.0, 0.0, 0.0, 0.05, 0.05, jaw_ki, jaw_ki),
@@ -61,16 +61,16 @@ def params(setup: Setup, arm: ArmName) -> Params:
     )
 
 
-def init(setup: Setup, arm: ArmName, tool: str, jpos: Vec) -> State:
+def init(setup: RavenSetup, arm: ArmName, tool: str, jpos: Vec) -> MotorControlState:
     """At rest on `jpos`, nothing integrated."""
     number = np.dtype(setup.precision.narrow).type
     rest, zero = Vec(number(float(j)) for j in jpos), number(0.0)
     positioning = targets(setup, arm, tool, rest, Vec.full(7, zero))  # the tool motors then follow the insertion motor
     motors = targets(setup, arm, tool, rest, positioning)
-    return State(motors.map(number), Vec.full(7, zero), Vec.full(7, zero), Vec.full(3, zero))
+    return MotorControlState(motors.map(number), Vec.full(7, zero), Vec.full(7, zero), Vec.full(3, zero))
 
 
-def targets(setup: Setup, arm: ArmName, tool: str, jpos_d: Vec, mpos: Vec) -> Vec:
+def targets(setup: RavenSetup, arm: ArmName, tool: str, jpos_d: Vec, mpos: Vec) -> Vec:
     """Desired motor positions (rad): joints' shares narrow, the *measured* insertion motor's share wide."""
     ratio, kappa = stored.TR, stored.wrist_coupling(tool)
     signs = transmission.coupling_signs(arm, tool, setup.software)
@@ -98,15 +98,15 @@ def targets(setup: Setup, arm: ArmName, tool: str, jpos_d: Vec, mpos: Vec) -> Ve
 
 
 def torques(
-    setup: Setup,
+    setup: RavenSetup,
     arm: ArmName,
-    params: Params,
-    state: State,
+    params: MotorControlParams,
+    state: MotorControlState,
     active: Scalar,
     pedal_down: Scalar,
     mpos_d: Vec,
     measured: tuple[Vec, Vec, Vec],
-) -> State:
+) -> MotorControlState:
     """Capstan torques of one arm; `measured` is (jpos, mpos, mvel).
 
     PID in pedal-down (also while soft-E-stopped: only the DAC is zeroed then), plus gravity wherever `active` (run
@@ -122,4 +122,4 @@ def torques(
         lift = narrow(setup, evaluation(setup).gravity_torque(arm, wide(setup, jpos)))
         tau = Vec((*(Vec(tau[:3]) + lift), *tau[3:]))
         tau_g = where(active, lift, tau_g)
-    return State(where(active, mpos_d, state.mpos_d), integral, where(active, tau, state.tau_d), tau_g)
+    return MotorControlState(where(active, mpos_d, state.mpos_d), integral, where(active, tau, state.tau_d), tau_g)

@@ -12,28 +12,28 @@ import numpy as np
 from ravenjax.numbers.setup import real
 from ravenjax.numbers.vec import INT32_MIN, Scalar, record
 from ravenjax.robots.raven2.console.packet import SIZE_BYTES, Packet
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check
-from ravenjax.stages.check import Check
+from ravenjax.stages.check import CheckHistory
 
 RESET_GAP = 1000
 """A number further than this below the last one restarts the stream; raven2: network_layer.cpp."""
 
 
 @record
-class State:
+class NetworkState:
     last: Scalar  # int32, sequence number last taken as the stream's position
-    size: Check  # margin: bytes above the size of the structure
-    zero: Check  # sequence 0, reserved
-    skip: Check  # a gap: this packet is lost as well
-    duplicate: Check
-    reset: Check  # far behind: the stream is taken to restart, this packet is lost
-    out_of_sequence: Check  # behind, but not far
+    size: CheckHistory  # margin: bytes above the size of the structure
+    zero: CheckHistory  # sequence 0, reserved
+    skip: CheckHistory  # a gap: this packet is lost as well
+    duplicate: CheckHistory
+    reset: CheckHistory  # far behind: the stream is taken to restart, this packet is lost
+    out_of_sequence: CheckHistory  # behind, but not far
 
 
-def init(setup: Setup) -> State:
+def init(setup: RavenSetup) -> NetworkState:
     """A robot that has heard nothing: the first accepted packet is number 1."""
-    return State(np.int32(0), *(check.init(setup) for _ in range(6)))
+    return NetworkState(np.int32(0), *(check.init(setup) for _ in range(6)))
 
 
 def _below(a: Scalar, b: Scalar) -> Scalar:
@@ -41,7 +41,7 @@ def _below(a: Scalar, b: Scalar) -> Scalar:
     return (a ^ INT32_MIN) < (b ^ INT32_MIN)
 
 
-def step(setup: Setup, state: State, tick: Scalar, packet: Packet) -> tuple[State, Scalar]:
+def step(setup: RavenSetup, state: NetworkState, tick: Scalar, packet: Packet) -> tuple[NetworkState, Scalar]:
     """Apply the rules to the packet of this cycle; returns the state and whether it is accepted (bool)."""
     received = packet.received != 0
     spare = packet.size - SIZE_BYTES[setup.console]
@@ -58,7 +58,7 @@ def step(setup: Setup, state: State, tick: Scalar, packet: Packet) -> tuple[Stat
     reset = behind & far
     new_last = jnp.where(accepted | skip | reset, number, last)
     margin = jnp.where(received, real(setup, spare), np.inf)
-    return State(
+    return NetworkState(
         new_last,
         check.update(state.size, tick, short, margin),
         check.update(state.zero, tick, zero),

@@ -18,9 +18,9 @@ from ravenjax.errors import UserError, suggestion
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.setup import real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check
-from ravenjax.stages.check import Check
+from ravenjax.stages.check import CheckHistory
 
 NO_REGULATION, SOFT_REGULATION, HARD_REGULATION = 0, 1, 2
 """Policies; raven2: defines.h."""
@@ -43,7 +43,7 @@ CHECKED_JOINTS = 6
 
 
 @record
-class Params:
+class OverdriveParams:
     policy: Annotated[  # int32; unused by the 2015 fork
         Scalar, Quantity("", 0, 2, "overdrive policy: 0 none, 1 soft (clips), 2 hard (stops after ten)", whole=True)
     ]
@@ -67,30 +67,35 @@ class Params:
 
 
 @record
-class State:
+class OverdriveState:
     counter: Scalar  # int32 over-limit samples, shared by all joints and arms
-    instant: Check  # margin: counts below the instant limit
-    clip: Check  # a tick in which some command was clipped; margin: counts below the joint limit
-    hard: Check  # the shared counter tripped; margin: samples left
+    instant: CheckHistory  # margin: counts below the instant limit
+    clip: CheckHistory  # a tick in which some command was clipped; margin: counts below the joint limit
+    hard: CheckHistory  # the shared counter tripped; margin: samples left
 
 
-def params(setup: Setup, level: str | None = None, policy: int = SOFT_REGULATION) -> Params:
+def params(setup: RavenSetup, level: str | None = None, policy: int = SOFT_REGULATION) -> OverdriveParams:
     """The limits of a safety level; the default is "moderate" for raven2 and the fork's own table for the fork."""
     level = level or ("moderate" if setup.software == "raven2" else "fork2015")
     if level not in LEVELS:
         raise UserError(f"overdrive level is {level!r}, expected one of {', '.join(LEVELS)}{suggestion(level, LEVELS)}")
     limits = Vec(np.int32(limit) for limit in LEVELS[level])
-    return Params(np.int32(policy), limits, np.int32(MAX_INST_DAC[setup.software]))
+    return OverdriveParams(np.int32(policy), limits, np.int32(MAX_INST_DAC[setup.software]))
 
 
-def init(setup: Setup) -> State:
+def init(setup: RavenSetup) -> OverdriveState:
     """Nothing counted."""
-    return State(np.int32(0), *(check.init(setup) for _ in range(3)))
+    return OverdriveState(np.int32(0), *(check.init(setup) for _ in range(3)))
 
 
 def step(
-    setup: Setup, params: Params, state: State, tick: Scalar, runlevel: Scalar, current_cmd: tuple[Vec, ...]
-) -> tuple[State, tuple[Vec, ...], Scalar]:
+    setup: RavenSetup,
+    params: OverdriveParams,
+    state: OverdriveState,
+    tick: Scalar,
+    runlevel: Scalar,
+    current_cmd: tuple[Vec, ...],
+) -> tuple[OverdriveState, tuple[Vec, ...], Scalar]:
     """Check the commands of all arms; returns the state, the commands to write and whether to raise the soft E-stop."""
     fork = setup.software == "fork2015"
     regulated = (runlevel == runlevel) if fork else (runlevel >= 1)
@@ -119,7 +124,7 @@ def step(
         checked.append(Vec((*joints, *commands[CHECKED_JOINTS:])))
     instant_trip, spare = _any(instants), real(setup, reduce(jnp.minimum, spares))
     instant_spare = real(setup, params.max_inst_dac - reduce(jnp.maximum, sizes))
-    state = State(
+    state = OverdriveState(
         counter,
         check.update(state.instant, tick, instant_trip, instant_spare),
         check.update(state.clip, tick, _any(clips), jnp.where(regulated, spare, np.inf)),

@@ -27,9 +27,9 @@ from ravenjax.numbers.quantity import HOUR_MS, Quantity
 from ravenjax.numbers.setup import real
 from ravenjax.numbers.vec import Scalar, as_int, record
 from ravenjax.robots.raven2.run_levels import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check
-from ravenjax.stages.check import Check
+from ravenjax.stages.check import CheckHistory
 
 # Output byte of the control computer, bit numbers (raven2: defines.h).
 PIN_FP, PIN_READY, PIN_WATCHDOG = 2, 3, 4
@@ -40,7 +40,7 @@ CAUSE_NONE, CAUSE_WATCHDOG, CAUSE_BUTTON = 0, 1, 2
 
 
 @record
-class Params:
+class PlcParams:
     watchdog_ticks: Annotated[  # int32; assumption: 1.5 periods of 50 ms
         Scalar, Quantity("ms", 1, HOUR_MS, "without a watchdog edge before the PLC trips", whole=True)
     ]
@@ -53,41 +53,41 @@ class Params:
 
 
 @record
-class State:
+class PlcState:
     tick: Scalar  # ms since the start, int32
     runlevel: Scalar  # 0..3, int32
     watchdog: tuple[Scalar, ...]  # watchdog pin of each board at the last tick, int32
     quiet_ticks: tuple[Scalar, ...]  # ms since its last edge, int32
     alive_ticks: Scalar  # ms in E-STOP with a living watchdog, int32
     trip_cause: Scalar  # CAUSE_* of the first trip since start was pressed, latched; int32
-    watchdog_lost: Check  # trips by the watchdog; margin: ms left before one, negative: tripped
+    watchdog_lost: CheckHistory  # trips by the watchdog; margin: ms left before one, negative: tripped
 
 
 @record
-class Signal:
+class PlcSignal:
     output_pins: tuple[Scalar, ...]  # byte that each board holds for the PLC, int32
     estop_button: Scalar  # bool, pressed
     start_button: Scalar  # bool, pressed
 
 
 @record
-class Out:
+class PlcOutput:
     runlevel: Scalar  # run level on the pins, int32
     brakes: Scalar  # 1: brakes commanded on, int32
 
 
-def params(setup: Setup) -> Params:
+def params(setup: RavenSetup) -> PlcParams:
     """The assumptions above."""
-    return Params(watchdog_ticks=75, auto_start=1, start_ticks=100)
+    return PlcParams(watchdog_ticks=75, auto_start=1, start_ticks=100)
 
 
-def init(setup: Setup, params: Params, runlevel: int = PEDAL_UP, boards: int = 1) -> State:
+def init(setup: RavenSetup, params: PlcParams, runlevel: int = PEDAL_UP, boards: int = 1) -> PlcState:
     """Starts in `runlevel`: PEDAL_UP for a robot that is homed and ready, E_STOP for one just switched on.
 
     boards: those whose pins may differ; 1 where all are written alike.
     """
     zero = jnp.int32(0)
-    return State(
+    return PlcState(
         tick=zero,
         runlevel=jnp.int32(runlevel),
         watchdog=(zero,) * boards,
@@ -108,11 +108,11 @@ def brakes_commanded(runlevel: Scalar) -> Scalar:
     return as_int((runlevel == E_STOP) | (runlevel == PEDAL_UP))
 
 
-def step(setup: Setup, params: Params, state: State, signal: Signal) -> tuple[State, Out]:
+def step(setup: RavenSetup, params: PlcParams, state: PlcState, signal: PlcSignal) -> tuple[PlcState, PlcOutput]:
     """One tick: read the software's pins, decide the run level."""
-    told = reduce(operator.and_, signal.output_pins)
-    pedal = (told >> PIN_FP) & 1
-    ready = (told >> PIN_READY) & 1
+    common_pins = reduce(operator.and_, signal.output_pins)
+    pedal = (common_pins >> PIN_FP) & 1
+    ready = (common_pins >> PIN_READY) & 1
     watchdog = tuple((pins >> PIN_WATCHDOG) & 1 for pins in signal.output_pins)
 
     quiet_ticks = tuple(
@@ -139,7 +139,7 @@ def step(setup: Setup, params: Params, state: State, signal: Signal) -> tuple[St
     tripped_now = watched & (lost | button)
     cause = jnp.where(button, CAUSE_BUTTON, CAUSE_WATCHDOG)
     latched = jnp.where(pressed, CAUSE_NONE, state.trip_cause)
-    state = State(
+    state = PlcState(
         tick=state.tick + 1,
         runlevel=runlevel,
         watchdog=watchdog,
@@ -150,4 +150,4 @@ def step(setup: Setup, params: Params, state: State, signal: Signal) -> tuple[St
             state.watchdog_lost, state.tick, tripped_now & ~button, jnp.where(watched, real(setup, margin), jnp.inf)
         ),
     )
-    return state, Out(runlevel=runlevel, brakes=brakes_commanded(runlevel))
+    return state, PlcOutput(runlevel=runlevel, brakes=brakes_commanded(runlevel))

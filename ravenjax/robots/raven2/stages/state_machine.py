@@ -15,9 +15,9 @@ import numpy as np
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.vec import Scalar, as_int, record, replace
 from ravenjax.robots.raven2.run_levels import E_STOP, INIT
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check
-from ravenjax.stages.check import Check
+from ravenjax.stages.check import CheckHistory
 
 MISMATCHES = 4
 """Cycles in which the pins must ask for another level before it is adopted; raven2: state_machine.cpp."""
@@ -27,38 +27,38 @@ SETTLING_CYCLES = 11
 
 
 @record
-class Params:
+class StateMachineParams:
     plc_obeyed: Annotated[  # int32; 0 in the simulator builds of the 2015 fork
         Scalar, Quantity("", 0, 1, "1: the software looks at the PLC's pins, 0: it does not", whole=True)
     ]
 
 
 @record
-class State:
+class StateMachineState:
     runlevel: Scalar  # int32
     sublevel: Scalar  # int32
     initialized: Scalar  # int32 flag, the READY pin
     soft_estopped: Scalar  # int32 flag: DACs are 0 and the watchdog is silent
     mismatches: Scalar  # int32 cycles, never reset by matching ones
     settling: Scalar  # int32 cycles spent in sublevel 2, kept when it is left early
-    estop: Check  # run level 0 entered
-    soft_estop: Check  # soft E-stop raised
+    estop: CheckHistory  # run level 0 entered
+    soft_estop: CheckHistory  # soft E-stop raised
 
 
-def params(setup: Setup) -> Params:
+def params(setup: RavenSetup) -> StateMachineParams:
     """raven2 follows the PLC; the simulator builds of the 2015 fork leave the state machine out."""
-    return Params(np.int32(setup.software == "raven2"))
+    return StateMachineParams(np.int32(setup.software == "raven2"))
 
 
-def init(setup: Setup, runlevel: int) -> State:
+def init(setup: RavenSetup, runlevel: int) -> StateMachineState:
     """A robot at `runlevel`, homed."""
     ready = runlevel > E_STOP
     sublevel = 3 if ready else 0
     zero, unseen = np.int32(0), check.init(setup)
-    return State(np.int32(runlevel), np.int32(sublevel), np.int32(ready), zero, zero, zero, unseen, unseen)
+    return StateMachineState(np.int32(runlevel), np.int32(sublevel), np.int32(ready), zero, zero, zero, unseen, unseen)
 
 
-def desired_runlevel(params: Params, state: State, pins: tuple[Scalar, ...]) -> Scalar:
+def desired_runlevel(params: StateMachineParams, state: StateMachineState, pins: tuple[Scalar, ...]) -> Scalar:
     """The run level that the input pins ask for: bits 7..6 as a number, the lowest over boards."""
     levels = [(byte >> 6) & 3 for byte in pins]
     lowest = levels[0]
@@ -67,7 +67,7 @@ def desired_runlevel(params: Params, state: State, pins: tuple[Scalar, ...]) -> 
     return jnp.where(params.plc_obeyed != 0, lowest, state.runlevel)
 
 
-def adopt(state: State, tick: Scalar, desired: Scalar) -> State:
+def adopt(state: StateMachineState, tick: Scalar, desired: Scalar) -> StateMachineState:
     """Adopt the desired run level on the fourth mismatching cycle, counted over all cycles since the last adoption."""
     mismatch = desired != state.runlevel
     count = state.mismatches + as_int(mismatch)
@@ -85,7 +85,7 @@ def adopt(state: State, tick: Scalar, desired: Scalar) -> State:
     )
 
 
-def initialise(setup: Setup, state: State) -> tuple[State, Scalar]:
+def initialise(setup: RavenSetup, state: StateMachineState) -> tuple[StateMachineState, Scalar]:
     """Advance the sublevels; also whether the desired pose follows the last measured one in this cycle (bool)."""
     level, sub = state.runlevel, state.sublevel
     in_init = level == INIT
@@ -102,7 +102,7 @@ def initialise(setup: Setup, state: State) -> tuple[State, Scalar]:
     return replace(state, sublevel=after, initialized=ready, settling=jnp.where(settled, 0, settling)), follow
 
 
-def raise_soft_estop(state: State, tick: Scalar, tripped: Scalar) -> State:
+def raise_soft_estop(state: StateMachineState, tick: Scalar, tripped: Scalar) -> StateMachineState:
     """Set the flag: it acts on the watchdog at once, on the DACs from the next cycle, until run level 0 is entered."""
     return replace(
         state,

@@ -21,9 +21,9 @@ from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry import mapping
 from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
 from ravenjax.robots.raven2.original.evaluation import evaluation
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check
-from ravenjax.stages.check import Check
+from ravenjax.stages.check import CheckHistory
 
 GRASP_RESET_MRAD = 785
 """The accumulated opening is only reset when it is more than 45 deg = 785.4 mrad off; raven2: local_io.cpp."""
@@ -33,7 +33,7 @@ NO_PACKET_SEQUENCE = 111
 
 
 @record
-class Params:
+class TeleoperationParams:
     grasp_gain: Annotated[  # raven2: local_io.cpp
         Scalar, Quantity("", -100, 100, "jaw opening per grasp increment of a packet", whole=True)
     ]
@@ -53,25 +53,25 @@ class Accumulator:
 
 
 @record
-class State:
+class TeleoperationState:
     arms: tuple[Accumulator, ...]
     updated: Scalar  # int32 flag: the accumulator changed since the device last looked
     age_ticks: Scalar  # int32 cycles since the last update
     surgeon_mode: Scalar  # int32, 1 engaged
     last_seq: Scalar  # int32, of the last accepted packet
-    timeout: Check  # margin: cycles left
+    timeout: CheckHistory  # margin: cycles left
 
 
-def params(setup: Setup) -> Params:
+def params(setup: RavenSetup) -> TeleoperationParams:
     """raven2: gain 1, -10..90 deg; 2015 fork: gain 2, -30..90 deg."""
     gain, lowest_deg = (1, -10.0) if setup.software == "raven2" else (2, -30.0)
     lowest, highest = (int(math.radians(deg) * 1000.0) for deg in (lowest_deg, 90.0))
-    return Params(np.int32(gain), np.int32(lowest), np.int32(highest), np.int32(5000))
+    return TeleoperationParams(np.int32(gain), np.int32(lowest), np.int32(highest), np.int32(5000))
 
 
-def init(setup: Setup, poses: tuple[StoredPose, ...]) -> State:
+def init(setup: RavenSetup, poses: tuple[StoredPose, ...]) -> TeleoperationState:
     """The accumulators at `poses`, no packet received."""
-    return State(
+    return TeleoperationState(
         per_arm(setup, lambda i, _: Accumulator(poses[i], _quaternion(setup, poses[i]))),
         updated=np.int32(0),
         age_ticks=np.int32(-1),  # the first cycle starts the clock
@@ -81,24 +81,28 @@ def init(setup: Setup, poses: tuple[StoredPose, ...]) -> State:
     )
 
 
-def _quaternion(setup: Setup, pose: StoredPose) -> Vec:
+def _quaternion(setup: RavenSetup, pose: StoredPose) -> Vec:
     return evaluation(setup).quat_from_matrix(wide(setup, pose.rotation))
 
 
-def accumulate(setup: Setup, params: Params, state: State, accepted: Scalar, packet: Packet) -> State:
+def accumulate(
+    setup: RavenSetup, params: TeleoperationParams, state: TeleoperationState, accepted: Scalar, packet: Packet
+) -> TeleoperationState:
     """Take over an accepted packet: add its increments, or its poses where the console sends absolute ones."""
     take = _taken_absolute if setup.console == "absolute" else _added
-    taken = per_arm(setup, lambda i, arm: take(setup, arm, params, state.arms[i], packet, i))
+    after = per_arm(setup, lambda i, arm: take(setup, arm, params, state.arms[i], packet, i))
     return replace(
         state,
-        arms=where(accepted, taken, state.arms),
+        arms=where(accepted, after, state.arms),
         updated=state.updated | as_int(accepted),
         surgeon_mode=jnp.where(accepted, packet.surgeon_mode, state.surgeon_mode),
         last_seq=jnp.where(accepted, packet.sequence, state.last_seq),
     )
 
 
-def _added(setup: Setup, arm: ArmName, params: Params, old: Accumulator, packet: Packet, i: int) -> Accumulator:
+def _added(
+    setup: RavenSetup, arm: ArmName, params: TeleoperationParams, old: Accumulator, packet: Packet, i: int
+) -> Accumulator:
     increment = mapping.rotation_from_itp(arm, mapping.matrix_from_quat(wide(setup, packet.quat[i])))
     # The original conjugates a homogeneous transform: a row of NaN makes its translation NaN, cast to INT32_MIN.
     moves = mapping.position_from_itp(arm, packet.delta[i])
@@ -115,15 +119,20 @@ def _added(setup: Setup, arm: ArmName, params: Params, old: Accumulator, packet:
 
 
 def _taken_absolute(
-    setup: Setup, arm: ArmName, params: Params, old: Accumulator, packet: Packet, i: int
+    setup: RavenSetup, arm: ArmName, params: TeleoperationParams, old: Accumulator, packet: Packet, i: int
 ) -> Accumulator:
     rotation = narrow(setup, mapping.matrix_from_quat(wide(setup, packet.quat[i])))
     return Accumulator(StoredPose(packet.delta[i], rotation, packet.grasp[i]), old.quaternion)
 
 
 def hand_over(
-    setup: Setup, params: Params, state: State, tick: Scalar, pedal_down: Scalar, desired: tuple[StoredPose, ...]
-) -> tuple[State, tuple[StoredPose, ...]]:
+    setup: RavenSetup,
+    params: TeleoperationParams,
+    state: TeleoperationState,
+    tick: Scalar,
+    pedal_down: Scalar,
+    desired: tuple[StoredPose, ...],
+) -> tuple[TeleoperationState, tuple[StoredPose, ...]]:
     """Once a cycle: the master timeout, then the device's desired poses (the sum, in pedal-down, if it was updated)."""
     fresh = state.updated != 0
     age = jnp.where(fresh, 0, state.age_ticks + 1)
@@ -142,7 +151,9 @@ def hand_over(
     return state, desired
 
 
-def reset_origin(setup: Setup, state: State, reset: Scalar, desired: tuple[StoredPose, ...]) -> State:
+def reset_origin(
+    setup: RavenSetup, state: TeleoperationState, reset: Scalar, desired: tuple[StoredPose, ...]
+) -> TeleoperationState:
     """Where `reset`, restart every arm's accumulator from the desired pose; this counts as an update."""
 
     def restarted(i: int, _: ArmName) -> Accumulator:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ravenjax.numbers.setup import per_arm
 from ravenjax.numbers.vec import Scalar, Vec, record, where
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 
 
 @record
@@ -30,12 +30,12 @@ class UsbOut:
     pins: tuple[Scalar, ...]  # per arm int32 output byte to the PLC
 
 
-def init(setup: Setup) -> UsbIn:
+def init(setup: RavenSetup) -> UsbIn:
     """Boards that have delivered nothing."""
     return UsbIn(per_arm(setup, lambda *_: Vec.full(7, np.int32(0))), per_arm(setup, lambda *_: np.int32(0)))
 
 
-def step(setup: Setup, state: UsbIn, read: UsbIn, read_ok: tuple[Scalar, ...]) -> UsbIn:
+def step(setup: RavenSetup, state: UsbIn, read: UsbIn, read_ok: tuple[Scalar, ...]) -> UsbIn:
     """The buffers of this cycle: fresh where the board's read succeeded (int32 1), else those of the last cycle."""
     ok = tuple(flag != 0 for flag in read_ok)
     return UsbIn(
@@ -44,13 +44,13 @@ def step(setup: Setup, state: UsbIn, read: UsbIn, read_ok: tuple[Scalar, ...]) -
     )
 
 
-def init_out(setup: Setup) -> UsbOut:
+def init_out(setup: RavenSetup) -> UsbOut:
     """Boards that nothing was written to."""
     zero = jnp.int32(0)
     return UsbOut(per_arm(setup, lambda *_: Vec.full(7, zero)), per_arm(setup, lambda *_: zero))
 
 
-def write(setup: Setup, held: UsbOut, message: UsbOut, write_ok: tuple[Scalar, ...]) -> UsbOut:
+def write(setup: RavenSetup, held: UsbOut, message: UsbOut, write_ok: tuple[Scalar, ...]) -> UsbOut:
     """What the boards hold after this cycle: the message where the write succeeded (int32 1), else as before."""
     ok = tuple(flag != 0 for flag in write_ok)
     return UsbOut(

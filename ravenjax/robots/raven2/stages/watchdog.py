@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ravenjax.numbers.vec import Scalar, as_int, record
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 
 HIGH_CYCLES, PERIOD_CYCLES = 25, 50
 FP, READY, WD = 2, 3, 4
@@ -14,22 +14,22 @@ FP, READY, WD = 2, 3, 4
 
 
 @record
-class State:
+class WatchdogState:
     counter: Scalar  # int32 cycles, also counts while the wave is off
 
 
-def init(setup: Setup) -> State:
+def init(setup: RavenSetup) -> WatchdogState:
     """Start of a high phase (its first one is 26 cycles long)."""
-    return State(np.int32(0))
+    return WatchdogState(np.int32(0))
 
 
 def step(
-    state: State, soft_estopped: Scalar, runlevel: Scalar, surgeon_mode: Scalar, initialized: Scalar
-) -> tuple[State, Scalar]:
+    state: WatchdogState, soft_estopped: Scalar, runlevel: Scalar, surgeon_mode: Scalar, initialized: Scalar
+) -> tuple[WatchdogState, Scalar]:
     """One cycle; returns the state and the output byte (int32)."""
     silent = soft_estopped != 0
     restart = ~silent & (state.counter >= PERIOD_CYCLES)
     high = ~silent & (state.counter <= HIGH_CYCLES)
     pedal = (runlevel > 1) & (surgeon_mode != 0)
     pins = (runlevel & 3) | (as_int(pedal) << FP) | (initialized << READY) | (as_int(high) << WD)
-    return State(jnp.where(restart, 0, state.counter) + 1), pins
+    return WatchdogState(jnp.where(restart, 0, state.counter) + 1), pins

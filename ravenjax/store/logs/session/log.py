@@ -50,7 +50,7 @@ _PLAIN = ("scenario", "seed", "robot", "engine", "code_hash", "started")
 """What of the header is in the metadata under its own name, too."""
 
 
-class Writer:
+class SessionWriter:
     """The recording in progress."""
 
     def __init__(self, path: Path, names: Sequence[str], header: Mapping[str, Any]) -> None:
@@ -82,11 +82,11 @@ class Writer:
         self._next = first + len(rows)
         numbers = np.arange(first, self._next)
         self._put(self._signals, self._flat, numbers, rows)
-        chosen = numbers % _EVERY == 0
-        if chosen.any():
-            filled = zip(self._channels, self._standard.values(rows[chosen]), strict=True)
+        due = numbers % _EVERY == 0
+        if due.any():
+            filled = zip(self._channels, self._standard.values(rows[due]), strict=True)
             for channel, (topic, values) in filled:
-                self._put(channel, topic, numbers[chosen], values)
+                self._put(channel, topic, numbers[due], values)
         stamp = self._stamp(max(0, self._next - 1))
         for event in events:
             encoded = topics.encoded_event(event, words.text(event), words.level(event), stamp)
@@ -131,19 +131,19 @@ class SessionLog:
 
 def read(path: Path) -> SessionLog:
     """The recording of a session, as much as is there. Raises StoreError where it is no recording of a session."""
-    found = mcap_records.scan(path)
-    metadata = next((one.metadata for one in found.metadata if one.name == METADATA), {})
+    content = mcap_records.scan(path)
+    metadata = next((one.metadata for one in content.metadata if one.name == METADATA), {})
     if "channels" not in metadata:
         raise StoreError(
             f"{path}: is no recording of a session, it names no channels; expected the {FILE} of a session's folder"
         )
     names, header = json.loads(metadata["channels"]), json.loads(metadata["header"])
-    kinds = {channel.id: channel.topic for channel in found.channels}
+    kinds = {channel.id: channel.topic for channel in content.channels}
     width = 4 * len(names)
     numbers: list[int] = []
     data: list[bytes] = []
     events: list[dict[str, Any]] = []
-    for channel, number, _, _, message in found.messages():
+    for channel, number, _, _, message in content.messages():
         topic = kinds.get(channel)
         if topic == SIGNALS:
             numbers.append(number)
@@ -151,7 +151,7 @@ def read(path: Path) -> SessionLog:
         elif topic == EVENTS:
             events.append(json.loads(cdr.read_string(message)))
     rows = np.frombuffer(b"".join(data), "<f4").reshape(-1, len(names))
-    return SessionLog(header, names, np.array(numbers, np.int64), rows, events, found.complete, found.lost_bytes)
+    return SessionLog(header, names, np.array(numbers, np.int64), rows, events, content.complete, content.lost_bytes)
 
 
 class _Tip(NamedTuple):
@@ -208,8 +208,8 @@ class _Standard:
 
     def _places(self, arm: str, channel: str, width: int) -> np.ndarray | None:
         """Where a channel's numbers stand in a row; None where there is no such channel."""
-        found = [self._place.get(f"{arm}/{channel}/{i}", -1) for i in range(width)]
-        return np.array(found) if min(found) >= 0 else None
+        places = [self._place.get(f"{arm}/{channel}/{i}", -1) for i in range(width)]
+        return np.array(places) if min(places) >= 0 else None
 
 
 def _metadata(names: Sequence[str], header: Mapping[str, Any]) -> dict[str, str]:

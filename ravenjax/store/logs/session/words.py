@@ -49,8 +49,8 @@ def text(event: Event) -> str:
     try:
         return _TEXTS[event["kind"]](event)
     except (KeyError, TypeError, ValueError):
-        told = ", ".join(f"{name} {value}" for name, value in event.items() if name not in ("kind", "tick"))
-        return f"{event['kind']}: {told}" if told else str(event["kind"])
+        words = ", ".join(f"{name} {value}" for name, value in event.items() if name not in ("kind", "tick"))
+        return f"{event['kind']}: {words}" if words else str(event["kind"])
 
 
 def level(event: Event) -> str:

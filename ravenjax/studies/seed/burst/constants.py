@@ -14,9 +14,9 @@ import numpy as np
 
 from ravenjax.studies.framework import literature
 from ravenjax.studies.framework.series import Recorder, Row, Series
-from ravenjax.studies.framework.study import Context, Estimate, Findings, Line, Study, Variant
+from ravenjax.studies.framework.study import Context, Findings, Line, Study, StudyEstimate, Variant
 from ravenjax.studies.seed.burst import drawings, tables
-from ravenjax.studies.seed.burst.events import Criteria, Event, Run, criteria, run
+from ravenjax.studies.seed.burst.events import BurstEvent, BurstRun, Criteria, criteria, run
 from ravenjax.studies.seed.burst.tables import Runs, flat, ranges, stop_words
 from ravenjax.studies.seed.motions import MOTIONS, Motion, over_kinds, overrides, variant
 
@@ -94,7 +94,7 @@ def compare(context: Context) -> Findings:
     )
 
 
-def _measured(context: Context) -> dict[str, dict[Motion, list[Run]]]:
+def _measured(context: Context) -> dict[str, dict[Motion, list[BurstRun]]]:
     """Runs by setting and motion, the modelled one first; the events of the first motion keep their series."""
     recorder = Recorder()
     found = {MODELLED: {m: _runs(recorder, context, variant(m), m == MOTIONS[0]) for m in MOTIONS}}
@@ -103,18 +103,18 @@ def _measured(context: Context) -> dict[str, dict[Motion, list[Run]]]:
     return found
 
 
-def _runs(recorder: Recorder, context: Context, name: str, drawn: bool) -> list[Run]:
+def _runs(recorder: Recorder, context: Context, name: str, drawn: bool) -> list[BurstRun]:
     """Each run of a campaign beside its golden run, which is the first."""
     folder = context.folders[name]
     twin_um = recorder.measure(folder, lambda _, series: series["position"] * 1e6, lambda _: [0])[0]
 
-    def measured(row: Row, series: Series) -> Run:
+    def measured(row: Row, series: Series) -> BurstRun:
         return run(row, series, twin_um, drawn and row["group"] == BURST)
 
     return recorder.measure(folder, measured)
 
 
-def _of_group(runs: Runs, group: str) -> dict[Motion, list[Run]]:
+def _of_group(runs: Runs, group: str) -> dict[Motion, list[BurstRun]]:
     return {motion: [one for one in of_motion if one.group == group] for motion, of_motion in runs.items()}
 
 
@@ -124,7 +124,7 @@ def _of_group(runs: Runs, group: str) -> dict[Motion, list[Run]]:
 def _acceptance(settings: Mapping[str, Runs], rules: Criteria, published: literature.Published) -> tuple[Line, ...]:
     """For each band, and for all of A4, in how many runs it is met; at least one, as the constant is not known."""
     every = flat(settings[MODELLED])
-    shown = {
+    texts = {
         "four bursts": "all four bursts come before the stop, or none stops",
         "peaks": "the tip error peaks of all four are 3 to 7 mm",
         "rebounds": "the rebounds of all are 3 to 7 degrees",
@@ -132,22 +132,24 @@ def _acceptance(settings: Mapping[str, Runs], rules: Criteria, published: litera
         "stop in the fourth": "the robot stops in the fourth, by the magnitude of the DAC command",
         "cue onsets": "all four have a cue, 0.15 to 0.25 s after their onset",
     }
-    one = Estimate(1, n=1, of="run, Figures 4 and 5")
+    one = StudyEstimate(1, n=1, of="run, Figures 4 and 5")
     lines = [
         _count(f"runs in which {words}", every, rules.tests[name], one, "A4" if name in rules.a4 else "A5")
-        for name, words in shown.items()
+        for name, words in texts.items()
     ]
     together = _count("runs in which all of A4 holds at once", every, rules.all_of_a4, one, "A4")
     reason = f"{together.reason}. {stop_words(settings, published)} The limit of the check is not stated"
     return (dataclasses.replace(together, reason=reason), *lines)
 
 
-def _count(what: str, runs: Sequence[Run], holds: Callable[[Run], bool], published: Estimate, target: str) -> Line:
+def _count(
+    what: str, runs: Sequence[BurstRun], holds: Callable[[BurstRun], bool], published: StudyEstimate, target: str
+) -> Line:
     met = [one for one in runs if holds(one)]
     constants = sorted({one.value for one in met})
     of = f"runs ({len({one.value for one in runs})} constants, {len(MOTIONS)} motions)"
     reason = f"{len(constants)} constants: {ranges(constants)}" if met else "at no constant and with no motion"
-    return Line(what, "", published, Estimate(len(met), n=len(runs), of=of), (1, math.inf), target, reason)
+    return Line(what, "", published, StudyEstimate(len(met), n=len(runs), of=of), (1, math.inf), target, reason)
 
 
 def _events(bursts: Runs, published: literature.Published) -> tuple[Line, ...]:
@@ -161,22 +163,24 @@ def _events(bursts: Runs, published: literature.Published) -> tuple[Line, ...]:
     def line(
         what: str,
         unit: str,
-        read: Estimate,
-        of: Callable[[Event], float],
+        read: StudyEstimate,
+        of: Callable[[BurstEvent], float],
         band: tuple[float, float] | None,
         target: str,
         caveat: str = "",
     ) -> Line:
         values = {m: [v for v in map(of, events) if not math.isnan(v)] for m, events in sized.items()}
-        found = over_kinds({m: float(np.mean(v)) for m, v in values.items() if v})
+        prediction = over_kinds({m: float(np.mean(v)) for m, v in values.items() if v})
         every = [value for of_motion in values.values() for value in of_motion]
         words = f"middle 90 % of {len(every)} events {_percentiles(every)}{caveat}"
-        return Line(f"{what}, events with a peak of {low:g} to {high:g} mm", unit, read, found, band, target, words)
+        return Line(
+            f"{what}, events with a peak of {low:g} to {high:g} mm", unit, read, prediction, band, target, words
+        )
 
     rebounds = [published.value(f"burst.{k}.rebound") for k in (1, 2, 3)]
-    read = Estimate(float(np.mean(rebounds)), min(rebounds), max(rebounds), 3, "events read off Figure 4")
+    read = StudyEstimate(float(np.mean(rebounds)), min(rebounds), max(rebounds), 3, "events read off Figure 4")
     per_mm = [published.value(f"pulse.{k}.force") / published.value(f"burst.{k}.peak") for k in (1, 2, 3)]
-    force = Estimate(float(np.mean(per_mm)), min(per_mm), max(per_mm), 3, "events below the cap, Figures 4 and 5")
+    force = StudyEstimate(float(np.mean(per_mm)), min(per_mm), max(per_mm), 3, "events below the cap, Figures 4 and 5")
     return (
         line("rebound of the shoulder", "deg", read, lambda e: e.rebound_deg, published.band("a4.rebound"), "A4"),
         line(
@@ -216,9 +220,11 @@ def _percentiles(values: Sequence[float]) -> str:
 
 def _false_cues(free: Runs, published: literature.Published) -> Line:
     pulses = sum(one.false_cues for of_motion in free.values() for one in of_motion)
-    found = Estimate(pulses, n=len(free), of="runs of 40 s, one a motion")
+    prediction = StudyEstimate(pulses, n=len(free), of="runs of 40 s, one a motion")
     reason = "study seed_fault_free looks for them at every scale, with noise"
-    return Line("cue pulses without fault at scale 0.1", "", published.estimate("false_pulses"), found, reason=reason)
+    return Line(
+        "cue pulses without fault at scale 0.1", "", published.estimate("false_pulses"), prediction, reason=reason
+    )
 
 
 STUDY = Study(

@@ -11,14 +11,14 @@ import numpy as np
 from ravenjax.studies.framework.drawing import FAULT, MUTED, PREDICTED, PUBLISHED, THRESHOLD, WIDTH_IN
 from ravenjax.studies.framework.literature import Published
 from ravenjax.studies.framework.study import Drawing
-from ravenjax.studies.seed.burst.events import EVENTS, FAULT_TICKS, Criteria, Event, Run
+from ravenjax.studies.seed.burst.events import EVENTS, FAULT_TICKS, BurstEvent, BurstRun, Criteria
 from ravenjax.studies.seed.motions import Motion
 
 SHOWN = 1500.0
 """Constants drawn, at most; beyond it the first burst stops the robot."""
 
 
-def drawings(bursts: Mapping[Motion, Sequence[Run]], published: Published, rules: Criteria) -> tuple[Drawing, ...]:
+def drawings(bursts: Mapping[Motion, Sequence[BurstRun]], published: Published, rules: Criteria) -> tuple[Drawing, ...]:
     """Of the runs of group "burst" by motion; those of the first motion hold their series."""
     first = next(iter(bursts))
     return (
@@ -38,7 +38,7 @@ def drawings(bursts: Mapping[Motion, Sequence[Run]], published: Published, rules
     )
 
 
-def _events(figure: Any, runs: Sequence[Run], published: Published) -> None:
+def _events(figure: Any, runs: Sequence[BurstRun], published: Published) -> None:
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -48,9 +48,9 @@ def _events(figure: Any, runs: Sequence[Run], published: Published) -> None:
     scale, colours = Normalize(-SHOWN, SHOWN), colormaps["coolwarm"]
     for number, column in enumerate(rows.T):
         for one in sorted(runs, key=lambda one: -abs(one.value)):
-            if number < len(one.events) and (drawn := one.events[number].drawn) is not None:
-                for axes, series in zip(column, (drawn.shoulder_deg, drawn.error_mm, drawn.force), strict=True):
-                    axes.plot(drawn.time_s, series, color=colours(scale(one.value)), lw=0.7)
+            if number < len(one.events) and (curves := one.events[number].drawn) is not None:
+                for axes, series in zip(column, (curves.shoulder_deg, curves.error_mm, curves.force), strict=True):
+                    axes.plot(curves.time_s, series, color=colours(scale(one.value)), lw=0.7)
         for axes in column:
             axes.axvspan(0.0, FAULT_TICKS / 1e3, color=FAULT, alpha=0.08, lw=0, zorder=0)
         _published(column, number + 1, published)
@@ -76,14 +76,14 @@ def _published(column: Any, number: int, published: Published) -> None:
     column[2].plot((lag, lag, lag + lasting, lag + lasting), (0.0, force, force, 0.0), color=PUBLISHED, lw=1.4)
 
 
-def _constants(figure: Any, bursts: Mapping[Motion, Sequence[Run]], published: Published, rules: Criteria) -> None:
+def _constants(figure: Any, bursts: Mapping[Motion, Sequence[BurstRun]], published: Published, rules: Criteria) -> None:
     figure.set_size_inches(WIDTH_IN, 8.6)
     panels = figure.subplots(5, 1, sharex=True, height_ratios=(1.2, 1, 1, 1, 1.3))
     runs = [one for of_motion in bursts.values() for one in of_motion if abs(one.value) <= SHOWN]
     peaks = [published.value(f"burst.{k}.peak") for k in range(1, EVENTS + 1)]
     rebounds = [published.value(f"burst.{k}.rebound") for k in (1, 2, 3)]
     onset = published.estimate("cue.onset")
-    quantities: tuple[tuple[str, Callable[[Event], float], str, list[float], float], ...] = (
+    quantities: tuple[tuple[str, Callable[[BurstEvent], float], str, list[float], float], ...] = (
         ("tip error\npeak, mm", lambda e: e.peak_mm, "a4.peak", peaks, 12.0),
         ("rebound,\ndegrees", lambda e: e.rebound_deg, "a4.rebound", rebounds, 12.0),
         (
@@ -108,17 +108,17 @@ def _constants(figure: Any, bursts: Mapping[Motion, Sequence[Run]], published: P
     figure.align_ylabels(panels)
 
 
-def _dots(axes: Any, runs: Sequence[Run], of: Callable[[Event], float]) -> None:
+def _dots(axes: Any, runs: Sequence[BurstRun], of: Callable[[BurstEvent], float]) -> None:
     by_value: dict[float, list[float]] = {}
     for one in runs:
         by_value.setdefault(one.value, []).extend(v for v in map(of, one.events) if not math.isnan(v))
-    for value, found in by_value.items():
-        axes.plot([value] * len(found), found, "o", color=PREDICTED, ms=2, alpha=0.18, mew=0)
-    there = sorted(value for value, found in by_value.items() if found)
+    for value, dots in by_value.items():
+        axes.plot([value] * len(dots), dots, "o", color=PREDICTED, ms=2, alpha=0.18, mew=0)
+    there = sorted(value for value, dots in by_value.items() if dots)
     axes.plot(there, [np.median(by_value[value]) for value in there], "o", color=PREDICTED, ms=2.8)
 
 
-def _met(axes: Any, runs: Sequence[Run], rules: Criteria, motions: int) -> None:
+def _met(axes: Any, runs: Sequence[BurstRun], rules: Criteria, motions: int) -> None:
     """A row a band, darker where more motions meet it."""
     values = sorted({one.value for one in runs})
     names = [*rules.tests, "all of A4"]

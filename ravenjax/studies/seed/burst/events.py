@@ -34,7 +34,7 @@ DRAWN_TICKS = range(-100, 800, 5)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Drawn:
+class EventCurves:
     """An event's series at DRAWN_TICKS, up to the robot's stop."""
 
     time_s: np.ndarray  # from the onset
@@ -44,7 +44,7 @@ class Drawn:
 
 
 @dataclasses.dataclass(frozen=True)
-class Event:
+class BurstEvent:
     """What one burst did."""
 
     onset_ms: int  # of the run
@@ -55,16 +55,16 @@ class Event:
     cue_s: float  # onset of the cue after that of the fault, NaN: none
     force: float  # largest, device units
     jumped: bool  # by the rule of the published analysis code
-    drawn: Drawn | None = None
+    curves: EventCurves | None = None
 
 
 @dataclasses.dataclass(frozen=True)
-class Run:
+class BurstRun:
     """One run of the campaign."""
 
     group: str
     value: float  # of the fault: DAC counts or um a packet; NaN without
-    events: tuple[Event, ...]
+    events: tuple[BurstEvent, ...]
     cause: str  # why the robot stopped, "" if it did not
     stop_ms: int  # when, -1: never
     false_cues: int  # cues that began outside the events, before the stop
@@ -75,14 +75,14 @@ class Run:
 class Criteria:
     """The bands of the acceptance targets, each as a test of a run."""
 
-    tests: dict[str, Callable[[Run], bool]]  # A4 first
+    tests: dict[str, Callable[[BurstRun], bool]]  # A4 first
     a4: tuple[str, ...]
 
-    def met(self, run: Run) -> tuple[str, ...]:
+    def met(self, run: BurstRun) -> tuple[str, ...]:
         """Names of the tests that a run meets."""
         return tuple(name for name, holds in self.tests.items() if holds(run))
 
-    def all_of_a4(self, run: Run) -> bool:
+    def all_of_a4(self, run: BurstRun) -> bool:
         """Whether the run meets every test of target A4."""
         return all(self.tests[name](run) for name in self.a4)
 
@@ -91,16 +91,16 @@ def criteria(published: Published) -> Criteria:
     """The bands of the file of published numbers, each asked of all four bursts; one cut short has no rebound."""
     bands = {name: published.band(name) for name in ("a4.peak", "a4.rebound", "a4.rebound_ms", "a5.onset")}
 
-    def within(name: str, of: Callable[[Event], float]) -> Callable[[Run], bool]:
+    def within(name: str, of: Callable[[BurstEvent], float]) -> Callable[[BurstRun], bool]:
         low, high = bands[name]
 
-        def holds(run: Run) -> bool:
+        def holds(run: BurstRun) -> bool:
             values = [of(event) for event in run.events if "rebound" not in name or not event.cut]
             return len(run.events) == EVENTS and all(low <= value <= high for value in values)
 
         return holds
 
-    a4: dict[str, Callable[[Run], bool]] = {
+    a4: dict[str, Callable[[BurstRun], bool]] = {
         "four bursts": lambda run: len(run.events) == EVENTS,
         "peaks": within("a4.peak", lambda event: event.peak_mm),
         "rebounds": within("a4.rebound", lambda event: event.rebound_deg),
@@ -110,7 +110,7 @@ def criteria(published: Published) -> Criteria:
     return Criteria(a4 | {"cue onsets": within("a5.onset", lambda event: event.cue_s)}, tuple(a4))
 
 
-def run(row: Row, series: Series, twin_um: np.ndarray, drawn: bool = False) -> Run:
+def run(row: Row, series: Series, twin_um: np.ndarray, drawn: bool = False) -> BurstRun:
     """Measure a run by its row of the result table and its series.
 
     twin_um: measured tip of the golden run, um [ticks, 3]. drawn: keep the series of its events for a figure.
@@ -123,13 +123,13 @@ def run(row: Row, series: Series, twin_um: np.ndarray, drawn: bool = False) -> R
     jumps = jump_ticks(series["position"] * 1e6, twin_um)
     pulses = rises(series["cue_force"] > 0.0)
     outside = [t for t in pulses if t < stop and not any(onset <= t < onset + EVENT_TICKS for onset in onsets)]
-    return Run(
+    return BurstRun(
         group=str(row["group"]),
         value=float(row["fault0_value"]),
         events=tuple(
             dataclasses.replace(
                 event(series, onset, min(onset + EVENT_TICKS, stop), jumps),
-                drawn=_drawn(series, onset, stop) if drawn else None,
+                curves=_drawn(series, onset, stop) if drawn else None,
             )
             for onset in onsets
         ),
@@ -140,14 +140,14 @@ def run(row: Row, series: Series, twin_um: np.ndarray, drawn: bool = False) -> R
     )
 
 
-def event(series: Series, onset: int, end: int, jumps: np.ndarray) -> Event:
+def event(series: Series, onset: int, end: int, jumps: np.ndarray) -> BurstEvent:
     """The burst from tick `onset` on, watched until tick `end`; `jumps`: ticks of all jumps of the run."""
     force = series["cue_force"][onset:end]
     felt = np.flatnonzero(force > 0.0)
     shoulder = np.degrees(series["jpos"][onset:end, SHOULDER].astype(float))
     cut = end - onset < EVENT_TICKS
     back_deg, back_ms = (math.nan, math.nan) if cut else rebound(shoulder)
-    return Event(
+    return BurstEvent(
         onset_ms=onset,
         peak_mm=float(series["tip_error_mm"][onset:end].max()),
         cut=cut,
@@ -175,11 +175,11 @@ def jump_ticks(position_um: np.ndarray, twin_um: np.ndarray) -> np.ndarray:
     return np.flatnonzero(over[1:] & over[:-1]) + 2
 
 
-def _drawn(series: Series, onset: int, stop: int) -> Drawn:
+def _drawn(series: Series, onset: int, stop: int) -> EventCurves:
     ticks = np.array(DRAWN_TICKS)
     ticks = ticks[ticks + onset < stop]
     shoulder = np.degrees(series["jpos"][:, SHOULDER].astype(float))
-    return Drawn(
+    return EventCurves(
         ticks / 1e3,
         shoulder[ticks + onset] - shoulder[onset],
         series["tip_error_mm"][ticks + onset],

@@ -7,13 +7,13 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from ravenjax.studies.framework.literature import Published
 from ravenjax.studies.framework.study import Table
-from ravenjax.studies.seed.burst.events import EVENTS, Criteria, Run
+from ravenjax.studies.seed.burst.events import EVENTS, BurstRun, Criteria
 from ravenjax.studies.seed.motions import Motion
 
 SMALL = 1500.0
 """Counts; a larger constant stops the robot in the first burst."""
 
-Runs = Mapping[Motion, Sequence[Run]]
+Runs = Mapping[Motion, Sequence[BurstRun]]
 
 
 def tables(settings: Mapping[str, Runs], packets: Runs, rules: Criteria) -> tuple[Table, ...]:
@@ -33,7 +33,7 @@ def ranges(values: Sequence[float], step: float = 50.0) -> str:
 
 
 def _constants(bursts: Runs, rules: Criteria) -> Table:
-    by_value: dict[float, list[Run]] = {}
+    by_value: dict[float, list[BurstRun]] = {}
     for of_motion in bursts.values():
         for one in of_motion:
             by_value.setdefault(one.value, []).append(one)
@@ -79,7 +79,7 @@ def _constants(bursts: Runs, rules: Criteria) -> Table:
     return Table("Every constant", columns, tuple(rows), note)
 
 
-def _stops(runs: Sequence[Run]) -> str:
+def _stops(runs: Sequence[BurstRun]) -> str:
     """How many runs stopped in each burst."""
     stopped = [len(one.events) for one in runs if one.cause]
     return " ".join(str(stopped.count(number)) for number in range(1, EVENTS + 1)) if stopped else "none"
@@ -115,26 +115,26 @@ def _settings(settings: Mapping[str, Runs], rules: Criteria) -> Table:
     return Table("What the bands depend on", columns, tuple(rows), note)
 
 
-def stop_peaks(runs: Iterable[Run]) -> list[float]:
+def stop_peaks(runs: Iterable[BurstRun]) -> list[float]:
     """Tip error peaks, mm, of bursts that end in a stop, of constants that are at most SMALL."""
     return [one.events[-1].peak_mm for one in runs if one.cause and one.events[-1].cut and abs(one.value) <= SMALL]
 
 
 def _packets(runs: Runs) -> Table:
-    by_value: dict[float, list[Run]] = {}
+    by_value: dict[float, list[BurstRun]] = {}
     for of_motion in runs.values():
         for one in of_motion:
             by_value.setdefault(one.value, []).append(one)
     rows = []
     for value in sorted(by_value):
-        struck = by_value[value]
-        firsts = [one.events[0] for one in struck if one.events]
-        events = [e for one in struck for e in one.events]
+        same = by_value[value]
+        firsts = [one.events[0] for one in same if one.events]
+        events = [e for one in same for e in one.events]
         rows.append(
             (
                 f"{value:+.0f}",
-                span((len(one.events) for one in struck), ".0f"),
-                _stops(struck),
+                span((len(one.events) for one in same), ".0f"),
+                _stops(same),
                 span((e.peak_mm for e in firsts), ".1f"),
                 span((e.peak_mm for e in events), ".1f"),
                 span((e.cue_s for e in firsts), ".2f"),
@@ -160,7 +160,7 @@ def _packets(runs: Runs) -> Table:
 
 
 def notes(
-    measured: Sequence[Run], settings: Mapping[str, Runs], rules: Criteria, published: Published
+    measured: Sequence[BurstRun], settings: Mapping[str, Runs], rules: Criteria, published: Published
 ) -> tuple[str, ...]:
     """Of every run measured, and of the bursts by setting, the modelled one first."""
     modelled = next(iter(settings))
@@ -204,20 +204,20 @@ def notes(
 
 def stop_words(settings: Mapping[str, Runs], published: Published) -> str:
     """At which tip error a burst stops the robot, by setting, in a sentence."""
-    found = [
+    peaks = [
         f"{span(stop_peaks(flat(runs)), '.1f')} mm ({name})"
         for number, (name, runs) in enumerate(settings.items())
         if number == 0 or name.startswith("stop above")
     ]
     stopped = published.value("burst.4.peak")
-    return f"Bursts that end in a stop have tip error peaks of {', '.join(found)}; the paper's has {stopped:g} mm."
+    return f"Bursts that end in a stop have tip error peaks of {', '.join(peaks)}; the paper's has {stopped:g} mm."
 
 
-def flat(runs: Runs) -> list[Run]:
+def flat(runs: Runs) -> list[BurstRun]:
     """Of all motions."""
     return [one for of_motion in runs.values() for one in of_motion]
 
 
-def most_of_a4(runs: Iterable[Run], rules: Criteria) -> int:
+def most_of_a4(runs: Iterable[BurstRun], rules: Criteria) -> int:
     """The most bands of A4 that one run meets."""
     return max(sum(rules.tests[name](one) for name in rules.a4) for one in runs)

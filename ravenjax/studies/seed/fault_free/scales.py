@@ -10,9 +10,9 @@ import numpy as np
 
 from ravenjax.studies.framework import literature
 from ravenjax.studies.framework.series import Recorder
-from ravenjax.studies.framework.study import Context, Estimate, Findings, Line, Study, Table, Variant
+from ravenjax.studies.framework.study import Context, Findings, Line, Study, StudyEstimate, Table, Variant
 from ravenjax.studies.seed.fault_free import drawings
-from ravenjax.studies.seed.fault_free.segments import Growth, Segment, growth, segment, spread
+from ravenjax.studies.seed.fault_free.segments import Growth, RunSegment, growth, segment, spread
 from ravenjax.studies.seed.motions import MOTIONS, Motion, over_kinds, overrides, variant
 
 CAMPAIGN = "seed_fault_free.toml"
@@ -51,13 +51,13 @@ class Setting:
     """The segments of one answer to the open questions: by motion and scale."""
 
     name: str
-    segments: Mapping[Motion, Mapping[float, Segment]]
+    segments: Mapping[Motion, Mapping[float, RunSegment]]
 
-    def by_motion(self, of: Callable[[Mapping[float, Segment]], float]) -> dict[Motion, float]:
+    def by_motion(self, of: Callable[[Mapping[float, RunSegment]], float]) -> dict[Motion, float]:
         """A number of each motion's four segments."""
         return {motion: of(segments) for motion, segments in self.segments.items()}
 
-    def at(self, scale: float, field: str) -> Estimate:
+    def at(self, scale: float, field: str) -> StudyEstimate:
         """Mean over kinds of motion of a quantity at one scale."""
         return over_kinds(self.by_motion(lambda segments: getattr(segments[scale], field)))
 
@@ -69,18 +69,18 @@ class Setting:
         """Slope, value at zero or explained share of a straight line through the four scales, of each motion."""
         return self.by_motion(lambda found: getattr(growth(SCALES, [getattr(found[s], field) for s in SCALES]), of))
 
-    def line(self, field: str, of: str) -> Estimate:
+    def line(self, field: str, of: str) -> StudyEstimate:
         """Its mean over kinds of motion."""
         return over_kinds(self.lines(field, of))
 
-    def explained(self, field: str) -> Estimate:
+    def explained(self, field: str) -> StudyEstimate:
         """Share of the variance that a line explains: mean over kinds, least and largest of a motion."""
         low, high = spread(self.lines(field, "explained").values())
         mean = self.line(field, "explained")
         return dataclasses.replace(mean, low=low, high=high, of=f"{mean.of}, least and largest of a motion")
 
     @property
-    def every(self) -> list[Segment]:
+    def every(self) -> list[RunSegment]:
         return [segment for segments in self.segments.values() for segment in segments.values()]
 
 
@@ -106,7 +106,7 @@ def compare(context: Context) -> Findings:
 def _measured(context: Context) -> dict[str, Setting]:
     """Settings by name, the modelled one first, those of the campaign's groups before those of campaigns."""
     recorder = Recorder()
-    found: dict[str, dict[Motion, dict[float, Segment]]] = {}
+    found: dict[str, dict[Motion, dict[float, RunSegment]]] = {}
     for motion in MOTIONS:
         for one in recorder.measure(context.folders[variant(motion)], segment):
             found.setdefault(one.group, {}).setdefault(motion, {})[one.scale] = one
@@ -134,7 +134,7 @@ def _acceptance(
         Line(
             "mean tip error of all segments",
             "mm",
-            Estimate(float(np.mean(means)), of="mean of four readings of Figure 3"),
+            StudyEstimate(float(np.mean(means)), of="mean of four readings of Figure 3"),
             over_kinds(modelled.all_segments()),
             published.band("a6.mean"),
             "A6",
@@ -145,7 +145,7 @@ def _acceptance(
             Line(
                 f"variance of the {kind}s that a straight line over the scale explains",
                 "",
-                Estimate(fits[kind].explained, of="four readings of Figure 3"),
+                StudyEstimate(fits[kind].explained, of="four readings of Figure 3"),
                 modelled.explained(f"{kind}_mm"),
                 explained,
                 "A6",
@@ -157,7 +157,7 @@ def _acceptance(
             "fault-free segments with noise in which the cue fires",
             "",
             published.estimate("fault_free.segments_over_threshold"),
-            Estimate(cues, n=len(noisy.every), of="segments, noise on"),
+            StudyEstimate(cues, n=len(noisy.every), of="segments, noise on"),
             (1, np.inf),
             "A5",
             f"at scale {scales}; without noise {sum(s.pulses > 0 for s in modelled.every)} of {len(modelled.every)}: "
@@ -167,7 +167,7 @@ def _acceptance(
             Line(
                 f"{kind} tip error, slope over the scale",
                 "mm",
-                Estimate(fits[kind].slope, of="four readings of Figure 3"),
+                StudyEstimate(fits[kind].slope, of="four readings of Figure 3"),
                 modelled.line(f"{kind}_mm", "slope"),
             )
             for kind in ("peak", "mean")
@@ -176,7 +176,7 @@ def _acceptance(
             Line(
                 f"{kind} tip error, the line's value at scale 0",
                 "mm",
-                Estimate(fits[kind].at_zero, of="four readings of Figure 3"),
+                StudyEstimate(fits[kind].at_zero, of="four readings of Figure 3"),
                 modelled.line(f"{kind}_mm", "at_zero"),
                 reason=f"the model begins at the true tip, encoders see it {modelled.every[0].rest_mm:.2f} mm away",
             )
@@ -290,7 +290,9 @@ def _notes(settings: Mapping[str, Setting], inside: Sequence[str]) -> tuple[str,
     mean = {name: over_kinds(setting.all_segments()).value for name, setting in settings.items()}
     rest = modelled.every[0].rest_mm
     clipped = {name: [s for s in setting.every if s.stop_ms >= 0] for name, setting in settings.items()}
-    stops = "; ".join(f"{name} {len(found)} of {len(settings[name].every)}" for name, found in clipped.items() if found)
+    stops = "; ".join(
+        f"{name} {len(stopped)} of {len(settings[name].every)}" for name, stopped in clipped.items() if stopped
+    )
     return (
         "No parameter was chosen for agreement. The nominal model's gains follow from the robot's own, so that both "
         "are dynamically alike; the paper's model has gains of its own, which it does not print. Motions are generated "
@@ -313,8 +315,8 @@ def _notes(settings: Mapping[str, Setting], inside: Sequence[str]) -> tuple[str,
 def _change(settings: Mapping[str, Setting], mean: Mapping[str, float], prefixes: tuple[str, ...]) -> str:
     """Range of changes against the same motions as modelled, of settings whose names begin so."""
     own = settings[MODELLED].all_segments()
-    chosen = [name for name in settings if name.startswith(prefixes)]
-    changes = [mean[n] - over_kinds({m: own[m] for m in settings[n].segments}).value for n in chosen]
+    names = [name for name in settings if name.startswith(prefixes)]
+    changes = [mean[n] - over_kinds({m: own[m] for m in settings[n].segments}).value for n in names]
     return f"{min(changes):+.2f} to {max(changes):+.2f} mm"
 
 
@@ -322,7 +324,7 @@ def _mm(value: float) -> str:
     return f"{value:.2f}"
 
 
-def _with_interval(estimate: Estimate, sign: str = "") -> str:
+def _with_interval(estimate: StudyEstimate, sign: str = "") -> str:
     value = f"{estimate.value:{sign}.2f}"
     return value if math.isnan(estimate.low) else f"{value} ({estimate.low:{sign}.2f} to {estimate.high:{sign}.2f})"
 

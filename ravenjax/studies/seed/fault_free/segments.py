@@ -21,7 +21,7 @@ DRAWN_EVERY = 20
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Segment:
+class RunSegment:
     """What one run shows from the first motion on, until its end or the robot's stop."""
 
     group: str  # of the campaign: what is otherwise than modelled
@@ -36,7 +36,7 @@ class Segment:
     drawn_mm: np.ndarray  # tip error, one number each DRAWN_EVERY ticks
 
 
-def segment(row: Row, series: Series) -> Segment:
+def segment(row: Row, series: Series) -> RunSegment:
     """Measure a run: its row of the result table, and its series."""
     stop = int(row["check_estop_first_ms"])
     end = len(series["tip_error_mm"]) if stop < 0 else stop
@@ -46,7 +46,7 @@ def segment(row: Row, series: Series) -> Segment:
     zeroed = np.linalg.norm(apart - apart[REST_TICKS - 1], axis=1)
     true = np.linalg.norm(series["tip"] - series["model_position"], axis=1) * 1e3
     whole = len(error[moving]) // DRAWN_EVERY * DRAWN_EVERY
-    return Segment(
+    return RunSegment(
         group=str(row["group"]),
         scale=float(row["param:operator.scale"]),
         peak_mm=float(error[moving].max()),
@@ -79,5 +79,5 @@ def growth(scales: Sequence[float], values: Sequence[float]) -> Growth:
 
 def spread(values: Iterable[float]) -> tuple[float, float]:
     """Least and largest."""
-    found = list(values)
-    return min(found), max(found)
+    every = list(values)
+    return min(every), max(every)

@@ -9,11 +9,11 @@ import numpy as np
 
 from ravenjax.outcomes import verdict
 from ravenjax.trainer.judge.episode import DISTANCES, motion_hazard
-from ravenjax.trainer.recording.hazards.table import NUMBERS, Hazard
+from ravenjax.trainer.recording.hazards.table import NUMBERS, HazardRow
 from ravenjax.trainer.recording.reader import Recording
 
 
-def from_recording(recording: Recording, header: Mapping[str, Any]) -> list[Hazard]:
+def from_recording(recording: Recording, header: Mapping[str, Any]) -> list[HazardRow]:
     """A row for each hazard that was armed, as far as events and curves tell; in order of arming.
 
     Outcome and score are empty where the hazard was still at work when the recording broke off. Distances are the
@@ -29,7 +29,7 @@ def from_recording(recording: Recording, header: Mapping[str, Any]) -> list[Haza
     for row in rows:
         _measure(row, recording)
         del row["over_ms"]
-    return [Hazard(**row) for row in rows]
+    return [HazardRow(**row) for row in rows]
 
 
 def _armed(event: Mapping[str, Any], listed: Mapping[str, Any], header: Mapping[str, Any]) -> dict[str, Any]:
@@ -116,8 +116,10 @@ def _measure(row: dict[str, Any], recording: Recording) -> None:
         row[name] = float(values[inside][-1] - (values[before][0] if len(before) else 0.0))
     if row["over_ms"] is None:
         follows = (recording["live"] != 0) & (recording["pedal"] != 0)
-        held = np.logical_and.accumulate(recording["pedal"][inside] != 0)
-        by_itself = held & ~live if row["response"] != "stop" else held & ~live & (time[inside] < row["response_ms"])
+        pressed = np.logical_and.accumulate(recording["pedal"][inside] != 0)
+        by_itself = (
+            pressed & ~live if row["response"] != "stop" else pressed & ~live & (time[inside] < row["response_ms"])
+        )
         row["halted"] = bool(follows[before].any() and by_itself.any())
         if limit is not None:
             stopped = row["check_response"] == "stopped"

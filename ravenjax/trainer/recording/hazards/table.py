@@ -30,7 +30,7 @@ _FORMER = "peak_stray_mm"
 
 
 @dataclasses.dataclass(frozen=True)
-class Hazard:
+class HazardRow:
     """One row. Times are ms since the session began, None where it never happened; sizes None where not measured."""
 
     session: str
@@ -91,7 +91,7 @@ class Hazard:
         return max((mm for mm in (self.unintended_mm, self.unintended_off_mm) if mm is not None), default=None)
 
 
-def read(folder: Path) -> list[Hazard]:
+def read(folder: Path) -> list[HazardRow]:
     """Hazards of a session's folder in the order of their strike; none where it has no hazards.csv.
 
     Raises StoreError where the file is damaged or lacks a column.
@@ -106,7 +106,7 @@ def read(folder: Path) -> list[Hazard]:
         return []
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise StoreError(f"{path}: cannot be read ({error})") from error
-    wanted = [one.name for one in dataclasses.fields(Hazard)]
+    wanted = [one.name for one in dataclasses.fields(HazardRow)]
     if _FORMER in columns:
         raise StoreError(
             f"{path}: was written by an earlier version of ravenjax, which defined a hazard's motion differently (it "
@@ -118,7 +118,7 @@ def read(folder: Path) -> list[Hazard]:
     return sorted(rows, key=lambda one: (one.struck_ms is None, one.struck_ms or 0.0, one.number))
 
 
-def _hazard(path: Path, line: int, cells: dict[str, str]) -> Hazard:
+def _hazard(path: Path, line: int, cells: dict[str, str]) -> HazardRow:
     values: dict[str, object] = dict(cells)
     for name in NUMBERS:
         values[name] = _number(path, line, name, cells[name])
@@ -128,7 +128,7 @@ def _hazard(path: Path, line: int, cells: dict[str, str]) -> Hazard:
     if number is None:
         raise StoreError(f"{path}: line {line}: number is empty, expected the hazard's number in session.json")
     values["number"] = int(number)
-    return Hazard(**values)  # type: ignore[arg-type]
+    return HazardRow(**values)  # type: ignore[arg-type]
 
 
 def _number(path: Path, line: int, name: str, text: str) -> float | None:

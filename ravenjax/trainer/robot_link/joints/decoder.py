@@ -30,7 +30,7 @@ class Decoder:
     def feed(self, content: bytes) -> list[JointReport | dict[str, Any]]:
         """What these bytes complete, in their order: joint reports, and text records as dicts."""
         self._bytes += content
-        found: list[JointReport | dict[str, Any]] = []
+        records: list[JointReport | dict[str, Any]] = []
         data, at = self._bytes, 0
         while True:
             begin = self._next_magic(at)
@@ -51,9 +51,9 @@ class Decoder:
                 at, self.skipped = at + 1, self.skipped + 1
             else:
                 at += size
-                found.append(decoded)
+                records.append(decoded)
         del data[:at]
-        return found
+        return records
 
     def _next_magic(self, at: int) -> int:
         """Where the next record may begin: a magic, or the tail that may become one."""
@@ -74,7 +74,7 @@ def _decoded(magic: bytes, content: bytes) -> JointReport | dict[str, Any] | Non
     if magic == MAGIC:
         return JointReport(np.frombuffer(content, RECORD)[0])
     try:
-        told = json.loads(content[HEAD.size : -CRC.size])
+        record = json.loads(content[HEAD.size : -CRC.size])
     except ValueError:
         return None
-    return told if isinstance(told, dict) else None
+    return record if isinstance(record, dict) else None

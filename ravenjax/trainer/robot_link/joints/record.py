@@ -36,7 +36,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.robots.raven2.arms import ARMS, ArmName
-from ravenjax.trainer.protocol.frame import Frame, Layout
+from ravenjax.trainer.protocol.frame import Frame, FrameLayout
 
 MAGIC, TEXT_MAGIC, VERSION = b"RVNJ", b"RVNA", 1
 ARM = np.dtype(
@@ -81,7 +81,7 @@ _INT32, _INT16 = 2**31 - 1, 2**15 - 1
 class Reporter:
     """Makes the record of each frame of one robot."""
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: FrameLayout) -> None:
         """layout: of the frames."""
         self._record = bytearray(RECORD.itemsize)
         self._places = layout.places
@@ -159,11 +159,11 @@ class JointReport:
         frame["tick"], frame["last_seq"] = self.tick, self.last_seq
         for arm in self.arms:
             if arm in frame.layout.arms:
-                told = self[arm]
+                values = self[arm]
                 for name in (*_JOINTS, "dac"):
-                    frame[f"{arm}/{name}"] = told[name]
-                frame[f"{arm}/link_jpos"] = told["jpos"]
-                frame[f"{arm}/position"] = frame[f"{arm}/tip"] = told["position_um"] * 1e-6
+                    frame[f"{arm}/{name}"] = values[name]
+                frame[f"{arm}/link_jpos"] = values["jpos"]
+                frame[f"{arm}/position"] = frame[f"{arm}/tip"] = values["position_um"] * 1e-6
 
 
 def encode_text(content: dict[str, Any]) -> bytes:

@@ -40,7 +40,7 @@ class Listener:
 
 
 @dataclasses.dataclass(frozen=True)
-class Order:
+class ListenerOrder:
     """What a listener asks for; it may."""
 
     listener: Listener
@@ -64,10 +64,12 @@ class JointServer:
         """Host and port it listens on."""
         return self._socket.getsockname()[:2]
 
-    def poll(self) -> list[Order]:
+    def poll(self) -> list[ListenerOrder]:
         """Let in who knocks, and hear the orders that have arrived."""
         self._let_in()
-        return [Order(listener, content) for listener in list(self.listeners) for content in self._heard(listener)]
+        return [
+            ListenerOrder(listener, content) for listener in list(self.listeners) for content in self._heard(listener)
+        ]
 
     def publish(self, record: bytes) -> None:
         """Send a record to every listener; one that has no room left loses it."""
@@ -77,11 +79,11 @@ class JointServer:
             else:
                 self.counts["records_dropped"] += 1
 
-    def answer(self, order: Order, error: str | None = None) -> None:
+    def answer(self, order: ListenerOrder, error: str | None = None) -> None:
         """Tell who gave an order that it was carried out, or why not."""
         kind = order.content.get("order")
-        told: dict[str, Any] = {"answer": kind if isinstance(kind, str) else None, "ok": error is None}
-        self._push(order.listener, encode_text(told if error is None else told | {"error": error}))
+        reply: dict[str, Any] = {"answer": kind if isinstance(kind, str) else None, "ok": error is None}
+        self._push(order.listener, encode_text(reply if error is None else reply | {"error": error}))
 
     def close(self) -> None:
         """End all connections and give the port back."""
@@ -143,7 +145,7 @@ class JointServer:
             else:
                 self.counts["orders_refused"] += 1
                 refusal = "not from this machine: start the robot with a token and give the same one here"
-                self.answer(Order(listener, order), refusal)
+                self.answer(ListenerOrder(listener, order), refusal)
         return orders if len(rest) <= LONGEST_LINE else self._garbled(listener, orders)
 
     def _garbled(self, listener: Listener, orders: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -154,10 +156,10 @@ class JointServer:
     def _may(self, listener: Listener, order: dict[str, Any]) -> bool:
         if listener.local:
             return True
-        given = order.get("token")
-        if self._token is None or not isinstance(given, str):
+        token = order.get("token")
+        if self._token is None or not isinstance(token, str):
             return False
-        return hmac.compare_digest(self._token.encode(), given.encode(errors="replace"))
+        return hmac.compare_digest(self._token.encode(), token.encode(errors="replace"))
 
     def _drop(self, listener: Listener) -> None:
         if listener in self.listeners:
@@ -175,11 +177,11 @@ def _object(line: bytes | bytearray) -> dict[str, Any] | None:
 
 def _listening(host: str, port: int) -> socket.socket:
     try:
-        made = socket.create_server((host, port), backlog=MOST_CLIENTS)
+        endpoint = socket.create_server((host, port), backlog=MOST_CLIENTS)
     except (OSError, OverflowError) as error:
         raise UserError(
             f"TCP {host}:{port} cannot be opened for the joint stream ({error}); another robot may hold it. "
             "Give another port, or 0 for any free one"
         ) from None
-    made.setblocking(False)
-    return made
+    endpoint.setblocking(False)
+    return endpoint

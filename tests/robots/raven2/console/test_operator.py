@@ -13,13 +13,13 @@ from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.console import motions, operator
 from ravenjax.robots.raven2.console.motion import columns
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 
 BOTH = ("gold", "green")
 
 
-def make_setup(console="increments", precision=CAMPAIGN) -> Setup:
-    return Setup(arms=BOTH, tools=("r_grasper",) * 2, console=console, precision=precision)
+def make_setup(console="increments", precision=CAMPAIGN) -> RavenSetup:
+    return RavenSetup(arms=BOTH, tools=("r_grasper",) * 2, console=console, precision=precision)
 
 
 def packets(setup, motion, scale):

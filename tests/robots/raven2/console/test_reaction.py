@@ -10,10 +10,10 @@ import pytest
 from ravenjax.numbers.setup import REFERENCE
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.console import reaction
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.vocabulary.reactions import ACTIONS
 
-SETUP = Setup(precision=REFERENCE, reacts=True)
+SETUP = RavenSetup(precision=REFERENCE, reacts=True)
 
 
 @pytest.fixture(autouse=True)
@@ -29,7 +29,7 @@ def params(action, **changes):
 def felt(force, tick, tip=(0.0, 0.0, 0.0), model=(0.0, 0.0, 0.0), off_plan=(0.0, 0.0, 0.0), down=True):
     three = lambda values: (Vec(jnp.float64(v) for v in values),)  # noqa: E731
     force = (jnp.float64(force),)
-    return reaction.Felt(force, three(tip), three(model), three(off_plan), jnp.bool_(down), jnp.int32(tick))
+    return reaction.OperatorSenses(force, three(tip), three(model), three(off_plan), jnp.bool_(down), jnp.int32(tick))
 
 
 def after_pull(action, **changes):

@@ -17,9 +17,9 @@ from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.dynamics import arm_model, rigid_program
 from ravenjax.robots.raven2.dynamics.link_dynamics import FUNCTIONS, links, mass_matrix_and_bias, program
 from ravenjax.robots.raven2.dynamics.rigid_tree import read_tree
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 
-UNROLLED, MJX = Setup(), dataclasses.replace(Setup(), link_dynamics="mjx")
+UNROLLED, MJX = RavenSetup(), dataclasses.replace(RavenSetup(), link_dynamics="mjx")
 AXES = np.eye(3)
 
 
@@ -95,7 +95,7 @@ def within_range(rng: np.random.Generator, count: int) -> np.ndarray:
     return rng.uniform(low, high, size=(count, 7))
 
 
-def stacked(setup: Setup, arm, mass_scale=1.0):
+def stacked(setup: RavenSetup, arm, mass_scale=1.0):
     """Arrays (qpos, qvel, gravity) with a leading axis -> M and bias."""
 
     def one(qpos, qvel, gravity):

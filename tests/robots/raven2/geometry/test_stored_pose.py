@@ -9,9 +9,9 @@ from ravenjax.numbers.setup import ORIGINAL
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.geometry import stored_pose
 from ravenjax.robots.raven2.geometry.joints import Pose
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 
-SETUP = Setup(precision=ORIGINAL)
+SETUP = RavenSetup(precision=ORIGINAL)
 
 
 def test_micrometres_are_cut_toward_zero_and_rotations_rounded():

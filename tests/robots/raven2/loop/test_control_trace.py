@@ -16,7 +16,7 @@ from ravenjax.numbers.setup import CAMPAIGN, ORIGINAL
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.loop import control
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.sites import SITES
 from ravenjax.robots.raven2.stages.usb import UsbIn
 
@@ -53,7 +53,7 @@ def each_pair():
 
 @pytest.mark.parametrize(("precision", "software", "console"), each_pair())
 def test_only_scalar_primitives_and_the_state_keeps_its_types(precision, software, console):
-    setup = Setup(**BOTH, software=software, console=console, precision=precision)
+    setup = RavenSetup(**BOTH, software=software, console=console, precision=precision)
     with jax.enable_x64(precision.needs_x64):
         given = arguments(setup)
         jaxpr, (state, _) = jax.make_jaxpr(lambda *a: control.cycle(setup, *a), return_shape=True)(*given)
@@ -68,7 +68,7 @@ def test_only_scalar_primitives_and_the_state_keeps_its_types(precision, softwar
 
 @pytest.mark.parametrize(("arms", "limit"), [(("gold",), 2000), (("gold", "green"), 3850)])
 def test_the_number_of_operations_stays_low(arms, limit):
-    setup = Setup(arms=arms, tools=("r_grasper",) * len(arms))
+    setup = RavenSetup(arms=arms, tools=("r_grasper",) * len(arms))
     program = lowering.lower(jax.make_jaxpr(lambda *a: control.cycle(setup, *a))(*arguments(setup)))
     always = [i for i in regions.arrange(program.operations, program.needed(), program.outputs) if isinstance(i, int)]
     assert sum(program.operations[i].name not in ("input", "constant") for i in always) < limit
@@ -93,13 +93,13 @@ def test_every_site_of_the_control_software_is_passed_once_in_order():
             assert jnp.shape(value) == ()
         return signal
 
-    setup = Setup(**BOTH)
+    setup = RavenSetup(**BOTH)
     jax.make_jaxpr(lambda *a: control.cycle(setup, *a, note))(*arguments(setup))
     assert passed == ORDER
 
 
 def test_a_fault_after_the_checks_reaches_the_boards():
-    setup = Setup(**BOTH)
+    setup = RavenSetup(**BOTH)
 
     def strike(site, signal, present=True):
         return tuple(Vec.full(7, jnp.int32(32767)) for _ in signal) if site == "usb_out" else signal

@@ -16,7 +16,7 @@ from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.checks import CHECKS
 from ravenjax.robots.raven2.console import motions
 from ravenjax.robots.raven2.loop import tick
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.sites import SITES
 from ravenjax.stages import monitor
 from ravenjax.vocabulary import effects
@@ -43,22 +43,22 @@ def everywhere(arms: tuple[str, ...]) -> Injection:
 
 
 SETUPS = {
-    "gold": Setup(),
-    "both arms": Setup(arms=("gold", "green"), tools=("r_grasper", "large_needle")),
-    "fork, absolute console": Setup(software="fork2015", console="absolute"),
-    "noise and substeps": Setup(noise=True, substeps=2),
-    "detectors and reaction": Setup(
+    "gold": RavenSetup(),
+    "both arms": RavenSetup(arms=("gold", "green"), tools=("r_grasper", "large_needle")),
+    "fork, absolute console": RavenSetup(software="fork2015", console="absolute"),
+    "noise and substeps": RavenSetup(noise=True, substeps=2),
+    "detectors and reaction": RavenSetup(
         detectors=(DetectorUse("steps", "two", 2, 2), DetectorUse("derivative_sum")), reacts=True, command_delay=2
     ),
-    "dynamics simulator": Setup(software="fork2015", build="dyn_sim", console="absolute"),
-    "every fault site": Setup(injection=everywhere(("gold",))),
-    "every fault site, both arms": Setup(
+    "dynamics simulator": RavenSetup(software="fork2015", build="dyn_sim", console="absolute"),
+    "every fault site": RavenSetup(injection=everywhere(("gold",))),
+    "every fault site, both arms": RavenSetup(
         arms=("gold", "green"), tools=("r_grasper",) * 2, injection=everywhere(("gold", "green")), cues=3
     ),
 }
 
 
-def build(setup: Setup, ticks: int = 100, name: str = "suture"):
+def build(setup: RavenSetup, ticks: int = 100, name: str = "suture"):
     """(params, state, motion columns, reference) of a run."""
     motion = motions.generate(name, ticks / 1000.0, setup.arms)
     params = tick.params(setup, motion.start_jpos)
@@ -68,7 +68,7 @@ def build(setup: Setup, ticks: int = 100, name: str = "suture"):
     return params, tick.init(setup, params), columns, reference
 
 
-def trace(setup: Setup):
+def trace(setup: RavenSetup):
     params, state, columns, reference = build(setup)
 
     def run(state, now):
@@ -104,7 +104,7 @@ def test_the_tick_is_a_straight_list_of_scalar_operations(name):
 def test_faults_that_a_campaign_does_not_name_are_not_in_its_tick():
     without = len(list(flat(trace(SETUPS["gold"]).jaxpr)))
     one = Injection(1, (SiteUse("usb_out", (("gold", "shoulder"),), ("overwrite",)),), ("time",))
-    with_one = len(list(flat(trace(Setup(injection=one)).jaxpr)))
+    with_one = len(list(flat(trace(RavenSetup(injection=one)).jaxpr)))
     assert 0 < with_one - without < 60
 
 
@@ -122,7 +122,7 @@ def test_every_state_keeps_its_type():
 
 
 def test_checks_have_the_names_that_are_announced():
-    setup = Setup()
+    setup = RavenSetup()
     params, state, *_ = build(setup)
     assert tuple(tick.checks(state)) == tuple(CHECKS)
     assert {f"check_{name}_count" for name in CHECKS} <= set(tick.outcomes(setup, params, state))

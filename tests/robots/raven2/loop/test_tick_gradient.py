@@ -22,10 +22,10 @@ from ravenjax.numbers.setup import REFERENCE, real
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.console import motions
 from ravenjax.robots.raven2.loop import tick
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import monitor
 
-SETUP = Setup(precision=REFERENCE)
+SETUP = RavenSetup(precision=REFERENCE)
 PARAMETERS = ("plant.gold.friction_scale", "control.motor_control.gold.kp.elbow", "nominal.gold.kp.elbow")
 OUTCOMES = ("tip", "torque", "model")
 WARM_UP = 800  # ticks until the pedal is down, the brakes are off and the hand moves

@@ -15,7 +15,7 @@ from ravenjax.numbers.setup import CAMPAIGN, ORIGINAL, REFERENCE, DetectorUse, I
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.console import motions
 from ravenjax.robots.raven2.loop import tick
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import monitor
 
 FAULTS = Injection(
@@ -26,8 +26,10 @@ FAULTS = Injection(
     ),
     triggers=("time",),
 )
-MOST = Setup(injection=FAULTS, detectors=(DetectorUse("steps", "two", 2, 2),), reacts=True, command_delay=2, noise=True)
-FORK = Setup(arms=("gold", "green"), tools=("r_grasper",) * 2, software="fork2015", console="absolute", cues=2)
+MOST = RavenSetup(
+    injection=FAULTS, detectors=(DetectorUse("steps", "two", 2, 2),), reacts=True, command_delay=2, noise=True
+)
+FORK = RavenSetup(arms=("gold", "green"), tools=("r_grasper",) * 2, software="fork2015", console="absolute", cues=2)
 CASES = {
     "float32": dataclasses.replace(MOST, precision=CAMPAIGN),
     "float32, fork": dataclasses.replace(FORK, precision=CAMPAIGN),
@@ -59,7 +61,7 @@ def by_path(tree: Any) -> dict[str, Number]:
     }
 
 
-def types_of(setup: Setup) -> Types:
+def types_of(setup: RavenSetup) -> Types:
     with jax.enable_x64(setup.precision.needs_x64):
         motion = motions.generate("suture", 0.1, setup.arms)
         params = tick.params(setup, motion.start_jpos)

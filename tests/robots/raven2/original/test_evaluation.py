@@ -6,7 +6,7 @@ import pytest
 
 from ravenjax.numbers.setup import CAMPAIGN, ORIGINAL, REFERENCE, Precision
 from ravenjax.robots.raven2.original.evaluation import LITERAL, SHARING, evaluation
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 
 
 @pytest.mark.parametrize(
@@ -19,4 +19,4 @@ from ravenjax.robots.raven2.setup import Setup
     ],
 )
 def test_only_the_originals_widths_get_its_order_of_operations(precision, expected):
-    assert evaluation(Setup(precision=precision)) is expected
+    assert evaluation(RavenSetup(precision=precision)) is expected

@@ -18,9 +18,9 @@ from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import gravity, kinematics, transmission
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.plant import nominal, nominal_target, robot
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 
-SETUP = Setup(precision=REFERENCE)
+SETUP = RavenSetup(precision=REFERENCE)
 STILL = Vec((0.0, 0.0, 0.0, 1.0))
 
 
@@ -43,7 +43,7 @@ def clean(delta_um=(0, 0, 0), quat=STILL, grasp=0, engaged=1, setup=SETUP) -> no
     )
 
 
-def by_targets(setup: Setup, targets: np.ndarray, params=None) -> np.ndarray:
+def by_targets(setup: RavenSetup, targets: np.ndarray, params=None) -> np.ndarray:
     params = params or nominal.params(setup, "gold")
 
     def tick(state, row):
@@ -153,7 +153,7 @@ def test_it_tracks_like_the_robot() -> None:
     assert apart.mean() < 0.5e-3 < lagging.mean() and apart.max() < 1e-3
 
 
-def run(setup: Setup, commands: list[nominal_target.Clean], start=HOME_JPOS, measured=HOME_JPOS, resync=0):
+def run(setup: RavenSetup, commands: list[nominal_target.Clean], start=HOME_JPOS, measured=HOME_JPOS, resync=0):
     params = replace(nominal.params(setup, "gold"), resync=np.int32(resync))
     begin = nominal.init(setup, "gold", params, start)
     state = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.result_type(leaf)), begin)
@@ -164,7 +164,7 @@ def run(setup: Setup, commands: list[nominal_target.Clean], start=HOME_JPOS, mea
 
 
 @functools.cache
-def compiled_step(setup: Setup):
+def compiled_step(setup: RavenSetup):
     """A step of the model, compiled once for all tests of a setup."""
     return quickly.jit(lambda params, state, command, at: nominal.step(setup, "gold", params, state, command, at))
 
@@ -218,7 +218,7 @@ def test_targets_stop_at_the_soft_limits_and_the_console_slips() -> None:
 
 
 def test_an_unreachable_absolute_target_is_held_off() -> None:
-    one = Setup(precision=REFERENCE, console="absolute", software="fork2015")
+    one = RavenSetup(precision=REFERENCE, console="absolute", software="fork2015")
     with jax.enable_x64(True):
         state, _ = run(one, [clean((0, 0, 0), (0.0, 0.0, 0.0, 1.0), 1570, setup=one)] * 20)
         np.testing.assert_array_equal(np.array(state.target.jpos_d), np.array(HOME_JPOS, float))
@@ -226,7 +226,7 @@ def test_an_unreachable_absolute_target_is_held_off() -> None:
 
 @pytest.mark.parametrize("precision", [REFERENCE, CAMPAIGN])
 def test_at_rest_nothing_drifts(precision) -> None:
-    one = Setup(precision=precision)
+    one = RavenSetup(precision=precision)
     with jax.enable_x64(precision.needs_x64):
         state, _ = run(one, [clean(setup=one)] * 1000)
         # the target is whole micrometres and milliradians

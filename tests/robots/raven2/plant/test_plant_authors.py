@@ -51,8 +51,8 @@ def vec(*items: float) -> Vec:
     return Vec(jnp.float64(x) for x in items)
 
 
-def state(x: tuple[float, ...]) -> authors.State:
-    return authors.State(vec(*x[:3]), vec(*x[3:6]), vec(*x[6:9]), vec(*x[9:]))
+def state(x: tuple[float, ...]) -> authors.AuthorsState:
+    return authors.AuthorsState(vec(*x[:3]), vec(*x[3:6]), vec(*x[6:9]), vec(*x[9:]))
 
 
 def flat(record) -> np.ndarray:
@@ -124,7 +124,7 @@ def run_of_the_authors(recording: pd.DataFrame, rows: int, step=authors.rk4) -> 
     start = np.radians([recording[f"mpos_{joint}_deg"].iloc[0] for joint in joints])
     dac = -recording[[f"dac_{joint}" for joint in joints]].to_numpy(np.float64)[:rows]
 
-    def tick(state: authors.State, counts):
+    def tick(state: authors.AuthorsState, counts):
         state = step(state, Vec(counts[i] for i in range(3)), tension_bug=True)
         return state, jnp.stack([x for pair in zip(state.m, state.md, strict=True) for x in pair])
 

@@ -14,7 +14,7 @@ from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import brakes, cables, stops
 from ravenjax.robots.raven2.plant.coupling import coupling
 from ravenjax.robots.raven2.plant.friction import coulomb_damping
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 
 ARMS, TOOLS = ("gold", "green"), ("r_grasper", "large_needle", "r_sq_grasper")
 CASES = list(itertools.product(ARMS, TOOLS, ("raven2", "fork2015")))
@@ -71,7 +71,7 @@ def test_dry_friction_holds_up_to_its_level_and_slides_at_it() -> None:
 
 
 def test_brakes_follow_their_command_after_a_delay_and_ignore_glitches() -> None:
-    setup = Setup()
+    setup = RavenSetup()
     params = brakes.params(setup)
     state, grips = brakes.init(setup, params), []
     commands = [0] * 40 + [1] * 5 + [0] * 20 + [1] * 30

@@ -19,7 +19,7 @@ from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.plant import cables, encoders, robot
 from ravenjax.robots.raven2.plant.published import parameter_set
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 
 N = 7
 CHUNK = 20  # ticks a compiled call: one compile serves runs of any length
@@ -28,19 +28,19 @@ POSE_A = Vec(np.radians(x) if i != 2 else 0.30 for i, x in enumerate((15, 60, 0,
 LEVELS = np.array([0.04055, 0.071925, 0.0511, 0.006, 0.006, 0.006, 0.006])  # N m, motor breakaway, set "traj3"
 
 
-def setup(arm: str = "gold", precision=REFERENCE, **other) -> Setup:
-    return Setup(arms=(arm,), precision=precision, **other)
+def setup(arm: str = "gold", precision=REFERENCE, **other) -> RavenSetup:
+    return RavenSetup(arms=(arm,), precision=precision, **other)
 
 
 @cache
-def stepper(setup_: Setup):
+def stepper(setup_: RavenSetup):
     """A compiled scan over DAC rows; parameters and initial state are traced, so one compile serves all tests."""
     arm = setup_.arms[0]
 
     def tick(carry, row):
         params, state, brakes, scales = carry
         command = Vec(row[i] for i in range(N))
-        state, out = robot.step(setup_, arm, params, state, robot.Signal(command, brakes, *scales))
+        state, out = robot.step(setup_, arm, params, state, robot.PlantSignal(command, brakes, *scales))
         return (params, state, brakes, scales), out
 
     @quickly.jit
@@ -80,12 +80,12 @@ def constant(counts, ticks: int) -> np.ndarray:
     return np.tile(np.asarray(counts, np.int32), (ticks, 1))
 
 
-def weightless(params: robot.Params) -> robot.Params:
+def weightless(params: robot.PlantParams) -> robot.PlantParams:
     """No gravity and no bias: nothing moves by itself."""
     return replace(params, gravity=Vec((0.0, 0.0, 0.0)), actuators=replace(params.actuators, bias=Vec.full(N, 0.0)))
 
 
-def frictionless(params: robot.Params) -> robot.Params:
+def frictionless(params: robot.PlantParams) -> robot.PlantParams:
     return replace(params, friction_scale=0.0)
 
 
@@ -211,7 +211,7 @@ def wave(ticks: int) -> np.ndarray:
     return (WAVE_CNT * np.sin(2 * np.pi * WAVE_HZ * np.arange(ticks)[:, None] * 1e-3)).astype(np.int32)
 
 
-def by_a_stiff_solver(commands: np.ndarray, params: robot.Params, start: Vec) -> np.ndarray:
+def by_a_stiff_solver(commands: np.ndarray, params: robot.PlantParams, start: Vec) -> np.ndarray:
     """Joint positions after each tick, from the equations as written in (m, q), without dry friction."""
     matrix = np.array(transmission.motor_matrix("gold", "r_grasper"))
     signs = np.array(transmission.tau_signs("gold", "r_grasper"))
@@ -265,7 +265,7 @@ def test_halving_the_step_halves_the_distance_to_a_stiff_solver() -> None:
     assert (ratio > 1.7).all() and (ratio < 2.3).all(), ratio
 
 
-def energy(one: Setup, params: robot.Params, out) -> np.ndarray:
+def energy(one: RavenSetup, params: robot.PlantParams, out) -> np.ndarray:
     """Kinetic energy of links and motors and elastic energy of cables (J), in the equation's own metric."""
     motor, arm = params.actuators, np.array(cables.ARMS_M)
 

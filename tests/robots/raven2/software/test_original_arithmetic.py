@@ -21,11 +21,11 @@ from numpy import float32
 from ravenjax.numbers.setup import ORIGINAL
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.geometry import kinematics
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.software.control_software import ControlSoftware
 from ravenjax.robots.raven2.stages import cartesian_control, estimator, motor_control
 
-SETUP = Setup(arms=("gold", "green"), tools=("large_needle",) * 2, precision=ORIGINAL)
+SETUP = RavenSetup(arms=("gold", "green"), tools=("large_needle",) * 2, precision=ORIGINAL)
 STILL, UNIT = ([0.0] * 3,) * 2, ([0.0, 0.0, 0.0, 1.0],) * 2
 HOME = (30 * oracle.DEG, 90 * oracle.DEG, 0.4, 0.0, 0.2, 45 * oracle.DEG, 45 * oracle.DEG)
 

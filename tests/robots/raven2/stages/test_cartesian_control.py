@@ -14,11 +14,11 @@ from printed_python import printed
 from ravenjax.numbers.setup import ORIGINAL
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import cartesian_control as control
 
-SETUP = Setup(arms=("gold", "green"), tools=("r_grasper",) * 2, precision=ORIGINAL)
-FORK = Setup(software="fork2015", tools=("r_grasper_B",), precision=ORIGINAL)
+SETUP = RavenSetup(arms=("gold", "green"), tools=("r_grasper",) * 2, precision=ORIGINAL)
+FORK = RavenSetup(software="fork2015", tools=("r_grasper_B",), precision=ORIGINAL)
 AWAY = HOME_JPOS.replace(4, 0.3).replace(3, 0.4)
 
 
@@ -102,7 +102,7 @@ def test_the_forks_roll_limit_is_a_double_and_the_others_are_float32():
 
 
 def test_the_limits_of_the_first_tool_serve_both_arms():
-    setup = Setup(arms=("gold", "green"), tools=("r_grasper", "bipolar_forceps"), precision=ORIGINAL)
+    setup = RavenSetup(arms=("gold", "green"), tools=("r_grasper", "bipolar_forceps"), precision=ORIGINAL)
     rest = (AWAY.replace(4, math.radians(67)),) * 2  # beyond the forceps' 65 deg, within the grasper's 70
     _, clamped = solve(setup, control.init(setup, rest), tuple(joints(*arm) for arm in rest))
     assert not bool(clamped)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import dac
 
-SETUP = Setup()
+SETUP = RavenSetup()
 NOTHING = Vec.full(7, 0)
 
 
@@ -21,7 +21,7 @@ def counts(arm, tool, torque, enabled=True, setup=SETUP, otherwise=NOTHING):
 def test_counts_of_one_newton_metre():
     assert counts("gold", "r_grasper", 0.5) == [-1847, -1847, -1847, -13664, -13664, 13664, -13664]
     assert counts("green", "large_needle", 0.5) == [1847, 1847, 1847, 13664, 13664, -13664, 13664]
-    fork = Setup(software="fork2015", tools=("r_grasper_B",))
+    fork = RavenSetup(software="fork2015", tools=("r_grasper_B",))
     assert counts("gold", "r_grasper_B", 0.5, setup=fork)[5] == -13664
 
 

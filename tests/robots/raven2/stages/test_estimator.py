@@ -10,11 +10,11 @@ from ravenjax.numbers.setup import ORIGINAL
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import estimator
 
-RAVEN2 = Setup(precision=ORIGINAL)
-FORK = Setup(software="fork2015", tools=("r_grasper_B",), precision=ORIGINAL)
+RAVEN2 = RavenSetup(precision=ORIGINAL)
+FORK = RavenSetup(software="fork2015", tools=("r_grasper_B",), precision=ORIGINAL)
 
 
 @pytest.fixture(autouse=True)
@@ -25,7 +25,7 @@ def _float64():
 
 def run(setup, samples, arm="gold", tool="r_grasper", offset=0):
     """mpos and mvel of joint 2 (insertion) over counts of all joints."""
-    params = estimator.Params(Vec.full(7, np.int32(offset)))
+    params = estimator.EstimatorParams(Vec.full(7, np.int32(offset)))
     state, positions, velocities = estimator.init(setup), [], []
     for count in samples:
         state, mpos, mvel = estimator.step(setup, arm, tool, params, state, Vec.full(7, np.int32(count)))

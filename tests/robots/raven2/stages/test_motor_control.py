@@ -10,11 +10,11 @@ from ravenjax.numbers.setup import ORIGINAL
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import motor_control as control
 
-SETUP = Setup(precision=ORIGINAL)
-FORK = Setup(software="fork2015", tools=("r_grasper_B",), precision=ORIGINAL)
+SETUP = RavenSetup(precision=ORIGINAL)
+FORK = RavenSetup(software="fork2015", tools=("r_grasper_B",), precision=ORIGINAL)
 HOME = Vec(map(np.float32, HOME_JPOS))
 
 

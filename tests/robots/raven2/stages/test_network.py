@@ -8,10 +8,10 @@ import pytest
 
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.console.packet import Packet
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import network
 
-SETUP = Setup()
+SETUP = RavenSetup()
 HIGHEST = 2**32 - 1
 
 

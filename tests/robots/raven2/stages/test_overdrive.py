@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import overdrive
 
-RAVEN2 = Setup(arms=("gold", "green"), tools=("r_grasper",) * 2)
-FORK = Setup(arms=("gold", "green"), tools=("r_grasper_B",) * 2, software="fork2015")
+RAVEN2 = RavenSetup(arms=("gold", "green"), tools=("r_grasper",) * 2)
+FORK = RavenSetup(arms=("gold", "green"), tools=("r_grasper_B",) * 2, software="fork2015")
 
 
 def run(commands, setup=RAVEN2, level=None, policy=1, runlevel=3, state=None):

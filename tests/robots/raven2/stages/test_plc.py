@@ -7,12 +7,12 @@ import jax.numpy as jnp
 import pytest
 
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import plc
 
-SETUP = Setup()
+SETUP = RavenSetup()
 PARAMS = plc.params(SETUP)
-STEP = jax.jit(lambda state, pins, estop, start: plc.step(SETUP, PARAMS, state, plc.Signal(pins, estop, start)))
+STEP = jax.jit(lambda state, pins, estop, start: plc.step(SETUP, PARAMS, state, plc.PlcSignal(pins, estop, start)))
 READY, PEDAL = 1 << 3, 1 << 2
 
 
@@ -22,8 +22,8 @@ def watchdog(tick: int) -> int:
 
 
 def drive(
-    state: plc.State, ticks: int, pins=READY, wave=watchdog, estop: bool = False, start: bool = False, second=None
-) -> tuple[plc.State, list[plc.Out]]:
+    state: plc.PlcState, ticks: int, pins=READY, wave=watchdog, estop: bool = False, start: bool = False, second=None
+) -> tuple[plc.PlcState, list[plc.PlcOutput]]:
     """Ticks of a PLC; `second`: what a second board's byte is where it is not written like the first."""
     outs = []
     for tick in range(ticks):
@@ -111,10 +111,10 @@ def test_pedal_and_ready_count_where_all_boards_say_so(second: int, level: int) 
 
 
 def test_without_auto_start_it_stays_stopped() -> None:
-    params = plc.Params(watchdog_ticks=75, auto_start=0, start_ticks=100)
+    params = plc.PlcParams(watchdog_ticks=75, auto_start=0, start_ticks=100)
     state = plc.init(SETUP, params, run_levels.E_STOP)
     for tick in range(300):
-        told = plc.Signal((jnp.int32(watchdog(tick)),), jnp.bool_(False), jnp.bool_(False))
+        told = plc.PlcSignal((jnp.int32(watchdog(tick)),), jnp.bool_(False), jnp.bool_(False))
         state, out = plc.step(SETUP, params, state, told)
     assert int(out.runlevel) == run_levels.E_STOP
 

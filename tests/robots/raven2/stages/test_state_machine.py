@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ravenjax.numbers.vec import replace
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import state_machine as machine
 
-RAVEN2, FORK = Setup(), Setup(software="fork2015", tools=("r_grasper_B",))
+RAVEN2, FORK = RavenSetup(), RavenSetup(software="fork2015", tools=("r_grasper_B",))
 
 
 def follow(levels, state):

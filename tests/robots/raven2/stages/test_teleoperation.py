@@ -11,12 +11,12 @@ from ravenjax.numbers.setup import ORIGINAL
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import teleoperation as teleop
 
-SETUP = Setup(precision=ORIGINAL)
-FORK = Setup(software="fork2015", tools=("r_grasper_B",), precision=ORIGINAL)
-ABSOLUTE = Setup(software="fork2015", tools=("r_grasper_B",), console="absolute", precision=ORIGINAL)
+SETUP = RavenSetup(precision=ORIGINAL)
+FORK = RavenSetup(software="fork2015", tools=("r_grasper_B",), precision=ORIGINAL)
+ABSOLUTE = RavenSetup(software="fork2015", tools=("r_grasper_B",), console="absolute", precision=ORIGINAL)
 UPRIGHT = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 
 

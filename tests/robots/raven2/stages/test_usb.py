@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import usb
 
-SETUP = Setup(arms=("gold", "green"), tools=("r_grasper",) * 2)
+SETUP = RavenSetup(arms=("gold", "green"), tools=("r_grasper",) * 2)
 
 
 def test_a_failed_read_reuses_that_boards_last_counts_and_pins():

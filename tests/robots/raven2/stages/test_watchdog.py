@@ -6,12 +6,12 @@ import itertools
 
 import numpy as np
 
-from ravenjax.robots.raven2.setup import Setup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import watchdog
 
 
 def wave(ticks, soft_estopped=lambda tick: 0, state=None):
-    state = state or watchdog.init(Setup())
+    state = state or watchdog.init(RavenSetup())
     high = []
     for tick in range(ticks):
         state, pins = watchdog.step(state, np.int32(soft_estopped(tick)), *map(np.int32, (3, 1, 1)))
@@ -37,7 +37,7 @@ def test_the_counter_runs_on_while_soft_e_stopped():
 
 
 def test_bits_of_the_output_byte():
-    state = watchdog.init(Setup())
+    state = watchdog.init(RavenSetup())
     for level, mode, ready, expected in (
         (3, 1, 1, 0b11111),
         (2, 0, 1, 0b11010),
