@@ -153,6 +153,15 @@ def test_the_reference_is_what_the_code_says():
         assert (GENERATED / name).read_text(encoding="utf-8") == text, f"write it anew: {docs_pages.COMMAND}"
 
 
+def test_rooms_of_a_walk_exist_and_are_counted():
+    text = TEXTS["explanation/walk.md"]
+    working, passing = (re.findall(r"^\| `([\w.]+)` \|.*\| (\d+) \|$", part, re.M) for part in text.split("\n## ")[1:3])
+    rooms = working + passing
+    assert all(importlib.util.find_spec(f"ravenjax.{room}") for room, _ in rooms)
+    total = sum(int(visits) for _, visits in rooms)
+    assert f"| now | {len(rooms)} | {len(working)} | {total} |" in text
+
+
 def test_every_page_is_in_the_navigation():
     navigation = (snippets.ROOT / ".mkdocs.yml").read_text(encoding="utf-8")
     for path in sorted(DOCS.rglob("*.md")):
