@@ -14,7 +14,8 @@ from ravenjax.ir.time_loop import Split
 
 _FREE = ("neg", "bitcast", "constant", "input")
 """Operations that become part of others, or none."""
-STAGES = "stages"
+STAGES = frozenset(("stages", "plant"))
+"""Folders of a robot, or of any, whose files are stages."""
 
 
 def stage(eqn: core.JaxprEqn) -> str:
@@ -24,7 +25,7 @@ def stage(eqn: core.JaxprEqn) -> str:
         return ""
     own = [frame for frame in traceback.frames if "ravenjax" in PurePath(frame.file_name).parts]
     own = [frame for frame in own if "engines" not in PurePath(frame.file_name).parts]
-    inside = [frame for frame in own if STAGES in PurePath(frame.file_name).parts]
+    inside = [frame for frame in own if not STAGES.isdisjoint(PurePath(frame.file_name).parts)]
     outermost = (inside or own)[-1:]  # innermost frames come first
     return "".join(f"{PurePath(f.file_name).stem}.{f.function_name}" for f in outermost)
 

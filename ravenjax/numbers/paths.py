@@ -33,12 +33,14 @@ def _entries(node: Any, setup: Setup) -> dict[str, tuple[Any, bool]] | None:
 
 
 def _component_names(length: int, setup: Setup) -> tuple[str, ...]:
-    """Names of the numbers of a vector: of all joints, of an axis each, of the first joints."""
+    """Names of the numbers of a vector: of all joints, of an axis each, of the first joints, else their places."""
     if length == len(setup.joints):
         return setup.joints
     if length == len(_AXES):
         return _AXES
-    return setup.joints[:length] if length < len(setup.joints) else tuple(str(i) for i in range(length))
+    if length in setup.leading_joints:
+        return setup.joints[:length]
+    return tuple(str(i) for i in range(length))
 
 
 def _rebuild(node: Any, entries: dict[str, tuple[Any, bool]], changed: dict[str, Any]) -> Any:
@@ -104,8 +106,8 @@ def plain(path: str, arms: tuple[str, ...], joints: tuple[str, ...]) -> str:
 
 
 def first_component(length: int, joints: tuple[str, ...]) -> str:
-    """Name of the first number of a vector of that length; "" where no vector has it."""
-    return _AXES[0] if length == len(_AXES) else joints[0] if 3 < length <= len(joints) else ""
+    """Name of the first number of a vector of that length; "" where it has none."""
+    return _AXES[0] if length == len(_AXES) else joints[0] if length == len(joints) else ""
 
 
 def named(node: Any, setup: Setup, path: str) -> dict[str, Scalar]:

@@ -70,6 +70,7 @@ class Setup:
     """Everything that picks code, of any robot. Static and hashable: one Setup, one compile."""
 
     joints: ClassVar[tuple[str, ...]] = ()  # of each arm, in order
+    leading_joints: ClassVar[tuple[int, ...]] = ()  # lengths of vectors that are of the first joints only
     arms: tuple[str, ...] = ()  # in mechanism order
     precision: Precision = CAMPAIGN
     link_dynamics: Literal["unrolled", "mjx"] = "unrolled"  # of engine mjx: by mujoco.mjx, where the robot can

@@ -11,6 +11,7 @@ import ravenjax as rj
 from ravenjax.campaign import plan
 from ravenjax.campaign.file import loading
 from ravenjax.errors import UserError
+from ravenjax.robots.raven2.campaign.program import NOISE_KEY
 
 FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "value": [1, 2, 3], "start_ms": 5}
 CAMPAIGN = {"campaign": {"name": "x", "duration_s": 0.02}, "group": [{"name": "a", "fault": [FAULT]}]}
@@ -36,7 +37,7 @@ def test_without_parameters_all_share_one():
 def test_with_noise_every_run_draws_its_own_and_has_a_twin_that_draws_the_same():
     noisy = {**CAMPAIGN, "campaign": {**CAMPAIGN["campaign"], "noise": True}}
     ready = plan.make(rj.load_campaign(noisy))
-    keys = ready.varied[plan.NOISE_KEY]
+    keys = ready.varied[NOISE_KEY]
     assert keys.dtype == np.uint32 and len(set(keys.tolist())) == 3
     assert ready.twin.tolist() == [0, 1, 2]
     assert not np.isin(keys, ready.faults["key"]).any(), "noise and random effects are strangers"

@@ -8,6 +8,7 @@ import ravenjax as rj
 from ravenjax.campaign import plan
 from ravenjax.campaign.file import loading
 from ravenjax.errors import UserError
+from ravenjax.robots.raven2.campaign.hands import operator_bounds, operator_motion
 from ravenjax.robots.raven2.geometry import limits
 from ravenjax.store import manifest
 from ravenjax.store.motion.view import words
@@ -84,14 +85,14 @@ def test_the_robot_is_sent_where_the_tip_was_recorded(hands, scale):
 
 def test_limits_are_those_of_the_campaign(hands):
     config = loading.from_dict(tables(hands), overrides=["limits.insertion_m=[0.3, 0.402]"])
-    bounds = plan.operator_bounds(config)
+    bounds = operator_bounds(config)
     assert (bounds.lower[2], bounds.upper[2]) == (0.3, 0.402)
     with pytest.raises(
         UserError, match=r"insertion of gold would be at 40\d.* soft limits 300.0 to 402.0 mm less 2 mm"
     ):
         plan.make(config)
     fork = loading.from_dict(tables(hands), overrides=["campaign.software=fork2015"])
-    assert plan.operator_bounds(fork).upper[3] == pytest.approx(limits.FORK_ROLL_LIMIT)
+    assert operator_bounds(fork).upper[3] == pytest.approx(limits.FORK_ROLL_LIMIT)
 
 
 def test_a_scale_that_is_varied_is_said_and_checked(hands):
@@ -126,8 +127,8 @@ def test_a_generated_operator_has_no_summary():
 
 def test_a_file_that_changes_is_read_again(hands):
     config = loading.from_dict(tables(hands))
-    before = plan.operator_motion(config)
+    before = operator_motion(config)
     frame = pd.read_csv(hands)
     frame.assign(gold_x_mm=frame["gold_x_mm"] + 1e-3 * frame["t_ms"]).to_csv(hands, index=False)
-    after = plan.operator_motion(config)
+    after = operator_motion(config)
     assert np.abs(after.position_um - before.position_um).max() > 1e3

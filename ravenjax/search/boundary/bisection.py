@@ -33,7 +33,7 @@ class Cells:
 
     case: np.ndarray  # int [cells]
     sign: np.ndarray  # float [cells]
-    told: tuple[dict[str, Any], ...]  # of each cell, what tells it from the others
+    labels: tuple[dict[str, Any], ...]  # of each cell, what tells it from the others
 
     def points(self, cell: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Cells and sizes as case [n] and values [n, 1]."""
@@ -67,19 +67,19 @@ def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) 
         return evaluator(*grid.points(cell, size))[:, 0]
 
     whole = template.whole(grid.case)[:, 0]
-    found = brackets.bracket(harm, within, whole, search.scan, search.sections)
-    sides = _verified(template, search, evaluator, grid, found, out)
-    records = [_record(grid, found, sides, cell) for cell in range(len(grid.case))]
+    bounds = brackets.bracket(harm, within, whole, search.scan, search.sections)
+    sides = _verified(template, search, evaluator, grid, bounds, out)
+    records = [_record(grid, bounds, sides, cell) for cell in range(len(grid.case))]
     numbers = {
         "harm": search.harm,
         "searched": {"name": template.labels[0], "unit": template.unit(0), "low": low, "high": high,
                      "scale": "log" if within.log else "linear", "tolerance": search.tolerance},
-        "along": _along(grid.told),
-        "steps": found.steps,
+        "along": _along(grid.labels),
+        "steps": bounds.steps,
         "scan": search.scan,
         "cells": records,
-        "exponents": _exponents(records, _along(grid.told)),
-        "verified": {"cells": int(np.count_nonzero(found.state == CROSSING)), "runs": len(sides), "folder": FOLDER},
+        "exponents": _exponents(records, _along(grid.labels)),
+        "verified": {"cells": int(np.count_nonzero(bounds.state == CROSSING)), "runs": len(sides), "folder": FOLDER},
     }  # fmt: skip
     return SearchFindings(numbers, tuple(sentences(numbers)), tuple(tables(numbers)), _figures(numbers))
 
@@ -119,7 +119,7 @@ def _verified(
 
 def _record(grid: Cells, found: Brackets, sides: pd.DataFrame, cell: int) -> dict[str, Any]:
     record: dict[str, Any] = {
-        "cell": grid.told[cell],
+        "cell": grid.labels[cell],
         "state": str(found.state[cell]),
         "harmless": grid.sign[cell] * found.low[cell],
         "harmful": grid.sign[cell] * found.high[cell],

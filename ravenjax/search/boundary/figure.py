@@ -32,21 +32,21 @@ def draw(numbers: dict[str, Any]) -> Figure:
     kinds = list(dict.fromkeys(tuple(record["cell"][name] for name in lines) for record in cells))
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(2.6 + 2.7 * len(panels), 3.6), layout="constrained")
-        drawn = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
-        for axes, value in zip(drawn, panels, strict=True):
-            shown = [record for record in cells if panel is None or record["cell"][panel] == value]
+        panes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+        for axes, value in zip(panes, panels, strict=True):
+            part = [record for record in cells if panel is None or record["cell"][panel] == value]
             for kind, colour, marker in zip(kinds, itertools.cycle(COLOURS), itertools.cycle(MARKERS), strict=False):
-                line = [r for r in shown if tuple(r["cell"][name] for name in lines) == kind]
+                line = [r for r in part if tuple(r["cell"][name] for name in lines) == kind]
                 _line(axes, line, along, searched, colour, marker, words(dict(zip(lines, kind, strict=True))))
-            _scales(axes, along, searched, shown)
+            _scales(axes, along, searched, part)
             if value is not None:
                 axes.set_title(f"{short(panel or '').partition(',')[0]} {value}")
         if along and along.endswith("duration_ms") and searched["scale"] == "log":
-            _impulse(drawn, cells, along)
+            _impulse(panes, cells, along)
         unit = f", {searched['unit']}" if searched["unit"] else ""
-        drawn[0].set_ylabel(f"smallest harmful {short(searched['name']).partition(',')[0]}{unit}")
-        _explain(drawn[0], cells)
-        handles, labels = drawn[0].get_legend_handles_labels()
+        panes[0].set_ylabel(f"smallest harmful {short(searched['name']).partition(',')[0]}{unit}")
+        _explain(panes[0], cells)
+        handles, labels = panes[0].get_legend_handles_labels()
         if any(labels):
             figure.legend(handles, labels, loc="outside right upper")
         figure.suptitle(f"harm: {numbers['harm']}", x=0.01, ha="left", fontsize=10, fontweight="bold")

@@ -44,12 +44,12 @@ def find(template: Template, search: Sobol | Morris, evaluator: Evaluator) -> Se
     unit, analyse = _design(search, len(template.inputs), template.config.campaign.seed)
     points = len(unit)
     case = np.repeat(np.arange(template.cases), points)
-    found = evaluator(case, template.values(case, np.tile(unit, (template.cases, 1))))
+    outcomes = evaluator(case, template.values(case, np.tile(unit, (template.cases, 1))))
     wanted = [outcome.parse(text) for text in search.outcomes]
     records = []
     for c in range(template.cases):
         for o, one in enumerate(wanted):
-            values = found[c * points : (c + 1) * points, o]
+            values = outcomes[c * points : (c + 1) * points, o]
             records.append({"case": template.case(c), "outcome": str(one), "unit": one.unit} | _of(values, analyse))
     numbers = {
         "method": search.kind,
@@ -104,8 +104,8 @@ def _bounded(found: Any) -> dict[str, np.ndarray]:
 
 def _sentences(numbers: dict[str, Any]) -> Iterator[str]:
     names = [short(one["name"]) for one in numbers["inputs"]]
-    drawn = "; ".join(f"{name}: {_told(one)}" for name, one in zip(names, numbers["inputs"], strict=True))
-    yield f"Inputs, independent of each other: {drawn}."
+    inputs = "; ".join(f"{name}: {_told(one)}" for name, one in zip(names, numbers["inputs"], strict=True))
+    yield f"Inputs, independent of each other: {inputs}."
     yield f"{numbers['points']} points, the same ones in every case and for every outcome; n is that of each row."
     leading = "ST" if numbers["method"] == "sobol" else "mu_star"
     for record in numbers["results"]:

@@ -32,17 +32,17 @@ def draw(numbers: dict[str, Any]) -> Figure:
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(1.8 + 2.9 * max(1, len(outcomes)), height), layout="constrained")
         shared = numbers["method"] == "sobol"  # all indices lie between 0 and 1, effects have units of their own
-        drawn = figure.subplots(max(1, len(cases)), max(1, len(outcomes)), sharex=shared, sharey=shared, squeeze=False)
-        for axes in drawn.reshape(-1):
+        panes = figure.subplots(max(1, len(cases)), max(1, len(outcomes)), sharex=shared, sharey=shared, squeeze=False)
+        for axes in panes.reshape(-1):
             axes.set_visible(False)
         for record in records:
-            axes = drawn[cases.index(words(record["case"])), outcomes.index(record["outcome"])]
+            axes = panes[cases.index(words(record["case"])), outcomes.index(record["outcome"])]
             axes.set_visible(True)
             panel(axes, record["indices"], names)
             where = f"\n{words(record['case'])}" if record["case"] else ""
             axes.set_title(f"{record['outcome']}{where}", fontsize=8.5)
         if records and numbers["method"] == "sobol":
-            handles, labels = drawn[0, 0].get_legend_handles_labels()
+            handles, labels = panes[0, 0].get_legend_handles_labels()
             figure.legend(handles, labels, loc="outside lower right", ncols=2)
     return figure
 

@@ -119,8 +119,8 @@ def _reached(found: RareEvent, sampled: np.ndarray, search: Rare) -> list[dict[s
 
 
 def _sentences(numbers: dict[str, Any]) -> Iterator[str]:
-    drawn = "; ".join(f"{short(one['name'])}: {_told(one)}" for one in numbers["inputs"])
-    yield f"Event: `{numbers['event']}`. Inputs, independent of each other: {drawn}."
+    inputs = "; ".join(f"{short(one['name'])}: {_told(one)}" for one in numbers["inputs"])
+    yield f"Event: `{numbers['event']}`. Inputs, independent of each other: {inputs}."
     for record in numbers["results"]:
         where = f"{words(record['case'])}: " if record["case"] else ""
         level, plain = record["subset"], record["monte_carlo"]

@@ -103,13 +103,13 @@ def variants() -> tuple[Variant, ...]:
 def compare(context: Context) -> Findings:
     """Published counts beside the predicted ones, and what each open question is worth."""
     published = literature.read("dsn16")
-    found = {v.name: v for v in variants() if v.name in context.folders}
+    computed = {v.name: v for v in variants() if v.name in context.folders}
     trained = [v.name for v in detection.TRAINING]
-    runs = {name: dsn16_runs.read(name, context.folders[name]) for name in found if name not in trained}
+    runs = {name: dsn16_runs.read(name, context.folders[name]) for name in computed if name not in trained}
     base = runs[BASELINE]
     jumps, stops = (_counts(published, what) for what in ("jump", "estop"))
     bands = [published.band(f"b.jump.{d}ms") for d in DURATIONS]
-    cases = [VariantCase(one, found[name].question) for name, one in runs.items() if name != BASELINE]
+    cases = [VariantCase(one, computed[name].question) for name, one in runs.items() if name != BASELINE]
     levels = detection.thresholds(detection.learn(context.folders))
     watched = detection.watch(context.folders[BASELINE], base, levels)
     rules = sensitivity.rules(base, watched.leaps)

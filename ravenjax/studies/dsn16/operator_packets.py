@@ -62,21 +62,21 @@ def variants() -> tuple[Variant, ...]:
 
 def compare(context: Context) -> Findings:
     """What is predicted by displacement and duration, and what each open question is worth."""
-    found = {v.name: v for v in variants() if v.name in context.folders}
+    computed = {v.name: v for v in variants() if v.name in context.folders}
     trained = [v.name for v in detection.TRAINING]
-    runs = {name: dsn16_runs.read(name, context.folders[name]) for name in found if name not in trained}
+    runs = {name: dsn16_runs.read(name, context.folders[name]) for name in computed if name not in trained}
     base = runs[BASELINE]
-    cases = [VariantCase(one, found[name].question) for name, one in runs.items() if name != BASELINE]
+    cases = [VariantCase(one, computed[name].question) for name, one in runs.items() if name != BASELINE]
     levels = detection.thresholds(detection.learn(context.folders))
     watched = detection.watch(context.folders[BASELINE], base, levels)
-    shown = [base, *(runs[name] for name in (DRIFT,) if name in runs)]
-    lines = [line for one in shown for hit in OUTCOMES for line in _rates(one, hit)]
-    lines += [_overall(one, hit) for one in shown for hit in OUTCOMES]
+    main = [base, *(runs[name] for name in (DRIFT,) if name in runs)]
+    lines = [line for one in main for hit in OUTCOMES for line in _rates(one, hit)]
+    lines += [_overall(one, hit) for one in main for hit in OUTCOMES]
     lines += statements.of_attack(base)
     rules = sensitivity.rules(base, watched.leaps)
     own = VariantCase(base, "", label=BASELINE)
     tables = (
-        *(_by_displacement(one, hit) for one in shown for hit in OUTCOMES),
+        *(_by_displacement(one, hit) for one in main for hit in OUTCOMES),
         sensitivity.table(
             "P(jump), %, by duration: what each open question is worth",
             [own, *rules, *cases],
@@ -91,7 +91,7 @@ def compare(context: Context) -> Findings:
         ),
         detection.table(base, watched, "Detectors, predicted blind"),
     )
-    return Findings(tuple(lines), tables, _drawings(runs, shown), _notes(base, runs, cases))
+    return Findings(tuple(lines), tables, _drawings(runs, main), _notes(base, runs, cases))
 
 
 def _rates(runs: VariantRuns, hit: str) -> Iterator[Line]:

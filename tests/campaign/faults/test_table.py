@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from ravenjax import robots
 from ravenjax.campaign.faults import design, table
 from ravenjax.campaign.file import loading
 from ravenjax.robots.raven2.sites import SITES
@@ -65,7 +66,7 @@ def runs():
 
 
 def test_injection_is_the_union_in_canonical_order(runs):
-    injection = table.injection(runs)
+    injection = table.injection(runs, robots.USUAL)
     assert injection.slots == 2
     assert [use.site for use in injection.sites] == [s for s in SITES if s in ("network", "tau_d", "usb_out", "brake")]
     by_site = {use.site: use for use in injection.sites}
@@ -78,19 +79,19 @@ def test_injection_is_the_union_in_canonical_order(runs):
 
 
 def test_injection_does_not_depend_on_the_order_of_rows(runs):
-    assert table.injection(runs.sample(frac=1.0, random_state=3)) == table.injection(runs)
+    assert table.injection(runs.sample(frac=1.0, random_state=3), robots.USUAL) == table.injection(runs, robots.USUAL)
 
 
 def test_no_faults_need_no_machinery():
     free = design.expand(loading.from_dict({**CONFIG, "group": [{"name": "free"}]}))
-    injection = table.injection(free)
+    injection = table.injection(free, robots.USUAL)
     assert injection.slots == 0 and injection.sites == ()
     assert table.arrays(free, injection)["code"].shape == (1, 0)
 
 
 def test_arrays_say_what_the_table_says(runs):
     """Each entry read back through the code book is the row it came from."""
-    injection = table.injection(runs)
+    injection = table.injection(runs, robots.USUAL)
     targets, arrays = table.targets(injection), table.arrays(runs, injection)
     for row, record in enumerate(runs.to_dict("records")):
         for slot in range(2):
@@ -113,7 +114,7 @@ def test_arrays_say_what_the_table_says(runs):
 
 
 def test_network_effects_are_overwrites(runs):
-    injection = table.injection(runs)
+    injection = table.injection(runs, robots.USUAL)
     net = runs[runs["group"] == "net"]
     arrays, targets = table.arrays(net, injection), table.targets(injection)
     assert [targets[code - 1][2] for code in arrays["code"][:, 0]] == ["lost", "lag", "delay"]
@@ -122,14 +123,14 @@ def test_network_effects_are_overwrites(runs):
 
 
 def test_types(runs):
-    arrays = table.arrays(runs, table.injection(runs))
+    arrays = table.arrays(runs, table.injection(runs, robots.USUAL))
     assert arrays.pop("value").dtype == np.float32
     assert arrays.pop("key").dtype == np.uint32
     assert {values.dtype.name for values in arrays.values()} == {"int32"}
 
 
 def test_keys_belong_to_run_and_slot_not_to_the_place(runs):
-    injection = table.injection(runs)
+    injection = table.injection(runs, robots.USUAL)
     keys = table.arrays(runs, injection)["key"]
     assert len(set(keys.ravel().tolist())) == keys.size
     backwards = table.arrays(runs.iloc[::-1], injection)["key"]
@@ -138,7 +139,7 @@ def test_keys_belong_to_run_and_slot_not_to_the_place(runs):
 
 def test_rows_of_a_part_are_those_of_the_whole(runs):
     """Whatever rows are taken together, each has the same entries."""
-    injection = table.injection(runs)
+    injection = table.injection(runs, robots.USUAL)
     whole, part = table.arrays(runs, injection), table.arrays(runs.iloc[5:9], injection)
     assert all((part[name] == values[5:9]).all() for name, values in whole.items())
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+from ravenjax import robots
 from ravenjax.bundled import resources
 from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.config import CampaignConfig
@@ -19,7 +20,7 @@ def sections() -> dict[str, dict[str, list[str]]]:
     """Heading -> first cell of each row -> its cells."""
     tables: dict[str, dict[str, list[str]]] = {}
     title = ""
-    for line in reference.page().splitlines():
+    for line in reference.page(robots.USUAL).splitlines():
         if line.startswith("## "):
             title = line.removeprefix("## ")
         elif line.startswith("| ") and "---" not in line:
@@ -30,7 +31,7 @@ def sections() -> dict[str, dict[str, list[str]]]:
 
 def test_the_page_in_the_repository_is_the_one_that_is_written_now():
     file = resources.bundled("campaigns", "*.toml")[0].with_name("REFERENCE.md")
-    assert file.read_text(encoding="utf-8") == reference.page(), f"write it anew: {reference.COMMAND}"
+    assert file.read_text(encoding="utf-8") == reference.page(robots.USUAL), f"write it anew: {reference.COMMAND}"
 
 
 def test_every_key_of_every_table_has_a_meaning():

@@ -18,6 +18,7 @@ from ravenjax.engines.interface import Block
 from ravenjax.engines.xla import engine as scan
 from ravenjax.engines.xla.engine import LANE_MULTIPLE, ScanEngine, ScanKernel
 from ravenjax.numbers.setup import REFERENCE
+from ravenjax.robots.raven2.campaign import hands
 
 compile_cache.enable()
 
@@ -52,7 +53,7 @@ def campaign(ticks, friction=1.0):
 def planned(ticks, **options):
     """The plan of `campaign` and its motion from PEDAL_ROWS on."""
     ready = plan.make(rj.load_campaign(campaign(ticks)), **options)
-    longer = plan.operator_motion(rj.load_campaign(campaign(ticks + PEDAL_ROWS)))
+    longer = hands.operator_motion(rj.load_campaign(campaign(ticks + PEDAL_ROWS)))
     return ready, tuple(np.ascontiguousarray(column[PEDAL_ROWS:]) for column in longer.table().T)
 
 

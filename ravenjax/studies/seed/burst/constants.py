@@ -97,10 +97,10 @@ def compare(context: Context) -> Findings:
 def _measured(context: Context) -> dict[str, dict[Motion, list[BurstRun]]]:
     """Runs by setting and motion, the modelled one first; the events of the first motion keep their series."""
     recorder = Recorder()
-    found = {MODELLED: {m: _runs(recorder, context, variant(m), m == MOTIONS[0]) for m in MOTIONS}}
+    by_setting = {MODELLED: {m: _runs(recorder, context, variant(m), m == MOTIONS[0]) for m in MOTIONS}}
     for name, (motions, _, _) in SETTINGS.items():
-        found[name] = {m: _runs(recorder, context, variant(m, name), drawn=False) for m in motions}
-    return found
+        by_setting[name] = {m: _runs(recorder, context, variant(m, name), drawn=False) for m in motions}
+    return by_setting
 
 
 def _runs(recorder: Recorder, context: Context, name: str, drawn: bool) -> list[BurstRun]:

@@ -48,7 +48,7 @@ def _events(figure: Any, runs: Sequence[BurstRun], published: Published) -> None
     scale, colours = Normalize(-SHOWN, SHOWN), colormaps["coolwarm"]
     for number, column in enumerate(rows.T):
         for one in sorted(runs, key=lambda one: -abs(one.value)):
-            if number < len(one.events) and (curves := one.events[number].drawn) is not None:
+            if number < len(one.events) and (curves := one.events[number].curves) is not None:
                 for axes, series in zip(column, (curves.shoulder_deg, curves.error_mm, curves.force), strict=True):
                     axes.plot(curves.time_s, series, color=colours(scale(one.value)), lw=0.7)
         for axes in column:

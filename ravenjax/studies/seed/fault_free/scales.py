@@ -106,14 +106,14 @@ def compare(context: Context) -> Findings:
 def _measured(context: Context) -> dict[str, Setting]:
     """Settings by name, the modelled one first, those of the campaign's groups before those of campaigns."""
     recorder = Recorder()
-    found: dict[str, dict[Motion, dict[float, RunSegment]]] = {}
+    by_setting: dict[str, dict[Motion, dict[float, RunSegment]]] = {}
     for motion in MOTIONS:
         for one in recorder.measure(context.folders[variant(motion)], segment):
-            found.setdefault(one.group, {}).setdefault(motion, {})[one.scale] = one
+            by_setting.setdefault(one.group, {}).setdefault(motion, {})[one.scale] = one
     for name in SETTINGS:
         segments = recorder.measure(context.folders[variant(MOTIONS[0], name)], segment)
-        found[name] = {MOTIONS[0]: {one.scale: one for one in segments}}
-    return {name: Setting(name, segments) for name, segments in found.items()}
+        by_setting[name] = {MOTIONS[0]: {one.scale: one for one in segments}}
+    return {name: Setting(name, segments) for name, segments in by_setting.items()}
 
 
 def _inside(settings: Mapping[str, Setting], band: tuple[float, float]) -> list[str]:
