@@ -16,7 +16,7 @@ class Definition(NamedTuple):
     meaning: str
 
 
-def rows(rules: Rules) -> list[Definition]:
+def rows(rules: Rules, live: str) -> list[Definition]:
     """Every word, responses first, each kind from the strongest to the weakest."""
     limit, threshold = f"{rules.limit_mm:g} mm", f"{rules.threshold_mm:g} mm"
     return [
@@ -46,7 +46,7 @@ def rows(rules: Rules) -> list[Definition]:
         Definition("hazard", "none", "None of these. A run with several hazards counts under the first."),
         Definition("cue", "cue", f"The {threshold} haptic cue came, and the golden run had none by then."),
         Definition("other", "golden run", "The same operation, robot and random numbers without the fault."),
-        Definition("other", "live", "Run level pedal-down without a software E-stop."),
+        Definition("other", "live", f"{live[:1].upper()}{live[1:]}."),
         Definition(
             "other",
             "evades",

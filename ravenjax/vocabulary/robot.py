@@ -32,6 +32,7 @@ class Robot:
     layers: Mapping[str, str]  # code of a site's layer -> its name, in order
     checks: Mapping[str, Check]  # in the order of its loop
     run_levels: tuple[str, ...]  # by number
+    live: str  # when the robot should do what the operator asks for: continues "while"
     noise: tuple[str, ...] = ()  # parameters: the sizes of what `[campaign] noise` draws
     packet_cycles: str = ""  # parameter: how many milliseconds a packet of the console lasts
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ravenjax import robots
 from ravenjax.outcomes import definitions, events, verdict
 from ravenjax.outcomes.events import Rules
 
@@ -12,7 +13,9 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 def table() -> str:
     """The table of definitions as the page has it."""
-    return "\n".join(f"| **{one.word}** ({one.kind}) | {one.meaning} |" for one in definitions.rows(Rules()))
+    return "\n".join(
+        f"| **{one.word}** ({one.kind}) | {one.meaning} |" for one in definitions.rows(Rules(), robots.USUAL.live)
+    )
 
 
 def test_the_page_holds_every_definition_and_event():

@@ -10,8 +10,8 @@ import numpy as np
 from ravenjax.campaign.prepared import Prepared
 from ravenjax.faults import fault, window
 from ravenjax.faults.injector import Injector
-from ravenjax.numbers import setup as numbers
 from ravenjax.numbers.quantity import Quantity
+from ravenjax.numbers.setup import Setup as AnySetup
 from ravenjax.numbers.setup import real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
 from ravenjax.stages import check, haptics, monitor
@@ -19,8 +19,7 @@ from ravenjax.vocabulary.checks import Check
 from ravenjax.vocabulary.robot import Robot
 from ravenjax.vocabulary.sites import ARM, Channel, Site
 
-JOINTS = ("shoulder", "elbow")
-LINK_M = 0.3
+JOINTS, LINK_M = ("shoulder", "elbow"), 0.3
 
 
 def _site(name: str, layer: str, unit: str, where: str) -> Site:
@@ -41,12 +40,11 @@ ROBOT = Robot(
     layers={"L1": "encoders", "L2": "motors"},
     checks={"torque_limit": Check("torque_limit", "N m", "torque beyond its limit, stops", "stop")},
     run_levels=("stopped", "running"),
+    live="the check has not stopped the arm",
 )
 
 
-class Setup(numbers.Setup):
-    """What picks code."""
-
+class Setup(AnySetup):
     joints = JOINTS
 
 

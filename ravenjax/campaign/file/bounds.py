@@ -19,7 +19,7 @@ TAIL = 7.04
 @functools.cache
 def rows(robot: Robot) -> tuple[tuple[str, Quantity], ...]:
     """(path as `plain` gives it, what it may be) of each parameter, in order; two where joints are unlike."""
-    return tuple(quantity.quantities(robot.part("loop.tick").TickParams))
+    return tuple(quantity.quantities(robot.part("campaign").Params))
 
 
 @functools.cache
@@ -31,7 +31,7 @@ def names(robot: Robot) -> frozenset[str]:
 @functools.cache
 def _reserved(robot: Robot) -> tuple[tuple[str, str], ...]:
     """(path, why) of parameters, or all that begin so, that a campaign must leave alone; longer paths first."""
-    rows_of = quantity.reserved(robot.part("loop.tick").TickParams)
+    rows_of = quantity.reserved(robot.part("campaign").Params)
     return tuple(sorted(rows_of, key=lambda row: len(row[0]), reverse=True))
 
 

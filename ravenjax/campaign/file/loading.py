@@ -185,8 +185,10 @@ def _shared(one: Sequence[str], other: Sequence[str]) -> int:
 def tables_of(model: type[BaseModel], path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], type[BaseModel]]]:
     """(path of the table, its model) of every table of a file, in order, the file itself first."""
     yield path, model
-    for name, field in model.model_fields.items():
-        for inner in _models(field.annotation):
+    own = [name for name in model.model_fields if not path and name not in CampaignConfig.model_fields]
+    # a robot's own tables stand where the file has them: after [campaign]
+    for name in sorted(model.model_fields, key=lambda name: 0 if name == "campaign" else 1 if name in own else 2):
+        for inner in _models(model.model_fields[name].annotation):
             if inner is not Axis:
                 yield from tables_of(inner, (*path, name))
 

@@ -33,6 +33,7 @@ ROBOT = Robot(
     layers=LAYERS,
     checks=CHECKS,
     run_levels=run_levels.NAMES,
+    live="run level pedal-down without a software E-stop",
     noise=("plant.encoder_noise", "plant.torque_noise"),
     packet_cycles="network.cycles_per_packet",
 )

@@ -11,6 +11,7 @@ from typing import Any
 from ravenjax.errors import StoreError
 from ravenjax.outcomes import definitions
 from ravenjax.outcomes.events import Rules
+from ravenjax.robots.raven2 import ROBOT
 from ravenjax.store.files import write_aside
 from ravenjax.store.logs.session import description
 from ravenjax.trainer.debrief import figures, html, words
@@ -105,7 +106,7 @@ def _definitions(threshold_mm: float | None, limit_mm: float | None, blinded: bo
     """The words of outcomes with the session's own numbers; none where it does not name them."""
     if threshold_mm is None or limit_mm is None:
         return []
-    rows = definitions.rows(Rules(threshold_mm=threshold_mm, limit_mm=limit_mm))
+    rows = definitions.rows(Rules(threshold_mm=threshold_mm, limit_mm=limit_mm), ROBOT.live)
     return [one for one in rows if one.word != "evades" and not (blinded and one.kind == "cue")]
 
 

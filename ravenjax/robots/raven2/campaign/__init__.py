@@ -3,5 +3,6 @@
 from ravenjax.robots.raven2.campaign.config import RavenConfig as Config
 from ravenjax.robots.raven2.campaign.program import prepare
 from ravenjax.robots.raven2.campaign.series import bases, series
+from ravenjax.robots.raven2.loop.tick import TickParams as Params
 
-__all__ = ["Config", "bases", "prepare", "series"]
+__all__ = ["Config", "Params", "bases", "prepare", "series"]

@@ -27,6 +27,9 @@ class RavenCampaign(Campaign):
     """[campaign]: what holds for every run."""
 
     arms: tuple[ArmName, ...] = Field(default=("gold",), min_length=1, max_length=2, description="arms, gold first")
+    noise: bool = Field(
+        default=False, description="draw noise of the sizes plant.encoder_noise and plant.torque_noise, anew each run"
+    )
     software: Literal["raven2", "fork2015"] = Field(
         default="raven2", description="control software: present raven2, or the 2015 fork"
     )
