@@ -10,16 +10,33 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from ravenjax.engines.cpu import jit
+
 settings.register_profile("ravenjax", deadline=None)  # the first example of a traced function pays for compiling it
 settings.load_profile("ravenjax")
 
 ROOT = Path(__file__).resolve().parent.parent
+LEVEL = jit._OPTIMISATION
+
+
+def pytest_configure(config):
+    """Fast tests run their kernels for milliseconds: machine code of the same bits made in a fifth of the time."""
+    if config.option.markexpr == "not slow":
+        jit._OPTIMISATION = 0
 
 
 def pytest_collection_finish():
     """What was imported lives as long as the process: no garbage collection looks through it again."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(scope="module")
+def usual_code():
+    """Machine code as users get it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(jit, "_OPTIMISATION", LEVEL)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -23,6 +23,7 @@ import pytest
 import snippets
 
 from ravenjax.campaign.inspection import json_schema as campaigns
+from ravenjax.robots.raven2 import ROBOT
 from ravenjax.search.file import json_schema as searches
 from ravenjax.trainer.scenario import json_schema as scenarios
 
@@ -93,10 +94,12 @@ def test_files_are_valid(page, snippet, tmp_path):
     assert snippet.title, "name the file: ```toml title=..."
     raw = tomllib.loads(snippet.text)
     if "search" in raw:
-        schema, load = searches.schema(), search_loading.from_dict
+        schema, load = searches.schema(ROBOT), search_loading.from_dict
     else:
         schema, load = (
-            (campaigns.schema(), loading.from_dict) if "campaign" in raw else (scenarios.schema(), scenario.from_dict)
+            (campaigns.schema(ROBOT), loading.from_dict)
+            if "campaign" in raw
+            else (scenarios.schema(), scenario.from_dict)
         )
     jsonschema.Draft202012Validator(schema).validate(raw)
     load(raw)

@@ -14,7 +14,7 @@ from ravenjax.ir.time_loop import Split
 
 _FREE = ("neg", "bitcast", "constant", "input")
 """Operations that become part of others, or none."""
-STAGES = frozenset(("stages", "plant"))
+STAGES = frozenset(("stages", "plant", "console"))
 """Folders of a robot, or of any, whose files are stages."""
 
 

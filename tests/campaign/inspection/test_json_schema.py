@@ -13,11 +13,12 @@ import pytest
 from ravenjax.bundled import resources
 from ravenjax.campaign.inspection import json_schema as campaigns
 from ravenjax.cli import main
+from ravenjax.robots.raven2 import ROBOT
 from ravenjax.search.file import json_schema as searches
 from ravenjax.trainer.scenario import json_schema as scenarios
 
 FOLDERS = {"campaign": "campaigns", "search": "campaigns/searches", "scenario": "campaigns/training"}
-SCHEMAS = {"campaign": campaigns.schema(), "search": searches.schema(), "scenario": scenarios.schema()}
+SCHEMAS = {"campaign": campaigns.schema(ROBOT), "search": searches.schema(ROBOT), "scenario": scenarios.schema()}
 FILES = [(kind, path) for kind, folder in FOLDERS.items() for path in resources.bundled(folder, "*.toml")]
 
 CAMPAIGN = """
@@ -124,7 +125,7 @@ def test_the_command_prints_and_writes_it(kind, tmp_path, capsys):
 
 
 def test_each_call_makes_its_own():
-    first = campaigns.schema()
+    first = campaigns.schema(ROBOT)
     kept = copy.deepcopy(first)
-    searches.schema()
-    assert first == kept and "search" not in campaigns.schema()["properties"]
+    searches.schema(ROBOT)
+    assert first == kept and "search" not in campaigns.schema(ROBOT)["properties"]
