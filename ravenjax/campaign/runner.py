@@ -170,6 +170,7 @@ def _manifest(ready: Plan, engine: Engine) -> manifest.Manifest:
         verdict_cue=config.outcomes.cue,
         verdict_jump=f"jump_{config.outcomes.jump}",
         limit_mm=config.outcomes.limit_mm,
+        code_hash=manifest.code_hash(config.robot),
         engine=engine.name,
         device=f"{engine.device} ({'+'.join(setup.arms)})",
     )

@@ -50,7 +50,7 @@ def trace(
         console.note(f"{len(ranked)} runs of {folder} are a case of {ranking.RANKINGS[by].meaning}")
     place = out or folder / "traces"
     files.require_writable(place)
-    if record.code_hash != manifest.code_hash():
+    if record.code_hash != manifest.code_hash(record.robot):
         console.note(f"{folder} was computed by another version of the code; a run may come out otherwise")
     runs = run_ids or tuple(run.run_id for run in ranked)
     records = []
@@ -110,7 +110,7 @@ def _metadata(record: Manifest, again: Replay) -> dict[str, str]:
         "cue_threshold_mm": record.rules.threshold_mm,
         "engine": again.engine,
         "version": manifest.package_versions()["ravenjax"],
-        "code_hash": manifest.code_hash(),
+        "code_hash": manifest.code_hash(record.robot),
         "campaign_engine": f"{record.engine} on {record.device}",
         "campaign_version": record.versions.get("ravenjax", ""),
         "campaign_code_hash": record.code_hash,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import importlib.util
 import json
 import platform
 from datetime import UTC, datetime
@@ -304,15 +305,28 @@ def package_versions() -> dict[str, str]:
 
 
 @functools.cache
-def code_hash() -> str:
-    """sha256 over the Python files that can decide an outcome, names included, as they were when first asked for."""
+def code_hash(robot: Robot = robots.USUAL) -> str:
+    """sha256 over the Python files that can decide an outcome, names included, as they were when first asked for.
+
+    Those of a robot that lives outside this package count, too.
+    """
     package = Path(__file__).resolve().parents[1]
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
         name = path.relative_to(package)
         if not any(name.is_relative_to(reader) for reader in _READERS):
             digest.update(name.as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    for path in _own_files(robot, package):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
+
+
+def _own_files(robot: Robot, package: Path) -> list[Path]:
+    """Python files of a robot's module, or of its package, where it is not one of ours."""
+    spec = importlib.util.find_spec(robot.package)
+    if spec is None or spec.origin is None or Path(spec.origin).resolve().is_relative_to(package):
+        return []
+    return sorted(Path(spec.origin).parent.rglob("*.py")) if spec.submodule_search_locations else [Path(spec.origin)]
 
 
 def lock_hash() -> str:

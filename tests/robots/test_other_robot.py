@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+from pathlib import Path
+
 import numpy as np
 import planar_arm
 import pytest
@@ -10,6 +13,7 @@ import ravenjax as rj
 from ravenjax import robots
 from ravenjax.cli import main
 from ravenjax.errors import UserError
+from ravenjax.store import manifest
 
 FILE = """
 [campaign]
@@ -151,3 +155,15 @@ def test_a_module_without_a_robot_is_named():
     with pytest.raises(UserError, match="declares no ROBOT"):
         robots.find("json")
     assert robots.find("raven2") is robots.USUAL
+
+
+def test_the_code_of_a_robot_of_ones_own_counts(tmp_path, monkeypatch):
+    """Results of one version are not continued by another."""
+    source = tmp_path / "own_arm.py"
+    text = Path(planar_arm.__file__).read_text()
+    monkeypatch.syspath_prepend(tmp_path)
+    hashes = set()
+    for kp in ("40.0", "41.0"):
+        source.write_text(text.replace("Params(40.0", f"Params({kp}"))
+        hashes.add(manifest.code_hash(dataclasses.replace(planar_arm.ROBOT, package="own_arm")))
+    assert len(hashes | {manifest.code_hash()}) == 3

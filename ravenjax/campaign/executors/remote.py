@@ -57,7 +57,7 @@ def head(work: Work[Any], chunks: Sequence[range]) -> Head:
         device=work.engine.device,
         pack=work.pack,
         chunk=max(map(len, chunks)),
-        code_hash=manifest.code_hash(),
+        code_hash=manifest.code_hash(work.ready.config.robot),
         versions=manifest.package_versions(),
     )
 
@@ -108,7 +108,9 @@ def _with(ready: Plan, rows: Share) -> Plan:
 
 
 def _require_same(given: Head, device: str) -> None:
-    here = {"code": manifest.code_hash()[:16], "device": _kinds(device)} | dict(manifest.package_versions())
+    here = {"code": manifest.code_hash(given.ready.config.robot)[:16], "device": _kinds(device)} | dict(
+        manifest.package_versions()
+    )
     there = {"code": given.code_hash[:16], "device": _kinds(given.device)} | dict(given.versions)
     other = [
         f"{name}: {here.get(name)} there, {there.get(name)} at the coordinator"

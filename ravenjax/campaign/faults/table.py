@@ -28,7 +28,7 @@ ARRAYS = {
     "period": np.int32,
     "key": np.uint32,
 }
-"""The numbers of a fault, as `stages.faults.fault.FaultSlot` has them."""
+"""The numbers of a fault, as `faults.fault.FaultSlot` has them."""
 
 SHARED = "shared_id"
 """Column of a fault table with crossed parameters: the id of the first of the runs that differ in those alone."""

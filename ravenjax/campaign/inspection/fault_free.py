@@ -75,7 +75,7 @@ def _require(record: Manifest, hours: float) -> None:
     operator = record.config["operator"]
     if not (math.isfinite(hours) and hours > 0):
         raise UserError(f"HOURS is {hours:g}, expected a number above 0, such as 7.4")
-    if record.code_hash != manifest.code_hash():
+    if record.code_hash != manifest.code_hash(record.robot):
         raise UserError(
             "the result was computed by another version of the code, whose false cues may be others; "
             "run the campaign anew into another folder first"

@@ -179,7 +179,7 @@ def _other(record: Manifest, ready: Plan, engine: Engine) -> list[str]:
         for words, differs in (
             (f"engine {record.engine} then", engine.name != record.engine),
             (f"device {record.device} then", device not in record.device.split("; ")),
-            ("another version of the code", manifest.code_hash() != record.code_hash),
+            ("another version of the code", manifest.code_hash(record.robot) != record.code_hash),
             ("other package versions", manifest.package_versions() != record.versions),
         )
         if differs

@@ -44,7 +44,7 @@ def trace_plot(
 ) -> Path:
     """Draw the time series of one run at 1 kHz into `path` (.svg, .png or .pdf) and return it.
 
-    series: as `store.logs.trace_log.write` takes them. Drawn are, per arm and where present, the distances of `tip`
+    series: as `store.logs.trace.log.write` takes them. Drawn are, per arm and where present, the distances of `tip`
         (true) and `position` (as reported) from `model_position`, `haptic_force` and `current_cmd`; and `runlevel`,
         `pedal`, `fault_active` [T].
     threshold_mm: of the cue whose force is drawn.

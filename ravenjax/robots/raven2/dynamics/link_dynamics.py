@@ -1,7 +1,7 @@
 """Rigid-body dynamics of one arm: M(q) qacc + bias(q, qvel) = joint torque.
 
 Two implementations of the same quantities, picked by `setup.link_dynamics`: "unrolled" replays a straight-line program
-derived from the compiled model, "mjx" calls mujoco.mjx. Joint order and units: `vocabulary.arms.JOINTS`, rad and m.
+derived from the compiled model, "mjx" calls mujoco.mjx. Joint order and units: `raven2.arms.JOINTS`, rad and m.
 """
 
 from __future__ import annotations
