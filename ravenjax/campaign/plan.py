@@ -68,7 +68,7 @@ def make(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
     return Plan(
         config=config,
         table=rows,
-        program=TickProgram(robot.loop, robot.setup, robot.params, tuple(values), config.campaign.ticks),
+        program=TickProgram(robot.loop.__name__, robot.setup, robot.params, tuple(values), config.campaign.ticks),
         motion=robot.motion,
         operator=robot.operator,
         columns=tuple(np.ascontiguousarray(column) for column in robot.columns),

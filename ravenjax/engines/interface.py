@@ -7,6 +7,7 @@ on nothing but its own inputs, so it is the same in any block of any size, with 
 from __future__ import annotations
 
 import dataclasses
+import importlib
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
@@ -52,11 +53,16 @@ class Loop(Protocol):
 class TickProgram:
     """What a campaign's kernel is made of; everything here picks code."""
 
-    loop: Loop
+    module: str  # dotted name of the module that is the robot's `Loop`: a program travels between processes
     setup: Any  # the robot's own kind of `ravenjax.numbers.setup.Setup`
     params: Any  # the robot's parameters, plain numbers: what all runs share
     varied: tuple[str, ...]  # paths of the parameters that differ between runs
     ticks: int  # length of a run
+
+    @property
+    def loop(self) -> Loop:
+        """The robot's tick."""
+        return importlib.import_module(self.module)  # type: ignore[return-value]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -97,7 +97,7 @@ def forms(program: TickProgram, block: Block, motion: Sequence[np.ndarray]) -> F
         None,
     )
     decides = (
-        program.loop.__name__,
+        program.module,
         setup,
         program.params,
         program.varied,

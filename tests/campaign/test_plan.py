@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -28,6 +30,13 @@ def test_runs_share_a_twin_exactly_where_all_parameters_agree(rows):
     first = {row: i for i, row in reversed(list(enumerate(rows)))}
     numbered = sorted(set(first.values()))
     assert twin.tolist() == [numbered.index(first[row]) for row in rows], "numbered as they come"
+
+
+def test_a_plan_travels_between_processes():
+    ready = plan.make(rj.load_campaign(CAMPAIGN))
+    again = pickle.loads(pickle.dumps(ready))
+    assert again.program.loop is ready.program.loop
+    assert again.program.setup == ready.program.setup and again.table.equals(ready.table)
 
 
 def test_without_parameters_all_share_one():

@@ -340,7 +340,7 @@ def test_a_trace_of_other_code_says_so(copied, run, monkeypatch):
     from ravenjax.store import manifest
 
     _, out = copied
-    monkeypatch.setattr(manifest, "code_hash", lambda: "another")
+    monkeypatch.setattr(manifest, "code_hash", lambda *_: "another")
     code, _, err = run("trace", out, "1", "--engine", "simd")
     assert code == 0 and f"note: {out} was computed by another version of the code" in err
 
