@@ -37,7 +37,8 @@ SEARCH = {
 RUN = f"""
 import sys
 from pathlib import Path
-from ravenjax.search import loading, runner
+from ravenjax.search import runner
+from ravenjax.search.file import loading
 runner.run(loading.from_dict({json.dumps(SEARCH)}), Path(sys.argv[1]))
 """
 KILLS = 10
