@@ -18,7 +18,8 @@ class Injector:
     def __init__(
         self, robot: Robot, setup: Setup, faults: fault.Faults, state: fault.FaultState, clock: window.TriggerClocks
     ) -> None:
-        self.robot, self.setup, self.faults, self.state, self.clock = robot, setup, faults, state, clock
+        self.setup: Any = setup  # the robot's own
+        self.robot, self.faults, self.state, self.clock = robot, faults, state, clock
 
     def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:
         """The signal of a site as the faults leave it, where it is `present`."""

@@ -23,7 +23,7 @@ def _entries(node: Any, setup: Setup) -> dict[str, tuple[Any, bool]] | None:
         fields = {f.name: getattr(node, f.name) for f in dataclasses.fields(node)}
         return {name: (value, False) for name, value in fields.items() if value is not None}  # None: not in this setup
     if isinstance(node, Vec):
-        names = _component_names(len(node), setup)
+        names = component_names(len(node), setup.joints, setup.leading_joints)
         return {name: (item, True) for name, item in zip(names, node, strict=True)}
     if isinstance(node, tuple):
         per_arm = len(node) == len(setup.arms) and all(dataclasses.is_dataclass(n) or isinstance(n, Vec) for n in node)
@@ -32,14 +32,17 @@ def _entries(node: Any, setup: Setup) -> dict[str, tuple[Any, bool]] | None:
     return None
 
 
-def _component_names(length: int, setup: Setup) -> tuple[str, ...]:
-    """Names of the numbers of a vector: of all joints, of an axis each, of the first joints, else their places."""
-    if length == len(setup.joints):
-        return setup.joints
+def component_names(length: int, joints: tuple[str, ...], leading: tuple[int, ...]) -> tuple[str, ...]:
+    """Names of the numbers of a vector: of all joints, of an axis each, of the first joints, else their places.
+
+    leading: lengths of vectors that are of the first joints only.
+    """
+    if length == len(joints):
+        return joints
     if length == len(_AXES):
         return _AXES
-    if length in setup.leading_joints:
-        return setup.joints[:length]
+    if length in leading:
+        return joints[:length]
     return tuple(str(i) for i in range(length))
 
 
@@ -103,11 +106,6 @@ def plain(path: str, arms: tuple[str, ...], joints: tuple[str, ...]) -> str:
     """A parameter's path without arm, number of a set, joint or axis."""
     parts = [part for part in shorten(path, arms).split(".") if not part.isdecimal()]
     return ".".join(parts[:-1] if parts[-1:] and parts[-1] in components(joints) else parts)
-
-
-def first_component(length: int, joints: tuple[str, ...]) -> str:
-    """Name of the first number of a vector of that length; "" where it has none."""
-    return _AXES[0] if length == len(_AXES) else joints[0] if length == len(joints) else ""
 
 
 def named(node: Any, setup: Setup, path: str) -> dict[str, Scalar]:

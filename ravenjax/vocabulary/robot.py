@@ -33,6 +33,7 @@ class Robot:
     checks: Mapping[str, Check]  # in the order of its loop
     run_levels: tuple[str, ...]  # by number
     live: str  # when the robot should do what the operator asks for: continues "while"
+    leading_joints: tuple[int, ...] = ()  # lengths of vectors that are of the first joints only
     noise: tuple[str, ...] = ()  # parameters: the sizes of what `[campaign] noise` draws
     packet_cycles: str = ""  # parameter: how many milliseconds a packet of the console lasts
 

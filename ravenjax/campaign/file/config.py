@@ -331,10 +331,15 @@ class CampaignConfig(Section):
         """Model of a table -> key -> least and largest number, where the models leave that to a validator."""
         return {}
 
+    @property
+    def robot_label(self) -> str:
+        """What runs, in words."""
+        return self.robot.title
+
     def lines(self) -> Iterator[tuple[str, str]]:
         """(what, in words) of what the file says of the robot and its operator."""
         arms, noise = self.campaign.arms, ", with noise" if self.campaign.noise else ""
-        yield "robot", f"{self.robot.title}, {' and '.join(arms)} arm{'s' * (len(arms) > 1)}{noise}"
+        yield "robot", f"{self.robot_label}, {' and '.join(arms)} arm{'s' * (len(arms) > 1)}{noise}"
 
     def settings(self) -> dict[str, Any]:
         """The same as JSON has it."""

@@ -127,6 +127,11 @@ def _axes(fault: Fault) -> Iterator[tuple[str, Axis]]:
             yield name, axis
 
 
+def _first_component(robot: Robot, length: int) -> str:
+    """What the first number of a vector of that length is called."""
+    return paths.component_names(length, robot.joints, robot.leading_joints)[0]
+
+
 def _twice(robot: Robot, key: Key, axis: Axis) -> Iterator[Complaint]:
     """A list that holds a value twice; one that is drawn from says `choice`."""
     if axis.kind != "list":
@@ -135,10 +140,9 @@ def _twice(robot: Robot, key: Key, axis: Axis) -> Iterator[Complaint]:
     if times > 1:
         how = "twice" if times == 2 else f"{times} times"
         path = str(key[-1])
-        first = paths.first_component(len(axis.values), robot.joints)
-        vector = "." in path and first and path.rpartition(".")[2] not in paths.components(robot.joints)
-        each = f"; for the numbers of a vector write one path each, such as {path}.{first}"
-        hint = each if vector else ""
+        names, first = paths.components(robot.joints), _first_component(robot, len(axis.values))
+        vector = "." in path and first in names and path.rpartition(".")[2] not in names
+        hint = f"; for the numbers of a vector write one path each, such as {path}.{first}" if vector else ""
         yield (
             key,
             f"got {shown(value)} {how}: its runs would be identical. Write each value once; for repeats of a random "

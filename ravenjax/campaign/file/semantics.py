@@ -141,14 +141,14 @@ def _axes(config: CampaignConfig, group: Group) -> Iterator[tuple[str, Axis]]:
 def _fault(config: CampaignConfig, fault: Fault, key: Key) -> Iterator[Complaint]:
     site = config.robot.sites.get(fault.site)
     if site is None:
-        yield (*key, "site"), _unknown("fault site", fault.site, config.robot.sites)
+        yield (*key, "site"), unknown("fault site", fault.site, config.robot.sites)
         return
     for effect in fault.effect.listed:
         if effect not in EFFECTS:
-            yield (*key, "effect"), _unknown("effect", effect, EFFECTS)
+            yield (*key, "effect"), unknown("effect", effect, EFFECTS)
     for trigger in fault.trigger.listed:
         if trigger not in TRIGGERS:
-            yield (*key, "trigger"), _unknown("trigger", trigger, TRIGGERS)
+            yield (*key, "trigger"), unknown("trigger", trigger, TRIGGERS)
     yield from _arm(config, fault, site, key)
     yield from _channel(fault, site, key)
     yield from _effect(fault, site, key)
@@ -167,7 +167,7 @@ def _arm(config: CampaignConfig, fault: Fault, site: Site, key: Key) -> Iterator
     for arm in fault.arm.listed:
         if arm not in arms:
             absent = f"arm {arm!r} is not in this campaign: expected one of campaign.arms = {list(arms)}"
-            yield (*key, "arm"), absent if arm in config.robot.arms else _unknown("arm", arm, arms)
+            yield (*key, "arm"), absent if arm in config.robot.arms else unknown("arm", arm, arms)
 
 
 def _channel(fault: Fault, site: Site, key: Key) -> Iterator[Complaint]:
@@ -179,7 +179,7 @@ def _channel(fault: Fault, site: Site, key: Key) -> Iterator[Complaint]:
         return
     for name in fault.channel.listed:
         if name not in names and not (name == ALL and fault.channel.kind == "fixed"):
-            yield (*key, "channel"), _unknown(f"channel of site {site.name}", name, names)
+            yield (*key, "channel"), unknown(f"channel of site {site.name}", name, names)
 
 
 def _effect(fault: Fault, site: Site, key: Key) -> Iterator[Complaint]:
@@ -259,6 +259,6 @@ def last_start(config: CampaignConfig, fault: Fault, key: Key) -> int:
     return math.ceil(ticks / max(1, least)) - 1
 
 
-def _unknown(what: str, got: str, names: Iterable[str]) -> str:
+def unknown(what: str, got: str, names: Iterable[str]) -> str:
     names = list(names)
     return f"unknown {what} {got!r}, expected one of {', '.join(names)}{suggestion(got, names)}"

@@ -16,7 +16,7 @@ software     the control software alone, driven from Python
 from __future__ import annotations
 
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.arms import ARMS, JOINTS, LINEAR
+from ravenjax.robots.raven2.arms import ARMS, JOINTS, LEADING, LINEAR
 from ravenjax.robots.raven2.checks import CHECKS
 from ravenjax.robots.raven2.layers import LAYERS
 from ravenjax.robots.raven2.sites import SITES
@@ -34,6 +34,7 @@ ROBOT = Robot(
     checks=CHECKS,
     run_levels=run_levels.NAMES,
     live="run level pedal-down without a software E-stop",
+    leading_joints=LEADING,
     noise=("plant.encoder_noise", "plant.torque_noise"),
     packet_cycles="network.cycles_per_packet",
 )

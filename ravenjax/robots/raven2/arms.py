@@ -7,5 +7,7 @@ from typing import Literal
 ArmName = Literal["gold", "green"]
 ARMS: tuple[ArmName, ...] = ("gold", "green")
 JOINTS: tuple[str, ...] = ("shoulder", "elbow", "insertion", "tool_roll", "wrist", "grasp1", "grasp2")
+LEADING: tuple[int, ...] = (5,)
+"""Lengths of vectors that are of the first joints only: the jaws have no limits of their own."""
 LINEAR: tuple[str, ...] = ("insertion",)
 """Those of the joints that slide: m, where the others have rad."""

@@ -6,7 +6,7 @@ import dataclasses
 from typing import ClassVar, Literal
 
 from ravenjax.numbers import setup
-from ravenjax.robots.raven2.arms import JOINTS, ArmName
+from ravenjax.robots.raven2.arms import JOINTS, LEADING, ArmName
 
 
 @dataclasses.dataclass(frozen=True)
@@ -14,7 +14,7 @@ class RavenSetup(setup.Setup):
     """Everything that picks code. Static and hashable: one Setup, one compile."""
 
     joints: ClassVar[tuple[str, ...]] = JOINTS
-    leading_joints: ClassVar[tuple[int, ...]] = (5,)  # the jaws have no limits of their own
+    leading_joints: ClassVar[tuple[int, ...]] = LEADING
     arms: tuple[ArmName, ...] = ("gold",)  # in mechanism order, gold first
     software: Literal["raven2", "fork2015"] = "raven2"  # present raven2 software, or the 2015 simulator fork
     tools: tuple[str, ...] = ("r_grasper",)  # one per arm, a name of ravenjax.robots.raven2.geometry.tools

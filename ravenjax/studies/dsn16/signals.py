@@ -18,12 +18,12 @@ from ravenjax.campaign.file.config import validated
 from ravenjax.engines import traced
 from ravenjax.engines.cpu.engine import SimdKernel
 from ravenjax.engines.interface import Block
-from ravenjax.robots.raven2.campaign import series as raven
+from ravenjax.robots.raven2.campaign.trace import series
 from ravenjax.store import manifest
 
 T = TypeVar("T")
 Series = Mapping[str, np.ndarray]
-"""Name -> [ticks] or [ticks, k], as `raven.signal_series` names them."""
+"""Name -> [ticks] or [ticks, k], as `store.logs.time_series` names them."""
 
 
 def measure(path: Path, measured: Callable[[int, Series], T], rows: Sequence[int] | None = None) -> list[T]:
@@ -38,7 +38,7 @@ def measure(path: Path, measured: Callable[[int, Series], T], rows: Sequence[int
 
     def one(row: int) -> T:
         _, signals = kernel.run_signals(Block(*ready.lanes([row], 1), None), ready.columns)
-        return measured(row, raven.series(ready.program.setup, signals))
+        return measured(row, series(ready.program.setup, signals))
 
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
         return list(pool.map(one, range(ready.runs) if rows is None else rows))

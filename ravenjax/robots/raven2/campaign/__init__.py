@@ -1,8 +1,32 @@
-"""What a campaign file may say of a Raven-II, and what a campaign asks of it; see `ravenjax.campaign.prepared`."""
+"""What a campaign file may say of a Raven-II, and what a campaign asks of it; see `ravenjax.campaign.prepared`.
 
-from ravenjax.robots.raven2.campaign.config import RavenConfig as Config
-from ravenjax.robots.raven2.campaign.program import prepare
-from ravenjax.robots.raven2.campaign.series import bases, series
-from ravenjax.robots.raven2.loop.tick import TickParams as Params
+Names are imported when they are first used: a file is read and checked without the tick.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ravenjax.robots.raven2.campaign.config import RavenConfig as Config
+    from ravenjax.robots.raven2.campaign.program import prepare
+    from ravenjax.robots.raven2.campaign.trace import bases, series
+    from ravenjax.robots.raven2.loop.tick import TickParams as Params
+
+_HOMES = {
+    "Config": ("ravenjax.robots.raven2.campaign.config", "RavenConfig"),
+    "Params": ("ravenjax.robots.raven2.loop.tick", "TickParams"),
+    "bases": ("ravenjax.robots.raven2.campaign.trace", "bases"),
+    "prepare": ("ravenjax.robots.raven2.campaign.program", "prepare"),
+    "series": ("ravenjax.robots.raven2.campaign.trace", "series"),
+}
 
 __all__ = ["Config", "Params", "bases", "prepare", "series"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module, own = _HOMES[name]
+    return getattr(importlib.import_module(module), own)

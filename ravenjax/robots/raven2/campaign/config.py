@@ -274,11 +274,15 @@ class RavenConfig(CampaignConfig):
         """Model of a table -> key -> least and largest number, where the models leave that to a validator."""
         return {"Start": HARD_RANGES, "Limits": HARD_RANGES}
 
+    @property
+    def robot_label(self) -> str:
+        """What runs: the control software."""
+        return self.campaign.software
+
     def lines(self) -> Iterator[tuple[str, str]]:
         """(what, in words) of what the file says of the robot and its operator."""
-        campaign, operator = self.campaign, self.operator
-        noise = ", with noise" if campaign.noise else ""
-        yield "robot", f"{campaign.software}, {' and '.join(campaign.arms)} arm{'s' * (len(campaign.arms) > 1)}{noise}"
+        yield from super().lines()
+        operator = self.operator
         what = f"{operator.file}, recorded" if operator.file is not None else f"{operator.label}, generated"
         reaction = "" if self.reaction is None else f"; reacts to the cue: {self.reaction.action}"
         yield "operator", f"{what}; scale {operator.scale:g}{reaction}"

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from ravenjax.campaign.file.location import Complaint
-from ravenjax.errors import suggestion
+from ravenjax.campaign.file.semantics import unknown
 from ravenjax.robots.raven2.console.motions import MOTIONS
 from ravenjax.robots.raven2.geometry.tools import TOOLS
 
@@ -25,14 +25,9 @@ def complaints(config: RavenConfig) -> Iterator[Complaint]:
         yield ("campaign", "policy"), f"got {campaign.policy!r}, but the 2015 fork has no policy: remove the key"
     for tool in campaign.tools or ():
         if tool not in TOOLS:
-            yield ("campaign", "tools"), _unknown("tool", tool, TOOLS)
+            yield ("campaign", "tools"), unknown("tool", tool, TOOLS)
     operator = config.operator
     if operator.motion is not None and operator.motion not in MOTIONS:
-        yield ("operator", "motion"), _unknown("motion", operator.motion, MOTIONS)
+        yield ("operator", "motion"), unknown("motion", operator.motion, MOTIONS)
     if operator.motion == "clutched" and campaign.console == "absolute":
         yield ("operator", "motion"), "got 'clutched', expected console = 'increments': an absolute one has no clutch"
-
-
-def _unknown(what: str, got: str, names: Iterable[str]) -> str:
-    names = list(names)
-    return f"unknown {what} {got!r}, expected one of {', '.join(names)}{suggestion(got, names)}"

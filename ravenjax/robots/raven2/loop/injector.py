@@ -6,15 +6,12 @@ from functools import cache, reduce
 from typing import Any
 
 from ravenjax.faults import fault, injection, injector, window
-from ravenjax.faults.injector import strikes
 from ravenjax.numbers.setup import narrow, wide
 from ravenjax.numbers.vec import Scalar, Vec, where
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.geometry.mapping import matrix_from_quat, quat_from_matrix
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.sites import USB_SITE
-
-__all__ = ["RavenInjector", "strikes"]
 
 
 class RavenInjector(injector.Injector):
@@ -24,18 +21,17 @@ class RavenInjector(injector.Injector):
         self, setup: RavenSetup, faults: fault.Faults, state: fault.FaultState, clock: window.TriggerClocks
     ) -> None:
         super().__init__(ROBOT, setup, faults, state, clock)
-        self.raven = setup
 
     def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:
         if site in ROTATIONS and self.strikes(site):
             quats = tuple(quat_from_matrix(wide(self.setup, rotation)) for rotation in signal)
             faulty = super().__call__(site, quats, present)
-            return tuple(_rotated(self.raven, *of_arm) for of_arm in zip(signal, quats, faulty, strict=True))
+            return tuple(_rotated(self.setup, *of_arm) for of_arm in zip(signal, quats, faulty, strict=True))
         return super().__call__(site, signal, present)
 
     def paths(self) -> dict[injection.ChannelKey, injection.Target]:
         """As declared, but for what is stored of a DAC command behind the checks."""
-        return _paths(self.raven)
+        return _paths(self.setup)
 
 
 ROTATIONS = ("ori", "ori_d")

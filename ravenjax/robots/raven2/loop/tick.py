@@ -15,6 +15,7 @@ import numpy as np
 from jax import lax
 
 from ravenjax.faults import fault, injection, window
+from ravenjax.faults.injector import strikes
 from ravenjax.numbers.quantity import Quantity, Reserved
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
@@ -22,7 +23,7 @@ from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.loop import connections, control, observers
-from ravenjax.robots.raven2.loop.injector import RavenInjector, strikes
+from ravenjax.robots.raven2.loop.injector import RavenInjector
 from ravenjax.robots.raven2.plant import nominal
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import RavenSetup
