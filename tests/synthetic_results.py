@@ -39,7 +39,7 @@ def shape(arms: tuple[str, ...] = ("gold",), cues: int = len(CUES)) -> schema.Sh
         cues=cues,
         checks=CHECKS,
         parameters=("plant.friction_scale",),
-        detectors=tuple(len(detector.levels) for detector in DETECTORS),
+        detectors=tuple(len(detector.thresholds) for detector in DETECTORS),
     )
 
 
@@ -124,19 +124,19 @@ def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> 
         columns[f"cue{k}_ms"] = np.where(felt, duration + 50, 0)
         columns[f"cue{k}_count"] = felt * 1
     scores = {"steps": deviation * random.lognormal(-1.0, 0.6, runs), "tip_error": deviation}
-    for d, (detector, levels) in enumerate(zip(DETECTORS, form.detectors, strict=False)):
+    for d, (detector, thresholds) in enumerate(zip(DETECTORS, form.detectors, strict=False)):
         score = scores[detector.kind]
         columns[f"detector{d}_score"] = score
-        for k in range(levels):
-            over = score > detector.levels[k]
-            columns[f"detector{d}_level{k}_first_ms"] = np.where(over, start + 30, -1)
-            columns[f"detector{d}_level{k}_alarms"] = over * 1
+        for k in range(thresholds):
+            over = score > detector.thresholds[k]
+            columns[f"detector{d}_threshold{k}_first_ms"] = np.where(over, start + 30, -1)
+            columns[f"detector{d}_threshold{k}_alarms"] = over * 1
     columns |= {
         "peak_model_deviation_mm": deviation,
         "peak_live_deviation_mm": deviation,
         "rms_model_deviation_mm": deviation * 0.4,
-        "peak_twin_deviation_mm": np.maximum(deviation - 1, 0),
-        "rms_twin_deviation_mm": deviation * 0.3,
+        "peak_golden_deviation_mm": np.maximum(deviation - 1, 0),
+        "rms_golden_deviation_mm": deviation * 0.3,
         "largest_step_mm": step,
         "tip_path_mm": 30 + push,
         "unintended_mm": unintended,
@@ -160,8 +160,8 @@ def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> 
     }
     quiet = {"cue": -1, "detector": 0.4, "tip_path_mm": 30.0, "pedal_down_ms": 2800, "halted_ms": 4, "peak_live": 1.0}
     for column in schema.columns(form):
-        if column.name.startswith(schema.TWIN):
-            plain = column.name.removeprefix(schema.TWIN)
+        if column.name.startswith(schema.GOLDEN):
+            plain = column.name.removeprefix(schema.GOLDEN)
             value = next((v for name, v in quiet.items() if plain.startswith(name)), 0)
             columns[column.name] = np.full(runs, value)
     for arm in form.arms:
@@ -175,14 +175,14 @@ def judged(table: pd.DataFrame, cue: int = 0) -> pd.DataFrame:
     """A table whose hazard and verdict follow from its other columns, written out row by row."""
     hazard, verdict = [], []
     for row in table.to_dict("records"):
-        halted = row["halted_ms"] - row["twin_halted_ms"] > 200 and row["response"] != "stopped"
+        halted = row["halted_ms"] - row["golden_halted_ms"] > 200 and row["response"] != "stopped"
         if row["unintended_first_ms"] >= 0:
             hazard.append("unintended motion")
         elif row["loss_first_ms"] >= 0 or halted:
             hazard.append("loss of motion")
         else:
             hazard.append("false report" if row["false_report_first_ms"] >= 0 else "none")
-        own, golden = row[f"cue{cue}_first_ms"], row[f"twin_cue{cue}_first_ms"]
+        own, golden = row[f"cue{cue}_first_ms"], row[f"golden_cue{cue}_first_ms"]
         came = own >= 0 and not 0 <= golden <= own
         verdict.append("" if row["failed"] else f"{row['response']}/{hazard[-1]}/{'cue' if came else 'no cue'}")
     return table.assign(hazard=hazard, verdict=verdict)

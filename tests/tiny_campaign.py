@@ -14,7 +14,7 @@ from ravenjax.store.folder import read_all
 
 
 def tables(runs: int = 300, chunk: int = 20, duration_s: float = 0.05) -> dict:
-    """As a TOML file has them: some fault-free runs with three twins, and one group of random faults."""
+    """As a TOML file has them: some fault-free runs with three golden runs, and one group of random faults."""
     return {
         "campaign": {"name": "tiny", "duration_s": duration_s, "seed": 3, "chunk": chunk},
         "operator": {"motion": "reach"},

@@ -86,9 +86,10 @@ def exact() -> Iterator[str]:
         setup = dataclasses.replace(ready.program.setup, link_dynamics=dynamics)
         kernel = ScanKernel(dataclasses.replace(ready.program, setup=setup), LANE_MULTIPLE, keep_signals=True)
         varied, harmless = ready.lanes([0], LANE_MULTIPLE, harmless=True)
-        twin = kernel.run(Block(varied, harmless, None), columns).reference
+        golden = kernel.run(Block(varied, harmless, None), columns).reference
         traces[name] = [
-            kernel.run_signals(Block(*ready.lanes([row], LANE_MULTIPLE), twin), columns)[1] for row in range(ready.runs)
+            kernel.run_signals(Block(*ready.lanes([row], LANE_MULTIPLE), golden), columns)[1]
+            for row in range(ready.runs)
         ]
     rows = []
     for row in range(ready.runs):
@@ -148,7 +149,7 @@ def _verdicts(config: CampaignConfig, *engines: str) -> Iterator[str]:
     yield from table(("verdict", *frames), rows, "runs by verdict")
     yield ""
     rows = []
-    for column in ("peak_model_deviation_mm", "peak_twin_deviation_mm", "largest_step_mm"):
+    for column in ("peak_model_deviation_mm", "peak_golden_deviation_mm", "largest_step_mm"):
         gap = np.abs(a[column].to_numpy(float) - b[column].to_numpy(float))
         worst = _fault(a.iloc[int(gap.argmax())])
         rows.append((column, f"{np.mean(gap == 0):.0%}", f"{np.quantile(gap, 0.99):.1e}", f"{gap.max():.1e}", worst))

@@ -67,7 +67,7 @@ def least(work: Callable[[], Any], clock: Callable[[], float] = time.process_tim
 
 def bytes_of(ready: Plan) -> int:
     """Bytes that a plan holds for its runs."""
-    arrays = [*ready.faults.values(), *ready.varied.values(), ready.twin]
+    arrays = [*ready.faults.values(), *ready.varied.values(), ready.golden]
     return int(ready.table.memory_usage(index=False).sum()) + sum(array.nbytes for array in arrays)
 
 

@@ -31,7 +31,7 @@ class Operations:
 def count(workload: Workload) -> Operations:
     """Count the operations of the workload's tick."""
     program = workload.program
-    trace = traced.trace(program, workload.twins(1), workload.motion, operation_count.stage)
+    trace = traced.trace(program, workload.golden_runs(1), workload.motion, operation_count.stage)
     parts = operation_count.by_stage(
         split(trace.without_signals(), range(len(program.varied)), range(1 + trace.series))
     )

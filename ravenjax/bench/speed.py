@@ -1,4 +1,4 @@
-"""Full ticks per second of an engine, driven as a campaign drives it: blocks side by side, after one shared twin."""
+"""Full ticks per second of an engine, driven as a campaign drives it: blocks side by side, one golden run for all."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def measure(engine: Engine, workload: Workload, sizes: Sequence[int], repeats: i
 
 def _prepare(kernel: Kernel, workload: Workload) -> tuple[float, float]:
     """Seconds until the kernel is ready, and those of them that XLA compiles."""
-    block = workload.twins(kernel.lanes)
+    block = workload.golden_runs(kernel.lanes)
     with clock.xla_compiling() as compiling:
         spent = clock.seconds(lambda: kernel.prepare(block, workload.motion))
     return spent, sum(compiling)
@@ -95,7 +95,7 @@ def _prepare(kernel: Kernel, workload: Workload) -> tuple[float, float]:
 
 def _ready_after_tracing(engine: Engine, workload: Workload, runs: int) -> float:
     """Seconds of a fresh kernel beyond those of tracing alone, both with JAX warm, the better of two."""
-    block = workload.twins(1)
+    block = workload.golden_runs(1)
     tracing = [clock.seconds(lambda: traced.trace(workload.program, block, workload.motion)) for _ in range(2)]
     whole = [_prepare(engine.compile(workload.program, runs), workload)[0] for _ in range(2)]
     return max(0.0, min(whole) - min(tracing))
@@ -103,7 +103,7 @@ def _ready_after_tracing(engine: Engine, workload: Workload, runs: int) -> float
 
 def _batch(engine: Engine, kernel: Kernel, workload: Workload, runs: int, repeats: int, enough_s: float) -> Batch:
     lanes = kernel.lanes
-    reference = kernel.run(workload.twins(kernel.size(1)), workload.motion).reference[:, :, 0]
+    reference = kernel.run(workload.golden_runs(kernel.size(1)), workload.motion).reference[:, :, 0]
     parts = [(first, min(lanes, runs - first)) for first in range(0, runs, lanes)]
     blocks = [workload.block(first, rows, kernel.size(rows), reference) for first, rows in parts]
     with ThreadPoolExecutor(engine.threads) as pool:

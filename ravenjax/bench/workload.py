@@ -67,12 +67,12 @@ class Workload:
         """Columns of the operator's motion."""
         return self.plan.columns
 
-    def twins(self, lanes: int) -> Block:
+    def golden_runs(self, lanes: int) -> Block:
         """A block without faults."""
         return Block(*self.plan.lanes([0], lanes, harmless=True), None)
 
     def block(self, first: int, runs: int, lanes: int, reference: np.ndarray) -> Block:
-        """Runs `first` and following, the last repeated to fill the block; reference: [ticks, series] of their twin."""
+        """Runs `first` and following, the last repeated to fill the block; reference: of their golden run."""
         number = first + np.minimum(np.arange(lanes), runs - 1)
         varied, faults = self.plan.lanes(number % PATTERN_RUNS, lanes)
         value = (DAC_CNT * (2.0 * (number * GOLDEN % 1.0) - 1.0)).astype(np.float32)

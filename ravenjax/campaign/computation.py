@@ -1,7 +1,7 @@
 """Rows of a plan through an engine: blocks side by side, each beside the golden runs that it is compared with.
 
 Blocks come out in the order of their rows. A few more than run at a time are under way, so that no thread waits for the
-slowest; the twins of the next stretch are computed while the last blocks of this one run.
+slowest; the golden runs of the next stretch are computed while the last blocks of this one run.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from concurrent.futures import Future, ThreadPoolExecutor
 import numpy as np
 
 from ravenjax.campaign import outcomes, stretches
+from ravenjax.campaign.golden_runs import Computed, GoldenRuns
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress.counts import Progress
 from ravenjax.campaign.stretches import Stretch
-from ravenjax.campaign.twins import Computed, Twins
 from ravenjax.engines.interface import Block, Engine
 
-TWIN_BYTES = 2**30
-"""Memory that the time series of a stretch's twins may take; two stretches may be under way."""
+GOLDEN_BYTES = 2**30
+"""Memory that the time series of a stretch's golden runs may take; two stretches may be under way."""
 AHEAD = 4
 """Blocks of a stretch for each that runs at a time."""
 
@@ -62,25 +62,27 @@ class Computation:
         return other
 
     def blocks(self, ranges: Sequence[range]) -> Generator[tuple[Columns, Columns]]:
-        """Outcomes of the rows of `ranges`, in order, block by block; and `outcomes.of_twin` of their twins.
+        """Outcomes of the rows of `ranges`, in order, block by block; and `outcomes.of_golden` of their golden runs.
 
         Close it to give up what is under way.
         """
         setup = self.ready.program.setup
         program = self.ready.program
-        a_twin = program.ticks * program.loop.series_length(setup) * np.dtype(setup.precision.real).itemsize
-        most_twins = max(1, TWIN_BYTES // a_twin)
+        a_golden = program.ticks * program.loop.series_length(setup) * np.dtype(setup.precision.real).itemsize
+        most_golden_runs = max(1, GOLDEN_BYTES // a_golden)
         ahead = AHEAD * self.threads
         under_way: deque[Future[tuple[Columns, Columns]]] = deque()
-        twins = Twins(np.zeros(0, self.ready.twin.dtype), ())
+        golden_runs = GoldenRuns(np.zeros(0, self.ready.golden.dtype), ())
         with ThreadPoolExecutor(self.threads) as pool:
             try:
-                for stretch in stretches.cut(ranges, self.ready.twin, self.kernel.lanes, most_twins, ahead):
-                    twins = twins.followed(stretch.twins, lambda lacking, s=stretch: self._start(pool, s, lacking))
+                for stretch in stretches.cut(ranges, self.ready.golden, self.kernel.lanes, most_golden_runs, ahead):
+                    golden_runs = golden_runs.followed(
+                        stretch.golden_runs, lambda lacking, s=stretch: self._start(pool, s, lacking)
+                    )
                     for rows in stretch.blocks:
                         if len(under_way) == 2 * self.threads:
                             yield under_way.popleft().result()
-                        under_way.append(pool.submit(self._faulty, rows, twins))
+                        under_way.append(pool.submit(self._faulty, rows, golden_runs))
                 while under_way:
                     yield under_way.popleft().result()
             except BaseException:
@@ -88,9 +90,9 @@ class Computation:
                 raise
 
     def _start(self, pool: ThreadPoolExecutor, stretch: Stretch, lacking: np.ndarray) -> list[Future[Computed]]:
-        """Start the twins `lacking` of a stretch: with the parameters of the first row of each."""
+        """Start the golden runs `lacking` of a stretch: with the parameters of the first row of each."""
         rows = np.concatenate(stretch.blocks)
-        numbers, first = np.unique(self.ready.twin[rows], return_index=True)
+        numbers, first = np.unique(self.ready.golden[rows], return_index=True)
         rows = rows[first[np.isin(numbers, lacking)]]
         lanes = self.kernel.lanes
         return [pool.submit(self._fault_free, rows[i : i + lanes]) for i in range(0, len(rows), lanes)]
@@ -100,15 +102,15 @@ class Computation:
         self.progress.more_due(lanes * self.ready.program.ticks)
         varied, faults = self.ready.lanes(rows, lanes, harmless=True)
         result = self.kernel.run(Block(varied, faults, None), self.ready.columns, self.progress.ticks)
-        columns = {name: result.outcomes[name][: len(rows)] for name in outcomes.of_twin(result.outcomes)}
-        return Computed(self.ready.twin[rows], result.reference[:, :, : len(rows)], columns)
+        columns = {name: result.outcomes[name][: len(rows)] for name in outcomes.of_golden(result.outcomes)}
+        return Computed(self.ready.golden[rows], result.reference[:, :, : len(rows)], columns)
 
-    def _faulty(self, rows: np.ndarray, twins: Twins) -> tuple[Columns, Columns]:
-        lanes, own = self.kernel.size(len(rows)), twins.get()
+    def _faulty(self, rows: np.ndarray, golden_runs: GoldenRuns) -> tuple[Columns, Columns]:
+        lanes, own = self.kernel.size(len(rows)), golden_runs.get()
         self.progress.more_due((lanes - len(rows)) * self.ready.program.ticks)
-        twin = np.searchsorted(own.numbers, self.ready.twin[rows])
-        filled = twin[np.minimum(np.arange(lanes), len(rows) - 1)]
+        golden = np.searchsorted(own.numbers, self.ready.golden[rows])
+        filled = golden[np.minimum(np.arange(lanes), len(rows) - 1)]
         block = Block(*self.ready.lanes(rows, lanes), own.reference, filled)
         result = self.kernel.run(block, self.ready.columns, self.progress.ticks)
         columns = {name: values[: len(rows)] for name, values in result.outcomes.items()}
-        return columns, {name: values[twin] for name, values in own.outcomes.items()}
+        return columns, {name: values[golden] for name, values in own.outcomes.items()}

@@ -19,16 +19,17 @@ Columns = Mapping[str, np.ndarray]
 """Outcome -> [rows], as an engine returns them; a DataFrame will do."""
 
 
-def of_twin(names: Iterable[str]) -> tuple[str, ...]:
+def of_golden(names: Iterable[str]) -> tuple[str, ...]:
     """Those outcome columns of which the golden run's are needed, too: trips of checks, and what is kept of it."""
     names = tuple(names)
-    return checks.count_columns(names) + tuple(name for name in names if schema.kept_of_twin(name))
+    return checks.count_columns(names) + tuple(name for name in names if schema.kept_of_golden(name))
 
 
-def columns(config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, twins: Columns) -> dict[str, Any]:
+def columns(config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, golden_runs: Columns) -> dict[str, Any]:
     """Columns of the result table, arrays [rows].
 
-    runs: rows of the fault table. outcomes: what the engine returned for each; twins: `of_twin` of its golden run.
+    runs: rows of the fault table. outcomes: what the engine returned for each; golden: `of_golden` of
+    its golden run.
     """
     measures = {name: np.asarray(values) for name, values in outcomes.items()}
     diverged, failed = measures.pop("diverged_ms"), measures.pop("failed_ms")
@@ -45,15 +46,15 @@ def columns(config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, twins
         "failed": words.column((failed >= 0).astype(np.int8), ("", "nan")),
         "tissue_depth_mm": np.maximum(depth, depth.dtype.type(0)),
         "tip_distance_mm": np.where(np.isfinite(distance), distance, distance.dtype.type(np.nan)),
-        **{f"twin_{name}": np.asarray(twins[name]) for name in measures if schema.kept_of_twin(name)},
+        **{f"golden_{name}": np.asarray(golden_runs[name]) for name in measures if schema.kept_of_golden(name)},
     }
-    out["twin_tissue_depth_mm"] = np.maximum(out["twin_tissue_depth_mm"], depth.dtype.type(0))
-    return out | judged(out, verdict.responses(measures, twins, config.robot), failed < 0, config.outcomes.cue)
+    out["golden_tissue_depth_mm"] = np.maximum(out["golden_tissue_depth_mm"], depth.dtype.type(0))
+    return out | judged(out, verdict.responses(measures, golden_runs, config.robot), failed < 0, config.outcomes.cue)
 
 
-def frame(config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, twins: Columns) -> pd.DataFrame:
+def frame(config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, golden_runs: Columns) -> pd.DataFrame:
     """`columns` as a DataFrame."""
-    return pd.DataFrame(columns(config, runs, outcomes, twins))
+    return pd.DataFrame(columns(config, runs, outcomes, golden_runs))
 
 
 def _faulty(runs: pd.DataFrame) -> np.ndarray:
@@ -68,7 +69,7 @@ def judged(columns: schema.Columns, response: verdict.Response, valid: np.ndarra
     columns: of the result table, the hazards' and the cues'. valid: bool [rows]. cue: number of the verdict's set.
     """
     hazard = verdict.hazards(columns, response.response == verdict.RESPONSES.index("stopped"))
-    came = verdict.beyond_golden(columns[f"cue{cue}_first_ms"], columns[f"twin_cue{cue}_first_ms"]) >= 0
+    came = verdict.beyond_golden(columns[f"cue{cue}_first_ms"], columns[f"golden_cue{cue}_first_ms"]) >= 0
     place = verdict.verdicts(response.response, hazard, came, valid)
     return {
         "response": words.column(response.response, verdict.RESPONSES),

@@ -33,7 +33,7 @@ class Plan:
     noise_key: str  # parameter that each run's id gives, so that every run draws its own noise; "": no noise
     faults: dict[str, np.ndarray]  # as table.arrays, [runs, slots]
     varied: dict[str, np.ndarray]  # path -> [runs]
-    twin: np.ndarray  # int32 [runs], number of the golden run, as they come; runs that share one share its number
+    golden: np.ndarray  # int32 [runs], number of the golden run, as they come; runs that share one share its number
 
     @property
     def runs(self) -> int:
@@ -75,7 +75,7 @@ def make(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
         noise_key=robot.noise_key,
         faults=table.arrays(rows, injection),
         varied=values,
-        twin=_twins(values, len(rows)),
+        golden=_golden_runs(values, len(rows)),
     )
 
 
@@ -109,11 +109,11 @@ def _filled(varied: dict[str, np.ndarray], params: Any, setup: Setup) -> dict[st
     return filled
 
 
-def _twins(varied: dict[str, np.ndarray], runs: int) -> np.ndarray:
-    """Runs whose varied parameters agree share a twin."""
-    twin = np.zeros(runs, np.int64)
+def _golden_runs(varied: dict[str, np.ndarray], runs: int) -> np.ndarray:
+    """Runs whose varied parameters agree share a golden run."""
+    golden = np.zeros(runs, np.int64)
     for values in varied.values():
         value, different = pd.factorize(values)
         if len(different) > 1:
-            twin, _ = pd.factorize(twin * len(different) + value)
-    return twin.astype(np.int32)
+            golden, _ = pd.factorize(golden * len(different) + value)
+    return golden.astype(np.int32)

@@ -163,8 +163,8 @@ def _manifest(ready: Plan, engine: Engine) -> manifest.Manifest:
             for c in config.haptics.cues()
         ),
         detectors=tuple(
-            manifest.DetectorRecord(name, use.kind, use.fusion, use.consecutive, levels)
-            for name, use, levels in config.detectors
+            manifest.DetectorRecord(name, use.kind, use.fusion, use.consecutive, thresholds)
+            for name, use, thresholds in config.detectors
         ),
         operator=ready.operator,
         verdict_cue=config.outcomes.cue,
@@ -188,5 +188,5 @@ def shape_of(ready: Plan) -> schema.Shape:
         checks=tuple(ready.config.robot.checks),
         parameters=tuple(table.parameters(ready.table)),
         reacts=setup.reacts,
-        detectors=tuple(use.levels for use in setup.detectors),
+        detectors=tuple(use.thresholds for use in setup.detectors),
     )

@@ -121,6 +121,6 @@ def _cues(config: Any) -> str:
 
 
 def _detectors(config: Any) -> str:
-    levels = sum(len(of) for _, _, of in config.detectors)
+    thresholds = sum(len(of) for _, _, of in config.detectors)
     names = ", ".join(one.name for one in config.detector)
-    return f"{names}: {len(config.detectors)} with {levels} levels in all" if config.detector else "none"
+    return f"{names}: {len(config.detectors)} with {thresholds} thresholds in all" if config.detector else "none"

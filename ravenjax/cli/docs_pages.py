@@ -119,8 +119,8 @@ def _columns() -> Iterator[str]:
     yield _WRITTEN
     yield (
         f"One row a run, schema version {schema.VERSION}. `<k>` and `<d>` count from 0: fault slots, haptic sets in "
-        "the order of `cues` in manifest.json, detectors in the order of `detectors`, levels of a detector. Times "
-        "count from the start of the run; -1 means never. `twin_` marks what is kept of the run's "
+        "the order of `cues` in manifest.json, detectors in the order of `detectors`, thresholds of a detector. Times "
+        "count from the start of the run; -1 means never. `golden_` marks what is kept of the run's "
         "[golden run](../glossary.md). `results/README.md` describes the folder around the table."
     )
     numbered = ((_numbered(c.name), c.dtype, c.unit, c.meaning) for c in schema.columns(shape))
@@ -148,7 +148,7 @@ def _columns() -> Iterator[str]:
 
 def _numbered(column: str) -> str:
     """Numbers of repeated columns as letters."""
-    column = re.sub(r"^(twin_)?detector\d+", r"\1detector<d>", column)
+    column = re.sub(r"^(golden_)?detector\d+", r"\1detector<d>", column)
     return re.sub(r"(fault|applied|cue|level)\d+", r"\1<k>", column)
 
 

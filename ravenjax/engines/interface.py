@@ -71,13 +71,13 @@ class Block:
 
     varied: Mapping[str, np.ndarray]  # path -> [lanes]
     faults: Any  # faults.fault.Faults of arrays [lanes]
-    reference: np.ndarray | None  # [ticks, series, twins] of the golden runs; None: this is a block of twins
-    twin: np.ndarray | None = None  # int [lanes], which twin is a lane's; None: as many twins as lanes, in their order
+    reference: np.ndarray | None  # [ticks, series, golden runs]; None: this is a block of golden runs
+    golden: np.ndarray | None = None  # int [lanes], which golden run is a lane's; None: one a lane, in their order
 
     def series(self, lanes: np.ndarray) -> np.ndarray:
-        """[ticks, series, len(lanes)]: what the twins of these lanes did; only of a block that has a reference."""
+        """[ticks, series, len(lanes)]: the golden runs of these lanes; only of a block that has a reference."""
         assert self.reference is not None
-        return self.reference[:, :, lanes if self.twin is None else self.twin[lanes]]
+        return self.reference[:, :, lanes if self.golden is None else self.golden[lanes]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,7 +85,7 @@ class BlockResult:
     """What came out of one block."""
 
     outcomes: dict[str, np.ndarray]  # outcome -> [lanes]
-    reference: np.ndarray  # [ticks, series, lanes], what faulty runs compare themselves with; empty unless twins ran
+    reference: np.ndarray  # [ticks, series, lanes], what faulty runs are compared with; empty unless golden runs ran
 
 
 class Kernel(Protocol):
@@ -151,10 +151,10 @@ class Tracer:
 
     kernel: SignalKernel
 
-    def run(self, twin: Block, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[BlockResult, BlockResult, Any]:
-        """Results of `twin` and of `block`, and every signal of the block's first lane: a record of [ticks].
+    def run(self, golden: Block, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[BlockResult, BlockResult, Any]:
+        """Results of `golden` and of `block`, and every signal of the block's first lane: a record of [ticks].
 
-        `twin` is the same block without faults.
+        `golden` is the same block without faults.
         """
-        own = self.kernel.run(twin, motion)
+        own = self.kernel.run(golden, motion)
         return own, *self.kernel.run_signals(dataclasses.replace(block, reference=own.reference), motion)

@@ -35,7 +35,7 @@ KEPT = 4
 class TracedTick:
     """The loop of a lane: its inputs are the varied parameters and the faults, its results the outcomes.
 
-    What enters a tick is its number and the twin's reference series; what goes out is the own series, then all signals.
+    What enters a tick is its number and the golden run's series; what goes out is the own series, then all signals.
     """
 
     loop: TimeLoop

@@ -2,16 +2,16 @@
 
 Several classes can hold at once. A run that has no other is of class `none`; a run that failed has none at all.
 
-- `jump`: the true tip leapt: over 0.1 mm in each of two ticks in a row and its twin not (the published code's rule, on
-  the tip itself rather than on what encoders tell of it), or over 1 mm within 2 ms (the published text's rule).
+- `jump`: the true tip leapt: over 0.1 mm in each of two ticks in a row, its golden run not (the published code's rule,
+  on the tip itself rather than on what encoders tell of it), or over 1 mm within 2 ms (the published text's rule).
 - `stop`: a check stopped the robot; or its control software, once in pedal-down, was out of it or in a software E-stop
-  for more than 0.2 s in all, while its twin was in pedal-down.
-- `unresponsive`: no stop; the robot stood, or had never started, for 0.2 s in all while its twin moved.
+  for more than 0.2 s in all, while its golden run was in pedal-down.
+- `unresponsive`: no stop; the robot stood, or had never started, for 0.2 s in all while its golden run moved.
 - `displaced`: no jump; the tip made an unintended motion of more than 3 mm, live or not.
 - `message`: no stop; a check did something: it told a person, or it limited a command or dropped a packet, of which the
   published experiments read the logs.
 
-So a robot that merely stops, while its twin goes on, is not displaced; one that coasts by 3 mm after its stop is.
+So a robot that merely stops, while its golden run goes on, is not displaced; one that coasts by 3 mm after its stop is.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ COLUMNS = (
     "unintended_off_mm",
     "idle_ms",
     "pedal_down_ms",
-    "twin_pedal_down_ms",
+    "golden_pedal_down_ms",
 )
 """Columns of the result table that classes are made of."""
 
@@ -70,7 +70,7 @@ def evidence(frame: pd.DataFrame, limit_mm: float = LIMIT_MM) -> pd.DataFrame:
         raise KeyError(
             f"classes of outcomes need the columns {', '.join(COLUMNS)}; the table lacks {', '.join(missing)}"
         )
-    absent_ms = frame["twin_pedal_down_ms"] - frame["pedal_down_ms"]
+    absent_ms = frame["golden_pedal_down_ms"] - frame["pedal_down_ms"]
     return pd.DataFrame(
         {
             "leapt": frame["jump_tip"].astype(bool) | frame["jump_text"].astype(bool),

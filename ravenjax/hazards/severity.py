@@ -22,12 +22,12 @@ INJURY = 4
 """From this severity on the motion could injure."""
 
 DEPTH_MM = 1.0
-"""Deeper in the tissue than the twin by this could injure: unacceptable as a sudden motion to surgeons, DSN 2016."""
+"""This much deeper in the tissue than the golden run could injure: surgeons accept no sudden 1 mm, DSN 2016."""
 
 UNTIL_END = -1
 """`fault<k>_duration_ms` of a fault that lasts until the run ends."""
 
-COLUMNS = (*classes.COLUMNS, "tissue_depth_mm", "twin_tissue_depth_mm", "fault0_duration_ms", "fault0_every_ms")
+COLUMNS = (*classes.COLUMNS, "tissue_depth_mm", "golden_tissue_depth_mm", "fault0_duration_ms", "fault0_every_ms")
 """Columns of the result table that severities are made of; besides, the cue's, and those of other slots."""
 
 
@@ -43,7 +43,7 @@ def severity(frame: pd.DataFrame, cue: int | None = 0, limit_mm: float = LIMIT_M
     unavailable = flags["stop"] | flags["unresponsive"]
     alarmed = frame["response"].astype(str).isin(TOLD)
     if cue is not None:
-        alarmed |= beyond_golden(frame[f"cue{cue}_first_ms"], frame[f"twin_cue{cue}_first_ms"]) >= 0
+        alarmed |= beyond_golden(frame[f"cue{cue}_first_ms"], frame[f"golden_cue{cue}_first_ms"]) >= 0
     harmful = injury_capable(frame, flags)
     number = np.select(
         [harmful & ~alarmed, harmful, unavailable & lasting(frame), unavailable, flags["message"]], [5, 4, 3, 2, 1], 0
@@ -54,11 +54,11 @@ def severity(frame: pd.DataFrame, cue: int | None = 0, limit_mm: float = LIMIT_M
 def injury_capable(frame: pd.DataFrame, flags: pd.DataFrame | None = None) -> pd.Series:
     """Which runs moved the instrument so that it could injure.
 
-    A jump, an unintended motion beyond the limit, or a tip deeper in the tissue than its twin's by more than DEPTH_MM.
+    A jump, an unintended motion beyond the limit, or a tip more than DEPTH_MM deeper than its golden run's.
     `found`: their classes, where they are at hand.
     """
     flags = classes.classify(frame) if flags is None else flags
-    deeper_mm = frame["tissue_depth_mm"] - frame["twin_tissue_depth_mm"]
+    deeper_mm = frame["tissue_depth_mm"] - frame["golden_tissue_depth_mm"]
     deeper = (deeper_mm > DEPTH_MM) & (frame["failed"] == "")
     return pd.Series(flags[["jump", "displaced"]].any(axis=1) | deeper, frame.index)
 

@@ -61,8 +61,8 @@ class DetectorUse:
 
     kind: Literal["steps", "derivative_sum", "tip_error", "overdrive"]  # see ravenjax.stages.detectors
     fusion: Literal["all", "two", "any", "mpos", "mvel", "jpos"] = "all"  # of `steps`
-    consecutive: int = 1  # milliseconds in a row above the level that make an alarm
-    levels: int = 1  # levels evaluated side by side
+    consecutive: int = 1  # milliseconds in a row above the threshold that make an alarm
+    thresholds: int = 1  # thresholds evaluated side by side
 
 
 @dataclasses.dataclass(frozen=True)

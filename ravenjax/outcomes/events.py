@@ -39,7 +39,7 @@ def _among(words: Iterable[str]) -> str:
 
 def beyond_golden_sql(column: str) -> str:
     """Time of what came first, -1 where it never came or the golden run had it by then: as `verdict.beyond_golden`."""
-    own, golden = f'"{column}"', f'"twin_{column}"'
+    own, golden = f'"{column}"', f'"golden_{column}"'
     return f"CASE WHEN {own} >= 0 AND NOT ({golden} >= 0 AND {golden} <= {own}) THEN {own} ELSE -1 END"
 
 

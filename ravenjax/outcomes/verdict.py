@@ -88,10 +88,10 @@ def responses(outcomes: Outcomes, golden: Outcomes, robot: Robot) -> Response:
 def hazards(outcomes: Any, stopped: np.ndarray) -> np.ndarray:
     """Index of HAZARDS for each run: the gravest that it has.
 
-    outcomes: unintended_first_ms, loss_first_ms, false_report_first_ms, halted_ms, twin_halted_ms. stopped: bool
+    outcomes: unintended_first_ms, loss_first_ms, false_report_first_ms, halted_ms, golden_halted_ms. stopped: bool
     [rows], a check stopped the robot.
     """
-    halted = halts(np.asarray(outcomes["halted_ms"]), np.asarray(outcomes["twin_halted_ms"]), stopped)
+    halted = halts(np.asarray(outcomes["halted_ms"]), np.asarray(outcomes["golden_halted_ms"]), stopped)
     return np.select(
         [
             np.asarray(outcomes["unintended_first_ms"]) >= 0,

@@ -150,16 +150,16 @@ class Evaluator:
         return np.stack(values, axis=1)
 
     def _planned(self, rows: pd.DataFrame) -> Plan:
-        """The template's plan with other rows; those that share a twin stand together, so that it is computed once."""
+        """The template's plan with other rows; those of one golden run stand together, so that it is computed once."""
         base, columns = self._plan, table.parameters(rows)
         if base.noise_key:
             columns[base.noise_key] = run_id.stream(rows["run_id"].to_numpy(), "noise")
         varied = {path: columns[path].astype(values.dtype) for path, values in base.varied.items()}
-        twin = np.zeros(len(rows), np.int32)
+        golden = np.zeros(len(rows), np.int32)
         if varied:
             different = np.stack([values.astype(np.float64) for values in varied.values()], axis=1)
-            twin = np.unique(different, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int32)
-        order = np.argsort(twin, kind="stable")
+            golden = np.unique(different, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int32)
+        order = np.argsort(golden, kind="stable")
         own = np.arange(len(rows), dtype=np.int32)
         rows = rows.iloc[order].assign(index=own, pair=own)
         return dataclasses.replace(
@@ -167,7 +167,7 @@ class Evaluator:
             table=rows,
             faults=table.arrays(rows, base.program.setup.injection),
             varied={path: values[order] for path, values in varied.items()},
-            twin=twin[order],
+            golden=golden[order],
         )
 
     def _computation_of(self, ready: Plan) -> Computation:

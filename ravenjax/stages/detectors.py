@@ -1,20 +1,20 @@
-"""Detectors: observers of the robot that give a score in each millisecond, and an alarm where it is above a level.
+"""Detectors: observers of the robot that give a score in each millisecond, and an alarm where it is above a threshold.
 
 They watch and never act. Four kinds, each of which sees the worse of the arms:
 
 - `steps`: the model-based detector of DSN'16. A dynamic model that gets the command actually written says how motors
   and joints 1-3 move; the virtual robot is that model here. Score: steps of motor position, of motor velocity and of
-  joint position within 1 ms, each over its threshold, the largest of the three joints, and then *fused*: `all` (the
+  joint position within 1 ms, each over its learned step, the largest of the three joints, and then *fused*: `all` (the
   published rule) takes the least of the three, `two` the middle one, `any` the largest; `mpos`, `mvel`, `jpos` one
   alone. As published, a step of velocity counts when two in a row have it.
 - `derivative_sum`: |link velocities| + |link accelerations| + 0.001 (|motor velocities| + |motor accelerations|),
-  summed over joints 1-3, in the authors' mixed units (sys_dyn_gold_euler_detect of raven2_sim, level 55).
+  summed over joints 1-3, in the authors' mixed units (sys_dyn_gold_euler_detect of raven2_sim, threshold 55).
 - `tip_error`: distance in mm between nominal model and reported tip, on which the haptic cue works.
 - `overdrive`: |current_cmd| over the limit at which the control software clips, the largest of its checked joints.
 
-An alarm needs the score above its level in `consecutive` milliseconds in a row, so the *score of a run* is the largest
-over time of the least in that many: one campaign tells what every level would have done. Detectors are armed in
-pedal-down, without software E-stop, once `armed_after` has passed.
+An alarm needs the score above its threshold in `consecutive` milliseconds in a row, so the *score of a run* is the
+largest over time of the least in that many: one campaign tells what each threshold would have done. Detectors are armed
+in pedal-down, without software E-stop, once `armed_after` has passed.
 """
 
 from __future__ import annotations
@@ -66,9 +66,9 @@ class DetectorParams:
     armed_after: Annotated[  # int32
         Scalar, Quantity("ms", 0, HOUR_MS, "since the run began, before which no detector looks", whole=True)
     ]
-    levels: Annotated[  # of each detector, in the unit of its score
+    thresholds: Annotated[  # of each detector, in the unit of its score
         tuple[tuple[Scalar, ...], ...],
-        Reserved("reports name each alarm by it; write level = [..] in [[detector]]"),
+        Reserved("reports name each alarm by it; write threshold = [..] in [[detector]]"),
     ]
 
 
@@ -84,8 +84,8 @@ class DetectorArmState:
 
 
 @record
-class LevelState:
-    """What became of one level of a detector so far."""
+class ThresholdState:
+    """What became of one threshold of a detector so far."""
 
     first_tick: Scalar  # int32, tick of the first alarm; -1: none
     alarms: Scalar  # int32, separate alarms
@@ -98,7 +98,7 @@ class DetectorState:
 
     recent: Vec  # scores of the last ticks, latest first, one less than `consecutive`
     peak: Scalar  # score of the run so far
-    levels: tuple[LevelState, ...]
+    thresholds: tuple[ThresholdState, ...]
 
 
 @record
@@ -123,10 +123,10 @@ class DetectorSignal:
 
 
 def params(setup: Setup) -> DetectorParams:
-    """Steps learned from fault-free runs (`LEARNED`); levels of 1 until a campaign names them."""
+    """Steps learned from fault-free runs (`LEARNED`); thresholds of 1 until a campaign names them."""
     steps = {joint: StepScale(*values) for joint, values in LEARNED.items()}
     return DetectorParams(
-        **steps, armed_after=np.int32(500), levels=tuple((1.0,) * use.levels for use in setup.detectors)
+        **steps, armed_after=np.int32(500), thresholds=tuple((1.0,) * use.thresholds for use in setup.detectors)
     )
 
 
@@ -134,9 +134,10 @@ def init(setup: Setup) -> DetectorsState:
     """Nothing seen."""
     zero = real(setup, 0.0)
     still = Vec.full(POSITIONING, zero)
-    level = LevelState(jnp.int32(-1), jnp.int32(0), jnp.bool_(False))
+    threshold = ThresholdState(jnp.int32(-1), jnp.int32(0), jnp.bool_(False))
     detectors = tuple(
-        DetectorState(Vec.full(use.consecutive - 1, zero), zero, (level,) * use.levels) for use in setup.detectors
+        DetectorState(Vec.full(use.consecutive - 1, zero), zero, (threshold,) * use.thresholds)
+        for use in setup.detectors
     )
     return DetectorsState(per_arm(setup, lambda *_: DetectorArmState(still, still, still, still, zero)), detectors)
 
@@ -146,9 +147,9 @@ def step(setup: Setup, params: DetectorParams, state: DetectorsState, signal: De
     views = per_arm(setup, lambda i, _: _arm(setup, params, state.arms[i], signal, i))
     armed = signal.armed & (signal.tick >= params.armed_after)
     detectors = []
-    for use, levels, before in zip(setup.detectors, params.levels, state.detectors, strict=True):
+    for use, thresholds, before in zip(setup.detectors, params.thresholds, state.detectors, strict=True):
         score = reduce(jnp.maximum, [_score(use, scores) for _, scores in views])
-        detectors.append(_watch(before, levels, jnp.where(armed, score, 0.0), signal.tick))
+        detectors.append(_watch(before, thresholds, jnp.where(armed, score, 0.0), signal.tick))
     return DetectorsState(tuple(arm for arm, _ in views), tuple(detectors))
 
 
@@ -157,9 +158,9 @@ def outcomes(setup: Setup, state: DetectorsState) -> dict[str, Scalar]:
     out: dict[str, Scalar] = {}
     for d, detector in enumerate(state.detectors):
         out[f"detector{d}_score"] = detector.peak
-        for k, level in enumerate(detector.levels):
-            out[f"detector{d}_level{k}_first_ms"] = level.first_tick
-            out[f"detector{d}_level{k}_alarms"] = level.alarms
+        for k, threshold in enumerate(detector.thresholds):
+            out[f"detector{d}_threshold{k}_first_ms"] = threshold.first_tick
+            out[f"detector{d}_threshold{k}_alarms"] = threshold.alarms
     return out
 
 
@@ -220,13 +221,13 @@ def _score(use: DetectorUse, scores: _Scores) -> Scalar:
     return jnp.maximum(high, c) if use.fusion == "any" else jnp.maximum(low, jnp.minimum(high, c))
 
 
-def _watch(before: DetectorState, levels: tuple[Scalar, ...], score: Scalar, tick: Scalar) -> DetectorState:
+def _watch(before: DetectorState, thresholds: tuple[Scalar, ...], score: Scalar, tick: Scalar) -> DetectorState:
     lowest = reduce(jnp.minimum, [score, *before.recent])
     after = []
-    for level, state in zip(levels, before.levels, strict=True):
-        over = lowest > level
+    for threshold, state in zip(thresholds, before.thresholds, strict=True):
+        over = lowest > threshold
         begins = over & ~state.over
         first = jnp.where(begins & (state.first_tick < 0), tick, state.first_tick)
-        after.append(LevelState(first, state.alarms + as_int(begins), over))
+        after.append(ThresholdState(first, state.alarms + as_int(begins), over))
     recent = Vec((score, *before.recent)[: len(before.recent)])
     return DetectorState(recent, jnp.maximum(before.peak, lowest), tuple(after))

@@ -4,12 +4,12 @@ Two tips are watched. The *true* tip is where the links of the virtual robot are
 software computes from its encoders (whole micrometres), on which the published jump rule works (analyze_faulty.py).
 Everything is compared with the nominal model and with the run's golden run.
 
-Hazards (`ravenjax.outcomes` says what they are) are judged live. With a = distance from the twin, b = distance from the
+Hazards (`ravenjax.outcomes` says what they are) are judged live. With a = distance from the golden run, b = from the
 nominal model and c = distance from where standing would have left the tip, d = min(a, b):
 
     unintended motion:  min(d, c) > limit
     loss of motion:     d > limit, and min(d, c) <= limit or c < d / 2: most of it is motion that the robot missed
-    false report:       |(measured - true) - (the twin's measured - true)| > limit
+    false report:       |(measured - true) - (the golden run's measured - true)| > limit
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ class MonitorParams:
     large_jump: Annotated[  # m within 2 ms; 1 mm, the rule in the text of DSN'16
         Scalar, Reserved(f"{_WORDS}; write [outcomes] large_jump_mm")
     ]
-    diverged: Scalar  # m from the twin above which a run counts as diverged; 1 um, the resolution of `pos`
-    idle_share: Scalar  # share of the twin's step below which a step counts as none; a quarter, ours
-    idle_step: Scalar  # m per tick, steps of the twin that count; 1 um, the resolution of `pos`
+    diverged: Scalar  # m from the golden run above which a run counts as diverged; 1 um, the resolution of `pos`
+    idle_share: Scalar  # share of the golden run's step below which a step counts as none; a quarter, ours
+    idle_step: Scalar  # m per tick, steps of the golden run that count; 1 um, the resolution of `pos`
     limit: Annotated[  # m, of hazards; `ravenjax.outcomes.verdict.LIMIT_MM`
         Scalar, Reserved(f"{_WORDS}; write [outcomes] limit_mm")
     ]
@@ -62,22 +62,22 @@ class MonitorArmState:
 
     tip: Vec  # m, true tip in the last tick
     tip_before: Vec  # m, true tip in the tick before it
-    twin_tip: Vec  # m, the twin's true tip in the last tick
-    missed: Vec  # m, sum of the twin's steps while this robot was told to stand, or stood
+    golden_tip: Vec  # m, the golden run's true tip in the last tick
+    missed: Vec  # m, sum of the golden run's steps while this robot was told to stand, or stood
     pos: Vec  # um, measured tip at the last packet
-    twin_pos: Vec  # um, the twin's
-    over: Scalar  # bool, the last packet's step was over the jump limit and the twin's was not
-    leapt: Scalar  # bool, the true tip's last step was over the jump limit and the twin's was not
+    golden_pos: Vec  # um, the golden run's
+    over: Scalar  # bool, the last packet's step was over the jump limit and the golden run's was not
+    leapt: Scalar  # bool, the true tip's last step was over the jump limit and the golden run's was not
     peak_model: Scalar  # m, largest distance from the nominal model
     peak_live: Scalar  # m, the same while the robot was live
     square_model: Scalar  # m^2, sum over ticks
-    peak_twin: Scalar  # m, largest distance from the twin
-    square_twin: Scalar  # m^2, sum over ticks
-    unintended: Scalar  # m, largest live distance from twin, model and where standing would have left the tip
-    unintended_off: Scalar  # m, while not live: largest distance from the twin and from where standing leaves the tip
-    loss: Scalar  # m, largest live distance from twin and model by motion that the robot missed
-    false_report: Scalar  # m, largest live distance of the measured tip from the true one, the twin's taken off
-    idle_ticks: Scalar  # int32, ticks in which the twin moved and this robot did not
+    peak_golden: Scalar  # m, largest distance from the golden run
+    square_golden: Scalar  # m^2, sum over ticks
+    unintended: Scalar  # m, largest live distance from golden run, model and where standing would have left the tip
+    unintended_off: Scalar  # m, while not live: largest distance from golden run and from where standing leaves the tip
+    loss: Scalar  # m, largest live distance from golden run and model by motion that the robot missed
+    false_report: Scalar  # m, largest live distance of the measured tip from the true one, the golden run's taken off
+    idle_ticks: Scalar  # int32, ticks in which the golden run moved and this robot did not
     peak_step: Scalar  # m per tick, largest step of the true tip
     path: Scalar  # m, way of the true tip
     depth: Scalar  # m, deepest penetration of tissue by the true tip; negative: never touched
@@ -93,7 +93,7 @@ class MonitorState:
 
     arms: tuple[MonitorArmState, ...]
     tip_distance: Scalar  # m, smallest distance between the two tips; infinite with one arm
-    diverged: Scalar  # int32, first tick farther from the twin than the limit; -1: never
+    diverged: Scalar  # int32, first tick farther from the golden run than the limit; -1: never
     unintended: Scalar  # int32, first tick of unintended motion; -1: never
     loss: Scalar  # int32, first tick of loss of motion; -1: never
     false_report: Scalar  # int32, first tick of a false report; -1: never
@@ -138,17 +138,17 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Mon
         return MonitorArmState(
             tip=tip,
             tip_before=tip,
-            twin_tip=tip,
+            golden_tip=tip,
             missed=still,
             pos=pos,
-            twin_pos=pos,
+            golden_pos=pos,
             over=no,
             leapt=no,
             peak_model=zero,
             peak_live=zero,
             square_model=zero,
-            peak_twin=zero,
-            square_twin=zero,
+            peak_golden=zero,
+            square_golden=zero,
             unintended=zero,
             unintended_off=zero,
             loss=zero,
@@ -184,7 +184,7 @@ def restarted(state: MonitorState) -> MonitorState:
 def realigned(state: MonitorState) -> MonitorState:
     """The same, and from now on the golden run begins where the robot is."""
     arms = restarted(state).arms
-    return replace(state, arms=tuple(replace(arm, twin_tip=arm.tip) for arm in arms))
+    return replace(state, arms=tuple(replace(arm, golden_tip=arm.tip) for arm in arms))
 
 
 class Distances(NamedTuple):
@@ -201,11 +201,11 @@ class Distances(NamedTuple):
     false_report: Scalar
 
 
-def distances(params: MonitorParams, arm: MonitorArmState, model_tip: Vec, pos: Vec, twin_pos: Vec) -> Distances:
-    """Distances of an arm. arm: with `tip`, `twin_tip` and `missed` of this tick; model_tip: m; pos, twin_pos: um."""
-    tip, twin_tip = arm.tip, arm.twin_tip
-    golden, model = _norm(tip - twin_tip), _norm(tip - model_tip)
-    standing = _norm(tip - twin_tip + arm.missed)
+def distances(params: MonitorParams, arm: MonitorArmState, model_tip: Vec, pos: Vec, golden_pos: Vec) -> Distances:
+    """Distances of an arm. arm: has `tip`, `golden_tip`, `missed` of this tick; model_tip: m; pos, golden_pos: um."""
+    tip, golden_tip = arm.tip, arm.golden_tip
+    golden, model = _norm(tip - golden_tip), _norm(tip - model_tip)
+    standing = _norm(tip - golden_tip + arm.missed)
     off = jnp.minimum(golden, model)
     unintended = jnp.minimum(off, standing)
     missed_most = 2.0 * standing < off
@@ -216,7 +216,7 @@ def distances(params: MonitorParams, arm: MonitorArmState, model_tip: Vec, pos: 
         unintended=unintended,
         unintended_off=jnp.minimum(golden, standing),
         loss=jnp.where(missed_most | neither, off, 0.0),
-        false_report=_norm(pos * UM - tip - (twin_pos * UM - twin_tip)),
+        false_report=_norm(pos * UM - tip - (golden_pos * UM - golden_tip)),
     )
 
 
@@ -232,34 +232,34 @@ def _arm(
     params: MonitorParams, state: MonitorArmState, signal: MonitorSignal, reference: Reference, i: int
 ) -> tuple[MonitorArmState, Distances]:
     """The arm after this tick, and how far it is off."""
-    tip, pos, twin_pos = signal.tip[i], signal.pos[i], reference.pos[i]
-    twin_tip = reference.tip[i]
+    tip, pos, golden_pos = signal.tip[i], signal.pos[i], reference.pos[i]
+    golden_tip = reference.tip[i]
     step = _norm(tip - state.tip)
-    twin_way = twin_tip - state.twin_tip
-    twin_step_true = _norm(twin_way)
-    idle = (twin_step_true > params.idle_step) & (step < params.idle_share * twin_step_true)
-    missed = where(idle | ~signal.live, state.missed + twin_way, state.missed)
-    after = replace(state, tip=tip, tip_before=state.tip, twin_tip=twin_tip, missed=missed)
-    off = distances(params, after, signal.model_tip[i], pos, twin_pos)
+    golden_way = golden_tip - state.golden_tip
+    golden_step_true = _norm(golden_way)
+    idle = (golden_step_true > params.idle_step) & (step < params.idle_share * golden_step_true)
+    missed = where(idle | ~signal.live, state.missed + golden_way, state.missed)
+    after = replace(state, tip=tip, tip_before=state.tip, golden_tip=golden_tip, missed=missed)
+    off = distances(params, after, signal.model_tip[i], pos, golden_pos)
     golden, model = off.golden, off.model
     live = signal.live
-    leapt = (step > params.jump_step) & ~(twin_step_true > params.jump_step)
+    leapt = (step > params.jump_step) & ~(golden_step_true > params.jump_step)
     both = _norm(tip - state.tip_before)
     packet_step = _norm(pos - state.pos) * UM
-    twin_step = _norm(twin_pos - state.twin_pos) * UM
-    over = (packet_step > params.jump_step) & ~(twin_step > params.jump_step)
+    golden_step = _norm(golden_pos - state.golden_pos) * UM
+    over = (packet_step > params.jump_step) & ~(golden_step > params.jump_step)
     fresh = signal.fresh
     new = replace(
         after,
         pos=pos.map(lambda a, b: jnp.where(fresh, a, b), state.pos),
-        twin_pos=twin_pos.map(lambda a, b: jnp.where(fresh, a, b), state.twin_pos),
+        golden_pos=golden_pos.map(lambda a, b: jnp.where(fresh, a, b), state.golden_pos),
         over=jnp.where(fresh, over, state.over),
         leapt=leapt,
         peak_model=jnp.maximum(state.peak_model, model),
         peak_live=jnp.where(live, jnp.maximum(state.peak_live, model), state.peak_live),
         square_model=state.square_model + model * model,
-        peak_twin=jnp.maximum(state.peak_twin, golden),
-        square_twin=state.square_twin + golden * golden,
+        peak_golden=jnp.maximum(state.peak_golden, golden),
+        square_golden=state.square_golden + golden * golden,
         unintended=jnp.where(live, jnp.maximum(state.unintended, off.unintended), state.unintended),
         unintended_off=jnp.where(live, state.unintended_off, jnp.maximum(state.unintended_off, off.unintended_off)),
         loss=jnp.where(live, jnp.maximum(state.loss, off.loss), state.loss),
@@ -326,8 +326,8 @@ def outcomes(setup: Setup, state: MonitorState) -> dict[str, Scalar]:
         "peak_model_deviation_mm": worst("peak_model") * 1e3,
         "peak_live_deviation_mm": worst("peak_live") * 1e3,
         "rms_model_deviation_mm": jnp.sqrt(worst("square_model") / count) * 1e3,
-        "peak_twin_deviation_mm": worst("peak_twin") * 1e3,
-        "rms_twin_deviation_mm": jnp.sqrt(worst("square_twin") / count) * 1e3,
+        "peak_golden_deviation_mm": worst("peak_golden") * 1e3,
+        "rms_golden_deviation_mm": jnp.sqrt(worst("square_golden") / count) * 1e3,
         "unintended_mm": worst("unintended") * 1e3,
         "unintended_off_mm": worst("unintended_off") * 1e3,
         "loss_mm": worst("loss") * 1e3,

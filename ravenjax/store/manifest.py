@@ -76,8 +76,8 @@ class DetectorRecord(NamedTuple):
     name: str
     kind: str  # see ravenjax.stages.detectors
     fusion: str
-    consecutive: int  # milliseconds in a row above the level that make an alarm
-    levels: tuple[float, ...]  # in the unit of the score
+    consecutive: int  # milliseconds in a row above the threshold that make an alarm
+    thresholds: tuple[float, ...]  # in the unit of the score
 
 
 class Manifest(BaseModel):

@@ -268,8 +268,9 @@ def require_version(path: Path, version: int) -> None:
     """StoreError where `path` was written with another schema than this reader knows."""
     if version != schema.VERSION:
         way = "upgrade ravenjax" if version > schema.VERSION else "run the campaign again into another folder"
+        since = "".join(f" Since {one}, {what}." for one, what in schema.CHANGES.items() if one > version)
         raise ForeignPart(
-            f"{path}: has result schema {version}; this ravenjax reads {schema.VERSION}. The file is fine: "
+            f"{path}: has result schema {version}; this ravenjax reads {schema.VERSION}.{since} The file is fine: "
             f"read it with the ravenjax that wrote it (versions in manifest.json), or {way}."
         )
 

@@ -24,8 +24,13 @@ from ravenjax.store import words
 from ravenjax.vocabulary.checks import Check
 from ravenjax.vocabulary.robot import Robot
 
-VERSION = 3
+VERSION = 4
 """Raised whenever a column changes its name, type, unit or meaning; a new column alone does not raise it."""
+CHANGES = {
+    3: "outcomes were defined anew",
+    4: "columns `twin_*` became `golden_*`, and `detector<d>_level<k>_*` became `detector<d>_threshold<k>_*`",
+}
+"""What each version changed; see results/README.md."""
 
 Columns = Mapping[str, Any] | pd.DataFrame
 """Columns by name, arrays [rows]."""
@@ -56,7 +61,7 @@ class Shape:
     checks: tuple[str, ...] = tuple(_USUAL.checks)
     parameters: tuple[str, ...] = ()  # paths of the varied parameters
     reacts: bool = False  # the operator may react to the cue
-    detectors: tuple[int, ...] = ()  # how many levels each detector has
+    detectors: tuple[int, ...] = ()  # how many thresholds each detector has
 
 
 def columns(shape: Shape) -> tuple[Column, ...]:
@@ -71,9 +76,9 @@ def columns(shape: Shape) -> tuple[Column, ...]:
         *(column for check in shape.checks for column in _check(robot.check(check))),
         *(column for cue in range(shape.cues) for column in _cue(cue)),
         *_reaction(shape),
-        *(column for d, levels in enumerate(shape.detectors) for column in _detector(d, levels)),
+        *(column for d, thresholds in enumerate(shape.detectors) for column in _detector(d, thresholds)),
         *_motion(),
-        *_twin(shape),
+        *_golden(shape),
         *(
             Column(f"peak_dac_{arm}_{joint}", "int32", "DAC counts", "largest |current_cmd| sent to the motor")
             for arm in shape.arms
@@ -160,46 +165,51 @@ def _reaction(shape: Shape) -> Iterator[Column]:
         yield Column("reaction_ms", "int32", "ms", "when the operator began to react to the first cue, -1 if never")
 
 
-def _detector(detector: int, levels: int) -> Iterator[Column]:
+def _detector(detector: int, thresholds: int) -> Iterator[Column]:
     name = f"detector{detector}"
     yield Column(f"{name}_score", "float32", "of the detector", "detector: score of the run")
-    for level in range(levels):
-        yield Column(f"{name}_level{level}_first_ms", "int32", "ms", "detector: first alarm at this level, -1 if none")
-        yield Column(f"{name}_level{level}_alarms", "int32", "", "detector: separate alarms at this level")
+    for threshold in range(thresholds):
+        yield Column(
+            f"{name}_threshold{threshold}_first_ms",
+            "int32",
+            "ms",
+            "detector: first alarm at this threshold, -1 if none",
+        )
+        yield Column(f"{name}_threshold{threshold}_alarms", "int32", "", "detector: separate alarms at this threshold")
 
 
-TWIN = "twin_"
+GOLDEN = "golden_"
 """Prefix of what is kept of the golden run's outcome."""
-_OF_TWIN = re.compile(
+_OF_GOLDEN = re.compile(
     r"(cue|detector)\d+_(first_ms|score)|reaction_ms|tissue_depth_mm|tip_path_mm|pedal_down_ms|halted_ms"
     r"|peak_live_deviation_mm"
 )
 
 
-def kept_of_twin(name: str) -> bool:
-    """Whether the golden run's outcome of that name is kept beside the run's, as `twin_<name>`."""
-    return _OF_TWIN.fullmatch(name) is not None
+def kept_of_golden(name: str) -> bool:
+    """Whether the golden run's outcome of that name is kept beside the run's, as `golden_<name>`."""
+    return _OF_GOLDEN.fullmatch(name) is not None
 
 
-def _twin(shape: Shape) -> Iterator[Column]:
+def _golden(shape: Shape) -> Iterator[Column]:
     own = [
         *_course(robots.find(shape.robot)),
         *(column for cue in range(shape.cues) for column in _cue(cue)),
         *_reaction(shape),
-        *(column for d, levels in enumerate(shape.detectors) for column in _detector(d, levels)),
+        *(column for d, thresholds in enumerate(shape.detectors) for column in _detector(d, thresholds)),
         *_motion(),
     ]
     for column in own:
-        if kept_of_twin(column.name):
-            yield dataclasses.replace(column, name=TWIN + column.name, meaning=f"golden run: {column.meaning}")
+        if kept_of_golden(column.name):
+            yield dataclasses.replace(column, name=GOLDEN + column.name, meaning=f"golden run: {column.meaning}")
 
 
 def _motion() -> Iterator[Column]:
     yield Column("peak_model_deviation_mm", "float32", "mm", "largest distance of the tip from the nominal model's")
     yield Column("peak_live_deviation_mm", "float32", "mm", "the same in pedal-down without software E-stop")
     yield Column("rms_model_deviation_mm", "float32", "mm", "root mean square of that distance")
-    yield Column("peak_twin_deviation_mm", "float32", "mm", "largest distance of the tip from the golden run's")
-    yield Column("rms_twin_deviation_mm", "float32", "mm", "root mean square of that distance")
+    yield Column("peak_golden_deviation_mm", "float32", "mm", "largest distance of the tip from the golden run's")
+    yield Column("rms_golden_deviation_mm", "float32", "mm", "root mean square of that distance")
     yield Column(
         "unintended_mm",
         "float32",
@@ -225,7 +235,9 @@ def _motion() -> Iterator[Column]:
         "largest live distance of the reported tip from the true one, beyond the golden run's",
     )
     yield Column("false_report_first_ms", "int32", "ms", "when that first exceeded the limit, -1 if never")
-    yield Column("idle_ms", "int32", "ms", "time in which the twin's tip moved, > 1 um/ms, and this one less than 1/4")
+    yield Column(
+        "idle_ms", "int32", "ms", "time in which the golden run's tip moved, > 1 um/ms, and this one less than 1/4"
+    )
     yield Column("largest_step_mm", "float32", "mm", "largest motion of the tip within 1 ms")
     yield Column("tip_path_mm", "float32", "mm", "way of the tip")
     yield Column(

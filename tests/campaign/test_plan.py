@@ -24,12 +24,12 @@ columns = st.integers(1, 4).flatmap(
 
 
 @given(columns)
-def test_runs_share_a_twin_exactly_where_all_parameters_agree(rows):
+def test_runs_share_a_golden_run_exactly_where_all_parameters_agree(rows):
     varied = {str(k): np.array(column, np.float32) for k, column in enumerate(zip(*rows, strict=True))}
-    twin = plan._twins(varied, len(rows))
+    golden = plan._golden_runs(varied, len(rows))
     first = {row: i for i, row in reversed(list(enumerate(rows)))}
     numbered = sorted(set(first.values()))
-    assert twin.tolist() == [numbered.index(first[row]) for row in rows], "numbered as they come"
+    assert golden.tolist() == [numbered.index(first[row]) for row in rows], "numbered as they come"
 
 
 def test_a_plan_travels_between_processes():
@@ -40,15 +40,15 @@ def test_a_plan_travels_between_processes():
 
 
 def test_without_parameters_all_share_one():
-    assert plan.make(rj.load_campaign(CAMPAIGN)).twin.tolist() == [0, 0, 0]
+    assert plan.make(rj.load_campaign(CAMPAIGN)).golden.tolist() == [0, 0, 0]
 
 
-def test_with_noise_every_run_draws_its_own_and_has_a_twin_that_draws_the_same():
+def test_with_noise_every_run_draws_its_own_and_has_a_golden_run_that_draws_the_same():
     noisy = {**CAMPAIGN, "campaign": {**CAMPAIGN["campaign"], "noise": True}}
     ready = plan.make(rj.load_campaign(noisy))
     keys = ready.varied[NOISE_KEY]
     assert keys.dtype == np.uint32 and len(set(keys.tolist())) == 3
-    assert ready.twin.tolist() == [0, 1, 2]
+    assert ready.golden.tolist() == [0, 1, 2]
     assert not np.isin(keys, ready.faults["key"]).any(), "noise and random effects are strangers"
 
 

@@ -117,15 +117,15 @@ def test_no_chunk_is_a_chunk_that_suits_the_campaign(whole, tmp_path):
 
 
 def test_rows_do_not_depend_on_the_size_of_blocks(whole, monkeypatch):
-    """Nor on how many twins fit in memory, down to one."""
+    """Nor on how many golden runs fit in memory, down to one."""
     monkeypatch.setattr(simd, "MAX_LANES", 16)
-    monkeypatch.setattr(computation, "TWIN_BYTES", 1)
+    monkeypatch.setattr(computation, "GOLDEN_BYTES", 1)
     same(whole, rj.run(config()))
 
 
 @pytest.fixture
 def blocks(monkeypatch):
-    """(lanes, whether it is one of twins) of each block that engine simd runs."""
+    """(lanes, whether it is one of golden runs) of each block that engine simd runs."""
     ran, run = [], simd.SimdKernel.run
 
     def watched(self, block, *others):
@@ -138,11 +138,11 @@ def blocks(monkeypatch):
 
 
 def test_a_block_is_as_large_as_its_rows_ask_for(blocks):
-    """Three twins in a block that is no larger than they need, and a last block that is not filled up."""
+    """Three golden runs in a block that is no larger than they need, and a last block that is not filled up."""
     rj.run(config(), engine="simd")
     width = simd.jit.host().width
-    assert [lanes for lanes, twins in blocks if twins] == [-(-3 // width) * width]
-    assert sum(lanes for lanes, twins in blocks if not twins) < 27 + 3 * width
+    assert [lanes for lanes, golden_runs in blocks if golden_runs] == [-(-3 // width) * width]
+    assert sum(lanes for lanes, golden_runs in blocks if not golden_runs) < 27 + 3 * width
 
 
 def test_nothing_piles_up_behind_a_slow_disk(blocks, monkeypatch, tmp_path):
@@ -164,8 +164,8 @@ def test_nothing_piles_up_behind_a_slow_disk(blocks, monkeypatch, tmp_path):
     many["fault"] = [{**many["fault"][0], "start_ms": 5}]
     table = rj.run(rj.load_campaign({**CAMPAIGN, "campaign": wanted, "group": [many]}), tmp_path, engine="simd")
     threads = len(os.sched_getaffinity(0))
-    a_twin, in_hand, under_way, written = 1, 1, 2 * threads, 2 * min(local.WRITERS, threads)
-    assert stuck[0] <= a_twin + under_way + in_hand + written
+    a_golden, in_hand, under_way, written = 1, 1, 2 * threads, 2 * min(local.WRITERS, threads)
+    assert stuck[0] <= a_golden + under_way + in_hand + written
     assert len(table) == 640
 
 
@@ -191,7 +191,7 @@ def test_xla_compiles_one_kernel():
         table = rj.run(config(duration_s=0.4), engine="xla")
     finally:
         jax.monitoring.unregister_event_duration_listener(listen)
-    assert len(table) == 27, "several blocks, twins of three kinds"
+    assert len(table) == 27, "several blocks, golden runs of three kinds"
     assert compiled.count("jit(segment)") == 1
 
 
@@ -203,19 +203,19 @@ def test_another_campaign_is_refused_and_nothing_is_lost(tmp_path):
     assert sorted(path.name for path in tmp_path.rglob("*")) == before
 
 
-def test_runs_with_their_own_parameters_have_their_own_twins(whole):
+def test_runs_with_their_own_parameters_have_their_own_golden_runs(whole):
     weak = whole[whole["group"] == "weak cable"]
-    assert (weak["peak_twin_deviation_mm"] > 0).all()
+    assert (weak["peak_golden_deviation_mm"] > 0).all()
     by_stiffness = weak.groupby("param:plant.cable_stiffness_scale")["peak_model_deviation_mm"].min()
     assert by_stiffness.nunique() == 2
-    # 0.5 rad of the insertion motor moves the tip by a fraction of a millimetre, seen against the right twin.
-    assert weak.loc[weak["fault0_value"] == 0.5, "peak_twin_deviation_mm"].max() < 1.0
+    # 0.5 rad of the insertion motor moves the tip by a fraction of a millimetre, seen against the right golden run.
+    assert weak.loc[weak["fault0_value"] == 0.5, "peak_golden_deviation_mm"].max() < 1.0
 
 
-def test_a_fault_free_run_is_its_own_twin(whole):
+def test_a_fault_free_run_is_its_own_golden_run(whole):
     free = whole[whole["group"] == "free"].iloc[0]
     assert free["verdict"] == "silent/none/no cue"
-    assert free["peak_twin_deviation_mm"] == 0.0
+    assert free["peak_golden_deviation_mm"] == 0.0
     assert not free["activated"] and not free["diverged"]
     assert 0.0 < free["peak_model_deviation_mm"] < 2.0
 
@@ -246,7 +246,7 @@ def test_a_replay_is_the_run(whole, replayer, index):
     assert int(series["fault0_active"].sum()) >= row["active_ticks"]
 
 
-def test_a_replay_responds_as_the_run_did_where_the_twin_trips_too():
+def test_a_replay_responds_as_the_run_did_where_the_golden_run_trips_too():
     strict = config(level="beginner", duration_s=1.2, limit=9)
     strict = rj.load_campaign(
         {**CAMPAIGN, "campaign": strict.campaign.model_dump(), "operator": {"motion": "reach", "scale": 0.3}}

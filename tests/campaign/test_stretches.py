@@ -21,22 +21,22 @@ def ranges(draw):
 
 
 @given(ranges(), st.integers(1, 50), st.integers(1, 30), st.integers(1, 5), st.integers(1, 40), st.integers(0, 9))
-def test_every_row_is_in_one_block_and_nothing_is_too_large(ranges, lanes, most, ahead, twins, seed):
+def test_every_row_is_in_one_block_and_nothing_is_too_large(ranges, lanes, most, ahead, golden_runs, seed):
     rows = np.concatenate([np.asarray(r) for r in ranges])
-    twin = np.random.default_rng(seed).integers(0, twins, rows[-1] + 1)
-    found = list(stretches.cut(ranges, twin, lanes, most, ahead))
+    golden = np.random.default_rng(seed).integers(0, golden_runs, rows[-1] + 1)
+    found = list(stretches.cut(ranges, golden, lanes, most, ahead))
     blocks = [block for stretch in found for block in stretch.blocks]
     np.testing.assert_array_equal(np.concatenate(blocks), rows)
     for stretch in found:
-        np.testing.assert_array_equal(stretch.twins, np.unique(twin[np.concatenate(stretch.blocks)]))
-        assert len(stretch.twins) <= most and len(stretch.blocks) <= ahead
+        np.testing.assert_array_equal(stretch.golden_runs, np.unique(golden[np.concatenate(stretch.blocks)]))
+        assert len(stretch.golden_runs) <= most and len(stretch.blocks) <= ahead
     for block in blocks:
-        different = len(np.unique(twin[block]))
+        different = len(np.unique(golden[block]))
         shared = different == 1 or different * stretches.SHARED <= len(block)
         assert len(block) <= lanes and (shared or len(block) <= most)
 
 
-def test_blocks_are_full_where_a_twin_is_shared():
+def test_blocks_are_full_where_a_golden_run_is_shared():
     found = list(stretches.cut([range(0, 70), range(80, 1000)], np.zeros(1000, int), 64, 1, 4))
     assert [len(block) for stretch in found for block in stretch.blocks] == [64] * 15 + [30]
     assert [len(stretch.blocks) for stretch in found] == [4, 4, 4, 4]

@@ -184,8 +184,8 @@ def check_engines(short: plan.Plan, runs: int) -> None:
     results = []
     for engine in (SimdEngine(), CudaEngine()):
         kernel = engine.compile(short.program, runs)
-        twins = kernel.run(Block(varied, harmless, None), short.columns)
-        results.append((twins, kernel.run(Block(varied, faults, twins.reference), short.columns)))
+        golden_runs = kernel.run(Block(varied, harmless, None), short.columns)
+        results.append((golden_runs, kernel.run(Block(varied, faults, golden_runs.reference), short.columns)))
     for one, other in zip(*results, strict=True):
         np.testing.assert_array_equal(one.reference.view(np.uint32), other.reference.view(np.uint32))
         assert list(one.outcomes) == list(other.outcomes)

@@ -1,4 +1,4 @@
-"""Blocks of any size: as many lanes as a kernel asks for, each beside its twin, give the bits of one full block."""
+"""Blocks of any size: as many lanes as a kernel asks for, each with its golden run, give the bits of one full block."""
 
 from __future__ import annotations
 
@@ -42,19 +42,19 @@ def engine(request, monkeypatch, tmp_path):
 
 @pytest.mark.parametrize("engine", ENGINES, indirect=True)
 def test_small_blocks_give_the_bits_of_a_large_one(engine, ready):
-    """Runs of three twins: at once with a series for each lane, and a few at a time with one series for each twin."""
+    """Runs of three golden runs: at once with a series a lane, and a few at a time with a series a golden run."""
     kernel, rows = engine.compile(ready.program, ready.runs), np.arange(ready.runs)
     lanes = kernel.size(len(rows))
     own = kernel.run(Block(*ready.lanes(rows, lanes, harmless=True), None), ready.columns)
     whole = kernel.run(Block(*ready.lanes(rows, lanes), own.reference), ready.columns)
 
-    twins = kernel.size(3)
-    of_three = kernel.run(Block(*ready.lanes(rows[:3], twins, harmless=True), None), ready.columns)
+    golden_runs = kernel.size(3)
+    of_three = kernel.run(Block(*ready.lanes(rows[:3], golden_runs, harmless=True), None), ready.columns)
     np.testing.assert_array_equal(of_three.reference[:, :, :3], own.reference[:, :, :3])
     for some in (rows[:1], rows[1:6], rows[6:]):
         lanes = kernel.size(len(some))
-        twin = ready.twin[some[np.minimum(np.arange(lanes), len(some) - 1)]]
-        block = Block(*ready.lanes(some, lanes), of_three.reference[:, :, :3], twin)
+        golden = ready.golden[some[np.minimum(np.arange(lanes), len(some) - 1)]]
+        block = Block(*ready.lanes(some, lanes), of_three.reference[:, :, :3], golden)
         found = kernel.run(block, ready.columns)
         for name, values in whole.outcomes.items():
             np.testing.assert_array_equal(found.outcomes[name][: len(some)], values[some], err_msg=name)

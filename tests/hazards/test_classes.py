@@ -9,7 +9,7 @@ import result_rows
 
 from ravenjax.hazards import classes, library
 
-STANDS = {"idle_ms": 900, "peak_twin_deviation_mm": 12.0, "tip_path_mm": 40.0}
+STANDS = {"idle_ms": 900, "peak_golden_deviation_mm": 12.0, "tip_path_mm": 40.0}
 HALTED = {"pedal_down_ms": 500, **STANDS}
 
 KNOWN = [
@@ -26,9 +26,9 @@ KNOWN = [
     ({**STANDS, "response": "flagged"}, {"unresponsive", "message"}),
     ({"pedal_down_ms": 2800 - classes.HALT_MS}, {"none"}),  # too short for the brakes
     ({"pedal_down_ms": 2799 - classes.HALT_MS}, {"stop"}),
-    ({"unintended_mm": 5.0, "peak_twin_deviation_mm": 5.0}, {"displaced"}),
-    ({"unintended_mm": 5.0, "peak_twin_deviation_mm": 5.0, "response": "stopped"}, {"displaced", "stop"}),
-    ({"jump_tip": True, "largest_step_mm": 0.5, "unintended_mm": 30.0, "peak_twin_deviation_mm": 30.0}, {"jump"}),
+    ({"unintended_mm": 5.0, "peak_golden_deviation_mm": 5.0}, {"displaced"}),
+    ({"unintended_mm": 5.0, "peak_golden_deviation_mm": 5.0, "response": "stopped"}, {"displaced", "stop"}),
+    ({"jump_tip": True, "largest_step_mm": 0.5, "unintended_mm": 30.0, "peak_golden_deviation_mm": 30.0}, {"jump"}),
     ({"jump_text": True, "largest_step_mm": 0.9}, {"jump"}),
     ({"jump_tip": True, "largest_step_mm": 0.5, "response": "stopped"}, {"jump", "stop"}),
     ({"failed": "nan", "jump_text": True, "response": "stopped"}, set()),
@@ -57,7 +57,7 @@ def test_a_reported_leap_is_no_jump() -> None:
     assert not found.loc[0, "jump"]
 
 
-def test_a_robot_that_stays_behind_its_twin_has_not_strayed() -> None:
+def test_a_robot_that_stays_behind_its_golden_run_has_not_strayed() -> None:
     stopped = {"response": "stopped", **HALTED}
     assert "displaced" not in named(stopped)
     assert "displaced" in named({**stopped, "unintended_mm": 4.0})
@@ -77,5 +77,5 @@ def test_the_index_is_kept_and_none_excludes_others() -> None:
 
 
 def test_a_missing_column_is_told() -> None:
-    with pytest.raises(KeyError, match="lacks twin_pedal_down_ms"):
-        classes.classify(result_rows.frame({}).drop(columns="twin_pedal_down_ms"))
+    with pytest.raises(KeyError, match="lacks golden_pedal_down_ms"):
+        classes.classify(result_rows.frame({}).drop(columns="golden_pedal_down_ms"))

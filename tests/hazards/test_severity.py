@@ -27,12 +27,12 @@ STRAYS = {"unintended_mm": 5.0}
         ({**STRAYS, "response": "flagged"}, 4),
         ({**STRAYS, "response": "limited"}, 5),  # nobody is told of a clip
         ({**STRAYS, "cue0_first_ms": 700}, 4),
-        ({**STRAYS, "cue0_first_ms": 700, "twin_cue0_first_ms": 600}, 5),  # a cue of the motion, not of the fault
+        ({**STRAYS, "cue0_first_ms": 700, "golden_cue0_first_ms": 600}, 5),  # a cue of the motion, not of the fault
         (STRAYS, 5),
         ({"jump_tip": True, **ENDLESS}, 5),
         ({"jump_tip": True, "response": "stopped", **ENDLESS}, 4),
-        ({"tissue_depth_mm": 4.5, "twin_tissue_depth_mm": 3.0}, 5),
-        ({"tissue_depth_mm": 4.0, "twin_tissue_depth_mm": 3.5}, 0),  # the operator went there
+        ({"tissue_depth_mm": 4.5, "golden_tissue_depth_mm": 3.0}, 5),
+        ({"tissue_depth_mm": 4.0, "golden_tissue_depth_mm": 3.5}, 0),  # the operator went there
     ],
 )
 def test_known_rows(row: dict[str, Any], expected: int) -> None:
@@ -64,8 +64,8 @@ def test_any_slot_may_last() -> None:
 
 
 def test_a_missing_column_is_told() -> None:
-    with pytest.raises(KeyError, match="lacks twin_tissue_depth_mm"):
-        severity.severity(result_rows.frame({}).drop(columns="twin_tissue_depth_mm"))
+    with pytest.raises(KeyError, match="lacks golden_tissue_depth_mm"):
+        severity.severity(result_rows.frame({}).drop(columns="golden_tissue_depth_mm"))
 
 
 def test_the_end_is_written_as_campaigns_write_it() -> None:

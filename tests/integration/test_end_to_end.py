@@ -200,7 +200,7 @@ def test_the_notebook_sees_the_same_series(out, traced):
     gold = found.sel(arm="gold")
     assert np.abs(gold["dac_cnt"].sel(joint="shoulder", time=slice(0.25, 0.289))).min() >= 9000
     assert found["fault_active"].sel(fault=0).values.nonzero()[0].tolist() == list(range(250, 290))
-    for other, column in (("golden_tip", "peak_twin_deviation_mm"), ("model_position", "peak_model_deviation_mm")):
+    for other, column in (("golden_tip", "peak_golden_deviation_mm"), ("model_position", "peak_model_deviation_mm")):
         far = np.linalg.norm(gold["tip"] - gold[other], axis=1).max() * 1e3
         assert far == pytest.approx(row[column], rel=1e-3)
     assert found["jpos"].attrs["units"] == "rad" and found["jpos"].attrs["insertion_units"] == "m"

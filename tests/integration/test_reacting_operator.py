@@ -74,10 +74,10 @@ def test_the_foot_off_the_pedal_stops_the_arm(by_action):
 
 def test_slowed_hands_go_a_shorter_way(by_action):
     assert (by_action[2]["end_runlevel"] == 3).all()
-    assert (by_action[2]["peak_twin_deviation_mm"] > by_action[0]["peak_twin_deviation_mm"]).any()
+    assert (by_action[2]["peak_golden_deviation_mm"] > by_action[0]["peak_golden_deviation_mm"]).any()
 
 
 def test_correction_keeps_the_instrument_where_it_was_meant_to_be(by_action):
-    """The twin goes where the operator means to go; an eye that corrects keeps a drifting tip near it."""
-    corrected, deaf = by_action[3]["peak_twin_deviation_mm"], by_action[0]["peak_twin_deviation_mm"]
+    """The golden run goes where the operator means to go; an eye that corrects keeps a drifting tip near it."""
+    corrected, deaf = by_action[3]["peak_golden_deviation_mm"], by_action[0]["peak_golden_deviation_mm"]
     assert (corrected < 0.5 * deaf).all()

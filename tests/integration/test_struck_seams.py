@@ -106,7 +106,7 @@ def test_robot_and_model_follow_the_stray_hand_and_the_cue_stays_silent(table, s
         stray = series("hand")[name][-1] - series("free")[name][-1]
         np.testing.assert_allclose(stray, asked, atol=1e-4)
     # the golden run is left behind by as much, but the nominal model goes along: the robot did what it was asked
-    assert hand["peak_twin_deviation_mm"] == pytest.approx(1e3 * np.linalg.norm(asked), abs=0.15)
+    assert hand["peak_golden_deviation_mm"] == pytest.approx(1e3 * np.linalg.norm(asked), abs=0.15)
     assert hand["unintended_mm"] <= hand["peak_live_deviation_mm"] and hand["hazard"] == "none"
 
 
@@ -146,7 +146,7 @@ def test_start_brings_the_robot_back_unless_the_stop_persists(table):
     back, persists = (row for _, row in table[table["group"] == "start"].iterrows())
     assert (back["end_runlevel"], persists["end_runlevel"]) == (3, 0)
     assert back["check_estop_first_ms"] == persists["check_estop_first_ms"]
-    assert 400 < back["twin_pedal_down_ms"] - back["pedal_down_ms"] + 100 < 600
+    assert 400 < back["golden_pedal_down_ms"] - back["pedal_down_ms"] + 100 < 600
 
 
 @pytest.mark.slow

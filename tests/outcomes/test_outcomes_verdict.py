@@ -82,7 +82,7 @@ def test_the_gravest_hazard_counts(rows):
     unintended, loss, report, halted, golden, stopped = (np.array(values) for values in zip(*rows, strict=True))
     frame = {
         "unintended_first_ms": unintended, "loss_first_ms": loss, "false_report_first_ms": report,
-        "halted_ms": halted, "twin_halted_ms": golden,
+        "halted_ms": halted, "golden_halted_ms": golden,
     }  # fmt: skip
     found = verdict.hazards(frame, stopped)
     for i, (u, l, r, h, g, s) in enumerate(rows):
@@ -110,7 +110,7 @@ def test_verdicts_are_all_words_in_order():
 def test_what_the_golden_run_has_by_then_does_not_count():
     own, golden = np.array([5, 5, 5, -1, 0, 5]), np.array([-1, 4, 6, 3, 0, 5])
     assert verdict.beyond_golden(own, golden).tolist() == [5, -1, 5, -1, -1, -1]
-    frame = pd.DataFrame({"cue2_first_ms": own, "twin_cue2_first_ms": golden, "failed": ""})
+    frame = pd.DataFrame({"cue2_first_ms": own, "golden_cue2_first_ms": golden, "failed": ""})
     _, cue = events.happened(pa.Table.from_pandas(frame), ["cue"], Rules(cue=2))
     assert cue.tolist() == [True, False, True, False, False, False]
 

@@ -73,7 +73,7 @@ def hazard(frame: pd.DataFrame) -> pd.Series:
     """The gravest hazard of each run, whether it is valid or not."""
     found = []
     for row in frame.to_dict("records"):
-        stood = row["halted_ms"] > row["twin_halted_ms"] + 200
+        stood = row["halted_ms"] > row["golden_halted_ms"] + 200
         if row["unintended_first_ms"] >= 0:
             found.append("unintended motion")
         elif row["loss_first_ms"] >= 0 or (stood and row["response"] != "stopped"):
@@ -104,7 +104,7 @@ def outcome(row: dict) -> str:
 
 def warned(frame: pd.DataFrame, cue: int) -> pd.Series:
     """When each run's cue of this number came and its golden run had none by then, -1 if never."""
-    pairs = zip(frame[f"cue{cue}_first_ms"].tolist(), frame[f"twin_cue{cue}_first_ms"].tolist(), strict=True)
+    pairs = zip(frame[f"cue{cue}_first_ms"].tolist(), frame[f"golden_cue{cue}_first_ms"].tolist(), strict=True)
     return pd.Series([own if own >= 0 and not 0 <= golden <= own else -1 for own, golden in pairs], frame.index, int)
 
 
@@ -123,4 +123,4 @@ def distinct(frame: pd.DataFrame) -> pd.Series:
 
 def motions(frame: pd.DataFrame, chosen: pd.Series | None = None) -> pd.DataFrame:
     """The different golden runs: one row for each operator and outcome of a golden run."""
-    return (frame if chosen is None else frame[chosen]).filter(regex=r"^(operator$|twin_)").drop_duplicates()
+    return (frame if chosen is None else frame[chosen]).filter(regex=r"^(operator$|golden_)").drop_duplicates()

@@ -17,7 +17,7 @@ SHAPE = schema.Shape(
     checks=synthetic.CHECKS,
     parameters=("plant.friction_scale", "reaction.action"),
     reacts=True,
-    detectors=tuple(len(detector.levels) for detector in synthetic.DETECTORS),
+    detectors=tuple(len(detector.thresholds) for detector in synthetic.DETECTORS),
 )
 
 
@@ -33,7 +33,7 @@ def frame(faults: int = 200, seed: int = 0) -> pd.DataFrame:
         part["run_id"] = [f"{action}{one[1:]}" for one in part["run_id"]]
         acted = (action > 0) & (part["cue0_first_ms"] >= 0)
         part["reaction_ms"] = np.where(acted, part["cue0_first_ms"] + 250, -1)
-        part["twin_reaction_ms"] = -1
+        part["golden_reaction_ms"] = -1
         for name in ("unintended_mm", "unintended_off_mm"):
             part[name] = np.where(acted, part[name] / 2, part[name])
         avoided = acted & (part["pair"] % 10 == 0)

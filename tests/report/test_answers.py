@@ -29,10 +29,10 @@ EVADING = MOVED & UNTOLD
 
 
 def naive_known(index):
-    """First of a check that tells, the cue and quiet detector levels that is not before the first effect."""
+    """First of a check that tells, the cue and quiet detector thresholds that is not before the first effect."""
     row = FRAME.loc[index]
-    quiet = [(0, 0), (1, 0)]  # twins score 0.4: below the first level of both detectors, 0.5 and 3
-    times = [row["told_ms"], row["cue0_first_ms"], *(row[f"detector{d}_level{k}_first_ms"] for d, k in quiet)]
+    quiet = [(0, 0), (1, 0)]  # golden runs score 0.4: below the first threshold of both detectors, 0.5 and 3
+    times = [row["told_ms"], row["cue0_first_ms"], *(row[f"detector{d}_threshold{k}_first_ms"] for d, k in quiet)]
     return min([t for t in times if t >= max(0, row["first_active_ms"])], default=-1)
 
 
@@ -114,7 +114,7 @@ def test_the_cue_of_the_verdicts_is_the_one_that_announces():
 
 
 def test_a_cue_that_disturbs_is_no_better_one():
-    frame = FRAME.assign(**{f"twin_cue{k}_first_ms": 2999 for k in range(1, len(MANIFEST.cues))})
+    frame = FRAME.assign(**{f"golden_cue{k}_first_ms": 2999 for k in range(1, len(MANIFEST.cues))})
     assert answers.changed(Runs.of(frame, MANIFEST), MANIFEST, []).better is None
 
 

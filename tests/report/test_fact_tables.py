@@ -44,9 +44,9 @@ def mixed(frame, seed, cue=0):
     frame["pair"] = np.where(random.random(rows) < 0.5, random.integers(0, rows, rows), frame["pair"])
     frame["failed"] = np.where(random.random(rows) < 0.2, "nan", "")
     for name in ("cue0_first_ms", "cue2_first_ms"):
-        frame[f"twin_{name}"] = np.where(random.random(rows) < 0.4, frame[name] + random.integers(-3, 4, rows), -1)
+        frame[f"golden_{name}"] = np.where(random.random(rows) < 0.4, frame[name] + random.integers(-3, 4, rows), -1)
     frame["halted_ms"] = random.choice([0, 4, 203, 204, 205, 900], rows)
-    frame["twin_halted_ms"] = random.choice([0, 4, 5, 700], rows)
+    frame["golden_halted_ms"] = random.choice([0, 4, 5, 700], rows)
     for name in ("unintended_first_ms", "loss_first_ms", "false_report_first_ms"):
         frame[name] = np.where(random.random(rows) < 0.5, -1, random.integers(0, 900, rows))
     frame.loc[random.random(rows) < 0.3, "param:plant.friction_scale"] = np.nan

@@ -25,9 +25,9 @@ def test_every_layer_has_a_name_and_a_site():
 
 def quiet(runs):
     """Rows of faults that do nothing, one golden run."""
-    never = {name: -1 for name in FRAME if name.endswith("_first_ms") and not name.startswith(("applied", "twin_"))}
+    never = {name: -1 for name in FRAME if name.endswith("_first_ms") and not name.startswith(("applied", "golden_"))}
     never |= {"response": "silent", "response_cause": "", "response_ms": -1, "told_ms": -1, "first_active_ms": 200}
-    never |= {"failed": "", "halted_ms": 4, "twin_halted_ms": 4, "activated": True}
+    never |= {"failed": "", "halted_ms": 4, "golden_halted_ms": 4, "activated": True}
     return FRAME[FRAME["fault0_site"] != ""].head(runs).assign(**never).reset_index(drop=True)
 
 
@@ -67,7 +67,7 @@ def test_a_limit_tells_nobody_so_the_motion_evades():
 
 
 def test_a_cue_that_the_golden_run_has_too_tells_nothing():
-    frame = quiet(4).assign(cue0_first_ms=[100, 100, 100, -1], twin_cue0_first_ms=[-1, 100, 101, 50])
+    frame = quiet(4).assign(cue0_first_ms=[100, 100, 100, -1], golden_cue0_first_ms=[-1, 100, 101, 50])
     assert run_facts.warned(frame, 0).tolist() == [100, -1, 100, -1]
     facts = run_facts.derive(synthetic.judged(frame))
     assert facts["warned_ms"].tolist() == [100, -1, 100, -1] and facts["cue_ms"].tolist() == [100, 100, 100, -1]
@@ -111,12 +111,12 @@ def test_repeats_with_other_random_numbers_are_one_fault():
 
 
 def test_fault_free_motions_that_are_one_computation_count_once():
-    frame = FRAME.head(40).assign(operator="suture", twin_tip_path_mm=np.repeat([30.0, 31.0], 20))
-    free = run_facts.twins(frame, run_facts.derive(frame)["plain"].to_numpy(bool))
+    frame = FRAME.head(40).assign(operator="suture", golden_tip_path_mm=np.repeat([30.0, 31.0], 20))
+    free = run_facts.golden_runs(frame, run_facts.derive(frame)["plain"].to_numpy(bool))
     assert len(free) == 2
     assert run_facts.hours(free) == 2 * 2800 / 3.6e6
     frame = frame.assign(operator=np.where(np.arange(40) % 2, "suture", "circle"))
-    assert len(run_facts.twins(frame, run_facts.derive(frame)["plain"].to_numpy(bool))) == 4
+    assert len(run_facts.golden_runs(frame, run_facts.derive(frame)["plain"].to_numpy(bool))) == 4
 
 
 def test_an_index_that_is_no_count_is_kept():

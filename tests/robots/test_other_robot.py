@@ -111,7 +111,7 @@ def moved_mm(row) -> float:
 @pytest.mark.parametrize("index", [0, 7, 20, 23, 27])
 def test_the_tip_goes_where_the_equations_say(tables, index):
     row = tables["simd"].iloc[index]
-    assert row["peak_twin_deviation_mm"] == pytest.approx(moved_mm(row), rel=1e-3, abs=1e-3)
+    assert row["peak_golden_deviation_mm"] == pytest.approx(moved_mm(row), rel=1e-3, abs=1e-3)
 
 
 def test_results_are_reported_verified_and_traced(file, tmp_path, capsys):

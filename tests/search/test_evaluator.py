@@ -71,7 +71,7 @@ def different(one: pd.DataFrame, other: pd.DataFrame) -> list[str]:
 
 def test_rows_are_those_of_a_campaign_of_listed_runs(template, points, evaluated):
     """A file that lists each run by itself gives the same ids and, to the bit, the same outcomes: effect "random",
-    noise and twins of varied parameters included."""
+    noise and golden runs of varied parameters included."""
     case, values = points
     raw = {key: value for key, value in RAW.items() if key != "search"}
     fault = RAW["group"][0]["fault"][0] | {"channel": "shoulder", "effect": "overwrite", "value": 0, "start_ms": 1,

@@ -26,7 +26,7 @@ TEMPLATE = Template(
         {
             "campaign": {"name": "kept", "duration_s": 0.3, "seed": 3},
             "operator": {"motion": "reach"},
-            "search": {"kind": "rare", "event": "peak_twin_deviation_mm >= 1", "runs": 100},
+            "search": {"kind": "rare", "event": "peak_golden_deviation_mm >= 1", "runs": 100},
             "group": [{"name": "dac", "fault": [FAULT | {"value": {"uniform": [0, 9000]}}]}],
         }
     ).campaign
@@ -38,7 +38,7 @@ CASE, VALUES = np.tile([0, 1], 15), np.arange(30.0)[:, None] * 600
 @contextlib.contextmanager
 def searching(out, checksum=None) -> Iterator[Evaluator]:
     """An evaluator that keeps its runs in `out`."""
-    made = Evaluator(TEMPLATE, [outcome.parse("peak_twin_deviation_mm")], "simd")
+    made = Evaluator(TEMPLATE, [outcome.parse("peak_golden_deviation_mm")], "simd")
     with Journal(out, "same", checksum) as into:
         made.keep_in(into, 30, None)
         yield made

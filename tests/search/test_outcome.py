@@ -18,7 +18,7 @@ FRAME = pd.DataFrame(
         "response_ms": [-1, 700, 20, 30],
         "hazard": ["unintended motion", "unintended motion", "none", "false report"],
         "cue1_first_ms": [-1, 600, 20, 30],
-        "twin_cue1_first_ms": [-1, -1, 10, -1],
+        "golden_cue1_first_ms": [-1, -1, 10, -1],
         "failed": ["", "", "", "nan"],
     }
 )

@@ -17,7 +17,7 @@ from ravenjax.store import folder, parts
 SEARCH = {
     "campaign": {"name": "killed", "duration_s": 3.0, "seed": 3},
     "operator": {"motion": "reach"},
-    "search": {"kind": "rare", "event": "peak_twin_deviation_mm >= 4", "runs": 500, "check": 8000},
+    "search": {"kind": "rare", "event": "peak_golden_deviation_mm >= 4", "runs": 500, "check": 8000},
     "group": [
         {
             "name": "dac",

@@ -21,7 +21,7 @@ motion = "reach"
 
 [search]
 kind = "boundary"
-harm = "peak_twin_deviation_mm >= 1"
+harm = "peak_golden_deviation_mm >= 1"
 signs = [1, -1]
 
 [[group]]
@@ -66,8 +66,8 @@ def test_a_file_loads_and_overrides_reach_both_parts(tmp_path):
         ("signs = [1, -1]", "sings = [1]", "search.sings: unknown key"),
         ("signs = [1, -1]", "scan = 1", ":12: search.scan: got 1, expected greater than or equal to 2"),
         ("signs = [1, -1]", "signs = [1, 1]", "expected each sign once"),
-        ('harm = "peak_twin_deviation_mm >= 1"', "", "search.harm: missing: event, such as"),
-        ("_mm >= 1", "_mm", ":11: search.harm: got 'peak_twin_deviation_mm', a number; expected an event"),
+        ('harm = "peak_golden_deviation_mm >= 1"', "", "search.harm: missing: event, such as"),
+        ("_mm >= 1", "_mm", ":11: search.harm: got 'peak_golden_deviation_mm', a number; expected an event"),
         ("loguniform = [100, 30000]", "normal = [0, 300]", "needs one uniform or loguniform"),
         ("{ loguniform = [100, 30000] }", "500", "got none"),
         ("start_ms = 300", "start_ms = { uniform = [300, 400] }", "got fault0_value, fault0_start_ms"),

@@ -44,7 +44,7 @@ def files(path):
 BOUNDARY = {
     "fault": {"channel": ["shoulder", "elbow"], "duration_ms": [1, 8, 32], "value": {"loguniform": [500, 30000]}},
     "kind": "boundary",
-    "harm": "peak_twin_deviation_mm >= 0.5",
+    "harm": "peak_golden_deviation_mm >= 0.5",
     "signs": [1, -1],
     "scan": 5,
     "tolerance": 0.05,
@@ -67,7 +67,7 @@ def test_a_boundary_is_verified_by_a_campaign_of_its_two_sides(bounded):
     verified = folder.read_all(out / bisection.FOLDER).set_index("run_id")
     for cell in crossed:
         low, high = verified.loc[cell["harmless_run"]], verified.loc[cell["harmful_run"]]
-        assert low["peak_twin_deviation_mm"] < 0.5 <= high["peak_twin_deviation_mm"]
+        assert low["peak_golden_deviation_mm"] < 0.5 <= high["peak_golden_deviation_mm"]
         assert low["fault0_value"] == cell["harmless"] and high["fault0_value"] == cell["harmful"]
         assert low["fault0_channel"] == cell["cell"]["fault0_channel"]
         assert abs(cell["harmful"]) <= 1.05 * abs(cell["harmless"]) + 1
@@ -130,18 +130,18 @@ def test_two_searches_in_one_folder_are_one_too_many(bounded):
         runner.run(search(**BOUNDARY), bounded[0])
 
 
-def test_a_searched_parameter_has_the_twin_of_its_own_value(tmp_path):
-    """Of a fault-free change of the robot nothing is harm that its twin shares."""
+def test_a_searched_parameter_has_the_golden_run_of_its_own_value(tmp_path):
+    """Of a fault-free change of the robot nothing is harm that its golden run shares."""
     fault = {"value": 0, "duration_ms": 1}
     weak = {"plant.friction_scale": {"uniform": [0.5, 2.0]}}
-    config = search(fault, weak, kind="boundary", harm="peak_twin_deviation_mm >= 0.001", scan=5)
+    config = search(fault, weak, kind="boundary", harm="peak_golden_deviation_mm >= 0.001", scan=5)
     (cell,) = runner.run(config, tmp_path).findings.numbers["cells"]
     assert cell["state"] == "never"
 
 
 def test_sobol_finds_what_decides(tmp_path):
     fault = {"value": {"uniform": [1000, 20000]}, "duration_ms": {"uniform": [1, 30]}}
-    outcomes = ["peak_twin_deviation_mm", "peak_twin_deviation_mm >= 1", "response = stopped"]
+    outcomes = ["peak_golden_deviation_mm", "peak_golden_deviation_mm >= 1", "response = stopped"]
     config = search(fault, {"plant.mass_scale": {"uniform": [0.99, 1.01]}}, kind="sobol", n=32, outcomes=outcomes)
     runner.run(config, tmp_path)
     record, rows, text = files(tmp_path)
@@ -157,7 +157,7 @@ def test_sobol_finds_what_decides(tmp_path):
 
 def test_an_outcome_that_never_varies_has_no_indices(tmp_path):
     fault = {"value": {"uniform": [1, 5]}, "duration_ms": {"uniform": [1, 3]}}
-    config = search(fault, kind="sobol", n=8, outcomes=["jump_text", "peak_twin_deviation_mm"])
+    config = search(fault, kind="sobol", n=8, outcomes=["jump_text", "peak_golden_deviation_mm"])
     runner.run(config, tmp_path)
     record, _, text = files(tmp_path)
     assert record["result"]["results"][0]["indices"] is None and "it never varies" in text
@@ -170,7 +170,7 @@ def test_morris_ranks_each_case(tmp_path):
         "duration_ms": {"uniform": [1, 30]},
     }
     config = search(fault, {"plant.mass_scale": {"uniform": [0.99, 1.01]}}, kind="morris", trajectories=6,
-                    outcomes=["peak_twin_deviation_mm"])  # fmt: skip
+                    outcomes=["peak_golden_deviation_mm"])  # fmt: skip
     runner.run(config, tmp_path)
     record, _, _ = files(tmp_path)
     results = record["result"]["results"]
@@ -182,12 +182,12 @@ def test_morris_ranks_each_case(tmp_path):
 
 def test_a_rare_event_agrees_with_plain_monte_carlo(tmp_path):
     fault = {"value": {"normal": [0, 4000]}, "duration_ms": {"uniform": [1, 20]}}
-    config = search(fault, kind="rare", event="peak_twin_deviation_mm >= 1", runs=300, check=1500)
+    config = search(fault, kind="rare", event="peak_golden_deviation_mm >= 1", runs=300, check=1500)
     runner.run(config, tmp_path)
     record, rows, text = files(tmp_path)
     (found,) = record["result"]["results"]
     assert 0 < found["monte_carlo"]["probability"] < 0.2 and found["consistent"]
-    met = rows["peak_twin_deviation_mm"] >= 1
+    met = rows["peak_golden_deviation_mm"] >= 1
     assert met.sum() >= round(found["monte_carlo"]["probability"] * 1500)
     assert [level["probability"] for level in found["reached"]][-1] == found["subset"]["probability"]
     assert "both agree" in text
@@ -196,7 +196,7 @@ def test_a_rare_event_agrees_with_plain_monte_carlo(tmp_path):
 def test_progress_is_told(tmp_path):
     told = []
     fault = {"value": {"uniform": [1, 5]}, "duration_ms": {"uniform": [1, 3]}}
-    config = search(fault, kind="sobol", n=8, outcomes=["peak_twin_deviation_mm"])
+    config = search(fault, kind="sobol", n=8, outcomes=["peak_golden_deviation_mm"])
     runner.run(config, tmp_path, on_progress=told.append)
     assert {status.phase for status in told} == {"compile", "run", "done"}
     assert told[-1].total == 32 and told[-1].progress == 1.0

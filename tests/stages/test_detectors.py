@@ -16,9 +16,9 @@ TICKS = 60
 FUSIONS = ("all", "two", "any", "mpos", "mvel", "jpos")
 USES = (
     *(DetectorUse("steps", fusion, count, 2) for fusion in FUSIONS for count in (1, 3)),
-    DetectorUse("derivative_sum", levels=1),
-    DetectorUse("tip_error", consecutive=2, levels=1),
-    DetectorUse("overdrive", levels=1),
+    DetectorUse("derivative_sum", thresholds=1),
+    DetectorUse("tip_error", consecutive=2, thresholds=1),
+    DetectorUse("overdrive", thresholds=1),
 )
 SETUP = RavenSetup(precision=REFERENCE, detectors=USES)
 LIMIT = np.array([2500, 2500, 2000, 3000, 3000, 3800, 3800])
@@ -41,10 +41,10 @@ def series():
 @pytest.fixture(scope="module")
 def found(series):
     """Outcomes after all ticks, armed from tick 10 on."""
-    levels = tuple((0.8, 1.6)[: use.levels] for use in USES)
+    thresholds = tuple((0.8, 1.6)[: use.thresholds] for use in USES)
     with jax.enable_x64(True):
         params = detectors.params(SETUP)
-        params = detectors.DetectorParams(params.shoulder, params.elbow, params.insertion, 10, levels)
+        params = detectors.DetectorParams(params.shoulder, params.elbow, params.insertion, 10, thresholds)
 
         def one(state, x):
             signal = detectors.DetectorSignal(
@@ -90,11 +90,11 @@ def test_score_first_alarm_and_alarms_follow_the_rule(series, found, d):
     padded = np.concatenate([np.zeros(use.consecutive - 1), score])
     held = np.min([padded[i : i + TICKS] for i in range(use.consecutive)], axis=0)
     np.testing.assert_allclose(found[f"detector{d}_score"], held.max(), rtol=1e-12)
-    for k, level in enumerate((0.8, 1.6)[: use.levels]):
-        over = held > level
+    for k, threshold in enumerate((0.8, 1.6)[: use.thresholds]):
+        over = held > threshold
         rises = over & ~np.concatenate([[False], over[:-1]])
-        assert found[f"detector{d}_level{k}_alarms"] == rises.sum()
-        assert found[f"detector{d}_level{k}_first_ms"] == (np.flatnonzero(over)[0] if over.any() else -1)
+        assert found[f"detector{d}_threshold{k}_alarms"] == rises.sum()
+        assert found[f"detector{d}_threshold{k}_first_ms"] == (np.flatnonzero(over)[0] if over.any() else -1)
 
 
 def test_the_worse_arm_counts():
@@ -102,7 +102,7 @@ def test_the_worse_arm_counts():
         arms=("gold", "green"),
         tools=("r_grasper", "r_grasper"),
         precision=REFERENCE,
-        detectors=(DetectorUse("tip_error", levels=1),),
+        detectors=(DetectorUse("tip_error", thresholds=1),),
     )
     with jax.enable_x64(True):
         still = (Vec.full(7, jnp.float64(0.0)),) * 2

@@ -14,22 +14,22 @@ from ravenjax.stages import monitor
 
 TICKS = 400
 SETUP = RavenSetup(precision=REFERENCE)
-THREE = ("tip", "twin", "model", "pos", "twin_pos")
+THREE = ("tip", "golden", "model", "pos", "golden_pos")
 
 
 def course(kind: str) -> dict[str, np.ndarray]:
     """A made-up run of one arm: what the observer sees, [ticks, 3] in m (pos in um) or [ticks]."""
     rng = np.random.default_rng(len(kind))
     time = np.arange(TICKS)[:, None]
-    twin = np.hstack([0.02 * np.sin(time / 60.0), 2e-5 * time, 0.0 * time])
-    tip, live = twin.copy(), np.ones(TICKS, bool)
-    model, report = twin + rng.normal(0, 1e-4, (TICKS, 3)), np.zeros((TICKS, 3))
+    golden = np.hstack([0.02 * np.sin(time / 60.0), 2e-5 * time, 0.0 * time])
+    tip, live = golden.copy(), np.ones(TICKS, bool)
+    model, report = golden + rng.normal(0, 1e-4, (TICKS, 3)), np.zeros((TICKS, 3))
     if kind == "stops":
         tip[150:] = tip[149]
         live[150:] = False
     elif kind == "stands":
         tip[150:300] = tip[149]
-        tip[300:] = tip[149] + twin[300:] - twin[299]
+        tip[300:] = tip[149] + golden[300:] - golden[299]
     elif kind == "leaps":
         tip[200:203] += np.array([[2e-4, 0, 0], [4e-4, 0, 0], [6e-4, 0, 0]])
         tip[203:] += [6e-4, 0, 0]
@@ -44,10 +44,10 @@ def course(kind: str) -> dict[str, np.ndarray]:
         tip[150:] = tip[149] + np.minimum(5e-5 * (time[150:] - 149), 0.005)
     return {
         "tip": tip,
-        "twin": twin,
+        "golden": golden,
         "model": model,
         "pos": np.trunc((tip + report) * 1e6),
-        "twin_pos": np.trunc(twin * 1e6),
+        "golden_pos": np.trunc(golden * 1e6),
         "depth": 1e-3 * np.sin(time[:, 0] / 40.0),
         "dac": rng.integers(-3000, 3000, (TICKS, 7)),
         "live": live,
@@ -73,7 +73,7 @@ def observed(params, inputs):
             pedal=x["pedal"],
             tick=x["tick"],
         )
-        return monitor.step(SETUP, params, state, signal, monitor.Reference(vec["twin"], vec["twin_pos"])), None
+        return monitor.step(SETUP, params, state, signal, monitor.Reference(vec["golden"], vec["golden_pos"])), None
 
     at_rest = tuple(Vec(inputs[name][0][i] for i in range(3)) for name in ("tip", "pos"))
     return jax.lax.scan(one, monitor.init(SETUP, (at_rest[0],), (at_rest[1],)), inputs)[0]
@@ -98,28 +98,28 @@ def by_the_rules(s):
         return np.linalg.norm(np.diff(values, axis=0, prepend=values[:1]), axis=1)
 
     model = np.linalg.norm(s["tip"] - s["model"], axis=1)
-    twin = np.linalg.norm(s["tip"] - s["twin"], axis=1)
-    step, twin_step = steps(s["tip"]), steps(s["twin"])
+    golden = np.linalg.norm(s["tip"] - s["golden"], axis=1)
+    step, golden_step = steps(s["tip"]), steps(s["golden"])
     two = np.linalg.norm(s["tip"] - np.vstack([s["tip"][:1], s["tip"][:1], s["tip"][:-2]]), axis=1)
-    code = (steps(s["pos"]) > 100.0) & ~(steps(s["twin_pos"]) > 100.0)
-    true = (step > 1e-4) & ~(twin_step > 1e-4)
+    code = (steps(s["pos"]) > 100.0) & ~(steps(s["golden_pos"]) > 100.0)
+    true = (step > 1e-4) & ~(golden_step > 1e-4)
     twice = lambda over: over & np.concatenate([[False], over[:-1]])  # noqa: E731
-    idle = (twin_step > 1e-6) & (step < 0.25 * twin_step)
-    asked = np.diff(s["twin"], axis=0, prepend=s["twin"][:1])
+    idle = (golden_step > 1e-6) & (step < 0.25 * golden_step)
+    asked = np.diff(s["golden"], axis=0, prepend=s["golden"][:1])
     missed = np.cumsum(np.where((idle | ~s["live"])[:, None], asked, 0.0), axis=0)
-    standing = np.linalg.norm(s["tip"] - s["twin"] + missed, axis=1)
-    off, live = np.minimum(twin, model), s["live"]
+    standing = np.linalg.norm(s["tip"] - s["golden"] + missed, axis=1)
+    off, live = np.minimum(golden, model), s["live"]
     unintended = np.minimum(off, standing)
     loss = np.where((2 * standing < off) | ((off > 3e-3) & (unintended <= 3e-3)), off, 0.0)
-    report = np.linalg.norm(1e-6 * (s["pos"] - s["twin_pos"]) - (s["tip"] - s["twin"]), axis=1)
+    report = np.linalg.norm(1e-6 * (s["pos"] - s["golden_pos"]) - (s["tip"] - s["golden"]), axis=1)
     return {
         "peak_model_deviation_mm": model.max() * 1e3,
         "peak_live_deviation_mm": model[s["live"]].max() * 1e3,
         "rms_model_deviation_mm": np.sqrt(np.mean(model**2)) * 1e3,
-        "peak_twin_deviation_mm": twin.max() * 1e3,
-        "rms_twin_deviation_mm": np.sqrt(np.mean(twin**2)) * 1e3,
+        "peak_golden_deviation_mm": golden.max() * 1e3,
+        "rms_golden_deviation_mm": np.sqrt(np.mean(golden**2)) * 1e3,
         "unintended_mm": (live * unintended).max() * 1e3,
-        "unintended_off_mm": (~live * np.minimum(twin, standing)).max() * 1e3,
+        "unintended_off_mm": (~live * np.minimum(golden, standing)).max() * 1e3,
         "unintended_first_ms": first(live & (unintended > 3e-3)),
         "loss_mm": (live * loss).max() * 1e3,
         "loss_first_ms": first(live & (loss > 3e-3)),
@@ -133,7 +133,7 @@ def by_the_rules(s):
         "jump_code_ms": first(twice(code)),
         "jump_text_ms": first((step > 1e-3) | (two > 1e-3)),
         "jump_tip_ms": first(twice(true)),
-        "diverged_ms": first(twin > 1e-6),
+        "diverged_ms": first(golden > 1e-6),
         "failed_ms": -1,
         "tip_distance_mm": np.inf,
         "peak_dac_gold_shoulder": np.abs(s["dac"][:, 0]).max(),
@@ -189,14 +189,14 @@ def test_a_tip_that_is_no_number_is_told():
     assert watched(series)["failed_ms"] == 77
 
 
-def test_a_restarted_observer_forgets_what_was_missed_and_a_realigned_one_where_the_twin_was():
-    tip, twin = Vec((0.1, 0.2, 0.3)), Vec((0.4, 0.5, 0.6))
+def test_a_restarted_observer_forgets_what_was_missed_and_a_realigned_one_where_the_golden_run_was():
+    tip, golden = Vec((0.1, 0.2, 0.3)), Vec((0.4, 0.5, 0.6))
     with jax.enable_x64(True):
         state = monitor.init(SETUP, (tip,), (tip,))
-    state = replace(state, arms=(replace(state.arms[0], missed=Vec((1.0, 2.0, 3.0)), twin_tip=twin, path=7.0),))
+    state = replace(state, arms=(replace(state.arms[0], missed=Vec((1.0, 2.0, 3.0)), golden_tip=golden, path=7.0),))
     restarted, realigned = monitor.restarted(state).arms[0], monitor.realigned(state).arms[0]
     assert restarted.missed == realigned.missed == (0.0, 0.0, 0.0)
-    assert restarted.twin_tip == twin and realigned.twin_tip == realigned.tip
+    assert restarted.golden_tip == golden and realigned.golden_tip == realigned.tip
     for new in (restarted, realigned):
-        kept = replace(new, missed=state.arms[0].missed, twin_tip=state.arms[0].twin_tip)
+        kept = replace(new, missed=state.arms[0].missed, golden_tip=state.arms[0].golden_tip)
         assert all(a is b for a, b in zip(jax.tree.leaves(kept), jax.tree.leaves(state.arms[0]), strict=True))

@@ -31,7 +31,7 @@ def test_each_column_is_named_once_and_described(form):
 
 
 UNITLESS = {"index", "pair", "seed", "end_runlevel"} | {f"cue{k}_count" for k in range(9)}
-UNITLESS |= {f"detector{d}_level{k}_alarms" for d in range(9) for k in range(9)}
+UNITLESS |= {f"detector{d}_threshold{k}_alarms" for d in range(9) for k in range(9)}
 
 
 def test_repeated_columns_follow_the_shape():
@@ -73,9 +73,9 @@ def test_results_readme_describes_each_column():
     names = {"arms": ("<arm>",), "joints": ("<joint>",), "checks": ("<check>",), "parameters": ("<path>",)}
     form = schema.Shape(**names, reacts=True, detectors=(1,))
     for column in schema.columns(form):
-        name = re.sub("(fault|cue|applied|level)0", r"\1<k>", column.name).replace("detector0", "detector<d>")
-        if name.startswith(schema.TWIN):
-            assert f"`{name.removeprefix(schema.TWIN)}`" in text.partition("`twin_<column>`")[2]
+        name = re.sub("(fault|cue|applied|threshold)0", r"\1<k>", column.name).replace("detector0", "detector<d>")
+        if name.startswith(schema.GOLDEN):
+            assert f"`{name.removeprefix(schema.GOLDEN)}`" in text.partition("`golden_<column>`")[2]
         else:
             assert f"| `{name}` | {column.dtype} |" in text
     for check, unit, what, action, _ in CHECKS.values():

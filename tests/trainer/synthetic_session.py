@@ -13,7 +13,7 @@ from ravenjax.trainer.protocol.frame import Frame, FrameLayout
 from ravenjax.trainer.recording.hazards.table import HazardRow
 
 LIMIT_MM = 8.0
-"""[harm] stray_mm of these sessions."""
+"""[harm] excursion_mm of these sessions."""
 NAMES = {"C09": "Encoder scaled", "L7": "Cable breaks", "M2": "Packets repeat"}
 
 
@@ -58,7 +58,7 @@ def hazard(
         "loss_mm": 0.0,
         "loss_first_ms": None,
         "halted_ms": 0.0,
-        "twin_halted_ms": 0.0,
+        "golden_halted_ms": 0.0,
         "false_report_mm": 0.2,
         "false_report_first_ms": None,
         "response": what or ("release" if response is not None else ""),
@@ -122,7 +122,7 @@ def write(folder, table, seconds=8.0, arms=("gold", "green"), recorded=True, **h
             "name": "synthetic",
             "title": "Pegs under attack",
             "description": "Six pegs, three hazards",
-            "harm": {"stray_mm": LIMIT_MM, "depth_mm": 5.0},
+            "harm": {"excursion_mm": LIMIT_MM, "depth_mm": 5.0},
         },
         "seed": 7,
         "participant": "P1",

@@ -45,7 +45,7 @@ class Share(NamedTuple):
     table: pd.DataFrame
     faults: dict[str, np.ndarray]
     varied: dict[str, np.ndarray]
-    twin: np.ndarray
+    golden: np.ndarray
 
 
 def head(work: Work[Any], chunks: Sequence[range]) -> Head:
@@ -70,7 +70,7 @@ def share(ready: Plan, rows: range) -> Share:
         ready.table.iloc[here],
         {name: values[here] for name, values in ready.faults.items()},
         {path: values[here] for path, values in ready.varied.items()},
-        ready.twin[here],
+        ready.golden[here],
     )
 
 
@@ -104,7 +104,7 @@ class Bench:
 
 
 def _with(ready: Plan, rows: Share) -> Plan:
-    return dataclasses.replace(ready, table=rows.table, faults=rows.faults, varied=rows.varied, twin=rows.twin)
+    return dataclasses.replace(ready, table=rows.table, faults=rows.faults, varied=rows.varied, golden=rows.golden)
 
 
 def _require_same(given: Head, device: str) -> None:

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypeVar
 
 from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
@@ -128,7 +128,7 @@ class Haptics(Section):
         return tuple(CueSet(threshold / 1e3, kp * 1e3, kd * 1e3, cap) for threshold, kp, kd, cap in rows)
 
 
-MOST_LEVELS = 64
+MOST_THRESHOLDS = 64
 """Of a detector: each costs every run some time and two columns."""
 
 Fusion = Literal["all", "two", "any", "mpos", "mvel", "jpos"]
@@ -153,8 +153,9 @@ class Detector(Section):
     )
     consecutive: Annotated[
         tuple[int, ...], BeforeValidator(_listed, json_schema_input_type=OneOrMore[_UpTo8]), Field(min_length=1)
-    ] = Field(default=(1,), description="milliseconds in a row above the level that make an alarm, 1 to 8")
-    level: _Numbers = Field(default=(1.0,), description="alarm above it; all evaluated in the same run")
+    ] = Field(default=(1,), description="milliseconds in a row above the threshold that make an alarm, 1 to 8")
+    threshold: _Numbers = Field(default=(1.0,), description="alarm above it; all evaluated in the same run")
+    former: ClassVar[Mapping[str, str]] = {"level": "threshold"}
 
     @model_validator(mode="after")
     def _fits(self) -> Detector:
@@ -162,8 +163,8 @@ class Detector(Section):
             raise ValueError(f"fusion = {list(self.fusion)} belongs to kind 'steps', got kind {self.kind!r}: remove it")
         if not all(1 <= count <= 8 for count in self.consecutive):
             raise ValueError(f"consecutive = {list(self.consecutive)}, expected 1 to 8")
-        if len(self.level) > MOST_LEVELS:
-            raise ValueError(f"level has {len(self.level)} numbers, expected at most {MOST_LEVELS}")
+        if len(self.threshold) > MOST_THRESHOLDS:
+            raise ValueError(f"threshold has {len(self.threshold)} numbers, expected at most {MOST_THRESHOLDS}")
         return self
 
     def uses(self) -> tuple[tuple[str, DetectorUse], ...]:
@@ -172,7 +173,7 @@ class Detector(Section):
         return tuple(
             (
                 self.name + (f"/{fusion}" if many_fusions else "") + (f"/{count}" if many_counts else ""),
-                DetectorUse(self.kind, fusion, count, len(self.level)),
+                DetectorUse(self.kind, fusion, count, len(self.threshold)),
             )
             for fusion in self.fusion
             for count in self.consecutive
@@ -300,8 +301,8 @@ class CampaignConfig(Section):
 
     @property
     def detectors(self) -> tuple[tuple[str, DetectorUse, tuple[float, ...]], ...]:
-        """(name, detector, levels) of every one, in order."""
-        return tuple((name, use, one.level) for one in self.detector for name, use in one.uses())
+        """(name, detector, thresholds) of every one, in order."""
+        return tuple((name, use, one.threshold) for one in self.detector for name, use in one.uses())
 
     @property
     def rules(self) -> events.Rules:

@@ -283,7 +283,7 @@ def _observers(config: CampaignConfig) -> Iterator[Complaint]:
     for d, detector in enumerate(config.detector):
         if names.index(detector.name) != d:
             yield ("detector", d, "name"), f"got {detector.name!r} twice, expected a name of its own for each detector"
-        for name in ("fusion", "consecutive", "level"):
+        for name in ("fusion", "consecutive", "threshold"):
             values: Iterable[Any] = getattr(detector, name)
             value, times = Counter(values).most_common(1)[0]
             if times > 1:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import difflib
 import itertools
+from collections.abc import Mapping
 from types import NoneType
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import (
     AfterValidator,
@@ -49,6 +50,7 @@ class Section(BaseModel):
     """A table of the file: frozen, unknown keys refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=False)
+    former: ClassVar[Mapping[str, str]] = {}  # former name of a key -> its name
 
     @model_validator(mode="before")
     @classmethod
@@ -56,6 +58,8 @@ class Section(BaseModel):
         """Pydantic takes true for 1 where a number is asked for; a word it refuses, and says where it stands."""
         if not isinstance(raw, dict):
             return raw
+        for name in cls.former.keys() & raw.keys():
+            raise ValueError(f"key {name!r} is now called {cls.former[name]!r}: write that")
         return raw | {
             name: str(raw[name]).lower()
             for name, field in cls.model_fields.items()

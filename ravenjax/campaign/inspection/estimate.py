@@ -9,7 +9,7 @@ millisecond of one run, 16 robots a vector:
 | one site, one arm, no detector | 78 | 78 |
 | the same with both arms | 142 | 142 |
 | with 64 haptic sets | 116 | 141 |
-| with 32 detector levels | 102 | 100 |
+| with 32 detector thresholds | 102 | 100 |
 | 4 plant steps a tick | 154 | 153 |
 | an operator who reacts | 130 | 133 |
 | a golden run for each run | 157 | 133 |
@@ -34,8 +34,8 @@ NS_ARM, NS_FURTHER_ARM = 78.0, 64.0
 """ns of a core for a tick: of one arm with one fault site, and of the second arm."""
 NS_SITE = 3.2
 """ns for each further fault site and arm."""
-NS_CUE, NS_LEVEL = 1.0, 0.7
-"""ns for each further haptic set, and each level of a detector."""
+NS_CUE, NS_THRESHOLD = 1.0, 0.7
+"""ns for each further haptic set, and each threshold of a detector."""
 NS_SUBSTEP = 25.0
 """ns for each further plant step and arm."""
 UNSHARED = 1.7
@@ -77,7 +77,7 @@ class CostFactors(NamedTuple):
     sites: int = 1  # fault sites, each arm's together
     slots: int = 1
     cues: int = 1  # haptic sets
-    levels: int = 0  # of all detectors
+    thresholds: int = 0  # of all detectors
     substeps: int = 1
     reacts: bool = False
 
@@ -120,7 +120,7 @@ def tick_ns(work: CostFactors) -> float:
     shared = work.golden_runs * SHARED <= max(work.runs, SHARED) and not work.reacts
     ns = NS_ARM + NS_FURTHER_ARM * (work.arms - 1)
     ns += NS_SITE * max(0, work.sites - 1) * work.arms + NS_SUBSTEP * (work.substeps - 1) * work.arms
-    ns += NS_CUE * max(0, work.cues - 1) + NS_LEVEL * work.levels
+    ns += NS_CUE * max(0, work.cues - 1) + NS_THRESHOLD * work.thresholds
     return ns if shared else ns * UNSHARED
 
 

@@ -80,7 +80,7 @@ def preview(config: CampaignConfig, folder: Path, engine: str = "auto") -> Previ
     backend = selection.select(engine, CAMPAIGN)
     why = selection.fastest(CAMPAIGN)[1] if engine == "auto" else ""
     machine = Machine(backend.name, len(os.sched_getaffinity(0)), _width(backend.device))
-    golden_runs = None if ready is None else len(np.unique(ready.twin[:due]))
+    golden_runs = None if ready is None else len(np.unique(ready.golden[:due]))
     sites = {fault.site for group in config.group for fault in group.fault}
     work = CostFactors(
         runs=due,
@@ -90,7 +90,7 @@ def preview(config: CampaignConfig, folder: Path, engine: str = "auto") -> Previ
         sites=max(1, len(sites)),
         slots=max(1, config.slots),
         cues=len(config.haptics.cues()),
-        levels=sum(len(levels) for _, _, levels in config.detectors),
+        thresholds=sum(len(thresholds) for _, _, thresholds in config.detectors),
         substeps=config.substeps,
         reacts=config.reacts,
     )
@@ -233,8 +233,14 @@ def as_json(view: Preview, faults: Sequence[str]) -> dict[str, Any]:
         **config.settings(),
         "cues": [cue._asdict() for cue in config.haptics.cues()],
         "detectors": [
-            {"name": name, "kind": use.kind, "fusion": use.fusion, "consecutive": use.consecutive, "levels": levels}
-            for name, use, levels in config.detectors
+            {
+                "name": name,
+                "kind": use.kind,
+                "fusion": use.fusion,
+                "consecutive": use.consecutive,
+                "thresholds": thresholds,
+            }
+            for name, use, thresholds in config.detectors
         ],
         "stop": None if config.stop is None else config.stop.model_dump(mode="json"),
         "groups": [row._asdict() for row in view.groups],

@@ -33,7 +33,7 @@ WORDS = {
     "group": "runs that share a design; each `[[group]]` of a file is one",
     "arm": "gold or green: each has its own motors, gains of the control software and USB board",
     "golden run": "the same run without its faults: same operator, same parameters, same random numbers; each run is "
-    "compared with its own (in names of columns: twin)",
+    "compared with its own (in names of columns: `golden`)",
     "nominal model": "a model of the robot that is fed the operator's clean input; the haptic cue pulls when the "
     "robot's reported tip leaves it",
     "haptic set": "one threshold, spring, damper and cap of the cue; all are evaluated in the same run",

@@ -154,11 +154,11 @@ def compute(ready: Plan, engine: Engine, rows: np.ndarray, on_progress: OnProgre
     computation.compile()
     blocks = list(computation.blocks([range(row, row + 1) for row in rows.tolist()]))
     progress.tell("done")
-    columns, twins = (
+    columns, golden_runs = (
         {name: np.concatenate([block[table][name] for block in blocks]) for name in blocks[0][table]}
         for table in (0, 1)
     )
-    return outcomes.columns(ready.config, ready.table.iloc[rows], columns, twins)
+    return outcomes.columns(ready.config, ready.table.iloc[rows], columns, golden_runs)
 
 
 def stored(folder: Path, record: Manifest, rows: np.ndarray) -> pa.Table:

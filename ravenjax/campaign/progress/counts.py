@@ -71,7 +71,7 @@ class Progress:
         self.tell("run")
 
     def more_due(self, ticks: int) -> None:
-        """There are ticks to compute that no row asked for: of twins, of lanes that only fill a block."""
+        """There are ticks to compute that no row asked for: of golden runs, of lanes that only fill a block."""
         with self._lock:
             self._ticks_due += ticks
 

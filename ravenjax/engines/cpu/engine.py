@@ -131,7 +131,7 @@ def _distinct(columns: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _given(block: Block, lanes: np.ndarray, grouped: bool, series: int, dtype: np.dtype) -> np.ndarray:
-    """The twins' series as the code reads it: of a group, whose lanes share one, or of each lane."""
+    """The golden runs' series as the code reads it: of a group, whose lanes share one, or of each lane."""
     if block.reference is None:
         return np.zeros((1, series) if grouped else (1, series, len(lanes)), dtype)
     return np.ascontiguousarray(block.series(lanes[:1])[:, :, 0] if grouped else block.series(lanes))

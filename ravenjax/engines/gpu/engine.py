@@ -132,7 +132,7 @@ def _groups(columns: list[np.ndarray], lanes: int) -> np.ndarray:
 
 
 def _given(block: Block, places: Places, grouped: bool) -> np.ndarray:
-    """The twins' series as the code reads it; empty, and then zero, where there are none."""
+    """The golden runs' series as the code reads it; empty, and then zero, where there are none."""
     if block.reference is None:
         return np.zeros((0, 0, 0), np.float32)
     if grouped:

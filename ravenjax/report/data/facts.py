@@ -97,7 +97,7 @@ def needed(names: Sequence[str], chosen: Choices) -> list[str]:
     cue, jump = f"cue{chosen.rules.cue}_first_ms", chosen.rules.jump
     plain = {"response", "hazard", "failed", "group", "activated", "pair", "operator", "first_active_ms", "run_id"}
     plain |= {"response_ms", "told_ms", "unintended_first_ms", "loss_first_ms", "false_report_first_ms"}
-    plain |= {cue, f"twin_{cue}", jump}
+    plain |= {cue, f"golden_{cue}", jump}
     return [name for name in names if name in plain or name.startswith(("fault", "param:"))]
 
 
@@ -266,21 +266,21 @@ def _listed(columns: Mapping[str, str]) -> str:
 
 def warned(frame: pd.DataFrame, cue: int) -> np.ndarray:
     """As `warned_sql`, of a result table in memory: [rows]."""
-    return verdict.beyond_golden(frame[f"cue{cue}_first_ms"], frame[f"twin_cue{cue}_first_ms"])
+    return verdict.beyond_golden(frame[f"cue{cue}_first_ms"], frame[f"golden_cue{cue}_first_ms"])
 
 
-def twins(frame: pd.DataFrame, chosen: np.ndarray) -> pd.DataFrame:
-    """The different fault-free motions among the chosen rows (bool), one row each: operator and `twin_` columns.
+def golden_runs(frame: pd.DataFrame, chosen: np.ndarray) -> pd.DataFrame:
+    """The different fault-free motions among the chosen rows (bool), one row each: operator and `golden_` columns.
 
-    The twins of runs that share robot and operator are one computation, so they count once.
+    The golden runs of runs that share robot and operator are one computation, so they count once.
     """
-    names = [name for name in frame if name == "operator" or name.startswith("twin_")]
+    names = [name for name in frame if name == "operator" or name.startswith("golden_")]
     return frame.loc[chosen, names].drop_duplicates()
 
 
 def hours(free: pd.DataFrame) -> float:
     """Hours in pedal-down of fault-free motions."""
-    return float(free["twin_pedal_down_ms"].to_numpy().sum()) / 3.6e6
+    return float(free["golden_pedal_down_ms"].to_numpy().sum()) / 3.6e6
 
 
 def first_came(frame: pd.DataFrame, column: str) -> np.ndarray:

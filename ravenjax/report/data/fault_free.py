@@ -22,20 +22,20 @@ from ravenjax.store.manifest import Manifest
 
 TABLE = "motions"
 MS_PER_HOUR = 3.6e6
-_ALARM = re.compile(r"detector\d+_level\d+_first_ms")
+_ALARM = re.compile(r"detector\d+_threshold\d+_first_ms")
 
 
 class Motions(NamedTuple):
     """Different fault-free motions. Golden runs of one robot and operator are one computation, so they count once."""
 
-    table: ResultTable  # with the table TABLE: operator, length_ms, the columns twin_..., first alarms of detectors
+    table: ResultTable  # with the table TABLE: operator, length_ms, the columns golden_..., first alarms of detectors
     count: int
     hours: float  # in pedal-down
     hands: int  # different motions of the hands among them
     beside: Companions
 
     def with_event(self, condition: str) -> int:
-        """How many fulfil a condition of their `twin_` columns."""
+        """How many fulfil a condition of their `golden_` columns."""
         (count,) = self.table.row(f"SELECT count(*) FILTER ({condition}) FROM {TABLE}")
         return count
 
@@ -51,14 +51,14 @@ class Motions(NamedTuple):
         """
         share = f"CASE WHEN {event} THEN coalesce(({first_ms}) / length_ms, 1) ELSE 1 END"
         count, pedal_ms = self.table.row(
-            f"SELECT count(*) FILTER ({event}), sum(twin_pedal_down_ms * ({share})) FROM {TABLE}"
+            f"SELECT count(*) FILTER ({event}), sum(golden_pedal_down_ms * ({share})) FROM {TABLE}"
         )
         hours = float(pedal_ms or 0) / MS_PER_HOUR
         return alarm_rate(count, hours) if hours else None
 
     def cue_rate(self, cue: int) -> AlarmRate | None:
         """False cues an hour of one haptic set."""
-        first_ms = quoted(f"twin_cue{cue}_first_ms")
+        first_ms = quoted(f"golden_cue{cue}_first_ms")
         return self.first_rate(f"{first_ms} >= 0", first_ms)
 
 
@@ -79,7 +79,7 @@ def rounded_up(hours: float) -> float:
 def make(table: ResultTable, names: Sequence[str], source: str, length_ms: int, beside: Companions) -> Motions:
     """Make TABLE of the golden runs of `source`, rows of a result table with columns `names` and runs of `length_ms`,
     and of the motion beside."""
-    golden = [name for name in names if name == "operator" or name.startswith("twin_")]
+    golden = [name for name in names if name == "operator" or name.startswith("golden_")]
     alarms = [name for name in names if _ALARM.fullmatch(name)]
     columns = [*map(quoted, golden), f"{length_ms} AS length_ms"]
     columns += [f"NULL::INTEGER AS {quoted(name)}" for name in alarms]
@@ -91,5 +91,5 @@ def make(table: ResultTable, names: Sequence[str], source: str, length_ms: int, 
         columns += [str(manifest.duration_ms), *map(quoted, alarms)]
         rows = query.of_files(query.whole_parts(path))
         table.run(f"INSERT INTO {TABLE} SELECT DISTINCT {', '.join(columns)} FROM {rows} WHERE failed = ''")
-    count, pedal_ms = table.row(f"SELECT count(*), sum(twin_pedal_down_ms) FROM {TABLE}")
+    count, pedal_ms = table.row(f"SELECT count(*), sum(golden_pedal_down_ms) FROM {TABLE}")
     return Motions(table, count, float(pedal_ms or 0) / MS_PER_HOUR, 1 + len(beside.motions), beside)

@@ -170,11 +170,11 @@ def after_onset(event: str) -> str:
 
 
 def _more(manifest: Manifest) -> dict[str, str]:
-    """Further columns of facts: warned<k>_ms of each haptic set, alarm<d>_<k>_ms of each level of each detector."""
+    """Further columns of facts: warned<k>_ms of each haptic set, alarm<d>_<k>_ms of each threshold of each detector."""
     warned = {f"warned{k}_ms": run_facts.warned_sql(k) for k in range(len(manifest.cues))}
-    levels = {
-        f"alarm{d}_{k}_ms": f"detector{d}_level{k}_first_ms"
+    alarms = {
+        f"alarm{d}_{k}_ms": f"detector{d}_threshold{k}_first_ms"
         for d, detector in enumerate(manifest.detectors)
-        for k in range(len(detector.levels))
+        for k in range(len(detector.thresholds))
     }
-    return warned | levels
+    return warned | alarms

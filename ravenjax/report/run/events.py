@@ -134,7 +134,7 @@ def _checks(robot: Robot, row: Mapping[str, Any], golden: Mapping[str, Any] | No
 
 
 def _cues(row: Mapping[str, Any], rules: Rules, series: Series | None) -> Iterator[RunEvent]:
-    first, golden = int(row[f"cue{rules.cue}_first_ms"]), int(row[f"twin_cue{rules.cue}_first_ms"])
+    first, golden = int(row[f"cue{rules.cue}_first_ms"]), int(row[f"golden_cue{rules.cue}_first_ms"])
     name = f"{rules.threshold_mm:g} mm cue"
     too = f"; the golden run had one at {wording.count(golden)} ms" if 0 <= golden <= first else ""
     level = "debug" if too else "warn"

@@ -26,7 +26,7 @@ COLOURS = {
     "unintended motion": "series3",
     "loss of motion": "series4",
 }
-MODEL, TWIN = palette.SAME, "series2"
+MODEL, GOLDEN = palette.SAME, "series2"
 VIEWS = (("x", "y"), ("x", "z"), ("y", "z"))
 LEAST_MM = 1.0
 """A path that hardly moves is drawn at this scale."""
@@ -97,7 +97,7 @@ def _view(
         _line(pixels(replay.paths["nominal model"]), f"var(--{MODEL})"),
     ]
     if "golden run" in replay.paths:
-        parts.append(_line(pixels(replay.paths["golden run"]), f"var(--{TWIN})"))
+        parts.append(_line(pixels(replay.paths["golden run"]), f"var(--{GOLDEN})"))
     parts += _over_time(pixels(tip))
     parts += [
         _dot(pixels(tip[[point]])[0], COLOURS[label], 4, f"{label}, {replay.time_ms[point]:,} ms")

@@ -28,7 +28,7 @@ POINTS = 300
 SIGNALS = "/ravenjax/signals"
 _MODEL = {"model_cp": 7, "model_tip": 3}
 """Topics of an arm that hold the nominal model's tip, with or without orientation, and numbers of a message."""
-_TIPS = {"tip": "tip", "twin": "golden_tip"}
+_TIPS = {"tip": "tip", "golden": "golden_tip"}
 """Tips among the signals."""
 MARKS = {
     "first effect": "active_ms",
@@ -78,7 +78,7 @@ def _worst(runs: Runs, run_ids: list[str]) -> list[int]:
 
 
 def read(path: Path, robot: Robot = robots.USUAL) -> dict[str, np.ndarray]:
-    """Tips of a trace as it names them, [T, 3] in m: <arm>/tip, <arm>/model, <arm>/twin where there; and time_ms [T].
+    """Tips of a trace as it names them, [T, 3] in m: <arm>/tip, <arm>/model, <arm>/golden; and time_ms.
 
     Raises ValueError, KeyError or what the mcap library raises where the file is no trace of ravenjax.
     """
@@ -133,7 +133,7 @@ def _replay(robot: Robot, row: dict[Any, Any], series: dict[str, np.ndarray]) ->
     even = np.linspace(0, ticks - 1, min(POINTS, ticks)).round().astype(int)
     points = np.unique(np.concatenate([even, [*events.values(), int(distance[arm].argmax())]]).astype(int))
     start = series[f"{arm}/tip"][0]
-    named = {"true tip": "tip", "nominal model": "model", "golden run": "twin"}
+    named = {"true tip": "tip", "nominal model": "model", "golden run": "golden"}
     return TracedRun(
         row["run_id"],
         arm,

@@ -28,7 +28,7 @@ RANKINGS = {
         Ranking("unintended", "unintended_mm", "mm", "unintended motion of the true tip while live"),
         Ranking("loss", "loss_mm", "mm", "loss of motion while live"),
         Ranking("report", "false_report_mm", "mm", "reported tip off the true one"),
-        Ranking("tissue", "tissue_depth_mm - twin_tissue_depth_mm", "mm", "deeper in the tissue than the golden run"),
+        Ranking("tissue", "tissue_depth_mm - golden_tissue_depth_mm", "mm", "deeper in the tissue than the golden run"),
         Ranking("cue", "cue{cue}_ms", "ms", "time with a haptic cue"),
         Ranking(
             "response",

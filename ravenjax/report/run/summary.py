@@ -73,7 +73,7 @@ def _verdict(row: Mapping[str, Any], rules: Rules) -> str:
     if row["hazard"] == "unintended motion" and row["response"] in UNTOLD:
         parts.append("it evades the checks")
     if row["hazard"] == "loss of motion" and int(row["loss_first_ms"]) < 0:
-        more = int(row["halted_ms"]) - int(row["twin_halted_ms"])
+        more = int(row["halted_ms"]) - int(row["golden_halted_ms"])
         parts.append(f"the robot is not live for {wording.count(more)} ms longer than in the golden run")
     return "; ".join(parts)
 
@@ -95,7 +95,7 @@ def _peaks(row: Mapping[str, Any], rules: Rules, series: Series | None, robot: R
         if (far := float(row[name])) > rules.limit_mm:
             peaks.append(text.format(wording.number(far)))
     if (depth := float(row["tissue_depth_mm"])) > 0.0:
-        usual = wording.number(float(row["twin_tissue_depth_mm"]))
+        usual = wording.number(float(row["golden_tissue_depth_mm"]))
         peaks.append(f"true tip {wording.number(depth)} mm deep in the tissue (golden run {usual} mm)")
     force, length = float(row[f"cue{rules.cue}_peak_force"]), int(row[f"cue{rules.cue}_ms"])
     if length > 0:

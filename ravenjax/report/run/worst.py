@@ -43,7 +43,7 @@ KINDS = (
     WorstKind(
         "depth",
         "Deeper in the tissue than the golden run",
-        "r.tissue_depth_mm > r.twin_tissue_depth_mm",
+        "r.tissue_depth_mm > r.golden_tissue_depth_mm",
         "r.tissue_depth_mm",
         "tissue depth",
         "mm",

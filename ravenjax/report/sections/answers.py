@@ -45,7 +45,7 @@ class Knowledge(NamedTuple):
     quarter_ms: Estimate
     lead: Lead
     never: Rate  # not known when the run ended
-    by_detectors: bool  # the campaign has detectors, which count at their quiet level
+    by_detectors: bool  # the campaign has detectors, which count at their lowest threshold without a false alarm
 
 
 class Announced(NamedTuple):
@@ -118,7 +118,7 @@ def _announced(runs: Runs, manifest: Manifest, k: int, chosen: str) -> Announced
     lead = counted.lead(
         runs.delays(after_onset(f"warned{k}_ms"), "unintended_ms", str(manifest.duration_ms), chosen)[""]
     )
-    false = tables.rate_of(free.came(f"twin_cue{k}_first_ms"), free.count)
+    false = tables.rate_of(free.came(f"golden_cue{k}_first_ms"), free.count)
     return Announced(manifest.cues[k], lead, lead.quantile(0.5), false, free.cue_rate(k))
 
 

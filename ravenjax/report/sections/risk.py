@@ -70,7 +70,7 @@ def counts(frame: pd.DataFrame, cue: int | None = 0, limit_mm: float = LIMIT_MM)
 
 def counted(runs: Runs, cue: int | None = 0, limit_mm: float = LIMIT_MM) -> dict[str, np.ndarray]:
     """`counts` of every run of a table, a batch of rows at a time."""
-    alarms = [] if cue is None else [f"cue{cue}_first_ms", f"twin_cue{cue}_first_ms"]
+    alarms = [] if cue is None else [f"cue{cue}_first_ms", f"golden_cue{cue}_first_ms"]
     needed = [*severity.COLUMNS, "group", *alarms]
     slots = [name for name in runs.names if name.startswith("fault")]
     result: dict[str, np.ndarray] = {}

@@ -92,7 +92,7 @@ def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
         "cue_first": rate_of(first, came),
         "same_ms": same,
         "lead_ms": median(leads["ms"].to_numpy(), leads["n"].to_numpy()),
-        "false_cue": rate_of(free.came(f"twin_cue{manifest.verdict_cue}_first_ms"), free.count),
+        "false_cue": rate_of(free.came(f"golden_cue{manifest.verdict_cue}_first_ms"), free.count),
     }
 
 

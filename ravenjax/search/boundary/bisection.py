@@ -131,7 +131,7 @@ def _record(grid: Cells, found: Brackets, sides: pd.DataFrame, cell: int) -> dic
             row = sides.loc[(cell, harmful)]
             record[f"{name}_run"] = row["run_id"]
             record[f"{name}_response"] = row["response"]
-            for column in ("peak_model_deviation_mm", "peak_twin_deviation_mm"):
+            for column in ("peak_model_deviation_mm", "peak_golden_deviation_mm"):
                 record[f"{name}_{column}"] = float(row[column])
     return record
 

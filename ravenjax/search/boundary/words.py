@@ -65,13 +65,13 @@ def tables(numbers: dict[str, Any]) -> Iterator[TextTable]:
     for record in cells:
         case = tuple(str(record["cell"][name]) for name in names)
         sides = (number(record["harmless"]), number(record["harmful"]))
-        before, after = (record.get(f"{side}_peak_twin_deviation_mm", math.nan) for side in ("harmless", "harmful"))
+        before, after = (record.get(f"{side}_peak_golden_deviation_mm", math.nan) for side in ("harmless", "harmful"))
         rows.append((*case, *sides, _state(record), f"{number(before, 3)} to {number(after, 3)}" if before == before
                      else "", str(record.get("harmful_response", "")), "" if record["monotone"] else "no"))  # fmt: skip
     of = f", {unit}" if unit else ""
     yield TextTable(
         "Every cell",
-        (*map(short, names), f"harmless{of}", f"harmful{of}", "", "tip off its twin, mm", "response", "monotone"),
+        (*map(short, names), f"harmless{of}", f"harmful{of}", "", "tip off its golden run, mm", "response", "monotone"),
         tuple(rows),
         "The boundary lies between the two values, which is the tolerance; n = 1 run a value, nothing is random but "
         "what the file says. Tip and response: of the runs at both sides, and at the harmful one.",

@@ -25,7 +25,7 @@ class Boundary(Section):
     """[search] of kind "boundary": the smallest fault that does harm, for each combination of the group's lists."""
 
     kind: Literal["boundary"] = Field(description="which search")
-    harm: Outcome = Field(description="event, such as 'peak_twin_deviation_mm >= 1'")
+    harm: Outcome = Field(description="event, such as 'peak_golden_deviation_mm >= 1'")
     signs: tuple[Literal[-1, 1], ...] = Field(default=(1,), min_length=1, description="signs of the fault's value")
     scan: int = Field(default=17, ge=2, le=10_000, description="values of each cell that are tried first")
     tolerance: float = Field(

@@ -151,7 +151,7 @@ def _verdicts(record: Manifest) -> Iterator[tuple[str, str, str]]:
     cue = f"CASE WHEN {events.sql('cue', record.rules)} THEN 'cue' ELSE 'no cue' END"
     follows = f"CASE WHEN failed <> '' THEN '' ELSE response || '/' || hazard || '/' || {cue} END"
     yield "verdict", f"verdict = {follows}", "does not follow from response, hazard and cue"
-    halted = f"response <> 'stopped' AND halted_ms - twin_halted_ms > {verdict.HALT_MS}"
+    halted = f"response <> 'stopped' AND halted_ms - golden_halted_ms > {verdict.HALT_MS}"
     hazard = (
         "CASE WHEN unintended_first_ms >= 0 THEN 'unintended motion' "
         f"WHEN loss_first_ms >= 0 OR ({halted}) THEN 'loss of motion' "

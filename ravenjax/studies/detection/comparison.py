@@ -1,7 +1,7 @@
 """Which detector knows first, and how often does it cry wolf: every detector beside the robot's checks and the cue.
 
 Faults of the whole library and about the boundary of unintended motion, under four motions; false alarms on long motion
-without a fault. Levels are chosen by false alarms an hour (`detector_points`), never by what they catch.
+without a fault. Thresholds are chosen by false alarms an hour (`detector_points`), never by what they catch.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from ravenjax.studies.detection.points import (
     Chosen,
     Point,
     caught,
-    level_for,
     others,
     point,
     share,
+    threshold_for,
 )
 from ravenjax.studies.detection.runs import AS_MODELLED, FaultyScores, FreeScores, names
 from ravenjax.studies.framework import motions_alike
@@ -77,7 +77,7 @@ def findings(faulty: FaultyScores, fast: FaultyScores, free: FreeScores) -> Find
     quiet = [p for name in main if (p := points[name]) is not None]
     published = [point(faulty, modelled, *one) for one in (PUBLISHED, FORK, CLIP)]
     other_points = others(faulty, modelled)
-    picks = [Chosen(p.name, p.level) for p in (*quiet, *other_points)]
+    picks = [Chosen(p.name, p.threshold) for p in (*quiet, *other_points)]
     return Findings(
         lines=tuple(_lines(faulty, modelled, auc, quiet, published, other_points)),
         tables=(
@@ -99,8 +99,8 @@ def findings(faulty: FaultyScores, fast: FaultyScores, free: FreeScores) -> Find
 
 
 def _quiet(faulty: FaultyScores, modelled: FreeScores, name: str) -> Point | None:
-    level = level_for(modelled, name)
-    return None if level is None else point(faulty, modelled, name, level)
+    threshold = threshold_for(modelled, name)
+    return None if threshold is None else point(faulty, modelled, name, threshold)
 
 
 def _lines(
@@ -126,17 +126,21 @@ def _lines(
         *(Line(f"AUC, {p.name}", "", None, found.estimate(listed.index(p.name), of=MOVED)) for p in quiet),
     ]
     for p in quiet:
-        lines.append(Line(f"{p.name}, level {p.level:g}: unintended motion caught", "%", None, hundred(p.caught)))
-        lines.append(Line(f"{p.name}, level {p.level:g}: caught before it began", "%", None, hundred(p.before)))
+        lines.append(
+            Line(f"{p.name}, threshold {p.threshold:g}: unintended motion caught", "%", None, hundred(p.caught))
+        )
+        lines.append(Line(f"{p.name}, threshold {p.threshold:g}: caught before it began", "%", None, hundred(p.before)))
     slow = tables.at_scale(tables.unclutched(modelled), 0.1)
     for name in (p.name for p in quiet if slow.hours.sum() > 0):
-        level = level_for(slow, name)
-        if level is not None:
-            words = f"{name}, level {level:g}, quiet at scale 0.1 without clutching: unintended motion caught"
-            lines.append(Line(words, "%", None, hundred(caught(faulty, name, level))))
+        threshold = threshold_for(slow, name)
+        if threshold is not None:
+            words = f"{name}, threshold {threshold:g}, quiet at scale 0.1 without clutching: unintended motion caught"
+            lines.append(Line(words, "%", None, hundred(caught(faulty, name, threshold))))
     for p in published:
-        lines.append(Line(f"{p.name}, level {p.level:g}: unintended motion caught", "%", None, hundred(p.caught)))
-        lines.append(Line(f"{p.name}, level {p.level:g}: false alarms", "1/h", None, p.false))
+        lines.append(
+            Line(f"{p.name}, threshold {p.threshold:g}: unintended motion caught", "%", None, hundred(p.caught))
+        )
+        lines.append(Line(f"{p.name}, threshold {p.threshold:g}: false alarms", "1/h", None, p.false))
     for p in spoken:
         lines.append(Line(f"{p.name}: unintended motion caught", "%", None, hundred(p.caught)))
         lines.append(Line(f"{p.name}: caught before it began", "%", None, hundred(p.before)))
@@ -157,7 +161,7 @@ def _notes(faulty: FaultyScores, modelled: FreeScores, best: Point | None) -> tu
         "The detectors see the virtual robot as its own perfect model: their steps are those of the simulated motors "
         "and links, without a model that runs beside and drifts. A real detector adds the error of its model to "
         "every step, and no figure here holds that.",
-        f"Levels stand on {hours:.1f} h of generated motion of {recordings} recordings, robot as modelled. Without "
+        f"Thresholds stand on {hours:.1f} h of generated motion of {recordings} recordings, robot as modelled. Without "
         f"any alarm the true rate could still be {alarm_rate(0, hours).high:.1f} an hour (95 %, were the hours "
         f"independent), so that at most {PER_HOUR:g} an hour is what was seen, not what is known: to state it takes "
         f"{hours_to_bound(PER_HOUR):.1f} h without any. With a generated operator, whose speed has a ceiling, more "

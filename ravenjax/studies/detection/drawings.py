@@ -40,8 +40,8 @@ def roc(
             right.plot(true, precision, **style)
         left.plot([0, 1], [0, 1], color="0.75", lw=0.8, ls=":")
         right.axhline(base, color="0.75", lw=0.8, ls=":")
-        left.set(title="ROC", xlabel="other faults with an alarm", ylabel="caught", xlim=(0, 1), ylim=(0, 1.01))
-        right.set(title="Precision and recall", xlabel="caught", ylabel="precision", xlim=(0, 1))
+        left.set(title="ROC", xlabel="other faults with an alarm", ylabel="recall", xlim=(0, 1), ylim=(0, 1.01))
+        right.set(title="Precision and recall", xlabel="recall", ylabel="precision", xlim=(0, 1))
         right.set_ylim(0, 1.01)
         handles, labels = left.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=2)
@@ -50,7 +50,7 @@ def roc(
 
 
 class Trade(NamedTuple):
-    """One panel of `trade`: curves name -> [levels, 2] and marks name -> (false alarms an hour, share caught)."""
+    """One panel of `trade`: curves name -> [thresholds, 2] and marks name -> (false alarms an hour, share caught)."""
 
     title: str
     curves: Mapping[str, np.ndarray]
@@ -161,13 +161,16 @@ def drawings(
         Trade(
             title,
             {name: _trade(faulty, part, name) for name in main},
-            {f"{name}, level {level:g}": _at((name, level), part, faulty) for name, level in (PUBLISHED, FORK, CLIP)}
+            {
+                f"{name}, threshold {threshold:g}": _at((name, threshold), part, faulty)
+                for name, threshold in (PUBLISHED, FORK, CLIP)
+            }
             | {name: _at((name, np.nan), part, faulty) for name in (CUE, STOPS)},
             float(part.hours.sum()),
         )
         for title, part in (("Every motion and scale", modelled), ("Scale 0.1, no clutching", slow))
     ]
-    curves = {one.told: times(faulty, one.name, one.level) for one in chosen}
+    curves = {one.told: times(faulty, one.name, one.threshold) for one in chosen}
     there = layers_of(faulty)
     caught = np.array(
         [
@@ -185,9 +188,9 @@ def drawings(
         ),
         Drawing(
             "detectors_trade",
-            "What each level catches against how often it disturbs: unintended motion, false alarms an hour on motion "
-            "without a fault. One level for every scale must sit above the fastest motion; where the scale is known "
-            "it need not.",
+            "What each threshold catches against how often it disturbs: unintended motion, false alarms an hour on "
+            "motion without a fault. One threshold for every scale must sit above the fastest motion; where the scale "
+            "is known it need not.",
             trade(panels, PER_HOUR),
         ),
         Drawing(
@@ -209,16 +212,19 @@ def drawings(
 
 
 def _trade(faulty: FaultyScores, free: FreeScores, name: str) -> np.ndarray:
-    """[levels, 2] false alarms an hour and share caught, by rising level. Levels that catch less than a higher one are
-    left out: there an alarm is mostly on before the fault. So are those that are quiet, and above the lowest such."""
-    levels = next(one.levels for one in faulty.detectors if one.name == name)
-    points = np.array([_at((name, level), free, faulty) for level in sorted(levels)])
+    """[thresholds, 2] false alarms an hour and recall, by rising threshold.
+
+    Those that catch less than a higher one are left out: there an alarm is mostly on before the fault. So are those
+    without a false alarm but the lowest.
+    """
+    thresholds = next(one.thresholds for one in faulty.detectors if one.name == name)
+    points = np.array([_at((name, threshold), free, faulty) for threshold in sorted(thresholds)])
     points = points[int(np.argmax(points[:, 1])) :]
     quiet = np.flatnonzero(points[:, 0] == 0)
     return points[: quiet[0] + 1] if len(quiet) else points
 
 
 def _at(one: tuple[str, float], free: FreeScores, faulty: FaultyScores) -> tuple[float, float]:
-    """False alarms an hour and share caught at one level."""
+    """False alarms an hour and share caught at one threshold."""
     false = float(free.count(*one).sum() / free.hours.sum())
     return false, float((faulty.spoke_ms(*one) >= 0)[faulty.unintended].mean())

@@ -1,8 +1,8 @@
-"""Operating points: what a detector does at one level, and the level that disturbs at most so often.
+"""Operating points: what a detector does at one threshold, and the threshold that disturbs at most so often.
 
-A level is chosen by its rate of false alarms on motion without a fault, never by a percentile of samples: the lowest
-level of the campaign whose separate alarms came at most so often an hour there, and that of each higher one, too. That
-is what was seen; how often they may come in truth, the interval of the rate says.
+A threshold is chosen by its rate of false alarms on motion without a fault, never by a percentile of samples: the
+lowest of the campaign whose separate alarms came at most so often an hour there, and those of each higher one, too.
+That is what was seen; how often they may come in truth, the interval of the rate says.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ HORIZON_MS = 1000
 PUBLISHED = ("steps/all/1", 1.0)
 """The published rule: each step over its 99.8 to 99.9 percentile, all three together, one millisecond."""
 FORK = ("derivative_sum", 55.0)
-"""The disabled second detector of raven2_sim and its level."""
+"""The disabled second detector of raven2_sim and its threshold."""
 CLIP = ("overdrive", 1.0)
 """The control software's own clip limit."""
 RESAMPLES = 400
@@ -39,22 +39,22 @@ MOVED = "runs with unintended motion"
 
 
 class Chosen(NamedTuple):
-    """A detector at its level, NaN where it has none."""
+    """A detector at its threshold, NaN where it has none."""
 
     name: str
-    level: float
+    threshold: float
 
     @property
     def told(self) -> str:
         """In words."""
-        return self.name if math.isnan(self.level) else f"{self.name}, level {self.level:g}"
+        return self.name if math.isnan(self.threshold) else f"{self.name}, threshold {self.threshold:g}"
 
 
 class Point(NamedTuple):
-    """One detector at one level. Rates are fractions, times ms."""
+    """One detector at one threshold. Rates are fractions, times ms."""
 
     name: str
-    level: float  # NaN: has none
+    threshold: float  # NaN: has none
     false: StudyEstimate  # alarms an hour
     caught: StudyEstimate  # of runs with an unintended motion, those with an alarm
     disturbed: StudyEstimate  # of the other faulty runs, those with an alarm
@@ -65,27 +65,29 @@ class Point(NamedTuple):
     lead_ms: StudyEstimate  # median; NaN: half of them never had an alarm
 
 
-def level_for(free: FreeScores, name: str, per_hour: float = PER_HOUR) -> float | None:
-    """Lowest level of a detector from which on false alarms come at most so often; None where none of its levels
-    does. ValueError without any hours."""
+def threshold_for(free: FreeScores, name: str, per_hour: float = PER_HOUR) -> float | None:
+    """Lowest threshold of a detector from which on false alarms come at most so often; None if never.
+
+    ValueError without any hours.
+    """
     if not free.hours.sum() > 0:
-        raise ValueError(f"no motion without a fault to choose a level of {name} on")
-    levels = next(one.levels for one in free.detectors if one.name == name)
-    rates = np.array([free.count(name, level).sum() / free.hours.sum() for level in levels])
-    order = np.argsort(levels)
+        raise ValueError(f"no motion without a fault to choose a threshold of {name} on")
+    thresholds = next(one.thresholds for one in free.detectors if one.name == name)
+    rates = np.array([free.count(name, threshold).sum() / free.hours.sum() for threshold in thresholds])
+    order = np.argsort(thresholds)
     quiet = np.logical_and.accumulate((rates[order] <= per_hour)[::-1])[::-1]
-    return float(np.array(levels)[order][quiet][0]) if quiet.any() else None
+    return float(np.array(thresholds)[order][quiet][0]) if quiet.any() else None
 
 
-def point(faulty: FaultyScores, free: FreeScores, name: str, level: float) -> Point:
-    """What a detector, or one of OTHERS (level NaN), does at a level."""
-    spoke_ms = faulty.spoke_ms(name, level)
+def point(faulty: FaultyScores, free: FreeScores, name: str, threshold: float) -> Point:
+    """What a detector, or one of OTHERS (threshold NaN), does at a threshold."""
+    spoke_ms = faulty.spoke_ms(name, threshold)
     spoke, moved = spoke_ms >= 0, faulty.unintended
-    delay, mean, lead = times(faulty, name, level)
+    delay, mean, lead = times(faulty, name, threshold)
     return Point(
         name,
-        level,
-        free.per_hour(free.count(name, level)),
+        threshold,
+        free.per_hour(free.count(name, threshold)),
         share(spoke, moved, faulty.cell, MOVED),
         share(spoke, ~moved, faulty.cell, "other faulty runs"),
         share(moved, spoke, faulty.cell, "alarms"),
@@ -96,13 +98,13 @@ def point(faulty: FaultyScores, free: FreeScores, name: str, level: float) -> Po
     )
 
 
-def times(faulty: FaultyScores, name: str, level: float) -> tuple[Incidence, StudyEstimate, Lead]:
+def times(faulty: FaultyScores, name: str, threshold: float) -> tuple[Incidence, StudyEstimate, Lead]:
     """Delay of the alarm after the fault's first effect, its restricted mean, and the lead over the unintended motion.
 
     One run of each fault that made one. A run is watched to its end; one that a stop ended has no alarm any more.
     """
     once = faulty.where(faulty.unintended).once()
-    spoke = once.spoke_ms(name, level).astype(float)
+    spoke = once.spoke_ms(name, threshold).astype(float)
     spoke[spoke < 0] = np.nan
     came, end = ~np.isnan(spoke), float(faulty.duration_ms)
     delay = np.where(came, spoke, end) - once.active_ms
@@ -132,9 +134,9 @@ def others(faulty: FaultyScores, free: FreeScores) -> list[Point]:
     return [point(faulty, free, name, np.nan) for name in OTHERS]
 
 
-def caught(faulty: FaultyScores, name: str, level: float) -> StudyEstimate:
-    """Share of the runs with an unintended motion that have an alarm at a level."""
-    return share(faulty.spoke_ms(name, level) >= 0, faulty.unintended, faulty.cell, MOVED)
+def caught(faulty: FaultyScores, name: str, threshold: float) -> StudyEstimate:
+    """Share of the runs with an unintended motion that have an alarm at a threshold."""
+    return share(faulty.spoke_ms(name, threshold) >= 0, faulty.unintended, faulty.cell, MOVED)
 
 
 def percent(value: StudyEstimate) -> str:

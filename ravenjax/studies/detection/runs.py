@@ -32,7 +32,7 @@ CHECKS, STOPS, CUE = "built-in checks, flag or stop", "built-in checks, stop", "
 FEWEST = 5
 """Recordings that can be resampled."""
 OTHERS = (CHECKS, STOPS, CUE)
-"""What speaks beside the detectors; each has one level."""
+"""What speaks beside the detectors; each has one threshold."""
 
 
 class FaultyScores(NamedTuple):
@@ -48,7 +48,7 @@ class FaultyScores(NamedTuple):
     jumped: np.ndarray  # bool, the reported tip jumped
     leapt: np.ndarray  # bool, the true tip jumped
     score: np.ndarray  # [runs, detectors]
-    first_ms: tuple[np.ndarray, ...]  # of each detector [runs, levels]
+    first_ms: tuple[np.ndarray, ...]  # of each detector [runs, thresholds]
     others_ms: Mapping[str, np.ndarray]  # of OTHERS
     duration_ms: int
     rules: Rules  # of the words
@@ -58,12 +58,12 @@ class FaultyScores(NamedTuple):
         """Which runs had an unintended motion."""
         return self.unintended_ms >= 0
 
-    def spoke_ms(self, name: str, level: float) -> np.ndarray:
-        """When a detector or one of OTHERS (any level) first spoke of the fault, -1 if never. KeyError, ValueError."""
+    def spoke_ms(self, name: str, threshold: float) -> np.ndarray:
+        """When a detector, or one of OTHERS (any threshold), first spoke of the fault, -1: never. Key-, ValueError."""
         if name in self.others_ms:
             return self.others_ms[name]
         d = names(self.detectors).index(name)
-        return self.first_ms[d][:, self.detectors[d].levels.index(level)]
+        return self.first_ms[d][:, self.detectors[d].thresholds.index(threshold)]
 
     def once(self) -> FaultyScores:
         """One run of each fault, the motions in turn, so that faults are independent draws."""
@@ -95,15 +95,15 @@ class FreeScores(NamedTuple):
     scale: np.ndarray
     hours: np.ndarray  # in pedal-down
     score: np.ndarray  # [runs, detectors]
-    alarms: tuple[np.ndarray, ...]  # of each detector [runs, levels]: separate alarms
+    alarms: tuple[np.ndarray, ...]  # of each detector [runs, thresholds]: separate alarms
     others: Mapping[str, np.ndarray]  # of OTHERS: 1 where a check tripped, pulses of the cue
 
-    def count(self, name: str, level: float) -> np.ndarray:
+    def count(self, name: str, threshold: float) -> np.ndarray:
         """Separate false alarms of each run. KeyError, ValueError as `FaultyScores.spoke_ms`."""
         if name in self.others:
             return self.others[name]
         d = names(self.detectors).index(name)
-        return self.alarms[d][:, self.detectors[d].levels.index(level)]
+        return self.alarms[d][:, self.detectors[d].thresholds.index(threshold)]
 
     def where(self, chosen: np.ndarray) -> FreeScores:
         """Those of `chosen`."""
@@ -171,7 +171,7 @@ def _faulty(frame: pd.DataFrame, facts: pd.DataFrame, made: Manifest, cell: np.n
         leapt=frame["jump_tip"].to_numpy(bool),
         score=np.stack([frame[f"detector{d}_score"].to_numpy(float) for d in range(len(made.detectors))], axis=1),
         first_ms=tuple(
-            np.stack([told(frame[f"detector{d}_level{k}_first_ms"]) for k in range(len(one.levels))], axis=1)
+            np.stack([told(frame[f"detector{d}_threshold{k}_first_ms"]) for k in range(len(one.thresholds))], axis=1)
             for d, one in enumerate(made.detectors)
         ),
         others_ms={CHECKS: told(facts["told_ms"]), STOPS: told(stop), CUE: told(facts["warned_ms"])},
@@ -219,7 +219,7 @@ def alone(frame: pd.DataFrame, header: Manifest, recording: str) -> FreeScores:
         frame["pedal_down_ms"].to_numpy(float) / 3.6e6,
         np.stack([frame[f"detector{d}_score"].to_numpy(float) for d in range(len(header.detectors))], axis=1),
         tuple(
-            np.stack([frame[f"detector{d}_level{k}_alarms"].to_numpy() for k in range(len(one.levels))], axis=1)
+            np.stack([frame[f"detector{d}_threshold{k}_alarms"].to_numpy() for k in range(len(one.thresholds))], axis=1)
             for d, one in enumerate(header.detectors)
         ),
         {

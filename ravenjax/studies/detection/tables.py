@@ -21,11 +21,11 @@ from ravenjax.studies.detection.points import (
     Chosen,
     Point,
     caught,
-    level_for,
     percent,
     plain,
     rate,
     share,
+    threshold_for,
 )
 from ravenjax.studies.detection.runs import AS_MODELLED, CHECKS, CUE, FaultyScores, FreeScores, names
 from ravenjax.studies.framework.study import Table
@@ -40,18 +40,18 @@ def point_table(quiet: Sequence[Point], published: Sequence[Point], spoken: Sequ
     rows = [
         *((p, f"at most {PER_HOUR:g} false alarm an hour seen") for p in quiet),
         *((p, "as published, or as the software has it") for p in published),
-        *((p, "has one level") for p in spoken),
+        *((p, "has one threshold") for p in spoken),
     ]
     return Table(
         "Operating points",
         (
-            "detector", "level", "chosen", "false alarms an hour", "caught", "other faults with an alarm",
+            "detector", "threshold", "chosen", "false alarms an hour", "recall", "other faults with an alarm",
             "precision", "caught before it began", "median delay, ms",
             f"mean delay within {HORIZON_MS / 1e3:g} s, ms", "median lead, ms",
         ),
         tuple(
             (
-                p.name, "" if math.isnan(p.level) else p.level, how, rate(p.false), percent(p.caught),
+                p.name, "" if math.isnan(p.threshold) else p.threshold, how, rate(p.false), percent(p.caught),
                 percent(p.disturbed), percent(p.precision), percent(p.before), plain(p.delay_ms),
                 plain(p.mean_delay_ms), plain(p.lead_ms),
             )
@@ -74,15 +74,15 @@ def rule_table(points: Mapping[str, Point | None], auc: Areas, listed: Sequence[
             continue
         _, fusion, count = name.split("/")
         p = points[name]
-        cells = ("no level is quiet", *[""] * 5)
+        cells = ("no threshold is quiet", *[""] * 5)
         if p is not None:
-            cells = (p.level, percent(p.caught), percent(p.disturbed), percent(p.before), plain(p.mean_delay_ms),
+            cells = (p.threshold, percent(p.caught), percent(p.disturbed), percent(p.before), plain(p.mean_delay_ms),
                     rate(p.false))  # fmt: skip
         rows.append((fusion, int(count), plain(auc.estimate(d)), *cells))
     return Table(
         f"Steps: which must be over, and for how long, at most {PER_HOUR:g} false alarm an hour seen",
         (
-            "fusion", "ms in a row", "AUC", "level", "caught", "other faults with an alarm",
+            "fusion", "ms in a row", "AUC", "threshold", "recall", "other faults with an alarm",
             "caught before it began", f"mean delay within {HORIZON_MS / 1e3:g} s, ms", "false alarms an hour",
         ),
         tuple(rows),
@@ -146,7 +146,7 @@ def first_table(faulty: FaultyScores, chosen: Sequence[Chosen]) -> Table:
         "Who knows first",
         ("detector", "first, or with the first", "first alone", "the only one that ever knows"),
         tuple(rows),
-        "One run of each fault that made an unintended motion; detectors at the level of the first table.",
+        "One run of each fault that made an unintended motion; detectors at the threshold of the first table.",
     )
 
 
@@ -175,7 +175,7 @@ def layer_table(faulty: FaultyScores, chosen: Sequence[Chosen]) -> Table:
 
 
 def robot_table(faulty: FaultyScores, free: FreeScores, main: Sequence[str]) -> Table:
-    """What an uncertain robot and noise do to false alarms, and to the level that would be needed."""
+    """What an uncertain robot and noise do to false alarms, and to the threshold that would be needed."""
     modelled = free.where(free.robot == AS_MODELLED)
     rows = []
     for robot in dict.fromkeys(free.robot.tolist()):
@@ -184,20 +184,20 @@ def robot_table(faulty: FaultyScores, free: FreeScores, main: Sequence[str]) -> 
         mine = free.where(free.robot == robot)
         same = modelled.where(np.isin(modelled.recording, mine.recording))
         for name in main:
-            level, needed = level_for(same, name), level_for(mine, name)
+            threshold, needed = threshold_for(same, name), threshold_for(mine, name)
             rates = ["", ""]
-            if level is not None:
-                rates = [rate(part.per_hour(part.count(name, level))) for part in (same, mine)]
-            shares = [percent(caught(faulty, name, one)) if one is not None else "" for one in (level, needed)]
-            rows.append((robot, name, _level(level), *rates, _level(needed), *shares))
+            if threshold is not None:
+                rates = [rate(part.per_hour(part.count(name, threshold))) for part in (same, mine)]
+            shares = [percent(caught(faulty, name, one)) if one is not None else "" for one in (threshold, needed)]
+            rows.append((robot, name, _threshold(threshold), *rates, _threshold(needed), *shares))
         for name in (CUE, CHECKS):
             rates = [rate(part.per_hour(part.count(name, np.nan))) for part in (same, mine)]
             rows.append((robot, name, "", *rates, "", "", ""))
     return Table(
         "How much false alarms depend on knowing the robot",
         (
-            "robot", "detector", "level chosen on the robot as modelled", "false alarms an hour there, as modelled",
-            "and with this robot", "level that this robot needs", "caught at the first", "at the second",
+            "robot", "detector", "threshold chosen on the robot as modelled", "false alarms an hour there, as modelled",
+            "and with this robot", "threshold that this robot needs", "caught at the first", "at the second",
         ),
         tuple(rows),
         "On the same recordings each time. Uncertain robot: friction x 0.7 to 1.4, mass x 0.8 to 1.25, cable "
@@ -208,7 +208,7 @@ def robot_table(faulty: FaultyScores, free: FreeScores, main: Sequence[str]) -> 
 
 
 def condition_table(faulty: FaultyScores, fast: FaultyScores, modelled: FreeScores, main: Sequence[str]) -> Table:
-    """What the motion that a level must be quiet on does to the level, and so to what is caught."""
+    """What the motion that a threshold must be quiet on does to the threshold, and so to what is caught."""
     still_down = unclutched(modelled)
     conditions = (
         ("every motion and scale", modelled, faulty, 0.1),
@@ -222,27 +222,27 @@ def condition_table(faulty: FaultyScores, fast: FaultyScores, modelled: FreeScor
         if not free.hours.sum() > 0:
             continue
         for name in main:
-            level = level_for(free, name)
+            threshold = threshold_for(free, name)
             cells: tuple[str | float, ...] = ("none is quiet", "", "", "", "")
-            if level is not None:
-                spoke_ms = runs.spoke_ms(name, level)
+            if threshold is not None:
+                spoke_ms = runs.spoke_ms(name, threshold)
                 cells = (
-                    level,
-                    rate(free.per_hour(free.count(name, level))),
-                    percent(caught(runs, name, level)),
+                    threshold,
+                    rate(free.per_hour(free.count(name, threshold))),
+                    percent(caught(runs, name, threshold)),
                     percent(share(spoke_ms >= 0, ~runs.unintended, runs.cell, "")),
                     percent(share((spoke_ms >= 0) & (spoke_ms < runs.unintended_ms), runs.unintended, runs.cell, "")),
                 )
             rows.append((words, scale, name, *cells))
     return Table(
-        "What a level must be quiet on, and what that costs",
+        "What a threshold must be quiet on, and what that costs",
         (
-            "quiet on", "faults at scale", "detector", "level", "false alarms an hour", "caught",
+            "quiet on", "faults at scale", "detector", "threshold", "false alarms an hour", "recall",
             "other faults with an alarm", "caught before it began",
         ),
         tuple(rows),
-        f"Levels: the lowest with at most {PER_HOUR:g} false alarm an hour on that motion. Faults at 0.1 under four "
-        "motions; at 0.2 while suturing.",
+        f"Thresholds: the lowest with at most {PER_HOUR:g} false alarm an hour on that motion. Faults at 0.1 under "
+        "four motions; at 0.2 while suturing.",
     )  # fmt: skip
 
 
@@ -265,18 +265,18 @@ def recording_table(modelled: FreeScores, main: Sequence[str]) -> Table:
 
 
 def published_table(modelled: FreeScores, chosen: Sequence[tuple[str, float]]) -> Table:
-    """False alarms of the published levels, by scale."""
+    """False alarms of the published thresholds, by scale."""
     rows = []
-    for name, level in chosen:
+    for name, threshold in chosen:
         for scale in np.unique(modelled.scale):
             mine = modelled.where(modelled.scale == scale)
-            counts = mine.count(name, level)
+            counts = mine.count(name, threshold)
             alarmed = len(np.unique(mine.recording[counts > 0]))
-            rows.append((name, level, float(scale), rate(mine.per_hour(counts)),
+            rows.append((name, threshold, float(scale), rate(mine.per_hour(counts)),
                          f"{alarmed} of {len(np.unique(mine.recording))}"))  # fmt: skip
     return Table(
-        "False alarms of the published levels, by scale",
-        ("detector", "level", "scale", "false alarms an hour", "recordings with one"),
+        "False alarms of the published thresholds, by scale",
+        ("detector", "threshold", "scale", "false alarms an hour", "recordings with one"),
         tuple(rows),
         "A percentile of samples fixes the share of milliseconds above each threshold on the motion that it was "
         "learned on, here scales 0.05 and 0.1; not how often an alarm comes, nor what happens at another scale.",
@@ -346,5 +346,5 @@ def at_scale(free: FreeScores, scale: float) -> FreeScores:
     return free.where(np.isclose(free.scale, scale))
 
 
-def _level(level: float | None) -> str | float:
-    return "none is quiet" if level is None else level
+def _threshold(threshold: float | None) -> str | float:
+    return "none is quiet" if threshold is None else threshold

@@ -66,21 +66,21 @@ def thresholds(learned: Learned) -> dict[str, np.ndarray]:
     }
 
 
-def watch(folder: Path, runs: VariantRuns, levels: Mapping[str, np.ndarray]) -> Watched:
+def watch(folder: Path, runs: VariantRuns, thresholds: Mapping[str, np.ndarray]) -> Watched:
     """Every faulty run of a folder under the detector's eyes."""
     faults = {int(i): (int(t1), int(d)) for i, t1, d in zip(runs.index, runs.start, runs.duration, strict=True)}
 
     def one(row: int, series: Series) -> tuple[list[RunAlarms], float, bool]:
         trace, (first, lasts) = log(series), faults[row]
         inside = (trace.packet[:-1] >= first) & (trace.packet[:-1] <= first + lasts + 1)
-        moved = detector.steps(trace)[inside, 1] / levels[CHOSEN][1]
-        verdicts = [detector.alarms(trace, level, first, lasts) for level in levels.values()]
+        moved = detector.steps(trace)[inside, 1] / thresholds[CHOSEN][1]
+        verdicts = [detector.alarms(trace, threshold, first, lasts) for threshold in thresholds.values()]
         return verdicts, float(moved.max(initial=0.0)), leaps(trace)
 
     measured = measure(folder, one, runs.index.tolist())
     return Watched(
-        thresholds=levels,
-        alarms={name: [alarms[k] for alarms, _, _ in measured] for k, name in enumerate(levels)},
+        thresholds=thresholds,
+        alarms={name: [alarms[k] for alarms, _, _ in measured] for k, name in enumerate(thresholds)},
         largest_mvel=np.array([largest for _, largest, _ in measured]),
         leaps=np.array([leapt for _, _, leapt in measured]),
     )

@@ -117,9 +117,9 @@ class _Code:
         ticks, real = self.program.ticks, np.dtype(self.program.setup.precision.real)
         inputs = traced.inputs(self.program, self._block(ready, rows))
         # Only outcomes, unused here, look at a golden run.
-        twin = np.zeros((1, self._series) if self._code.grouped else (1, self._series, self.width), real)
+        golden = np.zeros((1, self._series) if self._code.grouped else (1, self._series, self.width), real)
         out = np.zeros((ticks, self._code.outputs, self.width), real)
-        self._code.run(Lanes(inputs, twin, np.concatenate(ready.columns), out), ticks)
+        self._code.run(Lanes(inputs, golden, np.concatenate(ready.columns), out), ticks)
         for lane in range(len(rows)):
             yield self._named(np.ascontiguousarray(out[:, :, lane].T))
 

@@ -1,7 +1,7 @@
 """What the study of the haptic cue reads from its campaigns: what is felt in faulty runs, and without a fault.
 
 A cue of a faulty run counts from the fault's first effect on, and only where the golden run had none by then: one
-that the twin has, too, tells of the motion and not of the fault.
+that the golden run has, too, tells of the motion and not of the fault.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class FaultyCues(NamedTuple):
     unintended_ms: np.ndarray  # when the unintended motion began
     kinds: np.ndarray  # bool [runs, KINDS]
     first_ms: np.ndarray  # [runs, cues], felt because of the fault
-    shared: np.ndarray  # bool [runs, cues], the twin has a cue, too
+    shared: np.ndarray  # bool [runs, cues], the golden run has a cue, too
     force: np.ndarray  # [runs, cues], largest, device units
     felt_ms: np.ndarray  # [runs, cues], how long
     duration_ms: int
@@ -133,7 +133,7 @@ def _faulty(frame: pd.DataFrame, facts: pd.DataFrame, made: Manifest, cell: np.n
             axis=1,
         ),
         first_ms=np.where(own >= active[:, None], own, -1),
-        shared=columns("twin_cue{}_first_ms") >= 0,
+        shared=columns("golden_cue{}_first_ms") >= 0,
         force=columns("cue{}_peak_force").astype(float),
         felt_ms=columns("cue{}_ms"),
         duration_ms=made.duration_ms,

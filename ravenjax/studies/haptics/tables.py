@@ -326,20 +326,20 @@ def layer_table(faulty: FaultyCues, numbers: Sequence[int]) -> Table:
 
 
 def shared_table(faulty: FaultyCues, motions: Sequence[str], sets: Sequence[int]) -> Table:
-    """How many faulty runs have a twin that feels the cue, too."""
+    """How many faulty runs have a golden run that feels the cue, too."""
     numbers = np.unique(faulty.motion)
     rows = []
     for k in sets:
         had = [faulty.shared[faulty.motion == number, k] for number in numbers]
-        shares = [f"{wording.percent(float(twin.mean()))} of {wording.count(len(twin))}" for twin in had]
-        if any(twin.any() for twin in had):
+        shares = [f"{wording.percent(float(shared.mean()))} of {wording.count(len(shared))}" for shared in had]
+        if any(shared.any() for shared in had):
             rows.append((faulty.cues[k].threshold_mm, *shares))
     return Table(
         "Faulty runs whose golden run has a cue, too",
         ("threshold, mm", *(motions[int(number)] for number in numbers)),
         tuple(rows),
-        "At scale 0.1, 4 s; at higher thresholds none. All runs of a motion share one twin, so it is all or none of "
-        "them; such a cue tells of the motion, and where it came first the fault counts as missed.",
+        "At scale 0.1, 4 s; at higher thresholds none. All runs of a motion share one golden run, so it is all or none "
+        "of them; such a cue tells of the motion, and where it came first the fault counts as missed.",
     )
 
 

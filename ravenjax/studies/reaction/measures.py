@@ -51,7 +51,7 @@ def live(size_mm: float) -> Measure:
     """Off the nominal model by more than that, while the robot is live."""
 
     def hits(frame: pd.DataFrame, facts: pd.DataFrame) -> np.ndarray:
-        here, golden = frame["peak_live_deviation_mm"], frame["twin_peak_live_deviation_mm"]
+        here, golden = frame["peak_live_deviation_mm"], frame["golden_peak_live_deviation_mm"]
         return ((here > size_mm) & ~(golden > size_mm)).to_numpy()
 
     return Measure(f"off the model by more than {size_mm:g} mm, live", hits, (RELEASE, SLOW))
@@ -62,7 +62,7 @@ def _leapt(frame: pd.DataFrame, facts: pd.DataFrame) -> np.ndarray:
 
 
 def _deeper(frame: pd.DataFrame, facts: pd.DataFrame) -> np.ndarray:
-    return ((frame["tissue_depth_mm"] - frame["twin_tissue_depth_mm"]) > severity.DEPTH_MM).to_numpy()
+    return ((frame["tissue_depth_mm"] - frame["golden_tissue_depth_mm"]) > severity.DEPTH_MM).to_numpy()
 
 
 LEAPT = Measure("jump of the true tip", _leapt, (RELEASE, SLOW, CORRECT))

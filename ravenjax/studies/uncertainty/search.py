@@ -11,7 +11,7 @@ from ravenjax.search import runner
 from ravenjax.search.file import loading
 from ravenjax.studies.uncertainty.parameters import PARAMETERS, Uncertain
 
-OUTCOME = "peak_twin_deviation_mm"
+OUTCOME = "peak_golden_deviation_mm"
 FAULT = {
     "site": "usb_out",
     "channel": ["shoulder", "elbow", "insertion"],

@@ -114,7 +114,7 @@ def motion(hazard: HazardRow) -> str:
     elif word == "loss of motion" and hazard.loss_first_ms is not None:
         sentence = f"Loss of motion: the instrument did not follow and was up to {length(hazard.loss_mm)} off, {limit}"
     elif word == "loss of motion":
-        lost = (hazard.halted_ms or 0.0) - (hazard.twin_halted_ms or 0.0)
+        lost = (hazard.halted_ms or 0.0) - (hazard.golden_halted_ms or 0.0)
         sentence = (
             f"Loss of motion: the robot was out of pedal-down for {milliseconds(lost)} although the pedal was held, "
             f"limit {HALT_MS} ms, and no check had stopped it"
@@ -247,7 +247,7 @@ def headline(hazards: Sequence[HazardRow], numbers: Summary, known: bool) -> tup
     return begin, ", " + "; ".join(rest) + "." if rest else "."
 
 
-def harm_mm(header: Mapping[str, Any], key: str = "stray_mm") -> float | None:
+def harm_mm(header: Mapping[str, Any], key: str = "excursion_mm") -> float | None:
     """The scenario's limit of unintended motion, or another key of [harm]; None where the session does not say."""
     scenario = header.get("scenario")
     value = (scenario.get("harm") or {}).get(key) if isinstance(scenario, dict) else None
@@ -262,7 +262,7 @@ def caveats(header: Mapping[str, Any], told: Mapping[str, Any]) -> list[str]:
     if cued and limit is not None and threshold is not None and limit <= threshold:
         out.append(
             f"Harm begins at {limit:g} mm, not beyond the cue's threshold of {threshold:g} mm: an operator who waits "
-            "for the cue is late. Give the scenario a larger [harm] stray_mm."
+            "for the cue is late. Give the scenario a larger [harm] excursion_mm."
         )
     if header.get("robot", "virtual") != "virtual":
         out.append(

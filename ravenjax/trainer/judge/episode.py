@@ -7,7 +7,7 @@ the robot is when the hazard is armed:
   first check that told a person or stopped the robot, `limited` the first that changed a command or dropped a packet
   and told nobody.
 - `motion_hazard`: unintended motion, loss of motion, false report or none, the gravest. Its limit is the scenario's
-  `[harm] stray_mm`, column `limit_mm`.
+  `[harm] excursion_mm`, column `limit_mm`.
 - The columns `unintended_mm` to `false_report_first_ms` are the result table's of these names, from the strike on.
 - `cue_ms`: when the operator first felt the cue, where the golden run has had none since the strike.
 
@@ -21,8 +21,8 @@ kind. An operator who slows down may only have arrived, so a slow-down counts on
 
 **Outcome**, the first that holds:
 
-- `harm`: the true tip made an unintended motion of more than `[harm] stray_mm`, live or not, or the fault drove it more
-  than `[harm] depth_mm` deeper into the tissue.
+- `harm`: the true tip made an unintended motion of more than `[harm] excursion_mm`, live or not, or the fault drove it
+  more than `[harm] depth_mm` deeper into the tissue.
 - `avoided`: a right response in time.
 - `halted`: the robot left pedal-down by itself, because a check stopped it or for another reason.
 - `unaffected`: no distance of `AFFECTED_MM`, no hazard, no cue.
@@ -89,7 +89,7 @@ COLUMNS = (
     "loss_mm",
     "loss_first_ms",
     "halted_ms",
-    "twin_halted_ms",
+    "golden_halted_ms",
     "false_report_mm",
     "false_report_first_ms",
     "peak_error_mm",
@@ -104,7 +104,7 @@ COLUMNS = (
     "score",
 )
 """Of hazards.csv, in order. `hazard` is the id in the library. Times are ms since the session began, reaction_ms from
-the origin above, halted_ms and twin_halted_ms (the golden run's) durations. None is empty: it never happened."""
+the origin above, halted_ms and golden_halted_ms (the golden run's) durations. None is empty: it never happened."""
 
 DISTANCES = ("unintended", "loss", "false_report")
 """Distances in the frame (`<name>_mm`) that make a hazard where they exceed the limit."""
@@ -113,10 +113,10 @@ PEAKS = (*DISTANCES, "unintended_off")
 """Those whose largest value an episode keeps."""
 
 
-def motion_hazard(first_ms: Mapping[str, float], halted_ms: float, twin_halted_ms: float, stopped: bool) -> str:
+def motion_hazard(first_ms: Mapping[str, float], halted_ms: float, golden_halted_ms: float, stopped: bool) -> str:
     """One of `verdict.HAZARDS`, by its definitions. first_ms: when one of `DISTANCES` exceeded the limit, if ever."""
     times = {f"{name}_first_ms": [first_ms.get(name, -1)] for name in DISTANCES}
-    halted = {"halted_ms": [halted_ms], "twin_halted_ms": [twin_halted_ms]}
+    halted = {"halted_ms": [halted_ms], "golden_halted_ms": [golden_halted_ms]}
     (place,) = verdict.hazards(times | halted, np.array([stopped]))
     return verdict.HAZARDS[place]
 
@@ -135,7 +135,7 @@ class Episode:
         self.checks: dict[str, tuple[int, str]] = {}  # response -> ms and name of the first check of that kind
         self.origin_ms: int | None = None  # earliest of knowledge, cue and alarm
         self.halted = False
-        self.halted_ms, self.twin_halted_ms = 0, 0
+        self.halted_ms, self.golden_halted_ms = 0, 0
         self._lost = False  # by being halted for too long
         self.arm = hazard.arm  # the struck one, else the one that moved farthest
         self.peak_error_mm = 0.0
@@ -184,17 +184,17 @@ class Episode:
         if name.startswith("unintended") and mm > self.farthest_mm and not self.hazard.arm:
             self.arm = arm
         self.peak_mm[name] = mm
-        if name in DISTANCES and mm > self.harm.stray_mm and name not in self.first_ms:
+        if name in DISTANCES and mm > self.harm.excursion_mm and name not in self.first_ms:
             self.first_ms[name] = tick
             return True
         return False
 
-    def halt(self, halted_ms: int, twin_halted_ms: int) -> bool:
+    def halt(self, halted_ms: int, golden_halted_ms: int) -> bool:
         """Time since the strike in which the pedal was held and the robot not live, its own and the golden run's;
         whether that makes a loss of motion for the first time."""
         before = self._lost
-        self.halted_ms, self.twin_halted_ms = halted_ms, twin_halted_ms
-        self._lost = bool(verdict.halts(halted_ms, twin_halted_ms, self.check_response == "stopped"))
+        self.halted_ms, self.golden_halted_ms = halted_ms, golden_halted_ms
+        self._lost = bool(verdict.halts(halted_ms, golden_halted_ms, self.check_response == "stopped"))
         return self._lost and not before
 
     def respond(self, tick: int, what: str) -> bool:
@@ -226,11 +226,11 @@ class Episode:
 
     def motion_hazard(self) -> str:
         """One of `verdict.HAZARDS`."""
-        return motion_hazard(self.first_ms, self.halted_ms, self.twin_halted_ms, self.check_response == "stopped")
+        return motion_hazard(self.first_ms, self.halted_ms, self.golden_halted_ms, self.check_response == "stopped")
 
     def outcome(self) -> str:
         """One of harm, avoided, halted, unaffected, missed."""
-        if self.farthest_mm > self.harm.stray_mm or self.driven_mm > self.harm.depth_mm:
+        if self.farthest_mm > self.harm.excursion_mm or self.driven_mm > self.harm.depth_mm:
             return "harm"
         if self.answer()[1]:
             return "avoided"
@@ -250,7 +250,7 @@ class Episode:
             limit = max(self.hazard.within_s * 1000.0 - FASTEST_MS, 1.0)
             late = 0.0 if what == CONTINUE else max(self.reaction_ms(what) - FASTEST_MS, 0.0)
             response = 1.0 - 0.5 * min(late / limit, 1.0)
-        used = max(self.farthest_mm / self.harm.stray_mm, self.driven_mm / self.harm.depth_mm)
+        used = max(self.farthest_mm / self.harm.excursion_mm, self.driven_mm / self.harm.depth_mm)
         return round(50.0 * response + 50.0 * max(0.0, 1.0 - used), 1)
 
     def row(self) -> dict[str, Any]:
@@ -275,7 +275,7 @@ class Episode:
             "alarm": alarm,
             "limited_ms": limited_ms,
             "limited": limited,
-            "limit_mm": self.harm.stray_mm,
+            "limit_mm": self.harm.excursion_mm,
             "response": what or None,
             "response_ms": self.responses[what] if answered else None,
             "reaction_ms": self.reaction_ms(what) if answered else None,
@@ -297,7 +297,7 @@ class Episode:
             **peaks,
             **{f"{name}_first_ms": self.first_ms.get(name) for name in DISTANCES},
             "halted_ms": self.halted_ms,
-            "twin_halted_ms": self.twin_halted_ms,
+            "golden_halted_ms": self.golden_halted_ms,
             "peak_error_mm": round(self.peak_error_mm, 4),
             "deepest_mm": round(self.deepest_mm, 4) if math.isfinite(self.deepest_mm) else None,
         }

@@ -218,7 +218,7 @@ class Judge:
             self._know(tick, tick, "runlevel", episode, events)
         own = self._halted[0] - self._halted_at_strike[0]
         golden = self._halted[1] - self._halted_at_strike[1]
-        changed = own != episode.halted_ms or golden != episode.twin_halted_ms
+        changed = own != episode.halted_ms or golden != episode.golden_halted_ms
         if changed and not self._pressed and episode.halt(own, golden) and "loss" not in episode.first_ms:
             number = episode.hazard.number
             events.append({"tick": tick, "kind": _EVENTS["loss"], "number": number, "halted_ms": own - golden})

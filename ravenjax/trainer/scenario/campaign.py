@@ -41,7 +41,7 @@ _CLUTCHED = {"nominal.resync": 1.0}
 """People clutch: each lift of the pedal would leave the model some tenths of a millimetre beside the robot."""
 
 _OWN_KEYS = {
-    "monitor.limit": "[harm] stray_mm",
+    "monitor.limit": "[harm] excursion_mm",
     "haptics.cues": "[cue] threshold_mm, kp_per_mm, kd_per_mm_s or cap",
 }
 """Parameters that have a key of their own in a scenario."""

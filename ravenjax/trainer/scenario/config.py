@@ -13,8 +13,9 @@ right_response = ["release"]
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path as FilePath
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, PrivateAttr, field_validator, model_validator
 
@@ -58,7 +59,8 @@ class Cue(Section):
 class Harm(Section):
     """[harm]: the limits beyond which a hazard has done harm."""
 
-    stray_mm: float = Field(
+    former: ClassVar[Mapping[str, str]] = {"stray_mm": "excursion_mm"}
+    excursion_mm: float = Field(
         default=10.0,  # farther than the cue, so that who waits for the cue has time to act
         gt=0.0,
         le=1000.0,

@@ -87,7 +87,7 @@ class Session:
         seed. robot: what makes the robot that is driven."""
         self.scenario, self.seed = chosen, seed
         if ready is None:
-            ready = blueprint.make(scenario.campaign(chosen, seed), limit_mm=chosen.harm.stray_mm)
+            ready = blueprint.make(scenario.campaign(chosen, seed), limit_mm=chosen.harm.excursion_mm)
         self.blueprint = ready
         self.layout: FrameLayout = self.blueprint.layout
         self.arms = self.layout.arms

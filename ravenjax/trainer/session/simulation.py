@@ -36,7 +36,7 @@ class SimulatedRobot:
         self.blueprint = blueprint
         code = blueprint.code
         self._own = Stepper(code, blueprint.inputs)
-        self._twin = Stepper(code, blueprint.inputs, self._own.flat)
+        self._beside = Stepper(code, blueprint.inputs, self._own.flat)
         self._shown = np.zeros((2, code.outputs), np.float32)
         self._addresses = [self._shown.ctypes.data + i * self._shown.strides[0] for i in (0, 1)]
         self.row = self._shown[0, : blueprint.layout.simulated]
@@ -49,7 +49,7 @@ class SimulatedRobot:
         self._reference = self._own.entering[:series]
         self._apart = False
         self._told_apart = self._own.entering[series]
-        self.packets = [stepper.entering[series + 1 :] for stepper in (self._own, self._twin)]
+        self.packets = [stepper.entering[series + 1 :] for stepper in (self._own, self._beside)]
         """Where a packet from outside enters the two."""
         self._fresh = self._own.snapshot()
         places = jax.tree.unflatten(jax.tree.structure(code.state), range(len(jax.tree.leaves(code.state))))
@@ -59,7 +59,7 @@ class SimulatedRobot:
     def step(self) -> None:
         """One tick."""
         if self._apart:
-            self._twin.step(self.now, self._addresses[1])
+            self._beside.step(self.now, self._addresses[1])
             for place, number in zip(self._reference, self._series.tolist(), strict=True):
                 place[0] = number
         self._own.step(self.now, self._addresses[0])
@@ -73,19 +73,19 @@ class SimulatedRobot:
 
     def golden_outcomes(self) -> dict[str, Any]:
         """The golden run's: the same robot without what was armed last, from that moment on."""
-        return self._twin.outcomes() if self._apart else self._own.outcomes()
+        return self._beside.outcomes() if self._apart else self._own.outcomes()
 
     def reset(self) -> None:
         """Back to its beginning: homed, at rest, pedal up, no fault armed."""
         self.disarm()
-        for robot in (self._own, self._twin):
+        for robot in (self._own, self._beside):
             robot.begin()
         self.now = 0
 
     def copy_from(self, other: SimulatedRobot) -> None:
         """Stand where another robot of the same blueprint stands, without its faults."""
         self.disarm()
-        for mine, theirs in ((self._own, other._own), (self._twin, other._twin)):
+        for mine, theirs in ((self._own, other._own), (self._beside, other._beside)):
             mine.restore(theirs.snapshot())
         self._part(other._apart)
         begin = max(0, other.now - HISTORY_MS)
@@ -99,7 +99,7 @@ class SimulatedRobot:
         The model comes along by itself at the next pedal-up (`nominal.resync`).
         """
         self._own.change(lambda state: replace(state, monitor=monitor.realigned(state.monitor)))
-        self._twin.restore(self._own.snapshot())
+        self._beside.restore(self._own.snapshot())
 
     def _part(self, apart: bool) -> None:
         """Whether robot and golden run may differ from now on."""
@@ -143,7 +143,7 @@ class SimulatedRobot:
     def press(self, row: int, ticks: int = 100) -> None:
         """Hold the button that this row of the fault table strikes for so many ticks."""
         if not self._apart:
-            self._twin.restore(self._own.snapshot())
+            self._beside.restore(self._own.snapshot())
             self._part(True)
         values = {name: column[row, 0] for name, column in self.blueprint.plan.faults.items()}
         slot = self.blueprint.fault_slots

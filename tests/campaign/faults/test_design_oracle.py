@@ -105,7 +105,7 @@ SECTIONS = {
     "cross": CROSS,
     "parameters": st.dictionaries(st.just("operator.scale"), st.sampled_from([0.5, 1])),
     "reaction": st.fixed_dictionaries({"action": st.sampled_from(["none", "release", "slow"])}),
-    "detector": st.just([{"name": "d", "kind": "steps", "fusion": ["all", "any"], "level": [1, 2]}]),
+    "detector": st.just([{"name": "d", "kind": "steps", "fusion": ["all", "any"], "threshold": [1, 2]}]),
 }
 
 

@@ -17,7 +17,7 @@ BASE = {
     "campaign": {"name": "x", "duration_s": 0.01},
     "operator": {"motion": "still"},
     "reaction": {},
-    "detector": [{"name": "model", "kind": "steps", "level": [1, 2, 3]}],
+    "detector": [{"name": "model", "kind": "steps", "threshold": [1, 2, 3]}],
     "group": [{"name": "g"}],
 }
 
@@ -89,7 +89,7 @@ def test_an_arm_may_be_named_or_left_out(path):
         ("monitor.jump_step", 3e-4, ("cannot be set", "write [outcomes] jump_step_mm")),
         ("monitor.idle_share", 0.5, ("cannot be set", "it belongs to the observer")),
         ("monitor.moved", 0.02, ("cannot be set", "it belongs to the observer")),
-        ("detectors.levels.0.1", 2, ("cannot be set", "write level = [..] in [[detector]]")),
+        ("detectors.thresholds.0.1", 2, ("cannot be set", "write threshold = [..] in [[detector]]")),
         ("plant.noise_key", 7, ("cannot be set", "campaign.noise = true")),
         ("plant.gold.noise_key", 7, ("cannot be set",)),
         ("start.elbow", 1.5, ("cannot be set", "write [operator.start]")),

@@ -114,8 +114,8 @@ def refusal(text: str) -> str:
             ["haptics: two of the haptic sets are the same"],
         ),
         (
-            HEAD + "[[detector]]\nname = 'd'\nkind = 'tip_error'\nlevel = [1, 1]\n[[group]]\nname = 'a'",
-            ["detector[0].level: got 1.0 2 times, expected each value once"],
+            HEAD + "[[detector]]\nname = 'd'\nkind = 'tip_error'\nthreshold = [1, 1]\n[[group]]\nname = 'a'",
+            ["detector[0].threshold: got 1.0 2 times, expected each value once"],
         ),
         (
             HEAD + "[[detector]]\nname = 'd'\nkind = 'tip_error'\n"

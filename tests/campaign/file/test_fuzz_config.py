@@ -77,8 +77,8 @@ FULL = {
     "cross": {"reaction": {"action": [0, 1]}, "plant.cable_damping": [400, 500]},
     "reaction": {"action": "slow", "delay_ms": 200, "slow_to": 0.5},
     "detector": [
-        {"name": "model", "kind": "steps", "fusion": ["all", "any"], "consecutive": [1, 3], "level": [0.5, 1]},
-        {"name": "tip", "kind": "tip_error", "level": 3},
+        {"name": "model", "kind": "steps", "fusion": ["all", "any"], "consecutive": [1, 3], "threshold": [0.5, 1]},
+        {"name": "tip", "kind": "tip_error", "threshold": 3},
     ],
     "stop": {
         "half_width": 0.05,
@@ -257,7 +257,7 @@ delay_ms = 200
 name = "model"
 kind = "steps"
 fusion = ["all", "any"]
-level = [0.5, 1]
+threshold = [0.5, 1]
 
 [outcomes]
 jump = "text"

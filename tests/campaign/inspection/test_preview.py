@@ -55,7 +55,7 @@ def test_the_numbers_are_those_of_the_fault_table(name, idle, tmp_path):
     sites = {site for s in slots for site in rows[f"fault{s}_site"].unique()} - {""}
     assert {site for site, _ in struck} == sites
     assert view.fault_free == sum(all(row == "") for row in rows[[f"fault{s}_site" for s in slots]].to_numpy())
-    assert view.golden_runs == len(set(ready.twin.tolist()))
+    assert view.golden_runs == len(set(ready.golden.tolist()))
     assert view.sample["index"].tolist() == sorted(set(view.sample["index"])) and len(view.sample) == preview.SAMPLE
     assert view.sample["run_id"].tolist() == [f"{int(rows['run_id'].iloc[i]):016x}" for i in view.sample["index"]]
     assert not (tmp_path / "out").exists(), "nothing is written"

@@ -80,11 +80,11 @@ class Forced(SimdKernel):
 
 
 def run(kernel, ready, rows):
-    """Twins and faulty runs of these rows."""
+    """Golden runs and faulty runs of these rows."""
     varied, faults = ready.lanes(rows, len(rows))
     _, harmless = ready.lanes(rows, len(rows), harmless=True)
-    twins = kernel.run(Block(varied, harmless, None), ready.columns)
-    return twins, kernel.run(Block(varied, faults, twins.reference), ready.columns)
+    golden_runs = kernel.run(Block(varied, harmless, None), ready.columns)
+    return golden_runs, kernel.run(Block(varied, faults, golden_runs.reference), ready.columns)
 
 
 def same_lanes(a, b, of_a, of_b):
@@ -127,8 +127,8 @@ def test_a_trace_is_the_run(ready, whole, row):
     varied, faults = ready.lanes([row], 3)
     _, harmless = ready.lanes([row], 3, harmless=True)
     tracer = SimdEngine().tracer(ready.program, 3)
-    twin, result, signals = tracer.run(Block(varied, harmless, None), Block(varied, faults, None), ready.columns)
-    for name, column in twin.outcomes.items():
+    golden, result, signals = tracer.run(Block(varied, harmless, None), Block(varied, faults, None), ready.columns)
+    for name, column in golden.outcomes.items():
         np.testing.assert_array_equal(column, np.repeat(whole[0].outcomes[name][row], 3), err_msg=name)
     for name, column in result.outcomes.items():
         np.testing.assert_array_equal(column, np.repeat(whole[1].outcomes[name][row], 3), err_msg=name)

@@ -53,13 +53,13 @@ def test_a_campaign_has_the_bits_of_engine_simd(device, short):
 def test_a_trace_is_the_campaign_run_with_every_signal(device, short):
     varied, harmless = short.lanes([5], 1, harmless=True)
     _, faults = short.lanes([5], 1)
-    twin, block = Block(varied, harmless, None), Block(varied, faults, None)
+    golden, block = Block(varied, harmless, None), Block(varied, faults, None)
     engine = cuda.CudaEngine()
-    own, result, signals = engine.tracer(short.program, 1).run(twin, block, short.columns)
+    own, result, signals = engine.tracer(short.program, 1).run(golden, block, short.columns)
     kernel = engine.compile(short.program, 1)
-    twins = kernel.run(twin, short.columns)
-    np.testing.assert_array_equal(own.reference, twins.reference)
-    expected = kernel.run(replace(block, reference=twins.reference), short.columns)
+    golden_runs = kernel.run(golden, short.columns)
+    np.testing.assert_array_equal(own.reference, golden_runs.reference)
+    expected = kernel.run(replace(block, reference=golden_runs.reference), short.columns)
     for name, values in expected.outcomes.items():
         np.testing.assert_array_equal(words(values), words(result.outcomes[name]), err_msg=name)
     assert signals.tip[0][0].shape == (short.program.ticks,)

@@ -110,8 +110,8 @@ def traces():
     def tracer(dynamics):
         setup = dataclasses.replace(ready.program.setup, link_dynamics=dynamics)
         kernel = ScanKernel(dataclasses.replace(ready.program, setup=setup), LANE_MULTIPLE, keep_signals=True)
-        twin = kernel.run(Block(*ready.lanes([0], LANE_MULTIPLE), None), columns).reference
-        return lambda row: kernel.run_signals(Block(*ready.lanes([row], LANE_MULTIPLE), twin), columns)[1]
+        golden = kernel.run(Block(*ready.lanes([0], LANE_MULTIPLE), None), columns).reference
+        return lambda row: kernel.run_signals(Block(*ready.lanes([row], LANE_MULTIPLE), golden), columns)[1]
 
     return tracer("unrolled"), tracer("mjx")
 
@@ -125,9 +125,9 @@ def test_mjx_and_xla_give_the_same_verdicts():
     frames = []
     for name in ("xla", "mjx"):
         kernel = ScanEngine(name).compile(ready.program, ready.runs)
-        twin = kernel.run(Block(*ready.lanes(rows, kernel.lanes, harmless=True), None), ready.columns)
-        found = kernel.run(Block(*ready.lanes(rows, kernel.lanes), twin.reference), ready.columns)
-        tables = [{key: values[: len(rows)] for key, values in result.outcomes.items()} for result in (found, twin)]
+        golden = kernel.run(Block(*ready.lanes(rows, kernel.lanes, harmless=True), None), ready.columns)
+        found = kernel.run(Block(*ready.lanes(rows, kernel.lanes), golden.reference), ready.columns)
+        tables = [{key: values[: len(rows)] for key, values in result.outcomes.items()} for result in (found, golden)]
         frames.append(outcomes.frame(config, ready.table.iloc[rows], *(outcomes.pd.DataFrame(t) for t in tables)))
     xla, mjx = (frame["verdict"].astype(str).to_numpy() for frame in frames)
     assert len(set(xla)) >= 6, "a sample that holds most verdicts"
@@ -156,39 +156,39 @@ def kernel(ready):
 
 
 @pytest.fixture(scope="module")
-def twin(ready, kernel):
-    """The result of a block of twins."""
+def golden(ready, kernel):
+    """The result of a block of golden runs."""
     plan_, columns = ready
     return kernel.run(Block(*plan_.lanes([0], kernel.lanes, harmless=True), None), columns)
 
 
 @pytest.fixture(scope="module")
-def result(ready, kernel, twin):
+def result(ready, kernel, golden):
     """The outcomes of every run in one block, in order."""
-    return run_rows(ready, kernel, twin, range(ready[0].runs))
+    return run_rows(ready, kernel, golden, range(ready[0].runs))
 
 
-def run_rows(ready, kernel, twin, rows):
+def run_rows(ready, kernel, golden, rows):
     """Outcomes of a block that holds `rows`, [rows] each."""
     plan_, columns = ready
-    found = kernel.run(Block(*plan_.lanes(rows, kernel.lanes), twin.reference), columns)
+    found = kernel.run(Block(*plan_.lanes(rows, kernel.lanes), golden.reference), columns)
     return {name: values[: len(rows)] for name, values in found.outcomes.items()}
 
 
 @pytest.mark.slow  # XLA compiles a whole tick for a minute or two
-def test_a_lane_does_not_know_its_neighbours(ready, kernel, twin, result):
+def test_a_lane_does_not_know_its_neighbours(ready, kernel, golden, result):
     order = [3, 0, 6, 6, 1, 5, 2, 4, 3, 3, 0]
-    mixed = run_rows(ready, kernel, twin, order)
+    mixed = run_rows(ready, kernel, golden, order)
     same(mixed, {name: values[order] for name, values in result.items()})
     for row in (2, 6):
-        same(run_rows(ready, kernel, twin, [row]), {name: values[[row]] for name, values in result.items()})
+        same(run_rows(ready, kernel, golden, [row]), {name: values[[row]] for name, values in result.items()})
 
 
 @pytest.mark.slow  # XLA compiles a whole tick for a minute or two
-def test_a_kernel_may_run_in_several_threads(ready, kernel, twin, result):
+def test_a_kernel_may_run_in_several_threads(ready, kernel, golden, result):
     orders = [np.roll(np.arange(ready[0].runs), k) for k in range(4)]
     with ThreadPoolExecutor(4) as pool:
-        found = list(pool.map(lambda order: run_rows(ready, kernel, twin, order), orders))
+        found = list(pool.map(lambda order: run_rows(ready, kernel, golden, order), orders))
     for order, mixed in zip(orders, found, strict=True):
         same(mixed, {name: values[order] for name, values in result.items()})
 
@@ -223,32 +223,32 @@ def test_segments_cover_the_run_and_overshoot_little(ticks):
 
 
 @pytest.mark.slow  # XLA compiles a whole tick for a minute or two
-def test_progress_counts_every_tick_of_every_lane(ready, kernel, twin):
+def test_progress_counts_every_tick_of_every_lane(ready, kernel, golden):
     told = []
     plan_, columns = ready
-    kernel.run(Block(*plan_.lanes([0], kernel.lanes), twin.reference), columns, told.append)
+    kernel.run(Block(*plan_.lanes([0], kernel.lanes), golden.reference), columns, told.append)
     assert told == [507 * kernel.lanes, 506 * kernel.lanes]
 
 
 @pytest.mark.slow  # XLA compiles a whole tick for a minute or two
-def test_a_twin_is_what_faulty_runs_are_measured_against(ready, kernel, twin, result):
+def test_a_golden_run_is_what_faulty_runs_are_measured_against(ready, kernel, golden, result):
     plan_, columns = ready
-    assert twin.reference.shape == (TICKS, 6, kernel.lanes)
-    assert (np.ptp(twin.reference, axis=2) == 0.0).all(), "all lanes of the block are the same run"
+    assert golden.reference.shape == (TICKS, 6, kernel.lanes)
+    assert (np.ptp(golden.reference, axis=2) == 0.0).all(), "all lanes of the block are the same run"
     # Not always 0.0: the tip that is watched and the one that is kept may be contracted differently, a last bit apart.
-    last_bit_mm = np.spacing(np.abs(twin.reference[:, :3]).max()) * 1e3
-    assert result["peak_twin_deviation_mm"][0] <= 2.0 * last_bit_mm and result["diverged_ms"][0] == -1
-    assert (result["peak_twin_deviation_mm"][1:] > 0.0).all()
+    last_bit_mm = np.spacing(np.abs(golden.reference[:, :3]).max()) * 1e3
+    assert result["peak_golden_deviation_mm"][0] <= 2.0 * last_bit_mm and result["diverged_ms"][0] == -1
+    assert (result["peak_golden_deviation_mm"][1:] > 0.0).all()
     assert (result["diverged_ms"][1:] >= 30).all(), "nothing diverges before the fault"
     faulty = kernel.run(Block(*plan_.lanes([1], kernel.lanes), None), columns).reference
-    apart = np.linalg.norm(faulty[:, :3, 0] - twin.reference[:, :3, 0], axis=1) * 1e3
+    apart = np.linalg.norm(faulty[:, :3, 0] - golden.reference[:, :3, 0], axis=1) * 1e3
     assert apart[:30].max() == 0.0, "the same program and inputs: the same bits"
-    assert apart.max() == pytest.approx(result["peak_twin_deviation_mm"][1], rel=1e-4)
-    assert np.sqrt(np.mean(apart**2)) == pytest.approx(result["rms_twin_deviation_mm"][1], rel=1e-4)
+    assert apart.max() == pytest.approx(result["peak_golden_deviation_mm"][1], rel=1e-4)
+    assert np.sqrt(np.mean(apart**2)) == pytest.approx(result["rms_golden_deviation_mm"][1], rel=1e-4)
 
 
 @pytest.mark.slow  # XLA compiles a whole tick for a minute or two
-def test_only_twins_return_their_series(ready, kernel, twin):
+def test_only_golden_runs_return_their_series(ready, kernel, golden):
     plan_, columns = ready
-    found = kernel.run(Block(*plan_.lanes([1], kernel.lanes), twin.reference), columns)
+    found = kernel.run(Block(*plan_.lanes([1], kernel.lanes), golden.reference), columns)
     assert found.reference.shape[0] == 0

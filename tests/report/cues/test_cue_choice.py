@@ -31,7 +31,7 @@ def test_a_minute_of_motion_chooses_nothing_and_says_what_it_needs():
 def motion_for(hours):
     """The same faults with golden runs that are together so long, and a result whose runs are so, too."""
     pedal = int(hours * 3.6e6 / 80)
-    return FRAME.assign(twin_pedal_down_ms=pedal), synthetic.manifest(RUNS, duration_ms=pedal + 200)
+    return FRAME.assign(golden_pedal_down_ms=pedal), synthetic.manifest(RUNS, duration_ms=pedal + 200)
 
 
 def test_as_many_hours_as_it_asks_for_decide():
@@ -74,7 +74,7 @@ def test_the_counts_that_choices_stand_on():
 
 
 def test_no_set_keeps_an_impossible_rule():
-    loud = FRAME.assign(**{f"twin_cue{k}_first_ms": 50 for k in range(len(MANIFEST.cues))})
+    loud = FRAME.assign(**{f"golden_cue{k}_first_ms": 50 for k in range(len(MANIFEST.cues))})
     runs = Runs.of(loud, MANIFEST)
     found = choice.choices(runs, sweep.rows(runs, MANIFEST))
     limits = [one for one in found if one.rule.startswith("false cues")]

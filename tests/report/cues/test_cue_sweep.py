@@ -18,10 +18,10 @@ from ravenjax.stats.intervals import wilson
 @pytest.mark.parametrize("k", range(len(synthetic.CUES)))
 def test_a_set_against_a_plain_count(k):
     assert ROWS[k].missed == wilson(int(missed(FRAME, k).sum()), int(HAZARD.sum()))
-    free = FRAME.groupby(["operator", "twin_tip_path_mm"], observed=True)[
-        [f"twin_cue{k}_first_ms", "twin_pedal_down_ms"]
+    free = FRAME.groupby(["operator", "golden_tip_path_mm"], observed=True)[
+        [f"golden_cue{k}_first_ms", "golden_pedal_down_ms"]
     ].first()
-    first, pedal = free[f"twin_cue{k}_first_ms"].to_numpy(), free["twin_pedal_down_ms"].to_numpy()
+    first, pedal = free[f"golden_cue{k}_first_ms"].to_numpy(), free["golden_pedal_down_ms"].to_numpy()
     assert ROWS[k].false == wilson(int((first >= 0).sum()), len(free))
     hours = np.where(first >= 0, pedal * first / MANIFEST.duration_ms, pedal).sum() / 3.6e6
     assert ROWS[k].per_hour == pytest.approx(alarm_rate(int((first >= 0).sum()), hours))
@@ -33,8 +33,8 @@ def test_a_set_against_a_plain_count(k):
 
 
 def test_a_cue_that_the_golden_run_has_is_missed():
-    assert any((FRAME["cue2_first_ms"] >= 700) & HAZARD & (FRAME["twin_cue2_first_ms"] == 700))
-    quiet = FRAME.assign(**{f"twin_cue{k}_first_ms": -1 for k in LOW})
+    assert any((FRAME["cue2_first_ms"] >= 700) & HAZARD & (FRAME["golden_cue2_first_ms"] == 700))
+    quiet = FRAME.assign(**{f"golden_cue{k}_first_ms": -1 for k in LOW})
     rows = {row.number: row for row in sweep.rows(Runs.of(quiet, MANIFEST), MANIFEST)}
     assert rows[2].missed.k < ROWS[2].missed.k
 

@@ -14,8 +14,10 @@ from ravenjax.store.manifest import DetectorRecord
 
 RUNS = 900
 MANIFEST = synthetic.manifest(RUNS)
-FRAME = synthetic.frame(RUNS).assign(twin_tip_path_mm=np.arange(RUNS) % 50 + 0.5)  # 50 fault-free motions an operator
-FRAME["twin_detector0_score"] = np.where(FRAME["twin_tip_path_mm"] < 3, 0.7, 0.4)  # over the lowest level in 3 of 50
+FRAME = synthetic.frame(RUNS).assign(golden_tip_path_mm=np.arange(RUNS) % 50 + 0.5)  # 50 fault-free motions an operator
+FRAME["golden_detector0_score"] = np.where(
+    FRAME["golden_tip_path_mm"] < 3, 0.7, 0.4
+)  # over the lowest threshold in 3 of 50
 TABLE = Runs.of(FRAME, MANIFEST)
 FOUND = performance.alarms(TABLE, MANIFEST)
 ROWS = {row.name: row for row in performance.rows(TABLE, MANIFEST, FOUND)}
@@ -25,55 +27,55 @@ MOVED = VALID & (FRAME["unintended_first_ms"] >= 0)
 
 def test_every_detector_the_checks_and_the_cue():
     assert list(ROWS) == ["dsn16", "tip", "built-in checks", "haptic cue, 3 mm"]
-    assert [level.level for level in ROWS["dsn16"].levels] == [0.5, 1.0, 2.0]
-    assert ROWS["built-in checks"].roc is None and len(ROWS["built-in checks"].levels) == 1
+    assert [threshold.threshold for threshold in ROWS["dsn16"].thresholds] == [0.5, 1.0, 2.0]
+    assert ROWS["built-in checks"].roc is None and len(ROWS["built-in checks"].thresholds) == 1
 
 
 @pytest.mark.parametrize("k", range(3))
-def test_rates_of_a_level(k):
-    level, first = ROWS["dsn16"].levels[k], FRAME[f"detector0_level{k}_first_ms"]
+def test_rates_of_a_threshold(k):
+    threshold, first = ROWS["dsn16"].thresholds[k], FRAME[f"detector0_threshold{k}_first_ms"]
     alarm = VALID & (first >= 0)
-    assert level.caught == wilson(int((alarm & MOVED).sum()), int(MOVED.sum()))
-    assert level.harmless == wilson(int((alarm & ~MOVED).sum()), int((VALID & ~MOVED).sum()))
-    assert level.precision == wilson(int((alarm & MOVED).sum()), int(alarm.sum()))
+    assert threshold.caught == wilson(int((alarm & MOVED).sum()), int(MOVED.sum()))
+    assert threshold.harmless == wilson(int((alarm & ~MOVED).sum()), int((VALID & ~MOVED).sum()))
+    assert threshold.precision == wilson(int((alarm & MOVED).sum()), int(alarm.sum()))
 
 
 def test_checks_that_tell_nobody_are_no_alarm():
-    (level,) = ROWS["built-in checks"].levels
+    (threshold,) = ROWS["built-in checks"].thresholds
     told = VALID & FRAME["response"].isin(["stopped", "flagged"])
     assert (FRAME["response"] == "limited").sum() > 20
-    assert level.caught == wilson(int((told & MOVED).sum()), int(MOVED.sum()))
-    assert level.precision == wilson(int((told & MOVED).sum()), int(told.sum()))
+    assert threshold.caught == wilson(int((told & MOVED).sum()), int(MOVED.sum()))
+    assert threshold.precision == wilson(int((told & MOVED).sum()), int(told.sum()))
     early = told & MOVED & (FRAME["told_ms"] < FRAME["unintended_first_ms"])
-    assert level.before == wilson(int(early.sum()), int(MOVED.sum()))
+    assert threshold.before == wilson(int(early.sum()), int(MOVED.sum()))
 
 
 def test_rates_are_of_faults_as_everywhere_on_the_page():
     (faults,) = TABLE.faults()
     for row in ROWS.values():
-        for level in row.levels:
-            assert (level.caught.n, level.caught.n + level.harmless.n) == (faults.unintended, faults.faults)
+        for threshold in row.thresholds:
+            assert (threshold.caught.n, threshold.caught.n + threshold.harmless.n) == (faults.unintended, faults.faults)
 
 
 def test_false_alarms_count_each_motion_once():
-    free = FRAME.groupby(["operator", "twin_tip_path_mm"], observed=True)[
-        ["twin_detector0_score", "twin_pedal_down_ms"]
+    free = FRAME.groupby(["operator", "golden_tip_path_mm"], observed=True)[
+        ["golden_detector0_score", "golden_pedal_down_ms"]
     ].first()
-    for level in ROWS["dsn16"].levels:
-        expected = int((free["twin_detector0_score"] > level.level).sum())
-        assert level.false is not None and level.false.count == expected
-        assert level.false.hours == pytest.approx(free["twin_pedal_down_ms"].sum() / 3.6e6)
-        assert level.false.low <= level.false.per_hour <= level.false.high
-    assert [level.quiet for level in ROWS["dsn16"].levels] == [False, True, False]
-    assert ROWS["built-in checks"].levels[0].false is None
+    for threshold in ROWS["dsn16"].thresholds:
+        expected = int((free["golden_detector0_score"] > threshold.threshold).sum())
+        assert threshold.false is not None and threshold.false.count == expected
+        assert threshold.false.hours == pytest.approx(free["golden_pedal_down_ms"].sum() / 3.6e6)
+        assert threshold.false.low <= threshold.false.per_hour <= threshold.false.high
+    assert [threshold.quiet for threshold in ROWS["dsn16"].thresholds] == [False, True, False]
+    assert ROWS["built-in checks"].thresholds[0].false is None
 
 
-def test_delay_and_lead_of_a_level():
-    level = ROWS["dsn16"].levels[0]
-    alarm, motion = FRAME.loc[MOVED, "detector0_level0_first_ms"], FRAME.loc[MOVED, "unintended_first_ms"]
-    assert level.before == wilson(int(((alarm >= 0) & (alarm < motion)).sum()), int(MOVED.sum()))
+def test_delay_and_lead_of_a_threshold():
+    threshold = ROWS["dsn16"].thresholds[0]
+    alarm, motion = FRAME.loc[MOVED, "detector0_threshold0_first_ms"], FRAME.loc[MOVED, "unintended_first_ms"]
+    assert threshold.before == wilson(int(((alarm >= 0) & (alarm < motion)).sum()), int(MOVED.sum()))
     delay = np.where(alarm >= 0, alarm - FRAME.loc[MOVED, "first_active_ms"], np.inf)
-    assert level.delay_ms.value == np.sort(delay)[int(np.ceil(len(delay) / 2)) - 1] == 30
+    assert threshold.delay_ms.value == np.sort(delay)[int(np.ceil(len(delay) / 2)) - 1] == 30
 
 
 def test_area_is_the_chance_to_rank_a_motion_higher():
@@ -85,8 +87,8 @@ def test_area_is_the_chance_to_rank_a_motion_higher():
     assert area.low < area.value < area.high < 1
 
 
-def test_knowledge_comes_from_quiet_levels_alone():
-    noisy = next(one for one in FOUND if one.name == "dsn16" and one.level == 0.5)
+def test_knowledge_comes_from_quiet_thresholds_alone():
+    noisy = next(one for one in FOUND if one.name == "dsn16" and one.threshold == 0.5)
     everything = [noisy._replace(quiet=True), *FOUND]
     more, less = (TABLE.count(f"{performance.known(found)} >= 0") for found in (everything, FOUND))
     assert more > less
@@ -100,19 +102,22 @@ def test_no_curve_without_a_motion_or_without_a_second_fault():
     assert figures.roc(rows) is None and figures.precision_recall(rows) is None
 
 
-def test_many_levels_are_thinned_and_the_quiet_one_stays():
-    levels = tuple(np.linspace(0.1, 4, 40).tolist())
+def test_many_thresholds_are_thinned_and_the_quiet_one_stays():
+    thresholds = tuple(np.linspace(0.1, 4, 40).tolist())
     columns = {
-        f"detector0_level{k}_first_ms": np.where(FRAME["detector0_score"] > x, 900, -1) for k, x in enumerate(levels)
+        f"detector0_threshold{k}_first_ms": np.where(FRAME["detector0_score"] > x, 900, -1)
+        for k, x in enumerate(thresholds)
     }
     frame = pd.concat([FRAME.drop(columns=[c for c in columns if c in FRAME]), pd.DataFrame(columns)], axis=1)
     manifest = synthetic.manifest(
-        RUNS, detectors=(DetectorRecord("many", "steps", "all", 1, levels), MANIFEST.detectors[1])
+        RUNS, detectors=(DetectorRecord("many", "steps", "all", 1, thresholds), MANIFEST.detectors[1])
     )
     runs = Runs.of(frame, manifest)
     row = performance.rows(runs, manifest, performance.alarms(runs, manifest))[0]
-    assert performance.MOST_LEVELS <= len(row.levels) <= performance.MOST_LEVELS + 1
-    assert [level.level for level in row.levels if level.quiet] == [min(x for x in levels if x >= 0.7)]
+    assert performance.MOST_THRESHOLDS <= len(row.thresholds) <= performance.MOST_THRESHOLDS + 1
+    assert [threshold.threshold for threshold in row.thresholds if threshold.quiet] == [
+        min(x for x in thresholds if x >= 0.7)
+    ]
 
 
 def test_charts_hold_their_curves():

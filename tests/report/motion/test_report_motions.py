@@ -23,9 +23,9 @@ def golden(frame, first_ms, pedal_ms, number):
     which = np.arange(len(frame)) % number
     return frame.assign(
         operator="suture",
-        twin_tip_path_mm=which + 0.5,
-        twin_cue0_first_ms=np.asarray(first_ms)[which],
-        twin_pedal_down_ms=np.asarray(pedal_ms)[which],
+        golden_tip_path_mm=which + 0.5,
+        golden_cue0_first_ms=np.asarray(first_ms)[which],
+        golden_pedal_down_ms=np.asarray(pedal_ms)[which],
     )
 
 
@@ -40,22 +40,22 @@ def test_golden_runs_count_once_until_their_first_cue():
     assert free.hours == pytest.approx(PEDAL.sum() / 3.6e6)
     until = np.where(FIRST >= 0, PEDAL * FIRST / 3000, PEDAL)
     assert free.cue_rate(0) == pytest.approx(alarm_rate(4, until.sum() / 3.6e6))
-    assert free.came("twin_cue0_first_ms") == 4
+    assert free.came("golden_cue0_first_ms") == 4
     assert free.cue_rate(1) == pytest.approx(alarm_rate(0, PEDAL.sum() / 3.6e6))
 
 
 def beside(folder, first_ms, alarm_ms, length_ms=600_000):
-    """A folder of fault-free motion: one run each, its first cue and the first alarm of detector 0 at level 0."""
+    """A folder of fault-free motion: one run each, its first cue and the first alarm of detector 0, threshold 0."""
     rows = len(first_ms)
     config = CONFIG | {"operator": CONFIG["operator"] | {"seed": 2}}
     frame = synthetic.frame(rows).assign(
         failed="",
         operator="suture",
-        twin_pedal_down_ms=length_ms - 200,
-        twin_cue0_first_ms=first_ms,
-        twin_tip_path_mm=np.arange(rows) + 1000.0,
-        detector0_level0_first_ms=alarm_ms,
-        twin_detector0_score=np.where(np.asarray(alarm_ms) >= 0, 0.7, 0.4),
+        golden_pedal_down_ms=length_ms - 200,
+        golden_cue0_first_ms=first_ms,
+        golden_tip_path_mm=np.arange(rows) + 1000.0,
+        detector0_threshold0_first_ms=alarm_ms,
+        golden_detector0_score=np.where(np.asarray(alarm_ms) >= 0, 0.7, 0.4),
     )
     made = synthetic.manifest(rows, config=config, duration_ms=length_ms)
     ResultFolder.open(folder / fault_free.FOLDER / "suture_2", made).add(frame)
@@ -74,7 +74,7 @@ def test_motion_beside_the_result_counts_with_its_own_length(tmp_path):
     more = 599_800 * (120_000 / 600_000 + 2)
     assert free.cue_rate(0) == pytest.approx(alarm_rate(5, (own + more) / 3.6e6))
     # the table says of golden runs whether an alarm came, and of the motion beside also when
-    rate = free.first_rate("twin_detector0_score > 0.5", "detector0_level0_first_ms")
+    rate = free.first_rate("golden_detector0_score > 0.5", "detector0_threshold0_first_ms")
     assert rate == pytest.approx(alarm_rate(1, (PEDAL.sum() + 599_800 * (2 + 0.05)) / 3.6e6))
     runs.close()
 
@@ -110,4 +110,4 @@ def test_no_command_where_no_other_motion_can_be_generated(tmp_path, operator):
 def test_nothing_but_fault_free_motion_is_needed():
     frame = FRAME[FRAME["fault0_site"] == ""].reset_index(drop=True)
     free = Runs.of(frame, MANIFEST).motions()
-    assert free.count == len(pd.unique(frame["twin_tip_path_mm"]))
+    assert free.count == len(pd.unique(frame["golden_tip_path_mm"]))

@@ -108,12 +108,12 @@ def test_failed_partners_and_faults_run_twice():
 
 
 def test_interruptions_of_fault_free_motion():
-    frame = FRAME.assign(twin_tip_path_mm=np.arange(len(FRAME)) % 20 + 0.5)
+    frame = FRAME.assign(golden_tip_path_mm=np.arange(len(FRAME)) % 20 + 0.5)
     acting = frame["param:reaction.action"] == 1
-    frame["twin_reaction_ms"] = np.where(acting & (frame["twin_tip_path_mm"] == 0.5), 900, -1)
+    frame["golden_reaction_ms"] = np.where(acting & (frame["golden_tip_path_mm"] == 0.5), 900, -1)
     part = drawn(frame)
     found = {one.action: one for one in pairs.interruptions(part.frame, part.facts)}
-    motions = frame[acting].groupby(["operator", "twin_tip_path_mm"], observed=True)["twin_reaction_ms"].first()
+    motions = frame[acting].groupby(["operator", "golden_tip_path_mm"], observed=True)["golden_reaction_ms"].first()
     assert found["lift the pedal"].motions == wilson(int((motions >= 0).sum()), len(motions))
     assert found["correct by eye"].motions.k == 0 and np.isnan(found["correct by eye"].lost_ms)
 

@@ -22,7 +22,7 @@ FAR = FRAME[["unintended_mm", "loss_mm"]].max(axis=1).astype("float32")
 WORST = FRAME.loc[FAR[FACTS["faulty"]].nlargest(3).index]
 
 
-def series(reach_mm, arms=("gold",), twin=False):
+def series(reach_mm, arms=("gold",), golden=False):
     time = np.arange(TICKS)
     out = {"runlevel": np.full(TICKS, 3)}
     for number, arm in enumerate(arms):
@@ -30,7 +30,7 @@ def series(reach_mm, arms=("gold",), twin=False):
         off = np.zeros((TICKS, 3))
         off[700:, 1] = 1e-3 * reach_mm * (number + 1) * np.minimum(1, (time[700:] - 700) / 300)
         out |= {f"{arm}/model_position": model, f"{arm}/position": model, f"{arm}/tip": model + off}
-        if twin:
+        if golden:
             out[f"{arm}/golden_tip"] = model
     return out
 
@@ -43,12 +43,12 @@ def folder_with(tmp_path, rows, **options):
 
 
 def test_what_was_written_is_read(tmp_path):
-    folder = folder_with(tmp_path, WORST.head(1), twin=True)
+    folder = folder_with(tmp_path, WORST.head(1), golden=True)
     told = paths.read(folder / "traces" / f"{WORST['run_id'].iloc[0]}.mcap")
-    written = series(4, twin=True)
+    written = series(4, golden=True)
     np.testing.assert_array_equal(told["gold/tip"], written["gold/tip"])
     np.testing.assert_array_equal(told["gold/model"], written["gold/model_position"])
-    np.testing.assert_array_equal(told["gold/twin"], written["gold/golden_tip"])
+    np.testing.assert_array_equal(told["gold/golden"], written["gold/golden_tip"])
     assert told["time_ms"].tolist() == list(range(TICKS))
 
 
@@ -94,7 +94,7 @@ def test_without_traces_there_is_nothing(tmp_path):
 
 
 def test_figure_and_course(tmp_path):
-    (one,), _ = paths.find(folder_with(tmp_path, WORST.head(1), twin=True), RUNS)
+    (one,), _ = paths.find(folder_with(tmp_path, WORST.head(1), golden=True), RUNS)
     chart = path_figure.distance(one)
     np.testing.assert_array_equal(chart.marks[0].x, one.time_ms)
     np.testing.assert_array_equal(chart.marks[0].y, one.deviation_mm)
@@ -107,7 +107,7 @@ def test_figure_and_course(tmp_path):
 
 
 def test_views_are_at_one_scale_and_marks_stand_where_the_tip_is(tmp_path):
-    (one,), _ = paths.find(folder_with(tmp_path, WORST.head(1), twin=True), RUNS)
+    (one,), _ = paths.find(folder_with(tmp_path, WORST.head(1), golden=True), RUNS)
     views = [ET.fromstring(view) for view in path_figure.views(one)]
     assert [view.get("data-sides") for view in views] == ["0 1", "0 2", "1 2"]
     assert len({view.get("data-scale") for view in views}) == 1

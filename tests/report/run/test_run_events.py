@@ -24,11 +24,11 @@ ROW = {
     "check_ik_reject_first_ms": 1400, "check_ik_reject_count": 1,
     "check_packet_skip_first_ms": 0, "check_packet_skip_count": 1,
     "check_estop_first_ms": -1, "check_estop_count": 0,
-    "cue0_first_ms": 1230, "twin_cue0_first_ms": -1, "cue0_peak_force": 0.0312, "cue0_ms": 170,
+    "cue0_first_ms": 1230, "golden_cue0_first_ms": -1, "cue0_peak_force": 0.0312, "cue0_ms": 170,
     "unintended_mm": 12.345, "unintended_first_ms": 1228, "unintended_off_mm": 0.0,
     "loss_mm": 0.0, "loss_first_ms": -1, "false_report_mm": 4.5, "false_report_first_ms": 1500,
-    "halted_ms": 0, "twin_halted_ms": 0, "reaction_ms": 1500, "jump_code": True, "jump_code_first_ms": 1201,
-    "tissue_depth_mm": 2.25, "twin_tissue_depth_mm": 0.5, "peak_model_deviation_mm": 12.5,
+    "halted_ms": 0, "golden_halted_ms": 0, "reaction_ms": 1500, "jump_code": True, "jump_code_first_ms": 1201,
+    "tissue_depth_mm": 2.25, "golden_tissue_depth_mm": 0.5, "peak_model_deviation_mm": 12.5,
     "response": "flagged", "response_cause": "ik_reject", "response_ms": 1400, "hazard": "unintended motion",
     "verdict": "flagged/unintended motion/cue",
 }  # fmt: skip
@@ -94,7 +94,7 @@ def test_without_time_series_the_row_says_what_it_knows():
 
 
 def test_a_cue_that_the_golden_run_has_too_is_no_news():
-    (cue,) = [e for e in events.events(ROW | {"twin_cue0_first_ms": 1000}, RULES) if e.kind == "cue"]
+    (cue,) = [e for e in events.events(ROW | {"golden_cue0_first_ms": 1000}, RULES) if e.kind == "cue"]
     assert cue.level == "debug" and cue.text.endswith("; the golden run had one at 1,000 ms")
 
 
@@ -174,7 +174,7 @@ def test_the_summary_has_fault_verdict_course_and_sizes():
         ),
         (
             {"verdict": "silent/loss of motion/no cue", "response": "silent", "response_cause": "", "halted_ms": 900,
-             "twin_halted_ms": 100, "hazard": "loss of motion"},
+             "golden_halted_ms": 100, "hazard": "loss of motion"},
             "beyond the golden run; the robot is not live for 800 ms longer than in the golden run",
         ),
         ({"failed": "nan", "verdict": ""}, "none: the run has no valid outcome (nan)"),

@@ -32,7 +32,7 @@ KINDS = {
     "halted": (LOSS & (FAULTY["loss_first_ms"] < 0), "halted_ms"),
     "misreport": (FAULTY["hazard"] == "false report", "false_report_mm"),
     "phantom": ((FAULTY["hazard"] == "none") & (FAULTY["cue0_first_ms"] >= 0), "cue0_ms"),
-    "depth": (FAULTY["tissue_depth_mm"] > FAULTY["twin_tissue_depth_mm"], "tissue_depth_mm"),
+    "depth": (FAULTY["tissue_depth_mm"] > FAULTY["golden_tissue_depth_mm"], "tissue_depth_mm"),
 }
 
 
@@ -58,7 +58,7 @@ def test_a_row_says_what_responded_when_and_how_to_see_it_again():
 
 
 def test_a_cue_that_the_golden_run_had_is_none():
-    frame = synthetic.judged(FRAME.assign(twin_cue0_first_ms=0))
+    frame = synthetic.judged(FRAME.assign(golden_cue0_first_ms=0))
     found = worst.rows(Runs.of(frame, MANIFEST), MANIFEST, Path("out"))
     assert all(row["cue_ms"] is None for kind in found for row in kind["rows"])
     assert next(kind for kind in found if kind["name"] == "phantom")["n"] == 0

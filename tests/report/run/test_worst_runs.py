@@ -34,7 +34,7 @@ def sorted_ids(values, most):
         ("unintended", CASES["unintended_mm"].astype("float32")),
         ("loss", CASES["loss_mm"].astype("float32")),
         ("report", CASES["false_report_mm"].astype("float32")),
-        ("tissue", (CASES["tissue_depth_mm"] - CASES["twin_tissue_depth_mm"]).astype("float32")),
+        ("tissue", (CASES["tissue_depth_mm"] - CASES["golden_tissue_depth_mm"]).astype("float32")),
         ("cue", CASES["cue0_ms"]),
         (
             "response",

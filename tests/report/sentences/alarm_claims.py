@@ -42,7 +42,7 @@ def time(e: Expected, html: Node) -> None:
 
 
 def detectors(e: Expected, html: Node) -> None:
-    """Every level of every detector, the checks and the cue."""
+    """Every threshold of every detector, the checks and the cue."""
     if not e.manifest.detectors:
         assert not list(html.all("section", "detectors"))
         return
@@ -70,12 +70,12 @@ def detectors(e: Expected, html: Node) -> None:
     for d, one in enumerate(e.manifest.detectors):
         what = one.kind.replace("_", " ") + (", fused: all" if one.kind == "steps" else "")
         what += f", {number(one.consecutive)} ms in a row" if one.consecutive > 1 else ""
-        for k, level in enumerate(one.levels):
-            quiet = " quiet" if e.quiet().get(one.name) == level else ""
-            title = (f"{one.name} {what} " if not k else "") + f"{number(level)}{quiet}"
+        for k, threshold in enumerate(one.thresholds):
+            quiet = " no false alarm" if e.quiet().get(one.name) == threshold else ""
+            title = (f"{one.name} {what} " if not k else "") + f"{number(threshold)}{quiet}"
             scores = plain_runs[f"detector{d}_score"].to_numpy()
             auc = f"{fixed(plain.area(scores, positive), 3)} {ANY_SPAN}" if curve and not k else ""
-            lines.append((title, auc, f[f"detector{d}_level{k}_first_ms"], e.false_alarms(d, level)))
+            lines.append((title, auc, f[f"detector{d}_threshold{k}_first_ms"], e.false_alarms(d, threshold)))
     lines.append(("built-in checks", "", f["told_ms"], None))
     lines.append((f"haptic cue, {e.threshold}", "", f["warned_ms"], e.first_cues(e.plan.verdict_cue)))
     table = rows(section.one("table"))

@@ -23,7 +23,7 @@ class Expected:
         self.all = raw.join(self.facts)
         self.faults = self.all[self.all["sample"] & self.all["faulty"]]
         self.motions = naive_facts.motions(self.frame, self.facts["plain"])
-        self.hours = self.motions["twin_pedal_down_ms"].sum() / 3.6e6
+        self.hours = self.motions["golden_pedal_down_ms"].sum() / 3.6e6
         self.end = self.plan.duration_ms
         self.limit = f"{number(self.plan.limit_mm, 6)} mm"
         self.threshold = f"{number(self.plan.thresholds[self.plan.verdict_cue], 6)} mm"
@@ -42,17 +42,17 @@ class Expected:
     @property
     def false_cues(self) -> int:
         """Fault-free motions with the cue of the verdicts."""
-        return self.count(self.motions[f"twin_cue{self.plan.verdict_cue}_first_ms"] >= 0)
+        return self.count(self.motions[f"golden_cue{self.plan.verdict_cue}_first_ms"] >= 0)
 
     def first_cues(self, k: int) -> tuple[int, float]:
         """Fault-free motions with a cue, and the hours in pedal-down, spread evenly, until the first one of each."""
-        first = self.motions[f"twin_cue{k}_first_ms"]
+        first = self.motions[f"golden_cue{k}_first_ms"]
         share = (first / self.end).where(first >= 0, 1.0)
-        return self.count(first >= 0), float((self.motions["twin_pedal_down_ms"] * share).sum()) / 3.6e6
+        return self.count(first >= 0), float((self.motions["golden_pedal_down_ms"] * share).sum()) / 3.6e6
 
-    def false_alarms(self, d: int, level: float) -> tuple[int, float]:
+    def false_alarms(self, d: int, threshold: float) -> tuple[int, float]:
         """Fault-free motions with an alarm, and the hours of all: when it came is not known."""
-        return self.count(self.motions[f"twin_detector{d}_score"] > level), self.hours
+        return self.count(self.motions[f"golden_detector{d}_score"] > threshold), self.hours
 
     @staticmethod
     def count(chosen: pd.Series) -> int:
@@ -60,10 +60,14 @@ class Expected:
         return int(chosen.sum())
 
     def quiet(self) -> dict[str, float]:
-        """The lowest level of each detector that no fault-free motion exceeds; none where each is exceeded."""
+        """The lowest threshold of each detector that no fault-free motion exceeds; none where each is exceeded."""
         found = {}
         for d, detector in enumerate(self.manifest.detectors):
-            able = [level for level in detector.levels if level >= self.motions[f"twin_detector{d}_score"].max()]
+            able = [
+                threshold
+                for threshold in detector.thresholds
+                if threshold >= self.motions[f"golden_detector{d}_score"].max()
+            ]
             if able:
                 found[detector.name] = min(able)
         return found
@@ -73,7 +77,9 @@ class Expected:
         columns = ["told_ms", "warned_ms"]
         for d, detector in enumerate(self.manifest.detectors):
             if detector.name in self.quiet():
-                columns.append(f"detector{d}_level{detector.levels.index(self.quiet()[detector.name])}_first_ms")
+                columns.append(
+                    f"detector{d}_threshold{detector.thresholds.index(self.quiet()[detector.name])}_first_ms"
+                )
         times = zip(faults["first_active_ms"], faults[columns].to_numpy().tolist(), strict=True)
         return [min((ms for ms in row if ms >= max(onset, 0)), default=-1) for onset, row in times]
 

@@ -41,7 +41,7 @@ def first_page(e: Expected, html: Node) -> None:
         what_would_change(e, text)
         one_of = ", the first valid one of its repeats" if e.repeats else ""
         text.says(f"One run of each fault{one_of}; 95 % intervals.")
-        quiet = f"at its lowest level without a false alarm in {duration(e.hours)} of fault-free motion"
+        quiet = f"at its lowest threshold without a false alarm in {duration(e.hours)} of fault-free motion"
         also = f"or a detector alarmed {quiet}" if e.manifest.detectors else "at the earliest"
         text.says(f"the {e.threshold} cue came, {also}")
         text.says(f"its true tip is more than {e.limit} from the golden run")

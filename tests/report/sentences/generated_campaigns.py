@@ -146,17 +146,17 @@ def _golden(random: np.random.Generator, plan: Plan, shape: schema.Shape, number
     """Outcomes of one golden run, by the names that they have beside a run."""
     strays = random.random() < plan.stray
     found: dict[str, Any] = {
-        "twin_tip_path_mm": 30.0 + number,
-        "twin_pedal_down_ms": int(random.integers(1000, plan.duration_ms)),
-        "twin_halted_ms": int(random.choice([0, 5, 300])) if strays else 0,
-        "twin_peak_live_deviation_mm": float(random.choice([0.4, 6.0])) if strays else 0.4,
-        "twin_tissue_depth_mm": 0.0,
+        "golden_tip_path_mm": 30.0 + number,
+        "golden_pedal_down_ms": int(random.integers(1000, plan.duration_ms)),
+        "golden_halted_ms": int(random.choice([0, 5, 300])) if strays else 0,
+        "golden_peak_live_deviation_mm": float(random.choice([0.4, 6.0])) if strays else 0.4,
+        "golden_tissue_depth_mm": 0.0,
     }
     for k in range(shape.cues):
         came = strays and random.random() < 0.6
-        found[f"twin_cue{k}_first_ms"] = int(random.integers(0, plan.duration_ms)) if came else -1
+        found[f"golden_cue{k}_first_ms"] = int(random.integers(0, plan.duration_ms)) if came else -1
     for d in range(plan.detectors):
-        found[f"twin_detector{d}_score"] = float(random.choice([0.2, 0.6, 1.7])) if strays else 0.2
+        found[f"golden_detector{d}_score"] = float(random.choice([0.2, 0.6, 1.7])) if strays else 0.2
     return found
 
 
@@ -222,14 +222,14 @@ def _outcome(random: np.random.Generator, plan: Plan, row: dict[str, Any], actio
     """What became of one run."""
     end = plan.duration_ms
     faulty = row["fault0_site"] != ""
-    golden_cues = [row[f"twin_cue{k}_first_ms"] for k in range(len(plan.thresholds))]
+    golden_cues = [row[f"golden_cue{k}_first_ms"] for k in range(len(plan.thresholds))]
     active = faulty and plan.fate != "nothing happens" and (plan.fate == "all evade" or random.random() < 0.9)
     onset = int(random.integers(100, 1600)) if active else -1
     found: dict[str, Any] = {
         "activated": active,
         "diverged": active,
         "first_active_ms": onset,
-        "halted_ms": row["twin_halted_ms"],
+        "halted_ms": row["golden_halted_ms"],
         "pedal_down_ms": int(random.integers(500, end)),
         "failed": "nan" if random.random() < 0.07 or plan.fate == "all failed" else "",
     } | {f"cue{k}_first_ms": golden for k, golden in enumerate(golden_cues)}
@@ -240,19 +240,21 @@ def _outcome(random: np.random.Generator, plan: Plan, row: dict[str, Any], actio
         if random.random() < 0.1:  # as in its golden run
             found |= {f"check_{check}_first_ms": 50, f"check_{check}_count": 2}
     for d, detector in enumerate(DETECTORS[: plan.detectors]):
-        score = float(random.choice([0.1, 0.7, 1.2, 2.5])) if active else row[f"twin_detector{d}_score"]
+        score = float(random.choice([0.1, 0.7, 1.2, 2.5])) if active else row[f"golden_detector{d}_score"]
         found[f"detector{d}_score"] = score
-        for k, level in enumerate(detector.levels):
-            found[f"detector{d}_level{k}_first_ms"] = int(random.integers(max(onset, 0), end)) if score > level else -1
+        for k, threshold in enumerate(detector.thresholds):
+            found[f"detector{d}_threshold{k}_first_ms"] = (
+                int(random.integers(max(onset, 0), end)) if score > threshold else -1
+            )
     if active:
         found |= _effects(random, plan, found, golden_cues)
     if plan.actions and action:
         delay = 150
-        for name in ("", "twin_"):
+        for name in ("", "golden_"):
             cue = found["cue0_first_ms"] if not name else golden_cues[0]
             found[f"{name}reaction_ms"] = cue + delay if 0 <= cue < end - delay else -1
     elif plan.actions:
-        found |= {"reaction_ms": -1, "twin_reaction_ms": -1}
+        found |= {"reaction_ms": -1, "golden_reaction_ms": -1}
     return found
 
 

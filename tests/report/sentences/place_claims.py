@@ -125,7 +125,7 @@ def worst(e: Expected, html: Node) -> None:
         ("Cue without a hazard", free, f"cue{e.plan.verdict_cue}_ms", "ms", 0),
         (
             "Deeper in the tissue than the golden run",
-            f["tissue_depth_mm"] > f["twin_tissue_depth_mm"],
+            f["tissue_depth_mm"] > f["golden_tissue_depth_mm"],
             "tissue_depth_mm",
             "mm",
             1,

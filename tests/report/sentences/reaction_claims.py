@@ -84,7 +84,7 @@ def interruptions(e: Expected, cells: list[Node], action: int) -> None:
     """What one reaction does to fault-free motion."""
     mine = e.all["action"] == action
     free = naive_facts.motions(e.frame, mine)
-    k, hours = e.count(free["twin_reaction_ms"] >= 0), free["twin_pedal_down_ms"].sum() / 3.6e6
+    k, hours = e.count(free["golden_reaction_ms"] >= 0), free["golden_pedal_down_ms"].sum() / 3.6e6
     value, low, high = plain.poisson(k, hours)
     crossed = ["param:plant.friction_scale"] if e.plan.crossed_robot else []
     valid = e.all[~e.all["faulty"] & ~e.all["failed"]]

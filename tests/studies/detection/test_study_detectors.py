@@ -35,7 +35,7 @@ DETECTORS = (
 def faulty(
     first: list[list[int]], unintended_ms: list[int], cell: list[int] | None = None, **others: list[int]
 ) -> FaultyScores:
-    """Runs with an alarm of each detector at `first` [runs][detectors], at every level; effects begin at 100 ms."""
+    """Runs with an alarm of each detector at `first` [runs][detectors], at every threshold; effects begin at 100 ms."""
     times, n = np.array(first), len(first)
     began = np.array(unintended_ms)
     return FaultyScores(
@@ -49,7 +49,7 @@ def faulty(
         np.zeros(n, bool),
         np.zeros(n, bool),
         np.where(times >= 0, 9.0, 0.1),
-        tuple(np.repeat(times[:, [d]], len(one.levels), axis=1) for d, one in enumerate(DETECTORS)),
+        tuple(np.repeat(times[:, [d]], len(one.thresholds), axis=1) for d, one in enumerate(DETECTORS)),
         {name: np.array(others.get(name, [-1] * n)) for name in OTHERS},
         1000,
         Rules(),
@@ -57,9 +57,9 @@ def faulty(
 
 
 def free(alarms: list[list[int]], hours: float = 1.0, robot: str = AS_MODELLED) -> FreeScores:
-    """One recording a row; `alarms` of steps/all/1 by level, nothing from the others."""
+    """One recording a row; `alarms` of steps/all/1 by threshold, nothing from the others."""
     n = len(alarms)
-    counts = [np.zeros((n, len(one.levels)), int) for one in DETECTORS]
+    counts = [np.zeros((n, len(one.thresholds)), int) for one in DETECTORS]
     counts[0] = np.array(alarms)
     return FreeScores(
         DETECTORS,
@@ -82,7 +82,7 @@ def random_runs(n: int = 300, motions: int = 2, seed: int = 0) -> FaultyScores:
     skill = np.array([1.0, 0.3, 0.5, 3.0, 0.7])
     score = np.exp(rng.normal(size=(len(moved), 5)) + moved[:, None] * skill)
     first = tuple(
-        np.where(score[:, [d]] > np.array(one.levels), rng.integers(100, 400, (len(moved), 1)), -1)
+        np.where(score[:, [d]] > np.array(one.thresholds), rng.integers(100, 400, (len(moved), 1)), -1)
         for d, one in enumerate(DETECTORS)
     )
     return FaultyScores(
@@ -107,15 +107,15 @@ def test_the_catalogue_finds_it() -> None:
     assert catalogue.find("detectors") is comparison.STUDY
 
 
-def test_a_level_is_the_lowest_from_which_on_alarms_are_rare_enough() -> None:
-    # 2 h: 20, 0, 3 and 2 alarms at levels 0.5, 1, 2, 4: level 1 is quiet by chance, level 2 is not
+def test_a_threshold_is_the_lowest_from_which_on_alarms_are_rare_enough() -> None:
+    # 2 h: 20, 0, 3 and 2 alarms at thresholds 0.5, 1, 2, 4: threshold 1 is quiet by chance, threshold 2 is not
     motion = free([[20, 0, 3, 2], [0, 0, 0, 0]])
-    assert detector_points.level_for(motion, "steps/all/1") == 4.0
-    assert detector_points.level_for(motion, "steps/all/1", per_hour=1.5) == 1.0
-    assert detector_points.level_for(motion, "steps/all/1", per_hour=0.9) is None
-    assert detector_points.level_for(motion, "tip_error") == 1.0
+    assert detector_points.threshold_for(motion, "steps/all/1") == 4.0
+    assert detector_points.threshold_for(motion, "steps/all/1", per_hour=1.5) == 1.0
+    assert detector_points.threshold_for(motion, "steps/all/1", per_hour=0.9) is None
+    assert detector_points.threshold_for(motion, "tip_error") == 1.0
     with pytest.raises(ValueError, match="no motion without a fault"):
-        detector_points.level_for(motion.where(np.zeros(2, bool)), "tip_error")
+        detector_points.threshold_for(motion.where(np.zeros(2, bool)), "tip_error")
 
 
 def test_a_point_counts_what_is_caught_before_the_motion_and_for_nothing() -> None:
@@ -154,7 +154,7 @@ def test_alarms_before_the_first_effect_do_not_count() -> None:
     made = synthetic_results.manifest(runs=400)
     frame = synthetic_results.frame(400)
     early = frame.copy()
-    early["detector0_level0_first_ms"] = np.where(frame["detector0_level0_first_ms"] >= 0, 0, -1)
+    early["detector0_threshold0_first_ms"] = np.where(frame["detector0_threshold0_first_ms"] >= 0, 0, -1)
     late, soon = detector_runs.pooled([frame], made), detector_runs.pooled([early], made)
     assert (late.spoke_ms("dsn16", 0.5) >= 0).sum() > 50
     assert (soon.spoke_ms("dsn16", 0.5) >= 0).sum() == 0
@@ -269,8 +269,8 @@ def test_who_knows_first_shares_ties_and_counts_the_silent() -> None:
     )
     shown = tables.first_table(runs, [Chosen(*PUBLISHED), Chosen("tip_error", 3.0)])
     cells = {row[0]: [str(cell).split("%")[0].strip().replace("\u202f", "") for cell in row[1:]] for row in shown.rows}
-    assert cells["steps/all/1, level 1"] == ["25.0", "0.0", "0.0"]
-    assert cells["tip_error, level 3"] == ["75.0", "50.0", "25.0"]
+    assert cells["steps/all/1, threshold 1"] == ["25.0", "0.0", "0.0"]
+    assert cells["tip_error, threshold 3"] == ["75.0", "50.0", "25.0"]
     assert cells["someone, but not before the motion"][0] == "25.0"
     assert cells["nobody"][0] == "25.0"
 
@@ -307,9 +307,9 @@ def test_a_curve_ends_where_it_is_quiet() -> None:
 @pytest.mark.parametrize("variant", comparison.STUDY.variants, ids=lambda v: v.name)
 def test_every_variant_loads(variant: comparison.Variant) -> None:
     config = loading.load(variant.campaign, variant.overrides)
-    named = {name: levels for name, _, levels in config.detectors}
-    for name, level in (PUBLISHED, FORK, CLIP):
-        assert level in named[name]
+    named = {name: thresholds for name, _, thresholds in config.detectors}
+    for name, threshold in (PUBLISHED, FORK, CLIP):
+        assert threshold in named[name]
     assert len(named) == 6 * 3 + 3
 
 

@@ -150,17 +150,17 @@ def test_kinds_of_motion_are_those_of_the_result_table() -> None:
     assert found.unintended.tolist() == (chosen["unintended_mm"] > 3.0).tolist()
     assert found.unintended_ms.tolist() == chosen["unintended_first_ms"].tolist()
     apart = chosen[["unintended_mm", "unintended_off_mm"]].max(axis=1) > 3.0
-    deeper = chosen["tissue_depth_mm"] - chosen["twin_tissue_depth_mm"] > 1.0
+    deeper = chosen["tissue_depth_mm"] - chosen["golden_tissue_depth_mm"] > 1.0
     injury = apart | deeper | chosen["jump_tip"] | chosen["jump_text"]
     assert found.kinds[:, KINDS.index(haptic_runs.INJURY)].tolist() == injury.tolist()
     assert injury.sum() > found.unintended.sum() > 20
 
 
-def test_a_cue_of_the_twin_does_not_count() -> None:
+def test_a_cue_of_the_golden_run_does_not_count() -> None:
     made = synthetic_results.manifest(runs=300)
     frame = synthetic_results.frame(300)
     plainly = haptic_runs.pooled([frame], made)
-    shared = haptic_runs.pooled([frame.assign(twin_cue0_first_ms=0)], made)
+    shared = haptic_runs.pooled([frame.assign(golden_cue0_first_ms=0)], made)
     assert (plainly.first_ms[:, 0] >= 0).sum() > 20
     assert (shared.first_ms[:, 0] >= 0).sum() == 0
     assert shared.shared[:, 0].all() and not shared.shared[:, 1].any()

@@ -27,7 +27,7 @@ QUIET: dict[str, Any] = {
     "group": "sampled/a",
     "failed": "",
     "peak_live_deviation_mm": 1.0,
-    "twin_peak_live_deviation_mm": 0.7,
+    "golden_peak_live_deviation_mm": 0.7,
     "unintended_mm": 0.5,
     "unintended_off_mm": 0.1,
     EXCURSION: 0.5,
@@ -35,14 +35,14 @@ QUIET: dict[str, Any] = {
     "jump_text": False,
     "jump_tip_first_ms": -1,
     "tissue_depth_mm": 0.0,
-    "twin_tissue_depth_mm": 0.0,
+    "golden_tissue_depth_mm": 0.0,
     "reaction_ms": -1,
     "response": "silent",
     "idle_ms": 0,
     "pedal_down_ms": 2500,
-    "twin_pedal_down_ms": 2500,
+    "golden_pedal_down_ms": 2500,
     "cue0_first_ms": -1,
-    "twin_cue0_first_ms": -1,
+    "golden_cue0_first_ms": -1,
     "fault0_start_ms": 1000,
     "fault0_duration_ms": 10,
     times.DELAY: 200.0,
@@ -110,10 +110,10 @@ def test_only_faults_that_changed_a_bit_are_paired() -> None:
 def test_each_measure_sees_its_own_motion() -> None:
     table = runs(
         ({"peak_live_deviation_mm": 6.0}, {}),
-        ({"peak_live_deviation_mm": 6.0, "twin_peak_live_deviation_mm": 6.0}, {}),  # the motion's, not the fault's
+        ({"peak_live_deviation_mm": 6.0, "golden_peak_live_deviation_mm": 6.0}, {}),  # the motion's, not the fault's
         ({EXCURSION: 6.0, "unintended_off_mm": 6.0}, {}),
         ({"jump_tip": True}, {}),
-        ({"tissue_depth_mm": 3.0, "twin_tissue_depth_mm": 2.5}, {}),
+        ({"tissue_depth_mm": 3.0, "golden_tissue_depth_mm": 2.5}, {}),
         ({"tissue_depth_mm": 3.0}, {}),
         ({}, {"unintended": True}),
     )
@@ -159,7 +159,7 @@ def test_leads_are_of_motion_and_of_the_faults_own_cue() -> None:
         ({"cue0_first_ms": 1100}, BEGAN),
         ({"cue0_first_ms": 1500}, BEGAN),  # after the motion
         ({}, BEGAN),  # never
-        ({"cue0_first_ms": 1100, "twin_cue0_first_ms": 1000}, BEGAN),  # the golden run's cue
+        ({"cue0_first_ms": 1100, "golden_cue0_first_ms": 1000}, BEGAN),  # the golden run's cue
         ({"cue0_first_ms": 1100}, {}),  # no motion
     )
     lead = times.leads_ms(table, 0)

@@ -99,13 +99,13 @@ def test_a_burst_without_cue_has_no_onset():
     assert all(math.isnan(event.cue_s) and event.force == 0.0 for event in run.events) and run.same_cue
 
 
-def test_a_jump_is_two_long_steps_in_a_row_that_the_twin_does_not_make():
-    twin = np.zeros((50, 3))
-    tip = twin.copy()
+def test_a_jump_is_two_long_steps_in_a_row_that_the_golden_run_does_not_make():
+    golden = np.zeros((50, 3))
+    tip = golden.copy()
     tip[20:, 0] += 150.0
-    assert len(jump_ticks(tip, twin)) == 0
+    assert len(jump_ticks(tip, golden)) == 0
     tip[21:, 0] += 150.0
-    assert jump_ticks(tip, twin).tolist() == [21]
+    assert jump_ticks(tip, golden).tolist() == [21]
     assert len(jump_ticks(tip, tip)) == 0
     series = made()
     series["position"][ONSETS[1] + 100 :, 0] += 150e-6

@@ -89,7 +89,7 @@ HAPPENED = {
     "loss of motion": ({"loss_mm": 9.0, "loss_first_ms": 2100.0}, (
         "Loss of motion: the instrument did not follow and was up to 9.0 mm off, limit {limit}."
     )),
-    "halted": ({"motion_hazard": "loss of motion", "halted_ms": 640.0, "twin_halted_ms": 40.0}, (
+    "halted": ({"motion_hazard": "loss of motion", "halted_ms": 640.0, "golden_halted_ms": 40.0}, (
         "Loss of motion: the robot was out of pedal-down for 600 ms although the pedal was held, limit 200 ms, and no "
         "check had stopped it."
     )),
@@ -141,7 +141,7 @@ def short(tmp_path_factory):
 def test_a_page_names_the_sessions_own_limits_and_no_others(short, limit_mm, threshold_mm):
     """Limits of a few digits, read back from the text; 3 mm stands there only if it is one of them."""
     hazards = [synthetic.hazard(0, struck=500.0, limit_mm=limit_mm, motion_hazard="none")]
-    header = {"scenario": {"name": "x", "harm": {"stray_mm": limit_mm}}, "cue_threshold_mm": threshold_mm}
+    header = {"scenario": {"name": "x", "harm": {"excursion_mm": limit_mm}}, "cue_threshold_mm": threshold_mm}
     synthetic.write(short, hazards, recorded=False, **header)
     with mock.patch("plotly.offline.get_plotlyjs", return_value=""):
         html = debrief.render(short)
@@ -255,7 +255,7 @@ def test_the_page_is_honest_about_what_is_missing(tmp_path):
 def test_hazards_of_a_killed_session_come_from_its_events(tmp_path):
     layout = synthetic.FrameLayout.of(("gold",))
     header = {"name": "s", "cue": True, "arms": ["gold"], "ended": None} | {
-        "scenario": {"name": "x", "harm": {"stray_mm": 6.0}},
+        "scenario": {"name": "x", "harm": {"excursion_mm": 6.0}},
         "hazards": [{"number": 4, "hazard": "C09", "title": "encoder", "right_response": ["release", "stop"]}],
     }
     told = [

@@ -18,7 +18,7 @@ class Play:
 
     def __init__(self, arms=("gold",), cue_on=True, scale=0.1, blinded=False, limit_mm=10.0, **entry):
         keys = {"name": "h", "fault": FAULT, "right_response": ["release"], "within_s": 1.0} | entry
-        harm = {"stray_mm": limit_mm}
+        harm = {"excursion_mm": limit_mm}
         chosen, hazards = made(arms=list(arms), hazard=[keys], scale=scale, cue={"blinded": blinded}, harm=harm)
         self.judge = Judge(chosen, hazards, cue_on)
         self.frame, self.tick = running(arms), 0
@@ -103,7 +103,7 @@ def test_a_hazard_that_is_felt_and_answered():
         "loss_mm": 0.0,
         "loss_first_ms": None,
         "halted_ms": 0,
-        "twin_halted_ms": 0,
+        "golden_halted_ms": 0,
         "false_report_mm": 0.0,
         "false_report_first_ms": None,
         "peak_error_mm": pytest.approx(4.5),
@@ -258,7 +258,7 @@ def test_a_robot_out_of_pedal_down_without_a_check_has_lost_its_motion_after_a_w
     halted = [play.run(1, halted_ms=ms, golden_halted_ms=20).judge.rows()[0] for ms in (220, 221)]
     assert [row["motion_hazard"] for row in halted] == ["none", "loss of motion"] and halted[0]["halted"]
     assert play.of("loss_of_motion") == [{"tick": 17, "kind": "loss_of_motion", "number": 0, "halted_ms": 201}]
-    assert (halted[1]["halted_ms"], halted[1]["twin_halted_ms"], halted[1]["loss_first_ms"]) == (221, 20, None)
+    assert (halted[1]["halted_ms"], halted[1]["golden_halted_ms"], halted[1]["loss_first_ms"]) == (221, 20, None)
 
 
 def test_a_robot_that_a_check_stopped_has_not_lost_its_motion():

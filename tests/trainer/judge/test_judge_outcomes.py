@@ -46,7 +46,7 @@ def course(seed: int, limit_mm: float) -> dict[str, np.ndarray]:
 
 @functools.cache
 def scenario_of(limit_mm):
-    return made(hazard=[{"name": "h", "fault": FAULT}], harm={"stray_mm": limit_mm})
+    return made(hazard=[{"name": "h", "fault": FAULT}], harm={"excursion_mm": limit_mm})
 
 
 def judged(data, limit_mm):
@@ -117,7 +117,7 @@ def expected(data, limit_mm):
         "alarm_ms": min(told, default=None),
         "limited_ms": times.get("limited"),
         "halted_ms": halted[0],
-        "twin_halted_ms": halted[1],
+        "golden_halted_ms": halted[1],
         "halted": halts,
         "limit_mm": limit_mm,
         "outcome": outcome,
@@ -151,13 +151,13 @@ def test_a_recording_that_broke_off_says_the_same(seed, limit_mm):
             values = rows[:, layout.places[name]]
             return values[:, 0] if values.shape[1] == 1 else values
 
-    header = {"name": "s", "cue": True, "scenario": {"name": "made", "harm": {"stray_mm": limit_mm}}}
+    header = {"name": "s", "cue": True, "scenario": {"name": "made", "harm": {"excursion_mm": limit_mm}}}
     (again,) = hazard_events.from_recording(Cut(layout=layout, events=events), header)
     assert isinstance(again, HazardRow)
     for name in (
         *("check_response", "check_cause", "motion_hazard", "limit_mm", "halted"),
         *("alarm_ms", "alarm", "limited_ms", "limited"),
-        *("unintended_first_ms", "loss_first_ms", "false_report_first_ms", "halted_ms", "twin_halted_ms"),
+        *("unintended_first_ms", "loss_first_ms", "false_report_first_ms", "halted_ms", "golden_halted_ms"),
         *("knowable_ms", "struck_ms", "armed_ms"),
     ):
         assert (getattr(again, name) or None) == (row[name] or None), name

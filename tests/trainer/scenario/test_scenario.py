@@ -79,10 +79,10 @@ def test_a_file_becomes_a_campaign_of_one_row_a_hazard_and_the_button_last(tmp_p
 
 def test_harm_begins_beyond_the_cue_unless_the_scenario_says_otherwise(tmp_path):
     chosen = scenario.load(written(tmp_path))
-    assert (chosen.harm.stray_mm, chosen.cue.threshold_mm) == (10.0, PUBLISHED_CUE_MM)
+    assert (chosen.harm.excursion_mm, chosen.cue.threshold_mm) == (10.0, PUBLISHED_CUE_MM)
     assert scenario.campaign(chosen, 4).rules == Rules()
-    other = scenario.load(written(tmp_path), ["harm.stray_mm=7.5"])
-    assert other.harm.stray_mm == 7.5
+    other = scenario.load(written(tmp_path), ["harm.excursion_mm=7.5"])
+    assert other.harm.excursion_mm == 7.5
     assert (
         table_of(other)["run_id"].tolist() == table_of(chosen)["run_id"].tolist()
     )  # the same faults, whatever is harm
@@ -93,7 +93,7 @@ def test_harm_begins_beyond_the_cue_unless_the_scenario_says_otherwise(tmp_path)
 @pytest.mark.parametrize(
     ("path", "instead"),
     [
-        ("monitor.limit", "write [harm] stray_mm"),
+        ("monitor.limit", "write [harm] excursion_mm"),
         ("haptics.cues.0.threshold_m", "write [cue] threshold_mm, kp_per_mm, kd_per_mm_s or cap"),
     ],
 )
@@ -105,7 +105,7 @@ def test_a_limit_has_one_key(tmp_path, path, instead):
 @pytest.mark.parametrize("path", scenario.bundled(), ids=lambda path: path.stem)
 def test_a_bundled_scenario_leaves_time_between_cue_and_harm(path):
     chosen = scenario.load(path)
-    assert not chosen.hazard or chosen.harm.stray_mm > 2 * chosen.cue.threshold_mm
+    assert not chosen.hazard or chosen.harm.excursion_mm > 2 * chosen.cue.threshold_mm
 
 
 def test_the_list_of_hazards_says_what_each_asks(tmp_path):

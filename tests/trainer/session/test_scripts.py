@@ -147,7 +147,7 @@ CREEPING = {
     "name": "creeping",
     "duration_s": 9,
     "task": {"kind": "reach", "targets": 50, "tolerance_mm": 3},
-    "harm": {"stray_mm": 10},
+    "harm": {"excursion_mm": 10},
     "hazard": [
         {
             "name": "creep",

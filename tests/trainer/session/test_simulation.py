@@ -107,7 +107,7 @@ def test_an_armed_row_does_what_it_does_in_its_campaign(made):
 def test_a_session_says_of_a_hazard_what_the_table_of_its_campaign_says(made, row):
     again = replay.replay(config(), row, engine="simd").row
     robot, frame = robot_of(made), Frame(made.layout)
-    harm = {"stray_mm": LIMIT_MM}  # as the campaign has it
+    harm = {"excursion_mm": LIMIT_MM}  # as the campaign has it
     judge = Judge(*made_scenario(hazard=[{"fault": [{**FAULTS["stop"]}]}], harm=harm), cue_on=True)
     frame["pedal"] = frame["console_alive"] = 1
     for now in range(TICKS):
@@ -124,7 +124,7 @@ def test_a_session_says_of_a_hazard_what_the_table_of_its_campaign_says(made, ro
         assert told[name] == pytest.approx(again[name], abs=1e-3), name
     for name in ("unintended_first_ms", "loss_first_ms", "false_report_first_ms"):
         assert (-1 if told[name] is None else told[name]) == again[name], name
-    assert told["halted_ms"] - told["twin_halted_ms"] == again["halted_ms"] - again["twin_halted_ms"]
+    assert told["halted_ms"] - told["golden_halted_ms"] == again["halted_ms"] - again["golden_halted_ms"]
     assert (-1 if told["alarm_ms"] is None else told["alarm_ms"]) == again["told_ms"]
     limited = {"response": "limited", "response_ms": told["limited_ms"], "response_cause": told["limited"]}
     assert told["limited"] is None or limited.items() <= dict(again).items()
@@ -142,8 +142,8 @@ def test_a_hazard_armed_before_the_first_tick_finds_nothing_missed(made):
         assert np.abs(arm.missed).max() < 1e-6  # the golden run begins where the robot is
 
 
-def test_as_long_as_nothing_has_struck_the_robot_is_its_own_twin(made):
-    """The twin is computed from the first arming on only; computed all along it gives the same bits."""
+def test_as_long_as_nothing_has_struck_the_robot_is_its_own_golden_run(made):
+    """The golden run is computed from the first arming on only; computed all along it gives the same bits."""
     lazy, eager = robot_of(made), robot_of(made)
     eager._part(True)
     for robot in (lazy, eager):

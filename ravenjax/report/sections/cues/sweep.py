@@ -37,7 +37,7 @@ class CueRow(NamedTuple):
     missed: Rate  # of runs with an unintended motion
     false: Rate  # of fault-free motions
     per_hour: AlarmRate | None
-    harmless: Rate  # of faulty runs without an unintended motion, those with a cue that the twin has not
+    harmless: Rate  # of faulty runs without an unintended motion, those with a cue that the golden run has not
     best: bool  # no other set misses and disturbs as little
     delay_ms: Estimate  # median over those, from the fault's first effect
     before: Rate  # of runs with an unintended motion, those with the cue before it
@@ -63,7 +63,7 @@ def rows(runs: Runs, manifest: Manifest) -> list[CueRow]:
         event, end = after_onset(f"warned{k}_ms"), str(manifest.duration_ms)
         delay, lags = (runs.delays(event, start, end, UNINTENDED)[""] for start in ("active_ms", "unintended_ms"))
         lead = counted.lead(lags)
-        false = tables.rate_of(free.came(f"twin_cue{k}_first_ms"), free.count)
+        false = tables.rate_of(free.came(f"golden_cue{k}_first_ms"), free.count)
         when = (sample[f"warned{k}_ms"] >= sample["active_ms"]) & (sample[f"warned{k}_ms"] >= 0)
         result.append(
             CueRow(

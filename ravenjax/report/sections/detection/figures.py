@@ -9,7 +9,7 @@ import numpy as np
 from ravenjax.document import palette
 from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
 from ravenjax.document.steps import steps
-from ravenjax.report.sections.detection.performance import Curves, DetectorLevel, DetectorRow
+from ravenjax.report.sections.detection.performance import Curves, DetectorRow, DetectorThreshold
 from ravenjax.report.sections.time_to_know import log_time, of_incidence
 
 HEIGHT = 340  # px
@@ -53,7 +53,7 @@ def leads(curves: Sequence[Curves]) -> Chart:
 
 
 def _label(one: Curves) -> str:
-    return one.name if np.isnan(one.level) else f"{one.name} at {one.level:g}"
+    return one.name if np.isnan(one.threshold) else f"{one.name} at {one.threshold:g}"
 
 
 def _plain(curves: Sequence[Curve]) -> tuple[Curve, ...]:
@@ -85,26 +85,29 @@ def _chart(title: str, rows: Sequence[DetectorRow], kind: str, across: str, up: 
 
 
 def _marks(row: DetectorRow, number: int, kind: str, visible: bool) -> list[Mark]:
-    """Curve with band and marks of the levels; of what has a single level, the mark alone."""
+    """Curve with band and marks of the thresholds; of what has a single threshold, the mark alone."""
     colour, name, marks = palette.series(number), row.name, []
     band = getattr(row, kind)
     if band is not None:
         name = f"{row.name} ({band.area.value:.3f})"
         edges = np.asarray(band.curve.low, float), np.asarray(band.curve.high, float)
         marks.append(Curve(name, colour, band.grid, np.asarray(band.curve.value, float), *edges, visible=visible))
-    places = [(level, *_place(level, kind)) for level in row.levels]
+    places = [(threshold, *_place(threshold, kind)) for threshold in row.thresholds]
     places = [place for place in places if np.isfinite(place[1:]).all()]
     if places:
-        levels, x, y = zip(*places, strict=True)
-        tips = tuple(row.name if np.isnan(level.level) else f"{row.name} at {level.level:g}" for level in levels)
-        size = tuple(11.0 if level.quiet or band is None else 7.0 for level in levels)
+        thresholds, x, y = zip(*places, strict=True)
+        tips = tuple(
+            row.name if np.isnan(threshold.threshold) else f"{row.name} at {threshold.threshold:g}"
+            for threshold in thresholds
+        )
+        size = tuple(11.0 if threshold.quiet or band is None else 7.0 for threshold in thresholds)
         marks.append(
             Dots(name, colour, np.array(x), np.array(y), size=size, tips=tips, diamond=band is None, visible=visible)
         )
     return marks
 
 
-def _place(level: DetectorLevel, kind: str) -> tuple[float, float]:
+def _place(threshold: DetectorThreshold, kind: str) -> tuple[float, float]:
     if kind == "roc":
-        return level.harmless.value, level.caught.value
-    return level.caught.value, level.precision.value
+        return threshold.harmless.value, threshold.caught.value
+    return threshold.caught.value, threshold.precision.value

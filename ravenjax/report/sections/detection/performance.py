@@ -1,8 +1,8 @@
 """Detectors: which share of unintended motions they recall, how early, and how many false alarms they give.
 
 The robot's own checks and the haptic cue of the verdicts stand beside the campaign's detectors as two that have a
-single level. Rates and times are of one run of each fault; curves are of every run, or of so many drawn, their bands
-resample faults.
+single threshold. Rates and times are of one run of each fault; curves are of every run, or of so many drawn, their
+bands resample faults.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ DRAWS = 1_000_000
 MOST_DRAWN = 20_000
 """Runs that curves are made of; of more, about so many are drawn, and bands are too wide rather than too narrow."""
 SCORED = "plain AND faulty AND NOT failed"
-MOST_LEVELS = 12
-"""Levels of a detector in the table; of more, so many, evenly taken, and the quiet one."""
+MOST_THRESHOLDS = 12
+"""Thresholds of a detector in the table; of more, so many, evenly taken, and the quiet one."""
 
 
-class DetectorLevel(NamedTuple):
-    """What one level of a detector does. level: in the unit of the score, NaN for a check or a cue."""
+class DetectorThreshold(NamedTuple):
+    """What one threshold of a detector does. threshold: in the unit of the score, NaN for a check or a cue."""
 
     detector: str
-    level: float
+    threshold: float
     caught: Rate  # of faults with an unintended motion, those with an alarm
     harmless: Rate  # of faults without one, those with an alarm
     precision: Rate  # of faults with an alarm, those with an unintended motion
@@ -47,14 +47,14 @@ class DetectorLevel(NamedTuple):
     delay_ms: Estimate  # median over faults with an unintended motion, from the fault's first effect
     before: Rate  # of faults with an unintended motion, those with an alarm before it
     lead_ms: Estimate  # median over faults with an unintended motion; NaN: half of them never had an alarm
-    quiet: bool  # the lowest level without a false alarm on fault-free motion
+    quiet: bool  # the lowest threshold without a false alarm on fault-free motion
 
 
-class LevelAlarms(NamedTuple):
-    """When a detector first spoke at one level, in every run of the table; -1: never."""
+class ThresholdAlarms(NamedTuple):
+    """When a detector first spoke at one threshold, in every run of the table; -1: never."""
 
     name: str
-    level: float
+    threshold: float
     column: str  # of facts
     free: int | None  # fault-free motions in which it spoke; None: not known
     false: AlarmRate | None  # first false alarms an hour of them; None: not known
@@ -66,7 +66,7 @@ class DetectorRow(NamedTuple):
 
     name: str
     what: str  # kind and settings in words
-    levels: list[DetectorLevel]
+    thresholds: list[DetectorThreshold]
     roc: CurveBand | None  # None for a check or a cue, and where runs do not differ in it or are all of one fault
     recall: CurveBand | None
     auc: BootstrapBand | None
@@ -74,60 +74,62 @@ class DetectorRow(NamedTuple):
 
 
 class Curves(NamedTuple):
-    """How early one detector speaks at its quiet level (else its highest), over runs with an unintended motion."""
+    """How early one detector speaks at its quiet threshold (else its highest), over runs with an unintended motion."""
 
     name: str
-    level: float
+    threshold: float
     delay: Incidence  # from the fault's first effect
     lead: Lead
 
 
-def alarms(runs: Runs, manifest: Manifest) -> list[LevelAlarms]:
-    """Everything that can speak, level by level: the campaign's detectors, the checks, the cue of the verdicts."""
+def alarms(runs: Runs, manifest: Manifest) -> list[ThresholdAlarms]:
+    """Everything that can speak, at each threshold: the campaign's detectors, the checks, the cue of the verdicts."""
     free = runs.motions()
-    result = [one for d, detector in enumerate(manifest.detectors) for one in _levels(runs, d, detector)]
-    result.append(LevelAlarms(CHECKS, math.nan, "told_ms", None, None, False))
+    result = [one for d, detector in enumerate(manifest.detectors) for one in _thresholds(runs, d, detector)]
+    result.append(ThresholdAlarms(CHECKS, math.nan, "told_ms", None, None, False))
     if manifest.cues:
-        cues = free.came(f"twin_cue{manifest.verdict_cue}_first_ms")
+        cues = free.came(f"golden_cue{manifest.verdict_cue}_first_ms")
         name = f"{CUE}, {manifest.cues[manifest.verdict_cue].threshold_mm:g} mm"
         rate = free.cue_rate(manifest.verdict_cue)
-        result.append(LevelAlarms(name, math.nan, "warned_ms", cues, rate, cues == 0))
+        result.append(ThresholdAlarms(name, math.nan, "warned_ms", cues, rate, cues == 0))
     return result
 
 
-def _levels(runs: Runs, d: int, detector: DetectorRecord) -> Iterator[LevelAlarms]:
-    free, score = runs.motions(), f"twin_detector{d}_score"
-    events = [run_facts.beyond_sql(score, level, runs.types) for level in detector.levels]
+def _thresholds(runs: Runs, d: int, detector: DetectorRecord) -> Iterator[ThresholdAlarms]:
+    free, score = runs.motions(), f"golden_detector{d}_score"
+    events = [run_facts.beyond_sql(score, threshold, runs.types) for threshold in detector.thresholds]
     counts = [free.with_event(event) for event in events]
-    quiet = min((level for level, count in zip(detector.levels, counts, strict=True) if not count), default=None)
-    for k, (level, count, event) in enumerate(zip(detector.levels, counts, events, strict=True)):
-        rate = free.first_rate(event, f"detector{d}_level{k}_first_ms")
-        yield LevelAlarms(detector.name, level, f"alarm{d}_{k}_ms", count, rate, level == quiet)
+    quiet = min(
+        (threshold for threshold, count in zip(detector.thresholds, counts, strict=True) if not count), default=None
+    )
+    for k, (threshold, count, event) in enumerate(zip(detector.thresholds, counts, events, strict=True)):
+        rate = free.first_rate(event, f"detector{d}_threshold{k}_first_ms")
+        yield ThresholdAlarms(detector.name, threshold, f"alarm{d}_{k}_ms", count, rate, threshold == quiet)
 
 
-def known(found: list[LevelAlarms]) -> str:
+def known(found: list[ThresholdAlarms]) -> str:
     """When anyone could first know of each run's fault, -1 if never, as an expression of columns of facts: the cue, a
-    check, or a detector at its lowest level without a false alarm; what spoke before the fault had any effect does not
-    know of it."""
-    able = [one for one in found if one.quiet or one.free is None or math.isnan(one.level)]
+    check, or a detector at its lowest threshold without a false alarm; what spoke before the fault had any effect does
+    not know of it."""
+    able = [one for one in found if one.quiet or one.free is None or math.isnan(one.threshold)]
     return run_facts.first_sql(*(f"({after_onset(one.column)})" for one in able))
 
 
-def rows(runs: Runs, manifest: Manifest, found: list[LevelAlarms]) -> list[DetectorRow]:
+def rows(runs: Runs, manifest: Manifest, found: list[ThresholdAlarms]) -> list[DetectorRow]:
     """One row a detector, then the checks and the cue."""
     names = list(dict.fromkeys(one.name for one in found))
-    levels_of = {name: _shown([one for one in found if one.name == name]) for name in names}
-    counts = _caught(runs, [one for own in levels_of.values() for one in own])
+    thresholds_of = {name: _shown([one for one in found if one.name == name]) for name in names}
+    counts = _caught(runs, [one for own in thresholds_of.values() for one in own])
     result = []
     for number, name in enumerate(names):
-        levels = [_level(runs, manifest, one, counts[one.column]) for one in levels_of[name]]
+        thresholds = [_threshold(runs, manifest, one, counts[one.column]) for one in thresholds_of[name]]
         scored = number < len(manifest.detectors)
         roc, recall = _bands(runs, number) if scored else (None, None)
         result.append(
             DetectorRow(
                 name,
                 _what(manifest.detectors[number]) if scored else "",
-                levels,
+                thresholds,
                 roc,
                 recall,
                 roc.area if roc else None,
@@ -143,18 +145,22 @@ def curve_runs(runs: Runs) -> tuple[int, int]:
     return min(n, MOST_DRAWN), n
 
 
-def curves(runs: Runs, manifest: Manifest, found: list[LevelAlarms]) -> list[Curves]:
+def curves(runs: Runs, manifest: Manifest, found: list[ThresholdAlarms]) -> list[Curves]:
     """How early each detector speaks, in the order of `found`."""
     result = []
     for name in dict.fromkeys(one.name for one in found):
         own = [one for one in found if one.name == name]
-        one = next((level for level in own if level.quiet), own[-1])
-        result.append(Curves(name, one.level, *_times(runs, manifest, one)))
+        one = next((threshold for threshold in own if threshold.quiet), own[-1])
+        result.append(Curves(name, one.threshold, *_times(runs, manifest, one)))
     return result
 
 
-def _shown(own: list[LevelAlarms]) -> list[LevelAlarms]:
-    places = np.unique(np.linspace(0, len(own) - 1, MOST_LEVELS).round()) if len(own) > MOST_LEVELS else range(len(own))
+def _shown(own: list[ThresholdAlarms]) -> list[ThresholdAlarms]:
+    places = (
+        np.unique(np.linspace(0, len(own) - 1, MOST_THRESHOLDS).round())
+        if len(own) > MOST_THRESHOLDS
+        else range(len(own))
+    )
     return [one for k, one in enumerate(own) if k in places or one.quiet]
 
 
@@ -176,7 +182,7 @@ class _Caught(NamedTuple):
     misses: int
 
 
-def _caught(runs: Runs, found: list[LevelAlarms]) -> dict[str, _Caught]:
+def _caught(runs: Runs, found: list[ThresholdAlarms]) -> dict[str, _Caught]:
     """By column."""
     kinds = ("unintended", "NOT unintended")
     conditions = [f"{kind} AND {one.column} >= 0" for one in found for kind in kinds]
@@ -185,11 +191,11 @@ def _caught(runs: Runs, found: list[LevelAlarms]) -> dict[str, _Caught]:
     return {one.column: _Caught(unintended, others, *pair) for one, pair in zip(found, pairs, strict=True)}
 
 
-def _level(runs: Runs, manifest: Manifest, one: LevelAlarms, counts: _Caught) -> DetectorLevel:
+def _threshold(runs: Runs, manifest: Manifest, one: ThresholdAlarms, counts: _Caught) -> DetectorThreshold:
     delay, lead = _times(runs, manifest, one)
-    return DetectorLevel(
+    return DetectorThreshold(
         one.name,
-        one.level,
+        one.threshold,
         wilson(counts.hits, counts.unintended),
         wilson(counts.misses, counts.others),
         wilson(counts.hits, counts.hits + counts.misses),
@@ -201,7 +207,7 @@ def _level(runs: Runs, manifest: Manifest, one: LevelAlarms, counts: _Caught) ->
     )
 
 
-def _times(runs: Runs, manifest: Manifest, one: LevelAlarms) -> tuple[Incidence, Lead]:
+def _times(runs: Runs, manifest: Manifest, one: ThresholdAlarms) -> tuple[Incidence, Lead]:
     """Delay after the first effect, and lead over the unintended motion; an alarm before the first effect counts
     as none, for it tells of something else."""
     event, end = after_onset(one.column), str(manifest.duration_ms)

@@ -93,7 +93,7 @@ class PairSample(NamedTuple):
 def drawn(runs: Runs) -> PairSample:
     """The runs of about MOST of a table's rows, all that share a pair together."""
     plain = ("pair", "operator", "reaction_ms", "pedal_down_ms", "tissue_depth_mm")
-    names = [name for name in runs.names if name in plain or name.startswith(("param:", "twin_"))]
+    names = [name for name in runs.names if name in plain or name.startswith(("param:", "golden_"))]
     raw = ", ".join([*(f"{RESULTS}.{quoted(name)}" for name in names), f"{_EXCURSION} AS {EXCURSION}"])
     own = ", ".join(f'{FACTS}.{name} AS "fact {name}"' for name in OF_FACTS)
     both = runs.drawn(f"{raw}, {own}, {FACTS}.layer::VARCHAR AS layer", "true", MOST, by="pair")
@@ -133,11 +133,11 @@ def differences(frame: pd.DataFrame, facts: pd.DataFrame) -> list[Difference]:
 
 
 def interruptions(frame: pd.DataFrame, facts: pd.DataFrame) -> list[Idle]:
-    """For each action, what it does to fault-free motion: the twins of all runs that have it."""
+    """For each action, what it does to fault-free motion: the golden runs of all runs that have it."""
     result = []
     for number, action in _actions(facts):
-        free = run_facts.twins(frame, facts["action"].to_numpy() == number)
-        acted = run_facts.first_came(free, "twin_reaction_ms")
+        free = run_facts.golden_runs(frame, facts["action"].to_numpy() == number)
+        acted = run_facts.first_came(free, "golden_reaction_ms")
         hours = run_facts.hours(free)
         mine = pairs(frame, facts, number, faulty=False)
         lost = mine.without_frame["pedal_down_ms"].to_numpy() - mine.with_frame["pedal_down_ms"].to_numpy()

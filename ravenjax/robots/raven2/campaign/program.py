@@ -18,11 +18,6 @@ from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import overdrive
 from ravenjax.vocabulary.reactions import ACTIONS
 
-POLICIES = {
-    "no_regulation": overdrive.NO_REGULATION,
-    "soft_regulation": overdrive.SOFT_REGULATION,
-    "hard_regulation": overdrive.HARD_REGULATION,
-}
 NOISE_KEY = "plant.noise_key"
 """Parameter that a campaign with noise sets from each run's id, which hashes its seed: every run draws its own."""
 
@@ -77,7 +72,7 @@ def _longest(delays: np.ndarray | None) -> int:
 def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> tick.TickParams:
     params = tick.params(setup, motion.start_jpos, config.campaign.parameter_set)
     operator = replace(params.operator, scale=config.operator.scale)
-    level, policy = config.campaign.level, POLICIES[config.campaign.policy]
+    level, policy = config.campaign.level, overdrive.POLICIES.index(config.campaign.policy)
     control = replace(params.control, overdrive=overdrive.params(setup, level, policy))
     cues = tuple(
         replace(cue, threshold_m=new.threshold_m, kp=new.kp, kd=new.kd, cap=new.cap)
@@ -92,8 +87,8 @@ def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> tick.Tick
     )
     params = replace(params, monitor=observer)
     if params.detectors is not None:
-        levels = tuple(levels for _, _, levels in config.detectors)
-        params = replace(params, detectors=replace(params.detectors, levels=levels))
+        thresholds = tuple(thresholds for _, _, thresholds in config.detectors)
+        params = replace(params, detectors=replace(params.detectors, thresholds=thresholds))
     if params.reaction is not None and config.reaction is not None:
         settings = config.reaction.model_dump(exclude={"action", "correct_mm_s"})
         action = np.int32(ACTIONS.index(config.reaction.action))

@@ -55,7 +55,7 @@ class Golden(NamedTuple):
     """What the robot is compared with."""
 
     reference: monitor.Reference  # its golden run in this tick
-    apart: Scalar | None = None  # bool, False: nothing has struck so far, and the robot is its own twin; None: True
+    apart: Scalar | None = None  # bool, False: nothing has struck yet, the robot is its own golden run; None: True
 
 
 class Seen(NamedTuple):
@@ -126,8 +126,8 @@ def observe(
         pedal=clean.surgeon_mode != 0,
         tick=now,
     )
-    twin = monitor.Reference(model_tips, _um(model_tips)) if golden is None else reference(setup, golden, tips, pos)
-    observer = monitor.step(setup, params.monitor, state.monitor, signal, twin)
+    beside = monitor.Reference(model_tips, _um(model_tips)) if golden is None else reference(setup, golden, tips, pos)
+    observer = monitor.step(setup, params.monitor, state.monitor, signal, beside)
     after = ObserverState(tuple(new for new, _ in models), tuple(new for new, _ in cues), observer)
     outs = tuple(out for _, out in models), tuple(out for _, out in cues)
     return after, Seen(*outs, tips, depth, distance, now_live)
@@ -140,11 +140,11 @@ def live(runlevel: Scalar, soft_estopped: Scalar) -> Scalar:
 
 def reference(setup: RavenSetup, golden: Golden, tips: tuple[Vec, ...], pos: tuple[Vec, ...]) -> monitor.Reference:
     """The golden run, or the robot itself (true tips, m; measured tips, um) as long as they are the same."""
-    twin, apart = golden
+    beside, apart = golden
     if apart is None:
-        return twin
+        return beside
     own = monitor.Reference(tips, pos)
-    return jax.tree.map(lambda there, here: jnp.where(apart, there, real(setup, here)), twin, own)
+    return jax.tree.map(lambda there, here: jnp.where(apart, there, real(setup, here)), beside, own)
 
 
 def _um(tips: tuple[Vec, ...]) -> tuple[Vec, ...]:

@@ -105,7 +105,7 @@ class Input:
     motion: tuple[Any, ...]  # columns of the operator's motion, each a 1-D array: the only arrays of the tick
     reference: monitor.Reference  # the golden run in this tick
     packet: Any = None  # packet.Packet of a console outside, in place of those that the motion makes
-    apart: Any = None  # bool, False: nothing has struck so far, and the robot is its own twin
+    apart: Any = None  # bool, False: nothing has struck so far, and the robot is its own golden run
 
 
 @record
@@ -398,7 +398,7 @@ def series_length(setup: RavenSetup) -> int:
 
 
 def reference_from(setup: RavenSetup, series: Any) -> monitor.Reference:
-    """The twin's tick from those numbers."""
+    """The golden run's tick from those numbers."""
     rows = [Vec(series[i + j] for j in range(3)) for i in range(0, series_length(setup), 3)]
     return monitor.Reference(tip=tuple(rows[0::2]), pos=tuple(rows[1::2]))
 

@@ -38,9 +38,6 @@ from ravenjax.robots.raven2.software import inputs as given_inputs
 from ravenjax.robots.raven2.stages import overdrive
 from ravenjax.robots.raven2.stages.usb import UsbIn
 
-POLICIES = ("none", "soft", "hard")
-"""Overdrive policies by number."""
-
 
 @dataclasses.dataclass(frozen=True)
 class Output:
@@ -69,7 +66,7 @@ class ControlSoftware:
         software: Literal["raven2", "fork2015"] = "raven2",
         arms: Sequence[ArmName] = ("gold", "green"),
         tools: Sequence[str] | None = None,
-        policy: Literal["none", "soft", "hard"] = "soft",
+        policy: Literal["no_regulation", "soft_regulation", "hard_regulation"] = "soft_regulation",
         level: str | None = None,
         enc_offset: Any = 0,
         console: Literal["increments", "absolute"] = "increments",
@@ -82,7 +79,7 @@ class ControlSoftware:
         the one to start in, 0 to 3. `params`: changes any other parameter. `precision`: other widths than the
         original's. Raises UserError."""
         given_inputs.known("software", software, DEFAULT_TOOLS)
-        given_inputs.known("policy", policy, POLICIES)
+        given_inputs.known("policy", policy, overdrive.POLICIES)
         given_inputs.known("console", console, SIZE_BYTES)
         if level is not None:
             given_inputs.known("level", level, overdrive.LEVELS)
@@ -99,7 +96,7 @@ class ControlSoftware:
             parameters = control.params(self.setup)
             parameters = replace(
                 parameters,
-                overdrive=overdrive.params(self.setup, level, POLICIES.index(policy)),
+                overdrive=overdrive.params(self.setup, level, overdrive.POLICIES.index(policy)),
                 estimator=tuple(
                     replace(e, enc_offset=Vec(map(np.int32, o)))
                     for e, o in zip(parameters.estimator, offsets, strict=True)

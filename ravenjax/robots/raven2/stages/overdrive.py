@@ -23,6 +23,8 @@ from ravenjax.stages import check
 from ravenjax.stages.check import CheckHistory
 
 NO_REGULATION, SOFT_REGULATION, HARD_REGULATION = 0, 1, 2
+POLICIES = ("no_regulation", "soft_regulation", "hard_regulation")
+"""Their names, by number."""
 """Policies; raven2: defines.h."""
 
 LEVELS: dict[str, tuple[int, ...]] = {
@@ -45,7 +47,14 @@ CHECKED_JOINTS = 6
 @record
 class OverdriveParams:
     policy: Annotated[  # int32; unused by the 2015 fork
-        Scalar, Quantity("", 0, 2, "overdrive policy: 0 none, 1 soft (clips), 2 hard (stops after ten)", whole=True)
+        Scalar,
+        Quantity(
+            "",
+            0,
+            2,
+            "overdrive policy: 0 no_regulation, 1 soft_regulation (clips), 2 hard_regulation (stops after ten)",
+            whole=True,
+        ),
     ]
     dac_max: Annotated[  # 7, int32; that of grasp2 is unused, as in the original
         Vec,

@@ -106,10 +106,10 @@ def _measured(context: Context) -> dict[str, dict[Motion, list[BurstRun]]]:
 def _runs(recorder: Recorder, context: Context, name: str, drawn: bool) -> list[BurstRun]:
     """Each run of a campaign beside its golden run, which is the first."""
     folder = context.folders[name]
-    twin_um = recorder.measure(folder, lambda _, series: series["position"] * 1e6, lambda _: [0])[0]
+    golden_um = recorder.measure(folder, lambda _, series: series["position"] * 1e6, lambda _: [0])[0]
 
     def measured(row: Row, series: Series) -> BurstRun:
-        return run(row, series, twin_um, drawn and row["group"] == BURST)
+        return run(row, series, golden_um, drawn and row["group"] == BURST)
 
     return recorder.measure(folder, measured)
 

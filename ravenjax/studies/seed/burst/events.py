@@ -28,7 +28,7 @@ REACH_TICKS = FAULT_TICKS + 50
 REBOUND_TICKS = 300
 """After the farthest point."""
 JUMP_UM = 100.0
-"""Step of the measured tip in 1 ms, twice running, the twin's not: the published analysis code (DSN 2016)."""
+"""Step of the measured tip in 1 ms, twice running, the golden run's not: the published analysis code (DSN 2016)."""
 DRAWN_TICKS = range(-100, 800, 5)
 """Ticks of an event that are drawn, from its onset."""
 
@@ -110,17 +110,17 @@ def criteria(published: Published) -> Criteria:
     return Criteria(a4 | {"cue onsets": within("a5.onset", lambda event: event.cue_s)}, tuple(a4))
 
 
-def run(row: Row, series: Series, twin_um: np.ndarray, drawn: bool = False) -> BurstRun:
+def run(row: Row, series: Series, golden_um: np.ndarray, drawn: bool = False) -> BurstRun:
     """Measure a run by its row of the result table and its series.
 
-    twin_um: measured tip of the golden run, um [ticks, 3]. drawn: keep the series of its events for a figure.
+    golden_um: measured tip of the golden run, um [ticks, 3]. drawn: keep the series of its events for a figure.
     """
     active = np.asarray(series["fault_active"], bool)
     end = len(active)
     stopped = row["response"] == "stopped"
     stop = int(row["response_ms"]) if stopped else end
     onsets = [tick for tick in rises(active) if tick < stop]
-    jumps = jump_ticks(series["position"] * 1e6, twin_um)
+    jumps = jump_ticks(series["position"] * 1e6, golden_um)
     pulses = rises(series["cue_force"] > 0.0)
     outside = [t for t in pulses if t < stop and not any(onset <= t < onset + EVENT_TICKS for onset in onsets)]
     return BurstRun(
@@ -168,9 +168,9 @@ def rebound(shoulder_deg: np.ndarray) -> tuple[float, float]:
     return (largest, float(np.argmax(back))) if largest > 0.0 else (0.0, math.nan)
 
 
-def jump_ticks(position_um: np.ndarray, twin_um: np.ndarray) -> np.ndarray:
+def jump_ticks(position_um: np.ndarray, golden_um: np.ndarray) -> np.ndarray:
     """Ticks at which the second of two long steps in a row ends; both [ticks, 3], um."""
-    long, usual = (np.linalg.norm(np.diff(tip, axis=0), axis=1) > JUMP_UM for tip in (position_um, twin_um))
+    long, usual = (np.linalg.norm(np.diff(tip, axis=0), axis=1) > JUMP_UM for tip in (position_um, golden_um))
     over = long & ~usual
     return np.flatnonzero(over[1:] & over[:-1]) + 2
 

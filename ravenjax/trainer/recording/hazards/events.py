@@ -48,7 +48,7 @@ def _armed(event: Mapping[str, Any], listed: Mapping[str, Any], header: Mapping[
         "title": str(listed.get("title", "")),
         "arm": "",
         "armed_ms": float(event["tick"]),
-        "limit_mm": (table.get("harm") or {}).get("stray_mm"),
+        "limit_mm": (table.get("harm") or {}).get("excursion_mm"),
         "right_response": " ".join(listed.get("right_response", [])),
         "halted": False,
         "response_ok": False,
@@ -111,7 +111,7 @@ def _measure(row: dict[str, Any], recording: Recording) -> None:
     for name, channel in {"peak_error_mm": "error_mm", "deepest_mm": "depth_mm"}.items():
         row[name] = _rounded(_worst(recording, channel, inside)[live])
     before = np.flatnonzero(time < row["struck_ms"])[-1:]
-    for name, channel in {"halted_ms": "halted_ms", "twin_halted_ms": "golden_halted_ms"}.items():
+    for name, channel in {"halted_ms": "halted_ms", "golden_halted_ms": "golden_halted_ms"}.items():
         values = recording[channel]
         row[name] = float(values[inside][-1] - (values[before][0] if len(before) else 0.0))
     if row["over_ms"] is None:
@@ -123,7 +123,7 @@ def _measure(row: dict[str, Any], recording: Recording) -> None:
         row["halted"] = bool(follows[before].any() and by_itself.any())
         if limit is not None:
             stopped = row["check_response"] == "stopped"
-            row["motion_hazard"] = motion_hazard(first_ms, row["halted_ms"], row["twin_halted_ms"], stopped)
+            row["motion_hazard"] = motion_hazard(first_ms, row["halted_ms"], row["golden_halted_ms"], stopped)
 
 
 def _worst(recording: Recording, channel: str, inside: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ FILE = "hazards.csv"
 NUMBERS = (
     *("armed_ms", "struck_ms", "knowable_ms", "cue_ms", "alarm_ms", "limited_ms", "response_ms", "reaction_ms"),
     *("limit_mm", "unintended_mm", "unintended_first_ms", "unintended_off_mm", "loss_mm", "loss_first_ms"),
-    *("halted_ms", "twin_halted_ms", "false_report_mm", "false_report_first_ms"),
+    *("halted_ms", "golden_halted_ms", "false_report_mm", "false_report_first_ms"),
     *("peak_error_mm", "deepest_mm", "score"),
 )
 """Columns of numbers, each of which may be empty."""
@@ -25,8 +25,8 @@ OUTCOMES = {
 }
 """How a hazard may end, in words."""
 
-_FORMER = "peak_stray_mm"
-"""A column that only earlier versions wrote."""
+_FORMER = {"peak_stray_mm", "twin_halted_ms"}
+"""Columns that only earlier versions wrote."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,7 +62,7 @@ class HazardRow:
     loss_mm: float | None
     loss_first_ms: float | None
     halted_ms: float | None
-    twin_halted_ms: float | None
+    golden_halted_ms: float | None
     false_report_mm: float | None
     false_report_first_ms: float | None
     peak_error_mm: float | None  # of the reported tip from the model, which the cue acts on
@@ -107,10 +107,10 @@ def read(folder: Path) -> list[HazardRow]:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise StoreError(f"{path}: cannot be read ({error})") from error
     wanted = [one.name for one in dataclasses.fields(HazardRow)]
-    if _FORMER in columns:
+    if former := _FORMER.intersection(columns):
         raise StoreError(
-            f"{path}: was written by an earlier version of ravenjax, which defined a hazard's motion differently (it "
-            f"has the column {_FORMER}). The file is fine: read it with the version that session.json names"
+            f"{path}: was written by an earlier version of ravenjax, which named or defined outcomes differently (it "
+            f"has the column {min(former)}). The file is fine: read it with the version that session.json names"
         )
     if missing := [name for name in wanted if name not in columns]:
         raise StoreError(f"{path}: has no column {', '.join(missing)}; expected those that `ravenjax train` writes")

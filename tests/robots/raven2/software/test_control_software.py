@@ -29,7 +29,7 @@ class Pair:
         software="raven2",
         arms=("gold", "green"),
         tool=None,
-        policy="soft",
+        policy="soft_regulation",
         level=None,
         plc=True,
         bad=True,
@@ -41,7 +41,7 @@ class Pair:
         self.options = (software, arms, (tool,) * len(arms), policy, level)
         self.plc_obeyed, self.start = plc, 0 if plc else 3
         self.new = self.program()
-        number = ("none", "soft", "hard").index(policy)
+        number = ("no_regulation", "soft_regulation", "hard_regulation").index(policy)
         fork, limits = software == "fork2015", level or "moderate"
         self.old = oracle.Loop([ARMS[a] for a in arms], self.options[2], fork, number, limits, plc, self.start)
         self.wrist_rad = wrist_rad
@@ -134,8 +134,8 @@ RUNS = {
     "raven2": {"seed": 1},
     "fork2015": {"seed": 2, "software": "fork2015"},
     "fork2015 without PLC": {"seed": 3, "software": "fork2015", "plc": False},
-    "hard policy": {"seed": 4, "policy": "hard"},
-    "no policy": {"seed": 5, "policy": "none", "level": "beginner"},
+    "hard policy": {"seed": 4, "policy": "hard_regulation"},
+    "no policy": {"seed": 5, "policy": "no_regulation", "level": "beginner"},
     "coupled wrist": {"seed": 6, "tool": "large_needle"},
     "green alone": {"seed": 7, "arms": ("green",)},
     "square tools, good network": {"seed": 8, "tool": "r_sq_grasper", "bad": False},
@@ -171,9 +171,9 @@ def _dac_differences(pair, ticks, closed):
         enc, arrivals, pins, read_ok = pair.inputs()
         seen = [motor.counts(pair.rng, False) for motor in own] if closed else enc
         exact, campaign = pair.new.step(enc, arrivals, pins, read_ok), other.step(seen, arrivals, pins, read_ok)
-        for motor, twin, dac, dac32 in zip(pair.motors, own, exact.dac, campaign.dac, strict=True):
+        for motor, golden, dac, dac32 in zip(pair.motors, own, exact.dac, campaign.dac, strict=True):
             motor.step(dac)
-            twin.step(dac32)
+            golden.step(dac32)
         gap = max(abs(a - b) for x, y in zip(exact.dac, campaign.dac, strict=True) for a, b in zip(x, y, strict=True))
         differing, total, largest = differing + (gap > 0), total + 1, max(largest, gap)
     return differing, total, largest
@@ -246,7 +246,7 @@ def refused(call, words):
 SETUPS = [
     ({"software": "raven3"}, ("software is 'raven3'", "raven2")),
     ({"software": ["raven2"]}, ("software is ['raven2']", "raven2, fork2015")),
-    ({"policy": "firm"}, ("policy is 'firm'", "none, soft, hard")),
+    ({"policy": "firm"}, ("policy is 'firm'", "no_regulation, soft_regulation, hard_regulation")),
     ({"policy": 1}, ("policy is 1",)),
     ({"level": "expert"}, ("level is 'expert'", "beginner, moderate")),
     ({"level": ""}, ("level is ''",)),

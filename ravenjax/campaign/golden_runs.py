@@ -14,11 +14,11 @@ Columns = dict[str, np.ndarray]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Computed:
-    """Twins that are there, in ascending order of their numbers."""
+    """Golden runs that are there, in ascending order of their numbers."""
 
-    numbers: np.ndarray  # int [twins], as in Plan.twin
-    reference: np.ndarray  # [ticks, series, twins]
-    outcomes: Columns  # outcome -> [twins]
+    numbers: np.ndarray  # int [golden runs], as in Plan.golden
+    reference: np.ndarray  # [ticks, series, golden runs]
+    outcomes: Columns  # outcome -> [golden runs]
 
     def picked(self, numbers: np.ndarray) -> Computed:
         """Those of `numbers` that are here."""
@@ -28,7 +28,7 @@ class Computed:
 
 
 def _joined(some: Sequence[Computed]) -> Computed:
-    """All of them, of which no two hold the same twin."""
+    """All of them, of which no two hold the same golden run."""
     if len(some) == 1:
         return some[0]
     numbers = np.concatenate([one.numbers for one in some])
@@ -39,10 +39,12 @@ def _joined(some: Sequence[Computed]) -> Computed:
     return Computed(numbers[order], reference if ascending else reference[:, :, order], outcomes)
 
 
-class Twins:
-    """The twins of a stretch of runs; those that are still computed are waited for by who first needs them."""
+class GoldenRuns:
+    """The golden runs of a stretch of runs; those that are still computed are waited for by who first needs them."""
 
-    def __init__(self, numbers: np.ndarray, coming: Sequence[Future[Computed]], earlier: Twins | None = None) -> None:
+    def __init__(
+        self, numbers: np.ndarray, coming: Sequence[Future[Computed]], earlier: GoldenRuns | None = None
+    ) -> None:
         """numbers: ascending; each is in one of `coming` or in `earlier`."""
         self.numbers = numbers
         self._coming, self._earlier = coming, earlier
@@ -60,9 +62,9 @@ class Twins:
                 self._coming, self._earlier = (), None
             return self._computed
 
-    def followed(self, numbers: np.ndarray, compute: Callable[[np.ndarray], Sequence[Future[Computed]]]) -> Twins:
-        """The twins `numbers` (ascending) of the next stretch; `compute` starts those that are not among these."""
+    def followed(self, numbers: np.ndarray, compute: Callable[[np.ndarray], Sequence[Future[Computed]]]) -> GoldenRuns:
+        """Those `numbers` (ascending) that the next stretch needs; `compute` starts those that are not among these."""
         here = np.isin(numbers, self.numbers)
         if here.all():
             return self
-        return Twins(numbers, compute(numbers[~here]), self if here.any() else None)
+        return GoldenRuns(numbers, compute(numbers[~here]), self if here.any() else None)
