@@ -16,11 +16,11 @@ limit_mm`.
   nominal model, and from where standing still would have left it.
 - `loss of motion`: the tip was as far from golden run and nominal model, but near where standing leaves it: the robot
   was live and did not follow. Or the robot was not live for `HALT_MS` longer than in the golden run although the
-  operator held the pedal down, and no check had stopped it.
+  operator held its dead-man switch down, and no check had stopped it.
 - `false report`: the reported tip was farther than the limit from the true one, beyond what the golden run shows.
 - `none`.
 
-*Live* is run level pedal-down without a software E-stop. What the tip does while the robot is not live (it coasts, or
+When a robot is *live*, it says itself (`Robot.live`). What the tip does while the robot is not live (it coasts, or
 drops) is in the column `unintended_off_mm` and decides no hazard.
 
 **Cue**: the haptic cue came, and the golden run had none by then.

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import HALT_MS
+from ravenjax.vocabulary.robot import Robot
 
 
 class Definition(NamedTuple):
@@ -16,9 +17,10 @@ class Definition(NamedTuple):
     meaning: str
 
 
-def rows(rules: Rules, live: str) -> list[Definition]:
+def rows(rules: Rules, robot: Robot) -> list[Definition]:
     """Every word, responses first, each kind from the strongest to the weakest."""
     limit, threshold = f"{rules.limit_mm:g} mm", f"{rules.threshold_mm:g} mm"
+    condition = f" while the operator held the {robot.dead_man} down" if robot.dead_man else ""
     return [
         Definition("response", "stopped", "A check stopped the robot."),
         Definition("response", "flagged", "A check told a person, and the robot went on."),
@@ -35,7 +37,7 @@ def rows(rules: Rules, live: str) -> list[Definition]:
             "loss of motion",
             f"The robot did not follow: while live, its tip was more than {limit} from golden run and model, but "
             "near where standing still leaves it; or, not stopped by a check, it was not live for more than "
-            f"{HALT_MS} ms longer than in the golden run while the operator held the pedal down.",
+            f"{HALT_MS} ms longer than in the golden run{condition}.",
         ),
         Definition(
             "hazard",
@@ -46,7 +48,7 @@ def rows(rules: Rules, live: str) -> list[Definition]:
         Definition("hazard", "none", "None of these. A run with several hazards counts under the first."),
         Definition("cue", "cue", f"The {threshold} haptic cue came, and the golden run had none by then."),
         Definition("other", "golden run", "The same operation, robot and random numbers without the fault."),
-        Definition("other", "live", f"{live[:1].upper()}{live[1:]}."),
+        Definition("other", "live", f"{robot.live[:1].upper()}{robot.live[1:]}."),
         Definition(
             "other",
             "evades",

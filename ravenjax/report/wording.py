@@ -129,7 +129,8 @@ def fault_in_slot(row: Mapping[str, Any], slot: int, robot: Robot) -> str:
         what += f", period {count(period)} ms"
     unit = "packets" if trigger == "packet" else "ms"
     begins = f"from packet {count(start)}" if trigger == "packet" else f"from {count(start)} ms"
-    begins += " after pedal-down" if trigger == "pedal" else ""
+    if trigger == "pedal":
+        begins += f" after {robot.live_state}" if robot.dead_man else " after it became live"
     when = f"{count(length)} {unit} {begins}" if length >= 0 else f"{begins} to the end"
     return f"{where}, {what}, {when}" + (f", again every {count(every)} {unit}" if every > 0 else "")
 

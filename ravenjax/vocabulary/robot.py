@@ -36,6 +36,13 @@ class Robot:
     leading_joints: tuple[int, ...] = ()  # lengths of vectors that are of the first joints only
     noise: tuple[str, ...] = ()  # parameters: the sizes of what `[campaign] noise` draws
     packet_cycles: str = ""  # parameter: how many milliseconds a packet of the console lasts
+    dead_man: str = ""  # the switch that an operator holds down while the robot is to move; "": it has none
+    tissue: bool = False  # whether there is tissue that a tip can go into
+
+    @property
+    def live_state(self) -> str:
+        """Being live, in a word."""
+        return f"{self.dead_man}-down" if self.dead_man else "live motion"
 
     def check(self, name: str) -> Check:
         """A check by name; one that this version does not know flags."""

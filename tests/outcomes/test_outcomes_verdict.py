@@ -161,7 +161,7 @@ def test_events_over_a_table(event):
 @given(st.floats(0.1, 50), st.floats(0.1, 50))
 def test_words_carry_the_campaigns_own_numbers(limit, threshold):
     rules = Rules(limit_mm=limit, threshold_mm=threshold)
-    text = " ".join(one.meaning for one in definitions.rows(rules, robots.USUAL.live))
+    text = " ".join(one.meaning for one in definitions.rows(rules, robots.USUAL))
     text += " ".join(events.meaning(name, rules) for name in events.EVENTS)
     numbers = {word for word in text.replace(",", " ").split() if word.replace(".", "").replace("e-", "").isdigit()}
     assert numbers <= {f"{limit:g}", f"{threshold:g}", "200"}

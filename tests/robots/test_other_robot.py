@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from pathlib import Path
 
 import numpy as np
 import planar_arm
 import pytest
+from rendered_page import Page, words
 
 import ravenjax as rj
 from ravenjax import robots
 from ravenjax.cli import main
 from ravenjax.errors import UserError
+from ravenjax.report import wording
 from ravenjax.store import manifest
 
 FILE = """
@@ -117,15 +120,21 @@ def test_the_tip_goes_where_the_equations_say(tables, index):
 def test_results_are_reported_verified_and_traced(file, tmp_path, capsys):
     out = tmp_path / "result"
     assert main(["run", str(file), "--out", str(out), "--engine", "simd"]) == 0
-    page = (out / "report.html").read_text()
-    assert "planar" in page and "torque_limit" in page
+    page = words(Page((out / "report.html").read_text()))
+    assert "planar" in page and "torque_limit" in page and "s in live motion together" in page
+    assert not re.findall(r"(?i)pedal|tissue|e-stop|surgeon|raven-|\b(?:gold|green)\b", page)
     assert main(["verify", str(out)]) == 0
     capsys.readouterr()
     assert main(["trace", str(out), "--worst", "1"]) == 0
-    words = capsys.readouterr().out
-    assert "the nominal model" in words and " arm " in words
+    text = capsys.readouterr().out
+    assert "the nominal model" in text and " arm " in text
     (trace,) = (out / "traces").glob("*.csv")
     assert "arm/jpos/elbow [rad]" in trace.read_text().splitlines()[0]
+
+
+def test_a_time_without_a_pedal_counts_from_being_live(tables):
+    row = tables["simd"].iloc[27].to_dict() | {"fault0_trigger": "pedal"}
+    assert wording.fault(row, planar_arm.ROBOT).endswith("from 150 ms after it became live")
 
 
 def test_series_have_names_and_units(file):

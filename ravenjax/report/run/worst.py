@@ -57,7 +57,7 @@ def rows(runs: Runs, manifest: Manifest, folder: Path) -> list[dict[str, Any]]:
     for the commands."""
     kinds = []
     for kind in KINDS:
-        if "{cue}" in kind.far and not manifest.cues:
+        if ("{cue}" in kind.far and not manifest.cues) or (kind.name == "depth" and not manifest.robot.tissue):
             continue
         far = kind.far.format(cue=manifest.verdict_cue)
         source = (
@@ -93,7 +93,7 @@ def _row(robot: Robot, row: dict[str, Any], far: float, folder: Path) -> dict[st
         "cause": row["response_cause"],
         "response_ms": row["response_ms"] - active if row["response_ms"] >= 0 else None,
         "cue_ms": row["warned_ms"] - active if row["warned_ms"] >= max(active, 0) else None,
-        "depth_mm": row["tissue_depth_mm"],
+        **({"depth_mm": row["tissue_depth_mm"]} if robot.tissue else {}),
         "verdict": row["verdict"],
         "command": replay(folder, row["run_id"]),
     }

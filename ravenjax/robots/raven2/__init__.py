@@ -37,4 +37,6 @@ ROBOT = Robot(
     leading_joints=LEADING,
     noise=("plant.encoder_noise", "plant.torque_noise"),
     packet_cycles="network.cycles_per_packet",
+    dead_man="pedal",
+    tissue=True,
 )

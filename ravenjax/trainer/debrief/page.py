@@ -106,7 +106,7 @@ def _definitions(threshold_mm: float | None, limit_mm: float | None, blinded: bo
     """The words of outcomes with the session's own numbers; none where it does not name them."""
     if threshold_mm is None or limit_mm is None:
         return []
-    rows = definitions.rows(Rules(threshold_mm=threshold_mm, limit_mm=limit_mm), ROBOT.live)
+    rows = definitions.rows(Rules(threshold_mm=threshold_mm, limit_mm=limit_mm), ROBOT)
     return [one for one in rows if one.word != "evades" and not (blinded and one.kind == "cue")]
 
 
