@@ -16,6 +16,11 @@ class Definition(NamedTuple):
     word: str
     meaning: str
 
+    def clause(self) -> str:
+        """The meaning as a part of a sentence: "a check told a person, and the robot went on"."""
+        sentences = self.meaning.rstrip(".").split(". ")
+        return ", and ".join(sentence[0].lower() + sentence[1:] for sentence in sentences)
+
 
 def rows(rules: Rules, robot: Robot) -> list[Definition]:
     """Every word, responses first, each kind from the strongest to the weakest."""

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ravenjax import robots
+from ravenjax.outcomes import definitions
 from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import UNTOLD
 from ravenjax.report import wording
@@ -58,32 +59,25 @@ def summary(
     return RunSummary(
         f"run {row['run_id']}, row {int(row['index'])}, group {row['group']}",
         wording.fault(row, robot),
-        _verdict(row, rules),
+        _verdict(row, rules, robot),
         events(row, rules, series, golden, robot),
         _peaks(row, rules, series, robot),
     )
 
 
-def _verdict(row: Mapping[str, Any], rules: Rules) -> str:
+def _verdict(row: Mapping[str, Any], rules: Rules, robot: Robot) -> str:
     if row["failed"]:
         return f"none: the run has no valid outcome ({row['failed']})"
     parts = [str(row["verdict"])]
     cause = f" ({row['response_cause']} at {wording.count(row['response_ms'])} ms)" if row["response_cause"] else ""
-    parts.append(_RESPONSES[str(row["response"])] + cause)
+    responses = {one.word: one.clause() for one in definitions.rows(rules, robot) if one.kind == "response"}
+    parts.append(responses[str(row["response"])] + cause)
     if row["hazard"] == "unintended motion" and row["response"] in UNTOLD:
         parts.append("it evades the checks")
     if row["hazard"] == "loss of motion" and int(row["loss_first_ms"]) < 0:
         more = int(row["halted_ms"]) - int(row["golden_halted_ms"])
         parts.append(f"the robot is not live for {wording.count(more)} ms longer than in the golden run")
     return "; ".join(parts)
-
-
-_RESPONSES = {
-    "stopped": "a check stops the robot",
-    "flagged": "a check tells a person",
-    "limited": "a check changes a command or drops a packet and tells nobody",
-    "silent": "no check does anything beyond the golden run",
-}
 
 
 def _peaks(row: Mapping[str, Any], rules: Rules, series: Series | None, robot: Robot) -> list[str]:

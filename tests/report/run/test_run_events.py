@@ -151,7 +151,8 @@ def test_the_summary_has_fault_verdict_course_and_sizes():
     assert lines[:3] == [
         "run 0123456789abcdef, row 17, group dac",
         "  fault    usb_out gold shoulder, overwrite 12,000 counts, 16 ms from 1,200 ms",
-        "  verdict  flagged/unintended motion/cue; a check tells a person (ik_reject at 1,400 ms)",
+        "  verdict  flagged/unintended motion/cue; a check told a person, and the robot went on "
+        "(ik_reject at 1,400 ms)",
     ]
     assert lines[3] == "      200 ms  the PLC opens the brakes", "what happens in the golden run, too, is left out"
     assert lines[-5:] == [
@@ -170,12 +171,12 @@ def test_the_summary_has_fault_verdict_course_and_sizes():
         (
             {"verdict": "limited/unintended motion/cue", "response": "limited", "response_cause": "overdrive_clip",
              "response_ms": 1201},
-            "packet and tells nobody (overdrive_clip at 1,201 ms); it evades the checks",
+            "packet, and nobody was told (overdrive_clip at 1,201 ms); it evades the checks",
         ),
         (
             {"verdict": "silent/loss of motion/no cue", "response": "silent", "response_cause": "", "halted_ms": 900,
              "golden_halted_ms": 100, "hazard": "loss of motion"},
-            "beyond the golden run; the robot is not live for 800 ms longer than in the golden run",
+            "beyond what it does in the golden run; the robot is not live for 800 ms longer than in the golden run",
         ),
         ({"failed": "nan", "verdict": ""}, "none: the run has no valid outcome (nan)"),
     ],
