@@ -1,4 +1,4 @@
-"""Which runs of a result folder were worst, by what one asks."""
+"""Which runs of a result table were worst, by what one asks."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ravenjax.outcomes.events import Rules
 from ravenjax.report.data.facts import faulty_sql
 from ravenjax.store import manifest
 from ravenjax.store.access import query
-from ravenjax.store.access.query import RESULTS
+from ravenjax.store.access.query import RESULTS, ResultTable
 
 
 class Ranking(NamedTuple):
@@ -43,6 +43,7 @@ RANKINGS = {
 class WorstRun(NamedTuple):
     """One run and how bad it was."""
 
+    row: int
     run_id: str
     value: float  # in the unit of the ranking
 
@@ -59,8 +60,12 @@ def worst(folder: Path, most: int, by: str = "unintended") -> list[WorstRun]:
     rules: Rules = manifest.read(folder).rules
     value = f"({RANKINGS[by].sql.format(cue=rules.cue)})::DOUBLE"
     with query.open_folder(folder) as table:
-        rows = table.rows(
-            f"SELECT run_id, {value} AS value FROM {RESULTS} WHERE failed = '' AND {faulty_sql(list(table.types()))} "
-            f"AND value > 0 AND NOT isnan(value) ORDER BY value DESC, row LIMIT {most}"
-        )
-    return [WorstRun(str(run_id), float(value)) for run_id, value in rows]
+        faulty = faulty_sql(list(table.types()))
+        cases = f"{RESULTS} WHERE failed = '' AND {faulty} AND {value} > 0 AND NOT isnan({value})"
+        return ranked(table, cases, value, most)
+
+
+def ranked(table: ResultTable, cases: str, value: str, most: int) -> list[WorstRun]:
+    """The `most` worst runs, the worst first. cases: what to select from; value: an expression of its columns."""
+    rows = table.rows(f"SELECT row, run_id, {value} AS value FROM {cases} ORDER BY value DESC, row LIMIT {most}")
+    return [WorstRun(row, str(run_id), float(value)) for row, run_id, value in rows]

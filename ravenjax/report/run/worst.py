@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ravenjax.report import wording
-from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs
-from ravenjax.store.access.query import RESULTS
+from ravenjax.report.run.ranking import ranked
 from ravenjax.store.manifest import Manifest
 from ravenjax.vocabulary.robot import Robot
 
@@ -22,29 +21,25 @@ class WorstKind(NamedTuple):
 
     name: str
     title: str
-    where: str  # of columns of facts (f) and results (r)
-    far: str  # of columns of results (r); {cue}: number of the haptic set of the verdicts
+    where: str  # of columns of facts
+    far: str  # of columns of results; {cue}: number of the haptic set of the verdicts; NULL is no case
     measured: str  # what that is
     unit: str
     decimals: int
 
 
 KINDS = (
-    WorstKind("evaded", "Unintended motion, nobody told", "f.evaded", "r.unintended_mm", "off course", "mm", 1),
-    WorstKind(
-        "told", "Unintended motion, a check told", "f.unintended AND f.told", "r.unintended_mm", "off course", "mm", 1
-    ),
-    WorstKind("loss", "Loss of motion while live", "f.loss AND NOT f.halted", "r.loss_mm", "behind", "mm", 1),
-    WorstKind("halted", "Loss of motion: not live", "f.halted", "r.halted_ms", "not live for", "ms", 0),
-    WorstKind("misreport", "False report", "f.misreport", "r.false_report_mm", "off the true tip", "mm", 1),
-    WorstKind(
-        "phantom", "Cue without a hazard", "f.cued AND f.hazard = 'none'", "r.cue{cue}_ms", "cue lasted", "ms", 0
-    ),
+    WorstKind("evaded", "Unintended motion, nobody told", "evaded", "unintended_mm", "off course", "mm", 1),
+    WorstKind("told", "Unintended motion, a check told", "unintended AND told", "unintended_mm", "off course", "mm", 1),
+    WorstKind("loss", "Loss of motion while live", "loss AND NOT halted", "loss_mm", "behind", "mm", 1),
+    WorstKind("halted", "Loss of motion: not live", "halted", "halted_ms", "not live for", "ms", 0),
+    WorstKind("misreport", "False report", "misreport", "false_report_mm", "off the true tip", "mm", 1),
+    WorstKind("phantom", "Cue without a hazard", "cued AND hazard = 'none'", "cue{cue}_ms", "cue lasted", "ms", 0),
     WorstKind(
         "depth",
         "Deeper in the tissue than the golden run",
-        "r.tissue_depth_mm > r.golden_tissue_depth_mm",
-        "r.tissue_depth_mm",
+        "true",
+        "CASE WHEN tissue_depth_mm > golden_tissue_depth_mm THEN tissue_depth_mm END",
         "tissue depth",
         "mm",
         1,
@@ -60,15 +55,12 @@ def rows(runs: Runs, manifest: Manifest, folder: Path) -> list[dict[str, Any]]:
         if ("{cue}" in kind.far and not manifest.cues) or (kind.name == "depth" and not manifest.robot.tissue):
             continue
         far = kind.far.format(cue=manifest.verdict_cue)
-        source = (
-            f"FROM {RESULTS} AS r JOIN (SELECT * FROM {FACTS} WHERE sample AND faulty) AS f USING (row) "
-            f"WHERE ({kind.where}) AND NOT isnan(({far})::DOUBLE)"
-        )
-        places = runs.table.rows(f"SELECT row, {far} AS far {source} ORDER BY far DESC, row LIMIT {MOST}")
-        (n,) = runs.table.row(f"SELECT count(*) {source}")
-        numbered = runs.numbered([row for row, _ in places])
-        worst = [_row(manifest.robot, row, float(far), folder) for row, (_, far) in zip(numbered, places, strict=True)]
-        kinds.append({**kind._asdict(), "n": n, "rows": worst})
+        cases = f"{runs.those(f'sample AND faulty AND ({kind.where})')} WHERE NOT isnan(({far})::DOUBLE)"
+        (n,) = runs.table.row(f"SELECT count(*) FROM {cases}")
+        worst = ranked(runs.table, cases, far, MOST)
+        numbered = runs.numbered([one.row for one in worst])
+        lines = [_row(manifest.robot, row, one.value, folder) for row, one in zip(numbered, worst, strict=True)]
+        kinds.append({**kind._asdict(), "n": n, "rows": lines})
     return kinds
 
 
