@@ -17,6 +17,7 @@ import numpy as np
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
+from ravenjax.robots.raven2 import ROBOT
 from ravenjax.trainer.page.door import query
 from ravenjax.trainer.page.inbox import Inbox, RefusedMessage
 from ravenjax.trainer.page.sight import Sight
@@ -157,6 +158,7 @@ class Hub:
                 "arms": self._layout.arms,
                 "layout": places,
                 "size": self._layout.size,
+                "run_levels": ROBOT.run_levels,
                 "phases": PHASES,
                 "views": VIEWS,
                 "stale_ms": messages.STALE_MS,

@@ -8,6 +8,8 @@ import pytest
 import waiting
 from fake_session import FakeSession
 
+from ravenjax.robots.raven2 import ROBOT
+
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 pytestmark = [
@@ -124,6 +126,9 @@ def test_keys_drive_both_arms_and_blur_lets_go(browser, session):
             told["pedal"] is True and told["source"] == "keyboard" and told["arms"]["gold"]["move"] == [1.0, 0.0, 0.0]
         )
         until(page, "document.querySelector('#runlevel .on').dataset.level === '3'")
+        lamps = page.evaluate("[...document.querySelectorAll('#runlevel li')].map((lamp) => lamp.textContent)")
+        assert lamps == list(ROBOT.run_levels)
+        assert page.evaluate("document.getElementById('pedal-state').textContent") == "down, driving"
         until(page, "window.ravenjax.latency().count > 0")
         sample = page.evaluate("window.ravenjax.latency().samples[0]")
         assert 0 < sample["mark"] <= sample["mark_drawn"] and 0 < sample["tip"] <= sample["tip_drawn"]

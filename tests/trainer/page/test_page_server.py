@@ -13,6 +13,8 @@ from fake_session import HEADER, FakeSession
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
+from ravenjax.robots.raven2 import ROBOT
+
 PRESSED = {"type": "input", "source": "keyboard", "pedal": True, "arms": {"gold": {"move": [1, 0, 0]}}}
 
 
@@ -117,6 +119,7 @@ def test_strangers_stay_outside(session):
 def test_an_operator_drives_and_letting_go_releases(session):
     with Window(session) as window:
         assert window.welcome["role"] == "operator" and "hazards" not in window.welcome["header"]
+        assert window.welcome["run_levels"] == list(ROBOT.run_levels)
         start = window.frame()
         tip = slice(window.first + window.layout["gold/tip"][0], window.first + window.layout["gold/tip"][0] + 3)
         window.say(PRESSED)

@@ -48,7 +48,7 @@ export class Panels {
     $("banner").querySelector("button").addEventListener("click", () => this.act());
   }
 
-  welcome({ role, header, arms, phases, views }) {
+  welcome({ role, header, arms, run_levels, phases, views }) {
     Object.assign(this, { role, header, arms, phases, views });
     this.root.dataset.role = role;
     $("role").textContent = role === "watcher" ? "view only" : role;
@@ -61,7 +61,12 @@ export class Panels {
     const hidden = Boolean(header.blinded) && role !== "instructor";
     for (const id of ["error-card", "force-card", "layer-ghost", "layer-force"]) $(id).hidden = hidden;
     for (const pad of document.querySelectorAll("#hands .pad")) pad.hidden = !arms.includes(pad.dataset.arm);
-    for (const id of ["alarms", "log", "hazards"]) $(id).replaceChildren();
+    for (const id of ["runlevel", "alarms", "log", "hazards"]) $(id).replaceChildren();
+    for (const [level, name] of run_levels.entries()) {
+      const lamp = element("li", "", name);
+      lamp.dataset.level = level;
+      $("runlevel").append(lamp);
+    }
     $("alarms").append(element("li", "none", "no alarm"));
     this.alarms = new Map();
     for (const hazard of header.hazards ?? []) $("hazards").append(this.hazard(hazard));
@@ -122,7 +127,7 @@ export class Panels {
     $("progress").style.width = `${100 * frame.number("progress")}%`;
     const down = frame.number("pedal") === 1;
     $("pedal").classList.toggle("down", down);
-    set("pedal-state", down ? (level === "3" ? "down, driving" : "down") : "up");
+    set("pedal-state", down ? (frame.number("live") === 1 ? "down, driving" : "down") : "up");
     set("view-name", view === "real" ? "real field" : view === "virtual" ? "virtual field" : "robot follows");
     const buttons = document.querySelectorAll("[data-operator]");
     for (const button of buttons) {
