@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any, ClassVar, Literal
 
 from ravenjax.numbers.vec import cast
+from ravenjax.vocabulary.detectors import DetectorUse
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,16 +54,6 @@ class Injection:
     slots: int = 0  # faults that one run may hold
     sites: tuple[SiteUse, ...] = ()
     triggers: tuple[str, ...] = ()  # names of ravenjax.vocabulary.effects.TRIGGERS
-
-
-@dataclasses.dataclass(frozen=True)
-class DetectorUse:
-    """One detector of a campaign; static."""
-
-    kind: Literal["steps", "derivative_sum", "tip_error", "overdrive"]  # see ravenjax.stages.detectors
-    fusion: Literal["all", "two", "any", "mpos", "mvel", "jpos"] = "all"  # of `steps`
-    consecutive: int = 1  # milliseconds in a row above the threshold that make an alarm
-    thresholds: int = 1  # thresholds evaluated side by side
 
 
 @dataclasses.dataclass(frozen=True)

@@ -26,8 +26,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ravenjax.numbers.quantity import HOUR_MS, Quantity, Reserved
-from ravenjax.numbers.setup import DetectorUse, Setup, per_arm, real
+from ravenjax.numbers.setup import Setup, per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record
+from ravenjax.vocabulary.detectors import DetectorUse
 
 POSITIONING = 3
 TICK_S = 1e-3

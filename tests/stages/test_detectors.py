@@ -7,10 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ravenjax.numbers.setup import REFERENCE, DetectorUse
+from ravenjax.numbers.setup import REFERENCE
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import detectors
+from ravenjax.vocabulary.detectors import DetectorUse
 
 TICKS = 60
 FUSIONS = ("all", "two", "any", "mpos", "mvel", "jpos")

@@ -18,9 +18,9 @@ from ravenjax.campaign.file.axis import Number
 from ravenjax.campaign.file.group import Cross, Fault, Group, Section, flatten_parameters
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.errors import suggestion
-from ravenjax.numbers.setup import DetectorUse
 from ravenjax.outcomes import events
 from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
+from ravenjax.vocabulary.detectors import MEANINGS, DetectorKind, DetectorUse, Fusion
 from ravenjax.vocabulary.robot import Robot
 
 
@@ -131,7 +131,6 @@ class Haptics(Section):
 MOST_THRESHOLDS = 64
 """Of a detector: each costs every run some time and two columns."""
 
-Fusion = Literal["all", "two", "any", "mpos", "mvel", "jpos"]
 _UpTo8 = Annotated[int, Field(ge=1, le=8)]
 
 
@@ -141,11 +140,7 @@ class Detector(Section):
     name: str = Field(
         description="what it is called in tables", pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$", max_length=60
     )
-    kind: Literal["steps", "derivative_sum", "tip_error", "overdrive"] = Field(
-        description="steps: of motor position, motor velocity and joint position over their thresholds, model-based; "
-        "derivative_sum: of link and motor derivatives; tip_error: distance from the nominal model, mm; overdrive: "
-        "command over its clip limit"
-    )
+    kind: DetectorKind = Field(description="; ".join(f"{kind}: {meaning}" for kind, meaning in MEANINGS.items()))
     fusion: Annotated[
         tuple[Fusion, ...], BeforeValidator(_listed, json_schema_input_type=OneOrMore[Fusion]), Field(min_length=1)
     ] = Field(

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ravenjax.faults import fault
-from ravenjax.numbers.setup import DetectorUse, Injection, SiteUse
+from ravenjax.numbers.setup import Injection, SiteUse
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.checks import CHECKS
 from ravenjax.robots.raven2.console import motions
@@ -20,6 +20,7 @@ from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.sites import SITES
 from ravenjax.stages import monitor
 from ravenjax.vocabulary import effects
+from ravenjax.vocabulary.detectors import DetectorUse
 
 EFFECTS = tuple(name for name in effects.EFFECTS if name not in effects.NETWORK_EFFECTS)
 

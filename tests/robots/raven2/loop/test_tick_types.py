@@ -11,12 +11,13 @@ import jax.numpy as jnp
 import pytest
 
 from ravenjax.faults import fault
-from ravenjax.numbers.setup import CAMPAIGN, ORIGINAL, REFERENCE, DetectorUse, Injection, SiteUse, real
+from ravenjax.numbers.setup import CAMPAIGN, ORIGINAL, REFERENCE, Injection, SiteUse, real
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.console import motions
 from ravenjax.robots.raven2.loop import tick
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import monitor
+from ravenjax.vocabulary.detectors import DetectorUse
 
 FAULTS = Injection(
     slots=2,

@@ -1,0 +1,27 @@
+"""Detectors: observers that are scored and change nothing. How a score is made is in `ravenjax.stages.detectors`."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Literal
+
+DetectorKind = Literal["steps", "derivative_sum", "tip_error", "overdrive"]
+Fusion = Literal["all", "two", "any", "mpos", "mvel", "jpos"]
+
+MEANINGS: dict[DetectorKind, str] = {
+    "steps": "of motor position, motor velocity and joint position over their thresholds, model-based",
+    "derivative_sum": "of link and motor derivatives",
+    "tip_error": "distance from the nominal model, mm",
+    "overdrive": "command over its clip limit",
+}
+"""What the score of each kind is."""
+
+
+@dataclasses.dataclass(frozen=True)
+class DetectorUse:
+    """One detector of a campaign; static."""
+
+    kind: DetectorKind
+    fusion: Fusion = "all"  # of `steps`: which of the three must be over
+    consecutive: int = 1  # milliseconds in a row above the threshold that make an alarm
+    thresholds: int = 1  # how many are evaluated side by side
