@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from ravenjax.campaign import loading
 from ravenjax.campaign.executors.carriers import choice
-from ravenjax.campaign.file import loading
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.inspection.replay import replay
 from ravenjax.campaign.progress.counts import OnProgress

@@ -87,7 +87,7 @@ def test_python_uses_names_that_exist(page, snippet):
 @pytest.mark.parametrize(("page", "snippet"), of_language("toml"))
 def test_files_are_valid(page, snippet, tmp_path):
     """By the JSON Schema and by the loader; a recorded operator's file is read when the page is run."""
-    from ravenjax.campaign.file import loading
+    from ravenjax.campaign import loading
     from ravenjax.search.file import loading as search_loading
     from ravenjax.trainer import scenario
 

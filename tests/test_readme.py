@@ -56,8 +56,8 @@ def test_cheap_commands_run(command, capsys):
 
 def test_campaign_snippets_are_campaigns():
     """The first is a whole campaign; the others are sections to add to it, or to put in place of its own."""
+    from ravenjax.campaign import loading
     from ravenjax.campaign.faults import design
-    from ravenjax.campaign.file import loading
 
     first, *more = blocks("toml")
     assert design.count(loading.from_dict(tomllib.loads(first), text=first)) == 4096

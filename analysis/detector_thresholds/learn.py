@@ -12,8 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ravenjax.campaign import plan
-from ravenjax.campaign.file import loading
+from ravenjax.campaign import loading, plan
 from ravenjax.campaign.inspection import replay
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block

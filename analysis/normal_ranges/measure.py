@@ -16,8 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.campaign import plan
-from ravenjax.campaign.file import loading
+from ravenjax.campaign import loading, plan
 from ravenjax.campaign.inspection import replay
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block

@@ -24,10 +24,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ravenjax.campaign import compile_cache, plan, runner
+from ravenjax.campaign import compile_cache, loading, plan, runner
 from ravenjax.campaign.executors import remote
 from ravenjax.campaign.executors.protocol import Work
-from ravenjax.campaign.file import loading
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress.counts import Progress
 from ravenjax.engines import selection

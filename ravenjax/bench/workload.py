@@ -11,8 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ravenjax.campaign import plan
-from ravenjax.campaign.file import loading
+from ravenjax.campaign import loading, plan
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.plan import Plan
 from ravenjax.engines.interface import Block, TickProgram

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design, run_id, table
-from ravenjax.campaign.file import loading
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.prepared import Prepared
 from ravenjax.engines.interface import TickProgram

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 def campaigns(*, as_json: AsJson = False) -> None:
     """List the bundled campaigns, searches and training scenarios."""
     from ravenjax.bundled import resources
+    from ravenjax.campaign import loading
     from ravenjax.campaign.faults import design
-    from ravenjax.campaign.file import loading
     from ravenjax.search.file import loading as searches
     from ravenjax.trainer import scenario
 
@@ -165,7 +165,8 @@ def parameters(
     file
         Campaign file; its software, arms and tools decide what there is. Without one: one arm, software raven2.
     """
-    from ravenjax.campaign.file import bounds, loading
+    from ravenjax.campaign import loading
+    from ravenjax.campaign.file import bounds
     from ravenjax.errors import UserError, suggestion
 
     plain = {"campaign": {"name": "plain"}, "group": [{"name": "plain"}]}

@@ -38,7 +38,7 @@ def check(
     file
         Campaign file, or the name of a bundled one (see `ravenjax campaigns`).
     """
-    from ravenjax.campaign.file import loading
+    from ravenjax.campaign import loading
     from ravenjax.campaign.inspection import preview
     from ravenjax.report import wording
 

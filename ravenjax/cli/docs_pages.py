@@ -92,7 +92,8 @@ def _keys(model: type[BaseModel]) -> Iterator[str]:
 
 
 def _parameters() -> Iterator[str]:
-    from ravenjax.campaign.file import bounds, loading
+    from ravenjax.campaign import loading
+    from ravenjax.campaign.file import bounds
     from ravenjax.cli.catalogue import PARAMETER_COLUMNS, parameter_rows
 
     config = loading.from_dict({"campaign": {"name": "plain"}, "group": [{"name": "plain"}]})

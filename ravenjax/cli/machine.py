@@ -114,7 +114,7 @@ def _model_loads() -> str:
 
 def _campaigns_load() -> str:
     from ravenjax.bundled import resources
-    from ravenjax.campaign.file import loading
+    from ravenjax.campaign import loading
 
     files = resources.bundled("campaigns", "*.toml")
     for path in files:

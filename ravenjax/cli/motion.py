@@ -73,7 +73,7 @@ def show_operator(config: CampaignConfig, to: Console) -> None:
 
 def _config(file: Path, campaign: str | None, arms: list[str] | None, overrides: list[str]) -> tuple[RavenConfig, bool]:
     """The campaign that the recording is for, and whether all of the recording is to be replayed."""
-    from ravenjax.campaign.file import loading
+    from ravenjax.campaign import loading
     from ravenjax.robots.raven2.campaign.config import of_raven
     from ravenjax.store.motion import recording
 

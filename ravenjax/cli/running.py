@@ -51,9 +51,9 @@ def run(
     file
         Campaign file, or the name of a bundled one (see `ravenjax campaigns`).
     """
+    from ravenjax.campaign import loading
     from ravenjax.campaign.executors import shards
     from ravenjax.campaign.executors.carriers import choice
-    from ravenjax.campaign.file import loading
     from ravenjax.cli import terminal
 
     sizes = {"chunk": chunk, "limit": limit}

@@ -15,7 +15,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ravenjax.campaign.executors.carriers.behind import Behind
+from ravenjax.campaign.executors.background import BackgroundQueue
 from ravenjax.errors import StoreError
 from ravenjax.store import files, folder, manifest, parts
 
@@ -60,7 +60,7 @@ class Journal:
         self._next = max((parts.row_range(path)[1] + 1 for path in there), default=0)
         self._waiting: list[pa.Table] = []
         self._written = time.monotonic()
-        self._behind, self._recording = Behind(WRITERS), threading.Lock()
+        self._behind, self._recording = BackgroundQueue(WRITERS), threading.Lock()
 
     def __enter__(self) -> Journal:
         return self

@@ -6,9 +6,8 @@ import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
-from ravenjax.campaign import runner
+from ravenjax.campaign import loading, runner
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.file import loading
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.progress.counts import OnProgress, Status
 from ravenjax.store import manifest

@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import ravenjax as rj
-from ravenjax.campaign import plan
-from ravenjax.campaign.file import loading
+from ravenjax.campaign import loading, plan
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.campaign.program import NOISE_KEY
 

@@ -5,8 +5,7 @@ import pandas as pd
 import pytest
 
 import ravenjax as rj
-from ravenjax.campaign import plan
-from ravenjax.campaign.file import loading
+from ravenjax.campaign import loading, plan
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.campaign.hands import operator_bounds, operator_motion
 from ravenjax.robots.raven2.geometry import limits

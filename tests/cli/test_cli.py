@@ -189,7 +189,7 @@ def test_names_stay_whole_on_a_narrow_terminal(capsys, monkeypatch):
 
 
 def test_a_bug_is_not_hidden(monkeypatch):
-    from ravenjax.campaign.file import loading
+    from ravenjax.campaign import loading
 
     def broken(*_):
         raise ZeroDivisionError
@@ -200,7 +200,7 @@ def test_a_bug_is_not_hidden(monkeypatch):
 
 
 def test_interrupt_says_how_to_go_on(run, monkeypatch):
-    from ravenjax.campaign.file import loading
+    from ravenjax.campaign import loading
 
     def interrupted(*_):
         raise KeyboardInterrupt

@@ -6,8 +6,7 @@ import numpy as np
 from compiled_program import HARD_FLOATS, HARD_INTEGERS, pairs, same_bits
 
 from ravenjax.bundled import resources
-from ravenjax.campaign import plan
-from ravenjax.campaign.file import loading
+from ravenjax.campaign import loading, plan
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.engines.gpu.code import words
 from ravenjax.engines.gpu.cuda import PRELUDE, CudaPrinter

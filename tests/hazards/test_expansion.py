@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
+from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.file import loading
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.errors import UserError
 from ravenjax.hazards import expansion, library, naming

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ravenjax.campaign import plan
-from ravenjax.campaign.file import bounds, loading
+from ravenjax.campaign import loading, plan
+from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.axis import fixed
 from ravenjax.numbers import paths
 from ravenjax.numbers.quantity import Quantity, Reserved, quantities, reserved

@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from ravenjax.campaign import loading as campaigns
 from ravenjax.campaign import plan, runner
 from ravenjax.campaign.faults import sampling
-from ravenjax.campaign.file import loading as campaigns
 from ravenjax.engines import traced
 from ravenjax.errors import UserError
 from ravenjax.search.evaluator import Evaluator

@@ -13,7 +13,7 @@ from typing import Any
 
 from ravenjax.campaign import assembly
 from ravenjax.campaign.computation import Computation
-from ravenjax.campaign.executors.carriers.behind import Behind
+from ravenjax.campaign.executors.background import BackgroundQueue
 from ravenjax.campaign.executors.chunk import finished
 from ravenjax.campaign.executors.protocol import Work
 
@@ -31,7 +31,7 @@ class Local:
         computation = Computation(work.ready, work.engine, work.progress)
         computation.compile()
         writers = min(WRITERS, len(os.sched_getaffinity(0)))
-        with Behind(writers) as behind, contextlib.closing(computation.blocks(chunks)) as blocks:
+        with BackgroundQueue(writers) as queue, contextlib.closing(computation.blocks(chunks)) as blocks:
             for part in assembly.parts(chunks, blocks):
-                behind.call(lambda part: work.deliver(finished(work.ready, part, work.pack)), part)
-            behind.finish()
+                queue.call(lambda part: work.deliver(finished(work.ready, part, work.pack)), part)
+            queue.finish()

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from ravenjax.campaign import plan
+from ravenjax.campaign import copies, loading, plan
 from ravenjax.campaign.faults import design, run_id
-from ravenjax.campaign.file import copies, loading, location, semantics
+from ravenjax.campaign.file import location, semantics
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Group
 from ravenjax.campaign.inspection.estimate import BASIS, CostEstimate, CostFactors, Machine, estimate

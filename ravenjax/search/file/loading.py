@@ -1,6 +1,6 @@
 """Reads a search file: a campaign file of one group, its template, with a section [search].
 
-The campaign's part goes through `ravenjax.campaign.file.loading`; all that is wrong with either part is told at once.
+The campaign's part goes through `ravenjax.campaign.loading`; all that is wrong with either part is told at once.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from ravenjax.bundled import resources
-from ravenjax.campaign.file import loading, location, overriding
+from ravenjax.campaign import loading
+from ravenjax.campaign.file import location, overriding
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.search.file import template

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ValidationError
 
 from ravenjax.bundled import resources
 from ravenjax.campaign.file import location, overriding
-from ravenjax.campaign.file.loading import SUFFIX
+from ravenjax.campaign.loading import SUFFIX
 from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.trainer.scenario.campaign import complaints
 from ravenjax.trainer.scenario.config import TASKS, Scenario

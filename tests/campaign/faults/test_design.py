@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.file import loading
 from ravenjax.errors import UserError
 
 BASE = {"campaign": {"name": "x"}, "operator": {"motion": "still"}}

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
+from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.file import loading
 from ravenjax.campaign.stop import strata
 from ravenjax.errors import UserError
 from ravenjax.hazards import library
@@ -126,7 +126,7 @@ def campaigns(draw):
 
 
 class NothingToSay:
-    """In place of `ravenjax.campaign.file.copies`."""
+    """In place of `ravenjax.campaign.copies`."""
 
     @staticmethod
     def complaints(config):

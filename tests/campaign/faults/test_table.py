@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from ravenjax import robots
+from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design, table
-from ravenjax.campaign.file import loading
 from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.effects import EFFECT_CODES, TRIGGER_CODES
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import ravenjax as rj
-from ravenjax.campaign import plan
-from ravenjax.campaign.file import bounds, loading
+from ravenjax.campaign import loading, plan
+from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.axis import Axis, fixed
 from ravenjax.campaign.file.group import flatten_parameters
 from ravenjax.errors import UserError

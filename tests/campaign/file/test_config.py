@@ -5,8 +5,9 @@ import tomllib
 import pytest
 
 from ravenjax.bundled import resources
+from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.file import loading, location
+from ravenjax.campaign.file import location
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.errors import UserError
 

@@ -7,10 +7,9 @@ import json
 import pytest
 import tiny_campaign as tiny
 
-from ravenjax.campaign import plan, runner
+from ravenjax.campaign import loading, plan, runner
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.file import loading
 from ravenjax.campaign.inspection import preview
 from ravenjax.cli import console, main
 from ravenjax.errors import UserError

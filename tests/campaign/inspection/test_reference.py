@@ -8,8 +8,8 @@ from ravenjax import robots
 from ravenjax.bundled import resources
 from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.file.loading import header, tables_of
 from ravenjax.campaign.inspection import reference
+from ravenjax.campaign.loading import header, tables_of
 from ravenjax.hazards.expansion import KEYS
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.sites import SITES

@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 import synthetic_results as synthetic
 
+from ravenjax.campaign import loading
 from ravenjax.campaign.executors.shards import Shard
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.file import loading
 from ravenjax.campaign.stop import adaptive, decisions, strata
 from ravenjax.campaign.stop.marks import Marks
 from ravenjax.errors import StoreError, UserError

@@ -8,8 +8,8 @@ import pyarrow as pa
 import pytest
 import synthetic_results as synthetic
 
+from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.file import loading
 from ravenjax.campaign.stop import decisions, strata
 from ravenjax.errors import StoreError, UserError
 from ravenjax.outcomes import events

@@ -10,9 +10,8 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from ravenjax.campaign import runner
+from ravenjax.campaign import loading, runner
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.file import loading
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.console import motions

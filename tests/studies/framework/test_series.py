@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ravenjax.campaign import runner
-from ravenjax.campaign.file import loading
+from ravenjax.campaign import loading, runner
 from ravenjax.campaign.inspection import replay
 from ravenjax.studies.framework.series import SIGNALS, Recorder, rises
 

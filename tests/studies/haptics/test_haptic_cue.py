@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import synthetic_results
 
+from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.file import loading
 from ravenjax.outcomes.events import Rules
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import haptics

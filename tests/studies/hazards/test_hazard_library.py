@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 import result_rows
 
-from ravenjax.campaign.file import loading
+from ravenjax.campaign import loading
 from ravenjax.hazards import expansion, library, maude, naming
 from ravenjax.studies import running
 from ravenjax.studies.framework.study import Findings, Table

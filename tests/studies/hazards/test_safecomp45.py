@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 import result_rows
 
-from ravenjax.campaign.file import loading
+from ravenjax.campaign import loading
 from ravenjax.hazards import library, naming
 from ravenjax.studies import running
 from ravenjax.studies.framework import literature

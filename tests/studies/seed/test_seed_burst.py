@@ -9,8 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from ravenjax.campaign import plan
-from ravenjax.campaign.file import loading
+from ravenjax.campaign import loading, plan
 from ravenjax.numbers import paths
 from ravenjax.studies import catalogue, running
 from ravenjax.studies.framework import drawing

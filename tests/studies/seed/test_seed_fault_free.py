@@ -8,8 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from ravenjax.campaign import plan
-from ravenjax.campaign.file import loading
+from ravenjax.campaign import loading, plan
 from ravenjax.numbers import paths
 from ravenjax.robots.raven2.campaign.program import NOISE_KEY
 from ravenjax.studies import catalogue, running

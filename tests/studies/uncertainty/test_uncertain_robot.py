@@ -12,8 +12,8 @@ import pandas as pd
 import pytest
 import synthetic_results
 
+from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.file import loading
 from ravenjax.report.data import facts as run_facts
 from ravenjax.stats.intervals import Rate
 from ravenjax.studies import running

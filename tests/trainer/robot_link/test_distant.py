@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ravenjax.campaign.file import loading
+from ravenjax.campaign import loading
 from ravenjax.robots.raven2.console.packet import decode
 from ravenjax.trainer.judge.trips import Trips
 from ravenjax.trainer.protocol.frame import FrameLayout

@@ -7,8 +7,8 @@ import pytest
 from made_frames import made
 
 from ravenjax.bundled import resources
+from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.file import loading
 from ravenjax.errors import UserError
 from ravenjax.hazards import expansion, library
 from ravenjax.outcomes.events import Rules

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_frames import made as made_scenario
 
-from ravenjax.campaign.file import loading
+from ravenjax.campaign import loading
 from ravenjax.campaign.inspection import replay
 from ravenjax.errors import UserError
 from ravenjax.outcomes.verdict import LIMIT_MM

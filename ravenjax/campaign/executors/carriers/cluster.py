@@ -18,8 +18,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from ravenjax.campaign.executors import remote
+from ravenjax.campaign.executors.background import BackgroundQueue
 from ravenjax.campaign.executors.carriers.attempts import Attempts, Handed
-from ravenjax.campaign.executors.carriers.behind import Behind
 from ravenjax.campaign.executors.protocol import Work
 from ravenjax.campaign.progress.counts import Progress
 from ravenjax.errors import UserError
@@ -90,7 +90,7 @@ class Ray:
             progress.ticks(len(finished.rows) * work.ready.program.ticks)
             attempts.delivered()
 
-        with Behind(WRITERS) as behind:
+        with BackgroundQueue(WRITERS) as queue:
             try:
                 while _fill(attempts, under_way, 2 * seats, start):
                     done, _ = ray.wait(list(under_way), num_returns=1, timeout=1.0)
@@ -105,10 +105,10 @@ class Ray:
                             attempts.failed(chunk.rows, _cause(error))
                         else:
                             progress.began(compile_s)
-                            behind.call(deliver, finished)
+                            queue.call(deliver, finished)
                     if not done and attempts.stopped:
                         break
-                behind.finish()
+                queue.finish()
             except BaseException as error:
                 attempts.stop(error)
                 for task in under_way:

@@ -14,8 +14,9 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationError
 
 from ravenjax.bundled import resources
+from ravenjax.campaign import copies
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.file import bounds, copies, location, overriding, semantics
+from ravenjax.campaign.file import bounds, location, overriding, semantics
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig, config_class_of, robot_of
 from ravenjax.errors import UserError, shown, suggestion

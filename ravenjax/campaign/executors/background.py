@@ -1,4 +1,4 @@
-"""Work that is done behind the back of who computes: a few threads, a short queue, errors that do not get lost."""
+"""Bounded background queue that re-raises what a worker raised: a few threads, few calls waiting."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 
-class Behind:
+class BackgroundQueue:
     """Calls made in other threads; a context manager, which waits for those that are under way."""
 
     def __init__(self, threads: int) -> None:
@@ -16,7 +16,7 @@ class Behind:
         self._most = 2 * threads
         self._under_way: deque[Future[Any]] = deque()
 
-    def __enter__(self) -> Behind:
+    def __enter__(self) -> BackgroundQueue:
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
+from ravenjax.campaign import copies, loading
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.file import copies, loading
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2 import ROBOT
 
