@@ -32,8 +32,6 @@ GENERATED = DOCS / "reference"
 PAGES = sorted(path for path in DOCS.rglob("*.md") if GENERATED not in path.parents)
 TEXTS = {str(path.relative_to(DOCS)): path.read_text(encoding="utf-8") for path in PAGES}
 RUN = [name for name, text in TEXTS.items() if snippets.blocks(text, "bash") or snippets.blocks(text, "python")]
-CHEAP = ("how-to/editor.md",)
-"""Pages whose examples take seconds, not minutes."""
 SETUP = re.compile(r"^(python3 -m venv|source|pip) .*$", re.M)
 SESSION = " --port 0 --linger 0 --set duration_s=12"
 
@@ -57,7 +55,7 @@ def commands(program):
 
 
 def test_there_is_something_to_look_at():
-    assert len(RUN) >= 9 and set(CHEAP) < set(RUN)
+    assert len(RUN) >= 9
     assert {one.language for text in TEXTS.values() for one in snippets.snippets(text)} <= {
         "bash", "python", "text", "toml"
     }  # fmt: skip
@@ -140,9 +138,8 @@ def run_page(name, folder):
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
-@pytest.mark.parametrize(
-    "page", [name if name in CHEAP else pytest.param(name, marks=pytest.mark.slow) for name in RUN]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("page", RUN)
 def test_examples_run(page, tmp_path):
     run_page(page, tmp_path)
 

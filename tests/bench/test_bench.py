@@ -89,6 +89,7 @@ def test_the_last_block_is_filled_with_its_last_run(work):
     assert len(np.unique(slot.value[:3])) == 3
 
 
+@pytest.mark.slow
 def test_an_engine_computes_every_tick_of_every_run(work):
     """Counted by the engine's own progress, the untimed first time included."""
     done = []
@@ -122,6 +123,7 @@ def test_time_is_that_of_the_work():
     assert timing.repeats == 1 and timing.best_s <= timing.median_s
 
 
+@pytest.mark.slow
 def test_operations_by_stage_add_up(work):
     found = operations.count(work)
     assert found.per_lane == sum(found.lane.values()) > 1000

@@ -79,6 +79,7 @@ def test_a_recorded_motion_begins_where_it_was_recorded():
         loading.from_dict(raw)
 
 
+@pytest.mark.slow
 def test_a_group_that_leaves_a_vector_alone_keeps_the_robots_own():
     """Beside a group that sets all joints of a vector to one number."""
     raw = {

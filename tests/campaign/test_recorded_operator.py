@@ -68,6 +68,7 @@ def test_nothing_is_changed_unless_it_is_asked_for():
     assert (options.spikes, options.at_end) == ("refuse", "refuse")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [0.1, 0.5])
 def test_the_robot_is_sent_where_the_tip_was_recorded(hands, scale):
     """Through packets of whole micrometres, increments and accumulator, at any scale."""
@@ -104,6 +105,7 @@ def test_a_scale_that_is_varied_is_said_and_checked(hands):
         plan.make(far)
 
 
+@pytest.mark.slow
 def test_the_manifest_keeps_what_became_of_it(hands, tmp_path):
     raw = tables(hands, cutoff_hz=5.0)
     rj.run(rj.load_campaign(raw), tmp_path / "out", engine="simd")

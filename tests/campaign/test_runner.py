@@ -145,6 +145,7 @@ def test_a_block_is_as_large_as_its_rows_ask_for(blocks):
     assert sum(lanes for lanes, golden_runs in blocks if not golden_runs) < 27 + 3 * width
 
 
+@pytest.mark.slow
 def test_nothing_piles_up_behind_a_slow_disk(blocks, monkeypatch, tmp_path):
     """While the first parts cannot be written, no more blocks are computed than may be under way."""
     monkeypatch.setattr(simd, "MAX_LANES", 16)
@@ -169,6 +170,7 @@ def test_nothing_piles_up_behind_a_slow_disk(blocks, monkeypatch, tmp_path):
     assert len(table) == 640
 
 
+@pytest.mark.slow
 def test_simd_prints_each_form_of_its_kernel_once(monkeypatch):
     printed = []
     traced.forget()
@@ -246,6 +248,7 @@ def test_a_replay_is_the_run(whole, replayer, index):
     assert int(series["fault0_active"].sum()) >= row["active_ticks"]
 
 
+@pytest.mark.slow
 def test_a_replay_responds_as_the_run_did_where_the_golden_run_trips_too():
     strict = config(level="beginner", duration_s=1.2, limit=9)
     strict = rj.load_campaign(
@@ -257,6 +260,7 @@ def test_a_replay_responds_as_the_run_did_where_the_golden_run_trips_too():
     assert replay.replay(strict, quiet["run_id"]).row["response"] == "silent"
 
 
+@pytest.mark.slow
 def test_a_campaign_without_any_fault_runs():
     table = rj.run(rj.load_campaign({**CAMPAIGN, "group": [{"name": "free"}]}))
     assert table["verdict"].tolist() == ["silent/none/no cue"]

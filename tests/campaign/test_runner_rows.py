@@ -46,6 +46,7 @@ def limited(limit):
     return config.model_copy(update={"campaign": config.campaign.model_copy(update={"limit": limit})})
 
 
+@pytest.mark.slow
 def test_a_limited_run_goes_on_to_more_and_to_all(whole, tmp_path):
     """A limit says how far to compute, not which campaign it is."""
     table = runner.run_campaign(limited(64), tmp_path, "simd").frame()

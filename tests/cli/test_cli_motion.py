@@ -36,6 +36,7 @@ def hands(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_a_table_and_a_picture(run, hands, tmp_path):
     code, out, err = run("motion", hands, "--out", tmp_path / "pictures", "--set", "operator.cutoff_hz=3")
     assert code == 0, err
@@ -58,6 +59,7 @@ def test_a_table_and_a_picture(run, hands, tmp_path):
     assert svg.read_bytes() == first
 
 
+@pytest.mark.slow
 def test_for_a_campaign_with_its_duration_and_limits(run, hands, tmp_path):
     code, out, _ = run("motion", hands, "--campaign", "quick", "--out", tmp_path)
     assert code == 0 and "0.000 to 2.250 s of the recording" in out and "3.000 s in all" in out
@@ -93,6 +95,7 @@ def test_arms_are_those_of_the_file(run, hands, tmp_path):
     assert code == USER_ERROR and "no column green_x_m" in err
 
 
+@pytest.mark.slow
 def test_a_run_says_what_it_does_with_the_hands(run, hands, tmp_path):
     path = tmp_path / "small.toml"
     path.write_text(

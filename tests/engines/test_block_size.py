@@ -40,6 +40,7 @@ def engine(request, monkeypatch, tmp_path):
     return SimdEngine() if request.param == "simd" else ScanEngine("xla")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES, indirect=True)
 def test_small_blocks_give_the_bits_of_a_large_one(engine, ready):
     """Runs of three golden runs: at once with a series a lane, and a few at a time with a series a golden run."""

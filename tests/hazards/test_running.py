@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
 import ravenjax as rj
 from ravenjax.hazards import expansion
 
@@ -18,6 +20,7 @@ def single(group: dict[str, Any]) -> dict[str, Any]:
     return {**group, "fault": faults, **({"runs": 1} if "runs" in group else {"design": "grid"})}
 
 
+@pytest.mark.slow
 def test_one_run_of_each_case_executes_and_is_activated() -> None:
     groups = [single(group) for group in expansion.expand({"name": "library", "hazards": "all"})]
     for group in groups:

@@ -276,6 +276,7 @@ def copied(finished, tmp_path):
     return path, tmp_path / "out"
 
 
+@pytest.mark.slow
 def test_a_truncated_part(copied, refused, run):
     path, out = copied
     parts = sorted((out / "parts").iterdir())
@@ -297,6 +298,7 @@ def test_a_truncated_part(copied, refused, run):
     assert (out / "set-aside" / parts[1].name).read_bytes() == before[parts[1]], "and what was there is kept"
 
 
+@pytest.mark.slow
 def test_a_damaged_manifest(copied, refused):
     path, out = copied
     (out / "manifest.json").write_text((out / "manifest.json").read_text()[:300])

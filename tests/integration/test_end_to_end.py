@@ -89,6 +89,7 @@ def traced(out):
     return row, {kind: out / "traces" / f"{row['run_id']}.{kind}" for kind in ("mcap", "csv", "svg")}
 
 
+@pytest.mark.slow
 def test_a_trace_is_a_log_of_every_millisecond(traced):
     row, files = traced
     log = ros2_log.read(files["mcap"])
@@ -245,6 +246,7 @@ def test_a_verification_as_json(out, capsys, tmp_path):
     assert not told["fine"] and any(part.name in " ".join(check["problems"]) for check in told["checks"])
 
 
+@pytest.mark.slow
 def test_two_results_are_compared(out, capsys, tmp_path):
     other = tmp_path / "other"
     tokens = ("run", out.parent / "tiny.toml", "--out", other, "--engine", "simd", "--no-report")

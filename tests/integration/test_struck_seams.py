@@ -69,11 +69,13 @@ def one(table, group):
     return table[table["group"] == group].iloc[0]
 
 
+@pytest.mark.slow
 def test_every_fault_changes_a_bit(table):
     assert (table["failed"] == "").all()
     assert table["activated"][table["group"] != "free"].all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("group", ["jvel", "pos", "ori"])
 def test_what_nothing_reads_in_pedal_down_moves_nothing(table, series, group):
     assert one(table, group)["response"] == "silent"
@@ -126,6 +128,7 @@ def test_a_jittery_channel_delivers_in_order_and_late(series):
     assert (sent - series("late")["last_seq"])[600:].min() >= 10
 
 
+@pytest.mark.slow
 def test_runs_of_the_channel_do_not_depend_on_the_batch(table):
     row = one(table, "loss")
     alone = {**CAMPAIGN, "group": [{"name": "loss", "fault": [{**LOST, "start_ms": 1}]}]}

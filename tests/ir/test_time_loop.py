@@ -83,6 +83,7 @@ def test_inputs_of_its_own_make_a_lane_compute_more():
     assert apart.shared_state == (0,)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [1, 4, 16])
 @pytest.mark.parametrize("grouped", [True, False])
 def test_vector_code_runs_the_loop(width, grouped):

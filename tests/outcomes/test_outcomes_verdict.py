@@ -54,6 +54,7 @@ def told(row):
     return strongest, cause, ms, min((ms for strength, ms, _ in events if strength > 1), default=-1)
 
 
+@pytest.mark.slow
 @settings(max_examples=200)
 @given(runs)
 def test_a_response_is_the_strongest_that_the_golden_run_has_not(rows):

@@ -233,6 +233,7 @@ def test_every_table_comes_as_csv(opened):
     assert waiting.value.path().read_text(encoding="utf-8").startswith("number,cue_threshold_mm,")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["curves", "roc"])
 def test_a_figure_comes_as_svg(opened, name):
     with opened.expect_download() as waiting:
@@ -246,6 +247,7 @@ def test_a_figure_comes_as_svg(opened, name):
     assert "var(" not in text and "class=" not in text  # needs no style sheet
 
 
+@pytest.mark.slow
 def test_a_path_is_played(opened):
     player = opened.locator("[data-path=path-0]")
     place = (

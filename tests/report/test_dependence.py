@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import naive_facts
 import numpy as np
+import pytest
 import synthetic_results as synthetic
 
 from ravenjax.report.data.runs import Runs
@@ -27,6 +28,7 @@ def decided():
     return synthetic.judged(FRAME.assign(unintended_first_ms=np.where(low, 900, -1)))
 
 
+@pytest.mark.slow
 def test_the_parameter_that_decides_is_found_and_the_others_are_not():
     frame = decided()
     found = {one.name: one for one in dependence.conclusions(runs_of(frame))}
@@ -41,6 +43,7 @@ def test_the_parameter_that_decides_is_found_and_the_others_are_not():
     assert motion.dependences[0].name == "plant.friction_scale"
 
 
+@pytest.mark.slow
 def test_every_rate_against_a_plain_count():
     found = {one.name: one.rate for one in dependence.conclusions(runs_of(FRAME))}
     valid = FRAME[(FRAME["fault0_site"] != "") & (FRAME["failed"] == "")]
@@ -65,6 +68,7 @@ def test_only_what_varies_of_the_robot_is_asked():
     assert dependence.conclusions(runs_of(FRAME.drop(columns=names))) == []
 
 
+@pytest.mark.slow
 def test_rows_for_a_table_have_levels_side_by_side():
     frame = decided()
     rows = dependence.flat(dependence.conclusions(runs_of(frame)))

@@ -59,6 +59,7 @@ def mixed(frame, seed, cue=0):
 RULES = [(0, "jump_code", 0), (2, "jump_text", 1), (6, "jump_tip", 3)]
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(st.integers(1, 60), st.integers(0, 10**6), st.booleans(), st.sampled_from(RULES))
 def test_any_table_gives_the_same_facts(rows, seed, reacts, rules):

@@ -93,12 +93,14 @@ def test_provenance(built):
         assert value in text
 
 
+@pytest.mark.slow
 def test_unfinished_campaign_says_so(tmp_path):
     results = ResultFolder.open(tmp_path, MANIFEST)
     results.add(FRAME.iloc[:100])
     assert "Unfinished: 100 of 2,000 runs" in words(Page(page.build(tmp_path).read_text(encoding="utf-8")))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("even", [True, False])
 def test_a_campaign_that_stopped_by_itself_says_why_and_what_its_pooled_rates_are(tmp_path, even):
     results = ResultFolder.open(tmp_path, MANIFEST)
@@ -135,6 +137,7 @@ def edge(name):
     return synthetic.judged(frame)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "told"),
     [
@@ -155,6 +158,7 @@ def test_edge_cases_have_a_page(name, told):
     assert not any("nan" in style for style in parsed.styles)
 
 
+@pytest.mark.slow
 def test_names_are_escaped():
     frame = synthetic.frame(60)
     frame["group"] = "<script>alert(1)</script>"
@@ -162,6 +166,7 @@ def test_names_are_escaped():
     assert "<script>alert" not in html and "a &amp; &lt;b&gt;" in html
 
 
+@pytest.mark.slow
 def test_verdicts_may_use_another_cue():
     other = synthetic.manifest(RUNS, verdict_cue=6, limit_mm=4.5)
     text = words(Page(rendered(synthetic.judged(FRAME, 6), other)))
@@ -321,6 +326,7 @@ def test_every_chart_can_be_read_without_seeing_it(built):
         assert re.search('aria-describedby="([^"]*)"', one)[1] in parsed.ids
 
 
+@pytest.mark.slow
 def test_hazards_have_their_titles():
     frame = FRAME.assign(group=FRAME["group"].where(FRAME["group"] != "encoder", "library/B24"))
     text = rendered(frame, MANIFEST)
@@ -447,6 +453,7 @@ def test_reactions_without_any_fault_still_show_their_interruptions():
     assert "Interruptions of fault-free motion" in text and "nothing to compare" in text
 
 
+@pytest.mark.slow
 def test_everybody_reacts_so_there_are_no_pairs():
     frame = reacting.frame(120)
     frame = frame[frame["param:reaction.action"] == 1].reset_index(drop=True)
@@ -471,6 +478,7 @@ def test_the_first_page_answers_three_questions(built):
     assert known and int(known[1].replace(",", "")) == (FAULTY["unintended_first_ms"] >= 0).sum()
 
 
+@pytest.mark.slow
 def test_hazards_of_the_library_have_a_risk_table():
     frame = FRAME.assign(group=FRAME["group"].where(FRAME["group"] != "encoder", "library/B24"))
     parsed = Page(rendered(frame, MANIFEST))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 import reacting_results as reacting
 import synthetic_results as synthetic
 
@@ -17,6 +18,7 @@ def folder_of(path, frame, manifest):
     return path
 
 
+@pytest.mark.slow
 def test_main_figures_as_svg_and_pdf_alike_each_time(tmp_path):
     frame = reacting.frame(150)
     folder = folder_of(tmp_path / "results", frame, reacting.manifest(len(frame)))

@@ -132,6 +132,7 @@ def words(html):
     return re.sub(r"<[^>]*>|\s+", " ", html[html.index("<body>") :]).replace("  ", " ")
 
 
+@pytest.mark.slow
 def test_a_report_needs_no_more_memory_than_it_is_given(tmp_path, monkeypatch):
     folder = ResultFolder.open(tmp_path, MANIFEST)
     folder.add(FRAME)

@@ -69,6 +69,7 @@ def different(one: pd.DataFrame, other: pd.DataFrame) -> list[str]:
     return [name for name in one if not one[name].astype(object).equals(other[name].astype(object))]
 
 
+@pytest.mark.slow
 def test_rows_are_those_of_a_campaign_of_listed_runs(template, points, evaluated):
     """A file that lists each run by itself gives the same ids and, to the bit, the same outcomes: effect "random",
     noise and golden runs of varied parameters included."""
@@ -91,6 +92,7 @@ def test_rows_are_those_of_a_campaign_of_listed_runs(template, points, evaluated
     assert rows["index"].tolist() == rows["pair"].tolist() == list(range(len(rows)))
 
 
+@pytest.mark.slow
 def test_a_point_that_comes_again_is_not_run_again(points, evaluated):
     evaluator, found = evaluated
     case, values = points
@@ -102,6 +104,7 @@ def test_a_point_that_comes_again_is_not_run_again(points, evaluated):
     assert (evaluator.runs, evaluator.batches) == before
 
 
+@pytest.mark.slow
 def test_the_tick_is_traced_once(template, monkeypatch):
     calls = []
     original = traced.trace

@@ -69,6 +69,7 @@ def kept(tmp_path, monkeypatch):
     return tmp_path, found, made.rows()
 
 
+@pytest.mark.slow
 def test_the_next_start_computes_nothing_again_and_has_the_same_table(kept):
     out, found, rows = kept
     with searching(out) as again:
@@ -78,6 +79,7 @@ def test_the_next_start_computes_nothing_again_and_has_the_same_table(kept):
     assert content(again.rows()) == content(rows)
 
 
+@pytest.mark.slow
 def test_small_batches_share_a_part_which_an_error_does_not_lose(tmp_path, monkeypatch):
     monkeypatch.setattr(journal, "EVERY_S", 3600.0)
     with pytest.raises(KeyboardInterrupt), searching(tmp_path) as made:

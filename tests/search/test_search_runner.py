@@ -81,6 +81,7 @@ def test_a_longer_fault_needs_less(bounded):
     assert all(size["shoulder", 32, sign] < size["shoulder", 8, sign] for sign in "+-")
 
 
+@pytest.mark.slow
 def test_what_never_harms_is_censored(tmp_path):
     config = search({"value": {"uniform": [0, 40]}, "duration_ms": 1}, kind="boundary", harm="jump_text", scan=3)
     found = runner.run(config, tmp_path).findings.numbers["cells"]
@@ -130,6 +131,7 @@ def test_two_searches_in_one_folder_are_one_too_many(bounded):
         runner.run(search(**BOUNDARY), bounded[0])
 
 
+@pytest.mark.slow
 def test_a_searched_parameter_has_the_golden_run_of_its_own_value(tmp_path):
     """Of a fault-free change of the robot nothing is harm that its golden run shares."""
     fault = {"value": 0, "duration_ms": 1}
@@ -139,6 +141,7 @@ def test_a_searched_parameter_has_the_golden_run_of_its_own_value(tmp_path):
     assert cell["state"] == "never"
 
 
+@pytest.mark.slow
 def test_sobol_finds_what_decides(tmp_path):
     fault = {"value": {"uniform": [1000, 20000]}, "duration_ms": {"uniform": [1, 30]}}
     outcomes = ["peak_golden_deviation_mm", "peak_golden_deviation_mm >= 1", "response = stopped"]
@@ -155,6 +158,7 @@ def test_sobol_finds_what_decides(tmp_path):
     assert "what decides most" in text
 
 
+@pytest.mark.slow
 def test_an_outcome_that_never_varies_has_no_indices(tmp_path):
     fault = {"value": {"uniform": [1, 5]}, "duration_ms": {"uniform": [1, 3]}}
     config = search(fault, kind="sobol", n=8, outcomes=["jump_text", "peak_golden_deviation_mm"])
@@ -163,6 +167,7 @@ def test_an_outcome_that_never_varies_has_no_indices(tmp_path):
     assert record["result"]["results"][0]["indices"] is None and "it never varies" in text
 
 
+@pytest.mark.slow
 def test_morris_ranks_each_case(tmp_path):
     fault = {
         "channel": ["shoulder", "insertion"],
@@ -180,6 +185,7 @@ def test_morris_ranks_each_case(tmp_path):
         assert min(value, duration) > 10 * mass
 
 
+@pytest.mark.slow
 def test_a_rare_event_agrees_with_plain_monte_carlo(tmp_path):
     fault = {"value": {"normal": [0, 4000]}, "duration_ms": {"uniform": [1, 20]}}
     config = search(fault, kind="rare", event="peak_golden_deviation_mm >= 1", runs=300, check=1500)

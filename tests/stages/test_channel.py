@@ -70,6 +70,7 @@ def test_lengths_of_bursts_have_the_published_tail(run):
         assert abs((lengths >= k).mean() - expected) < 4.0 * np.sqrt(expected / len(lengths)) + 0.005
 
 
+@pytest.mark.slow
 def test_packets_are_lost_as_often_as_in_the_emulator(run):
     rng = np.random.default_rng(2)
     shares = np.array([emulated(rng, 2000)[1].mean() for _ in range(60)])

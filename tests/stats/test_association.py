@@ -36,6 +36,7 @@ def test_finds_what_matters_whatever_its_shape():
     assert all(one.p <= one.adjusted <= 5 * one.p for one in found.values())
 
 
+@pytest.mark.slow
 def test_effect_is_the_rate_in_the_outer_thirds():
     hit, inputs = drawn()
     (rising,) = dependences(hit, inputs[["rising"]])
@@ -54,6 +55,7 @@ def test_effect_is_the_rate_in_the_outer_thirds():
     assert tool.levels[-1].name == "hook" and tool.difference.value > 0.1
 
 
+@pytest.mark.slow
 def test_false_finds_are_as_rare_as_promised(monkeypatch):
     monkeypatch.setattr("gc.collect", lambda: 0)  # statsmodels calls it each time, 50 ms
     random = np.random.default_rng(5)

@@ -47,6 +47,7 @@ def test_correlation_of_what_is_alike_and_of_what_is_not():
     assert math.isnan(clustered.correlation(singles([1.0, 2.0])).icc)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("clusters", "rows", "rates", "icc"), [(8, 4, (0.8, 0.4), 0.3), (20, 3, (0.95, 0.7), 0.2)])
 def test_the_risk_difference_covers_where_the_usual_one_does_not(clusters, rows, rates, icc):
     random = np.random.default_rng(7)
@@ -63,6 +64,7 @@ def test_the_risk_difference_covers_where_the_usual_one_does_not(clusters, rows,
     assert 0.925 < held / runs < 0.99 and usual < held
 
 
+@pytest.mark.slow
 def test_permutation_rejects_no_more_than_promised_under_the_null_and_finds_what_is_there():
     random = np.random.default_rng(5)
     p = []

@@ -44,6 +44,7 @@ def test_coverage_of_plain_monte_carlo():
     assert inside > 0.95 - 3.5 * np.sqrt(0.95 * 0.05 / 500)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [plane, corners])
 @pytest.mark.parametrize("probability", [1e-2, 1e-3, 1e-4])
 def test_subset_against_the_known_probability(limit, probability):

@@ -71,6 +71,7 @@ def test_bands_start_from_scikit_learns_values():
         assert y == whole.precision[np.flatnonzero(whole.recall >= x - 1e-12)[-1]]
 
 
+@pytest.mark.slow
 def test_coverage_of_the_auc_band():
     bands = [roc_band(*normals(150, seed), np.arange(150), resamples=150, seed=seed) for seed in range(100)]
     inside = np.mean([band.area.low <= AUC <= band.area.high for band in bands])

@@ -32,6 +32,7 @@ def course(one, cases):
         taken = one.following(looks[-1], k, taken)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("allocation", ["proportional", "neyman"])
 def test_all_intervals_of_all_looks_hold_together(allocation):
     """Two strata and two rates; a user is wrong who ever sees one interval without its truth."""

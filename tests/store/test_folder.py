@@ -50,6 +50,7 @@ def test_round_trip_keeps_every_value(tmp_path):
     pd.testing.assert_frame_equal(got, expected, check_categorical=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chunk", [1, 7, 64, 1000])
 def test_table_does_not_depend_on_part_size_or_interruption(tmp_path, chunk):
     fill(tmp_path / "whole", chunk=40)
@@ -100,6 +101,7 @@ def test_recording_a_part_adds_a_line_and_rewrites_nothing(tmp_path):
     assert manifests.read(tmp_path).done == folder.done == RUNS
 
 
+@pytest.mark.slow
 def test_parts_may_be_added_from_many_threads(tmp_path):
     folder = ResultFolder.open(tmp_path, wanted())
     with ThreadPoolExecutor(8) as pool:

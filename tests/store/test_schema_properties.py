@@ -39,6 +39,7 @@ def test_names_are_unique_and_types_known(shape):
     schema.require_columns(shape, [column.name for column in columns])
 
 
+@pytest.mark.slow
 @FEW
 @given(SHAPES, st.integers(1, 40), st.integers(0, 2**31), st.randoms())
 def test_a_part_gives_back_what_went_in(tmp_path, shape, rows, seed, random):
@@ -91,6 +92,7 @@ JUNK = st.one_of(
 )
 
 
+@pytest.mark.slow
 @settings(FEW, max_examples=200)
 @given(st.sampled_from([c.name for c in schema.columns(schema.Shape(checks=(), parameters=("p",)))]), st.data())
 def test_any_value_at_all_is_taken_as_it_is_or_refused_by_name(name, data):

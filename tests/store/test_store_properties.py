@@ -159,5 +159,5 @@ def expected():
     return parts.concatenate([schema.conform(FRAME, SHAPE)])
 
 
-TestHistories = Histories.TestCase
+TestHistories = pytest.mark.slow(Histories.TestCase)
 TestHistories.settings = settings(max_examples=15, stateful_step_count=14, deadline=None)

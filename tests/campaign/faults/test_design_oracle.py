@@ -138,6 +138,7 @@ class NothingToSay:
 FAULT = {"site": "usb_out", "arm": "gold", "channel": "elbow", "effect": "overwrite", "start_ms": 5}
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(campaigns())
 @example({"campaign": {"name": "x"}, "group": [{"name": "a", "fault": [FAULT | {"value": [1.0, 1, -0.0, 0, 1.5]}]}]})

@@ -122,6 +122,7 @@ def test_what_a_normal_distribution_may_draw_is_within_its_extent():
     assert high - drawn.max() < 0.01
 
 
+@pytest.mark.slow
 def test_the_ends_of_every_range_can_be_run(every):
     """Whatever the table lets through, the robot's numbers stay numbers."""
     idle = ("control.teleoperation.grasp_", "control.overdrive.dac_max.grasp2")  # not read here, and so refused

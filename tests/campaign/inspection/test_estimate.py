@@ -10,7 +10,7 @@ MEASURED = {
     "one site": (78, CostFactors(8192, 1000, 1)),
     "both arms": (142, CostFactors(8192, 1000, 1, arms=2)),
     "64 haptic sets": (116, CostFactors(8192, 1000, 1, cues=64)),
-    "32 levels": (102, CostFactors(8192, 1000, 1, levels=32)),
+    "32 thresholds": (102, CostFactors(8192, 1000, 1, thresholds=32)),
     "4 plant steps": (154, CostFactors(8192, 1000, 1, substeps=4)),
     "reaction": (130, CostFactors(8192, 1000, 1, reacts=True)),
     "a golden run each": (157, CostFactors(8192, 1000, 8192)),

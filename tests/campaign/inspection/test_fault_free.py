@@ -51,6 +51,7 @@ def result(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_as_many_hours_as_asked_of_different_motion(result, short):
     told = []
     wanted = 3.0 / 3600  # 3 s in pedal-down, of runs that are so for 1.8 s
@@ -70,6 +71,7 @@ def test_as_many_hours_as_asked_of_different_motion(result, short):
     assert more == pytest.approx(1.5 * there) and (result / FOLDER / "reach_7").is_dir()
 
 
+@pytest.mark.slow
 def test_the_robot_is_that_of_the_campaign(result, short):
     fault_free.extend(result, 1e-9)
     one = find(result, manifest.read(result)).motions[0]

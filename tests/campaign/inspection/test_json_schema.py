@@ -70,7 +70,7 @@ def test_every_bundled_file_is_valid(kind, path):
         CAMPAIGN + '[[group]]\nname = "library"\nhazards = "all"\narm = ["gold", "green"]\n',
         CAMPAIGN + "[parameters]\nplant.friction_scale = 2\nnominal.gold.kp.elbow = { list = [1, 2] }\n",
         CAMPAIGN + '[parameters]\n"plant.gold.friction_scale" = { uniform = [1, 2] }\n',
-        CAMPAIGN + '[[detector]]\nname = "d"\nkind = "steps"\nfusion = "any"\nconsecutive = [1, 8]\nlevel = 2\n',
+        CAMPAIGN + '[[detector]]\nname = "d"\nkind = "steps"\nfusion = "any"\nconsecutive = [1, 8]\nthreshold = 2\n',
         CAMPAIGN + "[haptics]\nthreshold_mm = 3\ncap = [1, 2]\n",
     ],
 )

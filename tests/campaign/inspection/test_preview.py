@@ -106,6 +106,7 @@ def test_a_large_campaign_is_counted_and_not_expanded(idle, tmp_path, monkeypatc
 BARE = design.expand(loading.from_dict({"campaign": {"name": "bare"}, "group": [{"name": "bare"}]}))
 
 
+@pytest.mark.slow
 def test_a_folder_that_holds_a_part_says_how_fast_it_was(tmp_path):
     config = tiny.config()
     few = config.model_copy(update={"campaign": config.campaign.model_copy(update={"limit": 100})})

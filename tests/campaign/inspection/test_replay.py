@@ -50,6 +50,7 @@ def replayer():
     return replay.Replayer(CONFIG, "simd")
 
 
+@pytest.mark.slow
 def test_runs_come_again_as_they_were_and_are_planned_once(replayer, monkeypatch):
     table = rj.run(CONFIG, engine="simd")
     monkeypatch.setattr(plan, "make", None)
@@ -59,6 +60,7 @@ def test_runs_come_again_as_they_were_and_are_planned_once(replayer, monkeypatch
             assert str(again[name]) == str(table[name][index]), name
 
 
+@pytest.mark.slow
 def test_a_second_run_compiles_nothing(replayer, monkeypatch):
     replayer.replay(4)
     for step in ("traced.trace", "cpu.jit.compile"):

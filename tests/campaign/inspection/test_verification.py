@@ -112,6 +112,7 @@ def test_other_code_is_told_and_excuses_outcomes_not_inputs(folder):
     assert wrong(found) == {"runs made again": ["fault0_value: differs in 1 of 40 rows"]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("column", "value", "check", "told"),
     [

@@ -81,6 +81,7 @@ def run(monkeypatch):
     return go
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("of", ["groups", "whole"])
 @pytest.mark.parametrize("allocation", ["proportional", "neyman"])
 def test_it_stops_at_the_first_look_at_which_every_interval_is_narrow(run, tmp_path, allocation, of):
@@ -94,6 +95,7 @@ def test_it_stops_at_the_first_look_at_which_every_interval_is_narrow(run, tmp_p
         assert looks[-1].draws["grid"] < 600 * LOOKS[looks[-1].number - 1], "a group that is known well gets no more"
 
 
+@pytest.mark.slow
 def test_a_look_counts_what_the_table_says(run, tmp_path):
     table = run(config("neyman"), tmp_path)[0].frame().set_index("index")
     first = {of.first: of for of in strata.draws(config())}
@@ -106,6 +108,7 @@ def test_a_look_counts_what_the_table_says(run, tmp_path):
             assert (interval.k, interval.n) == (came.sum(), len(rows))
 
 
+@pytest.mark.slow
 def test_memory_and_folder_hold_the_same(run, tmp_path):
     in_memory, stand = run(config("neyman"))
     in_folder, _ = run(config("neyman"), tmp_path)
@@ -136,6 +139,7 @@ def test_an_interrupted_campaign_takes_the_same_way(run, tmp_path):
     assert starts[0] > starts[1] > starts[2] > 1
 
 
+@pytest.mark.slow
 def test_lost_decisions_and_lost_parts_are_made_again(run, tmp_path):
     run(config(), tmp_path)
     whole, table = (tmp_path / decisions.FILE).read_bytes(), read_all(tmp_path)
@@ -149,6 +153,7 @@ def test_lost_decisions_and_lost_parts_are_made_again(run, tmp_path):
     assert manifests.read(tmp_path).finished is not None
 
 
+@pytest.mark.slow
 def test_parts_do_not_shatter(run, tmp_path):
     run(config(half_width=0.001), tmp_path)
     found = manifests.read(tmp_path).parts

@@ -73,6 +73,7 @@ def test_a_sequence_is_begun_as_it_was_drawn():
     pd.testing.assert_frame_equal(*assert_alike)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("event", ["evades", "unintended_motion", "loss_of_motion", "false_report", "cue", "stopped"])
 def test_events_are_those_of_the_report(event):
     frame = synthetic.judged(synthetic.frame(3000), cue=2)

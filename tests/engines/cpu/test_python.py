@@ -129,6 +129,7 @@ INTEGER = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [np.int32, np.uint32])
 @pytest.mark.parametrize("name", list(INTEGER))
 def test_integers_wrap_as_xla_does(name, dtype):

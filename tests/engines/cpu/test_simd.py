@@ -100,12 +100,14 @@ def whole(ready, loop):
     return run(Forced(ready.program, loop, jit.host().width, True), ready, np.arange(ready.runs))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("width", "grouped"), [(16, False), (8, True), (4, False), (1, True)])
 def test_vector_width_and_groups_change_no_bit(ready, loop, whole, width, grouped):
     again = run(Forced(ready.program, loop, width, grouped), ready, np.arange(ready.runs))
     same_lanes(whole, again, slice(None), slice(None))
 
 
+@pytest.mark.slow
 def test_a_lane_does_not_see_its_neighbours_nor_other_threads(ready, loop, whole):
     kernel = SimdKernel(ready.program, 16)
     kernel._forms = traced.Forms(loop)
@@ -122,6 +124,7 @@ def test_faults_change_the_run_they_are_in(whole):
     assert faulty.outcomes["active_ticks"][0] == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", [0, 9, 24])
 def test_a_trace_is_the_run(ready, whole, row):
     varied, faults = ready.lanes([row], 3)
@@ -153,6 +156,7 @@ def test_compiled_code_is_kept_and_used_again(ready, loop, whole, monkeypatch):
         monkeypatch.setattr(jit.llvm.TargetMachine, "emit_object", None)
 
 
+@pytest.mark.slow
 def test_what_runs_share_is_not_computed_in_each(loop, ready):
     shared = split(loop.without_signals(), range(len(ready.program.varied)), range(1 + loop.series))
     counted = operation_count.by_stage(

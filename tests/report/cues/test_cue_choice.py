@@ -46,6 +46,7 @@ def test_as_many_hours_as_it_asks_for_decide():
     assert named.row.per_hour.high <= 0.5 and named.alike == 1  # the other gain does exactly as well
 
 
+@pytest.mark.slow
 def test_thresholds_that_the_faults_do_not_tell_apart_are_both_named():
     frame, manifest = motion_for(100.0)
     second = [k for k, cue in enumerate(MANIFEST.cues) if cue.threshold_mm == 3.0]
@@ -89,6 +90,7 @@ def test_the_hours_that_are_asked_for_are_those_of_the_strictest_limit():
     assert choice.hours_to_offer(found) == pytest.approx(hours_to_bound(0.5))
 
 
+@pytest.mark.slow
 def test_the_page_says_that_it_cannot_be_said_and_offers_the_command():
     text = page.render(Runs.of(FRAME, MANIFEST), MANIFEST, Path("out"))
     assert "cannot be said: it needs 7.38 h" in text
@@ -96,6 +98,7 @@ def test_the_page_says_that_it_cannot_be_said_and_offers_the_command():
     assert "80 fault-free motions of 3.7 min in pedal-down together, of 1 motion of the hands" in text
 
 
+@pytest.mark.slow
 def test_one_threshold_alone_is_weighed_against_none_but_may_keep_a_limit():
     alone = synthetic.manifest(RUNS, cues=MANIFEST.cues[:1])
     runs = Runs.of(FRAME, alone)

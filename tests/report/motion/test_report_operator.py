@@ -64,6 +64,7 @@ def summary(**changes):
     return MotionSummary(**(plain | changes))
 
 
+@pytest.mark.slow
 def test_a_page_of_a_recorded_operator_says_what_became_of_it():
     manifest = synthetic.manifest(200).model_copy(update={"operator": summary()})
     page = Page(rendered(synthetic.frame(200), manifest))
@@ -77,6 +78,7 @@ def test_a_page_of_a_recorded_operator_says_what_became_of_it():
     assert "row 1234 (1.234 s, gold): 50 mm" in text and "not read: note" in text and "a note" in text
 
 
+@pytest.mark.slow
 def test_a_page_of_a_generated_operator_has_no_such_section():
     page = Page(rendered(synthetic.frame(200), synthetic.manifest(200)))
     assert "operator" not in page.ids and "#operator" not in page.targets

@@ -35,6 +35,7 @@ EVENTS = {"cue": 1275, "stopped: overdrive": 1700, "never": -1}
 LIMITS = {"shoulder": 18000, "elbow": 18000, "insertion": 10000}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arms", [("gold",), ("gold", "green")])
 def test_everything_is_drawn(tmp_path, arms):
     path = trace_plot(

@@ -81,6 +81,7 @@ SECTIONS: tuple[Callable[[Expected, Node], None], ...] = (
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=4, suppress_health_check=[HealthCheck.too_slow])
 @given(generated_campaigns.plans())
 @example(Plan(0, faults=0, free=3))

@@ -45,6 +45,7 @@ def content(folder):
     return {path: path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
+@pytest.mark.slow
 @settings(max_examples=12)
 @given(st.data())
 def test_any_cut_into_parts_and_shards_in_any_order_is_the_same_table(whole, data):

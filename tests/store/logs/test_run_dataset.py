@@ -67,6 +67,7 @@ def test_series_of_unequal_length_are_refused():
         run_dataset.dataset(series() | {"brakes": np.zeros(T + 1)}, {})
 
 
+@pytest.mark.slow
 def test_xarray_is_imported_when_it_is_needed():
     code = "import sys, ravenjax.api; sys.exit('xarray' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -72,6 +72,7 @@ def log(path):
     return ros2_log.read(path)
 
 
+@pytest.mark.slow
 def test_topics_and_times(log):
     kinds = {
         **{f"/arm1/{name}_js": "sensor_msgs/msg/JointState" for name in ("measured", "setpoint", "true")},
@@ -93,6 +94,7 @@ def test_topics_and_times(log):
     assert (stamp.sec, stamp.nanosec) == (2, 345_000_000)
 
 
+@pytest.mark.slow
 def test_joint_states_are_exact(log, series):
     first = log.topics["/arm1/measured_js"][0].value
     assert first.name == list(JOINTS) and first.header.frame_id == "arm1_base" and len(first.effort) == 0

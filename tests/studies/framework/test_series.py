@@ -21,9 +21,8 @@ PLAIN = {"campaign": {"name": "x", "duration_s": 0.3}, "group": [{"name": "g", "
 VARIED = {**PLAIN, "parameters": {"operator.scale": [0.1, 0.2]}}
 
 
-@pytest.mark.parametrize(
-    "raw", [pytest.param(PLAIN, id="alike"), pytest.param(VARIED, id="varied", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("raw", [pytest.param(PLAIN, id="alike"), pytest.param(VARIED, id="varied")])
 def test_series_are_those_of_a_replay(tmp_path, raw):
     config = loading.from_dict(raw)
     runner.run_campaign(config, tmp_path, "simd")

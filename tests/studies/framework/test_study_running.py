@@ -36,6 +36,7 @@ def test_a_study_without_campaigns_is_compared_and_written(tmp_path):
     assert json.loads((tmp_path / "fake" / "findings.json").read_text())["provenance"]["campaigns"] == []
 
 
+@pytest.mark.slow
 def test_campaigns_run_once_and_their_findings_come_out_the_same(tmp_path):
     told = []
     findings = running.run(TWO, tmp_path, "simd", told.append)

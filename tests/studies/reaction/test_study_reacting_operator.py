@@ -290,6 +290,7 @@ def test_the_haptic_sets_are_those_of_the_tables() -> None:
         assert thresholds == pytest.approx(operator.THRESHOLDS_MM)
 
 
+@pytest.mark.slow
 def test_variants_of_the_operator_have_the_same_faults() -> None:
     few = ("cross.reaction.action=[0, 1]", "campaign.limit=400")
     inputs = ["group", "fault0_channel", "fault0_effect", "fault0_value", "fault0_start_ms", "fault0_duration_ms"]

@@ -125,6 +125,7 @@ def test_a_small_error_fails_a6(monkeypatch, settings):
     assert findings.lines[0].predicted.value == pytest.approx(0.525) and findings.lines[0].passed is False
 
 
+@pytest.mark.slow
 def test_the_drawings_are_drawn_the_same_each_time(monkeypatch, settings, tmp_path):
     (tmp_path / "again").mkdir()
     for one in compared(monkeypatch, settings).drawings:

@@ -46,6 +46,7 @@ def text_of(html):
     return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", plain))
 
 
+@pytest.mark.slow
 def test_the_table_is_read_back_as_it_was_written(folder):
     found = hazard_table.read(folder)
     assert found == [MET, MISSED, ALARMED, UNSTRUCK]  # in order of the strike

@@ -207,6 +207,7 @@ def test_anyone_may_stop_the_robot(session):
         assert "instructor" in instructor.text("refused")["why"]
 
 
+@pytest.mark.slow
 def test_the_debrief_is_served_once_it_is_there(session):
     with Window(session, "instructor") as instructor:
         instructor.say({"type": "instructor", "do": "end"})
@@ -215,6 +216,7 @@ def test_the_debrief_is_served_once_it_is_there(session):
     assert b"Debrief" in get(session, "/debrief.html")[1]
 
 
+@pytest.mark.slow
 def test_a_token_is_asked_of_everyone():
     made = FakeSession(HEADER | {"blinded": True}, arms=("gold",), token="t0ken")
     try:

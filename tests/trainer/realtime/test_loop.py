@@ -57,6 +57,7 @@ def test_the_inbox_hands_over_what_the_page_said_and_counts_what_it_missed(rings
     assert inbox.lost == 20 - len(texts)
 
 
+@pytest.mark.slow
 def test_a_session_against_the_clock_is_that_of_a_tight_loop(blueprint, rings):
     """The understudy runs the same code on the same tables' shapes in between: not a bit of the session is its."""
     alone = Session(CHOSEN, 5, ready=blueprint)
@@ -81,6 +82,7 @@ def test_a_session_against_the_clock_is_that_of_a_tight_loop(blueprint, rings):
     assert timing.ticks == len(raw) and timing.whole.sum() == timing.ticks
 
 
+@pytest.mark.slow
 def test_trouble_elsewhere_is_told_once(blueprint, rings):
     session = Session(CHOSEN, 5, ready=blueprint)
     frames, asked = Ring.create(4096, 4 * session.layout.size), []

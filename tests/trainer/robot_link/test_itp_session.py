@@ -67,6 +67,7 @@ def driven():
     made.close()
 
 
+@pytest.mark.slow
 def test_no_bad_packet_moves_the_robot(driven):
     moved_by_good_packets_only(driven, 10_000)
 
@@ -100,6 +101,7 @@ def moved_by_good_packets_only(driven, datagrams):
     assert max(abs(x) for x in books.um) > 100, "it has been somewhere"
 
 
+@pytest.mark.slow
 def test_a_console_that_dies_lets_go_of_the_pedal(driven):
     books = Books(0)
     driven.tick(2001)

@@ -35,6 +35,7 @@ def headless(tmp_path_factory):
     return launch.headless(options(tmp_path_factory.mktemp("sessions") / "one"))
 
 
+@pytest.mark.slow
 def test_a_session_leaves_a_folder_that_says_everything(headless):
     header = json.loads((headless.folder / "session.json").read_text())
     assert header["participant"] == "P7" and header["scenario"]["name"] == "tiny" and header["ended"]
@@ -48,6 +49,7 @@ def test_a_session_leaves_a_folder_that_says_everything(headless):
     assert "<html" in (headless.folder / "debrief.html").read_text()
 
 
+@pytest.mark.slow
 def test_its_recording_is_a_log_for_other_tools(headless):
     log = ros2_log.read(headless.folder / "session.mcap")
     frames = log.topics["/tf"]
@@ -60,6 +62,7 @@ def test_its_recording_is_a_log_for_other_tools(headless):
     assert (told["scenario"], told["seed"], told["code_hash"]) == ("tiny", "3", header["code_hash"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", ["script", "commands"])
 def test_the_same_session_again_has_the_same_bits(headless, tmp_path, by):
     said = options(tmp_path / "one")

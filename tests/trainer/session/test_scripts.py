@@ -169,6 +169,7 @@ def played(session, operator):
     return hashed.hexdigest(), events
 
 
+@pytest.mark.slow
 def test_a_session_runs_without_a_person_and_is_the_same_again():
     chosen = scenario.from_dict(CREEPING)
     session = Session(chosen, 1)

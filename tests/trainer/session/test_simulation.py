@@ -79,6 +79,7 @@ def by_the_rules(series, arm, live):
     }
 
 
+@pytest.mark.slow
 def test_an_armed_row_does_what_it_does_in_its_campaign(made):
     robot = robot_of(made)
     before = run(robot, START)
@@ -103,6 +104,7 @@ def test_an_armed_row_does_what_it_does_in_its_campaign(made):
         assert outcomes[name] == pytest.approx(peak, rel=1e-6) == pytest.approx(again.row[name], abs=1e-4), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", range(4), ids=["burst", *FAULTS])
 def test_a_session_says_of_a_hazard_what_the_table_of_its_campaign_says(made, row):
     again = replay.replay(config(), row, engine="simd").row
@@ -211,6 +213,7 @@ def outside():
     return PacketRobot(config())
 
 
+@pytest.mark.slow
 def test_every_packet_from_outside_gives_the_same_bits(made, outside):
     outside.reset()
     inside = robot_of(made)
@@ -221,6 +224,7 @@ def test_every_packet_from_outside_gives_the_same_bits(made, outside):
     assert frame.number("runlevel") == 3
 
 
+@pytest.mark.slow
 def test_packets_that_do_not_arrive_are_missed_by_the_robot(made, outside):
     outside.reset()
     for k, sent in enumerate(packets(made, 450)):

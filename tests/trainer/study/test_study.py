@@ -225,6 +225,7 @@ def test_without_an_effect_little_is_called_clear(tmp_path):
 # --- blinding ---
 
 
+@pytest.mark.slow
 def test_a_blinded_study_shows_letters_until_it_is_unblinded(tmp_path):
     base = made(tmp_path / "in", blinded=True)
     blind = report.run([base], tmp_path / "blind")

@@ -95,6 +95,7 @@ def test_a_chunk_that_always_kills_its_worker_is_named_and_the_others_are_delive
     assert (tmp_path / "20").read_bytes() == b"xxx" and not children()
 
 
+@pytest.mark.slow
 def test_a_chunk_elsewhere_is_the_chunk_here(whole):
     """Rows of a share alone, through the same kernel."""
     ready = plan.make(tiny.config())

@@ -132,6 +132,7 @@ def long_motion(name, seed):
     return motions.generate(name, 40.0, BOTH, seed=seed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [0.1, 0.2])
 @pytest.mark.parametrize("arm", BOTH)
 def test_reachable_inside_the_soft_limits(solve, arm, scale):

@@ -78,6 +78,7 @@ def test_slowed_hands_fall_behind_in_proportion(slow_to):
     assert not bool(reaction.pace(SETUP, asked, state, jnp.int32(790)).released)
 
 
+@pytest.mark.slow
 def test_correction_goes_to_where_the_instrument_was_meant_to_be():
     """A robot 4 mm off that follows its hands: the remaining distance shrinks by exp(-t/0.2 s), at most 50 mm/s."""
     asked, state = after_pull("correct")

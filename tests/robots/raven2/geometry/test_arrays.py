@@ -14,6 +14,7 @@ HOME = np.array(HOME_JPOS)
 JPOS = HOME + 0.05 * np.random.default_rng(0).normal(size=(2, 3, 7))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ARMS)
 def test_any_leading_axes_there_and_back(arm):
     position, rotation = arrays.forward_kinematics(JPOS, arm)

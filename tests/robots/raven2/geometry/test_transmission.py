@@ -113,6 +113,7 @@ def test_recorded_joints(shared_data):
     np.testing.assert_allclose([joints[2].min(), joints[2].max()], [0.3975, 0.4049], atol=6e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("software", ["raven2", "fork2015"])
 @pytest.mark.parametrize("tool", TOOLS)
 @pytest.mark.parametrize("arm", ARMS)

@@ -51,6 +51,7 @@ def each_pair():
         yield pytest.param(precision, software, console, id=name, marks=[pytest.mark.slow] * (odd % 2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("precision", "software", "console"), each_pair())
 def test_only_scalar_primitives_and_the_state_keeps_its_types(precision, software, console):
     setup = RavenSetup(**BOTH, software=software, console=console, precision=precision)

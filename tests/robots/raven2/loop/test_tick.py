@@ -90,6 +90,7 @@ def flat(jaxpr):
             yield equation
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SETUPS)
 def test_the_tick_is_a_straight_list_of_scalar_operations(name):
     equations = list(flat(trace(SETUPS[name]).jaxpr))

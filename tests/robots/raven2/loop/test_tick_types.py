@@ -95,6 +95,7 @@ def strong(numbers: dict[str, Number]) -> dict[str, Number]:
     return {path: number._replace(weak=False) for path, number in numbers.items()}
 
 
+@pytest.mark.slow
 def test_state_and_signals_keep_type_and_shape_over_a_tick(types):
     """Apart from weak types of constants, with which a run may begin."""
     assert len(types.start) > 150
@@ -103,6 +104,7 @@ def test_state_and_signals_keep_type_and_shape_over_a_tick(types):
     assert types.signals[1] == types.signals[0]
 
 
+@pytest.mark.slow
 def test_no_number_is_wider_or_narrower_than_its_precision(types, setup):
     widths = setup.precision
     wanted = {widths.narrow, widths.wide, widths.real}

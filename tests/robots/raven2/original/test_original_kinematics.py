@@ -144,6 +144,7 @@ def test_without_a_number_nothing_is_taken(arm):
     assert inverse(arm, (oracle.forward(number(arm), HOME)[0], [nan] * 3), HOME)[1] == -1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ARMS)
 def test_both_writings_agree(arm):
     rng, compared = random.Random(4), 0

@@ -55,6 +55,7 @@ def by_targets(setup: RavenSetup, targets: np.ndarray, params=None) -> np.ndarra
     return np.asarray(quickly.jit(lambda s, u: jax.lax.scan(tick, s, u))(start, rows)[1])
 
 
+@pytest.mark.slow
 def test_the_equation_of_motion_is_the_stated_one() -> None:
     """Without dry friction, against Radau on the equation as written."""
     with jax.enable_x64(True):
@@ -135,6 +136,7 @@ def closed_loop_robot(targets: np.ndarray) -> np.ndarray:
     return np.asarray(run((start, measure(start)[0], zero), jnp.asarray(targets))[1])
 
 
+@pytest.mark.slow
 def test_it_tracks_like_the_robot() -> None:
     """Lag of each joint within a tenth of the robot's, tips well under a millimetre apart while both lag by more."""
 
@@ -169,6 +171,7 @@ def compiled_step(setup: RavenSetup):
     return quickly.jit(lambda params, state, command, at: nominal.step(setup, "gold", params, state, command, at))
 
 
+@pytest.mark.slow
 def test_it_follows_increments_to_where_they_lead() -> None:
     with jax.enable_x64(True):
         state, out = run(SETUP, [clean((20, -10, 5))] * 300 + [clean()] * 1200)
@@ -224,6 +227,7 @@ def test_an_unreachable_absolute_target_is_held_off() -> None:
         np.testing.assert_array_equal(np.array(state.target.jpos_d), np.array(HOME_JPOS, float))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", [REFERENCE, CAMPAIGN])
 def test_at_rest_nothing_drifts(precision) -> None:
     one = RavenSetup(precision=precision)

@@ -122,6 +122,7 @@ def test_gravity_at_rest_is_carried_by_the_cables() -> None:
         np.testing.assert_allclose(carried[:3], (-0.2246, -0.5091, 3.7496), atol=1e-4)  # home, gravity along -x0
 
 
+@pytest.mark.slow
 def test_brakes_hold_the_arm_where_it_is() -> None:
     with jax.enable_x64(True):
         _, out = simulate(setup(), constant([0] * N, 2000), brakes=1)
@@ -144,6 +145,7 @@ def test_green_mirrors_gold() -> None:
 # --- friction and brakes ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", [REFERENCE, CAMPAIGN])
 def test_below_breakaway_nothing_creeps_and_above_it_moves(precision) -> None:
     one = setup(precision=precision)
@@ -307,6 +309,7 @@ def test_stiff_cables_and_light_tools_stay_stable(stiffer) -> None:
         assert np.isfinite(columns(out.jpos)).all() and np.abs(columns(out.mvel)).max() < 2000
 
 
+@pytest.mark.slow
 def test_float32_and_float64_stay_together_for_three_seconds() -> None:
     commands = wave(3000)
     with jax.enable_x64(True):
@@ -372,6 +375,7 @@ def test_a_torn_insertion_cable_lets_the_tool_fall() -> None:
         assert fallen[-1] < -1e-3 and (columns(out.enc_val)[-1] == columns(out.enc_val)[0])[:3].all()
 
 
+@pytest.mark.slow
 def test_noise_only_where_asked_for_and_with_its_size() -> None:
     one = setup(precision=CAMPAIGN, noise=True)
     params = replace(robot.params(one, "gold"), encoder_noise=3.0, noise_key=jnp.uint32(7))

@@ -352,6 +352,7 @@ INPUTS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("given", "words"), INPUTS, ids=[words[0] for _, words in INPUTS])
 def test_a_wrong_input_is_named_and_nothing_has_happened(given, words):
     software, other = ControlSoftware(), ControlSoftware()
