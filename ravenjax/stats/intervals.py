@@ -1,9 +1,8 @@
 """Confidence intervals of a rate k/n.
 
-Wilson for display, Clopper-Pearson for guarantees (never covers less than promised), Jeffreys for small rates; all from
-statsmodels' proportion_confint (Brown, Cai, DasGupta, Statistical Science 16, 2001). They take the n trials as
-independent: repeats of a deterministic run are not, so count distinct faults, or resample clusters
-(`bootstrap.clusters`).
+Wilson for display, Clopper-Pearson for guarantees (never covers less than promised); both from statsmodels'
+proportion_confint (Brown, Cai, DasGupta, Statistical Science 16, 2001). They take the n trials as independent: repeats
+of a deterministic run are not, so count distinct faults, or resample clusters (`bootstrap.clusters`).
 """
 
 from __future__ import annotations
@@ -13,9 +12,9 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-Method = Literal["wilson", "clopper_pearson", "jeffreys"]
+Method = Literal["wilson", "clopper_pearson"]
 
-_NAMES = {"wilson": "wilson", "clopper_pearson": "beta", "jeffreys": "jeffreys"}  # as proportion_confint calls them
+_NAMES = {"wilson": "wilson", "clopper_pearson": "beta"}  # as proportion_confint calls them
 
 
 class Rate(NamedTuple):
@@ -49,11 +48,6 @@ def clopper_pearson(k: int, n: int, confidence: float = 0.95) -> Rate:
     return rates([k], [n], confidence, "clopper_pearson")[0]
 
 
-def jeffreys(k: int, n: int, confidence: float = 0.95) -> Rate:
-    """Rate with its Jeffreys interval. ValueError unless 0 <= k <= n and 0 < confidence < 1."""
-    return rates([k], [n], confidence, "jeffreys")[0]
-
-
 def rates(k: ArrayLike, n: ArrayLike, confidence: float = 0.95, method: Method = "wilson") -> list[Rate]:
     """Rates k[i] of n[i] with their intervals: thousands at the price of one.
 
@@ -75,7 +69,7 @@ def bounds(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lower and upper bounds [m] of the rates k/n, NaN where n is 0; k may be a fraction, as an expected count is.
 
-    Where k is 0 the lower bound is 0, and where k is n the upper is 1, for Jeffreys too (Brown et al. 2001, 4.1.2).
+    Where k is 0 the lower bound is 0, and where k is n the upper is 1.
     """
     from statsmodels.stats.proportion import proportion_confint  # slow to import
 

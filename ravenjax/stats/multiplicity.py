@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -24,35 +24,15 @@ def holm(p: Mapping[str, float], confidence: float = 0.95) -> dict[str, Finding]
     Named p-values in, findings out in the same order. A NaN p (nothing to test) is not part of the family and never
     rejected. ValueError where a p is outside 0..1.
     """
+    from statsmodels.stats.multitest import multipletests  # slow to import
 
-    def adjust(values: np.ndarray) -> np.ndarray:
-        from statsmodels.stats.multitest import multipletests  # slow to import
-
-        return np.asarray(multipletests(values, alpha_of(confidence), "holm")[1])
-
-    return _findings(p, confidence, adjust)
-
-
-def benjamini_hochberg(p: Mapping[str, float], confidence: float = 0.95) -> dict[str, Finding]:
-    """Benjamini-Hochberg: of the rejections at most 1 - confidence are wrong on average (JRSS B 57, 1995).
-
-    Holds for independent and for positively dependent hypotheses. NaN and errors as in `holm`.
-    """
-    from scipy.stats import false_discovery_control
-
-    return _findings(p, confidence, false_discovery_control)
-
-
-def _findings(
-    p: Mapping[str, float], confidence: float, adjust: Callable[[np.ndarray], np.ndarray]
-) -> dict[str, Finding]:
     values = np.array(list(p.values()), float)
     tested = ~np.isnan(values)
     if ((values < 0) | (values > 1)).any():
         raise ValueError(f"p-values lie in 0..1, got {dict(p)}")
     adjusted = np.full(len(values), np.nan)
     if tested.any():
-        adjusted[tested] = adjust(values[tested])
+        adjusted[tested] = multipletests(values[tested], alpha_of(confidence), "holm")[1]
     rejected = adjusted <= alpha_of(confidence)
     rows = zip(p, values.tolist(), adjusted.tolist(), rejected.tolist(), strict=True)
     return {name: Finding(*values_of) for name, *values_of in rows}

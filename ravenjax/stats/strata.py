@@ -53,25 +53,6 @@ def stratified(k: ArrayLike, n: ArrayLike, weight: ArrayLike, confidence: float 
     return StratifiedRate(value, float(low), float(high), error, int(runs.sum()))
 
 
-def neyman(total: int, weight: ArrayLike, rate: ArrayLike, least: int = 1) -> np.ndarray:
-    """Runs per stratum [strata], summing to `total`, that give the weighted rate its smallest variance.
-
-    Neyman allocation, n proportional to weight sqrt(rate (1 - rate)), at least `least` runs each; rate[strata] is a
-    guess or a pilot's rate (where a pilot saw none, give its upper bound). Where every spread is 0, as the weights.
-    ValueError where a rate is not in 0..1, or total < least * strata.
-    """
-    share, guess = np.asarray(weight, float), np.asarray(rate, float)
-    if share.shape != guess.shape or share.ndim != 1:
-        raise ValueError(f"neyman: weight {share.shape} and rate {guess.shape} must be of one length")
-    if not ((guess >= 0) & (guess <= 1)).all():
-        raise ValueError(f"neyman: rates lie in 0..1, got {guess}")
-    if total < least * len(share):
-        raise ValueError(f"neyman: {total} runs are fewer than {least} for each of {len(share)} strata")
-    share = _normalised(share)
-    spread = share * np.sqrt(guess * (1 - guess))
-    return allocate(total, spread if spread.any() else share, np.full(len(share), least), np.full(len(share), total))
-
-
 def allocate(total: int, spread: ArrayLike, least: ArrayLike, most: ArrayLike) -> np.ndarray:
     """Runs per stratum, int64 [strata], in proportion to spread[s], none below least[s] nor above most[s].
 

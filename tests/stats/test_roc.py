@@ -7,10 +7,9 @@ import math
 import numpy as np
 import pytest
 from scipy.stats import norm
-from sklearn.metrics import average_precision_score, roc_auc_score
+from sklearn.metrics import average_precision_score, precision_recall_curve, roc_auc_score, roc_curve
 
-from ravenjax.stats.alarms.roc import operating_points, precision_recall, precision_recall_band, roc, roc_band
-from ravenjax.stats.intervals import wilson
+from ravenjax.stats.alarms.roc import average_precision, precision_recall_band, roc_band
 
 SEPARATION = 1.2
 AUC = norm.cdf(SEPARATION / math.sqrt(2))
@@ -22,37 +21,12 @@ def normals(n, seed, separation=SEPARATION):
     return random.normal(size=n) + separation * positive, positive
 
 
-def test_auc_of_two_normals():
-    score, positive = normals(60_000, 0)
-    curve = roc(score, positive)
-    assert curve.auc == pytest.approx(AUC, abs=0.006)  # 3.5 standard errors
-    known = norm.sf(norm.isf(np.array([0.05, 0.2, 0.5])) - SEPARATION)
-    assert np.interp([0.05, 0.2, 0.5], curve.fpr, curve.tpr) == pytest.approx(known, abs=0.015)
-
-
-def test_by_hand_with_ties_and_infinities():
-    # scores of positives: inf, 3, 2, -inf; of negatives: 3, 1, -inf. 12 pairs: inf beats 3, 3 beats 2 and draws 1,
-    # 2 beats 2, -inf draws 1: 7 + 2 / 2 = 8 -> 8 / 12
+def test_average_precision_by_hand_with_ties_and_infinities():
+    # scores of positives: inf, 3, 2, -inf; of negatives: 3, 1, -inf. Falling thresholds: precision 1/1 at recall 1/4,
+    # 2/3 at 1/2, 3/4 at 3/4, 3/5 at 3/4, 4/7 at 1
     score, positive = [np.inf, 3, 2, -np.inf, 3, 1, -np.inf], [1, 1, 1, 1, 0, 0, 0]
-    curve = roc(score, positive)
-    assert curve.auc == pytest.approx(8 / 12) and (curve.positives, curve.negatives) == (4, 3)
-    at = dict(zip(curve.threshold[1:], zip(curve.fpr[1:], curve.tpr[1:], strict=True), strict=True))
-    assert at[3] == pytest.approx((1 / 3, 1 / 2)) and at[2] == pytest.approx((1 / 3, 3 / 4))
-    assert (curve.threshold[0], curve.fpr[0], curve.tpr[0]) == (np.inf, 0, 0) and at[-np.inf] == (1, 1)
-    # falling thresholds: precision 1/1 at recall 1/4, 2/3 at 1/2, 3/4 at 3/4, 3/5 at 3/4, 4/7 at 1
-    found = precision_recall(score, positive)
-    assert found.average_precision == pytest.approx((1 + 2 / 3 + 3 / 4 + 4 / 7) / 4) and found.base == 4 / 7
-    assert found.precision[found.threshold == 2] == pytest.approx(3 / 4)
-
-
-def test_one_class_alone():
-    none = roc([1.0, 2.0], [False, False])
-    assert math.isnan(none.auc) and np.isnan(none.tpr).all() and none.fpr[-1] == 1 and none.positives == 0
-    all_ = roc([1.0, 2.0], [True, True])
-    assert math.isnan(all_.auc) and np.isnan(all_.fpr).all() and all_.tpr[-1] == 1
-    assert math.isnan(roc([], []).auc)
-    empty = precision_recall([1.0, 2.0], [False, False])
-    assert math.isnan(empty.average_precision) and np.isnan(empty.recall).all() and empty.base == 0
+    assert average_precision(score, positive) == pytest.approx((1 + 2 / 3 + 3 / 4 + 4 / 7) / 4)
+    assert math.isnan(average_precision([1.0, 2.0], [False, False]))
 
 
 def test_bands_start_from_scikit_learns_values():
@@ -62,13 +36,14 @@ def test_bands_start_from_scikit_learns_values():
     places = np.unique(score, return_inverse=True)[1]
     band = roc_band(score, positive, np.arange(300), resamples=50)
     assert band.area.value == pytest.approx(roc_auc_score(positive, places))
-    curve = roc(score, positive)
-    assert band.curve.value == pytest.approx(np.interp(band.grid, curve.fpr, curve.tpr))
+    fpr, tpr, _ = roc_curve(positive, places)
+    assert band.curve.value == pytest.approx(np.interp(band.grid, fpr, tpr))
     pr = precision_recall_band(score, positive, np.arange(300), resamples=50)
     assert pr.area.value == pytest.approx(average_precision_score(positive, places))
-    whole = precision_recall(score, positive)
+    assert pr.area.value == pytest.approx(average_precision(score, positive))
+    precision, recall, _ = precision_recall_curve(positive, places)
     for x, y in zip(pr.grid, pr.curve.value, strict=True):
-        assert y == whole.precision[np.flatnonzero(whole.recall >= x - 1e-12)[-1]]
+        assert y == precision[np.flatnonzero(recall >= x - 1e-12)[-1]]
 
 
 @pytest.mark.slow
@@ -99,18 +74,11 @@ def test_resamples_without_positives_are_counted():
     assert math.isnan(nobody.area.value) and nobody.area.undefined == 20
 
 
-def test_operating_points():
-    score = np.array([5, 4, 3, -np.inf, 4, 2, 1, -np.inf])
-    positive = np.repeat([True, False], 4)
-    at4, everything, nothing = operating_points(score, positive, [4, -np.inf, np.inf])
-    assert (at4.tpr, at4.fpr, at4.precision) == (wilson(2, 4), wilson(1, 4), wilson(2, 3))
-    assert (everything.tpr.k, everything.fpr.k) == (3, 3)  # what scores -inf never alarms
-    assert nothing.precision.n == 0 and math.isnan(nothing.precision.value)
-    (censored,) = operating_points([1.0], [False], [0.5])
-    assert math.isnan(censored.tpr.value) and censored.fpr.value == 1
+def bands(score, positive):
+    return roc_band(score, positive, np.arange(len(score)))
 
 
-@pytest.mark.parametrize("call", [roc, precision_recall, lambda s, p: operating_points(s, p, [1])])
+@pytest.mark.parametrize("call", [average_precision, bands])
 def test_bad_scores_are_refused(call):
     with pytest.raises(ValueError, match="1 scores are NaN"):
         call([np.nan, 1], [True, False])

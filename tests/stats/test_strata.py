@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ravenjax.stats.intervals import wilson
-from ravenjax.stats.strata import allocate, neyman, stratified
+from ravenjax.stats.strata import allocate, stratified
 
 
 def test_hand_computed_rate_and_error():
@@ -38,26 +38,6 @@ def test_coverage(p):
         assert inside < 0.97 and np.std([rate.value for rate in found]) == pytest.approx(
             np.mean([rate.error for rate in found]), rel=0.1
         )
-
-
-def test_neyman_beats_every_neighbour():
-    weight, rate = np.array([0.5, 0.3, 0.2]), np.array([0.5, 0.1, 0.02])
-    runs = neyman(600, weight, rate)
-    assert runs.sum() == 600
-
-    def variance(n):
-        return np.sum(weight**2 * rate * (1 - rate) / n)
-
-    for i in range(3):
-        for j in range(3):
-            moved = runs + np.eye(3, dtype=int)[i] * 8 - np.eye(3, dtype=int)[j] * 8
-            assert variance(runs) <= variance(moved)
-
-
-def test_neyman_never_starves_a_stratum():
-    runs = neyman(100, [1, 1, 1], [0.5, 0.0, 1e-6], least=10)
-    assert runs.tolist() == [80, 10, 10]
-    assert neyman(7, [1, 1, 1], [0, 0, 0]).tolist() == [3, 2, 2]
 
 
 STRATA = st.lists(
@@ -113,8 +93,3 @@ def test_allocations_that_cannot_be_are_refused(spread, least, most, message):
 def test_bad_strata_are_refused(k, n, weight, message):
     with pytest.raises(ValueError, match=message):
         stratified(k, n, weight)
-
-
-def test_too_few_runs_to_allocate():
-    with pytest.raises(ValueError, match="fewer than 2"):
-        neyman(5, [1, 1, 1], [0.1, 0.1, 0.1], least=2)

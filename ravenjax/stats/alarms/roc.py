@@ -1,12 +1,11 @@
-"""How well a score tells harmful runs from harmless ones: ROC, precision-recall, operating points.
+"""How well a score tells harmful runs from harmless ones: ROC and precision-recall.
 
 A run alarms at a threshold where its score is at least the threshold; a score of -inf never alarms. Labels are bool,
-True for a run that should alarm. Curves and areas are scikit-learn's.
+True for a run that should alarm.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -15,37 +14,8 @@ from numpy.typing import ArrayLike
 
 from ravenjax.stats.bootstrap.clusters import cluster_bootstrap
 from ravenjax.stats.bootstrap.resample import BootstrapBand
-from ravenjax.stats.intervals import Rate, rates
 
 GRID = np.linspace(0.0, 1.0, 101)
-
-
-class Roc(NamedTuple):
-    """ROC curve, from no alarm at all to an alarm in each run; threshold decreases, its first is +inf.
-
-    tpr and auc are NaN without positives, fpr and auc without negatives. The last point also counts runs that never
-    alarm (-inf): no threshold reaches it, and auc takes the way to it as a straight line, a coin thrown for them.
-    """
-
-    threshold: np.ndarray
-    fpr: np.ndarray
-    tpr: np.ndarray
-    auc: float
-    positives: int
-    negatives: int
-
-
-class PrecisionRecall(NamedTuple):
-    """Precision-recall curve, recall falling from 1 to 0 with rising threshold; the last point (1, 0) has no threshold,
-    +inf stands for it. All NaN without positives. base: share of positives, the precision of an alarm in each run."""
-
-    threshold: np.ndarray
-    precision: np.ndarray
-    recall: np.ndarray
-    average_precision: float
-    base: float
-    positives: int
-    negatives: int
 
 
 class CurveBand(NamedTuple):
@@ -56,54 +26,18 @@ class CurveBand(NamedTuple):
     area: BootstrapBand  # AUC or average precision
 
 
-class OperatingPoint(NamedTuple):
-    """What a threshold does: rates of alarms among positives and negatives, and of positives among alarms."""
+def average_precision(score: ArrayLike, positive: ArrayLike) -> float:
+    """Area under the precision-recall curve of score [n] (any unit, may be infinite) against positive (bool [n]).
 
-    threshold: float
-    tpr: Rate
-    fpr: Rate
-    precision: Rate
-
-
-def roc(score: ArrayLike, positive: ArrayLike) -> Roc:
-    """ROC curve of score [n] (any unit, may be infinite) against positive (bool [n]).
-
-    ValueError where lengths differ or a score is NaN.
+    NaN without positives. ValueError where lengths differ or a score is NaN.
     """
-    from sklearn.metrics import auc, roc_curve  # slow to import
+    from sklearn.metrics import average_precision_score  # slow to import
 
     values, truth = _scored(score, positive)
-    positives, negatives = int(truth.sum()), int((~truth).sum())
-    if not len(values):
-        nothing = np.full(1, np.nan)
-        return Roc(np.full(1, np.inf), nothing, nothing, np.nan, 0, 0)
-    level, place = np.unique(values, return_inverse=True)  # sklearn refuses infinities; only the order matters
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # one class alone: NaN tells it
-        fpr, tpr, at = roc_curve(truth, place)
-    area = float(auc(fpr, tpr)) if positives and negatives else float("nan")
-    threshold = np.concatenate([[np.inf], level[at[1:].astype(int)]])
-    return Roc(threshold, fpr, tpr, area, positives, negatives)
-
-
-def precision_recall(score: ArrayLike, positive: ArrayLike) -> PrecisionRecall:
-    """Precision-recall curve of score [n] (any unit, may be infinite) against positive (bool [n]).
-
-    ValueError where lengths differ or a score is NaN.
-    """
-    from sklearn.metrics import average_precision_score, precision_recall_curve  # slow to import
-
-    values, truth = _scored(score, positive)
-    positives, negatives = int(truth.sum()), int((~truth).sum())
-    if not positives:
-        nothing = np.full(1, np.nan)
-        base = 0.0 if negatives else float("nan")
-        return PrecisionRecall(np.full(1, np.inf), nothing, nothing, float("nan"), base, 0, negatives)
-    level, place = np.unique(values, return_inverse=True)
-    precision, recall, at = precision_recall_curve(truth, place)
-    threshold = np.concatenate([level[at.astype(int)], [np.inf]])
-    area = float(average_precision_score(truth, place))
-    return PrecisionRecall(threshold, precision, recall, area, positives / len(truth), positives, negatives)
+    if not truth.any():
+        return float("nan")
+    places = np.unique(values, return_inverse=True)[1]  # sklearn refuses infinities; only the order matters
+    return float(average_precision_score(truth, places))
 
 
 def roc_band(
@@ -117,7 +51,7 @@ def roc_band(
     seed: int = 0,
 ) -> CurveBand:
     """tpr at each fpr of `grid`, and AUC, with bands that resample clusters (label [n]; np.arange(n) where each run
-    stands alone). The bands are pointwise. Errors as in `roc` and `cluster_bootstrap`."""
+    stands alone). The bands are pointwise. Errors as in `average_precision` and `cluster_bootstrap`."""
 
     def curve(hits: np.ndarray, misses: np.ndarray) -> np.ndarray:
         tpr, fpr = (np.insert(part, 0, 0.0) / part[-1] for part in (hits, misses))
@@ -146,27 +80,6 @@ def precision_recall_band(
         return np.append(precision[reached], gained[gained > 0] @ precision[gained > 0])
 
     return _band(score, positive, cluster, curve, grid, confidence, resamples, seed)
-
-
-def operating_points(
-    score: ArrayLike, positive: ArrayLike, thresholds: ArrayLike, confidence: float = 0.95
-) -> list[OperatingPoint]:
-    """What each threshold [m] (unit of the score) does, with Wilson intervals; errors as in `roc`."""
-    values, truth = _scored(score, positive)
-    levels = np.atleast_1d(np.asarray(thresholds, float))
-    hits, misses = alarms(values[truth], levels), alarms(values[~truth], levels)
-    true = rates(hits, int(truth.sum()), confidence)
-    false = rates(misses, int((~truth).sum()), confidence)
-    precision = rates(hits, hits + misses, confidence)
-    return [OperatingPoint(*point) for point in zip(levels.tolist(), true, false, precision, strict=True)]
-
-
-def alarms(score: np.ndarray, thresholds: np.ndarray) -> np.ndarray:
-    """How many of the scores [n] alarm at each threshold [m]: int [m]. NaN thresholds raise ValueError."""
-    if np.isnan(thresholds).any():
-        raise ValueError("a threshold must be a number or infinite, got NaN")
-    able = np.sort(score[score > -np.inf])
-    return len(able) - np.searchsorted(able, thresholds)
 
 
 def _band(

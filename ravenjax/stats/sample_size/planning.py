@@ -8,33 +8,6 @@ from typing import NamedTuple
 from ravenjax.stats.intervals import alpha_of, rates
 
 
-def runs_for_half_width(
-    half_width: float, confidence: float = 0.95, rate: float = 0.5, population: int | None = None
-) -> int:
-    """Runs that give a rate an interval of +- half_width (fraction), drawn from `population` possible faults.
-
-    n = N / (1 + e^2 (N - 1) / (t^2 p (1 - p))), Leveugle et al., DATE 2009; without population its limit. rate 0.5 is
-    the worst case. It takes every run as an independent draw with one outcome. ValueError where half_width or rate is
-    not within 0..1 (exclusive) or the population is empty.
-    """
-    from statsmodels.stats.proportion import samplesize_confint_proportion
-
-    _fraction(half_width, "half_width")
-    _fraction(rate, "rate")
-    endless = float(samplesize_confint_proportion(rate, half_width, alpha_of(confidence)))
-    if population is None:
-        return _up(endless)
-    if population < 1:
-        raise ValueError(f"a population holds at least one fault, got {population}")
-    return _up(population / (1 + (population - 1) / endless))
-
-
-def runs_to_bound(rate: float, confidence: float = 0.95) -> int:
-    """Runs without a single case that show a rate to be at most `rate` (one-sided, exact): about 3/rate at 95 %."""
-    _fraction(rate, "rate")
-    return _up(math.log(alpha_of(confidence)) / math.log1p(-rate))
-
-
 def hours_to_bound(per_hour: float, count: int = 0, confidence: float = 0.95) -> float:
     """Hours in which `count` alarms, 0 where none came, show that there are at most `per_hour` of them: those in which
     the upper end of the exact interval (`false_alarms.alarm_rate`) is per_hour. 3.69 / per_hour at 95 % without an
@@ -65,7 +38,7 @@ def more_runs(k: int, n: int, half_width: float, confidence: float = 0.95) -> Mo
     """
     (rate,) = rates(k, n, confidence)
     if not rate.n:
-        raise ValueError("more_runs: no run was seen yet; plan with runs_for_half_width")
+        raise ValueError("more_runs: no run was seen yet")
     if not 0 < half_width < 0.5:
         raise ValueError(f"more_runs: half_width lies between 0 and 0.5, got {half_width}")
     worst = min(max(0.5, rate.low), rate.high)
@@ -88,8 +61,3 @@ def _wilson_runs(rate: float, half_width: float, confidence: float) -> int:
 def _up(count: float) -> int:
     """Rounded up, but for what only float rounding has lifted above a whole number."""
     return math.ceil(count * (1 - 1e-9))
-
-
-def _fraction(value: float, name: str) -> None:
-    if not 0 < value < 1:
-        raise ValueError(f"{name} is a fraction between 0 and 1, got {value}")

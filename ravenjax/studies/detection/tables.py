@@ -10,7 +10,7 @@ import numpy as np
 from ravenjax.outcomes.verdict import HAZARDS
 from ravenjax.report import wording
 from ravenjax.robots.raven2.layers import LAYERS
-from ravenjax.stats.alarms.roc import precision_recall
+from ravenjax.stats.alarms.roc import average_precision
 from ravenjax.stats.multiplicity import holm
 from ravenjax.studies.detection.areas import Areas, areas
 from ravenjax.studies.detection.points import (
@@ -99,7 +99,7 @@ def area_table(faulty: FaultyScores, auc: Areas) -> Table:
     tested = holm({name: p for name, (_, p) in differences.items()})
     rows = []
     for d, name in enumerate(listed):
-        precision = precision_recall(faulty.score[:, d], faulty.unintended).average_precision
+        precision = average_precision(faulty.score[:, d], faulty.unintended)
         cells = ("", "", "")
         if name in differences:
             adjusted = tested[name].adjusted
