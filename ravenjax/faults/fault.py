@@ -7,9 +7,6 @@ import jax.numpy as jnp
 from ravenjax.numbers.setup import Setup
 from ravenjax.numbers.vec import Scalar, record
 
-FOREVER_TICKS = 2**30
-"""A duration that outlasts any run."""
-
 
 @record
 class FaultSlot:
@@ -51,17 +48,6 @@ class FaultState:
     """What the faults of one run remember."""
 
     slots: tuple[SlotState, ...]
-
-
-def no_fault() -> FaultSlot:
-    """An empty slot."""
-    zero = jnp.int32(0)
-    return FaultSlot(zero, zero, jnp.float32(0.0), zero, zero, zero, zero, jnp.int32(1), jnp.uint32(0))
-
-
-def no_faults(setup: Setup) -> Faults:
-    """A run without faults: the golden run."""
-    return Faults(tuple(no_fault() for _ in range(setup.injection.slots)))
 
 
 def outcomes(state: FaultState) -> dict[str, Scalar]:

@@ -41,22 +41,6 @@ class UnknownPrimitive(NotImplementedError):
     """The jaxpr holds something that is not an operation on single numbers."""
 
 
-def primitives(jaxpr: core.ClosedJaxpr) -> dict[str, int]:
-    """How often each primitive occurs once calls are inlined."""
-    count: dict[str, int] = {}
-
-    def walk(body: core.Jaxpr) -> None:
-        for eqn in body.eqns:
-            name = eqn.primitive.name
-            if name in _CALLS:
-                walk(_callee(eqn)[0])
-            else:
-                count[name] = count.get(name, 0) + 1
-
-    walk(jaxpr.jaxpr)
-    return count
-
-
 def lower(jaxpr: core.ClosedJaxpr, origin: Origin | None = None, functions: Functions = "polynomials") -> Program:
     """The program of a closed jaxpr (`jax.make_jaxpr(f)(...)`).
 

@@ -23,8 +23,6 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.ir import semantics
-
 Number = Any
 TYPES = ("float32",)
 
@@ -253,13 +251,3 @@ FUNCTIONS: dict[str, Callable[..., Number]] = {
 def write(name: str, arithmetic: Arithmetic, *operands: Number) -> Number:
     """Function `name` of `operands`."""
     return FUNCTIONS[name](arithmetic, *operands)
-
-
-def in_numpy(name: str, *operands: Any) -> Any:
-    """Function `name` of float32 NumPy arrays, operation by operation."""
-
-    def emit(operation: str, dtype: str, *values: Any) -> Any:
-        return semantics.evaluate(operation, dtype, values)
-
-    arithmetic = Arithmetic(emit, lambda dtype, value: np.asarray(value, dtype)[()])
-    return write(name, arithmetic, *(np.asarray(x, np.float32) for x in operands))

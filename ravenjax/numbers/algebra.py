@@ -93,8 +93,3 @@ def matmul(a: Vec, b: Vec) -> Vec:
 def matrix(*rows: tuple[Scalar, ...]) -> Vec:
     """A matrix from its rows."""
     return Vec(Vec(row) for row in rows)
-
-
-def identity(size: int) -> Vec:
-    """The literal unit matrix."""
-    return Vec(Vec(float(i == j) for j in range(size)) for i in range(size))

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from empty_faults import no_fault, no_faults
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -71,7 +72,7 @@ _TICK = jax.jit(_tick)
 
 def run(*faults, pedal=lambda tick: -1):
     """Each tick's faulty signal as numbers, and the final state of the slots."""
-    slots = (*faults, *(fault.no_fault() for _ in range(2 - len(faults))))
+    slots = (*faults, *(no_fault() for _ in range(2 - len(faults))))
     state, rows = fault.init(SETUP), []
     for tick in range(TICKS):
         left, right, command, count, flag = clean(tick)
@@ -196,7 +197,7 @@ def test_a_fault_that_changes_nothing_was_not_activated():
 
 @pytest.mark.parametrize("present", [False, True])
 def test_where_nothing_is_there_nothing_is_struck(present):
-    slots = fault.Faults((make(3, "offset", 5.0, "time", 0, TICKS, 0), fault.no_fault()))
+    slots = fault.Faults((make(3, "offset", 5.0, "time", 0, TICKS, 0), no_fault()))
     clock = window.TriggerClocks(jnp.int32(0), jnp.int32(1), jnp.int32(-1))
     state = window.open_windows(SETUP, slots, fault.init(SETUP), clock)
     clean_signal = Signal(Vec((jnp.float32(0), jnp.float32(0))), jnp.int32(7), jnp.int32(0), jnp.bool_(False))
@@ -222,8 +223,6 @@ def test_a_window_is_open_exactly_when_it_says(start, duration, every, value):
 
 def test_a_site_the_campaign_does_not_name_costs_nothing():
     jaxpr = jax.make_jaxpr(
-        lambda signal: injection.inject(SETUP, PATHS, fault.no_faults(SETUP), fault.init(SETUP), None, "valve", signal)[
-            1
-        ]
+        lambda signal: injection.inject(SETUP, PATHS, no_faults(SETUP), fault.init(SETUP), None, "valve", signal)[1]
     )(jnp.float32(1.0))
     assert not jaxpr.eqns

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ravenjax.campaign.faults import design
 from ravenjax.trainer import scenario
 from ravenjax.trainer.protocol.frame import PHASES, Frame, FrameLayout
-from ravenjax.trainer.protocol.world import from_world
+from ravenjax.trainer.protocol.world import frame0, transposed, turned
 
 HOME = (-0.07794699817895889, -0.02526555210351944, 0.013225629925727844)
 TIPS = {"gold": HOME, "green": (HOME[0], -HOME[1], HOME[2])}
@@ -30,6 +30,12 @@ def running(arms=("gold",)):
         frame[f"{arm}/link_jpos"] = (0.5, 1.6, 0.4, 0.0, 0.0, 0.785, 0.785)
         frame[f"{arm}/depth_mm"] = -20.0
     return frame
+
+
+def from_world(arm, point):
+    """A point of the world in the arm's frame 0, m."""
+    origin, rows = frame0(arm)
+    return turned(transposed(rows), tuple(x - o for x, o in zip(point, origin, strict=True)))
 
 
 def put(frame, arm, point):

@@ -10,8 +10,6 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 LARGEST = 2048  # bytes of one message
 NOTE = 700  # bytes of a note as JSON: it must fit in an event
 
-ROLES = ("operator", "watcher", "instructor")
-"""Who drives; who would drive but came second, and looks on; who arms hazards."""
 
 _Speed = Annotated[float, Field(ge=-1.0, le=1.0, allow_inf_nan=False)]
 _Axes = Annotated[list[_Speed], Field(min_length=3, max_length=3)]

@@ -30,12 +30,6 @@ def to_world(arm: ArmName, position: Point) -> Point:
     return ox + x, oy + y, oz + z
 
 
-def from_world(arm: ArmName, point: Point) -> Point:
-    """A point of the world in the arm's frame 0, m."""
-    origin, rows = frame0(arm)
-    return turned(transposed(rows), (point[0] - origin[0], point[1] - origin[1], point[2] - origin[2]))
-
-
 @cache
 def itp_from_view(arm: ArmName) -> Rows:
     """Rotation rows from the axes of the operator's view to those of the arm's ITP packets."""

@@ -96,10 +96,6 @@ class Gate:
             self._peer, self._last = None, 0
         return self._peer
 
-    def silence_ms(self, now_ms: float) -> float:
-        """How long ago the stream last went on; infinite before the first packet."""
-        return now_ms - self._heard_ms
-
     def admit(self, datagram: bytes, source: tuple, now_ms: float) -> Increments | None:
         """What is asked of the robot, None where the datagram is refused.
 

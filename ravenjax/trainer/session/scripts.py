@@ -161,19 +161,6 @@ class Recorded:
         return out
 
 
-class RecordingOperator:
-    """Passes on what an operator says, and keeps it."""
-
-    def __init__(self, operator: SessionOperator) -> None:
-        self.operator = operator
-        self.said: list[tuple[int, Message]] = []
-
-    def messages(self, tick: int, frame: Frame) -> list[Message]:
-        out = self.operator.messages(tick, frame)
-        self.said += ((tick, message) for message in out)
-        return out
-
-
 def save(path: str | Path, said: Iterable[tuple[int, Mapping[str, Any]]]) -> None:
     """Write what was said as JSON lines, {"tick": ms, "message": {..}} each."""
     lines = (json.dumps({"tick": tick, "message": message}, separators=(",", ":")) for tick, message in said)

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ravenjax.trainer.page.inbox import LARGEST, ROLES, Inbox, RefusedMessage
+from ravenjax.trainer.page.inbox import LARGEST, Inbox, RefusedMessage
 from ravenjax.trainer.protocol import messages
 
+ROLES = ("operator", "watcher", "instructor")
 INBOX = Inbox(("gold", "green"), hazards=3, blinded=False)
 INPUT = {
     "type": "input",

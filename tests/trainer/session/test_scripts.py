@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 from made_frames import TIPS, made, put, running
+from recording_operator import RecordingOperator
 
 from ravenjax.errors import UserError
 from ravenjax.trainer import scenario, tasks
@@ -15,7 +16,7 @@ from ravenjax.trainer.protocol.frame import PHASES
 from ravenjax.trainer.session import scripts
 from ravenjax.trainer.session.advance import Session
 from ravenjax.trainer.session.hands import Hands
-from ravenjax.trainer.session.scripts import INPUT_EVERY_MS, Follower, Recorded, RecordingOperator
+from ravenjax.trainer.session.scripts import INPUT_EVERY_MS, Follower, Recorded
 
 
 def follower(**keys):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from recording_operator import RecordingOperator
 
 from ravenjax.trainer import scenario
 from ravenjax.trainer.session import scripts
@@ -74,7 +75,7 @@ def follower(session, **settings):
 
 def test_a_session_comes_again_to_the_bit_from_its_script_and_from_what_was_said(made):
     first = Session(CHOSEN, 5, ready=made)
-    heard = scripts.RecordingOperator(follower(first))
+    heard = RecordingOperator(follower(first))
     rows, events, hazards = whole(first, heard)
     for operator in (None, scripts.Recorded(heard.said)):
         again = Session(CHOSEN, 5, ready=made)

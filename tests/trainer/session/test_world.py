@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made_frames import from_world
 
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.geometry import mapping, scene
@@ -15,7 +16,7 @@ from ravenjax.trainer.protocol.messages import VIEW
 def test_points_and_ways_as_scene_and_mapping_have_them(arm):
     point = (-0.07, -0.02, 0.015)
     np.testing.assert_allclose(world.to_world(arm, point), scene.world(arm, Vec(point)), rtol=1e-12)
-    np.testing.assert_allclose(world.from_world(arm, world.to_world(arm, point)), point, atol=1e-15)
+    np.testing.assert_allclose(from_world(arm, world.to_world(arm, point)), point, atol=1e-15)
     for axis in range(3):
         way = np.eye(3)[axis]
         in_frame0 = mapping.position_from_itp(arm, Vec(world.turned(world.itp_from_view(arm), tuple(way))))
@@ -27,5 +28,5 @@ def test_points_and_ways_as_scene_and_mapping_have_them(arm):
 @pytest.mark.parametrize("arm", ["gold", "green"])
 def test_the_surface_is_where_the_depth_is_zero(arm):
     for x, y in ((0.0, 0.0), (0.03, -0.02), (-0.05, 0.05)):
-        at = world.from_world(arm, (x, y, world.surface(x, y) - 0.002))
+        at = from_world(arm, (x, y, world.surface(x, y) - 0.002))
         assert float(scene.tissue_depth(arm, Vec(at))) == pytest.approx(0.002, abs=1e-6)

@@ -8,12 +8,12 @@ import math
 
 import numpy as np
 import pytest
-from made_frames import TIPS, kinds, made, put, running
+from made_frames import TIPS, from_world, kinds, made, put, running
 
 import ravenjax
 from ravenjax.robots.raven2.geometry import kinematics, limits
 from ravenjax.trainer import tasks
-from ravenjax.trainer.protocol.world import from_world, surface, to_world
+from ravenjax.trainer.protocol.world import surface, to_world
 
 BOTH = ("gold", "green")
 OPEN, CLOSED = (0.785, 0.785), (0.3, 0.3)

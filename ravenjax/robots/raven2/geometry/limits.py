@@ -46,7 +46,6 @@ class SoftLimits(NamedTuple):
 
 POSITIONING_LOWER = (0.0, 45 * _DEG, 0.23)  # rad, rad, m
 POSITIONING_UPPER = (90 * _DEG, 135 * _DEG, 0.56)  # rad, rad, m
-POSITIONING_STOPS = (0.0, 137.5 * _DEG, 0.562)  # rad, rad, m: hard-stop references of homing (shoulder at its low end)
 
 
 def soft_limits(tool: str, software: str = "raven2") -> SoftLimits:
@@ -61,9 +60,3 @@ def soft_limits(tool: str, software: str = "raven2") -> SoftLimits:
     wrist = instrument.wrist_limit_deg * _DEG
     yaw_lower = None if fork else -instrument.grasp1_limit_deg * _DEG
     return SoftLimits((*POSITIONING_LOWER, -roll, -wrist, yaw_lower), (*POSITIONING_UPPER, roll, wrist, None))
-
-
-def home_jpos(tool: str) -> Vec:
-    """Home pose with `tool`, rad and m."""
-    jaw = find_tool(tool).home_jaw_deg * _DEG
-    return HOME_JPOS.replace(5, jaw).replace(6, jaw)

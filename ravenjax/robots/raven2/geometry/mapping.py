@@ -6,8 +6,6 @@ Quaternions are (x, y, z, w). Sources: raven2 `src/raven/mapping.cpp` (axes; the
 
 from __future__ import annotations
 
-import math
-
 import jax.numpy as jnp
 
 from ravenjax.numbers.algebra import dot, matmul, matrix, matvec, transpose
@@ -45,13 +43,6 @@ def quat_from_itp(arm: str, quat: Vec) -> Vec:
     return Vec((*matvec(ITP_AXES[arm], Vec(quat[:3])), quat[3])) * inverse_norm
 
 
-def increment_from_itp(arm: str, position: Vec, quat: Vec) -> tuple[Vec, Vec]:
-    """Displacement and quaternion of an ITP packet in frame 0; a zero quaternion makes both NaN, as in the original."""
-    turned = quat_from_itp(arm, quat)
-    whole = turned[3] == turned[3]
-    return position_from_itp(arm, position).map(lambda p: jnp.where(whole, p, math.nan)), turned
-
-
 def quat_mul(a: Vec, b: Vec) -> Vec:
     """a b: the rotation b followed by a."""
     ax, ay, az, aw = a
@@ -64,11 +55,6 @@ def quat_mul(a: Vec, b: Vec) -> Vec:
             aw * bw - ax * bx - ay * by - az * bz,
         )
     )
-
-
-def accumulate(position: Vec, quat: Vec, position_increment: Vec, quat_increment: Vec) -> tuple[Vec, Vec]:
-    """Position and orientation after an increment about the axes of frame 0. Nothing is normalised."""
-    return position + position_increment, quat_mul(quat_increment, quat)
 
 
 def matrix_from_quat(quat: Vec) -> Vec:

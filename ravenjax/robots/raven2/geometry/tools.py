@@ -32,7 +32,6 @@ class Tool:
     grasp1_limit_deg: float  # deg
     grasp2_max_deg: float  # deg
     grasp2_limit_deg: float  # deg
-    home_jaw_deg: float = 45.0  # deg, each jaw
     roll_min_deg: float | None = None  # deg, hard stop on the other side; -roll_max_deg if None
 
     @property
@@ -56,8 +55,8 @@ TOOLS = {
         Tool("micro_forceps", "dv", 0.5, 275, 182, 85, 75, 150, 85, 150, 85),
         Tool("bipolar_forceps", "dv", 0.64, 260, 182, 70, 65, 140, 85, 140, 85),
         Tool("cardiere_forceps", "dv", 0.7, 260, 182, 90, 85, 100, 85, 100, 85),
-        Tool("mopocu_scissor", "dv", 0.5, 260, 250, 90, 75, 100, 85, 105, 95, home_jaw_deg=10),
-        Tool("potts_scissor", "dv", 0.5, 260, 220, 85, 75, 130, 110, 130, 110, home_jaw_deg=5),
+        Tool("mopocu_scissor", "dv", 0.5, 260, 250, 90, 75, 100, 85, 105, 95),
+        Tool("potts_scissor", "dv", 0.5, 260, 220, 85, 75, 130, 110, 130, 110),
         Tool("r_grasper_A", "raven", 0.0, 290, 182, 115, 75, 120, 85, 120, 85, roll_min_deg=-330),
         Tool("r_grasper_B", "raven", 0.0, 325, 182, 115, 75, 120, 85, 120, 85),
     )

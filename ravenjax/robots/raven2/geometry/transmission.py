@@ -127,11 +127,6 @@ def motor_matrix(arm: str, tool: str, software: str = "raven2") -> tuple[tuple[f
     return _columns(lambda unit: motor_from_joint(arm, tool, unit, software=software))
 
 
-def joint_matrix(arm: str, tool: str, software: str = "raven2") -> tuple[tuple[float, ...], ...]:
-    """The 7 x 7 matrix of `joint_from_motor`: rows joints, columns motors."""
-    return _columns(lambda unit: joint_from_motor(arm, tool, unit, software=software))
-
-
 def _columns(linear: Callable[[Vec], Vec]) -> tuple[tuple[float, ...], ...]:
     columns = [linear(Vec(float(i == j) for i in range(7))) for j in range(7)]
     return tuple(tuple(row) for row in zip(*columns, strict=True))

@@ -8,7 +8,7 @@ bug, behind `tension_bug`, off by default). Not part of the virtual robot: see `
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import jax.numpy as jnp
 
@@ -21,7 +21,6 @@ PI = 3.141592654  # as typed in the source's cable law
 CAPSTAN_M = 5.675e-3  # m
 LINK_RADIUS = (63.095e-3, 56.298e-3, 1.0)  # m, m, 1
 JOINT_PER_MOTOR = (0.007342345766264, 0.008228805750159, 0.000463265306122)  # rad/rad, rad/rad, m/rad at start-up
-SPEED_CLAMP = 790.0  # rad/s, of the motor speed that the Runge-Kutta form integrates
 GRAVITY_TERMS = (0.03541124607, -0.02971000684, 1.223025927, 3.146266896)  # of cos q1: 1, c2, s2, d s2
 GRAVITY_TERMS_SIN = (-2.144340615, -2.374374248, 0.3165424025, 0.8143137936, 0.0076895156)  # of sin q1: 1 d c2 d*c2 s2
 
@@ -162,43 +161,9 @@ def euler(state: AuthorsState, dac: Vec, dt: float = 1e-3, tension_bug: bool = F
     return _along(state, slope, dt)
 
 
-def rk4(state: AuthorsState, dac: Vec, dt: float = 1e-3, tension_bug: bool = False) -> AuthorsState:
-    """One classical Runge-Kutta step; the motor speed that moves the motor angle is clamped, as in the source."""
-
-    def slope(at: AuthorsState) -> Rates:
-        derivative, _ = rates(at, dac, tension_bug)
-        clamped = derivative.m.map(lambda speed: jnp.minimum(jnp.maximum(speed, -SPEED_CLAMP), SPEED_CLAMP))
-        return Rates(q=derivative.q, qd=derivative.qd, m=clamped, md=derivative.md)
-
-    k1 = slope(state)
-    k2 = slope(_along(state, k1, dt / 2))
-    k3 = slope(_along(state, k2, dt / 2))
-    k4 = slope(_along(state, k3, dt))
-    mean = _combine(lambda a, b, c, e: (a + 2.0 * b + 2.0 * c + e) / 6.0, k1, k2, k3, k4)
-    return _along(state, mean, dt)
-
-
-def detector_statistic(state: AuthorsState, dac: Vec, tension_bug: bool = False) -> Scalar:
-    """S of the model-based detector at the start of an Euler step; the authors' alarm is S > 55."""
-    slope, _ = rates(state, dac, tension_bug)
-    links = _sum(abs(x) for x in (*slope.q, *slope.qd))
-    motors = _sum(abs(x) for x in (*slope.m, *slope.md))
-    return links + 0.001 * motors
-
-
 def _along(state: AuthorsState, slope: Rates, dt: float) -> AuthorsState:
     return AuthorsState(
         q=state.q + slope.q * dt, qd=state.qd + slope.qd * dt, m=state.m + slope.m * dt, md=state.md + slope.md * dt
-    )
-
-
-def _combine(function: Callable[..., Scalar], *slopes: Rates) -> Rates:
-    first, *others = slopes
-    return Rates(
-        q=first.q.map(function, *(x.q for x in others)),
-        qd=first.qd.map(function, *(x.qd for x in others)),
-        m=first.m.map(function, *(x.m for x in others)),
-        md=first.md.map(function, *(x.md for x in others)),
     )
 
 

@@ -539,6 +539,5 @@ def test_home_lies_inside_the_limits():
     soft = limits.soft_limits("r_grasper")
     for k, joint_at_home in enumerate(limits.HOME_JPOS[:5]):
         assert soft.lower[k] < joint_at_home < soft.upper[k]
-    assert limits.home_jpos("mopocu_scissor")[5:] == pytest.approx((10 * DEG, 10 * DEG))
     assert limits.soft_limits("r_grasper", "fork2015").upper[3] == pytest.approx(150 * DEG)
     assert soft.lower[5] == pytest.approx(-105 * DEG) and soft.upper[5] is None

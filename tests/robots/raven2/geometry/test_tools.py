@@ -5,7 +5,7 @@ import pytest
 
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.arms import ARMS
-from ravenjax.robots.raven2.geometry.limits import HOME_JPOS, home_jpos, soft_limits
+from ravenjax.robots.raven2.geometry.limits import HOME_JPOS, soft_limits
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS, TOOLS, find_tool
 
 DEG = np.pi / 180
@@ -43,8 +43,3 @@ def test_soft_limits():
     assert all(
         low < home < high for low, home, high in zip(present.lower[:5], HOME_JPOS, present.upper[:5], strict=False)
     )
-
-
-def test_home_jaws_depend_on_the_tool():
-    assert home_jpos("r_grasper") == pytest.approx(HOME_JPOS)
-    assert home_jpos("potts_scissor")[5:] == pytest.approx((5 * DEG, 5 * DEG))

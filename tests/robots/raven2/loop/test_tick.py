@@ -9,8 +9,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from empty_faults import no_faults
 
-from ravenjax.faults import fault
 from ravenjax.numbers.setup import Injection, SiteUse
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.checks import CHECKS
@@ -73,7 +73,7 @@ def trace(setup: RavenSetup):
     params, state, columns, reference = build(setup)
 
     def run(state, now):
-        return tick.tick(setup, params, fault.no_faults(setup), state, tick.Input(now, columns, reference))
+        return tick.tick(setup, params, no_faults(setup), state, tick.Input(now, columns, reference))
 
     return jax.make_jaxpr(run)(state, jnp.int32(0))
 
@@ -115,7 +115,7 @@ def test_every_state_keeps_its_type():
     """A carried number whose type changes would compile twice, or not at all."""
     for setup in SETUPS.values():
         params, state, columns, reference = build(setup)
-        step = partial(tick.tick, setup, params, fault.no_faults(setup))
+        step = partial(tick.tick, setup, params, no_faults(setup))
         after, _ = jax.eval_shape(
             lambda s, n, c=columns, r=reference, f=step: f(s, tick.Input(n, c, r)), state, jnp.int32(0)
         )

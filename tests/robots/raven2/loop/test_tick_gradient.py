@@ -13,10 +13,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from empty_faults import no_faults
 from jax.extend import core
 
 from ravenjax.engines.cpu import python
-from ravenjax.faults import fault
 from ravenjax.numbers import paths
 from ravenjax.numbers.setup import REFERENCE, real
 from ravenjax.numbers.vec import Vec
@@ -97,7 +97,7 @@ def course():
             for path, value in zip(PARAMETERS, values, strict=True):
                 changed = paths.assign(changed, SETUP, path, value)
             signal = tick.Input(now, columns, reference)
-            state, signals = tick.tick(SETUP, changed, fault.no_faults(SETUP), state, signal)
+            state, signals = tick.tick(SETUP, changed, no_faults(SETUP), state, signal)
             software, model = signals.control.arms[0], signals.nominal[0]
             return state, (signals.tip[0][0], software.tau_d[1], model.tip_position[2])
 

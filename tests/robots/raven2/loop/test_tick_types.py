@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import pytest
+from empty_faults import no_faults
 
-from ravenjax.faults import fault
 from ravenjax.numbers.setup import CAMPAIGN, ORIGINAL, REFERENCE, Injection, SiteUse, real
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.console import motions
@@ -72,7 +72,7 @@ def types_of(setup: RavenSetup) -> Types:
 
         def advance(state: Any, now: Any) -> Any:
             signal = tick.Input(now, columns, reference)
-            return tick.tick(setup, params, fault.no_faults(setup), state, signal)
+            return tick.tick(setup, params, no_faults(setup), state, signal)
 
         start = jax.eval_shape(lambda: tick.init(setup, params))
         traced: Callable[..., Any] = jax.jit(advance)

@@ -1,0 +1,19 @@
+"""Faults that do nothing, for ticks without a campaign."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+
+from ravenjax.faults.fault import Faults, FaultSlot
+from ravenjax.numbers.setup import Setup
+
+
+def no_fault() -> FaultSlot:
+    """An empty slot."""
+    zero = jnp.int32(0)
+    return FaultSlot(zero, zero, jnp.float32(0.0), zero, zero, zero, zero, jnp.int32(1), jnp.uint32(0))
+
+
+def no_faults(setup: Setup) -> Faults:
+    """A run without faults: the golden run."""
+    return Faults(tuple(no_fault() for _ in range(setup.injection.slots)))
