@@ -24,6 +24,7 @@ from ravenjax.studies.detection.points import (
     Chosen,
     Point,
     caught,
+    hundred,
     others,
     point,
     share,
@@ -31,17 +32,11 @@ from ravenjax.studies.detection.points import (
 )
 from ravenjax.studies.detection.runs import AS_MODELLED, FaultyScores, FreeScores, names
 from ravenjax.studies.framework import motions_alike
+from ravenjax.studies.framework.motions_alike import MOTIONS, RECORDINGS
 from ravenjax.studies.framework.study import Context, Findings, Line, Study, StudyEstimate, Variant
 
 CAMPAIGN = "detectors.toml"
-BASELINE, FAST = "suture", "suture_fast"
-MOTIONS = (BASELINE, "reach", "peg_transfer", "palpate")
-"""Variants with faults whose runs are pooled."""
-RECORDINGS = (
-    *((motion, seed) for motion in ("suture", "reach", "peg_transfer") for seed in (11, 12)),
-    *((motion, 11) for motion in ("palpate", "circle", "clutched")),
-)
-"""Motion and seed of each recording without a fault; none is one of the faulty motions."""
+FAST = "suture_fast"
 NOISY = tuple((motion, 11) for motion in ("suture", "reach", "peg_transfer", "palpate"))
 FREE_RUNS, FREE_RUNS_NOISY = 32, 8
 """Runs of the groups without faults, which come first: all, and those of the first two groups."""
@@ -112,9 +107,6 @@ def _lines(
     spoken: Sequence[Point],
 ) -> list[Line]:
     listed = names(faulty.detectors)
-
-    def hundred(value: StudyEstimate) -> StudyEstimate:
-        return StudyEstimate(100 * value.value, 100 * value.low, 100 * value.high, value.n, value.of)
 
     moved = share(faulty.unintended, np.ones(len(faulty.cell), bool), faulty.cell, "activated runs")
     lines = [
@@ -200,11 +192,7 @@ def _variants() -> tuple[Variant, ...]:
         for motion, seed in NOISY
     ]
     return (
-        Variant(BASELINE, CAMPAIGN),
-        *(
-            Variant(motion, CAMPAIGN, (f"operator.motion={motion}",), f"Does the motion matter? {motion}")
-            for motion in MOTIONS[1:]
-        ),
+        *motions_alike.faulty(CAMPAIGN),
         Variant(FAST, CAMPAIGN, ("operator.scale=0.2",), "And at twice the scale?"),
         *free,
         *noisy,

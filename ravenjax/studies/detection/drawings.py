@@ -15,7 +15,7 @@ from ravenjax.studies.detection.points import CLIP, FORK, PER_HOUR, PUBLISHED, C
 from ravenjax.studies.detection.runs import CUE, OTHERS, STOPS, FaultyScores, FreeScores, names
 from ravenjax.studies.detection.tables import at_scale, layers_of, unclutched
 from ravenjax.studies.framework.drawing import MUTED, SERIES, WIDTH_IN
-from ravenjax.studies.framework.study import Drawing, StudyEstimate
+from ravenjax.studies.framework.study import Drawing
 
 BAND_RESAMPLES = 200
 MARKERS = ("o", "s", "D")
@@ -79,18 +79,21 @@ def trade(panels: Sequence[Trade], wanted: float) -> Callable[[Any], None]:
             axis.set(title=f"{panel.title}: {panel.hours:.1f} h", xlabel="false alarms an hour", ylim=(0, 102))
             axis.set_xlim(least / 1.5, 2e4)
         axes[0].set_ylabel("unintended motion caught, %")
-        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+        _below(figure, axes[0])
 
     return draw
 
 
-def incidences(curves: Mapping[str, tuple[Incidence, StudyEstimate, Lead]]) -> Callable[[Any], None]:
-    """Incidence of the alarm after the first effect and about the beginning of the unintended motion."""
+def incidences(
+    curves: Mapping[str, tuple[Incidence, Lead]], ylabel: str, height_in: float, legend: Callable[[Any, Any], Any]
+) -> Callable[[Any], None]:
+    """Incidence of the alarm after the first effect and about the beginning of the unintended motion; `legend` is
+    called with the figure and its left panel."""
 
     def draw(figure: Any) -> None:
-        figure.set_size_inches(WIDTH_IN, 4.6)
+        figure.set_size_inches(WIDTH_IN, height_in)
         left, right = figure.subplots(1, 2, sharey=True)
-        for colour, (name, (delay, _, lead)) in zip(SERIES, curves.items(), strict=False):
+        for colour, (name, (delay, lead)) in zip(SERIES, curves.items(), strict=False):
             for axis, curve in ((left, delay), (right, lead.lag)):
                 time = curve.time + (1 if axis is left else 0)
                 stairs = steps(time, curve.fraction, curve.low, curve.high)
@@ -99,7 +102,7 @@ def incidences(curves: Mapping[str, tuple[Incidence, StudyEstimate, Lead]]) -> C
         left.set(
             title="After the fault's first effect",
             xlabel="ms after it, 1: at once",
-            ylabel="faults with an alarm, %",
+            ylabel=ylabel,
             xlim=(1, 3000),
             ylim=(0, 101),
         )
@@ -107,9 +110,13 @@ def incidences(curves: Mapping[str, tuple[Incidence, StudyEstimate, Lead]]) -> C
         right.set(
             title="Before and after the motion", xlabel="ms from its beginning, negative: before", xlim=(-300, 300)
         )
-        figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+        legend(figure, left)
 
     return draw
+
+
+def _below(figure: Any, panel: Any) -> None:
+    figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=3)
 
 
 def layers(caught: np.ndarray, rows: Sequence[str], columns: Sequence[str]) -> Callable[[Any], None]:
@@ -170,8 +177,11 @@ def drawings(
         )
         for title, part in (("Every motion and scale", modelled), ("Scale 0.1, no clutching", slow))
     ]
-    curves = {one.told: times(faulty, one.name, one.threshold) for one in chosen}
-    there = layers_of(faulty)
+    curves = {}
+    for one in chosen:
+        delay, _, lead = times(faulty, one.name, one.threshold)
+        curves[one.told] = delay, lead
+    there = layers_of(faulty.layer[faulty.unintended])
     caught = np.array(
         [
             [(faulty.spoke_ms(*one) >= 0)[(faulty.layer == layer) & faulty.unintended].mean() for one in chosen]
@@ -197,7 +207,7 @@ def drawings(
             "detectors_time",
             "When they know: share of faults with unintended motion that have an alarm, after the fault's first effect "
             f"and before the motion began, at most {PER_HOUR:g} false alarm an hour. Kaplan-Meier, 95 % bands.",
-            incidences(curves),
+            incidences(curves, "faults with an alarm, %", 4.6, _below),
         ),
         Drawing(
             "detectors_layers",

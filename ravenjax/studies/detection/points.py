@@ -98,20 +98,29 @@ def point(faulty: FaultyScores, free: FreeScores, name: str, threshold: float) -
     )
 
 
-def times(faulty: FaultyScores, name: str, threshold: float) -> tuple[Incidence, StudyEstimate, Lead]:
-    """Delay of the alarm after the fault's first effect, its restricted mean, and the lead over the unintended motion.
+def latencies(
+    first_ms: np.ndarray, active_ms: np.ndarray, unintended_ms: np.ndarray, end_ms: float
+) -> tuple[Incidence, Lead]:
+    """Delay of the first alarm (ms, -1: never) after the fault's first effect, and its lead over the unintended motion.
 
-    One run of each fault that made one. A run is watched to its end; one that a stop ended has no alarm any more.
+    One entry a fault. A run is watched to its end; one that a stop ended has no alarm any more.
     """
+    came = first_ms >= 0
+    lead = lead_time(np.where(came, first_ms, np.nan), unintended_ms.astype(float), end_ms)
+    return incidence(np.where(came, first_ms, end_ms) - active_ms, came), lead
+
+
+def times(faulty: FaultyScores, name: str, threshold: float) -> tuple[Incidence, StudyEstimate, Lead]:
+    """`latencies` of an alarm, of one run of each fault that made an unintended motion, and the delay's restricted mean
+    between them."""
     once = faulty.where(faulty.unintended).once()
-    spoke = once.spoke_ms(name, threshold).astype(float)
-    spoke[spoke < 0] = np.nan
-    came, end = ~np.isnan(spoke), float(faulty.duration_ms)
-    delay = np.where(came, spoke, end) - once.active_ms
+    spoke_ms, end = once.spoke_ms(name, threshold), float(faulty.duration_ms)
+    delay, lead = latencies(spoke_ms, once.active_ms, once.unintended_ms, end)
     watched = float((end - once.active_ms).max(initial=1.0))
-    mean = restricted_mean(delay, came, min(float(HORIZON_MS), watched))
-    lead = lead_time(spoke, once.unintended_ms.astype(float), end)
-    return incidence(delay, came), _told(mean, len(came)), lead
+    came = spoke_ms >= 0
+    waited = np.where(came, spoke_ms, end) - once.active_ms
+    mean = restricted_mean(waited, came, min(float(HORIZON_MS), watched))
+    return delay, _told(mean, len(came)), lead
 
 
 def share(hit: np.ndarray, among: np.ndarray, cell: np.ndarray, of: str) -> StudyEstimate:
@@ -137,6 +146,11 @@ def others(faulty: FaultyScores, free: FreeScores) -> list[Point]:
 def caught(faulty: FaultyScores, name: str, threshold: float) -> StudyEstimate:
     """Share of the runs with an unintended motion that have an alarm at a threshold."""
     return share(faulty.spoke_ms(name, threshold) >= 0, faulty.unintended, faulty.cell, MOVED)
+
+
+def hundred(value: StudyEstimate) -> StudyEstimate:
+    """A fraction in percent."""
+    return StudyEstimate(100 * value.value, 100 * value.low, 100 * value.high, value.n, value.of)
 
 
 def percent(value: StudyEstimate) -> str:

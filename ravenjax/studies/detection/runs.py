@@ -67,12 +67,7 @@ class FaultyScores(NamedTuple):
 
     def once(self) -> FaultyScores:
         """One run of each fault, the motions in turn, so that faults are independent draws."""
-        motions = np.unique(self.motion)
-        turn = motions[self.cell % len(motions)]
-        exact = self.motion == turn
-        order = np.lexsort((~exact, self.cell))  # where that run was not activated, another of the fault
-        first = order[np.unique(self.cell[order], return_index=True)[1]]
-        return self.where(np.sort(first))
+        return self.where(motions_alike.one_of_each_fault(self.cell, self.motion))
 
     def where(self, chosen: np.ndarray) -> FaultyScores:
         """Those of `chosen`, a mask or indices."""

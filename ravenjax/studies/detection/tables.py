@@ -152,18 +152,15 @@ def first_table(faulty: FaultyScores, chosen: Sequence[Chosen]) -> Table:
 
 def layer_table(faulty: FaultyScores, chosen: Sequence[Chosen]) -> Table:
     """Unintended motion caught, by layer of the fault."""
+    moved = faulty.where(faulty.unintended)
+    parts = {layer: moved.where(moved.layer == layer) for layer in layers_of(moved.layer)}
     rows = []
-    for layer in layers_of(faulty):
-        part = faulty.where((faulty.layer == layer) & faulty.unintended)
+    for layer, part in parts.items():
         shares = [percent(share(part.spoke_ms(*one) >= 0, part.unintended, part.cell, "")) for one in chosen]
         rows.append((layer, len(part.cell), len(np.unique(part.cell)), *shares))
     alike = []
     for one in chosen:
-        caught = [
-            (part.spoke_ms(*one) >= 0).mean()
-            for layer in layers_of(faulty)
-            for part in [faulty.where((faulty.layer == layer) & faulty.unintended)]
-        ]
+        caught = [(part.spoke_ms(*one) >= 0).mean() for part in parts.values()]
         alike.append(wording.percent(float(np.mean(caught))) if caught else "")
     rows.append(("each layer counting alike", "", "", *alike))
     return Table(
@@ -330,9 +327,9 @@ def hours_table(free: FreeScores) -> Table:
     )
 
 
-def layers_of(faulty: FaultyScores) -> list[str]:
-    """Layers that have a run with unintended motion, in the robot's order."""
-    there = set(faulty.layer[faulty.unintended].tolist())
+def layers_of(layer: np.ndarray) -> list[str]:
+    """Layers that there are among those of some runs [runs], in the robot's order."""
+    there = set(layer.tolist())
     return [name for name in (*LAYERS.values(), OTHER_LAYER) if name in there]
 
 

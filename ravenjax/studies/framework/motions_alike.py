@@ -12,6 +12,15 @@ from ravenjax.report.data import facts as run_facts
 from ravenjax.store.manifest import Manifest
 from ravenjax.studies.framework.study import Variant
 
+BASELINE = "suture"
+MOTIONS = (BASELINE, "reach", "peg_transfer", "palpate")
+"""Variants with faults whose runs are pooled."""
+RECORDINGS = (
+    *((motion, seed) for motion in ("suture", "reach", "peg_transfer") for seed in (11, 12)),
+    *((motion, 11) for motion in ("palpate", "circle", "clutched")),
+)
+"""Motion and seed of each recording without a fault; none is one of the faulty motions."""
+
 
 class Activated(NamedTuple):
     """The activated faulty runs of one motion that gave a valid outcome."""
@@ -31,6 +40,24 @@ def activated(frames: Sequence[pd.DataFrame], made: Manifest) -> Iterator[Activa
         facts = run_facts.of(frame, made)
         mask = (facts["faulty"] & facts["activated"] & ~facts["failed"]).to_numpy()
         yield Activated(frame.loc[mask], facts.loc[mask], distinct[mask], motion)
+
+
+def one_of_each_fault(cell: np.ndarray, motion: np.ndarray) -> np.ndarray:
+    """Places [faults] of one run of each fault, the motions in turn, so that faults are independent draws. `cell` and
+    `motion` are those of the runs."""
+    motions = np.unique(motion)
+    exact = motion == motions[cell % len(motions)]
+    order = np.lexsort((~exact, cell))  # where that run was not activated, another of the fault
+    return np.sort(order[np.unique(cell[order], return_index=True)[1]])
+
+
+def faulty(campaign: str) -> tuple[Variant, ...]:
+    """The campaign with its faults under each of MOTIONS."""
+    others = (
+        Variant(motion, campaign, (f"operator.motion={motion}",), f"Does the motion matter? {motion}")
+        for motion in MOTIONS[1:]
+    )
+    return Variant(BASELINE, campaign), *others
 
 
 def fault_free(campaign: str, motion: str, seed: int, runs: int, seconds: float, question: str) -> Variant:

@@ -11,25 +11,18 @@ from typing import NamedTuple
 import numpy as np
 
 from ravenjax.outcomes import events
-from ravenjax.studies.detection.points import MOVED, share
+from ravenjax.studies.detection.points import MOVED, hundred, share
 from ravenjax.studies.detection.runs import AS_MODELLED, per_hour
 from ravenjax.studies.framework import motions_alike
+from ravenjax.studies.framework.motions_alike import MOTIONS, RECORDINGS
 from ravenjax.studies.framework.study import Context, Findings, Line, Study, StudyEstimate, Variant
 from ravenjax.studies.haptics import choice as haptic_choice
 from ravenjax.studies.haptics import drawings, runs, tables
 from ravenjax.studies.haptics.choice import Winners
 from ravenjax.studies.haptics.runs import UNINTENDED, FaultyCues, FreeCues
-from ravenjax.studies.haptics.tables import hundred, missed, sums
+from ravenjax.studies.haptics.tables import missed, sums
 
 CAMPAIGN = "haptic_sweep.toml"
-BASELINE = "suture"
-MOTIONS = (BASELINE, "reach", "peg_transfer", "palpate")
-"""Variants with faults whose runs are pooled."""
-RECORDINGS = (
-    *((motion, seed) for motion in ("suture", "reach", "peg_transfer") for seed in (11, 12)),
-    *((motion, 11) for motion in ("palpate", "circle", "clutched")),
-)
-"""Motion and seed of each recording without a fault."""
 FREE_RUNS, FREE_S = 32, 120
 
 
@@ -154,11 +147,7 @@ def _notes(faulty: FaultyCues, modelled: FreeCues) -> tuple[str, ...]:
 
 def _variants() -> tuple[Variant, ...]:
     return (
-        Variant(BASELINE, CAMPAIGN),
-        *(
-            Variant(motion, CAMPAIGN, (f"operator.motion={motion}",), f"Does the motion matter? {motion}")
-            for motion in MOTIONS[1:]
-        ),
+        *motions_alike.faulty(CAMPAIGN),
         *(
             motions_alike.fault_free(CAMPAIGN, motion, seed, FREE_RUNS, FREE_S, "How often is there a cue for nothing?")
             for motion, seed in RECORDINGS

@@ -7,11 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.document.axes import step_curve
-from ravenjax.document.steps import steps
 from ravenjax.stats.alarms.pareto import front
-from ravenjax.stats.latency import Incidence, incidence, lead_time
-from ravenjax.studies.detection.points import share
+from ravenjax.studies.detection.drawings import incidences
+from ravenjax.studies.detection.points import latencies, share
 from ravenjax.studies.detection.runs import per_hour
 from ravenjax.studies.framework.drawing import MUTED, PREDICTED, SERIES, THRESHOLD, WIDTH_IN
 from ravenjax.studies.framework.study import Drawing
@@ -50,11 +48,9 @@ def drawings(faulty: FaultyCues, modelled: FreeCues, sets: Sequence[int], fine: 
     curves = {}
     for k in sets:
         if faulty.cues[k].threshold_mm in SHOWN_MM:
-            first = np.where(once.first_ms[:, k] >= 0, once.first_ms[:, k], np.nan).astype(float)
-            came, end = ~np.isnan(first), float(faulty.duration_ms)
-            delay = incidence(np.where(came, first, end) - once.active_ms, came)
-            lead = lead_time(first, once.unintended_ms.astype(float), end)
-            curves[f"{faulty.cues[k].threshold_mm:g} mm"] = delay, lead.lag
+            curves[f"{faulty.cues[k].threshold_mm:g} mm"] = latencies(
+                once.first_ms[:, k], once.active_ms, once.unintended_ms, float(faulty.duration_ms)
+            )
     return (
         Drawing(
             "haptic_front",
@@ -78,7 +74,7 @@ def drawings(faulty: FaultyCues, modelled: FreeCues, sets: Sequence[int], fine: 
             "haptic_time",
             "When a fault with unintended motion is felt, after its first effect and before the motion began, by "
             "threshold. Kaplan-Meier, 95 % bands.",
-            _times(curves),
+            incidences(curves, "faults felt, %", 4.2, lambda _, left: left.legend(loc="upper left")),
         ),
         Drawing(
             "haptic_force",
@@ -165,28 +161,6 @@ def _choice(thresholds: np.ndarray, found: Winners) -> Callable[[Any], None]:
         axis.set(xlabel="false cues that a missed unintended motion an hour weighs", ylabel="threshold, mm")
         axis.legend(loc="upper right")
         figure.colorbar(image, ax=axis, label="wins, % of draws")
-
-    return draw
-
-
-def _times(curves: dict[str, tuple[Incidence, Incidence]]) -> Callable[[Any], None]:
-    def draw(figure: Any) -> None:
-        figure.set_size_inches(WIDTH_IN, 4.2)
-        left, right = figure.subplots(1, 2, sharey=True)
-        for colour, (name, pair) in zip(SERIES, curves.items(), strict=False):
-            for axis, one, shift in ((left, pair[0], 1), (right, pair[1], 0)):
-                stairs = steps(one.time + shift, one.fraction, one.low, one.high)
-                step_curve(axis, stairs, color=colour, scale=100, alpha=0.12, lw=1.3, label=name)
-        left.set_xscale("log")
-        left.set(
-            title="After the fault's first effect", xlabel="ms after it, 1: at once", xlim=(1, 3000), ylim=(0, 101),
-            ylabel="faults felt, %",
-        )  # fmt: skip
-        right.axvline(0, color="0.4", lw=0.9, ls="--")
-        right.set(
-            title="Before and after the motion", xlabel="ms from its beginning, negative: before", xlim=(-300, 300)
-        )
-        left.legend(loc="upper left")
 
     return draw
 

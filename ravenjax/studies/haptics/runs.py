@@ -55,10 +55,7 @@ class FaultyCues(NamedTuple):
 
     def once(self) -> FaultyCues:
         """One run of each fault, the motions in turn, so that faults are independent draws."""
-        motions = np.unique(self.motion)
-        exact = self.motion == motions[self.cell % len(motions)]
-        order = np.lexsort((~exact, self.cell))
-        return self.where(np.sort(order[np.unique(self.cell[order], return_index=True)[1]]))
+        return self.where(motions_alike.one_of_each_fault(self.cell, self.motion))
 
 
 _BY_RUN = (

@@ -9,20 +9,17 @@ import numpy as np
 
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report import wording
-from ravenjax.robots.raven2.layers import LAYERS
 from ravenjax.stats.alarms.pareto import front
 from ravenjax.stats.bootstrap.clusters import cluster_ratio
 from ravenjax.stats.comparison.paired import mcnemar
-from ravenjax.stats.latency import incidence, lead_time
 from ravenjax.store.manifest import CueRecord
-from ravenjax.studies.detection.points import MOVED, percent, plain, rate, share
+from ravenjax.studies.detection.points import MOVED, latencies, percent, plain, rate, share
 from ravenjax.studies.detection.runs import AS_MODELLED, FEWEST, UNCERTAIN, per_hour
-from ravenjax.studies.detection.tables import CLUTCHED
+from ravenjax.studies.detection.tables import CLUTCHED, layers_of
 from ravenjax.studies.framework.study import StudyEstimate, Table
 from ravenjax.studies.haptics import choice
 from ravenjax.studies.haptics.choice import Counts, Winners
 from ravenjax.studies.haptics.runs import KINDS, UNINTENDED, FaultyCues, FreeCues, sets_at
-from ravenjax.vocabulary.robot import OTHER_LAYER
 
 AT_CAP = 0.999
 """Share of the cap from which on a force is at it: forces are stored as float32."""
@@ -69,10 +66,7 @@ def felt(faulty: FaultyCues, k: int) -> CueResult:
     mine = faulty.where(moved & cued)
     cap = faulty.cues[k].cap
     at_cap = mine.force[:, k] >= AT_CAP * cap if cap is not None else np.zeros(len(mine.cell), bool)
-    spoke = np.where(once.first_ms[:, k] >= 0, once.first_ms[:, k], np.nan).astype(float)
-    came, end = ~np.isnan(spoke), float(faulty.duration_ms)
-    delay = incidence(np.where(came, spoke, end) - once.active_ms, came)
-    lead = lead_time(spoke, once.unintended_ms.astype(float), end)
+    delay, lead = latencies(once.first_ms[:, k], once.active_ms, once.unintended_ms, float(faulty.duration_ms))
     return CueResult(
         share(~cued, moved, faulty.cell, MOVED),
         share(cued & (first < faulty.unintended_ms), moved, faulty.cell, MOVED),
@@ -306,11 +300,8 @@ def motion_table(free: FreeCues, sets: Sequence[int]) -> Table:
 
 def layer_table(faulty: FaultyCues, numbers: Sequence[int]) -> Table:
     """What is felt of each layer's faults."""
-    there = set(faulty.layer[faulty.unintended].tolist())
     rows = []
-    for layer in (*LAYERS.values(), OTHER_LAYER):
-        if layer not in there:
-            continue
+    for layer in layers_of(faulty.layer[faulty.unintended]):
         part = faulty.where(faulty.layer == layer)
         cells = []
         for k in numbers:
@@ -346,11 +337,6 @@ def shared_table(faulty: FaultyCues, motions: Sequence[str], sets: Sequence[int]
 def _with_count(value: StudyEstimate) -> str:
     """12 (10 to 15); 8 of them."""
     return f"{plain(value)}; {wording.count(value.n)}"
-
-
-def hundred(value: StudyEstimate) -> StudyEstimate:
-    """A fraction in percent."""
-    return StudyEstimate(100 * value.value, 100 * value.low, 100 * value.high, value.n, value.of)
 
 
 def damper(cue: CueRecord) -> str:

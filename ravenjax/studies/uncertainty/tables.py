@@ -9,6 +9,7 @@ from ravenjax.report import wording
 from ravenjax.stats.inputs.association import Dependence
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.studies.framework.study import Table
+from ravenjax.studies.reaction.tables import rate
 from ravenjax.studies.uncertainty import rates as uncertain_rates
 from ravenjax.studies.uncertainty.parameters import Uncertain
 from ravenjax.studies.uncertainty.rates import EVENTS, ParameterEffect, RobotRates
@@ -171,13 +172,6 @@ def sensitivity(found: Sequence[Index], outcome: str) -> Table:
 
 
 # --- cells ---
-
-
-def rate(found: Rate) -> str:
-    """12.3 % (10.0–15.0 %) of n; a dash without runs."""
-    if not found.n:
-        return wording.DASH
-    return f"{found.k} of {found.n}, {wording.percent(found.value)} ({wording.interval(found)})"
 
 
 def percent(found: Rate) -> str:

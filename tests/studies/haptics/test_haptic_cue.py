@@ -227,7 +227,7 @@ def test_the_groups_without_faults_come_first_and_fit_the_limit() -> None:
 
 @pytest.mark.slow
 def test_the_study_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(haptic_cue, "MOTIONS", (haptic_cue.BASELINE, "reach"))
+    monkeypatch.setattr(haptic_cue, "MOTIONS", ("suture", "reach"))
     monkeypatch.setattr(haptic_cue, "RECORDINGS", tuple((motion, 11) for motion in ("suture", "peg_transfer")))
     monkeypatch.setattr(haptic_cue, "FREE_S", 20)
     found = running.run(dataclasses.replace(haptic_cue.STUDY, variants=haptic_cue._variants()), tmp_path)

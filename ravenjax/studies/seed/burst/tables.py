@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+import operator
 from collections.abc import Iterable, Mapping, Sequence
 
 from ravenjax.studies.framework.literature import Published
@@ -32,14 +34,15 @@ def ranges(values: Sequence[float], step: float = 50.0) -> str:
     return ", ".join(f"{r[0]:+.0f} to {r[-1]:+.0f}" if len(r) > 1 else f"{r[0]:+.0f}" for r in runs)
 
 
+def _by_value(bursts: Runs) -> list[tuple[float, list[BurstRun]]]:
+    """Runs of all motions by what was struck, in its order."""
+    key = operator.attrgetter("value")
+    return [(value, list(runs)) for value, runs in itertools.groupby(sorted(flat(bursts), key=key), key)]
+
+
 def _constants(bursts: Runs, rules: Criteria) -> Table:
-    by_value: dict[float, list[BurstRun]] = {}
-    for of_motion in bursts.values():
-        for one in of_motion:
-            by_value.setdefault(one.value, []).append(one)
     rows = []
-    for value in sorted(by_value):
-        runs = by_value[value]
+    for value, runs in _by_value(bursts):
         events = [e for one in runs for e in one.events]
         met = [sum(holds(one) for one in runs) for holds in rules.tests.values()]
         rows.append(
@@ -121,13 +124,8 @@ def stop_peaks(runs: Iterable[BurstRun]) -> list[float]:
 
 
 def _packets(runs: Runs) -> Table:
-    by_value: dict[float, list[BurstRun]] = {}
-    for of_motion in runs.values():
-        for one in of_motion:
-            by_value.setdefault(one.value, []).append(one)
     rows = []
-    for value in sorted(by_value):
-        same = by_value[value]
+    for value, same in _by_value(runs):
         firsts = [one.events[0] for one in same if one.events]
         events = [e for one in same for e in one.events]
         rows.append(
