@@ -32,11 +32,6 @@ def model(name: str | Path) -> Path:
     return find("models", name)
 
 
-def campaign(name: str | Path) -> Path:
-    """Path of a file of campaigns/."""
-    return find("campaigns", name)
-
-
 def bundled(kind: str, pattern: str) -> list[Path]:
     """Every file of the bundled folder `kind` that matches the glob `pattern`, sorted by name."""
     for folder in (_CHECKOUT / kind, _BUNDLED / kind):

@@ -6,24 +6,20 @@ All that is wrong is told at once, each complaint with file, line, key, what was
 from __future__ import annotations
 
 import itertools
-import os
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from ravenjax.bundled import resources
 from ravenjax.campaign import copies
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import bounds, location, overriding, semantics
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig, config_class_of, robot_of
-from ravenjax.errors import UserError, shown, suggestion
+from ravenjax.errors import UserError, shown
 from ravenjax.hazards import expansion
 from ravenjax.vocabulary.robot import Robot
-
-SUFFIX = ".toml"
 
 
 def load(path: str | Path, overrides: Sequence[str] = ()) -> CampaignConfig:
@@ -31,27 +27,9 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> CampaignConfig:
 
     `.toml` may be left out. A recorded operator's path is taken from the campaign file's folder. Raises UserError.
     """
-    file = _found(path)
+    file = location.find(path, "campaigns", "campaign", "ravenjax campaigns")
     raw, text = location.read(file)
     return from_dict(raw, source=file, text=text, overrides=overrides)
-
-
-def _found(path: str | Path) -> Path:
-    """The file that `path` names: as it is, in ./campaigns, or a bundled one; .toml may be left out."""
-    if not isinstance(path, str | os.PathLike) or not str(path):
-        raise UserError(f"got {shown(path)}, expected the path of a campaign file or the name of a bundled campaign")
-    name = Path(path)
-    for candidate in (name, name.with_name(name.name + SUFFIX)) if name.name else ():
-        try:
-            return resources.campaign(candidate)
-        except FileNotFoundError:
-            continue
-        except OSError as error:
-            raise UserError(f"{shown(str(path))}: cannot be read ({error.strerror})") from None
-    bundled = [file.stem for file in resources.bundled("campaigns", f"*{SUFFIX}")]
-    problem = "is a folder, expected a campaign file" if name.is_dir() else "no such campaign file"
-    near = suggestion(name.name.removesuffix(SUFFIX), bundled)
-    raise UserError(f"{path}: {problem}; `ravenjax campaigns` lists the bundled ones{near}")
 
 
 def from_dict(
@@ -121,7 +99,7 @@ def _complaint(robot: Robot, error: Any, raw: Any) -> location.Complaint:
     if (
         error["type"] == "value_error"
         and colon
-        and name in _keys(config_class_of(robot), error["loc"])
+        and name in _model(config_class_of(robot), error["loc"]).model_fields
         and name not in key[-1:]
     ):
         return (*key, name), rest
@@ -144,22 +122,14 @@ def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
 
 def _message(robot: Robot, error: Any) -> str:
     model = config_class_of(robot)
-    if error["type"] == "extra_forbidden":
-        keys, key = _keys(model, error["loc"][:-1]), str(error["loc"][-1])
-        hint = _elsewhere(robot, key, error["loc"][:-1]) or suggestion(key, keys)
-        return f"unknown key, expected one of {', '.join(keys)}{hint}"
-    if error["type"] == "missing":
-        field = _model(model, error["loc"][:-1]).model_fields.get(str(error["loc"][-1]))
-        return "missing" + (f": {field.description}" if field is not None and field.description else "")
-    text = error["msg"].removeprefix("Value error, ")
-    if error["type"] == "value_error":
-        return text
     if error["type"] == "tuple_type":
         path = tuple(part for part in error["loc"] if isinstance(part, str))
         tables = isinstance(error["input"], dict) and path in dict(tables_of(model))
         what = f"several: open each with [[{'.'.join(path)}]], in double brackets" if tables else "a list"
         return f"got {'one table' if tables else shown(error['input'])}, expected {what}"
-    return f"got {shown(error['input'])}, expected {text.removeprefix('Input should be ').replace('String', 'text')}"
+    table = error["loc"][:-1]
+    hint = _elsewhere(robot, str(error["loc"][-1]), table) if error["type"] == "extra_forbidden" else ""
+    return location.message(error, _model(model, table), hint)
 
 
 def _elsewhere(robot: Robot, key: str, loc: Sequence[str | int]) -> str:
@@ -189,7 +159,7 @@ def tables_of(model: type[BaseModel], path: tuple[str, ...] = ()) -> Iterator[tu
     own = [name for name in model.model_fields if not path and name not in CampaignConfig.model_fields]
     # a robot's own tables stand where the file has them: after [campaign]
     for name in sorted(model.model_fields, key=lambda name: 0 if name == "campaign" else 1 if name in own else 2):
-        for inner in _models(model.model_fields[name].annotation):
+        for inner in models_in(model.model_fields[name].annotation):
             if inner is not Axis:
                 yield from tables_of(inner, (*path, name))
 
@@ -208,16 +178,13 @@ def _model(model: type[BaseModel], loc: Sequence[str | int]) -> type[BaseModel]:
     """The model of the table at `loc`."""
     for part in loc:
         if isinstance(part, str) and part in model.model_fields:
-            model = next(iter(_models(model.model_fields[part].annotation)), model)
+            model = next(models_in(model.model_fields[part].annotation), model)
     return model
 
 
-def _keys(model: type[BaseModel], loc: Sequence[str | int]) -> list[str]:
-    return list(_model(model, loc).model_fields)
-
-
-def _models(annotation: Any) -> Iterable[type[BaseModel]]:
+def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    """The models of tables that an annotation names."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
     for inner in get_args(annotation):
-        yield from _models(inner)
+        yield from models_in(inner)

@@ -97,7 +97,7 @@ def test_an_override_is_named_as_such(tmp_path):
 
 def test_a_campaign_file_is_no_search_file():
     with pytest.raises(UserError, match=r"search: missing: write a section \[search\]"):
-        loading.load(resources.campaign("seed_burst.toml"))
+        loading.load(resources.find("campaigns", "seed_burst.toml"))
 
 
 @pytest.mark.parametrize(

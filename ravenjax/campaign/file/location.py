@@ -1,25 +1,52 @@
-"""A TOML file and on which line of it a key is written, which tomllib does not say; complaints that name it."""
+"""Finds and reads a TOML file; on which line of it a key is written, which tomllib does not say; complaints that name
+it."""
 
 from __future__ import annotations
 
+import os
 import re
 import tomllib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from ravenjax.errors import UserError
+from pydantic import BaseModel
+
+from ravenjax.bundled import resources
+from ravenjax.errors import UserError, shown, suggestion
 
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?$")
 _KEY = re.compile(r"""^\s*((?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*'))*)\s*=""")
 _PART = re.compile(r""""([^"]*)"|'([^']*)'|([A-Za-z0-9_-]+)""")
 
+SUFFIX = ".toml"
 Key = tuple[str | int, ...]
 Complaint = tuple[Key, str]
 """A key, and what is wrong with it."""
 
 MOST_COMPLAINTS = 12
 """Complaints printed before the rest is only counted."""
+
+
+def find(path: str | Path, folder: str, what: str, listing: str = "") -> Path:
+    """The file that `path` names: as it is, in ./`folder`, or a bundled one; .toml may be left out. Raises UserError.
+
+    what: "campaign", "search" ..; listing: the command that lists the bundled ones, where an error does not.
+    """
+    if not isinstance(path, str | os.PathLike) or not str(path):
+        raise UserError(f"got {shown(path)}, expected the path of a {what} file or the name of a bundled {what}")
+    name = Path(path)
+    for candidate in (name, name.with_name(name.name + SUFFIX)) if name.name else ():
+        try:
+            return resources.find(folder, candidate)
+        except FileNotFoundError:
+            continue
+        except OSError as error:
+            raise UserError(f"{shown(str(path))}: cannot be read ({error.strerror})") from None
+    names = [file.stem for file in resources.bundled(folder, f"*{SUFFIX}")]
+    problem = f"is a folder, expected a {what} file" if name.is_dir() else f"no such {what} file"
+    others = f"`{listing}` lists the bundled ones" if listing else f"bundled are {', '.join(names) or 'none'}"
+    raise UserError(f"{path}: {problem}; {others}{suggestion(name.name.removesuffix(SUFFIX), names)}")
 
 
 def read(path: Path) -> tuple[dict[str, Any], str]:
@@ -32,6 +59,21 @@ def read(path: Path) -> tuple[dict[str, Any], str]:
         return tomllib.loads(text), text
     except (ValueError, RecursionError) as error:  # ValueError also where a number has thousands of digits
         raise UserError(f"{path}: not valid TOML: {error}") from None
+
+
+def message(error: Any, model: type[BaseModel], hint: str = "") -> str:
+    """What is wrong by an error of pydantic's in a table of this model; hint: where an unknown key belongs."""
+    kind, key = error["type"], str(error["loc"][-1]) if error["loc"] else ""
+    if kind == "extra_forbidden":
+        keys = list(model.model_fields)
+        return f"unknown key, expected one of {', '.join(keys)}{hint or suggestion(key, keys)}"
+    if kind == "missing":
+        field = model.model_fields.get(key)
+        return "missing" + (f": {field.description}" if field is not None and field.description else "")
+    text = error["msg"].removeprefix("Value error, ")
+    if kind == "value_error":
+        return text
+    return f"got {shown(error['input'])}, expected {text.removeprefix('Input should be ').replace('String', 'text')}"
 
 
 def dotted(key: Key) -> str:

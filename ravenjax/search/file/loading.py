@@ -5,12 +5,11 @@ The campaign's part goes through `ravenjax.campaign.loading`; all that is wrong 
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from ravenjax.bundled import resources
 from ravenjax.campaign import loading
@@ -27,31 +26,14 @@ FOLDER = "campaigns/searches"
 
 def load(path: str | Path, overrides: Sequence[str] = ()) -> SearchConfig:
     """The search of a TOML file, or of a bundled one by name (`.toml` may be left out). Raises UserError."""
-    file = _found(path)
+    file = location.find(path, FOLDER, "search")
     raw, text = location.read(file)
     return from_dict(raw, source=file, text=text, overrides=overrides)
 
 
 def bundled() -> list[Path]:
     """The bundled search files."""
-    return resources.bundled(FOLDER, f"*{loading.SUFFIX}")
-
-
-def _found(path: str | Path) -> Path:
-    if not isinstance(path, str | os.PathLike) or not str(path):
-        raise UserError(f"got {shown(path)}, expected the path of a search file or the name of a bundled search")
-    name = Path(path)
-    for candidate in (name, name.with_name(name.name + loading.SUFFIX)) if name.name else ():
-        try:
-            return resources.find(FOLDER, candidate)
-        except FileNotFoundError:
-            continue
-        except OSError as error:
-            raise UserError(f"{shown(str(path))}: cannot be read ({error.strerror})") from None
-    names = [file.stem for file in bundled()]
-    problem = "is a folder, expected a search file" if name.is_dir() else "no such search file"
-    near = suggestion(name.name.removesuffix(loading.SUFFIX), names)
-    raise UserError(f"{path}: {problem}; bundled are {', '.join(names) or 'none'}{near}")
+    return resources.bundled(FOLDER, f"*{location.SUFFIX}")
 
 
 def from_dict(
@@ -108,18 +90,6 @@ def _section(raw: dict[str, Any]) -> Search:
     try:
         return KINDS[kind].model_validate(table)
     except ValidationError as error:
-        raise _Wrong(*_complaints(KINDS[kind], error)) from None
-
-
-def _complaints(model: type[BaseModel], error: ValidationError) -> Iterator[Complaint]:
-    keys = list(model.model_fields)
-    for one in error.errors():
-        name = str(one["loc"][0]) if one["loc"] else ""
-        message = one["msg"].removeprefix("Value error, ")
-        if one["type"] == "extra_forbidden":
-            message = f"unknown key, expected one of {', '.join(keys)}{suggestion(name, keys)}"
-        elif one["type"] == "missing":
-            message = f"missing: {model.model_fields[name].description}"
-        elif one["type"] != "value_error":
-            message = f"got {shown(one['input'])}, expected {message.removeprefix('Input should be ')}"
-        yield (SECTION, *one["loc"]), message
+        raise _Wrong(
+            *(((SECTION, *one["loc"]), location.message(one, KINDS[kind])) for one in error.errors())
+        ) from None

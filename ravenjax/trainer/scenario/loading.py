@@ -5,16 +5,15 @@ All that is wrong is told at once, each complaint with file, line, key, what was
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
 from ravenjax.bundled import resources
 from ravenjax.campaign.file import location, overriding
-from ravenjax.campaign.loading import SUFFIX
+from ravenjax.campaign.loading import models_in
 from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.trainer.scenario.campaign import complaints
 from ravenjax.trainer.scenario.config import TASKS, Scenario
@@ -28,14 +27,14 @@ def load(name: str | Path, overrides: Sequence[str] = ()) -> Scenario:
 
     `.toml` may be left out. Raises UserError.
     """
-    file = _found(name)
+    file = location.find(name, FOLDER, "scenario")
     raw, text = location.read(file)
     return from_dict(raw, source=file, text=text, overrides=overrides)
 
 
 def bundled() -> list[Path]:
     """The bundled scenario files."""
-    return resources.bundled(FOLDER, f"*{SUFFIX}")
+    return resources.bundled(FOLDER, f"*{location.SUFFIX}")
 
 
 def from_dict(
@@ -61,23 +60,6 @@ def from_dict(
     return scenario
 
 
-def _found(name: str | Path) -> Path:
-    if not isinstance(name, str | os.PathLike) or not str(name):
-        raise UserError(f"got {shown(name)}, expected the path of a scenario file or the name of a bundled scenario")
-    path = Path(name)
-    for candidate in (path, path.with_name(path.name + SUFFIX)) if path.name else ():
-        try:
-            return resources.find(FOLDER, candidate)
-        except FileNotFoundError:
-            continue
-        except OSError as error:
-            raise UserError(f"{shown(str(name))}: cannot be read ({error.strerror})") from None
-    names = [file.stem for file in bundled()]
-    problem = "is a folder, expected a scenario file" if path.is_dir() else "no such scenario file"
-    near = suggestion(path.name.removesuffix(SUFFIX), names)
-    raise UserError(f"{name}: {problem}; bundled are {', '.join(names) or 'none'}{near}")
-
-
 def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
     """The part of pydantic's `loc` that stands in the file: without the names of a union's members."""
     key: location.Key = ()
@@ -91,25 +73,14 @@ def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
 
 
 def _message(error: Any) -> str:
-    kind, loc = error["type"], error["loc"]
+    kind = error["type"]
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         got = f"got {shown(error['input'].get('kind'))}" if kind == "union_tag_invalid" else "kind is missing"
         return f"{got}, expected kind = one of {', '.join(TASKS)}" + (
             suggestion(str(error["input"].get("kind")), TASKS) if kind == "union_tag_invalid" else ""
         )
-    if kind == "extra_forbidden":
-        keys = list(_model(loc[:-1]).model_fields)
-        return f"unknown key, expected one of {', '.join(keys)}{suggestion(str(loc[-1]), keys)}"
-    if kind == "missing":
-        field = _model(loc[:-1]).model_fields.get(str(loc[-1]))
-        return "missing" + (f": {field.description}" if field is not None and field.description else "")
-    text = error["msg"].removeprefix("Value error, ")
-    if kind == "value_error":
-        return text
     near = suggestion(str(error["input"]), error["ctx"]["expected"].split("'")[1::2]) if kind == "literal_error" else ""
-    return (
-        f"got {shown(error['input'])}, expected {text.removeprefix('Input should be ').replace('String', 'text')}{near}"
-    )
+    return location.message(error, _model(error["loc"][:-1])) + near
 
 
 def _model(loc: Sequence[str | int]) -> type[BaseModel]:
@@ -117,14 +88,7 @@ def _model(loc: Sequence[str | int]) -> type[BaseModel]:
     model: type[BaseModel] = Scenario
     for part in loc:
         if isinstance(part, str) and part in model.model_fields:
-            model = next(_models(model.model_fields[part].annotation), model)
+            model = next(models_in(model.model_fields[part].annotation), model)
         elif part in TASKS:
             model = TASKS[str(part)]
     return model
-
-
-def _models(annotation: Any) -> Iterator[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        yield annotation
-    for inner in get_args(annotation):
-        yield from _models(inner)
