@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.comparison.independent import compare
+from ravenjax.stats.comparison.independent import rate_difference
 from ravenjax.stats.intervals import Estimate, Rate, alpha_of, rates
 from ravenjax.stats.multiplicity import holm
 
@@ -91,7 +91,7 @@ def _measured(name: str, hit: np.ndarray, column: pd.Series, confidence: float, 
     difference = Estimate(np.nan, np.nan, np.nan)
     if len(levels) > 1:
         first, last = levels[0].rate, levels[-1].rate
-        difference = compare(last.k, last.n, first.k, first.n, confidence).difference
+        difference = rate_difference(last.k, last.n, first.k, first.n, confidence)
     kind = "numeric" if numeric else "categorical"
     return Dependence(name, kind, len(hit), p, p, False, tuple(levels), difference)
 
