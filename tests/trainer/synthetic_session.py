@@ -9,8 +9,8 @@ import numpy as np
 
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
+from ravenjax.trainer.judge.row import HazardRow
 from ravenjax.trainer.protocol.frame import Frame, FrameLayout
-from ravenjax.trainer.recording.hazards.table import HazardRow
 
 LIMIT_MM = 8.0
 """[harm] excursion_mm of these sessions."""

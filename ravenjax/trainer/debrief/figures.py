@@ -12,7 +12,7 @@ from ravenjax.document.figure_style import GRID, json_of, look
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.trainer.debrief.course import Course, peaks
 from ravenjax.trainer.debrief.words import Step
-from ravenjax.trainer.recording.hazards.table import HazardRow
+from ravenjax.trainer.judge.row import HazardRow
 
 MARKS = {"strike": "#a23b82", "knowable": "#8a8f96", "cue": "#c2410c", "alarm": "#a67c00", "response": "#0072b2"}
 """Colour of each moment; blue and vermilion differ in every colour blindness."""

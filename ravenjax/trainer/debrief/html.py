@@ -20,23 +20,15 @@ def page(template: str, **told: Any) -> str:
 
 @functools.cache
 def _environment() -> Any:
-    import jinja2
-    import markupsafe
+    from ravenjax.document import html
 
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("ravenjax.trainer"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = html.environment("ravenjax.trainer")
     environment.filters |= {
         "title": words.title,
         "milliseconds": words.milliseconds,
         "moment": words.moment,
         "length": words.length,
         "depth": words.depth,
-        "in_script": lambda text: markupsafe.Markup(text.replace("<", "\\u003c")),
         "as_json": json.dumps,
     }
     return environment

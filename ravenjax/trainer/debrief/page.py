@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +14,7 @@ from ravenjax.store.files import write_aside
 from ravenjax.store.logs.session import description
 from ravenjax.trainer.debrief import figures, html, words
 from ravenjax.trainer.debrief.course import Course
+from ravenjax.trainer.judge.row import COLUMNS, HazardRow
 from ravenjax.trainer.recording import reader
 from ravenjax.trainer.recording.hazards import events, table
 
@@ -91,7 +90,7 @@ def _recording(folder: Path) -> tuple[reader.Recording | None, dict[str, Any]]:
     }
 
 
-def _told(one: table.HazardRow, course: Course | None, blinded: bool) -> dict[str, Any]:
+def _told(one: HazardRow, course: Course | None, blinded: bool) -> dict[str, Any]:
     steps = words.steps(one, blinded) if one.struck_ms is not None else []
     return {
         "row": one,
@@ -144,12 +143,8 @@ def _task(summary: dict[str, Any], course: Course | None) -> dict[str, Any]:
     return {name: value for name, value in values.items() if isinstance(value, int | float | str)}
 
 
-def _csv(hazards: list[table.HazardRow], blinded: bool) -> str:
+def _csv(hazards: list[HazardRow], blinded: bool) -> str:
     """The table as it stands in the folder; without group and cue where the session is blinded."""
     hidden = ("group", "cue", "cue_ms") if blinded else ()
-    out = io.StringIO()
-    names = [one.name for one in dataclasses.fields(table.HazardRow) if one.name not in hidden]
-    writer = csv.DictWriter(out, names, extrasaction="ignore", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(dataclasses.asdict(one) for one in hazards)
-    return out.getvalue() if hazards else ""
+    names = [name for name in COLUMNS if name not in hidden]
+    return table.text(names, [dataclasses.asdict(one) for one in hazards]) if hazards else ""

@@ -10,7 +10,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from ravenjax.outcomes.verdict import HALT_MS
-from ravenjax.trainer.recording.hazards.table import OUTCOMES, HazardRow
+from ravenjax.trainer.judge.row import HazardRow
+from ravenjax.trainer.recording.hazards.table import OUTCOMES
 
 DASH = "–"
 RESPONSES = {

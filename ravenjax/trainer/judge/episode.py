@@ -31,6 +31,9 @@ kind. An operator who slows down may only have arrived, so a slow-down counts on
 **Score**: 50 for the response and 50 for the patient. Response: 50 up to `FASTEST_MS`, from there down to 25 at the end
 of its time, 0 without a right one. Patient: 50 times what is left of the way to harm, 1 - max(unintended motion / its
 limit, depth / its limit). An unaffected hazard is not scored.
+
+**Times** of a row (`row.HazardRow`) are ms since the session began, reaction_ms from the origin above, halted_ms and
+golden_halted_ms (the golden run's) durations. None is empty: it never happened. `hazard` is the id in the library.
 """
 
 from __future__ import annotations
@@ -57,54 +60,6 @@ FASTEST_MS = 250.0
 `stages.reaction` assumes."""
 
 CONTINUE = "continue"
-
-COLUMNS = (
-    "session",
-    "participant",
-    "group",
-    "scenario",
-    "seed",
-    "cue",
-    "blinded",
-    "number",
-    "hazard",
-    "title",
-    "arm",
-    "armed_ms",
-    "struck_ms",
-    "knowable_ms",
-    "knowable_by",
-    "cue_ms",
-    "alarm_ms",
-    "alarm",
-    "limited_ms",
-    "limited",
-    "check_response",
-    "check_cause",
-    "motion_hazard",
-    "limit_mm",
-    "unintended_mm",
-    "unintended_first_ms",
-    "unintended_off_mm",
-    "loss_mm",
-    "loss_first_ms",
-    "halted_ms",
-    "golden_halted_ms",
-    "false_report_mm",
-    "false_report_first_ms",
-    "peak_error_mm",
-    "deepest_mm",
-    "response",
-    "response_ms",
-    "reaction_ms",
-    "right_response",
-    "response_ok",
-    "halted",
-    "outcome",
-    "score",
-)
-"""Of hazards.csv, in order. `hazard` is the id in the library. Times are ms since the session began, reaction_ms from
-the origin above, halted_ms and golden_halted_ms (the golden run's) durations. None is empty: it never happened."""
 
 DISTANCES = ("unintended", "loss", "false_report")
 """Distances in the frame (`<name>_mm`) that make a hazard where they exceed the limit."""

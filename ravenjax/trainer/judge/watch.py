@@ -15,8 +15,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ravenjax.outcomes import verdict
-from ravenjax.trainer.judge.episode import COLUMNS, KNOWN_MM, PEAKS, Episode
+from ravenjax.trainer.judge.episode import KNOWN_MM, PEAKS, Episode
 from ravenjax.trainer.judge.pace import Pace
+from ravenjax.trainer.judge.row import COLUMNS
 from ravenjax.trainer.judge.trips import Trips
 from ravenjax.trainer.protocol.frame import Frame
 from ravenjax.trainer.scenario import Armable, Scenario

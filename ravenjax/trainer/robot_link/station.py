@@ -26,7 +26,7 @@ class DrivenRobot(Protocol):
 
     arms: tuple[ArmName, ...]
 
-    def step(self, packet: Packet | None) -> Frame: ...
+    def tick(self, packet: Packet | None) -> Frame: ...
     def arm(self, row: int) -> None: ...
     def disarm(self) -> None: ...
     def press(self, row: int) -> None: ...
@@ -55,7 +55,7 @@ class Station:
         if increments is not None:
             self._number += 1
             packet = increments.packet(self._number)
-        frame = self.machine.step(packet)
+        frame = self.machine.tick(packet)
         if increments is not None and frame.number("last_seq") == float(np.float32(self._number)):
             self._last_seq = increments.sequence
         self.joints.publish(self._reporter.encode(frame, self.ticks, self._last_seq))

@@ -161,46 +161,25 @@ class SimulatedRobot:
         self._own.inputs_changed()
 
 
-class PacketRobot:
-    """A robot whose packets come from a console outside: `step(packet)` once a millisecond."""
+class PacketRobot(SimulatedRobot):
+    """A robot whose packets come from a console outside: `tick(packet)` once a millisecond."""
 
     def __init__(self, config: CampaignConfig) -> None:
         """UserError where a hazard of `config` strikes the console's side of the network."""
-        self._robot = SimulatedRobot(blueprint.make(config, packets=True))
-        plans = self.blueprint = self._robot.blueprint
-        self.arms = plans.setup.arms
-        self.frame = Frame(plans.layout)
+        super().__init__(blueprint.make(config, packets=True))
+        self.arms = self.blueprint.setup.arms
+        self.frame = Frame(self.blueprint.layout)
 
-    def step(self, packet: Packet | None) -> Frame:
+    def tick(self, packet: Packet | None) -> Frame:
         """One tick with the packet that arrived, None: none did. The frame is the same object each time."""
         if packet is not None:
             leaves = jax.tree.leaves(packet)
-            for entering in self._robot.packets:
+            for entering in self.packets:
                 for place, number in zip(entering, leaves, strict=True):
                     place[0] = number
         else:
-            for entering in self._robot.packets:
+            for entering in self.packets:
                 entering[0][0] = 0  # received
-        self._robot.step()
-        self.frame.row[: self._robot.row.size] = self._robot.row
+        self.step()
+        self.frame.row[: self.row.size] = self.row
         return self.frame
-
-    def arm(self, row: int) -> None:
-        """See `SimulatedRobot.arm`."""
-        self._robot.arm(row)
-
-    def disarm(self) -> None:
-        """See `SimulatedRobot.disarm`."""
-        self._robot.disarm()
-
-    def press(self, row: int) -> None:
-        """See `SimulatedRobot.press`."""
-        self._robot.press(row)
-
-    def reset(self) -> None:
-        """See `SimulatedRobot.reset`."""
-        self._robot.reset()
-
-    def outcomes(self) -> dict[str, Any]:
-        """See `SimulatedRobot.outcomes`."""
-        return self._robot.outcomes()

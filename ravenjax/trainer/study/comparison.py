@@ -17,7 +17,7 @@ from ravenjax.stats.bootstrap.resample import BootstrapBand
 from ravenjax.stats.comparison import clustered, effect_size
 from ravenjax.stats.intervals import Estimate, Rate, wilson
 from ravenjax.stats.latency import Incidence, LogRank, incidence, log_rank
-from ravenjax.trainer.recording.hazards.table import HazardRow
+from ravenjax.trainer.judge.row import HazardRow
 from ravenjax.trainer.study.table import TrainingStudy
 
 _NONE = Estimate(math.nan, math.nan, math.nan)

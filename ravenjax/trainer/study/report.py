@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
 from ravenjax.store.files import require_writable, write_aside
 from ravenjax.trainer.debrief import html
+from ravenjax.trainer.recording.hazards import table as hazards_table
 from ravenjax.trainer.study import comparison, figures, words
 from ravenjax.trainer.study import table as study_table
 from ravenjax.trainer.study.assignment import Assignment, assign
@@ -68,11 +67,7 @@ def table(study: TrainingStudy) -> str:
         if study.blinded:
             row = {name: value for name, value in row.items() if name not in _HIDDEN}
         rows.append({"compared": label} | row)
-    out = io.StringIO()
-    writer = csv.DictWriter(out, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return out.getvalue()
+    return hazards_table.text(list(rows[0]), rows)
 
 
 def render(study: TrainingStudy, found: list[GroupComparison], horizon: float, text: str) -> str:

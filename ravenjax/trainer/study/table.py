@@ -14,8 +14,8 @@ import numpy as np
 
 from ravenjax.errors import UserError
 from ravenjax.store.logs.session import description
+from ravenjax.trainer.judge.row import HazardRow
 from ravenjax.trainer.recording.hazards import table
-from ravenjax.trainer.recording.hazards.table import HazardRow
 
 BY = ("group", "cue")
 """What sessions may be compared by."""

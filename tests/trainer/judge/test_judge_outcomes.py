@@ -14,8 +14,8 @@ from made_frames import made, running
 from ravenjax.outcomes import verdict
 from ravenjax.robots.raven2.checks import CHECKS
 from ravenjax.trainer.judge import Judge
+from ravenjax.trainer.judge.row import HazardRow
 from ravenjax.trainer.recording.hazards import events as hazard_events
-from ravenjax.trainer.recording.hazards.table import HazardRow
 
 TICKS, STRIKE, LOOK = 500, 40, 10
 FAULT = [{"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 2000}]

@@ -25,7 +25,7 @@ class Wire:
 
     def exchange(self, datagram):
         assert len(datagram) == 124
-        frame = self.robot.step(decode(datagram, self.robot.arms))
+        frame = self.robot.tick(decode(datagram, self.robot.arms))
         self._tick += 1
         return self._decoder.feed(self._reporter.encode(frame, self._tick, self._tick))[-1]
 

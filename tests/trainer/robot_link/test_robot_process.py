@@ -39,7 +39,7 @@ class Integrator:
         self.frame["last_seq"] = 111
         self.um = np.zeros((2, 3))
 
-    def step(self, packet):
+    def tick(self, packet):
         if packet is not None:
             self.packets.append(packet)
             if not self.deaf:

@@ -218,7 +218,7 @@ def test_every_packet_from_outside_gives_the_same_bits(made, outside):
     outside.reset()
     inside = robot_of(made)
     for sent in packets(made, 500):
-        frame = outside.step(sent)
+        frame = outside.tick(sent)
         inside.step()
         np.testing.assert_array_equal(frame.row[: inside.row.size], inside.row)
     assert frame.number("runlevel") == 3
@@ -228,7 +228,7 @@ def test_every_packet_from_outside_gives_the_same_bits(made, outside):
 def test_packets_that_do_not_arrive_are_missed_by_the_robot(made, outside):
     outside.reset()
     for k, sent in enumerate(packets(made, 450)):
-        frame = outside.step(None if k == 400 else sent)
+        frame = outside.tick(None if k == 400 else sent)
     found = outside.outcomes()
     assert found["check_packet_skip_count"] == 1 and found["check_packet_skip_first_ms"] == 401
     assert frame.number("last_seq") == 450

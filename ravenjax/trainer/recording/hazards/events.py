@@ -9,7 +9,8 @@ import numpy as np
 
 from ravenjax.outcomes import verdict
 from ravenjax.trainer.judge.episode import DISTANCES, motion_hazard
-from ravenjax.trainer.recording.hazards.table import NUMBERS, HazardRow
+from ravenjax.trainer.judge.row import HazardRow
+from ravenjax.trainer.recording.hazards.table import NUMBERS
 from ravenjax.trainer.recording.reader import Recording
 
 
