@@ -7,12 +7,10 @@ one that is known (`detail`: its bits), and `lookup` reads a 1-D table at one in
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-
-from ravenjax.ir import semantics
 
 TYPES = ("bool", "int32", "uint32", "float32", "float64")
 """That every target has."""
@@ -48,21 +46,6 @@ class Program:
                 for operand in self.operations[i].operands:
                     wanted[operand] = 1
         return [i for i, w in enumerate(wanted) if w]
-
-    def evaluate(self, inputs: Sequence[Any], tables: Sequence[np.ndarray] = ()) -> list[Any]:
-        """Results on NumPy numbers or arrays of one shape."""
-        values: dict[int, Any] = {}
-        for i in self.needed():
-            name, dtype, operands, detail = self.operations[i]
-            if name == "input":
-                values[i] = np.asarray(inputs[detail], dtype)[()]
-            elif name == "constant":
-                values[i] = number(dtype, detail)
-            elif name == "lookup":
-                values[i] = tables[detail][values[operands[0]]]
-            else:
-                values[i] = semantics.evaluate(name, dtype, tuple(values[o] for o in operands))
-        return [values[i] for i in self.outputs]
 
 
 def bits(dtype: str, value: Any) -> int:

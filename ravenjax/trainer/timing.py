@@ -81,22 +81,21 @@ def verdict(found: list[Measured]) -> list[tuple[str, str]]:
 
 def _empty(seconds: float, say: Callable[[str], None]) -> LoopTiming:
     say(f"empty loop: {seconds:g} s")
-    with clock.realtime(), clock.no_collection():
-        paced = Clock()
-        for _ in range(round(seconds * 1000)):
-            paced.wait()
-            paced.done()
-    return paced.timing
+    return _paced(seconds, lambda: None)
 
 
 def _tick_alone(chosen: scenario.Scenario, seconds: float, say: Callable[[str], None]) -> LoopTiming:
     say(f"{TICK}: {seconds:g} s")
     robot = SimulatedRobot(blueprint.make(scenario.campaign(chosen, 0)))
+    return _paced(seconds, robot.step)
+
+
+def _paced(seconds: float, work: Callable[[], None]) -> LoopTiming:
     with clock.realtime(), clock.no_collection():
         paced = Clock()
         for _ in range(round(seconds * 1000)):
             paced.wait()
-            robot.step()
+            work()
             paced.done()
     return paced.timing
 

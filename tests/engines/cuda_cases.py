@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from compiled_program import HARD_FLOATS, HARD_INTEGERS, pairs, same_bits
+from evaluated_program import evaluate
 
 from ravenjax.bundled import resources
 from ravenjax.campaign import loading, plan
@@ -99,7 +100,7 @@ def check(launch, k: int) -> None:
     _, program, columns = CASES[k]
     out = np.full((1, len(columns[0])), 0xDEADBEEF, np.uint32)
     out = launch(f"case{k}", np.stack([words(c) for c in columns]), out, len(columns[0]))
-    (expected,) = program.evaluate(columns)
+    (expected,) = evaluate(program, columns)
     expected = np.asarray(expected)
     got = out[0].astype(bool) if expected.dtype == bool else out[0].view(expected.dtype)
     same_bits(got, expected)
@@ -156,13 +157,13 @@ def small_loop() -> TimeLoop:
 def meant(loop: TimeLoop, inputs, given, table):
     """Results and what goes out [tick, number, lane], by evaluating the programs tick by tick."""
     lanes = len(inputs[0])
-    state = [np.broadcast_to(np.asarray(s), lanes) for s in loop.begin.evaluate(inputs)]
+    state = [np.broadcast_to(np.asarray(s), lanes) for s in evaluate(loop.begin, inputs)]
     out = []
     for now in range(len(given)):
-        new = loop.step.evaluate([*inputs, *state, np.int32(now), given[now]], [table])
+        new = evaluate(loop.step, [*inputs, *state, np.int32(now), given[now]], [table])
         state, leaving = new[: loop.states], new[loop.states :]
         out.append([np.broadcast_to(x, lanes) for x in leaving])
-    return loop.finish.evaluate([*inputs, *state]), out
+    return evaluate(loop.finish, [*inputs, *state]), out
 
 
 # --- a campaign ---

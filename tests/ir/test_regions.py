@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from compiled_program import same_bits
+from evaluated_program import evaluate
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -86,11 +87,11 @@ def test_passing_by_changes_no_bit(width):
     limit[:20] *= 0.1  # whole vectors that are never there
     given, out = np.zeros((1, 0, lanes), np.float32), np.zeros((TICKS, 1, lanes), np.float32)
     found = VectorCode(loop, 0, False, width).run(Lanes([limit], given, np.zeros(0, np.float32), out), TICKS)
-    state = loop.begin.evaluate([limit])
+    state = evaluate(loop.begin, [limit])
     for now in range(TICKS):
-        *state, leaving = loop.step.evaluate([limit, *state, np.int32(now)])
+        *state, leaving = evaluate(loop.step, [limit, *state, np.int32(now)])
         same_bits(out[now, 0], leaving)
-    for got, right in zip(found, loop.finish.evaluate([limit, *state]), strict=True):
+    for got, right in zip(found, evaluate(loop.finish, [limit, *state]), strict=True):
         same_bits(got, np.broadcast_to(right, got.shape))
     assert 0 < (found[1] > 0).sum() < lanes, "some lanes were there, some never"
 

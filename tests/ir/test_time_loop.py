@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from compiled_program import same_bits
+from evaluated_program import evaluate
 
 from ravenjax.engines.cpu import schedule
 from ravenjax.engines.cpu.code import VectorCode
@@ -57,14 +58,14 @@ def loop() -> TimeLoop:
 
 
 def in_numpy(found: TimeLoop, gain, kick, given):
-    state = [np.broadcast_to(x, gain.shape) for x in found.begin.evaluate([gain, kick])]
+    state = [np.broadcast_to(x, gain.shape) for x in evaluate(found.begin, [gain, kick])]
     out = []
     for tick in range(TICKS):
         entering = [np.full(gain.shape, tick, np.int32), given[min(tick, len(given) - 1)]]
-        results = found.step.evaluate([gain, kick, *state, *entering], [TABLE])
+        results = evaluate(found.step, [gain, kick, *state, *entering], [TABLE])
         state = results[: len(state)]
         out.append([np.broadcast_to(x, gain.shape) for x in results[len(state) :]])
-    return found.finish.evaluate([gain, kick, *state]), np.array(out)
+    return evaluate(found.finish, [gain, kick, *state]), np.array(out)
 
 
 def test_each_number_is_computed_where_it_belongs():

@@ -173,13 +173,6 @@ class Function:
     handle: Any
     shared_bytes: int
 
-    def resource(self, name: str) -> int:
-        """NUM_REGS, LOCAL_SIZE_BYTES and the like."""
-        driver, _ = _bindings()
-        return int(
-            _call("cuFuncGetAttribute", getattr(driver.CUfunction_attribute, f"CU_FUNC_ATTRIBUTE_{name}"), self.handle)
-        )
-
 
 class DeviceSession:
     """Work of one thread on one device: its streams, and memory that goes back at the end."""

@@ -67,18 +67,8 @@ def hazard(course: Course, one: HazardRow, steps: Sequence[Step]) -> Figure | No
     top, name = layout["yaxis"]["domain"][1], NAME * _pixel(layout["height"])
     layout["shapes"] += [_line(step.after_ms or 0.0, MARKS[step.kind]) for step in came]
     for place, step in enumerate(came):
-        layout["annotations"].append(
-            {
-                "x": step.after_ms,
-                "y": top + name * (len(came) - 1 - place),
-                "yref": "paper",
-                "xanchor": "left",
-                "yanchor": "bottom",
-                "showarrow": False,
-                "text": step.name if step.kind != "response" else step.text or step.name,
-                "font": {"size": 11.5, "color": MARKS[step.kind]},
-            }
-        )
+        text = step.name if step.kind != "response" else step.text or step.name
+        layout["annotations"].append(_name(step.after_ms, top + name * (len(came) - 1 - place), text, step.kind))
         layout["shapes"][-len(came) + place]["y1"] = top + name * (len(came) - place)
     return _figure(traces, layout)
 
@@ -99,18 +89,7 @@ def overview(course: Course, hazards: Sequence[HazardRow]) -> Figure | None:
         layout["shapes"].append(_line(one.struck_ms / 1000, MARKS["strike"]))
         if one.response_ms is not None:
             layout["shapes"].append(_line(one.response_ms / 1000, MARKS["response"], top))
-        layout["annotations"].append(
-            {
-                "x": one.struck_ms / 1000,
-                "y": top,
-                "yref": "paper",
-                "xanchor": "left",
-                "yanchor": "bottom",
-                "showarrow": False,
-                "text": one.hazard or str(one.number),
-                "font": {"size": 11.5, "color": MARKS["strike"]},
-            }
-        )
+        layout["annotations"].append(_name(one.struck_ms / 1000, top, one.hazard or str(one.number), "strike"))
     return _figure(traces, layout)
 
 
@@ -279,6 +258,12 @@ def _curve(time: np.ndarray, values: np.ndarray, name: str, colour: str, axis: s
 def _line(at: float, colour: str, top: float = 1.0) -> dict[str, Any]:
     line = {"color": colour, "width": 1.4}
     return {"type": "line", "x0": at, "x1": at, "yref": "paper", "y0": 0, "y1": top, "line": line}
+
+
+def _name(at: float | None, above: float, text: str, mark: str) -> dict[str, Any]:
+    """The name of a moment over the panels."""
+    place = {"x": at, "y": above, "yref": "paper", "xanchor": "left", "yanchor": "bottom", "showarrow": False}
+    return place | {"text": text, "font": {"size": 11.5, "color": MARKS[mark]}}
 
 
 def _time_axis(title: str, anchor: str) -> dict[str, Any]:

@@ -12,8 +12,7 @@ from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.trainer.protocol.world import Point, to_world
 from ravenjax.trainer.scenario import Scenario
 from ravenjax.trainer.scenario.config import Path, PegTransfer, Reach
-from ravenjax.trainer.tasks.base import Task, Wish
-from ravenjax.trainer.tasks.free import FreeTask
+from ravenjax.trainer.tasks.base import FreeTask, Task, Wish
 from ravenjax.trainer.tasks.path import PathTask
 from ravenjax.trainer.tasks.pegs import PegTask
 from ravenjax.trainer.tasks.reach import ReachTask

@@ -83,6 +83,16 @@ class Task(abc.ABC):
         events.append({"tick": tick, "kind": "task_done"})
 
 
+class FreeTask(Task):
+    """Nothing is asked: look around, feel the robot. No goal, never done."""
+
+    def __init__(self, begin: Mapping[ArmName, Point]) -> None:
+        super().__init__("free", begin)
+
+    def _step(self, frame: Frame, tips: Mapping[ArmName, Point], tick: int, events: list[Event]) -> None:
+        """Nothing to do."""
+
+
 class Travel:
     """The way of one tip."""
 

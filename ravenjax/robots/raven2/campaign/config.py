@@ -14,9 +14,10 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from ravenjax.campaign.file.config import Campaign, CampaignConfig
 from ravenjax.campaign.file.group import Fault, Section
 from ravenjax.campaign.file.location import Complaint
+from ravenjax.campaign.file.semantics import unknown
 from ravenjax.errors import UserError, shown
 from ravenjax.robots.raven2.arms import ArmName
-from ravenjax.robots.raven2.campaign import unread, words
+from ravenjax.robots.raven2.campaign import unread
 from ravenjax.robots.raven2.console.motions import MOTIONS
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS, TOOLS
 from ravenjax.robots.raven2.sites import USB_SITE
@@ -302,7 +303,27 @@ class RavenConfig(CampaignConfig):
 
     def complaints(self) -> Iterator[Complaint]:
         """(key, message) of what is wrong with the robot's own words."""
-        return words.complaints(self)
+        campaign = self.campaign
+        if campaign.tools is not None and len(campaign.tools) != len(campaign.arms):
+            yield ("campaign", "tools"), f"got {len(campaign.tools)}, expected one per arm ({len(campaign.arms)})"
+        if campaign.build == "dyn_sim" and campaign.software != "fork2015":
+            yield (
+                ("campaign", "build"),
+                "got 'dyn_sim', expected software = 'fork2015': only the 2015 fork was built so",
+            )
+        if campaign.software == "fork2015" and campaign.policy != type(campaign).model_fields["policy"].default:
+            yield ("campaign", "policy"), f"got {campaign.policy!r}, but the 2015 fork has no policy: remove the key"
+        for tool in campaign.tools or ():
+            if tool not in TOOLS:
+                yield ("campaign", "tools"), unknown("tool", tool, TOOLS)
+        operator = self.operator
+        if operator.motion is not None and operator.motion not in MOTIONS:
+            yield ("operator", "motion"), unknown("motion", operator.motion, MOTIONS)
+        if operator.motion == "clutched" and campaign.console == "absolute":
+            yield (
+                ("operator", "motion"),
+                "got 'clutched', expected console = 'increments': an absolute one has no clutch",
+            )
 
     def unread(self, path: str) -> str:
         """Why nothing reads the parameter of that path in this campaign; "" where something does."""

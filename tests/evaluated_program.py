@@ -1,0 +1,27 @@
+"""What a program means: its operations one by one on NumPy numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ravenjax.ir import semantics
+from ravenjax.ir.program import Program, number
+
+
+def evaluate(program: Program, inputs: Sequence[Any], tables: Sequence[np.ndarray] = ()) -> list[Any]:
+    """Results on NumPy numbers or arrays of one shape."""
+    values: dict[int, Any] = {}
+    for i in program.needed():
+        name, dtype, operands, detail = program.operations[i]
+        if name == "input":
+            values[i] = np.asarray(inputs[detail], dtype)[()]
+        elif name == "constant":
+            values[i] = number(dtype, detail)
+        elif name == "lookup":
+            values[i] = tables[detail][values[operands[0]]]
+        else:
+            values[i] = semantics.evaluate(name, dtype, tuple(values[o] for o in operands))
+    return [values[i] for i in program.outputs]
