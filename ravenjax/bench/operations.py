@@ -1,13 +1,24 @@
-"""Operations of the timed tick by stage, as the printing engines compute them."""
+"""Operations of the timed tick by stage, as the printing engines compute them: what to shorten first."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from collections.abc import Mapping
+from pathlib import PurePath
+from typing import Any
+
+from jax.extend import core
 
 from ravenjax.bench.workload import Workload
-from ravenjax.engines import operation_count, traced
-from ravenjax.ir.time_loop import split
+from ravenjax.engines import traced
+from ravenjax.ir.regions import Region, arrange
+from ravenjax.ir.time_loop import Split, split
+
+_FREE = ("neg", "bitcast", "constant", "input")
+"""Operations that become part of others, or none."""
+STAGES = frozenset(("stages", "plant", "console"))
+"""Folders of a robot, or of any, whose files are stages."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,8 +42,36 @@ class Operations:
 def count(workload: Workload) -> Operations:
     """Count the operations of the workload's tick."""
     program = workload.program
-    trace = traced.trace(program, workload.golden_runs(1), workload.motion, operation_count.stage)
-    parts = operation_count.by_stage(
-        split(trace.without_signals(), range(len(program.varied)), range(1 + trace.series))
-    )
+    trace = traced.trace(program, workload.golden_runs(1), workload.motion, stage)
+    parts = by_stage(split(trace.without_signals(), range(len(program.varied)), range(1 + trace.series)))
     return Operations(*({name or "tick.glue": n for name, n in parts[k].most_common()} for k in ("lane", "shared")))
+
+
+def stage(eqn: core.JaxprEqn) -> str:
+    """The file and function of a stage in which an equation was traced, of the tick itself otherwise; "" if unknown."""
+    traceback: Any = eqn.source_info.traceback
+    if traceback is None:
+        return ""
+    own = [frame for frame in traceback.frames if "ravenjax" in PurePath(frame.file_name).parts]
+    own = [frame for frame in own if "engines" not in PurePath(frame.file_name).parts]
+    inside = [frame for frame in own if not STAGES.isdisjoint(PurePath(frame.file_name).parts)]
+    outermost = (inside or own)[-1:]  # innermost frames come first
+    return "".join(f"{PurePath(f.file_name).stem}.{f.function_name}" for f in outermost)
+
+
+def by_stage(parted: Split) -> Mapping[str, Counter[str]]:
+    """Operations by stage of the "lane" part and of the "shared" part; those without cost are left out, and those of a
+    lane that only some ticks need."""
+    step, loop = parted.loop.step, parted.loop
+    leaving = [*(step.outputs[k] for k in parted.lane_state), *step.outputs[loop.states :]]
+    of_groups = [*parted.row, *(step.outputs[k] for k in parted.shared_state)]
+    lane = arrange(step.operations, parted.lane, leaving)
+    shared = arrange(step.operations, parted.shared, of_groups)
+    parts = {
+        "lane": [i for i in lane if not isinstance(i, Region)],
+        "shared": [i for i in shared if not isinstance(i, Region)],
+    }
+    return {
+        part: Counter(step.origins[i] for i in numbers if step.operations[i].name not in _FREE)
+        for part, numbers in parts.items()
+    }

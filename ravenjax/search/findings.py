@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -56,6 +56,16 @@ def short(name: str) -> str:
         return name
     which = f" (fault {match[1]})" if int(match[1]) else ""
     return match[2] + which + (", ms" if match[3] else "")
+
+
+def laws(inputs: Sequence[Mapping[str, Any]]) -> str:
+    """Inputs and their distributions, as `Template.drawn` has them, in words."""
+    parts = []
+    for one in inputs:
+        kind, values = next(iter(one["drawn"].items()))
+        unit = f" {one['unit']}" if one["unit"] else ""
+        parts.append(f"{short(one['name'])}: {kind} {', '.join(f'{v:g}' for v in values)}{unit}")
+    return "; ".join(parts)
 
 
 def words(case: Mapping[str, Any]) -> str:

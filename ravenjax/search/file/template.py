@@ -144,6 +144,13 @@ class Template:
         """The distribution of an input."""
         return self._axes[self.inputs[number]]
 
+    def drawn(self) -> list[dict[str, Any]]:
+        """Name, unit and distribution of each input."""
+        return [
+            {"name": name, "unit": self.unit(i), "drawn": self.axis(i).model_dump()}
+            for i, name in enumerate(self.labels)
+        ]
+
     def case(self, case: int) -> dict[str, Any]:
         """What tells a case from the others: the value of each list, by label."""
         parts = {}

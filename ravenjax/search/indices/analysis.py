@@ -13,7 +13,7 @@ from ravenjax.search.evaluator import Evaluator
 from ravenjax.search.file import outcome
 from ravenjax.search.file.config import Morris, Sobol
 from ravenjax.search.file.template import Template
-from ravenjax.search.findings import SearchFindings, TextTable, number, short, words
+from ravenjax.search.findings import SearchFindings, TextTable, laws, number, short, words
 from ravenjax.stats.inputs import sensitivity
 
 CONFIDENCE = 0.95
@@ -53,10 +53,7 @@ def find(template: Template, search: Sobol | Morris, evaluator: Evaluator) -> Se
             records.append({"case": template.case(c), "outcome": str(one), "unit": one.unit} | _of(values, analyse))
     numbers = {
         "method": search.kind,
-        "inputs": [
-            {"name": name, "unit": template.unit(i), "drawn": template.axis(i).model_dump()}
-            for i, name in enumerate(template.labels)
-        ],
+        "inputs": template.drawn(),
         "points": points,
         "confidence": CONFIDENCE,
         "resamples": RESAMPLES,
@@ -104,8 +101,7 @@ def _bounded(found: Any) -> dict[str, np.ndarray]:
 
 def _sentences(numbers: dict[str, Any]) -> Iterator[str]:
     names = [short(one["name"]) for one in numbers["inputs"]]
-    inputs = "; ".join(f"{name}: {_told(one)}" for name, one in zip(names, numbers["inputs"], strict=True))
-    yield f"Inputs, independent of each other: {inputs}."
+    yield f"Inputs, independent of each other: {laws(numbers['inputs'])}."
     yield f"{numbers['points']} points, the same ones in every case and for every outcome; n is that of each row."
     leading = "ST" if numbers["method"] == "sobol" else "mu_star"
     for record in numbers["results"]:
@@ -118,12 +114,6 @@ def _sentences(numbers: dict[str, Any]) -> Iterator[str]:
         first = ", ".join(f"{names[i]} {number(record['indices'][leading]['value'][i], 2)}" for i in order[:3])
         what = "total index" if leading == "ST" else "mean effect over its range"
         yield f"`{record['outcome']}`{where}: what decides most, by {what}: {first}."
-
-
-def _told(one: dict[str, Any]) -> str:
-    law = one["drawn"]
-    kind, values = next(iter(law.items()))
-    return f"{kind} {', '.join(f'{v:g}' for v in values)}" + (f" {one['unit']}" if one["unit"] else "")
 
 
 def _tables(numbers: dict[str, Any]) -> Iterator[TextTable]:

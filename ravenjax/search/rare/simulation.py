@@ -17,7 +17,7 @@ from ravenjax.search.evaluator import Evaluator
 from ravenjax.search.file import outcome
 from ravenjax.search.file.config import Rare
 from ravenjax.search.file.template import Template
-from ravenjax.search.findings import SearchFindings, TextTable, number, short, words
+from ravenjax.search.findings import SearchFindings, TextTable, laws, number, short, words
 from ravenjax.stats.intervals import clopper_pearson
 from ravenjax.stats.rare import LimitState, RareEvent, monte_carlo, subset
 
@@ -60,8 +60,7 @@ def find(template: Template, search: Rare, evaluator: Evaluator) -> SearchFindin
         "column": one.column,
         "relation": one.relation,
         "bound": one.bound,
-        "inputs": [{"name": name, "unit": template.unit(i), "drawn": template.axis(i).model_dump()}
-                   for i, name in enumerate(template.labels)],
+        "inputs": template.drawn(),
         "per_level": search.runs,
         "share": 1.0 / search.steps,
         "results": records,
@@ -119,8 +118,7 @@ def _reached(found: RareEvent, sampled: np.ndarray, search: Rare) -> list[dict[s
 
 
 def _sentences(numbers: dict[str, Any]) -> Iterator[str]:
-    inputs = "; ".join(f"{short(one['name'])}: {_told(one)}" for one in numbers["inputs"])
-    yield f"Event: `{numbers['event']}`. Inputs, independent of each other: {inputs}."
+    yield f"Event: `{numbers['event']}`. Inputs, independent of each other: {laws(numbers['inputs'])}."
     for record in numbers["results"]:
         where = f"{words(record['case'])}: " if record["case"] else ""
         level, plain = record["subset"], record["monte_carlo"]
@@ -131,11 +129,6 @@ def _sentences(numbers: dict[str, Any]) -> Iterator[str]:
             yield f"{where}plain Monte Carlo with {plain['runs']} runs: {_estimate(plain)}, {agree}."
         if record["invalid"]:
             yield f"{where}{record['invalid']} runs have no valid outcome and count as not the event."
-
-
-def _told(one: dict[str, Any]) -> str:
-    kind, values = next(iter(one["drawn"].items()))
-    return f"{kind} {', '.join(f'{v:g}' for v in values)}" + (f" {one['unit']}" if one["unit"] else "")
 
 
 def _estimate(found: dict[str, Any]) -> str:

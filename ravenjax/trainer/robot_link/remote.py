@@ -103,10 +103,6 @@ class RemoteRobot:
         """Whether nothing has come for `STALE_MS`: what is shown of the robot is then old."""
         return self.lost or self.age_ms > STALE_MS
 
-    def counters(self) -> dict[str, int]:
-        """What came and what did not."""
-        return {"reports": self.reports, "bytes_skipped": self._decoder.skipped, "packets_unsent": self.unsent}
-
     def close(self) -> None:
         """Leave the robot alone."""
         self._console.close()

@@ -13,8 +13,9 @@ import pytest
 from compiled_program import HARD_INTEGERS, compiled, lowered, same_bits
 
 import ravenjax as rj
+from ravenjax.bench import operations
 from ravenjax.campaign import plan, runner
-from ravenjax.engines import operation_count, traced
+from ravenjax.engines import traced
 from ravenjax.engines.cpu import engine as simd
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.engine import SimdEngine, SimdKernel
@@ -159,10 +160,10 @@ def test_compiled_code_is_kept_and_used_again(ready, loop, whole, monkeypatch):
 @pytest.mark.slow
 def test_what_runs_share_is_not_computed_in_each(loop, ready):
     shared = split(loop.without_signals(), range(len(ready.program.varied)), range(1 + loop.series))
-    counted = operation_count.by_stage(
+    counted = operations.by_stage(
         split(
             traced.trace(
-                ready.program, Block(*ready.lanes([0], 1), None), ready.columns, operation_count.stage
+                ready.program, Block(*ready.lanes([0], 1), None), ready.columns, operations.stage
             ).without_signals(),
             range(len(ready.program.varied)),
             range(1 + loop.series),

@@ -78,10 +78,6 @@ class Criteria:
     tests: dict[str, Callable[[BurstRun], bool]]  # A4 first
     a4: tuple[str, ...]
 
-    def met(self, run: BurstRun) -> tuple[str, ...]:
-        """Names of the tests that a run meets."""
-        return tuple(name for name, holds in self.tests.items() if holds(run))
-
     def all_of_a4(self, run: BurstRun) -> bool:
         """Whether the run meets every test of target A4."""
         return all(self.tests[name](run) for name in self.a4)
