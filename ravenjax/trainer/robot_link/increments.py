@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from functools import reduce
 from typing import Any, NamedTuple
@@ -10,6 +9,7 @@ from typing import Any, NamedTuple
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.console.packet import U_STRUCT, Packet
 from ravenjax.robots.raven2.geometry.mapping import quat_mul
+from ravenjax.trainer.session.hands import unit
 
 
 class Increments(NamedTuple):
@@ -63,6 +63,4 @@ def _followed(first: Increments, then: Increments) -> Increments:
 
 def _turned(first: Sequence[float], then: Sequence[float]) -> tuple[float, float, float, float]:
     """The turn `first` followed by `then`, a unit quaternion."""
-    x, y, z, w = quat_mul(Vec(then), Vec(first))
-    scale = 1.0 / math.sqrt(x * x + y * y + z * z + w * w)
-    return x * scale, y * scale, z * scale, w * scale
+    return unit(quat_mul(Vec(then), Vec(first)))

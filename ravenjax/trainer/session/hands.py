@@ -17,8 +17,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.motion import ARM_COLUMNS
+from ravenjax.robots.raven2.geometry.mapping import quat_mul
 from ravenjax.trainer.protocol.messages import STALE_MS
 from ravenjax.trainer.protocol.world import itp_from_view, turned
 from ravenjax.trainer.scenario import Speeds
@@ -176,7 +178,7 @@ class _Hand:
             self._grasped = min(max(wanted, min(low, self._grasped)), max(high, self._grasped))
         if v[3] or v[4] or v[5]:
             half = 0.5 * self._turn
-            self._turn_by(_unit((v[3] * half, v[4] * half, v[5] * half, 1.0)))
+            self._turn_by(unit((v[3] * half, v[4] * half, v[5] * half, 1.0)))
 
     def require_room(self, increment: Increment) -> None:
         """Refuse what would lead farther than the robot can be told."""
@@ -202,20 +204,11 @@ class _Hand:
     def place(self, values: list[float], scale: float) -> None:
         """Be where the arm's columns of a motion say."""
         self._x = [_within(x * scale) for x in values[0:3]]
-        self._quat = _unit(tuple(values[3:7]))  # type: ignore[arg-type]
+        self._quat = unit(tuple(values[3:7]))  # type: ignore[arg-type]
         self._grasped = _within(values[7])
 
     def _turn_by(self, turn: tuple[float, float, float, float]) -> None:
-        ax, ay, az, aw = turn
-        bx, by, bz, bw = self._quat
-        self._quat = _unit(
-            (
-                aw * bx + ax * bw + ay * bz - az * by,
-                aw * by + ay * bw + az * bx - ax * bz,
-                aw * bz + az * bw + ax * by - ay * bx,
-                aw * bw - ax * bx - ay * by - az * bz,
-            )
-        )
+        self._quat = unit(quat_mul(Vec(turn), Vec(self._quat)))
 
 
 def _beyond(x: float) -> float:
@@ -228,7 +221,8 @@ def _within(x: float) -> float:
     return x - 0.5 if x > 0.5 else x + 0.5 if x < -0.5 else 0.0
 
 
-def _unit(q: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+def unit(q: Sequence[float]) -> tuple[float, float, float, float]:
+    """A quaternion at length 1."""
     x, y, z, w = q
     over = 1.0 / math.sqrt(x * x + y * y + z * z + w * w)
     return x * over, y * over, z * over, w * over
