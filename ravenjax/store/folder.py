@@ -78,12 +78,6 @@ class ResultFolder:
         manifests.write(path, folder.manifest)
         return folder
 
-    @property
-    def done(self) -> int:
-        """How many rows are finished."""
-        with self._lock:
-            return sum(len(part.rows) for part in self._parts)
-
     def missing(self, chunk: int) -> Iterator[range]:
         """Row ranges still to compute, cut at the multiples of `chunk`."""
         return parts.gaps(self._parts, self._manifest.wanted, chunk)

@@ -136,7 +136,7 @@ class Histories(RuleBasedStateMachine):
             missing = sorted(row for span in self.folder.missing(5) for row in span)
             assert len(set(held)) == len(held) and set(held) | set(missing) >= self.asked
             assert not set(held) & set(missing)
-            assert self.folder.done == len(held)
+            assert self.folder.manifest.done == len(held)
 
     @invariant()
     def nothing_is_thrown_away(self):

@@ -32,11 +32,6 @@ class TimeSeries(NamedTuple):
     axes: tuple[str, ...] = ()  # beside the time
     linear_unit: str = ""  # of a joint that slides, where it differs
 
-    @property
-    def units(self) -> str:
-        """The unit in words."""
-        return f"{self.unit} (insertion {self.linear_unit})" if self.linear_unit else self.unit
-
 
 def _joints(name: str, unit: str, meaning: str, linear_unit: str = "") -> TimeSeries:
     return TimeSeries(name, unit, meaning, ("joint",), linear_unit)

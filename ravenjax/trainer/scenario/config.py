@@ -14,10 +14,9 @@ right_response = ["release"]
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path as FilePath
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field, PrivateAttr, field_validator, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from ravenjax.campaign.file.axis import Number
 from ravenjax.campaign.file.config import OneOrMore
@@ -228,7 +227,6 @@ class Scenario(Section):
         default_factory=dict, description="path = value as in campaigns; of a list or distribution a session draws one"
     )
     robot: RobotSection = RobotSection()
-    _source: FilePath | None = PrivateAttr(None)
 
     @model_validator(mode="before")
     @classmethod
@@ -241,11 +239,6 @@ class Scenario(Section):
         if list(arms) != [arm for arm in ARMS if arm in arms]:
             raise ValueError(f"got {list(arms)}, expected each arm once, in the order {list(ARMS)}")
         return arms
-
-    @property
-    def source(self) -> FilePath | None:
-        """The file that it was read from."""
-        return self._source
 
     @property
     def ticks(self) -> int:

@@ -56,7 +56,6 @@ def from_dict(
         raise UserError("the scenario's tables are nested too deeply to be read") from None
     if errors := list(complaints(scenario)):
         raise where.error(errors)
-    scenario._source = source
     return scenario
 
 

@@ -54,6 +54,6 @@ def test_series_of_unequal_length_are_refused(tmp_path):
 def test_every_series_has_a_unit_and_a_meaning():
     for one in (*time_series.OF_RUN.values(), *time_series.OF_ARM.values()):
         assert one.unit and one.meaning, one.name
-    assert time_series.described("green/jpos").units == "rad (insertion m)"
+    assert time_series.described("green/jpos").linear_unit == "m"
     assert time_series.described("fault3_active").axes == ()
     assert time_series.described("a series to come").unit == ""
