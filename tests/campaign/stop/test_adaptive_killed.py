@@ -27,7 +27,7 @@ CAMPAIGN = {
 RUN = f"""
 import sys
 from pathlib import Path
-from ravenjax.campaign.file import loading
+from ravenjax.campaign import loading
 from ravenjax.campaign.stop import adaptive
 adaptive.run(loading.from_dict({json.dumps(CAMPAIGN)}), Path(sys.argv[1]))
 """
