@@ -20,6 +20,7 @@ def finished(*command: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run([str(part) for part in command], cwd=ROOT, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(NODE is None, reason="no node on the path (apt-get install nodejs)")
 @pytest.mark.parametrize("file", TESTS, ids=lambda path: path.name)
 def test_unit_tests_of_scripts_pass(file):

@@ -84,6 +84,7 @@ def test_rows_that_belong_together_fold_and_are_found_together(page):
     tools.locator("input").fill("")
 
 
+@pytest.mark.slow
 def test_paper_shows_what_the_screen_shows(page):
     page.emulate_media(media="print")
     assert names(page, 0) == [f"row {n}" for n in range(10)]

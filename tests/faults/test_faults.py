@@ -195,6 +195,7 @@ def test_a_fault_that_changes_nothing_was_not_activated():
     assert int(slot.first_tick) == -1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("present", [False, True])
 def test_where_nothing_is_there_nothing_is_struck(present):
     slots = fault.Faults((make(3, "offset", 5.0, "time", 0, TICKS, 0), no_fault()))

@@ -212,6 +212,7 @@ def out_of_reach(frame):
     return frame.assign(**{name: frame[name] * (1.0 - 0.9 * away) for name in frame if name.endswith("_mm")})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["parquet", "csv"])
 @pytest.mark.parametrize(
     ("damage", "words"),
@@ -308,6 +309,7 @@ def test_a_damaged_manifest(copied, refused):
     assert contents(out) == before
 
 
+@pytest.mark.slow
 def test_another_campaign_in_the_folder(copied, refused):
     path, out = copied
     before = contents(out)

@@ -109,6 +109,7 @@ def test_a_trace_is_a_log_of_every_millisecond(traced):
     assert told["engine"].startswith("simd on ") and told["version"] == "0.1.0"
 
 
+@pytest.mark.slow
 def test_frames_of_a_trace_stand_where_the_scene_has_them(traced):
     """At rest at the beginning the measured, the true and the model's tip are at one place above the tissue."""
     frames = ros2_log.read(traced[1]["mcap"]).topics["/tf"][0].value.transforms
@@ -148,6 +149,7 @@ def test_a_trace_is_a_table_and_a_plot(traced):
     assert (dac[250:290] == 9000).all() and dac.abs().max() == row["peak_dac_gold_shoulder"]
 
 
+@pytest.mark.slow
 def test_the_worst_runs_are_traced_with_a_summary(out, capsys, tmp_path):
     assert call("trace", out, "--worst", 2, "--out", tmp_path) == 0
     text = capsys.readouterr().out
@@ -160,6 +162,7 @@ def test_the_worst_runs_are_traced_with_a_summary(out, capsys, tmp_path):
     }
 
 
+@pytest.mark.slow
 def test_several_runs_as_json(out, capsys, tmp_path):
     assert call("trace", out, 1, 2, "--out", tmp_path, "--json") == 0
     told = json.loads(capsys.readouterr().out)
@@ -168,6 +171,7 @@ def test_several_runs_as_json(out, capsys, tmp_path):
     assert all(path.endswith((".mcap", ".csv", ".svg")) for one in told for path in one["files"])
 
 
+@pytest.mark.slow
 def test_the_report_replays_what_was_traced_and_draws_figures(out, traced, tmp_path):
     row, _ = traced
     assert call("report", out, "--figures", tmp_path / "figures") == 0

@@ -9,6 +9,8 @@ import ravenjax as rj
 from ravenjax.campaign.inspection.replay import replay
 from ravenjax.errors import UserError
 
+pytestmark = pytest.mark.slow
+
 HOOK = {"site": "usb_out", "channel": "shoulder", "effect": "latch_offset", "trigger": "packet"}
 CAMPAIGN = {"name": "hook", "duration_s": 1.6, "software": "fork2015", "console": "absolute"}
 
@@ -25,7 +27,6 @@ def stopping():
     return {build: replay(campaign(fault, build=build), 0, "simd").series for build in ("robot", "dyn_sim")}
 
 
-@pytest.mark.slow
 def test_packets_end_with_the_software_stop_in_the_simulator_build_alone(stopping):
     for build, series in stopping.items():
         stop = int(np.argmax(series["soft_estopped"] != 0))
@@ -34,7 +35,6 @@ def test_packets_end_with_the_software_stop_in_the_simulator_build_alone(stoppin
         assert (grows == (1 if build == "robot" else 0)).all()
 
 
-@pytest.mark.slow
 def test_the_window_stays_open_on_the_frozen_packet(stopping):
     active = stopping["dyn_sim"]["fault0_active"]
     assert active[700:].all()
@@ -50,7 +50,6 @@ def test_the_simulator_build_reads_its_model_without_encoders(stopping):
     assert (series["gold/mvel"][1:, 3:] == 0).all()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("words, stored", [("wrap", 14464), ("saturate", 32767), ("unwrapped", 80000)])
 def test_a_large_command_is_stored_as_asked(words, stored):
     fault = {"effect": "overwrite", "value": 80000, "start_ms": 700, "duration_ms": 1}
@@ -63,7 +62,6 @@ def test_the_present_software_was_not_built_so():
         rj.load_campaign({"campaign": {"name": "x", "build": "dyn_sim"}, "group": [{"name": "g"}]})
 
 
-@pytest.mark.slow
 def test_a_delayed_command_moves_the_motor_so_much_later():
     """4000 counts make 3 rad/s of motor speed in a tick; the hands make a tenth of that."""
     fault = {"site": "usb_out", "channel": "shoulder", "effect": "offset", "value": 4000, "start_ms": 900}

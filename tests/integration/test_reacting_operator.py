@@ -7,6 +7,8 @@ import pytest
 
 import ravenjax as rj
 
+pytestmark = pytest.mark.slow
+
 DRIFT = {"site": "packet", "channel": "delx", "effect": "offset", "value": [20, -20, 10], "start_ms": 1000}
 CAMPAIGN = {
     "campaign": {"name": "reacting", "duration_s": 2.5, "noise": True},
@@ -32,7 +34,6 @@ def by_action(table):
     return {int(a): rows.set_index("pair").sort_index() for a, rows in drift.groupby("param:reaction.action")}
 
 
-@pytest.mark.slow
 def test_pairs_differ_in_the_reaction_alone(table):
     assert len(table) == 20
     inputs = ["group", "seed", "fault0_channel", "fault0_value", "fault0_start_ms", "fault0_duration_ms"]
@@ -43,7 +44,6 @@ def test_pairs_differ_in_the_reaction_alone(table):
     assert table["run_id"].is_unique
 
 
-@pytest.mark.slow
 def test_pairs_share_their_noise_until_somebody_reacts(table):
     """Without a cue nobody reacts, and four runs with noise come out to the bit alike."""
     outcomes = table.columns[table.columns.str.contains("deviation|margin|path|force|peak_dac")]

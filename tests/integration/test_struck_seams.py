@@ -10,6 +10,8 @@ import ravenjax as rj
 from ravenjax.campaign.inspection.replay import Replayer
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 
+pytestmark = pytest.mark.slow
+
 SCALE = 0.1
 START_MS, LAST_MS = 700, 600
 ROTATION = (0.4, -0.2, 0.6, 1.0)  # of any length
@@ -69,13 +71,11 @@ def one(table, group):
     return table[table["group"] == group].iloc[0]
 
 
-@pytest.mark.slow
 def test_every_fault_changes_a_bit(table):
     assert (table["failed"] == "").all()
     assert table["activated"][table["group"] != "free"].all()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("group", ["jvel", "pos", "ori"])
 def test_what_nothing_reads_in_pedal_down_moves_nothing(table, series, group):
     assert one(table, group)["response"] == "silent"
@@ -128,7 +128,6 @@ def test_a_jittery_channel_delivers_in_order_and_late(series):
     assert (sent - series("late")["last_seq"])[600:].min() >= 10
 
 
-@pytest.mark.slow
 def test_runs_of_the_channel_do_not_depend_on_the_batch(table):
     row = one(table, "loss")
     alone = {**CAMPAIGN, "group": [{"name": "loss", "fault": [{**LOST, "start_ms": 1}]}]}
@@ -152,7 +151,6 @@ def test_start_brings_the_robot_back_unless_the_stop_persists(table):
     assert 400 < back["golden_pedal_down_ms"] - back["pedal_down_ms"] + 100 < 600
 
 
-@pytest.mark.slow
 def test_engines_agree_on_the_struck_seams(table):
     other = rj.run(CAMPAIGN, engine="xla")
     words = ["run_id", "activated", "response", "response_cause", "end_runlevel", "active_ticks"]

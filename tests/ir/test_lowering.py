@@ -24,6 +24,7 @@ A, B = pairs(NORMAL)
 I, J = pairs(HARD_INTEGERS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "function",
     [

@@ -107,6 +107,7 @@ def agree(got, exact):
     np.testing.assert_array_equal(got[infinite], exact[infinite])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [1, 16])
 def test_compiled_functions_are_the_same_polynomials(width):
     y, x = pairs(np.concatenate([HARD_FLOATS, uniform(-10, 10, 40)]))

@@ -116,6 +116,7 @@ def test_what_the_golden_run_has_by_then_does_not_count():
     assert cue.tolist() == [True, False, True, False, False, False]
 
 
+@pytest.mark.slow
 def test_every_check_of_the_tick_has_its_definition(any_setup_and_state):
     state = any_setup_and_state
     assert tuple(tick.checks(state)) == tuple(CHECKS)

@@ -17,7 +17,10 @@ from ravenjax.store.logs.trace import log
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"),
+]
 
 ARGUMENTS = ["--no-sandbox"]  # a container has none
 
@@ -233,7 +236,6 @@ def test_every_table_comes_as_csv(opened):
     assert waiting.value.path().read_text(encoding="utf-8").startswith("number,cue_threshold_mm,")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["curves", "roc"])
 def test_a_figure_comes_as_svg(opened, name):
     with opened.expect_download() as waiting:
@@ -247,7 +249,6 @@ def test_a_figure_comes_as_svg(opened, name):
     assert "var(" not in text and "class=" not in text  # needs no style sheet
 
 
-@pytest.mark.slow
 def test_a_path_is_played(opened):
     player = opened.locator("[data-path=path-0]")
     place = (

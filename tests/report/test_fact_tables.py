@@ -67,6 +67,7 @@ def test_any_table_gives_the_same_facts(rows, seed, reacts, rules):
     same(frame.sample(frac=1, random_state=seed), *rules)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rules", RULES)
 def test_rules_of_the_campaign(rules):
     for frame in (synthetic.frame(300), reacting.frame(100)):

@@ -461,6 +461,7 @@ def test_everybody_reacts_so_there_are_no_pairs():
     assert "nothing to compare" in text and "The 3 mm cue comes before the motion reaches 3 mm in" in text
 
 
+@pytest.mark.slow
 def test_sections_that_have_nothing_to_say_are_left_out():
     form = dataclasses.replace(synthetic.shape(), detectors=(), parameters=())
     frame = FRAME[[column.name for column in schema.columns(form)]]

@@ -92,6 +92,7 @@ def test_small_batches_share_a_part_which_an_error_does_not_lose(tmp_path, monke
     assert again.progress.stored == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "damage", [lambda path: path.write_bytes(path.read_bytes()[:-9]), Path.unlink], ids=["truncated", "missing"]
 )

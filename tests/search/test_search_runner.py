@@ -199,6 +199,7 @@ def test_a_rare_event_agrees_with_plain_monte_carlo(tmp_path):
     assert "both agree" in text
 
 
+@pytest.mark.slow
 def test_progress_is_told(tmp_path):
     told = []
     fault = {"value": {"uniform": [1, 5]}, "duration_ms": {"uniform": [1, 3]}}

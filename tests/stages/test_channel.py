@@ -92,6 +92,7 @@ def test_without_a_seed_and_between_packets_nothing_happens():
     assert not np.any(stepped(jnp.ones(3), 200, fresh=False))
 
 
+@pytest.mark.slow
 def test_delays_are_the_sum_of_two_uniform_ones():
     drawn = np.asarray(jax.vmap(lambda k: channel.delay_ms(jnp.float32(0.3), k))(jnp.arange(40_000)))
     assert drawn.min() >= 11 and drawn.max() <= 110

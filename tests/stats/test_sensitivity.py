@@ -81,6 +81,7 @@ def test_morris_orders_and_measures():
     assert (again.mu_star.high == found.mu_star.high).all() and (morris_sample(4, 60, seed=3) == design).all()
 
 
+@pytest.mark.slow
 def test_coverage_of_the_morris_band():
     def model(u):
         return u[:, 0] * u[:, 1] + u[:, 2]

@@ -68,6 +68,7 @@ def test_looking_as_often_at_plain_intervals_does_not_hold():
     assert kept / tries >= 0.95 > naive / tries
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("allocation", ["proportional", "neyman"])
 def test_the_rate_of_the_whole_table_is_covered(allocation):
     random, tries = np.random.default_rng(2), 300
@@ -126,6 +127,7 @@ SHARES = st.lists(st.integers(1, 100), min_size=1, max_size=6, unique=True).map(
 )
 
 
+@pytest.mark.slow
 @given(st.data(), SIZES, SHARES, st.sampled_from(["groups", "whole"]), st.sampled_from(["proportional", "neyman"]))
 def test_any_course_ends_and_keeps_to_what_was_registered(data, sizes, shares, of, allocation):
     one = rule(sizes, ("a", "b"), data.draw(st.floats(0.01, 0.3)), shares, of=of, allocation=allocation)

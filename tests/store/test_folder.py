@@ -286,6 +286,7 @@ def change_a_byte(path):
     path.write_bytes(bytes(content))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", [truncate, change_a_byte])
 @pytest.mark.parametrize("recorded", [True, False])
 def test_damaged_part_is_named_and_set_aside_and_computed_again(tmp_path, damage, recorded):

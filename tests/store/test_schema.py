@@ -83,6 +83,7 @@ def test_results_readme_describes_each_column():
     assert f"schema version {schema.VERSION} " in text
 
 
+@pytest.mark.slow
 def test_reading_results_needs_no_jax():
     code = "import sys, ravenjax.report.page, ravenjax.report.run.plot; sys.exit('jax' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -4,6 +4,7 @@ import copy
 import re
 import tomllib
 
+import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
@@ -162,6 +163,7 @@ def loaded(raw, overrides=()):
 RELAXED = settings(max_examples=250, deadline=None, suppress_health_check=list(HealthCheck))
 
 
+@pytest.mark.slow
 @RELAXED
 @given(campaigns([FULL, LIMITED]))
 def test_a_changed_campaign(raw):
@@ -213,6 +215,7 @@ def test_overrides(keys, value):
     loaded(FULL, [".".join(keys) + value])
 
 
+@pytest.mark.slow
 @RELAXED
 @given(st.binary(max_size=60), st.integers(0, 3000))
 def test_a_damaged_file(tmp_path_factory, noise, at):

@@ -81,8 +81,8 @@ def test_the_robot_is_that_of_the_campaign(result, short):
 
 
 def test_an_interrupted_motion_is_finished(result, short, monkeypatch):
-    names = sorted(path.name for path in (result / FOLDER).iterdir())
     there = fault_free.extend(result, 1e-9)
+    names = sorted(path.name for path in (result / FOLDER).iterdir())
 
     def stopped(*_args, **_kwargs):
         raise KeyboardInterrupt

@@ -68,6 +68,7 @@ def test_a_second_run_compiles_nothing(replayer, monkeypatch):
     assert replayer.replay(5).row["index"] == 5
 
 
+@pytest.mark.slow
 def test_another_campaign_of_the_same_form_traces_and_compiles_nothing(monkeypatch):
     """Other seed, other values of the faults, other numbers of runs in a chunk: the same code, found again."""
     rj.run(CONFIG, engine="simd")

@@ -47,6 +47,7 @@ def test_fused_multiply_add_rounds_once(width):
     check(width, "fma", "float32", x, y, np.roll(x, 5))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("dtype", ["int32", "uint32"])
 def test_integer_operations_wrap(width, dtype):

@@ -119,6 +119,7 @@ def test_a_lane_does_not_see_its_neighbours_nor_other_threads(ready, loop, whole
         same_lanes(result, whole, slice(None), block)
 
 
+@pytest.mark.slow
 def test_faults_change_the_run_they_are_in(whole):
     _, faulty = whole
     assert (faulty.outcomes["active_ticks"][1:] > 0).all()
@@ -146,6 +147,7 @@ def test_a_trace_is_the_run(ready, whole, row):
     assert signals.fault_active[0].sum() >= whole[1].outcomes["active_ticks"][row]
 
 
+@pytest.mark.slow
 def test_compiled_code_is_kept_and_used_again(ready, loop, whole, monkeypatch):
     objects = {}
     for _ in range(2):

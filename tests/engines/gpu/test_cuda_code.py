@@ -42,6 +42,7 @@ def test_lanes_are_grouped_by_equal_bits():
     assert cuda._groups([], 3).tolist() == [0, 0, 0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by_group", [True, False])
 @pytest.mark.parametrize("shared_words", [0, 3, 64])
 def test_a_time_loop_split_into_kernels_is_the_loop(monkeypatch, tmp_path, by_group, shared_words):

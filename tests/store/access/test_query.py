@@ -28,6 +28,7 @@ def fill(path, chunk):
     return path
 
 
+@pytest.mark.slow
 @settings(max_examples=5)
 @given(st.integers(9, RUNS))
 def test_the_relation_is_the_table_whatever_the_parts(chunk):
@@ -91,6 +92,7 @@ def test_an_empty_and_an_incomplete_folder(tmp_path):
         query.open_folder(tmp_path)
 
 
+@pytest.mark.slow
 def test_what_does_not_fit_in_memory_is_spilled_and_what_cannot_be_is_told(tmp_path):
     with query.empty(tmp_path, memory_mb=60) as table:
         table.run("CREATE TABLE long AS SELECT i, hash(i) AS h FROM range(6000000) AS made(i)")

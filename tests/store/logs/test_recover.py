@@ -38,6 +38,7 @@ def seeking(path):
         return [one.sequence for _, _, one in make_reader(file).iter_messages(topics=["/ravenjax/signals"])]
 
 
+@pytest.mark.slow
 def test_a_file_cut_anywhere_keeps_every_whole_chunk(whole, tmp_path):
     data, rows, ends = whole
     assert len(ends) == BLOCKS

@@ -109,6 +109,7 @@ def test_joint_states_are_exact(log, series):
         np.testing.assert_array_equal(log.column(topic, field), series[name], err_msg=topic)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("topic", "place", "rotation"),
     [

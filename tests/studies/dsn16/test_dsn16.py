@@ -99,6 +99,7 @@ def test_every_cell_of_scenario_a_displaces_three_axes_alike() -> None:
     assert all(sorted(onsets) == list(ONSETS_A) for onsets in cells)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STUDIES)
 def test_every_variant_is_a_valid_campaign_of_its_own(name: str) -> None:
     study = catalogue.find(name)

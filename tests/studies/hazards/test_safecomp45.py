@@ -56,6 +56,7 @@ def test_every_variant_loads(variant: safecomp45.Variant) -> None:
     assert loading.load(variant.campaign, variant.overrides).campaign.duration_s == 7.0
 
 
+@pytest.mark.slow
 def test_rows_that_are_not_simulated_never_agree(monkeypatch: pytest.MonkeyPatch) -> None:
     rows = findings(monkeypatch).tables[0]
     assert len(rows.rows) == 45

@@ -134,6 +134,7 @@ def short(tmp_path_factory):
     return synthetic.write(tmp_path_factory.mktemp("short"), [synthetic.hazard(0, struck=500.0)], seconds=1.2)
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(
     limit_mm=st.floats(0.1, 40.0).map(lambda x: round(x, 2)),
@@ -197,6 +198,7 @@ def test_the_summary_counts_right_responses_only():
     assert debrief_words.headline([], debrief_words.summary([]), True) == ("No hazard struck", " in this session.")
 
 
+@pytest.mark.slow
 def test_curves_meet_the_recording(folder):
     course = debrief_course.Course(reader.read(folder), 2.5, 8.0)
     figure = json.loads(debrief_figures.hazard(course, MET, debrief_words.steps(MET, False)).json)

@@ -126,6 +126,7 @@ def expected(data, limit_mm):
     }
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), limit_mm=st.sampled_from([0.7, 3.0, 4.5, 12.0]))
 def test_an_episode_is_what_the_definitions_make_of_its_course(seed, limit_mm):

@@ -131,6 +131,7 @@ JSON = st.recursive(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(st.binary(max_size=60) | JSON.map(json.dumps) | JSON.map(lambda part: json.dumps(INPUT | {"arms": part})))
 def test_nothing_gets_through_that_is_not_described(text):

@@ -198,6 +198,7 @@ def test_the_instructor_arms_and_the_operator_does_not_see_it(session):
         assert {"alarm", "cue", "response"} <= kinds and not kinds & {"hazard_armed", "hazard_struck", "hazard_over"}
 
 
+@pytest.mark.slow
 def test_anyone_may_stop_the_robot(session):
     with Window(session, "instructor") as instructor:
         instructor.say({"type": "operator", "do": "estop"})

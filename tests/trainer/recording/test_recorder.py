@@ -22,6 +22,8 @@ from ravenjax.trainer.protocol.frame import FrameLayout
 from ravenjax.trainer.realtime.ring import EVENT_BYTES, Ring, put_json
 from ravenjax.trainer.recording import reader, recorder
 
+pytestmark = pytest.mark.slow
+
 LAYOUT = FrameLayout.of(("gold", "green"))
 HEADER = {"arms": ["gold", "green"], "name": "synthetic", "seed": 7, "started": "2026-01-02T03:04:05.678+00:00"}
 

@@ -13,6 +13,8 @@ from ravenjax.trainer.robot_link.joints.record import Reporter
 from ravenjax.trainer.session import blueprint
 from ravenjax.trainer.session.simulation import PacketRobot, SimulatedRobot
 
+pytestmark = pytest.mark.slow
+
 TICKS = 800
 
 
@@ -54,7 +56,6 @@ def driven():
     return made.layout.places, *rows, far
 
 
-@pytest.mark.slow
 def test_packets_on_the_wire_move_it_as_the_motion_does(driven):
     places, here, there, far = driven
     assert here[-1, places["runlevel"]] == 3 and there[-1, places["runlevel"]] == 3
@@ -64,7 +65,6 @@ def test_packets_on_the_wire_move_it_as_the_motion_does(driven):
     assert far.outcomes() == {}
 
 
-@pytest.mark.slow
 def test_the_model_here_is_the_model_of_the_tick_and_the_error_that_of_a_tick_ago(driven):
     places, here, there, _ = driven
     for arm in ("gold", "green"):

@@ -117,6 +117,7 @@ def test_a_console_that_dies_lets_go_of_the_pedal(driven):
     assert driven.tick(20).number("runlevel") == 2, "the robot has its pedal up"
 
 
+@pytest.mark.slow
 def test_the_same_motion_by_itp_turns_and_grasps(driven):
     """A turn of the console turns the instrument about the mapped axis, and a grasp closes the jaws."""
     books = Books(0)

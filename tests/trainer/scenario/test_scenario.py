@@ -131,6 +131,7 @@ def test_the_list_of_hazards_says_what_each_asks(tmp_path):
     }
 
 
+@pytest.mark.slow
 def test_all_is_one_row_of_each_case_and_another_seed_takes_others():
     chosen, armable = made(duration_s=5, hazard=[{"name": "library", "hazards": "all"}])
     runnable = [row for row in library.rows() if row.runnable]

@@ -62,6 +62,7 @@ def tip_way(arm, rows, scale=0.1):
     return np.array([a - b for a, b in zip(scene.world(arm, way), origin, strict=True)]) * 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [0.05, 0.1, 0.15, 0.3, 1.0])
 def test_the_robot_gets_exactly_the_increments_of_a_console(scale):
     rng = np.random.default_rng(1)

@@ -135,6 +135,7 @@ def test_a_session_says_of_a_hazard_what_the_table_of_its_campaign_says(made, ro
     ) == told["motion_hazard"]
 
 
+@pytest.mark.slow
 def test_a_hazard_armed_before_the_first_tick_finds_nothing_missed(made):
     robot, states = robot_of(made), []
     robot.arm(0)

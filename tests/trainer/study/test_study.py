@@ -143,6 +143,7 @@ def test_unfinished_sessions_and_hazards_that_never_struck_are_left_out_and_told
 # --- comparison ---
 
 
+@pytest.mark.slow
 def test_groups_of_different_participants_are_compared(tmp_path):
     result = report.run([made(tmp_path / "in")], tmp_path / "out")
     right, time, off, depth = result.comparisons

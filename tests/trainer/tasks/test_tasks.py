@@ -93,6 +93,7 @@ LARGEST = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", BOTH)
 def test_every_goal_is_within_reach_of_every_arm_held_as_at_home(arm):
     every = [task(arms, **settings)[0] for arms in ((arm,), BOTH) for settings in LARGEST]

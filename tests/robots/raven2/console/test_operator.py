@@ -166,6 +166,7 @@ def numbers(vecs):
     return np.array([[float(x) for x in vec] for vec in vecs])
 
 
+@pytest.mark.slow
 def test_what_hands_do_beyond_the_plan_is_sent_once_and_adds_up(motion):
     """Increments follow the plan and the strays: after any packet the sum is the truncated scaled hand."""
     setup = make_setup(precision=REFERENCE)

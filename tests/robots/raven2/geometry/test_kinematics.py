@@ -290,6 +290,7 @@ def joints_away_from_the_remote_centre(count, seed):
     return jpos
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ARMS)
 def test_4000_round_trips(arm):
     jpos = joints_away_from_the_remote_centre(4000, seed=3)
@@ -301,6 +302,7 @@ def test_4000_round_trips(arm):
     np.testing.assert_allclose(yaw, (jpos[:, 6] - jpos[:, 5]) / 2, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ARMS)
 def test_round_trips_in_float32(arm):
     """Rounded poses lead back with the tip within 0.2 um.

@@ -103,6 +103,7 @@ def test_the_tick_is_a_straight_list_of_scalar_operations(name):
             assert shapes == {()}, f"{equation.primitive.name} on {shapes}"
 
 
+@pytest.mark.slow
 def test_faults_that_a_campaign_does_not_name_are_not_in_its_tick():
     without = len(list(flat(trace(SETUPS["gold"]).jaxpr)))
     one = Injection(1, (SiteUse("usb_out", (("gold", "shoulder"),), ("overwrite",)),), ("time",))

@@ -103,6 +103,7 @@ def cases(rng):
         yield joints, [q + rng.uniform(-spread, spread) * (0.05 if k == 2 else 1) for k, q in enumerate(joints)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ARMS)
 def test_inverse_is_the_originals_to_the_last_bit(arm):
     rejected = near = 0

@@ -183,6 +183,7 @@ def test_it_follows_increments_to_where_they_lead() -> None:
         assert np.abs(np.array(out.tip_velocity)).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_with_the_pedal_up_it_goes_where_the_robot_is_measured_if_told_so() -> None:
     with jax.enable_x64(True):
         there = tuple(q + 0.01 * (i + 1) * (i < 5) for i, q in enumerate(HOME_JPOS))  # jaws are asked for, not left

@@ -90,6 +90,7 @@ def test_mass_matrix_gravity_and_bias(case) -> None:
         np.testing.assert_allclose(flat(authors.bias_forces(q, qd)), bias, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_gravity_is_the_gradient_of_one_potential() -> None:
     """Its Jacobian is symmetric; checked where the published values do not reach."""
     with jax.enable_x64(True):
@@ -149,6 +150,7 @@ def run_of_the_authors(recording: pd.DataFrame, rows: int, step=rk4) -> np.ndarr
     return np.asarray(jax.jit(lambda s, u: jax.lax.scan(tick, s, u))(first, jnp.asarray(dac))[1])
 
 
+@pytest.mark.slow
 def test_the_published_run_is_reproduced_over_all_its_rows(shared_data) -> None:
     recording = pd.read_parquet(shared_data("recording_gold_joints123.parquet"))
     published = pd.read_parquet(shared_data("model_regression_rk4.parquet")).to_numpy(np.float64)

@@ -131,6 +131,7 @@ def test_brakes_hold_the_arm_where_it_is() -> None:
         assert (columns(out.enc_val) == columns(out.enc_val)[0]).all()
 
 
+@pytest.mark.slow
 def test_green_mirrors_gold() -> None:
     """Equal joint motion for mirrored counts; the tool's roll and wrist turn the other way in a mirror."""
     commands = np.zeros((600, N), np.int32)
@@ -356,6 +357,7 @@ def test_mechanical_faults_act_where_they_say() -> None:
         assert 2e-3 < pushed[1] - healthy[1] < 5e-3  # 3.5 N m beyond friction on 1115 N m/rad of cable
 
 
+@pytest.mark.slow
 def test_hard_stops_hold_a_runaway_joint() -> None:
     with jax.enable_x64(True):
         params = weightless(robot.params(setup(), "gold"))

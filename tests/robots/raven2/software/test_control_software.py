@@ -224,6 +224,7 @@ def test_bytes_and_packet_are_the_same():
     assert one.state == two.state
 
 
+@pytest.mark.slow
 def test_absolute_poses_replace_the_accumulator():
     software = ControlSoftware("fork2015", console="absolute")
     pose = Packet(1, 204, 1, ((1, 2, 3), (4, 5, 6)), ((0, 0, 0, 1), (0, 1, 0, 0)), (100, 200), 1)
@@ -361,6 +362,7 @@ def test_a_wrong_input_is_named_and_nothing_has_happened(given, words):
     assert software.step(_counts()).dac == other.step(_counts()).dac
 
 
+@pytest.mark.slow
 def test_a_raw_datagram_is_no_absolute_pose():
     refused(lambda: ControlSoftware(console="absolute").step(_counts(), bytes(124)), ("absolute", "Packet"))
 

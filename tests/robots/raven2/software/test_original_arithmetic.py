@@ -152,6 +152,7 @@ def test_inverse_coupling_is_float32_but_for_the_insertion_motors_share(arm):
     assert differs > 10
 
 
+@pytest.mark.slow
 def test_tool_motors_follow_the_measured_insertion_motor_not_the_wanted_one():
     bench = Bench()
     bench.pedal_down()

@@ -45,6 +45,7 @@ def test_offset_is_subtracted_after_the_sign():
     assert positions[0] * 4000 / (2 * np.pi) == pytest.approx([400, 400, 400, 400, 400, -1600, 400], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_fork_filters_with_the_stated_butterworth():
     rng = np.random.default_rng(1)
     samples = np.cumsum(rng.integers(-30, 30, 200))
