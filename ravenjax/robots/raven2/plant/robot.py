@@ -230,11 +230,14 @@ def step(
         jpos_ref=state.jpos_ref,
         count_ref=state.count_ref,
     )
-    return state, observe(setup, arm, params, state)
+    return state, observe(setup, arm, params, state, signal.cable_scale)
 
 
-def observe(setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState) -> PlantOutput:
-    """What can be seen of a state: encoders, and the truth."""
+def observe(
+    setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState, cable_scale: Vec | None = None
+) -> PlantOutput:
+    """What can be seen of a state: encoders, and the truth. cable_scale: as in `PlantSignal`; None: whole cables."""
+    scale = Vec.full(N, 1.0) if cable_scale is None else cable_scale
     dtype = setup.precision.real
     signs = transmission.encoder_signs(arm, _tool(setup, arm), setup.software)
     turned = Vec(encoders.radians(motor, dtype) for motor in state.motors)
@@ -255,9 +258,7 @@ def observe(setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantSt
         mvel=state.mvel,
         stretch=state.stretch,
         tension=Vec(
-            cables.tension(
-                params.cable_stiffness[i] * params.cable_stiffness_scale, 0.0, cables.ARMS_M[i] * state.stretch[i], 0.0
-            )
+            cables.tension(_stiffness(params, i, scale[i]), 0.0, cables.ARMS_M[i] * state.stretch[i], 0.0)
             for i in range(N)
         ),
         brakes=state.brakes.engaged,
@@ -283,7 +284,7 @@ def _substep(
 
     solved = []
     for i in range(N):
-        stiffness = mul(signal.cable_scale[i], params.cable_stiffness[i] * params.cable_stiffness_scale)
+        stiffness = _stiffness(params, i, signal.cable_scale[i])
         damping = mul(signal.cable_scale[i], params.cable_damping[i])
         coulomb = motor.coulomb[i] * friction[i]
         solved.append(
@@ -332,6 +333,11 @@ def _substep(
         jpos_ref=state.jpos_ref,
         count_ref=state.count_ref,
     )
+
+
+def _stiffness(params: PlantParams, i: int, scale: Scalar) -> Scalar:
+    """Of cable i, N/m; a cut one has none."""
+    return mul(scale, params.cable_stiffness[i] * params.cable_stiffness_scale)
 
 
 def _drive(setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState, signal: PlantSignal) -> Vec:

@@ -375,6 +375,8 @@ def test_a_torn_insertion_cable_lets_the_tool_fall() -> None:
         _, out = simulate(setup(), constant([0] * N, 160), brakes=1, cable_scale=torn)
         fallen = columns(out.jpos)[:, 2] - 0.4
         assert fallen[-1] < -1e-3 and (columns(out.enc_val)[-1] == columns(out.enc_val)[0])[:3].all()
+        tension = columns(out.tension)
+        assert (tension[:, 2] == 0.0).all() and (tension[:, :2] != 0.0).all()
 
 
 @pytest.mark.slow
