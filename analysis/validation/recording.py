@@ -28,8 +28,8 @@ from scipy.signal import butter, filtfilt
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import authors, robot
-from ravenjax.studies.dsn16 import closed_loop as recording
-from ravenjax.studies.dsn16.closed_loop import ARM, FILE, JOINTS, SETUP, closed_loop, started, tips
+from ravenjax.studies.dsn16.recording import closed_loop as recording
+from ravenjax.studies.dsn16.recording.closed_loop import ARM, FILE, JOINTS, SETUP, closed_loop, started, tips
 
 
 def windows(values: np.ndarray, length: int) -> np.ndarray:

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -88,6 +88,19 @@ def closed_loop(
 
     mpos and mvel [T, 7] (rad, rad/s), jpos [T, 7] (rad and m, of the links), dac [T, 7] (counts). Needs 64 bits.
     """
+    run = jax.jit(loop("asked", parameter_set))
+    mpos, jpos, counts, speed = run(jnp.asarray(first_angle), jnp.asarray(first_speed), jnp.asarray(asked))
+    return {name: np.asarray(x) for name, x in (("mpos", mpos), ("jpos", jpos), ("dac", counts), ("mvel", speed))}
+
+
+def loop(
+    rows: Literal["asked", "dac"], parameter_set: str = "traj3", cables: float = 1.0
+) -> Callable[[jax.Array, jax.Array, jax.Array], tuple[jax.Array, jax.Array, jax.Array, jax.Array]]:
+    """(first angle, first speed [3], rows [T, 3]) -> (mpos, jpos, dac, mvel), each [T, 7], to be compiled.
+
+    rows: what drives motors 1-3, desired angles (rad) in closed loop or DAC counts in open loop; the tool's motors are
+    held at home by their controller. cables: times the stiffness and damping of every cable; 0: bare rotors.
+    """
     params = robot.params(SETUP, ARM, parameter_set)
     reading, drive = (signs(ARM, TOOL, "fork2015") for signs in (transmission.encoder_signs, transmission.tau_signs))
     kp, kd = Vec((*KP, *TOOL_KP)), Vec((*KD, *TOOL_KD))
@@ -108,15 +121,18 @@ def closed_loop(
         desired = Vec((row[0], row[1], row[2], *tool))
         tau = (desired - Vec(filtered)) * kp - Vec(speed) * kd
         counts = (tau * transmission.COUNTS_PER_NM * drive).map(lambda x: jnp.trunc(x).astype(jnp.int32))
-        state, out = robot.step(SETUP, ARM, params, state, robot.nominal_signal(counts, jnp.int32(0)))
+        if rows == "dac":
+            counts = Vec((*(row[i].astype(jnp.int32) for i in range(3)), *counts[3:]))
+        signal = replace(robot.nominal_signal(counts, jnp.int32(0)), cable_scale=Vec.full(len(counts), cables))
+        state, out = robot.step(SETUP, ARM, params, state, signal)
         return (state, raw, smooth), (jnp.stack(out.mpos), jnp.stack(out.jpos), jnp.stack(counts), speed)
 
-    start = started(params, first_angle, first_speed)
-    history = jnp.stack([read(start)] * 4)
-    _, (mpos, jpos, counts, speed) = jax.jit(lambda c, u: jax.lax.scan(tick, c, u))(
-        (start, history, history[:3]), jnp.asarray(asked)
-    )
-    return {name: np.asarray(x) for name, x in (("mpos", mpos), ("jpos", jpos), ("dac", counts), ("mvel", speed))}
+    def run(angle, speed, rows):
+        start = started(params, angle, speed)
+        history = jnp.stack([read(start)] * 4)
+        return jax.lax.scan(tick, (start, history, history[:3]), rows)[1]
+
+    return run
 
 
 def tips(mpos: np.ndarray) -> np.ndarray:

@@ -1,0 +1,1 @@
+"""A recorded robot and the virtual one that is driven as it was."""
