@@ -43,10 +43,7 @@ def from_dict(
 
     template: of a search, which draws from the distributions itself. Raises UserError.
     """
-    replaced = []
-    for override in overriding.listed(overrides):
-        raw, key = overriding.applied(raw, override)
-        replaced.append(key)
+    raw, replaced = overriding.all_applied(raw, overrides)
     where = location.Where(source, location.lines(text), replaced)
     try:
         if isinstance(raw, dict):  # anything else is refused below

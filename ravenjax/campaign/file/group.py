@@ -54,12 +54,17 @@ class Section(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
+    def _names_are_the_present_ones(cls, raw: Any) -> Any:
+        for name in cls.former.keys() & raw.keys() if isinstance(raw, dict) else ():
+            raise ValueError(f"key {name!r} is now called {cls.former[name]!r}: write that")
+        return raw
+
+    @model_validator(mode="before")
+    @classmethod
     def _true_is_no_number(cls, raw: Any) -> Any:
         """Pydantic takes true for 1 where a number is asked for; a word it refuses, and says where it stands."""
         if not isinstance(raw, dict):
             return raw
-        for name in cls.former.keys() & raw.keys():
-            raise ValueError(f"key {name!r} is now called {cls.former[name]!r}: write that")
         return raw | {
             name: str(raw[name]).lower()
             for name, field in cls.model_fields.items()

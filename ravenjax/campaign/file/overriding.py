@@ -18,6 +18,15 @@ def listed(overrides: Sequence[str]) -> Sequence[str]:
     return overrides
 
 
+def all_applied(raw: dict[str, Any], overrides: Sequence[str]) -> tuple[dict[str, Any], list[Key]]:
+    """`raw` with every override entered, and their keys. UserError as `listed` and `applied`."""
+    keys = []
+    for override in listed(overrides):
+        raw, key = applied(raw, override)
+        keys.append(key)
+    return raw, keys
+
+
 def applied(raw: dict[str, Any], override: str) -> tuple[dict[str, Any], Key]:
     """`raw` with `key.path=value` entered, and its key; the value is TOML, or text. Entries of arrays go by number or
     name."""

@@ -43,14 +43,11 @@ def from_dict(
 
     Raises UserError.
     """
-    replaced: list[location.Key] = []
+    own: list[str] = []
     left: list[str] = []
     for override in overriding.listed(overrides):
-        if override.partition("=")[0].partition(".")[0].strip() == SECTION:
-            raw, key = overriding.applied(raw, override)
-            replaced.append(key)
-        else:
-            left.append(override)
+        (own if override.partition("=")[0].partition(".")[0].strip() == SECTION else left).append(override)
+    raw, replaced = overriding.all_applied(raw, own)
     where = location.Where(source, location.lines(text), replaced)
     messages: list[str] = []
     campaign = search = None

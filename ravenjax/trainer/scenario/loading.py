@@ -41,10 +41,7 @@ def from_dict(
     raw: dict[str, Any], source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
 ) -> Scenario:
     """The scenario of nested tables as TOML has them; `source` and `text` say where from. Raises UserError."""
-    replaced = []
-    for override in overriding.listed(overrides):
-        raw, key = overriding.applied(raw, override)
-        replaced.append(key)
+    raw, replaced = overriding.all_applied(raw, overrides)
     where = location.Where(source, location.lines(text), replaced)
     try:
         scenario = Scenario.model_validate(raw)
