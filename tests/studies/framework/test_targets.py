@@ -25,7 +25,9 @@ def test_a_target_is_met_where_every_line_with_a_band_is_inside_it():
     }
     assert targets.sentence(states["A6"]) == "A6 not met: 1 of 2 lines inside their band"
     assert targets.sentence(states["A4"]) == "A4 met: 1 of 1 line inside its band"
-    assert targets.sentence(states["A5"]) == "A5 not judged: no line of it has a band"
+    assert targets.sentence(states["A5"]) == "A5 not judged: no line of it with a band has a prediction"
+    (bare,) = targets.states([{"target": "A7", "band": None, "passed": None}])
+    assert targets.sentence(bare) == "A7 not judged: no line of it has a band"
 
 
 def test_every_target_of_a_study_is_defined_and_names_the_study():
