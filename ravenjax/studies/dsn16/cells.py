@@ -1,8 +1,8 @@
-"""What the counts of the targeted attacks say, and how surely: cells, intervals over cells, bias, the alarm's window.
+"""What the counts of the targeted attacks say: shares of cells, bias, the alarm's window.
 
 A cell is one fault (a value and a duration); the runs in it differ in the packet that it starts at and come out alike
-nearly always. So a rate's interval is drawn over cells, not over runs: a bootstrap of the cells of a duration. Where
-all of them agree a bootstrap is blind, and Clopper and Pearson's interval over the cells stands in.
+nearly always. Values, durations and onsets are a fixed grid and the robot has no noise: nothing is sampled, so a
+predicted share has no interval.
 """
 
 from __future__ import annotations
@@ -11,17 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.stats.bootstrap.resample import bootstrap
-from ravenjax.stats.comparison.paired import mean_difference
-from ravenjax.stats.intervals import clopper_pearson
 from ravenjax.studies.framework.study import StudyEstimate
 
 DURATIONS = (1, 2, 4, 8, 16, 32, 64, 128)
 """Packets that a fault lasts, in both scenarios."""
-
-RESAMPLES = 4000
-SEED = 2016
-"""Of the bootstrap's own random numbers."""
 
 
 def inside(first_tick: np.ndarray, start: np.ndarray, duration: np.ndarray, cycles: int = 1) -> np.ndarray:
@@ -69,26 +62,12 @@ def means(value: np.ndarray, duration: np.ndarray, hit: np.ndarray) -> CellShare
     return CellShares(values, durations, shares.reshape(len(values), len(durations)))
 
 
-def rate(cells: np.ndarray, confidence: float = 0.95) -> StudyEstimate:
-    """Mean of the cells' shares [n], in %, with its interval over cells. ValueError for none."""
+def rate(cells: np.ndarray) -> StudyEstimate:
+    """Mean of the cells' shares [n], in %. ValueError for none."""
     shares = np.asarray(cells, float)
     if shares.ndim != 1 or not len(shares):
         raise ValueError(f"a rate over cells needs shares [n], got shape {shares.shape}")
-    n = len(shares)
-    if (shares == shares[0]).all():
-        exact = clopper_pearson(round(shares[0] * n), n, confidence)
-        low, high = min(exact.low, shares[0]), max(exact.high, shares[0])
-    else:
-        band = bootstrap(n, lambda index: shares[index].mean(axis=-1), confidence, resamples=RESAMPLES, seed=SEED)
-        low, high = band.low, band.high
-    return StudyEstimate(100.0 * float(shares.mean()), 100.0 * float(low), 100.0 * float(high), n, "cells")
-
-
-def difference(cells: np.ndarray, others: np.ndarray, confidence: float = 0.95) -> StudyEstimate:
-    """Mean difference, in points, of `cells` minus `others` [n], cell by cell, with its bootstrap over cells."""
-    one, two = (100.0 * np.asarray(shares, float).ravel() for shares in (cells, others))
-    band = mean_difference(one, two, confidence, resamples=RESAMPLES, seed=SEED, kind="percentile")
-    return StudyEstimate(float(band.value), float(band.low), float(band.high), band.units, "cells")
+    return StudyEstimate(100.0 * float(shares.mean()), n=len(shares), of="cells of a fixed grid")
 
 
 class Bias(NamedTuple):

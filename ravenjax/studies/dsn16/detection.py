@@ -12,10 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.stats.bootstrap.clusters import cluster_ratio
 from ravenjax.studies.dsn16 import detector
-from ravenjax.studies.dsn16.cells import RESAMPLES, SEED
-from ravenjax.studies.dsn16.detector import Learned, RunAlarms, Score, score
+from ravenjax.studies.dsn16.detector import Learned, RunAlarms, score
 from ravenjax.studies.dsn16.published_log import Log, log
 from ravenjax.studies.dsn16.runs import VariantRuns
 from ravenjax.studies.dsn16.signals import Series, measure
@@ -92,8 +90,8 @@ def leaps(found: Log) -> bool:
 
 
 def table(runs: VariantRuns, watched: Watched, title: str) -> Table:
-    """Detectors against jumps, with intervals over cells."""
-    jumped, stopped, cell = runs.hits["jump"], runs.hits["stop"], runs.cell
+    """Detectors against jumps."""
+    jumped, stopped = runs.hits["jump"], runs.hits["stop"]
     flags_of: dict[str, np.ndarray] = {"RAVEN: software E-stop": stopped}
     for name, alarms in watched.alarms.items():
         flags_of[f"model, all three; {name}"] = np.array([a.inside[3] for a in alarms])
@@ -104,14 +102,12 @@ def table(runs: VariantRuns, watched: Watched, title: str) -> Table:
     flags_of[f"model or RAVEN; {CHOSEN}"] = fused | stopped
     rows = []
     for name, flags in flags_of.items():
-        values, low, high = intervals(flags, jumped, cell)
-        cells = [f"{100 * v:.1f} [{100 * a:.1f}, {100 * b:.1f}]" for v, a, b in zip(values, low, high, strict=True)]
-        rows.append((name, int(flags.sum()), *cells))
+        rows.append((name, int(flags.sum()), *(round(100.0 * share, 1) for share in score(flags, jumped))))
     heads = ("detector", "runs told", "true positive rate, %", "false positive rate, %", "precision, %", "accuracy, %")
     lead = leads(runs, watched)
     note = (
-        f"{len(jumped)} runs, {int(jumped.sum())} with a jump; 95 % bootstrap over {cell.max() + 1} cells. Alarms "
-        "count in packets t1 to t1 + d + 1, but for the row that says anywhere. "
+        f"{len(jumped)} runs, {int(jumped.sum())} with a jump. Alarms count in packets t1 to t1 + d + 1, but for the "
+        "row that says anywhere. "
         f"Where both came, the model's alarm came {lead.value:.0f} packets in the median (5 to 95 %: {lead.low:.0f} "
         f"to {lead.high:.0f}; {lead.n} runs) before the jump was complete. {missed(runs, fused)}"
     )
@@ -137,22 +133,3 @@ def leads(runs: VariantRuns, watched: Watched) -> StudyEstimate:
         return StudyEstimate(math.nan, n=0, of="runs")
     low, middle, high = np.percentile((jump - first)[both], (5, 50, 95))
     return StudyEstimate(float(middle), float(low), float(high), int(both.sum()), "runs")
-
-
-def intervals(told: np.ndarray, jumped: np.ndarray, cell: np.ndarray) -> tuple[Score, Score, Score]:
-    """The score and the ends of its 95 % interval; cells are drawn, their runs stay together."""
-    right = told == jumped
-    parts = {
-        "tpr": (told & jumped, jumped),
-        "fpr": (told & ~jumped, ~jumped),
-        "precision": (told & jumped, told),
-        "accuracy": (right, np.ones_like(right)),
-        "f1": (2.0 * (told & jumped), 1.0 * told + jumped),
-    }
-    bands = {
-        name: cluster_ratio(above, below, cell, resamples=RESAMPLES, seed=SEED)
-        for name, (above, below) in parts.items()
-    }
-    low = Score(**{name: float(band.low) for name, band in bands.items()})
-    high = Score(**{name: float(band.high) for name, band in bands.items()})
-    return score(told, jumped), low, high

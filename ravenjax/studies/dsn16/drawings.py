@@ -18,7 +18,6 @@ class Panel(NamedTuple):
 
     title: str
     predicted: np.ndarray  # [8]
-    interval: np.ndarray  # [2, 8]
     two_cycles: np.ndarray | None  # [8], with two control cycles a packet
     others: Mapping[str, np.ndarray]  # other trajectories
     published: np.ndarray | None = None  # [8]
@@ -63,19 +62,7 @@ def _panel(axis: Any, panel: Panel, places: np.ndarray, label: str) -> None:
         axis.plot(places, panel.two_cycles, color=PREDICTED, lw=1.0, ls="--", label=f"{label}, 2 cycles a packet")
     for colour, (name, percent) in zip(OTHERS, panel.others.items(), strict=False):
         axis.plot(places, percent, color=colour, lw=1.0, marker=".", ms=4, label=name)
-    below, above = panel.predicted - panel.interval[0], panel.interval[1] - panel.predicted
-    axis.errorbar(
-        places,
-        panel.predicted,
-        yerr=np.maximum(np.stack([below, above]), 0.0),
-        color=PREDICTED,
-        lw=1.8,
-        marker="o",
-        ms=4,
-        capsize=2,
-        elinewidth=0.8,
-        label=f"{label}, 1 cycle a packet; 95 % over cells",
-    )
+    axis.plot(places, panel.predicted, color=PREDICTED, lw=1.8, marker="o", ms=4, label=f"{label}, 1 cycle a packet")
     if panel.published is not None:
         spread = None
         if panel.published_interval is not None:

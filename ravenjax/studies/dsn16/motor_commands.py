@@ -262,13 +262,11 @@ def _drawings(
     two = runs.get("cycles_2")
 
     def panel(title: str, hit: str, counts: np.ndarray, what: str, band: np.ndarray | None) -> drawings.Panel:
-        rates = [dsn16_cells.rate(base.share(hit).of(d)) for d in DURATIONS]
         observed = [_percent(published, what, d) for d in DURATIONS]
         others = {f"{n}, lever {runs[n].lever.words}": runs[n].percent(hit) for n in names[1:]}
         return drawings.Panel(
             title=title,
-            predicted=np.array([r.value for r in rates]),
-            interval=np.array([[r.low for r in rates], [r.high for r in rates]]),
+            predicted=base.percent(hit),
             two_cycles=two.percent(hit) if two is not None else None,
             others=others,
             published=counts,
@@ -314,7 +312,7 @@ def _notes(
     error: float,
 ) -> tuple[str, ...]:
     ranked = sensitivity.ranked(cases, base)
-    worth = {name: apart.value for name, apart, _ in ranked}
+    worth = {name: points for name, points, _ in ranked}
     changed = {name: cells for name, _, cells in ranked}
     plant = [value for name, value in worth.items() if name.startswith("plant_")]
     most = ", ".join(f"{name} {worth[name]:+.1f} ({changed[name]} cells)" for name in list(worth)[:10])
@@ -325,8 +323,10 @@ def _notes(
         "Baseline: the fork's dynamics-simulator build, 16-bit words that wrap, one control cycle a packet, jumps by "
         "the code's rule (two packet steps of the reported tip above 0.1 mm, the golden run's not), stitches with "
         f"a lever of {base.lever.words} at the onsets, near that of the recording of one published trajectory (77-85 "
-        f"mm). {cells.alike} of {cells.shares.size} cells come out alike in all ten onsets, so intervals are drawn "
-        "over cells.",
+        "mm). Values, durations and onsets are a fixed grid and no noise is added, so nothing is sampled and a "
+        f"predicted share has no interval. {cells.alike} of {cells.shares.size} cells come out alike in all ten "
+        "onsets. The published counts have Wilson intervals, which take the original's 170 runs a duration as "
+        "independent.",
         f"The baseline is {float(np.mean(base.percent('jump') - jumps)):+.1f} points from the publication in the mean, "
         f"{sign.words} of {sign.above + sign.below} durations that differ (p = {sign.p:.3f}). What each open question "
         f"is worth, mean points of P(jump) over all cells, the largest first: {most}."

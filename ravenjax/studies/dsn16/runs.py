@@ -32,11 +32,6 @@ class VariantRuns:
     jump_ms: np.ndarray  # tick of the first jump, -1: none
     hits: Mapping[str, np.ndarray]  # bool: jump, inside (the published window), stop, ik, missed (jump without a stop)
 
-    @property
-    def cell(self) -> np.ndarray:
-        """Number of each run's cell."""
-        return np.unique(np.stack([self.value, self.duration], axis=1), axis=0, return_inverse=True)[1].ravel()
-
     def counting(self, **hits: np.ndarray) -> VariantRuns:
         """The same runs with more to count."""
         return dataclasses.replace(self, hits={**self.hits, **hits})

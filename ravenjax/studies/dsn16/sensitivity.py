@@ -11,11 +11,11 @@ import numpy as np
 from ravenjax.studies.dsn16 import cells as dsn16_cells
 from ravenjax.studies.dsn16.cells import DURATIONS
 from ravenjax.studies.dsn16.runs import VariantRuns
-from ravenjax.studies.framework.study import StudyEstimate, Table
+from ravenjax.studies.framework.study import Table
 
 NOTE = (
-    "Points are means over all cells, with a 95 % bootstrap over them, each variant's cell against the same cell of "
-    "the baseline. A cell changes where at least half of its runs come out the other way."
+    "Points are means over all cells of the fixed grid, each variant's cell against the same cell of the baseline. A "
+    "cell changes where at least half of its runs come out the other way."
 )
 
 
@@ -46,12 +46,15 @@ def rules(base: VariantRuns, leaps: np.ndarray) -> list[VariantCase]:
     ]
 
 
-def shifts(case: VariantCase, baseline: VariantRuns, hit: str = "jump") -> tuple[StudyEstimate, int]:
-    """Mean difference to the baseline over all cells, in points, and how many cells change sides."""
+def shifts(case: VariantCase, baseline: VariantRuns, hit: str = "jump") -> tuple[float, int]:
+    """Mean difference to the baseline over all cells, in points, and how many cells change sides.
+
+    NaN and 0 where the two have different numbers of cells.
+    """
     cells, base = case.runs.share(case.hit).by_size, baseline.share(hit).by_size
     if cells.shape != base.shape:
-        return StudyEstimate(math.nan), 0
-    return dsn16_cells.difference(cells, base), int(((cells >= 0.5) != (base >= 0.5)).sum())
+        return math.nan, 0
+    return 100.0 * float((cells - base).mean()), int(((cells >= 0.5) != (base >= 0.5)).sum())
 
 
 def table(
@@ -89,13 +92,14 @@ def table(
     return Table(title, tuple(heads), tuple(rows), note)
 
 
-def _points(apart: StudyEstimate) -> str:
-    if math.isnan(apart.value):
+def _points(apart: float) -> str:
+    if math.isnan(apart):
         return ""
-    return f"{apart.value:+.1f} [{apart.low:+.1f}, {apart.high:+.1f}]" if apart.value or apart.high else "0"
+    points = round(apart, 1)
+    return f"{points:+.1f}" if points else "0"
 
 
-def ranked(cases: Iterable[VariantCase], baseline: VariantRuns) -> list[tuple[str, StudyEstimate, int]]:
-    """Name, mean difference and changed cells of each case, the largest difference first."""
+def ranked(cases: Iterable[VariantCase], baseline: VariantRuns) -> list[tuple[str, float, int]]:
+    """Name, mean difference in points and changed cells of each case, the largest difference first."""
     differences = [(case.name, *shifts(case, baseline)) for case in cases]
-    return sorted((f for f in differences if not math.isnan(f[1].value)), key=lambda f: -abs(f[1].value))
+    return sorted((f for f in differences if not math.isnan(f[1])), key=lambda f: -abs(f[1]))

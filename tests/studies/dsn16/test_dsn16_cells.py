@@ -1,4 +1,4 @@
-"""Counting of cells, intervals over them, bias and bands, on numbers whose answers are known."""
+"""Counting of cells, bias and bands, on numbers whose answers are known."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ravenjax.studies.dsn16 import cells as dsn16_cells
-from ravenjax.studies.dsn16.cells import bias, difference, in_band, inside, means, rate
+from ravenjax.studies.dsn16.cells import bias, in_band, inside, means, rate
 
 
 def test_means_are_the_share_of_each_cell() -> None:
@@ -33,38 +33,16 @@ def test_cells_are_ordered_by_magnitude_whatever_the_sign() -> None:
     assert positive.by_size.tolist() == negative.by_size.tolist() == [[0.0], [0.0], [1.0]]
 
 
-def test_rate_counts_cells_not_runs() -> None:
-    """Half of 16 cells: the interval is that of 16 units, however many runs are in each."""
-    found = rate(np.repeat([0.0, 1.0], 8))
-    assert (found.value, found.n, found.of) == (50.0, 16, "cells")
-    width = found.high - found.low
-    assert 40.0 < width < 56.0  # binomial: 2 * 1.96 * sqrt(0.25 / 16) = 49 points; of 160 runs it would be 15
-    assert found.low < 50.0 < found.high
-
-
-def test_rate_of_agreeing_cells_keeps_a_bound() -> None:
-    none, every = rate(np.zeros(17)), rate(np.ones(17))
-    assert (none.value, none.low) == (0.0, 0.0)
-    assert none.high == pytest.approx(19.5, abs=0.1)  # Clopper-Pearson, 0 of 17
-    assert (every.value, every.high) == (100.0, 100.0)
-    assert every.low == pytest.approx(100.0 - none.high)
-    half = rate(np.full(10, 0.5))
-    assert half.low <= half.value <= half.high
+def test_rate_counts_cells_not_runs_and_a_grid_has_no_interval() -> None:
+    """However many runs are in each: cells are a fixed grid, nothing is sampled."""
+    result = rate(np.repeat([0.0, 1.0], 8))
+    assert (result.value, result.n, result.of) == (50.0, 16, "cells of a fixed grid")
+    assert np.isnan(result.low) and np.isnan(result.high)
 
 
 def test_rate_needs_shares() -> None:
     with pytest.raises(ValueError, match=r"needs shares \[n\]"):
         rate(np.zeros(0))
-
-
-def test_difference_is_paired() -> None:
-    base = np.tile([0.0, 1.0], 50)
-    shifted = base.copy()
-    shifted[0] = 1.0
-    found = difference(shifted, base)
-    assert found.value == pytest.approx(1.0)
-    assert found.low == 0.0 and found.high <= 4.0  # unpaired, the spread of the cells would make it some 14 points
-    assert difference(base, base).high == 0.0
 
 
 def test_sign_test_leaves_ties_and_reading_errors_out() -> None:

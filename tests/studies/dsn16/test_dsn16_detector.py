@@ -107,14 +107,6 @@ def test_score_of_known_counts() -> None:
         score([True], [True, False])
 
 
-def test_score_interval_is_over_cells() -> None:
-    told, jumped = np.tile([True, False], 100), np.ones(200, bool)
-    one_a_run = detection.intervals(told, jumped, np.arange(200))
-    few = detection.intervals(np.repeat([True, False], 100), jumped, np.repeat(np.arange(20), 10))
-    assert one_a_run[0].tpr == few[0].tpr == 0.5
-    assert few[2].tpr - few[1].tpr > 2.0 * (one_a_run[2].tpr - one_a_run[1].tpr)
-
-
 def test_leap_of_the_text_is_a_millimetre_within_two_packets() -> None:
     still = made_up()
     assert not detection.leaps(still)
