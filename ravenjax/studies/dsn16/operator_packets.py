@@ -62,9 +62,12 @@ def compare(context: Context) -> Findings:
     """What is predicted by displacement and duration, and what each open question is worth."""
     computed = {v.name: v for v in variants() if v.name in context.folders}
     trained = [v.name for v in detection.TRAINING]
-    runs = {name: dsn16_runs.read(name, context.folders[name]) for name in computed if name not in trained}
+    runs, windows = trajectory.apart(
+        {name: dsn16_runs.read(name, context.folders[name]) for name in computed if name not in trained}
+    )
     base = runs[BASELINE]
     cases = [VariantCase(one, computed[name].question) for name, one in runs.items() if name != BASELINE]
+    real = [VariantCase(one, computed[name].question) for name, one in windows.items()]
     levels = detection.thresholds(detection.learn(context.folders))
     watched = detection.watch(context.folders[BASELINE], base, levels)
     main = [base, *(runs[name] for name in (DRIFT,) if name in runs)]
@@ -88,8 +91,17 @@ def compare(context: Context) -> Findings:
             for hit in ("stop", "ik")
         ),
         detection.table(base, watched, "Detectors, predicted blind"),
+        *_hands(own, real),
     )
-    return Findings(tuple(lines), tables, _drawings(runs, main), _notes(base, runs, cases))
+    notes = (*_notes(base, runs, cases), trajectory.hands_note(len(real)))
+    return Findings(tuple(lines), tables, _drawings(runs, main), notes)
+
+
+def _hands(own: VariantCase, real: Sequence[VariantCase]) -> Iterator[Table]:
+    """The windows of the recording beside the baseline, none where it is not at hand."""
+    for hit, words in OUTCOMES.items() if real else ():
+        cases = [case._replace(hit=hit) for case in (own, *real)]
+        yield sensitivity.table(f"{trajectory.HANDS}: {words}, %, by duration", cases, own.runs, hit=hit)
 
 
 def _rates(runs: VariantRuns, hit: str) -> Iterator[Line]:
@@ -116,7 +128,7 @@ def _by_displacement(runs: VariantRuns, hit: str) -> Table:
 
 def _drawings(runs: Mapping[str, VariantRuns], shown: Sequence[VariantRuns]) -> tuple[Drawing, ...]:
     base, two = runs[BASELINE], runs.get("cycles_2")
-    others = [n for n in (DRIFT, *trajectory.LEVERS, *trajectory.recorded()) if n in runs]
+    others = [n for n in (DRIFT, *trajectory.LEVERS) if n in runs]
 
     def panel(hit: str) -> drawings.Panel:
         return drawings.Panel(

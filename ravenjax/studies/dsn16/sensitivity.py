@@ -18,6 +18,9 @@ NOTE = (
     "cell changes where at least half of its runs come out the other way."
 )
 
+INSIDE = "jumps only inside t1 .. t1 + d + 1"
+"""The published window of a fault that begins in packet t1 and lasts d."""
+
 
 class VariantCase(NamedTuple):
     """One way to answer the open questions."""
@@ -36,7 +39,7 @@ class VariantCase(NamedTuple):
 def rules(base: VariantRuns, leaps: np.ndarray) -> list[VariantCase]:
     """The baseline's own runs with other rules of what a jump is; leaps: bool [runs], the text's."""
     return [
-        VariantCase(base, "jumps only inside t1 .. t1 + d + 1", "inside", "inside_window"),
+        VariantCase(base, INSIDE, "inside", "inside_window"),
         VariantCase(
             base.counting(leap=leaps),
             "text's rule: the tip moves over 1 mm within two packets",

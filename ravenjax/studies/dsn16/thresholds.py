@@ -68,12 +68,18 @@ def compare(context: Context) -> Findings:
             learned[variant.name] = detector.learn(one.steps for one in measured)
             tips[variant.name] = np.stack([one.tip for one in measured])
             runs_of[variant.name] = measured
+    learned, windows = trajectory.apart(learned)
     both = Learned(_joined([learned[name].pooled for name in (BASELINE, SECOND) if name in learned]))
     questions = {variant.name: variant.question for variant in variants()}
     lines = [*_spread(learned, tips, published), *_largest(learned, published), *_integrator(learned, published)]
     lines += _tracking(runs_of, published)
-    tables = (_thresholds(both), _sensitivity(learned, tips, questions, published))
-    return Findings(tuple(lines), tables, (_drawing(both),), _notes(learned, tips, published))
+    title = "What moves fault-free steps and thresholds"
+    tables = [_thresholds(both), _sensitivity(title, learned, tips, questions, published)]
+    if windows:
+        hands = f"{trajectory.HANDS}: fault-free steps and thresholds"
+        tables.append(_sensitivity(hands, windows, tips, questions, published))
+    notes = (*_notes(learned, tips, published), trajectory.hands_note(len(windows)))
+    return Findings(tuple(lines), tuple(tables), (_drawing(both),), notes)
 
 
 def _joined(pooled: list[np.ndarray]) -> np.ndarray:
@@ -230,7 +236,11 @@ def _shown(estimate: StudyEstimate) -> str:
 
 
 def _sensitivity(
-    learned: Mapping[str, Learned], tips: Mapping[str, np.ndarray], questions: Mapping[str, str], published: Published
+    title: str,
+    learned: Mapping[str, Learned],
+    tips: Mapping[str, np.ndarray],
+    questions: Mapping[str, str],
+    published: Published,
 ) -> Table:
     heads = ["variant", "question", "runs"]
     heads += [f"sd {NAMES[v]}, {joint}" for v in ("mpos", "mvel") for joint in JOINTS] + ["sd tip, um"]
@@ -246,7 +256,7 @@ def _sensitivity(
         numbers = (float(f"{x:.3g}") for x in (*spread, tip, *level))
         rows.append((name, questions[name], len(one.pooled), *numbers))
     note = "Standard deviations of signed steps about 0, rad, rad/s and um a packet."
-    return Table("What moves fault-free steps and thresholds", tuple(heads), tuple(rows), note)
+    return Table(title, tuple(heads), tuple(rows), note)
 
 
 def _drawing(learned: Learned) -> Drawing:

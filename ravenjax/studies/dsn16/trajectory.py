@@ -3,9 +3,9 @@
 The two published trajectories are not at hand; the recording of one of them has levers of 77 to 85 mm, as have the
 generated motions, which begin at home. Three variants are the same stitches with the instrument drawn back, so that
 levers of 80 to 180 mm are covered. Where the environment variable RAVENJAX_DATA names a folder that holds the
-public `operator_positions.parquet`, four windows of it are added: real hands, at 105 to 181 mm. The windows were chosen
-by length and reach alone. The time stamps come in bursts, so rows are spaced evenly; a low-pass removes the steps of
-the recorder.
+public `operator_positions.parquet`, four windows of it are added: real hands, at 55 to 183 mm. They stand in tables of
+their own, and nothing else depends on whether they are there. The windows were chosen by length and reach alone. The
+time stamps come in bursts, so rows are spaced evenly; a low-pass removes the steps of the recorder.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -24,10 +24,15 @@ from ravenjax.robots.raven2.campaign.config import of_raven
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 
+T = TypeVar("T")
+
 DATA = "RAVENJAX_DATA"
 RECORDING = "operator_positions.parquet"
 RATE_HZ, CUTOFF_HZ = 999.9508, 5.0
 """Mean rate of its rows by its time stamps, and the low-pass of its motion."""
+
+HANDS = "Recorded hands"
+"""How each table and note begins that needs the recording."""
 
 WINDOWS_S = ((0.0, 2.95), (6.4, 14.9), (18.2, 47.9), (50.7, 60.9))
 """Stretches of the public recording, s, that the arm reaches with a fixed wrist: the longest, and the first."""
@@ -59,6 +64,25 @@ def recorded(environment: Mapping[str, str] | None = None) -> dict[str, tuple[st
         f"recorded_{begin:.0f}s": ("operator={}", f"operator.file={path}", f"operator.window_s=[{begin},{end}]", *even)
         for begin, end in WINDOWS_S
     }
+
+
+def apart(variants: Mapping[str, T]) -> tuple[dict[str, T], dict[str, T]]:
+    """What everybody has of `variants` (name -> anything), and the windows of the recording, which stand apart."""
+    windows = recorded()
+    return (
+        {name: one for name, one in variants.items() if name not in windows},
+        {name: one for name, one in variants.items() if name in windows},
+    )
+
+
+def hands_note(windows: int) -> str:
+    """What a study says of this many windows of the recording."""
+    if not windows:
+        return f"{HANDS}: none were run. Set {DATA} to the folder that holds {RECORDING}, and they get tables here."
+    return (
+        f"{HANDS}: {windows} windows of {RECORDING} stand in tables of their own. No other line, table, figure or "
+        f"note depends on them: without the recording ({DATA}) all the rest is the same."
+    )
 
 
 class Lever(NamedTuple):

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import jax
 import numpy as np
-import pandas as pd
 import pytest
+from made_up_runs import ONSETS, VALUES, runs_of
 from matplotlib.figure import Figure
 
 from ravenjax.campaign import loading, runner
@@ -22,44 +22,14 @@ from ravenjax.studies import catalogue
 from ravenjax.studies.dsn16 import drawings, motor_commands, sensitivity, statements, trajectory
 from ravenjax.studies.dsn16 import runs as dsn16_runs
 from ravenjax.studies.dsn16.cells import DURATIONS
-from ravenjax.studies.dsn16.runs import VariantRuns, stored
+from ravenjax.studies.dsn16.runs import stored
 from ravenjax.studies.dsn16.sensitivity import VariantCase
 from ravenjax.studies.dsn16.trajectory import Lever
 from ravenjax.studies.framework import literature
 from ravenjax.studies.framework.study import Context, Findings, Study
 
 STUDIES = ("dsn16_a", "dsn16_b", "dsn16_thresholds")
-ONSETS_B, ONSETS_A = range(1000, 2000, 100), range(1000, 2000, 50)
-VALUES = (100, 1000, 10000, 40000)
-
-
-def table(jumps: dict[tuple[float, int], int]) -> pd.DataFrame:
-    """A result table of ten onsets a cell, of which so many jump, and a fault-free run; a jump is ten packets late."""
-    cells = [(v, d) for v in VALUES for d in DURATIONS]
-    rows = [(v, d, t1, k < jumps.get((v, d), 0)) for v, d in cells for k, t1 in enumerate(ONSETS_B)]
-    value, duration, start, jump = (np.array(column) for column in zip(*rows, strict=True))
-    faulty = pd.DataFrame(
-        {
-            "index": np.arange(len(rows)) + 1,
-            "group": "scenario_b",
-            "response": np.where(value >= 40000, "stopped", "silent"),
-            "jump_code": jump,
-            "jump_code_first_ms": np.where(jump, start + 11, -1),
-            "check_ik_reject_count": np.where(value >= 10000, 3, 1),
-            "fault0_site": "usb_out",
-            "fault0_value": value.astype(float),
-            "fault0_start_ms": start,
-            "fault0_duration_ms": duration,
-        }
-    )
-    free = faulty.iloc[:1].assign(
-        index=0, group="fault_free", response="silent", jump_code=False, jump_code_first_ms=-1, check_ik_reject_count=1
-    )
-    return pd.concat([free.assign(fault0_site="", fault0_value=np.nan), faulty.iloc[::-1]])
-
-
-def runs_of(jumps: dict[tuple[float, int], int], name: str = "made_up") -> VariantRuns:
-    return dsn16_runs.of(name, loading.load("dsn16_b.toml"), table(jumps), 1)
+ONSETS_A = range(1000, 2000, 50)
 
 
 # --- campaigns and published numbers ----------------------------------------------------------------------------------
@@ -77,7 +47,7 @@ def test_every_cell_of_scenario_b_has_its_ten_onsets() -> None:
     rows = rows[rows["fault0_site"] != ""]
     cells = rows.groupby(["fault0_value", "fault0_duration_ms"])["fault0_start_ms"].agg(list)
     assert len(cells) == 17 * 8
-    assert all(sorted(onsets) == list(ONSETS_B) for onsets in cells)
+    assert all(sorted(onsets) == list(ONSETS) for onsets in cells)
 
 
 def test_every_cell_of_scenario_a_displaces_three_axes_alike() -> None:
@@ -135,7 +105,7 @@ def test_published_file_holds_nothing_that_was_withheld() -> None:
 
 
 def test_levers_cover_80_to_180_mm() -> None:
-    packets = np.array(list(ONSETS_B))
+    packets = np.array(list(ONSETS))
     base = trajectory.lever(loading.load("dsn16_b.toml"), packets)
     assert 75.0 <= base.low <= base.high <= 86.0
     for nominal, overrides in zip((110, 145, 180), trajectory.LEVERS.values(), strict=True):
