@@ -6,6 +6,7 @@ legal        which values an effect may have at a channel
 checks       what a built-in check is, and what one does when it trips
 robot        what a robot declares of itself: arms, joints, its own sites, layers, checks, run levels
 reactions    what an operator does at a cue
+packets      how long a packet of the console lasts
 
 What became of a run (response, hazard, cue, verdict) is defined in `ravenjax.outcomes`.
 """

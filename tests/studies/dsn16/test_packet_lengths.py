@@ -1,0 +1,64 @@
+"""How long packets last: measured where the answer is known, and again in the public recordings."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from ravenjax.robots.raven2.geometry import transmission
+from ravenjax.studies.dsn16.recording import closed_loop, packet_lengths
+from ravenjax.vocabulary import packets
+
+
+def test_rows_at_rest_are_no_packets():
+    position = np.array([0, 0, 0, 1, 1, 2, 3, 3, 3, 4, 4], float)[:, None]
+    repeats = np.all(np.diff(position, axis=0) == 0, axis=1)
+    assert packet_lengths.run_lengths(repeats, np.ones(11, bool)).tolist() == [2, 1, 3]
+    moving = np.ones(11, bool)
+    moving[7] = False
+    assert packet_lengths.run_lengths(repeats, moving).tolist() == [2, 1]
+
+
+def test_lengths_are_recovered_from_the_dac():
+    """A PD law that is asked for positions which last as drawn; its torque is truncated to counts."""
+    rng = np.random.default_rng(3)
+    lengths = rng.choice([1, 2, 3, 4], 800, p=packets.SHARES[packets.MEASURED])
+    row = np.repeat(np.cumsum(lengths) - lengths, lengths)
+    asked = np.stack([0.008 * row, 0.01 * row, -0.004 * row], axis=1)
+    angle = np.cumsum(np.full(asked.shape, (0.008, 0.01, -0.004)), axis=0)
+    speed = np.full(asked.shape, (8.0, 10.0, -4.0))
+    torque = closed_loop.KP * (asked - angle) - closed_loop.KD * speed
+    dac = -np.trunc(torque * np.array(transmission.COUNTS_PER_NM[:3]))
+    measured = packet_lengths.of_robot(closed_loop.JointRecording(angle, speed, dac))
+    assert len(measured) > 770 and "".join(map(str, measured)) in "".join(map(str, lengths))
+
+
+def test_datagrams_of_one_cycle_count_once():
+    assert packet_lengths.of_arrivals(np.array([0.1, 0.2, 2.9, 3.0, 3.5, 11.0])).tolist() == [2, 1, 8]
+
+
+def test_the_measured_distribution_is_that_of_the_recorded_robot(shared_data):
+    lengths = packet_lengths.of_robot(closed_loop.read(shared_data(closed_loop.FILE)))
+    shares = packet_lengths.shares(lengths)
+    stated = packets.SHARES[packets.MEASURED]
+    assert len(lengths) == 7478
+    np.testing.assert_allclose(shares[: len(stated)], stated, atol=5e-4)
+    assert shares[len(stated) :].sum() < 1e-3
+    assert lengths.mean() == pytest.approx(packets.mean(stated), abs=0.003)
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.5])
+def test_bursts_are_those_of_the_recorded_console(shared_data, phase):
+    ms = pd.read_parquet(shared_data("console_itp_packets.parquet"))["arrival_us"].to_numpy() * 1e-6  # they are ns
+    shares = packet_lengths.shares(packet_lengths.of_arrivals(ms[ms > 200.0] - phase))
+    stated = packets.SHARES[packets.BURSTS]
+    np.testing.assert_allclose(shares[: len(stated)], stated, atol=5e-3)
+    assert shares[len(stated) :].sum() < 5e-4
+
+
+def test_desired_positions_of_the_recorded_operator_do_not_repeat(shared_data):
+    table = pd.read_parquet(shared_data("operator_positions.parquet"))
+    for arm in ("gold", "green"):
+        lengths = packet_lengths.of_positions(table[[f"{arm}_{axis}_um" for axis in "xyz"]].to_numpy(float))
+        assert len(lengths) > 20_000 and (lengths > 1).sum() <= 3
