@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -30,7 +30,7 @@ class Plan:
     motion: Any  # the operator's, as the robot has it
     operator: MotionSummary | None  # what became of a recorded one
     columns: tuple[np.ndarray, ...]  # the motion's columns, float32 [ticks]
-    noise_key: str  # parameter that each run's id gives, so that every run draws its own noise; "": no noise
+    keys: Mapping[str, str]  # parameters that each run's id gives, and what each draws: every run draws its own
     faults: dict[str, np.ndarray]  # as table.arrays, [runs, slots]
     varied: dict[str, np.ndarray]  # path -> [runs]
     golden: np.ndarray  # int32 [runs], number of the golden run, as they come; runs that share one share its number
@@ -63,8 +63,8 @@ def make(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
     robot: Prepared = config.robot.part("campaign").prepare(config, varied, injection, precision)
     loading.check_parameters(config, known_parameters(robot.params, robot.setup))
     values = _filled(varied, robot.params, robot.setup)
-    if robot.noise_key:
-        values[robot.noise_key] = run_id.stream(table.shared_ids(rows), "noise")
+    for path, purpose in robot.keys.items():
+        values[path] = run_id.stream(table.shared_ids(rows), purpose)
     return Plan(
         config=config,
         table=rows,
@@ -72,7 +72,7 @@ def make(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
         motion=robot.motion,
         operator=robot.operator,
         columns=tuple(np.ascontiguousarray(column) for column in robot.columns),
-        noise_key=robot.noise_key,
+        keys=robot.keys,
         faults=table.arrays(rows, injection),
         varied=values,
         golden=_golden_runs(values, len(rows)),

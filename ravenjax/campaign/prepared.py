@@ -16,6 +16,7 @@ columns of `ravenjax.store.schema`, most of which the monitor, the checks and th
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,4 +39,4 @@ class Prepared(NamedTuple):
     columns: tuple[np.ndarray, ...]  # of the operator's motion, [ticks] or longer
     motion: Any = None  # the same as the robot has it
     operator: MotionSummary | None = None  # what became of a recorded one
-    noise_key: str = ""  # parameter that draws a run's noise; "": the campaign has none
+    keys: Mapping[str, str] = {}  # parameters that each run's id gives, and what each draws: a run draws its own

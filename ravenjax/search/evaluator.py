@@ -152,8 +152,8 @@ class Evaluator:
     def _planned(self, rows: pd.DataFrame) -> Plan:
         """The template's plan with other rows; those of one golden run stand together, so that it is computed once."""
         base, columns = self._plan, table.parameters(rows)
-        if base.noise_key:
-            columns[base.noise_key] = run_id.stream(rows["run_id"].to_numpy(), "noise")
+        for path, purpose in base.keys.items():
+            columns[path] = run_id.stream(rows["run_id"].to_numpy(), purpose)
         varied = {path: columns[path].astype(values.dtype) for path, values in base.varied.items()}
         golden = np.zeros(len(rows), np.int32)
         if varied:

@@ -1,1 +1,1 @@
-"""Stages that any robot may have in its tick: checks as records, haptics, detectors, the monitor, a packet channel."""
+"""Stages that any robot may have in its tick: checks as records, haptics, detectors, the monitor, packets."""

@@ -356,6 +356,16 @@ class CampaignConfig(Section):
         """Whether the operator may react to the cue."""
         return False
 
+    @property
+    def random_packets(self) -> bool:
+        """Whether the lengths of the console's packets are drawn, anew in each run."""
+        return False
+
+    @property
+    def cycles_a_packet(self) -> float:
+        """Control cycles that a packet of the console lasts at the mean."""
+        return 1.0
+
     def complaints(self) -> Iterator[Complaint]:
         """(key, message) of what is wrong with the robot's own words."""
         return iter(())

@@ -123,11 +123,12 @@ def _group(config: CampaignConfig, group: Group, key: Key) -> Iterator[Complaint
 
 
 def random_in_itself(config: CampaignConfig, group: Group) -> bool:
-    """Whether two runs of a group with the same row but another seed may differ: by noise, or an effect's numbers."""
+    """Whether two runs of a group with the same row but another seed may differ: by noise, packets, or an effect."""
     varied = {**config.parameters, **group.parameters}
     parameters = {bounds.plain(config.robot, path): axis for path, axis in varied.items()}
     silent = all(name in parameters and parameters[name].values == (0,) for name in config.robot.noise)
-    return (config.campaign.noise and not silent) or any("random" in fault.effect.listed for fault in group.fault)
+    draws = (config.campaign.noise and not silent) or config.random_packets
+    return draws or any("random" in fault.effect.listed for fault in group.fault)
 
 
 def _axes(config: CampaignConfig, group: Group) -> Iterator[tuple[str, Axis]]:
@@ -256,7 +257,7 @@ def last_start(config: CampaignConfig, fault: Fault, key: Key) -> int:
     tables = [config.parameters, config.cross, *([group.parameters, group.cross] if group else [])]
     cycles = [axis for table in tables for path, axis in table.items() if path == config.robot.packet_cycles]
     least = min((value for axis in cycles[-1:] for value in axis.listed or axis.values), default=1)
-    return math.ceil(ticks / max(1, least)) - 1
+    return math.ceil(ticks / max(config.cycles_a_packet, least)) - 1
 
 
 def unknown(what: str, got: str, names: Iterable[str]) -> str:

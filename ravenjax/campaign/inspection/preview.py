@@ -81,11 +81,12 @@ def preview(config: CampaignConfig, folder: Path, engine: str = "auto") -> Previ
     why = selection.fastest(CAMPAIGN)[1] if engine == "auto" else ""
     machine = Machine(backend.name, len(os.sched_getaffinity(0)), _width(backend.device))
     golden_runs = None if ready is None else len(np.unique(ready.golden[:due]))
+    own_golden = config.campaign.noise or config.random_packets
     sites = {fault.site for group in config.group for fault in group.fault}
     work = CostFactors(
         runs=due,
         ticks=config.campaign.ticks,
-        golden_runs=(due if config.campaign.noise else 1) if golden_runs is None else golden_runs,
+        golden_runs=(due if own_golden else 1) if golden_runs is None else golden_runs,
         arms=len(config.campaign.arms),
         sites=max(1, len(sites)),
         slots=max(1, config.slots),

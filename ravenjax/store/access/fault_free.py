@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from ravenjax.errors import StoreError
 from ravenjax.store import manifest as manifests
 from ravenjax.store.manifest import Manifest
+from ravenjax.vocabulary.packets import CHOICES, EVERY_CYCLE
 
 FOLDER = "fault_free"
 UNVARIED = ("still",)
@@ -70,11 +71,13 @@ def find(folder: Path, campaign: Manifest) -> Companions:
 def motion_of(manifest: Manifest) -> str:
     """What decides how the hands move: equal for two campaigns in which they move alike, or one longer than the other.
 
-    With noise it is the run's noise, too, so that the same hands make another motion of the robot.
+    With noise, or packets of drawn lengths, it is what the run draws, too, so that the same hands make another motion
+    of the robot.
     """
     operator = {name: value for name, value in (manifest.config.get("operator") or {}).items() if name != SCALE}
-    noise = (manifest.config.get("campaign") or {}).get("noise") and manifest.seed
-    return json.dumps([operator, noise], sort_keys=True)
+    campaign = manifest.config.get("campaign") or {}
+    random = campaign.get("noise") or campaign.get("packets", CHOICES[EVERY_CYCLE]) != CHOICES[EVERY_CYCLE]
+    return json.dumps([operator, random and manifest.seed], sort_keys=True)
 
 
 def _difference(campaign: Manifest, other: Manifest) -> str:

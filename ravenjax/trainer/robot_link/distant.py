@@ -193,7 +193,7 @@ def _half(blueprint: Blueprint) -> StepCode:
     def step(
         inputs: Any, state: observers.ObserverState, now: Scalar, entering: _Reported, motion: Any
     ) -> tuple[observers.ObserverState, list[Scalar]]:
-        packet = connections.packet(setup, params.operator, None, motion, None, None, now)
+        packet = connections.packet(setup, params.operator, None, motion, None, None, connections.row_by_row(now))
         robot = observers.RobotView(*entering, unwritten)
         after, view = observers.observe(setup, watched, state, packet, jnp.bool_(True), robot, None, now)
         out: list[Scalar] = []

@@ -15,7 +15,7 @@ from ravenjax.campaign.file import bounds
 from ravenjax.engines.xla import engine as scan
 from ravenjax.numbers import paths
 from ravenjax.robots.raven2 import ROBOT
-from ravenjax.robots.raven2.campaign.program import DELAY, NOISE_KEY
+from ravenjax.robots.raven2.campaign.program import DELAY, NOISE_KEY, PACKET_KEY, PACKETS
 from ravenjax.robots.raven2.campaign.unread import UNREAD
 from ravenjax.robots.raven2.loop import tick
 
@@ -44,6 +44,7 @@ def without_influence(ready: plan.Plan) -> set[str]:
     [
         {},
         {"noise": True, "console": "absolute"},
+        {"packets": "bursts"},
         {"software": "fork2015"},
         {"software": "fork2015", "build": "dyn_sim", "console": "absolute"},
     ],
@@ -61,6 +62,7 @@ def test_what_nothing_reads_is_refused(campaign):
     refused = {row.path for row in UNREAD if row.where(config.campaign) and not row.component}
     components = {f"{row.path}.{row.component}" for row in UNREAD if row.where(config.campaign) and row.component}
     silent = {NOISE_KEY, *ROBOT.noise} if not config.campaign.noise else set()
-    idle = {path for path in without_influence(ready) if path != DELAY}  # which is read where it is varied
+    idle = without_influence(ready) - {DELAY, PACKETS}  # which are read where they are varied
+    silent |= {"network.cycles_per_packet"} if config.random_packets else {PACKET_KEY}
     assert {bounds.plain(ROBOT, path) for path in idle - components} == refused | silent
     assert components <= idle

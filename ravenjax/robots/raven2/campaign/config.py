@@ -7,21 +7,46 @@ import hashlib
 import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from ravenjax.campaign.file.config import Campaign, CampaignConfig
 from ravenjax.campaign.file.group import Fault, Section
 from ravenjax.campaign.file.location import Complaint
-from ravenjax.campaign.file.semantics import unknown
-from ravenjax.errors import UserError, shown
+from ravenjax.campaign.file.semantics import ALL, parameter_tables, unknown
+from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.campaign import unread
 from ravenjax.robots.raven2.console.motions import MOTIONS
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS, TOOLS
 from ravenjax.robots.raven2.sites import USB_SITE
 from ravenjax.store.motion.options import MAX_GAP_S, AtEnd, ReplayOptions, Spikes
+from ravenjax.vocabulary import packets
+from ravenjax.vocabulary.effects import NETWORK_EFFECTS
+
+
+def _packets(raw: Any) -> Any:
+    """A distribution of packets: its name, or its shares. ValueError where it is neither, with what to write."""
+    names = ", ".join(map(repr, packets.CHOICES))
+    if isinstance(raw, str) and raw not in packets.CHOICES:
+        raise ValueError(f"got {raw!r}, expected one of {names}{suggestion(raw, packets.CHOICES)}, or a list of shares")
+    if not isinstance(raw, list | tuple):
+        return raw
+    if not 1 <= len(raw) <= packets.MOST_CYCLES:
+        raise ValueError(f"got {len(raw)} shares, expected 1 to {packets.MOST_CYCLES}: of 1, 2, 3, .. cycles")
+    numbers = [x for x in raw if isinstance(x, int | float) and not isinstance(x, bool) and x >= 0]
+    if len(numbers) < len(raw) or abs(math.fsum(numbers) - 1.0) > 1e-6:
+        total = f", whose sum is {math.fsum(numbers):g}" if len(numbers) == len(raw) else ""
+        raise ValueError(
+            f"got {shown(list(raw))}{total}, expected shares of packets that last 1, 2, 3, .. cycles, none negative "
+            "and 1 in all, such as [0.1, 0.8, 0.1]"
+        )
+    return tuple(float(x) for x in numbers)
+
+
+Packets = Annotated[Literal["every_cycle", "measured", "bursts"] | tuple[float, ...], BeforeValidator(_packets)]
+"""How long packets last: a name of `vocabulary.packets`, or shares of one's own."""
 
 
 class RavenCampaign(Campaign):
@@ -48,6 +73,13 @@ class RavenCampaign(Campaign):
     console: Literal["increments", "absolute"] = Field(
         default="increments", description="what a packet carries: increments of the hand's motion, or positions"
     )
+    packets: Packets = Field(
+        default="every_cycle",
+        description="how many control cycles a packet of the console lasts, drawn anew each run: every_cycle: one; "
+        "measured: as on a recorded robot, two in 93 of 100; bursts: as a recorded console sends, one to three, and 6 "
+        "to 11 in 18 of 100; or the shares of packets that last 1, 2, 3, .. cycles. The hand moves on meanwhile; "
+        "varied as network.packets, 0 to 3",
+    )
     policy: Literal["no_regulation", "soft_regulation", "hard_regulation"] = Field(
         default="soft_regulation",
         description="what raven2's overdrive check does with a command above the limit of its level: nothing, clip it, "
@@ -61,6 +93,18 @@ class RavenCampaign(Campaign):
         "traj3", description="published parameters of the virtual robot's first three joints"
     )
     substeps: int = Field(default=1, ge=1, le=100, description="plant steps per 1 ms tick")
+
+    @property
+    def packet_choice(self) -> int:
+        """Number of the distribution of packets: one of CHOICES, or OWN."""
+        if isinstance(self.packets, str):
+            return packets.CHOICES.index(self.packets)
+        return packets.EVERY_CYCLE if self.packets == packets.SHARES[packets.EVERY_CYCLE] else packets.OWN
+
+    @property
+    def packet_shares(self) -> tuple[float, ...]:
+        """Shares of packets that last 1, 2, 3, .. cycles."""
+        return packets.SHARES[packets.CHOICES.index(self.packets)] if isinstance(self.packets, str) else self.packets
 
     @property
     def stored_words(self) -> Literal["wrap", "saturate", "unwrapped"]:
@@ -286,7 +330,8 @@ class RavenConfig(CampaignConfig):
         operator = self.operator
         what = f"{operator.file}, recorded" if operator.file is not None else f"{operator.label}, generated"
         reaction = "" if self.reaction is None else f"; reacts to the cue: {self.reaction.action}"
-        yield "operator", f"{what}; scale {operator.scale:g}{reaction}"
+        timing = f"; a packet lasts {self.cycles_a_packet:.3g} cycles at the mean" if self.random_packets else ""
+        yield "operator", f"{what}; scale {operator.scale:g}{timing}{reaction}"
 
     def settings(self) -> dict[str, Any]:
         """The same as JSON has it."""
@@ -325,6 +370,46 @@ class RavenConfig(CampaignConfig):
                 "got 'clutched', expected console = 'increments': an absolute one has no clutch",
             )
 
+        yield from self._packet_complaints()
+
+    def _packet_complaints(self) -> Iterator[Complaint]:
+        """(key, message) of what does not go with packets whose length is drawn."""
+        own = self.campaign.packet_choice == packets.OWN
+        for key, table in parameter_tables(self):
+            if (choice := table.get("network.packets")) and packets.OWN in choice.values and not own:
+                yield (
+                    (*key, "network.packets"),
+                    f"got {packets.OWN}, which is the shares in campaign.packets, but there are none: write them there",
+                )
+            if "network.cycles_per_packet" in table and self.random_packets:
+                yield (
+                    (*key, "network.cycles_per_packet"),
+                    "nothing reads it where packets are drawn: remove it, or for n cycles a packet write "
+                    "campaign.packets = [0, .., 1] with n numbers",
+                )
+        for g, group in enumerate(self.group if self.random_packets else ()):
+            for f, fault in enumerate(group.fault):
+                if fault.site == "network" and (channels := _older(fault)):
+                    yield (
+                        ("group", g, "fault", f),
+                        f"it sends older packets (channel {', '.join(channels)}), which cannot be told apart where "
+                        'their lengths are drawn: write campaign.packets = "every_cycle", or take effect "drop"',
+                    )
+
+    @property
+    def random_packets(self) -> bool:
+        """Whether packets of some run last a number of cycles that is drawn."""
+        tables = (table.get("network.packets") for _, table in parameter_tables(self))
+        return self.campaign.packet_choice != packets.EVERY_CYCLE or any(
+            axis is not None and any(axis.values) for axis in tables
+        )
+
+    @property
+    def cycles_a_packet(self) -> float:
+        """Cycles that a packet lasts at the mean, where all runs have the same distribution; else 1, the least."""
+        varied = any("network.packets" in table for _, table in parameter_tables(self))
+        return 1.0 if varied else packets.mean(self.campaign.packet_shares)
+
     def unread(self, path: str) -> str:
         """Why nothing reads the parameter of that path in this campaign; "" where something does."""
         return unread.why(path, self.campaign)
@@ -351,6 +436,13 @@ def of_raven(config: CampaignConfig) -> RavenConfig:
     if not isinstance(config, RavenConfig):
         raise UserError(f"campaign.robot is {config.campaign.robot!r}: this needs a campaign of a Raven-II")
     return config
+
+
+def _older(fault: Fault) -> list[str]:
+    """Channels of a fault of the network that make older packets arrive."""
+    listed = () if fault.channel is None else fault.channel.listed
+    bound = [NETWORK_EFFECTS[effect][0] for effect in fault.effect.listed if effect in NETWORK_EFFECTS]
+    return [channel for channel in ("lag", "delay", "jitter") if channel in {*bound, *listed} or ALL in listed]
 
 
 def _file_hash(path: Path) -> str:

@@ -16,10 +16,14 @@ from ravenjax.robots.raven2.console.motion import Motion
 from ravenjax.robots.raven2.loop import tick
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import overdrive
+from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.reactions import ACTIONS
 
 NOISE_KEY = "plant.noise_key"
 """Parameter that a campaign with noise sets from each run's id, which hashes its seed: every run draws its own."""
+
+PACKETS, PACKET_KEY = "network.packets", "network.packet_key"
+"""Parameter that makes the tick draw how long packets last, and the one that a campaign then sets from run ids."""
 
 DELAY, LONGEST_DELAY = "usb.command_delay", 16
 """Parameter that makes the tick keep commands of the past, and the most it keeps, ms."""
@@ -46,6 +50,7 @@ def prepare(
         substeps=config.campaign.substeps,
         injection=injection,
         cues=len(config.haptics.cues()),
+        packets=_distributions(config, varied.get(PACKETS)),
         command_delay=_longest(varied.get(DELAY)),
         detectors=tuple(use for _, use, _ in config.detectors),
         reacts=config.reacts,
@@ -58,8 +63,15 @@ def prepare(
         columns=tuple(motion.table().T),
         motion=motion,
         operator=None if replay is None else hands.scaled(replay, varied.get(SCALE)),
-        noise_key=NOISE_KEY if setup.noise else "",
+        keys=({NOISE_KEY: "noise"} if setup.noise else {}) | ({PACKET_KEY: "packets"} if setup.packets else {}),
     )
+
+
+def _distributions(config: RavenConfig, choices: np.ndarray | None) -> tuple[tuple[float, ...], ...]:
+    """Distributions that packets of some run may have, by number; none where every cycle of every run has a packet."""
+    own = config.campaign.packet_shares
+    varied = choices is not None and bool(np.nan_to_num(choices).any())
+    return () if own == packets.SHARES[packets.EVERY_CYCLE] and not varied else (*packets.SHARES, own)
 
 
 def _longest(delays: np.ndarray | None) -> int:
@@ -78,7 +90,9 @@ def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> tick.Tick
         replace(cue, threshold_m=new.threshold_m, kp=new.kp, kd=new.kd, cap=new.cap)
         for cue, new in zip(params.haptics.cues, config.haptics.cues(), strict=True)
     )
-    params = replace(params, operator=operator, control=control, haptics=replace(params.haptics, cues=cues))
+    network = replace(params.network, packets=np.int32(config.campaign.packet_choice))
+    params = replace(params, operator=operator, network=network)
+    params = replace(params, control=control, haptics=replace(params.haptics, cues=cues))
     observer = replace(
         params.monitor,
         limit=config.outcomes.limit_mm / 1e3,

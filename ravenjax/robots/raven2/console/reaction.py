@@ -57,7 +57,7 @@ class ReactionState:
 
     felt: Scalar  # int32, tick of the first pull that was felt in pedal-down; -1: none
     acted: Scalar  # int32, first tick of the action; -1: none
-    acted_packet: Scalar  # int32, index of the first packet of the action
+    acted_packet: Scalar  # int32, row of the motion in the first packet of the action
 
 
 @record
@@ -91,7 +91,7 @@ def init(setup: RavenSetup) -> ReactionState:
 
 
 def act(setup: RavenSetup, params: ReactionParams, state: ReactionState, tick: Scalar, packet: Scalar) -> ReactionState:
-    """Before this tick's packet, of index `packet`: whether the action begins now."""
+    """Before this tick's packet, of the motion's row `packet`: whether the action begins now."""
     waited = lax.convert_element_type(tick - state.felt, setup.precision.real) >= params.delay_ms
     begins = (params.action != NONE) & (state.felt >= 0) & waited & (state.acted < 0)
     return replace(
@@ -102,7 +102,7 @@ def act(setup: RavenSetup, params: ReactionParams, state: ReactionState, tick: S
 
 
 def pace(setup: RavenSetup, params: ReactionParams, state: ReactionState, packet: Scalar) -> ReactionPace:
-    """Foot and hands in the packet of that index."""
+    """Foot and hands in the packet of that row of the motion."""
     since = packet - state.acted_packet
     acting = (state.acted >= 0) & (since >= 0)
     behind = lax.convert_element_type(since, setup.precision.real) * (1.0 - params.slow_to)

@@ -38,6 +38,20 @@ class Network:
 
 
 @record
+class PacketTiming:
+    """A packet and where in the motion it is made."""
+
+    index: Scalar  # int32
+    row: Scalar  # int32, of the motion: what the hands do when it is made
+    before: Scalar  # int32, the same of the packet before it: increments are since then
+
+
+def row_by_row(index: Scalar) -> PacketTiming:
+    """The packet of that index where each is made of the motion's next row, however long it lasts."""
+    return PacketTiming(index, index, index - 1)
+
+
+@record
 class Buttons:
     """The buttons beside the robot: 1 pressed."""
 
@@ -60,7 +74,7 @@ def packet(
     motion: tuple[Any, ...],
     reacting: reaction.ReactionState | None,
     hands: operator.HandOffsets | None,
-    index: Scalar,
+    timing: PacketTiming,
 ) -> Any:
     """The packet of that index, as `console` (the operator's own, or one that a fault struck) sends it."""
 
@@ -74,7 +88,7 @@ def packet(
         return line if offset is None else operator.moved(line, offset)
 
     now, before = (None, None) if hands is None else (hands.offset, hands.offset_before)
-    return operator.packet(setup, console, row(index, now), row(index - 1, before), index + 1)
+    return operator.packet(setup, console, row(timing.row, now), row(timing.before, before), timing.index + 1)
 
 
 def clean(setup: RavenSetup, packet: Any, fresh: Scalar, i: int) -> nominal_target.Clean:

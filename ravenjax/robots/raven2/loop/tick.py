@@ -28,8 +28,9 @@ from ravenjax.robots.raven2.plant import nominal
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
-from ravenjax.stages import channel, check, detectors, haptics, monitor
+from ravenjax.stages import channel, check, detectors, haptics, monitor, packet_clock
 from ravenjax.stages.check import CheckHistory
+from ravenjax.vocabulary import packets
 
 # --- records: one entry an arm in each tuple ---
 
@@ -61,6 +62,20 @@ class NetworkParams:
     cycles_per_packet: Annotated[  # int32; 1: a packet a millisecond
         Scalar, Quantity("cycles", 1, 1000, "how long a packet of the console lasts", whole=True)
     ]
+    packets: Annotated[  # int32, one of vocabulary.packets
+        Scalar,
+        Quantity(
+            "",
+            0,
+            3,
+            "how long packets last, drawn: 0 every_cycle, 1 measured, 2 bursts, 3 the shares in campaign.packets",
+            whole=True,
+        ),
+    ]
+    packet_key: Annotated[  # uint32; a run and its golden run share it
+        Scalar,
+        Reserved("it is derived from each run's id, so that no two runs draw the same packets; set campaign.packets"),
+    ]
 
 
 @record
@@ -89,6 +104,7 @@ class TickState:
     hands: operator.HandOffsets | None  # where they may do more than is planned
     reaction: reaction.ReactionState | None
     channel: channel.ChannelState | None  # where faults seed it
+    clock: packet_clock.PacketClock | None  # where Setup.packets
     detectors: detectors.DetectorsState | None
     monitor: monitor.MonitorState
     pedal_ticks: Scalar  # int32, ticks since pedal-down was entered; negative: not in it
@@ -132,11 +148,11 @@ def tick(
 ) -> tuple[TickState, TickSignals]:
     """One millisecond of one robot."""
     now = signal.tick
-    fresh, sequence = _packet_due(setup, params, state, signal)
-    clock = window.TriggerClocks(now, sequence + 1, state.pedal_ticks)
-    inject = RavenInjector(setup, faults, window.open_windows(setup, faults, state.faults, clock), clock)
+    fresh, sequence, clock = _packet_due(setup, params, state, signal)
+    triggers = window.TriggerClocks(now, sequence + 1, state.pedal_ticks)
+    inject = RavenInjector(setup, faults, window.open_windows(setup, faults, state.faults, triggers), triggers)
 
-    sent = _console_and_network(setup, params, inject, state, signal, fresh, sequence)
+    sent = _console_and_network(setup, params, inject, replace(state, clock=clock), signal, fresh, sequence)
     done = _robot(setup, params, inject, state, sent.packet)
     signals, robots = done.signals, done.robots
     observed, observer = observers.observe(
@@ -188,6 +204,7 @@ def tick(
         hands=hands,
         reaction=reacting,
         channel=sent.channel,
+        clock=clock,
         detectors=watched,
         monitor=observed.monitor,
         pedal_ticks=jnp.where(down, jnp.maximum(state.pedal_ticks, -1) + 1, -1),
@@ -232,20 +249,22 @@ def _console_and_network(
     sequence: Scalar,
 ) -> _Sent:
     """The robot's packet, and the clean one."""
-    reacting = _reacting(setup, params, state, signal.tick, sequence)
+    timing = _timing(state, sequence)
+    reacting = _reacting(setup, params, state, signal.tick, timing.row)
     hands = state.hands
     if hands is not None and inject.strikes("hand"):
         hands = operator.strayed(hands, inject("hand", _each(setup, Vec.full(3, real(setup, 0.0)))))
     clean = signal.packet
     if clean is None:
-        clean = connections.packet(setup, params.operator, params.reaction, signal.motion, reacting, hands, sequence)
+        clean = connections.packet(setup, params.operator, params.reaction, signal.motion, reacting, hands, timing)
     console = inject("console", connections.ConsoleSeam(params.operator.scale))
     line, network = _network(setup, params, inject, state, sequence, fresh)
     sent, again = clean, signal.packet is None  # a packet from outside is not there to be sent again
     if again and inject.strikes("console", "network"):
-        index = sequence - network.lag - network.delay
+        if state.clock is None:
+            timing = connections.row_by_row(sequence - network.lag - network.delay)
         sender = replace(params.operator, scale=console.scale)
-        sent = connections.packet(setup, sender, params.reaction, signal.motion, reacting, hands, index)
+        sent = connections.packet(setup, sender, params.reaction, signal.motion, reacting, hands, timing)
     arrives = fresh & ~network.lost
     if again and inject.strikes("network"):
         index = sent.sequence - 1
@@ -311,7 +330,7 @@ def params(setup: RavenSetup, start_jpos: tuple[tuple[float, ...], ...], paramet
     """
     return TickParams(
         operator=operator.params(setup, start_jpos),
-        network=NetworkParams(np.int32(1)),
+        network=NetworkParams(np.int32(1), np.int32(packets.EVERY_CYCLE), np.uint32(0)),
         usb=UsbParams(np.int32(0)),
         control=control.params(setup),
         plc=plc.params(setup),
@@ -350,6 +369,7 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
         hands=operator.at_plan(setup) if setup.reacts or strikes(setup, "hand") else None,
         reaction=reaction.init(setup) if setup.reacts else None,
         channel=channel.init() if _seeded(setup, "bursts") else None,
+        clock=packet_clock.init() if setup.packets else None,
         detectors=detectors.init(setup) if setup.detectors else None,
         monitor=beside.monitor,
         pedal_ticks=jnp.int32(-1),
@@ -452,19 +472,37 @@ def _each(setup: RavenSetup, item: Any) -> tuple[Any, ...]:
     return tuple(item for _ in setup.arms)
 
 
-def _packet_due(setup: RavenSetup, params: TickParams, state: TickState, signal: Input) -> tuple[Scalar, Scalar]:
-    """Whether there is a new packet in this tick, and the index of the newest one."""
+def _packet_due(
+    setup: RavenSetup, params: TickParams, state: TickState, signal: Input
+) -> tuple[Scalar, Scalar, packet_clock.PacketClock | None]:
+    """Whether there is a new packet in this tick, the index of the newest one, and the clock after it."""
     if signal.packet is not None:
         fresh = signal.packet.received != 0
-        return fresh, state.packet + as_int(fresh)
+        return fresh, state.packet + as_int(fresh), state.clock
     now, cycles = signal.tick, params.network.cycles_per_packet
+    stopped = state.control.state_machine.soft_estopped
+    ends = setup.build == "dyn_sim"  # its packet generator ends with the robot's software E-stop
+    if state.clock is not None:
+        fresh = now >= state.clock.due
+        fresh = fresh & (stopped == 0) if ends else fresh
+        index = state.packet + as_int(fresh)
+        network = params.network
+        lasts = packet_clock.length(setup.packets, network.packets, network.packet_key, index)
+        return fresh, index, packet_clock.step(state.clock, now, fresh, lasts)
     every_tick = isinstance(cycles, np.integer) and cycles == 1
     index = now if every_tick else lax.div(now, jnp.maximum(cycles, 1))
-    if setup.build == "dyn_sim":  # its packet generator ends with the robot's software E-stop
-        index = jnp.where(state.control.state_machine.soft_estopped != 0, state.packet, index)
+    if ends:
+        index = jnp.where(stopped != 0, state.packet, index)
     elif every_tick:
-        return jnp.bool_(True), now
-    return index != state.packet, index
+        return jnp.bool_(True), now, None
+    return index != state.packet, index, None
+
+
+def _timing(state: TickState, sequence: Scalar) -> connections.PacketTiming:
+    """Which rows of the motion the newest packet is of: its own by number, or where a clock runs those of its time."""
+    if state.clock is None:
+        return connections.row_by_row(sequence)
+    return connections.PacketTiming(sequence, state.clock.tick, state.clock.before)
 
 
 def _reacting(
