@@ -11,6 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ravenjax.stats.bootstrap import units
+from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.intervals import Estimate, Rate, alpha_of, wilson
 
 
@@ -74,6 +76,32 @@ def incidence(delay: ArrayLike, happened: ArrayLike, confidence: float = 0.95) -
     """
     times, came = _delays(delay, happened, "incidence")
     return _curve(times, came, 0.0, confidence)
+
+
+def quantile(
+    delay: ArrayLike, happened: ArrayLike, fraction: float, among: Units, confidence: float = 0.95
+) -> Estimate:
+    """Time by which `fraction` of the runs had the event, as `Incidence.quantile`, its interval by resampling units.
+
+    Runs as for `incidence`, but that times may be negative, as lags are. A bound is NaN where resamples reach the
+    fraction too rarely to tell it, or where there are too few units. ValueError where lengths differ.
+    """
+    times, came = np.asarray(delay, float), np.asarray(happened).astype(bool)
+    if not times.shape == came.shape == among.unit.shape:
+        raise ValueError(f"quantile: {times.shape} delays, {came.shape} events and {among.unit.shape} units")
+    if not len(times):
+        return Estimate(np.nan, np.nan, np.nan)
+    order = np.lexsort((~came, times))  # of runs at one time those with the event first
+    ends = times[order]
+
+    def first(weight: np.ndarray) -> np.ndarray:
+        mine = weight[:, order]
+        at_risk = mine[:, ::-1].cumsum(axis=1)[:, ::-1]
+        lost = np.divide(mine * came[order], at_risk, out=np.zeros_like(mine), where=at_risk > 1e-9)
+        reached = 1 - np.cumprod(1 - lost, axis=1) >= fraction - 1e-9
+        return np.where(reached.any(axis=1), ends[reached.argmax(axis=1)], np.nan)
+
+    return units.statistic(first, among, confidence)
 
 
 def restricted_mean(delay: ArrayLike, happened: ArrayLike, horizon: float, confidence: float = 0.95) -> Estimate:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ravenjax.stats.bootstrap.resample import BootstrapBand
 from ravenjax.stats.comparison import paired
@@ -134,6 +135,25 @@ def permutation_p(first: Clusters, second: Clusters, *, is_paired: bool = False,
         rng=np.random.default_rng(seed),
     )
     return float(test.pvalue)
+
+
+def exchange_p(first: ArrayLike, second: ArrayLike, unit: ArrayLike) -> float:
+    """Exact two-sided p that two conditions of the same rows are alike, rows [n] of bool in units by number [n].
+
+    Where they are alike the labels of both can be exchanged in each unit, for all its rows together: its difference of
+    counts is as likely to have the other sign. All ways are counted. One row a unit: McNemar's exact test. NaN where no
+    unit has a difference: nothing to test.
+    """
+    difference = np.asarray(first, bool).astype(int) - np.asarray(second, bool).astype(int)
+    size = np.abs(np.bincount(np.asarray(unit), difference).round().astype(int))
+    if not size.any():
+        return math.nan
+    total = abs(int(difference.sum()))
+    law = np.ones(1)  # of the sum, from -reach to reach
+    for step in size[size > 0]:
+        law = 0.5 * (np.pad(law, (2 * step, 0)) + np.pad(law, (0, 2 * step)))
+    sums = np.abs(np.arange(len(law)) - len(law) // 2)
+    return min(1.0, float(law[sums >= total].sum()))
 
 
 def bootstrap_difference(

@@ -38,8 +38,9 @@ def leads(found: Sequence[Advance], most_ms: int = 800) -> Callable[[Any], None]
                 early = lag.time <= 0
                 if not early.any():
                     continue
-                stairs = steps(lag.time[early], lag.fraction[early], lag.low[early], lag.high[early], end=0.0)
-                named = f"{_motion(one)} (n = {one.lead.n})"
+                share = lag.fraction[early]
+                stairs = steps(lag.time[early], share, share, share, end=0.0)  # bands take faults as independent
+                named = f"{_motion(one)} ({one.lead.n} faults, {one.kinds.count} kinds)"
                 step_curve(axis, stairs._replace(x=-stairs.x), color=colour, scale=100, alpha=0.14, lw=1.6, label=named)
             axis.set(title=f"cue at {threshold:g} mm", xlim=(0, most_ms), ylim=(0, 100), xlabel="reaction time, ms")
             axis.set_xticks(range(0, most_ms + 1, 200))
@@ -51,7 +52,7 @@ def leads(found: Sequence[Advance], most_ms: int = 800) -> Callable[[Any], None]
 
 
 def rates(rows: Sequence[ContrastRow]) -> Callable[[Any], None]:
-    """Draws rates with and without, one panel a block: a dot and its interval for each series."""
+    """Draws shares of the faults with and without, one panel a block: a dot for each series."""
     blocks = list(dict.fromkeys(row.block for row in rows))
 
     def draw(figure: Any) -> None:
@@ -64,16 +65,18 @@ def rates(rows: Sequence[ContrastRow]) -> Callable[[Any], None]:
             for row in mine:
                 place = names.index(row.name)
                 if row.series == series[0]:
-                    _dot(axis, place - width * (len(series)) / 2, row.contrast.without, "0.35", "nobody reacts", "s")
+                    aside = -width * len(series) / 2
+                    _dot(axis, place + aside, row, row.contrast.without, "0.35", "nobody reacts", "s")
                 k = series.index(row.series)
-                _dot(axis, place + width * (k + 1 - len(series) / 2), row.contrast.with_, SERIES[k], row.series, "o")
+                aside = width * (k + 1 - len(series) / 2)
+                _dot(axis, place + aside, row, row.contrast.with_, SERIES[k], row.series, "o")
             axis.set_xticks(range(len(names)), names)
             axis.set(title=block, xlabel="size of the motion")
             axis.grid(axis="x", visible=False)
             handles, words = axis.get_legend_handles_labels()
             entries = dict(zip(words, handles, strict=True))
             axis.legend(entries.values(), entries.keys(), loc="upper right")
-        panels[0].set(ylabel="% of faults", ylim=(0, None))
+        panels[0].set(ylabel="% of the design's faults", ylim=(0, None))
 
     return draw
 
@@ -113,7 +116,6 @@ def _motion(one: Advance) -> str:
     return "jump" if one.size_mm is None else f"{one.size_mm:g} mm"
 
 
-def _dot(axis: Any, place: float, rate: Any, colour: str, label: str, marker: str) -> None:
-    value, low, high = 100.0 * rate.value, 100.0 * rate.low, 100.0 * rate.high
-    axis.errorbar(place, value, yerr=[[value - low], [high - value]], fmt=marker, ms=4.5, color=colour, capsize=2,
-                  elinewidth=1.0, label=label)  # fmt: skip
+def _dot(axis: Any, place: float, row: ContrastRow, count: int, colour: str, label: str, marker: str) -> None:
+    share = 100.0 * count / max(1, row.contrast.n)
+    axis.plot(place, share, marker, ms=4.5, color=colour, label=label)

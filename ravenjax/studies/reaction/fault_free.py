@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ravenjax.stats.alarms.false_alarms import AlarmRate, alarm_rate
+from ravenjax.stats.bootstrap import units
 from ravenjax.stats.intervals import Rate, wilson
 from ravenjax.studies.reaction.pairs import ReactionRuns
 
@@ -22,7 +23,7 @@ class FreeReactions(NamedTuple):
     threshold_mm: float
     motions: Rate  # with a cue
     first: AlarmRate  # first cues in the time up to them
-    pulses: AlarmRate  # all separate pulls in all the time
+    pulses: AlarmRate  # all separate pulls in all the time, interval over robots
 
 
 def free(runs: ReactionRuns, thresholds_mm: tuple[float, ...]) -> list[FreeReactions]:
@@ -43,7 +44,16 @@ def free(runs: ReactionRuns, thresholds_mm: tuple[float, ...]) -> list[FreeReact
                     threshold,
                     wilson(int(cued.sum()), len(cued)),
                     alarm_rate(int(cued.sum()), float(exposed)),
-                    alarm_rate(int(mine[f"cue{cue}_count"].sum()), float(live.sum()) / MS_PER_HOUR),
+                    _pulses(mine[f"cue{cue}_count"].to_numpy(), live / MS_PER_HOUR),
                 )
             )
     return results
+
+
+def _pulses(counts: np.ndarray, hours: np.ndarray) -> AlarmRate:
+    """Of runs [n], each of a robot that was drawn; the pulls of one hang together. Without any the exact interval."""
+    exact = alarm_rate(int(counts.sum()), float(hours.sum()))
+    if not exact.count:
+        return exact
+    band = units.ratio(counts, hours, units.units(np.arange(len(counts))))
+    return exact._replace(low=float(band.low), high=float(band.high))

@@ -6,15 +6,18 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from ravenjax.campaign.faults import draws
+from ravenjax.campaign.file.config import validated
 from ravenjax.report.sections.reaction.pairs import Pairs
-from ravenjax.stats.intervals import Estimate as Interval
-from ravenjax.stats.intervals import Rate, wilson
+from ravenjax.stats.intervals import Rate
+from ravenjax.store import manifest
+from ravenjax.studies.framework import kinds
 from ravenjax.studies.framework.study import Context, Drawing, Findings, Line, Study, StudyEstimate, Variant
 from ravenjax.studies.reaction import drawings, fault_free, measures, tables, times
 from ravenjax.studies.reaction import pairs as reacting_pairs
 from ravenjax.studies.reaction.drawings import ContrastRow
 from ravenjax.studies.reaction.fault_free import FreeReactions
-from ravenjax.studies.reaction.measures import SIZES_MM
+from ravenjax.studies.reaction.measures import SIZES_MM, Measure
 from ravenjax.studies.reaction.pairs import Contrast, ReactionRuns
 from ravenjax.studies.reaction.times import Advance
 from ravenjax.vocabulary.reactions import CORRECT, RELEASE, SLOW
@@ -49,6 +52,9 @@ MOTIONS = ("suture", "peg_transfer")
 DRAWN_SIZES = (5.0, 10.0)
 SPARED_MM = 10.0
 HEADLINE_SCALES = (0.1, 0.2)
+HEADLINE_CUES_MM = (1.0, 3.0)
+EARLY = {1.0: "threshold 1 mm", 2.0: "threshold 2 mm"}
+"""Thresholds below the smallest motion, and the words of their variants."""
 
 
 def compare(context: Context) -> Findings:
@@ -59,6 +65,7 @@ def compare(context: Context) -> Findings:
     timed = [runs, *(reacting_pairs.read(context.folders[_timed(size)]) for size in SIZES_MM[1:])]
     advances = _advances(timed)
     spared = times.left_by_time(timed[SIZES_MM.index(SPARED_MM)], runs, pairs[RELEASE])
+    drawn_groups = draws.groups(validated(manifest.read(context.folders[BASELINE]).config))
     free = [
         one
         for motion in MOTIONS
@@ -66,17 +73,20 @@ def compare(context: Context) -> Findings:
     ]
     released = pairs[RELEASE]
     two = tuple(map(measures.excursion, DRAWN_SIZES))
+    early = {threshold: part for threshold, words in EARLY.items() for _, name, part in others if name == words}
     return Findings(
-        lines=tuple(_lines(pairs, advances, free)),
+        lines=tuple(_lines(pairs, early, advances, free)),
         tables=(
             tables.reactions(pairs),
             tables.fairness(),
             tables.sizes(pairs),
             tables.variants([(f"{block}: {words}", part) for block, words, part in others], two),
+            tables.early(early, measures.excursion(SIZES_MM[0])),
             tables.advances(advances),
             tables.had_time(spared, SPARED_MM),
             tables.split("Lifting the pedal, by how soon the unintended motion begins", "fault", released,
                                   reacting_pairs.by_speed(released), two),
+            tables.sites(released, measures.excursion(SPARED_MM), drawn_groups),
             tables.split("Lifting the pedal, by layer of the fault", "layer", released,
                                   reacting_pairs.by_layer(released), two),
             tables.split("Lifting the pedal, by design and by hazard of the library", "faults", released,
@@ -85,15 +95,14 @@ def compare(context: Context) -> Findings:
         ),
         drawings=(
             Drawing("leads", "Share of unintended motions that are still to come when an operator of a given reaction "
-                    "time acts on the cue, where nobody did; shaded: 150 to 400 ms. Bands: 95 %, pointwise.",
+                    "time acts on the cue, where nobody did; shaded: 150 to 400 ms. Of this design's faults.",
                     drawings.leads(advances)),
-            Drawing("rates", "Faults that move the instrument, with and without a reaction, by measures that are fair "
-                    "for it. Bars: 95 % (Wilson); pairs share their faults, so differences are far better known than "
-                    "they show.",
+            Drawing("rates", "Faults of this design that move the instrument, with and without a reaction, by measures "
+                    "that are fair for it.",
                     drawings.rates(list(_rate_rows(pairs)))),
             Drawing("differences", "Unintended motion with the operator who lifts the pedal minus without, under other "
-                    "cues and other operators; left of 0 the cue helps. Sampled faults, paired differences, 95 %.",
-                    drawings.differences(list(_variant_rows(others)), "points of 100 faults")),
+                    "cues and other operators; left of 0 the cue helps. Sampled faults; bars: 95 % over kinds.",
+                    drawings.differences(list(_variant_rows(others)), "points of 100 faults of the design")),
         ),
         notes=_notes(runs),
     )  # fmt: skip
@@ -126,34 +135,40 @@ def _advances(timed: Sequence[ReactionRuns]) -> list[Advance]:
 # --- lines ---
 
 
-def _lines(pairs: Mapping[int, Pairs], advances: list[Advance], free: list[FreeReactions]) -> Iterator[Line]:
+def _lines(
+    pairs: Mapping[int, Pairs], early: Mapping[float, Pairs], advances: list[Advance], free: list[FreeReactions]
+) -> Iterator[Line]:
+    """early: thresholds below the smallest motion -> pairs of sampled faults with a lifted pedal."""
     released = pairs[RELEASE]
-    for measure in (measures.INJURY, *map(measures.excursion, SIZES_MM)):
-        contrast = reacting_pairs.contrast(released, measure)
-        yield _line(f"lifting the pedal: {measure.name}", "points", _scaled(contrast.difference, contrast.n, "faults"))
-    for measure in map(measures.excursion, SIZES_MM):
-        contrast = reacting_pairs.contrast(released, measure)
-        avoided = wilson(contrast.avoided, contrast.without.k)
-        yield _line(f"share that lifting the pedal avoids: {measure.name}", "%", _percent(avoided, "runs"))
+    for measure in map(measures.excursion, SIZES_MM[1:]):
+        yield _avoided(released, measure, f"lifting the pedal avoids, of {measure.name}")
+    for threshold, part in early.items():
+        measure = measures.excursion(SIZES_MM[0])
+        yield _avoided(part, measure, f"lifting the pedal at a cue of {threshold:g} mm avoids, of {measure.name}")
     for measure in map(measures.excursion, DRAWN_SIZES):
-        contrast = reacting_pairs.contrast(released, measure)
-        yield _line(f"lifted pedals for each one avoided: {measure.name}", "", _needed(contrast))
+        yield _line(
+            f"lifted pedals for each one avoided: {measure.name}",
+            "",
+            _needed(reacting_pairs.contrast(released, measure)),
+        )
     for action, measure in ((SLOW, measures.live(SPARED_MM)), (CORRECT, measures.excursion(SPARED_MM))):
-        contrast = reacting_pairs.contrast(pairs[action], measure)
-        value = _scaled(contrast.difference, contrast.n, "faults")
-        yield _line(f"{tables.words(action)}: {measure.name}", "points", value)
+        yield _avoided(pairs[action], measure, f"{tables.words(action)}, avoids, of {measure.name}")
     for action, measure in ((RELEASE, measures.INJURY), (CORRECT, measures.INJURY), (SLOW, measures.live(SIZES_MM[0]))):
         contrast = reacting_pairs.contrast(pairs[action], measure)
-        caused = wilson(contrast.caused, contrast.n)
         words = f"{tables.words(action)}, only with the reaction: {measure.name}"
-        yield _line(words, "%", _percent(caused, "faults"))
+        count = StudyEstimate(contrast.caused, n=contrast.n - contrast.without, of="faults without it otherwise")
+        yield _line(words, "faults", count)
     for one in advances:
-        if one.threshold_mm == THRESHOLDS_MM[0]:
-            words = f"{tables.size(one.size_mm)}: came too soon for any reaction of 250 ms, cue at 3 mm"
-            yield _line(words, "%", _percent(one.late[250], "runs"))
+        if one.threshold_mm in HEADLINE_CUES_MM and not tables.defined(one):
+            words = f"{tables.size(one.size_mm)}: came too soon for any reaction of 250 ms"
+            share = _percent(one.late[250], f"faults that make it, {kinds.count(one.kinds)}")
+            yield _line(f"{words}, cue at {one.threshold_mm:g} mm", "%", share)
     idle = {"unintended motion": tables.unmoved_rate, "any hazard": tables.idle_rate}
+    acted = (released.with_frame["reaction_ms"] >= 0).to_numpy()
+    behind = kinds.count(reacting_pairs.kinds_of(released).where(acted))
     for words, rate in idle.items():
-        yield _line(f"reactions to faults without {words}", "%", _percent(rate(released), "reactions"))
+        value = _percent(rate(released), f"reactions, {behind}")
+        yield _line(f"reactions to faults without {words}", "%", value)
     for one in free:
         if one.threshold_mm == THRESHOLDS_MM[0] and one.scale in HEADLINE_SCALES:
             first = one.first
@@ -167,8 +182,10 @@ def _line(quantity: str, unit: str, value: StudyEstimate) -> Line:
     return Line(quantity, unit, None, value)
 
 
-def _scaled(value: Interval, n: int, of: str) -> StudyEstimate:
-    return StudyEstimate(100 * value.value, 100 * value.low, 100 * value.high, n, of)
+def _avoided(pairs: Pairs, measure: Measure, words: str) -> Line:
+    contrast = reacting_pairs.contrast(pairs, measure)
+    of = f"faults that make it where nobody reacts, {kinds.count(contrast.affected)}"
+    return _line(words, "%", _percent(contrast.avoided, of))
 
 
 def _percent(rate: Rate, of: str) -> StudyEstimate:
@@ -176,7 +193,7 @@ def _percent(rate: Rate, of: str) -> StudyEstimate:
 
 
 def _needed(found: Contrast) -> StudyEstimate:
-    return StudyEstimate(*found.needed, found.acted, "reactions")
+    return StudyEstimate(*found.needed, found.acted, f"reactions to faults of {kinds.count(found.kinds)}")
 
 
 # --- drawings ---
@@ -209,13 +226,15 @@ def _notes(runs: ReactionRuns) -> tuple[str, ...]:
         "slowed hands at a quarter of their speed, a correction by eye with a time constant of 0.2 s. The variants "
         "show how much hangs on reaction time, threshold, gain and touch.",
         "The faults are a design over layers, magnitudes and lengths around the boundary of unintended motion, and the "
-        "library's rows with the values of their sources. Nobody knows how often each occurs, so a rate over all of "
+        "library's rows with the values of their sources. Nobody knows how often each occurs, so a share of all of "
         "them is no probability of an operation. What carries over is the comparison within each fault, and who has "
         "time.",
-        "A motion as large as the cue's own threshold is there when the cue is: a cue at 3 mm cannot avoid 3 mm, "
-        "whoever reacts; it can keep them from growing. The few that are avoided all the same are of faults that fool "
-        "the encoders, or in which the tip left its model before it left the golden run: the cue compares the reported "
-        "tip with the model alone.",
+        "Faults of one kind resemble each other: they strike one signal with one effect. How sure a share is depends "
+        "on the number of kinds and not on that of faults, so that intervals resample kinds; where one kind makes most "
+        "of what is counted, they are wide.",
+        "What a cue avoids of motions of its own threshold is in no line: motion and cue are there at the same moment, "
+        "by their definitions. A cue at 1 mm beside a motion of 3 mm, and one at 3 mm beside motions of 5 mm and more, "
+        "are findings. What a reaction makes worse is one at every size.",
         "An operator who lifts the pedal stops the arm by its brakes, 15 ms after the software has heard it; what the "
         "fault does behind the software in that time, or to a robot whose brakes are the fault, is in the runs.",
         "Context, not compared: a context-aware detector of unsafe events on recorded tasks is published with 1.7 s "

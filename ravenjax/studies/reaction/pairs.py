@@ -15,10 +15,14 @@ from ravenjax.hazards.naming import hazards_of
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.sections.reaction import pairs as reactions
 from ravenjax.report.sections.reaction.pairs import EXCURSION, Pairs
-from ravenjax.stats.comparison.paired import mcnemar, mean_difference, rate_difference
-from ravenjax.stats.intervals import Estimate, Rate, wilson
+from ravenjax.stats.bootstrap import units
+from ravenjax.stats.bootstrap.units import Units
+from ravenjax.stats.comparison.clustered import exchange_p
+from ravenjax.stats.comparison.paired import difference_of_counts, mcnemar
+from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.stats.multiplicity import holm
 from ravenjax.store import folder, manifest
+from ravenjax.studies.framework import kinds
 from ravenjax.studies.reaction.measures import Measure
 
 SPEEDS_MS = (0, 50, 200, 500, 1000)
@@ -39,15 +43,17 @@ class ReactionRuns(NamedTuple):
 
 
 class Contrast(NamedTuple):
-    """One measure over pairs. Differences are with the reaction minus without: negative is what it avoids."""
+    """One measure over pairs. Intervals are over kinds of faults."""
 
     n: int  # distinct faults, each one pair
-    without: Rate
-    with_: Rate
-    difference: Estimate  # of the rates, fraction
-    avoided: int  # pairs in which only the run without reaction had it
-    caused: int  # only the run with it
-    p: float  # McNemar, exact
+    kinds: Units  # of these faults
+    without: int  # faults that have it where nobody reacts
+    with_: int  # with the reaction
+    difference: Estimate  # with the reaction minus without, fraction of the faults: negative is what it avoids
+    avoided: Rate  # of the faults that have it where nobody reacts, those without it with the reaction
+    affected: Units  # kinds of the faults that have it where nobody reacts
+    caused: int  # faults that have it with the reaction alone
+    p: float  # exact, labels exchanged kind by kind; NaN where no pair differs
     acted: int  # pairs in which the operator acted
     needed: Estimate  # reactions for each one avoided; infinite where none is
 
@@ -65,23 +71,45 @@ def paired(runs: ReactionRuns, action: int) -> Pairs:
     return every.where(every.without_facts["activated"].to_numpy())
 
 
+def kinds_of(pairs: Pairs) -> Units:
+    """Kinds of the faults of these pairs."""
+    return kinds.of(pairs.with_facts["group"])
+
+
 def contrast(pairs: Pairs, measure: Measure) -> Contrast:
     """The measure over these pairs."""
     with_ = measure.hits(pairs.with_frame, pairs.with_facts)
     without = measure.hits(pairs.without_frame, pairs.without_facts)
     acted = (pairs.with_frame["reaction_ms"] >= 0).to_numpy()
-    test = mcnemar(with_, without)
+    among = kinds_of(pairs)
+    affected = among.where(without)
     return Contrast(
         len(with_),
-        wilson(int(without.sum()), len(without)),
-        wilson(int(with_.sum()), len(with_)),
-        rate_difference(with_, without),
-        test.second_only,
-        test.first_only,
-        test.p,
+        among,
+        int(without.sum()),
+        int(with_.sum()),
+        difference(with_, without, among),
+        units.rate(~with_[without], affected),
+        affected,
+        mcnemar(with_, without).first_only,
+        exchange_p(with_, without, among.unit),
         int(acted.sum()),
-        needed(rate_difference(with_[acted], without[acted])),
+        needed(difference(with_[acted], without[acted], among.where(acted))),
     )
+
+
+def difference(first: np.ndarray, second: np.ndarray, among: Units) -> Estimate:
+    """Rate of `first` minus rate of `second` (bool [pairs]) with its interval over kinds.
+
+    Where no pair differs a resample cannot show a difference either: then Bonett and Price's interval of as many pairs
+    as there are kinds.
+    """
+    if not len(first):
+        return Estimate(math.nan, math.nan, math.nan)
+    if among.count >= units.FEWEST and (first == second).all():
+        return difference_of_counts(0, 0, among.count)
+    band = units.ratio(first.astype(float) - second, 1.0, among)
+    return Estimate(band.value, band.low, band.high)
 
 
 def needed(difference: Estimate) -> Estimate:
@@ -94,24 +122,24 @@ def needed(difference: Estimate) -> Estimate:
     def reciprocal(rate: float) -> float:
         return -1.0 / rate if rate < 0 else math.inf
 
-    if math.isnan(difference.value):
-        return Estimate(math.nan, math.nan, math.nan)
-    return Estimate(reciprocal(difference.value), reciprocal(difference.low), reciprocal(difference.high))
+    def end(rate: float) -> float:
+        return math.nan if math.isnan(rate) else reciprocal(rate)
+
+    return Estimate(*map(end, difference))
 
 
 def mean_change(pairs: Pairs, column: str) -> Estimate:
-    """Mean of a column with the reaction minus without, bootstrap over faults; NaN with fewer than 2 pairs."""
-    if len(pairs.with_frame) < 2:
+    """Mean of a column with the reaction minus without, its interval over kinds of faults; NaN without pairs."""
+    if not len(pairs.with_frame):
         return Estimate(math.nan, math.nan, math.nan)
     with_, without = (part[column].to_numpy(float) for part in (pairs.with_frame, pairs.without_frame))
-    band = mean_difference(with_, without, resamples=1000, kind="percentile")
-    return Estimate(float(band.value), float(band.low), float(band.high))
+    band = units.ratio(with_ - without, 1.0, kinds_of(pairs))
+    return Estimate(band.value, band.low, band.high)
 
 
 def adjusted(contrasts: Sequence[Contrast]) -> list[float]:
     """Holm's p of each, of all of them together; NaN where no pair differs."""
-    tests = {str(k): one.p if one.avoided + one.caused else math.nan for k, one in enumerate(contrasts)}
-    return [finding.adjusted for finding in holm(tests).values()]
+    return [finding.adjusted for finding in holm({str(k): one.p for k, one in enumerate(contrasts)}).values()]
 
 
 # --- classes of faults: name -> which pairs ---

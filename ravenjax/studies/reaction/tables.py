@@ -3,34 +3,37 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 
 from ravenjax.report import wording
 from ravenjax.report.sections.reaction.pairs import EXCURSION, Pairs
+from ravenjax.stats.bootstrap import units
+from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.intervals import Estimate, Rate, wilson
+from ravenjax.studies.framework import kinds
 from ravenjax.studies.framework.study import Table
 from ravenjax.studies.reaction.fault_free import FreeReactions
 from ravenjax.studies.reaction.measures import MEASURES, Measure
-from ravenjax.studies.reaction.pairs import Contrast, adjusted, contrast, mean_change
+from ravenjax.studies.reaction.pairs import Contrast, adjusted, contrast, kinds_of, mean_change
 from ravenjax.studies.reaction.times import DELAYS_MS, Advance
 from ravenjax.vocabulary.reactions import ACTIONS, CORRECT, MEANINGS, RELEASE, SLOW
 
 Cell = str | int | float
 COLUMNS = (
-    "pairs", "without", "with", "difference, points", "avoided", "made worse", "p (Holm)", "reactions",
-    "reactions for each avoided",
+    "faults", "kinds of faults", "with it, nobody reacts", "with it, operator reacts", "avoided, of those with it",
+    "made worse", "p (Holm)", "reactions", "reactions for each avoided",
 )  # fmt: skip
 NOTE = (
-    "A pair is one fault under the same random numbers, once with the operator who reacts and once without; only "
-    "faults that changed a bit. Difference: with minus without, in points of 100 faults, negative where the cue helped "
-    "(Bonett and Price, 95 %). p: McNemar, exact, all rows of the table together (Holm). Reactions: pairs in which the "
-    "operator acted. Reactions for each avoided: number needed to cue, with the reciprocals of the difference's "
-    "interval; ∞ where none was avoided."
+    "A fault is run twice under the same random numbers, with the operator who reacts and without; only faults that "
+    "changed a bit. Avoided: of the faults that have it where nobody reacts, those that have it no more. Made worse: "
+    "faults that have it with the reaction alone. p: both runs exchanged kind by kind, exact, all rows of the table "
+    "together (Holm). Reactions: faults to which the operator reacts. Reactions for each avoided: number needed to "
+    f"cue; ∞ where none is avoided. {kinds.NOTE}"
 )
 
-SAME = "Columns as in the first table."
+SAME = "Columns and intervals as in the first table."
 
 
 def words(action: int) -> str:
@@ -43,7 +46,7 @@ def contrast_rows(found: Sequence[tuple[tuple[Cell, ...], Contrast]]) -> tuple[t
     p = adjusted([one for _, one in found])
     return tuple(
         (
-            *heads, one.n, rate(one.without), rate(one.with_), points(one.difference), one.avoided, one.caused,
+            *heads, one.n, kinds.count(one.kinds), one.without, one.with_, avoided(one), one.caused,
             wording.number(holm, 2), one.acted, number(one.needed),
         )
         for (heads, one), holm in zip(found, p, strict=True)
@@ -118,9 +121,9 @@ def sizes(pairs: Mapping[int, Pairs]) -> Table:
                 rows.append((words(action), column, len(acted.with_frame), number(mean_change(acted, column))))
     return Table(
         "Mean change where the operator acted",
-        ("reaction", "column", "pairs", "with minus without"),
+        ("reaction", "column", "faults", "with minus without"),
         tuple(rows),
-        f"Bootstrap over faults, 95 %. `{EXCURSION}`: the larger of `unintended_mm` and `unintended_off_mm`.",
+        f"Bootstrap over kinds of faults, 95 %. `{EXCURSION}`: the larger of `unintended_mm` and `unintended_off_mm`.",
     )
 
 
@@ -133,7 +136,7 @@ def variants(found: Iterable[tuple[str, Pairs]], by: Sequence[Measure]) -> Table
         "Other thresholds, gains and reaction times: lifting the pedal, sampled faults",
         ("cue and operator", "measure", *COLUMNS, "reactions where no hazard was coming"),
         tuple((*row, rate(extra)) for row, extra in zip(rows, idle, strict=True)),
-        SAME + " No hazard was coming: the run without reaction has none of any kind.",
+        SAME + " No hazard was coming: of the reactions, those to a fault without any hazard even where nobody reacts.",
     )
 
 
@@ -149,7 +152,7 @@ def unmoved_rate(pairs: Pairs) -> Rate:
 
 def _of_reactions(pairs: Pairs, holds: np.ndarray) -> Rate:
     acted = (pairs.with_frame["reaction_ms"] >= 0).to_numpy()
-    return wilson(int((acted & holds).sum()), int(acted.sum()))
+    return units.rate(holds[acted], kinds_of(pairs).where(acted))
 
 
 def advances(found: Sequence[Advance]) -> Table:
@@ -157,31 +160,76 @@ def advances(found: Sequence[Advance]) -> Table:
     return Table(
         "From the cue to the unintended motion, where nobody reacts",
         (
-            "threshold, mm", "motion", "runs", "cue before it", "lead of half the runs, ms",
-            "lead of the quarter with most time, ms",
+            "cue at, mm", "motion", "faults that make it", "kinds of faults", "cue before it",
+            "lead of half the faults, ms", "lead of the quarter with most time, ms",
             *(f"too soon for {delay} ms" for delay in DELAYS_MS),
         ),
         tuple(
             (
-                one.threshold_mm, size(one.size_mm), one.lead.n, rate(one.lead.before),
-                number(_estimate(one.lead.quantile(0.5))), number(_estimate(one.lead.quantile(0.25))),
-                *(rate(late) for late in one.late.values()),
+                one.threshold_mm, size(one.size_mm), one.lead.n, kinds.count(one.kinds), rate(one.before),
+                number(one.half_ms), number(one.quarter_ms), *(rate(late) for late in one.late.values()),
             )
             for one in found
+            if not defined(one)
         ),
-        "All faults; the motion is the hazard of the report, with a limit of so much. Lead: Kaplan-Meier, a cue that "
-        "never came is censored at the end of the run; – where so many runs never had one. Too soon: the motion came "
-        "within that time after the cue, at the cue, or without one; no reaction of that time can prevent it.",
+        "The motion is the hazard of the report, with a limit of so much. Lead: Kaplan-Meier, a cue that never came is "
+        "censored at the end of the run; – where so many runs never had one. Too soon: the motion came in that time "
+        "after the cue, at the cue, or without one; no reaction of that time can prevent it. A motion of the cue's own "
+        "threshold is not listed: it is there when the cue is, by definition.",
     )  # fmt: skip
 
 
-def had_time(classes: Mapping[str, tuple[int, int]], size_mm: float) -> Table:
-    """Whether those were spared that had time: name -> (motions, motions still there with the reaction)."""
+def defined(one: Advance) -> bool:
+    """Whether the cue fires at the size of the motion or above, so that the definitions alone make it come too late."""
+    return one.size_mm is not None and one.threshold_mm >= one.size_mm
+
+
+def had_time(classes: Mapping[str, tuple[Rate, Units]], size_mm: float) -> Table:
+    """Whether those were spared that had time: name -> of the motions without the reaction, those gone with it."""
     return Table(
         f"Who was spared {size_mm:g} mm by lifting the pedal, by the time there was",
         ("time from cue to motion, less the operator's own reaction time", "motions without", "still with", "spared"),
-        tuple((name, all_, left, rate(wilson(all_ - left, all_))) for name, (all_, left) in classes.items() if all_),
+        tuple(
+            (name, spared.n, spared.n - spared.k, of_kinds(spared, among))
+            for name, (spared, among) in classes.items()
+            if spared.n
+        ),
         "Motion as in the table before. Spared: no unintended motion of that size, live or not, with the reaction.",
+    )
+
+
+def early(pairs: Mapping[float, Pairs], by: Measure) -> Table:
+    """What lifting the pedal changes where the cue comes at a smaller distance than the motion; pairs by threshold."""
+    rows = [((f"{threshold:g} mm", by.name), contrast(part, by)) for threshold, part in pairs.items()]
+    return Table(
+        "A cue at less than the motion: lifting the pedal, sampled faults",
+        ("cue", "measure", *COLUMNS),
+        contrast_rows(rows),
+        SAME,
+    )
+
+
+def sites(pairs: Pairs, by: Measure, drawn_groups: Collection[str]) -> Table:
+    """What lifting the pedal avoids, kind by kind of fault; kinds without such a motion are left out."""
+    group = pairs.with_facts["group"].to_numpy().astype(str)
+    names, sampled = kinds.names(group), np.isin(group, sorted(drawn_groups))
+    layers = pairs.with_facts["layer"].to_numpy()
+    rows = []
+    for name in dict.fromkeys(names.tolist()):
+        mine = names == name
+        one = contrast(pairs.where(mine), by)
+        if not one.without and not one.caused:
+            continue
+        is_drawn = bool(sampled[mine].all())
+        spared = wilson(one.avoided.k, one.avoided.n) if is_drawn and one.avoided.n else one.avoided
+        cells = f"{one.n} {'faults drawn' if is_drawn else 'cells of the design'}"
+        rows.append((name, str(layers[mine][0]), cells, one.without, rate(spared), one.caused))
+    return Table(
+        f"Lifting the pedal, by kind of fault: {by.name}",
+        ("kind of fault", "layer", "faults", "with it, nobody reacts", "avoided, of those with it", "made worse"),
+        tuple(rows),
+        "Where a kind's faults were drawn: Wilson, 95 %, of faults drawn in the same way. Where values are fixed: a "
+        "share of the cells of this design, without an interval. Kinds without such a motion are left out.",
     )
 
 
@@ -202,12 +250,22 @@ def price(found: Sequence[FreeReactions]) -> Table:
             for one in found
         ),
         "Interruptions: first cues in the time up to them, exact Poisson, 95 %: an operator who stops at the first "
-        "pull. Pulses: all separate pulls in all the time, of one who goes on; those of one motion hang together, "
-        "so their interval is too narrow.",
+        "pull. Pulses: all separate pulls in all the time, of one who goes on, interval over robots. Robots were "
+        "drawn; the motion is one recording.",
     )  # fmt: skip
 
 
 # --- cells ---
+
+
+def avoided(found: Contrast) -> str:
+    """52 of 230, 22.6 % (7.1–45.7 %); 31 kinds; a dash where no fault has it."""
+    return of_kinds(found.avoided, found.affected)
+
+
+def of_kinds(found: Rate, among: Units) -> str:
+    """As `rate`, with the number of kinds behind it."""
+    return f"{rate(found)}; {kinds.count(among)}" if found.n else wording.DASH
 
 
 def size(size_mm: float | None) -> str:
@@ -216,28 +274,22 @@ def size(size_mm: float | None) -> str:
 
 
 def rate(found: Rate) -> str:
-    """12.3 % (10.0–15.0 %) of 400; a dash without runs."""
+    """52 of 230, 22.6 % (7.1–45.7 %); a dash without runs."""
     if not found.n:
         return wording.DASH
-    return f"{found.k} of {found.n}, {wording.percent(found.value)} ({wording.interval(found)})"
-
-
-def points(difference: Estimate) -> str:
-    """A difference of rates in points."""
-    return number(Estimate(*(100.0 * value for value in difference)))
+    share = f"{found.k} of {found.n}, {wording.percent(found.value)}"
+    return share if math.isnan(found.low) else f"{share} ({wording.interval(found)})"
 
 
 def number(found: Estimate) -> str:
     """A number with its interval; ∞ for an end without bound."""
     if math.isnan(found.value):
         return wording.DASH
-    low, high = (_number(end) for end in (found.low, found.high))
+    if math.isnan(found.low) and math.isnan(found.high):
+        return _number(found.value)
+    low, high = (wording.DASH if math.isnan(end) else _number(end) for end in (found.low, found.high))
     return f"{_number(found.value)} ({low} to {high})"
 
 
 def _number(value: float) -> str:
     return "∞" if math.isinf(value) else wording.number(value + 0.0, 2 if abs(value) < 10 else 3)  # no -0
-
-
-def _estimate(found: Estimate) -> Estimate:
-    return Estimate(*(float(value) for value in found))

@@ -13,9 +13,14 @@ import pandas as pd
 
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.sections.reaction.pairs import Pairs
-from ravenjax.stats.intervals import Rate, wilson
+from ravenjax.stats import latency
+from ravenjax.stats.bootstrap import units
+from ravenjax.stats.bootstrap.units import Units
+from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.stats.latency import Lead, lead_time
+from ravenjax.studies.framework import kinds
 from ravenjax.studies.reaction import measures
+from ravenjax.studies.reaction import pairs as reacting_pairs
 from ravenjax.studies.reaction.pairs import ReactionRuns
 
 DELAY = "param:reaction.delay_ms"
@@ -27,7 +32,11 @@ class Advance(NamedTuple):
 
     threshold_mm: float
     size_mm: float | None  # None: a jump of the true tip
-    lead: Lead  # ms
+    kinds: Units  # of the faults that make the motion
+    lead: Lead  # ms; its bands take faults as independent
+    before: Rate  # motions with the cue before them; this and what follows with intervals over kinds of faults
+    half_ms: Estimate  # lead that half of the motions have or exceed
+    quarter_ms: Estimate
     late: dict[int, Rate]  # reaction time, ms -> share of motions that come too soon for it, or without a cue
 
 
@@ -55,19 +64,36 @@ def leads_ms(runs: ReactionRuns, cue: int, jump: bool = False) -> np.ndarray:
 def advance(runs: ReactionRuns, cue: int, threshold_mm: float, jump: bool = False) -> Advance:
     """Of runs in which nobody reacts; `cue`: number of the haptic set with that threshold; `jump`: as `began_ms`."""
     lead, cued = leads_ms(runs, cue, jump), run_facts.warned(runs.frame, cue)
-    lead_curve = lead_time(np.where(cued >= 0, cued, np.nan), began_ms(runs, jump), float(runs.end_ms))
-    came = lead[~np.isnan(lead)]
-    late = {delay: wilson(int((came < delay).sum()), len(came)) for delay in DELAYS_MS}
-    return Advance(threshold_mm, None if jump else runs.limit_mm, lead_curve, late)
+    began = began_ms(runs, jump)
+    lead_curve = lead_time(np.where(cued >= 0, cued, np.nan), began, float(runs.end_ms))
+    moved = ~np.isnan(lead)
+    came, among = lead[moved], kinds.of(runs.facts["group"].to_numpy()[moved])
+    cue_came = np.isfinite(came)
+    lag = np.where(cue_came, -came, runs.end_ms - began[moved])
+
+    def exceeded(fraction: float) -> Estimate:
+        value, low, high = latency.quantile(lag, cue_came, fraction, among)
+        return Estimate(-value, -high, -low)
+
+    return Advance(
+        threshold_mm,
+        None if jump else runs.limit_mm,
+        among,
+        lead_curve,
+        units.rate(came > 0, among),
+        exceeded(0.5),
+        exceeded(0.25),
+        {delay: units.rate(came < delay, among) for delay in DELAYS_MS},
+    )
 
 
 LEFT_MS = (0, 50, 200)
 """Edges of the classes of the time that was left after the operator's own reaction time."""
 
 
-def left_by_time(timed: ReactionRuns, runs: ReactionRuns, pairs: Pairs) -> dict[str, tuple[int, int]]:
-    """Unintended motions of the size of `timed` by the time that was left after the reaction: name -> (motions without
-    it, those still there with it).
+def left_by_time(timed: ReactionRuns, runs: ReactionRuns, pairs: Pairs) -> dict[str, tuple[Rate, Units]]:
+    """Unintended motions of the size of `timed` by the time that was left after the reaction: name -> of the motions
+    where nobody reacts, those that are gone with the reaction; kinds of their faults.
 
     timed: a campaign of the same faults in the same order as `runs`, in which nobody reacts; pairs: of `runs`. With the
     reaction the motion counts live or not. ValueError where the two campaigns have other faults.
@@ -85,7 +111,8 @@ def left_by_time(timed: ReactionRuns, runs: ReactionRuns, pairs: Pairs) -> dict[
     members = {"no cue, or not before the motion": lead <= 0}
     for name, (low, high) in zip(names, itertools.pairwise(edges), strict=True):
         members[name] = (lead > 0) & (left >= low) & (left < high)
-    return {name: (int(mine.sum()), int((mine & still).sum())) for name, mine in members.items()}
+    among = reacting_pairs.kinds_of(pairs)
+    return {name: (units.rate(~still[mine], among.where(mine)), among.where(mine)) for name, mine in members.items()}
 
 
 def _places(timed: ReactionRuns, alone: ReactionRuns, runs: ReactionRuns, pairs: Pairs) -> np.ndarray:

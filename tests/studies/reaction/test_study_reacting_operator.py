@@ -15,7 +15,7 @@ import synthetic_results
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
 from ravenjax.report.sections.reaction.pairs import EXCURSION
-from ravenjax.stats.intervals import Estimate
+from ravenjax.stats.intervals import Estimate, wilson
 from ravenjax.studies import running
 from ravenjax.studies.reaction import drawings, fault_free, measures, operator, tables, times
 from ravenjax.studies.reaction import pairs as reacting_pairs
@@ -88,11 +88,28 @@ def test_a_contrast_counts_what_was_avoided_and_what_was_caused() -> None:
         *[({}, {})] * 9,  # nothing was felt
     )
     found = reacting_pairs.contrast(reacting_pairs.paired(table, RELEASE), measures.excursion(10.0))
-    assert (found.n, found.avoided, found.caused, found.acted) == (20, 6, 2, 11)
-    assert (found.without.k, found.with_.k) == (9, 5)
+    assert (found.n, found.avoided.k, found.caused, found.acted) == (20, 6, 2, 11)
+    assert (found.without, found.with_, found.kinds.count) == (9, 5, 1)
+    assert found.avoided[:3] == pytest.approx((6, 9, 6 / 9))
     assert found.difference.value == pytest.approx(-4 / 20)
-    assert found.p == pytest.approx(2 * (1 + 8 + 28) / 2**8)  # binomial, 2 or fewer of 8, both sides
+    assert found.p == 1  # one kind: its labels exchanged give the same
+    assert math.isnan(found.difference.low)  # and no other kind to compare with
     assert found.needed.value == pytest.approx(11 / 4)
+
+
+def test_a_contrast_counts_kinds_of_faults() -> None:
+    """Ten kinds of four faults: in five kinds all are avoided, in five none."""
+    rows = [
+        ({**MOVED, "group": f"sampled/{kind}"}, {**ACTED, **({} if kind < 5 else MOVED), "group": f"sampled/{kind}"})
+        for kind in range(10)
+        for _ in range(4)
+    ]
+    found = reacting_pairs.contrast(reacting_pairs.paired(paired_runs(*rows), RELEASE), measures.excursion(10.0))
+    assert (found.kinds.count, found.affected.count, found.avoided.value) == (10, 10, 0.5)
+    assert found.avoided.high - found.avoided.low > 1.6 * (wilson(20, 40).high - wilson(20, 40).low)  # near sqrt(4)
+    assert found.p == pytest.approx(2 / 2**5)  # five kinds that all changed one way
+    assert found.needed == pytest.approx((2, 1 / found.avoided.high, 1 / found.avoided.low))
+    assert "20 of 40, 50.0\u202f%" in tables.avoided(found) and tables.avoided(found).endswith("10 kinds, few")
 
 
 def test_needed_is_the_reciprocal_of_the_difference() -> None:
@@ -165,8 +182,23 @@ def test_leads_are_of_motion_and_of_the_faults_own_cue() -> None:
     lead = times.leads_ms(table, 0)
     np.testing.assert_array_equal(lead, [300, -100, -np.inf, -np.inf, np.nan])
     found = times.advance(table, 0, 3.0)
-    assert (found.size_mm, found.lead.n, found.lead.before.k) == (10.0, 4, 1)
+    assert (found.size_mm, found.lead.n, found.before.k, found.half_ms.value) == (10.0, 4, 1, -100)
     assert [rate.k for rate in found.late.values()] == [3, 3, 4]  # 150, 250, 400 ms: 300 ms are enough for two
+
+
+def test_no_table_says_what_is_true_by_definition() -> None:
+    rows = [({"cue0_first_ms": 1100}, BEGAN), ({}, BEGAN)]
+    listed = [times.advance(timed(*rows), 0, threshold) for threshold in (1.0, 3.0, 10.0, 12.0)]  # motion of 10 mm
+    assert [row[0] for row in tables.advances(listed).rows] == [1.0, 3.0]
+
+
+def test_a_share_of_drawn_faults_has_an_interval_and_one_of_fixed_cells_has_none() -> None:
+    rows = [({**MOVED, "group": group}, {**ACTED, "group": group}) for group in ("sampled/a", "library/B24") * 3]
+    pairs = reacting_pairs.paired(paired_runs(*rows), RELEASE)
+    table = tables.sites(pairs, measures.excursion(10.0), {"sampled/a"})
+    cells = {str(row[0]): (str(row[2]), str(row[4])) for row in table.rows}
+    assert cells["sampled/a"][0] == "3 faults drawn" and "(" in cells["sampled/a"][1]
+    assert cells["B24"] == ("3 cells of the design", "3 of 3, 100.0\u202f%")
 
 
 def test_a_jump_has_its_own_time() -> None:
@@ -185,9 +217,9 @@ def test_who_had_time_was_spared() -> None:
     table = paired_runs(({}, {**ACTED, EXCURSION: 12.0}), ({}, ACTED), ({}, ACTED))
     faults = [({"cue0_first_ms": 1300}, BEGAN), ({"cue0_first_ms": 1140}, BEGAN), ({}, {})]
     found = times.left_by_time(timed(*faults), table, reacting_pairs.paired(table, RELEASE))
-    assert {name: counts for name, counts in found.items() if counts[0]} == {
-        "none: too soon for this operator": (1, 1),
-        "50 to 200 ms": (1, 0),
+    assert {name: (spared.k, spared.n) for name, (spared, _) in found.items() if spared.n} == {
+        "none: too soon for this operator": (0, 1),
+        "50 to 200 ms": (1, 1),
     }
 
 
@@ -306,12 +338,13 @@ def test_the_study_runs(tmp_path: Path) -> None:
     found = running.run(operator.STUDY, tmp_path)
     value = {line.quantity: line.predicted.value for line in found.lines if line.predicted}
     late = [
-        value[f"unintended motion of {size:g} mm: came too soon for any reaction of 250 ms, cue at 3 mm"]
+        value[f"unintended motion of {size:g} mm: came too soon for any reaction of 250 ms, cue at 1 mm"]
         for size in measures.SIZES_MM
     ]
     assert late == sorted(late, reverse=True)
-    assert late[0] > 95.0
-    assert value["lifting the pedal: unintended motion of more than 20 mm, live or not"] < 0
+    assert late[0] > 85.0
+    assert value["lifting the pedal avoids, of unintended motion of more than 20 mm, live or not"] > 10
+    assert not any("3 mm: came too soon" in name and "cue at 3 mm" in name for name in value)  # true by definition
     assert all(line.published is None for line in found.lines)
     spared = next(one for one in found.tables if one.title.startswith("Who was spared"))
     assert [row[1] == row[2] for row in spared.rows][:2] == [True, True]  # who had no time was not spared

@@ -1,0 +1,165 @@
+"""Independent units behind rows, and intervals that resample them: the highest level that was sampled, by stratum.
+
+A *unit* is what was chosen independently of the others, such as a kind of fault, an operator or a recording; its rows
+resemble each other. A *stratum* is a part of the units that the design fixes, so that no resample mixes two of them.
+
+Bootstrap of Rao and Wu (J. Am. Stat. Assoc. 83, 1988) with m = n - 1: of the n units of a stratum n - 1 are drawn with
+replacement, each of weight n / (n - 1), so that the variance of a mean is that of the sample with divisor n - 1. The
+plain bootstrap's is smaller by (n - 1) / n, which matters where units are few. A stratum of one unit says nothing of
+the variance between units; it is joined to others (collapsed strata: Wolter, Introduction to Variance Estimation, 2007,
+2.5).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ravenjax.stats.bootstrap.clusters import codes
+from ravenjax.stats.bootstrap.resample import BootstrapBand
+from ravenjax.stats.intervals import Estimate, Rate, alpha_of, bounds
+
+FEWEST = 5
+"""Units below which there is no interval: so few cannot be resampled."""
+FEW = 20
+"""Units below which an interval is somewhat too narrow and a table says how few there are."""
+RESAMPLES = 1000
+_ELEMENTS = 2_000_000  # of a batch of weights, 16 MB
+
+
+class Units(NamedTuple):
+    """Which unit each row belongs to, and which stratum each unit."""
+
+    unit: np.ndarray  # int [rows], from 0
+    stratum: np.ndarray  # int [units], from 0
+
+    @property
+    def count(self) -> int:
+        """How many units."""
+        return len(self.stratum)
+
+    def where(self, rows: np.ndarray) -> Units:
+        """Of some rows (bool [rows] or indices): units that have any of them."""
+        present, unit = np.unique(self.unit[rows], return_inverse=True)
+        return Units(unit, self.stratum[present])
+
+    def weights(self, resamples: int = RESAMPLES, seed: int = 0) -> np.ndarray:
+        """Weight of each unit in each resample, float [resamples, units]; their mean is 1 in every stratum."""
+        rng = np.random.default_rng(seed)
+        weight = np.empty((resamples, self.count))
+        for members in _collapsed(self.stratum):
+            n = len(members)
+            weight[:, members] = rng.multinomial(n - 1, np.full(n, 1 / n), resamples) * (n / (n - 1))
+        return weight
+
+
+def units(label: ArrayLike, stratum: ArrayLike | None = None) -> Units:
+    """Units by the label of each row [n], and their strata by another, both of any type; no strata: one.
+
+    ValueError where a label is missing, lengths differ, or a unit lies in two strata.
+    """
+    unit, count = codes(label)
+    if stratum is None:
+        return Units(unit, np.zeros(count, int))
+    rows, _ = codes(stratum)
+    if len(rows) != len(unit):
+        raise ValueError(f"units: {len(unit)} labels and {len(rows)} strata")
+    of_unit = np.zeros(count, int)
+    of_unit[unit] = rows
+    if (of_unit[unit] != rows).any():
+        raise ValueError("units: a unit lies in one stratum, and one of these lies in several")
+    return Units(unit, of_unit)
+
+
+def ratio(
+    above: ArrayLike,
+    below: ArrayLike,
+    among: Units,
+    confidence: float = 0.95,
+    *,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
+) -> BootstrapBand:
+    """sum(above) / sum(below) over rows [n] with its percentile band; below 1 gives a mean.
+
+    Without a band (NaN) where there are fewer than FEWEST units. Where all units have the same ratio the band has no
+    width: `rate` has one then.
+    """
+    parts = [np.broadcast_to(np.asarray(part, float), among.unit.shape) for part in (above, below)]
+    sums = np.stack([np.bincount(among.unit, part, minlength=among.count) for part in parts])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        total = sums.sum(axis=1)
+        value = total[0] / total[1]
+        if among.count < FEWEST:
+            return BootstrapBand(value, np.nan, np.nan, among.count, 0)
+        numerator, denominator = sums @ among.weights(resamples, seed).T
+        return _band(value, numerator / denominator, among.count, confidence)
+
+
+def rate(hit: ArrayLike, among: Units, confidence: float = 0.95, *, resamples: int = RESAMPLES, seed: int = 0) -> Rate:
+    """Share of rows that `hit` (bool [n]), with the band of `ratio`.
+
+    Where all rows are alike: Wilson's of as many trials as there are units, since a resample cannot show what was not
+    seen. NaN without rows.
+    """
+    hits = np.asarray(hit, bool)
+    k, n = int(hits.sum()), len(hits)
+    if not n:
+        return Rate(0, 0, np.nan, np.nan, np.nan)
+    if 0 < k < n:
+        band = ratio(hits, 1.0, among, confidence, resamples=resamples, seed=seed)
+        return Rate(k, n, k / n, float(band.low), float(band.high))
+    if among.count < FEWEST:
+        return Rate(k, n, k / n, np.nan, np.nan)
+    low, high = bounds(np.array(k / n * among.count), np.array(among.count), confidence)
+    return Rate(k, n, k / n, float(low), float(high))
+
+
+def statistic(
+    value: Callable[[np.ndarray], np.ndarray],
+    among: Units,
+    confidence: float = 0.95,
+    *,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
+) -> Estimate:
+    """Any statistic of weighted rows with its percentile band; value: weight [b, n] -> [b], equal weights give it.
+
+    A bound is NaN where it lies among resamples without a value, and with fewer than FEWEST units.
+    """
+    whole = float(value(np.ones((1, len(among.unit))))[0])
+    if among.count < FEWEST:
+        return Estimate(whole, np.nan, np.nan)
+    weight = among.weights(resamples, seed)
+    batch = max(1, _ELEMENTS // max(1, len(among.unit)))
+    parts = [value(weight[i : i + batch, among.unit]) for i in range(0, resamples, batch)]
+    values = np.sort(np.concatenate(parts))  # those without a value last, as something that never comes
+    alpha = alpha_of(confidence)
+    low, high = (
+        float(values[int(np.clip(round(q * resamples), 0, resamples - 1))]) for q in (alpha / 2, 1 - alpha / 2)
+    )
+    return Estimate(whole, low, high)
+
+
+def _band(value: float, samples: np.ndarray, count: int, confidence: float) -> BootstrapBand:
+    undefined = int((~np.isfinite(samples)).sum())
+    alpha = alpha_of(confidence)
+    finite = samples[np.isfinite(samples)]
+    low, high = np.quantile(finite, [alpha / 2, 1 - alpha / 2]) if len(finite) else (np.nan, np.nan)
+    return BootstrapBand(float(value), float(low), float(high), count, undefined)
+
+
+def _collapsed(stratum: np.ndarray) -> list[np.ndarray]:
+    """Units of each stratum; strata of one unit are one stratum together, or join the smallest other one."""
+    strata = [np.flatnonzero(stratum == number) for number in np.unique(stratum)]
+    several = sorted((one for one in strata if len(one) > 1), key=len)
+    alone = [one for one in strata if len(one) == 1]
+    if not alone:
+        return several
+    joined = np.concatenate(alone)
+    if len(joined) > 1 or not several:
+        return [*several, joined]
+    return [np.concatenate([several[0], joined]), *several[1:]]

@@ -1,0 +1,54 @@
+"""Kinds of faults: the independent units of every study that pools faults.
+
+A kind is a hazard of the library, with all its cases, or a group of a campaign. The author of a list of hazards or of a
+campaign picks kinds; the values within a kind are a grid of that author, or drawn from ranges of that author. Faults of
+one kind resemble each other: they strike the same signal with the same effect. So what is said of faults in general
+rests on the number of kinds. Strata are the families that groups are named by: library/, sampled/, boundary/.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from ravenjax.hazards.naming import hazards_of
+from ravenjax.report import wording
+from ravenjax.stats.bootstrap.units import FEW, FEWEST, Units, units
+
+LIBRARY = "library"
+"""Family of the hazards of the library."""
+NOTE = (
+    "Intervals, 95 %: bootstrap over kinds of faults (a hazard of the library with all its cases, or a group), "
+    f"families of groups apart; none with fewer than {FEWEST} kinds, and too narrow with fewer than {FEW}. A share is of this "
+    "design's faults. It is no probability, and another mix of faults has another share."
+)
+"""Below tables."""
+
+
+def names(group: ArrayLike) -> np.ndarray:
+    """Kind of each fault by its group's name, words [faults]."""
+    return _each(group, lambda name: ",".join(hazards_of(name)) or name)
+
+
+def families(group: ArrayLike) -> np.ndarray:
+    """Family of each fault by its group's name, words [faults]; "" of a name without one."""
+    return _each(group, lambda name: LIBRARY if hazards_of(name) else name.rpartition("/")[0])
+
+
+def of(group: ArrayLike) -> Units:
+    """Kinds and families of faults as units and strata."""
+    return units(names(group), families(group))
+
+
+def count(among: Units) -> str:
+    """52 kinds; 7 kinds, few."""
+    words = f"{wording.count(among.count)} kind{'s' if among.count != 1 else ''}"
+    return f"{words}, few" if among.count < FEW else words
+
+
+def _each(group: ArrayLike, word: Callable[[str], str]) -> np.ndarray:
+    values, present = pd.factorize(np.asarray(group, object).astype(str))
+    return np.array([word(name) for name in present], object)[values]
