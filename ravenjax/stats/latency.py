@@ -91,52 +91,44 @@ def quantile(
         raise ValueError(f"quantile: {times.shape} delays, {came.shape} events and {among.unit.shape} units")
     if not len(times):
         return Estimate(np.nan, np.nan, np.nan)
-    order = np.lexsort((~came, times))  # of runs at one time those with the event first
-    ends = times[order]
+    order = _order(times, came)
 
     def first(weight: np.ndarray) -> np.ndarray:
-        mine = weight[:, order]
-        at_risk = mine[:, ::-1].cumsum(axis=1)[:, ::-1]
-        lost = np.divide(mine * came[order], at_risk, out=np.zeros_like(mine), where=at_risk > 1e-9)
-        reached = 1 - np.cumprod(1 - lost, axis=1) >= fraction - 1e-9
-        return np.where(reached.any(axis=1), ends[reached.argmax(axis=1)], np.nan)
+        reached = 1 - _staying(weight, came, order) >= fraction - 1e-9
+        return np.where(reached.any(axis=1), times[order][reached.argmax(axis=1)], np.nan)
 
     return units.statistic(first, among, confidence)
 
 
-def restricted_mean(delay: ArrayLike, happened: ArrayLike, horizon: float, confidence: float = 0.95) -> Estimate:
-    """Mean of the delay where a longer one counts as `horizon`: the area under the curve of runs still without event.
+def mean_within(
+    delay: ArrayLike, happened: ArrayLike, horizon: float, among: Units, confidence: float = 0.95
+) -> Estimate:
+    """Mean of the delay where a longer one counts as `horizon`: the area under the curve of runs still without event
+    (Klein, Moeschberger, Survival Analysis, 2003, 4.5). Its interval is by resampling units.
 
-    Unit of the delay. Normal interval with Greenwood's variance (Klein, Moeschberger, Survival Analysis, 2003, 4.5),
-    within 0..horizon. NaN where n is 0. ValueError as `incidence`, where horizon is not positive, or where it lies
-    beyond the last observation of runs still without event: nothing is known there.
+    Unit of the delay. NaN where n is 0. ValueError as `incidence`, where lengths differ, where horizon is not positive,
+    or where it lies beyond the last observation of runs still without event: nothing is known there.
     """
-    from scipy.stats import norm
-    from statsmodels.duration.survfunc import SurvfuncRight  # slow to import
-
-    z = norm.isf(alpha_of(confidence) / 2)
-    times, came = _delays(delay, happened, "restricted_mean")
+    times, came = _delays(delay, happened, "mean_within")
+    if times.shape != among.unit.shape:
+        raise ValueError(f"mean_within: {times.shape} delays and {among.unit.shape} units")
     if not horizon > 0:
-        raise ValueError(f"restricted_mean: horizon must be positive, got {horizon}")
+        raise ValueError(f"mean_within: horizon must be positive, got {horizon}")
     if not len(times):
         return Estimate(np.nan, np.nan, np.nan)
-    last = times == times.max()
-    if times.max() < horizon and not came[last].all():
+    if times.max() < horizon and not came[times == times.max()].all():
         raise ValueError(
-            f"restricted_mean: the horizon {horizon:g} lies beyond the last observation, {times.max():g}, of runs "
-            f"without event; take that or less"
+            f"mean_within: the horizon {horizon:g} lies beyond the last observation, {times.max():g}, of runs without "
+            f"event; take that or less"
         )
-    survival: Any = SurvfuncRight(times, came)
-    inside = survival.surv_times < horizon
-    left = np.concatenate([[0.0], survival.surv_times[inside]])
-    area = np.concatenate([[1.0], survival.surv_prob[inside]]) * np.diff(left, append=[horizon])
-    after = area[::-1].cumsum()[::-1][1:]  # from each event on to the horizon
-    events, at_risk = survival.n_events[inside], survival.n_risk[inside]
-    staying = at_risk - events
-    weight = np.divide(events, at_risk * staying, out=np.zeros(len(events)), where=staying > 0)  # nobody stays: no area
-    half = z * np.sqrt(np.sum(after**2 * weight))
-    mean = float(area.sum())
-    return Estimate(mean, max(0.0, float(mean - half)), min(float(horizon), float(mean + half)))
+    order = _order(times, came)
+    ends = np.minimum(times[order], horizon)
+    steps = np.diff(ends, append=horizon)
+
+    def area(weight: np.ndarray) -> np.ndarray:
+        return ends[0] + _staying(weight, came, order) @ steps
+
+    return units.statistic(area, among, confidence)
 
 
 def lead_time(alarm: ArrayLike, harm: ArrayLike, end: ArrayLike | float, confidence: float = 0.95) -> Lead:
@@ -197,6 +189,19 @@ def _curve(times: np.ndarray, came: np.ndarray, start: float, confidence: float)
         int(came.sum()),
         len(times),
     )
+
+
+def _order(times: np.ndarray, came: np.ndarray) -> np.ndarray:
+    """Places [n] by rising time, of runs at one time those with the event first."""
+    return np.lexsort((~came, times))
+
+
+def _staying(weight: np.ndarray, came: np.ndarray, order: np.ndarray) -> np.ndarray:
+    """Kaplan-Meier share still without event after each run of `order`, of weighted runs [b, n]: [b, n]."""
+    mine = weight[:, order]
+    at_risk = mine[:, ::-1].cumsum(axis=1)[:, ::-1]
+    lost = np.divide(mine * came[order], at_risk, out=np.zeros_like(mine), where=at_risk > 1e-9)
+    return np.cumprod(1 - lost, axis=1)
 
 
 def _delays(delay: ArrayLike, happened: ArrayLike, caller: str) -> tuple[np.ndarray, np.ndarray]:

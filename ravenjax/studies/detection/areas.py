@@ -1,7 +1,7 @@
 """Areas under ROC curves of several detectors on the same runs, their differences, and how sure these are.
 
-The runs of one fault resemble each other, so variances are of cells: Obuchowski, Biometrics 53, 1997, which is DeLong's
-(Biometrics 44, 1988) where each run is a cell of its own. A closed form, since a bootstrap of all pairs would cost
+Faults of one kind resemble each other, so variances are of kinds: Obuchowski, Biometrics 53, 1997, which is DeLong's
+(Biometrics 44, 1988) where each run is a kind of its own. A closed form, since a bootstrap of all pairs would cost
 minutes; no library at hand has it.
 """
 
@@ -42,16 +42,16 @@ class Areas(NamedTuple):
         return estimate, float(2 * norm.sf(abs(gap) / np.sqrt(variance)))
 
 
-def areas(score: np.ndarray, positive: np.ndarray, cell: np.ndarray) -> Areas:
-    """Areas of score [runs, detectors] against positive (bool [runs]); `cell` [runs] is each run's cluster.
+def areas(score: np.ndarray, positive: np.ndarray, kind: np.ndarray) -> Areas:
+    """Areas of score [runs, detectors] against positive (bool [runs]); `kind` [runs] is each run's cluster.
 
     ValueError where lengths differ or a score is NaN.
     """
     from scipy.stats import rankdata
 
     score, positive = np.asarray(score, float), np.asarray(positive, bool)
-    if score.ndim != 2 or score.shape[:1] != positive.shape or positive.shape != np.shape(cell):
-        raise ValueError(f"scores {score.shape}, labels {positive.shape} and cells {np.shape(cell)} do not fit")
+    if score.ndim != 2 or score.shape[:1] != positive.shape or positive.shape != np.shape(kind):
+        raise ValueError(f"scores {score.shape}, labels {positive.shape} and kinds {np.shape(kind)} do not fit")
     if np.isnan(score).any():
         raise ValueError(f"{int(np.isnan(score).sum())} scores are NaN")
     m, n, detectors = int(positive.sum()), int((~positive).sum()), score.shape[1]
@@ -63,7 +63,7 @@ def areas(score: np.ndarray, positive: np.ndarray, cell: np.ndarray) -> Areas:
     beats[positive] = (rank[positive] - rankdata(score[positive], axis=0)) / n
     beats[~positive] = 1.0 - (rank[~positive] - rankdata(score[~positive], axis=0)) / m
     value = beats[positive].mean(axis=0)
-    code, clusters = codes(cell)
+    code, clusters = codes(kind)
     both = np.zeros((detectors, detectors))
     scaled = []
     for members, count in ((positive, m), (~positive, n)):

@@ -23,15 +23,15 @@ from ravenjax.studies.detection.points import (
     PUBLISHED,
     Chosen,
     Point,
+    cannot_lead,
     caught,
     hundred,
     others,
     point,
-    share,
     threshold_for,
 )
 from ravenjax.studies.detection.runs import AS_MODELLED, FaultyScores, FreeScores, names
-from ravenjax.studies.framework import motions_alike
+from ravenjax.studies.framework import kinds, motions_alike
 from ravenjax.studies.framework.motions_alike import MOTIONS, RECORDINGS
 from ravenjax.studies.framework.study import Context, Findings, Line, Study, StudyEstimate, Variant
 
@@ -61,7 +61,7 @@ def compare(context: Context) -> Findings:
 def findings(faulty: FaultyScores, fast: FaultyScores, free: FreeScores) -> Findings:
     """As `compare`, of runs at hand. `fast`: the faults at twice the scale."""
     modelled = free.where(free.robot == AS_MODELLED)
-    auc = areas(faulty.score, faulty.unintended, faulty.cell)
+    auc = areas(faulty.score, faulty.unintended, faulty.kind)
     points = {name: _quiet(faulty, modelled, name) for name in names(faulty.detectors)}
     best = max(
         (p for name, p in points.items() if p is not None and name.startswith("steps")),
@@ -108,20 +108,24 @@ def _lines(
 ) -> list[Line]:
     listed = names(faulty.detectors)
 
-    moved = share(faulty.unintended, np.ones(len(faulty.cell), bool), faulty.cell, "activated runs")
+    moved, faults = faulty.unintended, len(np.unique(faulty.cell))
+    every = StudyEstimate(faults, of=f"{kinds.count(faulty.faults)}, {len(MOTIONS)} motions")
     lines = [
-        Line("faults, distinct", "", None, StudyEstimate(len(np.unique(faulty.cell)), of=f"{len(MOTIONS)} motions")),
-        Line("faulty runs with unintended motion", "%", None, hundred(moved)),
+        Line("faults, distinct", "", None, every),
+        Line("faulty runs with unintended motion", "runs", None,
+             StudyEstimate(int(moved.sum()), n=len(moved), of="activated runs of this design")),
         Line(
             "motion without a fault, robot as modelled", "h", None, StudyEstimate(round(float(modelled.hours.sum()), 2))
         ),
         *(Line(f"AUC, {p.name}", "", None, found.estimate(listed.index(p.name), of=MOVED)) for p in quiet),
-    ]
+    ]  # fmt: skip
     for p in quiet:
         lines.append(
             Line(f"{p.name}, threshold {p.threshold:g}: unintended motion caught", "%", None, hundred(p.caught))
         )
-        lines.append(Line(f"{p.name}, threshold {p.threshold:g}: caught before it began", "%", None, hundred(p.before)))
+        if not cannot_lead(faulty, p.name, p.threshold):
+            words = f"{p.name}, threshold {p.threshold:g}: caught before it began"
+            lines.append(Line(words, "%", None, hundred(p.before)))
     slow = tables.at_scale(tables.unclutched(modelled), 0.1)
     for name in (p.name for p in quiet if slow.hours.sum() > 0):
         threshold = threshold_for(slow, name)
@@ -135,7 +139,8 @@ def _lines(
         lines.append(Line(f"{p.name}, threshold {p.threshold:g}: false alarms", "1/h", None, p.false))
     for p in spoken:
         lines.append(Line(f"{p.name}: unintended motion caught", "%", None, hundred(p.caught)))
-        lines.append(Line(f"{p.name}: caught before it began", "%", None, hundred(p.before)))
+        if not cannot_lead(faulty, p.name, p.threshold):
+            lines.append(Line(f"{p.name}: caught before it began", "%", None, hundred(p.before)))
         lines.append(Line(f"{p.name}: false alarms", "1/h", None, p.false))
     return lines
 
@@ -143,9 +148,9 @@ def _lines(
 def _notes(faulty: FaultyScores, modelled: FreeScores, best: Point | None) -> tuple[str, ...]:
     hours, recordings = float(modelled.hours.sum()), len(np.unique(modelled.recording))
     return (
-        f"Unintended motion: {events.meaning('unintended_motion', faulty.rules)}. The cue fires at the same "
-        "distance of the reported tip from the model, so that tip_error and the cue are judged by much of what they "
-        "measure; the table by kind of hazard shows how much hangs on it.",
+        f"Unintended motion: {events.meaning('unintended_motion', faulty.rules)}. Whether tip_error and the cue come "
+        "before it is not asked where they fire at that distance or beyond: they cannot, by their definitions. Nor can "
+        "a stop. That they come at all is no surprise either; the table by kind of hazard shows how much hangs on it.",
         "Of the built-in checks those count that stop the robot or tell a person: one that clips a command or drops a "
         "packet tells nobody. Beside faults, what a check does on the golden run, too, is not counted; without a fault "
         "every trip is. A robot that was stopped is not live, so that no unintended motion follows a stop: in the runs "
@@ -159,7 +164,9 @@ def _notes(faulty: FaultyScores, modelled: FreeScores, best: Point | None) -> tu
         f"{hours_to_bound(PER_HOUR):.1f} h without any. With a generated operator, whose speed has a ceiling, more "
         "hours add little. Surgeons have no such ceiling.",
         "Which faults there are is a design: the library's own values and sampled ones about the boundary of "
-        "unintended motion, so rates compare detectors and are no probabilities of missing a fault in use.",
+        "unintended motion, so rates compare detectors and are no probabilities of missing a fault in use. The table "
+        "by layer shows how much they differ from place to place.",
+        kinds.NOTE,
         *(
             [f"{best.name} is the rule of 18 that caught most, picked on these very runs, which flatters it."]
             if best

@@ -88,7 +88,7 @@ def incidences(
     curves: Mapping[str, tuple[Incidence, Lead]], ylabel: str, height_in: float, legend: Callable[[Any, Any], Any]
 ) -> Callable[[Any], None]:
     """Incidence of the alarm after the first effect and about the beginning of the unintended motion; `legend` is
-    called with the figure and its left panel."""
+    called with the figure and its left panel. Without bands: theirs take faults as independent."""
 
     def draw(figure: Any) -> None:
         figure.set_size_inches(WIDTH_IN, height_in)
@@ -96,7 +96,7 @@ def incidences(
         for colour, (name, (delay, lead)) in zip(SERIES, curves.items(), strict=False):
             for axis, curve in ((left, delay), (right, lead.lag)):
                 time = curve.time + (1 if axis is left else 0)
-                stairs = steps(time, curve.fraction, curve.low, curve.high)
+                stairs = steps(time, curve.fraction, curve.fraction, curve.fraction)
                 step_curve(axis, stairs, color=colour, scale=100, alpha=0.12, lw=1.3, label=name)
         left.set_xscale("log")
         left.set(
@@ -152,14 +152,14 @@ def drawings(
     for name in main:
         score = faulty.score[:, listed.index(name)]
         bands[name] = (
-            roc_band(score, faulty.unintended, faulty.cell, resamples=BAND_RESAMPLES),
-            precision_recall_band(score, faulty.unintended, faulty.cell, resamples=BAND_RESAMPLES),
+            roc_band(score, faulty.unintended, faulty.kind, resamples=BAND_RESAMPLES),
+            precision_recall_band(score, faulty.unintended, faulty.kind, resamples=BAND_RESAMPLES),
         )
     single = {
         name: (
-            share(spoke := faulty.spoke_ms(name, np.nan) >= 0, ~faulty.unintended, faulty.cell, "").value,
-            share(spoke, faulty.unintended, faulty.cell, "").value,
-            share(faulty.unintended, spoke, faulty.cell, "").value,
+            share(spoke := faulty.spoke_ms(name, np.nan) >= 0, ~faulty.unintended, faulty.faults, "").value,
+            share(spoke, faulty.unintended, faulty.faults, "").value,
+            share(faulty.unintended, spoke, faulty.faults, "").value,
         )
         for name in OTHERS
     }
@@ -179,8 +179,7 @@ def drawings(
     ]
     curves = {}
     for one in chosen:
-        delay, _, lead = times(faulty, one.name, one.threshold)
-        curves[one.told] = delay, lead
+        curves[one.told] = times(faulty, one.name, one.threshold)
     there = layers_of(faulty.layer[faulty.unintended])
     caught = np.array(
         [
@@ -193,7 +192,7 @@ def drawings(
         Drawing(
             "detectors_roc",
             "How well a run's score tells an unintended motion from other faults: ROC and precision-recall, 95 % bands "
-            "over faults; the robot's checks and the haptic cue have one point each.",
+            "over kinds of faults; the robot's checks and the haptic cue have one point each.",
             roc(bands, single, float(faulty.unintended.mean())),
         ),
         Drawing(
@@ -206,7 +205,7 @@ def drawings(
         Drawing(
             "detectors_time",
             "When they know: share of faults with unintended motion that have an alarm, after the fault's first effect "
-            f"and before the motion began, at most {PER_HOUR:g} false alarm an hour. Kaplan-Meier, 95 % bands.",
+            f"and before the motion began, at most {PER_HOUR:g} false alarm an hour. Kaplan-Meier.",
             incidences(curves, "faults with an alarm, %", 4.6, _below),
         ),
         Drawing(

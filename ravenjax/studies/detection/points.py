@@ -14,10 +14,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ravenjax.report import wording
-from ravenjax.stats.bootstrap.clusters import cluster_ratio
-from ravenjax.stats.intervals import wilson
-from ravenjax.stats.latency import Incidence, Lead, incidence, lead_time, restricted_mean
-from ravenjax.studies.detection.runs import OTHERS, FaultyScores, FreeScores
+from ravenjax.stats import latency
+from ravenjax.stats.bootstrap import units
+from ravenjax.stats.bootstrap.units import Units
+from ravenjax.stats.latency import Incidence, Lead, incidence, lead_time
+from ravenjax.studies.detection.runs import CUE, OTHERS, STOPS, FaultyScores, FreeScores
+from ravenjax.studies.framework import kinds
 from ravenjax.studies.framework.study import StudyEstimate
 
 PER_HOUR = 1.0
@@ -36,6 +38,10 @@ RESAMPLES = 400
 """Of a rate's interval."""
 MOVED = "runs with unintended motion"
 """What rates are of."""
+TIP_ERROR = "tip_error"
+"""The detector whose score is the distance in mm of the reported tip from the model."""
+BY_DEFINITION = StudyEstimate(math.nan, of="by definition")
+"""In place of what the definitions alone decide: no finding."""
 
 
 class Chosen(NamedTuple):
@@ -83,18 +89,18 @@ def point(faulty: FaultyScores, free: FreeScores, name: str, threshold: float) -
     """What a detector, or one of OTHERS (threshold NaN), does at a threshold."""
     spoke_ms = faulty.spoke_ms(name, threshold)
     spoke, moved = spoke_ms >= 0, faulty.unintended
-    delay, mean, lead = times(faulty, name, threshold)
+    delay, mean, lead = medians(faulty, name, threshold)
     return Point(
         name,
         threshold,
         free.per_hour(free.count(name, threshold)),
-        share(spoke, moved, faulty.cell, MOVED),
-        share(spoke, ~moved, faulty.cell, "other faulty runs"),
-        share(moved, spoke, faulty.cell, "alarms"),
-        share(spoke & (spoke_ms < faulty.unintended_ms), moved, faulty.cell, MOVED),
-        _told(delay.quantile_interval(0.5), delay.n),
+        share(spoke, moved, faulty.faults, MOVED),
+        share(spoke, ~moved, faulty.faults, "other faulty runs"),
+        share(moved, spoke, faulty.faults, "alarms"),
+        before(faulty, name, threshold),
+        delay,
         mean,
-        _told(lead.quantile(0.5), lead.n),
+        BY_DEFINITION if cannot_lead(faulty, name, threshold) else lead,
     )
 
 
@@ -110,32 +116,51 @@ def latencies(
     return incidence(np.where(came, first_ms, end_ms) - active_ms, came), lead
 
 
-def times(faulty: FaultyScores, name: str, threshold: float) -> tuple[Incidence, StudyEstimate, Lead]:
-    """`latencies` of an alarm, of one run of each fault that made an unintended motion, and the delay's restricted mean
-    between them."""
+def cannot_lead(faulty: FaultyScores, name: str, threshold: float) -> bool:
+    """Whether an alarm comes with the unintended motion or after it by the definitions alone.
+
+    So the distance of the tip from the model at the motion's limit or beyond, and a stop: the robot is not live then.
+    """
+    far = faulty.rules.threshold_mm if name == CUE else threshold if name == TIP_ERROR else math.nan
+    return name == STOPS or far >= faulty.rules.limit_mm
+
+
+def times(faulty: FaultyScores, name: str, threshold: float) -> tuple[Incidence, Lead]:
+    """`latencies` of an alarm, of one run of each fault that made an unintended motion."""
     once = faulty.where(faulty.unintended).once()
-    spoke_ms, end = once.spoke_ms(name, threshold), float(faulty.duration_ms)
-    delay, lead = latencies(spoke_ms, once.active_ms, once.unintended_ms, end)
+    end = float(faulty.duration_ms)
+    return latencies(once.spoke_ms(name, threshold), once.active_ms, once.unintended_ms, end)
+
+
+def medians(faulty: FaultyScores, name: str, threshold: float) -> tuple[StudyEstimate, StudyEstimate, StudyEstimate]:
+    """Of the same runs with intervals over kinds of faults: median delay, its mean within HORIZON_MS, median lead."""
+    once = faulty.where(faulty.unintended).once()
+    first_ms, end = once.spoke_ms(name, threshold), float(faulty.duration_ms)
+    delay, lead = median_times(first_ms, once.active_ms, once.unintended_ms, end, once.faults)
+    came = first_ms >= 0
+    waited = np.where(came, first_ms, end) - once.active_ms
     watched = float((end - once.active_ms).max(initial=1.0))
-    came = spoke_ms >= 0
-    waited = np.where(came, spoke_ms, end) - once.active_ms
-    mean = restricted_mean(waited, came, min(float(HORIZON_MS), watched))
+    mean = latency.mean_within(waited, came, min(float(HORIZON_MS), watched), once.faults)
     return delay, _told(mean, len(came)), lead
 
 
-def share(hit: np.ndarray, among: np.ndarray, cell: np.ndarray, of: str) -> StudyEstimate:
-    """Rate of `hit` among `among` (bool [runs]); its interval resamples cells, or is Wilson's of as many draws as there
-    are cells where all are alike. NaN where there are none."""
-    n = int(among.sum())
-    if not n:
-        return StudyEstimate(np.nan, n=0, of=of)
-    cells = len(np.unique(cell[among]))
-    value = float(hit[among].mean())
-    if value in (0.0, 1.0) or cells < 2:
-        alike = wilson(round(value * cells), cells)
-        return StudyEstimate(value, alike.low, alike.high, n, of)
-    band = cluster_ratio(hit[among], 1.0, cell[among], resamples=RESAMPLES)
-    return StudyEstimate(value, float(band.low), float(band.high), n, of)
+def median_times(
+    first_ms: np.ndarray, active_ms: np.ndarray, unintended_ms: np.ndarray, end_ms: float, faults: Units
+) -> tuple[StudyEstimate, StudyEstimate]:
+    """Medians of the delay and of the lead of `latencies`, intervals over kinds of faults; one entry a fault."""
+    came = first_ms >= 0
+    spoke = np.where(came, first_ms, end_ms)
+    delay = latency.quantile(spoke - active_ms, came, 0.5, faults)
+    value, low, high = latency.quantile(spoke - unintended_ms, came, 0.5, faults)
+    return _told(delay, len(came)), _told((-value, -high, -low), len(came))
+
+
+def share(hit: np.ndarray, among: np.ndarray, faults: Units, of: str) -> StudyEstimate:
+    """Rate of `hit` among `among` (bool [runs]), its interval over kinds of faults (`units.rate`); faults: kinds of the
+    runs. NaN where there are none."""
+    mine = faults.where(among)
+    rate = units.rate(hit[among], mine, resamples=RESAMPLES)
+    return StudyEstimate(rate.value, rate.low, rate.high, rate.n, f"{of}, {kinds.count(mine)}" if rate.n else of)
 
 
 def others(faulty: FaultyScores, free: FreeScores) -> list[Point]:
@@ -145,7 +170,16 @@ def others(faulty: FaultyScores, free: FreeScores) -> list[Point]:
 
 def caught(faulty: FaultyScores, name: str, threshold: float) -> StudyEstimate:
     """Share of the runs with an unintended motion that have an alarm at a threshold."""
-    return share(faulty.spoke_ms(name, threshold) >= 0, faulty.unintended, faulty.cell, MOVED)
+    return share(faulty.spoke_ms(name, threshold) >= 0, faulty.unintended, faulty.faults, MOVED)
+
+
+def before(faulty: FaultyScores, name: str, threshold: float) -> StudyEstimate:
+    """Share of them with the alarm before the motion began."""
+    if cannot_lead(faulty, name, threshold):
+        return BY_DEFINITION
+    spoke_ms = faulty.spoke_ms(name, threshold)
+    early = (spoke_ms >= 0) & (spoke_ms < faulty.unintended_ms)
+    return share(early, faulty.unintended, faulty.faults, MOVED)
 
 
 def hundred(value: StudyEstimate) -> StudyEstimate:
@@ -155,6 +189,8 @@ def hundred(value: StudyEstimate) -> StudyEstimate:
 
 def percent(value: StudyEstimate) -> str:
     """63.2 % (60.1–66.4 %) of 812."""
+    if value.of == BY_DEFINITION.of:
+        return wording.DASH
     if not value.n:
         return "no runs"
     ends = f" ({wording.percent(value.low)} to {wording.percent(value.high)})" if np.isfinite(value.low) else ""

@@ -1,6 +1,6 @@
 """What the study of detectors reads from its campaigns: faulty runs side by side, and motion without a fault.
 
-The faulty runs of all motions are pooled; the runs of one fault are one cell, since they resemble each other. An alarm
+The faulty runs of all motions are pooled; faults of one kind resemble each other, so that kinds are resampled. An alarm
 of a faulty run counts from the fault's first effect on: what spoke before tells of something else. Of the built-in
 checks those count that tell a person or stop the robot; one that limits a command or drops a packet tells nobody.
 """
@@ -18,10 +18,12 @@ from numpy.typing import ArrayLike
 from ravenjax.outcomes.events import Rules
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.stats.alarms.false_alarms import alarm_rate
-from ravenjax.stats.bootstrap.clusters import cluster_ratio
+from ravenjax.stats.bootstrap import units
+from ravenjax.stats.bootstrap.units import Units
 from ravenjax.store import folder, manifest
 from ravenjax.store.manifest import DetectorRecord, Manifest
 from ravenjax.studies.framework import motions_alike
+from ravenjax.studies.framework.motions_alike import Activated
 from ravenjax.studies.framework.study import StudyEstimate
 from ravenjax.vocabulary import checks
 
@@ -29,8 +31,6 @@ FREE = "free/"
 """Begin of the names of groups without faults."""
 SCALE = "param:operator.scale"
 CHECKS, STOPS, CUE = "built-in checks, flag or stop", "built-in checks, stop", "haptic cue, 3 mm"
-FEWEST = 5
-"""Recordings that can be resampled."""
 OTHERS = (CHECKS, STOPS, CUE)
 """What speaks beside the detectors; each has one threshold."""
 
@@ -40,6 +40,8 @@ class FaultyScores(NamedTuple):
 
     detectors: tuple[DetectorRecord, ...]
     cell: np.ndarray  # int, equal for runs of one fault
+    kind: np.ndarray  # int, equal for runs of one kind of fault (`kinds`)
+    family: np.ndarray  # int, stratum of the kind
     motion: np.ndarray  # int, number of the campaign that it is of
     layer: np.ndarray  # words
     active_ms: np.ndarray
@@ -58,6 +60,11 @@ class FaultyScores(NamedTuple):
         """Which runs had an unintended motion."""
         return self.unintended_ms >= 0
 
+    @property
+    def faults(self) -> Units:
+        """Kinds of faults of the runs, over which intervals are."""
+        return units.units(self.kind, self.family)
+
     def spoke_ms(self, name: str, threshold: float) -> np.ndarray:
         """When a detector, or one of OTHERS (any threshold), first spoke of the fault, -1: never. Key-, ValueError."""
         if name in self.others_ms:
@@ -66,7 +73,7 @@ class FaultyScores(NamedTuple):
         return self.first_ms[d][:, self.detectors[d].thresholds.index(threshold)]
 
     def once(self) -> FaultyScores:
-        """One run of each fault, the motions in turn, so that faults are independent draws."""
+        """One run of each fault, the motions in turn."""
         return self.where(motions_alike.one_of_each_fault(self.cell, self.motion))
 
     def where(self, chosen: np.ndarray) -> FaultyScores:
@@ -78,7 +85,19 @@ class FaultyScores(NamedTuple):
         )
 
 
-_BY_RUN = ("cell", "motion", "layer", "active_ms", "unintended_ms", "hazard", "jumped", "leapt", "score")
+_BY_RUN = (
+    "cell",
+    "kind",
+    "family",
+    "motion",
+    "layer",
+    "active_ms",
+    "unintended_ms",
+    "hazard",
+    "jumped",
+    "leapt",
+    "score",
+)
 
 
 class FreeScores(NamedTuple):
@@ -114,13 +133,13 @@ class FreeScores(NamedTuple):
 
 
 def per_hour(counts: np.ndarray, hours: np.ndarray, recording: np.ndarray, of: str = "alarms") -> StudyEstimate:
-    """Rate of `counts` [runs] over `hours` [runs], its interval by resampling recordings; where none came or there are
-    fewer than FEWEST recordings the exact Poisson one, which takes all of them as independent."""
+    """Rate of `counts` [runs] over `hours` [runs], its interval by resampling recordings, none with too few of them;
+    where none came the exact Poisson one, as if the hours were independent."""
     total, all_hours = int(counts.sum()), float(hours.sum())
     exact = alarm_rate(total, all_hours)
     low, high = exact.low, exact.high
-    if total and len(np.unique(recording)) >= FEWEST:
-        band = cluster_ratio(counts, hours, recording)
+    if total:
+        band = units.ratio(counts, hours, units.units(recording))
         low, high = float(band.low), float(band.high)
     return StudyEstimate(exact.per_hour, low, high, total, f"{of} in {all_hours:.1f} h")
 
@@ -141,12 +160,11 @@ def faulty(folders: Sequence[Path]) -> FaultyScores:
 
 def pooled(frames: Sequence[pd.DataFrame], made: Manifest) -> FaultyScores:
     """As `faulty`, of result tables at hand; `made`: manifest of the first."""
-    return _joined(
-        [_faulty(one.frame, one.facts, made, one.cell, one.motion) for one in motions_alike.activated(frames, made)]
-    )
+    return _joined([_faulty(one, made) for one in motions_alike.activated(frames, made)])
 
 
-def _faulty(frame: pd.DataFrame, facts: pd.DataFrame, made: Manifest, cell: np.ndarray, motion: int) -> FaultyScores:
+def _faulty(runs: Activated, made: Manifest) -> FaultyScores:
+    frame, facts = runs.frame, runs.facts
     active = facts["active_ms"].to_numpy()
 
     def told(times: ArrayLike) -> np.ndarray:
@@ -156,8 +174,10 @@ def _faulty(frame: pd.DataFrame, facts: pd.DataFrame, made: Manifest, cell: np.n
     stop = np.where(frame["response"].astype(str) == "stopped", frame["response_ms"], -1)
     return FaultyScores(
         detectors=made.detectors,
-        cell=cell,
-        motion=np.full(len(frame), motion),
+        cell=runs.cell,
+        kind=runs.kind,
+        family=runs.family,
+        motion=np.full(len(frame), runs.motion),
         layer=facts["layer"].to_numpy(object),
         active_ms=active,
         unintended_ms=facts["unintended_ms"].to_numpy(),

@@ -20,6 +20,7 @@ from ravenjax.studies.detection.points import (
     PUBLISHED,
     Chosen,
     Point,
+    before,
     caught,
     percent,
     plain,
@@ -28,6 +29,7 @@ from ravenjax.studies.detection.points import (
     threshold_for,
 )
 from ravenjax.studies.detection.runs import AS_MODELLED, CHECKS, CUE, FaultyScores, FreeScores, names
+from ravenjax.studies.framework import kinds
 from ravenjax.studies.framework.study import Table
 from ravenjax.vocabulary.robot import OTHER_LAYER
 
@@ -59,10 +61,11 @@ def point_table(quiet: Sequence[Point], published: Sequence[Point], spoken: Sequ
         ),
         "Caught: of runs with unintended motion, those with an alarm; precision: of alarms in faulty runs, those in a "
         "run with unintended motion. False alarms: separate ones on motion without a fault, robot as modelled, scales "
-        "0.05 to 0.2, interval over recordings; of the built-in checks, runs in which one tripped. Rates: 95 % over "
-        "faults, each of whose runs resemble each other. Delay: from the fault's first effect, one run of each fault "
+        "0.05 to 0.2, interval over recordings; of the built-in checks, runs in which one tripped. Rates and "
+        "times: 95 % over kinds of faults. Delay: from the fault's first effect, one run of each fault "
         "that made an unintended motion, runs without an alarm censored at their end; a dash: half of them never had "
-        "one. Lead over the unintended motion: positive where the alarm comes first.",
+        "one. Lead over the unintended motion: positive where the alarm comes first; a dash in both columns about the "
+        "motion's beginning: the alarm cannot come before it, by its definition.",
     )  # fmt: skip
 
 
@@ -111,8 +114,9 @@ def area_table(faulty: FaultyScores, auc: Areas) -> Table:
         ("detector", "AUC", "average precision", f"AUC minus that of {PUBLISHED[0]}", "p, Holm", "differ"),
         tuple(rows),
         f"{wording.count(auc.positives)} runs with unintended motion and {wording.count(auc.negatives)} others of "
-        f"{wording.count(len(np.unique(faulty.cell)))} faults; every detector saw the same. Intervals and tests are "
-        f"over faults (Obuchowski 1997). Average precision of chance: {faulty.unintended.mean():.3f}.",
+        f"{wording.count(len(np.unique(faulty.cell)))} faults, {kinds.count(faulty.faults)}; every detector saw the "
+        "same. Intervals and tests are over kinds of faults (Obuchowski 1997). Average precision of chance: "
+        f"{faulty.unintended.mean():.3f}.",
     )
 
 
@@ -131,16 +135,16 @@ def first_table(faulty: FaultyScores, chosen: Sequence[Chosen]) -> Table:
         rows.append(
             (
                 one.told,
-                *(percent(share(hit, np.ones(len(hit), bool), once.cell, "")) for hit in (mine, mine & (count == 1))),
-                percent(share(alone, np.ones(len(alone), bool), once.cell, "")),
+                *(percent(share(hit, np.ones(len(hit), bool), once.faults, "")) for hit in (mine, mine & (count == 1))),
+                percent(share(alone, np.ones(len(alone), bool), once.faults, "")),
             )
         )
     nobody = np.isinf(earliest)
     late = np.isfinite(earliest) & (earliest >= once.unintended_ms)
     everyone = np.ones(len(nobody), bool)
     rows += [
-        ("someone, but not before the motion", percent(share(late, everyone, once.cell, "")), "", ""),
-        ("nobody", percent(share(nobody, everyone, once.cell, "")), "", ""),
+        ("someone, but not before the motion", percent(share(late, everyone, once.faults, "")), "", ""),
+        ("nobody", percent(share(nobody, everyone, once.faults, "")), "", ""),
     ]
     return Table(
         "Who knows first",
@@ -156,18 +160,14 @@ def layer_table(faulty: FaultyScores, chosen: Sequence[Chosen]) -> Table:
     parts = {layer: moved.where(moved.layer == layer) for layer in layers_of(moved.layer)}
     rows = []
     for layer, part in parts.items():
-        shares = [percent(share(part.spoke_ms(*one) >= 0, part.unintended, part.cell, "")) for one in chosen]
-        rows.append((layer, len(part.cell), len(np.unique(part.cell)), *shares))
-    alike = []
-    for one in chosen:
-        caught = [(part.spoke_ms(*one) >= 0).mean() for part in parts.values()]
-        alike.append(wording.percent(float(np.mean(caught))) if caught else "")
-    rows.append(("each layer counting alike", "", "", *alike))
+        shares = [percent(share(part.spoke_ms(*one) >= 0, part.unintended, part.faults, "")) for one in chosen]
+        rows.append((layer, len(part.cell), len(np.unique(part.cell)), kinds.count(part.faults), *shares))
     return Table(
         "Unintended motion caught, by layer of the fault",
-        ("layer", MOVED, "of faults", *(one.told for one in chosen)),
+        ("layer", MOVED, "of faults", "of kinds", *(one.told for one in chosen)),
         tuple(rows),
-        "How many faults each layer has is a design, so that the rates of all layers together depend on it.",
+        "How many faults each layer has is a design, so that the rates of all layers together depend on it. "
+        f"{kinds.NOTE}",
     )
 
 
@@ -227,8 +227,8 @@ def condition_table(faulty: FaultyScores, fast: FaultyScores, modelled: FreeScor
                     threshold,
                     rate(free.per_hour(free.count(name, threshold))),
                     percent(caught(runs, name, threshold)),
-                    percent(share(spoke_ms >= 0, ~runs.unintended, runs.cell, "")),
-                    percent(share((spoke_ms >= 0) & (spoke_ms < runs.unintended_ms), runs.unintended, runs.cell, "")),
+                    percent(share(spoke_ms >= 0, ~runs.unintended, runs.faults, "")),
+                    percent(before(runs, name, threshold)),
                 )
             rows.append((words, scale, name, *cells))
     return Table(
@@ -292,7 +292,7 @@ def hazard_table(faulty: FaultyScores, main: Sequence[str]) -> Table:
     rows = []
     for words, kind in kinds.items():
         rows_in = kind | calm
-        auc = areas(faulty.score[rows_in], kind[rows_in], faulty.cell[rows_in])
+        auc = areas(faulty.score[rows_in], kind[rows_in], faulty.kind[rows_in])
         rows.append((words, auc.positives, *(plain(auc.estimate(listed.index(name))) for name in main)))
     return Table(
         "AUC by kind of hazard",

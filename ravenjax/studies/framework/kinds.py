@@ -22,8 +22,8 @@ LIBRARY = "library"
 """Family of the hazards of the library."""
 NOTE = (
     "Intervals, 95 %: bootstrap over kinds of faults (a hazard of the library with all its cases, or a group), "
-    f"families of groups apart; none with fewer than {FEWEST} kinds, and too narrow with fewer than {FEW}. A share is of this "
-    "design's faults. It is no probability, and another mix of faults has another share."
+    f"families of groups apart; none with fewer than {FEWEST} kinds, and too narrow with fewer than {FEW}. A share is "
+    "of this design's faults. It is no probability, and another mix of faults has another share."
 )
 """Below tables."""
 

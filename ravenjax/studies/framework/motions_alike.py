@@ -10,6 +10,7 @@ import pandas as pd
 
 from ravenjax.report.data import facts as run_facts
 from ravenjax.store.manifest import Manifest
+from ravenjax.studies.framework import kinds
 from ravenjax.studies.framework.study import Variant
 
 BASELINE = "suture"
@@ -28,23 +29,26 @@ class Activated(NamedTuple):
     frame: pd.DataFrame  # rows of the result table
     facts: pd.DataFrame  # as run_facts.of, the same rows
     cell: np.ndarray  # [rows] number of the fault, the same in every motion
+    kind: np.ndarray  # [rows] number of its kind (`kinds`), the same in every motion
+    family: np.ndarray  # [rows] number of the kind's stratum
     motion: int
 
 
 def activated(frames: Sequence[pd.DataFrame], made: Manifest) -> Iterator[Activated]:
     """Of each motion; `made`: manifest of the first. ValueError where the faults of two motions differ."""
     distinct = run_facts.of(frames[0], made)["distinct"].to_numpy()
+    faults = kinds.of(frames[0]["group"])
+    family = faults.stratum[faults.unit]
     for motion, frame in enumerate(frames):
         if not np.array_equal(frame["group"].astype(str), frames[0]["group"].astype(str)):
             raise ValueError(f"campaign {motion} of a comparison of motions has other groups than the first")
         facts = run_facts.of(frame, made)
         mask = (facts["faulty"] & facts["activated"] & ~facts["failed"]).to_numpy()
-        yield Activated(frame.loc[mask], facts.loc[mask], distinct[mask], motion)
+        yield Activated(frame.loc[mask], facts.loc[mask], distinct[mask], faults.unit[mask], family[mask], motion)
 
 
 def one_of_each_fault(cell: np.ndarray, motion: np.ndarray) -> np.ndarray:
-    """Places [faults] of one run of each fault, the motions in turn, so that faults are independent draws. `cell` and
-    `motion` are those of the runs."""
+    """Places [faults] of one run of each fault, the motions in turn. `cell` and `motion` are those of the runs."""
     motions = np.unique(motion)
     exact = motion == motions[cell % len(motions)]
     order = np.lexsort((~exact, cell))  # where that run was not activated, another of the fault

@@ -5,7 +5,7 @@ A threshold costs what it misses and what it says for nothing:
     cost = weight x (share of hazards missed) + false cues an hour
 
 `weight` is false cues an hour: how many of them a missed hazard is worth, times the hazards an hour. Neither is known,
-so it is swept. How sure a choice is: faults and recordings are drawn anew with replacement, and the winners counted. A
+so it is swept. How sure a choice is: kinds of faults and recordings are drawn anew, and the winners counted. A
 threshold is named where it wins often enough; else the motion and the faults at hand do not decide.
 """
 
@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.stats.bootstrap.clusters import codes
+from ravenjax.stats.bootstrap.units import Units, units
 
 RESAMPLES = 2000
 WEIGHTS = (1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0)
@@ -25,10 +25,11 @@ SURE = 0.95
 
 
 class Counts(NamedTuple):
-    """Sums of each unit that is drawn anew: faults [cells, sets] and recordings [recordings, sets]."""
+    """Sums of each unit that is drawn anew: kinds of faults [kinds, sets] and recordings [recordings, sets]."""
 
     missed: np.ndarray
-    hazards: np.ndarray  # [cells]
+    hazards: np.ndarray  # [kinds]
+    kinds: Units  # each a row, by stratum
     false: np.ndarray
     hours: np.ndarray  # [recordings]
 
@@ -47,10 +48,15 @@ class Winners(NamedTuple):
         return self.wins[np.arange(len(self.weight)), self.winner] >= SURE
 
 
-def counts(missed: np.ndarray, cell: np.ndarray, false: np.ndarray, hours: np.ndarray, recording: np.ndarray) -> Counts:
-    """Sums by unit of missed (bool [hazards, sets]) by cell and of false cues [runs, sets] by recording."""
+def counts(missed: np.ndarray, faults: Units, false: np.ndarray, hours: np.ndarray, recording: np.ndarray) -> Counts:
+    """Sums of missed (bool [hazards, sets]) by kind of fault and of false cues [runs, sets] by recording."""
+    free = units(recording)
     return Counts(
-        _by(cell, missed.astype(float)), _by(cell, np.ones(len(cell))), _by(recording, false), _by(recording, hours)
+        _by(faults, missed.astype(float)),
+        _by(faults, np.ones(len(missed))),
+        Units(np.arange(faults.count), faults.stratum),
+        _by(free, false),
+        _by(free, hours),
     )
 
 
@@ -66,7 +72,8 @@ def choose(found: Counts, weights: np.ndarray, resamples: int = RESAMPLES, seed:
     weight = np.asarray(weights, float)
     share, rate = found.missed.sum(axis=0) / found.hazards.sum(), found.false.sum(axis=0) / found.hours.sum()
     rng = np.random.default_rng(seed)
-    faults, recordings = (_drawn(rng, len(part), resamples) for part in (found.hazards, found.hours))
+    faults = found.kinds.weights(resamples, seed)
+    recordings = rng.multinomial(len(found.hours), np.full(len(found.hours), 1 / len(found.hours)), resamples)
     shares = (faults @ found.missed) / (faults @ found.hazards)[:, None]
     counts, hours = recordings @ found.false, (recordings @ found.hours)[:, None]
     rates = np.where(counts > 0, counts, rng.exponential(size=counts.shape)) / hours
@@ -85,14 +92,8 @@ def _won(chosen: np.ndarray, sets: int) -> np.ndarray:
     return np.bincount(chosen, minlength=sets) / len(chosen)
 
 
-def _drawn(rng: np.random.Generator, units: int, resamples: int) -> np.ndarray:
-    """How often each unit is drawn [resamples, units]."""
-    return rng.multinomial(units, np.full(units, 1.0 / units), size=resamples).astype(float)
-
-
-def _by(unit: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _by(among: Units, values: np.ndarray) -> np.ndarray:
     """Sums [units, ...] of values [n, ...]."""
-    code, units = codes(unit)
-    total = np.zeros((units, *values.shape[1:]))
-    np.add.at(total, code, values)
+    total = np.zeros((among.count, *values.shape[1:]))
+    np.add.at(total, among.unit, values)
     return total

@@ -5,15 +5,18 @@ All sets of threshold and gains are felt in the same runs. The operator does not
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from ravenjax.campaign.file.config import validated
+from ravenjax.campaign.inspection import draws
 from ravenjax.outcomes import events
+from ravenjax.store import manifest
 from ravenjax.studies.detection.points import MOVED, hundred, share
 from ravenjax.studies.detection.runs import AS_MODELLED, per_hour
-from ravenjax.studies.framework import motions_alike
+from ravenjax.studies.framework import kinds, motions_alike
 from ravenjax.studies.framework.motions_alike import MOTIONS, RECORDINGS
 from ravenjax.studies.framework.study import Context, Findings, Line, Study, StudyEstimate, Variant
 from ravenjax.studies.haptics import choice as haptic_choice
@@ -24,6 +27,8 @@ from ravenjax.studies.haptics.tables import missed, sums
 
 CAMPAIGN = "haptic_sweep.toml"
 FREE_RUNS, FREE_S = 32, 120
+EARLY_MM = 1.0
+"""A threshold below the limit of the unintended motion, which is compared whatever the choice."""
 
 
 class _Choice(NamedTuple):
@@ -42,17 +47,19 @@ def compare(context: Context) -> Findings:
     """All sets over the same runs."""
     faulty = runs.faulty([context.folders[name] for name in MOTIONS])
     free = runs.free([(f"{m} {s}", context.folders[f"free_{m}_{s}"]) for m, s in RECORDINGS])
-    return findings(faulty, free)
+    drawn_groups = draws.groups(validated(manifest.read(context.folders[MOTIONS[0]]).config))
+    return findings(faulty, free, drawn_groups)
 
 
-def findings(faulty: FaultyCues, free: FreeCues) -> Findings:
-    """As `compare`, of runs at hand."""
+def findings(faulty: FaultyCues, free: FreeCues, drawn_groups: Collection[str] = ()) -> Findings:
+    """As `compare`, of runs at hand; drawn_groups: groups whose faults were drawn."""
     modelled = free.where(free.robot == AS_MODELLED)
     sets = runs.default_sets(faulty.cues, faulty.published)
     choice = _Choice(
         sets, haptic_choice.choose(sums(faulty, modelled, sets, UNINTENDED), np.array(haptic_choice.WEIGHTS))
     )
-    compared = [faulty.published, *(k for k in choice.numbers if k != faulty.published)]
+    early = [k for k in sets if faulty.cues[k].threshold_mm == EARLY_MM]
+    compared = list(dict.fromkeys([faulty.published, *early, *choice.numbers]))
     fine = haptic_choice.choose(sums(faulty, modelled, sets, UNINTENDED), np.geomspace(0.1, 1e6, 57))
     return Findings(
         lines=tuple(_lines(faulty, modelled, choice, compared)),
@@ -65,6 +72,7 @@ def findings(faulty: FaultyCues, free: FreeCues) -> Findings:
             tables.gain_table(faulty, modelled, compared[:2]),
             tables.motion_table(free, sets),
             tables.layer_table(faulty, compared[:2]),
+            tables.kind_table(faulty, compared[:2], drawn_groups),
             tables.shared_table(faulty, MOTIONS, sets),
         ),
         drawings=drawings.drawings(faulty, modelled, sets, fine),
@@ -74,14 +82,14 @@ def findings(faulty: FaultyCues, free: FreeCues) -> Findings:
 
 def _lines(faulty: FaultyCues, modelled: FreeCues, choice: _Choice, compared: Sequence[int]) -> list[Line]:
     moved = faulty.unintended
-    cells = StudyEstimate(len(np.unique(faulty.cell)), of=f"{len(MOTIONS)} motions, {len(moved):,} activated runs")
+    cells = StudyEstimate(len(np.unique(faulty.cell)), of=f"{kinds.count(faulty.faults)}, {len(MOTIONS)} motions")
     lines = [
         Line("faults, distinct", "", None, cells),
         Line(
             "faulty runs with unintended motion",
-            "%",
+            "runs",
             None,
-            hundred(share(moved, moved | True, faulty.cell, "activated runs")),
+            StudyEstimate(int(moved.sum()), n=len(moved), of="activated runs of this design"),
         ),
         Line(
             "motion without a fault, robot as modelled", "h", None, StudyEstimate(round(float(modelled.hours.sum()), 2))
@@ -91,11 +99,15 @@ def _lines(faulty: FaultyCues, modelled: FreeCues, choice: _Choice, compared: Se
         words = f"{faulty.cues[k].threshold_mm:g} mm" + (" (published)" if k == faulty.published else "")
         never = missed(faulty, [k])[:, 0]
         before = (faulty.first_ms[:, k] >= 0) & (faulty.first_ms[:, k] < faulty.unintended_ms)
-        rates = {"unintended motion missed": never, "unintended motion felt before it began": before}
+        rates = {"unintended motion missed": never}
+        if not tables.cannot_lead(faulty, k):
+            rates["unintended motion felt before it began"] = before
         lines += [
-            Line(f"{words}: {what}", "%", None, hundred(share(hit, moved, faulty.cell, MOVED)))
+            Line(f"{words}: {what}", "%", None, hundred(share(hit, moved, faulty.faults, MOVED)))
             for what, hit in rates.items()
         ]
+        if not tables.cannot_lead(faulty, k):
+            lines.append(Line(f"{words}: median lead over the motion", "ms", None, tables.felt(faulty, k).lead_ms))
         false = per_hour(modelled.count[:, k], modelled.hours, modelled.recording, "cues")
         lines.append(Line(f"{words}: false cues", "1/h", None, false))
     for weight, winner, wins, sure in zip(*choice.winners[:3], choice.winners.sure, strict=True):
@@ -125,10 +137,9 @@ def _range(values: Sequence[float], wins: np.ndarray) -> tuple[float, float]:
 
 def _notes(faulty: FaultyCues, modelled: FreeCues) -> tuple[str, ...]:
     return (
-        f"Unintended motion: {events.meaning('unintended_motion', faulty.rules)}. The published cue has the same "
-        "distance, of the reported tip from the model, so that it comes at about the same time as the motion, and a "
-        "lower threshold earlier. What the choice hangs on asks again for motion that could injure and for jumps of "
-        "the true tip alone.",
+        f"Unintended motion: {events.meaning('unintended_motion', faulty.rules)}. A cue at that distance or beyond "
+        "cannot come before it, by definition; only of lower thresholds is it a finding whether they do. What the "
+        "choice hangs on asks again for motion that could injure and for jumps of the true tip alone.",
         "An unintended motion counts as missed where the cue never came, or the golden run had it by then: a surgeon "
         "who feels it in normal motion, too, learns nothing from it.",
         f"False cues: separate pulses in {modelled.hours.sum():.1f} h of generated motion, of "
@@ -140,6 +151,7 @@ def _notes(faulty: FaultyCues, modelled: FreeCues) -> tuple[str, ...]:
         "worth, and how many of them come in an hour. The choice is therefore shown over six decades, not made.",
         "Which faults there are is a design: the library's own values and sampled ones about the boundary of "
         "unintended motion. Another mix would move the share missed, and so the choice.",
+        kinds.NOTE,
         "Gains change how strongly a cue is felt, and when only through the damper: where the robot closes in fast "
         "enough that the pull would be negative there is no cue. Nobody reacts to the cue here.",
     )

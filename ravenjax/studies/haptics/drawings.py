@@ -29,12 +29,12 @@ def drawings(faulty: FaultyCues, modelled: FreeCues, sets: Sequence[int], fine: 
     thresholds = np.array([faulty.cues[k].threshold_mm for k in sets])
     cue_ms = faulty.first_ms[:, list(sets)]
     rates = {
-        "felt": [share(cue_ms[:, j] >= 0, moved, faulty.cell, "") for j in range(len(sets))],
+        "felt": [share(cue_ms[:, j] >= 0, moved, faulty.faults, "") for j in range(len(sets))],
         "felt before it began": [
-            share((cue_ms[:, j] >= 0) & (cue_ms[:, j] < faulty.unintended_ms), moved, faulty.cell, "")
+            share((cue_ms[:, j] >= 0) & (cue_ms[:, j] < faulty.unintended_ms), moved, faulty.faults, "")
             for j in range(len(sets))
         ],
-        "other faults felt": [share(cue_ms[:, j] >= 0, ~moved, faulty.cell, "") for j in range(len(sets))],
+        "other faults felt": [share(cue_ms[:, j] >= 0, ~moved, faulty.faults, "") for j in range(len(sets))],
     }
     felt = {name: 100 * np.array([[r.value, r.low, r.high] for r in shares]).T for name, shares in rates.items()}
     by_scale = {}
@@ -60,20 +60,20 @@ def drawings(faulty: FaultyCues, modelled: FreeCues, sets: Sequence[int], fine: 
         ),
         Drawing(
             "haptic_threshold",
-            "What a threshold tells of faults with unintended motion and of others (95 % over faults), and how often "
+            "What a threshold tells of faults with unintended motion and of others (95 % over kinds), and how often "
             "it speaks for nothing, by scale.",
             _threshold(thresholds, felt, by_scale, scale_hours),
         ),
         Drawing(
             "haptic_choice",
             "The threshold that the data would choose, by how many false cues a missed unintended motion an hour "
-            "weighs; shades: how often each wins when faults and recordings are drawn anew.",
+            "weighs; shades: how often each wins when kinds of faults and recordings are drawn anew.",
             _choice(thresholds, fine),
         ),
         Drawing(
             "haptic_time",
             "When a fault with unintended motion is felt, after its first effect and before the motion began, by "
-            "threshold. Kaplan-Meier, 95 % bands.",
+            "threshold. Kaplan-Meier.",
             incidences(curves, "faults felt, %", 4.2, lambda _, left: left.legend(loc="upper left")),
         ),
         Drawing(

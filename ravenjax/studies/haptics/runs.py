@@ -16,10 +16,13 @@ import pandas as pd
 from ravenjax.hazards import severity
 from ravenjax.outcomes.events import Rules
 from ravenjax.report.data import facts as run_facts
+from ravenjax.stats.bootstrap import units
+from ravenjax.stats.bootstrap.units import Units
 from ravenjax.store import folder, manifest
 from ravenjax.store.manifest import CueRecord, Manifest
 from ravenjax.studies.detection.runs import FREE, SCALE
 from ravenjax.studies.framework import motions_alike
+from ravenjax.studies.framework.motions_alike import Activated
 
 UNINTENDED, INJURY, JUMP = "unintended motion", "injury-capable motion", "jump of the true tip"
 KINDS = (UNINTENDED, INJURY, JUMP)
@@ -32,6 +35,9 @@ class FaultyCues(NamedTuple):
     cues: tuple[CueRecord, ...]
     published: int  # number of the published set
     cell: np.ndarray  # int, equal for runs of one fault
+    kind: np.ndarray  # int, equal for runs of one kind of fault (`kinds`)
+    family: np.ndarray  # int, stratum of the kind
+    group: np.ndarray  # words
     motion: np.ndarray  # int, number of the campaign that it is of
     layer: np.ndarray  # words
     active_ms: np.ndarray
@@ -49,17 +55,23 @@ class FaultyCues(NamedTuple):
         """Which runs had an unintended motion."""
         return self.kinds[:, KINDS.index(UNINTENDED)]
 
+    @property
+    def faults(self) -> Units:
+        """Kinds of faults of the runs, over which intervals are."""
+        return units.units(self.kind, self.family)
+
     def where(self, chosen: np.ndarray) -> FaultyCues:
         """Those of `chosen`, a mask or indices."""
         return self._replace(**{name: getattr(self, name)[chosen] for name in _BY_RUN})
 
     def once(self) -> FaultyCues:
-        """One run of each fault, the motions in turn, so that faults are independent draws."""
+        """One run of each fault, the motions in turn."""
         return self.where(motions_alike.one_of_each_fault(self.cell, self.motion))
 
 
 _BY_RUN = (
-    "cell", "motion", "layer", "active_ms", "unintended_ms", "kinds", "first_ms", "shared", "force", "felt_ms",
+    "cell", "kind", "family", "group", "motion", "layer", "active_ms", "unintended_ms", "kinds", "first_ms", "shared",
+    "force", "felt_ms",
 )  # fmt: skip
 
 
@@ -102,11 +114,12 @@ def faulty(folders: Sequence[Path]) -> FaultyCues:
 
 def pooled(frames: Sequence[pd.DataFrame], made: Manifest) -> FaultyCues:
     """As `faulty`, of result tables at hand; `made`: manifest of the first."""
-    parts = [_faulty(one.frame, one.facts, made, one.cell, one.motion) for one in motions_alike.activated(frames, made)]
+    parts = [_faulty(one, made) for one in motions_alike.activated(frames, made)]
     return parts[0]._replace(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in _BY_RUN})
 
 
-def _faulty(frame: pd.DataFrame, facts: pd.DataFrame, made: Manifest, cell: np.ndarray, motion: int) -> FaultyCues:
+def _faulty(runs: Activated, made: Manifest) -> FaultyCues:
+    frame, facts = runs.frame, runs.facts
     active, every = facts["active_ms"].to_numpy(), range(len(made.cues))
 
     def columns(name: str) -> np.ndarray:
@@ -116,8 +129,11 @@ def _faulty(frame: pd.DataFrame, facts: pd.DataFrame, made: Manifest, cell: np.n
     return FaultyCues(
         cues=made.cues,
         published=made.verdict_cue,
-        cell=cell,
-        motion=np.full(len(frame), motion),
+        cell=runs.cell,
+        kind=runs.kind,
+        family=runs.family,
+        group=frame["group"].to_numpy().astype(str).astype(object),
+        motion=np.full(len(frame), runs.motion),
         layer=facts["layer"].to_numpy(object),
         active_ms=active,
         unintended_ms=facts["unintended_ms"].to_numpy(),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,12 +10,15 @@ import numpy as np
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report import wording
 from ravenjax.stats.alarms.pareto import front
-from ravenjax.stats.bootstrap.clusters import cluster_ratio
+from ravenjax.stats.bootstrap import units
+from ravenjax.stats.bootstrap.units import Units
+from ravenjax.stats.comparison.clustered import exchange_p
 from ravenjax.stats.comparison.paired import mcnemar
 from ravenjax.store.manifest import CueRecord
-from ravenjax.studies.detection.points import MOVED, latencies, percent, plain, rate, share
-from ravenjax.studies.detection.runs import AS_MODELLED, FEWEST, UNCERTAIN, per_hour
+from ravenjax.studies.detection.points import BY_DEFINITION, MOVED, median_times, percent, plain, rate, share
+from ravenjax.studies.detection.runs import AS_MODELLED, UNCERTAIN, per_hour
 from ravenjax.studies.detection.tables import CLUTCHED, layers_of
+from ravenjax.studies.framework import kinds
 from ravenjax.studies.framework.study import StudyEstimate, Table
 from ravenjax.studies.haptics import choice
 from ravenjax.studies.haptics.choice import Counts, Winners
@@ -53,8 +56,14 @@ def sums(faulty: FaultyCues, free: FreeCues, sets: Sequence[int], kind: str, bef
     """What a choice among `sets` is made of, for hazards of one of KINDS; `before`: a cue after it began is missed."""
     hazards = faulty.where(faulty.kinds[:, KINDS.index(kind)])
     return choice.counts(
-        missed(hazards, sets, before), hazards.cell, free.count[:, list(sets)], free.hours, free.recording
+        missed(hazards, sets, before), hazards.faults, free.count[:, list(sets)], free.hours, free.recording
     )
+
+
+def cannot_lead(faulty: FaultyCues, k: int) -> bool:
+    """Whether set number k fires at the limit of the unintended motion or beyond: its cue comes with the motion or
+    after it, by the definitions alone."""
+    return faulty.cues[k].threshold_mm >= faulty.rules.limit_mm
 
 
 def felt(faulty: FaultyCues, k: int) -> CueResult:
@@ -66,15 +75,17 @@ def felt(faulty: FaultyCues, k: int) -> CueResult:
     mine = faulty.where(moved & cued)
     cap = faulty.cues[k].cap
     at_cap = mine.force[:, k] >= AT_CAP * cap if cap is not None else np.zeros(len(mine.cell), bool)
-    delay, lead = latencies(once.first_ms[:, k], once.active_ms, once.unintended_ms, float(faulty.duration_ms))
+    end = float(faulty.duration_ms)
+    delay, lead = median_times(once.first_ms[:, k], once.active_ms, once.unintended_ms, end, once.faults)
+    late = cannot_lead(faulty, k)
     return CueResult(
-        share(~cued, moved, faulty.cell, MOVED),
-        share(cued & (first < faulty.unintended_ms), moved, faulty.cell, MOVED),
-        share(cued, ~moved, faulty.cell, "other faulty runs"),
-        StudyEstimate(*delay.quantile_interval(0.5), delay.n),
-        StudyEstimate(*lead.quantile(0.5), lead.n),
+        share(~cued, moved, faulty.faults, MOVED),
+        BY_DEFINITION if late else share(cued & (first < faulty.unintended_ms), moved, faulty.faults, MOVED),
+        share(cued, ~moved, faulty.faults, "other faulty runs"),
+        delay,
+        BY_DEFINITION if late else lead,
         _quartiles(mine.force[:, k]),
-        share(at_cap, np.ones(len(at_cap), bool), mine.cell, "felt runs"),
+        share(at_cap, np.ones(len(at_cap), bool), mine.faults, "felt runs"),
         _quartiles(mine.felt_ms[:, k]),
     )
 
@@ -90,9 +101,9 @@ def false_time(free: FreeCues, k: int, robot: str) -> str:
     mine = free.where(free.robot == robot)
     hours = float(mine.hours.sum())
     value = float(mine.felt_hours[:, k].sum()) / hours
-    if not value or len(np.unique(mine.recording)) < FEWEST:
+    band = units.ratio(mine.felt_hours[:, k], mine.hours, units.units(mine.recording))
+    if not value or np.isnan(band.low):
         return f"{wording.percent(value)} of {hours:.1f} h"
-    band = cluster_ratio(mine.felt_hours[:, k], mine.hours, mine.recording)
     return f"{wording.percent(value)} ({wording.percent(band.low)} to {wording.percent(band.high)}) of {hours:.1f} h"
 
 
@@ -112,14 +123,16 @@ def threshold_table(faulty: FaultyCues, free: FreeCues, sets: Sequence[int]) -> 
     return Table(
         "Thresholds, with the published gains",
         (
-            "threshold, mm", "missed", "felt before it began", "other faults felt", "median delay, ms",
+            "threshold, mm", "missed", "felt before it began", "felt, of the other faulty runs", "median delay, ms",
             "median lead, ms", "largest force", "at the cap", "time felt, ms", "false cues an hour", "time with one",
             "false cues with an uncertain robot",
         ),
         tuple(rows),
-        "Missed, and felt before it began: of runs with unintended motion. Rates: 95 % over faults. Delay: from the "
-        "fault's first effect; lead over the unintended motion: positive where the cue comes first; one run of each "
-        "fault that made one, runs without a cue censored at their end. Force (device units) and time: of unintended "
+        "Missed, and felt before it began: of runs with unintended motion. Delay: from the fault's first effect; lead "
+        "over the unintended motion: positive where the cue comes first; one run of each fault that made one, runs "
+        "without a cue censored at their end. A dash about the motion's beginning: the cue fires at the motion's "
+        "distance or beyond, so that it cannot come before it, by definition; a lead is a dash, too, where fewer than "
+        f"half of the faults have a cue. {kinds.NOTE} Force (device units) and time: of unintended "
         "motions that are felt. False cues: pulses on motion without a fault at scales 0.05 to 0.2, interval "
         "over recordings. Uncertain robot: friction x 0.7 to 1.4, mass x 0.8 to 1.25, cable stiffness x 0.5 to 2, "
         "motor constant x 0.9 to 1.1.",
@@ -151,9 +164,9 @@ def choice_table(faulty: FaultyCues, sets: Sequence[int], winners: Winners) -> T
             "cost, false cues an hour", f"cost of {faulty.cues[faulty.published].threshold_mm:g} mm", "it wins",
         ),
         tuple(rows),
-        "Cost: weight x share missed + false cues an hour. Wins: of 2 000 draws of faults and of recordings "
-        f"with replacement; a threshold is named from {100 * choice.SURE:.0f} % on. Among thresholds with the "
-        "published gains; of equals the highest.",
+        "Cost: weight x share missed + false cues an hour. Wins: of 2 000 draws of kinds of faults and of "
+        f"recordings with replacement; a threshold is named from {100 * choice.SURE:.0f} % on. Among thresholds with "
+        "the published gains; of equals the highest.",
     )  # fmt: skip
 
 
@@ -162,12 +175,15 @@ def versus_table(faulty: FaultyCues, free: FreeCues, numbers: Sequence[int]) -> 
     results = [felt(faulty, k) for k in numbers]
     once = faulty.where(faulty.unintended).once()
     cued = once.first_ms >= 0
-    pairs = [mcnemar(cued[:, numbers[0]], cued[:, k]) for k in numbers]
-    versus = [f"{p.first_only} and {p.second_only} of {wording.count(p.n)}, p = {wording.number(p.p)}" for p in pairs]
+    versus = []
+    for k in numbers:
+        pair = mcnemar(cued[:, numbers[0]], cued[:, k])
+        p = wording.number(exchange_p(cued[:, numbers[0]], cued[:, k], once.faults.unit))
+        versus.append(f"{pair.first_only} and {pair.second_only} of {wording.count(pair.n)} faults, p = {p}")
     rows = [
         ("unintended motion missed", *(percent(one.missed) for one in results)),
         ("felt before it began", *(percent(one.before) for one in results)),
-        ("other faults felt", *(percent(one.others) for one in results)),
+        ("felt, of the other faulty runs", *(percent(one.others) for one in results)),
         ("of what is felt, at the cap", *(percent(one.at_cap) for one in results)),
         ("median delay, ms", *(plain(one.delay_ms) for one in results)),
         ("median lead, ms", *(plain(one.lead_ms) for one in results)),
@@ -181,7 +197,8 @@ def versus_table(faulty: FaultyCues, free: FreeCues, numbers: Sequence[int]) -> 
         "The published set and those that cost least at some weight",
         ("", *(_named(faulty.cues[k]) for k in numbers)),
         tuple(rows),
-        "The last row: one run of each fault that made an unintended motion, McNemar's exact test.",
+        "The last row: one run of each fault that made an unintended motion; p: both sets exchanged kind by kind, "
+        "exact.",
     )
 
 
@@ -204,7 +221,9 @@ def rules_table(faulty: FaultyCues, free: FreeCues, sets: Sequence[int]) -> Tabl
         hazard = faulty.kinds[:, KINDS.index(kind)]
         if not hazard.any() or not mine.hours.sum() > 0:
             continue
-        never = share(missed(faulty, [faulty.published], before)[:, 0], hazard, faulty.cell, "")
+        never = share(missed(faulty, [faulty.published], before)[:, 0], hazard, faulty.faults, "")
+        if before and cannot_lead(faulty, faulty.published):
+            never = BY_DEFINITION
         winners = choice.choose(sums(faulty, mine, sets, kind, before), np.array(choice.WEIGHTS))
         names = [
             f"{'' if sure else 'undecided: '}{faulty.cues[sets[k]].threshold_mm:g} ({100 * wins[k]:.0f} %)"
@@ -238,7 +257,7 @@ def front_table(faulty: FaultyCues, modelled: FreeCues) -> Table:
         alike.setdefault((float(never[k]), float(false[k])), []).append(int(k))
     rows = []
     for ks in alike.values():
-        one = share(faulty.first_ms[:, ks[0]] < 0, moved, faulty.cell, "")
+        one = share(faulty.first_ms[:, ks[0]] < 0, moved, faulty.faults, "")
         rate_ = per_hour(modelled.count[:, ks[0]], modelled.hours, modelled.recording, "cues")
         whole = len(ks) == len(sets_at(faulty.cues, faulty.cues[ks[0]].threshold_mm))
         gains = "all" if whole else ", ".join(f"{faulty.cues[k].kp_per_mm:g}/{damper(faulty.cues[k])}" for k in ks)
@@ -292,8 +311,9 @@ def motion_table(free: FreeCues, sets: Sequence[int]) -> Table:
         "False cues an hour, by motion and scale, robot as modelled",
         ("motion", "scale", "recordings", "hours", *(f"{free.cues[k].threshold_mm:g} mm" for k in columns)),
         tuple(rows),
-        "Published gains; an hour (95 %, exact Poisson), and pulses seen. Few hours each: an upper bound of 50 or "
-        "100 an hour is what a quarter of an hour without a cue can say. With clutching the distance to the model "
+        "Published gains; an hour, and pulses seen. Where no cue came: exact Poisson, 95 %, as if the hours were "
+        "independent; few hours each, so that the bound is high. Else no interval: one or two recordings are no sample "
+        "of motions. With clutching the distance to the model "
         "grows from clutch to clutch and stays.",
     )
 
@@ -307,13 +327,55 @@ def layer_table(faulty: FaultyCues, numbers: Sequence[int]) -> Table:
         for k in numbers:
             result = felt(part, k)
             cells += [percent(result.missed), percent(result.before), plain(result.delay_ms), result.force]
-        rows.append((layer, len(np.unique(part.cell[part.unintended])), *cells))
+        moved = part.where(part.unintended)
+        rows.append((layer, len(np.unique(moved.cell)), kinds.count(moved.faults), *cells))
     heads = [
         f"{words}, {faulty.cues[k].threshold_mm:g} mm"
         for k in numbers
         for words in ("missed", "felt before it began", "median delay, ms", "largest force")
     ]
-    return Table("By layer of the fault", ("layer", "faults with unintended motion", *heads), tuple(rows))
+    return Table(
+        "By layer of the fault",
+        ("layer", "faults with unintended motion", "of kinds", *heads),
+        tuple(rows),
+        f"Missed, and felt before it began: of runs with unintended motion, the faults under each motion. {kinds.NOTE}",
+    )
+
+
+def kind_table(faulty: FaultyCues, numbers: Sequence[int], drawn_groups: Collection[str]) -> Table:
+    """What is felt of each kind of fault that makes an unintended motion, each with its own denominator."""
+    names, sampled = kinds.names(faulty.group), np.isin(faulty.group.astype(str), sorted(drawn_groups))
+    rows = []
+    for name in dict.fromkeys(names[faulty.unintended].tolist()):
+        mine = faulty.where(names == name)
+        is_drawn = bool(sampled[names == name].all())
+        moved = mine.where(mine.unintended)
+        own = units.units(moved.cell) if is_drawn else units.units(np.zeros(len(moved.cell)))
+        cells = [
+            wording.DASH if before and cannot_lead(faulty, k) else _rate(~missed(moved, [k], before)[:, 0], own)
+            for k in numbers
+            for before in (False, True)
+        ]
+        faults = f"{len(np.unique(mine.cell))} {'drawn' if is_drawn else 'cells of the design'}"
+        rows.append((name, str(mine.layer[0]), faults, f"{len(moved.cell)} of {len(mine.cell)}", *cells))
+    heads = [
+        f"{words}, {faulty.cues[k].threshold_mm:g} mm" for k in numbers for words in ("felt", "felt before it began")
+    ]
+    return Table(
+        "By kind of fault",
+        ("kind of fault", "layer", "faults", "runs with unintended motion", *heads),
+        tuple(rows),
+        "Felt: of the runs of that kind with unintended motion. Where its faults were drawn: 95 % over faults drawn in "
+        "the same way, the motions of one fault together. Where values are fixed: a share of the cells of this "
+        "design under four motions, without an interval. Kinds without an unintended motion are left out.",
+    )
+
+
+def _rate(hit: np.ndarray, among: Units) -> str:
+    """12 of 40, 30.0 % (12.5 % to 51.0 %); no interval where nothing was drawn."""
+    rate = units.rate(hit, among)
+    ends = "" if np.isnan(rate.low) else f" ({wording.percent(rate.low)} to {wording.percent(rate.high)})"
+    return f"{rate.k} of {rate.n}, {wording.percent(rate.value)}{ends}"
 
 
 def shared_table(faulty: FaultyCues, motions: Sequence[str], sets: Sequence[int]) -> Table:

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from ravenjax.campaign.faults import draws
 from ravenjax.campaign.file.config import validated
+from ravenjax.campaign.inspection import draws
 from ravenjax.report.sections.reaction.pairs import Pairs
 from ravenjax.stats.intervals import Rate
 from ravenjax.store import manifest

@@ -13,6 +13,7 @@ import synthetic_results
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
 from ravenjax.outcomes.events import Rules
+from ravenjax.stats.bootstrap import units
 from ravenjax.store.manifest import DetectorRecord
 from ravenjax.studies import catalogue, running
 from ravenjax.studies.detection import areas, comparison, drawings, tables
@@ -41,6 +42,8 @@ def faulty(
     return FaultyScores(
         DETECTORS,
         np.arange(n) if cell is None else np.array(cell),
+        np.arange(n) if cell is None else np.array(cell),
+        np.zeros(n, int),
         np.zeros(n, int),
         np.full(n, "packets", object),
         np.full(n, 100),
@@ -88,6 +91,8 @@ def random_runs(n: int = 300, motions: int = 2, seed: int = 0) -> FaultyScores:
     return FaultyScores(
         DETECTORS,
         np.tile(np.arange(cells), motions),
+        np.tile(np.arange(cells), motions),
+        np.zeros(len(moved), int),
         np.repeat(np.arange(motions), cells),
         np.tile(rng.choice(["packets", "USB in"], cells).astype(object), motions),
         np.full(len(moved), 100),
@@ -135,12 +140,12 @@ def test_a_point_counts_what_is_caught_before_the_motion_and_for_nothing() -> No
     assert found.false.high == pytest.approx(3.689 / 2, rel=1e-3)
 
 
-def test_a_rate_without_spread_has_the_interval_of_its_cells() -> None:
+def test_a_rate_without_spread_has_the_interval_of_its_kinds() -> None:
     hit, every = np.ones(40, bool), np.ones(40, bool)
-    found = detector_points.share(hit, every, np.repeat(np.arange(4), 10), "runs")
+    found = detector_points.share(hit, every, units.units(np.repeat(np.arange(8), 5)), "runs")
     assert (found.value, found.high, found.n) == (1.0, 1.0, 40)
-    assert found.low == pytest.approx(0.5101, abs=1e-3)  # Wilson of 4 of 4, not of 40 of 40
-    assert detector_points.percent(detector_points.share(hit, ~every, np.arange(40), "runs")) == "no runs"
+    assert found.low == pytest.approx(0.6756, abs=1e-3)  # Wilson of 8 of 8, not of 40 of 40
+    assert detector_points.percent(detector_points.share(hit, ~every, units.units(np.arange(40)), "runs")) == "no runs"
 
 
 def test_one_run_of_each_fault_is_taken_with_the_motions_in_turn() -> None:
@@ -338,3 +343,23 @@ def test_the_study_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     tip, steps = lines["AUC, tip_error"], lines["AUC, steps/all/1"]
     assert tip and steps and 0.5 < steps.low < steps.value < tip.value <= 1.0
     assert (tmp_path / "detectors" / "findings.md").read_text().count("\n| steps/all/1") > 3
+
+
+ASKED = [
+    ("tip_error", 1.0, True),
+    ("tip_error", 3.0, False),
+    (STOPS, np.nan, False),
+    (CUE, np.nan, False),
+    ("steps/all/1", 0.5, True),
+    (CHECKS, np.nan, True),
+]
+
+
+@pytest.mark.parametrize(("name", "threshold", "asked"), ASKED)
+def test_what_the_definitions_decide_is_not_asked(name: str, threshold: float, asked: bool) -> None:
+    runs = random_runs(100)
+    assert detector_points.cannot_lead(runs, name, threshold) == (not asked)
+    found = detector_points.before(runs, name, threshold)
+    assert (found.of == "by definition") == (not asked)
+    farther = runs._replace(rules=Rules(limit_mm=5.0))  # a motion of 5 mm can be announced at 3 mm
+    assert detector_points.cannot_lead(farther, name, threshold) == (name == STOPS)

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.campaign import loading
-from ravenjax.campaign.faults import draws
+from ravenjax.campaign.inspection import draws
 from ravenjax.stats.bootstrap.units import FEW
 from ravenjax.studies.framework import kinds
 

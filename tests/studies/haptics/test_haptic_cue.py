@@ -13,8 +13,10 @@ import synthetic_results
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
 from ravenjax.outcomes.events import Rules
+from ravenjax.report import wording
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import haptics
+from ravenjax.stats.bootstrap import units
 from ravenjax.store.manifest import CueRecord
 from ravenjax.studies import catalogue, running
 from ravenjax.studies.detection.runs import AS_MODELLED, UNCERTAIN
@@ -41,6 +43,9 @@ def faulty(first: list[list[int]], unintended_ms: list[int]) -> FaultyCues:
         CUES,
         PUBLISHED,
         np.arange(n),
+        np.arange(n),
+        np.zeros(n, int),
+        np.array([f"sampled/{k}" for k in range(n)], object),
         np.zeros(n, int),
         np.full(n, "packets", object),
         np.full(n, 100),
@@ -76,7 +81,7 @@ def test_the_catalogue_finds_it() -> None:
 def test_the_choice_weighs_missed_hazards_against_false_cues() -> None:
     # thresholds 1, 3, 8 mm miss 0, 1/4 and 3/4 of 4 hazards, with 20, 1 and 0 false cues an hour
     missed = np.array([[0, 0, 0], [0, 0, 1], [0, 0, 1], [0, 1, 1]], bool)
-    counts = choice.counts(missed, np.arange(4), np.array([[20, 1, 0]]), np.array([1.0]), np.array(["a"]))
+    counts = choice.counts(missed, units.units(np.arange(4)), np.array([[20, 1, 0]]), np.array([1.0]), np.array(["a"]))
     found = choice.choose(counts, np.array([1.0, 10.0, 1000.0]))
     assert found.cost.tolist() == [[20.0, 1.25, 0.75], [20.0, 3.5, 7.5], [20.0, 251.0, 750.0]]
     assert found.winner.tolist() == [2, 1, 0]
@@ -86,7 +91,7 @@ def test_the_choice_weighs_missed_hazards_against_false_cues() -> None:
 def test_a_sure_choice_always_wins_and_equals_go_to_the_higher_threshold() -> None:
     missed = np.zeros((50, 3), bool)
     missed[:, 2] = True
-    counts = choice.counts(missed, np.arange(50), np.array([[2, 2, 2]] * 4), np.ones(4), np.arange(4))
+    counts = choice.counts(missed, units.units(np.arange(50)), np.array([[2, 2, 2]] * 4), np.ones(4), np.arange(4))
     found = choice.choose(counts, np.array([100.0]))
     assert found.winner.tolist() == [1]
     assert found.wins[0].tolist() == [0.0, 1.0, 0.0]
@@ -96,7 +101,7 @@ def test_an_even_choice_is_told_as_one() -> None:
     # sets 0 and 1 each miss one of two alike halves of the hazards: a coin
     half = np.arange(400) < 200
     missed = np.stack([half, ~half], axis=1)
-    counts = choice.counts(missed, np.arange(400), np.zeros((2, 2)), np.ones(2), np.arange(2))
+    counts = choice.counts(missed, units.units(np.arange(400)), np.zeros((2, 2)), np.ones(2), np.arange(2))
     wins = choice.choose(counts, np.array([1.0])).wins[0]
     assert wins == pytest.approx([0.5, 0.5], abs=0.06)
     with pytest.raises(ValueError, match="needs hazards"):
@@ -108,7 +113,9 @@ def test_a_rate_of_which_nothing_was_seen_decides_only_after_enough_hours() -> N
     missed = np.stack([np.arange(400) < 40, np.arange(400) < 60], axis=1)
 
     def found(hours: float) -> choice.Winners:
-        counts = choice.counts(missed, np.arange(400), np.zeros((9, 2)), np.full(9, hours / 9), np.arange(9))
+        counts = choice.counts(
+            missed, units.units(np.arange(400)), np.zeros((9, 2)), np.full(9, hours / 9), np.arange(9)
+        )
         return choice.choose(counts, np.array([10.0]))
 
     few, many = found(0.01), found(1000.0)
@@ -117,24 +124,27 @@ def test_a_rate_of_which_nothing_was_seen_decides_only_after_enough_hours() -> N
     assert many.sure[0] and many.wins[0, 0] == 1.0
 
 
-def test_runs_of_one_fault_are_drawn_together() -> None:
-    # 3 faults of 100 runs each: were runs drawn, set 1 would win almost always
-    cell = np.repeat(np.arange(3), 100)
-    missed = np.stack([cell != 2, cell == 2], axis=1)
-    counts = choice.counts(missed, cell, np.ones((1, 2)), np.ones(1), np.zeros(1))
+def test_faults_of_one_kind_are_drawn_together() -> None:
+    # 3 kinds of 100 runs each: were runs drawn, set 1 would win almost always
+    kind = np.repeat(np.arange(3), 100)
+    missed = np.stack([kind != 2, kind == 2], axis=1)
+    counts = choice.counts(missed, units.units(kind), np.ones((1, 2)), np.ones(1), np.zeros(1))
     assert counts.hazards.tolist() == [100, 100, 100]
     wins = choice.choose(counts, np.array([1.0])).wins[0]
-    assert wins[0] == pytest.approx(7 / 27, abs=0.03)  # two or three of three draws are fault 2
+    assert wins[0] == pytest.approx(1 / 9, abs=0.03)  # both of two draws are kind 2; one of them is even, to set 1
 
 
 def test_what_is_felt_is_measured_from_the_first_effect() -> None:
     runs = faulty([[110, 150, -1], [120, 250, -1], [-1, -1, -1], [130, -1, -1]], unintended_ms=[200, 200, 200, -1])
     found = tables.felt(runs, PUBLISHED)
     assert (found.missed.value, found.missed.n) == (pytest.approx(1 / 3), 3)
-    assert found.before.value == pytest.approx(1 / 3)
     assert found.others.value == 0.0
     assert found.delay_ms.value == 150  # of 50, 150 and never
-    assert found.lead_ms.value == -50
+    assert found.before.of == found.lead_ms.of == "by definition"  # 3 mm of the tip, and a cue at 3 mm
+    early = tables.felt(runs, 0)
+    assert early.before.value == pytest.approx(2 / 3) and early.lead_ms.value == 80
+    apart = tables.felt(runs._replace(rules=Rules(limit_mm=4.0)), PUBLISHED)
+    assert apart.before.value == pytest.approx(1 / 3) and apart.lead_ms.value == -50
     assert found.force == "0.03 (0.03 to 0.03)"
     assert found.at_cap.value == 0.0
     assert tables.felt(runs, PUBLISHED + 1).at_cap.value == 1.0
@@ -183,6 +193,43 @@ def test_the_front_names_sets_that_do_the_same_together() -> None:
     shown = tables.front_table(runs, free([[5, 1, 1]]))
     # 8 mm misses more than 3 mm with as many false cues
     assert [(row[0], row[1]) for row in shown.rows] == [("3", "all"), ("1", "all")]
+
+
+@pytest.mark.parametrize("limit_mm", [0.5, 1.0, 2.0, 3.0, 5.0, 9.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_every_number_of_a_line_stands_in_the_table(limit_mm: float, seed: int) -> None:
+    """Whatever the limit of the motion: what the lines say of a threshold is what its row says, and neither says what
+    the definitions decide."""
+    rng = np.random.default_rng(seed)
+    times = np.where(rng.random((60, 3)) < [0.95, 0.9, 0.6], rng.integers(110, 400, (60, 3)), -1)
+    runs = faulty(times.tolist(), np.where(rng.random(60) < 0.5, 300, -1).tolist())
+    runs = runs._replace(rules=Rules(limit_mm=limit_mm))
+    motion = free([[50, 4, 0]] * 6)
+    found = haptic_cue.findings(runs, motion._replace(robot=motion.robot))
+    lines = {line.quantity: line.predicted for line in found.lines}
+    for row in found.tables[0].rows:
+        words = f"{row[0]:g} mm" + (" (published)" if row[0] == 3 else "")
+        if f"{words}: unintended motion missed" not in lines:
+            continue
+        for cell, name in ((row[1], "missed"), (row[2], "felt before it began")):
+            line = lines.get(f"{words}: unintended motion {name}")
+            if name != "missed" and float(row[0]) >= limit_mm:
+                assert line is None and cell == wording.DASH
+                continue
+            assert line and str(cell).startswith(wording.percent(line.value / 100))
+            assert f"of {wording.count(line.n)}" in str(cell) and "runs with unintended motion" in line.of
+    assert any("1 mm: unintended motion missed" in name for name in lines)
+
+
+def test_each_kind_has_its_own_denominator() -> None:
+    runs = faulty([[110, -1, -1]] * 6 + [[-1, -1, -1]] * 2, unintended_ms=[200] * 8)
+    runs = runs._replace(
+        group=np.array(["boundary/tau_d"] * 6 + ["library/B24"] * 2, object), kind=np.repeat([0, 1], [6, 2])
+    )
+    rows = tables.kind_table(runs, [0], {"boundary/tau_d"}).rows
+    assert [row[0] for row in rows] == ["boundary/tau_d", "B24"]
+    assert rows[0][2:4] == ("6 drawn", "6 of 6") and str(rows[0][4]).startswith("6 of 6") and "(" in str(rows[0][4])
+    assert rows[1][2:4] == ("2 cells of the design", "2 of 2") and "(" not in str(rows[1][4])
 
 
 @pytest.mark.slow
