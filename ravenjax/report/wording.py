@@ -54,9 +54,11 @@ def percent(fraction: float) -> str:
 
 
 def interval(rate: Rate) -> str:
-    """14.1–17.3 %, of a rate's confidence interval."""
+    """14.1–17.3 %, of a rate's confidence interval; empty where it has none, as nothing was sampled."""
     if not rate.n:
         return "no runs"
+    if math.isnan(rate.low):
+        return ""
     digits = max(_decimals(rate.low), _decimals(rate.high))
     return f"{100 * rate.low:.{digits}f}{DASH}{100 * rate.high:.{digits}f}{NARROW}%"
 

@@ -48,6 +48,11 @@ def clopper_pearson(k: int, n: int, confidence: float = 0.95) -> Rate:
     return rates([k], [n], confidence, "clopper_pearson")[0]
 
 
+def share(k: int, n: int) -> Rate:
+    """k of the n cells of a design without an interval: nothing was sampled. ValueError unless 0 <= k <= n."""
+    return wilson(k, n)._replace(low=np.nan, high=np.nan)
+
+
 def rates(k: ArrayLike, n: ArrayLike, confidence: float = 0.95, method: Method = "wilson") -> list[Rate]:
     """Rates k[i] of n[i] with their intervals: thousands at the price of one.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 import result_rows
 
@@ -57,8 +58,21 @@ def test_hazards_of_a_pool_count_alike_however_many_runs_they_have() -> None:
     row = risk.by_pool(risk.counts(table), Pool("H1-2", "", ("B24", "C09", "C10")))
     assert row.pool.hazards == ("B24", "C09")
     assert row.injury is not None and row.injury.value == pytest.approx(0.5)
-    assert row.injury.low < 0.5 < row.injury.high
+    assert np.isnan(row.injury.low)  # two hazards are no sample of hazards
     assert row.mean == pytest.approx(2.5)
+
+
+HALVES = [np.array([1, 0, 0, 0, 0, 0])] * 5 + [np.array([0, 0, 0, 0, 0, 1])] * 5
+"""Runs of ten hazards by severity: harmless, or the gravest."""
+
+
+def test_the_interval_of_a_pool_counts_hazards_not_runs() -> None:
+    ids = tuple(f"C{number:02}" for number in range(1, 11))
+    few = risk.mean_over(np.repeat([0.0, 1.0], 5), ids, np.ones(10))
+    many = risk.by_pool({name: 50 * runs for name, runs in zip(ids, HALVES, strict=True)}, Pool("", "", ids)).injury
+    assert many == pytest.approx(few) and few.low < 0.3 and few.high > 0.7
+    twice = risk.mean_over(np.repeat([0.0, 1.0], 5), ("C01",) * 5 + ("C02",) * 5, np.ones(10))
+    assert np.isnan(twice.low)  # one that counts in two classes is one unit
 
 
 def test_pools_weigh_against_each_other_and_leave_out_what_was_not_run() -> None:

@@ -1,7 +1,8 @@
 """How bad the runs of each hazard were, of pools of hazards, and of pools weighted against each other.
 
 A hazard's runs are a design over values and times that somebody chose, so a rate says what share of *these* runs did
-it, not how often it happens; its interval holds for runs drawn in the same way. Hazards of a pool count alike.
+it, not how often it happens, and has no interval. Hazards of a pool count alike; how sure a pool's mean is rests on how
+many hazards it has, so that its interval resamples hazards.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ import pandas as pd
 from ravenjax.hazards import naming, severity
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report.data.runs import Runs
-from ravenjax.stats.intervals import Rate, wilson
-from ravenjax.stats.strata import StratifiedRate, stratified
+from ravenjax.stats.bootstrap import units
+from ravenjax.stats.intervals import Estimate, Rate, share
 
 Counts = Mapping[str, np.ndarray]
 """Hazard id -> valid runs of each severity, int [6]."""
@@ -50,8 +51,8 @@ class PoolRisk:
 
     pool: Pool  # with those of its hazards that have runs
     mean: float  # as of one hazard; NaN: no hazard has runs, and no rates
-    injury: StratifiedRate | None
-    silent: StratifiedRate | None
+    injury: Estimate | None
+    silent: Estimate | None
 
 
 def counts(frame: pd.DataFrame, cue: int | None = 0, limit_mm: float = LIMIT_MM) -> dict[str, np.ndarray]:
@@ -87,8 +88,8 @@ def by_hazard(found: Counts) -> list[HazardRisk]:
             name,
             tuple(int(n) for n in number),
             _mean(number),
-            wilson(int(number[severity.INJURY :].sum()), int(number.sum())),
-            wilson(int(number[-1]), int(number.sum())),
+            share(int(number[severity.INJURY :].sum()), int(number.sum())),
+            share(int(number[-1]), int(number.sum())),
         )
         for name, number in found.items()
         if number.sum()
@@ -118,13 +119,20 @@ def _pooled(found: Counts, pool: Pool, weights: Sequence[float]) -> PoolRisk:
     if not pool.hazards:
         return PoolRisk(pool, math.nan, None, None)
     numbers = np.array([found[name] for name in pool.hazards])
-    runs, share = numbers.sum(axis=1), np.array(weights) / np.sum(weights)
+    runs, weight = numbers.sum(axis=1), np.array(weights, float)
     return PoolRisk(
         pool,
-        float(share @ [_mean(number) for number in numbers]),
-        stratified(numbers[:, severity.INJURY :].sum(axis=1), runs, share),
-        stratified(numbers[:, -1], runs, share),
+        float(weight @ [_mean(number) for number in numbers] / weight.sum()),
+        mean_over(numbers[:, severity.INJURY :].sum(axis=1) / runs, pool.hazards, weight),
+        mean_over(numbers[:, -1] / runs, pool.hazards, weight),
     )
+
+
+def mean_over(shares: np.ndarray, hazard: Sequence[str], weight: np.ndarray) -> Estimate:
+    """Weighted mean of shares [n] of hazards with its interval over hazards (`units.ratio`); one that stands twice
+    is one unit."""
+    band = units.ratio(weight * shares, weight, units.units(np.array(hazard, object)))
+    return Estimate(float(band.value), band.low, band.high)
 
 
 def _mean(number: np.ndarray) -> float:

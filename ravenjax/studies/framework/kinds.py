@@ -8,6 +8,7 @@ rests on the number of kinds. Strata are the families that groups are named by: 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -16,7 +17,9 @@ from numpy.typing import ArrayLike
 
 from ravenjax.hazards.naming import hazards_of
 from ravenjax.report import wording
-from ravenjax.stats.bootstrap.units import FEW, FEWEST, Units, units
+from ravenjax.stats.bootstrap.units import FEW, FEWEST, Units, ratio, units
+from ravenjax.stats.comparison.paired import difference_of_counts
+from ravenjax.stats.intervals import Estimate
 
 LIBRARY = "library"
 """Family of the hazards of the library."""
@@ -41,6 +44,20 @@ def families(group: ArrayLike) -> np.ndarray:
 def of(group: ArrayLike) -> Units:
     """Kinds and families of faults as units and strata."""
     return units(names(group), families(group))
+
+
+def difference(first: np.ndarray, second: np.ndarray, among: Units) -> Estimate:
+    """Rate of `first` minus rate of `second` (bool [pairs]) with its interval over kinds.
+
+    Where no pair differs a resample cannot show a difference either: then Bonett and Price's interval of as many pairs
+    as there are kinds.
+    """
+    if not len(first):
+        return Estimate(math.nan, math.nan, math.nan)
+    if among.count >= FEWEST and (first == second).all():
+        return difference_of_counts(0, 0, among.count)
+    band = ratio(first.astype(float) - second, 1.0, among)
+    return Estimate(band.value, band.low, band.high)
 
 
 def count(among: Units) -> str:

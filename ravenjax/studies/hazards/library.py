@@ -14,8 +14,8 @@ from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report import wording
 from ravenjax.report.sections import risk
 from ravenjax.report.sections.risk import Pool, PoolRisk
-from ravenjax.stats.intervals import Rate, wilson
-from ravenjax.stats.strata import StratifiedRate, stratified
+from ravenjax.stats.bootstrap.units import FEW, FEWEST
+from ravenjax.stats.intervals import Estimate, Rate, share
 from ravenjax.store import folder
 from ravenjax.studies.framework import literature
 from ravenjax.studies.framework.study import Context, Findings, Line, Study, StudyEstimate, Table, Variant
@@ -148,12 +148,13 @@ def hazard_table(rows: Sequence[risk.HazardRisk], uncued: risk.Counts) -> Table:
             (
                 row.hazard, library.find(row.hazard).title, *row.counts, round(row.mean, 2),
                 _rate(row.injury), _rate(row.silent),
-                _rate(wilson(int(uncued[row.hazard][-1]), int(uncued[row.hazard].sum()))),
+                _rate(share(int(uncued[row.hazard][-1]), int(uncued[row.hazard].sum()))),
             )
             for row in rows
         ),
         _scale() + " Mean severity is probability times severity, summed; the numbers are ordinal, so it ranks and "
-        "does not measure. Intervals: Wilson, 95 %, of runs drawn as these were; the runs of a hazard are a design.",
+        "does not measure. Injury-capable, no alarm: of the runs of that hazard, the cells of a design; no "
+        "interval.",
     )  # fmt: skip
 
 
@@ -166,11 +167,12 @@ def pool_table(title: str, rows: Sequence[PoolRisk], caveat: str = "") -> Table:
             (
                 row.pool.name, row.pool.meaning, ", ".join(dict.fromkeys(row.pool.hazards)) or NOT_SIMULATED,
                 "" if math.isnan(row.pool.weight) else wording.percent(row.pool.weight),
-                "" if math.isnan(row.mean) else round(row.mean, 2), _stratified(row.injury), _stratified(row.silent),
+                "" if math.isnan(row.mean) else round(row.mean, 2), _mean(row.injury), _mean(row.silent),
             )
             for row in rows
         ),
-        f"{caveat} The hazards of a class count alike. Intervals: stratified Wilson, 95 %.".strip(),
+        f"{caveat} The hazards of a class count alike. Intervals, 95 %: bootstrap over hazards, which are what was "
+        f"chosen; none with fewer than {FEWEST} of them, and too narrow with fewer than {FEW}.".strip(),
     )  # fmt: skip
 
 
@@ -238,24 +240,27 @@ def _lines(found: Sequence[HazardOutcome], published: literature.Published) -> I
 
 
 def _manifest(rows: Sequence[HazardOutcome], name: str) -> StudyEstimate | None:
-    """Share of activated runs that have a class (""; any but `none` and `message` alone), each row counting alike."""
+    """Share of activated runs that have a class (""; any but `none` and `message` alone), each row counting alike; its
+    interval is over rows."""
     if not rows:
         return None
     hits = [one.counts[name] if name else one.valid - one.without_effect for one in rows]
     runs = [one.valid for one in rows]
-    rate = stratified(hits, runs, [1.0] * len(rows))
-    of = "runs of " + ", ".join(one.hazard.id for one in rows)
-    return StudyEstimate(100 * rate.value, 100 * rate.low, 100 * rate.high, sum(runs), of)
+    ids = [one.hazard.id for one in rows]
+    rate = risk.mean_over(np.divide(hits, runs), ids, np.ones(len(rows)))
+    return StudyEstimate(100 * rate.value, 100 * rate.low, 100 * rate.high, sum(runs), f"runs of {', '.join(ids)}")
 
 
 def _rate(rate: Rate) -> str:
-    return f"{wording.percent(rate.value)} ({wording.interval(rate)})"
+    return f"{rate.k} of {rate.n}, {wording.percent(rate.value)}"
 
 
-def _stratified(rate: StratifiedRate | None) -> str:
-    if rate is None:
+def _mean(mean: Estimate | None) -> str:
+    if mean is None:
         return ""
-    return f"{wording.percent(rate.value)} ({wording.percent(rate.low)} to {wording.percent(rate.high)})"
+    if math.isnan(mean.low):
+        return wording.percent(mean.value)
+    return f"{wording.percent(mean.value)} ({wording.percent(mean.low)} to {wording.percent(mean.high)})"
 
 
 def _scale() -> str:
@@ -270,7 +275,8 @@ def _notes(frame: pd.DataFrame, found: Sequence[HazardOutcome]) -> tuple[str, ..
     ]
     failed = np.count_nonzero(frame["failed"] != "")
     return (
-        "A severity is of one run and given its fault. Nothing here says how often a fault strikes: no source does.",
+        "A severity is of one run and given its fault. Nothing here says how often a fault strikes: no source does. "
+        "The values of a hazard are those of its source, so that a share of its runs has no sampling interval.",
         f"Runs that changed no bit: {', '.join(idle) or 'none'}. They are no misses of the injection but values "
         "that the signal had anyway, and windows in which it was not there.",
         "A restart is taken to meet a fault again that lasts until the end of the run or comes again and again. One "

@@ -9,7 +9,6 @@ import pandas as pd
 from ravenjax.hazards import library, ranges
 from ravenjax.hazards.library import Hazard
 from ravenjax.hazards.naming import hazards_of
-from ravenjax.stats.intervals import clopper_pearson
 from ravenjax.store import folder
 from ravenjax.studies.framework import literature
 from ravenjax.studies.framework.study import Context, Findings, Line, Study, StudyEstimate, Table, Variant
@@ -119,8 +118,8 @@ def _agreement_lines(found: Sequence[HazardOutcome]) -> tuple[Line, ...]:
     software = [one for one in simulated if number_of(one.hazard) < FIRST_PLC]
 
     def share(quantity: str, of: Sequence[HazardOutcome], verdicts: tuple[str, ...], words: str) -> Line:
-        rate = clopper_pearson(sum(one.verdict in verdicts for one in of), len(of))
-        value = StudyEstimate(100 * rate.value, 100 * rate.low, 100 * rate.high, rate.n, words)
+        rows = sum(one.verdict in verdicts for one in of)  # every row of the list: nothing is sampled
+        value = StudyEstimate(100 * rows / len(of), n=len(of), of=words)
         return Line(quantity, "%", None, value, target="A7")
 
     return (

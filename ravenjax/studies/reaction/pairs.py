@@ -18,11 +18,12 @@ from ravenjax.report.sections.reaction.pairs import EXCURSION, Pairs
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.comparison.clustered import exchange_p
-from ravenjax.stats.comparison.paired import difference_of_counts, mcnemar
+from ravenjax.stats.comparison.paired import mcnemar
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.stats.multiplicity import holm
 from ravenjax.store import folder, manifest
 from ravenjax.studies.framework import kinds
+from ravenjax.studies.framework.kinds import difference
 from ravenjax.studies.reaction.measures import Measure
 
 SPEEDS_MS = (0, 50, 200, 500, 1000)
@@ -96,20 +97,6 @@ def contrast(pairs: Pairs, measure: Measure) -> Contrast:
         int(acted.sum()),
         needed(difference(with_[acted], without[acted], among.where(acted))),
     )
-
-
-def difference(first: np.ndarray, second: np.ndarray, among: Units) -> Estimate:
-    """Rate of `first` minus rate of `second` (bool [pairs]) with its interval over kinds.
-
-    Where no pair differs a resample cannot show a difference either: then Bonett and Price's interval of as many pairs
-    as there are kinds.
-    """
-    if not len(first):
-        return Estimate(math.nan, math.nan, math.nan)
-    if among.count >= units.FEWEST and (first == second).all():
-        return difference_of_counts(0, 0, among.count)
-    band = units.ratio(first.astype(float) - second, 1.0, among)
-    return Estimate(band.value, band.low, band.high)
 
 
 def needed(difference: Estimate) -> Estimate:

@@ -54,7 +54,7 @@ def ranges(
 
 
 def layers(found: Mapping[str, Sequence[Rate]], event: str) -> Callable[[Any], None]:
-    """Draws the rate of an event by layer: every robot a dot, the known one with its interval."""
+    """Draws the rate of an event by layer: every robot a dot."""
 
     def draw(figure: Any) -> None:
         figure.set_size_inches(WIDTH_IN, 0.32 * len(found) + 1.0)
@@ -63,9 +63,7 @@ def layers(found: Mapping[str, Sequence[Rate]], event: str) -> Callable[[Any], N
             others = [100 * rate.value for rate in rates[1:]]
             axis.plot(others, [place] * len(others), "o", ms=5, color=SERIES[5], alpha=0.45, mew=0,
                       label=None if place else "another robot")  # fmt: skip
-            value, low, high = (100 * part for part in rates[0][2:])
-            axis.errorbar(value, place, xerr=[[value - low], [high - value]], fmt="s", ms=4, color="0.2", capsize=2,
-                          elinewidth=1.0, label=None if place else "known robot, 95 %")  # fmt: skip
+            axis.plot(100 * rates[0].value, place, "s", ms=4, color="0.2", label=None if place else "known robot")
         axis.set_yticks(range(len(found)), list(found))
         axis.set(xlabel=f"% of faults: {EVENTS[event]}", ylim=(len(found) - 0.5, -0.5), xlim=(0, None))
         axis.grid(axis="y", visible=False)

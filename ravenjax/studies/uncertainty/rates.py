@@ -14,11 +14,15 @@ from ravenjax.hazards import severity
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report.data import facts as run_facts
 from ravenjax.robots.raven2.layers import LAYERS
-from ravenjax.stats.comparison.paired import mcnemar, rate_difference
+from ravenjax.stats.bootstrap import units
+from ravenjax.stats.bootstrap.units import Units
+from ravenjax.stats.comparison.clustered import exchange_p
 from ravenjax.stats.inputs.association import Dependence, dependences
-from ravenjax.stats.intervals import Estimate, Rate, wilson
+from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.stats.multiplicity import Finding, holm
 from ravenjax.store import folder, manifest
+from ravenjax.studies.framework import kinds
+from ravenjax.studies.framework.kinds import difference
 from ravenjax.studies.uncertainty.parameters import Uncertain
 
 EVENTS = {
@@ -42,11 +46,20 @@ class RobotRates(NamedTuple):
     """One robot under the same faults as every other."""
 
     name: str
-    events: pd.DataFrame  # bool [faults], columns EVENTS; index: number of the fault
+    events: pd.DataFrame  # bool [faults], columns EVENTS, and `kind` and `layer`; index: number of the fault
+
+    @property
+    def faults(self) -> Units:
+        """Kinds of the faults."""
+        return units.units(self.events["kind"].to_numpy())
 
     def rate(self, event: str) -> Rate:
-        """Share of the faults with that event."""
-        return wilson(int(self.events[event].to_numpy().sum()), len(self.events))
+        """Share of the faults with that event, its interval over kinds of faults."""
+        return units.rate(self.events[event].to_numpy(), self.faults)
+
+    def where(self, layer: str) -> RobotRates:
+        """Faults of one layer."""
+        return self._replace(events=self.events.loc[self.events["layer"] == layer])
 
 
 class ParameterEffect(NamedTuple):
@@ -56,8 +69,8 @@ class ParameterEffect(NamedTuple):
     parameter: Uncertain
     low: Rate
     high: Rate
-    difference: Estimate  # high minus low, fraction, of pairs
-    p: float  # McNemar, exact
+    difference: Estimate  # high minus low, fraction, of pairs; its interval over kinds of faults
+    p: float  # exact, both ends exchanged kind by kind
 
 
 def read(path: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -78,7 +91,7 @@ def numbered(pair: np.ndarray) -> np.ndarray:
 
 
 def events(frame: pd.DataFrame, facts: pd.DataFrame) -> pd.DataFrame:
-    """EVENTS of each run, and its `layer`."""
+    """EVENTS of each run, its `layer` and the `kind` of its fault."""
     warned = (facts["warned_ms"] >= 0) & (facts["warned_ms"] < facts["unintended_ms"])
     return pd.DataFrame(
         {
@@ -92,6 +105,7 @@ def events(frame: pd.DataFrame, facts: pd.DataFrame) -> pd.DataFrame:
             "jump": facts["jump"],
             "injury": severity.injury_capable(frame),
             "layer": facts["layer"],
+            "kind": kinds.names(frame["group"]),
         }
     )
 
@@ -120,18 +134,12 @@ def effects(ends: Mapping[Uncertain, tuple[RobotRates, RobotRates]]) -> list[Par
             parameter,
             low.rate(event),
             high.rate(event),
-            rate_difference(high.events[event].to_numpy(), low.events[event].to_numpy()),
-            _p(high.events[event].to_numpy(), low.events[event].to_numpy()),
+            difference(high.events[event].to_numpy(), low.events[event].to_numpy(), low.faults),
+            exchange_p(high.events[event].to_numpy(), low.events[event].to_numpy(), low.faults.unit),
         )
         for event in EVENTS
         for parameter, (low, high) in ends.items()
     ]
-
-
-def _p(first: np.ndarray, second: np.ndarray) -> float:
-    """NaN where no fault differs: nothing to test."""
-    test = mcnemar(first, second)
-    return test.p if test.first_only + test.second_only else math.nan
 
 
 def judged(p: Sequence[float]) -> list[Finding]:
@@ -190,5 +198,5 @@ def by_layer(listed: Sequence[RobotRates], event: str) -> dict[str, list[Rate]]:
     for name in LAYERS.values():
         parts = [robot.events.loc[robot.events["layer"] == name, event] for robot in listed]
         if all(len(part) for part in parts):
-            rates[name] = [wilson(int(part.sum()), len(part)) for part in parts]
+            rates[name] = [robot.where(name).rate(event) for robot in listed]
     return rates

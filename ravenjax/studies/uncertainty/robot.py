@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import pandas as pd
 
 from ravenjax.stats.inputs.association import Dependence
+from ravenjax.studies.framework import kinds
 from ravenjax.studies.framework.study import Context, Drawing, Findings, Line, Study, StudyEstimate, Variant
 from ravenjax.studies.uncertainty import drawings, rates, search, tables
 from ravenjax.studies.uncertainty.parameters import PARAMETERS, SETS, Uncertain
@@ -43,8 +44,8 @@ def compare(context: Context) -> Findings:
         ),
         drawings=(
             Drawing("ranges", "Rates of five conclusions with one parameter at each end of its range, and on the other "
-                    "published sets of parameters; the same faults on all. Band: 95 % of the known robot's rate, of "
-                    "faults drawn as these were.",
+                    "published sets of parameters; the same faults on all. Band: 95 % of the known robot's rate, over "
+                    "kinds of faults.",
                     drawings.ranges(base, {one.words: pair for one, pair in ends.items()}, sets)),
             Drawing("layers", "Share of faults that make an unintended motion, by the layer where they strike: every "
                     "robot, the same faults.",
@@ -77,7 +78,8 @@ def _thirds(context: Context) -> list[tuple[str, Dependence]]:
 def _lines(known: RobotRates, robots: Sequence[RobotRates], effects: Sequence[ParameterEffect]) -> Iterator[Line]:
     for event, words in EVENTS.items():
         rate = known.rate(event)
-        value = StudyEstimate(100 * rate.value, 100 * rate.low, 100 * rate.high, rate.n, "faults, the known robot")
+        of = f"faults of this design, {kinds.count(known.faults)}, the known robot"
+        value = StudyEstimate(100 * rate.value, 100 * rate.low, 100 * rate.high, rate.n, of)
         yield Line(words, "%", None, value)
         span = rates.over(robots, event)
         many = StudyEstimate(
@@ -110,7 +112,8 @@ def _notes(robots: int, rounding: float, same: int) -> tuple[str, ...]:
         "Differences of that size are nothing.",
         "A delay of commands acts between the boards and the motors, behind every check; encoders are read without "
         "one.",
-        "Faults are drawn as in the quick campaign: its rates are of its design, not of what occurs.",
+        "Faults are drawn as in the quick campaign: shares are of its design, not of what occurs, and hide that sites "
+        "differ far more than robots do; the table of layers shows that.",
     )
 
 

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 
 from ravenjax.report import wording
 from ravenjax.stats.inputs.association import Dependence
-from ravenjax.stats.intervals import Estimate, Rate
+from ravenjax.stats.intervals import Estimate, Rate, share
+from ravenjax.studies.framework import kinds
 from ravenjax.studies.framework.study import Table
 from ravenjax.studies.reaction.tables import rate
 from ravenjax.studies.uncertainty import rates as uncertain_rates
@@ -66,9 +67,9 @@ def conclusions(
         tuple(rows),
         f"The {len(listed)} robots: the known one, each parameter at each end of its range, the published sets; the "
         "same faults on all. Depends: p below 0.05 after Holm over all conclusions and parameters of that column; "
-        "McNemar, exact, on the same faults; on drawn robots Mann-Whitney and chi-squared over thirds. That a "
-        "conclusion is not seen to depend on a parameter is no proof: differences below about a point do not show "
-        "among so many faults.",
+        "on the same faults exact, both ends exchanged kind by kind; on drawn robots Mann-Whitney and chi-squared over "
+        "thirds. That a conclusion is not seen to depend on a parameter is no proof: differences below some points do "
+        f"not show among so many kinds of faults. {kinds.NOTE}",
     )  # fmt: skip
 
 
@@ -88,8 +89,8 @@ def ends(found: Sequence[ParameterEffect]) -> Table:
             )
             for one, finding in zip(found, judged, strict=True)
         ),
-        "Difference: high minus low end, pairs of the same fault and random numbers, 95 % (Bonett and Price). p: "
-        "McNemar, exact, Holm over the table; – where no fault came out differently.",
+        "Difference: high minus low end, pairs of the same fault and random numbers. p: both ends exchanged kind by "
+        f"kind, exact, Holm over the table; – where no fault came out differently. {kinds.NOTE}",
     )  # fmt: skip
 
 
@@ -97,7 +98,7 @@ def thirds(drawn: Sequence[tuple[str, Dependence]], words: Mapping[str, str]) ->
     """Rates by thirds of each parameter."""
     rows = []
     for event, one in drawn:
-        by_level = {level.name: rate(level.rate) for level in one.levels}
+        by_level = {level.name: rate(share(level.rate.k, level.rate.n)) for level in one.levels}
         cells = [by_level.get(name, wording.DASH) for name in ("lowest third", "middle third", "highest third")]
         rows.append((EVENTS[event], words[one.name], *cells, points(one.difference), wording.number(one.adjusted, 2)))
     return Table(
@@ -107,7 +108,8 @@ def thirds(drawn: Sequence[tuple[str, Dependence]], words: Mapping[str, str]) ->
             "highest minus lowest, points", "p (Holm)",
         ),
         tuple(rows),
-        "Every run has its own fault and its own robot. Intervals: Wilson, 95 %. p: twice the lesser of Mann-Whitney "
+        "Every run has its own fault and its own robot, whose parameters were drawn for it; of the difference, 95 %. "
+        "p: twice the lesser of Mann-Whitney "
         "and chi-squared over thirds, Holm over the table. A parameter of few values has thirds of unequal size.",
     )  # fmt: skip
 
@@ -118,8 +120,8 @@ def robots(listed: Sequence[RobotRates]) -> Table:
         "Every robot",
         ("robot", "faults", *EVENTS.values()),
         tuple((robot.name, len(robot.events), *(rate(robot.rate(event)) for event in EVENTS)) for robot in listed),
-        "The same faults under the same random numbers; those that changed a bit. Wilson, 95 %: of faults drawn as "
-        "these were, so two robots differ more clearly than their intervals say.",
+        "The same faults under the same random numbers; those that changed a bit. Two robots differ more clearly than "
+        f"their intervals say. {kinds.NOTE}",
     )
 
 
@@ -133,8 +135,8 @@ def by_layer(listed: Sequence[RobotRates], event: str) -> Table:
             places[name].append(order.index(name) + 1)
     return Table(
         f"Does the order of layers depend on the robot? Share of faults with: {EVENTS[event]}",
-        ("layer", "known robot", f"lowest of {len(listed)} robots", "highest", "place on the known robot",
-         "places on all robots"),
+        ("layer", "known robot, of the layer's faults", f"lowest of {len(listed)} robots", "highest",
+         "place on the known robot", "places on all robots"),
         tuple(
             (
                 name, rate(rates[0]), percent(min(rates, key=lambda one: one.value)),
@@ -143,7 +145,8 @@ def by_layer(listed: Sequence[RobotRates], event: str) -> Table:
             )
             for name, rates in rates_of.items()
         ),
-        "Place 1 is the layer whose faults do it most often. The first robot is the known one.",
+        "Place 1 is the layer whose faults do it most often. The first robot is the known one. Intervals as in the "
+        "table before: none with fewer than 5 kinds of faults.",
     )  # fmt: skip
 
 
@@ -195,4 +198,4 @@ def number(found: Estimate) -> str:
     if math.isnan(found.value):
         return wording.DASH
     value, low, high = (wording.number(end + 0.0, 2) for end in found)
-    return f"{value} ({low} to {high})"
+    return value if math.isnan(found.low) else f"{value} ({low} to {high})"

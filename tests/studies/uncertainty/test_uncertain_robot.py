@@ -26,9 +26,10 @@ FRICTION = PARAMETERS[0]
 
 
 def table(faults: int, **hits: list[int]) -> pd.DataFrame:
-    """Events of so many faults: the numbers of those that have each, none for the others."""
+    """Events of so many faults, each of its own kind: the numbers of those that have each, none for the others."""
     columns = {event: np.isin(np.arange(faults), hits.get(event, [])) for event in EVENTS}
-    return pd.DataFrame({**columns, "layer": np.where(np.arange(faults) % 2, "packets", "USB in")})
+    layers = np.where(np.arange(faults) % 2, "packets", "USB in")
+    return pd.DataFrame({**columns, "layer": layers, "kind": np.arange(faults)})
 
 
 def test_ranges_and_laws_agree() -> None:
@@ -60,7 +61,7 @@ def test_events_are_those_of_the_result_table() -> None:
     made, frame = synthetic_results.manifest(runs=800), synthetic_results.frame(800)
     chosen = frame["activated"] & (frame["fault0_site"] != "") & (frame["failed"] == "")
     found = uncertain_rates.events(frame[chosen], run_facts.of(frame, made)[chosen])
-    assert set(found) == {*EVENTS, "layer"}
+    assert set(found) == {*EVENTS, "layer", "kind"}
     mine = frame[chosen]
     moved, began, cue = mine["unintended_mm"] > 3.0, mine["unintended_first_ms"], mine["cue0_first_ms"]
     nobody = mine["response"].isin(["silent", "limited"])
@@ -99,6 +100,18 @@ def test_an_effect_is_a_paired_difference() -> None:
     assert moved.p == pytest.approx(2 * 0.5**10)
     assert math.isnan(found["jump"].p)  # no fault differs: nothing to test
     assert [one.rejected for one in uncertain_rates.judged([moved.p, math.nan])] == [True, False]
+
+
+def test_faults_of_one_kind_are_one_witness() -> None:
+    """The ten faults that an end of the parameter spares: of ten kinds, and all of one."""
+    pairs = ends(100, list(range(20)), list(range(10)))
+    low, high = pairs[FRICTION]
+    kind = np.r_[np.arange(10), np.full(10, 10), np.arange(11, 91)]
+    pooled = {FRICTION: tuple(one._replace(events=one.events.assign(kind=kind)) for one in (low, high))}
+    (alike,) = [one for one in uncertain_rates.effects(pooled) if one.event == "unintended"]  # pyright: ignore
+    assert alike.difference.value == pytest.approx(-0.1)
+    assert alike.p == 1
+    assert alike.difference.high > -1e-9  # another draw of kinds may lack that one
 
 
 def test_thirds_find_the_parameter_that_decides() -> None:
