@@ -83,8 +83,33 @@ def test_headline_counts_distinct_faults(built):
     rate = wilson(evaded, len(FAULTY))
     text = words(Page(built[1]))
     assert f"Of {len(FAULTY):,} distinct faults" in text
-    assert f"{evaded:,} ({100 * rate.value:.1f}\u202f%)" in text
-    assert f"(95\xa0% interval {100 * rate.low:.1f}–{100 * rate.high:.1f}\u202f%)" in text
+    assert f"of this design, {evaded:,} made the live robot move" in text
+    interval = f"95\xa0% interval {100 * rate.low:.1f}–{100 * rate.high:.1f}\u202f%"
+    assert f"({100 * rate.value:.1f}\u202f% of faults drawn so, {interval})" in text
+
+
+def test_enumerated_faults_have_shares_without_intervals(tmp_path):
+    """The same runs, of a campaign whose groups are grids: no interval in the headline, the classes and the matrix."""
+    groups = [{"name": name, "design": "grid", "fault": [{"value": [1, 2]}]} for name in FRAME["group"].unique()]
+    manifest = synthetic.manifest(RUNS, config={**MANIFEST.config, "group": groups})
+    runs = Runs.of(FRAME, manifest)
+    assert not runs.sampled() and TABLE.sampled()
+    head = tables.headline(runs, manifest)
+    assert (head["evaded"].k, head["evaded"].n) == (len(EVADING), len(FAULTY)) and np.isnan(head["evaded"].low)
+    cells = [cell["rate"] for row in tables.verdict_matrix(runs) for cell in row["cells"]]
+    assert all(np.isnan(rate.low) for rate in cells) and wording.interval(cells[0]) == ""
+    some = [{**group, "design": "lhs"} for group in groups[:1]] + groups[1:]
+    mixed = Runs.of(FRAME, synthetic.manifest(RUNS, config={**MANIFEST.config, "group": some}))
+    rows = {row["name"]: row["evaded"] for row in tables.group_rows(mixed) if row["faulty"]}
+    assert {name for name, rate in rows.items() if not np.isnan(rate.low)} <= {groups[0]["name"]}
+    folder = tmp_path / "grids"
+    results = ResultFolder.open(folder, manifest)
+    for chunk in results.missing(1000):
+        results.add(FRAME.iloc[chunk.start : chunk.stop])
+    results.close(compile_s=1.0, run_s=1.0, rows=RUNS)
+    text = words(Page(page.build(folder).read_text(encoding="utf-8")))
+    assert "95\xa0% interval" not in text.split("What would the cue change?")[0]
+    assert not re.search(r"\bnan\b", text.split("Runs without a valid outcome, by cause")[0])  # one is called so
 
 
 def test_provenance(built):

@@ -6,12 +6,13 @@ drawn by a hash of the row's number, so that the same table always gives the sam
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pandas as pd
 
+from ravenjax.report.data import draws
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data import fault_free as fault_free_motions
 from ravenjax.report.data.counted import NONE, Delays
@@ -48,6 +49,7 @@ class Runs:
         self.table, self.types = table, table.types()
         self.robot = manifest.robot
         self._length_ms, self._beside = manifest.duration_ms, beside
+        self._drawn_groups = draws.groups(manifest.config)
         self.names = list(self.types)
         run_facts.define(table, run_facts.choices(manifest), _more(manifest))
         self.facts = list(table.types(FACTS))
@@ -84,6 +86,24 @@ class Runs:
         """How many rows fulfil each condition, in one pass."""
         columns = ", ".join(f"count(*) FILTER ({condition})" for condition in conditions)
         return list(self.table.row(f"SELECT {columns} FROM {table} WHERE {where}")) if conditions else []
+
+    def sampled(self, groups: Collection[str] | None = None) -> bool:
+        """Whether the faults of these groups, or of all groups with faults, were drawn: what was enumerated is no
+        sample, and a rate of it has no interval."""
+        if self._drawn_groups is None:
+            return True
+        if groups is None:
+            cube = self.cube()
+            groups = set(cube.loc[cube["faulty"], "group"])
+        return set(groups) <= self._drawn_groups
+
+    def groups_by(self, kind: str) -> dict[str, set[str]]:
+        """Groups of the faults of each class, a value of the column `kind` of facts."""
+        rows = self.table.rows(f'SELECT DISTINCT {quoted(kind)}, "group"::VARCHAR FROM {FACTS} WHERE faulty')
+        classes: dict[str, set[str]] = {}
+        for name, group in rows:
+            classes.setdefault(str(name), set()).add(group)
+        return classes
 
     def cube(self) -> pd.DataFrame:
         """Counts (`runs`) by group, response, hazard, outcome, cued, faulty, failed, evaded, plain and sample."""

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
 
 from ravenjax.document import ticks
 from ravenjax.report.data import counted
@@ -21,6 +24,9 @@ MOST_CLASSES = 12
 """Rows of the compact table; the rest stand in the evidence."""
 
 
+_Interval = TypeVar("_Interval", Rate, Estimate)
+
+
 class ClassRow(NamedTuple):
     """One class of faults, of runs in which nobody reacts; a fault that was run several times counts once."""
 
@@ -34,7 +40,8 @@ class ClassRow(NamedTuple):
 
 def scale(rows: Sequence[ClassRow]) -> float:
     """The share at which the drawn intervals of these rows end: a round one, at most 1."""
-    return min(1.0, ticks.above(max([0.05, *(row.evaded.high for row in rows if row.evaded.n)])))
+    ends = (np.fmax(row.evaded.value, row.evaded.high) for row in rows if row.evaded.n)  # a bound may be unknown
+    return min(1.0, ticks.above(max([0.05, *ends])))
 
 
 class Knowledge(NamedTuple):
@@ -72,12 +79,13 @@ def knowledge(runs: Runs, known: str, manifest: Manifest) -> Knowledge:
         runs.delays(known, start, str(manifest.duration_ms), UNINTENDED)[""] for start in ("active_ms", "unintended_ms")
     )
     delays, lead = counted.incidence(delay), counted.lead(lags)
+    sampled = runs.sampled()
     return Knowledge(
         delays,
-        delays.quantile_interval(0.5),
-        delays.quantile_interval(0.25),
-        lead,
-        tables.rate_of(lead.n - lead.alarmed, lead.n),
+        _known(delays.quantile_interval(0.5), sampled),
+        _known(delays.quantile_interval(0.25), sampled),
+        lead._replace(before=_known(lead.before, sampled)),
+        tables.of_faults(runs, lead.n - lead.alarmed, lead.n),
         bool(manifest.detectors),
     )
 
@@ -95,7 +103,11 @@ def classes(runs: Runs, known: str, manifest: Manifest) -> dict[str, list[ClassR
                 runs.delays(known, start, str(manifest.duration_ms), UNINTENDED, kind)
                 for start in ("active_ms", "unintended_ms")
             )
-            rows = [_class(one, delay.get(one.name, NONE), lags.get(one.name, NONE)) for one in present]
+            groups = runs.groups_by(kind)
+            rows = [
+                _class(one, delay.get(one.name, NONE), lags.get(one.name, NONE), runs.sampled(groups[one.name]))
+                for one in present
+            ]
             by_kind[kind] = sorted(rows, key=_most_evasive)
     return by_kind
 
@@ -119,19 +131,27 @@ def _announced(runs: Runs, manifest: Manifest, k: int, chosen: str) -> Announced
         runs.delays(after_onset(f"warned{k}_ms"), "unintended_ms", str(manifest.duration_ms), chosen)[""]
     )
     false = tables.rate_of(free.came(f"golden_cue{k}_first_ms"), free.count)
-    return Announced(manifest.cues[k], lead, lead.quantile(0.5), false, free.cue_rate(k))
+    sampled = runs.sampled()
+    lead = lead._replace(before=_known(lead.before, sampled))
+    return Announced(manifest.cues[k], lead, _known(lead.quantile(0.5), sampled), false, free.cue_rate(k))
 
 
 def _most_evasive(row: ClassRow) -> tuple[Any, ...]:
     return *tables.least_last(row.evaded), *tables.least_last(row.unintended), row.name
 
 
-def _class(faults: FaultCounts, delay: Delays, lags: Delays) -> ClassRow:
+def _class(faults: FaultCounts, delay: Delays, lags: Delays, sampled: bool) -> ClassRow:
+    """sampled: whether the faults were drawn."""
     return ClassRow(
         faults.name,
-        tables.rate_of(faults.evaded, faults.faults),
-        tables.rate_of(faults.unintended, faults.faults),
-        tables.rate_of(faults.loss, faults.faults),
-        counted.lead(lags).before,
-        counted.incidence(delay).quantile_interval(0.5),
+        _known(tables.rate_of(faults.evaded, faults.faults), sampled),
+        _known(tables.rate_of(faults.unintended, faults.faults), sampled),
+        _known(tables.rate_of(faults.loss, faults.faults), sampled),
+        _known(counted.lead(lags).before, sampled),
+        _known(counted.incidence(delay).quantile_interval(0.5), sampled),
     )
+
+
+def _known(value: _Interval, sampled: bool) -> _Interval:
+    """Without its interval where nothing was sampled."""
+    return value if sampled else value._replace(low=math.nan, high=math.nan)

@@ -1,10 +1,12 @@
-"""The report's numbers: every rate with its n and Wilson interval, failed runs counted and never dropped."""
+"""The report's numbers: every rate with its n, and Wilson's interval where faults were drawn; failed runs are counted
+and never dropped."""
 
 from __future__ import annotations
 
 import functools
 import itertools
 import math
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,7 @@ from ravenjax.report.data.counted import Delays, median
 from ravenjax.report.data.facts import FACTS, OUTCOMES
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.run.worst import replay
-from ravenjax.stats.intervals import Rate, wilson
+from ravenjax.stats.intervals import Rate, share, wilson
 from ravenjax.store.access.query import RESULTS, text
 from ravenjax.store.manifest import Manifest
 
@@ -33,6 +35,11 @@ def rate(hits: Any) -> Rate:
 def rate_of(k: int, n: int) -> Rate:
     """Wilson rate of k in n; the same few counts come again and again in the cells of a page."""
     return wilson(k, n)
+
+
+def of_faults(runs: Runs, k: int, n: int, groups: Collection[str] | None = None) -> Rate:
+    """k of n distinct faults of these groups, or of all; without an interval where their values were enumerated."""
+    return rate_of(k, n) if runs.sampled(groups) else share(k, n)
 
 
 def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
@@ -71,25 +78,25 @@ def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     )
     by_outcome = dict(zip(OUTCOMES, outcomes, strict=True))
     return {
-        "evaded": rate_of(faults.evaded, total),
-        "unintended": rate_of(faults.unintended, total),
+        "evaded": of_faults(runs, faults.evaded, total),
+        "unintended": of_faults(runs, faults.unintended, total),
         "unintended_told": alarms,
         "felt": by_outcome["felt"],
         "unseen": by_outcome["unseen"],
         "phantom": by_outcome["phantom"],
         "evaded_limited": limited,
-        "loss": rate_of(loss, total),
+        "loss": of_faults(runs, loss, total),
         "halted": halted,
-        "misreport": rate_of(misreport, total),
+        "misreport": of_faults(runs, misreport, total),
         "late": late,
         "inactive": total - activated,
         "repeats": valid - total,
         "reacting": reacting,
         "faulty": faulty,
         "failed": failed,
-        "activated": rate_of(activated, total),
-        "outcomes": {name: rate_of(k, total) for name, k in by_outcome.items() if name != "failed"},
-        "cue_first": rate_of(first, came),
+        "activated": of_faults(runs, activated, total),
+        "outcomes": {name: of_faults(runs, k, total) for name, k in by_outcome.items() if name != "failed"},
+        "cue_first": of_faults(runs, first, came),
         "same_ms": same,
         "lead_ms": median(leads["ms"].to_numpy(), leads["n"].to_numpy()),
         "false_cue": rate_of(free.came(f"golden_cue{manifest.verdict_cue}_first_ms"), free.count),
@@ -99,11 +106,12 @@ def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
 def verdict_matrix(runs: Runs) -> list[dict[str, Any]]:
     """Rows by RESPONSES; cells by hazard and cue, each a rate of all distinct faults."""
     cube = runs.cube()
-    return _matrix(cube.loc[cube["faulty"] & cube["sample"]])
+    return _matrix(cube.loc[cube["faulty"] & cube["sample"]], runs.sampled())
 
 
-def _matrix(cube: pd.DataFrame) -> list[dict[str, Any]]:
-    """Of valid runs."""
+def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
+    """Of valid runs; sampled: whether their faults were drawn."""
+    rate_in = rate_of if sampled else share
     cube = cube.loc[~cube["failed"]]
     total = int(cube["runs"].to_numpy().sum())
     counts = _by(cube, ["response", "hazard", "cued"])
@@ -113,12 +121,12 @@ def _matrix(cube: pd.DataFrame) -> list[dict[str, Any]]:
             {
                 "hazard": hazard,
                 "cue": cued,
-                "rate": rate_of(counts.get((response, hazard, cued), 0), total),
+                "rate": rate_in(counts.get((response, hazard, cued), 0), total),
                 "evades": response in verdict.UNTOLD and hazard == "unintended motion",
             }
             for hazard, cued in itertools.product(verdict.HAZARDS, (True, False))
         ]
-        rows.append({"name": response, "cells": cells, "total": rate_of(sum(cell["rate"].k for cell in cells), total)})
+        rows.append({"name": response, "cells": cells, "total": rate_in(sum(cell["rate"].k for cell in cells), total)})
     return rows
 
 
@@ -138,7 +146,7 @@ def jump_rows(runs: Runs, manifest: Manifest) -> list[dict[str, Any]]:
     source = f"{RESULTS} JOIN {FACTS} USING (row) WHERE sample AND faulty"
     n, *numbers = runs.table.row(f"SELECT count(*), {counts} FROM {source}")
     return [
-        {"rule": rule, "rate": rate_of(k, n), "unintended": unintended, "misreport": misreport}
+        {"rule": rule, "rate": of_faults(runs, k, n), "unintended": unintended, "misreport": misreport}
         for rule, (k, unintended, misreport) in zip(
             rules.values(), zip(numbers[::3], numbers[1::3], numbers[2::3], strict=True), strict=True
         )
@@ -183,9 +191,11 @@ def group_rows(runs: Runs) -> list[dict[str, Any]]:
                 "runs": int(part["runs"].to_numpy().sum()),
                 "n": n,
                 "faulty": faulty,
-                "outcomes": {key: rate_of(counts.get((key,), 0), n) for key in OUTCOMES if key != "failed"},
-                "evaded": rate_of(_by(mine, ["evaded"]).get((True,), 0), n),
-                "matrix": _matrix(mine),
+                "outcomes": {
+                    key: of_faults(runs, counts.get((key,), 0), n, [str(name)]) for key in OUTCOMES if key != "failed"
+                },
+                "evaded": of_faults(runs, _by(mine, ["evaded"]).get((True,), 0), n, [str(name)]),
+                "matrix": _matrix(mine, runs.sampled([str(name)])),
                 "failed": _by(part, ["failed"]).get((True,), 0),
             }
         )
@@ -227,7 +237,7 @@ def check_rows(runs: Runs, manifest: Manifest) -> list[dict[str, Any]]:
                 "name": check,
                 "what": definition.meaning,
                 "does": definition.does,
-                "tripped": rate_of(tripped, total),
+                "tripped": of_faults(runs, tripped, total),
                 "closest": math.nan if margin is None else float(margin),
                 "unit": "" if definition.unit == "1" else definition.unit,
             }

@@ -10,9 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.campaign.file.config import validated
-from ravenjax.campaign.inspection import draws
 from ravenjax.outcomes import events
+from ravenjax.report.data import draws
 from ravenjax.store import manifest
 from ravenjax.studies.detection.points import MOVED, hundred, share
 from ravenjax.studies.detection.runs import AS_MODELLED, per_hour
@@ -47,7 +46,7 @@ def compare(context: Context) -> Findings:
     """All sets over the same runs."""
     faulty = runs.faulty([context.folders[name] for name in MOTIONS])
     free = runs.free([(f"{m} {s}", context.folders[f"free_{m}_{s}"]) for m, s in RECORDINGS])
-    drawn_groups = draws.groups(validated(manifest.read(context.folders[MOTIONS[0]]).config))
+    drawn_groups = draws.groups(manifest.read(context.folders[MOTIONS[0]]).config) or ()
     return findings(faulty, free, drawn_groups)
 
 

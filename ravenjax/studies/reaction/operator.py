@@ -6,8 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from ravenjax.campaign.file.config import validated
-from ravenjax.campaign.inspection import draws
+from ravenjax.report.data import draws
 from ravenjax.report.sections.reaction.pairs import Pairs
 from ravenjax.stats.intervals import Rate
 from ravenjax.store import manifest
@@ -65,7 +64,7 @@ def compare(context: Context) -> Findings:
     timed = [runs, *(reacting_pairs.read(context.folders[_timed(size)]) for size in SIZES_MM[1:])]
     advances = _advances(timed)
     spared = times.left_by_time(timed[SIZES_MM.index(SPARED_MM)], runs, pairs[RELEASE])
-    drawn_groups = draws.groups(validated(manifest.read(context.folders[BASELINE]).config))
+    drawn_groups = draws.groups(manifest.read(context.folders[BASELINE]).config) or ()
     free = [
         one
         for motion in MOTIONS

@@ -40,7 +40,7 @@ def first_page(e: Expected, html: Node) -> None:
         how_long(e, text)
         what_would_change(e, text)
         one_of = ", the first valid one of its repeats" if e.repeats else ""
-        text.says(f"One run of each fault{one_of}; 95 % intervals.")
+        text.says(f"One run of each fault{one_of}; 95 % intervals where faults were drawn")
         quiet = f"at its lowest threshold without a false alarm in {duration(e.hours)} of fault-free motion"
         also = f"or a detector alarmed {quiet}" if e.manifest.detectors else "at the earliest"
         text.says(f"the {e.threshold} cue came, {also}")
@@ -67,11 +67,12 @@ def which_evade(e: Expected, text: Text) -> None:
     nobody, moved = untold(f), f["hazard"] == "unintended motion"
     evading = f[nobody & moved]
     k = len(evading)
-    some = f"{count(k)} ({percent(k / e.n)} %)" if k else "none"
     text.says(
-        f"Of {many(e.n, 'distinct fault')}, {some} made the live robot move more than {e.limit} off its course without "
-        f"any check telling anyone (95 % interval {between(k, e.n)})."
+        f"Of {many(e.n, 'distinct fault')} of this design, {count(k) if k else 'none'} made the live robot move more "
+        f"than {e.limit} off its course without any check telling anyone ({percent(k / e.n)} % of faults drawn so, "
+        f"95 % interval {between(k, e.n)})."
     )
+    where_they_evade(e, text)
     cued, limited = e.count(evading["warned_ms"] >= 0), e.count(evading["response"] == "limited")
     limits = "a check limited a command or dropped a packet and told nobody"
     if k == 1:
@@ -180,6 +181,18 @@ def at_median(lead_ms: float, n: int) -> str:
         return ""
     when = f"{number(abs(lead_ms))} ms {'before' if lead_ms > 0 else 'after'} it" if lead_ms else "at the same moment"
     return f", {'at the median ' if n > 1 else ''}{when}"
+
+
+def where_they_evade(e: Expected, text: Text) -> None:
+    """The site where most evade, and how many have none."""
+    f = e.faults
+    sites = sorted([(str(name), f[f["site"].astype(str) == name]) for name in f["site"].unique()], key=most_evasive)
+    if len(sites) < 2 or not evades(f)[0]:
+        return
+    quiet = sum(not evades(part)[0] for _, part in sites)
+    begin = f"At {count(quiet)} of the {count(len(sites))} sites none evades; most" if quiet else "Most"
+    name, worst = sites[0]
+    text.says(f"{begin} evade at {name}, {share(*evades(worst), 'fault')} there.")
 
 
 def class_tables(e: Expected, header: Node) -> None:

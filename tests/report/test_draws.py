@@ -1,0 +1,51 @@
+"""Which groups draw their faults, of bundled campaigns and of records by hand."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from ravenjax.campaign import loading
+from ravenjax.report.data import draws
+
+
+def groups(campaign):
+    """Of a bundled campaign, by what its manifest would hold."""
+    return draws.groups(json.loads(json.dumps(loading.load(campaign).model_dump())))
+
+
+def test_a_group_draws_its_faults_or_enumerates_them():
+    config = loading.load("quick.toml")
+    drawn = groups("quick.toml")
+    by_name = {group.name: group for group in config.group}
+    assert {"dac_unchecked", "packet_offset"} <= drawn
+    assert "console_scale" not in drawn and by_name["console_scale"].design == "grid"
+    assert "fault_free" not in drawn  # nothing that strikes
+    assert groups("uncertain_robot.toml") == {
+        group.name for group in loading.load("uncertain_robot.toml").group if group.fault
+    }  # listed values, picked at random
+
+
+def test_drawn_operators_make_no_drawn_faults():
+    drawn = groups("reacting_operator.toml")  # every run has a reaction time that was drawn
+    assert "library/B24" not in drawn and {"sampled/encoder", "library/B11"} <= drawn
+
+
+@pytest.mark.parametrize(
+    ("group", "drawn"),
+    [
+        ({"design": "grid", "fault": [{"value": [1, 2, 3], "start_ms": 100}]}, False),
+        ({"design": "grid", "fault": [{"value": [1, 2, 3], "start_ms": {"uniform": [1, 9]}}]}, True),
+        ({"design": "grid", "fault": [{"value": {"list": [1, 2]}}]}, False),
+        ({"design": "zip", "fault": [{"value": {"choice": [1, 2]}}]}, True),
+        ({"design": "lhs", "fault": [{"value": [1, 2]}]}, True),
+        ({"design": "lhs", "fault": [{"channel": "all"}]}, True),
+        ({"design": "sobol", "fault": [{"value": 1}], "parameters": {"friction": {"uniform": [0, 1]}}}, False),
+        ({"design": "list", "fault": [{"value": 1}], "run": [{"fault": [{"value": 2}]}]}, False),
+        ({"design": "grid", "fault": []}, False),
+    ],
+)
+def test_what_is_drawn(group, drawn):
+    assert draws.groups({"group": [{"name": "g", **group}]}) == (frozenset({"g"}) if drawn else frozenset())
+    assert draws.groups({}) is None
