@@ -23,7 +23,7 @@ from ravenjax.studies.detection.points import (
     PUBLISHED,
     Chosen,
     Point,
-    cannot_lead,
+    by_definition,
     caught,
     hundred,
     others,
@@ -123,7 +123,7 @@ def _lines(
         lines.append(
             Line(f"{p.name}, threshold {p.threshold:g}: unintended motion caught", "%", None, hundred(p.caught))
         )
-        if not cannot_lead(faulty, p.name, p.threshold):
+        if not by_definition(faulty, p.name, p.threshold):
             words = f"{p.name}, threshold {p.threshold:g}: caught before it began"
             lines.append(Line(words, "%", None, hundred(p.before)))
     slow = tables.at_scale(tables.unclutched(modelled), 0.1)
@@ -139,7 +139,7 @@ def _lines(
         lines.append(Line(f"{p.name}, threshold {p.threshold:g}: false alarms", "1/h", None, p.false))
     for p in spoken:
         lines.append(Line(f"{p.name}: unintended motion caught", "%", None, hundred(p.caught)))
-        if not cannot_lead(faulty, p.name, p.threshold):
+        if not by_definition(faulty, p.name, p.threshold):
             lines.append(Line(f"{p.name}: caught before it began", "%", None, hundred(p.before)))
         lines.append(Line(f"{p.name}: false alarms", "1/h", None, p.false))
     return lines
@@ -149,8 +149,9 @@ def _notes(faulty: FaultyScores, modelled: FreeScores, best: Point | None) -> tu
     hours, recordings = float(modelled.hours.sum()), len(np.unique(modelled.recording))
     return (
         f"Unintended motion: {events.meaning('unintended_motion', faulty.rules)}. Whether tip_error and the cue come "
-        "before it is not asked where they fire at that distance or beyond: they cannot, by their definitions. Nor can "
-        "a stop. That they come at all is no surprise either; the table by kind of hazard shows how much hangs on it.",
+        "before it is not asked where they fire at that distance or beyond: by their definitions they come with it or "
+        "later. Nor is it asked of a stop, which ends what could become a motion. That they come at all is no surprise "
+        "either; the table by kind of hazard shows how much hangs on it.",
         "Of the built-in checks those count that stop the robot or tell a person: one that clips a command or drops a "
         "packet tells nobody. Beside faults, what a check does on the golden run, too, is not counted; without a fault "
         "every trip is. A robot that was stopped is not live, so that no unintended motion follows a stop: in the runs "

@@ -100,7 +100,7 @@ def point(faulty: FaultyScores, free: FreeScores, name: str, threshold: float) -
         before(faulty, name, threshold),
         delay,
         mean,
-        BY_DEFINITION if cannot_lead(faulty, name, threshold) else lead,
+        BY_DEFINITION if by_definition(faulty, name, threshold) else lead,
     )
 
 
@@ -116,10 +116,11 @@ def latencies(
     return incidence(np.where(came, first_ms, end_ms) - active_ms, came), lead
 
 
-def cannot_lead(faulty: FaultyScores, name: str, threshold: float) -> bool:
-    """Whether an alarm comes with the unintended motion or after it by the definitions alone.
+def by_definition(faulty: FaultyScores, name: str, threshold: float) -> bool:
+    """Whether the definitions alone decide that an alarm comes with the unintended motion or after it.
 
-    So the distance of the tip from the model at the motion's limit or beyond, and a stop: the robot is not live then.
+    So the distance of the tip from the model at the motion's limit or beyond (but for what the reported tip differs
+    from the true one), and a stop: the robot is not live then.
     """
     far = faulty.rules.threshold_mm if name == CUE else threshold if name == TIP_ERROR else math.nan
     return name == STOPS or far >= faulty.rules.limit_mm
@@ -175,7 +176,7 @@ def caught(faulty: FaultyScores, name: str, threshold: float) -> StudyEstimate:
 
 def before(faulty: FaultyScores, name: str, threshold: float) -> StudyEstimate:
     """Share of them with the alarm before the motion began."""
-    if cannot_lead(faulty, name, threshold):
+    if by_definition(faulty, name, threshold):
         return BY_DEFINITION
     spoke_ms = faulty.spoke_ms(name, threshold)
     early = (spoke_ms >= 0) & (spoke_ms < faulty.unintended_ms)

@@ -65,7 +65,7 @@ def point_table(quiet: Sequence[Point], published: Sequence[Point], spoken: Sequ
         "times: 95 % over kinds of faults. Delay: from the fault's first effect, one run of each fault "
         "that made an unintended motion, runs without an alarm censored at their end; a dash: half of them never had "
         "one. Lead over the unintended motion: positive where the alarm comes first; a dash in both columns about the "
-        "motion's beginning: the alarm cannot come before it, by its definition.",
+        "motion's beginning: when the alarm comes follows from the definitions.",
     )  # fmt: skip
 
 

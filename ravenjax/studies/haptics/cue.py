@@ -99,13 +99,13 @@ def _lines(faulty: FaultyCues, modelled: FreeCues, choice: _Choice, compared: Se
         never = missed(faulty, [k])[:, 0]
         before = (faulty.first_ms[:, k] >= 0) & (faulty.first_ms[:, k] < faulty.unintended_ms)
         rates = {"unintended motion missed": never}
-        if not tables.cannot_lead(faulty, k):
+        if not tables.by_definition(faulty, k):
             rates["unintended motion felt before it began"] = before
         lines += [
             Line(f"{words}: {what}", "%", None, hundred(share(hit, moved, faulty.faults, MOVED)))
             for what, hit in rates.items()
         ]
-        if not tables.cannot_lead(faulty, k):
+        if not tables.by_definition(faulty, k):
             lines.append(Line(f"{words}: median lead over the motion", "ms", None, tables.felt(faulty, k).lead_ms))
         false = per_hour(modelled.count[:, k], modelled.hours, modelled.recording, "cues")
         lines.append(Line(f"{words}: false cues", "1/h", None, false))
@@ -136,9 +136,10 @@ def _range(values: Sequence[float], wins: np.ndarray) -> tuple[float, float]:
 
 def _notes(faulty: FaultyCues, modelled: FreeCues) -> tuple[str, ...]:
     return (
-        f"Unintended motion: {events.meaning('unintended_motion', faulty.rules)}. A cue at that distance or beyond "
-        "cannot come before it, by definition; only of lower thresholds is it a finding whether they do. What the "
-        "choice hangs on asks again for motion that could injure and for jumps of the true tip alone.",
+        f"Unintended motion: {events.meaning('unintended_motion', faulty.rules)}. A cue at that distance of the "
+        "reported tip from the model comes together with it, by definition, and one beyond later; only of lower "
+        "thresholds is it a finding whether they come before it. What the choice hangs on asks again for motion that "
+        "could injure and for jumps of the true tip alone.",
         "An unintended motion counts as missed where the cue never came, or the golden run had it by then: a surgeon "
         "who feels it in normal motion, too, learns nothing from it.",
         f"False cues: separate pulses in {modelled.hours.sum():.1f} h of generated motion, of "

@@ -60,9 +60,9 @@ def sums(faulty: FaultyCues, free: FreeCues, sets: Sequence[int], kind: str, bef
     )
 
 
-def cannot_lead(faulty: FaultyCues, k: int) -> bool:
-    """Whether set number k fires at the limit of the unintended motion or beyond: its cue comes with the motion or
-    after it, by the definitions alone."""
+def by_definition(faulty: FaultyCues, k: int) -> bool:
+    """Whether set number k fires at the limit of the unintended motion or beyond: but for what the reported tip differs
+    from the true one, its cue comes as the motion begins or later, by the definitions alone."""
     return faulty.cues[k].threshold_mm >= faulty.rules.limit_mm
 
 
@@ -77,7 +77,7 @@ def felt(faulty: FaultyCues, k: int) -> CueResult:
     at_cap = mine.force[:, k] >= AT_CAP * cap if cap is not None else np.zeros(len(mine.cell), bool)
     end = float(faulty.duration_ms)
     delay, lead = median_times(once.first_ms[:, k], once.active_ms, once.unintended_ms, end, once.faults)
-    late = cannot_lead(faulty, k)
+    late = by_definition(faulty, k)
     return CueResult(
         share(~cued, moved, faulty.faults, MOVED),
         BY_DEFINITION if late else share(cued & (first < faulty.unintended_ms), moved, faulty.faults, MOVED),
@@ -131,8 +131,8 @@ def threshold_table(faulty: FaultyCues, free: FreeCues, sets: Sequence[int]) -> 
         "Missed, and felt before it began: of runs with unintended motion. Delay: from the fault's first effect; lead "
         "over the unintended motion: positive where the cue comes first; one run of each fault that made one, runs "
         "without a cue censored at their end. A dash about the motion's beginning: the cue fires at the motion's "
-        "distance or beyond, so that it cannot come before it, by definition; a lead is a dash, too, where fewer than "
-        f"half of the faults have a cue. {kinds.NOTE} Force (device units) and time: of unintended "
+        "distance or beyond, so that both come together or the cue later, by definition; a lead is a dash, too, where "
+        f"fewer than half of the faults have a cue. {kinds.NOTE} Force (device units) and time: of unintended "
         "motions that are felt. False cues: pulses on motion without a fault at scales 0.05 to 0.2, interval "
         "over recordings. Uncertain robot: friction x 0.7 to 1.4, mass x 0.8 to 1.25, cable stiffness x 0.5 to 2, "
         "motor constant x 0.9 to 1.1.",
@@ -222,7 +222,7 @@ def rules_table(faulty: FaultyCues, free: FreeCues, sets: Sequence[int]) -> Tabl
         if not hazard.any() or not mine.hours.sum() > 0:
             continue
         never = share(missed(faulty, [faulty.published], before)[:, 0], hazard, faulty.faults, "")
-        if before and cannot_lead(faulty, faulty.published):
+        if before and by_definition(faulty, faulty.published):
             never = BY_DEFINITION
         winners = choice.choose(sums(faulty, mine, sets, kind, before), np.array(choice.WEIGHTS))
         names = [
@@ -352,7 +352,7 @@ def kind_table(faulty: FaultyCues, numbers: Sequence[int], drawn_groups: Collect
         moved = mine.where(mine.unintended)
         own = units.units(moved.cell) if is_drawn else units.units(np.zeros(len(moved.cell)))
         cells = [
-            wording.DASH if before and cannot_lead(faulty, k) else _rate(~missed(moved, [k], before)[:, 0], own)
+            wording.DASH if before and by_definition(faulty, k) else _rate(~missed(moved, [k], before)[:, 0], own)
             for k in numbers
             for before in (False, True)
         ]

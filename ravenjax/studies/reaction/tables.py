@@ -180,7 +180,7 @@ def advances(found: Sequence[Advance]) -> Table:
 
 
 def defined(one: Advance) -> bool:
-    """Whether the cue fires at the size of the motion or above, so that the definitions alone make it come too late."""
+    """Whether the cue fires at the size of the motion or above: the definitions alone decide that it is no earlier."""
     return one.size_mm is not None and one.threshold_mm >= one.size_mm
 
 

@@ -358,8 +358,8 @@ ASKED = [
 @pytest.mark.parametrize(("name", "threshold", "asked"), ASKED)
 def test_what_the_definitions_decide_is_not_asked(name: str, threshold: float, asked: bool) -> None:
     runs = random_runs(100)
-    assert detector_points.cannot_lead(runs, name, threshold) == (not asked)
+    assert detector_points.by_definition(runs, name, threshold) == (not asked)
     found = detector_points.before(runs, name, threshold)
     assert (found.of == "by definition") == (not asked)
     farther = runs._replace(rules=Rules(limit_mm=5.0))  # a motion of 5 mm can be announced at 3 mm
-    assert detector_points.cannot_lead(farther, name, threshold) == (name == STOPS)
+    assert detector_points.by_definition(farther, name, threshold) == (name == STOPS)
