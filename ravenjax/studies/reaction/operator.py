@@ -192,7 +192,7 @@ def _percent(rate: Rate, of: str) -> StudyEstimate:
 
 
 def _needed(found: Contrast) -> StudyEstimate:
-    return StudyEstimate(*found.needed, found.acted, f"reactions to faults of {kinds.count(found.kinds)}")
+    return StudyEstimate(*found.needed, found.acted, f"reactions to faults of {kinds.count(found.reacted)}")
 
 
 # --- drawings ---

@@ -56,6 +56,7 @@ class Contrast(NamedTuple):
     caused: int  # faults that have it with the reaction alone
     p: float  # exact, labels exchanged kind by kind; NaN where no pair differs
     acted: int  # pairs in which the operator acted
+    reacted: Units  # kinds of their faults
     needed: Estimate  # reactions for each one avoided; infinite where none is
 
 
@@ -95,6 +96,7 @@ def contrast(pairs: Pairs, measure: Measure) -> Contrast:
         mcnemar(with_, without).first_only,
         exchange_p(with_, without, among.unit),
         int(acted.sum()),
+        among.where(acted),
         needed(difference(with_[acted], without[acted], among.where(acted))),
     )
 
