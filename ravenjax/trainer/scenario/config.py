@@ -25,6 +25,7 @@ from ravenjax.errors import shown
 from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
 from ravenjax.robots.raven2.arms import ARMS, ArmName
 from ravenjax.robots.raven2.campaign.config import Start
+from ravenjax.robots.raven2.plant import parameter_sets
 
 Response = Literal["release", "slow", "restart", "convert", "stop", "continue"]
 """What an operator can do: lift the pedal, slow down, restart after an E-stop, say that the procedure is converted,
@@ -200,8 +201,9 @@ class RobotSection(Section):
     level: Literal["beginner", "moderate", "advanced", "fork2015"] | None = Field(
         default=None, description="overdrive DAC limits"
     )
-    parameter_set: Literal["traj3", "A", "B", "C", "D", "E", "matlab_main", "matlab_global"] = Field(
-        default="traj3", description="published parameters of the first three joints"
+    parameter_set: parameter_sets.Name = Field(
+        default="traj3",
+        description="mechanics of the robot: power_consistent, or a set that the authors published for joints 1-3",
     )
     noise: bool = Field(default=False, description="encoder and torque noise")
     start: Start = Field(default=Start(), description="joints in which the session begins")

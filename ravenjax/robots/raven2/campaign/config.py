@@ -20,6 +20,7 @@ from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.campaign import unread
 from ravenjax.robots.raven2.console.motions import MOTIONS
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS, TOOLS
+from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.sites import USB_SITE
 from ravenjax.store.motion.options import MAX_GAP_S, AtEnd, ReplayOptions, Spikes
 from ravenjax.vocabulary import packets
@@ -89,8 +90,10 @@ class RavenCampaign(Campaign):
         default=None,
         description="limits of the overdrive check, counts a joint; default moderate for raven2, fork2015 for the fork",
     )
-    parameter_set: Literal["traj3", "A", "B", "C", "D", "E", "matlab_main", "matlab_global"] = Field(
-        "traj3", description="published parameters of the virtual robot's first three joints"
+    parameter_set: parameter_sets.Name = Field(
+        "traj3",
+        description="mechanics of the virtual robot: power_consistent, or a set that the authors published for its "
+        "first three joints",
     )
     substeps: int = Field(default=1, ge=1, le=100, description="plant steps per 1 ms tick")
 

@@ -326,7 +326,7 @@ def _observed(params: TickParams) -> observers.ObserverParams:
 def params(setup: RavenSetup, start_jpos: tuple[tuple[float, ...], ...], parameter_set: str = "traj3") -> TickParams:
     """Every parameter at its documented value, for a run that begins at `start_jpos` (7 joints per arm, rad and m).
 
-    parameter_set: of joints 1-3 of the virtual robot, a name of `published.SETS`.
+    parameter_set: mechanics of the virtual robot, one of `parameter_sets.Name`.
     """
     return TickParams(
         operator=operator.params(setup, start_jpos),
@@ -335,7 +335,7 @@ def params(setup: RavenSetup, start_jpos: tuple[tuple[float, ...], ...], paramet
         control=control.params(setup),
         plc=plc.params(setup),
         plant=per_arm(setup, lambda _, arm: plant.params(setup, arm, parameter_set)),
-        nominal=per_arm(setup, lambda _, arm: nominal.params(setup, arm)),
+        nominal=per_arm(setup, lambda _, arm: nominal.params(setup, arm, parameter_set)),
         haptics=haptics.params(setup),
         reaction=reaction.params(setup) if setup.reacts else None,
         detectors=detectors.params(setup) if setup.detectors else None,

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
+import jax.numpy as jnp
+
 from ravenjax.numbers.algebra import add, mul
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.vec import Scalar, Vec, record
@@ -44,6 +46,16 @@ class ActuatorParams:
             "", 0, 100, "share of the cable's torque that the motor feels; 1 as published, the gearbox ratio by statics"
         ),
     ]
+    torque_limit: Annotated[
+        Vec, Quantity("N m", 0, 1e6, "torque after the gearbox at the amplifier's largest current", why="a magnitude")
+    ]
+    stall_torque: Annotated[
+        Vec,
+        Quantity("N m", 0, 1e6, "torque after the gearbox of a blocked motor at the supply voltage", why="a magnitude"),
+    ]
+    back_emf: Annotated[
+        Vec, Quantity("N m s/rad", 0, 1e3, "loss of that torque with the motor's speed", why="a generator brakes")
+    ]
 
 
 @record
@@ -57,6 +69,16 @@ class Eliminated:
     force: Scalar  # N m on the joints (motor coordinates) if the links keep their speed
     stretch_rate: Scalar  # rad/s if the links keep their speed
     stiffening: Scalar  # N m s/rad, loss of that force per gain of link speed
+
+
+def limited(torque: Scalar, speed: Scalar, torque_limit: Scalar, stall_torque: Scalar, back_emf: Scalar) -> Scalar:
+    """What amplifier and supply let a motor at `speed` (rad/s) have of a commanded `torque` (both N m).
+
+    The amplifier is a current source until its current or the voltage `R i + k w` ends at a limit.
+    """
+    induced = back_emf * speed
+    torque = jnp.minimum(jnp.maximum(torque, -torque_limit), torque_limit)
+    return jnp.minimum(jnp.maximum(torque, -stall_torque - induced), stall_torque - induced)
 
 
 def eliminate(

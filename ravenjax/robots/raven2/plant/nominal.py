@@ -15,9 +15,10 @@ friction dead band:
     kp = I KP g / J,  kd = I KD g / J,  Kv = I (tau_v + rho Fv / TR^2) / J,  Kc = I (tau_c + rho Fc / TR) / (J TR)
 
 with J = Im + rho M / TR^2, KP and KD from raven2's r2params.yaml, g the gain from commanded to real torque, and Im,
-tau, F and the reaction share rho of `published` ("traj3"). Nothing is fitted to a published outcome. `Kv` and `Kc` of
-a jaw are zero but for the viscous part, which is in its kd. ki: the robot's insertion has no integral; a slow one
-(time constant 4 s) removes the dead band's remainder without changing the lag on surgical motion.
+tau, F and the reaction share rho of the robot's parameter set (`parameter_sets.nominal`). Nothing is fitted to a
+published outcome. `Kv` and `Kc` of a jaw are zero but for the viscous part, which is in its kd. ki: the robot's
+insertion has no integral; a slow one (time constant 4 s) removes the dead band's remainder without changing the lag on
+surgical motion.
 
 Integration is linearly implicit in gains and friction: stable at 1 kHz for any of them.
 """
@@ -36,7 +37,7 @@ from ravenjax.numbers.vec import Scalar, Vec, cast, record, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import kinematics, limits, transmission
-from ravenjax.robots.raven2.plant import nominal_target, published
+from ravenjax.robots.raven2.plant import nominal_target, parameter_sets, published
 from ravenjax.robots.raven2.plant.friction import OPPOSES, coulomb_damping
 from ravenjax.robots.raven2.plant.nominal_target import Clean
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -118,16 +119,14 @@ class NominalOutput:
     jpos_d: Vec  # rad; insertion m
 
 
-def params(setup: RavenSetup, arm: ArmName) -> NominalParams:
-    """The gains derived above, from published numbers."""
-    values = published.parameter_set("traj3")
-    gain = [values.torque_per_count / published.CONTROLLER_TORQUE_PER_COUNT * g for g in values.gain] + [1.0] * 4
-    inertia = [published.MOTOR_INERTIA] * 3 + [published.TOOL_MOTOR_INERTIA] * 4
-    share = [1.0] * 3 + [published.TOOL_GEARBOX] * 4
-    dry = [*values.motor_coulomb] + [published.TOOL_MOTOR_COULOMB] * 4
-    viscous = [*values.motor_viscous] + [published.TOOL_MOTOR_VISCOUS] * 4
-    link_dry = [*values.link_coulomb] + [published.TOOL_LINK_COULOMB] * 4
-    link_viscous = [*values.link_viscous] + [published.TOOL_LINK_VISCOUS] * 4
+def params(setup: RavenSetup, arm: ArmName, parameter_set: str = "traj3") -> NominalParams:
+    """The gains derived above, for a robot with the mechanics `parameter_set` (`parameter_sets.Name`)."""
+    values = parameter_sets.parameter_set(parameter_sets.nominal(parameter_set))
+    counts = (published.CONTROLLER_TORQUE_PER_COUNT,) * 3 + (published.TOOL_TORQUE_PER_COUNT,) * 4
+    gain = [real / stated * g for real, stated, g in zip(values.torque_per_count, counts, values.gain, strict=True)]
+    inertia, share = values.motor_inertia, values.reaction_scale
+    dry, viscous = values.motor_coulomb, values.motor_viscous
+    link_dry, link_viscous = values.link_coulomb, values.link_viscous
     link_inertia = [*INERTIA[:LAGRANGE], 0.0, 0.0]
 
     kp, kd, kv, kc = [], [], [], []

@@ -113,10 +113,11 @@ SETS: dict[str, PublishedSet] = {
 }
 
 
-def parameter_set(name: str) -> PublishedSet:
-    """The published set of that name, or a UserError that lists the names."""
+def parameter_set(name: str, others: tuple[str, ...] = ()) -> PublishedSet:
+    """The published set of that name, or a UserError that lists the names, those of `others` too."""
     if name not in SETS:
-        raise UserError(f"unknown parameter set {name!r}: expected one of {', '.join(SETS)}{suggestion(name, SETS)}")
+        names = (*others, *SETS)
+        raise UserError(f"unknown parameter set {name!r}: expected one of {', '.join(names)}{suggestion(name, names)}")
     return SETS[name]
 
 

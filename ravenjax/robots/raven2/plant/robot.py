@@ -28,7 +28,7 @@ from ravenjax.numbers.vec import Scalar, Vec, cast, record
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import transmission
-from ravenjax.robots.raven2.plant import actuators, brakes, cables, encoders, published, stops
+from ravenjax.robots.raven2.plant import actuators, brakes, cables, encoders, parameter_sets, published, stops
 from ravenjax.robots.raven2.plant.coupling import Coupling, coupling
 from ravenjax.robots.raven2.plant.friction import OPPOSES, coulomb_damping
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -146,29 +146,26 @@ def nominal_signal(current_cmd: Vec, brakes: Scalar) -> PlantSignal:
 
 
 def params(setup: RavenSetup, arm: ArmName, parameter_set: str = "traj3") -> PlantParams:
-    """Published values; `parameter_set` names one of `published.SETS`."""
-    values = published.parameter_set(parameter_set)
-
-    def seven(positioning: tuple[float, float, float], tool: float) -> Vec:
-        return Vec((*positioning, tool, tool, tool, tool))
-
-    per_count = values.torque_per_count
-    motor_inertia = published.MOTOR_INERTIA
+    """Documented values; `parameter_set` names one of `parameter_sets.Name`."""
+    values = parameter_sets.parameter_set(parameter_set)
     return PlantParams(
         actuators=actuators.ActuatorParams(
-            torque_per_count=seven((per_count, per_count, per_count), published.TOOL_TORQUE_PER_COUNT),
-            gain=seven(values.gain, 1.0),
-            bias=seven(values.bias, 0.0),
-            inertia=seven((motor_inertia, motor_inertia, motor_inertia), published.TOOL_MOTOR_INERTIA),
-            coulomb=seven(values.motor_coulomb, published.TOOL_MOTOR_COULOMB),
-            viscous=seven(values.motor_viscous, published.TOOL_MOTOR_VISCOUS),
-            reaction_scale=seven((1.0, 1.0, 1.0), published.TOOL_GEARBOX),
+            torque_per_count=Vec(values.torque_per_count),
+            gain=Vec(values.gain),
+            bias=Vec(values.bias),
+            inertia=Vec(values.motor_inertia),
+            coulomb=Vec(values.motor_coulomb),
+            viscous=Vec(values.motor_viscous),
+            reaction_scale=Vec(values.reaction_scale),
+            torque_limit=Vec(values.torque_limit),
+            stall_torque=Vec(values.stall_torque),
+            back_emf=Vec(values.back_emf),
         ),
         brakes=brakes.params(setup),
-        cable_stiffness=seven(values.stiffness, published.TOOL_CABLE_STIFFNESS),
-        cable_damping=seven(values.damping, published.TOOL_CABLE_DAMPING),
-        link_coulomb=seven(values.link_coulomb, published.TOOL_LINK_COULOMB),
-        link_viscous=seven(values.link_viscous, published.TOOL_LINK_VISCOUS),
+        cable_stiffness=Vec(values.stiffness),
+        cable_damping=Vec(values.damping),
+        link_coulomb=Vec(values.link_coulomb),
+        link_viscous=Vec(values.link_viscous),
         stops=stops.params(_tool(setup, arm)),
         friction_scale=1.0,
         cable_stiffness_scale=1.0,
@@ -349,6 +346,9 @@ def _drive(setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantSta
         per_count = motor.torque_per_count[i] * motor.gain[i] * params.motor_constant_scale
         command = mul(float(signs[i]), signal.current_cmd[i].astype(setup.precision.real))
         torque = mul(signal.torque_scale[i], per_count) * command + motor.bias[i]
+        torque = actuators.limited(
+            torque, state.mvel[i], motor.torque_limit[i], motor.stall_torque[i], motor.back_emf[i]
+        )
         if setup.noise:
             channel = _channel(arm, TORQUE_CHANNEL + i)
             torque = torque + params.torque_noise * counter_random.normal(params.noise_key, state.tick, channel)

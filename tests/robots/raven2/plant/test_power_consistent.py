@@ -1,0 +1,149 @@
+"""The power-consistent robot: statics of motor, gear and drum, limits of amplifier and supply, energy, brakes."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+import pytest
+from plant_runs import N, columns, constant, energy, frictionless, setup, simulate, weightless
+
+from ravenjax.numbers.vec import Vec, replace
+from ravenjax.robots.raven2.geometry import transmission
+from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
+from ravenjax.robots.raven2.plant import parameter_sets, power_consistent, robot
+from ravenjax.robots.raven2.plant.coupling import coupling
+
+CAPSTAN_M = 5.675e-3
+TORQUE_PER_COUNT = 0.0603 * 12.25 / 2730.0
+
+
+def params(name: str = "power_consistent") -> robot.PlantParams:
+    return robot.params(setup(), "gold", name)
+
+
+def test_both_sides_of_every_gear_have_the_same_power() -> None:
+    """Torque after the gearbox times its speed, against cable force times cable speed."""
+    values = parameter_sets.parameter_set("power_consistent")
+    np.testing.assert_allclose(values.reaction_scale, [*transmission.GEARBOX], rtol=1e-12)
+    assert parameter_sets.parameter_set("traj3").reaction_scale[:3] == (1.0, 1.0, 1.0)
+
+
+def test_at_the_stop_the_cable_carries_what_statics_say() -> None:
+    """-10 000 counts after the checks press the shoulder on its stop; friction and offset take a few newtons."""
+    command = constant([10000, 0, 0, 0, 0, 0, 0], 1000)
+    with jax.enable_x64(True):
+        tension = {}
+        for name in ("power_consistent", "traj3"):
+            _, out = simulate(setup(), command, params(name))
+            assert abs(columns(out.jvel)[-1, 0]) < 1e-3
+            tension[name] = abs(columns(out.tension)[-1, 0])
+    statics = 10000 * TORQUE_PER_COUNT / CAPSTAN_M
+    uncertain = (power_consistent.MOTOR_COULOMB[0] + abs(power_consistent.BIAS[0])) / CAPSTAN_M
+    assert statics == pytest.approx(476.8, abs=0.1)
+    assert abs(tension["power_consistent"] - statics) < 1.1 * uncertain
+    assert tension["traj3"] > 10.0 * statics  # the authors' law, kept for regression
+
+
+def test_a_load_on_the_joint_is_balanced_by_its_torque_through_the_gear() -> None:
+    """Principle of virtual work: the joint's load times its travel is the motor's torque times its own."""
+    counts, joint = 2000, 1
+    with jax.enable_x64(True):
+        free = frictionless(weightless(params()))
+        sign = transmission.tau_signs("gold", "r_grasper", "raven2")[joint]
+        shaft = int(sign) * counts * TORQUE_PER_COUNT / transmission.GEARBOX[joint]
+        pull = Vec.full(N, 0.0).replace(joint, -shaft)
+        load = coupling("gold", "r_grasper", "raven2").loads(pull)
+        command = constant([0, counts, 0, 0, 0, 0, 0], 400)
+        _, balanced = simulate(setup(), command, free, external_torque=load)
+        _, unbalanced = simulate(setup(), command, free)
+    moved = [np.abs(columns(out.jpos)[-1, joint] - HOME_JPOS[joint]) for out in (balanced, unbalanced)]
+    assert moved[0] < 0.02 * moved[1] and moved[1] > 0.05
+
+
+def test_no_motor_is_faster_than_its_supply_lets_it_be() -> None:
+    command = constant([32767, 0, 0, 0, 0, 0, 0], 1000)
+    cut = Vec.full(N, 1.0).replace(0, 0.0)
+    with jax.enable_x64(True):
+        speed = {}
+        for name in ("power_consistent", "traj3"):
+            _, out = simulate(setup(), command, frictionless(params(name)), cable_scale=cut)
+            speed[name] = np.abs(columns(out.mvel)[:, 0]).max()
+    no_load = power_consistent.SUPPLY_V / 0.0603
+    assert speed["power_consistent"] == pytest.approx(no_load, rel=0.01)
+    assert no_load == pytest.approx(796.0, abs=0.1)  # the authors clamp at 790 rad/s
+    assert speed["traj3"] > 2.0 * no_load
+
+
+def test_the_amplifiers_largest_current_is_the_full_scale_of_the_dac() -> None:
+    largest = 32767 * np.array(parameter_sets.parameter_set("power_consistent").torque_per_count)
+    np.testing.assert_allclose(parameter_sets.parameter_set("power_consistent").torque_limit, largest, rtol=1e-3)
+
+
+def test_a_weaker_amplifier_limits_the_torque() -> None:
+    command = constant([10000, 0, 0, 0, 0, 0, 0], 1000)
+    with jax.enable_x64(True):
+        weak = params()
+        limit = weak.actuators.torque_limit.replace(0, 1.0)
+        _, out = simulate(setup(), command, replace(weak, actuators=replace(weak.actuators, torque_limit=limit)))
+    friction = power_consistent.MOTOR_COULOMB[0] + abs(power_consistent.BIAS[0])
+    assert abs(columns(out.tension)[-1, 0]) == pytest.approx(1.0 / CAPSTAN_M, abs=1.1 * friction / CAPSTAN_M)
+
+
+def test_energy_is_never_made() -> None:
+    """Coasting only loses energy, the implicit step up to 15 % in 0.4 s; driven, motors put in what is gained."""
+    pattern = np.array([1500, -1500, 1500, 800, -800, 800, -800])
+    ticks = np.arange(200)[:, None]
+    command = (pattern * np.sin(2 * np.pi * ticks / np.array([200, 160, 120, 90, 80, 100, 70]))).astype(np.int32)
+    with jax.enable_x64(True):
+        one = setup()
+        free = replace(frictionless(weightless(params())), cable_damping=Vec.full(N, 0.0))
+        state, driven = simulate(one, command, free)
+        _, coasting = simulate(one, constant([0] * N, 400), free, state=state)
+        gained, kept = energy(one, free, driven), energy(one, free, coasting)
+    signs = np.array([*transmission.tau_signs("gold", "r_grasper", "raven2")])
+    torque = command * signs * np.array([*free.actuators.torque_per_count]) / np.array([*transmission.GEARBOX])
+    work = np.cumsum((torque * columns(driven.mvel)).sum(axis=1)) * 1e-3
+    assert gained[-1] > 1e-2
+    assert (gained <= work + 1e-3 * np.abs(work).max()).all()
+    assert (np.diff(kept) < 1e-6 * kept[0]).all()
+    assert kept[-1] > 0.85 * kept[50]
+
+
+def test_brakes_stop_a_moving_arm_within_the_distance_of_their_torque() -> None:
+    """w^2 J / 2 (tau_brake + tau_friction) of motor and reflected link, once they have gripped."""
+    with jax.enable_x64(True):
+        one, light = setup(), weightless(params())
+        command = constant([-2500, 0, 0, 0, 0, 0, 0], 200)
+        state, moving = simulate(one, command, light)
+        speed = columns(moving.mvel)[-1, 0]
+        _, out = simulate(one, constant([0] * N, 100), light, brakes=1, state=state)
+    grips = int(np.argmax(np.asarray(out.brakes) != 0))
+    at_grip, angle = columns(out.mvel)[grips - 1, 0], columns(out.mpos)[:, 0]
+    inertia = power_consistent.MOTOR_INERTIA + 12.25 * 0.2163 / transmission.TR[0] ** 2
+    torque = 4.9 + power_consistent.MOTOR_COULOMB[0] + 12.25 * power_consistent.LINK_COULOMB[0] / transmission.TR[0]
+    distance = at_grip**2 * inertia / (2.0 * torque)
+    assert abs(speed) > 20.0 and abs(columns(out.mvel)[-1, 0]) < 1e-3
+    assert abs(angle[-1] - angle[grips - 1]) == pytest.approx(distance, rel=0.35)  # the elastic cable parts the two
+
+
+@pytest.mark.parametrize("brakes", [0, 1])
+def test_an_unpowered_arm_does_not_creep(brakes) -> None:
+    """Dry friction carries the arm at home with and without brakes, as a real one stands; offsets need power."""
+    with jax.enable_x64(True):
+        arm = params()
+        unpowered = replace(arm, actuators=replace(arm.actuators, bias=Vec.full(N, 0.0)))
+        _, out = simulate(setup(), constant([0] * N, 2000), unpowered, brakes=brakes)
+    jpos = columns(out.jpos)[:, :3]
+    assert np.abs(jpos[-1] - jpos[1000]).max() < 1e-6
+
+
+def test_a_force_on_the_arm_moves_it_as_far_as_its_cable_and_braked_motor_give_way() -> None:
+    load, joint = 2.0, 0
+    with jax.enable_x64(True):
+        free = replace(weightless(params()), link_coulomb=Vec.full(N, 0.0))
+        push = Vec.full(N, 0.0).replace(joint, load)
+        _, out = simulate(setup(), constant([0] * N, 600), free, brakes=1, external_torque=push)
+    values = parameter_sets.parameter_set("power_consistent")
+    stiffness = 2.0 * values.stiffness[joint] * 63.095e-3**2
+    moved = columns(out.jpos)[-1, joint] - HOME_JPOS[joint]
+    assert moved == pytest.approx(load / stiffness, rel=0.02)
