@@ -1,0 +1,132 @@
+"""Parameters from a log: Gauss-Newton on whole stretches of closed loop, and what is then known of them.
+
+The residual is measured minus replayed, joint by joint, in units of what no step takes away of it. That is correlated
+in time: every joint's squares count only for as many independent samples as it has (its integrated autocorrelation
+time). Beliefs before the log are normal and enter as one more squared residual each.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ravenjax.calibration.log import JointLog
+from ravenjax.calibration.parameters import Unknown, apply
+from ravenjax.calibration.replay import JOINTS, Replay
+from ravenjax.robots.raven2.geometry import transmission
+from ravenjax.robots.raven2.plant import robot
+
+DIFFERENCE = 0.2  # spreads; of smaller ones little but the encoder's steps is seen
+CANDIDATES = (1.0, 0.5, 0.2, 0.05)  # of a Gauss-Newton step, tried side by side
+ITERATIONS = 20
+FINEST = 2.0 * transmission.ENCODER_RAD / np.array([*transmission.TR])
+"""Two counts of the encoder at each joint, rad and m: whether a motor at rest shows a count more or less is chance."""
+ENOUGH = 1e-3  # relative gain at which it ends
+
+
+Predictor = Callable[[np.ndarray], np.ndarray]
+"""steps [K, k] (spreads) -> joints [K, n, 7] where they were measured; rad and m."""
+
+
+def predictor(replay: Replay, base: robot.PlantParams, wanted: Sequence[Unknown], log: JointLog) -> Predictor:
+    """Replays of a log from its beginning, where the robot stands at the joints first measured."""
+    first = np.where(np.isnan(log.start), log.desired[0], log.start)
+
+    def one(steps, first, desired, cycles):
+        return replay(apply(base, wanted, steps), first, desired)[cycles]
+
+    compiled = jax.jit(jax.vmap(one, in_axes=(0, None, None, None)))
+    fixed = (jnp.asarray(first, "float32"), jnp.asarray(log.desired, "float32"), jnp.asarray(log.cycles))
+    return lambda steps: np.asarray(compiled(jnp.asarray(steps, "float32"), *fixed), np.float64)
+
+
+@dataclasses.dataclass(frozen=True)
+class Fit:
+    """The most probable parameters, in spreads from their values before, and the covariance around them."""
+
+    steps: np.ndarray  # [k]
+    covariance: np.ndarray  # [k, k]
+    scale: np.ndarray  # [7] root mean square of each joint's residual, at least FINEST; rad and m
+    independent: np.ndarray  # [7] independent samples of each joint's residual
+    costs: tuple[tuple[float, float], ...]  # of each iteration, before and after it in the same weights
+
+    def weight(self, measured: np.ndarray) -> np.ndarray:
+        """Of each residual [n, 7], so that its squares add up to the joint's independent samples."""
+        there = ~np.isnan(measured)
+        return np.where(there, np.sqrt(self.independent / there.sum(axis=0).clip(1)) / self.scale, 0.0)
+
+
+def fit(predict: Predictor, measured: np.ndarray, unknowns: int) -> Fit:
+    """Gauss-Newton from the values before, slopes by differences; `measured` [n, 7], nan where it is not compared."""
+    there = ~np.isnan(measured)
+    best = Fit(np.zeros(unknowns), np.eye(unknowns), np.ones(JOINTS), np.ones(JOINTS), ())
+    probes = np.vstack([np.zeros(unknowns), DIFFERENCE * np.eye(unknowns)])
+    rows = max(len(probes), len(CANDIDATES))
+    for _ in range(ITERATIONS):
+        predicted = padded(predict, best.steps + probes, rows)
+        residual = np.where(there, measured - predicted[0], 0.0)
+        slopes = np.where(there, (predicted[1 : unknowns + 1] - predicted[0]) / DIFFERENCE, 0.0)
+        scale, independent = _noise(_unexplained(residual, slopes), there)
+        best = dataclasses.replace(best, scale=scale, independent=independent)
+        weight = best.weight(measured)
+        slope = (slopes * weight).reshape(unknowns, -1)
+        covariance = np.linalg.inv(slope @ slope.T + np.eye(unknowns))
+        move = covariance @ (slope @ (residual * weight).ravel() - best.steps)
+        candidates = best.steps + np.outer(CANDIDATES, move)
+        costs = [
+            squares(measured, joints, weight) + steps @ steps
+            for joints, steps in zip(padded(predict, candidates, rows), candidates, strict=True)
+        ]
+        before, after = squares(measured, predicted[0], weight) + best.steps @ best.steps, min(costs)
+        best = dataclasses.replace(best, covariance=covariance, costs=(*best.costs, (before, after)))
+        if after > before * (1.0 - ENOUGH):
+            break
+        best = dataclasses.replace(best, steps=candidates[int(np.argmin(costs))])
+    return best
+
+
+def padded(predict: Predictor, steps: np.ndarray, rows: int) -> np.ndarray:
+    """Predictions of at most `rows` parameters, computed as `rows`, so that nothing is compiled anew."""
+    filler = np.repeat(steps[:1], rows - len(steps), axis=0)
+    return predict(np.vstack([steps, filler]))[: len(steps)]
+
+
+def squares(measured: np.ndarray, joints: np.ndarray, weight: np.ndarray) -> float:
+    """Sum of weighted squares of measured minus replayed joints [n, 7]; nan is not compared."""
+    return float((np.where(weight > 0.0, measured - joints, 0.0) ** 2 * weight**2).sum())
+
+
+def _unexplained(residual: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """What no step of the unknowns takes away of the residual [n, 7], joints weighed alike: the noise of the fit.
+
+    What a step takes away is still to be fitted; counted as noise, which it would be much correlated, it would keep the
+    fit where it is.
+    """
+    unit = np.maximum(np.sqrt((residual**2).mean(axis=0)), FINEST)
+    columns = (slopes / unit).reshape(len(slopes), -1).T
+    step, *_ = np.linalg.lstsq(columns, (residual / unit).ravel(), rcond=1e-6)
+    return residual - np.tensordot(step, slopes, axes=1)
+
+
+def _noise(residual: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Root mean square of each joint's residual, at least FINEST, and its independent samples; [7] each."""
+    count = there.sum(axis=0)
+    scale = np.sqrt((residual**2).sum(axis=0) / count.clip(1))
+    times = np.array([_autocorrelation_time(residual[there[:, j], j]) for j in range(residual.shape[-1])])
+    return np.maximum(scale, FINEST), np.maximum(count / times, 1.0)
+
+
+def _autocorrelation_time(series: np.ndarray) -> float:
+    """Integrated autocorrelation time of [n], samples; summed to the first sign change."""
+    spectrum = np.abs(np.fft.rfft(series, 2 * len(series))) ** 2 if len(series) else np.zeros(1)
+    correlation = np.fft.irfft(spectrum, 2 * len(series))[: len(series)] if len(series) else np.zeros(1)
+    if correlation[0] <= 0.0:
+        return 1.0
+    correlation = correlation / correlation[0]
+    below = np.flatnonzero(correlation <= 0.0)
+    end = int(below[0]) if len(below) else len(correlation)
+    return float(1.0 + 2.0 * correlation[1:end].sum())

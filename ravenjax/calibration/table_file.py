@@ -1,0 +1,118 @@
+"""Logs as tables: .csv and .parquet, a row a sample.
+
+Columns are named by joint, shoulder to grasp2; a log may leave joints out. In the order of preference:
+
+- `jpos_d_JOINT` and `jpos_JOINT`: desired and measured joints, rad and m;
+- `mpos_d_JOINT` and `mpos_JOINT`: desired and measured motors, rad;
+- `dac_JOINT`, `mpos_JOINT` and perhaps `mvel_JOINT`: what the robot was asked for is found from its PD law, for
+  joints without an integral.
+
+A name may end in `_deg` (motors and angles) or `_deg_s`. Time is `time_s`; without
+it the samples are `period_ms` apart.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.calibration.log import JointLog
+from ravenjax.calibration.parameters import JOINTS
+from ravenjax.calibration.replay import Controller
+from ravenjax.errors import UserError
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.geometry import limits, transmission
+
+ENDINGS = {"": 1.0, "_deg": np.pi / 180.0, "_deg_s": np.pi / 180.0}
+
+
+def read(
+    path: Path, arm: ArmName, tool: str, software: str, controller: Controller, period_ms: float | None = None
+) -> JointLog:
+    """The log of one arm. UserError where the file or its columns are not of these."""
+    table = _table(path)
+    times = _times(path, table, period_ms)
+    cycles = np.round(times * 1e3).astype(int)
+    whole = np.arange(cycles[-1] + 1)
+    desired, measured = _joints(path, table, arm, tool, software, controller)
+    on_clock = np.stack([np.interp(whole, times * 1e3, column) for column in desired.T], axis=1)
+    return JointLog(measured[0], on_clock, measured[1:], cycles[1:] - 1)  # a row is read before its cycle's command
+
+
+def _table(path: Path) -> pd.DataFrame:
+    if not path.is_file():
+        raise UserError(f"no log at {path}: expected a .csv or .parquet file")
+    if path.suffix not in (".csv", ".parquet"):
+        raise UserError(f"a log is .csv or .parquet, got {path.name}")
+    table = pd.read_csv(path) if path.suffix == ".csv" else pd.read_parquet(path)
+    if len(table) < 2:
+        raise UserError(f"{path} has {len(table)} rows; a log needs some seconds of motion")
+    return table
+
+
+def _times(path: Path, table: pd.DataFrame, period_ms: float | None) -> np.ndarray:
+    """Seconds from the first sample, [n]."""
+    if period_ms is not None:
+        return np.arange(len(table)) * period_ms * 1e-3
+    if "time_s" not in table:
+        raise UserError(f"{path} has no column time_s: say how far apart its samples are, --period-ms 1")
+    times = table["time_s"].to_numpy(float)
+    if not (np.diff(times) > 0.0).all():
+        row = int(np.flatnonzero(np.diff(times) <= 0.0)[0]) + 1
+        raise UserError(f"{path}: time_s does not increase at row {row}; with --period-ms it is not read")
+    return times - times[0]
+
+
+def _joints(
+    path: Path, table: pd.DataFrame, arm: ArmName, tool: str, software: str, controller: Controller
+) -> tuple[np.ndarray, np.ndarray]:
+    """Desired [n, 7] and measured joints [n, 7], nan where the log has none; what it lacks is desired at home."""
+    desired, measured = _quantity(table, "jpos_d"), _quantity(table, "jpos")
+    if desired is None or measured is None:
+        motors = _quantity(table, "mpos")
+        targets = _quantity(table, "mpos_d")
+        if motors is not None and targets is None:
+            targets = _asked(table, motors, arm, tool, software, controller)
+        if motors is None or targets is None:
+            raise UserError(
+                f"{path} has neither jpos_d and jpos, nor mpos_d and mpos, nor mpos and dac of any joint (as "
+                f"mpos_shoulder); its columns are {', '.join(map(str, table.columns[:12]))}"
+            )
+        desired, measured = (_of_motors(angles, arm, tool, software) for angles in (targets, motors))
+    home = np.array([*limits.HOME_JPOS])
+    return np.where(np.isnan(desired), home, desired), measured
+
+
+def _quantity(table: pd.DataFrame, name: str) -> np.ndarray | None:
+    """Columns of a quantity [n, 7], nan where a joint is not logged; None where none is."""
+    columns = np.full((len(table), len(JOINTS)), np.nan)
+    for joint, word in enumerate(JOINTS):
+        for ending, factor in ENDINGS.items():
+            if f"{name}_{word}{ending}" in table:
+                columns[:, joint] = table[f"{name}_{word}{ending}"].to_numpy(float) * factor
+    return None if np.isnan(columns).all() else columns
+
+
+def _asked(
+    table: pd.DataFrame, motors: np.ndarray, arm: ArmName, tool: str, software: str, controller: Controller
+) -> np.ndarray | None:
+    """Desired motor angles that the PD law implies, [n, 7]; nan where there is no command or an integral."""
+    counts = _quantity(table, "dac")
+    if counts is None:
+        return None
+    speed = _quantity(table, "mvel")
+    speed = np.gradient(motors, 1e-3, axis=0) if speed is None else speed
+    signs = np.array([*transmission.tau_signs(arm, tool, software)], float)
+    torque = counts * signs / np.array([*transmission.COUNTS_PER_NM])
+    kp, kd = (np.array([*gain]) for gain in (controller.kp, controller.kd))
+    targets = motors + (torque + kd * speed) / kp
+    return np.where(np.array([*controller.ki]) > 0.0, np.nan, targets)
+
+
+def _of_motors(angles: np.ndarray, arm: ArmName, tool: str, software: str) -> np.ndarray:
+    """Joints [n, 7] of motor angles [n, 7]; nan from the first unknown motor on."""
+    columns = transmission.joint_from_motor(arm, tool, Vec(angles.T), software)
+    return np.stack([np.asarray(column, float) for column in columns], axis=1)

@@ -1,0 +1,52 @@
+"""A calibration in tables: how well the robots predict the log, and what it tells of each parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ravenjax.calibration.calibrate import Calibration
+from ravenjax.calibration.judgement import FollowingError
+from ravenjax.calibration.parameters import JOINTS
+
+PER_UNIT = np.array((180.0 / np.pi,) * 2 + (1e3,) + (180.0 / np.pi,) * 4)
+"""deg and mm in which people read a joint, per rad and m."""
+UNITS = ("deg", "deg", "mm", "deg", "deg", "deg", "deg")
+TOLD = 0.5
+"""A parameter counts as told where the log at least halves its spread."""
+
+
+class Rows(NamedTuple):
+    """A table."""
+
+    title: str
+    columns: tuple[str, ...]
+    cells: list[tuple[str, ...]]
+
+
+def following(title: str, rows: Sequence[FollowingError], joints: Sequence[int]) -> Rows:
+    """Root mean square following error of the log and of each model, with the model's share of the log's."""
+    log = rows[0].following
+    cells = []
+    for one in rows:
+        line = [one.model]
+        for j in joints:
+            error = f"{one.following[j] * PER_UNIT[j]:.3f}"
+            share = f" ({one.following[j] / log[j]:.2f}), off {one.residual[j] * PER_UNIT[j]:.3f}"
+            line.append(error if one is rows[0] else error + share)
+        cells.append(tuple(line))
+    columns = ("rms (times the log's), off by", *(f"{JOINTS[j].replace('_', ' ')}, {UNITS[j]}" for j in joints))
+    return Rows(title, columns, cells)
+
+
+def parameters(title: str, calibrated: Calibration) -> Rows:
+    """Every unknown before and after the log, and the share of its spread that the log leaves."""
+    cells = [
+        (one.path, f"{before:.4g}", f"{after:.3g}", f"{left:.2f}" + ("" if left <= TOLD else " (not told)"))
+        for one, before, after, left in zip(
+            calibrated.unknowns, calibrated.before, calibrated.after, calibrated.told, strict=True
+        )
+    ]
+    return Rows(title, ("parameter", "before", "after", "spread left"), cells)
