@@ -14,6 +14,7 @@ NAMES = {
     "dsn16_b": "dsn16.motor_commands",
     "dsn16_thresholds": "dsn16.thresholds",
     "dsn16_model": "dsn16.model",
+    "mechanics": "mechanics.robot",
     "safecomp45": "hazards.safecomp45",
     "hazard_library": "hazards.library",
     "reacting_operator": "reaction.operator",

@@ -1,0 +1,86 @@
+"""How much of the links' load a recorded motor carries: the gearbox ratio, as statics say, or 1, as published?
+
+    k DAC = J m'' + rho l(q, q', q'') + b m' + c sgn(m') + offset        a motor's torque after the gearbox
+
+is linear in J, rho, b, c and the offset; the load l of the rigid links is that of the published masses, in motor
+coordinates. Angles are smoothed for their derivatives, and rows at rest left out, where dry friction may be anything.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.dynamics import link_dynamics
+from ravenjax.robots.raven2.geometry import transmission
+from ravenjax.robots.raven2.plant.coupling import N, coupling
+from ravenjax.stats.bootstrap.resample import bootstrap
+from ravenjax.studies.dsn16.recording.closed_loop import ARM, SETUP, TOOL, JointRecording, motors
+
+WINDOW_MS, ORDER = 41, 3  # of the Savitzky-Golay filter
+MOVING_RAD_S = 1.0
+STRETCHES = 20
+"""Pieces of the recording, about a second each, over which the bootstrap goes."""
+
+
+class LoadShare(NamedTuple):
+    """One joint: estimates with their 95 % bands over stretches of the recording."""
+
+    inertia: tuple[float, float, float]  # J, kg m2 in the equation's units: value, low, high
+    scale: tuple[float, float, float]  # rho, 1
+    torque_share: float  # standard deviation of the load's part of the torque by that of the torque
+
+
+def of_recording(log: JointRecording) -> list[LoadShare]:
+    """Of shoulder, elbow and insertion; needs 64 bits."""
+    from scipy.signal import savgol_filter
+
+    angle, speed, acceleration = (
+        np.asarray(savgol_filter(log.angle, WINDOW_MS, ORDER, deriv=d, delta=1e-3, axis=0)) for d in range(3)
+    )
+    torque = -np.asarray(savgol_filter(log.dac, WINDOW_MS, ORDER, axis=0)) / np.array(transmission.COUNTS_PER_NM[:3])
+    load = np.asarray(jax.jit(jax.vmap(_load))(*map(jnp.asarray, (angle, speed, acceleration))))
+    inside = np.zeros(len(angle), bool)
+    inside[WINDOW_MS:-WINDOW_MS] = True
+    joints = []
+    for j in range(3):
+        rows = inside & (np.abs(speed[:, j]) > MOVING_RAD_S)
+        columns = (acceleration[:, j], load[:, j], speed[:, j], np.sign(speed[:, j]), np.ones(len(angle)))
+        joints.append(
+            _fit(np.stack(columns, axis=1)[rows], torque[rows, j], np.flatnonzero(rows) * STRETCHES // len(rows))
+        )
+    return joints
+
+
+def _load(angle: Any, speed: Any, acceleration: Any) -> jax.Array:
+    """Torque (N m, motor coordinates) that rigid links ask of motors 1-3, cables unstretched; [3] each."""
+
+    def joints(three: Any, still: bool) -> Vec:
+        return transmission.joint_from_motor(ARM, TOOL, motors(three, still=still), SETUP.software)
+
+    jpos, jvel, jacc = joints(angle, False), joints(speed, True), joints(acceleration, True)
+    gravity = Vec((-9.81, 0.0, 0.0))
+    mass, bias = link_dynamics.mass_matrix_and_bias(SETUP, ARM, jpos, jvel, gravity, 1.0)
+    force = Vec(sum(mass[max(i, j)][min(i, j)] * jacc[j] for j in range(N)) + bias[i] for i in range(N))
+    geometry = coupling(ARM, TOOL, SETUP.software)
+    columns = [geometry.joints(Vec(float(i == j) for j in range(N))) for i in range(3)]
+    return jnp.stack([sum(c * f for c, f in zip(column, force, strict=True)) for column in columns])
+
+
+def _fit(columns: np.ndarray, torque: np.ndarray, stretch: np.ndarray) -> LoadShare:
+    """Least squares, and the same over resampled stretches."""
+    pieces = [stretch == s for s in np.unique(stretch)]
+    squares = np.array([columns[p].T @ columns[p] for p in pieces])
+    products = np.array([columns[p].T @ torque[p] for p in pieces])
+
+    def solved(rows: np.ndarray) -> np.ndarray:
+        return np.linalg.solve(squares[rows].sum(axis=1), products[rows].sum(axis=1)[..., None])[..., 0]
+
+    best = solved(np.arange(len(pieces))[None])[0]
+    bands = [bootstrap(len(pieces), lambda rows, k=k: solved(rows)[:, k]) for k in (0, 1)]
+    inertia, scale = ((float(best[k]), float(band.low), float(band.high)) for k, band in enumerate(bands))
+    return LoadShare(inertia, scale, float(np.std(best[1] * columns[:, 1]) / np.std(torque)))

@@ -1,0 +1,35 @@
+"""The two recorded arms, each with the software that its recording shows; both lie where RAVENJAX_DATA says."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from ravenjax.calibration import replay, table_file
+from ravenjax.calibration.calibrate import LoggedRobot
+from ravenjax.robots.raven2.setup import RavenSetup
+
+DATA = "RAVENJAX_DATA"
+THREE_JOINTS, SEVEN_JOINTS = "recording_gold_joints123.parquet", "recording_gold_7joints.parquet"
+SEVEN_PERIOD_MS = 4.94  # 8 144 rows in 40 s, received in bursts
+SETUP = RavenSetup(software="fork2015", arms=("gold",), tools=("r_grasper",))
+"""Also of the arm with seven joints: its first jaw follows the insertion like its second, unlike raven2's today."""
+
+
+def find(name: str) -> Path | None:
+    """The recording's file; None where it is not at hand."""
+    folder = os.environ.get(DATA)
+    path = Path(folder or ".") / name
+    return path if folder and path.is_file() else None
+
+
+def three_joints(path: Path) -> LoggedRobot:
+    """The authors' arm in teleoperation, 21 s at 1 kHz; what it was asked for is found from its PD law."""
+    log = table_file.read(path, "gold", SETUP.tools[0], SETUP.software, replay.FORK2015, period_ms=1.0)
+    return LoggedRobot(log, SETUP, "gold", replay.FORK2015)
+
+
+def seven_joints(path: Path) -> LoggedRobot:
+    """Another arm, driven along circles by its own controller with today's gains, 40 s."""
+    log = table_file.read(path, "gold", SETUP.tools[0], SETUP.software, replay.RAVEN2, period_ms=SEVEN_PERIOD_MS)
+    return LoggedRobot(log, SETUP, "gold", replay.RAVEN2)

@@ -1,0 +1,70 @@
+"""The study of mechanics: statics by hand and by robot, words of its tables."""
+
+from __future__ import annotations
+
+import jax
+import pytest
+
+from ravenjax.studies.framework.study import Context
+from ravenjax.studies.mechanics import recordings, robot, statics
+
+
+def test_statics_by_hand_are_those_of_motor_gear_and_drum() -> None:
+    hand = statics.by_hand()
+    assert hand.tension == pytest.approx(10000 / 2730 * 0.0603 * 12.25 / 5.675e-3)
+    assert hand.torque == pytest.approx(hand.tension * 63.095e-3)
+    assert hand.speed == pytest.approx(796.0, abs=0.1)
+
+
+@pytest.mark.slow
+def test_the_power_consistent_robot_gives_way_as_statics_say() -> None:
+    with jax.enable_x64(True):
+        ours = statics.of_robot("power_consistent")
+    hand = statics.by_hand()
+    assert ours.given_way == pytest.approx(hand.given_way, rel=0.1)
+    assert ours.tension == pytest.approx(hand.tension, rel=0.05)
+    assert ours.speed < hand.speed
+
+
+@pytest.mark.parametrize(
+    ("band", "words"),
+    [
+        ((13.0, 9.6, 16.5), "statics"),
+        ((1.2, 0.5, 2.0), "authors"),
+        ((6.0, 0.0, 20.0), "statics and authors"),
+        ((-15.0, -24.0, -9.0), "neither"),
+    ],
+)
+def test_a_band_agrees_with_the_laws_inside_it(band, words) -> None:
+    assert robot._agreement(band) == words
+
+
+@pytest.mark.slow
+def test_without_the_recordings_it_says_what_is_missing(monkeypatch) -> None:
+    monkeypatch.delenv(recordings.DATA, raising=False)
+    findings = robot.compare(Context({}))
+    assert not findings.lines and len(findings.tables) == 1
+    assert recordings.SEVEN_JOINTS in findings.notes[0] and recordings.DATA in findings.notes[0]
+
+
+@pytest.mark.slow
+def test_the_first_jaw_of_the_arm_of_2018_is_strung_like_its_second(shared_data) -> None:
+    """With raven2's opposed jaw its replay goes the other way than the recording."""
+    import numpy as np
+
+    from ravenjax.calibration import fit, replay
+    from ravenjax.robots.raven2.plant import robot as plant
+    from ravenjax.robots.raven2.setup import RavenSetup
+
+    logged = recordings.seven_joints(shared_data(recordings.SEVEN_JOINTS))
+    part = logged.log.compared(2000, 10000)
+    correlation = []
+    for software in ("fork2015", "raven2"):
+        setup = RavenSetup(software=software, arms=("gold",), tools=("r_grasper",))
+        run = replay.replay(setup, "gold", replay.RAVEN2)
+        params = plant.params(setup, "gold", "power_consistent")
+        joints = fit.predictor(run, params, (), part)(np.zeros((1, 0)))[0]
+        rows = ~np.isnan(part.measured[:, 5])
+        desired = part.desired[part.cycles][rows, 5]
+        correlation.append(np.corrcoef(joints[rows, 5] - desired, part.measured[rows, 5] - desired)[0, 1])
+    assert correlation[0] > 0.7 and correlation[1] < 0.0
