@@ -176,8 +176,8 @@ _REASONS = {
 }
 _NOTES = (
     "The arm of 2018 strings its first jaw like its second, as the fork of 2015 does: with the jaw opposed, as in "
-    "raven2 today, its recorded and virtual following errors go opposite ways. Its tool joints have the integral of "
-    "raven2's gains: recorded errors decay while the joint moves on.",
+    "raven2 today, its virtual following error has nothing in common with the recorded one. Its tool joints have the "
+    "integral of raven2's gains: recorded errors decay while the joint moves on.",
     "All errors are of motors, where the encoders are. Backlash and stretch behind them are not seen here.",
 )
 

@@ -1,6 +1,7 @@
 """Ranges of parameters: nothing outside one is accepted, everything in it can be run. Each has one: `test_quantity`."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import ravenjax as rj
@@ -122,19 +123,27 @@ def test_what_a_normal_distribution_may_draw_is_within_its_extent():
     assert high - drawn.max() < 0.01
 
 
+def at_the_ends(paths, **own):
+    """A short run at each end of the range of each path."""
+    groups = [{"name": "free"}]
+    for path in sorted(paths):
+        for row in bounds.of(ROBOT, path):
+            groups += [{"name": f"{path} = {end}", "parameters": {path: end}} for end in (row.low, row.high)]
+    campaign = {"name": "ends", "duration_s": 0.4, "noise": True, "console": "absolute", **own}
+    table = rj.run({**BASE, "campaign": campaign, "operator": {"motion": "reach"}, "group": groups}, engine="simd")
+    assert len(table) == len(groups)
+    return table
+
+
 @pytest.mark.slow
 def test_the_ends_of_every_range_can_be_run(every):
     """Whatever the table lets through, the robot's numbers stay numbers."""
     idle = ("control.teleoperation.grasp_", "control.overdrive.dac_max.grasp2")  # not read here, and so refused
     shown = {paths.shorten(path, ARMS) for path in leaves(console="absolute")}
     shown = {path for path in shown if not path.startswith(idle)}
-    groups = [{"name": "free"}]
-    for path in sorted(shown):
-        for row in bounds.of(ROBOT, path):
-            groups += [{"name": f"{path} = {end}", "parameters": {path: end}} for end in (row.low, row.high)]
-    campaign = {"name": "ends", "duration_s": 0.4, "noise": True, "console": "absolute"}
-    table = rj.run({**BASE, "campaign": campaign, "operator": {"motion": "reach"}, "group": groups}, engine="simd")
-    assert len(table) == len(groups) > 300
+    drawn = {"network.packets"}  # drawn packets have no length of their own, and the last choice needs shares
+    table = pd.concat([at_the_ends(shown - drawn), at_the_ends(drawn, packets=[0.5, 0.5])])
+    assert len(table) > 300
     failed = table.loc[table["failed"].astype(str) != "", "group"].tolist()
     assert failed == []
     assert table["peak_model_deviation_mm"].map(lambda x: x < 1e6).all()

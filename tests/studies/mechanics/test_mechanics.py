@@ -49,7 +49,7 @@ def test_without_the_recordings_it_says_what_is_missing(monkeypatch) -> None:
 
 @pytest.mark.slow
 def test_the_first_jaw_of_the_arm_of_2018_is_strung_like_its_second(shared_data) -> None:
-    """With raven2's opposed jaw its replay goes the other way than the recording."""
+    """With raven2's opposed jaw its replay has nothing in common with the recording."""
     import numpy as np
 
     from ravenjax.calibration import fit, replay
@@ -67,4 +67,4 @@ def test_the_first_jaw_of_the_arm_of_2018_is_strung_like_its_second(shared_data)
         rows = ~np.isnan(part.measured[:, 5])
         desired = part.desired[part.cycles][rows, 5]
         correlation.append(np.corrcoef(joints[rows, 5] - desired, part.measured[rows, 5] - desired)[0, 1])
-    assert correlation[0] > 0.7 and correlation[1] < 0.0
+    assert correlation[0] > 0.9 and abs(correlation[1]) < 0.3
