@@ -10,9 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ravenjax.numbers.vec import Vec, replace
+from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.plant import robot
-
-JOINTS = ("shoulder", "elbow", "insertion", "tool_roll", "wrist", "grasp1", "grasp2")
 
 
 class Unknown(NamedTuple):

@@ -17,9 +17,9 @@ from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.stages.estimator import LOW_PASS_INPUT, LOW_PASS_OUTPUT
 
 JOINTS = 7
-NUMERATOR, DENOMINATOR = (0.02864, 0.08591, 0.08591, 0.02864), (1.5189, -0.9600, 0.2120)  # 120 Hz, state_estimate.cpp
 
 
 class Controller(NamedTuple):
@@ -68,7 +68,7 @@ def replay(setup: RavenSetup, arm: ArmName, controller: Controller, cables: floa
             state, raw, smooth, integral = carry
             new = read(params, state)
             raw = jnp.stack([new, *raw[:3]])
-            filtered = jnp.array(NUMERATOR, dtype) @ raw + jnp.array(DENOMINATOR, dtype) @ smooth
+            filtered = jnp.array(LOW_PASS_INPUT, dtype) @ raw + jnp.array(LOW_PASS_OUTPUT, dtype) @ smooth
             angle, speed = (filtered, filtered - smooth[0]) if controller.filtered else (new, new - raw[1])
             motors = jnp.stack(transmission.motor_from_joint(arm, tool, Vec(row), angle[2], setup.software))
             apart = motors - angle

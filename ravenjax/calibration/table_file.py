@@ -19,11 +19,10 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.calibration.log import JointLog
-from ravenjax.calibration.parameters import JOINTS
 from ravenjax.calibration.replay import Controller
 from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.arms import JOINTS, ArmName
 from ravenjax.robots.raven2.geometry import limits, transmission
 
 ENDINGS = {"": 1.0, "_deg": np.pi / 180.0, "_deg_s": np.pi / 180.0}

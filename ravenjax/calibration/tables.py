@@ -9,7 +9,7 @@ import numpy as np
 
 from ravenjax.calibration.calibrate import Calibration
 from ravenjax.calibration.judgement import FollowingError
-from ravenjax.calibration.parameters import JOINTS
+from ravenjax.robots.raven2.arms import JOINTS
 
 PER_UNIT = np.array((180.0 / np.pi,) * 2 + (1e3,) + (180.0 / np.pi,) * 4)
 """deg and mm in which people read a joint, per rad and m."""

@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 
 from ravenjax.calibration import replay, table_file
-from ravenjax.calibration.parameters import JOINTS
 from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.geometry import transmission
 
 ARM, TOOL, SOFTWARE = "gold", "r_grasper", "fork2015"

@@ -66,9 +66,7 @@ def _load(angle: Any, speed: Any, acceleration: Any) -> jax.Array:
     gravity = Vec((-9.81, 0.0, 0.0))
     mass, bias = link_dynamics.mass_matrix_and_bias(SETUP, ARM, jpos, jvel, gravity, 1.0)
     force = Vec(sum(mass[max(i, j)][min(i, j)] * jacc[j] for j in range(N)) + bias[i] for i in range(N))
-    geometry = coupling(ARM, TOOL, SETUP.software)
-    columns = [geometry.joints(Vec(float(i == j) for j in range(N))) for i in range(3)]
-    return jnp.stack([sum(c * f for c, f in zip(column, force, strict=True)) for column in columns])
+    return jnp.stack(coupling(ARM, TOOL, SETUP.software).carried(force)[:3])
 
 
 def _fit(columns: np.ndarray, torque: np.ndarray, stretch: np.ndarray) -> LoadShare:

@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 from ravenjax.calibration import replay, table_file
 from ravenjax.calibration.calibrate import LoggedRobot
 from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.studies.dsn16.recording import closed_loop
 
-DATA = "RAVENJAX_DATA"
-THREE_JOINTS, SEVEN_JOINTS = "recording_gold_joints123.parquet", "recording_gold_7joints.parquet"
+THREE_JOINTS, SEVEN_JOINTS = closed_loop.FILE, "recording_gold_7joints.parquet"
+DATA = closed_loop.DATA
 SEVEN_PERIOD_MS = 4.94  # 8 144 rows in 40 s, received in bursts
 SETUP = RavenSetup(software="fork2015", arms=("gold",), tools=("r_grasper",))
 """Also of the arm with seven joints: its first jaw follows the insertion like its second, unlike raven2's today."""
-
-
-def find(name: str) -> Path | None:
-    """The recording's file; None where it is not at hand."""
-    folder = os.environ.get(DATA)
-    path = Path(folder or ".") / name
-    return path if folder and path.is_file() else None
 
 
 def three_joints(path: Path) -> LoggedRobot:

@@ -8,8 +8,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from ravenjax.calibration import tables
 from ravenjax.calibration.calibrate import Calibration, LoggedRobot
 from ravenjax.calibration.judgement import FollowingError
-from ravenjax.calibration.parameters import JOINTS, unknowns
-from ravenjax.robots.raven2.plant import parameter_sets, power_consistent, robot
+from ravenjax.calibration.parameters import unknowns
+from ravenjax.robots.raven2.arms import JOINTS
+from ravenjax.robots.raven2.geometry import transmission
+from ravenjax.robots.raven2.plant import parameter_sets, robot
 from ravenjax.studies.dsn16.recording import closed_loop
 from ravenjax.studies.framework.study import Context, Findings, Line, Study, StudyEstimate, Table
 from ravenjax.studies.mechanics import reaction, recordings, statics
@@ -31,7 +33,7 @@ def compare(context: Context) -> Findings:
     lines: list[Line] = []
     every: dict[str, list[FollowingError]] = {}
     printed: list[Table] = [_statics(pressed)]
-    paths = {name: path for name in FITTED if (path := recordings.find(name)) is not None}
+    paths = {name: path for name in FITTED if (path := closed_loop.locate(name)) is not None}
     if recordings.THREE_JOINTS in paths:
         with jax.enable_x64(True):
             printed.append(_reaction(reaction.of_recording(closed_loop.read(paths[recordings.THREE_JOINTS]))))
@@ -119,7 +121,7 @@ def _reaction(rows: Sequence[reaction.LoadShare]) -> Table:
             _band([x * 1e4 for x in one.inertia]),
             f"{ours.motor_inertia[j] * 1e4:.2f}",
             _band(one.scale),
-            f"{power_consistent.GEARBOX:g}; 1",
+            f"{transmission.GP42:g}; 1",
             _agreement(one.scale),
             f"{100.0 * one.torque_share:.0f} %",
         )
@@ -144,7 +146,7 @@ def _reaction(rows: Sequence[reaction.LoadShare]) -> Table:
 
 def _agreement(scale: Sequence[float]) -> str:
     """Which law's number is inside the band."""
-    laws = {"statics": power_consistent.GEARBOX, "authors": 1.0}
+    laws = {"statics": transmission.GP42, "authors": 1.0}
     inside = [law for law, number in laws.items() if scale[1] <= number <= scale[2]]
     return " and ".join(inside) if inside else "neither"
 

@@ -12,15 +12,15 @@ from ravenjax.numbers.setup import REFERENCE
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
-from ravenjax.robots.raven2.plant import published, robot
+from ravenjax.robots.raven2.plant import authors, nominal, power_consistent, published, robot
 from ravenjax.robots.raven2.setup import RavenSetup
 
 SETUP = RavenSetup(arms=("gold",), precision=REFERENCE)
 COUNTS, LOAD_NM, TICKS = 10_000, 2.0, 1500
-CAPSTAN_M, PULLEY_M = 5.675e-3, 63.095e-3  # raven2: defines.h; shoulder
+CAPSTAN_M, PULLEY_M = authors.CAPSTAN_M, authors.LINK_RADIUS[0]  # of the shoulder
 CABLE_N = 1200.0
 """Breaking load of a stainless wire rope of 1.19 mm (3/64 in), 7x19: 270 lbf in makers' catalogues."""
-KP = 0.3  # N m per rad of motor, after the gearbox; raven2: params/r2params.yaml
+KP = nominal.KP[0]  # N m per rad of motor, after the gearbox
 
 
 class Statics(NamedTuple):
@@ -63,7 +63,7 @@ def by_hand() -> Statics:
         torque / CAPSTAN_M,
         np.nan,
         torque * PULLEY_M / CAPSTAN_M,
-        48.0 / 0.0603,
+        power_consistent.SUPPLY_V / transmission.TORQUE_PER_AMP[0],
         gives * 300.0,
     )
 

@@ -51,6 +51,11 @@ class Coupling:
         columns = zip(*self.own, strict=True)
         return Vec(dot(Vec(column), Vec(effective)) for column in columns)
 
+    def carried(self, loads: Vec) -> Vec:
+        """T^-T f: motor forces (N m) that put `loads` (N m, N) on the joints, by the columns of T^-1."""
+        columns = [self.joints(Vec(float(i == j) for j in range(N))) for i in range(N)]
+        return Vec(dot(column, loads) for column in columns)
+
     def congruence(self, weights: Vec) -> list[list[Scalar]]:
         """T^T diag(w) T, lower triangle filled (entry [i][j] with j <= i)."""
         inner: list[list[Scalar]] = [[0.0] * N for _ in range(N)]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Literal
 
+from ravenjax.robots.raven2.geometry.transmission import GP42
 from ravenjax.robots.raven2.plant import power_consistent, published
 
 Name = Literal["power_consistent", "traj3", "A", "B", "C", "D", "E", "matlab_main", "matlab_global"]
@@ -79,7 +80,7 @@ POWER_CONSISTENT = ParameterSet(
     motor_inertia=_seven((power_consistent.MOTOR_INERTIA,) * 3, published.TOOL_MOTOR_INERTIA),
     motor_coulomb=power_consistent.MOTOR_COULOMB,
     motor_viscous=power_consistent.MOTOR_VISCOUS,
-    reaction_scale=_seven((power_consistent.GEARBOX,) * 3, published.TOOL_GEARBOX),
+    reaction_scale=_seven((GP42,) * 3, published.TOOL_GEARBOX),
     torque_limit=_seven((power_consistent.RE40_TORQUE_LIMIT,) * 3, power_consistent.RE30_TORQUE_LIMIT),
     stall_torque=_seven((power_consistent.RE40_STALL_TORQUE,) * 3, power_consistent.RE30_STALL_TORQUE),
     back_emf=_seven((power_consistent.RE40_BACK_EMF,) * 3, power_consistent.RE30_BACK_EMF),

@@ -21,9 +21,9 @@ What the recordings cannot tell is from catalogues and the original software, or
 
 from __future__ import annotations
 
+from ravenjax.robots.raven2.geometry.transmission import GP32, GP42, TORQUE_PER_AMP
 from ravenjax.robots.raven2.plant import published
 
-GEARBOX = 12.25  # GP42, raven2: defines.h
 SUPPLY_V = 48.0
 
 
@@ -32,11 +32,11 @@ def _motor(torque_constant: float, resistance: float, gearbox: float) -> tuple[f
     return gearbox * torque_constant * SUPPLY_V / resistance, gearbox * torque_constant**2 / resistance
 
 
-RE40_STALL_TORQUE, RE40_BACK_EMF = _motor(0.0603, 1.16, GEARBOX)
-RE30_STALL_TORQUE, RE30_BACK_EMF = _motor(0.0538, 2.52, published.TOOL_GEARBOX)
-RE40_TORQUE_LIMIT = 12.0 * 0.0603 * GEARBOX  # N m after gearbox, at 12 A
-RE30_TORQUE_LIMIT = 6.0 * 0.0538 * published.TOOL_GEARBOX  # at 6 A
-MOTOR_INERTIA = GEARBOX * (142e-7 + 15e-7)  # kg m2 in the equation's units
+RE40_STALL_TORQUE, RE40_BACK_EMF = _motor(TORQUE_PER_AMP[0], 1.16, GP42)
+RE30_STALL_TORQUE, RE30_BACK_EMF = _motor(TORQUE_PER_AMP[3], 2.52, GP32)
+RE40_TORQUE_LIMIT = 12.0 * TORQUE_PER_AMP[0] * GP42  # N m after gearbox, at 12 A
+RE30_TORQUE_LIMIT = 6.0 * TORQUE_PER_AMP[3] * GP32  # at 6 A
+MOTOR_INERTIA = GP42 * (142e-7 + 15e-7)  # kg m2 in the equation's units
 
 BIAS = (0.0108, 0.0186, -0.0196, 0.0048, 0.0001, 0.0114, 0.0090)  # N m; what amplifier and modelled gravity leave
 MOTOR_COULOMB = (0.0254, 0.0782, 0.0607, 0.0244, 0.0085, 0.0223, 0.0162)  # N m after gearbox

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ravenjax.numbers import counter_random
-from ravenjax.numbers.algebra import add, dot, mul, sub
+from ravenjax.numbers.algebra import add, mul, sub
 from ravenjax.numbers.linear_solve import solve_spd
 from ravenjax.numbers.quantity import Quantity, Reserved
 from ravenjax.numbers.vec import Scalar, Vec, cast, record
@@ -187,7 +187,7 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
     at_rest = Vec.full(N, 0.0)
     _, weight = link_dynamics.mass_matrix_and_bias(setup, arm, jpos0, at_rest, params.gravity, params.mass_scale)
     still = Vec(jnp.asarray(0.0, dtype) for _ in range(N))
-    carried = _share(geometry, weight)
+    carried = geometry.carried(weight)
     stretch = Vec(
         cables.resting_stretch(cables.ARMS_M[i], params.cable_stiffness[i] * params.cable_stiffness_scale, carried[i])
         for i in range(N)
@@ -359,12 +359,6 @@ def _drive(setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantSta
 def _jpos(geometry: Coupling, state: PlantState, dtype: str) -> Vec:
     turned = Vec(encoders.radians(motor, dtype) for motor in state.motors)
     return state.jpos_ref + geometry.joints(turned - state.stretch)
-
-
-def _share(geometry: Coupling, loads: Vec) -> Vec:
-    """Motor-coordinate forces that put `loads` on the joints: T^-T, by the columns of T^-1."""
-    columns = [geometry.joints(Vec(float(i == j) for j in range(N))) for i in range(N)]
-    return Vec(dot(column, loads) for column in columns)
 
 
 def _coupling(setup: RavenSetup, arm: ArmName) -> Coupling:

@@ -23,6 +23,7 @@ from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.geometry import kinematics, transmission
 from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.stages.estimator import LOW_PASS_INPUT, LOW_PASS_OUTPUT
 
 DATA, FILE = "RAVENJAX_DATA", "recording_gold_joints123.parquet"
 JOINTS = ("shoulder", "elbow", "insertion")
@@ -31,7 +32,6 @@ ARM, TOOL = "gold", "r_grasper"
 TOOL_POSE = (0.0, 0.0, math.radians(45), math.radians(45))  # rad; the recording has no tool joints: held at home
 KP, KD = np.array((0.3, 0.3, 0.15)), np.array((0.008, 0.008, 0.012))  # raven2: params/r2params.yaml
 TOOL_KP, TOOL_KD = (0.09, 0.05, 0.02, 0.02), (0.001, 0.0, 0.0, 0.0)  # of the fork
-NUMERATOR, DENOMINATOR = (0.02864, 0.08591, 0.08591, 0.02864), (1.5189, -0.9600, 0.2120)  # 120 Hz, state_estimate.cpp
 
 
 class JointRecording(NamedTuple):
@@ -50,8 +50,13 @@ class JointRecording(NamedTuple):
 
 def find(environment: Mapping[str, str] | None = None) -> Path | None:
     """The recording's file; None where it is not at hand."""
+    return locate(FILE, environment)
+
+
+def locate(name: str, environment: Mapping[str, str] | None = None) -> Path | None:
+    """A public recording by the name of its file; None where it is not at hand."""
     folder = (os.environ if environment is None else environment).get(DATA)
-    path = Path(folder or ".") / FILE
+    path = Path(folder or ".") / name
     return path if folder and path.is_file() else None
 
 
@@ -113,7 +118,7 @@ def loop(
         state, raw, smooth = carry
         new = read(state)
         raw = jnp.stack([new, *raw[:3]])
-        filtered = jnp.array(NUMERATOR) @ raw + jnp.array(DENOMINATOR) @ smooth
+        filtered = jnp.array(LOW_PASS_INPUT) @ raw + jnp.array(LOW_PASS_OUTPUT) @ smooth
         speed = (filtered - smooth[0]) / 1e-3
         smooth = jnp.stack([filtered, *smooth[:2]])
         pose = Vec((0.0, 0.0, 0.0, *TOOL_POSE))
