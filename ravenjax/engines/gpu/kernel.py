@@ -65,6 +65,11 @@ class Form:
     region: int = 1000  # statements across which the compiler may move memory accesses, or it holds too much at once
     in_step_from: int = 5000  # operations of a tick from which warps begin it together, to share fetched instructions
 
+    @property
+    def bounds(self) -> str:
+        """What holds the compiler to as many registers as a block of so many threads may have."""
+        return f"__launch_bounds__({self.threads}, 1)"
+
 
 @dataclasses.dataclass(frozen=True)
 class KernelSource:
@@ -244,6 +249,7 @@ class _CudaModule:
             "lane_begin",
             "Words inputs, Room state, int lanes",
             [*self._at_lane("inputs"), *printer.lines],
+            self.form.bounds,
         )
 
     def _lane_run(self) -> str:
@@ -292,7 +298,7 @@ class _CudaModule:
             "Words inputs, Room state, Words tables, Words given, Fours row, Groups groups, Room out, "
             "int lanes, int first, int count"
         )
-        return _kernel("lane_run", parameters, body, f"__launch_bounds__({form.threads}, 1)")
+        return _kernel("lane_run", parameters, body, form.bounds)
 
     def _held(self, inputs: dict[int, str]) -> tuple[list[str], dict[int, str], list[str]]:
         """Words packed with the truth values that the loop reads, the word of each held number, and the statements."""
@@ -323,7 +329,7 @@ class _CudaModule:
             f"  group_state += (size_t)groups[lane / {WARP}] * {len(self.split.shared_state)};",
         ]
         parameters = "Words inputs, Words state, Words group_state, Groups groups, Room results, int lanes"
-        return _kernel("lane_finish", parameters, [*start, *printer.lines])
+        return _kernel("lane_finish", parameters, [*start, *printer.lines], self.form.bounds)
 
 
 def _kernel(name: str, parameters: str, body: list[str], bounds: str = "") -> str:
