@@ -174,7 +174,7 @@ def test_parameters_say_what_they_are_and_name_the_numbers_of_a_vector(run):
     rows = {row[0]: row[1:] for row in next(iter(tables(out).values()))}
     assert list(rows) == [f"nominal.gold.{name}" for name in ("kp", "kd", "ki", "kv", "kc")]
     value, span, meaning = rows["nominal.gold.kp"]
-    assert value.startswith("shoulder 199.433, elbow 104.535, insertion 195.205, tool_roll ")
+    assert value.startswith("shoulder 193.634, elbow 109.278, insertion 315.675, tool_roll ")
     assert span == "0..1000000 N m/rad; insertion N/m; jaws 1/s2"
     assert meaning == "stiffness with which the nominal model follows its target"
     assert all(meaning for _, _, meaning in rows.values())

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
+from ravenjax.robots.raven2.plant import published
 from ravenjax.studies.dsn16 import cells as dsn16_cells
 from ravenjax.studies.dsn16 import detection, drawings, sensitivity, statements, trajectory
 from ravenjax.studies.dsn16 import runs as dsn16_runs
@@ -77,8 +78,10 @@ RULES = (
 )
 PLANT = (
     *(
-        Variant(f"plant_{name}", CAMPAIGN, (f"campaign.parameter_set={name}",), f"parameter set {name} of the plant")
-        for name in ("A", "B", "C", "D", "E", "matlab_main", "matlab_global")
+        Variant(
+            f"plant_{name}", CAMPAIGN, (f"campaign.parameter_set={name}",), f"the authors' law and their set {name}"
+        )
+        for name in published.SETS
     ),
     Variant("noise", CAMPAIGN, ("campaign.noise=true",), "torque noise of one DAC count"),
     Variant("substeps_10", CAMPAIGN, ("campaign.substeps=10",), "ten plant steps a millisecond"),

@@ -42,8 +42,10 @@ ABLATIONS = (
     Variant("jump_0.3mm", CAMPAIGN, ("outcomes.jump_step_mm=0.3",), "jump: two steps above 0.3 mm"),
     Variant("jump_0.5mm", CAMPAIGN, ("outcomes.jump_step_mm=0.5",), "jump: two steps above 0.5 mm"),
     *(
-        Variant(f"plant_{name}", CAMPAIGN, (f"campaign.parameter_set={name}",), f"parameter set {name} of the plant")
-        for name in ("B", "C", "matlab_main", "matlab_global")
+        Variant(
+            f"plant_{name}", CAMPAIGN, (f"campaign.parameter_set={name}",), f"the authors' law and their set {name}"
+        )
+        for name in ("traj3", "B", "C", "matlab_main", "matlab_global")
     ),
     Variant("noise", CAMPAIGN, ("campaign.noise=true",), "torque noise of one DAC count"),
     *(Variant(n, CAMPAIGN, o, "another motion from home") for n, o in trajectory.MOTIONS.items()),

@@ -42,8 +42,15 @@ ABLATIONS = (
         ("parameters.network.cycles_per_packet=2", "campaign.duration_s=5", FEW),
         "a packet lasts two control cycles instead of one",
     ),
-    Variant("plant_B", CAMPAIGN, ("campaign.parameter_set=B", FEW), "parameter set B of the plant"),
-    Variant("plant_matlab_main", CAMPAIGN, ("campaign.parameter_set=matlab_main", FEW), "parameter set matlab_main"),
+    *(
+        Variant(
+            f"plant_{name}",
+            CAMPAIGN,
+            (f"campaign.parameter_set={name}", FEW),
+            f"the authors' law and their set {name}",
+        )
+        for name in ("traj3", "B", "matlab_main")
+    ),
 )
 
 

@@ -1,8 +1,8 @@
 """What nobody knows exactly of the robot, with the range of each parameter and where that comes from.
 
 The published sets are eight hand-tuned descriptions of the same joints by the same authors (from raven2_sim, in
-raven2.plant.published); what they disagree about is the best measure of what is not known. Where they agree,
-or say nothing, a range is an assumption and says so.
+raven2.plant.published); what they disagree about is a measure of what is not known, and each of them, with the authors'
+law, is another robot. Where they agree, or say nothing, a range is an assumption and says so.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import pandas as pd
 
 from ravenjax.campaign.file import bounds
 from ravenjax.robots.raven2 import ROBOT
+from ravenjax.robots.raven2.plant import published
 
 
 class Uncertain(NamedTuple):
@@ -88,7 +89,7 @@ PARAMETERS = (
     ),
     Uncertain(
         "network.cycles_per_packet", "control cycles a packet", "{choice=[1, 2]}", 1.0, 2.0, 1.0,
-        "not told for the published experiments, 1 to 2 (spec of the published targets)",
+        "not told for the published experiments, 1 to 2; on a recorded robot two in 93 of 100",
     ),
     Uncertain(
         "plant.encoder_noise", "encoder noise", "{uniform=[0, 2]}", 0.0, 2.0, 0.0,
@@ -96,7 +97,7 @@ PARAMETERS = (
     ),
     Uncertain(
         "plant.torque_noise", "torque noise", "{uniform=[0, 0.01]}", 0.0, 0.01, 0.0,
-        "assumed: up to a seventh of the elbow motor's Coulomb friction",
+        "assumed: up to an eighth of the elbow motor's Coulomb friction",
     ),
     Uncertain(
         "plant.brakes.engage_ticks", "delay of the brakes", "{choice=[5, 10, 15, 25, 50]}", 5.0, 50.0, 15.0,
@@ -104,5 +105,5 @@ PARAMETERS = (
     ),
 )  # fmt: skip
 
-SETS = ("A", "B", "C", "D", "E", "matlab_main", "matlab_global")
-"""The other published sets; the robot as it is known is "traj3"."""
+SETS = tuple(published.SETS)
+"""The published sets, with the authors' law of motor and cable."""

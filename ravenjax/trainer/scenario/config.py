@@ -202,7 +202,7 @@ class RobotSection(Section):
         default=None, description="overdrive DAC limits"
     )
     parameter_set: parameter_sets.Name = Field(
-        default="traj3",
+        default=parameter_sets.DEFAULT,
         description="mechanics of the robot: power_consistent, or a set that the authors published for joints 1-3",
     )
     noise: bool = Field(default=False, description="encoder and torque noise")

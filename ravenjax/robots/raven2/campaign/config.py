@@ -91,9 +91,9 @@ class RavenCampaign(Campaign):
         description="limits of the overdrive check, counts a joint; default moderate for raven2, fork2015 for the fork",
     )
     parameter_set: parameter_sets.Name = Field(
-        "traj3",
+        parameter_sets.DEFAULT,
         description="mechanics of the virtual robot: power_consistent, or a set that the authors published for its "
-        "first three joints",
+        "first three joints, under their law of motor and cable",
     )
     substeps: int = Field(default=1, ge=1, le=100, description="plant steps per 1 ms tick")
 

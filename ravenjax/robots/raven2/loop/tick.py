@@ -24,7 +24,7 @@ from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.loop import connections, control, observers
 from ravenjax.robots.raven2.loop.injector import RavenInjector
-from ravenjax.robots.raven2.plant import nominal
+from ravenjax.robots.raven2.plant import nominal, parameter_sets
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
@@ -323,7 +323,9 @@ def _observed(params: TickParams) -> observers.ObserverParams:
 # --- its beginning and end ---
 
 
-def params(setup: RavenSetup, start_jpos: tuple[tuple[float, ...], ...], parameter_set: str = "traj3") -> TickParams:
+def params(
+    setup: RavenSetup, start_jpos: tuple[tuple[float, ...], ...], parameter_set: str = parameter_sets.DEFAULT
+) -> TickParams:
     """Every parameter at its documented value, for a run that begins at `start_jpos` (7 joints per arm, rad and m).
 
     parameter_set: mechanics of the virtual robot, one of `parameter_sets.Name`.

@@ -119,7 +119,7 @@ class NominalOutput:
     jpos_d: Vec  # rad; insertion m
 
 
-def params(setup: RavenSetup, arm: ArmName, parameter_set: str = "traj3") -> NominalParams:
+def params(setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.DEFAULT) -> NominalParams:
     """The gains derived above, for a robot with the mechanics `parameter_set` (`parameter_sets.Name`)."""
     values = parameter_sets.parameter_set(parameter_sets.nominal(parameter_set))
     counts = (published.CONTROLLER_TORQUE_PER_COUNT,) * 3 + (published.TOOL_TORQUE_PER_COUNT,) * 4

@@ -14,6 +14,9 @@ from ravenjax.robots.raven2.plant import power_consistent, published
 
 Name = Literal["power_consistent", "traj3", "A", "B", "C", "D", "E", "matlab_main", "matlab_global"]
 
+DEFAULT: Name = "power_consistent"
+"""What a campaign's robot is made of unless it says otherwise."""
+
 UNLIMITED = 1e6
 """N m; no motor comes near."""
 

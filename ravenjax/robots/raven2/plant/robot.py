@@ -145,7 +145,7 @@ def nominal_signal(current_cmd: Vec, brakes: Scalar) -> PlantSignal:
     return PlantSignal(current_cmd, brakes, one, one, one, Vec.full(N, 0.0))
 
 
-def params(setup: RavenSetup, arm: ArmName, parameter_set: str = "traj3") -> PlantParams:
+def params(setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.DEFAULT) -> PlantParams:
     """Documented values; `parameter_set` names one of `parameter_sets.Name`."""
     values = parameter_sets.parameter_set(parameter_set)
     return PlantParams(

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from ravenjax.robots.raven2.plant import published
 from ravenjax.studies.framework import literature
 from ravenjax.studies.framework.series import Recorder
 from ravenjax.studies.framework.study import Context, Findings, Line, Study, StudyEstimate, Table, Variant
@@ -25,8 +26,8 @@ NOISE = "noise"
 
 SETTINGS: dict[str, tuple[str, str]] = {
     **{
-        f"set {name}": (f"campaign.parameter_set={name}", f"another published parameter set of the robot: {name}")
-        for name in ("A", "B", "C", "D", "E", "matlab_main", "matlab_global")
+        f"set {name}": (f"campaign.parameter_set={name}", f"the authors' law and their set {name}")
+        for name in published.SETS
     },
     "software fork2015": ("campaign.software=fork2015", "the control software of the 2015 simulator fork"),
 }

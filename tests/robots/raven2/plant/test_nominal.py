@@ -104,12 +104,13 @@ def test_gains_are_the_robots_per_unit_of_inertia() -> None:
         lag_model = (params.kd[i] + params.kv[i]) / params.kp[i]
         np.testing.assert_allclose(lag_model, lag_robot, rtol=2e-3)
         own = math.sqrt(params.kp[i] / nominal.INERTIA[i])
-        np.testing.assert_allclose(own, math.sqrt(nominal.KP[i] * gain / motor.inertia[i]), rtol=0.05)
+        carried = motor.inertia[i] + motor.reaction_scale[i] * float(mass[i][i]) / transmission.TR[i] ** 2
+        np.testing.assert_allclose(own, math.sqrt(nominal.KP[i] * gain / carried), rtol=0.01)
 
 
-def closed_loop_robot(targets: np.ndarray) -> np.ndarray:
+def closed_loop_robot(targets: np.ndarray, parameter_set: str) -> np.ndarray:
     """Links of the virtual robot under the control software's law (gains, coupling, gravity torque, truncation)."""
-    params = robot.params(SETUP, "gold")
+    params = robot.params(SETUP, "gold", parameter_set)
     signs = transmission.tau_signs("gold", "r_grasper")
     reading = transmission.encoder_signs("gold", "r_grasper")
     ki = (0.0, 0.0, 0.0, 0.05, 0.05, 0.05, 0.05)
@@ -137,22 +138,29 @@ def closed_loop_robot(targets: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.slow
-def test_it_tracks_like_the_robot() -> None:
-    """Lag of each joint within a tenth of the robot's, tips well under a millimetre apart while both lag by more."""
+@pytest.mark.parametrize(
+    ("parameter_set", "lag", "mean_mm", "most_mm"), [("traj3", 0.1, 0.5, 1.0), ("power_consistent", 0.2, 0.8, 1.2)]
+)
+def test_it_tracks_like_the_robot(parameter_set, lag, mean_mm, most_mm) -> None:
+    """Lags of the positioning joints and the distance of the tips, while both lag by more.
+
+    The fitted dry friction makes the insertion stick, which smooth friction of the model's law does not follow.
+    """
 
     def lag_ms(followed: np.ndarray, asked: np.ndarray) -> int:
         return min(range(200), key=lambda lag: np.mean((followed[lag:] - asked[: len(asked) - lag]) ** 2))
 
     targets = smooth_targets(3000)
     with jax.enable_x64(True):
-        links, model = closed_loop_robot(targets), by_targets(SETUP, targets)
+        links = closed_loop_robot(targets, parameter_set)
+        model = by_targets(SETUP, targets, nominal.params(SETUP, "gold", parameter_set))
         tip = jax.jit(jax.vmap(lambda q: jnp.stack(kinematics.forward("gold", Vec(q[i] for i in range(7))).position)))
         robot_tip, model_tip, asked_tip = (np.asarray(tip(jnp.asarray(x))) for x in (links, model, targets))
     for i in range(3):
-        np.testing.assert_allclose(lag_ms(model[:, i], targets[:, i]), lag_ms(links[:, i], targets[:, i]), rtol=0.1)
+        np.testing.assert_allclose(lag_ms(model[:, i], targets[:, i]), lag_ms(links[:, i], targets[:, i]), rtol=lag)
     apart = np.linalg.norm(robot_tip - model_tip, axis=1)
     lagging = np.linalg.norm(robot_tip - asked_tip, axis=1)
-    assert apart.mean() < 0.5e-3 < lagging.mean() and apart.max() < 1e-3
+    assert apart.mean() < mean_mm / 1e3 < lagging.mean() and apart.max() < most_mm / 1e3
 
 
 def run(setup: RavenSetup, commands: list[nominal_target.Clean], start=HOME_JPOS, measured=HOME_JPOS, resync=0):
@@ -179,7 +187,11 @@ def test_it_follows_increments_to_where_they_lead() -> None:
         # ITP axes to frame 0 of gold: (-z, -x, y); um add up as whole numbers.
         expected = start + 300e-6 * np.array([-5, -20, -10])
         np.testing.assert_allclose(np.array(state.target.position_um) * 1e-6, expected, atol=2e-6)
-        np.testing.assert_allclose(np.array(out.tip_position), expected, atol=3e-4)
+        # Dry friction of the model's joints: it stops where a spring no longer moves it, 0.3 m from the axes at most.
+        params = nominal.params(SETUP, "gold")
+        short = sum(float(params.kc[i] / params.kp[i]) * lever for i, lever in enumerate((0.3, 0.3, 1.0)))
+        assert short < 2e-3
+        np.testing.assert_allclose(np.array(out.tip_position), expected, atol=short)
         assert np.abs(np.array(out.tip_velocity)).max() < 1e-3
 
 

@@ -21,7 +21,10 @@ from ravenjax.robots.raven2.plant.published import parameter_set
 
 RAD_PER_COUNT = 2 * math.pi / 4000
 POSE_A = Vec(np.radians(x) if i != 2 else 0.30 for i, x in enumerate((15, 60, 0, -40, 20, 30, 50)))
-LEVELS = np.array([0.04055, 0.071925, 0.0511, 0.006, 0.006, 0.006, 0.006])  # N m, motor breakaway, set "traj3"
+LEVELS = {  # N m after the gearbox, at which a motor breaks away
+    "traj3": np.array([0.04055, 0.071925, 0.0511, 0.006, 0.006, 0.006, 0.006]),
+    "power_consistent": np.array([0.0254, 0.0782, 0.0607, 0.0244, 0.0085, 0.0223, 0.0162]),
+}
 
 
 # --- consistency ------------------------------------------------------------------------------------------------------
@@ -72,8 +75,10 @@ def test_green_mirrors_gold() -> None:
     commands = np.zeros((600, N), np.int32)
     commands[:, :3] = (900, -700, 800)
     with jax.enable_x64(True):
-        gold = columns(simulate(setup("gold"), -commands)[1].jpos)
-        green = columns(simulate(setup("green"), commands)[1].jpos)
+        gold, green = (
+            columns(simulate(setup(arm), sign * commands, robot.params(setup(arm), arm, "traj3"))[1].jpos)
+            for arm, sign in (("gold", -1), ("green", 1))
+        )
     assert np.abs(gold[-1] - gold[0])[:3].max() > 1e-2
     np.testing.assert_allclose(gold[:, :3], green[:, :3], atol=2e-5)
 
@@ -83,14 +88,16 @@ def test_green_mirrors_gold() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", [REFERENCE, CAMPAIGN])
-def test_below_breakaway_nothing_creeps_and_above_it_moves(precision) -> None:
-    one = setup(precision=precision)
+@pytest.mark.parametrize("parameter_set", LEVELS)
+def test_below_breakaway_nothing_creeps_and_above_it_moves(precision, parameter_set) -> None:
+    one, levels = setup(precision=precision), LEVELS[parameter_set]
     with jax.enable_x64(precision.needs_x64):
-        params = weightless(robot.params(one, "gold"))
+        params = weightless(robot.params(one, "gold", parameter_set))
+        params = replace(params, actuators=replace(params.actuators, bias=Vec.full(N, 0.0)))
         motor = params.actuators
         signs = np.array(transmission.tau_signs("gold", "r_grasper"))
         per_count = signs * np.array(motor.torque_per_count) * np.array(motor.gain)
-        below = np.trunc(0.98 * LEVELS / per_count).astype(np.int32)
+        below = np.trunc(0.98 * levels / per_count).astype(np.int32)
         _, out = simulate(one, constant(below, 1000), params)
         # rad of motor, of which an encoder count is 1.6e-3
         assert np.abs(columns(out.mpos)[-1] - columns(out.mpos)[0]).max() < 2e-4
@@ -100,7 +107,7 @@ def test_below_breakaway_nothing_creeps_and_above_it_moves(precision) -> None:
         link = np.array(motor.reaction_scale) * np.array(params.link_coulomb) / ratio
         for joint in range(N):
             above = np.zeros(N)
-            above[joint] = 1.05 * (LEVELS + link)[joint] / per_count[joint]
+            above[joint] = 1.05 * (levels + link)[joint] / per_count[joint]
             _, out = simulate(one, constant(np.ceil(np.abs(above)) * np.sign(above), 300), params)
             moved = columns(out.mpos)[-1] - columns(out.mpos)[0]
             assert moved[joint] > 5e-3, (joint, moved)
@@ -110,7 +117,7 @@ def test_a_sliding_joint_comes_to_rest_without_chatter() -> None:
     with jax.enable_x64(True):
         one = setup()
         params = weightless(robot.params(one, "gold"))
-        commands = np.concatenate([constant([-900, -900, -900, -600, -600, 600, -600], 200), constant([0] * N, 400)])
+        commands = np.concatenate([constant([-900, -900, -900, -900, -900, 900, -900], 200), constant([0] * N, 400)])
         _, out = simulate(one, commands, params)
         mvel, jvel = columns(out.mvel), columns(out.jvel)
         assert (np.abs(mvel[199]) > 1.0).all()
@@ -176,16 +183,18 @@ def by_a_stiff_solver(commands: np.ndarray, params: robot.PlantParams, start: Ve
     x = np.concatenate([matrix @ np.array(start), np.array(start, float), np.zeros(2 * N)])
     found = []
     for row in commands:
-        drive = per_count * row
+        drive = per_count * row + np.array(motor.bias)
         x = solve_ivp(slope, (0, 1e-3), x, "Radau", args=(drive,), rtol=1e-7, atol=1e-9).y[:, -1]
         found.append(x[N : 2 * N])
     return np.array(found)
 
 
 @pytest.mark.slow
-def test_halving_the_step_halves_the_distance_to_a_stiff_solver() -> None:
+@pytest.mark.parametrize(("parameter_set", "share"), [("traj3", 0.02), ("power_consistent", 0.06)])
+def test_halving_the_step_halves_the_distance_to_a_stiff_solver(parameter_set, share) -> None:
+    """The fitted friction slows the roll's rotor within 10 ms, of which the implicit step errs by half of its own."""
     with jax.enable_x64(True):
-        params = robot.params(setup(), "gold")
+        params = robot.params(setup(), "gold", parameter_set)
         params = replace(
             weightless(params),
             link_coulomb=Vec.full(N, 0.0),
@@ -198,7 +207,7 @@ def test_halving_the_step_halves_the_distance_to_a_stiff_solver() -> None:
             _, out = simulate(setup(substeps=substeps), commands, params)
             distance.append(np.sqrt(np.mean((columns(out.jpos) - exact) ** 2, axis=0)))
     travel = np.ptp(exact, axis=0)
-    assert (distance[0] < 0.02 * travel).all(), (distance[0], travel)
+    assert (distance[0] < share * travel).all(), (distance[0], travel)
     ratio = distance[0] / distance[1]
     assert (ratio > 1.7).all() and (ratio < 2.3).all(), ratio
 
@@ -229,13 +238,15 @@ def test_stiff_cables_and_light_tools_stay_stable(stiffer) -> None:
 
 
 @pytest.mark.slow
-def test_float32_and_float64_stay_together_for_three_seconds() -> None:
+@pytest.mark.parametrize(("parameter_set", "largest", "share"), [("traj3", 1, 0.1), ("power_consistent", 2, 0.12)])
+def test_float32_and_float64_stay_together_for_three_seconds(parameter_set, largest, share) -> None:
     commands = wave(3000)
     with jax.enable_x64(True):
-        _, exact = simulate(setup(), commands)
-    _, single = simulate(setup(precision=CAMPAIGN), commands)
+        _, exact = simulate(setup(), commands, robot.params(setup(), "gold", parameter_set))
+    single = setup(precision=CAMPAIGN)
+    _, single = simulate(single, commands, robot.params(single, "gold", parameter_set))
     counts = np.abs(columns(single.enc_val) - columns(exact.enc_val))
-    assert counts.max() <= 1 and (counts != 0).mean() < 0.1
+    assert counts.max() <= largest and (counts != 0).mean() < share
     assert np.abs(columns(single.jpos) - columns(exact.jpos)).max() < 2e-5
     assert single.jpos[0].dtype == np.float32 and single.enc_val[0].dtype == np.int32
 
@@ -271,8 +282,10 @@ def test_mechanical_faults_act_where_they_say() -> None:
         assert abs(moved(torque_scale=ones.replace(0, 0.0))[0]) < 1e-6
         assert abs(moved(cable_scale=ones.replace(0, 0.0))[0]) < 1e-3  # the motor turns, the link does not follow
         assert moved(friction_scale=ones.replace(0, 5.0))[0] < 0.7 * healthy[0]
-        pushed = moved(external_torque=Vec.full(N, 0.0).replace(1, 4.0))
-        assert 2e-3 < pushed[1] - healthy[1] < 5e-3  # 3.5 N m beyond friction on 1115 N m/rad of cable
+        pushed = columns(
+            simulate(one, commands, params, brakes=1, external_torque=Vec.full(N, 0.0).replace(1, 4.0))[1].jpos
+        )
+        assert 2e-3 < pushed[-1, 1] - HOME_JPOS[1] < 5e-3  # 3.8 N m beyond friction on 1115 N m/rad of cable
 
 
 @pytest.mark.slow
@@ -287,12 +300,16 @@ def test_hard_stops_hold_a_runaway_joint() -> None:
         assert np.abs(columns(out.jvel)[-1, :3]).max() < 1e-2
 
 
-def test_a_torn_insertion_cable_lets_the_tool_fall() -> None:
+@pytest.mark.parametrize(("parameter_set", "falls"), [("traj3", True), ("power_consistent", False)])
+def test_a_torn_insertion_cable_lets_the_tool_fall_where_its_weight_exceeds_dry_friction(parameter_set, falls) -> None:
+    """3.7 N of weight against 1.7 N (the authors' set) or 5.5 N (fitted to their recording)."""
     with jax.enable_x64(True):
         torn = Vec.full(N, 1.0).replace(2, 0.0)
-        _, out = simulate(setup(), constant([0] * N, 160), brakes=1, cable_scale=torn)
+        params = robot.params(setup(), "gold", parameter_set)
+        assert (params.link_coulomb[2] < 3.7) == falls
+        _, out = simulate(setup(), constant([0] * N, 160), params, brakes=1, cable_scale=torn)
         fallen = columns(out.jpos)[:, 2] - 0.4
-        assert fallen[-1] < -1e-3 and (columns(out.enc_val)[-1] == columns(out.enc_val)[0])[:3].all()
+        assert (fallen[-1] < -1e-3) == falls and (columns(out.enc_val)[-1] == columns(out.enc_val)[0])[:3].all()
         tension = columns(out.tension)
         assert (tension[:, 2] == 0.0).all() and (tension[:, :2] != 0.0).all()
 
