@@ -246,7 +246,7 @@ def reproduce(
     """
     from ravenjax.cli import terminal
     from ravenjax.studies import catalogue, running
-    from ravenjax.studies.framework import markdown, targets, writing
+    from ravenjax.studies.framework import credibility, markdown, targets, writing
     from ravenjax.studies.framework.study import plain
 
     if name is None:
@@ -275,10 +275,16 @@ def reproduce(
         if not as_json:
             for state in targets.states(plain(findings)["lines"]):
                 console.say(f"{targets.sentence(state)}. {targets.definition(state.id)}")
+            for answer in credibility.answers(writing.read(out / study)):
+                console.say(f"- {answer}")
             console.say(f"findings: {out / study / writing.PAGE}")
             console.say(f"page: {out / study / writing.HTML}")
         if keep is not None:
             writing.keep(out / study, keep / study)
+    for folder in filter(None, (out, keep)):
+        page = writing.write_credibility(folder, catalogue.NAMES)
+        if not as_json:
+            console.say(f"credibility: {page}")
     if as_json:
         console.emit_json([_file(out / study, writing.JSON) for study in names])
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from ravenjax.report import wording
-from ravenjax.studies.framework import targets
+from ravenjax.studies.framework import cells, credibility, targets
 from ravenjax.studies.framework.study import Findings, plain
 
 Record = Mapping[str, Any]
@@ -29,17 +29,18 @@ def page(record: Record, pictures: bool) -> str:
     if record["lines"]:
         compared = any(line["published"] for line in record["lines"])
         heading = "## Published and predicted" if compared else "## In numbers"
-        parts += [heading, _LEGEND, _table(LINE_COLUMNS, map(_line, record["lines"]))]
+        parts += [heading, _LEGEND, cells.table(LINE_COLUMNS, map(_line, record["lines"]))]
     if pictures and record["drawings"]:
         parts.append("## Figures")
         for drawing in record["drawings"]:
-            parts += [f"![{_escaped(drawing['caption'])}]({drawing['name']}.svg)", drawing["caption"]]
+            parts += [f"![{cells.escaped(drawing['caption'])}]({drawing['name']}.svg)", drawing["caption"]]
     if record["notes"]:
         parts += ["## Notes", *record["notes"]]
     for table in record["tables"]:
-        rows = (tuple(map(_cell, row)) for row in table["rows"])
-        parts += [f"## {table['title']}", _table(table["columns"], rows), table["note"]]
-    return "\n\n".join(part for part in (*parts, *_made_by(study["name"], provenance)) if part) + "\n"
+        rows = (tuple(map(cells.cell, row)) for row in table["rows"])
+        parts += [f"## {table['title']}", cells.table(table["columns"], rows), table["note"]]
+    parts += [credibility.section(record), *_made_by(study["name"], provenance)]
+    return "\n\n".join(part for part in parts if part) + "\n"
 
 
 _LEGEND = (
@@ -64,7 +65,7 @@ def _verdict(lines: Sequence[Record]) -> str:
 def _line(line: Record) -> tuple[str, ...]:
     unit = f", {line['unit']}" if line["unit"] else ""
     target = f"{line['target']}: " if line["target"] else ""
-    band = "" if line["band"] is None else _range(*line["band"])
+    band = "" if line["band"] is None else cells.span(*line["band"])
     return (
         f"{target}{line['quantity']}{unit}",
         _estimate(line["published"]),
@@ -78,27 +79,8 @@ def _line(line: Record) -> tuple[str, ...]:
 def _estimate(estimate: Record | None) -> str:
     if estimate is None:
         return wording.DASH
-    text = _number(estimate["value"])
-    if estimate["low"] is not None and estimate["high"] is not None:
-        text += f" ({_range(estimate['low'], estimate['high'])})"
-    if estimate["n"]:
-        return f"{text}; {wording.count(estimate['n'])} {estimate['of']}".rstrip()
-    return f"{text}; {estimate['of']}" if estimate["of"] else text
-
-
-def _range(low: float | None, high: float | None) -> str:
-    """An infinite end is null in the record."""
-    if low is None or high is None:
-        return f"at most {_number(high)}" if low is None else f"at least {_number(low)}"
-    return _number(low) if low == high else f"{_number(low)} to {_number(high)}"
-
-
-def _number(value: float | None) -> str:
-    return wording.DASH if value is None else wording.number(value)
-
-
-def _cell(value: str | float | None) -> str:
-    return value if isinstance(value, str) else _number(value)
+    text, over = cells.with_interval(estimate), cells.counted_over(estimate)
+    return f"{text}; {over}" if over else text
 
 
 def _made_by(name: str, made: Record) -> Iterator[str]:
@@ -108,17 +90,6 @@ def _made_by(name: str, made: Record) -> Iterator[str]:
         (c["variant"], wording.count(c["runs"]), wording.number(c["seconds"]), c["question"], f"`{c['command']}`")
         for c in made["campaigns"]
     ]
-    yield _table(("campaign", "runs", "length, s", "what it answers otherwise", "alone"), rows)
+    yield cells.table(("campaign", "runs", "length, s", "what it answers otherwise", "alone"), rows)
     versions = ", ".join(f"{package} {version}" for package, version in made["versions"].items())
     yield f"Engine {made['engine']} on {made['device']}; code {made['code_hash'][:16]}; {versions}."
-
-
-def _table(columns: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
-    heads = [_escaped(column) for column in columns]
-    body = ["| " + " | ".join(map(_escaped, row)) + " |" for row in rows]
-    return "\n".join(["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads), *body])
-
-
-def _escaped(text: str) -> str:
-    """Text that stays in one cell."""
-    return " ".join(text.split()).replace("|", r"\|")

@@ -4,13 +4,14 @@ bytes."""
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from ravenjax.document import html
 from ravenjax.errors import StoreError
 from ravenjax.store.files import require_writable, write_aside
-from ravenjax.studies.framework import drawing, markdown
+from ravenjax.studies.framework import credibility, drawing, markdown
 from ravenjax.studies.framework.provenance import Provenance
 from ravenjax.studies.framework.study import Findings, Study, plain
 
@@ -37,14 +38,31 @@ def keep(source: Path, target: Path) -> Path:
 
     Both files hold neither times nor places: the same engine on the same device gives the same bytes.
     """
-    try:
-        record = json.loads((source / JSON).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise StoreError(f"{source / JSON}: no findings to keep ({error}); run `ravenjax reproduce` first") from None
+    record = read(source)
     require_writable(target)
     _write(target / PAGE, markdown.page(record, pictures=False))
     _write(target / JSON, _json(record))
     return target
+
+
+def read(folder: Path) -> dict[str, Any]:
+    """The record of findings that a folder holds. Raises StoreError."""
+    try:
+        return json.loads((folder / JSON).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise StoreError(f"{folder / JSON}: no findings there ({error}); run `ravenjax reproduce` first") from None
+
+
+def records(folder: Path, names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Those of the studies that the folder holds, in the order of `names`. Raises StoreError."""
+    return {name: read(folder / name) for name in names if (folder / name / JSON).is_file()}
+
+
+def write_credibility(folder: Path, names: Iterable[str]) -> Path:
+    """Write the page over the studies that the folder holds. Raises StoreError where the disk refuses."""
+    path = folder / credibility.NAME
+    _write(path, credibility.page(records(folder, names)))
+    return path
 
 
 def _record(study: Study, findings: Findings, made: Provenance) -> dict[str, Any]:

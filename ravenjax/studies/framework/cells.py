@@ -1,0 +1,50 @@
+"""Numbers and tables of findings as Markdown: what stands in a cell."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from ravenjax.report import wording
+
+
+def number(value: float | None) -> str:
+    """Three significant digits; a dash for what is no number."""
+    return wording.DASH if value is None else wording.number(value)
+
+
+def span(low: float | None, high: float | None) -> str:
+    """`0.7 to 2.5`; an infinite end is null in a record."""
+    if low is None or high is None:
+        return f"at most {number(high)}" if low is None else f"at least {number(low)}"
+    return number(low) if low == high else f"{number(low)} to {number(high)}"
+
+
+def with_interval(estimate: Mapping[str, Any], unit: str = "") -> str:
+    """`0.51 mm (0.43 to 0.58)`, of an estimate as findings.json has it; without brackets where it has no interval."""
+    text = f"{number(estimate['value'])} {unit}".rstrip()
+    if estimate["low"] is None or estimate["high"] is None:
+        return text
+    return f"{text} ({span(estimate['low'], estimate['high'])})"
+
+
+def counted_over(estimate: Mapping[str, Any]) -> str:
+    """`36 segments`: what an estimate was counted over or read from; empty where that is not known."""
+    return f"{wording.count(estimate['n'])} {estimate['of']}".rstrip() if estimate["n"] else estimate["of"]
+
+
+def cell(value: str | float | None) -> str:
+    """A cell of a table of findings."""
+    return value if isinstance(value, str) else number(value)
+
+
+def table(columns: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
+    """A Markdown table."""
+    heads = [escaped(column) for column in columns]
+    body = ["| " + " | ".join(map(escaped, row)) + " |" for row in rows]
+    return "\n".join(["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads), *body])
+
+
+def escaped(text: str) -> str:
+    """Text that stays in one cell."""
+    return " ".join(text.split()).replace("|", r"\|")
