@@ -23,7 +23,11 @@ def line_rows(findings: Findings) -> list[tuple[str, ...]]:
 
 
 def page(record: Record, pictures: bool) -> str:
-    """The Markdown page of a record; `pictures`: with the drawings, which then lie beside it."""
+    """The Markdown page of a record.
+
+    pictures: with the drawings, which then lie beside it, and with the study's claims; a page that is kept leaves them
+    to the page over all studies.
+    """
     study, provenance = record["study"], record["provenance"]
     parts = [f"# {study['title']}", f"{study['question']}", f"Source: {study['source']}", _verdict(record["lines"])]
     if record["lines"]:
@@ -39,7 +43,7 @@ def page(record: Record, pictures: bool) -> str:
     for table in record["tables"]:
         rows = (tuple(map(cells.cell, row)) for row in table["rows"])
         parts += [f"## {table['title']}", cells.table(table["columns"], rows), table["note"]]
-    parts += [credibility.section(record), *_made_by(study["name"], provenance)]
+    parts += [credibility.section(record) if pictures else "", *_made_by(study["name"], provenance)]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 

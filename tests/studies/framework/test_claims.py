@@ -104,6 +104,10 @@ def test_no_number_is_typed(study, text, numbers):
 
 def test_the_page_of_the_documentation_is_that_of_the_kept_findings():
     page = ROOT / "docs/explanation/credibility.md"
+    kept = REFERENCE / credibility.NAME
     text = credibility.page(writing.records(REFERENCE, catalogue.NAMES), "docs/explanation")
     command = f"ravenjax credibility results/reference --out {page.relative_to(ROOT)}"
     assert page.read_text(encoding="utf-8") == text, f"write it anew: {command}"
+    if kept.is_file():
+        text = credibility.page(writing.records(REFERENCE, catalogue.NAMES))
+        assert kept.read_text(encoding="utf-8") == text, f"write it anew: {command.partition(' --out')[0]} --out {kept}"

@@ -10,6 +10,7 @@ from fake_study import FINDINGS, MADE, STUDY
 
 from ravenjax.cli import main
 from ravenjax.errors import UserError
+from ravenjax.studies import catalogue
 from ravenjax.studies.framework import claims, credibility, quoting, writing
 from ravenjax.studies.framework.claims import Quotation
 from ravenjax.studies.framework.study import plain
@@ -157,3 +158,14 @@ def test_the_command_tells_it_of_a_folder(tmp_path, capsys):
     assert main(["credibility", str(tmp_path), "--out", str(tmp_path / "page.md")]) == 0
     page = (tmp_path / "page.md").read_text(encoding="utf-8")
     assert "### Which detector tells an unintended motion" in page and quoting.ABSENT in page
+
+
+def test_reproducing_prints_answers_and_writes_the_page_over_all_studies(fake_claims, monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(catalogue, "NAMES", {"fake": "fake"})
+    monkeypatch.setattr(catalogue, "find", lambda name: STUDY)
+    out, keep = tmp_path / "out", tmp_path / "keep"
+    assert main(["reproduce", "all", "--out", str(out), "--keep", str(keep)]) == 0
+    printed = capsys.readouterr().out
+    assert "- A mean: It is 0.506 mm" in printed and f"credibility: {keep / credibility.NAME}" in printed
+    page = (keep / credibility.NAME).read_text(encoding="utf-8")
+    assert page == (out / credibility.NAME).read_text(encoding="utf-8") and "### A mean" in page

@@ -90,6 +90,7 @@ def test_kept_findings_are_the_same_without_pictures(written, tmp_path):
     assert (kept / "findings.json").read_bytes() == (written / "findings.json").read_bytes()
     page = (kept / "findings.md").read_text()
     assert "first.svg" not in page and "## Figures" not in page and "## Settings" in page
+    assert "## Credibility" not in page, "the page over all studies has it"
     assert str(tmp_path) not in page + (kept / "findings.json").read_text()
 
 
