@@ -72,7 +72,7 @@ def _model(records: Mapping[str, Record], home: str) -> str:
 
     ordered = sorted(claims.of_model().values(), key=lambda one: claims.CATEGORIES.index(one.category))
     rows = [(one.category, f"*{one.name}*", sentence(one)) for one in ordered]
-    return cells.table(("category", "name", "evidence"), [*rows, ("none of", "", _lacking(ordered))])
+    return cells.table(("category", "name", "evidence"), [*rows, ("no evidence", "", _lacking(ordered))])
 
 
 def _claims(rows: tuple[Claim, ...], record: Record, home: str) -> Iterator[str]:
