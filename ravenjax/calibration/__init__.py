@@ -10,7 +10,7 @@ fitted to, beside models that know nothing of the arm.
 Everything is compared at the motors, where a Raven's encoders are: what lies behind the cables, backlash above all,
 shows itself only in what it does to the motors.
 
-The covariance of a fit is a guide to what the log tells, and no interval. On logs of 14 s of twenty virtual robots with
-28 hidden values each, 70 % of the values lay where it promises 90 %: the fit ends somewhere along the ridge on which
-motor and joint share their friction, and a joint that its motor hardly moves tells little.
+The covariance of a fit holds where the virtual robot is the logged one in all but the unknowns. On logs of 14 s of
+twenty virtual robots, each with 21 values drawn from the beliefs, 414 of 420 lay inside its 90 % intervals, at least 17
+of 21 in each. For a real robot, which differs in more, it is a guide.
 """

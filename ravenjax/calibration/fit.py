@@ -22,7 +22,11 @@ from ravenjax.robots.raven2.plant import robot
 
 DIFFERENCE = 0.2  # spreads; of smaller ones little but the encoder's steps is seen
 CANDIDATES = (1.0, 0.5, 0.2, 0.05)  # of a Gauss-Newton step, tried side by side
-ITERATIONS = 20
+FURTHER = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # spreads along each unknown, where no step is better
+ITERATIONS = 40
+SCREENED = 3  # times as many draws as a slope takes
+LEAST = 10.0  # independent samples that any joint has
+WORTH = 1.0  # gain of a longer step, in squares
 FINEST = 2.0 * transmission.ENCODER_RAD / np.array([*transmission.TR])
 """Two counts of the encoder at each joint, rad and m: whether a motor at rest shows a count more or less is chance."""
 ENOUGH = 1e-3  # relative gain at which it ends
@@ -61,38 +65,70 @@ class Fit:
 
 
 def fit(predict: Predictor, measured: np.ndarray, unknowns: int) -> Fit:
-    """Gauss-Newton from the values before, slopes by differences; `measured` [n, 7], nan where it is not compared."""
+    """Gauss-Newton with slopes by differences; `measured` [n, 7], nan where it is not compared.
+
+    It begins at the best of some draws from the beliefs, and where it ends it looks along each unknown whether it is
+    better further off: a joint that sticks has no slope that leads away.
+    """
     there = ~np.isnan(measured)
-    best = Fit(np.zeros(unknowns), np.eye(unknowns), np.ones(JOINTS), np.ones(JOINTS), ())
     probes = np.vstack([np.zeros(unknowns), DIFFERENCE * np.eye(unknowns)])
     rows = max(len(probes), len(CANDIDATES))
+    best = Fit(_start(predict, measured, unknowns, rows), np.eye(unknowns), np.ones(JOINTS), np.ones(JOINTS), ())
     for _ in range(ITERATIONS):
         predicted = padded(predict, best.steps + probes, rows)
         residual = np.where(there, measured - predicted[0], 0.0)
         slopes = np.where(there, (predicted[1 : unknowns + 1] - predicted[0]) / DIFFERENCE, 0.0)
         scale, independent = _noise(_unexplained(residual, slopes), there)
         best = dataclasses.replace(best, scale=scale, independent=independent)
-        weight = best.weight(measured)
-        slope = (slopes * weight).reshape(unknowns, -1)
+        slope = (slopes * best.weight(measured)).reshape(unknowns, -1)
         covariance = np.linalg.inv(slope @ slope.T + np.eye(unknowns))
-        move = covariance @ (slope @ (residual * weight).ravel() - best.steps)
+        move = covariance @ (slope @ (residual * best.weight(measured)).ravel() - best.steps)
+        best = dataclasses.replace(best, covariance=covariance)
+        before = _costs(best, measured, predicted[:1], best.steps[None])[0]
         candidates = best.steps + np.outer(CANDIDATES, move)
-        costs = [
-            squares(measured, joints, weight) + steps @ steps
-            for joints, steps in zip(padded(predict, candidates, rows), candidates, strict=True)
-        ]
-        before, after = squares(measured, predicted[0], weight) + best.steps @ best.steps, min(costs)
-        best = dataclasses.replace(best, covariance=covariance, costs=(*best.costs, (before, after)))
-        if after > before * (1.0 - ENOUGH):
-            break
-        best = dataclasses.replace(best, steps=candidates[int(np.argmin(costs))])
+        after = _costs(best, measured, padded(predict, candidates, rows), candidates)
+        best = dataclasses.replace(best, costs=(*best.costs, (before, float(min(before, after.min())))))
+        if after.min() > before * (1.0 - ENOUGH):
+            further = np.concatenate([best.steps + far * np.eye(unknowns) for far in FURTHER])
+            candidates = np.vstack([best.steps, further])
+            after = _blind(measured, padded(predict, candidates, rows), candidates)
+            if after.min() > after[0] - WORTH:
+                break
+        best = dataclasses.replace(best, steps=candidates[int(np.argmin(after))])
     return best
 
 
+def _costs(at: Fit, measured: np.ndarray, predicted: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Of predictions [K, n, 7] and their steps [K, k], in the weights of `at`."""
+    weight = at.weight(measured)
+    return np.array(
+        [squares(measured, joints, weight) + one @ one for joints, one in zip(predicted, steps, strict=True)]
+    )
+
+
+def _blind(measured: np.ndarray, predicted: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Costs of predictions [K, n, 7] where nothing is known of the noise: each joint's is all that its residual is.
+
+    -2 log likelihood of LEAST independent samples a joint, so that parameters far apart can be compared.
+    """
+    there = ~np.isnan(measured)
+    errors = np.where(there, measured - predicted, 0.0)
+    mean = (errors**2).sum(axis=1) / there.sum(axis=0).clip(1)
+    return LEAST * np.log(mean + FINEST**2).sum(axis=1) + (steps**2).sum(axis=1)
+
+
+def _start(predict: Predictor, measured: np.ndarray, unknowns: int, rows: int) -> np.ndarray:
+    """The best of some draws from the beliefs, narrowed, and of what was believed."""
+    drawn = np.random.default_rng(0).standard_normal((SCREENED * rows - 1, unknowns))
+    draws = np.vstack([np.zeros(unknowns), 0.7 * drawn])
+    return draws[int(np.argmin(_blind(measured, padded(predict, draws, rows), draws)))]
+
+
 def padded(predict: Predictor, steps: np.ndarray, rows: int) -> np.ndarray:
-    """Predictions of at most `rows` parameters, computed as `rows`, so that nothing is compiled anew."""
-    filler = np.repeat(steps[:1], rows - len(steps), axis=0)
-    return predict(np.vstack([steps, filler]))[: len(steps)]
+    """Predictions of any number of parameters, computed by `rows`, so that nothing is compiled anew."""
+    parts = [steps[at : at + rows] for at in range(0, len(steps), rows)]
+    filled = [np.vstack([part, np.repeat(part[:1], rows - len(part), axis=0)]) for part in parts]
+    return np.concatenate([predict(part) for part in filled])[: len(steps)]
 
 
 def squares(measured: np.ndarray, joints: np.ndarray, weight: np.ndarray) -> float:

@@ -15,7 +15,7 @@ from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup
 
 SETUP = RavenSetup(software="fork2015", arms=("gold",), tools=("r_grasper",))
-FRICTION = tuple(Unknown("actuators.coulomb", j, 1.0, True) for j in (0, 1, 3))
+FRICTION = tuple(Unknown("motor_friction", ("actuators.coulomb",), j, 1.0, True) for j in (0, 1, 3))
 
 
 def logged(hidden: np.ndarray, cycles: int = 6000) -> LoggedRobot:
@@ -52,10 +52,14 @@ def test_hidden_friction_is_found_and_predicts_the_rest() -> None:
 
 def test_unknowns_move_what_they_name() -> None:
     base = robot.params(SETUP, "gold", "power_consistent")
-    wanted = (Unknown("link_coulomb", 2, 0.5, True), Unknown("actuators.bias", 0, 0.02, False))
+    wanted = (
+        Unknown("dry_friction", ("link_coulomb", "actuators.viscous"), 2, 0.5, True),
+        Unknown("offset", ("actuators.bias",), 0, 0.02, False),
+    )
     moved = parameters.apply(base, wanted, jnp.array([2.0, -1.0]))
     assert float(moved.link_coulomb[2]) == pytest.approx(float(base.link_coulomb[2]) * np.e, rel=1e-6)
     assert float(moved.actuators.bias[0]) == pytest.approx(float(base.actuators.bias[0]) - 0.02, rel=1e-6)
+    assert float(moved.actuators.viscous[2]) == pytest.approx(float(base.actuators.viscous[2]) * np.e, rel=1e-6)
     assert moved.actuators.coulomb == base.actuators.coulomb
     np.testing.assert_allclose(parameters.before(base, wanted), [base.link_coulomb[2], base.actuators.bias[0]])
-    assert wanted[0].path == "link_coulomb.insertion"
+    assert wanted[0].path == "dry_friction.insertion"

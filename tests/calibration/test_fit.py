@@ -50,6 +50,22 @@ def test_every_iteration_costs_less_in_its_own_weights() -> None:
     assert (after <= before).all() and len(best.costs) < fitting.ITERATIONS
 
 
+@pytest.mark.parametrize("truth", [1.6, -1.7])
+def test_a_joint_that_sticks_is_left_by_a_longer_step(truth) -> None:
+    """Between -1 and 1 nothing moves, as behind too much friction: no slope leads out."""
+
+    def sticking(steps: np.ndarray) -> np.ndarray:
+        free = np.sign(steps[:, :1]) * np.maximum(np.abs(steps[:, :1]) - 1.0, 0.0)
+        joints = np.zeros((len(steps), ROWS, 7))
+        joints[:, :, 0] = free * TIME
+        return joints
+
+    measured = sticking(np.array([[truth]]))[0] + np.random.default_rng(2).normal(0.0, 0.002, (ROWS, 7))
+    measured[:, 1:] = np.nan
+    best = fitting.fit(sticking, measured, 1)
+    assert best.steps[0] == pytest.approx(truth, abs=0.01)
+
+
 @pytest.mark.parametrize("correlation", [0.0, 0.6, 0.95])
 def test_samples_correlated_in_time_count_for_less(correlation) -> None:
     """The integrated autocorrelation time of an autoregressive series is (1 + r) / (1 - r)."""

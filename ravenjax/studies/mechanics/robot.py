@@ -167,7 +167,8 @@ _FOLLOWING = (
 )
 _PARAMETERS = (
     "Before: the set as it stands in the package, itself the rounded result of such a fit. Spread left: what the log "
-    "leaves of what was believed before, by the curvature of the fit alone; a guide, and no interval."
+    "leaves of what was believed before, by the curvature of the fit; a guide, since a real robot differs in more. How "
+    "motor and joint share their dry friction is not asked: both move alike."
 )
 _REASONS = {
     (
