@@ -13,6 +13,7 @@ from ravenjax.calibration.judgement import FollowingError
 from ravenjax.calibration.log import JointLog
 from ravenjax.calibration.parameters import Unknown
 from ravenjax.calibration.replay import Controller, replay
+from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.plant import robot
@@ -20,6 +21,8 @@ from ravenjax.robots.raven2.setup import RavenSetup
 
 SETTLING = 1000
 """Cycles at a log's beginning that are not compared: how the cables were loaded there is not known."""
+SHORTEST = 4 * SETTLING
+"""Cycles of a log that can be fitted to and judged by."""
 LOG, ROTOR = "the recording", "null: bare rotors"
 
 
@@ -37,6 +40,10 @@ class Calibration:
         steps = self.fit.steps
         moved = (parameters.moved_by(self.before[k], one, steps[k]) for k, one in enumerate(self.unknowns))
         return np.array([float(value) for value in moved])
+
+    def draws(self, number: int, seed: int = 0) -> np.ndarray:
+        """[number, k] robots that the log leaves likely, in spreads from the values before."""
+        return np.random.default_rng(seed).multivariate_normal(self.fit.steps, self.fit.covariance, number)
 
     @property
     def told(self) -> np.ndarray:
@@ -60,7 +67,12 @@ class LoggedRobot:
         return self.log.compared(SETTLING, whole // 2), self.log.compared(whole // 2, whole)
 
     def calibrated(self, base: robot.PlantParams, unknowns: Sequence[Unknown]) -> Calibration:
-        """Fit what is `unknowns` of `base` to the log's first half."""
+        """Fit `unknowns` of `base` to the log's first half. UserError where the log is too short."""
+        if len(self.log.desired) < SHORTEST:
+            raise UserError(
+                f"the log lasts {len(self.log.desired) * 1e-3:.3g} s, expected at least {SHORTEST * 1e-3:g} s, "
+                "half of it to fit to and half to judge by"
+            )
         first, _ = self.halves
         predict = fitting.predictor(replay(self.setup, self.arm, self.controller), base, unknowns, first)
         best = fitting.fit(predict, first.measured, len(unknowns))
@@ -68,13 +80,13 @@ class LoggedRobot:
 
     def judged(self, part: JointLog, robots: Mapping[str, robot.PlantParams]) -> list[FollowingError]:
         """Following errors on `part` of the log itself, of `robots` by name, and of bare rotors of the first."""
-        models = {name: self._replayed(part, params, 1.0) for name, params in robots.items()}
+        models = {name: self.replayed(part, params) for name, params in robots.items()}
         base = next(iter(robots.values()))
         rotors = replace(base.actuators, coulomb=Vec.full(7, 0.0), bias=Vec.full(7, 0.0))
-        models[ROTOR] = self._replayed(part, replace(base, actuators=rotors), 0.0)
+        models[ROTOR] = self.replayed(part, replace(base, actuators=rotors), 0.0)
         return judgement.following(LOG, part.measured, part.desired[part.cycles], models)
 
-    def _replayed(self, part: JointLog, params: robot.PlantParams, cables: float) -> np.ndarray:
-        """[n, 7] joints of one robot where the log was measured; cables 0: all of them cut."""
+    def replayed(self, part: JointLog, params: robot.PlantParams, cables: float = 1.0) -> np.ndarray:
+        """[n, 7] joints of one robot where the log was measured, rad and m; cables 0: all of them cut."""
         run = replay(self.setup, self.arm, self.controller, cables)
         return fitting.predictor(run, params, (), part)(np.zeros((1, 0)))[0]

@@ -59,6 +59,17 @@ def apply(base: robot.PlantParams, wanted: Sequence[Unknown], steps: jax.Array) 
     return base
 
 
+def values(base: robot.PlantParams, wanted: Sequence[Unknown], steps: np.ndarray) -> dict[str, np.ndarray]:
+    """Every number that `steps` [n, k] move, [n] by its path in `PlantParams`: `actuators.coulomb.shoulder`."""
+    return {
+        field if one.joint is None else f"{field}.{JOINTS[one.joint]}": np.asarray(
+            moved_by(float(_number(base, field, one.joint)), one, steps[:, k]), float
+        )
+        for k, one in enumerate(wanted)
+        for field in one.fields
+    }
+
+
 def moved_by(value, one: Unknown, steps):
     """A value (its unit) that is moved by `steps` spreads."""
     return value * jnp.exp(one.spread * steps) if one.ratio else value + one.spread * steps

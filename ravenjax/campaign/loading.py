@@ -12,7 +12,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from ravenjax.campaign import copies
+from ravenjax.campaign import copies, robots_drawn
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import bounds, location, overriding, semantics
 from ravenjax.campaign.file.axis import Axis
@@ -45,6 +45,7 @@ def from_dict(
     """
     raw, replaced = overriding.all_applied(raw, overrides)
     where = location.Where(source, location.lines(text), replaced)
+    raw = robots_drawn.entered(raw, where, source)
     try:
         if isinstance(raw, dict):  # anything else is refused below
             groups = raw.get("group")

@@ -7,6 +7,7 @@ from typing import Literal
 from cyclopts import App
 
 from ravenjax.cli import (
+    calibration,
     catalogue,
     checking,
     console,
@@ -43,6 +44,7 @@ for _command in (
     running.reproduce,
     credibility.credibility,
     motion.motion,
+    calibration.calibrate,
     training.train,
     training.robot,
     training.study,

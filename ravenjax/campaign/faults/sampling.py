@@ -46,8 +46,9 @@ def sample(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator) -> 
     places = {key: np.zeros((), np.int64) for key in axes}
     if group.design in SAMPLED:
         random_axes = {key: axis for key, axis in axes.items() if axis.kind != "fixed"}
-        unit = _unit(group.design, different, len(random_axes), rng)
-        places |= {key: axis.places(unit[:, i])[place] for i, (key, axis) in enumerate(random_axes.items())}
+        drawn = _dimensions(random_axes)
+        unit = _unit(group.design, different, 1 + max(drawn.values(), default=-1), rng)
+        places |= {key: axis.places(unit[:, drawn[key]])[place] for key, axis in random_axes.items()}
         return Sample(runs, repeat, places)
     stride = different
     for key, axis in axes.items():
@@ -55,9 +56,25 @@ def sample(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator) -> 
             stride = 1 if group.design == "zip" else stride // length
             places[key] = place // stride % length
     random_axes = {key: axis for key, axis in axes.items() if axis.drawn}
-    unit = _unit("random", runs, len(random_axes), rng)
-    places |= {key: axis.places(unit[:, i]) for i, (key, axis) in enumerate(random_axes.items())}
+    drawn = _dimensions(random_axes)
+    unit = _unit("random", runs, 1 + max(drawn.values(), default=-1), rng)
+    places |= {key: axis.places(unit[:, drawn[key]]) for key, axis in random_axes.items()}
     return Sample(runs, repeat, places)
+
+
+def _dimensions(axes: Mapping[Key, Axis]) -> dict[Key, int]:
+    """Which dimension of the unit cube each axis is drawn along, from 0; axes of kind together share one."""
+    numbers: dict[Key, int] = {}
+    shared: int | None = None
+    free = 0
+    for key, axis in axes.items():
+        if axis.kind == "together" and shared is not None:
+            numbers[key] = shared
+            continue
+        numbers[key] = free
+        shared = free if axis.kind == "together" else shared
+        free += 1
+    return numbers
 
 
 def _unit(design: str, rows: int, dimensions: int, rng: np.random.Generator) -> np.ndarray:

@@ -13,13 +13,14 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, WithJsonSchema, mod
 
 from ravenjax.errors import suggestion
 
-Kind = Literal["fixed", "list", "choice", "uniform", "loguniform", "normal"]
+Kind = Literal["fixed", "list", "choice", "together", "uniform", "loguniform", "normal"]
 
 DISTRIBUTIONS = {
     "uniform": "[low, high]; whole numbers include both ends",
     "loguniform": "[low, high], both above 0",
     "normal": "[mean, standard deviation]",
     "choice": "[value, value, ..], each equally likely",
+    "together": "[value, value, ..], drawn in one with all parameters that say together: the n-th value of each",
 }
 
 
@@ -57,7 +58,7 @@ class Axis(BaseModel):
     @property
     def listed(self) -> tuple[Any, ...]:
         """The values that it can take where they are countable, else ()."""
-        return self.values if self.kind in ("fixed", "list", "choice") else ()
+        return () if self.kind in ("uniform", "loguniform", "normal") else self.values
 
     def places(self, unit: np.ndarray) -> np.ndarray:
         """The quantiles `unit` [n] in [0, 1) as `at` takes them: each listed value has an equal share of them."""
@@ -117,9 +118,9 @@ def _list(raw: Any, types: tuple[type, ...], expected: str) -> Axis:
 
 
 def _distribution(kind: Any, raw: Any, types: tuple[type, ...], expected: str) -> Axis:
-    if kind == "choice":
+    if kind in ("choice", "together"):
         if not isinstance(raw, list | tuple) or not raw:
-            raise ValueError(f"choice takes a list with at least one {expected}, got {raw!r}")
+            raise ValueError(f"{kind} takes a list with at least one {expected}, got {raw!r}")
         return Axis(kind=kind, values=tuple(_value(v, types, expected) for v in raw))
     if str in types and float not in types and int not in types:
         raise ValueError(f"{kind} draws numbers and this key takes {expected}; write {{choice = [..]}}")
@@ -149,6 +150,7 @@ def _value(raw: Any, types: tuple[type, ...], expected: str) -> Any:
     return raw
 
 
+_LISTS = ("choice", "together", LIST)
 _FORMS = ", ".join(f"{{{kind} = {form}}}" for kind, form in FORMS.items())
 
 
@@ -156,8 +158,8 @@ def _schema(expected: str, value: dict[str, Any], drawn: bool = True) -> WithJso
     """What a file may write, `value` being one value; drawn: whether distributions of numbers fit."""
     some = {"type": "array", "items": value, "minItems": 1}
     pair = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
-    tables = [_table(kind, some if kind in ("choice", LIST) else pair) for kind in FORMS]
-    forms = [value, some, *(table for table in tables if drawn or table["required"][0] in ("choice", LIST))]
+    tables = [_table(kind, some if kind in _LISTS else pair) for kind in FORMS]
+    forms = [value, some, *(table for table in tables if drawn or table["required"][0] in _LISTS)]
     return WithJsonSchema({"description": f"{expected}, a list of them, or one of {_FORMS}", "anyOf": forms})
 
 

@@ -249,7 +249,9 @@ class CampaignConfig(Section):
     """A whole campaign file."""
 
     campaign: Campaign
-    parameters: dict[str, Number] = Field(default_factory=dict, description="path = value, list or distribution")
+    parameters: dict[str, Number] = Field(
+        default_factory=dict, description="path = value, list or distribution; from = a file of robots"
+    )
     cross: Cross = Field(
         default_factory=dict,
         description="path = list: every run once with each value, all else alike, random numbers too; for pairs",

@@ -82,11 +82,32 @@ def parameter_tables(config: CampaignConfig) -> Iterator[tuple[Key, dict[str, Ax
         yield from ((("group", g, "run", r, "parameters"), run.parameters) for r, run in enumerate(group.run))
 
 
+def _together(config: CampaignConfig) -> Iterator[Complaint]:
+    """Lists that are drawn in one need one length; a fault has none, whose runs would then be those of few robots."""
+    for g, group in enumerate(config.group):
+        drawn = {
+            path: axis for path, axis in {**config.parameters, **group.parameters}.items() if axis.kind == "together"
+        }
+        lengths = {path: len(axis.values) for path, axis in drawn.items()}
+        if len({*lengths.values()}) > 1:
+            path, other = min(lengths, key=lengths.__getitem__), max(lengths, key=lengths.__getitem__)
+            key = ("group", g, "parameters", path) if path in group.parameters else ("parameters", path)
+            yield (
+                key,
+                (f"has {lengths[path]} values drawn together with the {lengths[other]} of {other}; each needs as many"),
+            )
+        for f, fault in enumerate(group.fault):
+            for name in type(fault).model_fields:
+                if isinstance(axis := getattr(fault, name), Axis) and axis.kind == "together":
+                    yield ("group", g, "fault", f, name), "got together, which parameters alone can be; write choice"
+
+
 def _campaign(config: CampaignConfig) -> Iterator[Complaint]:
     arms, names = config.campaign.arms, config.robot.arms
     if list(arms) != [arm for arm in names if arm in arms]:
         yield ("campaign", "arms"), f"got {list(arms)}, expected each arm once, in the order {list(names)}"
     yield from config.complaints()
+    yield from _together(config)
     if config.outcomes.cue >= len(config.haptics.cues()):
         count = len(config.haptics.cues())
         yield ("outcomes", "cue"), f"got {config.outcomes.cue}, expected 0..{count - 1}: [haptics] makes {count} sets"

@@ -17,6 +17,7 @@ from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.axis import Number
 from ravenjax.campaign.file.config import config_class_of
 from ravenjax.campaign.file.group import LEAST_MS, LONGEST_MS, PATHS
+from ravenjax.campaign.robots_drawn import KEY
 from ravenjax.hazards import expansion
 from ravenjax.outcomes import events
 from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
@@ -143,7 +144,8 @@ def _parameters(robot: Robot, any_path: Schema) -> Schema:
             of = f" ({', '.join(row.joints)})" if row.joints else ""
             node.setdefault("", []).append(f"{row.meaning}{of}: {row.range}")
     table = _node(tree, any_path)
-    first, rest = "|".join(re.escape(word) for word in tree), any_path["pattern"].partition("(\\.")
+    table["properties"][KEY] = {"description": "in [parameters]: a file whose robots are drawn", "type": "string"}
+    first, rest = "|".join(map(re.escape, (*tree, KEY))), any_path["pattern"].partition("(\\.")
     return table | {"propertyNames": {"pattern": f"^({first}){rest[1]}{rest[2]}"}}
 
 

@@ -1,0 +1,54 @@
+"""`[parameters] from = "my_robot.toml"`: robots of a file of their own, such as a calibrated one, in a campaign.
+
+The file has a table [parameters], and a table [campaign] with keys that its numbers hold for. What the campaign
+itself says of a parameter goes before the file.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from ravenjax.campaign.file.group import flatten_parameters
+from ravenjax.campaign.file.location import Where
+from ravenjax.errors import shown
+
+KEY = "from"
+TABLES = ("campaign", "parameters")
+
+
+def entered(raw: dict[str, Any], where: Where, source: Path | None) -> dict[str, Any]:
+    """`raw` with the file's tables entered; a path is taken from the folder of `source`. UserError."""
+    own = raw.get("parameters") if isinstance(raw, dict) else None
+    if not isinstance(own, dict) or KEY not in own:
+        return raw
+    key = ("parameters", KEY)
+    if not isinstance(own[KEY], str):
+        raise where.error(
+            [(key, f"got {shown(own[KEY])}, expected the path of a file that `ravenjax calibrate` wrote")]
+        )
+    path = Path(own[KEY]) if source is None else source.parent / own[KEY]
+    if not path.is_file():
+        raise where.error([(key, f"no file at {path}; `ravenjax calibrate LOG` writes one")])
+    try:
+        given = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise where.error([(key, f"{path} is no TOML: {error}")]) from None
+    if unknown := [name for name in given if name not in TABLES]:
+        raise where.error([(key, f"{path} has {', '.join(unknown)}, expected [campaign] and [parameters] alone")])
+    campaign = raw.get("campaign", {})
+    for name, value in given.get("campaign", {}).items():
+        if campaign.get(name, value) != value:
+            message = (
+                f"got {shown(campaign[name])}, but the numbers of {path} hold for {shown(value)}: remove one of the two"
+            )
+            raise where.error([(("campaign", name), message)])
+    robots = flatten_parameters({"parameters": given.get("parameters", {})})["parameters"]
+    rest = {name: value for name, value in own.items() if name != KEY}
+    own_paths = flatten_parameters({"parameters": rest})["parameters"]
+    return {
+        **raw,
+        "campaign": {**given.get("campaign", {}), **campaign},
+        "parameters": {**robots, **own_paths},
+    }

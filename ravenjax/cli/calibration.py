@@ -1,0 +1,90 @@
+"""The command that finds a robot's parameters in a log of it: `calibrate`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter
+
+from ravenjax.cli import console
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from ravenjax.calibration.calibrate import Calibration, LoggedRobot
+    from ravenjax.robots.raven2.plant.robot import PlantParams
+
+SET = "power_consistent"
+"""What is believed before the log."""
+
+
+def calibrate(
+    log: Path,
+    *,
+    out: Annotated[Path, Parameter(help="file for campaigns; its picture beside it")] = Path("my_robot.toml"),
+    arm: Annotated[Literal["gold", "green"], Parameter(help="whose joints the log has")] = "gold",
+    tool: Annotated[str | None, Parameter(help="its tool; default the software's own")] = None,
+    software: Annotated[
+        Literal["raven2", "fork2015"], Parameter(help="decides how the first jaw is strung: raven2 opposes it")
+    ] = "raven2",
+    gains: Annotated[
+        Literal["raven2", "fork2015"] | None, Parameter(help="PID of the log's robot; default that of its software")
+    ] = None,
+    period_ms: Annotated[float | None, Parameter(help="time between rows, where the log has no column time_s")] = None,
+    draws: Annotated[int, Parameter(help="robots that are written")] = 200,
+) -> None:
+    """Find your robot's friction and offsets in a log of its joints, and write robots that a campaign can draw from.
+
+    The log's first half is fitted to, the second judges the fit, beside bare rotors, which know nothing of the arm. A
+    campaign with `[parameters] from = "my_robot.toml"` then draws a robot for each run.
+
+    Parameters
+    ----------
+    log
+        Desired and measured joints or motors, a row a sample: .csv or .parquet. Columns as jpos_d_shoulder and
+        jpos_shoulder (rad, insertion m), or mpos_d_, or mpos_ with dac_; joints shoulder, elbow, insertion, tool_roll,
+        wrist, grasp1, grasp2.
+    """
+    import jax.numpy as jnp
+
+    from ravenjax.calibration import drawing, parameters, replay, robot_file, table_file
+    from ravenjax.calibration.calibrate import LoggedRobot
+    from ravenjax.errors import UserError
+    from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
+    from ravenjax.robots.raven2.plant import robot
+    from ravenjax.robots.raven2.setup import RavenSetup
+    from ravenjax.store.files import write_aside
+
+    if draws < 1:
+        raise UserError(f"--draws {draws}: expected at least 1 robot")
+    tool = tool or DEFAULT_TOOLS[software][arm]
+    setup = RavenSetup(software=software, arms=(arm,), tools=(tool,))
+    controller = replay.CONTROLLERS[gains or software]
+    logged = LoggedRobot(table_file.read(log, arm, tool, software, controller, period_ms), setup, arm, controller)
+    base = robot.params(setup, arm, SET)
+    calibrated = logged.calibrated(base, parameters.unknowns(logged.log.joints))
+    after = parameters.apply(base, calibrated.unknowns, jnp.asarray(calibrated.fit.steps))
+    _show(logged, calibrated, {f"before: {SET}": base, "calibrated": after})
+    values = parameters.values(base, calibrated.unknowns, calibrated.draws(draws))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_aside(out, lambda target: target.write_text(robot_file.text(values, arm, SET, log), encoding="utf-8"))
+    picture = out.with_suffix(".svg")
+    whole = logged.log.compared(0, len(logged.log.desired))
+    drawing.save(picture, whole, logged.replayed(whole, after), len(logged.log.desired) // 2)
+    console.say(f'robots: {out}; in a campaign: [parameters] from = "{out.name}"\npicture: {picture}')
+
+
+def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, PlantParams]) -> None:
+    """The judgement on both halves and the parameters, as tables."""
+    from ravenjax.calibration import tables
+    from ravenjax.cli import terminal
+
+    joints = logged.log.joints
+    titles = ("Following error where the robot was fitted", "Following error on the rest, to which nothing was fitted")
+    judged = [
+        tables.following(title, logged.judged(part, robots), joints)
+        for title, part in zip(titles, logged.halves, strict=True)
+    ]
+    for rows in (*judged, tables.parameters("What the log tells", calibrated)):
+        console.out.print(terminal.table(rows.title, rows.columns, rows.cells))

@@ -1,0 +1,68 @@
+"""`ravenjax calibrate`, from a log to a campaign that draws the robots it found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import pytest
+import tiny_campaign
+
+from ravenjax import cli
+from ravenjax.calibration import parameters, replay
+from ravenjax.calibration.parameters import JOINTS
+from ravenjax.campaign import loading
+from ravenjax.campaign.faults import design
+from ravenjax.robots.raven2.plant import robot
+from ravenjax.robots.raven2.setup import RavenSetup
+
+FRICTION, OFFSET = "plant.gold.actuators.coulomb.shoulder", "plant.gold.actuators.bias.shoulder"
+
+
+def write_log(path: Path, cycles: int, hidden: dict[str, float]) -> None:
+    """Joints 1-3 of a virtual robot whose unknowns are moved by `hidden` spreads, every 4 ms."""
+    setup = RavenSetup(software="raven2", arms=("gold",))
+    seconds = np.arange(cycles)[:, None] * 1e-3
+    middle = np.array([0.53, 1.57, 0.40, 0.0, 0.0, 0.78, 0.78])
+    sweep = np.array([0.12, 0.12, 0.01, 0.0, 0.0, 0.0, 0.0])
+    desired = middle + sweep * np.sin(2.0 * np.pi * np.array([0.41, 0.53, 0.47, 0.0, 0.0, 0.0, 0.0]) * seconds)
+    wanted = parameters.unknowns(range(3))
+    steps = np.array([hidden.get(one.path, 0.0) for one in wanted])
+    base = robot.params(setup, "gold", "power_consistent")
+    run = replay.replay(setup, "gold", replay.RAVEN2)
+    arrays = (jnp.asarray(x, "float32") for x in (steps, desired[0], desired))
+    joints = np.asarray(jax.jit(lambda s, f, d: run(parameters.apply(base, wanted, s), f, d))(*arrays))
+    before = np.vstack([desired[:1], joints[:-1]])  # a row is read before its cycle's command
+    table = {"time_s": seconds[::4, 0]}
+    for j, word in enumerate(JOINTS[:3]):
+        table |= {f"jpos_d_{word}": desired[::4, j], f"jpos_{word}": before[::4, j]}
+    pd.DataFrame(table).to_parquet(path)
+
+
+@pytest.mark.slow
+def test_a_log_becomes_robots_that_a_campaign_draws(tmp_path, capsys) -> None:
+    log, file = tmp_path / "log.parquet", tmp_path / "my_robot.toml"
+    write_log(log, 8000, {"dry_friction.shoulder": 0.5, "offset.shoulder": -0.6})
+    assert cli.main(["calibrate", str(log), "--out", str(file), "--draws", "40"]) == 0
+    assert "to which nothing was fitted" in capsys.readouterr().out
+    assert file.with_suffix(".svg").stat().st_size > 10_000
+    raw = tiny_campaign.tables(runs=203)
+    raw["group"], raw["parameters"] = raw["group"][1:], {"from": file.name}
+    rows = design.expand(loading.from_dict(raw, source=tmp_path / "campaign.toml"))
+    base = robot.params(RavenSetup(software="raven2", arms=("gold",)), "gold", "power_consistent")
+    friction, offset = (rows[f"param:{path}"] for path in (FRICTION, OFFSET))
+    assert friction.nunique() > 30
+    assert friction.median() == pytest.approx(float(base.actuators.coulomb[0]) * np.exp(0.6 * 0.5), rel=0.05)
+    assert offset.median() == pytest.approx(float(base.actuators.bias[0]) - 0.6 * 0.02, abs=0.002)
+
+
+def test_a_log_that_is_too_short_is_refused(tmp_path, capsys) -> None:
+    table = {"time_s": np.arange(100) * 1e-3}
+    table |= {f"{name}_shoulder": np.full(100, 0.5) for name in ("jpos", "jpos_d")}
+    pd.DataFrame(table).to_csv(tmp_path / "log.csv", index=False)
+    assert cli.main(["calibrate", str(tmp_path / "log.csv"), "--out", str(tmp_path / "robot.toml")]) == 2
+    assert "the log lasts 0.1 s, expected at least 4 s" in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "robot.toml").exists()
