@@ -119,8 +119,8 @@ def _blind(measured: np.ndarray, predicted: np.ndarray, steps: np.ndarray) -> np
 
 def _start(predict: Predictor, measured: np.ndarray, unknowns: int, rows: int) -> np.ndarray:
     """The best of some draws from the beliefs, narrowed, and of what was believed."""
-    drawn = np.random.default_rng(0).standard_normal((SCREENED * rows - 1, unknowns))
-    draws = np.vstack([np.zeros(unknowns), 0.7 * drawn])
+    samples = np.random.default_rng(0).standard_normal((SCREENED * rows - 1, unknowns))
+    draws = np.vstack([np.zeros(unknowns), 0.7 * samples])
     return draws[int(np.argmin(_blind(measured, padded(predict, draws, rows), draws)))]
 
 

@@ -32,23 +32,23 @@ def entered(raw: dict[str, Any], where: Where, source: Path | None) -> dict[str,
     if not path.is_file():
         raise where.error([(key, f"no file at {path}; `ravenjax calibrate LOG` writes one")])
     try:
-        given = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
         raise where.error([(key, f"{path} is no TOML: {error}")]) from None
-    if unknown := [name for name in given if name not in TABLES]:
+    if unknown := [name for name in content if name not in TABLES]:
         raise where.error([(key, f"{path} has {', '.join(unknown)}, expected [campaign] and [parameters] alone")])
     campaign = raw.get("campaign", {})
-    for name, value in given.get("campaign", {}).items():
+    for name, value in content.get("campaign", {}).items():
         if campaign.get(name, value) != value:
             message = (
                 f"got {shown(campaign[name])}, but the numbers of {path} hold for {shown(value)}: remove one of the two"
             )
             raise where.error([(("campaign", name), message)])
-    robots = flatten_parameters({"parameters": given.get("parameters", {})})["parameters"]
+    robots = flatten_parameters({"parameters": content.get("parameters", {})})["parameters"]
     rest = {name: value for name, value in own.items() if name != KEY}
     own_paths = flatten_parameters({"parameters": rest})["parameters"]
     return {
         **raw,
-        "campaign": {**given.get("campaign", {}), **campaign},
+        "campaign": {**content.get("campaign", {}), **campaign},
         "parameters": {**robots, **own_paths},
     }

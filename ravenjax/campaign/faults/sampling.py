@@ -46,9 +46,9 @@ def sample(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator) -> 
     places = {key: np.zeros((), np.int64) for key in axes}
     if group.design in SAMPLED:
         random_axes = {key: axis for key, axis in axes.items() if axis.kind != "fixed"}
-        drawn = _dimensions(random_axes)
-        unit = _unit(group.design, different, 1 + max(drawn.values(), default=-1), rng)
-        places |= {key: axis.places(unit[:, drawn[key]])[place] for key, axis in random_axes.items()}
+        columns = _dimensions(random_axes)
+        unit = _unit(group.design, different, 1 + max(columns.values(), default=-1), rng)
+        places |= {key: axis.places(unit[:, columns[key]])[place] for key, axis in random_axes.items()}
         return Sample(runs, repeat, places)
     stride = different
     for key, axis in axes.items():
@@ -56,9 +56,9 @@ def sample(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator) -> 
             stride = 1 if group.design == "zip" else stride // length
             places[key] = place // stride % length
     random_axes = {key: axis for key, axis in axes.items() if axis.drawn}
-    drawn = _dimensions(random_axes)
-    unit = _unit("random", runs, 1 + max(drawn.values(), default=-1), rng)
-    places |= {key: axis.places(unit[:, drawn[key]]) for key, axis in random_axes.items()}
+    columns = _dimensions(random_axes)
+    unit = _unit("random", runs, 1 + max(columns.values(), default=-1), rng)
+    places |= {key: axis.places(unit[:, columns[key]]) for key, axis in random_axes.items()}
     return Sample(runs, repeat, places)
 
 

@@ -85,16 +85,14 @@ def parameter_tables(config: CampaignConfig) -> Iterator[tuple[Key, dict[str, Ax
 def _together(config: CampaignConfig) -> Iterator[Complaint]:
     """Lists that are drawn in one need one length; a fault has none, whose runs would then be those of few robots."""
     for g, group in enumerate(config.group):
-        drawn = {
-            path: axis for path, axis in {**config.parameters, **group.parameters}.items() if axis.kind == "together"
-        }
-        lengths = {path: len(axis.values) for path, axis in drawn.items()}
+        axes = {**config.parameters, **group.parameters}
+        lengths = {path: len(axis.values) for path, axis in axes.items() if axis.kind == "together"}
         if len({*lengths.values()}) > 1:
             path, other = min(lengths, key=lengths.__getitem__), max(lengths, key=lengths.__getitem__)
             key = ("group", g, "parameters", path) if path in group.parameters else ("parameters", path)
             yield (
                 key,
-                (f"has {lengths[path]} values drawn together with the {lengths[other]} of {other}; each needs as many"),
+                f"has {lengths[path]} values, drawn together with {lengths[other]} of {other}: write as many",
             )
         for f, fault in enumerate(group.fault):
             for name in type(fault).model_fields:
