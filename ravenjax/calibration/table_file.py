@@ -1,4 +1,4 @@
-"""Logs as tables: .csv and .parquet, a row a sample.
+"""Logs as tables, a row a sample: .csv and .parquet, and what `bag_file` makes of bags and MCAP files.
 
 Columns are named by joint, shoulder to grasp2; a log may leave joints out. In the order of preference:
 
@@ -7,8 +7,8 @@ Columns are named by joint, shoulder to grasp2; a log may leave joints out. In t
 - `dac_JOINT`, `mpos_JOINT` and perhaps `mvel_JOINT`: what the robot was asked for is found from its PD law, for
   joints without an integral.
 
-A name may end in `_deg` (motors and angles) or `_deg_s`. Time is `time_s`; without
-it the samples are `period_ms` apart.
+A name may end in `_deg` (motors and angles) or `_deg_s`. Time is `time_s`; without it the samples are `period_ms`
+apart. Where there is `runlevel`, the longest stretch of raven2's pedal-down is the log.
 """
 
 from __future__ import annotations
@@ -18,12 +18,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from ravenjax.calibration import bag_file
 from ravenjax.calibration.log import JointLog
 from ravenjax.calibration.replay import Controller
 from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import JOINTS, ArmName
 from ravenjax.robots.raven2.geometry import limits, transmission
+from ravenjax.robots.raven2.run_levels import PEDAL_DOWN
 
 ENDINGS = {"": 1.0, "_deg": np.pi / 180.0, "_deg_s": np.pi / 180.0}
 
@@ -32,7 +34,7 @@ def read(
     path: Path, arm: ArmName, tool: str, software: str, controller: Controller, period_ms: float | None = None
 ) -> JointLog:
     """The log of one arm. UserError where the file or its columns are not of these."""
-    table = _table(path)
+    table = _live(path, _table(path, arm))
     times = _times(path, table, period_ms)
     cycles = np.round(times * 1e3).astype(int)
     whole = np.arange(cycles[-1] + 1)
@@ -41,14 +43,31 @@ def read(
     return JointLog(measured[0], on_clock, measured[1:], cycles[1:] - 1)  # a row is read before its cycle's command
 
 
-def _table(path: Path) -> pd.DataFrame:
-    if not path.is_file():
-        raise UserError(f"no log at {path}: expected a .csv or .parquet file")
-    if path.suffix not in (".csv", ".parquet"):
-        raise UserError(f"a log is .csv or .parquet, got {path.name}")
-    table = pd.read_csv(path) if path.suffix == ".csv" else pd.read_parquet(path)
+def _table(path: Path, arm: ArmName) -> pd.DataFrame:
+    if not path.exists():
+        raise UserError(f"no log at {path}: expected {_EXPECTED}")
+    if path.suffix == ".csv":
+        return pd.read_csv(path)
+    if path.suffix == ".parquet":
+        return pd.read_parquet(path)
+    if path.suffix in bag_file.SUFFIXES or path.is_dir():
+        return bag_file.table(path, arm)
+    raise UserError(f"a log is {_EXPECTED}, got {path.name}")
+
+
+_EXPECTED = f"{', '.join(('.csv', '.parquet', *bag_file.SUFFIXES))} or a folder of ROS 2"
+
+
+def _live(path: Path, table: pd.DataFrame) -> pd.DataFrame:
+    """The longest stretch of rows in which the robot could move, of at least two; all where no column says so."""
+    if "runlevel" in table:
+        live = table["runlevel"].to_numpy() == PEDAL_DOWN
+        stretch = np.cumsum(np.diff(live, prepend=live[:1]) != 0)
+        longest = np.bincount(stretch, live, minlength=1).argmax()
+        table = table.loc[live & (stretch == longest)].reset_index(drop=True)
     if len(table) < 2:
-        raise UserError(f"{path} has {len(table)} rows; a log needs some seconds of motion")
+        where = f" in pedal-down (runlevel {PEDAL_DOWN})" if "runlevel" in table else ""
+        raise UserError(f"{path} has {len(table)} rows{where}; a log needs some seconds of motion")
     return table
 
 

@@ -31,7 +31,7 @@ def calibrate(
     gains: Annotated[
         Literal["raven2", "fork2015"] | None, Parameter(help="PID of the log's robot; default that of its software")
     ] = None,
-    period_ms: Annotated[float | None, Parameter(help="time between rows, where the log has no column time_s")] = None,
+    period_ms: Annotated[float | None, Parameter(help="time between samples, instead of the log's own")] = None,
     draws: Annotated[int, Parameter(help="robots that are written")] = 200,
 ) -> None:
     """Find your robot's friction and offsets in a log of its joints, and write robots that a campaign can draw from.
@@ -42,9 +42,9 @@ def calibrate(
     Parameters
     ----------
     log
-        Desired and measured joints or motors, a row a sample: .csv or .parquet. Columns as jpos_d_shoulder and
-        jpos_shoulder (rad, insertion m), or mpos_d_, or mpos_ with dac_; joints shoulder, elbow, insertion, tool_roll,
-        wrist, grasp1, grasp2.
+        Desired and measured joints: a bag of ROS 1 or ROS 2 or an MCAP file with raven2's ravenstate or CRTK's
+        measured_js and setpoint_js; or a table, .csv or .parquet, with columns as jpos_d_shoulder and jpos_shoulder
+        (rad, insertion m), or mpos_d_, or mpos_ with dac_.
     """
     import jax.numpy as jnp
 

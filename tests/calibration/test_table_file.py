@@ -91,5 +91,5 @@ def test_other_files_are_refused(tmp_path) -> None:
     with pytest.raises(UserError, match="no log at"):
         read(tmp_path / "absent.csv")
     (tmp_path / "log.txt").write_text("")
-    with pytest.raises(UserError, match=r"\.csv or \.parquet"):
+    with pytest.raises(UserError, match=r"a log is \.csv, \.parquet, \.bag, \.mcap, \.db3 or a folder"):
         read(tmp_path / "log.txt")

@@ -1,0 +1,165 @@
+"""Logs of ROS 1 and ROS 2 as tables: .bag, .mcap, .db3 and folders of ROS 2 with a metadata.yaml.
+
+- raven2's `raven_2/raven_state`, on /ravenstate: jpos and jpos_d of both arms in its slots, all times 180/pi, the
+  insertion too; the definition is taken from the file;
+- CRTK's `/arm1/measured_js` and `/arm1/setpoint_js` (arm1 is gold, arm2 green), sensor_msgs/JointState in rad and m.
+  raven2 publishes what it measures of one arm under the other's name (branch crtk, src/raven/local_io.cpp), so that the
+  measured joints of an arm are those that follow its setpoint.
+
+Times are the headers', or those of arrival where the headers have none. Of a cut or damaged file nothing is read.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.errors import UserError, listed
+from ravenjax.robots.raven2.arms import ARMS, JOINTS, ArmName
+from ravenjax.store.logs.topics import ARM_TOPICS
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+
+SUFFIXES = (".bag", ".mcap", ".db3")
+STATE, JOINT_STATE = "/raven_state", "/JointState"  # ends of types: ROS 2 has /msg in between
+SLOTS = np.array([0, 1, 2, 4, 5, 6, 7])
+"""Of the eight numbers that raven_state has of an arm, those of joints; the fourth is of none."""
+PER_STATE = np.pi / 180.0
+"""rad and m per unit of raven_state."""
+
+
+class _Series(NamedTuple):
+    """The joints that one topic tells of."""
+
+    time_ns: np.ndarray  # int64 [n] since the epoch
+    joints: np.ndarray  # [n, 7], rad and m; nan where the messages have no such joint
+
+
+def table(path: Path, arm: ArmName) -> pd.DataFrame:
+    """Columns time_s, jpos_d_JOINT and jpos_JOINT, rad and m; of raven_state runlevel, too. UserError."""
+    with _opened(path) as reader:
+        kinds = {connection.topic: connection.msgtype for connection in reader.connections}
+        for topic, kind in kinds.items():
+            if kind.endswith(STATE):
+                return _of_states(reader, topic, arm)
+        wanted = {f"/{ARM_TOPICS[name]}/{topic}": name for name in ARMS for topic in ("measured_js", "setpoint_js")}
+        topics = {
+            end: topic
+            for topic, kind in kinds.items()
+            for end in wanted
+            if f"/{topic}".endswith(end) and kind.endswith(JOINT_STATE)
+        }
+        setpoint = f"/{ARM_TOPICS[arm]}/setpoint_js"
+        measured = [topics[end] for end in topics if end.endswith("measured_js")]
+        if setpoint not in topics or not measured:
+            raise UserError(
+                f"{path}: expected raven2's state, or {setpoint} and measured_js of CRTK; the file has\n"
+                + listed([f"{topic} ({kind})" for topic, kind in sorted(kinds.items())] or ["no topics"])
+            )
+        followed = _joints(path, reader, topics[setpoint])
+        return _following(followed, [_joints(path, reader, topic) for topic in measured])
+
+
+def _following(setpoint: _Series, candidates: list[_Series]) -> pd.DataFrame:
+    """The candidate nearest to the setpoint, on its own times."""
+    pairs = [_on_times(setpoint, one) for one in candidates]
+    apart = [np.nanmean(np.abs(desired - measured.joints)) for desired, measured in pairs]
+    desired, measured = pairs[int(np.argmin(apart))]
+    return _columns(measured.time_ns, desired, measured.joints)
+
+
+def _on_times(setpoint: _Series, measured: _Series) -> tuple[np.ndarray, _Series]:
+    """Setpoint [n, 7] where the joints were measured, and those; only the times at which both are known."""
+    begin, end = setpoint.time_ns[[0, -1]]
+    common = (measured.time_ns >= begin) & (measured.time_ns <= end)
+    time_ns = measured.time_ns[common]
+    desired = [np.interp(time_ns - begin, setpoint.time_ns - begin, column) for column in setpoint.joints.T]
+    return np.stack(desired, axis=1), _Series(time_ns, measured.joints[common])
+
+
+def _of_states(reader: AnyReader, topic: str, arm: ArmName) -> pd.DataFrame:
+    slots = SLOTS + 8 * ARMS.index(arm)
+    received, messages = _messages(reader, topic)
+    desired, measured = (
+        np.array([getattr(one, name)[slots] for one in messages], float) * PER_STATE for name in ("jpos_d", "jpos")
+    )
+    columns = _columns(_times(received, [getattr(one, "hdr", None) for one in messages]), desired, measured)
+    return columns.assign(runlevel=[int(one.runlevel) for one in messages])
+
+
+def _joints(path: Path, reader: AnyReader, topic: str) -> _Series:
+    """A topic of sensor_msgs/JointState: by names as ravenjax writes them, else seven in the order of the joints."""
+    received, messages = _messages(reader, topic)
+    if not messages:
+        raise UserError(f"{path}: {topic} has no messages")
+    names = list(messages[0].name)
+    places = [names.index(word) if word in names else None for word in JOINTS]
+    if all(place is None for place in places):
+        if len(messages[0].position) != len(JOINTS):
+            raise UserError(
+                f"{path}: {topic} has {len(messages[0].position)} joints, {', '.join(names)}; expected some of "
+                f"{', '.join(JOINTS)}, or seven in this order"
+            )
+        places = list(range(len(JOINTS)))
+    joints = np.full((len(messages), len(JOINTS)), np.nan)
+    for joint, place in enumerate(places):
+        if place is not None:
+            joints[:, joint] = [one.position[place] for one in messages]
+    return _Series(_times(received, [one.header for one in messages]), joints)
+
+
+def _messages(reader: AnyReader, topic: str) -> tuple[np.ndarray, list[Any]]:
+    """When each message of a topic arrived, ns since the epoch [n], and the messages."""
+    connections = [one for one in reader.connections if one.topic == topic]
+    received, messages = [], []
+    for connection, time_ns, data in reader.messages(connections=connections):
+        received.append(time_ns)
+        messages.append(reader.deserialize(data, connection.msgtype))
+    return np.array(received, np.int64), messages
+
+
+def _times(received: np.ndarray, headers: list[Any]) -> np.ndarray:
+    """Times of messages, ns since the epoch [n]: of the headers, if they have any that run."""
+    stamps = [0 if one is None else one.stamp.sec * 10**9 + one.stamp.nanosec for one in headers]
+    return np.array(stamps, np.int64) if len({*stamps}) > 1 else received
+
+
+def _columns(time_ns: np.ndarray, desired: np.ndarray, measured: np.ndarray) -> pd.DataFrame:
+    columns = {"time_s": (time_ns - time_ns[:1]) * 1e-9}
+    for joint, word in enumerate(JOINTS):
+        columns |= {f"jpos_d_{word}": desired[:, joint], f"jpos_{word}": measured[:, joint]}
+    return pd.DataFrame(columns).dropna(axis="columns", how="all")
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[AnyReader]:
+    """The file, its definitions read; whatever is wrong with it is a UserError."""
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    usual = get_typestore(Stores.LATEST)  # of files of ROS 2 that hold no definitions: enough for CRTK
+    try:
+        with AnyReader([path], default_typestore=usual) as reader:
+            yield reader
+    except UserError:
+        raise
+    except _damage() as error:
+        raise UserError(f"{path}: no bag or MCAP file that can be read: {error or type(error).__name__}") from None
+
+
+def _damage() -> tuple[type[Exception], ...]:
+    """What a file that is cut, damaged or of another kind makes the library raise."""
+    import apsw
+    from rosbags.highlevel import AnyReaderError
+    from rosbags.rosbag1 import ReaderError as Ros1Error
+    from rosbags.rosbag2 import ReaderError as Ros2Error
+
+    plain = (OSError, ValueError, KeyError, AssertionError, RuntimeError, EOFError)
+    return AnyReaderError, Ros1Error, Ros2Error, apsw.Error, struct.error, *plain
