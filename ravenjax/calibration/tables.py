@@ -41,6 +41,24 @@ def following(title: str, rows: Sequence[FollowingError], joints: Sequence[int])
     return Rows(title, columns, cells)
 
 
+def by_joint(title: str, rows: Sequence[FollowingError], joints: Sequence[int]) -> Rows:
+    """The same a line a joint, for a narrow screen."""
+    log, *models = rows
+    cells = [
+        (
+            f"{JOINTS[j].replace('_', ' ')}, {UNITS[j]}",
+            f"{log.following[j] * PER_UNIT[j]:.3f}",
+            *(
+                f"{one.following[j] * PER_UNIT[j]:.3f} ({one.following[j] / log.following[j]:.2f})\n"
+                f"off {one.residual[j] * PER_UNIT[j]:.3f}"
+                for one in models
+            ),
+        )
+        for j in joints
+    ]
+    return Rows(title, ("rms (times the log's), off by", *(one.model for one in rows)), cells)
+
+
 def parameters(title: str, calibrated: Calibration) -> Rows:
     """Every unknown before and after the log, and the share of its spread that the log leaves."""
     cells = [

@@ -65,7 +65,7 @@ def calibrate(
     base = robot.params(setup, arm, SET)
     calibrated = logged.calibrated(base, parameters.unknowns(logged.log.joints))
     after = parameters.apply(base, calibrated.unknowns, jnp.asarray(calibrated.fit.steps))
-    _show(logged, calibrated, {f"before: {SET}": base, "calibrated": after})
+    _show(logged, calibrated, {"before": base, "calibrated": after})
     values = parameters.values(base, calibrated.unknowns, calibrated.draws(draws))
     out.parent.mkdir(parents=True, exist_ok=True)
     write_aside(out, lambda target: target.write_text(robot_file.text(values, arm, SET, log), encoding="utf-8"))
@@ -83,7 +83,7 @@ def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, Pla
     joints = logged.log.joints
     titles = ("Following error where the robot was fitted", "Following error on the rest, to which nothing was fitted")
     judged = [
-        tables.following(title, logged.judged(part, robots), joints)
+        tables.by_joint(title, logged.judged(part, robots), joints)
         for title, part in zip(titles, logged.halves, strict=True)
     ]
     for rows in (*judged, tables.parameters("What the log tells", calibrated)):

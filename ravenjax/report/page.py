@@ -20,7 +20,7 @@ from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data import fault_free
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.run import path_figure, paths, worst
-from ravenjax.report.sections import after_stop, answers, dependence, precision, risk, tables, time_to_know
+from ravenjax.report.sections import after_stop, answers, dependence, precision, risk, tables, time_to_know, your_robot
 from ravenjax.report.sections.cues import choice, figure
 from ravenjax.report.sections.cues import sweep as cue_sweep
 from ravenjax.report.sections.detection import figures as detector_figures
@@ -83,7 +83,7 @@ def render(runs: Runs, manifest: Manifest, folder: Path) -> str:
     absent = {
         "detectors": not manifest.detectors,
         "reaction": not manifest.shape.reacts,
-        "robots": not content["conclusions"],
+        "robots": not (content["conclusions"] or content["your_robot"]),
         "risk": not content["risks"],
         "operator": content["operator"] is None,
         "precision": not content["precision"],
@@ -190,6 +190,7 @@ def _robots(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     return {
         "conclusions": conclusions,
         "dependence_rows": dependence.flat(conclusions),
+        "your_robot": your_robot.rates(runs, manifest),
         "risks": risks,
         "risk_rows": [
             {"hazard": one.hazard, "mean": one.mean, "injury": one.injury, "silent": one.silent}

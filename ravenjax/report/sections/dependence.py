@@ -18,6 +18,14 @@ LEAST_RUNS = 20
 """Of a conclusion; with fewer, thirds of a parameter hold too few for any statement."""
 MOST = 200_000
 """Runs that are looked at one by one; a dependence that these do not show changes a rate by less than a point."""
+QUESTIONS = {
+    "evades the checks": ("true", "evaded"),
+    "makes an unintended motion": ("true", "unintended"),
+    "leads to a loss of motion": ("true", "loss"),
+    "is told of by a check": ("true", "told"),
+    "has the cue before the unintended motion": ("unintended", "warned_ms >= 0 AND warned_ms < unintended_ms"),
+}
+"""What a fault may do: which faults are asked, and the condition, of columns of facts."""
 
 
 class Conclusion(NamedTuple):
@@ -35,15 +43,8 @@ def conclusions(runs: Runs) -> list[Conclusion]:
     Rates are of all such runs; how they depend on a parameter is asked of MOST of them, drawn, where there are more.
     """
     condition = "sample AND faulty"
-    questions = {
-        "evades the checks": ("true", "evaded"),
-        "makes an unintended motion": ("true", "unintended"),
-        "leads to a loss of motion": ("true", "loss"),
-        "is told of by a check": ("true", "told"),
-        "has the cue before the unintended motion": ("unintended", "warned_ms >= 0 AND warned_ms < unintended_ms"),
-    }
     hits = ", ".join(
-        f"{among} AND {hit} AS hit{i}, {among} AS among{i}" for i, (among, hit) in enumerate(questions.values())
+        f"{among} AND {hit} AS hit{i}, {among} AS among{i}" for i, (among, hit) in enumerate(QUESTIONS.values())
     )
     query = f"SELECT row, {hits} FROM {FACTS} WHERE {condition}"
     inputs = [quoted(name) for name in runs.names if name.startswith("param:")]
@@ -52,10 +53,10 @@ def conclusions(runs: Runs) -> list[Conclusion]:
     if not names:
         return []
     counts = runs.counts(
-        [sql for among, hit in questions.values() for sql in (among, f"{among} AND {hit}")], where=condition
+        [sql for among, hit in QUESTIONS.values() for sql in (among, f"{among} AND {hit}")], where=condition
     )
     result = []
-    for i, name in enumerate(questions):
+    for i, name in enumerate(QUESTIONS):
         n, k = counts[2 * i : 2 * i + 2]
         if n >= LEAST_RUNS:
             mine = sample.loc[sample[f"among{i}"]]

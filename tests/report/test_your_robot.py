@@ -1,0 +1,66 @@
+"""Rates on one robot: as its own count says, and on the page only where robots were drawn whole."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+import rendered_page
+import synthetic_results as synthetic
+
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections import your_robot
+from ravenjax.stats import one_unit
+from ravenjax.store import schema
+from ravenjax.store.manifest import Manifest
+
+RUNS, ROBOTS = 1500, 40
+FRICTION, OFFSET = "plant.gold.actuators.coulomb.shoulder", "plant.gold.actuators.bias.shoulder"
+
+
+def manifest(kind: str = "together") -> Manifest:
+    values = {kind: [0.01, 0.02]}
+    plain = synthetic.manifest(RUNS)
+    shape = dataclasses.replace(plain.shape, parameters=(*plain.shape.parameters, FRICTION, OFFSET))
+    config = {**plain.config, "parameters": {FRICTION: values, OFFSET: values}}
+    return plain.model_copy(update={"config": config, "shape": shape})
+
+
+@pytest.fixture(scope="module")
+def frame():
+    """Faults evade on every second robot only."""
+    one = synthetic.frame(RUNS)
+    robot = np.arange(RUNS) % ROBOTS
+    one[f"param:{FRICTION}"], one[f"param:{OFFSET}"] = robot // 2 * 0.01, robot % 2 * 0.02
+    return synthetic.judged(one.assign(unintended_first_ms=np.where(robot % 2 == 1, 900, -1)))
+
+
+def test_rates_are_those_of_a_plain_count_by_robot(frame) -> None:
+    valid = frame[(frame["fault0_site"] != "") & (frame["failed"] == "")]
+    robot = valid["index"] % ROBOTS
+    moved = valid["unintended_first_ms"] >= 0
+    told = valid["response"].isin(["stopped", "flagged"])
+    rates = {one.name: one for one in your_robot.rates(Runs.of(frame, manifest()), manifest())}
+    for name, hits in {"evades the checks": moved & ~told, "makes an unintended motion": moved}.items():
+        expected = one_unit.rate(hits.groupby(robot).sum(), hits.groupby(robot).count())
+        assert rates[name].robots == ROBOTS and rates[name].rate.k == hits.sum()
+        np.testing.assert_allclose(rates[name].rate, expected.rate, rtol=1e-6)
+    motion = rates["makes an unintended motion"]
+    assert motion.rate.low < 0.05 and motion.rate.high > 0.95  # all or none, by the robot
+
+
+def test_the_page_says_it_of_robots_drawn_whole_alone(frame) -> None:
+    words = rendered_page.words(rendered_page.Page(rendered_page.rendered(frame, manifest())))
+    evades, *_ = your_robot.rates(Runs.of(frame, manifest()), manifest())
+    assert f"Each run drew one of {ROBOTS} robots" in words and "On your robot" in words
+    assert f"{100 * evades.rate.high:.1f}" in words
+    other = rendered_page.words(rendered_page.Page(rendered_page.rendered(frame, manifest("choice"))))
+    assert (
+        "On your robot" not in other and your_robot.rates(Runs.of(frame, manifest("choice")), manifest("choice")) == []
+    )
+
+
+def test_columns_of_a_schema_are_those_that_are_asked() -> None:
+    names = {column.name for column in schema.columns(manifest().shape)}
+    assert {f"param:{FRICTION}", f"param:{OFFSET}"} <= names
