@@ -23,6 +23,10 @@ SETTLING = 1000
 """Cycles at a log's beginning that are not compared: how the cables were loaded there is not known."""
 SHORTEST = 4 * SETTLING
 """Cycles of a log that can be fitted to and judged by."""
+NORMAL_90 = 1.6449
+"""Standard deviations from the middle of a normal distribution to the ends of its middle 90 %."""
+CONFOUNDED = 0.7
+"""Correlation from which two unknowns count as told together: half of the variance of each is the other's."""
 LOG, ROTOR = "the recording", "null: bare rotors"
 
 
@@ -37,9 +41,24 @@ class Calibration:
     @property
     def after(self) -> np.ndarray:
         """[k] most probable values, in their units."""
-        steps = self.fit.steps
-        moved = (parameters.moved_by(self.before[k], one, steps[k]) for k, one in enumerate(self.unknowns))
-        return np.array([float(value) for value in moved])
+        return self._moved(self.fit.steps)
+
+    @property
+    def interval(self) -> tuple[np.ndarray, np.ndarray]:
+        """Ends of the 90 % interval of each, [k], in their units."""
+        half = NORMAL_90 * self.told
+        return self._moved(self.fit.steps - half), self._moved(self.fit.steps + half)
+
+    @property
+    def confounded(self) -> list[tuple[str, str, float]]:
+        """Pairs of unknowns that the log tells together rather than each, with the correlation that the fit leaves."""
+        correlation = self.fit.covariance / np.outer(self.told, self.told)
+        pairs = zip(*np.triu_indices(len(self.unknowns), 1), strict=True)
+        return [
+            (self.unknowns[i].path, self.unknowns[j].path, float(correlation[i, j]))
+            for i, j in pairs
+            if abs(correlation[i, j]) >= CONFOUNDED
+        ]
 
     def draws(self, number: int, seed: int = 0) -> np.ndarray:
         """[number, k] robots that the log leaves likely, in spreads from the values before."""
@@ -49,6 +68,10 @@ class Calibration:
     def told(self) -> np.ndarray:
         """Standard deviation after the log by that before it, [k]: 1 where the log tells nothing."""
         return np.sqrt(np.diag(self.fit.covariance))
+
+    def _moved(self, steps: np.ndarray) -> np.ndarray:
+        values = (parameters.moved_by(self.before[k], one, steps[k]) for k, one in enumerate(self.unknowns))
+        return np.array([float(value) for value in values])
 
 
 @dataclasses.dataclass(frozen=True)

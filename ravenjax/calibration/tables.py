@@ -42,7 +42,7 @@ def following(title: str, rows: Sequence[FollowingError], joints: Sequence[int])
 
 
 def by_joint(title: str, rows: Sequence[FollowingError], joints: Sequence[int]) -> Rows:
-    """The same a line a joint, for a narrow screen."""
+    """The same, a row a joint, for a narrow screen."""
     log, *models = rows
     cells = [
         (
@@ -56,15 +56,21 @@ def by_joint(title: str, rows: Sequence[FollowingError], joints: Sequence[int]) 
         )
         for j in joints
     ]
-    return Rows(title, ("rms (times the log's), off by", *(one.model for one in rows)), cells)
+    return Rows(title, ("joint", *(one.model for one in rows)), cells)
 
 
 def parameters(title: str, calibrated: Calibration) -> Rows:
     """Every unknown before and after the log, and the share of its spread that the log leaves."""
+    low, high = calibrated.interval
+    rows = zip(calibrated.unknowns, calibrated.before, calibrated.after, low, high, calibrated.told, strict=True)
     cells = [
-        (one.path, f"{before:.4g}", f"{after:.3g}", f"{left:.2f}" + ("" if left <= TOLD else " (not told)"))
-        for one, before, after, left in zip(
-            calibrated.unknowns, calibrated.before, calibrated.after, calibrated.told, strict=True
+        (
+            one.path,
+            f"{before:.4g}",
+            f"{after:.3g}",
+            f"{least:.3g} to {most:.3g}",
+            f"{left:.2f}" + ("" if left <= TOLD else " (not told)"),
         )
+        for one, before, after, least, most, left in rows
     ]
-    return Rows(title, ("parameter", "before", "after", "spread left"), cells)
+    return Rows(title, ("parameter", "before", "after", "90 % interval", "spread left"), cells)

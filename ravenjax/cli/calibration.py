@@ -22,7 +22,7 @@ SET = "power_consistent"
 def calibrate(
     log: Path,
     *,
-    out: Annotated[Path, Parameter(help="file for campaigns; its picture beside it")] = Path("my_robot.toml"),
+    out: Annotated[Path, Parameter(help="file for campaigns; its pictures beside it")] = Path("my_robot.toml"),
     arm: Annotated[Literal["gold", "green"], Parameter(help="whose joints the log has")] = "gold",
     tool: Annotated[str | None, Parameter(help="its tool; default the software's own")] = None,
     software: Annotated[
@@ -69,10 +69,12 @@ def calibrate(
     values = parameters.values(base, calibrated.unknowns, calibrated.draws(draws))
     out.parent.mkdir(parents=True, exist_ok=True)
     write_aside(out, lambda target: target.write_text(robot_file.text(values, arm, SET, log), encoding="utf-8"))
-    picture = out.with_suffix(".svg")
+    pictures = out.with_suffix(".svg"), out.with_name(f"{out.stem}_parameters.svg")
     whole = logged.log.compared(0, len(logged.log.desired))
-    drawing.save(picture, whole, logged.replayed(whole, after), len(logged.log.desired) // 2)
-    console.say(f'robots: {out}; in a campaign: [parameters] from = "{out.name}"\npicture: {picture}')
+    drawing.errors(pictures[0], whole, logged.replayed(whole, after), len(logged.log.desired) // 2)
+    drawing.intervals(pictures[1], calibrated)
+    console.say(f'robots: {out}; in a campaign: [parameters] from = "{out.name}"')
+    console.say(f"pictures: {pictures[0]}, {pictures[1]}")
 
 
 def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, PlantParams]) -> None:
@@ -81,10 +83,13 @@ def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, Pla
     from ravenjax.cli import terminal
 
     joints = logged.log.joints
-    titles = ("Following error where the robot was fitted", "Following error on the rest, to which nothing was fitted")
+    where = ("where the robot was fitted", "on the rest, to which nothing was fitted")
+    titles = (f"Following error {place}: rms (times the log's), off by" for place in where)
     judged = [
         tables.by_joint(title, logged.judged(part, robots), joints)
         for title, part in zip(titles, logged.halves, strict=True)
     ]
     for rows in (*judged, tables.parameters("What the log tells", calibrated)):
         console.out.print(terminal.table(rows.title, rows.columns, rows.cells))
+    for one, other, correlation in calibrated.confounded:
+        console.say(f"told together: {one} and {other}, correlation {correlation:.2f}")

@@ -7,8 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ravenjax.calibration import parameters, replay
-from ravenjax.calibration.calibrate import ROTOR, LoggedRobot
+from ravenjax.calibration import drawing, parameters, replay, tables
+from ravenjax.calibration.calibrate import ROTOR, Calibration, LoggedRobot
+from ravenjax.calibration.fit import Fit
 from ravenjax.calibration.log import JointLog
 from ravenjax.calibration.parameters import Unknown
 from ravenjax.robots.raven2.plant import robot
@@ -63,3 +64,40 @@ def test_unknowns_move_what_they_name() -> None:
     assert moved.actuators.coulomb == base.actuators.coulomb
     np.testing.assert_allclose(parameters.before(base, wanted), [base.link_coulomb[2], base.actuators.bias[0]])
     assert wanted[0].path == "dry_friction.insertion"
+
+
+def fitted(covariance: np.ndarray, steps: np.ndarray) -> Calibration:
+    """Without a replay."""
+    fit = Fit(steps, covariance, np.ones(7), np.ones(7), ())
+    return Calibration(FRICTION, np.array([0.02, 0.08, 0.03]), fit)
+
+
+def test_intervals_are_of_the_belief_after() -> None:
+    calibrated = fitted(np.diag([0.01, 0.04, 1.0]), np.array([0.5, 0.0, 0.0]))
+    low, high = calibrated.interval
+    np.testing.assert_allclose(low, [0.02, 0.08, 0.03] * np.exp([0.5 - 0.16449, -0.32898, -1.6449]), rtol=1e-5)
+    np.testing.assert_allclose(low * high, calibrated.after**2, rtol=1e-5)
+    inside = (np.exp(calibrated.draws(20_000)) * calibrated.before > low) & (
+        np.exp(calibrated.draws(20_000)) * calibrated.before < high
+    )
+    np.testing.assert_allclose(inside.mean(axis=0), 0.9, atol=0.01)
+
+
+def test_what_a_log_tells_only_together_is_named() -> None:
+    covariance = np.array([[0.04, 0.0, -0.09], [0.0, 0.01, 0.01], [-0.09, 0.01, 0.25]])
+    (pair,) = fitted(covariance, np.zeros(3)).confounded
+    assert pair == ("motor_friction.shoulder", "motor_friction.tool_roll", pytest.approx(-0.9))
+
+
+def test_the_table_tells_value_interval_and_what_is_left() -> None:
+    rows = tables.parameters("", fitted(np.diag([0.01, 0.04, 1.0]), np.zeros(3))).cells
+    assert rows[0] == ("motor_friction.shoulder", "0.02", "0.02", "0.017 to 0.0236", "0.10")
+    assert rows[2][-1] == "1.00 (not told)"
+
+
+def test_pictures_are_written(tmp_path) -> None:
+    drawing.intervals(tmp_path / "a.svg", fitted(np.diag([0.01, 0.04, 1.0]), np.zeros(3)))
+    log = JointLog(np.zeros(7), np.zeros((2000, 7)), np.full((400, 7), 0.01), np.arange(4, 2000, 5))
+    drawing.errors(tmp_path / "b.svg", log, np.full((400, 7), 0.02), 1000)
+    for name in ("a.svg", "b.svg"):
+        assert (tmp_path / name).read_text().rstrip().endswith("</svg>")
