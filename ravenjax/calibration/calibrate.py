@@ -8,11 +8,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ravenjax.calibration import fit as fitting
-from ravenjax.calibration import judgement, parameters
+from ravenjax.calibration import judgement, parameters, sampling
 from ravenjax.calibration.judgement import FollowingError
 from ravenjax.calibration.log import JointLog
 from ravenjax.calibration.parameters import Unknown
 from ravenjax.calibration.replay import Controller, replay
+from ravenjax.calibration.sampling import Counter, ReplayEffort, Search
 from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.arms import ArmName
@@ -37,6 +38,7 @@ class Calibration:
     unknowns: tuple[Unknown, ...]
     before: np.ndarray  # [k] values before, in their units
     fit: fitting.Fit
+    effort: ReplayEffort  # of the fit
 
     @property
     def after(self) -> np.ndarray:
@@ -97,9 +99,18 @@ class LoggedRobot:
                 "half of it to fit to and half to judge by"
             )
         first, _ = self.halves
-        predict = fitting.predictor(replay(self.setup, self.arm, self.controller), base, unknowns, first)
+        predict = Counter(self._predictor(base, unknowns))
         best = fitting.fit(predict, first.measured, len(unknowns))
-        return Calibration(tuple(unknowns), parameters.before(base, unknowns), best)
+        return Calibration(tuple(unknowns), parameters.before(base, unknowns), best, predict.effort)
+
+    def searched(self, base: robot.PlantParams, calibrated: Calibration, replays: int) -> list[Search]:
+        """What sampling finds on the same half of the log with so many replays, each way of it."""
+        first, _ = self.halves
+        return sampling.searches(self._predictor(base, calibrated.unknowns), first.measured, calibrated.fit, replays)
+
+    def _predictor(self, base: robot.PlantParams, unknowns: Sequence[Unknown]) -> fitting.Predictor:
+        first, _ = self.halves
+        return fitting.predictor(replay(self.setup, self.arm, self.controller), base, unknowns, first)
 
     def judged(self, part: JointLog, robots: Mapping[str, robot.PlantParams]) -> list[FollowingError]:
         """Following errors on `part` of the log itself, of `robots` by name, and of bare rotors of the first."""

@@ -72,10 +72,10 @@ def fit(predict: Predictor, measured: np.ndarray, unknowns: int) -> Fit:
     """
     there = ~np.isnan(measured)
     probes = np.vstack([np.zeros(unknowns), DIFFERENCE * np.eye(unknowns)])
-    rows = max(len(probes), len(CANDIDATES))
-    best = Fit(_start(predict, measured, unknowns, rows), np.eye(unknowns), np.ones(JOINTS), np.ones(JOINTS), ())
+    count = rows(unknowns)
+    best = Fit(_start(predict, measured, unknowns, count), np.eye(unknowns), np.ones(JOINTS), np.ones(JOINTS), ())
     for _ in range(ITERATIONS):
-        predicted = padded(predict, best.steps + probes, rows)
+        predicted = padded(predict, best.steps + probes, count)
         residual = np.where(there, measured - predicted[0], 0.0)
         slopes = np.where(there, (predicted[1 : unknowns + 1] - predicted[0]) / DIFFERENCE, 0.0)
         scale, independent = _noise(_unexplained(residual, slopes), there)
@@ -84,21 +84,26 @@ def fit(predict: Predictor, measured: np.ndarray, unknowns: int) -> Fit:
         covariance = np.linalg.inv(slope @ slope.T + np.eye(unknowns))
         move = covariance @ (slope @ (residual * best.weight(measured)).ravel() - best.steps)
         best = dataclasses.replace(best, covariance=covariance)
-        before = _costs(best, measured, predicted[:1], best.steps[None])[0]
+        before = costs(best, measured, predicted[:1], best.steps[None])[0]
         candidates = best.steps + np.outer(CANDIDATES, move)
-        after = _costs(best, measured, padded(predict, candidates, rows), candidates)
+        after = costs(best, measured, padded(predict, candidates, count), candidates)
         best = dataclasses.replace(best, costs=(*best.costs, (before, float(min(before, after.min())))))
         if after.min() > before * (1.0 - ENOUGH):
             further = np.concatenate([best.steps + far * np.eye(unknowns) for far in FURTHER])
             candidates = np.vstack([best.steps, further])
-            after = _blind(measured, padded(predict, candidates, rows), candidates)
+            after = _blind(measured, padded(predict, candidates, count), candidates)
             if after.min() > after[0] - WORTH:
                 break
         best = dataclasses.replace(best, steps=candidates[int(np.argmin(after))])
     return best
 
 
-def _costs(at: Fit, measured: np.ndarray, predicted: np.ndarray, steps: np.ndarray) -> np.ndarray:
+def rows(unknowns: int) -> int:
+    """Replays side by side: as many as a slope takes."""
+    return max(1 + unknowns, len(CANDIDATES))
+
+
+def costs(at: Fit, measured: np.ndarray, predicted: np.ndarray, steps: np.ndarray) -> np.ndarray:
     """Of predictions [K, n, 7] and their steps [K, k], in the weights of `at`."""
     weight = at.weight(measured)
     return np.array(

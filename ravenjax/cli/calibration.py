@@ -33,6 +33,7 @@ def calibrate(
     ] = None,
     period_ms: Annotated[float | None, Parameter(help="time between samples, instead of the log's own")] = None,
     draws: Annotated[int, Parameter(help="robots that are written")] = 200,
+    sampling: Annotated[int, Parameter(help="replays of each of three samplers, to compare with the fit")] = 0,
 ) -> None:
     """Find your robot's friction and offsets in a log of its joints, and write robots that a campaign can draw from.
 
@@ -66,6 +67,8 @@ def calibrate(
     calibrated = logged.calibrated(base, parameters.unknowns(logged.log.joints))
     after = parameters.apply(base, calibrated.unknowns, jnp.asarray(calibrated.fit.steps))
     _show(logged, calibrated, {"before": base, "calibrated": after})
+    if sampling:
+        _show_searches(logged, base, calibrated, sampling)
     values = parameters.values(base, calibrated.unknowns, calibrated.draws(draws))
     out.parent.mkdir(parents=True, exist_ok=True)
     write_aside(out, lambda target: target.write_text(robot_file.text(values, arm, SET, log), encoding="utf-8"))
@@ -75,6 +78,16 @@ def calibrate(
     drawing.intervals(pictures[1], calibrated)
     console.say(f'robots: {out}; in a campaign: [parameters] from = "{out.name}"')
     console.say(f"pictures: {pictures[0]}, {pictures[1]}")
+
+
+def _show_searches(logged: LoggedRobot, base: PlantParams, calibrated: Calibration, replays: int) -> None:
+    """What sampling finds, and how long it takes to, as a table."""
+    from ravenjax.calibration import tables
+    from ravenjax.cli import terminal
+
+    title = f"How soon the fit is come near, to {len(calibrated.unknowns)} of its cost"
+    rows = tables.searches(title, calibrated, logged.searched(base, calibrated, replays))
+    console.out.print(terminal.table(rows.title, rows.columns, rows.cells))
 
 
 def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, PlantParams]) -> None:

@@ -12,6 +12,7 @@ from ravenjax.calibration.calibrate import ROTOR, Calibration, LoggedRobot
 from ravenjax.calibration.fit import Fit
 from ravenjax.calibration.log import JointLog
 from ravenjax.calibration.parameters import Unknown
+from ravenjax.calibration.sampling import ReplayEffort
 from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup
 
@@ -69,7 +70,7 @@ def test_unknowns_move_what_they_name() -> None:
 def fitted(covariance: np.ndarray, steps: np.ndarray) -> Calibration:
     """Without a replay."""
     fit = Fit(steps, covariance, np.ones(7), np.ones(7), ())
-    return Calibration(FRICTION, np.array([0.02, 0.08, 0.03]), fit)
+    return Calibration(FRICTION, np.array([0.02, 0.08, 0.03]), fit, ReplayEffort(0, 0.0))
 
 
 def test_intervals_are_of_the_belief_after() -> None:
