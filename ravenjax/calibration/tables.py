@@ -61,7 +61,7 @@ def by_joint(title: str, rows: Sequence[FollowingError], joints: Sequence[int]) 
 
 
 def parameters(title: str, calibrated: Calibration) -> Rows:
-    """Every unknown before and after the log, and the share of its spread that the log leaves."""
+    """Every unknown before and after the log, its 90 % interval, and the share of its spread that the log leaves."""
     low, high = calibrated.interval
     rows = zip(calibrated.unknowns, calibrated.before, calibrated.after, low, high, calibrated.told, strict=True)
     cells = [
@@ -69,12 +69,13 @@ def parameters(title: str, calibrated: Calibration) -> Rows:
             one.path,
             f"{before:.4g}",
             f"{after:.3g}",
-            f"{least:.3g} to {most:.3g}",
+            f"{least:.3g}",
+            f"{most:.3g}",
             f"{left:.2f}" + ("" if left <= TOLD else " (not told)"),
         )
         for one, before, after, least, most, left in rows
     ]
-    return Rows(title, ("parameter", "before", "after", "90 % interval", "spread left"), cells)
+    return Rows(title, ("parameter", "before", "after", "5 %", "95 %", "spread left"), cells)
 
 
 def searches(title: str, calibrated: Calibration, results: Sequence[Search]) -> Rows:

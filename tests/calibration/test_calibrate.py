@@ -92,7 +92,7 @@ def test_what_a_log_tells_only_together_is_named() -> None:
 
 def test_the_table_tells_value_interval_and_what_is_left() -> None:
     rows = tables.parameters("", fitted(np.diag([0.01, 0.04, 1.0]), np.zeros(3))).cells
-    assert rows[0] == ("motor_friction.shoulder", "0.02", "0.02", "0.017 to 0.0236", "0.10")
+    assert rows[0] == ("motor_friction.shoulder", "0.02", "0.02", "0.017", "0.0236", "0.10")
     assert rows[2][-1] == "1.00 (not told)"
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import bags
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 import tiny_campaign
 
 from ravenjax import cli
-from ravenjax.calibration import parameters, replay
+from ravenjax.calibration import parameters, replay, table_file
 from ravenjax.calibration.parameters import JOINTS
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
@@ -22,8 +23,8 @@ from ravenjax.robots.raven2.setup import RavenSetup
 FRICTION, OFFSET = "plant.gold.actuators.coulomb.shoulder", "plant.gold.actuators.bias.shoulder"
 
 
-def write_log(path: Path, cycles: int, hidden: dict[str, float]) -> None:
-    """Joints 1-3 of a virtual robot whose unknowns are moved by `hidden` spreads, every 4 ms."""
+def write_log(path: Path, cycles: int, hidden: dict[str, float]) -> bags.Motion:
+    """Joints 1-3 of a virtual robot whose unknowns are moved by `hidden` spreads, every 4 ms; returns all joints."""
     setup = RavenSetup(software="raven2", arms=("gold",))
     seconds = np.arange(cycles)[:, None] * 1e-3
     middle = np.array([0.53, 1.57, 0.40, 0.0, 0.0, 0.78, 0.78])
@@ -40,15 +41,26 @@ def write_log(path: Path, cycles: int, hidden: dict[str, float]) -> None:
     for j, word in enumerate(JOINTS[:3]):
         table |= {f"jpos_d_{word}": desired[::4, j], f"jpos_{word}": before[::4, j]}
     pd.DataFrame(table).to_parquet(path)
+    return bags.Motion(seconds[::4, 0], desired[::4], before[::4])
+
+
+def assert_same_log(table: Path, bag: Path) -> None:
+    """Joints 1-3 of both."""
+    one, other = (table_file.read(path, "gold", "r_grasper", "raven2", replay.RAVEN2) for path in (table, bag))
+    assert one.cycles.tolist() == other.cycles.tolist()
+    for name in ("desired", "measured"):
+        np.testing.assert_allclose(getattr(one, name)[:, :3], getattr(other, name)[:, :3], rtol=0.0, atol=1e-6)
 
 
 @pytest.mark.slow
 def test_a_log_becomes_robots_that_a_campaign_draws(tmp_path, capsys) -> None:
     log, file = tmp_path / "log.parquet", tmp_path / "my_robot.toml"
-    write_log(log, 8000, {"dry_friction.shoulder": 0.5, "offset.shoulder": -0.6})
+    motion = write_log(log, 8000, {"dry_friction.shoulder": 0.5, "offset.shoulder": -0.6})
+    assert_same_log(log, bags.state_bag(tmp_path / "log.bag", motion, motion))
     assert cli.main(["calibrate", str(log), "--out", str(file), "--draws", "40"]) == 0
     assert "to which nothing was fitted" in capsys.readouterr().out
-    assert file.with_suffix(".svg").stat().st_size > 10_000
+    for name in ("my_robot.svg", "my_robot_parameters.svg"):
+        assert (tmp_path / name).stat().st_size > 10_000
     raw = tiny_campaign.tables(runs=203)
     raw["group"], raw["parameters"] = raw["group"][1:], {"from": file.name}
     rows = design.expand(loading.from_dict(raw, source=tmp_path / "campaign.toml"))
