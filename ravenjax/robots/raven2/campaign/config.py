@@ -17,7 +17,7 @@ from ravenjax.campaign.file.location import Complaint
 from ravenjax.campaign.file.semantics import ALL, parameter_tables, unknown
 from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.robots.raven2.arms import ArmName
-from ravenjax.robots.raven2.campaign import unread
+from ravenjax.robots.raven2.campaign import population, unread
 from ravenjax.robots.raven2.console.motions import MOTIONS
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS, TOOLS
 from ravenjax.robots.raven2.plant import parameter_sets
@@ -94,6 +94,12 @@ class RavenCampaign(Campaign):
         parameter_sets.DEFAULT,
         description="mechanics of the virtual robot: power_consistent, or a set that the authors published for its "
         "first three joints, under their law of motor and cable",
+    )
+    kinematic_errors: Literal["none", "measured"] = Field(
+        default="none",
+        description="what makes a healthy robot's report wrong (joint offsets after homing, drums, links): none; "
+        "measured: drawn anew for each run and arm, as large as cameras saw on a real arm, an upper bound. Half of it: "
+        "plant.kinematic_errors.scale = 0.5",
     )
     substeps: int = Field(default=1, ge=1, le=100, description="plant steps per 1 ms tick")
 
@@ -286,6 +292,15 @@ class RavenConfig(CampaignConfig):
     operator: Operator = Operator(motion="suture")
     limits: Limits = Limits()
     reaction: Reaction | None = Field(default=None, description="an operator who reacts; without it nobody does")
+
+    @model_validator(mode="after")
+    def _draw_errors(self) -> RavenConfig:
+        """Kinematic errors become parameters that are drawn, beside those of the file, which come first."""
+        if self.campaign.kinematic_errors == "measured":
+            crossed = self.cross.keys() | {path for group in self.group for path in group.cross}
+            drawn = population.axes(self.campaign.arms)
+            self.parameters.update({p: a for p, a in drawn.items() if p not in crossed | self.parameters.keys()})
+        return self
 
     def with_source(self, path: Path) -> RavenConfig:
         """Itself, read from `path`; a recorded operator's path is taken from there."""

@@ -93,6 +93,8 @@ def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> tick.Tick
     network = replace(params.network, packets=np.int32(config.campaign.packet_choice))
     params = replace(params, operator=operator, network=network)
     params = replace(params, control=control, haptics=replace(params.haptics, cues=cues))
+    if config.campaign.kinematic_errors == "measured":
+        params = paths.assign(params, setup, "plant.kinematic_errors.registered", np.int32(1))
     observer = replace(
         params.monitor,
         limit=config.outcomes.limit_mm / 1e3,

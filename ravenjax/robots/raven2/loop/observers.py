@@ -15,7 +15,7 @@ from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.packet import Packet
-from ravenjax.robots.raven2.geometry import kinematics, scene
+from ravenjax.robots.raven2.geometry import scene
 from ravenjax.robots.raven2.loop import connections
 from ravenjax.robots.raven2.plant import nominal
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -48,7 +48,7 @@ class RobotView(NamedTuple):
     soft_estopped: Scalar  # int32 flag
     dac: tuple[Vec, ...]  # counts, as written to USB
     pos: tuple[Vec, ...] | None = None  # um, measured tip; None: that of `jpos`
-    links: tuple[Vec, ...] | None = None  # rad; insertion m, where the links are; None: as reported
+    tips: tuple[Vec, ...] | None = None  # m, true tips; None: as reported
 
 
 class Golden(NamedTuple):
@@ -105,11 +105,8 @@ def observe(
         ),
     )
     model_tips = tuple(out.tip_position for _, out in models)
-    true = None
-    if (links := robot.links) is not None:
-        true = per_arm(setup, lambda i, arm: kinematics.forward(arm, links[i]).position)
     felt, cues = zip(*per_arm(setup, lambda i, arm: _cue(setup, params, state, models, robot, i, arm)), strict=True)
-    tips = tuple(signal.robot_position for signal in felt) if true is None else true
+    tips = tuple(signal.robot_position for signal in felt) if robot.tips is None else robot.tips
     depth = per_arm(setup, lambda i, arm: scene.tissue_depth(arm, tips[i]))
     distance = scene.tip_distance(setup.arms, tips)
     now_live = live(robot.runlevel, robot.soft_estopped)

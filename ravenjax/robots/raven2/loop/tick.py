@@ -21,7 +21,6 @@ from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.console import operator, reaction
-from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.loop import connections, control, observers
 from ravenjax.robots.raven2.loop.injector import RavenInjector
 from ravenjax.robots.raven2.plant import nominal, parameter_sets
@@ -168,7 +167,7 @@ def tick(
             soft_estopped=done.software.state_machine.soft_estopped,
             dac=done.boards.current_cmd,
             pos=tuple(arm.pos.position_um for arm in signals.arms),
-            links=tuple(out.jpos for out in robots),
+            tips=_tips(setup, params, done.plant, robots),
         ),
         observers.Golden(signal.reference, signal.apart),
         now,
@@ -316,6 +315,13 @@ def _robot(setup: RavenSetup, params: TickParams, inject: RavenInjector, state: 
     return _Done(software, signals, boards, controller, relays, plants, robots)
 
 
+def _tips(
+    setup: RavenSetup, params: TickParams, states: tuple[plant.PlantState, ...], robots: tuple[plant.PlantOutput, ...]
+) -> tuple[Vec, ...]:
+    """True tips, m."""
+    return per_arm(setup, lambda i, arm: plant.tip(arm, params.plant[i], states[i], robots[i].jpos))
+
+
 def _observed(params: TickParams) -> observers.ObserverParams:
     return observers.ObserverParams(params.nominal, params.haptics, params.monitor)
 
@@ -352,7 +358,7 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
     start = real(setup, params.start)
     plants = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.plant[i], start[i]))
     robots = per_arm(setup, lambda i, arm: plant.observe(setup, arm, params.plant[i], plants[i]))
-    tips = per_arm(setup, lambda i, arm: kinematics.forward(arm, robots[i].jpos).position)
+    tips = _tips(setup, params, plants, robots)
     beside = observers.init(setup, _observed(params), start, tips)
     zero = jnp.int32(0)
     with jax.ensure_compile_time_eval():  # where a run begins is a constant of the campaign

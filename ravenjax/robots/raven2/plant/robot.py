@@ -28,9 +28,19 @@ from ravenjax.numbers.vec import Scalar, Vec, cast, record
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import transmission
-from ravenjax.robots.raven2.plant import actuators, brakes, cables, encoders, parameter_sets, published, stops
-from ravenjax.robots.raven2.plant.coupling import Coupling, coupling
+from ravenjax.robots.raven2.plant import (
+    actuators,
+    brakes,
+    cables,
+    encoders,
+    kinematic_errors,
+    parameter_sets,
+    published,
+    stops,
+)
+from ravenjax.robots.raven2.plant.coupling import BuiltCoupling, Coupling, built, coupling
 from ravenjax.robots.raven2.plant.friction import OPPOSES, coulomb_damping
+from ravenjax.robots.raven2.plant.registration import Registration
 from ravenjax.robots.raven2.setup import RavenSetup
 
 TICK_S = 1e-3
@@ -64,6 +74,7 @@ class PlantParams:
         Vec, Quantity("N m s/rad; insertion N s/m", 0, 1e3, "viscous friction of the joint", why=OPPOSES)
     ]
     stops: stops.StopParams
+    kinematic_errors: kinematic_errors.KinematicErrors
     friction_scale: Annotated[Scalar, Quantity("", 0, 100, "times all friction of motors and joints", why=OPPOSES)]
     cable_stiffness_scale: Annotated[
         Scalar,
@@ -115,6 +126,7 @@ class PlantState:
     tick: Scalar  # ms, int32: counter of the noise
     jpos_ref: Vec  # joints at the reference counts with unstretched cables, rad; insertion m; constant in a run
     count_ref: Vec  # counts, int32, whole motor counts at the reference; constant in a run
+    frame: Registration | None  # of the true arm; constant in a run; None: as its software believes
 
 
 @record
@@ -167,6 +179,7 @@ def params(setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.
         link_coulomb=Vec(values.link_coulomb),
         link_viscous=Vec(values.link_viscous),
         stops=stops.params(_tool(setup, arm)),
+        kinematic_errors=kinematic_errors.exact(),
         friction_scale=1.0,
         cable_stiffness_scale=1.0,
         motor_constant_scale=1.0,
@@ -180,19 +193,21 @@ def params(setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.
 
 
 def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> PlantState:
-    """At rest with the links at `jpos0` (rad, m), brakes on, each cable stretched by its share of gravity."""
-    geometry = _coupling(setup, arm)
+    """At rest, brakes on, each cable stretched by its share of gravity. The software takes the links to be at `jpos0`
+    (rad, m), where they are but for their errors."""
+    geometry, errors = _coupling(setup, arm, params), params.kinematic_errors
     dtype = setup.precision.real
     jpos0 = Vec(jnp.asarray(x, dtype) for x in jpos0)
+    links = kinematic_errors.true_joints(errors, jpos0)
     at_rest = Vec.full(N, 0.0)
-    _, weight = link_dynamics.mass_matrix_and_bias(setup, arm, jpos0, at_rest, params.gravity, params.mass_scale)
+    _, weight = link_dynamics.mass_matrix_and_bias(setup, arm, links, at_rest, params.gravity, params.mass_scale)
     still = Vec(jnp.asarray(0.0, dtype) for _ in range(N))
     carried = geometry.carried(weight)
     stretch = Vec(
         cables.resting_stretch(cables.ARMS_M[i], params.cable_stiffness[i] * params.cable_stiffness_scale, carried[i])
         for i in range(N)
     )
-    motors = tuple(encoders.at_angle(angle) for angle in geometry.motors(jpos0) + stretch)
+    motors = tuple(encoders.at_angle(angle) for angle in _drawn_coupling(setup, arm).motors(jpos0) + stretch)
     fractions = Vec(motor.fraction * encoders.RAD_PER_COUNT for motor in motors)
     zero = jnp.int32(0)
     return PlantState(
@@ -202,8 +217,9 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
         jvel=still,
         brakes=brakes.init(setup, params.brakes),
         tick=zero,
-        jpos_ref=cast(jpos0 - geometry.joints(fractions - stretch), dtype),
+        jpos_ref=cast(links - geometry.joints(fractions - stretch), dtype),
         count_ref=Vec(motor.count for motor in motors),
+        frame=cast(kinematic_errors.register(arm, errors), dtype),
     )
 
 
@@ -226,6 +242,7 @@ def step(
         tick=state.tick + 1,
         jpos_ref=state.jpos_ref,
         count_ref=state.count_ref,
+        frame=state.frame,
     )
     return state, observe(setup, arm, params, state, signal.cable_scale)
 
@@ -246,7 +263,7 @@ def observe(
         ]
     return PlantOutput(
         enc_val=Vec(mul(int(sign), count) for sign, count in zip(signs, counts, strict=True)),
-        jpos=_jpos(_coupling(setup, arm), state, dtype),
+        jpos=_jpos(_coupling(setup, arm, params), state, dtype),
         jvel=state.jvel,
         mpos=Vec(
             turn + reference.astype(dtype) * encoders.RAD_PER_COUNT
@@ -262,6 +279,11 @@ def observe(
     )
 
 
+def tip(arm: ArmName, params: PlantParams, state: PlantState, jpos: Vec) -> Vec:
+    """True tip (3, m, registered frame 0) with the links at `jpos`, as in `PlantOutput`."""
+    return kinematic_errors.tip(arm, params.kinematic_errors, state.frame, jpos)
+
+
 def _substep(
     setup: RavenSetup,
     arm: ArmName,
@@ -272,7 +294,7 @@ def _substep(
     holding: Scalar,
     dt: float,
 ) -> PlantState:
-    geometry = _coupling(setup, arm)
+    geometry = _coupling(setup, arm, params)
     motor = params.actuators
     jpos, jvel = _jpos(geometry, state, setup.precision.real), state.jvel
     mass, bias = link_dynamics.mass_matrix_and_bias(setup, arm, jpos, jvel, params.gravity, params.mass_scale)
@@ -329,6 +351,7 @@ def _substep(
         tick=state.tick,
         jpos_ref=state.jpos_ref,
         count_ref=state.count_ref,
+        frame=state.frame,
     )
 
 
@@ -356,12 +379,17 @@ def _drive(setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantSta
     return Vec(drive)
 
 
-def _jpos(geometry: Coupling, state: PlantState, dtype: str) -> Vec:
+def _jpos(geometry: Coupling | BuiltCoupling, state: PlantState, dtype: str) -> Vec:
     turned = Vec(encoders.radians(motor, dtype) for motor in state.motors)
     return state.jpos_ref + geometry.joints(turned - state.stretch)
 
 
-def _coupling(setup: RavenSetup, arm: ArmName) -> Coupling:
+def _coupling(setup: RavenSetup, arm: ArmName, params: PlantParams) -> Coupling | BuiltCoupling:
+    return built(_drawn_coupling(setup, arm), kinematic_errors.gain(params.kinematic_errors))
+
+
+def _drawn_coupling(setup: RavenSetup, arm: ArmName) -> Coupling:
+    """As the software believes it."""
     return coupling(arm, _tool(setup, arm), setup.software)
 
 

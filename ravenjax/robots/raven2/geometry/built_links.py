@@ -1,0 +1,83 @@
+"""Where the tip is of an arm that is not built as drawn: its Denavit-Hartenberg table with errors of its own.
+
+`kinematics.forward` has the software's table, in which shoulder, elbow and insertion axes meet in one point. Here every
+link may have a twist and a length of its own. Convention as in `links` (modified DH, Craig).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import jax.numpy as jnp
+
+from ravenjax.numbers.algebra import add, mul, sub
+from ravenjax.numbers.quantity import Quantity
+from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.robots.raven2.geometry.links import D4, GEOMETRY, LINK12, LINK23, LW, PI
+
+_TWIST = (-0.5, 0.5)  # rad; a slip of the unit stands out
+_LENGTH = (-0.1, 0.1)  # m
+
+
+@record
+class LinkErrors:
+    """What the links are more than the software's table says; 0: as drawn."""
+
+    shoulder_elbow_twist: Annotated[
+        Scalar, Quantity("rad", *_TWIST, "angle between shoulder and elbow axis, true minus 75 degrees")
+    ]
+    elbow_insertion_twist: Annotated[
+        Scalar, Quantity("rad", *_TWIST, "angle between elbow and insertion axis, true minus 52 degrees")
+    ]
+    shoulder_elbow_length: Annotated[
+        Scalar, Quantity("m", *_LENGTH, "by how much the elbow axis misses the shoulder axis")
+    ]
+    elbow_insertion_length: Annotated[
+        Scalar, Quantity("m", *_LENGTH, "by how much the insertion axis misses the elbow axis")
+    ]
+    insertion_roll_length: Annotated[
+        Scalar, Quantity("m", *_LENGTH, "by how much the instrument's axis misses the insertion axis")
+    ]
+    tool_length: Annotated[Scalar, Quantity("m", *_LENGTH, "from wrist up to the remote centre, true minus 0.47 m")]
+    wrist_length: Annotated[Scalar, Quantity("m", *_LENGTH, "from wrist axis to jaw axis, true minus 0.013 m")]
+
+
+def as_drawn() -> LinkErrors:
+    """No errors."""
+    return LinkErrors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def tip(arm: str, jpos: Vec, errors: LinkErrors) -> Vec:
+    """Position (3, m, frame 0) of the jaw axis with the links at `jpos` (7, rad and m)."""
+    geometry = GEOMETRY[arm]
+    gold = geometry.flip > 0
+    twist2 = sub(PI - LINK23, errors.elbow_insertion_twist) if gold else add(LINK23, errors.elbow_insertion_twist)
+    zero2 = -1.0 if geometry.zero2 else 1.0  # half a turn
+    angle1, angle4 = jpos[0] + geometry.zero1, jpos[3]
+    s5, c5 = jnp.sin(jpos[4]), jnp.cos(jpos[4])  # theta5 = wrist - 90 deg
+    reach = add(LW, errors.wrist_length)
+    point = Vec((reach * s5, 0.0, -reach * c5))  # frame 4: alpha4 = 90 deg
+    depth = jpos[2] + sub(D4, errors.tool_length)
+    point = _turned(point, jnp.cos(angle4), jnp.sin(angle4))
+    point = Vec((add(point[0], errors.insertion_roll_length), point[1], point[2] + depth))  # frame 3
+    point = Vec((mul(-geometry.side, point[1]), mul(geometry.side, point[0]), point[2]))  # theta3 = +-90 deg
+    point = _link(point, errors.elbow_insertion_length, twist2)
+    point = _turned(point, zero2 * jnp.cos(jpos[1]), zero2 * jnp.sin(jpos[1]))
+    point = _link(point, errors.shoulder_elbow_length, add(LINK12, errors.shoulder_elbow_twist))
+    x, y, z = _turned(point, jnp.cos(angle1), jnp.sin(angle1))
+    return Vec((x, y, z)) if gold else Vec((x, -y, -z))
+
+
+def _turned(point: Vec, cosine: Scalar, sine: Scalar) -> Vec:
+    """The point turned about z."""
+    x, y, z = point
+    return Vec((sub(mul(cosine, x), mul(sine, y)), add(mul(sine, x), mul(cosine, y)), z))
+
+
+def _link(point: Vec, length: Scalar, twist: Scalar) -> Vec:
+    """The point in the frame at the other end of a link: along x by its length, about x by its twist."""
+    exact = isinstance(twist, float)
+    cosine, sine = (math.cos(twist), math.sin(twist)) if exact else (jnp.cos(twist), jnp.sin(twist))
+    x, y, z = point
+    return Vec((add(x, length), cosine * y - sine * z, sine * y + cosine * z))

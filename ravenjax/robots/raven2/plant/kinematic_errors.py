@@ -1,0 +1,145 @@
+"""What makes a healthy robot's report wrong: joints, cable drums and links that are not what its software believes.
+
+Three arms are told apart, and each believes something else:
+
+- the **true** arm: its links stand at joint angles that nobody measures, on links as they were built. `robot.PlantOutput`
+  has its joints, `tip` its tip;
+- the **reported** arm: the software turns encoder counts into joints by the ratios of the drawings and by what homing
+  took for zero, and joints into a tip by the drawings' links. Controller, checks, report and cue know this arm only;
+- the **nominal model** starts at the reported pose and has the drawings' links: it stays where the report would be.
+
+With motor angles alike, true joints q are, of reported ones r and home pose h,
+
+    q = h + (1 + ratio_error) (r - h) + joint_offset
+
+and cable stretch comes on top, as it does without errors. Every error at 0 drops out of the traced code.
+
+A camera, like a surgeon's eye, has no frame 0 of its own: where the robot is in it is fitted, and a displacement as one
+rigid piece is not seen as an error. `registered` does that: before the run the true tip's frame is moved so that true
+and reported tips agree best at POSES.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Annotated
+
+import numpy as np
+
+from ravenjax.numbers.algebra import add, mul
+from ravenjax.numbers.quantity import Quantity
+from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.robots.raven2.arms import LINEAR
+from ravenjax.robots.raven2.geometry import built_links, kinematics, limits
+from ravenjax.robots.raven2.geometry.built_links import LinkErrors
+from ravenjax.robots.raven2.plant import registration
+from ravenjax.robots.raven2.plant.registration import Registration
+
+_REVOLUTE = ("shoulder", "elbow", "tool_roll", "wrist", "grasp1", "grasp2")
+_DEG = math.pi / 180.0
+
+
+@record
+class KinematicErrors:
+    """Of one arm; all 0 but `scale`: the robot that its software believes in."""
+
+    scale: Annotated[Scalar, Quantity("", 0, 10, "times every kinematic error")]
+    joint_offset: Annotated[
+        Vec,
+        Quantity("rad", -1.0, 1.0, "true minus reported joint at the home pose, left by homing", joints=_REVOLUTE),
+        Quantity("m", -0.1, 0.1, "true minus reported joint at the home pose, left by homing", joints=LINEAR),
+    ]
+    ratio_error: Annotated[
+        Vec,
+        Quantity("", -0.5, 0.5, "by what share more than its software believes a joint moves: radius of its drum"),
+    ]
+    links: LinkErrors
+    registered: Annotated[  # int32
+        Scalar,
+        Quantity(
+            "",
+            0,
+            1,
+            "true tips are told 1: in the frame in which they agree best with reported ones, 0: in the arm's frame 0",
+            whole=True,
+        ),
+    ]
+
+
+MEASURED = {
+    "joint_offset.elbow": 8.0 * _DEG,
+    "joint_offset.insertion": 8e-3,
+    "joint_offset.tool_roll": 8.0 * _DEG,
+    "joint_offset.wrist": 8.0 * _DEG,
+    "ratio_error.shoulder": 0.016,
+    "ratio_error.elbow": 0.016,
+    "ratio_error.insertion": 0.016,
+    "ratio_error.tool_roll": 0.016,
+    "ratio_error.wrist": 0.016,
+    "links.shoulder_elbow_twist": 0.8 * _DEG,
+    "links.elbow_insertion_twist": 0.8 * _DEG,
+    "links.shoulder_elbow_length": 2e-3,
+    "links.elbow_insertion_length": 2e-3,
+    "links.insertion_roll_length": 2e-3,
+    "links.tool_length": 2e-3,
+    "links.wrist_length": 2e-3,
+}
+"""Standard deviation of each error where a campaign draws them, mean 0; rad, m and shares.
+
+Their common factor is fitted; see `ravenjax.calibration.tip_error`.
+"""
+
+
+def exact() -> KinematicErrors:
+    """No errors."""
+    zero = Vec.full(7, 0.0)
+    return KinematicErrors(1.0, zero, zero, built_links.as_drawn(), np.int32(0))
+
+
+def is_exact(errors: KinematicErrors) -> bool:
+    """Whether no error can be other than 0 in this trace."""
+    numbers = (*errors.joint_offset, *errors.ratio_error, *_values(errors.links))
+    return all(type(number) in (int, float) and number == 0 for number in numbers)
+
+
+def gain(errors: KinematicErrors) -> Vec:
+    """True motion of each joint per motion that the software believes, 7."""
+    return Vec(add(1.0, mul(errors.scale, error)) for error in errors.ratio_error)
+
+
+def true_joints(errors: KinematicErrors, reported: Vec) -> Vec:
+    """Where the links are (7, rad and m) when the software reports `reported` and cables are not stretched."""
+    out = []
+    for joint, home, offset, error in zip(
+        reported, limits.HOME_JPOS, errors.joint_offset, errors.ratio_error, strict=True
+    ):
+        moved = mul(mul(errors.scale, error), joint - home)
+        out.append(add(joint, add(moved, mul(errors.scale, offset))))
+    return Vec(out)
+
+
+def register(arm: str, errors: KinematicErrors) -> Registration | None:
+    """Where the arm's frame 0 is registered; None: where the software believes it."""
+    if is_exact(errors) or (isinstance(errors.registered, np.integer) and not errors.registered):
+        return None
+    true = [_tip(arm, true_joints(errors, pose), errors) for pose in registration.POSES]
+    found = registration.fit(arm, true)
+    return registration.when(errors.registered != 0, found)
+
+
+def tip(arm: str, errors: KinematicErrors, frame: Registration | None, jpos: Vec) -> Vec:
+    """True tip (3, m) with the links at the true joints `jpos` (7, rad and m)."""
+    position = _tip(arm, jpos, errors)
+    return position if frame is None else registration.seen(frame, position)
+
+
+def _tip(arm: str, jpos: Vec, errors: KinematicErrors) -> Vec:
+    if is_exact(errors):
+        return kinematics.forward(arm, jpos).position
+    links = LinkErrors(*(mul(errors.scale, value) for value in _values(errors.links)))
+    return built_links.tip(arm, jpos, links)
+
+
+def _values(links: LinkErrors) -> tuple[Scalar, ...]:
+    return tuple(getattr(links, field.name) for field in dataclasses.fields(links))
