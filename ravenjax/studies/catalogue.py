@@ -15,6 +15,7 @@ NAMES = {
     "dsn16_thresholds": "dsn16.thresholds",
     "dsn16_model": "dsn16.model",
     "mechanics": "mechanics.robot",
+    "healthy_robot": "healthy.robot",
     "safecomp45": "hazards.safecomp45",
     "hazard_library": "hazards.library",
     "reacting_operator": "reaction.operator",

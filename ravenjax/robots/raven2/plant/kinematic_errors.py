@@ -2,8 +2,8 @@
 
 Three arms are told apart, and each believes something else:
 
-- the **true** arm: its links stand at joint angles that nobody measures, on links as they were built. `robot.PlantOutput`
-  has its joints, `tip` its tip;
+- the **true** arm: its links stand at angles that nobody measures, and are as they were built. `robot.PlantOutput` has
+  its joints, `tip` its tip;
 - the **reported** arm: the software turns encoder counts into joints by the ratios of the drawings and by what homing
   took for zero, and joints into a tip by the drawings' links. Controller, checks, report and cue know this arm only;
 - the **nominal model** starts at the reported pose and has the drawings' links: it stays where the report would be.
@@ -47,7 +47,7 @@ class KinematicErrors:
     scale: Annotated[Scalar, Quantity("", 0, 10, "times every kinematic error")]
     joint_offset: Annotated[
         Vec,
-        Quantity("rad", -1.0, 1.0, "true minus reported joint at the home pose, left by homing", joints=_REVOLUTE),
+        Quantity("rad", -1.5, 1.5, "true minus reported joint at the home pose, left by homing", joints=_REVOLUTE),
         Quantity("m", -0.1, 0.1, "true minus reported joint at the home pose, left by homing", joints=LINEAR),
     ]
     ratio_error: Annotated[
@@ -68,26 +68,29 @@ class KinematicErrors:
 
 
 MEASURED = {
-    "joint_offset.elbow": 8.0 * _DEG,
-    "joint_offset.insertion": 8e-3,
-    "joint_offset.tool_roll": 8.0 * _DEG,
-    "joint_offset.wrist": 8.0 * _DEG,
-    "ratio_error.shoulder": 0.016,
-    "ratio_error.elbow": 0.016,
-    "ratio_error.insertion": 0.016,
-    "ratio_error.tool_roll": 0.016,
-    "ratio_error.wrist": 0.016,
-    "links.shoulder_elbow_twist": 0.8 * _DEG,
-    "links.elbow_insertion_twist": 0.8 * _DEG,
-    "links.shoulder_elbow_length": 2e-3,
-    "links.elbow_insertion_length": 2e-3,
-    "links.insertion_roll_length": 2e-3,
-    "links.tool_length": 2e-3,
-    "links.wrist_length": 2e-3,
+    "joint_offset.elbow": 9.0 * _DEG,
+    "joint_offset.insertion": 9e-3,
+    "joint_offset.tool_roll": 9.0 * _DEG,
+    "joint_offset.wrist": 9.0 * _DEG,
+    "ratio_error.shoulder": 0.018,
+    "ratio_error.elbow": 0.018,
+    "ratio_error.insertion": 0.018,
+    "ratio_error.tool_roll": 0.018,
+    "ratio_error.wrist": 0.018,
+    "links.shoulder_elbow_twist": 0.9 * _DEG,
+    "links.elbow_insertion_twist": 0.9 * _DEG,
+    "links.shoulder_elbow_length": 2.25e-3,
+    "links.elbow_insertion_length": 2.25e-3,
+    "links.insertion_roll_length": 2.25e-3,
+    "links.tool_length": 2.25e-3,
+    "links.wrist_length": 2.25e-3,
 }
-"""Standard deviation of each error where a campaign draws them, mean 0; rad, m and shares.
+"""Standard deviation of each error where a campaign draws them (normal, mean 0); rad, m and shares.
 
-Their common factor is fitted; see `ravenjax.calibration.tip_error`.
+How large they are beside each other is *assumed*: homing against stops leaves more than machining does. Their common
+factor is fitted to the first half of a recording, `ravenjax.calibration.tip_error`. A recording of one arm in a part of
+its workspace cannot tell them one by one: what is told is the tip's error after registration. The shoulder has no
+offset, which would turn the frame and nothing else; the jaws have none, since they do not move their axis.
 """
 
 

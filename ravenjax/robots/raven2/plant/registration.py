@@ -1,7 +1,7 @@
 """Registration: where the true arm stands in the frame in which its report is believed.
 
-The rigid motion that brings true tips onto reported ones at POSES, by least squares (Gauss-Newton; each step solves for a
-small rotation and a displacement). It is found before the run and does not change.
+The rigid motion that brings true tips onto reported ones at POSES, by least squares (Gauss-Newton; each step solves for
+a small rotation and a displacement). It is found before the run and does not change.
 """
 
 from __future__ import annotations

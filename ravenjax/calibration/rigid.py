@@ -1,0 +1,42 @@
+"""The rigid motion between two sets of points, least squares with less weight for what is far off."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+FAR_M = 2e-3
+"""Distances beyond this count linearly, as Huber's loss has it: bad frames of a camera do not decide the frame."""
+ITERATIONS = 10
+
+
+class RigidMotion(NamedTuple):
+    """A rotation and a displacement, or one of each for each of many sets."""
+
+    rotation: np.ndarray  # [..., 3, 3]
+    translation: np.ndarray  # [..., 3] m
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        """[..., n, 3] points, moved."""
+        return points @ np.swapaxes(self.rotation, -1, -2) + self.translation[..., None, :]
+
+
+def fit(points: np.ndarray, onto: np.ndarray) -> RigidMotion:
+    """The motion that brings `points` [n, 3] onto the others [..., n, 3], m (Kabsch; reweighted for Huber's loss)."""
+    weight, motion = np.ones(onto.shape[:-1]), RigidMotion(np.eye(3), np.zeros(3))
+    for _ in range(ITERATIONS):
+        share = (weight / weight.sum(axis=-1, keepdims=True))[..., None]
+        centre, other = (share * points).sum(axis=-2), (share * onto).sum(axis=-2)
+        spread = np.swapaxes(share * (points - centre[..., None, :]), -1, -2) @ (onto - other[..., None, :])
+        left, _, right = np.linalg.svd(spread)
+        left[..., 2] *= np.sign(np.linalg.det(left @ right))[..., None]
+        rotation = np.swapaxes(left @ right, -1, -2)
+        motion = RigidMotion(rotation, other - (rotation @ centre[..., None])[..., 0])
+        weight = huber(np.linalg.norm(onto - motion(points), axis=-1))
+    return motion
+
+
+def huber(distance: np.ndarray) -> np.ndarray:
+    """Weight of the square of each distance, m."""
+    return 1.0 / np.maximum(1.0, distance / FAR_M)
