@@ -7,7 +7,10 @@ same controller, encoders of 4000 counts. `parameters` are the unknowns with wha
 finds the most probable values, `judgement` says how well the robot then predicts the part of the log that nothing was
 fitted to, beside models that know nothing of the arm.
 
-Everything is compared at the motors, where a Raven's encoders are: what lies behind the cables, backlash above all,
+`camera_log` reads what cameras saw of a real arm's tip. `tip_error` says how wrong the reports of drawn robots are
+beside it, and `arm_errors` what that one arm's own errors explain; `rigid` takes away where the camera stood.
+
+Otherwise everything is compared at the motors, where a Raven's encoders are: what lies behind the cables, backlash above all,
 shows itself only in what it does to the motors.
 
 The covariance of a fit holds where the virtual robot is the logged one in all but the unknowns. On logs of 14 s of

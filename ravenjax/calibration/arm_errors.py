@@ -29,7 +29,7 @@ class ArmFit(NamedTuple):
     """Of one arm."""
 
     values: np.ndarray  # [16] kinematic errors at PATHS; 0 where they were not fitted
-    seen: tuple[np.ndarray, np.ndarray]  # m, what is left of the tip errors on the first and the second half
+    left: tuple[np.ndarray, np.ndarray]  # m, what is left of the tip errors on the first and the second half
     own: tuple[np.ndarray, np.ndarray]  # m, tip errors of an arm that has `values` and nothing else
 
 
@@ -44,12 +44,12 @@ def fit(log: CameraLog, parts: Collection[str]) -> ArmFit:
     with jax.enable_x64(True):
         for _ in range(ITERATIONS):
             slope = np.asarray(_slope(x, first.joints, first.rotation))[..., free]
-            left = first.seen - np.asarray(_predicted(x, first.joints, first.rotation))
+            left = first.camera - np.asarray(_predicted(x, first.joints, first.rotation))
             weight = rigid.huber(np.linalg.norm(left, axis=1)) * readings / NOISE_M**2
             normal = np.einsum("nak,n,nal->kl", slope, weight, slope) + np.diag(spread[free] ** -2.0)
             pull = np.einsum("nak,n,na->k", slope, weight, left) - x[free] / spread[free] ** 2
             x[free] += np.linalg.solve(normal, pull)
-        left = log.seen - np.asarray(_predicted(x, log.joints, log.rotation))
+        left = log.camera - np.asarray(_predicted(x, log.joints, log.rotation))
     apart, middle = np.linalg.norm(left, axis=1), len(first.joints)
     own = tip_error.predicted(log, x[None, 9:])
     return ArmFit(x[9:], (apart[:middle], apart[middle:]), (own[0][0], own[1][0]))

@@ -38,7 +38,7 @@ class CameraLog(NamedTuple):
     joints: np.ndarray  # [n, 7] rad and m, those of the reported pose, jaws closed
     rotation: np.ndarray  # [n, 3, 3] reported, columns are the axes of the jaws
     reported: np.ndarray  # [n, 3] m
-    seen: np.ndarray  # [n, 3] m
+    camera: np.ndarray  # [n, 3] m
 
     def rows(self, index: np.ndarray | slice) -> CameraLog:
         """Some of its rows."""
@@ -59,12 +59,12 @@ def read(path: Path) -> CameraLog:
     if lacking := [name for name in (*tips["camera"], *tips["reported"], *turns, "time_s") if name not in table]:
         raise UserError(f"{path}: no column {', '.join(lacking)}; expected those of {FILE}")
     table = pd.DataFrame(table.drop_duplicates("time_s").sort_values("time_s"))
-    seen, reported = (np.asarray(table[names], float) for names in tips.values())
-    good = np.linalg.norm(seen - reported, axis=1) < BAD_M
-    table, seen, reported = table.loc[good], seen[good] @ AXES.T, reported[good] @ AXES.T
+    camera, reported = (np.asarray(table[names], float) for names in tips.values())
+    good = np.linalg.norm(camera - reported, axis=1) < BAD_M
+    table, camera, reported = table.loc[good], camera[good] @ AXES.T, reported[good] @ AXES.T
     left, _, right = np.linalg.svd(np.asarray(table[turns], float).reshape(-1, 3, 3))
     rotation = AXES @ (left @ right)
-    return CameraLog(np.asarray(table["trajectory"]), joints(reported, rotation), rotation, reported, seen)
+    return CameraLog(np.asarray(table["trajectory"]), joints(reported, rotation), rotation, reported, camera)
 
 
 def joints(position: np.ndarray, rotation: np.ndarray) -> np.ndarray:

@@ -54,11 +54,11 @@ def errors_of(log: CameraLog, true: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 def with_values(values: jax.Array) -> KinematicErrors:
     """The record that has `values` [16] at PATHS."""
     exact = kinematic_errors.exact()
-    given = {path: values[k] for k, path in enumerate(PATHS)}
+    entries = {path: values[k] for k, path in enumerate(PATHS)}
     offset, ratio = (
-        Vec(given.get(f"{part}.{joint}", 0.0) for joint in JOINTS) for part in ("joint_offset", "ratio_error")
+        Vec(entries.get(f"{part}.{joint}", 0.0) for joint in JOINTS) for part in ("joint_offset", "ratio_error")
     )
-    links = LinkErrors(*(given.get(f"links.{field.name}", 0.0) for field in dataclasses.fields(LinkErrors)))
+    links = LinkErrors(*(entries.get(f"links.{field.name}", 0.0) for field in dataclasses.fields(LinkErrors)))
     return dataclasses.replace(exact, joint_offset=offset, ratio_error=ratio, links=links)
 
 
@@ -85,7 +85,7 @@ def predicted(log: CameraLog, robots: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 def factor(log: CameraLog, robots: np.ndarray) -> float:
     """Times which MEASURED makes the middle robot's median error on the first half the one that cameras saw."""
-    goal = float(np.median(errors_of(log, log.seen)[0]))
+    goal = float(np.median(errors_of(log, log.camera)[0]))
     low, high = 0.05, 4.0
     for _ in range(12):
         middle = np.sqrt(low * high)
@@ -96,6 +96,6 @@ def factor(log: CameraLog, robots: np.ndarray) -> float:
 
 def gaussian(log: CameraLog, seed: int = 0) -> np.ndarray:
     """[n] tip errors of a null: in each axis alike, at each moment anew, of the first half's root mean square, m."""
-    deviation = size(errors_of(log, log.seen)[0]).rms / np.sqrt(3.0)
+    deviation = size(errors_of(log, log.camera)[0]).rms / np.sqrt(3.0)
     normal = np.random.default_rng(seed).normal(size=(len(log.halves[1].joints), 3))
     return np.linalg.norm(deviation * normal, axis=1)

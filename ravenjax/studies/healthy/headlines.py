@@ -37,7 +37,7 @@ SHARES = {
 """Of faults that changed a bit."""
 
 
-class Pairs(NamedTuple):
+class ScaledFaults(NamedTuple):
     """The same faults at every scale."""
 
     events: Mapping[float, pd.DataFrame]  # scale -> bool [faults], columns SHARES
@@ -52,7 +52,7 @@ class Pairs(NamedTuple):
         return kinds.difference(self.events[scale][event].to_numpy(), self.events[OFF][event].to_numpy(), self.faults)
 
 
-def faulty(path: Path) -> Pairs:
+def faulty(path: Path) -> ScaledFaults:
     """Of a result folder with faults, those that changed a bit at every scale."""
     frame, header = folder.read_all(path), manifest.read(path)
     facts = run_facts.of(frame, header)
@@ -61,7 +61,7 @@ def faulty(path: Path) -> Pairs:
     by_scale = {scale: events[valid & np.isclose(events["scale"], scale)].set_index("pair") for scale in SCALES}
     common = sorted(set.intersection(*(set(part.index) for part in by_scale.values())))
     parts = {scale: part.loc[common] for scale, part in by_scale.items()}
-    return Pairs(parts, units.units(parts[OFF]["kind"].to_numpy()))
+    return ScaledFaults(parts, units.units(parts[OFF]["kind"].to_numpy()))
 
 
 def _events(frame: pd.DataFrame, facts: pd.DataFrame) -> pd.DataFrame:

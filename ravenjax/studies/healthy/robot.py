@@ -15,7 +15,7 @@ from ravenjax.studies.dsn16.recording import closed_loop
 from ravenjax.studies.framework import kinds
 from ravenjax.studies.framework.study import Context, Findings, Line, Study, StudyEstimate, Table, Variant
 from ravenjax.studies.healthy import headlines
-from ravenjax.studies.healthy.headlines import FULL, HALF, OFF, SCALES, Pairs
+from ravenjax.studies.healthy.headlines import FULL, HALF, OFF, SCALES, ScaledFaults
 
 FREE, FAULTS = "free", "faults"
 ROBOTS = 500
@@ -44,14 +44,14 @@ def compare(context: Context) -> Findings:
 
 def _report_lines(log: CameraLog) -> Iterator[Line]:
     """Of the half that was kept back: what cameras saw, and the middle robot with those of most others."""
-    _, second = tip_error.errors_of(log, log.seen)
-    _, drawn = tip_error.predicted(log.rows(slice(None, None, EVERY)), tip_error.draw(ROBOTS))
-    medians, shares = np.median(drawn, axis=1), (drawn > tip_error.LIMIT_M).mean(axis=1)
-    seen = tip_error.size(second)
+    _, second = tip_error.errors_of(log, log.camera)
+    _, errors = tip_error.predicted(log.rows(slice(None, None, EVERY)), tip_error.draw(ROBOTS))
+    medians, shares = np.median(errors, axis=1), (errors > tip_error.LIMIT_M).mean(axis=1)
+    camera = tip_error.size(second)
     of = "robots drawn, 10 to 90 % of them"
     for quantity, unit, value, robots in (
-        ("tip error after registration, median, second half", "mm", 1e3 * seen.quantiles[1], 1e3 * medians),
-        ("tip errors above 3 mm, second half", "%", 100 * seen.beyond, 100 * shares),
+        ("tip error after registration, median, second half", "mm", 1e3 * camera.quantiles[1], 1e3 * medians),
+        ("tip errors above 3 mm, second half", "%", 100 * camera.beyond, 100 * shares),
     ):
         low, middle, high = np.quantile(robots, (BAND[0], 0.5, BAND[1]))
         yield Line(quantity, unit, StudyEstimate(value), StudyEstimate(middle, low, high, ROBOTS, of))
@@ -60,7 +60,7 @@ def _report_lines(log: CameraLog) -> Iterator[Line]:
 def _report(log: CameraLog) -> Table:
     thin = log.rows(slice(None, None, EVERY))
     robots = tip_error.draw(ROBOTS)
-    first, second = tip_error.errors_of(log, log.seen)
+    first, second = tip_error.errors_of(log, log.camera)
     gauss = tip_error.size(tip_error.gaussian(log))
     zero = ErrorSize(np.zeros(len(tip_error.QUANTILES)), 0.0, 0.0)
     rows = [
@@ -118,7 +118,7 @@ def _explained(log: CameraLog) -> Table:
     rows = []
     for name, parts in _PARTS.items():
         one = arm_errors.fit(log.rows(slice(None, None, EVERY_OF_FIT)), parts)
-        first, second = (tip_error.size(errors) for errors in one.seen)
+        first, second = (tip_error.size(errors) for errors in one.left)
         rows.append(
             (
                 name,
@@ -147,7 +147,7 @@ def _explained(log: CameraLog) -> Table:
 # --- headlines ---
 
 
-def _headline_lines(pairs: Pairs, free: Mapping[float, pd.DataFrame]) -> Iterator[Line]:
+def _headline_lines(pairs: ScaledFaults, free: Mapping[float, pd.DataFrame]) -> Iterator[Line]:
     of = f"faults of this design, {kinds.count(pairs.faults)}"
     for event, words in headlines.SHARES.items():
         for scale, name in ((OFF, "no kinematic errors"), (FULL, "measured")):
@@ -160,7 +160,7 @@ def _headline_lines(pairs: Pairs, free: Mapping[float, pd.DataFrame]) -> Iterato
         yield Line(f"true tip from the nominal model without a fault, rms, {name}", "mm", None, value)
 
 
-def _with_faults(pairs: Pairs) -> Table:
+def _with_faults(pairs: ScaledFaults) -> Table:
     rows = tuple(
         (
             words,

@@ -298,8 +298,8 @@ class RavenConfig(CampaignConfig):
         """Kinematic errors become parameters that are drawn, beside those of the file, which come first."""
         if self.campaign.kinematic_errors == "measured":
             crossed = self.cross.keys() | {path for group in self.group for path in group.cross}
-            drawn = population.axes(self.campaign.arms)
-            self.parameters.update({p: a for p, a in drawn.items() if p not in crossed | self.parameters.keys()})
+            axes = population.axes(self.campaign.arms).items()
+            self.parameters.update({p: axis for p, axis in axes if p not in crossed | self.parameters.keys()})
         return self
 
     def with_source(self, path: Path) -> RavenConfig:

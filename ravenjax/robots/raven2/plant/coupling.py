@@ -77,34 +77,34 @@ class Coupling:
 class BuiltCoupling:
     """The coupling of an arm whose joints move `gain` times as far as its drums' drawings say: T diag(1 / gain)."""
 
-    drawn: Coupling
+    nominal: Coupling
     gain: Vec  # 1
 
     def motors(self, joints: Vec) -> Vec:
         """As `Coupling.motors`."""
-        return self.drawn.motors(joints / self.gain)
+        return self.nominal.motors(joints / self.gain)
 
     def joints(self, motors: Vec) -> Vec:
         """As `Coupling.joints`."""
-        return self.drawn.joints(motors) * self.gain
+        return self.nominal.joints(motors) * self.gain
 
     def loads(self, forces: Vec) -> Vec:
         """As `Coupling.loads`."""
-        return self.drawn.loads(forces) / self.gain
+        return self.nominal.loads(forces) / self.gain
 
     def carried(self, loads: Vec) -> Vec:
         """As `Coupling.carried`."""
-        return self.drawn.carried(loads * self.gain)
+        return self.nominal.carried(loads * self.gain)
 
     def congruence(self, weights: Vec) -> list[list[Scalar]]:
         """As `Coupling.congruence`."""
-        drawn, inverse = self.drawn.congruence(weights), [1.0 / one for one in self.gain]
-        return [[mul(drawn[i][j], inverse[i] * inverse[j]) if j <= i else 0.0 for j in range(N)] for i in range(N)]
+        rows, inverse = self.nominal.congruence(weights), [1.0 / one for one in self.gain]
+        return [[mul(rows[i][j], inverse[i] * inverse[j]) if j <= i else 0.0 for j in range(N)] for i in range(N)]
 
 
-def built(drawn: Coupling, gain: Vec) -> Coupling | BuiltCoupling:
-    """The coupling with the joints' true motion per motor; the drawn one where `gain` is literally 1."""
-    return drawn if all(type(one) in (int, float) and one == 1 for one in gain) else BuiltCoupling(drawn, gain)
+def built(nominal: Coupling, gain: Vec) -> Coupling | BuiltCoupling:
+    """The coupling with the joints' true motion per motor; the nominal one where `gain` is literally 1."""
+    return nominal if all(type(one) in (int, float) and one == 1 for one in gain) else BuiltCoupling(nominal, gain)
 
 
 def _terms(own: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:

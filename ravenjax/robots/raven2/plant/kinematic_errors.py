@@ -127,8 +127,7 @@ def register(arm: str, errors: KinematicErrors) -> Registration | None:
     if is_exact(errors) or (isinstance(errors.registered, np.integer) and not errors.registered):
         return None
     true = [_tip(arm, true_joints(errors, pose), errors) for pose in registration.POSES]
-    found = registration.fit(arm, true)
-    return registration.when(errors.registered != 0, found)
+    return registration.when(errors.registered != 0, registration.fit(arm, true))
 
 
 def tip(arm: str, errors: KinematicErrors, frame: Registration | None, jpos: Vec) -> Vec:

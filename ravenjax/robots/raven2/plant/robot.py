@@ -207,7 +207,7 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
         cables.resting_stretch(cables.ARMS_M[i], params.cable_stiffness[i] * params.cable_stiffness_scale, carried[i])
         for i in range(N)
     )
-    motors = tuple(encoders.at_angle(angle) for angle in _drawn_coupling(setup, arm).motors(jpos0) + stretch)
+    motors = tuple(encoders.at_angle(angle) for angle in _nominal_coupling(setup, arm).motors(jpos0) + stretch)
     fractions = Vec(motor.fraction * encoders.RAD_PER_COUNT for motor in motors)
     zero = jnp.int32(0)
     return PlantState(
@@ -385,10 +385,10 @@ def _jpos(geometry: Coupling | BuiltCoupling, state: PlantState, dtype: str) -> 
 
 
 def _coupling(setup: RavenSetup, arm: ArmName, params: PlantParams) -> Coupling | BuiltCoupling:
-    return built(_drawn_coupling(setup, arm), kinematic_errors.gain(params.kinematic_errors))
+    return built(_nominal_coupling(setup, arm), kinematic_errors.gain(params.kinematic_errors))
 
 
-def _drawn_coupling(setup: RavenSetup, arm: ArmName) -> Coupling:
+def _nominal_coupling(setup: RavenSetup, arm: ArmName) -> Coupling:
     """As the software believes it."""
     return coupling(arm, _tool(setup, arm), setup.software)
 

@@ -1,0 +1,154 @@
+"""Kinematic errors: first order by the Jacobian, reports that do not know them, and what drops out without them."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+import pytest
+from plant_runs import N, columns, constant, setup, simulate
+
+from ravenjax.calibration import rigid
+from ravenjax.numbers.vec import Vec, replace
+from ravenjax.robots.raven2.geometry import built_links, kinematics, transmission
+from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
+from ravenjax.robots.raven2.plant import kinematic_errors, registration, robot
+from ravenjax.robots.raven2.plant.coupling import built, coupling
+from ravenjax.robots.raven2.plant.kinematic_errors import KinematicErrors
+
+START = Vec((0.6, 1.4, 0.37, 0.3, 0.2, 0.7, 0.9))
+EXACT = kinematic_errors.exact()
+
+
+def with_errors(**fields) -> robot.PlantParams:
+    """Weightless, so that no cable is stretched and every difference is an error's."""
+    still = replace(robot.params(setup(), "gold", "power_consistent"), gravity=Vec.full(3, 0.0))
+    return replace(still, kinematic_errors=replace(EXACT, **fields))
+
+
+def at_start(one: robot.PlantParams, start=START) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Joints that the software computes from the encoders, true joints, true tip."""
+    with jax.enable_x64(True):
+        state = robot.init(setup(), "gold", one, start)
+        out = robot.observe(setup(), "gold", one, state)
+        signs = transmission.encoder_signs("gold", "r_grasper")
+        mpos = Vec(s * float(c) * transmission.ENCODER_RAD for s, c in zip(signs, out.enc_val, strict=True))
+        reported = transmission.joint_from_motor("gold", "r_grasper", mpos)
+        tip = robot.tip("gold", one, state, out.jpos)
+        return np.array(reported, float), np.array(out.jpos, float), np.array(tip, float)
+
+
+@pytest.mark.parametrize("joint", range(5))
+def test_an_offset_moves_the_true_tip_by_its_jacobian_and_the_report_not_at_all(joint) -> None:
+    offset = 1e-4
+    reported, links, tip = at_start(with_errors())
+    reported_too, moved_links, moved_tip = at_start(with_errors(joint_offset=Vec.full(7, 0.0).replace(joint, offset)))
+    with jax.enable_x64(True):
+        column = np.array(kinematics.jacobian("gold", START), float)[:3, joint]
+    assert np.array_equal(reported, reported_too)
+    np.testing.assert_allclose(moved_links - links, offset * np.eye(7)[joint], atol=1e-12)
+    np.testing.assert_allclose(moved_tip - tip, offset * column, atol=2e-8)
+    assert np.linalg.norm(offset * column) > 1e-7
+
+
+def test_a_larger_drum_moves_its_joint_further_from_home_by_its_share() -> None:
+    error = Vec.full(7, 0.0).replace(1, 0.02)
+    reported, links, _ = at_start(with_errors(ratio_error=error))
+    assert links[1] - HOME_JPOS[1] == pytest.approx(1.02 * (START[1] - HOME_JPOS[1]), abs=1e-12)
+    assert reported[1] == pytest.approx(START[1], abs=1e-4)  # a count of the encoder
+    _, at_home, _ = at_start(with_errors(ratio_error=error), HOME_JPOS)
+    np.testing.assert_allclose(at_home, HOME_JPOS, atol=1e-12)
+
+
+def test_the_scale_is_times_every_error() -> None:
+    errors = {
+        "joint_offset": Vec.full(7, 0.01),
+        "ratio_error": Vec.full(7, 0.01),
+        "links": replace(built_links.as_drawn(), shoulder_elbow_twist=0.01),
+    }
+    half = {
+        "joint_offset": Vec.full(7, 0.005),
+        "ratio_error": Vec.full(7, 0.005),
+        "links": replace(built_links.as_drawn(), shoulder_elbow_twist=0.005),
+    }
+    for one, other in zip(at_start(with_errors(scale=0.5, **errors)), at_start(with_errors(**half)), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-15)
+
+
+def test_without_errors_nothing_of_them_is_traced() -> None:
+    """The same operations as with neither drums nor registration: literal zeros drop out."""
+    drawn = coupling("gold", "r_grasper", "raven2")
+    assert built(drawn, kinematic_errors.gain(EXACT)) is drawn
+    assert kinematic_errors.is_exact(EXACT) and kinematic_errors.register("gold", EXACT) is None
+    assert kinematic_errors.true_joints(EXACT, START) == START
+    plain = jax.make_jaxpr(lambda q: [*kinematics.forward("gold", Vec(q)).position])([*START])
+    ours = jax.make_jaxpr(lambda q: [*kinematic_errors.tip("gold", EXACT, None, Vec(q))])([*START])
+    assert str(ours) == str(plain)
+
+
+def test_a_built_coupling_is_the_product_of_its_matrices() -> None:
+    rng = np.random.default_rng(3)
+    drawn, gain = coupling("gold", "large_needle", "raven2"), Vec(1.0 + rng.uniform(-0.1, 0.1, N))
+    matrix = np.array(transmission.motor_matrix("gold", "large_needle")) / np.array(gain)
+    one, x = built(drawn, gain), rng.normal(size=N)
+    np.testing.assert_allclose(one.motors(Vec(x)), matrix @ x, rtol=1e-12)
+    np.testing.assert_allclose(one.joints(Vec(x)), np.linalg.solve(matrix, x), rtol=1e-9)
+    np.testing.assert_allclose(one.loads(Vec(x)), matrix.T @ x, rtol=1e-9)
+    np.testing.assert_allclose(one.carried(Vec(x)), np.linalg.solve(matrix.T, x), rtol=1e-9)
+    weights = rng.uniform(0.5, 2.0, N)
+    lower = np.tril(matrix.T @ np.diag(weights) @ matrix)
+    np.testing.assert_allclose(np.array(one.congruence(Vec(weights)), float), lower, rtol=1e-9, atol=1e-9)
+
+
+def test_a_moving_arm_keeps_its_drum_s_share() -> None:
+    """Each joint of a driven arm moves as its motor and its own drum say, cable stretch apart."""
+    errors = replace(EXACT, ratio_error=Vec.full(7, 0.0).replace(0, 0.05))
+    one = replace(with_errors(), kinematic_errors=errors)
+    with jax.enable_x64(True):
+        _, out = simulate(setup(), constant([-1500, 0, 0, 0, 0, 0, 0], 200), one)
+    turned, stretch, jpos = (columns(values)[:, 0] for values in (out.mpos, out.stretch, out.jpos))
+    wound = (turned - stretch) - (turned - stretch)[0]
+    assert abs(jpos[-1] - jpos[0]) > 0.005
+    np.testing.assert_allclose(jpos - jpos[0], 1.05 * wound / transmission.TR[0], rtol=1e-5, atol=1e-9)
+
+
+def test_an_offset_of_the_shoulder_is_gone_once_registered() -> None:
+    """It turns the frame and nothing else."""
+    _, _, tip = at_start(with_errors())
+    turned = {"joint_offset": Vec.full(7, 0.0).replace(0, 0.2)}
+    _, _, apart = at_start(with_errors(**turned))
+    _, _, registered = at_start(with_errors(**turned, registered=np.int32(1)))
+    assert np.linalg.norm(apart - tip) > 0.01
+    np.testing.assert_allclose(registered, tip, atol=1e-9)
+
+
+def test_registration_is_the_rigid_motion_that_another_method_finds() -> None:
+    """Beside the singular value decomposition of Kabsch, for errors as large as a campaign draws."""
+    rng = np.random.default_rng(4)
+    with jax.enable_x64(True):
+        for _ in range(3):
+            errors = _drawn(rng)
+            true = [kinematic_errors.tip("gold", errors, None, kinematic_errors.true_joints(errors, pose))
+                    for pose in registration.POSES]  # fmt: skip
+            frame = registration.fit("gold", true)
+            ours = np.array([[float(x) for x in registration.seen(frame, point)] for point in true])
+            reported = np.array([kinematics.forward("gold", pose).position for pose in registration.POSES], float)
+            left = np.square(ours - reported).sum()
+            points = np.array(true, float)
+            best = _kabsch(points, reported)
+            assert left == pytest.approx(np.square(best - reported).sum(), rel=1e-6)
+
+
+def _drawn(rng: np.random.Generator) -> KinematicErrors:
+    from ravenjax.calibration import tip_error
+
+    with jax.enable_x64(True):
+        return tip_error.with_values(jax.numpy.asarray(rng.normal(size=len(tip_error.SPREAD)) * tip_error.SPREAD))
+
+
+def _kabsch(points: np.ndarray, onto: np.ndarray) -> np.ndarray:
+    far = rigid.FAR_M
+    try:
+        rigid.FAR_M = 1e9  # plain least squares
+        return rigid.fit(points, onto)(points)
+    finally:
+        rigid.FAR_M = far
