@@ -42,14 +42,21 @@ FORK2015 = RAVEN2._replace(
 )
 CONTROLLERS = {"raven2": RAVEN2, "fork2015": FORK2015}
 
-Replay = Callable[[robot.PlantParams, jax.Array, jax.Array], jax.Array]
+Replay = Callable[..., jax.Array]
+
+
+def bare_rotors(params: robot.PlantParams) -> robot.PlantParams:
+    """The null model of a robot: its motors with viscous friction alone. To be replayed with all `cables` cut."""
+    free = Vec.full(JOINTS, 0.0)
+    return replace(params, actuators=replace(params.actuators, coulomb=free, bias=free))
 
 
 def replay(setup: RavenSetup, arm: ArmName, controller: Controller, cables: float = 1.0) -> Replay:
     """(parameters, first joints [7], desired joints [T, 7]) -> joints that the motors then show [T, 7]; rad and m.
 
     cables: times stiffness and damping of every cable; 0: bare rotors. Row t is what the encoders read after tick t, as
-    a log of the next cycle has it. To be compiled and mapped.
+    a log of the next cycle has it. To be compiled and mapped. Further, of a robot that moves where the log begins: the
+    first speeds of its joints [7] (rad/s and m/s), and what its controller has integrated by then [7] (motors, rad s).
     """
     tool = setup.tools[setup.arms.index(arm)]
     reading, drive = (
@@ -63,7 +70,13 @@ def replay(setup: RavenSetup, arm: ArmName, controller: Controller, cables: floa
             [(s * n).astype(dtype) * transmission.ENCODER_RAD for s, n in zip(reading, counts, strict=True)]
         )
 
-    def run(params: robot.PlantParams, first: jax.Array, desired: jax.Array) -> jax.Array:
+    def run(
+        params: robot.PlantParams,
+        first: jax.Array,
+        desired: jax.Array,
+        speed: jax.Array | None = None,
+        integral: jax.Array | None = None,
+    ) -> jax.Array:
         def tick(carry, row):
             state, raw, smooth, integral = carry
             new = read(params, state)
@@ -85,7 +98,16 @@ def replay(setup: RavenSetup, arm: ArmName, controller: Controller, cables: floa
         state = robot.init(setup, arm, params, Vec(first))
         state = replace(state, brakes=replace(state.brakes, engaged=jnp.int32(0)))
         raw = jnp.stack([read(params, state)] * 4)
-        _, motors = jax.lax.scan(tick, (state, raw, raw[:3], jnp.zeros(JOINTS, dtype)), desired)
+        if speed is not None:  # the motors stand where the log has them, the links where loaded cables leave them
+            by_motors = jnp.stack(transmission.joint_from_motor(arm, tool, Vec(raw[0]), setup.software))
+            state = robot.init(setup, arm, params, Vec(2.0 * first - by_motors))
+            state = replace(state, brakes=replace(state.brakes, engaged=jnp.int32(0)))
+            raw = jnp.stack([read(params, state)] * 4)
+            mvel = transmission.motor_from_joint(arm, tool, Vec(speed), None, setup.software)
+            state = replace(state, jvel=Vec(speed), mvel=mvel)
+            raw = raw - jnp.stack(mvel) * robot.TICK_S * jnp.arange(4, dtype=dtype)[:, None]
+        begun = jnp.zeros(JOINTS, dtype) if integral is None else integral
+        _, motors = jax.lax.scan(tick, (state, raw, raw[:3], begun), desired)
         return jnp.stack([*transmission.joint_from_motor(arm, tool, Vec(motors.T), setup.software)], axis=1)
 
     return run

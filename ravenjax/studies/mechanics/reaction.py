@@ -35,8 +35,57 @@ class LoadShare(NamedTuple):
     torque_share: float  # standard deviation of the load's part of the torque by that of the torque
 
 
+class TorqueError(NamedTuple):
+    """Absolute errors of a motor's torque on the second half of a recording, fitted to the first; N m, [3] each."""
+
+    model: str
+    mean: np.ndarray
+    largest: np.ndarray
+
+
+class _Joint(NamedTuple):
+    """Rows in which one joint moves."""
+
+    columns: np.ndarray  # [n, 5] acceleration, load, speed, direction, 1
+    torque: np.ndarray  # [n] N m
+    place: np.ndarray  # [n] place in the recording, 0 to 1
+
+
+MODELS: dict[str, tuple[tuple[int, ...], float]] = {
+    "null: the first half's mean torque": ((4,), 0.0),
+    "null: bare rotor, viscous friction": ((0, 2), 0.0),
+    "rotor with dry friction and offset": ((0, 2, 3, 4), 0.0),
+    "the same and the load, once (authors)": ((0, 2, 3, 4), 1.0),
+    "the same and the load, 12.25 times (statics)": ((0, 2, 3, 4), transmission.GP42),
+    "the same and the load, fitted": ((0, 1, 2, 3, 4), 0.0),
+}
+"""Columns that are fitted, and how many times the load is taken as given."""
+
+
 def of_recording(log: JointRecording) -> list[LoadShare]:
     """Of shoulder, elbow and insertion; needs 64 bits."""
+    return [_fit(joint.columns, joint.torque, (joint.place * STRETCHES).astype(int)) for joint in _moving(log)]
+
+
+def held_out(log: JointRecording) -> list[TorqueError]:
+    """How well each of MODELS, fitted to the first half, predicts the torque of the second; needs 64 bits."""
+    joints = _moving(log)
+    errors = []
+    for model, (fitted, load) in MODELS.items():
+        apart = [np.abs(_predicted(joint, fitted, load) - joint.torque[joint.place >= 0.5]) for joint in joints]
+        mean, largest = (np.array([statistic(one) for one in apart]) for statistic in (np.mean, np.max))
+        errors.append(TorqueError(model, mean, largest))
+    return errors
+
+
+def _predicted(joint: _Joint, fitted: tuple[int, ...], load: float) -> np.ndarray:
+    """Torque of the second half."""
+    first, columns, given = joint.place < 0.5, joint.columns[:, fitted], load * joint.columns[:, 1]
+    best, *_ = np.linalg.lstsq(columns[first], (joint.torque - given)[first], rcond=None)
+    return columns[~first] @ best + given[~first]
+
+
+def _moving(log: JointRecording) -> list[_Joint]:
     from scipy.signal import savgol_filter
 
     angle, speed, acceleration = (
@@ -50,9 +99,7 @@ def of_recording(log: JointRecording) -> list[LoadShare]:
     for j in range(3):
         rows = inside & (np.abs(speed[:, j]) > MOVING_RAD_S)
         columns = (acceleration[:, j], load[:, j], speed[:, j], np.sign(speed[:, j]), np.ones(len(angle)))
-        joints.append(
-            _fit(np.stack(columns, axis=1)[rows], torque[rows, j], np.flatnonzero(rows) * STRETCHES // len(rows))
-        )
+        joints.append(_Joint(np.stack(columns, axis=1)[rows], torque[rows, j], np.flatnonzero(rows) / len(rows)))
     return joints
 
 

@@ -12,9 +12,9 @@ from ravenjax.calibration.parameters import unknowns
 from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import parameter_sets, robot
-from ravenjax.studies.dsn16.recording import closed_loop
+from ravenjax.studies.dsn16.recording import closed_loop, horizons, prediction_tables
 from ravenjax.studies.framework.study import Context, Findings, Line, Study, StudyEstimate, Table
-from ravenjax.studies.mechanics import reaction, recordings, statics
+from ravenjax.studies.mechanics import predictors, reaction, recordings, statics
 
 OURS, AUTHORS = "power_consistent", "traj3"
 BAND = (0.75, 1.25)
@@ -36,7 +36,8 @@ def compare(context: Context) -> Findings:
     paths = {name: path for name in FITTED if (path := closed_loop.locate(name)) is not None}
     if recordings.THREE_JOINTS in paths:
         with jax.enable_x64(True):
-            printed.append(_reaction(reaction.of_recording(closed_loop.read(paths[recordings.THREE_JOINTS]))))
+            log = closed_loop.read(paths[recordings.THREE_JOINTS])
+            printed += [_reaction(reaction.of_recording(log)), _held_out(reaction.held_out(log))]
     for name, path in paths.items():
         read = recordings.three_joints if name == recordings.THREE_JOINTS else recordings.seven_joints
         logged = read(path)
@@ -48,9 +49,22 @@ def compare(context: Context) -> Findings:
         printed.append(_table(tables.following(title, judged, logged.log.joints), _FOLLOWING))
         fitted = _fitted(logged, name)
         printed.append(_table(tables.parameters(f"Fitted to the first half of {name}", fitted), _PARAMETERS))
+    ahead: tuple[str, ...] = ()
+    if recordings.SEVEN_JOINTS in paths:
+        table, ahead = _predictions(recordings.seven_joints(paths[recordings.SEVEN_JOINTS]))
+        printed.append(table)
     missing = [name for name in FITTED if name not in paths]
     absent = (f"Not at hand: {', '.join(missing)}. Set {recordings.DATA} to their folder.",) if missing else ()
-    return Findings(tuple(lines), tuple(printed), notes=(*absent, *_notes(lines, every), *_NOTES))
+    return Findings(tuple(lines), tuple(printed), notes=(*absent, *_notes(lines, every), *ahead, *_NOTES))
+
+
+def _predictions(logged: LoggedRobot) -> tuple[Table, tuple[str, ...]]:
+    """Of the seven joints beside null models, and what follows."""
+    rows, period_ms = predictors.second_half(logged), recordings.SEVEN_PERIOD_MS
+    part = predictors.stretch(logged, rows, period_ms)
+    errors = horizons.compare(part, predictors.of(logged, rows, period_ms))
+    title = f"Predictions of {ARMS[recordings.SEVEN_JOINTS]} beside null models: mean and largest error"
+    return prediction_tables.table(title, part, errors), tuple(prediction_tables.sentences(part, errors))
 
 
 def _fitted(logged: LoggedRobot, name: str) -> Calibration:
@@ -144,6 +158,20 @@ def _reaction(rows: Sequence[reaction.LoadShare]) -> Table:
     return Table("How much of the links' load a recorded motor carries", columns, cells, note)
 
 
+def _held_out(rows: Sequence[reaction.TorqueError]) -> Table:
+    cells = tuple(
+        (one.model, *(f"{mean:.4f}, {most:.3f}" for mean, most in zip(one.mean, one.largest, strict=True)))
+        for one in rows
+    )
+    return Table(
+        "Torque of a recorded motor, fitted to the first half and predicted on the second: mean and largest error, N m",
+        ("model", *JOINTS[:3]),
+        cells,
+        "Rows as in the table before. A null model has no links; the load helps where a model with it errs less than "
+        "the rotor with dry friction and offset. One recording is no sample, so there is no interval.",
+    )
+
+
 def _agreement(scale: Sequence[float]) -> str:
     """Which law's number is inside the band."""
     laws = {"statics": transmission.GP42, "authors": 1.0}
@@ -191,5 +219,5 @@ STUDY = Study(
     question="Do motors, gears, cables and friction of the virtual robot do what those of real ones did?",
     variants=(),
     compare=compare,
-    minutes=8.0,
+    minutes=12.0,
 )

@@ -137,19 +137,20 @@ def test_a1_is_judged_by_the_baseline_alone(recording, monkeypatch):
 
 def test_without_its_recording_a_target_has_the_same_lines_and_is_not_judged(recording, monkeypatch):
     """A3 compares with a recording and with nothing else: there is no prediction without it."""
-    error = horizons.Error(*(np.full(3, 0.5) for _ in range(4)))
+    error = model.Error(np.full(3, 0.5), np.full(3, 0.6))
+    models = (
+        *((loop, one) for loop in (horizons.CLOSED, horizons.OPEN) for one in ("virtual robot", horizons.ROTORS)),
+    )
+    nulls = ((horizons.NO_LOOP, one) for one in (horizons.HELD_POSITION, horizons.HELD_VELOCITY))
     ahead = [
-        horizons.HorizonError(loop, one, horizon, error)
-        for loop, one in (
-            *((loop, one) for loop in horizons.LOOPS.values() for one in horizons.CABLES),
-            *((horizons.NO_LOOP, one) for one in (horizons.HELD_POSITION, horizons.HELD_VELOCITY)),
-        )
+        horizons.HorizonError(loop, one, horizon, *error)
+        for loop, one in (*models, *nulls)
         for horizon in (*horizons.HORIZONS_MS, None)
     ]
-    log = closed_loop.JointRecording(*(np.zeros((100, 3)) for _ in range(3)))
+    log = closed_loop.JointRecording(*(np.zeros((400, 3)) for _ in range(3)))
     monkeypatch.setattr(closed_loop, "read", lambda path: log)
     monkeypatch.setattr(model, "error", lambda *given: error)
-    monkeypatch.setattr(horizons, "compare", lambda log: iter(ahead))
+    monkeypatch.setattr(horizons, "compare", lambda part, models: ahead)
     monkeypatch.setenv(trajectory.DATA, str(recording))
     beside = model.compare(Context({})).lines
     monkeypatch.delenv(trajectory.DATA)

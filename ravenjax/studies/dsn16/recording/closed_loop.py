@@ -11,7 +11,7 @@ import math
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -32,6 +32,10 @@ ARM, TOOL = "gold", "r_grasper"
 TOOL_POSE = (0.0, 0.0, math.radians(45), math.radians(45))  # rad; the recording has no tool joints: held at home
 KP, KD = np.array((0.3, 0.3, 0.15)), np.array((0.008, 0.008, 0.012))  # raven2: params/r2params.yaml
 TOOL_KP, TOOL_KD = (0.09, 0.05, 0.02, 0.02), (0.001, 0.0, 0.0, 0.0)  # of the fork
+
+Rows = Literal["asked", "dac"]
+"""What drives motors 1-3: desired angles (rad) in closed loop, DAC counts in open loop."""
+Run = Callable[[jax.Array, jax.Array, jax.Array], tuple[jax.Array, jax.Array, jax.Array, jax.Array]]
 
 
 class JointRecording(NamedTuple):
@@ -93,20 +97,17 @@ def closed_loop(
 
     mpos and mvel [T, 7] (rad, rad/s), jpos [T, 7] (rad and m, of the links), dac [T, 7] (counts). Needs 64 bits.
     """
-    run = jax.jit(loop("asked", parameter_set))
+    run = jax.jit(loop("asked", robot.params(SETUP, ARM, parameter_set)))
     mpos, jpos, counts, speed = run(jnp.asarray(first_angle), jnp.asarray(first_speed), jnp.asarray(asked))
     return {name: np.asarray(x) for name, x in (("mpos", mpos), ("jpos", jpos), ("dac", counts), ("mvel", speed))}
 
 
-def loop(
-    rows: Literal["asked", "dac"], parameter_set: str = "traj3", cables: float = 1.0
-) -> Callable[[jax.Array, jax.Array, jax.Array], tuple[jax.Array, jax.Array, jax.Array, jax.Array]]:
+def loop(rows: Rows, params: robot.PlantParams, cables: Any = 1.0) -> Run:
     """(first angle, first speed [3], rows [T, 3]) -> (mpos, jpos, dac, mvel), each [T, 7], to be compiled.
 
-    rows: what drives motors 1-3, desired angles (rad) in closed loop or DAC counts in open loop; the tool's motors are
-    held at home by their controller. cables: times the stiffness and damping of every cable; 0: bare rotors.
+    rows: what is in them; the tool's motors are held at home by their controller. cables: times the stiffness and
+    damping of every cable; 0 with `replay.bare_rotors`.
     """
-    params = robot.params(SETUP, ARM, parameter_set)
     reading, drive = (signs(ARM, TOOL, "fork2015") for signs in (transmission.encoder_signs, transmission.tau_signs))
     kp, kd = Vec((*KP, *TOOL_KP)), Vec((*KD, *TOOL_KD))
 

@@ -1,85 +1,115 @@
-"""How far predictions of a recorded robot err after 20, 50 and 128 ms and over the whole of it, beside null models.
+"""How far predictions of a recorded robot err after 20, 50 and 128 ms and over a whole stretch, beside null models.
 
-Every prediction starts from the recorded angle and speed. A null model knows nothing of the arm: it holds the position
-or the velocity, or it is a bare rotor, the virtual robot with every cable cut. Errors are of motors, at the joint.
+The one definition for every comparison with a recording. Each prediction starts from the recorded joints and speeds of
+a stretch that no parameter was fitted to. A null model knows nothing of the arm: it holds the position or the velocity,
+or it is a bare rotor, a motor with viscous friction whose cables are all cut. Errors are of motors, at the joint. One
+recording of one robot is no sample: means and largest errors have no interval.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
-from typing import Literal, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from ravenjax.robots.raven2.geometry import transmission
-from ravenjax.stats.bootstrap.resample import bootstrap
-from ravenjax.studies.dsn16.recording.closed_loop import JointRecording, loop
+from ravenjax.calibration import replay
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.plant import robot
+from ravenjax.robots.raven2.setup import RavenSetup
 
 HORIZONS_MS = (20, 50, 128)
 EVERY_MS = 200
 """From one start to the next."""
-SETTLING_MS = 200
-"""At the start the cables' stretch is not known."""
-BLOCKS = 10
-"""Stretches of the recording, over which the bootstrap of a mean goes."""
-TO_JOINT = np.array((180.0 / math.pi, 180.0 / math.pi, 1e3)) / np.array(transmission.TR[:3])
-"""deg, deg and mm of the joint per rad of its motor."""
-
-Rows = Literal["asked", "dac"]
-LOOPS: dict[Rows, str] = {"asked": "closed loop", "dac": "open loop"}
-ROBOT, ROTOR = "virtual robot", "null: bare rotor (cables cut)"
-CABLES = {ROBOT: 1.0, ROTOR: 0.0}
-NO_LOOP, HELD_POSITION, HELD_VELOCITY = "no loop", "null: hold the position", "null: hold the velocity"
+CLOSED, OPEN, NO_LOOP = "closed loop", "open loop", "no loop"
+"""Driven by what the robot was asked for, by the recorded DAC, or by nothing."""
+HELD_POSITION, HELD_VELOCITY = "null: hold the position", "null: hold the velocity"
+SETS = ("power_consistent", "traj3")
+"""Of the virtual robots that are compared."""
+ROTORS = "null: bare rotors"
 
 
-class Error(NamedTuple):
-    """Absolute errors of joints 1-3: mean with its 95 % band over stretches of the recording, and the largest."""
+class Model(NamedTuple):
+    """A virtual robot, or what is left of it with every cable cut."""
 
-    mean: np.ndarray  # [3] deg, deg, mm
-    low: np.ndarray
-    high: np.ndarray
-    largest: np.ndarray
+    name: str
+    params: robot.PlantParams
+    cables: float  # times the stiffness and damping of every cable
+
+
+def models(setup: RavenSetup, arm: ArmName) -> list[Model]:
+    """The virtual robot with each set, and the bare rotors of each."""
+    sets = {name: robot.params(setup, arm, name) for name in SETS}
+    robots = [Model(f"virtual robot, {name}", params, 1.0) for name, params in sets.items()]
+    rotors = [Model(f"{ROTORS}, {name}", replay.bare_rotors(params), 0.0) for name, params in sets.items()]
+    return [*robots, *rotors]
+
+
+class Stretch(NamedTuple):
+    """A part of a recording that nothing was fitted to; [n, joints] each, rows `period_ms` apart."""
+
+    angle: np.ndarray  # by the motors, in the unit of its joint
+    speed: np.ndarray  # the same per s, from the row and earlier ones
+    period_ms: float
+    units: dict[str, str]  # joint -> deg or mm
+
+    def rows(self, horizon_ms: float) -> int:
+        """Rows to the one nearest to a horizon."""
+        return round(horizon_ms / self.period_ms)
+
+    @property
+    def starts(self) -> np.ndarray:
+        """Rows from which the short predictions start, the longest of which ends inside."""
+        return np.arange(0, len(self.angle) - self.rows(max(HORIZONS_MS)), self.rows(EVERY_MS))
+
+
+Ahead = Callable[[np.ndarray, int], np.ndarray]
+"""(starts [s], rows) -> joints of the next `rows` rows after each start, [s, rows, joints]."""
+
+
+class Predictor(NamedTuple):
+    """A robot or a null model of a stretch."""
+
+    loop: str
+    model: str
+    ahead: Ahead
 
 
 class HorizonError(NamedTuple):
-    """One row of the comparison."""
+    """Absolute errors of one model at one horizon, by joint in the stretch's units."""
 
-    loop: str  # one of LOOPS
+    loop: str
     model: str
-    horizon_ms: int | None  # None: mean over the whole recording
-    error: Error
+    horizon_ms: int | None  # None: the whole stretch from its beginning
+    mean: np.ndarray
+    largest: np.ndarray
 
 
-def error_of(apart: np.ndarray) -> Error:
-    """Of absolute errors [n, 3] in the order of time."""
-    stretches = np.array([part.mean(axis=0) for part in np.array_split(apart, BLOCKS)])
-    bands = [bootstrap(len(stretches), lambda rows, k=k: stretches[rows, k].mean(axis=1)) for k in range(3)]
-    low, high = (np.array([float(getattr(band, end)) for band in bands]) for end in ("low", "high"))
-    return Error(apart.mean(axis=0), low, high, apart.max(axis=0))
+def held(part: Stretch) -> tuple[Predictor, Predictor]:
+    """The two null models that need no robot."""
+
+    def ahead(velocity: float) -> Ahead:
+        def run(starts: np.ndarray, rows: int) -> np.ndarray:
+            seconds = np.arange(1, rows + 1)[:, None] * part.period_ms * 1e-3
+            return part.angle[starts, None] + velocity * part.speed[starts, None] * seconds
+
+        return run
+
+    return Predictor(NO_LOOP, HELD_POSITION, ahead(0.0)), Predictor(NO_LOOP, HELD_VELOCITY, ahead(1.0))
 
 
-def compare(log: JointRecording) -> Iterator[HorizonError]:
-    """Every model in open and in closed loop at every horizon; needs 64 bits."""
-    angle, speed, steps = log.angle, log.speed, np.arange(1, len(log.angle))
-    starts = np.arange(SETTLING_MS, len(angle) - max(HORIZONS_MS), EVERY_MS)
-    for rows, name in LOOPS.items():
-        inputs = log.asked if rows == "asked" else log.dac
-        windows = np.stack([inputs[s : s + max(HORIZONS_MS)] for s in starts])
-        for model, cables in CABLES.items():
-            run = loop(rows, cables=cables)
-            short = np.asarray(jax.jit(jax.vmap(run))(*map(jnp.asarray, (angle[starts], speed[starts], windows)))[0])
-            for horizon in HORIZONS_MS:
-                apart = np.abs(short[:, horizon - 1, :3] - angle[starts + horizon]) * TO_JOINT
-                yield HorizonError(name, model, horizon, error_of(apart))
-            whole = np.asarray(jax.jit(run)(*map(jnp.asarray, (angle[0], speed[0], inputs)))[0])
-            apart = np.abs(whole[:-1, :3] - angle[1:]) * TO_JOINT
-            yield HorizonError(name, model, None, error_of(apart[SETTLING_MS:]))
-    for model, velocity in ((HELD_POSITION, 0.0), (HELD_VELOCITY, 1.0)):
-        for horizon in HORIZONS_MS:
-            ahead = angle[starts] + velocity * speed[starts] * horizon * 1e-3
-            yield HorizonError(NO_LOOP, model, horizon, error_of(np.abs(ahead - angle[starts + horizon]) * TO_JOINT))
-        ahead = angle[0] + velocity * speed[0] * steps[:, None] * 1e-3
-        yield HorizonError(NO_LOOP, model, None, error_of((np.abs(ahead - angle[1:]) * TO_JOINT)[SETTLING_MS:]))
+def compare(part: Stretch, models: Sequence[Predictor]) -> list[HorizonError]:
+    """Every model, and those of `held`, at every horizon and over the whole stretch."""
+    ends = [part.rows(horizon) for horizon in HORIZONS_MS]
+    errors = []
+    for loop, model, ahead in (*models, *held(part)):
+        short = ahead(part.starts, max(ends))
+        for horizon, end in zip(HORIZONS_MS, ends, strict=True):
+            errors.append(_error(loop, model, horizon, short[:, end - 1] - part.angle[part.starts + end]))
+        whole = ahead(np.zeros(1, int), len(part.angle) - 1)[0]
+        errors.append(_error(loop, model, None, whole - part.angle[1:]))
+    return errors
+
+
+def _error(loop: str, model: str, horizon_ms: int | None, apart: np.ndarray) -> HorizonError:
+    return HorizonError(loop, model, horizon_ms, np.abs(apart).mean(axis=0), np.abs(apart).max(axis=0))
