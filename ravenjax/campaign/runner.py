@@ -151,7 +151,7 @@ def _manifest(ready: Plan, engine: Engine) -> manifest.Manifest:
     return manifest.Manifest(
         campaign=config.campaign.name,
         config=content,
-        config_hash=manifest.config_hash({"config": content, "runs": run_id.digest(ready.table["run_id"].to_numpy())}),
+        config_hash=manifest.campaign_hash(content, ready.operator, run_id.digest(ready.table["run_id"].to_numpy())),
         seed=config.campaign.seed,
         runs=ready.runs,
         duration_ms=ready.program.ticks,

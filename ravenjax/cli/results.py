@@ -146,7 +146,7 @@ def compare(
 ) -> None:
     """Compare two results that share faults, run by run: configuration, outcomes, rates, the runs that changed most.
 
-    Differences are those of the second from the first, with 95 % intervals of paired rates.
+    Differences are those of the second from the first, with 95 % intervals over the faults where these were drawn.
 
     Parameters
     ----------

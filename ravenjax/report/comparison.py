@@ -10,13 +10,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from ravenjax.errors import UserError
 from ravenjax.outcomes import events
 from ravenjax.outcomes.verdict import CUES, HAZARDS, RESPONSES
 from ravenjax.report import wording
+from ravenjax.report.data import draws, pair_intervals
 from ravenjax.report.data.facts import faulty_sql
-from ravenjax.stats.comparison.paired import difference_of_counts
-from ravenjax.stats.intervals import Estimate, Rate, wilson
+from ravenjax.stats.bootstrap.units import Units
+from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.store import manifest
 from ravenjax.store.access import query
 from ravenjax.store.access.query import ResultTable, quoted
@@ -39,6 +42,8 @@ class ComparedPairs(NamedTuple):
     by_fault: int
     unpaired: tuple[int, int]  # runs of either folder
     compared: int  # pairs with a fault in which both runs have a valid outcome
+    faults: int = 0  # different faults of those
+    sampled: bool = False  # whether these were drawn, in both campaigns
 
 
 class RateChange(NamedTuple):
@@ -90,6 +95,13 @@ class FolderComparison(NamedTuple):
             f"{wording.count(pairs.by_run_id)} runs are paired by run id, {wording.count(pairs.by_fault)} by fault; "
             f"{wording.count(pairs.compared)} pairs have a fault and two valid outcomes and are compared."
         ]
+        if pairs.compared:
+            faults = f"{wording.count(pairs.faults)} {'fault' if pairs.faults == 1 else 'faults'}"
+            lines.append(
+                f"They are of {faults}. Intervals, 95 %, are over these faults, all pairs of a fault together."
+                if pairs.sampled
+                else f"They are of {faults}, not all of which were drawn: a rate of enumerated values has no interval."
+            )
         if any(pairs.unpaired):
             one, other = (wording.count(number) for number in pairs.unpaired)
             lines.append(f"Without a counterpart: {one} runs of {self.folders[0]}, {other} of {self.folders[1]}.")
@@ -114,17 +126,19 @@ def compare(first: Path, second: Path, most: int = 10) -> FolderComparison:
         files = query.of_files(query.whole_parts(second))
         table.run(f'CREATE VIEW runs_second AS SELECT *, "index" AS row FROM {files}')
         pairs = _pair(table, (first, second))
-        for side, record in zip(SIDES, records, strict=True):
-            _judge(table, side, record)
-        compared = _compared(table)
+        for side, record, key in zip(SIDES, records, _keys(table), strict=True):
+            _judge(table, side, record, key)
+        faults, sampled = _faults(table), _sampled(table, records)
+        among = pair_intervals.faults(faults, sampled)
+        pairs = pairs._replace(compared=len(faults), faults=len(np.unique(faults)), sampled=sampled)
         return FolderComparison(
             (first, second),
             (records[0].campaign, records[1].campaign),
             (records[0].limit_mm, records[1].limit_mm),
             manifest.changes(records[0].config, records[1].config),
             manifest.changes(_made(records[0]), _made(records[1])),
-            pairs._replace(compared=compared),
-            [_rate(table, name, records, compared) for name in RATES],
+            pairs,
+            [_rate(table, name, records, among) for name in RATES],
             {word: _transitions(table, word) for word in WORDS},
             _changed(records[0].robot, table, most),
         )
@@ -192,13 +206,14 @@ def _keys(table: ResultTable) -> tuple[str, str]:
     return key(types[0]), key(types[1])
 
 
-def _judge(table: ResultTable, side: str, record: Manifest) -> None:
-    """Make the table `judged_<side>`: of each run its outcome by the campaign's own rules."""
+def _judge(table: ResultTable, side: str, record: Manifest, key: str) -> None:
+    """Make the table `judged_<side>`: of each run its outcome by the campaign's own rules, and its fault by `key`."""
     names = list(table.types(f"runs_{side}"))
     happened = {name: f"coalesce(({events.sql(name, record.rules)})::BOOLEAN, false)" for name in RATES}
     listed = ", ".join(f"{sql} AS {quoted('is_' + name)}" for name, sql in happened.items())
     table.run(
-        f"CREATE TABLE judged_{side} AS SELECT row, run_id, verdict::VARCHAR AS verdict, "
+        f'CREATE TABLE judged_{side} AS SELECT row, run_id, hash({key}) AS fault, "group"::VARCHAR AS "group", '
+        "verdict::VARCHAR AS verdict, "
         "response::VARCHAR AS response, hazard::VARCHAR AS hazard, "
         f"CASE WHEN {happened['cue']} THEN 'cue' ELSE 'no cue' END AS cue, "
         f"unintended_mm::DOUBLE AS unintended_mm, {events.VALID_SQL} AND {faulty_sql(names)} AS counts, {listed} "
@@ -212,24 +227,36 @@ _JOINED = (
 )
 
 
-def _compared(table: ResultTable) -> int:
-    return table.row(f"SELECT count(*) FROM {_JOINED}")[0]
+def _faults(table: ResultTable) -> np.ndarray:
+    """Of each compared pair the number of its fault."""
+    return table.frame(f"SELECT a.fault AS fault FROM {_JOINED} ORDER BY pairs.first")["fault"].to_numpy()
 
 
-def _rate(table: ResultTable, name: str, records: tuple[Manifest, Manifest], n: int) -> RateChange:
-    one, other = f"a.{quoted('is_' + name)}", f"b.{quoted('is_' + name)}"
-    counts = ", ".join(
-        f"count(*) FILTER ({c})" for c in (one, other, f"{one} AND NOT {other}", f"{other} AND NOT {one}")
+def _sampled(table: ResultTable, records: tuple[Manifest, Manifest]) -> bool:
+    """Whether the compared faults were drawn, by the records of both campaigns."""
+    for side, record in zip("ab", records, strict=True):
+        drawn = draws.groups(record.config)
+        present = {group for (group,) in table.rows(f'SELECT DISTINCT {side}."group" FROM {_JOINED}')}
+        if drawn is not None and not present <= drawn:
+            return False
+    return True
+
+
+def _rate(table: ResultTable, name: str, records: tuple[Manifest, Manifest], among: Units | None) -> RateChange:
+    """among: the faults of the pairs, None where they were not drawn."""
+    hits = table.frame(
+        f"SELECT a.{quoted('is_' + name)} AS first, b.{quoted('is_' + name)} AS second FROM {_JOINED} "
+        "ORDER BY pairs.first"
     )
-    first, second, first_only, second_only = table.row(f"SELECT {counts} FROM {_JOINED}")
+    first, second = (hits[side].to_numpy(bool) for side in SIDES)
     return RateChange(
         name,
         events.meaning(name, records[0].rules),
-        wilson(first, n),
-        wilson(second, n),
-        difference_of_counts(second_only, first_only, n),
-        first_only,
-        second_only,
+        pair_intervals.rate(first, among),
+        pair_intervals.rate(second, among),
+        pair_intervals.rate_difference(second, first, among),
+        int((first & ~second).sum()),
+        int((second & ~first).sum()),
     )
 
 

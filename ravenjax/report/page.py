@@ -135,7 +135,7 @@ def _knowledge(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
     knowledge = answers.knowledge(runs, performance.known(alarms), manifest)
     curves, timing = time_to_know.incidence_curves(runs, manifest, knowledge.delay)
     pairs = reactions.drawn(runs) if manifest.shape.reacts else None
-    differences = reactions.differences(pairs.frame, pairs.facts) if pairs and pairs.crossed else []
+    differences = reactions.differences(pairs.frame, pairs.facts, runs.sampled) if pairs and pairs.crossed else []
     sweep = cue_sweep.rows(runs, manifest)
     choices = choice.choices(runs, sweep)
     hours = choice.hours_to_offer(choices)
@@ -199,6 +199,7 @@ def _robots(runs: Runs, manifest: Manifest) -> dict[str, Any]:
         ],
         "severities": severity.SCALE,
         "depth_mm": severity.DEPTH_MM,
+        "sampled": runs.sampled(),
         "precision": precision.rows(runs),
     }
 

@@ -88,7 +88,9 @@ class Manifest(BaseModel):
     schema_version: int = schema.VERSION
     campaign: str = Field(description="name of the campaign")
     config: dict[str, Any] = Field(description="the resolved campaign, every default filled in")
-    config_hash: str = Field(description="sha256 of `config` and of every run id")
+    config_hash: str = Field(
+        description="sha256 of `config` and of every run id; a recording counts by what is in it, wherever it lies"
+    )
     seed: int
     runs: int = Field(description="rows of the fault table")
     duration_ms: int = Field(description="ms, length of every run")
@@ -160,7 +162,7 @@ class Manifest(BaseModel):
 
     def _identity(self) -> dict[str, Any]:
         fields = self.model_dump(include={"config", "config_hash", "seed", "engine", "device", "versions", "shard"})
-        return fields | {"code": self.code_hash[:16]}
+        return fields | {"code": self.code_hash[:16], "config": by_content(self.config, self.operator)}
 
     def differences(self, other: Manifest) -> list[str]:
         """What decides outcomes and differs from `other`: 'name: mine, theirs', one line each."""
@@ -284,6 +286,19 @@ def joined(*some: tuple[tuple[int, int], ...] | None) -> tuple[tuple[int, int], 
 def now() -> str:
     """The present time, UTC, ISO 8601 to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def campaign_hash(config: dict[str, Any], operator: MotionSummary | None, runs: str) -> str:
+    """`Manifest.config_hash` of a resolved campaign, its recorded operator, and the digest of its run ids."""
+    return config_hash({"config": by_content(config, operator), "runs": runs})
+
+
+def by_content(config: dict[str, Any], operator: MotionSummary | None) -> dict[str, Any]:
+    """A resolved campaign whose recording is named by its hash: who keeps it elsewhere runs the same campaign."""
+    own = config.get("operator") or {}
+    if operator is None or not own.get("file"):
+        return config
+    return config | {"operator": own | {"file": f"sha256:{operator.sha256}"}}
 
 
 def config_hash(config: dict[str, Any]) -> str:

@@ -5,7 +5,8 @@ import pandas as pd
 import pytest
 
 import ravenjax as rj
-from ravenjax.campaign import loading, plan
+from ravenjax.campaign import loading, plan, runner
+from ravenjax.engines import selection
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.campaign.hands import operator_bounds, operator_motion
 from ravenjax.robots.raven2.geometry import limits
@@ -120,6 +121,20 @@ def test_the_manifest_keeps_what_became_of_it(hands, tmp_path):
     assert "0.000 to 1.250 s of the recording" in rows["replayed"]
     rj.run(rj.load_campaign(raw), tmp_path / "out", engine="simd")  # done: the same again
     assert manifest.read(tmp_path / "out").operator == summary
+
+
+def test_a_campaign_does_not_depend_on_where_its_recording_lies(hands, tmp_path):
+    elsewhere, changed = tmp_path / "elsewhere" / "same.csv", tmp_path / "changed.csv"
+    elsewhere.parent.mkdir()
+    elsewhere.write_bytes(hands.read_bytes())
+    changed.write_text(hands.read_text().replace("-77.9", "-77.8"))
+    plans = [plan.make(rj.load_campaign(tables(file))) for file in (hands, elsewhere, changed)]
+    engine = selection.select("xla", plans[0].program.setup.precision)
+    records = [runner._manifest(one, engine) for one in plans]
+    assert records[0].config["operator"]["file"] != records[1].config["operator"]["file"]
+    assert records[0].config_hash == records[1].config_hash != records[2].config_hash
+    assert records[0].differences(records[1]) == []
+    assert any(line.startswith("config.operator.file: ") for line in records[0].differences(records[2]))
 
 
 def test_a_generated_operator_has_no_summary():

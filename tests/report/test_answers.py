@@ -103,13 +103,13 @@ def test_what_the_cue_announces_of_the_evading():
     assert found.announced.cue.threshold_mm == 3 and found.announced.false == wilson(0, len(naive_facts.motions(FRAME)))
     assert found.announced.lead.before == wilson(int(early.sum()), int(EVADING.sum()))
     assert found.better is not None and found.better.false.k == 0
-    assert found.better.lead.before.k > found.announced.lead.before.k
+    assert found.better.cue.threshold_mm < MANIFEST.limit_mm and found.lower
 
 
 def test_the_cue_of_the_verdicts_is_the_one_that_announces():
     other = synthetic.manifest(1200, verdict_cue=3)
     found = answers.changed(Runs.of(synthetic.judged(FRAME, 3), other), other, [])
-    assert found.announced is not None and found.announced.cue.threshold_mm == 1
+    assert found.announced is not None and found.announced.cue.threshold_mm == 1 and found.leads
     assert found.announced.lead.n == EVADING.sum()
 
 
@@ -121,4 +121,4 @@ def test_a_cue_that_disturbs_is_no_better_one():
 def test_where_nothing_evades_nothing_is_announced():
     told = FRAME.assign(response="stopped", response_ms=2900, told_ms=2900)
     found = answers.changed(Runs.of(synthetic.judged(told), MANIFEST), MANIFEST, [])
-    assert found == answers.Changed([], None, None)
+    assert found == answers.Changed([], None, False, True, None)  # 3 mm beside 3 mm; lower cues there are

@@ -120,8 +120,38 @@ def test_what_differs_is_named(found):
     pairs = found.pairs
     assert found.sentences() == [
         f"{pairs.by_run_id} runs are paired by run id, {pairs.by_fault} by fault; "
-        f"{pairs.compared} pairs have a fault and two valid outcomes and are compared."
+        f"{pairs.compared} pairs have a fault and two valid outcomes and are compared.",
+        f"They are of {pairs.compared} faults. Intervals, 95 %, are over these faults, all pairs of a fault together.",
     ]
+    assert pairs.faults == pairs.compared and pairs.sampled
+
+
+def test_enumerated_faults_have_no_interval(tmp_path):
+    config = {"name": "synthetic", "group": [{"name": name, "design": "grid"} for name in FIRST["group"].unique()]}
+    places = [folder(tmp_path / name, frame, config=config) for name, frame in (("a", FIRST), ("b", SECOND))]
+    same = comparison.compare(*places)
+    assert not same.pairs.sampled and "not all of which were drawn" in same.sentences()[1]
+    for rate in same.rates:
+        assert np.isnan([rate.first.low, rate.second.high, rate.difference.low, rate.difference.high]).all()
+        assert rate.difference.value == pytest.approx((rate.second_only - rate.first_only) / same.pairs.compared)
+
+
+def test_repeats_of_a_fault_are_one_unit(tmp_path, found):
+    """Three seeds of each fault with the same outcome say no more than one."""
+
+    def thrice(frame):
+        parts = [
+            frame.assign(seed=seed, run_id=[f"{seed}{name[1:]}" for name in frame["run_id"]]) for seed in (1, 2, 3)
+        ]
+        every = pd.concat(parts, ignore_index=True)
+        return every.assign(index=np.arange(len(every)), pair=np.arange(len(every)))
+
+    three = comparison.compare(folder(tmp_path / "a", thrice(FIRST)), folder(tmp_path / "b", thrice(SECOND)))
+    assert three.pairs.faults == found.pairs.faults and three.pairs.compared == 3 * found.pairs.compared
+    for many, one in zip(three.rates, found.rates, strict=True):
+        assert many.difference.value == pytest.approx(one.difference.value)
+        width, plain = (x.difference.high - x.difference.low for x in (many, one))
+        assert width == pytest.approx(plain, rel=0.15)
 
 
 def test_a_folder_beside_itself_differs_in_nothing(folders):

@@ -109,7 +109,9 @@ def _campaign(folder: Path, record: Manifest, ready: Plan, whole: Sequence[Part]
     complaints = []
     if ready.runs != record.runs:
         complaints.append(f"the campaign expands to {ready.runs} runs, the manifest says {record.runs}")
-    elif manifest.config_hash({"config": record.config, "runs": run_id.digest(ids)}) != record.config_hash:
+    elif record.config_hash not in (
+        manifest.campaign_hash(record.config, operator, run_id.digest(ids)) for operator in (record.operator, None)
+    ):  # None: as versions wrote it to which a recording was its path
         complaints.append(f"{manifest.FILE}: config_hash is not that of its config and of the runs that it expands to")
     else:
         for part in whole:

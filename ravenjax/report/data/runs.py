@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from ravenjax.report.data import draws
+from ravenjax.report.data import draws, leads
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data import fault_free as fault_free_motions
 from ravenjax.report.data.counted import NONE, Delays
@@ -48,6 +48,7 @@ class Runs:
         """table: has `results` with a column `row`; beside: further fault-free motion."""
         self.table, self.types = table, table.types()
         self.robot = manifest.robot
+        self.cue_leads = bool(manifest.cues) and leads.cue(manifest, manifest.verdict_cue)
         self._length_ms, self._beside = manifest.duration_ms, beside
         self._drawn_groups = draws.groups(manifest.config)
         self.names = list(self.types)
@@ -97,9 +98,10 @@ class Runs:
             groups = set(cube.loc[cube["faulty"], "group"])
         return set(groups) <= self._drawn_groups
 
-    def groups_by(self, kind: str) -> dict[str, set[str]]:
-        """Groups of the faults of each class, a value of the column `kind` of facts."""
-        rows = self.table.rows(f'SELECT DISTINCT {quoted(kind)}, "group"::VARCHAR FROM {FACTS} WHERE faulty')
+    def groups_by(self, kind: str, where: str = "faulty") -> dict[str, set[str]]:
+        """Groups of the faults of each class, a value of the column `kind` of facts, among runs with a fault or some of
+        them."""
+        rows = self.table.rows(f'SELECT DISTINCT {quoted(kind)}, "group"::VARCHAR FROM {FACTS} WHERE {where}')
         classes: dict[str, set[str]] = {}
         for name, group in rows:
             classes.setdefault(str(name), set()).add(group)

@@ -57,22 +57,23 @@ def _of(runs: Runs, by: str, limit_mm: float) -> list[StopRow]:
         f"SELECT {by} AS cause, count(*), quantile_cont(stop_ms - active_ms, [{listed}]), "
         f"count(*) FILTER ({moved}), count(*) FILTER (NOT ({moved}) AND {off}), "
         f"quantile_cont(unintended_off_mm::DOUBLE, [{listed}]), "
-        "count(*) FILTER (warned_ms >= 0 AND warned_ms < stop_ms), count(*) FILTER (warned_ms >= stop_ms) "
+        "count(*) FILTER (warned_ms >= 0 AND warned_ms < stop_ms), count(*) FILTER (warned_ms >= stop_ms), "
+        'list(DISTINCT "group") '
         f"FROM (SELECT row, response_cause, unintended_off_mm FROM {RESULTS}) JOIN "
-        f"(SELECT row, response_ms AS stop_ms, active_ms, unintended_ms, warned_ms FROM {FACTS} WHERE {CHOSEN}) "
-        "USING (row) GROUP BY cause"
+        '(SELECT row, response_ms AS stop_ms, active_ms, unintended_ms, warned_ms, "group"::VARCHAR AS "group" '
+        f"FROM {FACTS} WHERE {CHOSEN}) USING (row) GROUP BY cause"
     )
     return [
         StopRow(
             cause or "not recorded",
             n,
             StopQuantiles(*took),
-            tables.rate_of(before, n),
-            tables.rate_of(after, n),
+            tables.of_faults(runs, before, n, groups),
+            tables.of_faults(runs, after, n, groups),
             StopQuantiles(*off_mm),
-            tables.rate_of(cue_before, n),
-            tables.rate_of(cue_after, n),
-            tables.rate_of(n - cue_before - cue_after, n),
+            tables.of_faults(runs, cue_before, n, groups),
+            tables.of_faults(runs, cue_after, n, groups),
+            tables.of_faults(runs, n - cue_before - cue_after, n, groups),
         )
-        for cause, n, took, before, after, off_mm, cue_before, cue_after in counts
+        for cause, n, took, before, after, off_mm, cue_before, cue_after, groups in counts
     ]

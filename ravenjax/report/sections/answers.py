@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ravenjax.document import ticks
-from ravenjax.report.data import counted
+from ravenjax.report.data import counted, leads
 from ravenjax.report.data.counted import NONE, Delays
 from ravenjax.report.data.runs import UNINTENDED, FaultCounts, Runs, after_onset
 from ravenjax.report.sections import tables
@@ -22,9 +21,6 @@ from ravenjax.store.manifest import CueRecord, Manifest
 CLASSES = {"layer": "Layer", "site": "Site", "group": "Group"}
 MOST_CLASSES = 12
 """Rows of the compact table; the rest stand in the evidence."""
-
-
-_Interval = TypeVar("_Interval", Rate, Estimate)
 
 
 class ClassRow(NamedTuple):
@@ -70,7 +66,9 @@ class Changed(NamedTuple):
 
     pairs: list[Difference]  # all faults, one for each reaction
     announced: Announced | None  # by the cue of the verdicts; None: no cue, or nothing evaded
-    better: Announced | None  # the cue that announces most without a false one, where it is another
+    leads: bool  # whether it is a finding that this cue comes before the motion, and no matter of definitions
+    lower: bool  # whether any cue is one of which it is a finding
+    better: Announced | None  # the cue that announces most without a false one, where it is another and leads
 
 
 def knowledge(runs: Runs, known: str, manifest: Manifest) -> Knowledge:
@@ -82,9 +80,9 @@ def knowledge(runs: Runs, known: str, manifest: Manifest) -> Knowledge:
     sampled = runs.sampled()
     return Knowledge(
         delays,
-        _known(delays.quantile_interval(0.5), sampled),
-        _known(delays.quantile_interval(0.25), sampled),
-        lead._replace(before=_known(lead.before, sampled)),
+        tables.known(delays.quantile_interval(0.5), sampled),
+        tables.known(delays.quantile_interval(0.25), sampled),
+        lead._replace(before=tables.known(lead.before, sampled)),
         tables.of_faults(runs, lead.n - lead.alarmed, lead.n),
         bool(manifest.detectors),
     )
@@ -119,10 +117,12 @@ def changed(runs: Runs, manifest: Manifest, differences: Sequence[Difference]) -
     if runs.count(condition) and runs.motions().count:
         announcements = [_announced(runs, manifest, k, condition) for k in range(len(manifest.cues))]
     first = announcements[manifest.verdict_cue] if announcements else None
-    quiet = [one for one in announcements if not one.false.k]
+    able = [leads.cue(manifest, k) for k in range(len(manifest.cues))]
+    quiet = [one for one, leading in zip(announcements, able, strict=False) if leading and not one.false.k]
     best = max(quiet, key=lambda one: (one.lead.before.value, one.cue.threshold_mm), default=None)
-    better = best if best and first and best.lead.before.k > first.lead.before.k else None
-    return Changed([row for row in differences if row.among == "all faults"], first, better)
+    surpassed = best and first and (not runs.cue_leads or best.lead.before.k > first.lead.before.k)
+    whole = [row for row in differences if row.among == "all faults"]
+    return Changed(whole, first, runs.cue_leads, any(able), best if surpassed else None)
 
 
 def _announced(runs: Runs, manifest: Manifest, k: int, chosen: str) -> Announced:
@@ -132,8 +132,8 @@ def _announced(runs: Runs, manifest: Manifest, k: int, chosen: str) -> Announced
     )
     false = tables.rate_of(free.came(f"golden_cue{k}_first_ms"), free.count)
     sampled = runs.sampled()
-    lead = lead._replace(before=_known(lead.before, sampled))
-    return Announced(manifest.cues[k], lead, _known(lead.quantile(0.5), sampled), false, free.cue_rate(k))
+    lead = lead._replace(before=tables.known(lead.before, sampled))
+    return Announced(manifest.cues[k], lead, tables.known(lead.quantile(0.5), sampled), false, free.cue_rate(k))
 
 
 def _most_evasive(row: ClassRow) -> tuple[Any, ...]:
@@ -144,14 +144,9 @@ def _class(faults: FaultCounts, delay: Delays, lags: Delays, sampled: bool) -> C
     """sampled: whether the faults were drawn."""
     return ClassRow(
         faults.name,
-        _known(tables.rate_of(faults.evaded, faults.faults), sampled),
-        _known(tables.rate_of(faults.unintended, faults.faults), sampled),
-        _known(tables.rate_of(faults.loss, faults.faults), sampled),
-        _known(counted.lead(lags).before, sampled),
-        _known(counted.incidence(delay).quantile_interval(0.5), sampled),
+        tables.known(tables.rate_of(faults.evaded, faults.faults), sampled),
+        tables.known(tables.rate_of(faults.unintended, faults.faults), sampled),
+        tables.known(tables.rate_of(faults.loss, faults.faults), sampled),
+        tables.known(counted.lead(lags).before, sampled),
+        tables.known(counted.incidence(delay).quantile_interval(0.5), sampled),
     )
-
-
-def _known(value: _Interval, sampled: bool) -> _Interval:
-    """Without its interval where nothing was sampled."""
-    return value if sampled else value._replace(low=math.nan, high=math.nan)

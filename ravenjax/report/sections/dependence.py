@@ -18,16 +18,6 @@ LEAST_RUNS = 20
 """Of a conclusion; with fewer, thirds of a parameter hold too few for any statement."""
 MOST = 200_000
 """Runs that are looked at one by one; a dependence that these do not show changes a rate by less than a point."""
-QUESTIONS = {
-    "evades the checks": ("true", "evaded"),
-    "makes an unintended motion": ("true", "unintended"),
-    "leads to a loss of motion": ("true", "loss"),
-    "is told of by a check": ("true", "told"),
-    "has the cue before the unintended motion": ("unintended", "warned_ms >= 0 AND warned_ms < unintended_ms"),
-}
-"""What a fault may do: which faults are asked, and the condition, of columns of facts."""
-
-
 class Conclusion(NamedTuple):
     """One rate and how it hangs on each varied parameter, the clearest first; Holm over the parameters."""
 
@@ -43,8 +33,9 @@ def conclusions(runs: Runs) -> list[Conclusion]:
     Rates are of all such runs; how they depend on a parameter is asked of MOST of them, drawn, where there are more.
     """
     condition = "sample AND faulty"
+    named = questions(runs)
     hits = ", ".join(
-        f"{among} AND {hit} AS hit{i}, {among} AS among{i}" for i, (among, hit) in enumerate(QUESTIONS.values())
+        f"{among} AND {hit} AS hit{i}, {among} AS among{i}" for i, (among, hit) in enumerate(named.values())
     )
     query = f"SELECT row, {hits} FROM {FACTS} WHERE {condition}"
     inputs = [quoted(name) for name in runs.names if name.startswith("param:")]
@@ -53,10 +44,10 @@ def conclusions(runs: Runs) -> list[Conclusion]:
     if not names:
         return []
     counts = runs.counts(
-        [sql for among, hit in QUESTIONS.values() for sql in (among, f"{among} AND {hit}")], where=condition
+        [sql for among, hit in named.values() for sql in (among, f"{among} AND {hit}")], where=condition
     )
     result = []
-    for i, name in enumerate(QUESTIONS):
+    for i, name in enumerate(named):
         n, k = counts[2 * i : 2 * i + 2]
         if n >= LEAST_RUNS:
             mine = sample.loc[sample[f"among{i}"]]
@@ -64,6 +55,23 @@ def conclusions(runs: Runs) -> list[Conclusion]:
             links = dependences(mine[f"hit{i}"].to_numpy(bool), inputs_of)
             result.append(Conclusion(name, tables.rate_of(k, n), len(mine), links))
     return result
+
+
+def questions(runs: Runs) -> dict[str, tuple[str, str]]:
+    """What a fault may do: which faults the rate is of, and the condition, of columns of facts.
+
+    The cue's lead is a question only where the definitions do not decide it.
+    """
+    named = {
+        "evades the checks": ("true", "evaded"),
+        "makes an unintended motion": ("true", "unintended"),
+        "leads to a loss of motion": ("true", "loss"),
+        "is told of by a check": ("true", "told"),
+    }
+    if runs.cue_leads:
+        early = "warned_ms >= 0 AND warned_ms < unintended_ms"
+        named["has the cue before the unintended motion"] = ("unintended", early)
+    return named
 
 
 def flat(made: list[Conclusion]) -> list[dict[str, Any]]:

@@ -8,7 +8,7 @@ import itertools
 import math
 from collections.abc import Collection
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -18,11 +18,13 @@ from ravenjax.report.data.counted import Delays, median
 from ravenjax.report.data.facts import FACTS, OUTCOMES
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.run.worst import replay
-from ravenjax.stats.intervals import Rate, share, wilson
+from ravenjax.stats.intervals import Estimate, Rate, share, wilson
 from ravenjax.store.access.query import RESULTS, text
 from ravenjax.store.manifest import Manifest
 
 CAUSED = ("stopped", "flagged", "limited")
+
+_Interval = TypeVar("_Interval", Rate, Estimate)
 
 
 def rate(hits: Any) -> Rate:
@@ -40,6 +42,11 @@ def rate_of(k: int, n: int) -> Rate:
 def of_faults(runs: Runs, k: int, n: int, groups: Collection[str] | None = None) -> Rate:
     """k of n distinct faults of these groups, or of all; without an interval where their values were enumerated."""
     return rate_of(k, n) if runs.sampled(groups) else share(k, n)
+
+
+def known(value: _Interval, sampled: bool) -> _Interval:
+    """Without its interval where nothing was sampled."""
+    return value if sampled else value._replace(low=math.nan, high=math.nan)
 
 
 def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:

@@ -41,20 +41,23 @@ def incidence_curves(runs: Runs, manifest: Manifest, known: Incidence) -> tuple[
         numbers[key] = {"curve": curve, "early": early, "quarter": curve.quantile(0.25), "half": curve.quantile(0.5)}
         if curve.n:
             label = f"{name} ({curve.events:,} of {curve.n:,})"
-            curves.append(of_incidence(curve, label, colour, manifest.duration_ms))
+            curves.append(of_incidence(curve, label, colour, manifest.duration_ms, runs.sampled()))
     if known.n:
         name = f"anyone, of unintended motions ({known.events:,} of {known.n:,})"
-        curves.append(of_incidence(known, name, SAME, manifest.duration_ms))
+        curves.append(of_incidence(known, name, SAME, manifest.duration_ms, runs.sampled()))
     if not curves:
         return None, numbers
     share = share_axis("share of faults", curves)
     return Chart("How soon", log_time(manifest.duration_ms), share, tuple(curves)), numbers
 
 
-def of_incidence(curve: Incidence, name: str, colour: str, end_ms: int) -> Curve:
-    """The curve of delays on an axis of `log_time`: it begins with the share that came within the first millisecond."""
+def of_incidence(curve: Incidence, name: str, colour: str, end_ms: int, band: bool = True) -> Curve:
+    """The curve of delays on an axis of `log_time`: it begins with the share that came within the first millisecond.
+
+    band: with its own; of enumerated faults it has none.
+    """
     line = steps(curve.time, curve.fraction, curve.low, curve.high, start=FIRST_MS, end=end_ms)
-    return Curve.of(line, name, colour)
+    return Curve.of(line, name, colour, band)
 
 
 def points(curve: Incidence) -> list[dict[str, float]]:

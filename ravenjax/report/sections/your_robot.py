@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs
-from ravenjax.report.sections.dependence import LEAST_RUNS, QUESTIONS
+from ravenjax.report.sections.dependence import LEAST_RUNS, questions
 from ravenjax.stats import one_unit
 from ravenjax.stats.intervals import Rate
 from ravenjax.store.access.query import RESULTS, quoted
@@ -31,13 +31,13 @@ class RobotRate(NamedTuple):
 
 
 def rates(runs: Runs, manifest: Manifest) -> list[RobotRate]:
-    """One run of each fault and robot, by QUESTIONS; none where robots were not drawn whole."""
+    """One run of each fault and robot, by `questions`; none where robots were not drawn whole."""
     columns = [name for name in _columns(manifest.config) if name in runs.names]
     if not columns:
         return []
     robot = f"hash({', '.join(map(quoted, columns))})"
     result = []
-    for name, (among, hit) in QUESTIONS.items():
+    for name, (among, hit) in questions(runs).items():
         rows = runs.table.rows(
             f"SELECT count(*) FILTER ({hit}), count(*) FROM {RESULTS} JOIN {FACTS} USING (row) "
             f"WHERE sample AND faulty AND {among} GROUP BY {robot}"

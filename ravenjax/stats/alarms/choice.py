@@ -27,10 +27,14 @@ class AlarmCounts(NamedTuple):
     hazards: int
     count: np.ndarray  # int [alarms], false alarms
     hours: np.ndarray  # [alarms], of fault-free motion in which they came
+    sampled: bool = True  # whether the hazards were; else what is missed of them is known as it is
 
 
 def missed_difference(alarms: AlarmCounts, confidence: float = 0.95) -> Estimate:
     """Share of hazards missed by the first minus that by the second, arrays [alarms, alarms], of the same hazards."""
+    if not alarms.sampled:
+        value = (alarms.only - alarms.only.T) / alarms.hazards
+        return Estimate(value, value, value)
     return difference_of_counts(alarms.only, alarms.only.T, alarms.hazards, confidence)
 
 

@@ -60,6 +60,8 @@ MODELS: dict[str, tuple[tuple[int, ...], float]] = {
     "the same and the load, fitted": ((0, 1, 2, 3, 4), 0.0),
 }
 """Columns that are fitted, and how many times the load is taken as given."""
+COMPARED = tuple(MODELS)[2:5]
+"""Without the load, as the authors have it, and as statics have it."""
 
 
 def of_recording(log: JointRecording) -> list[LoadShare]:

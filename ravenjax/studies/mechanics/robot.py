@@ -33,11 +33,14 @@ def compare(context: Context) -> Findings:
     lines: list[Line] = []
     every: dict[str, list[FollowingError]] = {}
     printed: list[Table] = [_statics(pressed)]
+    ahead: tuple[str, ...] = ()
     paths = {name: path for name in FITTED if (path := closed_loop.locate(name)) is not None}
     if recordings.THREE_JOINTS in paths:
         with jax.enable_x64(True):
             log = closed_loop.read(paths[recordings.THREE_JOINTS])
-            printed += [_reaction(reaction.of_recording(log)), _held_out(reaction.held_out(log))]
+            torque = reaction.held_out(log)
+            printed += [_reaction(reaction.of_recording(log)), _held_out(torque)]
+            ahead += (_load_note(torque),)
     for name, path in paths.items():
         read = recordings.three_joints if name == recordings.THREE_JOINTS else recordings.seven_joints
         logged = read(path)
@@ -49,10 +52,10 @@ def compare(context: Context) -> Findings:
         printed.append(_table(tables.following(title, judged, logged.log.joints), _FOLLOWING))
         fitted = _fitted(logged, name)
         printed.append(_table(tables.parameters(f"Fitted to the first half of {name}", fitted), _PARAMETERS))
-    ahead: tuple[str, ...] = ()
     if recordings.SEVEN_JOINTS in paths:
-        table, ahead = _predictions(recordings.seven_joints(paths[recordings.SEVEN_JOINTS]))
+        table, sentences = _predictions(recordings.seven_joints(paths[recordings.SEVEN_JOINTS]))
         printed.append(table)
+        ahead += sentences
     missing = [name for name in FITTED if name not in paths]
     absent = (f"Not at hand: {', '.join(missing)}. Set {recordings.DATA} to their folder.",) if missing else ()
     return Findings(tuple(lines), tuple(printed), notes=(*absent, *_notes(lines, every), *ahead, *_NOTES))
@@ -169,6 +172,21 @@ def _held_out(rows: Sequence[reaction.TorqueError]) -> Table:
         cells,
         "Rows as in the table before. A null model has no links; the load helps where a model with it errs less than "
         "the rotor with dry friction and offset. One recording is no sample, so there is no interval.",
+    )
+
+
+def _load_note(rows: Sequence[reaction.TorqueError]) -> str:
+    """Where the load at the gear's ratio predicts better than the rotor alone, and than the load of the authors."""
+    mean = {one.model: one.mean for one in rows}
+    rotor, authors, statics_ = (mean[model] for model in reaction.COMPARED)
+    better = [
+        " and ".join(joint for joint, mine, theirs in zip(JOINTS, statics_, other, strict=False) if mine < theirs)
+        for other in (rotor, authors)
+    ]
+    return (
+        "On the half that nothing was fitted to, the links' load at the gear's ratio predicts the torque better than "
+        f"the rotor with friction alone at {better[0] or 'no joint'}, and better than the authors' load at "
+        f"{better[1] or 'no joint'}."
     )
 
 

@@ -94,6 +94,21 @@ def test_knowledge_comes_from_quiet_thresholds_alone():
     assert more > less
 
 
+def test_enumerated_faults_have_no_interval_and_no_band():
+    config = {"group": [{"name": name, "design": "grid"} for name in FRAME["group"].unique()]}
+    manifest = synthetic.manifest(RUNS, config=config)
+    runs = Runs.of(FRAME, manifest)
+    for row in performance.rows(runs, manifest, performance.alarms(runs, manifest)):
+        for threshold in row.thresholds:
+            assert threshold.caught.k == ROWS[row.name].thresholds[row.thresholds.index(threshold)].caught.k
+            rates = (threshold.caught, threshold.harmless, threshold.precision, threshold.before, threshold.delay_ms)
+            assert np.isnan([end for one in rates for end in (one.low, one.high)]).all()
+        if row.roc is not None and row.auc is not None:
+            assert np.isnan(row.auc.low) and np.isnan(row.roc.curve.low).all() and np.isfinite(row.auc.value)
+    chart = figures.roc(performance.rows(runs, manifest, performance.alarms(runs, manifest)))
+    assert chart is not None and not any(len(getattr(mark, "low", ())) for mark in chart.marks)
+
+
 def test_no_curve_without_a_motion_or_without_a_second_fault():
     nothing = synthetic.judged(FRAME.assign(unintended_first_ms=-1))
     runs = Runs.of(nothing, MANIFEST)
@@ -124,12 +139,15 @@ def test_charts_hold_their_curves():
     curves = performance.curves(TABLE, MANIFEST, FOUND)
     rows = list(ROWS.values())
     delays, leads = figures.delays(curves, 3000), figures.leads(curves)
-    assert len(delays.marks) == len(leads.marks) == len(curves)
-    for one, delay, lead in zip(curves, delays.marks, leads.marks, strict=True):
-        for curve, truth, at in ((delay, one.delay, 100.0), (lead, one.lead.lag, float(one.lead.lag.time[-1]))):
-            place = np.searchsorted(truth.time, at, side="right") - 1
-            assert curve.at(at)[0] == pytest.approx(truth.fraction[place], abs=0.005)
-            assert len(curve.x) < 450
+    drawn = [(curve, one.delay, 100.0) for curve, one in zip(delays.marks, curves, strict=True)]
+    findings = [one for one in curves if one.leads]
+    ends = [float(one.lead.lag.time[-1]) for one in findings]
+    drawn += [(curve, one.lead.lag, at) for curve, one, at in zip(leads.marks, findings, ends, strict=True)]
+    for curve, truth, at in drawn:
+        place = np.searchsorted(truth.time, at, side="right") - 1
+        assert curve.at(at)[0] == pytest.approx(truth.fraction[place], abs=0.005)
+        assert len(curve.x) < 450
+    assert [one.name for one in curves if not one.leads] == ["tip", "haptic cue, 3 mm"]  # by definition at 3 mm
     roc, recall = figures.roc(rows), figures.precision_recall(rows)
     assert roc is not None and recall is not None
     for chart in (roc, recall):

@@ -23,9 +23,9 @@ def drawn(frame):
     return pairs.drawn(Runs.of(frame, MANIFEST))
 
 
-def differences(frame):
+def differences(frame, sampled=True):
     part = drawn(frame)
-    return pairs.differences(part.frame, part.facts)
+    return pairs.differences(part.frame, part.facts, lambda groups: sampled)
 
 
 ROWS = differences(FRAME)
@@ -82,6 +82,31 @@ def test_other_crossed_parameters_pair_within_their_value_and_get_rows():
     assert rows["plant.friction_scale = 1.4"].without.k == 0
     assert rows["plant.friction_scale = 0.7"].without == WHOLE["lift the pedal"].without
     assert rows["all faults"].n == 2 * WHOLE["lift the pedal"].n
+
+
+def test_pairs_of_one_fault_count_as_one_unit():
+    """Three copies of every pair say no more than one does."""
+    parts = [FRAME.assign(**{"param:plant.friction_scale": value}) for value in (0.7, 1.0, 1.4)]
+    rows = {
+        row.among: row for row in differences(pd.concat(parts, ignore_index=True)) if row.action == "lift the pedal"
+    }
+    whole, once = rows["all faults"], WHOLE["lift the pedal"]
+    assert whole.n == 3 * once.n and whole.spared == 3 * once.spared
+    for name in ("change", "distance_mm", "without"):
+        wide, plain = getattr(whole, name), getattr(once, name)
+        assert wide.value == pytest.approx(plain.value)
+        assert wide.high - wide.low == pytest.approx(plain.high - plain.low, rel=0.2)
+    assert whole.p == pytest.approx(once.p)  # one step of three pairs exchanges as one of one
+
+
+def test_enumerated_faults_have_no_interval_and_no_test():
+    for row in differences(FRAME, sampled=False):
+        drawn_row = next(one for one in ROWS if (one.action, one.among) == (row.action, row.among))
+        assert row.without.k == drawn_row.without.k and row.change.value == pytest.approx(drawn_row.change.value)
+        ends = (row.without.low, row.with_.high, row.change.low, row.distance_mm.low, row.depth_mm.high, row.idle.low)
+        assert np.isnan([*ends, row.p]).all()
+    chart = figures.spared(differences(FRAME, sampled=False))
+    assert all(len(mark.x) and not len(mark.x_low) for mark in chart.marks)
 
 
 def test_a_crossed_delay_shares_the_run_without_reaction():

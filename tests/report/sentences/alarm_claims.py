@@ -54,6 +54,7 @@ def detectors(e: Expected, html: Node) -> None:
     text.says(f"and the {e.threshold} cue stand beside them")
     text.says(f"How long before the motion exceeds {e.limit}")
     text.says(f"a negative lead comes after the motion exceeded {e.limit}")
+    text.says(f"an alarm at {e.limit} from the model or beyond.")
     text.says(
         f"{many(e.count(moved), 'fault')} with an unintended motion and {count((~moved).sum())} without, one run each."
     )
@@ -75,11 +76,14 @@ def detectors(e: Expected, html: Node) -> None:
             title = (f"{one.name} {what} " if not k else "") + f"{number(threshold)}{quiet}"
             scores = plain_runs[f"detector{d}_score"].to_numpy()
             auc = f"{fixed(plain.area(scores, positive), 3)} {ANY_SPAN}" if curve and not k else ""
-            lines.append((title, auc, f[f"detector{d}_threshold{k}_first_ms"], e.false_alarms(d, threshold)))
-    lines.append(("built-in checks", "", f["told_ms"], None))
-    lines.append((f"haptic cue, {e.threshold}", "", f["warned_ms"], e.first_cues(e.plan.verdict_cue)))
+            leads = one.kind != "tip_error" or threshold < e.plan.limit_mm
+            alarm = f[f"detector{d}_threshold{k}_first_ms"]
+            lines.append((title, auc, alarm, e.false_alarms(d, threshold), leads))
+    lines.append(("built-in checks", "", f["told_ms"], None, True))
+    cue = f["warned_ms"], e.first_cues(e.plan.verdict_cue), e.leads(e.plan.verdict_cue)
+    lines.append((f"haptic cue, {e.threshold}", "", *cue))
     table = rows(section.one("table"))
-    for cells, (title, auc, alarm, false) in zip(table, lines, strict=True):
+    for cells, (title, auc, alarm, false, leads) in zip(table, lines, strict=True):
         came = alarm >= 0
         hits, misses = e.count(came & moved), e.count(came & ~moved)
         after = e.after(alarm, f[moved])
@@ -92,8 +96,8 @@ def detectors(e: Expected, html: Node) -> None:
             brief(hits, hits + misses) if hits + misses else DASH,
             hourly(false),
             timed(e.delay(after, f[moved])),
-            brief(early, e.count(moved)) if moved.any() else DASH,
-            timed(e.lead(after, f[moved])),
+            brief(early, e.count(moved)) if moved.any() and leads else DASH,
+            timed(e.lead(after, f[moved])) if leads else DASH,
         ]
         for place, (node, words) in enumerate(zip(cells, expected, strict=True)):
             cell(node, words, f"detectors, {title}, column {place}")
@@ -112,6 +116,9 @@ def cues(e: Expected, html: Node) -> None:
         f"{free_motions(e)}; a motion counts until its first cue"
     )
     text.says(f"lead: before the motion exceeds {e.limit}, negative after it")
+    if not all(map(e.leads, range(len(e.plan.thresholds)))):
+        text.says(f"A set at {e.limit} or beyond fires with the motion or later by definition")
+    text.says("Shares of faults have 95 % intervals over the faults that were drawn.")
     choices(e, section, text, moved)
     order = sorted(range(len(e.plan.thresholds)), key=lambda k: e.plan.thresholds[k])
     table = rows(section.one("table", "wide"))
@@ -129,9 +136,9 @@ def cues(e: Expected, html: Node) -> None:
             brief(sum(one < 0 for one in after), len(moved)) if len(moved) else DASH,
             hourly(e.first_cues(k)),
             brief(e.count(warned.loc[others.index] >= 0), len(others)) if len(others) else DASH,
-            brief(e.before(after, moved), len(moved)) if len(moved) else DASH,
+            brief(e.before(after, moved), len(moved)) if len(moved) and e.leads(k) else DASH,
             timed(e.delay(after, moved)),
-            timed(e.lead(after, moved)),
+            timed(e.lead(after, moved)) if e.leads(k) else DASH,
             f"{number(force)} {number(ms)}{' ms' if len(felt) else ''} · {number(pulses)}",
         ]
         for place, (node, words) in enumerate(zip(cells, expected, strict=True)):
@@ -183,6 +190,7 @@ def after_stop(e: Expected, html: Node) -> None:
         f"{count(late)} more ({percent(late / n)} %, {between(late, n)}) only after it."
     )
     text.says(f"The cue came before the stop in {count(before)} ({percent(before / n)} %).")
+    text.says("Shares are of the faults that this check stopped, one run of each; 95 % intervals (Wilson)")
     causes = f.groupby("response_cause").size()
     every = f"every stop: {causes.index[0]}" if len(causes) == 1 else "every stop"
     parts = {every: f} | ({cause: f[f["response_cause"] == cause] for cause in causes.index} if len(causes) > 1 else {})

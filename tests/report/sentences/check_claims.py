@@ -20,7 +20,7 @@ def checks(e: Expected, html: Node) -> None:
         assert not list(section.all("table"))
         return
     text.says(f"Of {many(n, 'distinct fault')}, those in which each check tripped at all")
-    text.says("Below each share: faults, and its 95 % Wilson interval.")
+    text.says("Below each share: faults, and its 95 % interval (Wilson): the faults were drawn.")
     does = {"stopped": "stops the robot", "flagged": "tells a person", "limited": "limits, tells nobody"}
     unit = {
         "overdrive_instant": " DAC counts",

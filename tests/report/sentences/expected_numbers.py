@@ -54,6 +54,10 @@ class Expected:
         """Fault-free motions with an alarm, and the hours of all: when it came is not known."""
         return self.count(self.motions[f"golden_detector{d}_score"] > threshold), self.hours
 
+    def leads(self, k: int) -> bool:
+        """Whether cue k fires below the limit: else the definitions decide that it does not come before the motion."""
+        return self.plan.thresholds[k] < self.plan.limit_mm
+
     @staticmethod
     def count(chosen: pd.Series) -> int:
         """How many are true."""

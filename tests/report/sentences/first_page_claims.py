@@ -11,6 +11,7 @@ import plain_statistics as plain
 from claim_words import ACTIONS, between, brief, duration, estimate, false_cues, many, points, prose, share, span
 from expected_numbers import Expected, evades, in_pairs, largest_first, mean_far, moves, untold
 from page_text import ANY_SPAN, DASH, Node, Text, cell, count, number, percent, rows
+from reaction_claims import change
 
 MOST_CLASSES = 3
 """Rows of each table of classes, in tests."""
@@ -141,22 +142,35 @@ def what_would_change(e: Expected, text: Text) -> None:
     if e.pairs:
         action, both = next(iter(e.pairs.items()))
         without, with_ = in_pairs(both)
-        bounds = f" ({ANY_SPAN})" if len(both) > 1 else ""
+        few = both["distinct"].nunique() < (2 if both["distinct"].is_unique else 5)
+        bounds = "" if few else f" ({ANY_SPAN})"
         others = "; other reactions" if len(e.pairs) > 1 else ""
         text.says(
             f"Of {many(len(both), 'pair')} of runs, once with nobody who reacts and once with an operator who answers "
             f"it ({ACTIONS[action]}), {count(with_.sum())} instead of {count(without.sum())} had an unintended motion: "
-            f"{points(plain.pair_difference(with_, without))}. How far the tip went by itself changed by "
+            f"{points(change(both))}. How far the tip went by itself changed by "
             f"{number(mean_far(both), 2)} mm on average{bounds}{others}."
         )
+        if not e.leads(e.plan.verdict_cue):
+            text.says(f"{at_limit(e)}: what it can change is how far the motion goes on.")
     elif not k:
         text.says("No fault evaded the checks, so there was nothing for it to announce.")
     else:
         text.says(announced(e, e.faults[untold(e.faults) & (e.faults["hazard"] == "unintended motion")]))
 
 
+def at_limit(e: Expected) -> str:
+    """What the definitions say of a cue at the limit or beyond."""
+    threshold = number(e.plan.thresholds[e.plan.verdict_cue], 6)
+    return (
+        f"A cue at {threshold} mm comes with a motion of {e.limit} or later by definition, unless the robot's report "
+        "is wrong"
+    )
+
+
 def announced(e: Expected, evading: pd.DataFrame) -> str:
-    """What the cue of the verdicts announces, and which cue without a false one announces most, where it is another."""
+    """What the cue of the verdicts announces, and which cue without a false one announces most, where it is another;
+    of a cue at the limit or beyond nothing, for the definitions decide it."""
     found, n = [], len(evading)
     for k, threshold in enumerate(e.plan.thresholds):
         alarm = e.after(naive_facts.warned(e.frame, k), evading)
@@ -167,10 +181,23 @@ def announced(e: Expected, evading: pd.DataFrame) -> str:
         f"The {number(threshold, 6)} mm cue comes before the motion reaches {e.limit} in "
         f"{share(early, n, 'evading fault')}{at_median(lead_ms, n)}"
     )
-    best = max((one for one in found if not one[3]), default=found[e.plan.verdict_cue])
-    if best[0] > early:
+    able = [one for k, one in enumerate(found) if e.leads(k)]
+    best = max((one for one in able if not one[3]), default=None)
+    never = ""
+    if best:
         most = number(plain.poisson(0, best[4])[2])
         never = f"which never came in {duration(e.hours)} of fault-free motion (at most {most} an hour can be said)"
+    if not e.leads(e.plan.verdict_cue):
+        said = f"{at_limit(e)}, so that it gives no warning of it. "
+        if not best:
+            none = f"Every cue below {e.limit} came in fault-free motion, too."
+            return said + (none if able else f"No cue below {e.limit} was evaluated.")
+        many_faults = share(best[0], n, "evading fault")
+        return said + (
+            f"A {number(best[1], 6)} mm cue, {never}, comes before the motion reaches {e.limit} in {many_faults}"
+            f"{at_median(best[2], n)}."
+        )
+    if best and best[0] > early:
         said += f"; a {number(best[1], 6)} mm cue, {never}, in {share(best[0], n)}{at_median(best[2], n)}"
     return said + "."
 

@@ -25,7 +25,10 @@ def verdicts(e: Expected, html: Node) -> None:
         text.is_said()
         return
     text.says(f"{'Each of ' if n > 1 else ''}{many(n, 'distinct fault')} by what the robot's own checks did")
-    text.says(f"whether the {e.threshold} cue came. Each cell: share of all of them, count, 95 % Wilson interval.")
+    text.says(
+        f"whether the {e.threshold} cue came. Each cell: share of all of them, count, 95 % interval "
+        "(Wilson) of faults drawn so."
+    )
     nobody, cued = untold(f), f["warned_ms"] >= 0
     evading = nobody & (f["hazard"] == "unintended motion")
     tiles = {
@@ -118,7 +121,7 @@ def groups(e: Expected, html: Node) -> None:
     """Outcomes and verdicts of each group."""
     section = html.one("section", "groups")
     text = prose(section, "groups")
-    text.says("Below each share: faults, and its 95 % Wilson interval.")
+    text.says("Below each share: faults, and, where the group draws its faults, a 95 % interval (Wilson)")
     every = e.all
     parts = []
     for name in every["group"].astype(str).unique():

@@ -39,7 +39,7 @@ def maps(e: Expected, html: Node) -> None:
     drawn = list(section.all("div", "map"))
     if drawn:
         text.says(f"Share of {unit}, in %, by what was injected or varied; k/n where fewer than 10 fell into a cell.")
-        text.says("Point at a cell for its counts and 95 % interval.")
+        text.says("Point at a cell for its counts, and its 95 % interval where faults were drawn.")
     if len(drawn) > 6:
         text.says(f"{count(len(drawn) - 6)} more maps, of less unintended motion")
     led: list[float] = []

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import naive_facts
+import numpy as np
 import pandas as pd
 import plain_statistics as plain
 from claim_words import ACTIONS, brief, many, points, prose, rate
 from expected_numbers import Expected, in_pairs, mean_far
-from page_text import ANY_SPAN, DASH, Node, cell, count, number, rows, signed
+from page_text import ANY_SPAN, DASH, Node, cell, count, number, percent, rows, signed
+
+from ravenjax.report.data import pair_intervals as intervals
+from ravenjax.stats.bootstrap import units
+from ravenjax.stats.comparison import clustered
 
 
 def reaction(e: Expected, html: Node) -> None:
@@ -33,10 +38,13 @@ def reaction(e: Expected, html: Node) -> None:
         text.says(
             f"{ACTIONS[action].capitalize()}: an unintended motion in {count(with_.sum())} of "
             f"{many(len(both), 'pair')} instead of {count(without.sum())}, "
-            f"{points(plain.pair_difference(with_, without))}."
+            f"{points(change(both))}."
         )
     if lines:
         text.says(f"Unintended motion: over {e.limit}, see definitions.")
+        text.says("95 % intervals and p over faults that were drawn, all pairs of a fault together")
+        if not e.leads(e.plan.verdict_cue):
+            text.says(f"The {e.threshold} cue comes at that distance or beyond, too late to prevent it")
         table = rows(section.one("table", "wide"))
         last = None
         for cells, (action, among, part) in zip(table, lines, strict=True):
@@ -58,26 +66,59 @@ def pair_row(e: Expected, cells: list[Node], title: str, part: pd.DataFrame) -> 
     """One kind of pairs."""
     n = len(part)
     without, with_ = in_pairs(part)
-    value, low, high = plain.pair_difference(with_, without)
+    value, low, high = change(part)
     acted = part["reaction_ms"] >= 0
-    idle = int((~without[acted.to_numpy()]).sum())
     depth = float((part["tissue_depth_mm"] - part["tissue_depth_mm_alone"]).mean())
-    spans = f" {ANY_SPAN}" if n > 1 else ""
+    few = part["distinct"].nunique() < (2 if one_each(part) else units.FEWEST)
+    spans = "" if few else f" {ANY_SPAN}"
     expected = [
         title,
         count(n),
-        brief(without.sum(), n),
-        brief(with_.sum(), n),
+        share_of(without, part),
+        share_of(with_, part),
         f"{signed(value)} points {signed(low)} to {signed(high)}",
         f"{count((without & ~with_).sum())}, {count((with_ & ~without).sum())}",
-        number(plain.mcnemar(with_, without), 2),
+        number(p_value(part), 2),
         f"{number(round(mean_far(part), 2))} mm{spans}",
         f"{number(round(depth, 2))} mm{spans}",
-        brief(acted.sum(), n),
-        brief(idle, int(acted.sum())) if acted.any() else DASH,
+        share_of(acted.to_numpy(), part),
+        share_of(~without[acted.to_numpy()], part[acted.to_numpy()]) if acted.any() else DASH,
     ]
     for place, (node, words) in enumerate(zip(cells, expected, strict=True)):
         cell(node, words, f"reaction, {title}, column {place}")
+
+
+def one_each(part: pd.DataFrame) -> bool:
+    """Whether each pair is of another fault; where not, the library resamples faults, which has tests of its own."""
+    return bool(part["distinct"].is_unique)
+
+
+def change(part: pd.DataFrame) -> plain.Known:
+    """Difference of the rates of unintended motions with its interval."""
+    without, with_ = in_pairs(part)
+    if one_each(part):
+        return plain.pair_difference(with_, without)
+    found = intervals.rate_difference(with_, without, units.units(part["distinct"]))
+    return found.value, found.low, found.high
+
+
+def share_of(hit: np.ndarray, part: pd.DataFrame) -> str:
+    """A cell with a share of pairs."""
+    if one_each(part):
+        return brief(int(hit.sum()), len(hit))
+    found = units.rate(hit, units.units(part["distinct"]))
+    bounds = (
+        f"· {percent(found.low)}{DASH}{percent(found.high)} %" if found.low == found.low else f"of {count(len(hit))}"
+    )
+    return f"{percent(found.value)} % {count(found.k)} {bounds}"
+
+
+def p_value(part: pd.DataFrame) -> float:
+    """That both sides are alike."""
+    without, with_ = in_pairs(part)
+    if one_each(part):
+        return plain.mcnemar(with_, without)
+    return clustered.exchange_p(with_, without, units.units(part["distinct"]).unit)
 
 
 def interruptions(e: Expected, cells: list[Node], action: int) -> None:

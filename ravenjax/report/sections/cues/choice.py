@@ -83,6 +83,7 @@ def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
         int(count.sum()),
         np.array([rate.count for rate in rates]),
         np.array([rate.hours for rate in rates]),
+        runs.sampled(),
     )
 
 

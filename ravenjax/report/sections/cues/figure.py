@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
+from ravenjax.document.chart import EMPTY, Chart, ChartAxis, Curve, Dots, Mark
 from ravenjax.document.palette import CUE, SAME
 from ravenjax.document.ticks import above
 from ravenjax.report import wording
@@ -27,7 +27,7 @@ def tradeoff(rows: Sequence[CueRow]) -> Chart | None:
         if mine:
             marks.append(_marks(mine, name, colour))
     most = max(_hourly(row).per_hour for row in able) or max(_hourly(row).high for row in able) or 1.0
-    missed = max(row.missed.high for row in able) or 0.01
+    missed = max(float(np.fmax(row.missed.value, row.missed.high)) for row in able) or 0.01
     return Chart(
         "Missed hazards, false cues",
         ChartAxis("false cues per hour of fault-free motion", 0.0, above(1.1 * most)),
@@ -44,6 +44,7 @@ def _hourly(row: CueRow) -> AlarmRate:
 def _marks(rows: Sequence[CueRow], name: str, colour: str) -> Dots:
     force = np.array([row.force for row in rows])
     largest = force[np.isfinite(force)].max(initial=0.0)
+    drawn = np.isfinite([row.missed.low for row in rows]).all()
     scale = np.nan_to_num(force / largest) if largest > 0 else np.zeros(len(rows))
     first: dict[float, CueRow] = {}
     for row in rows:  # gains that change only the force fall on one mark: one label for them
@@ -55,8 +56,8 @@ def _marks(rows: Sequence[CueRow], name: str, colour: str) -> Dots:
         np.array([row.missed.value for row in rows]),
         np.array([_hourly(row).low for row in rows]),
         np.array([_hourly(row).high for row in rows]),
-        np.array([row.missed.low for row in rows]),
-        np.array([row.missed.high for row in rows]),
+        np.array([row.missed.low for row in rows]) if drawn else EMPTY,
+        np.array([row.missed.high for row in rows]) if drawn else EMPTY,
         tuple((9 + 5 * scale).round(1).tolist()),
         tuple(f"{row.cue.threshold_mm:g} mm" if first[row.cue.threshold_mm] is row else "" for row in rows),
         tuple(map(_words, rows)),
@@ -64,7 +65,8 @@ def _marks(rows: Sequence[CueRow], name: str, colour: str) -> Dots:
 
 
 def _words(row: CueRow) -> str:
-    missed = f"missed {wording.percent(row.missed.value)} ({wording.interval(row.missed)})"
+    interval = wording.interval(row.missed) or f"{wording.count(row.missed.k)} of {wording.count(row.missed.n)}"
+    missed = f"missed {wording.percent(row.missed.value)} ({interval})"
     hourly = f"{wording.number(_hourly(row).per_hour)} false cues an hour"
     felt = f"peak force {wording.number(row.force)}, felt for {wording.number(row.felt_ms)} ms"
     return f"{row.told}: {missed}, {hourly}, {felt}"

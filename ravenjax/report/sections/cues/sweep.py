@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import pandas as pd
 
-from ravenjax.report.data import counted
+from ravenjax.report.data import counted, leads
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset
 from ravenjax.report.sections import tables
@@ -39,6 +39,7 @@ class CueRow(NamedTuple):
     per_hour: AlarmRate | None
     harmless: Rate  # of faulty runs without an unintended motion, those with a cue that the golden run has not
     best: bool  # no other set misses and disturbs as little
+    leads: bool  # whether it is a finding that it comes before the motion, and no matter of definitions
     delay_ms: Estimate  # median over those, from the fault's first effect
     before: Rate  # of runs with an unintended motion, those with the cue before it
     lead_ms: Estimate  # median over those
@@ -53,11 +54,12 @@ class CueRow(NamedTuple):
 
 
 def rows(runs: Runs, manifest: Manifest) -> list[CueRow]:
-    """One row a haptic set, by threshold and gain."""
+    """One row a haptic set, by threshold and gain; intervals where all faults were drawn."""
     free = runs.motions()
     felt = runs.counts([f"warned{k}_ms >= 0" for k in range(len(manifest.cues))], where=HARMLESS)
     harmless = runs.count(HARMLESS)
     sample = _felt(runs, len(manifest.cues))
+    sampled = runs.sampled()
     result = []
     for k, cue in enumerate(manifest.cues):
         event, end = after_onset(f"warned{k}_ms"), str(manifest.duration_ms)
@@ -69,14 +71,15 @@ def rows(runs: Runs, manifest: Manifest) -> list[CueRow]:
             CueRow(
                 k,
                 cue,
-                tables.rate_of(lead.n - lead.alarmed, lead.n),
+                tables.of_faults(runs, lead.n - lead.alarmed, lead.n),
                 false,
                 free.cue_rate(k),
-                tables.rate_of(felt[k], harmless),
+                tables.of_faults(runs, felt[k], harmless),
                 False,
-                counted.incidence(delay).quantile_interval(0.5),
-                lead.before,
-                lead.quantile(0.5),
+                leads.cue(manifest, k),
+                tables.known(counted.incidence(delay).quantile_interval(0.5), sampled),
+                tables.known(lead.before, sampled),
+                tables.known(lead.quantile(0.5), sampled),
                 *(_median(sample.loc[when, f"cue{k}_{what}"]) for what in FELT),
             )
         )

@@ -40,10 +40,12 @@ def delays(curves: Sequence[Curves], end_ms: int) -> Chart:
 
 
 def leads(curves: Sequence[Curves]) -> Chart:
-    """Chart of the time between alarm and unintended motion; left of 0 there is time to act."""
+    """Chart of the time between alarm and unintended motion; left of 0 there is time to act. What comes with the motion
+    or later by definition is left out."""
+    able = [(number, one) for number, one in enumerate(curves) if one.leads]
     starts, ends = ([float(one.lead.lag.time[end]) for one in curves] for end in (0, -1))
     marks = []
-    for number, one in enumerate(curves):
+    for number, one in able:
         lag = one.lead.lag
         line = steps(lag.time, lag.fraction, lag.low, lag.high, end=max(ends))
         marks.append(Curve.of(line, _label(one), palette.series(number)))
@@ -91,6 +93,7 @@ def _marks(row: DetectorRow, number: int, kind: str, visible: bool) -> list[Mark
     if band is not None:
         name = f"{row.name} ({band.area.value:.3f})"
         edges = np.asarray(band.curve.low, float), np.asarray(band.curve.high, float)
+        edges = edges if np.isfinite(band.area.low) else ()
         marks.append(Curve(name, colour, band.grid, np.asarray(band.curve.value, float), *edges, visible=visible))
     places = [(threshold, *_place(threshold, kind)) for threshold in row.thresholds]
     places = [place for place in places if np.isfinite(place[1:]).all()]

@@ -1,8 +1,8 @@
 """Detectors: which share of unintended motions they recall, how early, and how many false alarms they give.
 
 The robot's own checks and the haptic cue of the verdicts stand beside the campaign's detectors as two that have a
-single threshold. Rates and times are of one run of each fault; curves are of every run, or of so many drawn, their
-bands resample faults.
+single threshold. Rates and times are of one run of each fault; curves are of every run, or of so many drawn. Where
+faults were drawn, intervals are over them and bands resample them; where their values were enumerated there are none.
 """
 
 from __future__ import annotations
@@ -13,13 +13,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.report.data import counted
+from ravenjax.report.data import counted, leads
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset
+from ravenjax.report.sections import tables
 from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.alarms.roc import CurveBand
 from ravenjax.stats.bootstrap.resample import BootstrapBand
-from ravenjax.stats.intervals import Estimate, Rate, wilson
+from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.stats.latency import Incidence, Lead
 from ravenjax.store.manifest import DetectorRecord, Manifest
 
@@ -48,6 +49,7 @@ class DetectorThreshold(NamedTuple):
     before: Rate  # of faults with an unintended motion, those with an alarm before it
     lead_ms: Estimate  # median over faults with an unintended motion; NaN: half of them never had an alarm
     quiet: bool  # the lowest threshold without a false alarm on fault-free motion
+    leads: bool  # whether it is a finding that it comes before the motion, and no matter of definitions
 
 
 class ThresholdAlarms(NamedTuple):
@@ -59,6 +61,7 @@ class ThresholdAlarms(NamedTuple):
     free: int | None  # fault-free motions in which it spoke; None: not known
     false: AlarmRate | None  # first false alarms an hour of them; None: not known
     quiet: bool
+    leads: bool = True  # as of DetectorThreshold
 
 
 class DetectorRow(NamedTuple):
@@ -80,22 +83,24 @@ class Curves(NamedTuple):
     threshold: float
     delay: Incidence  # from the fault's first effect
     lead: Lead
+    leads: bool  # as of DetectorThreshold
 
 
 def alarms(runs: Runs, manifest: Manifest) -> list[ThresholdAlarms]:
     """Everything that can speak, at each threshold: the campaign's detectors, the checks, the cue of the verdicts."""
     free = runs.motions()
-    result = [one for d, detector in enumerate(manifest.detectors) for one in _thresholds(runs, d, detector)]
+    result = [one for d in range(len(manifest.detectors)) for one in _thresholds(runs, manifest, d)]
     result.append(ThresholdAlarms(CHECKS, math.nan, "told_ms", None, None, False))
     if manifest.cues:
         cues = free.came(f"golden_cue{manifest.verdict_cue}_first_ms")
         name = f"{CUE}, {manifest.cues[manifest.verdict_cue].threshold_mm:g} mm"
         rate = free.cue_rate(manifest.verdict_cue)
-        result.append(ThresholdAlarms(name, math.nan, "warned_ms", cues, rate, cues == 0))
+        result.append(ThresholdAlarms(name, math.nan, "warned_ms", cues, rate, cues == 0, runs.cue_leads))
     return result
 
 
-def _thresholds(runs: Runs, d: int, detector: DetectorRecord) -> Iterator[ThresholdAlarms]:
+def _thresholds(runs: Runs, manifest: Manifest, d: int) -> Iterator[ThresholdAlarms]:
+    detector = manifest.detectors[d]
     free, score = runs.motions(), f"golden_detector{d}_score"
     events = [run_facts.beyond_sql(score, threshold, runs.types) for threshold in detector.thresholds]
     counts = [free.with_event(event) for event in events]
@@ -104,7 +109,8 @@ def _thresholds(runs: Runs, d: int, detector: DetectorRecord) -> Iterator[Thresh
     )
     for k, (threshold, count, event) in enumerate(zip(detector.thresholds, counts, events, strict=True)):
         rate = free.first_rate(event, f"detector{d}_threshold{k}_first_ms")
-        yield ThresholdAlarms(detector.name, threshold, f"alarm{d}_{k}_ms", count, rate, threshold == quiet)
+        column, early = f"alarm{d}_{k}_ms", leads.detector(manifest, detector, threshold)
+        yield ThresholdAlarms(detector.name, threshold, column, count, rate, threshold == quiet, early)
 
 
 def known(found: list[ThresholdAlarms]) -> str:
@@ -151,7 +157,7 @@ def curves(runs: Runs, manifest: Manifest, found: list[ThresholdAlarms]) -> list
     for name in dict.fromkeys(one.name for one in found):
         own = [one for one in found if one.name == name]
         one = next((threshold for threshold in own if threshold.quiet), own[-1])
-        result.append(Curves(name, one.threshold, *_times(runs, manifest, one)))
+        result.append(Curves(name, one.threshold, *_times(runs, manifest, one), one.leads))
     return result
 
 
@@ -193,17 +199,19 @@ def _caught(runs: Runs, found: list[ThresholdAlarms]) -> dict[str, _Caught]:
 
 def _threshold(runs: Runs, manifest: Manifest, one: ThresholdAlarms, counts: _Caught) -> DetectorThreshold:
     delay, lead = _times(runs, manifest, one)
+    sampled = runs.sampled()
     return DetectorThreshold(
         one.name,
         one.threshold,
-        wilson(counts.hits, counts.unintended),
-        wilson(counts.misses, counts.others),
-        wilson(counts.hits, counts.hits + counts.misses),
+        tables.of_faults(runs, counts.hits, counts.unintended),
+        tables.of_faults(runs, counts.misses, counts.others),
+        tables.of_faults(runs, counts.hits, counts.hits + counts.misses),
         one.false,
-        delay.quantile_interval(0.5),
-        lead.before,
-        lead.quantile(0.5),
+        tables.known(delay.quantile_interval(0.5), sampled),
+        tables.known(lead.before, sampled),
+        tables.known(lead.quantile(0.5), sampled),
         one.quiet,
+        one.leads,
     )
 
 
@@ -225,7 +233,14 @@ def _bands(runs: Runs, number: int) -> tuple[CurveBand, CurveBand] | tuple[None,
     if min(len(np.unique(unintended)), len(np.unique(cell))) < 2:
         return None, None
     options: dict[str, Any] = {"resamples": int(np.clip(DRAWS // len(values), 100, 400))}
-    return (
+    bands = (
         roc_band(values, unintended, cell, grid=GRID, **options),
         precision_recall_band(values, unintended, cell, grid=GRID[1:], **options),
     )
+    return bands if runs.sampled() else (_bare(bands[0]), _bare(bands[1]))
+
+
+def _bare(band: CurveBand) -> CurveBand:
+    """A curve without its band."""
+    none = np.full(len(band.grid), np.nan)
+    return CurveBand(band.grid, band.curve._replace(low=none, high=none), band.area._replace(low=np.nan, high=np.nan))

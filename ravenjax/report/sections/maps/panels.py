@@ -8,7 +8,7 @@ together have one by site and effect.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from ravenjax.report.data.runs import Runs
@@ -17,6 +17,7 @@ from ravenjax.report.sections.maps import counts as map_counts
 from ravenjax.report.sections.maps import inputs
 from ravenjax.report.sections.maps.counts import PairCounts
 from ravenjax.report.sections.maps.inputs import MapMeasure, Sweep
+from ravenjax.stats.intervals import Rate, share
 
 MIN_RUNS = 12
 """Fewer runs of one site and effect are in the map of all faults alone."""
@@ -35,10 +36,15 @@ def all_maps(runs: Runs) -> list[dict[str, Any]]:
     run fell. Only what came in some runs and not in others has panels.
     """
     sweep = inputs.sweep(runs)
+    groups = runs.groups_by("block") if "block" in runs.facts else {}
     blocks = [name for name, n in sweep.blocks.items() if n >= MIN_RUNS]
-    items = [item for name in blocks if (item := _item(sweep, name, map_counts.of_block(sweep, name)))]
+    items = [
+        item
+        for name in blocks
+        if (item := _item(sweep, name, map_counts.of_block(sweep, name), runs.sampled(groups.get(name))))
+    ]
     items.sort(key=lambda item: [-one["rate"].value for one in item["rates"]])
-    whole = _item(sweep, WHOLE, map_counts.of_all(sweep)) if len(sweep.blocks) > 1 else None
+    whole = _item(sweep, WHOLE, map_counts.of_all(sweep), runs.sampled()) if len(sweep.blocks) > 1 else None
     return [*([whole] if whole else []), *items]
 
 
@@ -56,13 +62,15 @@ def cells(items: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     return list(rows.values())
 
 
-def _item(sweep: Sweep, name: str, of_pairs: Sequence[PairCounts]) -> dict[str, Any] | None:
+def _item(sweep: Sweep, name: str, of_pairs: Sequence[PairCounts], sampled: bool) -> dict[str, Any] | None:
+    """sampled: whether the faults were drawn."""
     if not of_pairs:
         return None
+    rate_in = tables.rate_of if sampled else share
     first = of_pairs[0]
     n, hits = int(first.n.sum()), [int(k.sum()) for k in first.k]
     rates = [
-        {"name": one.name, "title": one.title, "words": one.words, "rate": tables.rate_of(k, n)}
+        {"name": one.name, "title": one.title, "words": one.words, "rate": rate_in(k, n)}
         for one, k in zip(sweep.measures, hits, strict=True)
     ]
     able = [place for place, k in enumerate(hits) if 0 < k < n]
@@ -72,19 +80,17 @@ def _item(sweep: Sweep, name: str, of_pairs: Sequence[PairCounts]) -> dict[str, 
         "n": n,
         "unit": sweep.unit,
         "rates": rates,
-        "panels": [_panel(sweep.measures[place], first, place) for place in able],
-        "more": [_panel(sweep.measures[able[0]], one, able[0]) for one in more] if able else [],
+        "panels": [_panel(sweep.measures[place], first, place, rate_in) for place in able],
+        "more": [_panel(sweep.measures[able[0]], one, able[0], rate_in) for one in more] if able else [],
     }
 
 
-def _panel(measure: MapMeasure, counts: PairCounts, place: int) -> dict[str, Any]:
+def _panel(measure: MapMeasure, counts: PairCounts, place: int, rate_in: Callable[[int, int], Rate]) -> dict[str, Any]:
     n, k = counts.n, counts.k[place]
     rows = [
         {
             "label": label,
-            "cells": [
-                tables.rate_of(int(hits), int(runs)) if runs else None for hits, runs in zip(k[i], n[i], strict=True)
-            ],
+            "cells": [rate_in(int(hits), int(runs)) if runs else None for hits, runs in zip(k[i], n[i], strict=True)],
         }
         for i, label in enumerate(counts.up.labels)
     ]
@@ -92,7 +98,7 @@ def _panel(measure: MapMeasure, counts: PairCounts, place: int) -> dict[str, Any
         "name": measure.name,
         "title": measure.title,
         "words": measure.words,
-        "rate": tables.rate_of(int(k.sum()), int(n.sum())),
+        "rate": rate_in(int(k.sum()), int(n.sum())),
         "across": counts.across.title,
         "up": counts.up.title,
         "columns": counts.across.labels,

@@ -1,25 +1,25 @@
 """What the operator's reaction to the cue changes: the same fault under the same random numbers, with it and without.
 
 A pair is two runs that differ in the crossed parameters alone, of which one has an operator who does not react. Of a
-fault that was run several times the first pair counts, so that pairs are independent draws.
+fault that was run several times the first pair counts; where something else is crossed, a fault has a pair for each.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from ravenjax.report.data import facts as run_facts
+from ravenjax.report.data import pair_intervals as intervals
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables
 from ravenjax.stats.alarms.false_alarms import AlarmRate, alarm_rate
-from ravenjax.stats.bootstrap.resample import BootstrapBand
-from ravenjax.stats.comparison.paired import mcnemar, mean_difference, rate_difference
+from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.store.access.query import RESULTS, quoted
 from ravenjax.vocabulary.reactions import ACTIONS, MEANINGS
@@ -33,9 +33,8 @@ MOST_VALUES = 12
 MOST = 400_000
 """Runs that are looked at pair by pair; of more, pairs are drawn."""
 OF_FACTS = ("failed", "faulty", "action", "distinct", "unintended")
-RESAMPLES = 1000
-DRAWS = 20_000_000
-"""Pairs drawn for one band of a mean, all resamples together."""
+Sampled = Callable[[Collection[str]], bool]
+"""Whether the faults of some groups were drawn, as `Runs.sampled`."""
 
 
 class Pairs(NamedTuple):
@@ -62,8 +61,8 @@ class Difference(NamedTuple):
     change: Estimate  # difference of these rates, fraction
     spared: int  # pairs in which only the run without the reaction had one
     caused: int  # only the run with it
-    p: float  # McNemar, exact
-    distance_mm: Estimate  # mean difference of EXCURSION; bounds NaN: one pair
+    p: float  # exact; NaN where nothing was drawn
+    distance_mm: Estimate  # mean difference of EXCURSION; bounds NaN: one pair, or nothing was drawn
     depth_mm: Estimate  # the same of the tissue's depth
     reacted: Rate  # pairs in which the operator acted
     idle: Rate  # of those, without an unintended motion even where nobody reacts: interrupted for nothing
@@ -96,8 +95,9 @@ def drawn(runs: Runs) -> PairSample:
     names = [name for name in runs.names if name in plain or name.startswith(("param:", "golden_"))]
     raw = ", ".join([*(f"{RESULTS}.{quoted(name)}" for name in names), f"{_EXCURSION} AS {EXCURSION}"])
     own = ", ".join(f'{FACTS}.{name} AS "fact {name}"' for name in OF_FACTS)
-    both = runs.drawn(f"{raw}, {own}, {FACTS}.layer::VARCHAR AS layer", "true", MOST, by="pair")
-    facts = pd.DataFrame({name: both[f"fact {name}"] for name in OF_FACTS} | {"layer": both["layer"]})
+    words = f'{FACTS}.layer::VARCHAR AS layer, {FACTS}."group"::VARCHAR AS "fact group"'
+    both = runs.drawn(f"{raw}, {own}, {words}", "true", MOST, by="pair")
+    facts = pd.DataFrame({name: both[f"fact {name}"] for name in (*OF_FACTS, "group")} | {"layer": both["layer"]})
     return PairSample(both.loc[:, [*names, EXCURSION]], facts)
 
 
@@ -122,10 +122,10 @@ def pairs(frame: pd.DataFrame, facts: pd.DataFrame, action: int, faulty: bool = 
     return Pairs(facts.loc[mine], facts.loc[other], frame.loc[mine], frame.loc[other])
 
 
-def differences(frame: pd.DataFrame, facts: pd.DataFrame) -> list[Difference]:
+def differences(frame: pd.DataFrame, facts: pd.DataFrame, sampled: Sampled) -> list[Difference]:
     """For each action: all pairs, then by layer, then by each value of other crossed parameters."""
     return [
-        _difference(action, among, part)
+        _difference(action, among, part, sampled(part.with_facts["group"].unique().tolist()))
         for number, action in _actions(facts)
         for among, part in _parts(pairs(frame, facts, number))
         if len(part.with_facts)
@@ -180,32 +180,28 @@ def _parts(mine: Pairs) -> Iterator[tuple[str, Pairs]]:
                 yield f"{name.removeprefix('param:')} = {value:g}", mine.where(values == value)
 
 
-def _difference(action: str, among: str, mine: Pairs) -> Difference:
-    """action: of ACTIONS."""
+def _difference(action: str, among: str, mine: Pairs, sampled: bool) -> Difference:
+    """action: of ACTIONS; sampled: whether the faults were drawn."""
     after, before = mine.with_facts["unintended"].to_numpy(), mine.without_facts["unintended"].to_numpy()
     acted = run_facts.first_came(mine.with_frame, "reaction_ms")
-    test = mcnemar(after, before)
+    faults = intervals.faults(mine.with_facts["distinct"].to_numpy(), sampled)
     return Difference(
         MEANINGS[action],
         among,
         len(after),
-        tables.rate(before),
-        tables.rate(after),
-        rate_difference(after, before),
-        test.second_only,
-        test.first_only,
-        test.p,
-        _mean(mine, EXCURSION),
-        _mean(mine, "tissue_depth_mm"),
-        tables.rate(acted),
-        tables.rate(~before[acted]),
+        intervals.rate(before, faults),
+        intervals.rate(after, faults),
+        intervals.rate_difference(after, before, faults),
+        int((before & ~after).sum()),
+        int((after & ~before).sum()),
+        intervals.p_value(after, before, faults),
+        _mean(mine, EXCURSION, faults),
+        _mean(mine, "tissue_depth_mm", faults),
+        intervals.rate(acted, faults),
+        intervals.rate(~before[acted], faults.where(acted) if faults else None),
     )
 
 
-def _mean(mine: Pairs, column: str) -> Estimate:
-    first, second = (part[column].to_numpy(float) for part in (mine.with_frame, mine.without_frame))
-    if len(first) < 2:
-        return Estimate(float((first - second).mean()), math.nan, math.nan)
-    resamples = int(np.clip(DRAWS // len(first), 100, RESAMPLES))
-    band: BootstrapBand = mean_difference(first, second, resamples=resamples, kind="percentile")
-    return Estimate(float(band.value), float(band.low), float(band.high))
+def _mean(mine: Pairs, column: str, faults: Units | None) -> Estimate:
+    after, before = (part[column].to_numpy(float) for part in (mine.with_frame, mine.without_frame))
+    return intervals.mean_difference(after, before, faults)
