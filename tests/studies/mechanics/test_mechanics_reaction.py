@@ -32,3 +32,31 @@ def _motors(joints: np.ndarray) -> np.ndarray:
     """Motor angles of joints 1-3, [T, 3]."""
     matrix = np.array(transmission.motor_matrix("gold", "r_grasper", "fork2015"))[:3, :3]
     return joints @ matrix.T
+
+
+def test_a_load_that_is_there_is_predicted_by_the_model_that_has_it(monkeypatch) -> None:
+    """Torque made with 12.25 times the load: exact by statics and where it is fitted, and by no other model."""
+    rng = np.random.default_rng(3)
+    columns = rng.normal(size=(400, 5))
+    columns[:, 3], columns[:, 4] = np.sign(columns[:, 2]), 1.0
+    torque = columns @ np.array((2e-4, transmission.GP42, 1e-3, 0.05, 0.01))
+    joint = reaction._Joint(columns, torque, np.arange(400) / 400)
+    monkeypatch.setattr(reaction, "_moving", lambda log: [joint] * 3)
+    log = closed_loop.JointRecording(*(np.zeros((400, 3)) for _ in range(3)))
+    largest = {one.model: one.largest for one in reaction.held_out(log)}
+    rotor, authors, statics = reaction.COMPARED
+    exact = {statics, "the same and the load, fitted"}
+    assert set(largest) == set(reaction.MODELS) and rotor in largest and authors in largest
+    for model, error in largest.items():
+        assert (error < 1e-9).all() == (model in exact), model
+
+
+def test_the_second_half_is_fitted_to_by_nothing(monkeypatch) -> None:
+    """What happens there moves no prediction, only the errors."""
+    rng = np.random.default_rng(4)
+    columns, torque = rng.normal(size=(300, 5)), rng.normal(size=300)
+    place = np.arange(300) / 300
+    one = reaction._Joint(columns, torque, place)
+    other = one._replace(torque=np.where(place < 0.5, torque, 9.0))
+    for fitted, load in reaction.MODELS.values():
+        np.testing.assert_array_equal(reaction._predicted(one, fitted, load), reaction._predicted(other, fitted, load))
