@@ -235,9 +235,9 @@ def _faults(table: ResultTable) -> np.ndarray:
 def _sampled(table: ResultTable, records: tuple[Manifest, Manifest]) -> bool:
     """Whether the compared faults were drawn, by the records of both campaigns."""
     for side, record in zip("ab", records, strict=True):
-        drawn = draws.groups(record.config)
+        sources = draws.groups(record.config)
         present = {group for (group,) in table.rows(f'SELECT DISTINCT {side}."group" FROM {_JOINED}')}
-        if drawn is not None and not present <= drawn:
+        if sources is not None and not present <= sources:
             return False
     return True
 

@@ -76,13 +76,13 @@ def _notes(published: literature.Published, robot: Error, ahead: Sequence[Horizo
         one for one in ahead if one.loop == CLOSED and one.model.startswith(horizons.ROTORS) and one.horizon_ms is None
     ]
     passes = "would meet A3, too: a controller makes any motor follow, and A3 does not tell whether the links are right"
-    said = (
+    sentences = (
         f"Bare rotors (motors of {one.model.rpartition(', ')[2]} with viscous friction, every cable cut) have mean "
         f"errors of {_of_joints(one.mean)} in the same closed loop. They "
         f"{passes if (one.mean <= bands).all() else 'would not meet A3'}."
         for one in rotors
     )
-    return (f"Largest errors of the virtual robot, {AUTHORS}, in closed loop: {_of_joints(robot.largest)}.", *said)
+    return (f"Largest errors of the virtual robot, {AUTHORS}, in closed loop: {_of_joints(robot.largest)}.", *sentences)
 
 
 def _of_joints(values: np.ndarray) -> str:

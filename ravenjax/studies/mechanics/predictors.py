@@ -19,7 +19,7 @@ from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import robot
 from ravenjax.studies.dsn16.recording import horizons
-from ravenjax.studies.dsn16.recording.horizons import CLOSED, Ahead, Model, Predictor, Stretch
+from ravenjax.studies.dsn16.recording.horizons import CLOSED, Ahead, Model, Predictor, RecordedStretch
 
 SLOPE_ROWS = 5
 """Rows, some 20 ms, whose straight line gives the speed at the last of them."""
@@ -30,11 +30,11 @@ def second_half(logged: LoggedRobot) -> np.ndarray:
     return np.flatnonzero(logged.log.cycles >= len(logged.log.desired) // 2)
 
 
-def stretch(logged: LoggedRobot, rows: np.ndarray, period_ms: float) -> Stretch:
+def stretch(logged: LoggedRobot, rows: np.ndarray, period_ms: float) -> RecordedStretch:
     """Some rows of a log that has all seven joints."""
     units = {joint.replace("_", " "): unit for joint, unit in zip(JOINTS, tables.UNITS, strict=True)}
     measured, speed = logged.log.measured * tables.PER_UNIT, speeds(logged.log.measured, period_ms) * tables.PER_UNIT
-    return Stretch(measured[rows], speed[rows], period_ms, units)
+    return RecordedStretch(measured[rows], speed[rows], period_ms, units)
 
 
 def speeds(measured: np.ndarray, period_ms: float) -> np.ndarray:

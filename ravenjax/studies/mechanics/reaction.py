@@ -82,9 +82,9 @@ def held_out(log: JointRecording) -> list[TorqueError]:
 
 def _predicted(joint: _Joint, fitted: tuple[int, ...], load: float) -> np.ndarray:
     """Torque of the second half."""
-    first, columns, given = joint.place < 0.5, joint.columns[:, fitted], load * joint.columns[:, 1]
-    best, *_ = np.linalg.lstsq(columns[first], (joint.torque - given)[first], rcond=None)
-    return columns[~first] @ best + given[~first]
+    first, columns, fixed = joint.place < 0.5, joint.columns[:, fitted], load * joint.columns[:, 1]
+    best, *_ = np.linalg.lstsq(columns[first], (joint.torque - fixed)[first], rcond=None)
+    return columns[~first] @ best + fixed[~first]
 
 
 def _moving(log: JointRecording) -> list[_Joint]:

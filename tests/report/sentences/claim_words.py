@@ -60,8 +60,10 @@ def timed(known: plain.Known) -> str:
 
 
 def points(known: plain.Known) -> str:
-    """A difference of rates with its bounds."""
+    """A difference of rates with its bounds, where it has any."""
     value, low, high = known
+    if math.isnan(low):
+        return f"{signed(value)} points"
     return f"{signed(value)} points ({signed(low)} to {signed(high)})"
 
 

@@ -76,7 +76,7 @@ def pair_row(e: Expected, cells: list[Node], title: str, part: pd.DataFrame) -> 
         count(n),
         share_of(without, part),
         share_of(with_, part),
-        f"{signed(value)} points {signed(low)} to {signed(high)}",
+        f"{signed(value)} points" + ("" if np.isnan(low) else f" {signed(low)} to {signed(high)}"),
         f"{count((without & ~with_).sum())}, {count((with_ & ~without).sum())}",
         number(p_value(part), 2),
         f"{number(round(mean_far(part), 2))} mm{spans}",

@@ -48,7 +48,7 @@ def ahead(scale: float) -> list[horizons.HorizonError]:
     ]
 
 
-PART = horizons.Stretch(np.zeros((1000, 3)), np.zeros((1000, 3)), 1.0, predictors.UNITS)
+PART = horizons.RecordedStretch(np.zeros((1000, 3)), np.zeros((1000, 3)), 1.0, predictors.UNITS)
 
 
 @pytest.mark.parametrize(
@@ -75,7 +75,7 @@ def test_a_steady_motion_is_what_a_held_velocity_predicts():
     for period_ms in (1.0, 4.94):
         seconds = np.arange(600)[:, None] * period_ms * 1e-3
         speed = np.array((2.0, -1.0, 0.5))
-        part = horizons.Stretch(seconds * speed, np.tile(speed, (600, 1)), period_ms, predictors.UNITS)
+        part = horizons.RecordedStretch(seconds * speed, np.tile(speed, (600, 1)), period_ms, predictors.UNITS)
         errors = {(one.model, one.horizon_ms): one for one in horizons.compare(part, [])}
         for horizon in (*horizons.HORIZONS_MS, None):
             np.testing.assert_allclose(errors[horizons.HELD_VELOCITY, horizon].largest, 0.0, atol=1e-12)

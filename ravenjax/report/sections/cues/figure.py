@@ -44,7 +44,7 @@ def _hourly(row: CueRow) -> AlarmRate:
 def _marks(rows: Sequence[CueRow], name: str, colour: str) -> Dots:
     force = np.array([row.force for row in rows])
     largest = force[np.isfinite(force)].max(initial=0.0)
-    drawn = np.isfinite([row.missed.low for row in rows]).all()
+    sampled = np.isfinite([row.missed.low for row in rows]).all()
     scale = np.nan_to_num(force / largest) if largest > 0 else np.zeros(len(rows))
     first: dict[float, CueRow] = {}
     for row in rows:  # gains that change only the force fall on one mark: one label for them
@@ -56,8 +56,8 @@ def _marks(rows: Sequence[CueRow], name: str, colour: str) -> Dots:
         np.array([row.missed.value for row in rows]),
         np.array([_hourly(row).low for row in rows]),
         np.array([_hourly(row).high for row in rows]),
-        np.array([row.missed.low for row in rows]) if drawn else EMPTY,
-        np.array([row.missed.high for row in rows]) if drawn else EMPTY,
+        np.array([row.missed.low for row in rows]) if sampled else EMPTY,
+        np.array([row.missed.high for row in rows]) if sampled else EMPTY,
         tuple((9 + 5 * scale).round(1).tolist()),
         tuple(f"{row.cue.threshold_mm:g} mm" if first[row.cue.threshold_mm] is row else "" for row in rows),
         tuple(map(_words, rows)),

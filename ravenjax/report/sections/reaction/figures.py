@@ -28,12 +28,12 @@ def spared(rows: Sequence[Difference]) -> Chart:
     marks = []
     for number, action in enumerate(actions):
         mine = [row for row in rows if row.action == action and np.isfinite(row.distance_mm.value)]
-        drawn = bool(np.isfinite([row.distance_mm.low for row in mine]).all())
+        sampled = bool(np.isfinite([row.distance_mm.low for row in mine]).all())
         shift = (number - (len(actions) - 1) / 2) * 0.22
         value, low, high = (np.array([row.distance_mm[part] for row in mine]) for part in range(3))
         places = np.array([classes.index(row.among) + shift for row in mine])
         tips = tuple(f"{action}, {row.among}: {row.distance_mm.value:.2f} mm, {row.n:,} pairs" for row in mine)
-        edges = (low, high) if drawn else (EMPTY, EMPTY)
+        edges = (low, high) if sampled else (EMPTY, EMPTY)
         marks.append(Dots(action, palette.series(number), value, places, *edges, tips=tips))
     ends = np.concatenate([[0.0], *(edge for one in marks for edge in (one.x, one.x_low, one.x_high))])
     low, high = (above(1.05 * abs(float(end))) if end else 0.0 for end in (ends.min(), ends.max()))

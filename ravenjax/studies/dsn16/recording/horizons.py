@@ -45,7 +45,7 @@ def models(setup: RavenSetup, arm: ArmName) -> list[Model]:
     return [*robots, *rotors]
 
 
-class Stretch(NamedTuple):
+class RecordedStretch(NamedTuple):
     """A part of a recording that nothing was fitted to; [n, joints] each, rows `period_ms` apart."""
 
     angle: np.ndarray  # by the motors, in the unit of its joint
@@ -85,7 +85,7 @@ class HorizonError(NamedTuple):
     largest: np.ndarray
 
 
-def held(part: Stretch) -> tuple[Predictor, Predictor]:
+def held(part: RecordedStretch) -> tuple[Predictor, Predictor]:
     """The two null models that need no robot."""
 
     def ahead(velocity: float) -> Ahead:
@@ -98,7 +98,7 @@ def held(part: Stretch) -> tuple[Predictor, Predictor]:
     return Predictor(NO_LOOP, HELD_POSITION, ahead(0.0)), Predictor(NO_LOOP, HELD_VELOCITY, ahead(1.0))
 
 
-def compare(part: Stretch, models: Sequence[Predictor]) -> list[HorizonError]:
+def compare(part: RecordedStretch, models: Sequence[Predictor]) -> list[HorizonError]:
     """Every model, and those of `held`, at every horizon and over the whole stretch."""
     ends = [part.rows(horizon) for horizon in HORIZONS_MS]
     errors = []

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ravenjax.studies.dsn16.recording import horizons
-from ravenjax.studies.dsn16.recording.horizons import HorizonError, Stretch
+from ravenjax.studies.dsn16.recording.horizons import HorizonError, RecordedStretch
 from ravenjax.studies.framework.study import Table
 
 NOTE = (
@@ -19,7 +19,7 @@ NOTE = (
 )
 
 
-def table(title: str, part: Stretch, errors: Sequence[HorizonError]) -> Table:
+def table(title: str, part: RecordedStretch, errors: Sequence[HorizonError]) -> Table:
     """A row a model and horizon."""
     rows = tuple(
         (
@@ -34,16 +34,15 @@ def table(title: str, part: Stretch, errors: Sequence[HorizonError]) -> Table:
     return Table(title, ("driven in", "model", "horizon, ms", *heads), rows, NOTE)
 
 
-def sentences(part: Stretch, errors: Sequence[HorizonError]) -> Iterator[str]:
+def sentences(part: RecordedStretch, errors: Sequence[HorizonError]) -> Iterator[str]:
     """Of each virtual robot in each loop: where it predicts better than a held velocity, and than every null model."""
     by_name = {(one.loop, one.model, one.horizon_ms): one for one in errors}
     for (loop, model), mine in _robots(errors).items():
-        held = [by_name[horizons.NO_LOOP, horizons.HELD_VELOCITY, one.horizon_ms] for one in mine]
-        nulls = [
-            np.min([null.mean for null in _nulls(errors, one)], axis=0) for one in mine
-        ]  # the best of them, joint by joint
-        where = [f"{_when(one)} at {_joints(part, one.mean < null.mean)}" for one, null in zip(mine, held, strict=True)]
-        best = sum(int((one.mean < null).sum()) for one, null in zip(mine, nulls, strict=True))
+        where = []
+        for one in mine:
+            velocity = by_name[horizons.NO_LOOP, horizons.HELD_VELOCITY, one.horizon_ms]
+            where.append(f"{_when(one)} at {_joints(part, one.mean < velocity.mean)}")
+        best = sum(int((one.mean < np.min([null.mean for null in _nulls(errors, one)], axis=0)).sum()) for one in mine)
         cells = len(mine) * len(part.units)
         yield (
             f"{model[0].upper()}{model[1:]}, {loop}: its mean error is smaller than that of a held velocity "
@@ -75,7 +74,7 @@ def _when(one: HorizonError) -> str:
     return "over the whole" if one.horizon_ms is None else f"after {one.horizon_ms} ms"
 
 
-def _joints(part: Stretch, better: np.ndarray) -> str:
+def _joints(part: RecordedStretch, better: np.ndarray) -> str:
     """`every joint`, `no joint`, or `2 of 3 joints (shoulder, elbow)`."""
     names = [joint for joint, is_better in zip(part.units, better, strict=True) if is_better]
     if len(names) in (0, len(part.units)):

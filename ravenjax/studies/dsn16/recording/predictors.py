@@ -12,7 +12,7 @@ import numpy as np
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.studies.dsn16.recording import closed_loop, horizons
 from ravenjax.studies.dsn16.recording.closed_loop import JointRecording, Rows
-from ravenjax.studies.dsn16.recording.horizons import CLOSED, OPEN, Ahead, Model, Predictor, Stretch
+from ravenjax.studies.dsn16.recording.horizons import CLOSED, OPEN, Ahead, Model, Predictor, RecordedStretch
 
 TO_JOINT = np.array((180.0 / math.pi, 180.0 / math.pi, 1e3)) / np.array(transmission.TR[:3])
 """deg, deg and mm of the joint per rad of its motor."""
@@ -25,9 +25,9 @@ def second_half(log: JointRecording) -> JointRecording:
     return JointRecording(*(part[len(log.angle) // 2 :] for part in log))
 
 
-def stretch(log: JointRecording) -> Stretch:
+def stretch(log: JointRecording) -> RecordedStretch:
     """All of `log`, at the joints."""
-    return Stretch(log.angle * TO_JOINT, log.speed * TO_JOINT, 1.0, UNITS)
+    return RecordedStretch(log.angle * TO_JOINT, log.speed * TO_JOINT, 1.0, UNITS)
 
 
 def of(log: JointRecording) -> list[Predictor]:
