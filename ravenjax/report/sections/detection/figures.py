@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ravenjax.document import palette
-from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
+from ravenjax.document.chart import EMPTY, Chart, ChartAxis, Curve, Dots, Mark
 from ravenjax.document.steps import steps
 from ravenjax.report.sections.detection.performance import Curves, DetectorRow, DetectorThreshold
 from ravenjax.report.sections.time_to_know import log_time, of_incidence
@@ -92,9 +92,11 @@ def _marks(row: DetectorRow, number: int, kind: str, visible: bool) -> list[Mark
     band = getattr(row, kind)
     if band is not None:
         name = f"{row.name} ({band.area.value:.3f})"
-        edges = np.asarray(band.curve.low, float), np.asarray(band.curve.high, float)
-        edges = edges if np.isfinite(band.area.low) else ()
-        marks.append(Curve(name, colour, band.grid, np.asarray(band.curve.value, float), *edges, visible=visible))
+        low, high = (np.asarray(edge, float) for edge in (band.curve.low, band.curve.high))
+        if np.isnan(band.area.low):
+            low = high = EMPTY
+        curve = np.asarray(band.curve.value, float)
+        marks.append(Curve(name, colour, band.grid, curve, low, high, visible=visible))
     places = [(threshold, *_place(threshold, kind)) for threshold in row.thresholds]
     places = [place for place in places if np.isfinite(place[1:]).all()]
     if places:
