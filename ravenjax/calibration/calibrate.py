@@ -12,10 +12,9 @@ from ravenjax.calibration import judgement, parameters, sampling
 from ravenjax.calibration.judgement import FollowingError
 from ravenjax.calibration.log import JointLog
 from ravenjax.calibration.parameters import Unknown
-from ravenjax.calibration.replay import Controller, replay
+from ravenjax.calibration.replay import Controller, bare_rotors, replay
 from ravenjax.calibration.sampling import Counter, ReplayEffort, Search
 from ravenjax.errors import UserError
-from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -116,8 +115,7 @@ class LoggedRobot:
         """Following errors on `part` of the log itself, of `robots` by name, and of bare rotors of the first."""
         models = {name: self.replayed(part, params) for name, params in robots.items()}
         base = next(iter(robots.values()))
-        rotors = replace(base.actuators, coulomb=Vec.full(7, 0.0), bias=Vec.full(7, 0.0))
-        models[ROTOR] = self.replayed(part, replace(base, actuators=rotors), 0.0)
+        models[ROTOR] = self.replayed(part, bare_rotors(base), 0.0)
         return judgement.following(LOG, part.measured, part.desired[part.cycles], models)
 
     def replayed(self, part: JointLog, params: robot.PlantParams, cables: float = 1.0) -> np.ndarray:
