@@ -64,7 +64,7 @@ def p_value(after: np.ndarray, before: np.ndarray, among: Units | None) -> float
 
 def _resampled(difference: np.ndarray, among: Units) -> Estimate:
     band = units.ratio(difference, 1.0, among, resamples=_resamples(among.count))
-    return Estimate(float(band.value), float(band.low), float(band.high))
+    return Estimate(_mean(difference), float(band.low), float(band.high))
 
 
 def _resamples(count: int) -> int:
