@@ -18,7 +18,7 @@ class RavenSetup(setup.Setup):
     arms: tuple[ArmName, ...] = ("gold",)  # in mechanism order, gold first
     software: Literal["raven2", "fork2015"] = "raven2"  # present raven2 software, or the 2015 simulator fork
     tools: tuple[str, ...] = ("r_grasper",)  # one per arm, a name of ravenjax.robots.raven2.geometry.tools
-    build: Literal["robot", "dyn_sim"] = "robot"  # for the robot, or the fork's dynamics-simulator build
+    build: Literal["robot", "dyn_sim", "dyn_sim_tools"] = "robot"  # for the robot, or a dynamics simulator of the fork
     console: Literal["increments", "absolute"] = "increments"  # what a packet carries (spec 5.3, 5.4)
     dac_words: Literal["wrap", "saturate", "unwrapped"] = "wrap"  # how a faulty DAC command is stored for USB
     substeps: int = 1  # plant steps per 1 ms tick

@@ -60,10 +60,11 @@ class RavenCampaign(Campaign):
     software: Literal["raven2", "fork2015"] = Field(
         default="raven2", description="control software: present raven2, or the 2015 fork"
     )
-    build: Literal["robot", "dyn_sim"] = Field(
+    build: Literal["robot", "dyn_sim", "dyn_sim_tools"] = Field(
         default="robot",
         description="what the software was built for; dyn_sim, of fork2015: motors 1-3 read from the model without "
-        "encoders and filter, ideal tool joints, packets that end with a software E-stop",
+        "encoders and filter, ideal tool joints, packets that end with a software E-stop; dyn_sim_tools: the same, but "
+        "tool joints measured as on the robot, which nobody published",
     )
     dac_words: Literal["wrap", "saturate", "unwrapped"] | None = Field(
         default=None,
@@ -369,10 +370,10 @@ class RavenConfig(CampaignConfig):
         campaign = self.campaign
         if campaign.tools is not None and len(campaign.tools) != len(campaign.arms):
             yield ("campaign", "tools"), f"got {len(campaign.tools)}, expected one per arm ({len(campaign.arms)})"
-        if campaign.build == "dyn_sim" and campaign.software != "fork2015":
+        if campaign.build != "robot" and campaign.software != "fork2015":
             yield (
                 ("campaign", "build"),
-                "got 'dyn_sim', expected software = 'fork2015': only the 2015 fork was built so",
+                f"got {campaign.build!r}, expected software = 'fork2015': only the 2015 fork was built so",
             )
         if campaign.software == "fork2015" and campaign.policy != type(campaign).model_fields["policy"].default:
             yield ("campaign", "policy"), f"got {campaign.policy!r}, but the 2015 fork has no policy: remove the key"

@@ -108,7 +108,7 @@ def delayed(delay: Scalar, now: tuple[Vec, ...], before: tuple[tuple[Vec, ...], 
 
 
 def motors(setup: RavenSetup, robots: tuple[plant.PlantOutput, ...]) -> tuple[tuple[Vec, Vec], ...] | None:
-    """What the dynamics-simulator build reads in place of encoders: motors 1-3 of each arm."""
+    """What a dynamics-simulator build reads in place of encoders: motors 1-3 of each arm."""
     if setup.build == "robot":
         return None
     return tuple((Vec(out.mpos[:3]), Vec(out.mvel[:3])) for out in robots)

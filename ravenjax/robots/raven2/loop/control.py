@@ -78,7 +78,7 @@ class Inputs:
     usb: usb.UsbIn
     read_ok: tuple[Scalar, ...]  # int32, 0: the board's read failed
     simulated: tuple[tuple[Vec, Vec], ...] | None = (
-        None  # build "dyn_sim": motors 1-3 as the model has them, rad, rad/s
+        None  # in a dynamics-simulator build: motors 1-3 as the model has them, rad, rad/s
     )
 
 
@@ -308,14 +308,16 @@ def _struck(inject: Inject, sites: tuple[str, str], poses: tuple[StoredPose, ...
 def _measured(
     setup: RavenSetup, inputs: Inputs, state: ControlState, estimates: tuple[tuple[Vec, Vec], ...]
 ) -> tuple[tuple[Vec, Vec], ...]:
-    """Motor positions and velocities of each arm: the estimator's, but for the dynamics-simulator build, which takes
-    joints 1-3 from its model as they are and believes the tool joints to be where they should."""
+    """Motor positions and velocities of each arm: the estimator's, but that a dynamics-simulator build takes joints 1-3
+    from its model as they are. The published one believes the tool joints to be where they should."""
     if inputs.simulated is None:
         return estimates
-    still = (narrow(setup, 0.0),) * 4
+    tools = [(mpos[3:], mvel[3:]) for mpos, mvel in estimates]
+    if setup.build == "dyn_sim":
+        tools = [(motors.mpos_d[3:], (narrow(setup, 0.0),) * 4) for motors in state.motor_control]
     return tuple(
-        (Vec((*narrow(setup, mpos), *motors.mpos_d[3:])), Vec((*narrow(setup, mvel), *still)))
-        for (mpos, mvel), motors in zip(inputs.simulated, state.motor_control, strict=True)
+        (Vec((*narrow(setup, mpos), *tool_mpos)), Vec((*narrow(setup, mvel), *tool_mvel)))
+        for (mpos, mvel), (tool_mpos, tool_mvel) in zip(inputs.simulated, tools, strict=True)
     )
 
 

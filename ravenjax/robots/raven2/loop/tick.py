@@ -97,7 +97,7 @@ class TickState:
     plc: plc.PlcState
     plant: tuple[plant.PlantState, ...]
     enc_val: tuple[Vec, ...]  # int32 counts that the encoders show
-    motors: tuple[tuple[Vec, Vec], ...] | None  # rad, rad/s of motors 1-3, for build "dyn_sim" alone
+    motors: tuple[tuple[Vec, Vec], ...] | None  # rad, rad/s of motors 1-3, for the dynamics-simulator builds alone
     nominal: tuple[nominal.NominalState, ...]
     haptics: tuple[haptics.HapticState, ...]
     hands: operator.HandOffsets | None  # where they may do more than is planned
@@ -489,7 +489,7 @@ def _packet_due(
         return fresh, state.packet + as_int(fresh), state.clock
     now, cycles = signal.tick, params.network.cycles_per_packet
     stopped = state.control.state_machine.soft_estopped
-    ends = setup.build == "dyn_sim"  # its packet generator ends with the robot's software E-stop
+    ends = setup.build != "robot"  # a simulator's packet generator ends with the robot's software E-stop
     if state.clock is not None:
         fresh = now >= state.clock.due
         fresh = fresh & (stopped == 0) if ends else fresh
