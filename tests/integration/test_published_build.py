@@ -51,7 +51,7 @@ def test_the_simulator_build_reads_its_model_without_encoders(stopping):
 
 
 def test_tool_joints_may_be_measured_in_the_simulator_build(stopping):
-    """Up to the fault they are those of the robot's build, as its encoders and filter have them; 1-3 are the model's."""
+    """Up to the fault they are those of the robot's build, by encoders and filter; joints 1-3 are the model's."""
     fault = {"value": 8000, "start_ms": 700, "duration_ms": 300}
     series = replay(campaign(fault, build="dyn_sim_tools"), 0, "simd").series
     np.testing.assert_array_equal(series["gold/mpos"][1:, :3], series["gold/motor_mpos"][:-1, :3].astype(np.float32))

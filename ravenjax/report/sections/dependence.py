@@ -18,6 +18,8 @@ LEAST_RUNS = 20
 """Of a conclusion; with fewer, thirds of a parameter hold too few for any statement."""
 MOST = 200_000
 """Runs that are looked at one by one; a dependence that these do not show changes a rate by less than a point."""
+
+
 class Conclusion(NamedTuple):
     """One rate and how it hangs on each varied parameter, the clearest first; Holm over the parameters."""
 

@@ -1,8 +1,8 @@
 """What the counts of the targeted attacks say: shares of cells, bias, the alarm's window.
 
-A cell is one fault (a value and a duration); the runs in it differ in the packet that it starts at and come out alike
-nearly always. Values, durations and onsets are a fixed grid and the robot has no noise: nothing is sampled, so a
-predicted share has no interval.
+A cell is one fault (a value and a duration); the runs in it differ in the packet that it starts at, and in how long
+packets last where that is drawn. Values, durations and onsets are a fixed grid and the robot has no noise, so a
+predicted share has no interval; what the draws of packets do to it, variants with other draws tell.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ DURATIONS = (1, 2, 4, 8, 16, 32, 64, 128)
 """Packets that a fault lasts, in both scenarios."""
 
 
-def inside(first_tick: np.ndarray, start: np.ndarray, duration: np.ndarray, cycles: int = 1) -> np.ndarray:
+def inside(ended: np.ndarray, start: np.ndarray, duration: np.ndarray) -> np.ndarray:
     """Whether a first jump counts for the published analysis when it only looks at packets t1 to t1 + d + 1.
 
-    first_tick: ms, -1 never, as the monitor notes it: in the packet that ends the second long step, so the jump's own
-    packet is two before. start, duration: packets. cycles: control cycles a packet; packet n begins in (n - 1) cycles.
+    ended: packet that ends the second long step, as the monitor notes it, 0 never; the jump's own packet is two
+    before. start, duration: packets.
     """
-    packet = np.asarray(first_tick) // cycles + 1 - 2
-    return (np.asarray(first_tick) >= 0) & (packet >= start) & (packet <= np.asarray(start) + duration + 1)
+    packet = np.asarray(ended) - 2
+    return (np.asarray(ended) > 0) & (packet >= start) & (packet <= np.asarray(start) + duration + 1)
 
 
 class CellShares(NamedTuple):

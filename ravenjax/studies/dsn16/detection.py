@@ -43,6 +43,7 @@ class Watched(NamedTuple):
     alarms: Mapping[str, Sequence[RunAlarms]]  # the same -> of each run
     largest_mvel: np.ndarray  # [runs] largest step of motor velocity inside the window, over its 99.9 % threshold
     leaps: np.ndarray  # bool [runs] the reported tip moved more than 1 mm within two packets: the text's jump
+    joints: np.ndarray  # [runs, 3, 7] rad and m, reported in the packets of the first jump's steps; NaN: no jump
 
 
 def learn(folders: Mapping[str, Path]) -> Learned:
@@ -66,22 +67,32 @@ def thresholds(learned: Learned) -> dict[str, np.ndarray]:
 
 def watch(folder: Path, runs: VariantRuns, thresholds: Mapping[str, np.ndarray]) -> Watched:
     """Every faulty run of a folder under the detector's eyes."""
-    faults = {int(i): (int(t1), int(d)) for i, t1, d in zip(runs.index, runs.start, runs.duration, strict=True)}
+    columns = (runs.start.tolist(), runs.duration.tolist(), runs.jump_packet.tolist())
+    faults = dict(zip(runs.index.tolist(), zip(*columns, strict=True), strict=True))
 
-    def one(row: int, series: Series) -> tuple[list[RunAlarms], float, bool]:
-        trace, (first, lasts) = log(series), faults[row]
+    def one(row: int, series: Series) -> tuple[list[RunAlarms], float, bool, np.ndarray]:
+        trace, (first, lasts, ended) = log(series), faults[row]
         inside = (trace.packet[:-1] >= first) & (trace.packet[:-1] <= first + lasts + 1)
         moved = detector.steps(trace)[inside, 1] / thresholds[CHOSEN][1]
         verdicts = [detector.alarms(trace, threshold, first, lasts) for threshold in thresholds.values()]
-        return verdicts, float(moved.max(initial=0.0)), leaps(trace)
+        return verdicts, float(moved.max(initial=0.0)), leaps(trace), jump_steps(trace, ended)
 
     measured = measure(folder, one, runs.index.tolist())
     return Watched(
         thresholds=thresholds,
-        alarms={name: [alarms[k] for alarms, _, _ in measured] for k, name in enumerate(thresholds)},
-        largest_mvel=np.array([largest for _, largest, _ in measured]),
-        leaps=np.array([leapt for _, _, leapt in measured]),
+        alarms={name: [alarms[k] for alarms, *_ in measured] for k, name in enumerate(thresholds)},
+        largest_mvel=np.array([largest for _, largest, *_ in measured]),
+        leaps=np.array([leapt for *_, leapt, _ in measured]),
+        joints=np.stack([joints for *_, joints in measured]),
     )
+
+
+def jump_steps(found: Log, ended: int) -> np.ndarray:
+    """Joints [3, 7] in the packets of a jump's two steps, of which the second ends in packet `ended`; 0: NaN."""
+    if not ended:
+        return np.full((3, found.joints.shape[1]), np.nan)
+    row = int(np.searchsorted(found.packet, ended))
+    return found.joints[row - 2 : row + 1].astype(float)
 
 
 def leaps(found: Log) -> bool:
@@ -127,7 +138,7 @@ def missed(runs: VariantRuns, fused: np.ndarray) -> str:
 def leads(runs: VariantRuns, watched: Watched) -> StudyEstimate:
     """Packets from the first fused alarm to the jump: median, 5th and 95th percentile; n counts runs with both."""
     first = np.array([a.first for a in watched.alarms[CHOSEN]])
-    jump = runs.jump_ms // runs.cycles + 1 - runs.start
+    jump = runs.jump_packet - runs.start
     both = (first >= 0) & runs.hits["jump"]
     if not both.any():
         return StudyEstimate(math.nan, n=0, of="runs")

@@ -61,11 +61,16 @@ def fault_free(log: Log) -> np.ndarray:
 
 
 def learn(runs: Iterable[np.ndarray]) -> Learned:
-    """From what `fault_free` gave of runs of equal length. ValueError for none."""
-    steps_of = list(runs)
-    if not steps_of:
+    """From what `fault_free` gave of runs. ValueError for none."""
+    return Learned(stacked(list(runs)))
+
+
+def stacked(series: Sequence[np.ndarray]) -> np.ndarray:
+    """[runs, rows, ..] of a series [rows, ..] a run, each cut to the shortest: runs have more packets or fewer."""
+    if not series:
         raise ValueError("thresholds are learned from at least one run, got none")
-    return Learned(np.stack(steps_of))
+    rows = min(map(len, series))
+    return np.stack([one[:rows] for one in series])
 
 
 def pooled_interval(values: np.ndarray, percent: float, confidence: float = 0.95) -> StudyEstimate:

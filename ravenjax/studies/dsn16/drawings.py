@@ -18,7 +18,7 @@ class Panel(NamedTuple):
 
     title: str
     predicted: np.ndarray  # [8]
-    two_cycles: np.ndarray | None  # [8], with two control cycles a packet
+    packets: np.ndarray | None  # [2, 8], lowest and highest with other lengths of packets
     others: Mapping[str, np.ndarray]  # other trajectories
     published: np.ndarray | None = None  # [8]
     published_interval: np.ndarray | None = None  # [2, 8]
@@ -57,12 +57,12 @@ def _panel(axis: Any, panel: Panel, places: np.ndarray, label: str) -> None:
                 lw=0,
                 label=None if k else "acceptance band A1",
             )
-    if panel.two_cycles is not None:
-        axis.fill_between(places, panel.predicted, panel.two_cycles, color=PREDICTED, alpha=0.15, lw=0)
-        axis.plot(places, panel.two_cycles, color=PREDICTED, lw=1.0, ls="--", label=f"{label}, 2 cycles a packet")
+    if panel.packets is not None:
+        low, high = panel.packets
+        axis.fill_between(places, low, high, color=PREDICTED, alpha=0.15, lw=0, label="other lengths of packets")
     for colour, (name, percent) in zip(OTHERS, panel.others.items(), strict=False):
         axis.plot(places, percent, color=colour, lw=1.0, marker=".", ms=4, label=name)
-    axis.plot(places, panel.predicted, color=PREDICTED, lw=1.8, marker="o", ms=4, label=f"{label}, 1 cycle a packet")
+    axis.plot(places, panel.predicted, color=PREDICTED, lw=1.8, marker="o", ms=4, label=label)
     if panel.published is not None:
         spread = None
         if panel.published_interval is not None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ravenjax.robots.raven2.plant import published
 from ravenjax.studies.dsn16 import cells as dsn16_cells
-from ravenjax.studies.dsn16 import detection, drawings, sensitivity, statements, trajectory
+from ravenjax.studies.dsn16 import detection, drawings, motor_notes, sensitivity, statements, timing, trajectory
 from ravenjax.studies.dsn16 import runs as dsn16_runs
 from ravenjax.studies.dsn16.cells import DURATIONS
 from ravenjax.studies.dsn16.runs import VariantRuns, stored
@@ -19,7 +19,6 @@ from ravenjax.studies.framework.study import Context, Drawing, Findings, Line, S
 
 CAMPAIGN = "dsn16_b.toml"
 BASELINE = "baseline"
-TWO_CYCLES = ("parameters.network.cycles_per_packet=2", "campaign.duration_s=5")
 FAULT = "group.scenario_b.fault.0"
 NEGATIVE = ",".join(
     f"-{v}"
@@ -43,11 +42,15 @@ NEGATIVE = ",".join(
         800000,
     )
 )
-SIGNIFICANT = 0.05
-STRICTER = ("jump_0.3mm", "jump_0.5mm", "jump_text")
 
 SEMANTICS = (
-    Variant("cycles_2", CAMPAIGN, TWO_CYCLES, "a packet lasts two control cycles instead of one"),
+    Variant(
+        timing.DECLARED,
+        CAMPAIGN,
+        (*timing.EVERY_CYCLE, "campaign.parameter_set=traj3"),
+        "the baseline declared first: a packet each cycle, the authors' law",
+    ),
+    *timing.variants(CAMPAIGN),
     Variant("dac_saturate", CAMPAIGN, ("campaign.dac_words=saturate",), "large values saturate at 16 bits, not wrap"),
     Variant("dac_unwrapped", CAMPAIGN, ("campaign.dac_words=unwrapped",), "large values are applied as they are"),
     Variant("before_check", CAMPAIGN, (f"{FAULT}.site=current_cmd",), "the fault strikes before the overdrive check"),
@@ -60,10 +63,10 @@ SEMANTICS = (
         "build_robot", CAMPAIGN, ("campaign.build=robot",), "encoders, velocity filter; packets go on after a stop"
     ),
     Variant(
-        "build_robot_cycles_2",
+        "tool_joints",
         CAMPAIGN,
-        ("campaign.build=robot", *TWO_CYCLES),
-        "as build_robot, a packet lasts two control cycles",
+        ("campaign.build=dyn_sim_tools",),
+        "tool joints are measured, not believed to be where they should",
     ),
     Variant(
         "software_raven2",
@@ -90,7 +93,7 @@ HANDS = (
     *(Variant(n, CAMPAIGN, o, "another motion from home") for n, o in trajectory.MOTIONS.items()),
     *(Variant(n, CAMPAIGN, o, "the same stitches, a longer lever") for n, o in trajectory.LEVERS.items()),
     *(
-        Variant(f"{n}_cycles_2", CAMPAIGN, (*o, *TWO_CYCLES), "a longer lever, two control cycles a packet")
+        Variant(f"{n}_every_cycle", CAMPAIGN, (*o, *timing.EVERY_CYCLE), "a longer lever, a packet each cycle")
         for n, o in trajectory.LEVERS.items()
     ),
 )
@@ -123,10 +126,12 @@ def compare(context: Context) -> Findings:
     levers = [runs[name] for name in trajectory.LEVERS if name in runs]
     lines = [*_jumps(base, published, bands, lambda place: _would_fit([*cases, *rules], place, bands[place]), "A1")]
     lines.append(_bias(base, jumps, published, "A1"))
-    lines += [line for one in levers for line in _jumps(one, published, bands, _counted_inside(one))]
-    lines += [_bias(one, jumps, published) for one in levers]
+    beside = [*(runs[name] for name in (timing.DECLARED,) if name in runs), *levers]
+    lines += [line for one in beside for line in _jumps(one, published, bands, _counted_inside(one))]
+    lines += [_bias(one, jumps, published) for one in beside]
     lines += _stops(base, published)
-    lines += statements.scenario_b(base, watched.largest_mvel, jumps, stops)
+    stated = statements.scenario_b(base, watched.largest_mvel, jumps, stops)
+    lines += stated
     lines += _blind(base)
     own = VariantCase(base, "", label=BASELINE)
     tables = (
@@ -151,7 +156,11 @@ def compare(context: Context) -> Findings:
         _by_value(base, watched),
         *_hands(own, real, jumps, stops, bands, error),
     )
-    notes = (*_notes(base, runs, [*cases, *rules], jumps, stops, bands, error), trajectory.hands_note(len(real)))
+    notes = (
+        statements.verdict("Scenario B", stated),
+        *motor_notes.notes(base, runs, [*cases, *rules], jumps, stops, bands, error),
+        trajectory.hands_note(len(real)),
+    )
     return Findings(tuple(lines), tables, _drawings(runs, levers, jumps, stops, published, bands), notes)
 
 
@@ -215,7 +224,7 @@ def _bias(runs: VariantRuns, jumps: np.ndarray, published: Published, target: st
         "",
         None,
         StudyEstimate(sign.p, n=sign.above + sign.below, of="durations that differ by more than the reading error"),
-        (SIGNIFICANT, 1.0),
+        (motor_notes.SIGNIFICANT, 1.0),
         target,
         f"prediction {sign.words}; mean difference {float(np.mean(runs.percent('jump') - jumps)):+.1f} points",
     )
@@ -296,14 +305,13 @@ def _drawings(
     bands: Sequence[tuple[float, float]],
 ) -> tuple[Drawing, ...]:
     base = runs[BASELINE]
-    two = runs.get("cycles_2")
 
     def panel(title: str, hit: str, counts: np.ndarray, what: str, band: np.ndarray | None) -> drawings.Panel:
         observed = [_percent(published, what, d) for d in DURATIONS]
         return drawings.Panel(
             title=title,
             predicted=base.percent(hit),
-            two_cycles=two.percent(hit) if two is not None else None,
+            packets=timing.spread(runs.values(), hit),
             others={f"{one.name}, lever {one.lever.words}": one.percent(hit) for one in levers},
             published=counts,
             published_interval=np.array([[e.low for e in observed], [e.high for e in observed]]),
@@ -320,8 +328,8 @@ def _drawings(
     return (
         Drawing(
             "dsn16_b_duration",
-            "Scenario B, 170 runs a duration: published counts (squares) and what is predicted; the shade spans one to "
-            "two control cycles a packet, the coloured lines are longer levers.",
+            "Scenario B, 170 runs a duration: published counts (squares) and what is predicted; the shade spans "
+            "other lengths of packets, the coloured lines are longer levers.",
             drawings.rates(panels, label),
         ),
         Drawing(
@@ -336,86 +344,6 @@ def _drawings(
 def _value_label(value: float) -> str:
     left = stored(value)
     return f"{value:.0f}" if left == value else f"{value:.0f} = {left}"
-
-
-def _notes(
-    base: VariantRuns,
-    runs: Mapping[str, VariantRuns],
-    cases: Sequence[VariantCase],
-    jumps: np.ndarray,
-    stops: np.ndarray,
-    bands: Sequence[tuple[float, float]],
-    error: float,
-) -> tuple[str, ...]:
-    ranked = sensitivity.ranked(cases, base)
-    worth = {name: points for name, points, _ in ranked}
-    changed = {name: cells for name, _, cells in ranked}
-    plant = [value for name, value in worth.items() if name.startswith("plant_")]
-    most = ", ".join(f"{name} {worth[name]:+.1f} ({changed[name]} cells)" for name in list(worth)[:10])
-    sign = dsn16_cells.bias(base.percent("jump"), jumps, error)
-    cells = base.share("jump")
-    fitting = [c.name for c in cases if _fits(c.runs.percent(c.hit), jumps, bands, error)]
-    notes = [
-        "Baseline: the fork's dynamics-simulator build, 16-bit words that wrap, one control cycle a packet, jumps by "
-        "the code's rule (two packet steps of the reported tip above 0.1 mm, the golden run's not), stitches with "
-        f"a lever of {base.lever.words} at the onsets, near that of the recording of one published trajectory (77-85 "
-        "mm). Values, durations and onsets are a fixed grid and no noise is added, so nothing is sampled and a "
-        f"predicted share has no interval. {cells.alike} of {cells.shares.size} cells come out alike in all ten "
-        "onsets. The published counts have Wilson intervals, which take the original's 170 runs a duration as "
-        "independent.",
-        f"The baseline is {float(np.mean(base.percent('jump') - jumps)):+.1f} points from the publication in the mean, "
-        f"{sign.words} of {sign.above + sign.below} durations that differ (p = {sign.p:.3f}). What each open question "
-        f"is worth, mean points of P(jump) over all cells, the largest first: {most}."
-        + (f" The plant's parameter sets: {min(plant):+.1f} to {max(plant):+.1f}." if plant else "")
-        + _listed_changes(changed),
-        "Single answers with which every duration is inside its band and the sign test sees no bias: "
-        f"{', '.join(fitting) or 'none'}. Where these differ in kind, the published jumps alone cannot tell them "
-        "apart; none is chosen, the baseline stays as its sources have it. Stricter rules of a jump, at their highest: "
-        f"{', '.join(f'{name} {_largest(cases, name):.0f} %' for name in STRICTER if _has(cases, name))}.",
-    ]
-    if "cycles_2" in runs:
-        one, two = base.percent("stop"), runs["cycles_2"].percent("stop")
-        between = int(((one - error <= stops) & (stops <= two + error)).sum())
-        notes.append(
-            "E-stops do not depend on the lever, so they tell the length of a packet apart from it: the published ones "
-            f"lie between those of one and of two cycles a packet at {between} of {len(DURATIONS)} durations. With two "
-            f"cycles in every packet P(jump) at 2 packets is {float(runs['cycles_2'].percent('jump')[1]):.0f} %, where "
-            "none was seen: packets of mixed length could explain both, and are not simulated."
-        )
-    if "build_robot" in runs:
-        last = [float(one.percent("jump")[-1]) for one in (base, runs["build_robot"])]
-        notes.append(
-            "What happens after an E-stop matters for the longest faults only: with packets that end there P(jump) at "
-            f"{DURATIONS[-1]} packets is {last[0]:.0f} %, with packets that go on {last[1]:.0f} %; the published "
-            f"rate is {jumps[-2]:.0f} % at {DURATIONS[-2]} and {jumps[-1]:.0f} % at {DURATIONS[-1]}."
-        )
-    notes.append(
-        "Not reproduced: the reference of the publication is the recorded robot run, ours the golden run; the "
-        "latch is assigned once, in the original in each cycle of packet t1, which is the same with one cycle a "
-        "packet; the desired motor velocity is 0, in the original that of the first packet; process jitter, which made "
-        "the original's repeats differ, is replaced by ten onsets."
-    )
-    return tuple(notes)
-
-
-def _fits(percent: np.ndarray, jumps: np.ndarray, bands: Sequence[tuple[float, float]], error: float) -> bool:
-    """Whether every duration is in its band and no bias is seen."""
-    inside = all(dsn16_cells.in_band(p, band) for p, band in zip(percent, bands, strict=True))
-    return inside and dsn16_cells.bias(percent, jumps, error).p > SIGNIFICANT
-
-
-def _has(cases: Sequence[VariantCase], name: str) -> bool:
-    return any(case.name == name for case in cases)
-
-
-def _largest(cases: Sequence[VariantCase], name: str) -> float:
-    """Largest percent over durations of the case of that name."""
-    return float(next(case.runs.percent(case.hit).max() for case in cases if case.name == name))
-
-
-def _listed_changes(changed: Mapping[str, int]) -> str:
-    still = [f"{name} {changed[name]}" for name in ("noise", "substeps_10") if name in changed]
-    return f" Cells changed by noise and plant steps: {', '.join(still)}." if still else ""
 
 
 STUDY = Study(

@@ -1,14 +1,15 @@
 """Scenario A of the targeted attacks (DSN 2016): the operator's packets displaced by D for 1 to 128 packets.
 
-Everything here is a prediction: the published counts were withheld on purpose.
+The counts are predicted blind: the published ones were withheld on purpose. What the text states in words is judged.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
+from ravenjax.robots.raven2.campaign.config import of_raven
 from ravenjax.studies.dsn16 import cells as dsn16_cells
-from ravenjax.studies.dsn16 import detection, drawings, sensitivity, statements, trajectory
+from ravenjax.studies.dsn16 import detection, drawings, jump_joints, sensitivity, statements, timing, trajectory
 from ravenjax.studies.dsn16 import runs as dsn16_runs
 from ravenjax.studies.dsn16.cells import DURATIONS
 from ravenjax.studies.dsn16.runs import VariantRuns
@@ -18,17 +19,33 @@ from ravenjax.studies.framework.study import Context, Drawing, Findings, Line, S
 CAMPAIGN = "dsn16_a.toml"
 BASELINE = "baseline"
 DRIFT = "drift"
-TWO_CYCLES = ("parameters.network.cycles_per_packet=2", "campaign.duration_s=5")
+IDEAL_TOOLS = "ideal_tools"
+WITHHELD = "Its counts are not in this repository, so that they can be predicted blind: no count is met or missed here."
 OUTCOMES = {"jump": "P(jump)", "stop": "P(E-stop)", "ik": "P(IK reject)"}
+
+SHORTEST = (IDEAL_TOOLS, "every_cycle", timing.DECLARED, "build_robot")
+"""Variants that tell where a jump in one packet comes from."""
 
 ABLATIONS = (
     Variant(DRIFT, CAMPAIGN, ("campaign.console=increments",), "packets carry increments: the displacement grows"),
-    Variant("cycles_2", CAMPAIGN, TWO_CYCLES, "a packet lasts two control cycles instead of one"),
+    *timing.variants(CAMPAIGN),
     Variant(
-        "drift_cycles_2",
+        "drift_slow_replay",
         CAMPAIGN,
-        ("campaign.console=increments", *TWO_CYCLES),
-        "the displacement grows, two control cycles a packet",
+        ("campaign.console=increments", *timing.SLOW_REPLAY),
+        "the displacement grows, the motion is replayed at half the speed",
+    ),
+    Variant(
+        IDEAL_TOOLS,
+        CAMPAIGN,
+        ("campaign.build=dyn_sim",),
+        "the published build, which believes its tool joints to be where they should",
+    ),
+    Variant(
+        timing.DECLARED,
+        CAMPAIGN,
+        (*timing.EVERY_CYCLE, "campaign.build=dyn_sim", "campaign.parameter_set=traj3"),
+        "the baseline declared first: ideal tool joints, a packet each cycle, the authors' law",
     ),
     Variant(
         "build_robot", CAMPAIGN, ("campaign.build=robot",), "encoders, velocity filter; packets go on after a stop"
@@ -41,11 +58,10 @@ ABLATIONS = (
     ),
     Variant("jump_0.3mm", CAMPAIGN, ("outcomes.jump_step_mm=0.3",), "jump: two steps above 0.3 mm"),
     Variant("jump_0.5mm", CAMPAIGN, ("outcomes.jump_step_mm=0.5",), "jump: two steps above 0.5 mm"),
+    Variant("plant_traj3", CAMPAIGN, ("campaign.parameter_set=traj3",), "the authors' law of motor and cable"),
     *(
-        Variant(
-            f"plant_{name}", CAMPAIGN, (f"campaign.parameter_set={name}",), f"the authors' law and their set {name}"
-        )
-        for name in ("traj3", "B", "C", "matlab_main", "matlab_global")
+        Variant(f"plant_{name}", CAMPAIGN, (f"campaign.parameter_set={name}",), f"parameter set {name} of that law")
+        for name in ("B", "C", "matlab_main", "matlab_global")
     ),
     Variant("noise", CAMPAIGN, ("campaign.noise=true",), "torque noise of one DAC count"),
     *(Variant(n, CAMPAIGN, o, "another motion from home") for n, o in trajectory.MOTIONS.items()),
@@ -71,12 +87,21 @@ def compare(context: Context) -> Findings:
     cases = [VariantCase(one, computed[name].question) for name, one in runs.items() if name != BASELINE]
     real = [VariantCase(one, computed[name].question) for name, one in windows.items()]
     levels = detection.thresholds(detection.learn(context.folders))
-    watched = detection.watch(context.folders[BASELINE], base, levels)
+    watched = {
+        name: detection.watch(context.folders[name], runs[name], levels)
+        for name in (BASELINE, IDEAL_TOOLS)
+        if name in runs
+    }
+    jumps = {
+        name: jump_joints.case(runs[name], one, of_raven(runs[name].config).outcomes.jump_step_mm)
+        for name, one in watched.items()
+    }
     main = [base, *(runs[name] for name in (DRIFT,) if name in runs)]
     lines = [line for one in main for hit in OUTCOMES for line in _rates(one, hit)]
     lines += [_overall(one, hit) for one in main for hit in OUTCOMES]
-    lines += statements.of_attack(base)
-    rules = sensitivity.rules(base, watched.leaps)
+    stated = (*statements.of_attack(base), jump_joints.visible(jumps[BASELINE]))
+    lines += stated
+    rules = sensitivity.rules(base, watched[BASELINE].leaps)
     own = VariantCase(base, "", label=BASELINE)
     tables = (
         *(_by_displacement(one, hit) for one in main for hit in OUTCOMES),
@@ -92,10 +117,17 @@ def compare(context: Context) -> Findings:
             )
             for hit in ("stop", "ik")
         ),
-        detection.table(base, watched, "Detectors, predicted blind"),
+        jump_joints.by_kind(jumps),
+        jump_joints.by_joint(jumps[BASELINE]),
+        detection.table(base, watched[BASELINE], "Detectors, predicted blind"),
         *_hands(own, real),
     )
-    notes = (*_notes(base, runs, cases), trajectory.hands_note(len(real)))
+    notes = (
+        statements.verdict("Scenario A", stated) + " " + WITHHELD,
+        jump_joints.note(jumps.values()),
+        *_notes(base, runs, cases),
+        trajectory.hands_note(len(real)),
+    )
     return Findings(tuple(lines), tables, _drawings(runs, main), notes)
 
 
@@ -129,14 +161,14 @@ def _by_displacement(runs: VariantRuns, hit: str) -> Table:
 
 
 def _drawings(runs: Mapping[str, VariantRuns], shown: Sequence[VariantRuns]) -> tuple[Drawing, ...]:
-    base, two = runs[BASELINE], runs.get("cycles_2")
+    base, packets = runs[BASELINE], runs.values()
     others = [n for n in (DRIFT, *trajectory.LEVERS) if n in runs]
 
     def panel(hit: str) -> drawings.Panel:
         return drawings.Panel(
             title=OUTCOMES[hit],
             predicted=base.percent(hit),
-            two_cycles=two.percent(hit) if two is not None else None,
+            packets=timing.spread(packets, hit),
             others={f"{n}, lever {runs[n].lever.words}": runs[n].percent(hit) for n in others},
         )
 
@@ -145,7 +177,7 @@ def _drawings(runs: Mapping[str, VariantRuns], shown: Sequence[VariantRuns]) -> 
     return (
         Drawing(
             "dsn16_a_duration",
-            "Scenario A, 240 runs a duration, all predicted: the shade spans one to two control cycles a packet.",
+            "Scenario A, 240 runs a duration, all predicted: the shade spans other lengths of packets.",
             drawings.rates([panel(hit) for hit in OUTCOMES], f"predicted, lever {base.lever.words}"),
         ),
         Drawing(
@@ -161,29 +193,44 @@ def _notes(base: VariantRuns, runs: Mapping[str, VariantRuns], cases: Sequence[V
     most = ", ".join(f"{name} {points:+.1f} ({changed} cells)" for name, points, changed in ranked[:8])
     rejects = [f"{one.name} {float(one.percent('ik').mean()):.1f} %" for one in runs.values() if one.hits["ik"].any()]
     notes = [
-        "Nothing is published beside these numbers: they are blind predictions. Baseline: replayed packets carry "
-        "absolute positions, so the displacement is constant while it lasts; the fork's dynamics-simulator build, one "
-        f"control cycle a packet, jumps by the code's rule, a lever of {base.lever.words}.",
-        "Displacements, durations and onsets are a fixed grid and no noise is added, so nothing is sampled and a share "
-        "has no interval.",
+        "Baseline: replayed packets carry absolute positions, so the displacement is constant while it lasts; the "
+        "fork's dynamics-simulator build, but that its tool joints have inertia, friction and cables and are measured; "
+        "packets that last as those of a recorded robot while the hand keeps its speed; jumps by the code's rule; a "
+        f"lever of {base.lever.words}.",
+        "Displacements, durations and onsets are a fixed grid and no noise is added, so a share has no interval."
+        + timing.draws_note(base, runs.values()),
         f"What the answers are worth, mean points of P(jump) over all cells against the baseline: {most}.",
-    ]
-    if "build_robot" in runs:
-        first = [float(one.percent("jump")[0]) for one in (base, runs["build_robot"])]
-        notes.append(
-            f"Jumps at one packet ({first[0]:.0f} %) are the build's, not the arm's. It believes its tool joints to be "
-            "where they should: the wrist that a displaced target asks for turns at once, the reported tip steps out "
-            "in one packet and back in the next, and two long steps in a row are a jump; with two packets and more the "
-            f"steps are apart. With measured tool joints (build_robot) it is {first[1]:.0f} %."
-        )
-    notes += [
-        "An E-stop at once, whatever the duration, is the position error alone times its gain, beyond 12000 counts; a "
-        "shoulder with a longer lever has less to turn for the same displacement, and stops less. After a software "
-        "E-stop packets end, and with them jumps: a large displacement that is stopped at once does not jump.",
+        _short(base, runs),
+        _stops(base, runs),
         "Beyond the fault-free run, the inverse kinematics found no solution in "
         f"{', '.join(rejects) or 'no variant'} of the runs.",
     ]
     return tuple(notes)
+
+
+def _short(base: VariantRuns, runs: Mapping[str, VariantRuns]) -> str:
+    """Jumps of the shortest fault, and what they hang on."""
+    named = [f"{name} {float(runs[name].percent('jump')[0]):.1f} %" for name in SHORTEST if name in runs]
+    beside = f" ({', '.join(named)})" if named else ""
+    return (
+        f"A displacement in one packet makes {float(base.percent('jump')[0]):.1f} % of its runs jump{beside}. A build "
+        "that believes its tool joints to be where they should lets the wrist turn at once, so that the reported tip "
+        "steps out in one packet and back in the next: two long steps in a row."
+    )
+
+
+def _stops(base: VariantRuns, runs: Mapping[str, VariantRuns]) -> str:
+    """What the robot's own check does, and whether what it stops has jumped."""
+    cells, stopped = base.share("stop"), base.hits["stop"]
+    always = [f"{value:,.0f}" for value, row in zip(cells.values, cells.shares, strict=True) if (row >= 0.5).all()]
+    levers = [f"{name} {float(runs[name].percent('stop').mean()):.1f} %" for name in trajectory.LEVERS if name in runs]
+    longer = f"; with longer levers {', '.join(levers)}" if levers else ""
+    return (
+        f"The robot stops {float(base.percent('stop').mean()):.1f} % of the runs{longer}. Displacements that it stops "
+        f"in at least half of the runs at every duration: {', '.join(always) or 'none'} um. Of {int(stopped.sum())} "
+        f"runs that it stops {int((stopped & base.hits['jump']).sum())} jump: with a software E-stop packets end, and "
+        "with them the rule that counts jumps."
+    )
 
 
 STUDY = Study(

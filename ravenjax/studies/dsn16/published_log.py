@@ -20,6 +20,7 @@ class Log(NamedTuple):
     mvel: np.ndarray  # [rows, 3] rad/s
     jpos: np.ndarray  # [rows, 3] rad, rad, m
     tip: np.ndarray  # [rows, 3] um, whole
+    joints: np.ndarray  # [rows, 7] rad and m, all of them
 
 
 def log(series: Series) -> Log:
@@ -32,4 +33,5 @@ def log(series: Series) -> Log:
         mvel=series["gold/mvel"][fresh, :3],
         jpos=series["gold/jpos"][fresh, :3],
         tip=np.rint(series["gold/position"][fresh] * 1e6),
+        joints=series["gold/jpos"][fresh],
     )

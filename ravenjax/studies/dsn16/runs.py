@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from ravenjax.campaign import plan
 from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.store import manifest
 from ravenjax.store.folder import read_all
-from ravenjax.studies.dsn16 import cells, trajectory
+from ravenjax.studies.dsn16 import cells, packet_ticks, trajectory
 from ravenjax.studies.dsn16.cells import CellShares
+from ravenjax.studies.dsn16.packet_ticks import PacketTicks
 from ravenjax.studies.dsn16.trajectory import Lever
 
 
@@ -23,13 +25,12 @@ class VariantRuns:
 
     name: str
     config: CampaignConfig
-    cycles: int  # control cycles a packet
     lever: Lever  # over the packets at which faults start
     index: np.ndarray  # row of the campaign
     value: np.ndarray  # DAC counts, or displacement in um
     duration: np.ndarray  # packets
     start: np.ndarray  # packet
-    jump_ms: np.ndarray  # tick of the first jump, -1: none
+    jump_packet: np.ndarray  # that ends the first jump's second long step, 0: none
     hits: Mapping[str, np.ndarray]  # bool: jump, inside (the published window), stop, ik, missed (jump without a stop)
 
     def counting(self, **hits: np.ndarray) -> VariantRuns:
@@ -48,16 +49,10 @@ class VariantRuns:
 def read(name: str, folder: Path) -> VariantRuns:
     """The runs of a finished folder."""
     config = validated(manifest.read(folder).config)
-    return of(name, config, read_all(folder), cycles_of(config))
+    return of(name, config, read_all(folder), packet_ticks.of(plan.make(config)))
 
 
-def cycles_of(config: CampaignConfig) -> int:
-    """Control cycles a packet, the same in every run."""
-    axis = config.parameters.get("network.cycles_per_packet")
-    return 1 if axis is None else int(axis.values[0])
-
-
-def of(name: str, config: CampaignConfig, table: pd.DataFrame, cycles: int) -> VariantRuns:
+def of(name: str, config: CampaignConfig, table: pd.DataFrame, packets: PacketTicks) -> VariantRuns:
     """The faulty rows of a result table. A displacement's value is the group's (its three slots hold shares of it)."""
     columns = {str(column): table[column].to_numpy() for column in table.columns}
     faulty = np.flatnonzero(columns["fault0_site"] != "")
@@ -65,22 +60,22 @@ def of(name: str, config: CampaignConfig, table: pd.DataFrame, cycles: int) -> V
     rejected = columns["check_ik_reject_count"]
     free = np.delete(rejected, rows).max(initial=0)
     start, duration = columns["fault0_start_ms"][rows], columns["fault0_duration_ms"][rows]
-    jump, first = columns["jump_code"][rows].astype(bool), columns["jump_code_first_ms"][rows]
+    index, jump = columns["index"][rows], columns["jump_code"][rows].astype(bool)
+    ended = packets.packet(index, columns["jump_code_first_ms"][rows])
     stop = columns["response"][rows] == "stopped"
     value = [_displacement(g, v) for g, v in zip(columns["group"][rows], columns["fault0_value"][rows], strict=True)]
     return VariantRuns(
         name=name,
         config=config,
-        cycles=cycles,
-        lever=trajectory.lever(config, np.unique(start)),
-        index=columns["index"][rows],
+        lever=trajectory.lever(config, np.unique(packets.motion_row(index, start))),
+        index=index,
         value=np.array(value),
         duration=duration,
         start=start,
-        jump_ms=first,
+        jump_packet=ended,
         hits={
             "jump": jump,
-            "inside": cells.inside(first, start, duration, cycles),
+            "inside": cells.inside(ended, start, duration),
             "stop": np.asarray(stop, bool),
             "ik": rejected[rows] > free,
             "missed": jump & ~np.asarray(stop, bool),

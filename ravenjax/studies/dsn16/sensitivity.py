@@ -71,7 +71,7 @@ def table(
     note: str = "",
 ) -> Table:
     """Percent by duration of each case, and its distance from the baseline and, where it is given, the publication."""
-    heads = ["variant", "open question answered otherwise", "lever", *(f"{d} ms" for d in DURATIONS)]
+    heads = ["variant", "open question answered otherwise", "lever", *(f"{d} packets" for d in DURATIONS)]
     heads += ["cells changed", "points from baseline"]
     if published is not None:
         heads += ["points from publication", "above / below", "sign test p"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ravenjax.studies.dsn16.cells import DURATIONS
@@ -14,12 +16,16 @@ LARGE_COUNTS = 10000
 """DAC: what the fork's own check lets pass to the shoulder."""
 
 
+HOLDS = " (1: holds)"
+"""How the quantity of a statement ends."""
+
+
 def holds(quantity: str, published: bool | None, predicted: bool, reason: str) -> Line:
     """A statement: 1 holds, 0 does not. published: whether the published counts bear it out, None: there are none."""
     stated = StudyEstimate(
         1.0, of="stated" if published is None else f"stated; in the published counts: {int(published)}"
     )
-    return Line(f"{quantity} (1: holds)", "", stated, StudyEstimate(float(predicted)), (1.0, 1.0), "", reason)
+    return Line(f"{quantity}{HOLDS}", "", stated, StudyEstimate(float(predicted)), (1.0, 1.0), "", reason)
 
 
 def scenario_b(runs: VariantRuns, moved: np.ndarray, jumps: np.ndarray, stops: np.ndarray) -> tuple[Line, ...]:
@@ -78,6 +84,18 @@ def of_attack(runs: VariantRuns, jumps: np.ndarray | None = None, stops: np.ndar
             "counted as: at each of 2, 4, 8 and 16 packets some runs jump without an E-stop; predicted for "
             f"{', '.join(map(str, open_at)) or 'no'} packets, by duration {_listed(missed)} %",
         ),
+    )
+
+
+def verdict(scenario: str, lines: Sequence[Line]) -> str:
+    """How a scenario fares against what the text states, in words; lines without a verdict do not count."""
+    judged = [line for line in lines if line.passed is not None]
+    fail = [line.quantity.removesuffix(HOLDS) for line in judged if not line.passed]
+    if not fail:
+        return f"{scenario} is as the text states it: {len(judged)} of {len(judged)} statements hold."
+    return (
+        f"{scenario} is not reproduced: {len(judged) - len(fail)} of {len(judged)} statements hold. The prediction "
+        f"contradicts that {'; that '.join(fail)}."
     )
 
 

@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.studies.dsn16 import detector, trajectory
+from ravenjax.studies.dsn16 import detector, fault_free_steps, timing, trajectory
 from ravenjax.studies.dsn16.detector import JOINTS, UNITS, VARIABLES, Learned
+from ravenjax.studies.dsn16.fault_free_steps import BASELINE, NAMES, deviation
 from ravenjax.studies.dsn16.published_log import Log, log
 from ravenjax.studies.dsn16.signals import Series, measure
 from ravenjax.studies.framework import literature
@@ -18,9 +19,8 @@ from ravenjax.studies.framework.literature import Published
 from ravenjax.studies.framework.study import Context, Drawing, Findings, Line, Study, StudyEstimate, Table, Variant
 
 CAMPAIGN = "dsn16_thresholds.toml"
-BASELINE, SECOND = "suture", "peg_transfer"
+SECOND = "peg_transfer"
 PERCENTILES = (99.8, 99.9)
-NAMES = {"mpos": "motor position", "mvel": "motor velocity", "jpos": "joint position"}
 FEW = "group.fault_free.repeats=40"
 
 ABLATIONS = (
@@ -36,18 +36,10 @@ ABLATIONS = (
     Variant(
         "build_robot", CAMPAIGN, ("campaign.build=robot", FEW), "encoders and velocity filter instead of the model"
     ),
-    Variant(
-        "cycles_2",
-        CAMPAIGN,
-        ("parameters.network.cycles_per_packet=2", "campaign.duration_s=5", FEW),
-        "a packet lasts two control cycles instead of one",
-    ),
+    *timing.variants(CAMPAIGN, FEW),
     *(
         Variant(
-            f"plant_{name}",
-            CAMPAIGN,
-            (f"campaign.parameter_set={name}", FEW),
-            f"the authors' law and their set {name}",
+            f"plant_{name}", CAMPAIGN, (f"campaign.parameter_set={name}", FEW), f"the authors' law and their set {name}"
         )
         for name in ("traj3", "B", "matlab_main")
     ),
@@ -73,7 +65,7 @@ def compare(context: Context) -> Findings:
         if variant.name in context.folders:
             measured = measure(context.folders[variant.name], _measured)
             learned[variant.name] = detector.learn(one.steps for one in measured)
-            tips[variant.name] = np.stack([one.tip for one in measured])
+            tips[variant.name] = detector.stacked([one.tip for one in measured])
             runs_of[variant.name] = measured
     learned, windows = trajectory.apart(learned)
     both = Learned(_joined([learned[name].pooled for name in (BASELINE, SECOND) if name in learned]))
@@ -85,7 +77,7 @@ def compare(context: Context) -> Findings:
     if windows:
         hands = f"{trajectory.HANDS}: fault-free steps and thresholds"
         tables.append(_sensitivity(hands, windows, tips, questions, published))
-    notes = (*_notes(learned, tips, published), trajectory.hands_note(len(windows)))
+    notes = (*fault_free_steps.notes(learned, both, published), trajectory.hands_note(len(windows)))
     return Findings(tuple(lines), tuple(tables), (_drawing(both),), notes)
 
 
@@ -120,14 +112,6 @@ def _measured(row: int, series: Series) -> FaultFree:
 def tip_steps(found: Log) -> np.ndarray:
     """Steps of the reported tip [rows, 3] um, of a fault-free run once it has begun to move."""
     return np.diff(found.tip, axis=0)[found.packet[:-1] >= detector.FIRST_PACKET]
-
-
-def deviation(values: np.ndarray) -> StudyEstimate:
-    """Standard deviation about 0 of steps [runs, rows], with its range over runs; steps have no mean to speak of."""
-    by_run = np.sqrt(np.mean(np.square(values, dtype=float), axis=1))
-    return StudyEstimate(
-        float(np.sqrt(np.mean(by_run**2))), float(by_run.min()), float(by_run.max()), len(by_run), "runs"
-    )
 
 
 def _spread(learned: Mapping[str, Learned], tips: Mapping[str, np.ndarray], published: Published) -> Iterator[Line]:
@@ -230,9 +214,10 @@ def _thresholds(learned: Learned) -> Table:
     runs = len(learned.pooled)
     note = (
         f"{runs} fault-free runs on two motions, packets from {detector.FIRST_PACKET} on. The published values "
-        "are not known. Runs of one motion differ by torque noise alone, so the intervals say how well this campaign "
-        "knows its own percentile; two motions are two facts, and the table of sensitivities says how far the choice "
-        f"of motion moves it. An order statistic of {runs} runs has no upper end at these percentiles (-)."
+        "are not known. Runs of one motion differ by torque noise and by how long each packet lasts, so the intervals "
+        "say how well this campaign knows its own percentile; two motions are two facts, and the table of "
+        "sensitivities says how far the choice of motion moves it. "
+        f"An order statistic of {runs} runs has no upper end at these percentiles (-)."
     )
     return Table("Thresholds, predicted blind", heads, tuple(rows), note)
 
@@ -283,34 +268,6 @@ def _drawing(learned: Learned) -> Drawing:
 
     caption = "Fault-free steps of 600 runs: share above a size, and (dotted) where the published percentiles cut."
     return Drawing("dsn16_thresholds_steps", caption, draw)
-
-
-def _notes(learned: Mapping[str, Learned], tips: Mapping[str, np.ndarray], published: Published) -> tuple[str, ...]:
-    base = learned[BASELINE]
-    ratio = [
-        deviation(base.pooled[:, :, v, j]).value / published.value(f"step.{name}.{joint}")
-        for v, name in enumerate(("mpos", "mvel"))
-        for j, joint in enumerate(JOINTS)
-    ]
-    velocity = {
-        name: deviation(learned[name].pooled[:, :, 1, 2]).value
-        for name in (BASELINE, "substeps_4", "substeps_10")
-        if name in learned
-    }
-    steps = ", ".join(f"{name} {value:.3g}" for name, value in velocity.items())
-    return (
-        f"Steps are a property of the trajectory first: those of the baseline are {min(ratio):.2f} to {max(ratio):.2f} "
-        "times the published ones, joint by joint, and motions differ among themselves as much (table). The published "
-        "trajectories are not at hand, so no threshold here is that of the publication. Generated hands are smooth: no "
-        "step is far above the 99.9 percentile, so code's and text's thresholds nearly agree; the published largest "
-        "steps are some fifty standard deviations, so on those trajectories they cannot have agreed.",
-        f"Integrator: the standard deviation of the insertion's velocity steps is {steps} rad/s with 1, 4 and 10 plant "
-        "steps a millisecond. The plant is stepped implicitly, so it does not ring as explicit Euler does at 1 ms "
-        "(0.115 against 0.017 rad/s converged, in a rebuild on another trajectory): here the steps are the motion's. "
-        "Thresholds still have to be learned with the integrator that is used later.",
-        "The build matters for velocities: encoders of 4000 counts and the velocity filter add to the steps of motor "
-        "velocity (build_robot), not to those of motor position.",
-    )
 
 
 STUDY = Study(

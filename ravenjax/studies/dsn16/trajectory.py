@@ -59,7 +59,7 @@ def recorded(environment: Mapping[str, str] | None = None) -> dict[str, tuple[st
     path = Path(folder or ".").absolute() / RECORDING
     if not folder or not path.is_file():
         return {}
-    even = f"operator.rate_hz={RATE_HZ}", f"operator.cutoff_hz={CUTOFF_HZ:g}"
+    even = f"operator.rate_hz={RATE_HZ}", f"operator.cutoff_hz={CUTOFF_HZ:g}", "operator.at_end=reverse"
     return {
         f"recorded_{begin:.0f}s": ("operator={}", f"operator.file={path}", f"operator.window_s=[{begin},{end}]", *even)
         for begin, end in WINDOWS_S
@@ -97,16 +97,16 @@ class Lever(NamedTuple):
         return f"{self.low:.0f} mm" if round(self.low) == round(self.high) else f"{self.low:.0f}-{self.high:.0f} mm"
 
 
-def lever(config: CampaignConfig, packets: np.ndarray) -> Lever:
-    """Of the gold arm's desired tip at these packets (from 1). The first axis is the z axis of the arm's frame 0."""
-    tips = desired_tip(config)
-    rows = np.minimum(np.asarray(packets, int) - 1, len(tips) - 1)
-    distance = np.hypot(tips[rows, 0], tips[rows, 1]) * 1e3
+def lever(config: CampaignConfig, rows: np.ndarray) -> Lever:
+    """Of the gold arm's desired tip at these rows of the motion, ms. The first axis is the z axis of the arm's
+    frame 0."""
+    tips = desired_tip(config)[np.asarray(rows, int)]
+    distance = np.hypot(tips[:, 0], tips[:, 1]) * 1e3
     return Lever(float(distance.min()), float(distance.max()))
 
 
 def desired_tip(config: CampaignConfig) -> np.ndarray:
-    """Where the operator wants the gold tip, [packets, 3] m in frame 0."""
+    """Where the operator wants the gold tip, [ms, 3] m in frame 0."""
     import jax
 
     raven = of_raven(config)

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.campaign import loading
+from ravenjax.studies.dsn16 import packet_ticks
 from ravenjax.studies.dsn16 import runs as dsn16_runs
 from ravenjax.studies.dsn16.cells import DURATIONS
 from ravenjax.studies.dsn16.runs import VariantRuns
@@ -43,4 +44,5 @@ def table(jumps: Mapping[tuple[float, int], int]) -> pd.DataFrame:
 
 def runs_of(jumps: Mapping[tuple[float, int], int], name: str = "made_up") -> VariantRuns:
     """The runs of such a table."""
-    return dsn16_runs.of(name, loading.load("dsn16_b.toml"), table(jumps), 1)
+    config, frame = loading.load("dsn16_b.toml"), table(jumps)
+    return dsn16_runs.of(name, config, frame, packet_ticks.regular(len(frame), config.campaign.ticks))

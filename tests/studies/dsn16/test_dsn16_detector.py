@@ -16,7 +16,7 @@ ONES = np.ones((3, 3))
 
 def made_up(rows: int = 1200) -> Log:
     """A log in which nothing moves."""
-    return Log(np.arange(1, rows + 1), *(np.zeros((rows, 3)) for _ in range(4)))
+    return Log(np.arange(1, rows + 1), *(np.zeros((rows, 3)) for _ in range(4)), np.zeros((rows, 7)))
 
 
 def test_log_has_a_row_a_packet_and_ends_with_the_packets() -> None:
@@ -26,7 +26,7 @@ def test_log_has_a_row_a_packet_and_ends_with_the_packets() -> None:
     series = {"last_seq": number, "gold/position": wide[:, :3] * 1e-6}
     found = log(series | {f"gold/{name}": wide for name in ("mpos", "mvel", "jpos")})
     assert found.packet.tolist() == [1, 2, 3]
-    assert found.mpos[:, 0].tolist() == found.tip[:, 1].tolist() == [1.0, 3.0, 5.0]
+    assert found.mpos[:, 0].tolist() == found.tip[:, 1].tolist() == found.joints[:, 6].tolist() == [1.0, 3.0, 5.0]
 
 
 def test_fused_alarm_needs_all_three_in_one_row() -> None:
@@ -71,6 +71,18 @@ def test_learning_leaves_the_rest_at_the_beginning_out() -> None:
     assert detector.steps(moved).max() == 5.0
     with pytest.raises(ValueError, match="at least one run"):
         detector.learn([])
+
+
+def test_runs_with_more_packets_are_cut_to_the_shortest() -> None:
+    runs = [np.full((rows, 3, 3), float(rows)) for rows in (7, 5, 6)]
+    assert detector.learn(runs).pooled[:, :, 0, 0].tolist() == [[7.0] * 5, [5.0] * 5, [6.0] * 5]
+
+
+def test_joints_of_a_jump_are_those_of_the_packets_of_its_two_steps() -> None:
+    trace = made_up()
+    trace.joints[:, 4] = trace.packet
+    assert detection.jump_steps(trace, 1003)[:, 4].tolist() == [1001.0, 1002.0, 1003.0]
+    assert np.isnan(detection.jump_steps(trace, 0)).all()
 
 
 def test_block_bootstrap_keeps_runs_together() -> None:

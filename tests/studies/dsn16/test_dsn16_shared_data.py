@@ -12,8 +12,9 @@ from made_up_runs import VALUES, runs_of
 from matplotlib.figure import Figure
 
 from ravenjax.bundled import resources
+from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.studies import catalogue
-from ravenjax.studies.dsn16 import detection, model, motor_commands, operator_packets, thresholds, trajectory
+from ravenjax.studies.dsn16 import detection, model, motor_commands, operator_packets, thresholds, timing, trajectory
 from ravenjax.studies.dsn16 import runs as dsn16_runs
 from ravenjax.studies.dsn16.cells import DURATIONS
 from ravenjax.studies.dsn16.detection import Watched
@@ -34,6 +35,9 @@ REFERENCE = resources.bundled("campaigns", "quick.toml")[0].parents[1] / "result
 PLAIN = runs_of({(10000, d): 10 for d in (16, 32, 64, 128)})
 WILD = runs_of({(value, d): 9 for value in VALUES for d in DURATIONS})
 
+JUMP = np.array(HOME_JPOS) + np.array([[0.0], [0.01], [0.02]]) * np.eye(7)[0]
+"""The shoulder turns by 0.01 rad from packet to packet."""
+
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
@@ -52,7 +56,8 @@ def made_up_series(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def watch(folder: Path, runs: VariantRuns, levels: dict[str, np.ndarray]) -> Watched:
         alarms = [RunAlarms((bool(jump),) * 4, (bool(jump),) * 4, 1 if jump else -1) for jump in runs.hits["jump"]]
-        return Watched(levels, dict.fromkeys(levels, alarms), np.ones(len(alarms)), np.zeros(len(alarms), bool))
+        joints = np.where(runs.hits["jump"][:, None, None], JUMP, np.nan)
+        return Watched(levels, dict.fromkeys(levels, alarms), np.ones(len(alarms)), np.zeros(len(alarms), bool), joints)
 
     def measure(folder: Path, measured: object) -> list[FaultFree]:
         rng = np.random.default_rng(len(folder.name))
@@ -133,6 +138,8 @@ def test_a1_is_judged_by_the_baseline_alone(recording, monkeypatch):
     assert all(motor_commands.BASELINE in line.quantity for line in judged)
     others = [line for line in found.lines if line.band and line not in judged and "suture" in line.quantity]
     assert len(others) == len(trajectory.LEVERS) * (len(DURATIONS) + 1)
+    first = [line for line in found.lines if line.quantity.split("; ")[-1].startswith(timing.DECLARED)]
+    assert len(first) == len(DURATIONS) + 1 and not any(line.target for line in first)
 
 
 def test_without_its_recording_a_target_has_the_same_lines_and_is_not_judged(recording, monkeypatch):
