@@ -104,8 +104,8 @@ def by_kind(cases: Mapping[str, Case]) -> Table:
     heads = ("variant", "first jumps of which", "runs", "at 1 packet", "joints 1-3, median % of the steps")
     heads += ("all three variables over, %", "none of the three over, %", "E-stop, %")
     note = (
-        "A run's first jump is two long steps of the reported tip; each is split by moving the joints one after the "
-        "other group alone. Variables are those of the published detector: steps of motor position, motor velocity and "
+        "A run's first jump is two long steps of the reported tip; each is taken again with joints 1-3 alone moving, and "
+        "with the tool joints alone. Variables are those of the published detector: steps of motor position, motor velocity and "
         f"joint position of joints 1-3 inside t1 .. t1 + d + 1, thresholds at {CHOSEN}. The detector raises an alarm "
         "where all three are over; a jump with none of them over is one that it cannot see."
     )

@@ -200,12 +200,13 @@ def _notes(base: VariantRuns, runs: Mapping[str, VariantRuns], cases: Sequence[V
         "Displacements, durations and onsets are a fixed grid and no noise is added, so a share has no interval."
         + timing.draws_note(base, runs.values()),
         f"What the answers are worth, mean points of P(jump) over all cells against the baseline: {most}.",
+        timing.lengths_note(base, runs.values()),
         _short(base, runs),
         _stops(base, runs),
         "Beyond the fault-free run, the inverse kinematics found no solution in "
         f"{', '.join(rejects) or 'no variant'} of the runs.",
     ]
-    return tuple(notes)
+    return tuple(filter(None, notes))
 
 
 def _short(base: VariantRuns, runs: Mapping[str, VariantRuns]) -> str:

@@ -53,6 +53,18 @@ def spread(runs: Iterable[VariantRuns], hit: str) -> np.ndarray | None:
     return np.stack([np.min(percent, axis=0), np.max(percent, axis=0)]) if percent else None
 
 
+def lengths_note(base: VariantRuns, runs: Iterable[VariantRuns]) -> str:
+    """How far the length of packets moves the jumps, in words."""
+    shares = {one.name: float(one.percent("jump").mean()) for one in (base, *runs) if one.name in (base.name, *LENGTHS)}
+    listed = ", ".join(f"{name} {share:.1f} %" for name, share in shares.items())
+    if len(shares) < 2:
+        return ""
+    return (
+        f"Runs that jump, by how long packets last: {listed}. The publication does not tell it, so this prediction is "
+        f"no narrower than {min(shares.values()):.1f} to {max(shares.values()):.1f} %."
+    )
+
+
 def draws_note(base: VariantRuns, runs: Iterable[VariantRuns]) -> str:
     """How far the draws of packet lengths move the jumps, in words; empty without other draws."""
     others = [float(one.percent("jump").mean()) for one in runs if one.name in DRAWS]

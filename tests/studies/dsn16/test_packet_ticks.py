@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made_up_runs import runs_of
 
 from ravenjax.campaign import loading, plan
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.engines.interface import Block
-from ravenjax.studies.dsn16 import packet_ticks, trajectory
+from ravenjax.studies.dsn16 import packet_ticks, timing, trajectory
 from ravenjax.vocabulary import packets
 
 TICKS = 300
@@ -69,7 +70,7 @@ def test_several_distributions_are_refused():
 @pytest.mark.parametrize("campaign", ["dsn16_a.toml", "dsn16_b.toml"])
 def test_runs_are_long_enough_for_their_last_fault(campaign):
     """Longest window of the latest onset, in every run's own packets, and the time that the first baseline left."""
-    for overrides in ((), *(over for over, _ in timing_lengths())):
+    for overrides in ((), *(over for over, _ in timing.LENGTHS.values())):
         ready = plan.make(loading.load(campaign, list(overrides)))
         table = ready.table[ready.table["fault0_site"] != ""]
         last = int((table["fault0_start_ms"] + table["fault0_duration_ms"]).max())
@@ -79,10 +80,15 @@ def test_runs_are_long_enough_for_their_last_fault(campaign):
         assert ends.max() + 500 < ready.config.campaign.ticks, overrides
 
 
-def timing_lengths():
-    from ravenjax.studies.dsn16 import timing
-
-    return timing.LENGTHS.values()
+def test_what_is_said_of_lengths_and_draws_follows_the_runs():
+    base, other = runs_of({(1000, 8): 10}, "baseline"), {(1000, d): 10 for d in (8, 16, 32)}
+    cases = [base, runs_of(other, "bursts"), runs_of(other, "draws_2"), runs_of({}, "suture_110mm")]
+    assert "baseline 3.1 %, bursts 9.4 %" in timing.lengths_note(base, cases)
+    assert "no narrower than 3.1 to 9.4 %" in timing.lengths_note(base, cases)
+    assert timing.draws_note(base, cases).endswith("3.1 % of all runs jump, 9.4 % with other draws.")
+    assert timing.lengths_note(base, [base]) == timing.draws_note(base, [base]) == ""
+    low, high = timing.spread(cases, "jump")
+    assert low.tolist() == high.tolist() == cases[1].percent("jump").tolist()
 
 
 def test_the_hand_keeps_its_speed():
