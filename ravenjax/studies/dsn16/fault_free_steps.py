@@ -38,7 +38,7 @@ def _deviations(one: Learned) -> np.ndarray:
 
 
 def _sizes(learned: Mapping[str, Learned], both: Learned, published: Published) -> str:
-    known = np.array([[published.value(f"step.{name}.{joint}") for joint in JOINTS] for name in MOTORS])
+    spread = np.array([[published.value(f"step.{name}.{joint}") for joint in JOINTS] for name in MOTORS])
     base = _deviations(learned[BASELINE])
     others = [_deviations(one) / base for name, one in learned.items() if name in ("peg_transfer", "palpate", "reach")]
     motions = f"; other motions have {_range(np.array(others))} times those of the baseline" if others else ""
@@ -47,7 +47,7 @@ def _sizes(learned: Mapping[str, Learned], both: Learned, published: Published) 
         published.value(f"largest.{key}") / published.value(f"step.{key}") for key in ("mpos.shoulder", "mvel.shoulder")
     ]
     return (
-        f"Standard deviations of steps are {_range(base / known)} times the published ones, joint by joint{motions}. "
+        f"Standard deviations of steps are {_range(base / spread)} times the published ones, joint by joint{motions}. "
         "The published trajectories are not at hand, so no threshold here is that of the publication. The text's "
         f"thresholds are {_range(text)} times the code's at 99.9 %, on generated hands; the largest published steps of "
         f"the shoulder's motor are {_range(np.array(largest), 0)} standard deviations."

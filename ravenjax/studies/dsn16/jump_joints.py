@@ -69,7 +69,7 @@ def _tip(joints: np.ndarray) -> np.ndarray:
 
 
 class Visibility(NamedTuple):
-    """Which alarms of the detector come, inside the published window, with the thresholds that are CHOSEN."""
+    """Which alarms of the detector come, inside the published window, with the CHOSEN thresholds."""
 
     fused: np.ndarray  # bool [runs]: all three variables over their thresholds in one row
     one: np.ndarray  # bool [runs]: at least one of them at some row
@@ -81,7 +81,7 @@ class Visibility(NamedTuple):
         return cls(inside[:, 3], np.any(inside[:, :3], axis=1))
 
 
-class Case(NamedTuple):
+class JumpCase(NamedTuple):
     """The runs of a variant, what makes their jumps, and what could be told of them."""
 
     runs: VariantRuns
@@ -89,53 +89,53 @@ class Case(NamedTuple):
     visible: Visibility
 
 
-def case(runs: VariantRuns, watched: Watched, limit_mm: float) -> Case:
+def case(runs: VariantRuns, watched: Watched, limit_mm: float) -> JumpCase:
     """Of one variant; limit_mm: of a step that counts."""
-    return Case(runs, attribute(watched.joints, limit_mm), Visibility.of(watched))
+    return JumpCase(runs, attribute(watched.joints, limit_mm), Visibility.of(watched))
 
 
-def by_kind(cases: Mapping[str, Case]) -> Table:
+def by_kind(cases: Mapping[str, JumpCase]) -> Table:
     """First jumps by the joints that make them, and what the detector and the robot tell of them; name -> case."""
     rows = []
     for name, one in cases.items():
         kinds = dict(zip(KINDS, one.joints.kinds, strict=True)) | {"all": np.isfinite(one.joints.shares[:, 0])}
-        for kind, chosen in kinds.items():
-            rows.append((name, kind, int(chosen.sum()), *_told(one, chosen)))
+        for kind, mask in kinds.items():
+            rows.append((name, kind, int(mask.sum()), *_told(one, mask)))
     heads = ("variant", "first jumps of which", "runs", "at 1 packet", "joints 1-3, median % of the steps")
     heads += ("all three variables over, %", "none of the three over, %", "E-stop, %")
     note = (
-        "A run's first jump is two long steps of the reported tip; each is taken again with joints 1-3 alone moving, and "
-        "with the tool joints alone. Variables are those of the published detector: steps of motor position, motor velocity and "
-        f"joint position of joints 1-3 inside t1 .. t1 + d + 1, thresholds at {CHOSEN}. The detector raises an alarm "
-        "where all three are over; a jump with none of them over is one that it cannot see."
+        "A run's first jump is two long steps of the reported tip; each is taken again with joints 1-3 alone moving, "
+        "and with the tool joints alone. Variables are those of the published detector: steps of motor position, "
+        f"motor velocity and joint position of joints 1-3 inside t1 .. t1 + d + 1, thresholds at {CHOSEN}. "
+        "The detector raises an alarm where all three are over; a jump with none of them over is one that it cannot see."
     )
     return Table("Which joints make the jumps, and who could tell", heads, tuple(rows), note)
 
 
-def _told(one: Case, chosen: np.ndarray) -> tuple[str | int | float, ...]:
-    if not chosen.any():
+def _told(one: JumpCase, mask: np.ndarray) -> tuple[str | int | float, ...]:
+    if not mask.any():
         return (0, "", "", "", "")
-    part = float(np.median(one.joints.shares[chosen][:, :POSITIONING].sum(axis=1)))
+    part = float(np.median(one.joints.shares[mask][:, :POSITIONING].sum(axis=1)))
     alarms = (one.visible.fused, ~one.visible.one, one.runs.hits["stop"])
-    percent = (round(100.0 * float(flags[chosen].mean()), 1) for flags in alarms)
-    return (int((chosen & (one.runs.duration == 1)).sum()), round(100.0 * part, 1), *percent)
+    percent = (round(100.0 * float(flags[mask].mean()), 1) for flags in alarms)
+    return (int((mask & (one.runs.duration == 1)).sum()), round(100.0 * part, 1), *percent)
 
 
-def by_joint(one: Case) -> Table:
+def by_joint(one: JumpCase) -> Table:
     """Mean share of the jump's steps of each joint, by the fault's duration."""
     jumped = np.isfinite(one.joints.shares[:, 0])
     groups = [(str(d), jumped & (one.runs.duration == d)) for d in DURATIONS] + [("all", jumped)]
     rows = []
-    for label, chosen in groups:
-        means = one.joints.shares[chosen].mean(axis=0) if chosen.any() else None
+    for label, mask in groups:
+        means = one.joints.shares[mask].mean(axis=0) if mask.any() else None
         shares = ("",) * len(MOVERS) if means is None else tuple(round(100.0 * float(x), 1) for x in means)
-        rows.append((label, int(chosen.sum()), *shares))
+        rows.append((label, int(mask.sum()), *shares))
     note = "Mean over first jumps; a joint against the step counts negative, and joints that cancel pass 100 %."
     heads = ("duration, packets", "jumps", *(f"{joint}, %" for joint in MOVERS))
     return Table(f"Whose motion the jumps are; {one.runs.name}", heads, tuple(rows), note)
 
 
-def visible(one: Case) -> Line:
+def visible(one: JumpCase) -> Line:
     """Whether the published detector can see most of the predicted jumps: what it cannot see, it was not scored on."""
     jumped = np.isfinite(one.joints.shares[:, 0])
     runs = int(jumped.sum())
@@ -149,12 +149,12 @@ def visible(one: Case) -> Line:
     )
 
 
-def note(cases: Iterable[Case]) -> str:
+def note(cases: Iterable[JumpCase]) -> str:
     """Who makes the jumps, in words."""
     return " ".join(_sentence(one) for one in cases)
 
 
-def _sentence(one: Case) -> str:
+def _sentence(one: JumpCase) -> str:
     jumped = np.isfinite(one.joints.shares[:, 0])
     runs = int(jumped.sum())
     if not runs:

@@ -13,7 +13,7 @@ from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.studies.dsn16 import detection, jump_joints, statements
 from ravenjax.studies.dsn16.detection import Watched
 from ravenjax.studies.dsn16.detector import RunAlarms
-from ravenjax.studies.dsn16.jump_joints import Case
+from ravenjax.studies.dsn16.jump_joints import JumpCase
 
 POSE = np.array(HOME_JPOS, float) + 0.8 * np.eye(7)[4]
 """With a bent wrist: with a straight one the roll leaves the tip where it is."""
@@ -66,7 +66,7 @@ def test_a_run_without_a_jump_is_of_no_kind():
     assert np.isnan(result.shares).all() and not np.any(result.kinds)
 
 
-def case(name: str, told: bool, one_over: bool) -> Case:
+def case(name: str, told: bool, one_over: bool) -> JumpCase:
     """Runs of which those of 1000 counts over 8 packets jump, by the joint `name`."""
     runs = runs_of({(1000, 8): 10}, name)
     alarm = RunAlarms((one_over, told, told, told), (told,) * 4, 1 if told else -1)
