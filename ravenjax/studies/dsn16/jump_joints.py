@@ -107,7 +107,7 @@ def by_kind(cases: Mapping[str, JumpCase]) -> Table:
         "A run's first jump is two long steps of the reported tip; each is taken again with joints 1-3 alone moving, "
         "and with the tool joints alone. Variables are those of the published detector: steps of motor position, "
         f"motor velocity and joint position of joints 1-3 inside t1 .. t1 + d + 1, thresholds at {CHOSEN}. "
-        "The detector raises an alarm where all three are over; a jump with none of them over is one that it cannot see."
+        "The detector raises an alarm where all three are over; a jump with none of them over it cannot see."
     )
     return Table("Which joints make the jumps, and who could tell", heads, tuple(rows), note)
 
