@@ -188,5 +188,6 @@ def shape_of(ready: Plan) -> schema.Shape:
         checks=tuple(ready.config.robot.checks),
         parameters=tuple(table.parameters(ready.table)),
         reacts=setup.reacts,
+        hand_yields=setup.hand_yields,
         detectors=tuple(use.thresholds for use in setup.detectors),
     )

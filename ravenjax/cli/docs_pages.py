@@ -114,7 +114,13 @@ def _columns() -> Iterator[str]:
     from ravenjax.store import schema
 
     shape = schema.Shape(
-        arms=("<arm>",), joints=("<joint>",), checks=("<check>",), parameters=("<path>",), reacts=True, detectors=(1,)
+        arms=("<arm>",),
+        joints=("<joint>",),
+        checks=("<check>",),
+        parameters=("<path>",),
+        reacts=True,
+        hand_yields=True,
+        detectors=(1,),
     )
     yield "# Result columns"
     yield _WRITTEN

@@ -69,6 +69,7 @@ class Setup:
     cues: int = 1  # haptic threshold and gain sets evaluated side by side
     detectors: tuple[DetectorUse, ...] = ()
     reacts: bool = False  # the operator may react to the cue
+    hand_yields: bool = False  # the cue's force moves the operator's hand
     noise: bool = False  # noise drawn, anew in each run
 
 

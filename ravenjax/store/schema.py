@@ -61,6 +61,7 @@ class Shape:
     checks: tuple[str, ...] = tuple(_USUAL.checks)
     parameters: tuple[str, ...] = ()  # paths of the varied parameters
     reacts: bool = False  # the operator may react to the cue
+    hand_yields: bool = False  # the cue's force moves the operator's hand
     detectors: tuple[int, ...] = ()  # how many thresholds each detector has
 
 
@@ -163,6 +164,8 @@ def _cue(cue: int) -> Iterator[Column]:
 def _reaction(shape: Shape) -> Iterator[Column]:
     if shape.reacts:
         yield Column("reaction_ms", "int32", "ms", "when the operator began to react to the first cue, -1 if never")
+    if shape.hand_yields:
+        yield Column("hand_mm", "float32", "mm", "how far the cue's force moved a hand at most, before scaling")
 
 
 def _detector(detector: int, thresholds: int) -> Iterator[Column]:
@@ -181,7 +184,7 @@ def _detector(detector: int, thresholds: int) -> Iterator[Column]:
 GOLDEN = "golden_"
 """Prefix of what is kept of the golden run's outcome."""
 _OF_GOLDEN = re.compile(
-    r"(cue|detector)\d+_(first_ms|score)|reaction_ms|tissue_depth_mm|tip_path_mm|pedal_down_ms|halted_ms"
+    r"(cue|detector)\d+_(first_ms|score)|reaction_ms|hand_mm|tissue_depth_mm|tip_path_mm|pedal_down_ms|halted_ms"
     r"|peak_live_deviation_mm"
 )
 

@@ -79,6 +79,7 @@ def leaves(**campaign):
             "campaign": {"name": "x", "duration_s": 0.01, **campaign},
             "operator": {"motion": "still"},
             "reaction": {},
+            "hand": {},
             "detector": [{"name": "model", "kind": "steps", "threshold": [1, 2, 3]}],
             "group": [{"name": "g"}],
         }

@@ -57,7 +57,7 @@ def unfit_parameters(config: CampaignConfig, names: Iterable[str]) -> Iterator[C
 
 def _section_of(path: str) -> str:
     """What to add for a parameter that is there with another section of the file only."""
-    sections = {"reaction": "[reaction]", "detectors": "[[detector]]"}
+    sections = {"reaction": "[reaction]", "hand": "[hand]", "detectors": "[[detector]]"}
     section = sections.get(path.partition(".")[0])
     return f": there is none without a section {section}; write one" if section else ""
 

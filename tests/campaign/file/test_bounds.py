@@ -18,6 +18,7 @@ BASE = {
     "campaign": {"name": "x", "duration_s": 0.01},
     "operator": {"motion": "still"},
     "reaction": {},
+    "hand": {},
     "detector": [{"name": "model", "kind": "steps", "threshold": [1, 2, 3]}],
     "group": [{"name": "g"}],
 }

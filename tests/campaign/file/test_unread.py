@@ -54,6 +54,7 @@ def test_what_nothing_reads_is_refused(campaign):
         {
             "campaign": {"name": "x", "duration_s": 0.01, **campaign},
             "reaction": {},
+            "hand": {},
             "detector": [{"name": kind, "kind": kind} for kind in KINDS],
             "group": [{"name": "a"}],
         }

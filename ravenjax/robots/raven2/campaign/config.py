@@ -1,4 +1,4 @@
-"""What a campaign file says of a Raven-II: keys of [campaign], and [operator], [limits], [reaction]."""
+"""What a campaign file says of a Raven-II: keys of [campaign], and [operator], [limits], [reaction], [hand]."""
 
 from __future__ import annotations
 
@@ -286,6 +286,18 @@ class Reaction(Section):
     correct_mm_s: float = Field(default=50.0, ge=0.0, le=10_000.0, description="fastest correction of the tip, mm/s")
 
 
+class Hand(Section):
+    """[hand]: a hand that the first haptic cue's force moves; varied as hand.grip and so on.
+
+    Robot and nominal model follow the moved hand alike.
+    """
+
+    grip: float = Field(default=0.5, ge=0.0, le=1.0, description="how firmly it holds the console: 0 relaxed, 1 firm")
+    newtons_per_unit: float = Field(
+        default=3.3, ge=-1e3, le=1e3, description="force per device unit of the cue, N; no source says it, assumed"
+    )
+
+
 class RavenConfig(CampaignConfig):
     """A whole campaign file of a Raven-II."""
 
@@ -293,6 +305,7 @@ class RavenConfig(CampaignConfig):
     operator: Operator = Operator(motion="suture")
     limits: Limits = Limits()
     reaction: Reaction | None = Field(default=None, description="an operator who reacts; without it nobody does")
+    hand: Hand | None = Field(default=None, description="a hand that the cue moves; without it the cue is a signal")
 
     @model_validator(mode="after")
     def _draw_errors(self) -> RavenConfig:
@@ -349,8 +362,9 @@ class RavenConfig(CampaignConfig):
         operator = self.operator
         what = f"{operator.file}, recorded" if operator.file is not None else f"{operator.label}, generated"
         reaction = "" if self.reaction is None else f"; reacts to the cue: {self.reaction.action}"
+        yields = "" if self.hand is None else f"; the cue moves the hand, grip {self.hand.grip:g}"
         timing = f"; a packet lasts {self.cycles_a_packet:.3g} cycles at the mean" if self.random_packets else ""
-        yield "operator", f"{what}; scale {operator.scale:g}{timing}{reaction}"
+        yield "operator", f"{what}; scale {operator.scale:g}{timing}{reaction}{yields}"
 
     def settings(self) -> dict[str, Any]:
         """The same as JSON has it."""
@@ -358,6 +372,7 @@ class RavenConfig(CampaignConfig):
             "software": self.campaign.software,
             "operator": self.operator.model_dump(mode="json", exclude_none=True),
             "reaction": None if self.reaction is None else self.reaction.model_dump(mode="json"),
+            "hand": None if self.hand is None else self.hand.model_dump(mode="json"),
         }
 
     @property
@@ -447,7 +462,8 @@ class RavenConfig(CampaignConfig):
         if self.operator.file is not None:
             operator["file"] = _file_hash(self.operator.file)
         own = {"campaign": {**campaign, "tools": self.tools}, "operator": operator, "limits": self.limits.si()}
-        return content | own
+        hand = {} if self.hand is None else {"hand": self.hand.model_dump(mode="json")}
+        return content | own | hand
 
 
 def of_raven(config: CampaignConfig) -> RavenConfig:

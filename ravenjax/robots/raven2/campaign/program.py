@@ -54,6 +54,7 @@ def prepare(
         command_delay=_longest(varied.get(DELAY)),
         detectors=tuple(use for _, use, _ in config.detectors),
         reacts=config.reacts,
+        hand_yields=config.hand is not None,
         noise=config.campaign.noise,
     )
     return Prepared(
@@ -110,6 +111,8 @@ def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> tick.Tick
         action = np.int32(ACTIONS.index(config.reaction.action))
         speed = config.reaction.correct_mm_s / 1e3
         params = replace(params, reaction=replace(params.reaction, action=action, correct_speed=speed, **settings))
+    if params.hand is not None and config.hand is not None:
+        params = replace(params, hand=replace(params.hand, **config.hand.model_dump()))
     for joint, (low, high) in config.limits.si().items():
         for side, value in (("lower", low), ("upper", high)):
             stored = float(np.float32(value))  # the software holds its limits as float32

@@ -1,7 +1,7 @@
 """Operator: the hands' motion, looked up by tick, becomes the packets that the console sends. Traced.
 
-What hands do beyond the motion, of their own or to correct by eye, is one offset of theirs: robot and nominal model
-follow it alike. It is all that is remembered.
+What hands do beyond the motion, of their own, to correct by eye or under the cue's force, is one offset of theirs:
+robot and nominal model follow it alike. It is all that is remembered.
 
 A packet carries whole numbers. The console truncates the *scaled position* and sends the difference of two truncated
 ones, so that the robot's accumulator never drifts from the hand by more than a micrometre.
@@ -89,7 +89,7 @@ def lookup(table: tuple[Any, ...], k: Scalar) -> MotionRow:
 
 @record
 class HandOffsets:
-    """How far the hands are from where the plan has them: by a tremor, or to correct by eye. One entry an arm."""
+    """How far the hands are from where the plan has them: by a tremor, a correction, a force. One entry an arm."""
 
     offset: tuple[Vec, ...]  # um before scaling, axes of an ITP packet
     offset_before: tuple[Vec, ...]  # the same when the last packet was made

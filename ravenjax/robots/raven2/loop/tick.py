@@ -21,13 +21,14 @@ from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.console import operator, reaction
+from ravenjax.robots.raven2.geometry.mapping import position_to_itp
 from ravenjax.robots.raven2.loop import connections, control, observers
 from ravenjax.robots.raven2.loop.injector import RavenInjector
 from ravenjax.robots.raven2.plant import nominal, parameter_sets
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
-from ravenjax.stages import channel, check, detectors, haptics, monitor, packet_clock
+from ravenjax.stages import channel, check, detectors, hand, haptics, monitor, packet_clock
 from ravenjax.stages.check import CheckHistory
 from ravenjax.vocabulary import packets
 
@@ -47,6 +48,7 @@ class TickParams:
     nominal: tuple[nominal.NominalParams, ...]
     haptics: haptics.HapticParams
     reaction: reaction.ReactionParams | None  # where Setup.reacts
+    hand: hand.HandParams | None  # where Setup.hand_yields
     detectors: detectors.DetectorParams | None  # where there are any
     monitor: Annotated[monitor.MonitorParams, Reserved("it belongs to the observer, not to the robot")]
     start: Annotated[  # joints where the run begins, 7, rad and m
@@ -102,6 +104,7 @@ class TickState:
     haptics: tuple[haptics.HapticState, ...]
     hands: operator.HandOffsets | None  # where they may do more than is planned
     reaction: reaction.ReactionState | None
+    hand: tuple[hand.HandState, ...] | None  # where the cue's force moves it
     channel: channel.ChannelState | None  # where faults seed it
     clock: packet_clock.PacketClock | None  # where Setup.packets
     detectors: detectors.DetectorsState | None
@@ -189,6 +192,7 @@ def tick(
             )
             reacting, correction = reaction.feel(setup, params.reaction, reacting, view)
             hands = operator.steered(setup, params.operator, hands, correction)
+    pulled, hands = _pulled(setup, params, state, hands, observer.cues)
     state = TickState(
         faults=inject.state,
         control=done.software,
@@ -202,6 +206,7 @@ def tick(
         haptics=observed.haptics,
         hands=hands,
         reaction=reacting,
+        hand=pulled,
         channel=sent.channel,
         clock=clock,
         detectors=watched,
@@ -224,6 +229,23 @@ def tick(
         fault_active=tuple(slot.active for slot in inject.state.slots),
     )
     return state, out
+
+
+def _pulled(
+    setup: RavenSetup,
+    params: TickParams,
+    state: TickState,
+    hands: operator.HandOffsets | None,
+    cues: tuple[haptics.HapticOutput, ...],
+) -> tuple[tuple[hand.HandState, ...] | None, operator.HandOffsets | None]:
+    """Hands that the cue's force moves: their state, and the offsets that the console sends from the next tick on."""
+    if params.hand is None or state.hand is None or hands is None:
+        return state.hand, hands
+    own, before = params.hand, state.hand
+    pulls = per_arm(setup, lambda i, arm: position_to_itp(arm, cues[i].direction * cues[i].force[0]))
+    after = tuple(hand.step(setup, own, one, pull) for one, pull in zip(before, pulls, strict=True))
+    moves = tuple((new.displacement - old.displacement) * 1e6 for new, old in zip(after, before, strict=True))
+    return after, operator.strayed(hands, moves)
 
 
 class _Sent(NamedTuple):
@@ -346,6 +368,7 @@ def params(
         nominal=per_arm(setup, lambda _, arm: nominal.params(setup, arm, parameter_set)),
         haptics=haptics.params(setup),
         reaction=reaction.params(setup) if setup.reacts else None,
+        hand=hand.params(setup) if setup.hand_yields else None,
         detectors=detectors.params(setup) if setup.detectors else None,
         monitor=monitor.params(setup),
         start=tuple(Vec(jpos) for jpos in start_jpos),
@@ -374,8 +397,9 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
         motors=connections.motors(setup, robots),
         nominal=beside.nominal,
         haptics=beside.haptics,
-        hands=operator.at_plan(setup) if setup.reacts or strikes(setup, "hand") else None,
+        hands=operator.at_plan(setup) if setup.reacts or setup.hand_yields or strikes(setup, "hand") else None,
         reaction=reaction.init(setup) if setup.reacts else None,
+        hand=_each(setup, hand.init(setup)) if setup.hand_yields else None,
         channel=channel.init() if _seeded(setup, "bursts") else None,
         clock=packet_clock.init() if setup.packets else None,
         detectors=detectors.init(setup) if setup.detectors else None,
@@ -395,6 +419,8 @@ def outcomes(setup: RavenSetup, params: TickParams, state: TickState) -> dict[st
     out["pedal_down_ms"] = state.pedal_down_ticks
     if state.reaction is not None:
         out["reaction_ms"] = state.reaction.acted
+    if state.hand is not None:
+        out |= hand.outcomes(setup, state.hand)
     if state.detectors is not None:
         out |= detectors.outcomes(setup, state.detectors)
     return out | monitor.outcomes(setup, state.monitor)

@@ -51,6 +51,7 @@ SETUPS = {
     "detectors and reaction": RavenSetup(
         detectors=(DetectorUse("steps", "two", 2, 2), DetectorUse("derivative_sum")), reacts=True, command_delay=2
     ),
+    "a hand that yields": RavenSetup(arms=("gold", "green"), tools=("r_grasper",) * 2, hand_yields=True),
     "dynamics simulator": RavenSetup(software="fork2015", build="dyn_sim", console="absolute"),
     "every fault site": RavenSetup(injection=everywhere(("gold",))),
     "every fault site, both arms": RavenSetup(

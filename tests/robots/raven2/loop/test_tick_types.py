@@ -28,7 +28,12 @@ FAULTS = Injection(
     triggers=("time",),
 )
 MOST = RavenSetup(
-    injection=FAULTS, detectors=(DetectorUse("steps", "two", 2, 2),), reacts=True, command_delay=2, noise=True
+    injection=FAULTS,
+    detectors=(DetectorUse("steps", "two", 2, 2),),
+    reacts=True,
+    hand_yields=True,
+    command_delay=2,
+    noise=True,
 )
 FORK = RavenSetup(arms=("gold", "green"), tools=("r_grasper",) * 2, software="fork2015", console="absolute", cues=2)
 CASES = {

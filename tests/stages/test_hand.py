@@ -1,0 +1,149 @@
+"""The hand on its spring: against the formulas of a second-order system, and its energy to the last digit."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ravenjax.numbers.setup import REFERENCE, Setup
+from ravenjax.numbers.vec import Vec, replace
+from ravenjax.stages import hand
+
+SETUP = Setup(precision=REFERENCE)
+H = hand.TICK_S
+
+
+@pytest.fixture(autouse=True)
+def x64():
+    with jax.enable_x64(True):
+        yield
+
+
+def constants(**changes):
+    """A hand whose numbers are as given: grip 0, one newton a unit."""
+    return replace(hand.params(SETUP), **{"grip": 0.0, "newtons_per_unit": 1.0, **changes})
+
+
+def three(values):
+    return Vec(jnp.float64(x) for x in values)
+
+
+def moved(params, forces):
+    """Displacement (m) and velocity (m/s) after each tick, [ticks + 1, 3]; forces: N, [ticks, 3]."""
+
+    def tick(state, force):
+        state = hand.step(SETUP, params, state, Vec(force))
+        return state, (jnp.stack(state.displacement), jnp.stack(state.velocity))
+
+    rows = jax.lax.scan(tick, hand.init(SETUP), jnp.asarray(forces, float))[1]
+    return tuple(np.concatenate([np.zeros((1, 3)), np.asarray(part)]) for part in rows)
+
+
+def step_response(mass, damping, stiffness, force, time):
+    """Displacement of a mass at rest after a force sets in, by the textbook: under, critically and over damped."""
+    natural = np.sqrt(stiffness / mass)
+    ratio = damping / (2.0 * np.sqrt(stiffness * mass))
+    if ratio < 1.0:
+        damped = natural * np.sqrt(1.0 - ratio**2)
+        wave = np.cos(damped * time) + ratio * natural / damped * np.sin(damped * time)
+        return force / stiffness * (1.0 - np.exp(-ratio * natural * time) * wave)
+    if ratio == 1.0:
+        return force / stiffness * (1.0 - (1.0 + natural * time) * np.exp(-natural * time))
+    fast, slow = (-natural * (ratio + sign * np.sqrt(ratio**2 - 1.0)) for sign in (1.0, -1.0))
+    return force / stiffness * (1.0 + (slow * np.exp(fast * time) - fast * np.exp(slow * time)) / (fast - slow))
+
+
+@pytest.mark.parametrize(
+    ("mass", "damping", "stiffness"),
+    [(0.554, 6.45, 135.0), (0.554, 6.45 * np.sqrt(5.0), 675.0), (0.5, 20.0, 200.0), (0.1, 30.0, 400.0)],
+    ids=["relaxed", "firm", "critical", "over"],
+)
+def test_a_force_that_sets_in_moves_it_as_the_textbook_says(mass, damping, stiffness):
+    params = constants(mass=mass, damping=damping, stiffness=stiffness)
+    force, ticks = np.array([0.165, -0.05, 0.0]), 1500
+    place, _ = moved(params, np.tile(force, (ticks, 1)))
+    expected = step_response(mass, damping, stiffness, force[:, None], np.arange(ticks + 1) * H).T
+    np.testing.assert_allclose(place, expected, atol=4e-4 * abs(force[0] / stiffness))
+    assert np.ptp(expected[:, 0]) > 0.9 * force[0] / stiffness
+
+
+def test_a_halved_tick_errs_a_quarter_as_much(monkeypatch):
+    """Second order, as the midpoint rule promises: a rule of first order would leave one half."""
+    errors = []
+    for tick_s in (4e-3, 2e-3, 1e-3):
+        monkeypatch.setattr(hand, "TICK_S", tick_s)
+        count = round(0.2 / tick_s)
+        place, _ = moved(constants(mass=0.554, damping=6.45, stiffness=135.0), np.tile([1.0, 0, 0], (count, 1)))
+        errors.append(abs(place[-1, 0] - step_response(0.554, 6.45, 135.0, 1.0, 0.2)))
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05) == errors[1] / errors[2]
+
+
+numbers = st.floats(-5.0, 5.0)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    forces=st.lists(st.tuples(numbers, numbers, numbers), min_size=5, max_size=40),
+    mass=st.floats(0.01, 10.0),
+    damping=st.floats(0.0, 1000.0),
+    stiffness=st.floats(0.0, 1e5),
+    grip=st.floats(0.0, 1.0),
+)
+def test_it_never_makes_energy(forces, mass, damping, stiffness, grip):
+    """What it holds is what the force put in less what its damper took, whatever its numbers and the force."""
+    params = constants(mass=mass, damping=damping, stiffness=stiffness, grip=grip)
+    held_stiffness, held_damping = (float(x) for x in hand.impedance(params))
+    forces = np.array(forces)
+    place, speed = moved(params, forces)
+    energy = 0.5 * mass * (speed**2).sum(axis=1) + 0.5 * held_stiffness * (place**2).sum(axis=1)
+    put_in = np.cumsum((forces * np.diff(place, axis=0)).sum(axis=1))
+    mean = 0.5 * (speed[1:] + speed[:-1])
+    taken = np.cumsum(H * held_damping * (mean**2).sum(axis=1))
+    np.testing.assert_allclose(energy[1:], put_in - taken, rtol=1e-6, atol=1e-9 * (1.0 + np.abs(put_in).max()))
+    assert (energy[1:] <= put_in + 1e-9 * (1.0 + np.abs(put_in).max())).all()
+
+
+def test_a_firmer_grip_yields_less_and_rings_alike():
+    relaxed, firm = (replace(hand.params(SETUP), grip=grip) for grip in (0.0, 1.0))
+    ratios = []
+    for params, times in ((relaxed, 1.0), (firm, 5.0)):
+        stiffness, damping = hand.impedance(params)
+        assert float(stiffness) == pytest.approx(135.0 * times)
+        ratios.append(float(damping) / (2.0 * np.sqrt(float(stiffness) * params.mass)))
+        place, _ = moved(params, np.tile([0.05, 0.0, 0.0], (4000, 1)))
+        assert place[-1, 0] == pytest.approx(0.05 * 3.3 / float(stiffness), rel=1e-3)
+    assert ratios[0] == pytest.approx(ratios[1]) and 0.3 < ratios[0] < 0.5
+
+
+def test_without_force_it_stays_and_without_spring_it_drifts():
+    still, _ = moved(constants(), np.zeros((50, 3)))
+    assert (still == 0.0).all()
+    loose, speed = moved(constants(stiffness=0.0, damping=6.45), np.tile([1.0, 0.0, 0.0], (3000, 1)))
+    assert speed[-1, 0] == pytest.approx(1.0 / 6.45, rel=1e-6) and loose[-1, 0] > 0.3
+
+
+@settings(max_examples=30, deadline=None)
+@given(force=st.tuples(numbers, numbers, numbers), angle=st.floats(-180.0, 180.0))
+def test_a_turned_force_is_as_large(force, angle):
+    turned = np.array([float(x) for x in hand.turned(three(force), jnp.float64(angle))])
+    np.testing.assert_allclose(np.linalg.norm(turned), np.linalg.norm(force), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(turned.sum(), sum(force), rtol=1e-9, atol=1e-9)
+
+
+def test_a_third_of_a_turn_takes_x_to_y():
+    turned = hand.turned(three((1.0, 0.0, 0.0)), jnp.float64(120.0))
+    np.testing.assert_allclose([float(x) for x in turned], [0.0, 1.0, 0.0], atol=1e-12)
+
+
+def test_the_largest_displacement_is_kept():
+    params, state = constants(), hand.init(SETUP)
+    for force in [2.0] * 200 + [0.0] * 400:
+        state = hand.step(SETUP, params, state, three((force, 0.0, 0.0)))
+    place, _ = moved(params, np.array([[2.0, 0, 0]] * 200 + [[0.0, 0, 0]] * 400))
+    assert float(state.peak) == pytest.approx(np.abs(place[:, 0]).max(), rel=1e-9)
+    other = replace(state, peak=jnp.float64(0.5))
+    assert float(hand.outcomes(SETUP, (state, other))["hand_mm"]) == 500.0
