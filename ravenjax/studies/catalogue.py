@@ -22,6 +22,7 @@ NAMES = {
     "uncertain_robot": "uncertainty.robot",
     "detectors": "detection.comparison",
     "haptic_cue": "haptics.cue",
+    "hand": "hand.force",
 }
 """The module of each, in the order in which they are listed."""
 

@@ -1,0 +1,94 @@
+"""The study of the moved hand: pairs and effects of made-up runs, statics by hand, and its reaction times."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from ravenjax.campaign import loading
+from ravenjax.studies.hand import force, pairs
+from ravenjax.studies.hand.pairs import GRIP, NEWTONS, HandRuns
+from ravenjax.studies.hand.times import DEFAULT_MS, DELAYS_MS, MEASURED
+
+FAULTS = 24
+SCALE = 0.1
+
+
+def made_up(moved_golden: float = -0.1, moved_model: float = 0.0) -> HandRuns:
+    """Each fault of twelve kinds under no force and under one that moves every second hand by 2 mm; rows mixed."""
+    rows = []
+    for fault in range(FAULTS):
+        for newtons in (0.0, 3.3):
+            yields = newtons > 0 and fault % 2 == 0
+            rows.append(
+                {
+                    "pair": fault,
+                    "group": f"sampled/{fault % 12}",
+                    NEWTONS: newtons,
+                    GRIP: 0.5,
+                    "hand_mm": 2.0 if yields else 0.0,
+                    "peak_live_deviation_mm": 5.0 + moved_model * yields,
+                    "peak_golden_deviation_mm": 6.0 + moved_golden * yields,
+                    "cue0_ms": 100.0,
+                    "cue0_count": 1.0 + yields,
+                    "tip_path_mm": 50.0 * (1.0 + 0.02 * yields),
+                    "activated": fault != 1,
+                    "failed": fault == 3,
+                    "unintended": fault < 8 and not (yields and fault == 0),
+                }
+            )
+    frame = pd.DataFrame(rows).sample(frac=1.0, random_state=1).reset_index(drop=True)
+    facts = frame[["group", "activated", "failed", "unintended"]]
+    return HandRuns(frame, facts)
+
+
+def test_pairs_are_of_one_fault_each_and_leave_out_what_did_nothing_or_failed() -> None:
+    both = pairs.paired(made_up(), 3.3, 0.5)
+    assert len(both.on.frame) == FAULTS - 2
+    np.testing.assert_array_equal(both.on.frame["pair"], both.off.frame["pair"])
+    assert (both.on.frame[NEWTONS] == 3.3).all() and (both.off.frame[NEWTONS] == 0.0).all()
+
+
+def test_a_setting_that_was_not_run_is_refused() -> None:
+    with pytest.raises(ValueError, match="has 0 runs of 66 N a unit"):
+        pairs.paired(made_up(), 66.0, 0.5)
+
+
+def test_an_effect_is_over_the_hands_that_moved() -> None:
+    one = pairs.effect(pairs.paired(made_up(), 3.3, 0.5), SCALE)
+    assert (one.pairs, one.pulled, one.kinds.count) == (22, 12, 6)
+    assert one.hand.value == 2.0 and one.golden.value == pytest.approx(-0.1) and one.model.value == 0.0
+    assert one.golden_share.value == pytest.approx(0.1 / (SCALE * 2.0)) and one.model_share.value == 0.0
+    assert one.pulses.value == 1.0 and one.cue_ms.value == 0.0 and one.path.value == pytest.approx(0.02)
+    assert one.unintended == (6, 5) and one.difference.value == pytest.approx(-1 / 22)
+
+
+def test_a_force_that_parts_robot_and_model_is_noticed() -> None:
+    one = pairs.effect(pairs.paired(made_up(moved_model=0.2), 3.3, 0.5), SCALE)
+    assert one.model.value == pytest.approx(0.2) and one.model_share.value == pytest.approx(1.0)
+
+
+def test_statics_are_those_of_a_spring() -> None:
+    rows = {(row[0], row[1]): row[2:] for row in force._loop().rows}
+    relaxed = rows["the cap is 3.3 N", 0.0]
+    assert float(relaxed[0]) == pytest.approx(3.3 / 135.0 * 1e3, rel=0.02)
+    assert float(relaxed[2]) == pytest.approx(0.1 * 4.5 * 66.0 / 135.0, rel=0.02)
+    assert float(rows["one device unit is 3.3 N", 1.0][1]) == pytest.approx(0.1 * 0.165 / 675.0 * 1e3, rel=0.05)
+
+
+def test_statics_have_the_numbers_of_campaign_and_hand() -> None:
+    config = loading.load(force.CAMPAIGN, force.STUDY.variants[0].overrides)
+    cue = config.haptics.cues()[0]
+    assert (cue.kp, cue.cap, config.operator.scale) == (force.KP, force.CAP, force.SCALE)
+
+
+def test_every_variant_is_a_campaign_and_every_time_has_one() -> None:
+    names = {variant.name for variant in force.STUDY.variants}
+    assert len(names) == len(force.STUDY.variants) == 3 + len(DELAYS_MS)
+    for variant in force.STUDY.variants:
+        loading.load(variant.campaign, variant.overrides)
+    assert {one.ms for one in MEASURED} | {DEFAULT_MS} == set(DELAYS_MS)
+    assert all(one.source and one.applies for one in MEASURED)
+    assert [one.ms for one in MEASURED] == sorted(one.ms for one in MEASURED)
+    assert {row[0] for row in force._measured().rows} == {f"{ms:g}" for ms in DELAYS_MS}
