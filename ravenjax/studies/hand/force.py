@@ -34,6 +34,7 @@ FORCES = {
 STRONG = 66.0
 FORCE, GRIP, TURNED = "force", "grip", "turned"
 """Variants without a reaction."""
+MOVES, STOPPED = "robot not stopped", "robot stopped by a check"
 SIZES_MM = (5.0, 10.0, 20.0)
 
 
@@ -41,18 +42,20 @@ def compare(context: Context) -> Findings:
     """Effects of the force by its size and grip, its nulls, and reaction times."""
     force, grip, turned = (hand_pairs.read(context.folders[name]) for name in (FORCE, GRIP, TURNED))
     settings = [(force, newtons, MIDDLE) for newtons in FORCES] + [(grip, STRONG, end) for end in ENDS]
+    pairs = {(FORCES[newtons], f"{held:g}"): hand_pairs.paired(runs, newtons, held) for runs, newtons, held in settings}
+    pairs["null: the cap is 3.3 N, at a drawn direction", f"{MIDDLE:g}"] = hand_pairs.paired(turned, STRONG, MIDDLE)
     effects = {
-        (newtons, grip): hand_pairs.effect(hand_pairs.paired(runs, newtons, grip), SCALE)
-        for runs, newtons, grip in settings
+        (*words, robot): hand_pairs.effect(some.where(some.stopped == (robot == STOPPED)), SCALE)
+        for words, some in pairs.items()
+        for robot in (MOVES, STOPPED)
     }
-    at_random = hand_pairs.effect(hand_pairs.paired(turned, STRONG, MIDDLE), SCALE)
     released = {
         delay: reacting_pairs.paired(reacting_pairs.read(context.folders[_delayed(delay)]), RELEASE)
         for delay in DELAYS_MS
     }
     return Findings(
-        lines=tuple(_lines(effects, at_random, released)),
-        tables=(_followed(effects, at_random), _changed(effects, at_random), _loop(), _measured(), _avoided(released)),
+        lines=tuple(_lines(effects, released)),
+        tables=(_followed(effects), _changed(effects), _loop(), _measured(), _avoided(released)),
         notes=_NOTES,
     )
 
@@ -60,20 +63,16 @@ def compare(context: Context) -> Findings:
 # --- the force ---
 
 
-def _lines(
-    effects: Mapping[tuple[float, float], HandEffect], turned: HandEffect, released: Mapping[float, Pairs]
-) -> Iterator[Line]:
-    for (newtons, grip), one in effects.items():
-        where = f"{FORCES[newtons]}, grip {grip:g}"
+Effects = Mapping[tuple[str, str, str], HandEffect]
+"""By force, grip, and whether a check stopped the robot."""
+
+
+def _lines(effects: Effects, released: Mapping[float, Pairs]) -> Iterator[Line]:
+    for (force, grip, robot), one in effects.items():
+        where = f"{robot}, {force}, grip {grip}"
         of = f"faults whose cue moves the hand, {kinds.count(one.kinds)}"
-        yield _line(f"the hand is moved at most, mean: {where}", "mm", one.hand, one.pulled, of)
-        yield _line(f"distance from the model, mean change: {where}", "mm", one.model, one.pulled, of)
-        yield _line(f"distance from the golden run, mean change: {where}", "mm", one.golden, one.pulled, of)
-        of = f"faults, {kinds.count(one.kinds)} among those whose cue moves the hand"
-        yield _line(f"unintended motions, change: {where}", "points", _times(one.difference, 100.0), one.pairs, of)
-    of = f"faults whose cue moves the hand, {kinds.count(turned.kinds)}"
-    where = "the cap is 3.3 N, grip 0.5, null: at a drawn direction"
-    yield _line(f"distance from the golden run, mean change: {where}", "mm", turned.golden, turned.pulled, of)
+        yield _line(f"mean change of the distance from the model: {where}", "mm", one.model, one.pulled, of)
+        yield _line(f"mean change of the distance from the golden run: {where}", "mm", one.golden, one.pulled, of)
     for delay, part in released.items():
         contrast = reacting_pairs.contrast(part, measures.excursion(20.0))
         of = f"faults that make it where nobody reacts, {kinds.count(contrast.affected)}"
@@ -86,49 +85,43 @@ def _line(quantity: str, unit: str, value: Estimate, n: int, of: str) -> Line:
     return Line(quantity, unit, None, StudyEstimate(value.value, value.low, value.high, n, of))
 
 
-def _rows(
-    effects: Mapping[tuple[float, float], HandEffect], turned: HandEffect
-) -> Iterator[tuple[str, str, HandEffect]]:
-    for (newtons, grip), one in effects.items():
-        yield FORCES[newtons], f"{grip:g}", one
-    yield "null: the cap is 3.3 N, at a drawn direction", "0.5", turned
-
-
-def _followed(effects: Mapping[tuple[float, float], HandEffect], turned: HandEffect) -> Table:
+def _followed(effects: Effects) -> Table:
     return Table(
-        "Both follow the hand",
+        "Who follows the hand",
         (
-            "force", "grip", "faults", "with a moved hand", "hand, mm", "from the model, mm", "from the golden run, mm",
+            "force", "grip", "robot", "faults", "with a moved hand", "hand, mm", "from the model, mm",
+            "from the golden run, mm",
             "share that parts robot and model", "share that moves the robot",
         ),
         tuple(
             (
-                force, grip, one.pairs, f"{one.pulled}, {kinds.count(one.kinds)}", tables.number(one.hand),
+                force, grip, robot, one.pairs, f"{one.pulled}, {kinds.count(one.kinds)}", tables.number(one.hand),
                 tables.number(one.model), tables.number(one.golden), tables.number(one.model_share),
                 tables.number(one.golden_share),
             )
-            for force, grip, one in _rows(effects, turned)
+            for (force, grip, robot), one in effects.items()
         ),
         "Means over faults whose cue moves the hand, with the force minus without. Hand: its largest displacement. "
-        "From the model: largest distance of the true tip from the nominal model's while the robot is live; from the "
-        "golden run: largest distance at any time. Shares: mean absolute change of that distance, by scale times the "
+        "From the model, from the golden run: root mean square distance of the true tip over the run. Shares: mean "
+        "absolute change of that distance, by scale times the "
         f"hand's largest displacement. {kinds.NOTE}",
     )  # fmt: skip
 
 
-def _changed(effects: Mapping[tuple[float, float], HandEffect], turned: HandEffect) -> Table:
+def _changed(effects: Effects) -> Table:
     return Table(
         "What that changes",
         (
-            "force", "grip", "unintended motions, without", "with", "change, points", "cue, ms", "pulls",
+            "force", "grip", "robot", "unintended motions, without", "with", "change, points", "cue, ms", "pulls",
             "path of the tip, %",
         ),
         tuple(
             (
-                force, grip, *one.unintended, tables.number(_times(one.difference, 100.0)), tables.number(one.cue_ms),
+                force, grip, robot, *one.unintended, tables.number(_times(one.difference, 100.0)),
+                tables.number(one.cue_ms),
                 tables.number(one.pulses), tables.number(_times(one.path, 100.0)),
             )
-            for force, grip, one in _rows(effects, turned)
+            for (force, grip, robot), one in effects.items()
         ),
         "Unintended motions: of all faults, the hazard of the report. Cue, pulls, path: mean changes over faults whose "
         "cue moves the hand. A loop that oscillates would pull more often and lengthen the path.",
@@ -200,9 +193,10 @@ _NOTES = (
     "Reference: outcomes compare with the golden run, whose hand is moved by its own cues, if it has any, and with the "
     "nominal model, which follows the hand. So a tip that the cue alone moves is on its model and no unintended "
     "motion; it is off the golden run.",
-    "That the distance between robot and model does not change follows from both having the same input, as long as "
-    "both follow it; what is measured is how nearly they do. A force of the other sign is the null: it must change "
-    "that distance as little, and the distance from the golden run the other way.",
+    "A robot and a model that both follow the hand keep their distance. Faults with a cue are often such that the robot "
+    "does not follow its input: a motor, a packet or the robot itself has stopped. There the model follows alone, and "
+    "a pull towards the model takes it farther away. The force of the other sign is the null: it changes that distance "
+    "as much the other way.",
     "A person who stiffens against a force that stays, or corrects by eye what it does, is not in it.",
     "Newtons in a device unit, the grip's factor and everything about an operator are assumed, see `stages/hand.py`.",
 )

@@ -36,6 +36,12 @@ class HandPairs(NamedTuple):
         """Kinds of these faults."""
         return kinds.of(self.off.facts["group"])
 
+    @property
+    def stopped(self) -> np.ndarray:
+        """Pairs in which a check stopped one of the two robots, bool [pairs]: there the model alone follows the hand."""
+        on, off = ((part.frame["response"] == "stopped").to_numpy(bool) for part in self)
+        return on | off
+
     def where(self, chosen: np.ndarray) -> HandPairs:
         """Those of `chosen` (bool [pairs])."""
         return HandPairs(*(HandRuns(part.frame.loc[chosen], part.facts.loc[chosen]) for part in self))
@@ -53,8 +59,8 @@ class HandEffect(NamedTuple):
     pulled: int  # of them, faults in which the hand moved
     kinds: Units  # of the latter
     hand: Estimate  # mm, mean of the largest displacement
-    model: Estimate  # mm, mean change of the largest live distance from the model
-    golden: Estimate  # mm, mean change of the largest distance from the golden run
+    model: Estimate  # mm, mean change of the root mean square distance from the model
+    golden: Estimate  # mm, mean change of the root mean square distance from the golden run
     model_share: Estimate  # mean absolute change of the distance from the model, by what the tip was asked to move
     golden_share: Estimate  # the same of the distance from the golden run
     cue_ms: Estimate  # mean change of the cue's time
@@ -89,7 +95,7 @@ def effect(pairs: HandPairs, scale: float) -> HandEffect:
     pulled = pairs.where(moved)
     among = pulled.faults
     hand_mm = pulled.on.frame["hand_mm"].to_numpy(float)
-    model, golden = (pulled.change(f"peak_{name}_deviation_mm") for name in ("live", "golden"))
+    model, golden = (pulled.change(f"rms_{name}_deviation_mm") for name in ("model", "golden"))
     hits = [part.facts["unintended"].to_numpy(bool) for part in pairs]
     return HandEffect(
         len(moved),

@@ -28,11 +28,12 @@ def made_up(moved_golden: float = -0.1, moved_model: float = 0.0) -> HandRuns:
                     NEWTONS: newtons,
                     GRIP: 0.5,
                     "hand_mm": 2.0 if yields else 0.0,
-                    "peak_live_deviation_mm": 5.0 + moved_model * yields,
-                    "peak_golden_deviation_mm": 6.0 + moved_golden * yields,
+                    "rms_model_deviation_mm": 5.0 + moved_model * yields,
+                    "rms_golden_deviation_mm": 6.0 + moved_golden * yields,
                     "cue0_ms": 100.0,
                     "cue0_count": 1.0 + yields,
                     "tip_path_mm": 50.0 * (1.0 + 0.02 * yields),
+                    "response": "stopped" if fault == 4 and yields else "silent",
                     "activated": fault != 1,
                     "failed": fault == 3,
                     "unintended": fault < 8 and not (yields and fault == 0),
@@ -62,6 +63,11 @@ def test_an_effect_is_over_the_hands_that_moved() -> None:
     assert one.golden_share.value == pytest.approx(0.1 / (SCALE * 2.0)) and one.model_share.value == 0.0
     assert one.pulses.value == 1.0 and one.cue_ms.value == 0.0 and one.path.value == pytest.approx(0.02)
     assert one.unintended == (6, 5) and one.difference.value == pytest.approx(-1 / 22)
+
+
+def test_a_robot_that_was_stopped_in_one_run_stands_apart() -> None:
+    both = pairs.paired(made_up(), 3.3, 0.5)
+    assert both.off.frame["pair"][both.stopped].tolist() == [4]
 
 
 def test_a_force_that_parts_robot_and_model_is_noticed() -> None:
