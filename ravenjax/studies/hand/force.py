@@ -42,7 +42,9 @@ def compare(context: Context) -> Findings:
     """Effects of the force by its size and grip, its nulls, and reaction times."""
     force, grip, turned = (hand_pairs.read(context.folders[name]) for name in (FORCE, GRIP, TURNED))
     settings = [(force, newtons, MIDDLE) for newtons in FORCES] + [(grip, STRONG, end) for end in ENDS]
-    pairs = {(FORCES[newtons], f"{held:g}"): hand_pairs.paired(runs, newtons, held) for runs, newtons, held in settings}
+    pairs = {
+        (FORCES[newtons], f"{value:g}"): hand_pairs.paired(runs, newtons, value) for runs, newtons, value in settings
+    }
     pairs["null: the cap is 3.3 N, at a drawn direction", f"{MIDDLE:g}"] = hand_pairs.paired(turned, STRONG, MIDDLE)
     effects = {
         (*words, robot): hand_pairs.effect(some.where(some.stopped == (robot == STOPPED)), SCALE)
@@ -193,10 +195,10 @@ _NOTES = (
     "Reference: outcomes compare with the golden run, whose hand is moved by its own cues, if it has any, and with the "
     "nominal model, which follows the hand. So a tip that the cue alone moves is on its model and no unintended "
     "motion; it is off the golden run.",
-    "A robot and a model that both follow the hand keep their distance. Faults with a cue are often such that the robot "
-    "does not follow its input: a motor, a packet or the robot itself has stopped. There the model follows alone, and "
-    "a pull towards the model takes it farther away. The force of the other sign is the null: it changes that distance "
-    "as much the other way.",
+    "A robot and a model that both follow the hand keep their distance. Faults with a cue are often such that the "
+    "robot does not follow its input: a motor, a packet or the robot itself has stopped. There the model follows alone, "
+    "and a pull towards the model takes it farther away. The force of the other sign is the null: it changes that "
+    "distance as much the other way.",
     "A person who stiffens against a force that stays, or corrects by eye what it does, is not in it.",
     "Newtons in a device unit, the grip's factor and everything about an operator are assumed, see `stages/hand.py`.",
 )

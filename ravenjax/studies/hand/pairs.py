@@ -38,7 +38,7 @@ class HandPairs(NamedTuple):
 
     @property
     def stopped(self) -> np.ndarray:
-        """Pairs in which a check stopped one of the two robots, bool [pairs]: there the model alone follows the hand."""
+        """Pairs in which a check stopped one of the robots, bool [pairs]: then the model alone follows the hand."""
         on, off = ((part.frame["response"] == "stopped").to_numpy(bool) for part in self)
         return on | off
 

@@ -12,8 +12,8 @@ one without a haptic device, which makes pairs of runs: the same fault, with the
 
 Assumptions, as no source measured them on this robot: 0.25 s from the first pull to the action (an expected touch takes
 0.155 s in the laboratory, a brake 0.7 to 1.5 s; sources in `docs/explanation/hand.md`); a correction by eye closes with
-a time constant of 0.2 s. The cue's force itself moves a hand only where `ravenjax.stages.hand` is in the tick. A packet that the network delays carries what the hands did when it was made, but for a correction, which is that
-of now.
+a time constant of 0.2 s. The cue's force itself moves a hand only where `ravenjax.stages.hand` is in the tick. A packet
+that the network delays carries what the hands did when it was made, but for a correction, which is that of now.
 """
 
 from __future__ import annotations
