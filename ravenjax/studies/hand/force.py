@@ -196,9 +196,9 @@ _NOTES = (
     "nominal model, which follows the hand. So a tip that the cue alone moves is on its model and no unintended "
     "motion; it is off the golden run.",
     "A robot and a model that both follow the hand keep their distance. Faults with a cue are often such that the "
-    "robot does not follow its input: a motor, a packet or the robot itself has stopped. There the model follows alone, "
-    "and a pull towards the model takes it farther away. The force of the other sign is the null: it changes that "
-    "distance as much the other way.",
+    "robot does not follow its input: a motor, a packet or the robot itself has stopped. There the model follows "
+    "alone, and a pull towards the model takes it farther away. The force of the other sign is the null: it changes "
+    "that distance as much the other way.",
     "A person who stiffens against a force that stays, or corrects by eye what it does, is not in it.",
     "Newtons in a device unit, the grip's factor and everything about an operator are assumed, see `stages/hand.py`.",
 )
