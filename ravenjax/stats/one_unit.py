@@ -46,6 +46,8 @@ def rate(k: ArrayLike, n: ArrayLike, confidence: float = 0.95) -> UnitRate:
     mean, root, weight = _posterior(hits, trials)
     alpha = alpha_of(confidence)
     low, high = (_quantile(mean, root, weight, q) for q in (alpha / 2.0, 1.0 - alpha / 2.0))
+    if not 0 < total < among:  # the prior alone would tell how units differ
+        return UnitRate(Rate(total, among, value, low, high), count, np.nan)
     deviation = float((weight * root * np.sqrt(mean * (1.0 - mean))).sum())
     return UnitRate(Rate(total, among, value, low, high), count, deviation)
 
