@@ -10,8 +10,8 @@ fitted to, beside models that know nothing of the arm.
 `camera_log` reads what cameras saw of a real arm's tip. `tip_error` says how wrong the reports of drawn robots are
 beside it, and `arm_errors` what that one arm's own errors explain; `rigid` takes away where the camera stood.
 
-Otherwise everything is compared at the motors, where a Raven's encoders are: what lies behind the cables, backlash
-above all, shows itself only in what it does to the motors.
+A log's joints are compared at the motors, where a Raven's encoders are: what lies behind the cables, backlash above
+all, shows itself only in what it does to the motors.
 
 The covariance of a fit holds where the virtual robot is the logged one in all but the unknowns. On logs of 14 s of
 twenty virtual robots, each with 21 values drawn from the beliefs, 414 of 420 lay inside its 90 % intervals, at least 17
