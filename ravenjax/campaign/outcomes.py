@@ -31,9 +31,11 @@ def columns(config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, golde
     runs: rows of the fault table. outcomes: what the engine returned for each; golden: `of_golden` of
     its golden run.
     """
-    measures = {name: np.asarray(values) for name, values in outcomes.items()}
+    measures: dict[str, Any] = {name: np.asarray(values) for name, values in outcomes.items()}
     diverged, failed = measures.pop("diverged_ms"), measures.pop("failed_ms")
     jumps = {rule: measures.pop(f"jump_{rule}_ms") for rule in ("code", "text", "tip")}
+    if schema.OVERLOAD in measures:
+        measures[schema.OVERLOAD] = _cables(config, measures[schema.OVERLOAD])
     depth, distance = measures["tissue_depth_mm"], measures["tip_distance_mm"]
     out: dict[str, Any] = {
         **{name: runs[name].array for name in runs.columns if name != SHARED},
@@ -50,6 +52,12 @@ def columns(config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, golde
     }
     out["golden_tissue_depth_mm"] = np.maximum(out["golden_tissue_depth_mm"], depth.dtype.type(0))
     return out | judged(out, verdict.responses(measures, golden_runs, config.robot), failed < 0, config.outcomes.cue)
+
+
+def _cables(config: CampaignConfig, places: np.ndarray) -> pd.Categorical:
+    """Cables in words, by their places among all of the robot; "" for -1."""
+    names = [f"{arm} {joint}" for arm in config.campaign.arms for joint in config.robot.joints]
+    return words.column(places.astype(np.int32) + 1, ("", *names))
 
 
 def frame(config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, golden_runs: Columns) -> pd.DataFrame:

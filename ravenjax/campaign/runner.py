@@ -189,5 +189,6 @@ def shape_of(ready: Plan) -> schema.Shape:
         parameters=tuple(table.parameters(ready.table)),
         reacts=setup.reacts,
         hand_yields=setup.hand_yields,
+        cables=ready.config.watches_cables,
         detectors=tuple(use.thresholds for use in setup.detectors),
     )

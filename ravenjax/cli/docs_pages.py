@@ -120,6 +120,7 @@ def _columns() -> Iterator[str]:
         parameters=("<path>",),
         reacts=True,
         hand_yields=True,
+        cables=True,
         detectors=(1,),
     )
     yield "# Result columns"

@@ -8,6 +8,9 @@ from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import HALT_MS
 from ravenjax.vocabulary.robot import Robot
 
+OVERLOADED = "overloaded cable"
+"""The word of an outcome that only mechanics with real tensions have."""
+
 
 class Definition(NamedTuple):
     """One word."""
@@ -54,6 +57,12 @@ def rows(rules: Rules, robot: Robot) -> list[Definition]:
         Definition("cue", "cue", f"The {threshold} haptic cue came, and the golden run had none by then."),
         Definition("other", "golden run", "The same operation, robot and random numbers without the fault."),
         Definition("other", "live", f"{robot.live[:1].upper()}{robot.live[1:]}."),
+        Definition(
+            "other",
+            OVERLOADED,
+            "The tension of a cable, damping included, was above its strength, and no cable's was by then in the "
+            "golden run. It is no hazard of its own.",
+        ),
         Definition(
             "other",
             "evades",

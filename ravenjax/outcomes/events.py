@@ -70,9 +70,20 @@ _ALL = (
     Event("told", "a check told a person or stopped the robot", TOLD_SQL),
     Event("cue", "the {threshold} cue came and the golden run had none by then", f"({CUE_MS}) >= 0"),
     Event("jump", "the reported tip jumped by the campaign's jump rule", "{jump}"),
+    Event(
+        "cable_overload",
+        "a cable carried more than its strength and none had by then in the golden run",
+        f"({beyond_golden_sql('cable_overload_first_ms')}) >= 0",
+    ),
     Event("activated", "the fault changed at least one bit", "activated"),
     Event("diverged", "the robot's course differed from the golden run", "diverged"),
 )
+
+UNWATCHED = (
+    "but the tensions of this robot's cables are not known: with a Raven-II take campaign.parameter_set = "
+    "'power_consistent'"
+)
+"""Why a table may have no event `cable_overload`."""
 
 EVENTS: dict[str, Event] = {event.name: event for event in _ALL}
 

@@ -20,7 +20,17 @@ from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data import fault_free
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.run import path_figure, paths, worst
-from ravenjax.report.sections import after_stop, answers, dependence, precision, risk, tables, time_to_know, your_robot
+from ravenjax.report.sections import (
+    after_stop,
+    answers,
+    dependence,
+    overloads,
+    precision,
+    risk,
+    tables,
+    time_to_know,
+    your_robot,
+)
 from ravenjax.report.sections.cues import choice, figure
 from ravenjax.report.sections.cues import sweep as cue_sweep
 from ravenjax.report.sections.detection import figures as detector_figures
@@ -98,13 +108,19 @@ def render(runs: Runs, manifest: Manifest, folder: Path) -> str:
             cue=cue,
             limit=f"{manifest.limit_mm:g} mm",
             robot=manifest.robot,
-            definitions=definitions.rows(manifest.rules, manifest.robot),
+            definitions=_definitions(manifest),
             frame_rows=runs.rows,
             stopped=decisions.sentence(folder),
             outcomes=run_facts.OUTCOMES,
             **content,
         )
     )
+
+
+def _definitions(manifest: Manifest) -> list[definitions.Definition]:
+    """The words that this campaign's results have."""
+    rows = definitions.rows(manifest.rules, manifest.robot)
+    return [one for one in rows if one.word != definitions.OVERLOADED or manifest.shape.cables]
 
 
 def _verdicts(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
@@ -116,6 +132,8 @@ def _verdicts(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
         "matrix_rows": matrix,
         "matrix_csv": tables.matrix_cells(matrix),
         "jumps": tables.jump_rows(runs, manifest),
+        "overloads": overloads.rows(runs, manifest),
+        "cables_break": (manifest.config.get("campaign") or {}).get("cables") == "break",
         "groups": tables.group_rows(runs),
         "maps": shares,
         "map_csv": panels.cells(shares),

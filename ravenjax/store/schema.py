@@ -62,6 +62,7 @@ class Shape:
     parameters: tuple[str, ...] = ()  # paths of the varied parameters
     reacts: bool = False  # the operator may react to the cue
     hand_yields: bool = False  # the cue's force moves the operator's hand
+    cables: bool = False  # what the robot's cables carry is an outcome
     detectors: tuple[int, ...] = ()  # how many thresholds each detector has
 
 
@@ -79,6 +80,7 @@ def columns(shape: Shape) -> tuple[Column, ...]:
         *_reaction(shape),
         *(column for d, thresholds in enumerate(shape.detectors) for column in _detector(d, thresholds)),
         *_motion(),
+        *_cables(shape),
         *_golden(shape),
         *(
             Column(f"peak_dac_{arm}_{joint}", "int32", "DAC counts", "largest |current_cmd| sent to the motor")
@@ -185,7 +187,7 @@ GOLDEN = "golden_"
 """Prefix of what is kept of the golden run's outcome."""
 _OF_GOLDEN = re.compile(
     r"(cue|detector)\d+_(first_ms|score)|reaction_ms|hand_mm|tissue_depth_mm|tip_path_mm|pedal_down_ms|halted_ms"
-    r"|peak_live_deviation_mm"
+    r"|peak_live_deviation_mm|cable_load|cable_overload_first_ms"
 )
 
 
@@ -201,6 +203,7 @@ def _golden(shape: Shape) -> Iterator[Column]:
         *_reaction(shape),
         *(column for d, thresholds in enumerate(shape.detectors) for column in _detector(d, thresholds)),
         *_motion(),
+        *_cables(shape),
     ]
     for column in own:
         if kept_of_golden(column.name):
@@ -256,6 +259,17 @@ def _motion() -> Iterator[Column]:
     yield Column("jump_tip_first_ms", "int32", "ms", "when first, -1 if never")
     yield Column("tissue_depth_mm", "float32", "mm", "deepest penetration of the phantom tissue, 0 if none")
     yield Column("tip_distance_mm", "float32", "mm", "smallest distance of the two tips, NaN with one arm")
+
+
+OVERLOAD = "cable_overload"
+"""Column of the first cable that was overloaded."""
+
+
+def _cables(shape: Shape) -> Iterator[Column]:
+    if shape.cables:
+        yield Column("cable_load", "float32", "1", "largest tension of a cable, by its strength")
+        yield Column("cable_overload_first_ms", "int32", "ms", "when that was first above 1, -1 if never")
+        yield Column(OVERLOAD, "category", "", 'that cable, "<arm> <joint>", "" if none')
 
 
 # --- Arrow ------------------------------------------------------------------------------------------------------------

@@ -143,6 +143,7 @@ EVENTS = {
     "told": lambda f: (f["response"] == "stopped") | (f["response"] == "flagged"),
     "cue": lambda f: f["verdict"].str.endswith("/cue"),
     "jump": lambda f: f["jump_text"],
+    "cable_overload": lambda f: (f["cable_overload_first_ms"] >= 0) & (f["golden_cable_overload_first_ms"] < 0),
     "activated": lambda f: f["activated"],
     "diverged": lambda f: f["diverged"],
 }
@@ -152,6 +153,9 @@ EVENTS = {
 def test_events_over_a_table(event):
     rules = Rules(cue=2, threshold_mm=2.0, jump="jump_text", limit_mm=3.0)
     frame = synthetic.judged(synthetic.frame(3000), cue=2)
+    place = np.arange(len(frame))
+    frame["cable_overload_first_ms"] = np.where(place % 2 == 0, 5, -1)
+    frame["golden_cable_overload_first_ms"] = np.where(place % 3 == 0, 4, -1)
     names = events.columns([event], rules)
     valid, cases = events.happened(pa.Table.from_pandas(frame[names]), [event], rules)
     assert valid.tolist() == (frame["failed"] == "").tolist()

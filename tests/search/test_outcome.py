@@ -73,6 +73,7 @@ def test_other_forms_are_refused(text):
         ("fault0_value", "unknown outcome"),
         ("seed >= 3", "unknown outcome"),
         ("evade", "Did you mean 'evades'"),
+        ("cable_overload", "tensions of this robot's cables are not known"),
     ],
 )
 def test_complaints_say_what_to_write(text, told):

@@ -313,6 +313,11 @@ class CampaignConfig(Section):
         return robots.find(self.campaign.robot)
 
     @property
+    def watches_cables(self) -> bool:
+        """Whether what its robot's cables carry is an outcome."""
+        return False
+
+    @property
     def slots(self) -> int:
         """Fault slots that a run needs."""
         return max(len(group.fault) for group in self.group)

@@ -17,6 +17,7 @@ from ravenjax.campaign.file.group import Fault, Group
 from ravenjax.campaign.file.location import Complaint, Key
 from ravenjax.errors import shown, suggestion
 from ravenjax.numbers import paths
+from ravenjax.outcomes import events
 from ravenjax.vocabulary.effects import EFFECTS, MAX_SLOTS, NETWORK_EFFECTS, TRIGGERS, WITHOUT_VALUE
 from ravenjax.vocabulary.legal import complaint, legal, rounding
 from ravenjax.vocabulary.sites import Channel, Site
@@ -109,6 +110,9 @@ def _campaign(config: CampaignConfig) -> Iterator[Complaint]:
     if config.outcomes.cue >= len(config.haptics.cues()):
         count = len(config.haptics.cues())
         yield ("outcomes", "cue"), f"got {config.outcomes.cue}, expected 0..{count - 1}: [haptics] makes {count} sets"
+
+    if config.stop is not None and "cable_overload" in config.stop.rates and not config.watches_cables:
+        yield ("stop", "rates"), f"got 'cable_overload', {events.UNWATCHED}"
 
 
 def _group(config: CampaignConfig, group: Group, key: Key) -> Iterator[Complaint]:

@@ -95,6 +95,8 @@ class Outcome:
     def complaints(self, shape: schema.Shape) -> Iterator[str]:
         """What is wrong with it for a table of this shape."""
         if self.named_event:
+            if self.column == "cable_overload" and not shape.cables:
+                yield f"got {self.column!r}, {events.UNWATCHED}"
             return
         dtypes = {c.name: c.dtype for c in schema.columns(shape) if _is_outcome(c.name)}
         if self.column not in dtypes:

@@ -11,7 +11,7 @@ from ravenjax.calibration.judgement import FollowingError
 from ravenjax.calibration.parameters import unknowns
 from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.geometry import transmission
-from ravenjax.robots.raven2.plant import parameter_sets, robot
+from ravenjax.robots.raven2.plant import cables, parameter_sets, robot
 from ravenjax.studies.dsn16.recording import closed_loop, horizons, prediction_tables
 from ravenjax.studies.framework.study import Context, Findings, Line, Study, StudyEstimate, Table
 from ravenjax.studies.mechanics import predictors, reaction, recordings, statics
@@ -119,7 +119,8 @@ def _statics(rows: Sequence[statics.Statics]) -> Table:
     cells = tuple((one.who, *(_plain(x, d) for x, d in zip(one[1:], (0, 0, 1, 0, 2), strict=True))) for one in rows)
     note = (
         f"{statics.COUNTS} counts after the checks press the shoulder on its stop; the largest tension on the way "
-        f"depends on the assumed stiffness of the stop. A cable of this size breaks at some {statics.CABLE_N:.0f} N. "
+        "depends on the assumed stiffness of the stop. A cable of this size breaks at some "
+        f"{cables.POSITIONING_STRENGTH:.0f} N. "
         "Statics of speed: the supply of 48 V by the back EMF. The push of the last column meets a controller with KP "
         "of raven2."
     )

@@ -18,8 +18,6 @@ from ravenjax.robots.raven2.setup import RavenSetup
 SETUP = RavenSetup(arms=("gold",), precision=REFERENCE)
 COUNTS, LOAD_NM, TICKS = 10_000, 2.0, 1500
 CAPSTAN_M, PULLEY_M = authors.CAPSTAN_M, authors.LINK_RADIUS[0]  # of the shoulder
-CABLE_N = 1200.0
-"""Breaking load of a stainless wire rope of 1.19 mm (3/64 in), 7x19: 270 lbf in makers' catalogues."""
 KP = nominal.KP[0]  # N m per rad of motor, after the gearbox
 
 
@@ -56,8 +54,8 @@ def by_hand() -> Statics:
     torque = COUNTS * published.CONTROLLER_TORQUE_PER_COUNT
     ratio = transmission.TR[0]
     stiffness = KP * ratio**2 / transmission.GEARBOX[0]
-    cable = 2.0 * published.parameter_set("traj3").stiffness[0] * PULLEY_M**2
-    gives = LOAD_NM / stiffness + LOAD_NM / cable
+    spring = 2.0 * published.parameter_set("traj3").stiffness[0] * PULLEY_M**2
+    gives = LOAD_NM / stiffness + LOAD_NM / spring
     return Statics(
         "statics, without friction",
         torque / CAPSTAN_M,

@@ -106,7 +106,8 @@ def _definitions(threshold_mm: float | None, limit_mm: float | None, blinded: bo
     if threshold_mm is None or limit_mm is None:
         return []
     rows = definitions.rows(Rules(threshold_mm=threshold_mm, limit_mm=limit_mm), ROBOT)
-    return [one for one in rows if one.word != "evades" and not (blinded and one.kind == "cue")]
+    absent = ("evades", definitions.OVERLOADED)
+    return [one for one in rows if one.word not in absent and not (blinded and one.kind == "cue")]
 
 
 def _scenario(header: dict[str, Any]) -> dict[str, str]:

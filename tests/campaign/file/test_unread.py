@@ -45,6 +45,8 @@ def without_influence(ready: plan.Plan) -> set[str]:
         {},
         {"noise": True, "console": "absolute"},
         {"packets": "bursts"},
+        {"parameter_set": "power_consistent"},
+        {"parameter_set": "power_consistent", "cables": "break"},
         {"software": "fork2015"},
         {"software": "fork2015", "build": "dyn_sim", "console": "absolute"},
     ],

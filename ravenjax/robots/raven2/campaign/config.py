@@ -102,6 +102,12 @@ class RavenCampaign(Campaign):
         "measured: drawn anew for each run and arm, as large as cameras saw on a real arm, an upper bound. Half of it: "
         "plant.kinematic_errors.scale = 0.5",
     )
+    cables: Literal["unbreakable", "break"] = Field(
+        default="unbreakable",
+        description="what a cable does whose tension exceeds plant.cable_strength: hold all the same, or part, and "
+        "carry nothing for the rest of the run. Either way overload is an outcome of power_consistent; tensions of the "
+        "published sets are no real ones, and nothing breaks there",
+    )
     substeps: int = Field(default=1, ge=1, le=100, description="plant steps per 1 ms tick")
 
     @property
@@ -341,6 +347,11 @@ class RavenConfig(CampaignConfig):
         """Whether the operator may react to the cue."""
         return self.reaction is not None
 
+    @property
+    def watches_cables(self) -> bool:
+        """Whether the mechanics have tensions that can be set beside a cable's strength."""
+        return parameter_sets.tells_tension(self.campaign.parameter_set)
+
     @classmethod
     def words(cls) -> dict[str, dict[str, Iterable[str]]]:
         """Model of a table -> key -> the words that it takes, where the models leave that to `complaints`."""
@@ -389,6 +400,12 @@ class RavenConfig(CampaignConfig):
             yield (
                 ("campaign", "build"),
                 f"got {campaign.build!r}, expected software = 'fork2015': only the 2015 fork was built so",
+            )
+        if campaign.cables == "break" and not self.watches_cables:
+            yield (
+                ("campaign", "cables"),
+                f"got 'break', but motors pull at the cables of parameter_set {campaign.parameter_set!r} twelve times "
+                "as hard as real ones can: take parameter_set = 'power_consistent'",
             )
         if campaign.software == "fork2015" and campaign.policy != type(campaign).model_fields["policy"].default:
             yield ("campaign", "policy"), f"got {campaign.policy!r}, but the 2015 fork has no policy: remove the key"

@@ -50,6 +50,7 @@ def prepare(
         substeps=config.campaign.substeps,
         injection=injection,
         cues=len(config.haptics.cues()),
+        cables=config.campaign.cables if config.watches_cables else "unwatched",
         packets=_distributions(config, varied.get(PACKETS)),
         command_delay=_longest(varied.get(DELAY)),
         detectors=tuple(use for _, use, _ in config.detectors),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ravenjax.numbers import paths
 from ravenjax.robots.raven2.arms import ARMS, JOINTS
+from ravenjax.robots.raven2.plant import parameter_sets
 
 if TYPE_CHECKING:
     from ravenjax.robots.raven2.campaign.config import RavenCampaign
@@ -38,6 +39,12 @@ UNREAD = (
         "",
         lambda campaign: campaign.software == "fork2015",
         "nothing reads it: the 2015 fork has no policy",
+    ),
+    Unread(
+        "plant.cable_strength",
+        "",
+        lambda campaign: not parameter_sets.tells_tension(campaign.parameter_set),
+        'nothing reads it: the tension of this parameter_set is no real one; take parameter_set = "power_consistent"',
     ),
     Unread(
         "control.overdrive.dac_max",

@@ -28,7 +28,7 @@ from ravenjax.robots.raven2.plant import nominal, parameter_sets
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
-from ravenjax.stages import channel, check, detectors, hand, haptics, monitor, packet_clock
+from ravenjax.stages import channel, check, detectors, hand, haptics, monitor, overload, packet_clock
 from ravenjax.stages.check import CheckHistory
 from ravenjax.vocabulary import packets
 
@@ -109,6 +109,7 @@ class TickState:
     clock: packet_clock.PacketClock | None  # where Setup.packets
     detectors: detectors.DetectorsState | None
     monitor: monitor.MonitorState
+    overload: overload.OverloadState | None  # where Setup.cables are watched
     pedal_ticks: Scalar  # int32, ticks since pedal-down was entered; negative: not in it
     pedal_down_ticks: Scalar  # int32, ticks in pedal-down so far
     packet: Scalar  # int32, index of the console's newest packet; -1: none yet
@@ -211,6 +212,7 @@ def tick(
         clock=clock,
         detectors=watched,
         monitor=observed.monitor,
+        overload=_overload(params, state.overload, robots, now),
         pedal_ticks=jnp.where(down, jnp.maximum(state.pedal_ticks, -1) + 1, -1),
         pedal_down_ticks=state.pedal_down_ticks + as_int(observer.live),
         packet=sequence,
@@ -404,6 +406,7 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
         clock=packet_clock.init() if setup.packets else None,
         detectors=detectors.init(setup) if setup.detectors else None,
         monitor=beside.monitor,
+        overload=None if setup.cables == "unwatched" else overload.init(setup),
         pedal_ticks=jnp.int32(-1),
         pedal_down_ticks=jnp.int32(0),
         packet=jnp.int32(-1),
@@ -423,6 +426,8 @@ def outcomes(setup: RavenSetup, params: TickParams, state: TickState) -> dict[st
         out |= hand.outcomes(setup, state.hand)
     if state.detectors is not None:
         out |= detectors.outcomes(setup, state.detectors)
+    if state.overload is not None:
+        out |= overload.outcomes(state.overload)
     return out | monitor.outcomes(setup, state.monitor)
 
 
@@ -537,6 +542,21 @@ def _timing(state: TickState, sequence: Scalar) -> connections.PacketTiming:
     if state.clock is None:
         return connections.row_by_row(sequence)
     return connections.PacketTiming(sequence, state.clock.tick, state.clock.before)
+
+
+def _overload(
+    params: TickParams, state: overload.OverloadState | None, robots: tuple[plant.PlantOutput, ...], now: Scalar
+) -> overload.OverloadState | None:
+    """What the cables carried so far; None where nobody watches them."""
+    if state is None:
+        return None
+    strengths = (arm.cable_strength for arm in params.plant)
+    loads = tuple(out.carried * strength.map(_inverse) for out, strength in zip(robots, strengths, strict=True))
+    return overload.step(state, loads, now)
+
+
+def _inverse(x: Scalar) -> Scalar:
+    return 1.0 / x
 
 
 def _reacting(

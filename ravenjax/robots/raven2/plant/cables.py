@@ -17,6 +17,12 @@ POSITIONING_ARM = 5.675e-3 / 12.25  # a, m of cable per rad of motor; capstan of
 TOOL_ARM = 5.005e-3 / (26.0 / 7.0)  # a, m per rad; capstan of the GP32
 ARMS_M = (POSITIONING_ARM,) * 3 + (TOOL_ARM,) * 4
 
+POSITIONING_STRENGTH = 1200.0
+"""N, of a new stainless wire rope of 1.19 mm (3/64 in), 7x19: 270 lbf in makers' catalogues. The diameter is raven2's
+(defines.h), the construction is assumed; a worn rope, or one bent over small pulleys, breaks earlier."""
+TOOL_STRENGTH = POSITIONING_STRENGTH * (0.61 / 1.19) ** 2
+"""N, of a rope of 0.61 mm (diameter: raven2, defines.h); assumed: as strong per section as the thicker one, 315 N."""
+
 
 @record
 class Linear:
@@ -24,6 +30,10 @@ class Linear:
 
     force: Scalar  # N m (motor coordinates) at zero stretch rate
     damping: Scalar  # N m s/rad, stiffness of the coming step included
+
+    def carried(self, arm: float, rate: Scalar) -> Scalar:
+        """What the cable carried in the step, N: stiffness and damping, at the stretch rate (rad/s) of its end."""
+        return (self.force + self.damping * rate) * (1.0 / arm)
 
 
 def tension(stiffness: Scalar, damping: Scalar, delta: Scalar, rate: Scalar) -> Scalar:

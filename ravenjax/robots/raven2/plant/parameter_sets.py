@@ -10,7 +10,7 @@ import dataclasses
 from typing import Literal
 
 from ravenjax.robots.raven2.geometry.transmission import GP42
-from ravenjax.robots.raven2.plant import power_consistent, published
+from ravenjax.robots.raven2.plant import cables, power_consistent, published
 
 Name = Literal["power_consistent", "traj3", "A", "B", "C", "D", "E", "matlab_main", "matlab_global"]
 
@@ -18,7 +18,7 @@ DEFAULT: Name = "power_consistent"
 """What a campaign's robot is made of unless it says otherwise."""
 
 UNLIMITED = 1e6
-"""N m; no motor comes near."""
+"""N m; no motor comes near. N; nor does a cable."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,6 +37,7 @@ class ParameterSet:
     back_emf: tuple[float, ...]
     stiffness: tuple[float, ...]
     damping: tuple[float, ...]
+    strength: tuple[float, ...]
     link_coulomb: tuple[float, ...]
     link_viscous: tuple[float, ...]
 
@@ -59,6 +60,7 @@ def parameter_set(name: str) -> ParameterSet:
         back_emf=(0.0,) * 7,
         stiffness=_seven(values.stiffness, published.TOOL_CABLE_STIFFNESS),
         damping=_seven(values.damping, published.TOOL_CABLE_DAMPING),
+        strength=(UNLIMITED,) * 7,
         link_coulomb=_seven(values.link_coulomb, published.TOOL_LINK_COULOMB),
         link_viscous=_seven(values.link_viscous, published.TOOL_LINK_VISCOUS),
     )
@@ -70,6 +72,14 @@ def nominal(name: str) -> str:
     The authors' sets differ as robots of one kind do, and share one model.
     """
     return name if name == "power_consistent" else "traj3"
+
+
+def tells_tension(name: str) -> bool:
+    """Whether the cables of the set of that name carry what statics allow, so that a strength in N can be exceeded.
+
+    With the authors' law a motor pulls twelve times as hard at its cable as it can.
+    """
+    return name == "power_consistent"
 
 
 def _seven(positioning: tuple[float, ...], tool: float) -> tuple[float, ...]:
@@ -89,6 +99,7 @@ POWER_CONSISTENT = ParameterSet(
     back_emf=_seven((power_consistent.RE40_BACK_EMF,) * 3, power_consistent.RE30_BACK_EMF),
     stiffness=_seven(published.parameter_set("traj3").stiffness, published.TOOL_CABLE_STIFFNESS),
     damping=_seven(published.parameter_set("traj3").damping, published.TOOL_CABLE_DAMPING),
+    strength=_seven((cables.POSITIONING_STRENGTH,) * 3, cables.TOOL_STRENGTH),
     link_coulomb=power_consistent.LINK_COULOMB,
     link_viscous=power_consistent.LINK_VISCOUS,
 )

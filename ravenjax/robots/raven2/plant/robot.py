@@ -15,6 +15,8 @@ that an encoder sees.
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Sequence
 from typing import Annotated
 
 import jax.numpy as jnp
@@ -24,7 +26,7 @@ from ravenjax.numbers import counter_random
 from ravenjax.numbers.algebra import add, mul, sub
 from ravenjax.numbers.linear_solve import solve_spd
 from ravenjax.numbers.quantity import Quantity, Reserved
-from ravenjax.numbers.vec import Scalar, Vec, cast, record
+from ravenjax.numbers.vec import Scalar, Vec, cast, record, replace
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import transmission
@@ -68,6 +70,9 @@ class PlantParams:
     ]
     cable_damping: Annotated[  # be
         Vec, Quantity("N s/m", 0, 1e6, "damping of each cable", why="damping takes energy")
+    ]
+    cable_strength: Annotated[  # see `cables`; read where Setup.cables is not "unwatched"
+        Vec, Quantity("N", 1, 1e7, "tension above which each cable is overloaded", why="a cable carries something")
     ]
     link_coulomb: Annotated[Vec, Quantity("N m; insertion N", 0, 1e3, "dry friction of the joint", why=OPPOSES)]
     link_viscous: Annotated[
@@ -123,6 +128,7 @@ class PlantState:
     mvel: Vec  # rad/s
     jvel: Vec  # rad/s; insertion m/s
     brakes: brakes.BrakeState
+    intact: Vec | None  # 1: whole, 0: the cable has parted; where Setup.cables is "break"
     tick: Scalar  # ms, int32: counter of the noise
     jpos_ref: Vec  # joints at the reference counts with unstretched cables, rad; insertion m; constant in a run
     count_ref: Vec  # counts, int32, whole motor counts at the reference; constant in a run
@@ -148,6 +154,7 @@ class PlantOutput:
     mvel: Vec  # rad/s
     stretch: Vec  # rad of motor angle
     tension: Vec  # N, tension difference of each cable at rest in this stretch
+    carried: Vec  # N, largest magnitude of each cable's tension difference in this tick, its damping included
     brakes: Scalar  # 1: brakes grip, int32
 
 
@@ -176,6 +183,7 @@ def params(setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.
         brakes=brakes.params(setup),
         cable_stiffness=Vec(values.stiffness),
         cable_damping=Vec(values.damping),
+        cable_strength=Vec(values.strength),
         link_coulomb=Vec(values.link_coulomb),
         link_viscous=Vec(values.link_viscous),
         stops=stops.params(_tool(setup, arm)),
@@ -216,6 +224,7 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
         mvel=still,
         jvel=still,
         brakes=brakes.init(setup, params.brakes),
+        intact=Vec(jnp.asarray(1.0, dtype) for _ in range(N)) if setup.cables == "break" else None,
         tick=zero,
         jpos_ref=cast(links - geometry.joints(fractions - stretch), dtype),
         count_ref=Vec(motor.count for motor in motors),
@@ -230,8 +239,10 @@ def step(
     brake_state, holding = brakes.step(setup, params.brakes, state.brakes, signal.brakes)
     brake_state = cast(brake_state, "int32")
     drive = _drive(setup, arm, params, state, signal)
+    carried: list[Vec] = []
     for _ in range(setup.substeps):
-        state = _substep(setup, arm, params, state, signal, drive, holding, TICK_S / setup.substeps)
+        state, tension = _substep(setup, arm, params, state, signal, drive, holding, TICK_S / setup.substeps)
+        carried.append(tension.map(jnp.abs))
     dtype = setup.precision.real
     state = PlantState(
         motors=state.motors,
@@ -239,19 +250,24 @@ def step(
         mvel=cast(state.mvel, dtype),
         jvel=cast(state.jvel, dtype),
         brakes=brake_state,
+        intact=cast(state.intact, dtype),
         tick=state.tick + 1,
         jpos_ref=state.jpos_ref,
         count_ref=state.count_ref,
         frame=state.frame,
     )
-    return state, observe(setup, arm, params, state, signal.cable_scale)
+    out = observe(setup, arm, params, state, signal.cable_scale)
+    return state, replace(out, carried=functools.reduce(lambda a, b: a.map(jnp.maximum, b), carried))
 
 
 def observe(
     setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState, cable_scale: Vec | None = None
 ) -> PlantOutput:
     """What can be seen of a state: encoders, and the truth. cable_scale: as in `PlantSignal`; None: whole cables."""
-    scale = Vec.full(N, 1.0) if cable_scale is None else cable_scale
+    scale = _whole(state, Vec.full(N, 1.0) if cable_scale is None else cable_scale)
+    tension = Vec(
+        cables.tension(_stiffness(params, i, scale[i]), 0.0, cables.ARMS_M[i] * state.stretch[i], 0.0) for i in range(N)
+    )
     dtype = setup.precision.real
     signs = transmission.encoder_signs(arm, _tool(setup, arm), setup.software)
     turned = Vec(encoders.radians(motor, dtype) for motor in state.motors)
@@ -271,10 +287,8 @@ def observe(
         ),
         mvel=state.mvel,
         stretch=state.stretch,
-        tension=Vec(
-            cables.tension(_stiffness(params, i, scale[i]), 0.0, cables.ARMS_M[i] * state.stretch[i], 0.0)
-            for i in range(N)
-        ),
+        tension=tension,
+        carried=tension.map(jnp.abs),
         brakes=state.brakes.engaged,
     )
 
@@ -293,18 +307,28 @@ def _substep(
     drive: Vec,
     holding: Scalar,
     dt: float,
-) -> PlantState:
+) -> tuple[PlantState, Vec]:
+    """The state after `dt` (s), and what each cable carried in it, N."""
     geometry = _coupling(setup, arm, params)
     motor = params.actuators
     jpos, jvel = _jpos(geometry, state, setup.precision.real), state.jvel
     mass, bias = link_dynamics.mass_matrix_and_bias(setup, arm, jpos, jvel, params.gravity, params.mass_scale)
     friction = Vec(mul(signal.friction_scale[i], params.friction_scale) for i in range(N))
     link_speed = geometry.motors(jvel)
+    scale = _whole(state, signal.cable_scale)
+    springs = [
+        cables.linearise(
+            cables.ARMS_M[i],
+            _stiffness(params, i, scale[i]),
+            mul(scale[i], params.cable_damping[i]),
+            state.stretch[i],
+            dt,
+        )
+        for i in range(N)
+    ]
 
     solved = []
     for i in range(N):
-        stiffness = _stiffness(params, i, signal.cable_scale[i])
-        damping = mul(signal.cable_scale[i], params.cable_damping[i])
         coulomb = motor.coulomb[i] * friction[i]
         solved.append(
             actuators.eliminate(
@@ -315,7 +339,7 @@ def _substep(
                 drive=drive[i],
                 speed=state.mvel[i],
                 link_speed=link_speed[i],
-                cable=cables.linearise(cables.ARMS_M[i], stiffness, damping, state.stretch[i], dt),
+                cable=springs[i],
             )
         )
 
@@ -335,24 +359,40 @@ def _substep(
 
     gained = solve_spd(tuple(Vec(row) for row in system), Vec(right))
     pulled = geometry.motors(gained)
-    mvel, stretch, motors = [], [], []
+    mvel, stretch, motors, carried = [], [], [], []
     for i, item in enumerate(solved):
         speed = (item.momentum + item.coupling * (link_speed[i] + pulled[i])) * item.inverse
         rate = item.stretch_rate - item.resistance * item.inverse * pulled[i]
         mvel.append(speed)
         stretch.append(state.stretch[i] + dt * rate)
         motors.append(encoders.advance(state.motors[i], dt * speed))
-    return PlantState(
+        carried.append(springs[i].carried(cables.ARMS_M[i], rate))
+    after = PlantState(
         motors=tuple(motors),
         stretch=Vec(stretch),
         mvel=Vec(mvel),
         jvel=jvel + gained,
         brakes=state.brakes,
+        intact=_parted(params, state.intact, carried),
         tick=state.tick,
         jpos_ref=state.jpos_ref,
         count_ref=state.count_ref,
         frame=state.frame,
     )
+    return after, Vec(carried)
+
+
+def _parted(params: PlantParams, intact: Vec | None, carried: Sequence[Scalar]) -> Vec | None:
+    """Which cables are whole after they carried that, N; None where none can part."""
+    if intact is None:
+        return None
+    overloaded = Vec(carried).map(lambda force, strength: jnp.abs(force) > strength, params.cable_strength)
+    return intact.map(lambda whole, over: jnp.where(over, 0.0, whole), overloaded)
+
+
+def _whole(state: PlantState, cable_scale: Vec) -> Vec:
+    """Share of each cable's stiffness and damping that is there; none of one that has parted."""
+    return cable_scale if state.intact is None else cable_scale.map(mul, state.intact)
 
 
 def _stiffness(params: PlantParams, i: int, scale: Scalar) -> Scalar:

@@ -1,0 +1,52 @@
+"""The watch over cables, against NumPy over whole runs: largest share, first overload and whose it was."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ravenjax.numbers.setup import Setup
+from ravenjax.numbers.vec import Vec
+from ravenjax.stages import overload
+
+ARMS, CABLES, TICKS = 2, 3, 12
+SHARES = st.floats(0.0, 2.0, width=32)
+
+
+@partial(jax.jit)
+def watched(loads):
+    """After rows of loads [ticks, arms, cables]."""
+
+    def one(state, row):
+        tick, load = row
+        arms = tuple(Vec(load[arm, cable] for cable in range(CABLES)) for arm in range(ARMS))
+        return overload.step(state, arms, tick), None
+
+    ticks = jnp.arange(len(loads), dtype=jnp.int32)
+    return overload.outcomes(jax.lax.scan(one, overload.init(Setup()), (ticks, loads))[0])
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.lists(SHARES, min_size=ARMS * CABLES * TICKS, max_size=ARMS * CABLES * TICKS))
+def test_it_is_what_the_whole_course_says(shares):
+    loads = np.array(shares, np.float32).reshape(TICKS, ARMS, CABLES)
+    out = {name: np.asarray(value) for name, value in watched(loads).items()}
+    assert out["cable_load"] == loads.max()
+    over = (loads > 1.0).any(axis=(1, 2))
+    first = int(np.argmax(over)) if over.any() else -1
+    assert out["cable_overload_first_ms"] == first
+    assert out["cable_overload"] == (np.argmax(loads[first]) if first >= 0 else -1)
+
+
+@pytest.mark.parametrize(("share", "first"), [(1.0, -1), (np.nextafter(np.float32(1.0), np.float32(2.0)), 0)])
+def test_a_cable_holds_its_strength_and_no_more(share, first):
+    loads = np.zeros((1, ARMS, CABLES), np.float32)
+    loads[0, 1, 2] = share
+    out = watched(loads)
+    assert out["cable_overload_first_ms"] == first and out["cable_overload"] == (5 if first == 0 else -1)
