@@ -221,8 +221,8 @@ _REASONS = {
     (
         recordings.SEVEN_JOINTS,
         4,
-    ): "the recorded wrist lags more in the faster half, in step with its speed; neither dry "
-    "nor viscous friction of its own reproduces both halves"
+    ): "the recorded wrist lags more as its recording goes on, also at the same speed; no law that was tried "
+    "reproduces both halves (docs/explanation/mechanics.md)"
 }
 _NOTES = (
     "The arm of 2018 strings its first jaw like its second, as the fork of 2015 does: with the jaw opposed, as in "
