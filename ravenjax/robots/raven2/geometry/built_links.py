@@ -24,21 +24,13 @@ _LENGTH = (-0.1, 0.1)  # m
 class LinkErrors:
     """What the links are more than the software's table says; 0: as drawn."""
 
-    shoulder_elbow_twist: Annotated[
-        Scalar, Quantity("rad", *_TWIST, "angle between shoulder and elbow axis, true minus 75 degrees")
-    ]
-    elbow_insertion_twist: Annotated[
+    twist12: Annotated[Scalar, Quantity("rad", *_TWIST, "angle between shoulder and elbow axis, true minus 75 degrees")]
+    twist23: Annotated[
         Scalar, Quantity("rad", *_TWIST, "angle between elbow and insertion axis, true minus 52 degrees")
     ]
-    shoulder_elbow_length: Annotated[
-        Scalar, Quantity("m", *_LENGTH, "by how much the elbow axis misses the shoulder axis")
-    ]
-    elbow_insertion_length: Annotated[
-        Scalar, Quantity("m", *_LENGTH, "by how much the insertion axis misses the elbow axis")
-    ]
-    insertion_roll_length: Annotated[
-        Scalar, Quantity("m", *_LENGTH, "by how much the instrument's axis misses the insertion axis")
-    ]
+    length12: Annotated[Scalar, Quantity("m", *_LENGTH, "by how much the elbow axis misses the shoulder axis")]
+    length23: Annotated[Scalar, Quantity("m", *_LENGTH, "by how much the insertion axis misses the elbow axis")]
+    length34: Annotated[Scalar, Quantity("m", *_LENGTH, "by how much the instrument's axis misses the insertion axis")]
     tool_length: Annotated[Scalar, Quantity("m", *_LENGTH, "from wrist up to the remote centre, true minus 0.47 m")]
     wrist_length: Annotated[Scalar, Quantity("m", *_LENGTH, "from wrist axis to jaw axis, true minus 0.013 m")]
 
@@ -52,7 +44,7 @@ def tip(arm: str, jpos: Vec, errors: LinkErrors) -> Vec:
     """Position (3, m, frame 0) of the jaw axis with the links at `jpos` (7, rad and m)."""
     geometry = GEOMETRY[arm]
     gold = geometry.flip > 0
-    twist2 = sub(PI - LINK23, errors.elbow_insertion_twist) if gold else add(LINK23, errors.elbow_insertion_twist)
+    twist2 = sub(PI - LINK23, errors.twist23) if gold else add(LINK23, errors.twist23)
     zero2 = -1.0 if geometry.zero2 else 1.0  # half a turn
     angle1, angle4 = jpos[0] + geometry.zero1, jpos[3]
     s5, c5 = jnp.sin(jpos[4]), jnp.cos(jpos[4])  # theta5 = wrist - 90 deg
@@ -60,11 +52,11 @@ def tip(arm: str, jpos: Vec, errors: LinkErrors) -> Vec:
     point = Vec((reach * s5, 0.0, -reach * c5))  # frame 4: alpha4 = 90 deg
     depth = jpos[2] + sub(D4, errors.tool_length)
     point = _turned(point, jnp.cos(angle4), jnp.sin(angle4))
-    point = Vec((add(point[0], errors.insertion_roll_length), point[1], point[2] + depth))  # frame 3
+    point = Vec((add(point[0], errors.length34), point[1], point[2] + depth))  # frame 3
     point = Vec((mul(-geometry.side, point[1]), mul(geometry.side, point[0]), point[2]))  # theta3 = +-90 deg
-    point = _link(point, errors.elbow_insertion_length, twist2)
+    point = _link(point, errors.length23, twist2)
     point = _turned(point, zero2 * jnp.cos(jpos[1]), zero2 * jnp.sin(jpos[1]))
-    point = _link(point, errors.shoulder_elbow_length, add(LINK12, errors.shoulder_elbow_twist))
+    point = _link(point, errors.length12, add(LINK12, errors.twist12))
     x, y, z = _turned(point, jnp.cos(angle1), jnp.sin(angle1))
     return Vec((x, y, z)) if gold else Vec((x, -y, -z))
 

@@ -20,14 +20,14 @@ ZEROS = {"gold": (205.0, 180.0, 90.0), "green": (25.0, 0.0, -90.0)}  # deg, thet
 def by_matrices(arm: str, q: np.ndarray, errors: LinkErrors) -> np.ndarray:
     """Rows (alpha, a, theta, d) of the modified DH table, multiplied out."""
     zero1, zero2, theta3 = map(math.radians, ZEROS[arm])
-    twist1 = math.radians(75.0) + errors.shoulder_elbow_twist
-    twist2 = math.radians(52.0) + errors.elbow_insertion_twist
+    twist1 = math.radians(75.0) + errors.twist12
+    twist2 = math.radians(52.0) + errors.twist23
     right = math.pi / 2.0
     rows = (
         (0.0 if arm == "gold" else math.pi, 0.0, q[0] + zero1, 0.0),
-        (twist1, errors.shoulder_elbow_length, q[1] + zero2, 0.0),
-        (math.pi - twist2 if arm == "gold" else twist2, errors.elbow_insertion_length, theta3, q[2]),
-        (0.0, errors.insertion_roll_length, q[3], -0.47 - errors.tool_length),
+        (twist1, errors.length12, q[1] + zero2, 0.0),
+        (math.pi - twist2 if arm == "gold" else twist2, errors.length23, theta3, q[2]),
+        (0.0, errors.length34, q[3], -0.47 - errors.tool_length),
         (right, 0.0, q[4] - right, 0.0),
         (right, 0.013 + errors.wrist_length, 0.0, 0.0),
     )

@@ -63,12 +63,12 @@ def test_the_scale_is_times_every_error() -> None:
     errors = {
         "joint_offset": Vec.full(7, 0.01),
         "ratio_error": Vec.full(7, 0.01),
-        "links": replace(built_links.as_drawn(), shoulder_elbow_twist=0.01),
+        "links": replace(built_links.as_drawn(), twist12=0.01),
     }
     half = {
         "joint_offset": Vec.full(7, 0.005),
         "ratio_error": Vec.full(7, 0.005),
-        "links": replace(built_links.as_drawn(), shoulder_elbow_twist=0.005),
+        "links": replace(built_links.as_drawn(), twist12=0.005),
     }
     for one, other in zip(at_start(with_errors(scale=0.5, **errors)), at_start(with_errors(**half)), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-15)
