@@ -68,7 +68,7 @@ def compare(context: Context) -> Findings:
             tips[variant.name] = detector.stacked([one.tip for one in measured])
             runs_of[variant.name] = measured
     learned, windows = trajectory.apart(learned)
-    both = Learned(_joined([learned[name].pooled for name in (BASELINE, SECOND) if name in learned]))
+    both = _joined([learned[name] for name in (BASELINE, SECOND) if name in learned])
     questions = {variant.name: variant.question for variant in variants()}
     lines = [*_spread(learned, tips, published), *_largest(learned, published), *_integrator(learned, published)]
     lines += _tracking(runs_of, published)
@@ -81,8 +81,9 @@ def compare(context: Context) -> Findings:
     return Findings(tuple(lines), tuple(tables), (_drawing(both),), notes)
 
 
-def _joined(pooled: list[np.ndarray]) -> np.ndarray:
-    return np.concatenate(pooled)
+def _joined(motions: Sequence[Learned]) -> Learned:
+    """Runs of all motions together."""
+    return detector.learn(run for motion in motions for run in motion.pooled)
 
 
 class FaultFree(NamedTuple):
