@@ -259,7 +259,8 @@ def test_two_results_are_compared(out, capsys, tmp_path):
     assert call("compare", out, other, "--json") == 0
     told = json.loads(capsys.readouterr().out)
     assert told["configuration"] == [{"path": "parameters.plant.friction_scale", "first": None, "second": "1.5"}]
-    assert told["pairs"] == {"by_run_id": 0, "by_fault": RUNS, "unpaired": [0, 0], "compared": RUNS - 1}
+    counts = {"by_run_id": 0, "by_fault": RUNS, "unpaired": [0, 0], "compared": RUNS - 1, "faults": RUNS - 1}
+    assert told["pairs"] == {**counts, "sampled": False}
     assert sum(one["runs"] for one in told["transitions"]["hazard"]) == RUNS - 1
     assert call("compare", out, other) == 0
     text = capsys.readouterr().out

@@ -57,7 +57,7 @@ def test_tool_joints_may_be_measured_in_the_simulator_build(stopping):
     np.testing.assert_array_equal(series["gold/mpos"][1:, :3], series["gold/motor_mpos"][:-1, :3].astype(np.float32))
     robot = stopping["robot"]["gold/mpos"][:700, 3:]
     assert np.abs(series["gold/mpos"][:700, 3:] - robot).max() < 0.02 < np.ptp(robot, axis=0).max()
-    assert (series["gold/mvel"][1:, 3:] != 0).any(axis=0).all()
+    assert (series["gold/mvel"][1:, 3:5] != 0).any(axis=0).all()  # friction holds the jaws, which nobody asks to move
     stop = int(np.argmax(series["soft_estopped"] != 0))
     assert stop > 700 and (np.diff(series["last_seq"][stop + 1 :]) == 0).all()
 

@@ -49,17 +49,13 @@ def test_every_rate_against_a_plain_count():
     valid = FRAME[(FRAME["fault0_site"] != "") & (FRAME["failed"] == "")]
     moved, told = valid["unintended_first_ms"] >= 0, valid["response"].isin(["stopped", "flagged"])
     lost = naive_facts.hazard(valid) == "loss of motion"
-    early = moved & (valid["cue0_first_ms"] >= 0) & (valid["cue0_first_ms"] < valid["unintended_first_ms"])
     counts = {
         "evades the checks": (moved & ~told).sum(),
         "makes an unintended motion": moved.sum(),
         "leads to a loss of motion": lost.sum(),
         "is told of by a check": told.sum(),
     }
-    assert found == {
-        **{name: wilson(int(k), len(valid)) for name, k in counts.items()},
-        "has the cue before the unintended motion": wilson(int(early.sum()), int(moved.sum())),
-    }
+    assert found == {name: wilson(int(k), len(valid)) for name, k in counts.items()}
 
 
 def test_only_what_varies_of_the_robot_is_asked():

@@ -483,7 +483,7 @@ def test_everybody_reacts_so_there_are_no_pairs():
     frame = reacting.frame(120)
     frame = frame[frame["param:reaction.action"] == 1].reset_index(drop=True)
     text = words(Page(rendered(frame, reacting.manifest(len(frame)))))
-    assert "nothing to compare" in text and "The 3 mm cue comes before the motion reaches 3 mm in" in text
+    assert "nothing to compare" in text and "The 3 mm cue comes before the motion" not in text
 
 
 @pytest.mark.slow

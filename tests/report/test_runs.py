@@ -58,7 +58,7 @@ def test_pairs_are_drawn_as_a_whole(monkeypatch):
     monkeypatch.setattr(pairs, "MOST", 300)
     drawn = pairs.drawn(runs)
     assert 150 < len(drawn.frame) < 450 and set(drawn.frame.groupby("pair").size()) == {3}
-    rows = [row for row in pairs.differences(drawn.frame, drawn.facts) if row.among == "all faults"]
+    rows = [row for row in pairs.differences(drawn.frame, drawn.facts, runs.sampled) if row.among == "all faults"]
     assert len(rows) == 2 and all(row.n < len(drawn.frame) / 3 for row in rows)
 
 

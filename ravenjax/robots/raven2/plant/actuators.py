@@ -74,11 +74,12 @@ class Eliminated:
 def limited(torque: Scalar, speed: Scalar, torque_limit: Scalar, stall_torque: Scalar, back_emf: Scalar) -> Scalar:
     """What amplifier and supply let a motor at `speed` (rad/s) have of a commanded `torque` (both N m).
 
-    The amplifier is a current source until its current or the voltage `R i + k w` ends at a limit.
+    The amplifier is a current source until its current or the voltage `R i + k w` ends at a limit. The largest current
+    holds, too, for a motor that is driven faster than the supply could turn it.
     """
     induced = back_emf * speed
-    torque = jnp.minimum(jnp.maximum(torque, -torque_limit), torque_limit)
-    return jnp.minimum(jnp.maximum(torque, -stall_torque - induced), stall_torque - induced)
+    torque = jnp.minimum(jnp.maximum(torque, -stall_torque - induced), stall_torque - induced)
+    return jnp.minimum(jnp.maximum(torque, -torque_limit), torque_limit)
 
 
 def eliminate(

@@ -25,9 +25,9 @@ TICKS = 900
 
 
 def tables(hand: dict | None = None, **more) -> dict:
-    """A drift that parts robot and model by 8 mm, after which they stay apart."""
+    """A drift that parts robot and model by 8 mm, after which they stay apart; a robot with little dry friction."""
     raw = {
-        "campaign": {"name": "x", "duration_s": TICKS / 1e3},
+        "campaign": {"name": "x", "duration_s": TICKS / 1e3, "parameter_set": "traj3"},
         "operator": {"motion": "still"},
         "group": [{"name": "free"}, {"name": "drift", "fault": [copy.deepcopy(DRIFT)]}],
     }
