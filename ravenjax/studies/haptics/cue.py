@@ -137,9 +137,9 @@ def _range(values: Sequence[float], wins: np.ndarray) -> tuple[float, float]:
 def _notes(faulty: FaultyCues, modelled: FreeCues) -> tuple[str, ...]:
     return (
         f"Unintended motion: {events.meaning('unintended_motion', faulty.rules)}. A cue at that distance of the "
-        "reported tip from the model comes together with it, by definition, and one beyond later; only of lower "
-        "thresholds is it a finding whether they come before it. What the choice hangs on asks again for motion that "
-        "could injure and for jumps of the true tip alone.",
+        "reported tip from the model, or beyond, is no warning of it: the motion begins at that distance from the same "
+        "model. Only of lower thresholds is it a finding whether they come before it. What the choice hangs on asks "
+        "again for motion that could injure and for jumps of the true tip alone.",
         "An unintended motion counts as missed where the cue never came, or the golden run had it by then: a surgeon "
         "who feels it in normal motion, too, learns nothing from it.",
         f"False cues: separate pulses in {modelled.hours.sum():.1f} h of generated motion, of "

@@ -131,7 +131,7 @@ def threshold_table(faulty: FaultyCues, free: FreeCues, sets: Sequence[int]) -> 
         "Missed, and felt before it began: of runs with unintended motion. Delay: from the fault's first effect; lead "
         "over the unintended motion: positive where the cue comes first; one run of each fault that made one, runs "
         "without a cue censored at their end. A dash about the motion's beginning: the cue fires at the motion's "
-        "distance or beyond, so that both come together or the cue later, by definition; a lead is a dash, too, where "
+        "distance from the model or beyond, and is no warning of it; a lead is a dash, too, where "
         f"fewer than half of the faults have a cue. {kinds.NOTE} Force (device units) and time: of unintended "
         "motions that are felt. False cues: pulses on motion without a fault at scales 0.05 to 0.2, interval "
         "over recordings. Uncertain robot: friction x 0.7 to 1.4, mass x 0.8 to 1.25, cable stiffness x 0.5 to 2, "

@@ -175,7 +175,7 @@ def advances(found: Sequence[Advance]) -> Table:
         "The motion is the hazard of the report, with a limit of so much. Lead: Kaplan-Meier, a cue that never came is "
         "censored at the end of the run; – where so many runs never had one. Too soon: the motion came in that time "
         "after the cue, at the cue, or without one; no reaction of that time can prevent it. A motion of the cue's own "
-        "threshold is not listed: it is there when the cue is, by definition.",
+        "threshold is not listed: both are distances from one model, and that the cue is there by then is no finding.",
     )  # fmt: skip
 
 

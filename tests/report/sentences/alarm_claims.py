@@ -117,7 +117,7 @@ def cues(e: Expected, html: Node) -> None:
     )
     text.says(f"lead: before the motion exceeds {e.limit}, negative after it")
     if not all(map(e.leads, range(len(e.plan.thresholds)))):
-        text.says(f"A set at {e.limit} or beyond fires with the motion or later by definition")
+        text.says(f"A set at {e.limit} or beyond is no warning of that motion")
     text.says("Shares of faults have 95 % intervals over the faults that were drawn.")
     choices(e, section, text, moved)
     order = sorted(range(len(e.plan.thresholds)), key=lambda k: e.plan.thresholds[k])

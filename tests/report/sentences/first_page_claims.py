@@ -152,7 +152,7 @@ def what_would_change(e: Expected, text: Text) -> None:
             f"{number(mean_far(both), 2)} mm on average{bounds}{others}."
         )
         if not e.leads(e.plan.verdict_cue):
-            text.says(f"{at_limit(e)}: what it can change is how far the motion goes on.")
+            text.says(f"{at_limit(e)}. What it can change is how far the motion goes on.")
     elif not k:
         text.says("No fault evaded the checks, so there was nothing for it to announce.")
     else:
@@ -163,8 +163,8 @@ def at_limit(e: Expected) -> str:
     """What the definitions say of a cue at the limit or beyond."""
     threshold = number(e.plan.thresholds[e.plan.verdict_cue], 6)
     return (
-        f"A cue at {threshold} mm comes with a motion of {e.limit} or later by definition, unless the robot's report "
-        "is wrong"
+        f"A cue at {threshold} mm is no warning of a motion of {e.limit}: both are distances from the nominal model, "
+        "and the cue's is not the smaller one"
     )
 
 
@@ -188,7 +188,7 @@ def announced(e: Expected, evading: pd.DataFrame) -> str:
         most = number(plain.poisson(0, best[4])[2])
         never = f"which never came in {duration(e.hours)} of fault-free motion (at most {most} an hour can be said)"
     if not e.leads(e.plan.verdict_cue):
-        said = f"{at_limit(e)}, so that it gives no warning of it. "
+        said = f"{at_limit(e)}. "
         if not best:
             none = f"Every cue below {e.limit} came in fault-free motion, too."
             return said + (none if able else f"No cue below {e.limit} was evaluated.")

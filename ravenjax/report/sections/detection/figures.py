@@ -40,8 +40,8 @@ def delays(curves: Sequence[Curves], end_ms: int) -> Chart:
 
 
 def leads(curves: Sequence[Curves]) -> Chart:
-    """Chart of the time between alarm and unintended motion; left of 0 there is time to act. What comes with the motion
-    or later by definition is left out."""
+    """Chart of the time between alarm and unintended motion; left of 0 there is time to act. What fires at the
+    motion's own distance from the model or beyond is left out."""
     able = [(number, one) for number, one in enumerate(curves) if one.leads]
     starts, ends = ([float(one.lead.lag.time[end]) for one in curves] for end in (0, -1))
     marks = []
