@@ -54,7 +54,7 @@ def detectors(e: Expected, html: Node) -> None:
     text.says(f"and the {e.threshold} cue stand beside them")
     text.says(f"How long before the motion exceeds {e.limit}")
     text.says(f"a negative lead comes after the motion exceeded {e.limit}")
-    text.says(f"an alarm at {e.limit} from the model or beyond.")
+    text.says(f"an alarm at {e.limit} from the model or beyond, where the motion begins, too.")
     text.says(
         f"{many(e.count(moved), 'fault')} with an unintended motion and {count((~moved).sum())} without, one run each."
     )

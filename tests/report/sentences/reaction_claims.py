@@ -44,7 +44,7 @@ def reaction(e: Expected, html: Node) -> None:
         text.says(f"Unintended motion: over {e.limit}, see definitions.")
         text.says("95 % intervals and p over faults that were drawn, all pairs of a fault together")
         if not e.leads(e.plan.verdict_cue):
-            text.says(f"The {e.threshold} cue comes at that distance or beyond, too late to prevent it")
+            text.says(f"The {e.threshold} cue is no warning of it, as both are distances from the nominal model")
         table = rows(section.one("table", "wide"))
         last = None
         for cells, (action, among, part) in zip(table, lines, strict=True):
