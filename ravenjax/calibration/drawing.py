@@ -49,7 +49,7 @@ def _draw_errors(figure: Any, log: JointLog, replayed: np.ndarray, until: int) -
         axis.axvline(until * 1e-3, color=GREY, linewidth=0.8, linestyle="--", label="fitted to the left alone")
         axis.set_ylabel(f"{JOINTS[joint].replace('_', ' ')}, {UNITS[joint]}")
     figure.suptitle("Following error, measured minus desired", fontsize=10)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", fontsize=8, ncols=4)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", fontsize=8, ncols=4)
     axes[-1].set_xlabel("s")
     figure.align_ylabels(axes)
 
@@ -63,4 +63,4 @@ def _draw_intervals(figure: Any, calibrated: Calibration) -> None:
     axis.set_yticks(rows, [one.path.replace("_", " ").replace(".", ", ") for one in calibrated.unknowns], fontsize=8)
     axis.invert_yaxis()
     axis.set_xlabel("standard deviations of the belief before, from its middle; 90 % intervals")
-    figure.legend(loc="outside upper center", fontsize=8, ncols=2)
+    figure.legend(loc="outside lower center", fontsize=8, ncols=2)
