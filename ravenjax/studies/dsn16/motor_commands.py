@@ -284,7 +284,7 @@ def _hands(
         return ()
     inside = [case._replace(hit="inside", label=f"{case.name}, inside", question=sensitivity.INSIDE) for case in real]
     note = (
-        "A1 is judged by the baseline alone, which was declared beforehand. Steps of real hands come near 0.1 mm a "
+        "A1 is judged by the baseline alone. Steps of real hands come near 0.1 mm a "
         "packet, so that a fault can tip a step over the limit long after it has gone. The rows that are called inside "
         "do not count such jumps."
     )

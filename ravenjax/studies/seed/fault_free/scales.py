@@ -298,13 +298,13 @@ def _notes(settings: Mapping[str, Setting], inside: Sequence[str]) -> tuple[str,
         "No parameter was chosen for agreement. The nominal model's gains follow from the robot's own, so that both "
         "are dynamically alike; the paper's model has gains of its own, which it does not print. Motions are generated "
         "ones, the paper's is a person's hand.",
-        f"Mean of all segments: {mean[MODELLED]:.2f} mm as modelled. What would explain the paper's level, one at a "
-        f"time: {'; '.join(inside) or 'nothing tried here'}. A model that is stiffer or softer than the robot, or "
-        "hears the operator earlier, leaves it in proportion to speed, and so to scale; this one hardly lags behind "
-        f"its robot, and what is left is dry friction and the {rest:.2f} mm at rest between true and measured tip "
-        "(cables stretched by gravity, encoders on the motors).",
+        f"Mean of all segments: {mean[MODELLED]:.2f} mm as modelled. Settings with a mean inside the band, one changed "
+        f"at a time: {'; '.join(inside) or 'none that was tried'}. A model that is stiffer or softer than the robot, "
+        "or hears the operator earlier, leaves it in proportion to speed, and so to scale; dry friction and the "
+        f"{rest:.2f} mm at rest between true and measured tip (cables stretched by gravity, encoders on the motors) do "
+        "not grow with the scale.",
         "Friction, mass, cables, motors and noise of the robot, each within its uncertainty, move the mean by "
-        f"{_change(settings, mean, ('robot ', 'cable ', 'motor ', NOISE))}; other published parameter sets by "
+        f"{_change(settings, mean, ('robot ', 'cable ', 'motor ', NOISE))}; the published parameter sets by "
         f"{_change(settings, mean, ('set ',))} (first motion alone; the nominal model keeps its own parameters).",
         "A6 says 'about linear' without a number; that a line should explain 0.9 of the variance is this study's "
         "reading, and the peaks lie close to it.",
