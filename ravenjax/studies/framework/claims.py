@@ -14,15 +14,15 @@ In patterns of a line's quantity, a table's title, a row or a column, * stands f
 from __future__ import annotations
 
 import string
-import tomllib
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from ravenjax.errors import UserError
+from ravenjax.studies.framework import toml_record
 
 FOLDER = Path(__file__).parents[1] / "claims"
 MODEL = "model"
@@ -136,9 +136,6 @@ class _ModelFile(_Strict):
     evidence: tuple[ModelEvidence, ...] = Field(min_length=1)
 
 
-_F = TypeVar("_F", _StudyFile, _ModelFile)
-
-
 def of_study(name: str) -> tuple[Claim, ...]:
     """The claims of a study; none where it has no file. Raises UserError for a file that is not as described above."""
     path = FOLDER / f"{name}.toml"
@@ -147,7 +144,7 @@ def of_study(name: str) -> tuple[Claim, ...]:
 
 def parse(text: str, where: str) -> tuple[Claim, ...]:
     """As `of_study`, of a file's text; `where` names it in errors."""
-    claims = _validated(_StudyFile, text, where).claim
+    claims = toml_record.read(_StudyFile, text, where).claim
     for claim in claims:
         if unknown := [name for name in claim.rests_on if name not in of_model()]:
             raise UserError(
@@ -170,7 +167,7 @@ def about() -> tuple[str, ...]:
 @cache
 def _model_file() -> _ModelFile:
     path = FOLDER / f"{MODEL}.toml"
-    return _validated(_ModelFile, path.read_text(encoding="utf-8"), str(path))
+    return toml_record.read(_ModelFile, path.read_text(encoding="utf-8"), str(path))
 
 
 def placeholders(text: str) -> list[str]:
@@ -184,14 +181,3 @@ def _require_quoted(texts: Iterator[str] | tuple[str, ...], numbers: dict[str, Q
         raise ValueError(f"numbers has no {', '.join(missing)}")
     if idle := sorted(numbers.keys() - names):
         raise ValueError(f"no text has {', '.join(f'{{{name}}}' for name in idle)}")
-
-
-def _validated(model: type[_F], text: str, where: str) -> _F:
-    try:
-        return model.model_validate(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        raise UserError(f"{where}: not valid TOML: {error}") from None
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"]) or "the file"
-        raise UserError(f"{where}: {place}: {first['msg']}") from None

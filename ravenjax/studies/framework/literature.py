@@ -7,15 +7,15 @@ A number that stands in print has `source`; one that was read off a plot also ha
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from ravenjax.errors import UserError, suggestion
+from ravenjax.studies.framework import toml_record
 from ravenjax.studies.framework.study import StudyEstimate
 
 FOLDER = Path(__file__).parent / "published"
@@ -119,14 +119,7 @@ def read(name: str) -> Published:
 
 def parse(text: str, where: str) -> Published:
     """As `read`, of a file's text; `where` names it in errors."""
-    try:
-        content = _File.model_validate(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        raise UserError(f"{where}: not valid TOML: {error}") from None
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"]) or "the file"
-        raise UserError(f"{where}: {place}: {first['msg']}; got {first['input']!r}") from None
+    content = toml_record.read(_File, text, where)
     return Published({row.key: row for row in content.number}, {row.key: row for row in content.band})
 
 

@@ -3,27 +3,16 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import generated_campaigns
 import pytest
+from campaign_page import rendered
 from generated_campaigns import Campaign, Plan
-from page_text import Node, parse
 
-from ravenjax.report import page
-from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import dependence
 
 PERCENT_SPAN = re.compile(r"\d–\d[\d.]*\W?%")
 """An interval of a share, as 4.1–6.3 %."""
-
-
-def rendered(campaign: Campaign) -> Node:
-    runs = Runs.of(campaign.frame, campaign.manifest)
-    try:
-        return parse(page.render(runs, campaign.manifest, Path("out"))).without("figure")
-    finally:
-        runs.close()
 
 
 def enumerated(plan: Plan) -> Campaign:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import functools
 import re
 from collections.abc import Callable
-from pathlib import Path
 
 import alarm_claims
 import check_claims
@@ -22,15 +21,15 @@ import outcome_claims
 import place_claims
 import pytest
 import reaction_claims
+from campaign_page import rendered
 from claim_words import many
 from expected_numbers import Expected
-from generated_campaigns import Campaign, Plan
+from generated_campaigns import Plan
 from hypothesis import HealthCheck, example, given, settings
-from page_text import Node, Text, count, parse, percent
+from page_text import Node, Text, count, percent
 
 from ravenjax.cli import terminal
 from ravenjax.report import page
-from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import answers, dependence
 from ravenjax.store import schema
 from ravenjax.store.access.results import Results
@@ -52,15 +51,6 @@ def cheap():
         patch.setattr(dependence, "conclusions", lambda runs: [])
         patch.setattr(answers, "MOST_CLASSES", first_page_claims.MOST_CLASSES)
         yield
-
-
-def rendered(campaign: Campaign) -> Node:
-    """The page without its charts, whose numbers have tests of their own."""
-    runs = Runs.of(campaign.frame, campaign.manifest)
-    try:
-        return parse(page.render(runs, campaign.manifest, Path("out"))).without("figure")
-    finally:
-        runs.close()
 
 
 SECTIONS: tuple[Callable[[Expected, Node], None], ...] = (

@@ -72,6 +72,13 @@ def constant(counts, ticks: int) -> np.ndarray:
     return np.tile(np.asarray(counts, np.int32), (ticks, 1))
 
 
+def swings() -> np.ndarray:
+    """0.2 s of DAC rows that swing every motor, each in its own time."""
+    pattern = np.array([1500, -1500, 1500, 800, -800, 800, -800])
+    ticks = np.arange(200)[:, None]
+    return (pattern * np.sin(2 * np.pi * ticks / np.array([200, 160, 120, 90, 80, 100, 70]))).astype(np.int32)
+
+
 def weightless(params: robot.PlantParams) -> robot.PlantParams:
     """No gravity and no bias: nothing moves by itself."""
     return replace(params, gravity=Vec((0.0, 0.0, 0.0)), actuators=replace(params.actuators, bias=Vec.full(N, 0.0)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax
 import numpy as np
 import pytest
-from plant_runs import N, columns, constant, energy, frictionless, setup, simulate, weightless
+from plant_runs import N, columns, constant, energy, frictionless, setup, simulate, swings, weightless
 
 from ravenjax.numbers.setup import CAMPAIGN, REFERENCE
 from ravenjax.numbers.vec import Vec, replace
@@ -67,9 +67,7 @@ def test_the_cable_of_a_tool_motor_holds_its_amplifiers_largest_current() -> Non
 
 def test_parting_makes_no_energy_and_takes_that_of_the_spring() -> None:
     """Coasting against its own links; what a cable held when it parted is lost."""
-    pattern = np.array([1500, -1500, 1500, 800, -800, 800, -800])
-    ticks = np.arange(200)[:, None]
-    command = (pattern * np.sin(2 * np.pi * ticks / np.array([200, 160, 120, 90, 80, 100, 70]))).astype(np.int32)
+    command = swings()
     with jax.enable_x64(True):
         one = setup()
         free = replace(frictionless(weightless(params())), cable_damping=Vec.full(N, 0.0))

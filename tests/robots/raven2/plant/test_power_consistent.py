@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax
 import numpy as np
 import pytest
-from plant_runs import N, columns, constant, energy, frictionless, setup, simulate, weightless
+from plant_runs import N, columns, constant, energy, frictionless, setup, simulate, swings, weightless
 
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.geometry import transmission
@@ -91,9 +91,7 @@ def test_a_weaker_amplifier_limits_the_torque() -> None:
 
 def test_energy_is_never_made() -> None:
     """Coasting only loses energy, the implicit step up to 15 % in 0.4 s; driven, motors put in what is gained."""
-    pattern = np.array([1500, -1500, 1500, 800, -800, 800, -800])
-    ticks = np.arange(200)[:, None]
-    command = (pattern * np.sin(2 * np.pi * ticks / np.array([200, 160, 120, 90, 80, 100, 70]))).astype(np.int32)
+    command = swings()
     with jax.enable_x64(True):
         one = setup()
         free = replace(frictionless(weightless(params())), cable_damping=Vec.full(N, 0.0))
