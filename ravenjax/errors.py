@@ -36,9 +36,11 @@ def listed(lines: Sequence[str], most: int = 8) -> str:
     return "\n".join(f"  {line}" for line in [*lines[:most], *more])
 
 
-def suggestion(word: str, names: Iterable[str]) -> str:
-    """`. Did you mean 'x'?` for the known word nearest to `word`; "" where none is near."""
+def suggestion(word: object, names: Iterable[str]) -> str:
+    """`. Did you mean 'x'?` for the known word nearest to `word`; "" where none is near, or `word` is no text."""
+    if not isinstance(word, str):
+        return ""
     names = list(names)
-    same = [one for one in names if one.lower() == str(word).lower()]
-    near = same or difflib.get_close_matches(str(word), names, n=1, cutoff=0.5)
+    same = [one for one in names if one.lower() == word.lower()]
+    near = same or difflib.get_close_matches(word, names, n=1, cutoff=0.5)
     return f". Did you mean {near[0]!r}?" if near else ""

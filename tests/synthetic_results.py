@@ -69,7 +69,7 @@ def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> 
     cause = np.where(dac, "overdrive", "joint_limit")
     cause = np.where(limited, "overdrive_clip", cause)
     cause = np.where(group == "packet_position", "ik_reject", np.where(group == "plc_pins", "plc", cause))
-    failed = np.where(random.random(runs) < 0.003, "nan", "")
+    failed = np.where(random.random(runs) < 0.003, "model tip not finite", "")
     failed = failed.astype(object)
     step = deviation * random.uniform(0.02, 0.12, runs)
     told_ms = start + 5 + random.exponential(60, runs).astype(int)
@@ -157,6 +157,7 @@ def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> 
         "tissue_depth_mm": np.maximum(deviation - 6, 0),
         "tip_distance_mm": np.full(runs, np.nan),
         "failed": failed,
+        "failed_first_ms": np.where(failed == "", -1, 7),
     }
     quiet = {"cue": -1, "detector": 0.4, "tip_path_mm": 30.0, "pedal_down_ms": 2800, "halted_ms": 4, "peak_live": 1.0}
     for column in schema.columns(form):

@@ -12,10 +12,12 @@ from typing import Any
 
 import jax
 
-from ravenjax.bench import clock, operations, peak, peers, speed, workload
+from ravenjax.bench import clock, operations, peak, peers, software, speed, start, workload
 from ravenjax.bench.operations import Operations
 from ravenjax.bench.peers import Peer
+from ravenjax.bench.software import SoftwareSpeed
 from ravenjax.bench.speed import PRINTING, Speed
+from ravenjax.bench.start import ShellStart
 from ravenjax.bench.workload import Workload
 from ravenjax.campaign import compile_cache, runner
 from ravenjax.engines.cpu import jit
@@ -50,6 +52,7 @@ QUICK = Effort(
     enough_s=1.0,
 )
 MJX_STEPS, ROLLOUT_ROBOTS, ROLLOUT_STEPS, EULER_STEPS = 20, 1024, 200, 20_000
+SOFTWARE_CYCLES, INTERPRETED_CYCLES = 2000, 200
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,6 +97,8 @@ class BenchFindings:
     peers: tuple[Peer, ...]
     published_model: Peer  # its three joints alone
     campaigns: Campaigns
+    software: SoftwareSpeed
+    starts: tuple[ShellStart, ...]  # whole commands from the shell
 
     def engine(self, name: str) -> Speed | None:
         """The speed of an engine, if it was timed."""
@@ -129,6 +134,7 @@ class BenchFindings:
         for record, peer in zip(plain["peers"], self.peers, strict=True):
             record["steps_per_s"] = peer.steps_per_s
         plain["operations"] |= {"per_lane": self.operations.per_lane, "per_group": self.operations.per_group}
+        plain["software"]["ticks_per_s"] = self.software.ticks_per_s
         plain["campaigns"]["growth_s_and_s_per_run"] = self.campaigns.growth
         return plain | {"ratios": self.ratios()}
 
@@ -155,11 +161,17 @@ def measure(effort: Effort = FULL, tell: Callable[[str], None] = lambda _: None)
             absent["jax.vmap(mjx.step)"] = stepped
         else:
             others.append(stepped)
+        tell("control software")
+        alone = software.measure(SOFTWARE_CYCLES, INTERPRETED_CYCLES, *often)
         tell("campaigns")
         whole = _campaigns(engines[0], effort.campaign_runs)
+        tell("from the shell")
+        starts = start.measure()
     finally:
         jax.config.update("jax_enable_compilation_cache", caching)
-    return BenchFindings(_machine(cores, before), engines, absent, counted, peaks, tuple(others), euler, whole)
+    return BenchFindings(
+        _machine(cores, before), engines, absent, counted, peaks, tuple(others), euler, whole, alone, starts
+    )
 
 
 def _engines(effort: Effort, tell: Callable[[str], None]) -> tuple[tuple[Speed, ...], dict[str, str]]:

@@ -24,7 +24,9 @@ NOTES = """\
 - *Peak* is measured in the same run: independent fused multiply-adds in registers on all cores (or the GPU), each
   counted as one operation, as in a tick; the best of many short bursts, so other processes hardly lower it. *share of
   peak* is operations in each run x ticks/s over it, and other processes do lower that.
-- A whole campaign includes planning, tracing, compiling, running and the result table, all in memory."""
+- A whole campaign includes planning, tracing, compiling, running and the result table, all in memory.
+- Commands *from the shell* are processes of their own, imports and all. The first has an empty cache; the next find
+  there what it traced and compiled, with the same values of faults and varied parameters, and with others."""
 
 
 def tables(found: BenchFindings) -> Iterator[Table]:
@@ -40,7 +42,13 @@ def tables(found: BenchFindings) -> Iterator[Table]:
         for other, ratio in others.items()
     ]
     yield "Ratios, each at its best", ("full ticks/s over", "times"), ratios
+    yield (
+        "Control software alone: both arms, one core",
+        ("how", "ticks/s", "us a tick", "times interpreted"),
+        _alone(found),
+    )
     yield "Operations a tick", ("stage", "in each run", "shared by runs"), _operations(found)
+    yield "From the shell", ("command", "s", "CPU s", "peak memory"), _starts(found)
     yield "Growth with the number of runs", ("what", "fixed", "each further run"), list(_growth(found))
 
 
@@ -108,6 +116,15 @@ def _engines(found: BenchFindings) -> list[tuple[str, ...]]:
     return rows
 
 
+def _alone(found: BenchFindings) -> list[tuple[str, ...]]:
+    rates = found.software.ticks_per_s
+    names = {"step": "compiled, a call each", "run": "compiled, many in a call", "interpreted": "interpreted"}
+    return [
+        (names[way], f"{rate:,.0f}", f"{1e6 / rate:.3g}", f"{rate / rates['interpreted']:.3g}")
+        for way, rate in rates.items()
+    ]
+
+
 def _operations(found: BenchFindings) -> list[tuple[str, ...]]:
     lane, shared = found.operations.lane, found.operations.shared
     names = sorted({*lane, *shared}, key=lambda name: -lane.get(name, 0) - shared.get(name, 0))
@@ -117,6 +134,10 @@ def _operations(found: BenchFindings) -> list[tuple[str, ...]]:
         of_lane, of_group = (sum(part.get(name, 0) for name in others) for part in (lane, shared))
         rows.append((f"{len(others)} others", f"{of_lane}", f"{of_group}"))
     return [*rows, ("all", f"{found.operations.per_lane}", f"{found.operations.per_group}")]
+
+
+def _starts(found: BenchFindings) -> list[tuple[str, ...]]:
+    return [(one.what, f"{one.seconds:.2f}", f"{one.cpu_s:.2f}", f"{one.peak_mb:.0f} MB") for one in found.starts]
 
 
 def _growth(found: BenchFindings) -> Iterator[tuple[str, ...]]:

@@ -10,13 +10,12 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ravenjax.calibration import rigid, tip_error
 from ravenjax.calibration.camera_log import CameraLog
 from ravenjax.calibration.tip_error import PATHS, SPREAD
+from ravenjax.numbers.lazy import jax, jnp
 
 POINT_M = 0.01  # assumed: how far from the jaw axis a camera's point may be
 NOISE_M = 2e-3  # about the median of what is left

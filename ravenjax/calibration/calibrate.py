@@ -8,13 +8,16 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ravenjax.calibration import fit as fitting
-from ravenjax.calibration import judgement, parameters, sampling
+from ravenjax.calibration import judgement, parameters, position_loop, replays, sampling
 from ravenjax.calibration.judgement import FollowingError
 from ravenjax.calibration.log import JointLog
 from ravenjax.calibration.parameters import Unknown
-from ravenjax.calibration.replay import Controller, bare_rotors, replay
+from ravenjax.calibration.position_loop import Controller, LoopParams
+from ravenjax.calibration.replay import bare_rotors
+from ravenjax.calibration.replay_loop import ReplaySetup
 from ravenjax.calibration.sampling import Counter, ReplayEffort, Search
 from ravenjax.errors import UserError
+from ravenjax.numbers.vec import replace
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -27,6 +30,8 @@ NORMAL_90 = 1.6449
 """Standard deviations from the middle of a normal distribution to the ends of its middle 90 %."""
 CONFOUNDED = 0.7
 """Correlation from which two unknowns count as told together: half of the variance of each is the other's."""
+UNLIKELY = 3.0
+"""Standard deviations of the belief before: a value farther off says that the robot differs in more than is asked."""
 LOG, ROTOR = "the recording", "null: bare rotors"
 
 
@@ -35,9 +40,19 @@ class Calibration:
     """What a log says of a robot."""
 
     unknowns: tuple[Unknown, ...]
-    before: np.ndarray  # [k] values before, in their units
+    base: LoopParams  # the robot before
     fit: fitting.Fit
     effort: ReplayEffort  # of the fit
+
+    @property
+    def before(self) -> np.ndarray:
+        """[k] values before, in their units."""
+        return parameters.before(self.base, self.unknowns)
+
+    @property
+    def robot(self) -> LoopParams:
+        """The most probable one."""
+        return parameters.apply(self.base, self.unknowns, self.fit.steps)
 
     @property
     def after(self) -> np.ndarray:
@@ -60,6 +75,12 @@ class Calibration:
             for i, j in pairs
             if abs(correlation[i, j]) >= CONFOUNDED
         ]
+
+    @property
+    def unlikely(self) -> list[tuple[str, float]]:
+        """Unknowns that the fit moved by UNLIKELY or more, with how far, in standard deviations of the belief."""
+        rows = zip(self.unknowns, self.fit.steps.tolist(), strict=True)
+        return [(one.path, steps) for one, steps in rows if abs(steps) >= UNLIKELY]
 
     def draws(self, number: int, seed: int = 0) -> np.ndarray:
         """[number, k] robots that the log leaves likely, in spreads from the values before."""
@@ -90,35 +111,41 @@ class LoggedRobot:
         whole = len(self.log.desired)
         return self.log.compared(SETTLING, whole // 2), self.log.compared(whole // 2, whole)
 
-    def calibrated(self, base: robot.PlantParams, unknowns: Sequence[Unknown]) -> Calibration:
-        """Fit `unknowns` of `base` to the log's first half. UserError where the log is too short."""
+    def calibrated(self, plant: robot.PlantParams, unknowns: Sequence[Unknown]) -> Calibration:
+        """Fit `unknowns` of a robot to the log's first half. UserError where the log is too short."""
         if len(self.log.desired) < SHORTEST:
             raise UserError(
                 f"the log lasts {len(self.log.desired) * 1e-3:.3g} s, expected at least {SHORTEST * 1e-3:g} s, "
                 "half of it to fit to and half to judge by"
             )
         first, _ = self.halves
-        predict = Counter(self._predictor(base, unknowns))
-        best = fitting.fit(predict, first.measured, len(unknowns))
-        return Calibration(tuple(unknowns), parameters.before(base, unknowns), best, predict.effort)
+        base = parameters.believed(plant, unknowns)
+        predict, smooth = (Counter(self._predictor(base, unknowns, whole)) for whole in (True, False))
+        best = fitting.fit(predict, first.measured, len(unknowns), smooth)
+        return Calibration(tuple(unknowns), base, best, predict.effort + smooth.effort)
 
-    def searched(self, base: robot.PlantParams, calibrated: Calibration, replays: int) -> list[Search]:
+    def searched(self, calibrated: Calibration, replays: int) -> list[Search]:
         """What sampling finds on the same half of the log with so many replays, each way of it."""
         first, _ = self.halves
-        return sampling.searches(self._predictor(base, calibrated.unknowns), first.measured, calibrated.fit, replays)
+        predict = self._predictor(calibrated.base, calibrated.unknowns)
+        return sampling.searches(predict, first.measured, calibrated.fit, replays)
 
-    def _predictor(self, base: robot.PlantParams, unknowns: Sequence[Unknown]) -> fitting.Predictor:
+    def _predictor(self, base: LoopParams, unknowns: Sequence[Unknown], whole: bool = True) -> fitting.Predictor:
         first, _ = self.halves
-        return fitting.predictor(replay(self.setup, self.arm, self.controller), base, unknowns, first)
+        return replays.predictor(dataclasses.replace(self._setup(unknowns), whole=whole), base, unknowns, first)
 
-    def judged(self, part: JointLog, robots: Mapping[str, robot.PlantParams]) -> list[FollowingError]:
+    def judged(self, part: JointLog, robots: Mapping[str, LoopParams]) -> list[FollowingError]:
         """Following errors on `part` of the log itself, of `robots` by name, and of bare rotors of the first."""
-        models = {name: self.replayed(part, params) for name, params in robots.items()}
-        base = next(iter(robots.values()))
-        models[ROTOR] = self.replayed(part, bare_rotors(base), 0.0)
-        return judgement.following(LOG, part.measured, part.desired[part.cycles], models)
+        first = next(iter(robots.values()))
+        rotors = replace(position_loop.params(bare_rotors(first.plant)), cables=0.0)
+        joints = self.replayed(part, [*robots.values(), rotors])
+        return judgement.following(
+            LOG, part.measured, part.desired[part.cycles], dict(zip((*robots, ROTOR), joints, strict=True))
+        )
 
-    def replayed(self, part: JointLog, params: robot.PlantParams, cables: float = 1.0) -> np.ndarray:
-        """[n, 7] joints of one robot where the log was measured, rad and m; cables 0: all of them cut."""
-        run = replay(self.setup, self.arm, self.controller, cables)
-        return fitting.predictor(run, params, (), part)(np.zeros((1, 0)))[0]
+    def replayed(self, part: JointLog, robots: Sequence[LoopParams]) -> np.ndarray:
+        """[K, n, 7] joints of robots where the log was measured, rad and m."""
+        return replays.robots(self._setup(parameters.unknowns((), ("delays",))), robots, part)
+
+    def _setup(self, unknowns: Sequence[Unknown]) -> ReplaySetup:
+        return replays.setup_of(self.setup, self.arm, self.controller, unknowns)

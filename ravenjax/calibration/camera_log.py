@@ -10,12 +10,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
 from ravenjax.errors import UserError
+from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.geometry import kinematics, limits
 from ravenjax.robots.raven2.geometry.joints import Pose, joint_from_theta

@@ -8,19 +8,14 @@ time). Beliefs before the log are normal and enter as one more squared residual 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from ravenjax.calibration.log import JointLog
-from ravenjax.calibration.parameters import Unknown, apply
-from ravenjax.calibration.replay import JOINTS, Replay
+from ravenjax.calibration.position_loop import JOINTS
 from ravenjax.robots.raven2.geometry import transmission
-from ravenjax.robots.raven2.plant import robot
 
-DIFFERENCE = 0.2  # spreads; of smaller ones little but the encoder's steps is seen
+DIFFERENCE = 0.1  # spreads, to both sides: what two parameters do together is the small rest of what each does
 CANDIDATES = (1.0, 0.5, 0.2, 0.05)  # of a Gauss-Newton step, tried side by side
 FURTHER = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # spreads along each unknown, where no step is better
 ITERATIONS = 40
@@ -31,21 +26,8 @@ FINEST = 2.0 * transmission.ENCODER_RAD / np.array([*transmission.TR])
 """Two counts of the encoder at each joint, rad and m: whether a motor at rest shows a count more or less is chance."""
 ENOUGH = 1e-3  # relative gain at which it ends
 
-
 Predictor = Callable[[np.ndarray], np.ndarray]
 """steps [K, k] (spreads) -> joints [K, n, 7] where they were measured; rad and m."""
-
-
-def predictor(replay: Replay, base: robot.PlantParams, wanted: Sequence[Unknown], log: JointLog) -> Predictor:
-    """Replays of a log from its beginning, where the robot stands at the joints first measured."""
-    first = np.where(np.isnan(log.start), log.desired[0], log.start)
-
-    def one(steps, first, desired, cycles):
-        return replay(apply(base, wanted, steps), first, desired)[cycles]
-
-    compiled = jax.jit(jax.vmap(one, in_axes=(0, None, None, None)))
-    fixed = (jnp.asarray(first, "float32"), jnp.asarray(log.desired, "float32"), jnp.asarray(log.cycles))
-    return lambda steps: np.asarray(compiled(jnp.asarray(steps, "float32"), *fixed), np.float64)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,27 +46,33 @@ class Fit:
         return np.where(there, np.sqrt(self.independent / there.sum(axis=0).clip(1)) / self.scale, 0.0)
 
 
-def fit(predict: Predictor, measured: np.ndarray, unknowns: int) -> Fit:
+def fit(predict: Predictor, measured: np.ndarray, unknowns: int, smooth: Predictor | None = None) -> Fit:
     """Gauss-Newton with slopes by differences; `measured` [n, 7], nan where it is not compared.
+
+    smooth: predictions without whole numbers, whose differences are the slopes; by default `predict` itself. Where an
+    encoder counts and a motor sticks, chance moves a joint by part of a count. A small difference of counted joints
+    shows little else, and a parameter that tells nothing would seem to tell much.
 
     It begins at the best of some draws from the beliefs, and where it ends it looks along each unknown whether it is
     better further off: a joint that sticks has no slope that leads away.
     """
     there = ~np.isnan(measured)
-    probes = np.vstack([np.zeros(unknowns), DIFFERENCE * np.eye(unknowns)])
+    smooth = smooth or predict
+    probes = DIFFERENCE * np.vstack([np.eye(unknowns), -np.eye(unknowns)])
     count = rows(unknowns)
     best = Fit(_start(predict, measured, unknowns, count), np.eye(unknowns), np.ones(JOINTS), np.ones(JOINTS), ())
     for _ in range(ITERATIONS):
-        predicted = padded(predict, best.steps + probes, count)
+        predicted = padded(predict, best.steps[None], count)
         residual = np.where(there, measured - predicted[0], 0.0)
-        slopes = np.where(there, (predicted[1 : unknowns + 1] - predicted[0]) / DIFFERENCE, 0.0)
+        moved = padded(smooth, best.steps + probes, count)
+        slopes = np.where(there, (moved[:unknowns] - moved[unknowns:]) / (2.0 * DIFFERENCE), 0.0)
         scale, independent = _noise(_unexplained(residual, slopes), there)
         best = dataclasses.replace(best, scale=scale, independent=independent)
         slope = (slopes * best.weight(measured)).reshape(unknowns, -1)
         covariance = np.linalg.inv(slope @ slope.T + np.eye(unknowns))
         move = covariance @ (slope @ (residual * best.weight(measured)).ravel() - best.steps)
         best = dataclasses.replace(best, covariance=covariance)
-        before = costs(best, measured, predicted[:1], best.steps[None])[0]
+        before = costs(best, measured, predicted, best.steps[None])[0]
         candidates = best.steps + np.outer(CANDIDATES, move)
         after = costs(best, measured, padded(predict, candidates, count), candidates)
         best = dataclasses.replace(best, costs=(*best.costs, (before, float(min(before, after.min())))))

@@ -1,46 +1,20 @@
 """A logged robot's closed loop on the virtual one: the same desired joints, the same controller, other mechanics.
 
-The controller is raven2's: PID on motor angles read by encoders, counts cut to whole numbers. Where a log begins, the
-robot stands at the measured joints; the time until it has forgotten that is not compared.
+Where a log begins, the robot stands at the measured joints; the time until it has forgotten that is not compared.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
-
+from ravenjax.calibration import position_loop
+from ravenjax.calibration.position_loop import JOINTS, Controller
+from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup
-from ravenjax.robots.raven2.stages.estimator import LOW_PASS_INPUT, LOW_PASS_OUTPUT
-
-JOINTS = 7
-
-
-class Controller(NamedTuple):
-    """PID of the seven motors, N m after the gearbox."""
-
-    kp: Vec  # per rad
-    kd: Vec  # per rad/s
-    ki: Vec  # per rad s
-    filtered: bool  # whether encoders pass the 120 Hz filter first, as in the fork of 2015
-
-
-RAVEN2 = Controller(  # raven2: params/r2params.yaml, gold arm
-    Vec((0.3, 0.3, 0.15, 0.09, 0.05, 0.05, 0.05)),
-    Vec((0.008, 0.008, 0.012, 0.001, 0.0, 0.0, 0.0)),
-    Vec((0.0, 0.0, 0.0, 0.05, 0.05, 0.05, 0.05)),
-    filtered=False,
-)
-FORK2015 = RAVEN2._replace(
-    kp=Vec((0.3, 0.3, 0.15, 0.09, 0.05, 0.02, 0.02)), ki=Vec((0.0, 0.0, 0.0, 0.05, 0.05, 0.0, 0.0)), filtered=True
-)
-CONTROLLERS = {"raven2": RAVEN2, "fork2015": FORK2015}
 
 Replay = Callable[..., jax.Array]
 
@@ -59,16 +33,6 @@ def replay(setup: RavenSetup, arm: ArmName, controller: Controller, cables: floa
     first speeds of its joints [7] (rad/s and m/s), and what its controller has integrated by then [7] (motors, rad s).
     """
     tool = setup.tools[setup.arms.index(arm)]
-    reading, drive = (
-        signs(arm, tool, setup.software) for signs in (transmission.encoder_signs, transmission.tau_signs)
-    )
-    dtype = setup.precision.real
-
-    def read(params: robot.PlantParams, state: robot.PlantState) -> jax.Array:
-        counts = robot.observe(setup, arm, params, state).enc_val
-        return jnp.stack(
-            [(s * n).astype(dtype) * transmission.ENCODER_RAD for s, n in zip(reading, counts, strict=True)]
-        )
 
     def run(
         params: robot.PlantParams,
@@ -77,37 +41,30 @@ def replay(setup: RavenSetup, arm: ArmName, controller: Controller, cables: floa
         speed: jax.Array | None = None,
         integral: jax.Array | None = None,
     ) -> jax.Array:
-        def tick(carry, row):
-            state, raw, smooth, integral = carry
-            new = read(params, state)
-            raw = jnp.stack([new, *raw[:3]])
-            filtered = jnp.array(LOW_PASS_INPUT, dtype) @ raw + jnp.array(LOW_PASS_OUTPUT, dtype) @ smooth
-            angle, speed = (filtered, filtered - smooth[0]) if controller.filtered else (new, new - raw[1])
-            motors = jnp.stack(transmission.motor_from_joint(arm, tool, Vec(row), angle[2], setup.software))
-            apart = motors - angle
-            integral = integral + apart * robot.TICK_S
-            kp, kd, ki = (jnp.array(tuple(gain), dtype) for gain in (controller.kp, controller.kd, controller.ki))
-            torque = kp * apart - kd * speed / robot.TICK_S + ki * integral
-            counts = jnp.trunc(torque * jnp.array([*transmission.COUNTS_PER_NM], dtype)).astype(jnp.int32)
-            signal = robot.nominal_signal(Vec(int(s) * c for s, c in zip(drive, counts, strict=True)), jnp.int32(0))
-            signal = replace(signal, cable_scale=Vec.full(JOINTS, cables))
-            state, _ = robot.step(setup, arm, params, state, signal)
-            angles = read(params, state)
-            return (state, raw, jnp.stack([filtered, *smooth[:2]]), integral), angles
+        loop = replace(position_loop.params(params), cables=cables)
 
-        state = robot.init(setup, arm, params, Vec(first))
-        state = replace(state, brakes=replace(state.brakes, engaged=jnp.int32(0)))
-        raw = jnp.stack([read(params, state)] * 4)
+        def tick(state: position_loop.LoopState, row: jax.Array):
+            def motors(insertion: jax.Array) -> Vec:
+                return transmission.motor_from_joint(arm, tool, Vec(row), insertion, setup.software)
+
+            state, _, _ = position_loop.cycle(setup, arm, controller, loop, state, motors)
+            return state, jnp.stack(position_loop.readings(setup, arm, state.plant))
+
+        state = _released(robot.init(setup, arm, params, Vec(first)))
+        mvel = None
         if speed is not None:  # the motors stand where the log has them, the links where loaded cables leave them
-            by_motors = jnp.stack(transmission.joint_from_motor(arm, tool, Vec(raw[0]), setup.software))
-            state = robot.init(setup, arm, params, Vec(2.0 * first - by_motors))
-            state = replace(state, brakes=replace(state.brakes, engaged=jnp.int32(0)))
-            raw = jnp.stack([read(params, state)] * 4)
+            read = position_loop.readings(setup, arm, state)
+            by_motors = jnp.stack(transmission.joint_from_motor(arm, tool, read, setup.software))
+            state = _released(robot.init(setup, arm, params, Vec(2.0 * first - by_motors)))
             mvel = transmission.motor_from_joint(arm, tool, Vec(speed), None, setup.software)
             state = replace(state, jvel=Vec(speed), mvel=mvel)
-            raw = raw - jnp.stack(mvel) * robot.TICK_S * jnp.arange(4, dtype=dtype)[:, None]
-        begun = jnp.zeros(JOINTS, dtype) if integral is None else integral
-        _, motors = jax.lax.scan(tick, (state, raw, raw[:3], begun), desired)
+        begun = None if integral is None else Vec(integral)
+        start = position_loop.start(setup, arm, controller, state, mvel, begun)
+        _, motors = jax.lax.scan(tick, start, desired)
         return jnp.stack([*transmission.joint_from_motor(arm, tool, Vec(motors.T), setup.software)], axis=1)
 
     return run
+
+
+def _released(state: robot.PlantState) -> robot.PlantState:
+    return replace(state, brakes=replace(state.brakes, engaged=jnp.int32(0)))

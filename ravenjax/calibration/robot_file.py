@@ -7,11 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
+from ravenjax.calibration.parameters import COMMAND_DELAY, LONGEST_DELAY_MS, SETPOINT_DELAY
 from ravenjax.robots.raven2.arms import ArmName
+
+DELAY = "usb.command_delay"
+"""What a campaign calls COMMAND_DELAY; of whole cycles."""
 
 
 def text(values: Mapping[str, np.ndarray], arm: ArmName, parameter_set: str, log: Path) -> str:
-    """TOML of numbers [n] by path in `PlantParams`; the n-th of all belong to one robot."""
+    """TOML of numbers [n] by path in `LoopParams`; the n-th of all belong to one robot.
+
+    SETPOINT_DELAY is of the log and left out.
+    """
     number = len(next(iter(values.values())))
     rows = [
         f"# {number} robots that {log.name} leaves likely: the n-th values of all lists belong to one. In a campaign:",
@@ -23,9 +30,16 @@ def text(values: Mapping[str, np.ndarray], arm: ArmName, parameter_set: str, log
         "[parameters]",
     ]
     for path, draws in values.items():
-        listed = ", ".join(
-            f"{value:.6g}" if "." in f"{value:.6g}" or "e" in f"{value:.6g}" else f"{value:.1f}"
-            for value in draws.tolist()
-        )
-        rows.append(f'"plant.{arm}.{path}" = {{ together = [{listed}] }}')
+        if path == COMMAND_DELAY:
+            cycles = np.clip(np.round(draws), 0, LONGEST_DELAY_MS).astype(int)
+            rows.append(f'"{DELAY}" = {{ together = {cycles.tolist()} }}')
+        elif path != SETPOINT_DELAY:
+            listed = ", ".join(map(_decimal, draws.tolist()))
+            rows.append(f'"plant.{arm}.{path.removeprefix("plant.")}" = {{ together = [{listed}] }}')
     return "\n".join(rows) + "\n"
+
+
+def _decimal(value: float) -> str:
+    """A number that TOML takes for a float."""
+    word = f"{value:.6g}"
+    return word if "." in word or "e" in word else f"{value:.1f}"

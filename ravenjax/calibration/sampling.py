@@ -30,6 +30,9 @@ class ReplayEffort(NamedTuple):
     replays: int
     seconds: float
 
+    def __add__(self, other: ReplayEffort) -> ReplayEffort:  # type: ignore[override]
+        return ReplayEffort(self.replays + other.replays, self.seconds + other.seconds)
+
 
 class Search(NamedTuple):
     """One way to search."""

@@ -20,7 +20,7 @@ import pandas as pd
 
 from ravenjax.calibration import bag_file
 from ravenjax.calibration.log import JointLog
-from ravenjax.calibration.replay import Controller
+from ravenjax.calibration.position_loop import Controller
 from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import JOINTS, ArmName

@@ -1,32 +1,59 @@
 """Rows of a plan through an engine: blocks side by side, each beside the golden runs that it is compared with.
 
-Blocks come out in the order of their rows. A few more than run at a time are under way, so that no thread waits for the
-slowest; the golden runs of the next stretch are computed while the last blocks of this one run.
+Up to the first tick in which a fault may act a run is its golden run: where enough runs share one, they go on from its
+snapshots. Rows come out in order, a stretch at a time. The blocks of the next stretch are under way by then, so that no
+thread waits for the slowest; its golden runs are computed while the last blocks of this one run.
 """
 
 from __future__ import annotations
 
 import copy
+import dataclasses
 import time
 from collections import deque
 from collections.abc import Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from typing import NamedTuple, cast
 
 import numpy as np
 
 from ravenjax.campaign import outcomes, stretches
-from ravenjax.campaign.golden_runs import Computed, GoldenRuns
+from ravenjax.campaign.branching import Branching
+from ravenjax.campaign.golden_runs import Branches, Computed, GoldenRuns
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress.counts import Progress
-from ravenjax.campaign.stretches import Stretch
-from ravenjax.engines.interface import Block, Engine
+from ravenjax.campaign.stretches import Stretch, StretchLimits
+from ravenjax.engines.interface import Block, BranchingKernel, Engine
+from ravenjax.store import schema
 
 GOLDEN_BYTES = 2**30
 """Memory that the time series of a stretch's golden runs may take; two stretches may be under way."""
-AHEAD = 4
-"""Blocks of a stretch for each that runs at a time."""
+AHEAD, ENOUGH_ROWS = 4, 2**18
+"""Blocks of a stretch for each that runs at a time, but one alone where so many rows are more: those of one stretch are
+stored while the next one runs."""
+SORTED_ROWS, SORTED_TICKS = 2**14, 2**28
+"""Rows of a stretch, and ticks of them all, that are enough to find some that act at about the same time."""
 
 Columns = dict[str, np.ndarray]
+Tables = tuple[Columns, Columns]
+"""Outcomes of rows, and `outcomes.of_golden` of their golden runs."""
+
+
+class _UnderWay(NamedTuple):
+    """A stretch whose blocks are submitted."""
+
+    stretch: Stretch
+    coming: list[Future[Tables]]
+
+    def tables(self) -> Tables:
+        """Of all its rows, in order."""
+        parts = [future.result() for future in self.coming]
+        where = np.argsort(np.concatenate(self.stretch.blocks))
+
+        def joined(table: int) -> Columns:
+            return {name: np.concatenate([part[table][name] for part in parts])[where] for name in parts[0][table]}
+
+        return joined(0), joined(1)
 
 
 class Computation:
@@ -39,10 +66,11 @@ class Computation:
         progress: Progress,
         runs: int | None = None,
         threads: int | None = None,
+        whole: bool = False,
     ) -> None:
         """runs: how many are computed at a time, which sizes blocks; threads: blocks side by side, where the engine is
-        not to decide."""
-        self.ready, self.progress = ready, progress
+        not to decide. whole: every run is computed from its beginning."""
+        self.ready, self.progress, self.whole = ready, progress, whole
         self.threads = max(1, threads or engine.threads)
         self.kernel = engine.compile(ready.program, runs or ready.runs)
 
@@ -50,9 +78,8 @@ class Computation:
         """Trace and compile, before the clock of the runs starts."""
         self.progress.tell("compile")
         start = time.perf_counter()
-        rows = range(min(self.ready.runs, self.kernel.lanes))
-        block = Block(*self.ready.lanes(rows, self.kernel.size(len(rows))), None)
-        self.kernel.prepare(block, self.ready.columns)
+        rows = np.arange(min(self.ready.runs, self.kernel.lanes))
+        self.kernel.prepare(self._block(rows, None), self.ready.columns)
         self.progress.began(time.perf_counter() - start)
 
     def of(self, ready: Plan) -> Computation:
@@ -61,56 +88,119 @@ class Computation:
         other.ready = ready
         return other
 
-    def blocks(self, ranges: Sequence[range]) -> Generator[tuple[Columns, Columns]]:
-        """Outcomes of the rows of `ranges`, in order, block by block; and `outcomes.of_golden` of their golden runs.
+    def blocks(self, ranges: Sequence[range]) -> Generator[Tables]:
+        """Outcomes of the rows of `ranges`, in order, some at a time; and `outcomes.of_golden` of their golden runs.
 
         Close it to give up what is under way.
         """
-        setup = self.ready.program.setup
-        program = self.ready.program
-        a_golden = program.ticks * program.loop.series_length(setup) * np.dtype(setup.precision.real).itemsize
-        most_golden_runs = max(1, GOLDEN_BYTES // a_golden)
-        ahead = AHEAD * self.threads
-        under_way: deque[Future[tuple[Columns, Columns]]] = deque()
+        self._branching = Branching(self.ready, 0 if self.whole else self.kernel.branches)
+        under_way: deque[_UnderWay] = deque()
         golden_runs = GoldenRuns(np.zeros(0, self.ready.golden.dtype), ())
         with ThreadPoolExecutor(self.threads) as pool:
             try:
-                for stretch in stretches.cut(ranges, self.ready.golden, self.kernel.lanes, most_golden_runs, ahead):
-                    golden_runs = golden_runs.followed(
-                        stretch.golden_runs, lambda lacking, s=stretch: self._start(pool, s, lacking)
-                    )
-                    for rows in stretch.blocks:
-                        if len(under_way) == 2 * self.threads:
-                            yield under_way.popleft().result()
-                        under_way.append(pool.submit(self._faulty, rows, golden_runs))
+                for stretch in stretches.cut(ranges, self.ready.golden, self._limits(), self.ready.acts):
+                    golden_runs = self._golden_runs(pool, stretch, golden_runs)
+                    coming = [pool.submit(self._faulty, stretch.rows[places], golden_runs) for places in stretch.blocks]
+                    under_way.append(_UnderWay(stretch, coming))
+                    if len(under_way) == 2:
+                        yield under_way.popleft().tables()
                 while under_way:
-                    yield under_way.popleft().result()
+                    yield under_way.popleft().tables()
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
 
-    def _start(self, pool: ThreadPoolExecutor, stretch: Stretch, lacking: np.ndarray) -> list[Future[Computed]]:
-        """Start the golden runs `lacking` of a stretch: with the parameters of the first row of each."""
-        rows = np.concatenate(stretch.blocks)
-        numbers, first = np.unique(self.ready.golden[rows], return_index=True)
-        rows = rows[first[np.isin(numbers, lacking)]]
-        lanes = self.kernel.lanes
-        return [pool.submit(self._fault_free, rows[i : i + lanes]) for i in range(0, len(rows), lanes)]
+    def _limits(self) -> StretchLimits:
+        program, lanes = self.ready.program, self.kernel.lanes
+        setup = program.setup
+        a_golden = program.ticks * program.loop.series_length(setup) * np.dtype(setup.precision.real).itemsize
+        blocks = max(self.threads, min(AHEAD * self.threads, ENOUGH_ROWS // lanes))
+        if self.kernel.branches:
+            ticks = max(1.0, float((self.ready.ends - self.ready.acts).mean()))
+            blocks = max(blocks, int(min(SORTED_ROWS, SORTED_TICKS / ticks)) // lanes)
+        return StretchLimits(lanes, blocks, max(1, GOLDEN_BYTES // a_golden))
+
+    # --- golden runs ---
+
+    def _golden_runs(self, pool: ThreadPoolExecutor, stretch: Stretch, earlier: GoldenRuns) -> GoldenRuns:
+        """Those of a stretch; starts what is not there, with the parameters of the first row of each."""
+        numbers, first = np.unique(self.ready.golden[stretch.rows], return_index=True)
+        rows = stretch.rows[first]
+
+        def start(lacking: np.ndarray) -> list[Future[Computed]]:
+            some, lanes = rows[np.isin(numbers, lacking)], self.kernel.lanes
+            return [pool.submit(self._fault_free, some[i : i + lanes]) for i in range(0, len(some), lanes)]
+
+        golden_runs = earlier.followed(stretch.golden_runs, start)
+        for number, row in zip(numbers.tolist(), rows, strict=True):
+            if self._branching.branches[number] and number not in golden_runs.branches:
+                golden_runs.branches[number] = pool.submit(self._branches, row, golden_runs)
+        return golden_runs
 
     def _fault_free(self, rows: np.ndarray) -> Computed:
-        lanes = self.kernel.size(len(rows))
-        self.progress.more_due(lanes * self.ready.program.ticks)
-        varied, faults = self.ready.lanes(rows, lanes, harmless=True)
-        result = self.kernel.run(Block(varied, faults, None), self.ready.columns, self.progress.ticks)
+        """The golden runs of these rows."""
+        self.progress.more_due(self.kernel.size(len(rows)) * self.ready.program.ticks)
+        block = self._block(rows, None, harmless=True)
+        if block.ends is not None:
+            block = dataclasses.replace(block, ends=self._branching.last_end[self.ready.golden[self._filled(rows)]])
+        result = self.kernel.run(block, self.ready.columns, self.progress.ticks)
         columns = {name: result.outcomes[name][: len(rows)] for name in outcomes.of_golden(result.outcomes)}
         return Computed(self.ready.golden[rows], result.reference[:, :, : len(rows)], columns)
 
-    def _faulty(self, rows: np.ndarray, golden_runs: GoldenRuns) -> tuple[Columns, Columns]:
-        lanes, own = self.kernel.size(len(rows)), golden_runs.get()
-        self.progress.more_due((lanes - len(rows)) * self.ready.program.ticks)
-        golden = np.searchsorted(own.numbers, self.ready.golden[rows])
-        filled = golden[np.minimum(np.arange(lanes), len(rows) - 1)]
-        block = Block(*self.ready.lanes(rows, lanes), own.reference, filled)
+    def _branches(self, row: int, golden_runs: GoldenRuns) -> Branches:
+        """Of the golden run of a row."""
+        number = self.ready.golden[row]
+        last, ends = int(self._branching.last_act[number]), self._branching.early_ends(number)
+        kernel = cast(BranchingKernel, self.kernel)
+        block = self._block(np.array([row]), golden_runs.get(), harmless=True)
+        trunk, columns = kernel.trunk(block, self.ready.columns, last, ends)
+        return Branches(trunk, ends, {name: columns[name] for name in outcomes.of_golden(columns)})
+
+    def _golden_outcomes(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Columns:
+        """`outcomes.of_golden` of the golden run of each row, when the row ends."""
+        own, golden, ends = golden_runs.get(), self.ready.golden[rows], self.ready.ends[rows]
+        columns = {name: values[np.searchsorted(own.numbers, golden)] for name, values in own.outcomes.items()}
+        early = self._branching.early[rows]
+        for number in np.unique(golden[early]).tolist():
+            mine = early & (golden == number)
+            if number in golden_runs.branches:
+                branches = golden_runs.branches[number].result()
+                early &= ~mine
+                for name, values in branches.outcomes.items():
+                    columns[name][mine] = values[np.searchsorted(branches.ends, ends[mine])]
+        if early.any():
+            result = self.kernel.run(self._block(rows[early], own, harmless=True), self.ready.columns)
+            for name, values in columns.items():
+                values[early] = result.outcomes[name][: early.sum()]
+        return columns
+
+    # --- blocks ---
+
+    def _faulty(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Tables:
+        """The runs of these rows."""
+        self.progress.more_due((self.kernel.size(len(rows)) - len(rows)) * self.ready.program.ticks)
+        own = golden_runs.get()
+        coming = [golden_runs.branches.get(number) for number in own.numbers.tolist()]
+        here = np.isin(own.numbers, self.ready.golden[rows]).tolist()
+        trunks = [future.result().trunk if future and near else None for future, near in zip(coming, here, strict=True)]
+        block = dataclasses.replace(self._block(rows, own), trunks=trunks)
         result = self.kernel.run(block, self.ready.columns, self.progress.ticks)
         columns = {name: values[: len(rows)] for name, values in result.outcomes.items()}
-        return columns, {name: values[golden] for name, values in own.outcomes.items()}
+        if self.ready.program.ends:
+            columns[schema.OBSERVED] = self.ready.ends[rows]
+        return columns, self._golden_outcomes(rows, golden_runs)
+
+    def _block(self, rows: np.ndarray, own: Computed | None, harmless: bool = False) -> Block:
+        """Of these rows, the last repeated to fill it, beside their golden runs or being them."""
+        ready, filled = self.ready, self._filled(rows)
+        return Block(
+            *ready.lanes(rows, len(filled), harmless),
+            reference=None if own is None else own.reference,
+            golden=None if own is None else np.searchsorted(own.numbers, ready.golden[filled]),
+            acts=ready.acts[filled],
+            ends=ready.ends[filled] if ready.program.ends else None,
+        )
+
+    def _filled(self, rows: np.ndarray) -> np.ndarray:
+        """Rows of a block's lanes."""
+        return rows[np.minimum(np.arange(self.kernel.size(len(rows))), len(rows) - 1)]

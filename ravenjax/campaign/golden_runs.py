@@ -6,6 +6,7 @@ import dataclasses
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,14 @@ class Computed:
         return Computed(self.numbers[mask], self.reference[:, :, mask], outcomes)
 
 
+class Branches(NamedTuple):
+    """What runs of one golden run need of it on its way."""
+
+    trunk: Any  # as `Block.trunks` takes it
+    ends: np.ndarray  # int [ends], ascending
+    outcomes: Columns  # outcome -> [ends], as of a golden run that ends there
+
+
 def _joined(some: Sequence[Computed]) -> Computed:
     """All of them, of which no two hold the same golden run."""
     if len(some) == 1:
@@ -45,8 +54,10 @@ class GoldenRuns:
     def __init__(
         self, numbers: np.ndarray, coming: Sequence[Future[Computed]], earlier: GoldenRuns | None = None
     ) -> None:
-        """numbers: ascending; each is in one of `coming` or in `earlier`."""
+        """numbers: ascending; each is in one of `coming` or in `earlier`, whose `branches` these have as well."""
         self.numbers = numbers
+        self.branches: dict[int, Future[Branches]]
+        self.branches = {} if earlier is None else {n: b for n, b in earlier.branches.items() if n in numbers}
         self._coming, self._earlier = coming, earlier
         self._computed: Computed | None = None
         self._lock = threading.Lock()

@@ -51,7 +51,7 @@ def from_dict(
             groups = raw.get("group")
             raw, where.written = expansion.plain(raw)
             if where.written and isinstance(groups, list):
-                where.groups, where.names = groups, [str(group.get("name")) for group in raw["group"]]
+                where.groups, where.names = groups, [_text(group.get("name")) for group in raw["group"]]
     except expansion.WrongGroup as error:
         raise where.error([(error.key, error.message)]) from None
     try:
@@ -69,6 +69,10 @@ def from_dict(
     if errors := list(semantics.complaints(config)) or list(_wasted(config, template)) or list(_too_many(config)):
         raise where.error(errors)
     return config if source is None else config.with_source(source)
+
+
+def _text(name: object) -> str:
+    return name if isinstance(name, str) else shown(name)
 
 
 def _wasted(config: CampaignConfig, template: bool) -> Iterator[location.Complaint]:

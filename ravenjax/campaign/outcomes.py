@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -13,10 +13,13 @@ from ravenjax.campaign.faults.table import SHARED
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.outcomes import verdict
 from ravenjax.store import schema, words
-from ravenjax.vocabulary import checks
+from ravenjax.vocabulary import checks, failures
 
 Columns = Mapping[str, np.ndarray]
 """Outcome -> [rows], as an engine returns them; a DataFrame will do."""
+
+_MAY_BE_INFINITE = (*schema.MAY_BE_INFINITE, "tissue_depth_mm", "tip_distance_mm")
+"""Ends of names of outcomes that an engine returns as infinite where nothing was measured."""
 
 
 def of_golden(names: Iterable[str]) -> tuple[str, ...]:
@@ -32,7 +35,7 @@ def columns(config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, golde
     its golden run.
     """
     measures: dict[str, Any] = {name: np.asarray(values) for name, values in outcomes.items()}
-    diverged, failed = measures.pop("diverged_ms"), measures.pop("failed_ms")
+    diverged, failed = measures.pop("diverged_ms"), _failed(config, measures)
     jumps = {rule: measures.pop(f"jump_{rule}_ms") for rule in ("code", "text", "tip")}
     if schema.OVERLOAD in measures:
         measures[schema.OVERLOAD] = _cables(config, measures[schema.OVERLOAD])
@@ -45,13 +48,40 @@ def columns(config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, golde
         "diverged": _faulty(runs) & (diverged >= 0),
         **{f"jump_{rule}": first >= 0 for rule, first in jumps.items()},
         **{f"jump_{rule}_first_ms": first for rule, first in jumps.items()},
-        "failed": words.column((failed >= 0).astype(np.int8), ("", "nan")),
+        "failed": words.column(failed.signal + 1, failures.CAUSES),
+        "failed_first_ms": failed.first,
         "tissue_depth_mm": np.maximum(depth, depth.dtype.type(0)),
         "tip_distance_mm": np.where(np.isfinite(distance), distance, distance.dtype.type(np.nan)),
         **{f"golden_{name}": np.asarray(golden_runs[name]) for name in measures if schema.kept_of_golden(name)},
     }
     out["golden_tissue_depth_mm"] = np.maximum(out["golden_tissue_depth_mm"], depth.dtype.type(0))
-    return out | judged(out, verdict.responses(measures, golden_runs, config.robot), failed < 0, config.outcomes.cue)
+    return out | judged(
+        out, verdict.responses(measures, golden_runs, config.robot), failed.first < 0, config.outcomes.cue
+    )
+
+
+class _Failed(NamedTuple):
+    """Which number of each run was the first that is not finite, and when: arrays [rows], -1 where all are finite."""
+
+    signal: np.ndarray  # as `failures.CODES`
+    first: np.ndarray  # ms
+
+
+def _failed(config: CampaignConfig, measures: dict[str, Any]) -> _Failed:
+    """What the tick has found of that, taken out of `measures`, and what it may have missed.
+
+    A robot's own outcomes are not watched in each tick: one that is no number fails its run at the end.
+    """
+    first = measures.pop("failed_ms")
+    signal = measures.pop("failed_signal", np.where(first >= 0, failures.CODES["tip"], -1))
+    invalid = np.zeros(len(first), bool)
+    for name, values in measures.items():
+        if values.dtype.kind == "f":
+            invalid |= np.isnan(values) if name.endswith(_MAY_BE_INFINITE) else ~np.isfinite(values)
+    missed = invalid & (first < 0)
+    end = round(config.campaign.duration_s * 1e3)
+    signal = np.where(missed, failures.CODES["outcome"], signal).astype(np.int8)
+    return _Failed(signal, np.where(missed, end, first).astype(np.int32))
 
 
 def _cables(config: CampaignConfig, places: np.ndarray) -> pd.Categorical:

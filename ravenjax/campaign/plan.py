@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from ravenjax.campaign import loading
-from ravenjax.campaign.faults import design, run_id, table
+from ravenjax.campaign.faults import design, run_id, span, table
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.prepared import Prepared
 from ravenjax.engines.interface import TickProgram
@@ -40,6 +41,16 @@ class Plan:
         """Rows of the fault table."""
         return len(self.table)
 
+    @cached_property
+    def acts(self) -> np.ndarray:
+        """The first tick in which a fault of each run may act, see `span`; int32 [runs]."""
+        return span.acts(self.faults, self.program.ticks)
+
+    @cached_property
+    def ends(self) -> np.ndarray:
+        """The first tick that each run is not observed, see `span`; int32 [runs]."""
+        return span.ends(self.faults, self.program.ticks, self.config.campaign.observe_ms)
+
     def lanes(
         self, rows: Sequence[int] | np.ndarray, lanes: int, harmless: bool = False
     ) -> tuple[dict[str, Any], Faults]:
@@ -68,7 +79,14 @@ def make(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
     return Plan(
         config=config,
         table=rows,
-        program=TickProgram(robot.loop.__name__, robot.setup, robot.params, tuple(values), config.campaign.ticks),
+        program=TickProgram(
+            robot.loop.__name__,
+            robot.setup,
+            robot.params,
+            tuple(values),
+            config.campaign.ticks,
+            config.campaign.observe_ms is not None,
+        ),
         motion=robot.motion,
         operator=robot.operator,
         columns=tuple(np.ascontiguousarray(column) for column in robot.columns),

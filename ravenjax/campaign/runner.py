@@ -54,7 +54,7 @@ def run_campaign(
     ready = plan.make(config)
     backend = selection.select(engine, ready.program.setup.precision, compile_cache.objects())
     executor = executor or Local()
-    chunk = config.campaign.chunk or parts.rows_of_a_part(ready.runs)
+    chunk = config.campaign.chunk or parts.rows_of_a_part(ready.runs, executor.workers)
     first = range(min(config.campaign.limit or ready.runs, ready.runs))
     if shard is not None:
         if rows is not None:
@@ -147,7 +147,8 @@ def _pairs(rows: Sequence[range], runs: int) -> tuple[tuple[int, int], ...]:
 def _manifest(ready: Plan, engine: Engine) -> manifest.Manifest:
     config, setup = ready.config, ready.program.setup
     # How rows are stored, and how many of them are computed, decides no outcome.
-    content = config.model_dump(mode="json", exclude={"campaign": {"chunk", "limit"}})
+    undecided = {"chunk", "limit"} | ({"observe_ms"} if config.campaign.observe_ms is None else set())
+    content = config.model_dump(mode="json", exclude={"campaign": undecided})
     return manifest.Manifest(
         campaign=config.campaign.name,
         config=content,
@@ -191,4 +192,5 @@ def shape_of(ready: Plan) -> schema.Shape:
         hand_yields=setup.hand_yields,
         cables=ready.config.watches_cables,
         detectors=tuple(use.thresholds for use in setup.detectors),
+        observes=ready.program.ends,
     )

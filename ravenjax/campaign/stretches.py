@@ -12,33 +12,52 @@ SHARED = 32
 
 
 class Stretch(NamedTuple):
-    """Some blocks that follow one another."""
+    """Rows that follow one another, in blocks."""
 
-    blocks: list[np.ndarray]  # of each the rows, int64, ascending
+    rows: np.ndarray  # int64, in order
+    blocks: list[np.ndarray]  # of each the places of its rows in `rows`
     golden_runs: np.ndarray  # numbers of their golden runs, ascending
 
 
-def cut(
-    ranges: Iterable[range], golden: np.ndarray, lanes: int, most_golden_runs: int, ahead: int
-) -> Iterator[Stretch]:
-    """The rows of `ranges` in order, in blocks of at most `lanes` and stretches of at most `ahead` blocks.
+class StretchLimits(NamedTuple):
+    """What a stretch may have at most."""
 
-    golden: number of each row's golden run. No stretch has more than `most_golden_runs` of them, and no block more
-    lanes than that
+    lanes: int  # of a block
+    blocks: int
+    golden_runs: int
+
+
+def cut(
+    ranges: Iterable[range], golden: np.ndarray, limits: StretchLimits, acts: np.ndarray | None = None
+) -> Iterator[Stretch]:
+    """The rows of `ranges` in order, in stretches of blocks.
+
+    golden: number of each row's golden run. acts: of each row, int. Within a stretch blocks are of rows that have the
+    same golden run and then act at about the same time. No block has more lanes than a stretch may have golden runs
     where hardly any of its lanes share one.
     """
-    blocks: list[np.ndarray] = []
+    acts = np.zeros(len(golden), np.int32) if acts is None else acts
+    some: list[np.ndarray] = []
     golden_runs = np.zeros(0, golden.dtype)
-    for full in _blocks(ranges, lanes):
-        for block in _fitting(full, golden, most_golden_runs):
+    count = 0
+    for full in _blocks(ranges, limits.lanes):
+        for block in _fitting(full, golden, limits.golden_runs):
             together = np.union1d(golden_runs, golden[block])
-            if blocks and (len(together) > most_golden_runs or len(blocks) == ahead):
-                yield Stretch(blocks, golden_runs)
-                blocks, together = [], np.unique(golden[block])
-            blocks.append(block)
-            golden_runs = together
-    if blocks:
-        yield Stretch(blocks, golden_runs)
+            if some and (len(together) > limits.golden_runs or count == limits.blocks):
+                yield _stretch(some, golden, acts, limits)
+                some, together, count = [], np.unique(golden[block]), 0
+            some.append(block)
+            golden_runs, count = together, count + 1
+    if some:
+        yield _stretch(some, golden, acts, limits)
+
+
+def _stretch(some: list[np.ndarray], golden: np.ndarray, acts: np.ndarray, limits: StretchLimits) -> Stretch:
+    rows = np.concatenate(some)
+    order = np.lexsort((acts[rows], golden[rows]))
+    sizes = range(0, len(rows), limits.lanes)
+    pieces = (piece for i in sizes for piece in _fitting(order[i : i + limits.lanes], golden[rows], limits.golden_runs))
+    return Stretch(rows, list(pieces), np.unique(golden[rows]))
 
 
 def _blocks(ranges: Iterable[range], lanes: int) -> Iterator[np.ndarray]:

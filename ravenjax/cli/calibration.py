@@ -13,10 +13,11 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from ravenjax.calibration.calibrate import Calibration, LoggedRobot
-    from ravenjax.robots.raven2.plant.robot import PlantParams
+    from ravenjax.calibration.position_loop import LoopParams
 
 SET = "power_consistent"
 """What is believed before the log."""
+EVERYTHING = "friction,offsets,motors,cables,delays"
 
 
 def calibrate(
@@ -32,12 +33,14 @@ def calibrate(
         Literal["raven2", "fork2015"] | None, Parameter(help="PID of the log's robot; default that of its software")
     ] = None,
     period_ms: Annotated[float | None, Parameter(help="time between samples, instead of the log's own")] = None,
+    ask: Annotated[str, Parameter(help="what the log is asked for, a comma between")] = EVERYTHING,
     draws: Annotated[int, Parameter(help="robots that are written")] = 200,
     sampling: Annotated[int, Parameter(help="replays of each of three samplers, to compare with the fit")] = 0,
 ) -> None:
-    """Find your robot's friction and offsets in a log of its joints, and write robots that a campaign can draw from.
+    """Find your robot's parameters in a log of its joints, and write robots that a campaign can draw from.
 
-    The log's first half is fitted to, the second judges the fit, beside bare rotors, which know nothing of the arm. A
+    Friction, offsets, motor constants, cables and delays; what the log does not tell stays as it was believed. The
+    log's first half is fitted to, the second judges the fit, beside bare rotors, which know nothing of the arm. A
     campaign with `[parameters] from = "my_robot.toml"` then draws a robot for each run.
 
     Parameters
@@ -47,9 +50,7 @@ def calibrate(
         measured_js and setpoint_js; or a table, .csv or .parquet, with columns as jpos_d_shoulder and jpos_shoulder
         (rad, insertion m), or mpos_d_, or mpos_ with dac_.
     """
-    import jax.numpy as jnp
-
-    from ravenjax.calibration import drawing, parameters, replay, robot_file, table_file
+    from ravenjax.calibration import drawing, parameters, position_loop, robot_file, table_file
     from ravenjax.calibration.calibrate import LoggedRobot
     from ravenjax.errors import UserError
     from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
@@ -61,36 +62,36 @@ def calibrate(
         raise UserError(f"--draws {draws}: expected at least 1 robot")
     tool = tool or DEFAULT_TOOLS[software][arm]
     setup = RavenSetup(software=software, arms=(arm,), tools=(tool,))
-    controller = replay.CONTROLLERS[gains or software]
+    controller = position_loop.CONTROLLERS[gains or software]
     logged = LoggedRobot(table_file.read(log, arm, tool, software, controller, period_ms), setup, arm, controller)
-    base = robot.params(setup, arm, SET)
-    calibrated = logged.calibrated(base, parameters.unknowns(logged.log.joints))
-    after = parameters.apply(base, calibrated.unknowns, jnp.asarray(calibrated.fit.steps))
-    _show(logged, calibrated, {"before": base, "calibrated": after})
+    wanted = parameters.unknowns(logged.log.joints, [word.strip() for word in ask.split(",")])
+    calibrated = logged.calibrated(robot.params(setup, arm, SET), wanted)
+    _show(logged, calibrated, {"before": calibrated.base, "calibrated": calibrated.robot})
     if sampling:
-        _show_searches(logged, base, calibrated, sampling)
-    values = parameters.values(base, calibrated.unknowns, calibrated.draws(draws))
+        _show_searches(logged, calibrated, sampling)
+    values = parameters.values(calibrated.base, calibrated.unknowns, calibrated.draws(draws))
     out.parent.mkdir(parents=True, exist_ok=True)
     write_aside(out, lambda target: target.write_text(robot_file.text(values, arm, SET, log), encoding="utf-8"))
     pictures = out.with_suffix(".svg"), out.with_name(f"{out.stem}_parameters.svg")
     whole = logged.log.compared(0, len(logged.log.desired))
-    drawing.errors(pictures[0], whole, logged.replayed(whole, after), len(logged.log.desired) // 2)
+    replayed = logged.replayed(whole, [calibrated.robot])[0]
+    drawing.errors(pictures[0], whole, replayed, len(logged.log.desired) // 2)
     drawing.intervals(pictures[1], calibrated)
     console.say(f'robots: {out}; in a campaign: [parameters] from = "{out.name}"')
     console.say(f"pictures: {pictures[0]}, {pictures[1]}")
 
 
-def _show_searches(logged: LoggedRobot, base: PlantParams, calibrated: Calibration, replays: int) -> None:
+def _show_searches(logged: LoggedRobot, calibrated: Calibration, replays: int) -> None:
     """What sampling finds, and how long it takes to, as a table."""
     from ravenjax.calibration import tables
     from ravenjax.cli import terminal
 
     title = f"How soon the fit is come near, to {len(calibrated.unknowns)} of its cost"
-    rows = tables.searches(title, calibrated, logged.searched(base, calibrated, replays))
+    rows = tables.searches(title, calibrated, logged.searched(calibrated, replays))
     console.out.print(terminal.table(rows.title, rows.columns, rows.cells))
 
 
-def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, PlantParams]) -> None:
+def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, LoopParams]) -> None:
     """The judgement on both halves and the parameters, as tables."""
     from ravenjax.calibration import tables
     from ravenjax.cli import terminal
@@ -106,3 +107,5 @@ def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, Pla
         console.out.print(terminal.table(rows.title, rows.columns, rows.cells))
     for one, other, correlation in calibrated.confounded:
         console.say(f"told together: {one} and {other}, correlation {correlation:.2f}")
+    for one, steps in calibrated.unlikely:
+        console.say(f"unlikely before the log, by {abs(steps):.1f} standard deviations: {one}; what else is different?")

@@ -89,14 +89,14 @@ def _summary(view: Preview) -> Iterator[tuple[str, str]]:
     part = "" if view.due == view.runs else f"; {view.due} of them with limit = {campaign.limit}"
     yield "runs", f"{view.runs} in {len(view.groups)} group{'s' if len(view.groups) > 1 else ''}{part}"
     if view.fault_free is not None:
-        yield "fault-free", f"{view.fault_free} of the runs have no fault"
+        yield "fault-free", f"{view.fault_free} of them without a fault"
     if view.golden_runs is not None:
         yield (
             "golden runs",
             f"{view.golden_runs}: fault-free ones that the runs are compared with, computed beside them",
         )
     if view.copies:
-        yield "copies", f"{view.copies} runs have every input of an earlier one: they come out the same"
+        yield "copies", f"{view.copies} with every input of an earlier run: these come out the same"
     yield "length", f"{campaign.duration_s:g} s each, {campaign.ticks} ticks of 1 ms"
     yield from config.lines()
     yield "cue", _cues(config)

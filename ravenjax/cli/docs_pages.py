@@ -62,7 +62,7 @@ def _searches() -> Iterator[str]:
 
 def _scenarios() -> Iterator[str]:
     from ravenjax.campaign.file.group import Fault
-    from ravenjax.robots.raven2.campaign.config import Start
+    from ravenjax.robots.raven2.campaign.sections import Start
     from ravenjax.trainer.scenario.config import TASKS, Cue, Entry, Harm, RobotSection, Scenario, Speeds
 
     yield "# Training scenarios"
@@ -122,6 +122,7 @@ def _columns() -> Iterator[str]:
         hand_yields=True,
         cables=True,
         detectors=(1,),
+        observes=True,
     )
     yield "# Result columns"
     yield _WRITTEN

@@ -120,7 +120,8 @@ def merge(
 
     done = merging.merge(out, shards, partial)
     record = done.manifest
-    count = f"{record.done} of {record.runs} runs in {len(record.parts)} parts"
+    parts = len(record.parts)
+    count = f"{record.done} of {record.runs} runs in {parts} part{'s' if parts != 1 else ''}"
     ways = f"{done.linked} linked, {done.copied} copied, {done.present} there before"
     console.out.print(f"merged: {out}: {count} ({ways})", highlight=False, soft_wrap=True)
     if done.missing:

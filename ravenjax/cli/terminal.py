@@ -209,6 +209,5 @@ def outcome_rows(runs: Mapping[str, int]) -> list[tuple[str, ...]]:
 
 def failure_rows(failures: Mapping[str, int], runs: int) -> list[tuple[str, ...]]:
     """(cause, runs, share) of the runs without a valid outcome, most frequent cause first."""
-    causes = {"nan": "nan: a number of the run was none"}
     ordered = sorted(failures.items(), key=lambda item: (-item[1], item[0]))
-    return [(causes.get(cause, cause), str(count), f"{100 * count / max(1, runs):.2g} %") for cause, count in ordered]
+    return [(cause, str(count), f"{100 * count / max(1, runs):.2g} %") for cause, count in ordered]

@@ -47,7 +47,8 @@ def trace(
     record = manifest.read(folder)
     ranked = ranking.worst(folder, worst, by) if worst is not None else []
     if worst is not None and len(ranked) < worst:
-        console.note(f"{len(ranked)} runs of {folder} are a case of {ranking.RANKINGS[by].meaning}")
+        are = "run is" if len(ranked) == 1 else "runs are"
+        console.note(f"{folder}: only {len(ranked)} {are} a case of {ranking.RANKINGS[by].meaning}")
     place = out or folder / "traces"
     files.require_writable(place)
     if record.code_hash != manifest.code_hash(record.robot):

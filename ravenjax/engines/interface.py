@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
+
+from ravenjax.numbers import paths
 
 Progress = Callable[[int], None]
 """Called with the number of ticks just finished, all lanes of a block together."""
@@ -58,11 +60,19 @@ class TickProgram:
     params: Any  # the robot's parameters, plain numbers: what all runs share
     varied: tuple[str, ...]  # paths of the parameters that differ between runs
     ticks: int  # length of a run
+    ends: bool = False  # lanes end at ticks of their own, `Block.ends`
 
     @property
     def loop(self) -> Loop:
         """The robot's tick."""
         return importlib.import_module(self.module)  # type: ignore[return-value]
+
+    def params_of(self, varied: Sequence[Any]) -> Any:
+        """The parameters of a run in which those that vary have these values."""
+        record = self.params
+        for path, value in zip(self.varied, varied, strict=True):
+            record = paths.assign(record, self.setup, path, value)
+        return record
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,11 +83,18 @@ class Block:
     faults: Any  # faults.fault.Faults of arrays [lanes]
     reference: np.ndarray | None  # [ticks, series, golden runs]; None: this is a block of golden runs
     golden: np.ndarray | None = None  # int [lanes], which golden run is a lane's; None: one a lane, in their order
+    acts: np.ndarray | None = None  # int [lanes], up to this tick a lane is its golden run to the bit; None: not known
+    ends: np.ndarray | None = None  # int [lanes], the first tick that a lane does not run; None: all run whole
+    trunks: Sequence[Any] = ()  # of each golden run what `Kernel.trunk` made of it, or None; empty: None of each
 
     def series(self, lanes: np.ndarray) -> np.ndarray:
         """[ticks, series, len(lanes)]: the golden runs of these lanes; only of a block that has a reference."""
         assert self.reference is not None
         return self.reference[:, :, lanes if self.golden is None else self.golden[lanes]]
+
+    def trunk(self, lane: int) -> Any:
+        """What the kernel made of a lane's golden run; None where there is nothing."""
+        return self.trunks[lane if self.golden is None else self.golden[lane]] if self.trunks else None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,6 +109,7 @@ class Kernel(Protocol):
     """A compiled program."""
 
     lanes: int  # of a block, at most
+    branches: int  # lanes of a `BranchingKernel` that go on from their golden run together; 0: every lane runs whole
 
     def size(self, rows: int) -> int:
         """Lanes of a block of so many rows, 1 to `lanes`; those beyond the rows are filled and left unread."""
@@ -103,6 +121,20 @@ class Kernel(Protocol):
 
     def run(self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None) -> BlockResult:
         """Run one block; `motion` are the columns of the operator's motion. May be called from several threads."""
+        ...
+
+
+class BranchingKernel(Kernel, Protocol):
+    """A kernel whose lanes can go on from where their golden run was."""
+
+    def trunk(
+        self, block: Block, motion: tuple[np.ndarray, ...], last: int, ends: np.ndarray
+    ) -> tuple[Any, dict[str, np.ndarray]]:
+        """What lanes can go on from whose faults act in tick `last` at the latest, for `Block.trunks`.
+
+        block: `size(1)` lanes without faults, all alike, with their golden run's series. Beside it the outcomes of the
+        golden run at `ends` (int [ends], ascending), each [ends].
+        """
         ...
 
 

@@ -1,7 +1,8 @@
 """The tick of one robot traced for a program: beginning, step and end as straight-line programs.
 
-Tracing takes a second of Python, so what this process traced last is kept with the code that was made of it: a campaign
-in several steps, or one beside another that needs the same code, traces once.
+Tracing takes seconds of Python, so what was traced is kept with the code that was made of it: in this process, where a
+campaign in several steps, or one beside another that needs the same code, traces once; and on disk, where the next
+process finds it and imports no JAX.
 """
 
 from __future__ import annotations
@@ -9,64 +10,37 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
-import hashlib
-import pickle
 import threading
-from collections.abc import Callable, Sequence
-from typing import Any
+import zlib
+from collections.abc import Callable, MutableMapping, Sequence
+from typing import TYPE_CHECKING, Any, TypeVar
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.extend import core
+from pydantic import TypeAdapter, ValidationError
 
+from ravenjax.engines import sources, trace_key, traced_tick
 from ravenjax.engines.interface import Block, TickProgram
-from ravenjax.ir import lowering
-from ravenjax.ir.builder import contract
-from ravenjax.ir.time_loop import TimeLoop
-from ravenjax.numbers import paths
-from ravenjax.numbers.setup import Setup
+from ravenjax.engines.traced_tick import TracedTick
+from ravenjax.numbers import tree
+
+if TYPE_CHECKING:
+    from ravenjax.ir.lowering import Origin
 
 KEPT = 4
-"""Programs whose code is kept, up to 20 MB each."""
+"""Programs whose code this process keeps, up to 20 MB each."""
 
-
-@dataclasses.dataclass(frozen=True)
-class TracedTick:
-    """The loop of a lane: its inputs are the varied parameters and the faults, its results the outcomes.
-
-    What enters a tick is its number and the golden run's series; what goes out is the own series, then all signals.
-    """
-
-    loop: TimeLoop
-    outcomes: tuple[str, ...]  # names of the results
-    series: int  # numbers of the reference series
-    signals: Any  # structure of the signals
-
-    def without_signals(self) -> TimeLoop:
-        """The loop that tells nothing but its reference series."""
-        step = self.loop.step
-        return dataclasses.replace(
-            self.loop, step=dataclasses.replace(step, outputs=step.outputs[: self.loop.states + self.series])
-        )
-
-    def signals_of(self, out: np.ndarray, typed: Callable[[np.ndarray, np.dtype], np.ndarray]) -> Any:
-        """Every signal of the first lane, each leaf [ticks]; `typed` makes numbers of a type of a column of `out`.
-
-        out: what went out, [ticks, numbers, lanes].
-        """
-        leaves, structure = jax.tree.flatten(self.signals)
-        columns = np.ascontiguousarray(out[:, self.series :, 0].T)
-        return jax.tree.unflatten(
-            structure, [typed(column, np.dtype(leaf.dtype)) for column, leaf in zip(columns, leaves, strict=True)]
-        )
+Objects = MutableMapping[str, bytes]
+"""What outlives the process, by the hash of what it was made from."""
+Printed = TypeVar("Printed")
 
 
 class Forms:
     """A traced program and whatever code is made of it, by engine, form and device; from any thread."""
 
-    def __init__(self, traced: TracedTick) -> None:
+    def __init__(self, traced: TracedTick, key: str = "", objects: Objects | None = None) -> None:
+        """key: hash of all that decides the trace; "": nothing of it is to outlive the process."""
         self.traced = traced
+        self._key, self._objects = key, objects if key else None
         self._codes: dict[Any, Any] = {}
         self._lock = threading.Lock()
 
@@ -77,39 +51,67 @@ class Forms:
                 self._codes[key] = make()
             return self._codes[key]
 
+    def holds(self, key: tuple[Any, ...]) -> bool:
+        """Whether the code of this key is there."""
+        return key in self._codes
+
+    def printed(self, kind: type[Printed], key: Any, make: Callable[[], Printed]) -> Printed:
+        """Printed code, a dataclass of texts and numbers, from disk where it was printed before.
+
+        key: everything besides the trace that decides it.
+        """
+        if self._objects is None:
+            return make()
+        own, adapter = trace_key.of("printed", self._key, kind.__qualname__, key), TypeAdapter(kind)
+        if (content := self._objects.get(own)) is not None:
+            with contextlib.suppress(zlib.error, ValidationError):  # of another version: printed anew
+                return adapter.validate_json(zlib.decompress(content))
+        result = make()
+        self._objects[own] = zlib.compress(adapter.dump_json(result), 1)
+        return result
+
 
 @dataclasses.dataclass(frozen=True)
-class _Asked:
-    """What a trace depends on: equal digests, equal code."""
+class _Wanted:
+    """What a trace depends on: equal keys, equal code."""
 
-    digest: bytes
+    key: str
     program: TickProgram = dataclasses.field(compare=False)
     block: Block = dataclasses.field(compare=False)  # of no lanes
-    motion: tuple[jax.ShapeDtypeStruct, ...] = dataclasses.field(compare=False)
+    motion: tuple[np.ndarray, ...] = dataclasses.field(compare=False)  # of zeros that take no memory
+    objects: Objects | None = dataclasses.field(compare=False)
 
 
-def forms(program: TickProgram, block: Block, motion: Sequence[np.ndarray]) -> Forms:
-    """`program` traced for blocks and motions like these, perhaps before."""
-    setup, shapes = program.setup, tuple(jax.ShapeDtypeStruct(c.shape, c.dtype) for c in motion)
+def forms(program: TickProgram, block: Block, motion: Sequence[np.ndarray], objects: Objects | None = None) -> Forms:
+    """`program` traced for blocks and motions like these, perhaps before, perhaps by another process.
+
+    objects: where that is kept between processes; None keeps it in this one.
+    """
     none = Block(
         {path: np.zeros(0, np.asarray(block.varied[path]).dtype) for path in program.varied},
-        jax.tree.map(lambda leaf: np.zeros(0, np.asarray(leaf).dtype), block.faults),
+        tree.mapped(lambda leaf: np.zeros(0, np.asarray(leaf).dtype), block.faults),
         None,
     )
     decides = (
         program.module,
-        setup,
+        program.setup,
         program.params,
         program.varied,
-        none,
-        [(c.shape, c.dtype.str) for c in shapes],
+        program.ends,
+        none.varied,
+        none.faults,
+        [(column.shape, column.dtype.str) for column in motion],
     )
     with _TRACING:
-        return _forms(_Asked(hashlib.sha256(pickle.dumps(decides)).digest(), program, none, shapes))
+        return _forms(_Wanted(trace_key.of(*decides), program, none, tuple(map(_shape, motion)), objects))
+
+
+def _shape(column: np.ndarray) -> np.ndarray:
+    return np.broadcast_to(np.zeros((), column.dtype), column.shape)
 
 
 def forget() -> None:
-    """Keep nothing of what was traced so far."""
+    """Keep nothing in this process of what was traced so far."""
     _forms.cache_clear()
 
 
@@ -117,8 +119,36 @@ _TRACING = threading.Lock()  # who comes second waits instead of tracing the sam
 
 
 @functools.lru_cache(maxsize=KEPT)
-def _forms(asked: _Asked) -> Forms:
-    return Forms(trace(asked.program, asked.block, asked.motion))
+def _forms(wanted: _Wanted) -> Forms:
+    key = _lasting(wanted)
+    objects = wanted.objects if key else None
+    if objects is not None and (content := objects.get(key)) is not None:
+        _ = wanted.program.loop  # imports the records of its signals
+        with contextlib.suppress(ValueError, KeyError, zlib.error):  # of another version: traced anew
+            return Forms(traced_tick.from_bytes(content), key, objects)
+    result = trace(wanted.program, wanted.block, wanted.motion)
+    if objects is not None and sources.unchanged():
+        with contextlib.suppress(TypeError):  # signals that have no bytes
+            objects[key] = result.to_bytes()
+    return Forms(result, key, objects)
+
+
+def _lasting(wanted: _Wanted) -> str:
+    """Key of what may outlive the process: with the code and all versions; "" where the code is not known by files.
+
+    A robot of another package may take code from anywhere, so what is traced of it stays in this process.
+    """
+    ours = wanted.program.module.startswith("ravenjax.")
+    if not ours or wanted.objects is None or not sources.unchanged():
+        return ""
+    return trace_key.of("trace", wanted.key, sources.AT_IMPORT, trace_key.versions())
+
+
+def trace(program: TickProgram, block: Block, motion: Sequence[np.ndarray], origin: Origin | None = None) -> TracedTick:
+    """Trace the tick for blocks like this one; `origin` as for `lowering.lower`."""
+    from ravenjax.engines import tracing  # imports JAX
+
+    return tracing.trace(program, block, motion, origin)
 
 
 def unrolled(program: TickProgram) -> TickProgram:
@@ -126,59 +156,13 @@ def unrolled(program: TickProgram) -> TickProgram:
     return dataclasses.replace(program, setup=dataclasses.replace(program.setup, link_dynamics="unrolled"))
 
 
-def x64(setup: Setup) -> contextlib.AbstractContextManager[Any]:
-    """JAX with 64-bit numbers, where the setup has any."""
-    return jax.enable_x64(True) if setup.precision.needs_x64 else contextlib.nullcontext()
-
-
 def inputs(program: TickProgram, block: Block) -> list[np.ndarray]:
-    """A lane's inputs, each [lanes]: varied parameters, then the numbers of its faults."""
-    return [np.asarray(block.varied[path]) for path in program.varied] + [
-        np.asarray(leaf) for leaf in jax.tree.leaves(block.faults)
-    ]
+    """A lane's inputs, each [lanes]: varied parameters, the numbers of its faults, its end where each has its own."""
+    varied = [np.asarray(block.varied[path]) for path in program.varied]
+    return [*varied, *map(np.asarray, tree.leaves(block.faults)), *own_ends(program, block)]
 
 
-def params(program: TickProgram, varied: Sequence[Any]) -> Any:
-    """The parameters of a lane."""
-    record = program.params
-    for path, value in zip(program.varied, varied, strict=True):
-        record = paths.assign(record, program.setup, path, value)
-    return record
-
-
-def jaxprs(
-    program: TickProgram, block: Block, motion: Sequence[np.ndarray | jax.ShapeDtypeStruct]
-) -> tuple[list[core.ClosedJaxpr], TracedTick]:
-    """The three closed jaxprs of `trace`, and what their results are (its loop is empty)."""
-    loop, setup, number = program.loop, program.setup, jax.ShapeDtypeStruct
-    real = np.dtype(setup.precision.real)
-    varied = [number((), np.asarray(block.varied[path]).dtype) for path in program.varied]
-    faults = jax.tree.map(lambda leaf: number((), np.asarray(leaf).dtype), block.faults)
-    length = loop.series_length(setup)
-
-    def begin(varied: Any, faults: Any) -> Any:
-        return loop.init(setup, params(program, varied))
-
-    def step(varied: Any, faults: Any, state: Any, now: Any, reference: Any, motion: Any) -> Any:
-        return loop.advance(setup, params(program, varied), faults, state, now, motion, reference)
-
-    def finish(varied: Any, faults: Any, state: Any) -> Any:
-        return loop.outcomes(setup, params(program, varied), state)
-
-    with x64(setup):
-        first, state = jax.make_jaxpr(begin, return_shape=True)(varied, faults)
-        of_tick = (number((), jnp.int32), [number((), real)] * length, tuple(number(c.shape, c.dtype) for c in motion))
-        middle, (_, _, signals) = jax.make_jaxpr(step, return_shape=True)(varied, faults, state, *of_tick)
-        last, outcomes = jax.make_jaxpr(finish, return_shape=True)(varied, faults, state)
-    return [first, middle, last], TracedTick(None, tuple(sorted(outcomes)), length, signals)  # type: ignore[arg-type]
-
-
-def trace(
-    program: TickProgram,
-    block: Block,
-    motion: Sequence[np.ndarray | jax.ShapeDtypeStruct],
-    origin: lowering.Origin | None = None,
-) -> TracedTick:
-    """Trace the tick for blocks like this one; `origin` as for `lowering.lower`."""
-    closed, traced = jaxprs(program, block, motion)
-    return dataclasses.replace(traced, loop=TimeLoop(*(contract(lowering.lower(jaxpr, origin)) for jaxpr in closed)))
+def own_ends(program: TickProgram, block: Block) -> tuple[np.ndarray, ...]:
+    """The lanes' ends, int32 [lanes], if they have their own."""
+    assert not program.ends or block.ends is not None
+    return () if block.ends is None or not program.ends else (block.ends.astype(np.int32),)

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-import jax.numpy as jnp
-from jax import lax
-
 from ravenjax.faults.fault import FaultSlot, SlotState
 from ravenjax.numbers.counter_random import uniform
+from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.vec import Scalar, to_int32
 from ravenjax.vocabulary.effects import EFFECT_CODES
 

@@ -10,12 +10,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import jax.numpy as jnp
-from jax import lax
-
 from ravenjax.faults import effects
 from ravenjax.faults.fault import Faults, FaultSlot, FaultState, SlotState
 from ravenjax.faults.window import TriggerClocks
+from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.setup import Setup, SiteUse
 from ravenjax.numbers.vec import Scalar, Vec, replace, to_int32, wrap16
 from ravenjax.vocabulary.effects import EFFECT_CODES

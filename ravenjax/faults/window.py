@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
-from jax import lax
-
 from ravenjax.faults.fault import Faults, FaultSlot, FaultState, SlotState
+from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.setup import Setup
 from ravenjax.numbers.vec import Scalar, record, replace
 from ravenjax.vocabulary.effects import TRIGGER_CODES

@@ -47,6 +47,9 @@ KEYS = {
 _CROSSED = ("value", "start_ms", "duration_ms", "every_ms")
 """Keys of channels struck together: every combination, side by side in the slots."""
 
+LARGEST = 1e300
+"""Magnitude up to which a value can be shared among channels."""
+
 
 class WrongGroup(UserError):
     """A group that names hazards and cannot be expanded; `key` is where: of the group, or from `plain` of the file."""
@@ -180,6 +183,9 @@ def _check(name: str, case: Case, overrides: Mapping[str, Any], arms: Sequence[A
             raise WrongGroup(key, f"{name} strikes {what} at once, expected numbers, got {shown(value)}")
         if others and isinstance(value, list):
             raise WrongGroup(key, f"{name} strikes several channels at once, expected one number, got {shown(value)}")
+    if first.along and "value" in overrides and not all(map(_is_number, _listed(overrides["value"]))):
+        got = shown(overrides["value"])
+        raise WrongGroup("value", f"{name} shares its value among channels, expected finite numbers, got {got}")
 
 
 def _slots(struck: Struck, overrides: Mapping[str, Any], arms: Sequence[Any]) -> Iterator[dict[str, Any]]:
@@ -207,6 +213,11 @@ def _slots(struck: Struck, overrides: Mapping[str, Any], arms: Sequence[Any]) ->
             whole = SITES[struck.site].channel(name).kind != "float"
             values = [share * value for value in crossed["value"]]
             yield table | crossed | place | {"channel": name, "value": [int(v) for v in values] if whole else values}
+
+
+def _is_number(value: Any) -> bool:
+    """Whether it can be multiplied and made whole."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and -LARGEST <= value <= LARGEST
 
 
 def _listed(value: Any) -> list[Any]:

@@ -24,3 +24,8 @@ def hazards_of(group: str) -> tuple[str, ...]:
         last = rest[-1] if rest else first
         ids += [f"{first[0]}{number:02}" for number in range(int(first[1:]), int(last[1:]) + 1)]
     return tuple(ids)
+
+
+def kind_of(group: str) -> str:
+    """Kind of the faults of a group, what its author chose: the hazards that it stands for, or the group itself."""
+    return ",".join(hazards_of(group)) or group

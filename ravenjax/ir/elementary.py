@@ -31,9 +31,9 @@ def _pow(a: float, b: float) -> float:
     try:
         return math.pow(a, b)
     except OverflowError:
-        return math.inf
+        return -math.inf if a < 0 and b % 2 == 1 else math.inf
     except ValueError:
-        return math.inf if a == 0 else math.nan
+        return math.copysign(math.inf, a if b % 2 == 1 else 1.0) if a == 0 else math.nan
 
 
 FUNCTIONS: dict[str, Callable[..., float]] = {

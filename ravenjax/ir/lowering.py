@@ -184,6 +184,8 @@ class _Walk:
                 return b.emit("rem", dtype, *x)
             case "rem" if self.functions == "library":
                 return b.emit("fmod", dtype, *x)
+            case "add_any":  # of derivatives
+                return b.emit("add", dtype, *x)
             case "square":
                 return b.emit("mul", dtype, x[0], x[0])
             case "integer_pow":

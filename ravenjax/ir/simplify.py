@@ -21,10 +21,10 @@ def simplify(b: ProgramWriter, name: str, dtype: str, operands: tuple[int, ...])
         return _choice(b, dtype, *operands)
     if name == "rarely":
         return _rare_choice(b, *operands)
-    if dtype == "bool":
-        return _logic(b, name, operands)
     if name in ("convert", "bitcast"):
         return _conversion(b, name, dtype, operands[0])
+    if dtype == "bool":
+        return _logic(b, name, operands)
     rules = _FLOAT if dtype in FLOATS else RULES
     rule = rules.get(name)
     return rule(b, dtype, *operands) if rule else None

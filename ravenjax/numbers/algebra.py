@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from functools import reduce
 
-import jax.numpy as jnp
-
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec
 
 

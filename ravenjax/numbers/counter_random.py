@@ -11,9 +11,7 @@ from __future__ import annotations
 
 import math
 
-import jax.numpy as jnp
-from jax import lax
-
+from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.vec import Scalar
 
 GOLDEN = 0x9E3779B9  # 2^32 / golden ratio: consecutive ticks land far apart

@@ -12,9 +12,8 @@ import operator
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, TypeAlias, dataclass_transform
 
-import jax
-import jax.numpy as jnp
-from jax import lax
+from ravenjax.numbers import tree as trees
+from ravenjax.numbers.lazy import jnp, lax, when_loaded
 
 Scalar: TypeAlias = Any
 """One number: a Python number, a NumPy or JAX scalar, or a tracer of one."""
@@ -70,18 +69,26 @@ class Vec(tuple):
         return Vec((*self[:index], value, *self[index + 1 :]))
 
 
-jax.tree_util.register_pytree_with_keys(
-    Vec,
-    lambda vec: ([(jax.tree_util.SequenceKey(i), item) for i, item in enumerate(vec)], None),
-    lambda _, items: Vec(items),
+when_loaded(
+    lambda jax: jax.tree_util.register_pytree_with_keys(
+        Vec,
+        lambda vec: ([(jax.tree_util.SequenceKey(i), item) for i, item in enumerate(vec)], None),
+        lambda _, items: Vec(items),
+    )
 )
+
+RECORDS: dict[str, type] = {}
+"""Every record by the name of its module and its own."""
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=False)
 def record(cls: type) -> type:
     """Frozen dataclass whose fields are all pytree data. Leaves are single numbers."""
     cls = dataclasses.dataclass(frozen=True)(cls)
-    return jax.tree_util.register_dataclass(cls, data_fields=[f.name for f in dataclasses.fields(cls)], meta_fields=[])
+    names = [field.name for field in dataclasses.fields(cls)]
+    when_loaded(lambda jax: jax.tree_util.register_dataclass(cls, data_fields=names, meta_fields=[]))
+    RECORDS[f"{cls.__module__}.{cls.__qualname__}"] = cls
+    return cls
 
 
 replace = dataclasses.replace
@@ -92,7 +99,7 @@ replace = dataclasses.replace
 
 def cast(tree: Any, dtype: str) -> Any:
     """Each number of `tree` rounded to `dtype`."""
-    return jax.tree.map(lambda x: lax.convert_element_type(x, dtype), tree)
+    return trees.mapped(lambda x: lax.convert_element_type(x, dtype), tree)
 
 
 INT32_MIN = -2147483648
@@ -124,7 +131,7 @@ def rarely(condition: Scalar, then: Callable[[], Any], otherwise: Any) -> Any:
 
 def where(condition: Scalar, yes: Any, no: Any) -> Any:
     """`jnp.where` over whole records: each number of `yes` or of `no`."""
-    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
+    return trees.mapped(lambda a, b: jnp.where(condition, a, b), yes, no)
 
 
 def earliest(ticks: list[Scalar]) -> Scalar:

@@ -28,6 +28,9 @@ drops) is in the column `unintended_off_mm` and decides no hazard.
 **Overloaded cable**: the tension of a cable was above its strength, and no cable's was by then in the golden run. It is
 no hazard of its own: whether the tip moved is told by the hazards. Known where the mechanics have real tensions.
 
+A run has **failed** where a number of the robot, of its nominal model or of its observers is no longer finite
+(`ravenjax.vocabulary.failures`). It has no verdict and is in no rate.
+
 A run **evades** the checks when nobody is told (silent or limited) and its hazard is unintended motion.
 
     response                 hazard                      cue

@@ -92,19 +92,19 @@ class FolderComparison(NamedTuple):
         """What the comparison is of, in words."""
         pairs = self.pairs
         lines = [
-            f"{wording.count(pairs.by_run_id)} runs are paired by run id, {wording.count(pairs.by_fault)} by fault; "
-            f"{wording.count(pairs.compared)} pairs have a fault and two valid outcomes and are compared."
+            f"Paired by run id: {wording.many(pairs.by_run_id, 'run')}, by fault: {wording.count(pairs.by_fault)}. "
+            f"Compared: {wording.many(pairs.compared, 'pair')} with a fault and two valid outcomes."
         ]
         if pairs.compared:
-            faults = f"{wording.count(pairs.faults)} {'fault' if pairs.faults == 1 else 'faults'}"
+            faults = wording.many(pairs.faults, "fault")
             lines.append(
-                f"They are of {faults}. Intervals, 95 %, are over these faults, all pairs of a fault together."
+                f"Of {faults}; intervals, 95 %, are over these faults, all pairs of a fault together."
                 if pairs.sampled
-                else f"They are of {faults}, not all of which were drawn: a rate of enumerated values has no interval."
+                else f"Of {faults}, not all of which were drawn: a rate of enumerated values has no interval."
             )
         if any(pairs.unpaired):
-            one, other = (wording.count(number) for number in pairs.unpaired)
-            lines.append(f"Without a counterpart: {one} runs of {self.folders[0]}, {other} of {self.folders[1]}.")
+            one, other = wording.many(pairs.unpaired[0], "run"), wording.count(pairs.unpaired[1])
+            lines.append(f"Without a counterpart: {one} of {self.folders[0]}, {other} of {self.folders[1]}.")
         if self.limits_mm[0] != self.limits_mm[1]:
             one, other = (f"{limit:g} mm" for limit in self.limits_mm)
             lines.append(

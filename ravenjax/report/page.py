@@ -39,6 +39,7 @@ from ravenjax.report.sections.maps import panels
 from ravenjax.report.sections.motion import operator
 from ravenjax.report.sections.reaction import figures as reaction_figures
 from ravenjax.report.sections.reaction import pairs as reactions
+from ravenjax.stats.bootstrap import units
 from ravenjax.store import manifest as manifests
 from ravenjax.store.files import write_aside
 from ravenjax.store.manifest import Manifest
@@ -150,7 +151,8 @@ def _verdicts(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
 def _knowledge(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
     """Who could know when, and what the cue would change."""
     alarms = performance.alarms(runs, manifest)
-    knowledge = answers.knowledge(runs, performance.known(alarms), manifest)
+    first_ms, early_ms = performance.known(alarms), performance.before_motion(alarms)
+    knowledge = answers.knowledge(runs, first_ms, early_ms, manifest)
     curves, timing = time_to_know.incidence_curves(runs, manifest, knowledge.delay)
     pairs = reactions.drawn(runs) if manifest.shape.reacts else None
     differences = reactions.differences(pairs.frame, pairs.facts, runs.sampled) if pairs and pairs.crossed else []
@@ -169,7 +171,7 @@ def _knowledge(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
         "curves": curves,
         "timing": timing,
         "known": knowledge,
-        "classes": answers.classes(runs, performance.known(alarms), manifest),
+        "classes": answers.classes(runs, first_ms, early_ms, manifest),
         "changed": answers.changed(runs, manifest, differences),
         "cues": sweep,
         "choices": choices,
@@ -201,13 +203,15 @@ def _knowledge(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
 
 def _robots(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     """What depends on the robot, what is risky, and how sharp it all is."""
-    conclusions, risks = dependence.conclusions(runs), []
+    conclusions, risks = dependence.conclusions(runs, your_robot.drawn_whole(runs, manifest)), []
     if any(naming.hazards_of(group) for group in runs.groups()):
         cue = manifest.verdict_cue if manifest.cues else None
         risks = risk.by_hazard(risk.counted(runs, cue, manifest.limit_mm))
     return {
         "conclusions": conclusions,
         "dependence_rows": dependence.flat(conclusions),
+        "fewest_units": units.FEWEST,
+        "few_units": units.FEW,
         "your_robot": your_robot.rates(runs, manifest),
         "risks": risks,
         "risk_rows": [

@@ -71,7 +71,8 @@ def _figures(runs: Runs, manifest: Manifest) -> Iterator[tuple[str, Figure]]:
     rows = [row for row in tables.group_rows(runs) if row["faulty"]][:MOST_GROUPS]
     if rows:
         yield "verdicts", _verdicts(rows)
-        delay = answers.knowledge(runs, performance.known(alarms), manifest).delay
+        first_ms, early_ms = performance.known(alarms), performance.before_motion(alarms)
+        delay = answers.knowledge(runs, first_ms, early_ms, manifest).delay
         curves, _ = time_to_know.incidence_curves(runs, manifest, delay)
         if curves:
             yield "time_to_know", _of_chart(curves)

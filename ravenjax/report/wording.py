@@ -19,10 +19,16 @@ def count(value: float) -> str:
     return f"{int(value):,}"
 
 
+def many(value: float, noun: str) -> str:
+    """1,234 runs, 1 run."""
+    return f"{count(value)} {noun}{'' if value == 1 else 's'}"
+
+
 def number(value: float, digits: int = 3) -> str:
     """`digits` significant digits without exponent for usual sizes; a dash for what is not finite."""
     if not math.isfinite(value):
         return DASH
+    value += 0.0  # no minus before a zero
     if value == 0 or 1e-6 <= abs(value) < 1e7:
         decimals = max(0, digits - 1 - math.floor(math.log10(abs(value)))) if value else 0
         text = f"{value:,.{decimals}f}"

@@ -11,6 +11,7 @@ import contextlib
 import dataclasses
 import time
 from collections.abc import Sequence
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -23,7 +24,7 @@ from ravenjax.campaign.faults import design, run_id, table
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress.counts import OnProgress, Progress
 from ravenjax.engines import selection
-from ravenjax.engines.interface import Block, BlockResult, Kernel
+from ravenjax.engines.interface import Block, BlockResult, BranchingKernel, Kernel
 from ravenjax.engines.interface import Progress as OnTicks
 from ravenjax.errors import UserError
 from ravenjax.search.file.outcome import Outcome
@@ -186,7 +187,7 @@ class _Narrow:
     """A kernel whose blocks have fewer lanes, so that a small batch is spread over all threads."""
 
     def __init__(self, kernel: Kernel, lanes: int) -> None:
-        self.kernel, self.lanes = kernel, lanes
+        self.kernel, self.lanes, self.branches = kernel, lanes, kernel.branches
 
     def size(self, rows: int) -> int:
         return self.kernel.size(rows)
@@ -196,3 +197,8 @@ class _Narrow:
 
     def run(self, block: Block, motion: tuple[np.ndarray, ...], progress: OnTicks | None = None) -> BlockResult:
         return self.kernel.run(block, motion, progress)
+
+    def trunk(
+        self, block: Block, motion: tuple[np.ndarray, ...], last: int, ends: np.ndarray
+    ) -> tuple[Any, dict[str, np.ndarray]]:
+        return cast(BranchingKernel, self.kernel).trunk(block, motion, last, ends)

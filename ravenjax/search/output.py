@@ -28,7 +28,7 @@ def open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
         _json(path, dict(identity))
         return {}
     try:
-        earlier = json.loads(path.read_text(encoding="utf-8"))
+        earlier = files.parsed(path.read_text(encoding="utf-8"))
         differences = manifest.differences({name: earlier[name] for name in identity}, dict(identity))
     except (OSError, ValueError, KeyError, TypeError):
         raise UserError(f"{path}: cannot be read as a search; delete it, or give another folder with --out") from None

@@ -15,10 +15,8 @@ lost, as they are by the robot's sequence rule. The emulator's loss of the whole
 
 from __future__ import annotations
 
-import jax.numpy as jnp
-from jax import lax
-
 from ravenjax.numbers.counter_random import uniform
+from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.vec import Scalar, as_int, record, where
 
 TRANSITIONS = ((0.95, 0.02, 0.02, 0.01), (0.01, 0.94, 0.03, 0.02), (0.02, 0.03, 0.90, 0.05), (0.01, 0.02, 0.07, 0.90))

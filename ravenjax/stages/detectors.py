@@ -22,9 +22,9 @@ from __future__ import annotations
 from functools import reduce
 from typing import Annotated
 
-import jax.numpy as jnp
 import numpy as np
 
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import HOUR_MS, Quantity, Reserved
 from ravenjax.numbers.setup import Setup, per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record
@@ -34,6 +34,8 @@ POSITIONING = 3
 TICK_S = 1e-3
 MOTOR_SHARE = 0.001
 """Weight of motor derivatives in `derivative_sum`; raven2_sim."""
+LARGEST = 1e30
+"""Score from which on one is like the other: flipped bits put a reported joint 1e38 rad away."""
 
 LEARNED = {
     "shoulder": (0.0958, 0.821, 7.06e-4),
@@ -150,7 +152,7 @@ def step(setup: Setup, params: DetectorParams, state: DetectorsState, signal: De
     detectors = []
     for use, thresholds, before in zip(setup.detectors, params.thresholds, state.detectors, strict=True):
         score = reduce(jnp.maximum, [_score(use, scores) for _, scores in views])
-        detectors.append(_watch(before, thresholds, jnp.where(armed, score, 0.0), signal.tick))
+        detectors.append(_watch(before, thresholds, _counted(score, armed), signal.tick))
     return DetectorsState(tuple(arm for arm, _ in views), tuple(detectors))
 
 
@@ -220,6 +222,11 @@ def _score(use: DetectorUse, scores: _Scores) -> Scalar:
     if use.fusion == "all":
         return jnp.minimum(low, c)
     return jnp.maximum(high, c) if use.fusion == "any" else jnp.maximum(low, jnp.minimum(high, c))
+
+
+def _counted(score: Scalar, armed: Scalar) -> Scalar:
+    """A score as it counts: none where it is no number, which is above no threshold, and never infinite."""
+    return jnp.where(armed & (score == score), jnp.minimum(score, LARGEST), 0.0)
 
 
 def _watch(before: DetectorState, thresholds: tuple[Scalar, ...], score: Scalar, tick: Scalar) -> DetectorState:

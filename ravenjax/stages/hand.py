@@ -28,10 +28,10 @@ import math
 from collections.abc import Sequence
 from typing import Annotated
 
-import jax.numpy as jnp
 import numpy as np
 
 from ravenjax.numbers.algebra import dot
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.setup import Setup, real
 from ravenjax.numbers.vec import Scalar, Vec, record
@@ -81,8 +81,9 @@ def init(setup: Setup) -> HandState:
 
 
 def step(setup: Setup, params: HandParams, state: HandState, pull: Vec) -> HandState:
-    """One tick under the cue's force `pull` (3, device units, axes of the console)."""
+    """One tick under the cue's force `pull` (3, device units, axes of the console); one without direction is none."""
     stiffness, damping = impedance(params)
+    pull = pull.map(lambda x: jnp.where(x == x, x, 0.0))
     force = turned(pull, params.turn_deg) * params.newtons_per_unit
     momentum = 2.0 * params.mass / TICK_S
     mean = force + state.velocity * momentum - state.displacement * stiffness

@@ -20,8 +20,7 @@ from __future__ import annotations
 from functools import reduce
 from typing import Annotated
 
-import jax.numpy as jnp
-
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import Reserved
 from ravenjax.numbers.setup import Setup
 from ravenjax.numbers.vec import Scalar, Vec, as_int, earliest, record
@@ -111,7 +110,8 @@ def init(setup: Setup, params: HapticParams) -> HapticState:
 def cue_force(cue: CueParams, distance: Scalar, closing_speed: Scalar) -> Scalar:
     """Force of one cue (device units) for |e| in m and (v_model - v_robot) . d in m/s."""
     pull = cue.kp * distance + cue.kd * closing_speed
-    return jnp.where(distance > cue.threshold_m, jnp.minimum(jnp.maximum(pull, 0.0), cue.cap), 0.0)
+    # a pull that is no number, as of a joint velocity whose bits were flipped, gives no force
+    return jnp.where((distance > cue.threshold_m) & (pull > 0.0), jnp.minimum(pull, cue.cap), 0.0)
 
 
 def step(

@@ -16,9 +16,9 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-import jax.numpy as jnp
-
+from ravenjax.numbers import finite
 from ravenjax.numbers.algebra import dot
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import Reserved
 from ravenjax.numbers.setup import Setup, per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
@@ -98,7 +98,7 @@ class MonitorState:
     loss: Scalar  # int32, first tick of loss of motion; -1: never
     false_report: Scalar  # int32, first tick of a false report; -1: never
     halted: Scalar  # int32, ticks in which the operator held the pedal down and the robot was not live
-    failed: Scalar  # int32, first tick in which the true tip was not a finite number; -1: never
+    finite: finite.FiniteState  # of the tips, their distances and whatever else the robot's tick enters
     ticks: Scalar  # int32
 
 
@@ -171,7 +171,7 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Mon
         loss=never,
         false_report=never,
         halted=jnp.int32(0),
-        failed=never,
+        finite=finite.init(),
         ticks=jnp.int32(0),
     )
 
@@ -281,16 +281,17 @@ def step(
 ) -> MonitorState:
     """The observer after this tick."""
     arms, off = zip(*per_arm(setup, lambda i, arm: _arm(params, state.arms[i], signal, reference, i)), strict=True)
-    diverged, finite = jnp.bool_(False), jnp.bool_(True)
-    unintended, loss, false_report = jnp.bool_(False), jnp.bool_(False), jnp.bool_(False)
-    for i, distance in enumerate(off):
+    diverged, unintended, loss, false_report = (jnp.bool_(False),) * 4
+    for distance in off:
         diverged = diverged | (distance.golden > params.diverged)
         unintended = unintended | (distance.unintended > params.limit)
         loss = loss | (distance.loss > params.limit)
         false_report = false_report | (distance.false_report > params.limit)
-        tip = signal.tip[i]
-        total = tip[0] + tip[1] + tip[2]
-        finite = finite & (total - total == 0.0)
+    watched = {
+        "tip": [x for tip in signal.tip for x in tip],
+        "model tip": [x for tip in signal.model_tip for x in tip],
+        "deviation": [x for arm in arms for x in (arm.square_model, arm.square_golden, arm.path)],
+    }
     return MonitorState(
         arms=arms,
         tip_distance=jnp.minimum(state.tip_distance, signal.distance),
@@ -299,7 +300,7 @@ def step(
         loss=_first(signal.tick, signal.live & loss, state.loss),
         false_report=_first(signal.tick, signal.live & false_report, state.false_report),
         halted=state.halted + as_int(signal.pedal & ~signal.live),
-        failed=_first(signal.tick, ~finite, state.failed),
+        finite=finite.step(state.finite, watched, signal.tick),
         ticks=state.ticks + as_int(True),
     )
 
@@ -345,7 +346,7 @@ def outcomes(setup: Setup, state: MonitorState) -> dict[str, Scalar]:
         "jump_text_ms": earliest("large_jump"),
         "jump_tip_ms": earliest("tip_jump"),
         "diverged_ms": state.diverged,
-        "failed_ms": state.failed,
+        **finite.outcomes(state.finite),
     }
     for arm, arm_state in zip(setup.arms, state.arms, strict=True):
         for joint, peak in zip(setup.joints, arm_state.peak_dac, strict=True):

@@ -12,10 +12,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import jax.numpy as jnp
 import numpy as np
 
 from ravenjax.numbers.counter_random import uniform
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, as_int, record, where
 
 _LENGTH = 0

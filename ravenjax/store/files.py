@@ -1,12 +1,14 @@
-"""Writing files so that a reader sees the whole of one or nothing of it."""
+"""Writing files so that a reader sees the whole of one or nothing of it; reading their JSON."""
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
+import json
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from ravenjax.errors import StoreError
 
@@ -41,6 +43,17 @@ def replace(path: Path, text: str) -> None:
     temporary = path.with_name(f".{path.name}.tmp")
     temporary.write_text(text, encoding="utf-8")
     os.replace(temporary, path)
+
+
+def parsed(text: str) -> Any:
+    """What a text of JSON says; ValueError where it is none, or where its lists and tables lie too deep in each other.
+
+    `json.loads` would go to the end of the stack.
+    """
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("lists or tables are nested too deeply") from None
 
 
 def _sync_folder(folder: Path) -> None:

@@ -25,7 +25,7 @@ from ravenjax.errors import StoreError
 from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
 from ravenjax.store import schema
-from ravenjax.store.files import write_aside
+from ravenjax.store.files import parsed, write_aside
 from ravenjax.store.motion.summary import MotionSummary
 from ravenjax.store.parts import Part, require_version
 from ravenjax.vocabulary.robot import Robot
@@ -198,7 +198,7 @@ def read(folder: Path) -> Manifest:
     """The manifest of a result folder; StoreError where there is none, it is damaged, or newer than this reader."""
     path = folder / FILE
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = parsed(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
         raise StoreError(
             f"{folder}: is not a result folder, it holds no {FILE}. Give the folder named by --out of `ravenjax run`."
@@ -326,11 +326,11 @@ def code_hash(robot: Robot = robots.USUAL) -> str:
     Those of a robot that lives outside this package count, too.
     """
     package = Path(__file__).resolve().parents[1]
-    digest = hashlib.sha256()
+    digest, folders = hashlib.sha256(), tuple(f"{reader}/" for reader in _READERS)
     for path in sorted(package.rglob("*.py")):
-        name = path.relative_to(package)
-        if not any(name.is_relative_to(reader) for reader in _READERS):
-            digest.update(name.as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+        name = path.relative_to(package).as_posix()
+        if not f"{name}/".startswith(folders):
+            digest.update(name.encode() + b"\0" + path.read_bytes() + b"\0")
     for path in _own_files(robot, package):
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()

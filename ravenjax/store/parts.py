@@ -26,6 +26,9 @@ _NAME = re.compile(r"part-(\d{9})-(\d{9})\.parquet")
 
 FEWEST_ROWS, MOST_ROWS = 1024, 65_536
 """Rows of a part where the user names no number: fewer cost more to write than to compute, more are late to be safe."""
+ALONE, PARTS = 4, 32
+"""Times the fewest where one process computes all, whose threads wait for what writes; and parts for each process where
+that gives enough rows."""
 
 
 class ForeignPart(StoreError):
@@ -50,9 +53,11 @@ class Part(BaseModel):
         return range(self.first, self.last + 1)
 
 
-def rows_of_a_part(runs: int) -> int:
-    """Rows of each part of a campaign of so many runs where nobody chose a number."""
-    return min(max(-(-runs // 64), FEWEST_ROWS), MOST_ROWS)
+def rows_of_a_part(runs: int, workers: int | None = 1) -> int:
+    """Rows of each part of a campaign of so many runs, where nobody chose a number; workers: processes that compute it,
+    None: not known."""
+    fewest = FEWEST_ROWS * (ALONE if workers == 1 else 1)
+    return min(max(-(-runs // (PARTS * (workers or 2))), fewest), MOST_ROWS)
 
 
 class Encoded(NamedTuple):

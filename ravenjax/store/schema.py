@@ -64,6 +64,7 @@ class Shape:
     hand_yields: bool = False  # the cue's force moves the operator's hand
     cables: bool = False  # what the robot's cables carry is an outcome
     detectors: tuple[int, ...] = ()  # how many thresholds each detector has
+    observes: bool = False  # runs end some time after their last fault has
 
 
 def columns(shape: Shape) -> tuple[Column, ...]:
@@ -74,6 +75,7 @@ def columns(shape: Shape) -> tuple[Column, ...]:
         *(column for slot in range(shape.slots) for column in _fault(slot)),
         *(Column(f"param:{path}", "float64", "as the parameter", "varied parameter") for path in shape.parameters),
         *(column for slot in range(shape.slots) for column in _applied(slot)),
+        *_observed(shape),
         *_course(robot),
         *(column for check in shape.checks for column in _check(robot.check(check))),
         *(column for cue in range(shape.cues) for column in _cue(cue)),
@@ -87,7 +89,8 @@ def columns(shape: Shape) -> tuple[Column, ...]:
             for arm in shape.arms
             for joint in shape.joints
         ),
-        Column("failed", "category", "", 'why the outcome is not valid: "" (valid), "nan"'),
+        Column("failed", "category", "", 'why the outcome is not valid, as "model tip not finite"; "": it is valid'),
+        Column("failed_first_ms", "int32", "ms", "when that number was first not finite, -1 if never"),
         Column(
             "hazard", "category", "", '"unintended motion", "loss of motion", "false report" or "none", the gravest'
         ),
@@ -125,12 +128,22 @@ def _applied(slot: int) -> Iterator[Column]:
     yield Column(f"{name}ticks", "int32", "ticks", "how many ticks it did")
 
 
+OBSERVED = "observed_ms"
+"""Column of when a run ended."""
+
+
+def _observed(shape: Shape) -> Iterator[Column]:
+    if shape.observes:
+        meaning = "when the run ended, observe_ms after its last fault; outcomes, the golden run's too, are until then"
+        yield Column(OBSERVED, "int32", "ms", meaning)
+
+
 def _course(robot: Robot) -> Iterator[Column]:
     yield Column("activated", "bool", "", "the fault changed at least one bit of a signal")
     yield Column("first_active_ms", "int32", "ms", "when it first did, -1 if never")
     yield Column("active_ticks", "int32", "ticks", "how many ticks it did")
     levels = ", ".join(f"{number} {name}" for number, name in enumerate(robot.run_levels))
-    yield Column("end_runlevel", "int8", "", f"run level at the end: {levels}")
+    yield Column("end_runlevel", "int8", "", f"run level at the end: {levels}; -1: a number that is none")
     yield Column("pedal_down_ms", "int32", "ms", "time in pedal-down without software E-stop")
     yield Column("diverged", "bool", "", "the robot's course differs from that of the golden run")
     yield Column(
@@ -182,6 +195,9 @@ def _detector(detector: int, thresholds: int) -> Iterator[Column]:
         )
         yield Column(f"{name}_threshold{threshold}_alarms", "int32", "", "detector: separate alarms at this threshold")
 
+
+MAY_BE_INFINITE = ("_margin", "_score")
+"""Ends of names of columns that are infinite where nothing was ever measured."""
 
 GOLDEN = "golden_"
 """Prefix of what is kept of the golden run's outcome."""

@@ -13,13 +13,11 @@ import contextlib
 import csv
 import dataclasses
 import multiprocessing
-import os
 import secrets
 import socket
 import time
 from collections.abc import Callable
 from datetime import UTC, datetime
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
@@ -31,9 +29,9 @@ from ravenjax.robots.raven2.geometry import scene
 from ravenjax.store import files, manifest
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.trainer import judge, page, scenario
+from ravenjax.trainer import judge, page, processes, scenario
+from ravenjax.trainer.consoles import ItpConsole, Scripted
 from ravenjax.trainer.page.options import loopback
-from ravenjax.trainer.protocol.frame import Frame
 from ravenjax.trainer.realtime import clock, loop
 from ravenjax.trainer.realtime.clock import LoopTiming
 from ravenjax.trainer.realtime.interruption import until_interrupted
@@ -53,8 +51,6 @@ from ravenjax.trainer.session.simulation import SimulatedRobot
 
 KEPT_FRAMES, KEPT_EVENTS, KEPT_COMMANDS = 4096, 1024, 256
 """Rows of the rings: four seconds of frames, more events and commands than come in that time."""
-STARTING_S = 60.0
-"""Longest that page and recorder may take to be there."""
 COMMANDS = "commands.jsonl"
 """What was said to the session (up to `session.MOST_HEARD`): a script that makes it again."""
 Say = Callable[[str], None]
@@ -110,7 +106,7 @@ def realtime(
         stack.callback(events.close)
         stack.callback(frames.close)
         names = tuple(session.layout.names())
-        recording = _spawn(
+        recording = processes.spawn(
             stack, recorder.run, recorder.RecorderOptions(frames.name, events.name, names, options.folder, header)
         )
         consoles: list[loop.Console] = []
@@ -123,18 +119,18 @@ def realtime(
             server = ItpServer(session.arms, options.host, options.itp_port)
             stack.callback(server.close)
             stack.callback(lambda: say(f"console: {_counted(server.counters())}"))
-            consoles.append(_ItpConsole(server, session))
+            consoles.append(ItpConsole(server, session))
             say("console: ITP over UDP {}:{}".format(*server.address))
         if options.script is not None:
-            consoles.append(_Scripted(options.script, session))
-        _wait_for(recording, options.folder / session_log.FILE)
+            consoles.append(Scripted(options.script, session))
+        processes.wait_for(recording, options.folder / session_log.FILE)
         stop = stack.enter_context(until_interrupted())
         with clock.realtime() as granted:
             say(f"realtime: {granted}")
-            timing = loop.run(session, frames, events, consoles, lambda: bool(stop), lambda: _ended(recording))
-        if trouble := _ended(recording):
+            timing = loop.run(session, frames, events, consoles, lambda: bool(stop), lambda: processes.ended(recording))
+        if trouble := processes.ended(recording):
             say(trouble)
-        recording.join(STARTING_S)
+        recording.join(processes.STARTING_S)
         result = _conclude(options, session, timing, say)
         if with_page and linger_s != 0:
             say("the page stays until Ctrl-C" if linger_s is None else f"the page stays for {linger_s:g} s")
@@ -158,7 +154,7 @@ def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSess
     header = {"started": recorder.now(), **_header(options, session), "ended": None}
     description.write(options.folder, header)
     log = session_log.SessionWriter(options.folder / session_log.FILE, tuple(session.layout.names()), header)
-    driver = _Scripted(options.script, session)
+    driver = Scripted(options.script, session)
     block: list[np.ndarray] = []
     events: list[dict[str, Any]] = []
     first = 0
@@ -261,14 +257,16 @@ def _open_page(
         port=options.port,
         token=token,
     )
-    process = _spawn(stack, page.run, page_options)
+    process = processes.spawn(stack, page.run, page_options)
     port_taken.close()
-    if not port_told.poll(STARTING_S):
-        raise UserError(f"the page did not start within {STARTING_S:g} s; try `--no-page`, or `ravenjax doctor`")
+    if not port_told.poll(processes.STARTING_S):
+        raise UserError(
+            f"the page did not start within {processes.STARTING_S:g} s; try `--no-page`, or `ravenjax doctor`"
+        )
     try:
         port = port_told.recv()
     except EOFError:
-        process.join(STARTING_S)
+        process.join(processes.STARTING_S)
         raise UserError(f"the page's process ended with code {process.exitcode}; its message stands above") from None
     ask = f"&token={token}" if token else ""
     host = "127.0.0.1" if options.host in ("0.0.0.0", "") else options.host
@@ -290,38 +288,6 @@ def _require_address(host: str, port: int) -> None:
         ) from None
     if not 0 <= port <= 65535:
         raise UserError(f"port is {port}, expected 0 (any free one) to 65535")
-
-
-def _spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any) -> BaseProcess:
-    """A process of its own, never a fork: jax does not survive one."""
-    process = multiprocessing.get_context("spawn").Process(target=target, args=(given,), daemon=True)
-    process.start()
-    if process.pid is not None and (cpus := clock.other_cpus()):
-        os.sched_setaffinity(process.pid, cpus)
-
-    def end() -> None:
-        process.terminate()
-        process.join(5.0)
-        if process.is_alive():
-            process.kill()
-
-    stack.callback(end)
-    return process
-
-
-def _wait_for(recording: BaseProcess, path: Path) -> None:
-    end = time.monotonic() + STARTING_S
-    while not path.exists():
-        if not recording.is_alive() or time.monotonic() > end:
-            raise UserError(f"{path.parent}: the recorder did not start (exit code {recording.exitcode})")
-        time.sleep(0.02)
-
-
-def _ended(recording: BaseProcess) -> str | None:
-    """What to tell where the recorder has ended before the session."""
-    if recording.is_alive() or recording.exitcode == 0:
-        return None
-    return f"the recorder has ended (exit code {recording.exitcode}): the session goes on unrecorded"
 
 
 def _conclude(options: SessionOptions, session: Session, timing: LoopTiming | None, say: Say) -> FinishedSession:
@@ -364,40 +330,3 @@ def _blinded(options: SessionOptions) -> bool:
 
 def _counted(counts: dict[str, int]) -> str:
     return ", ".join(f"{name} {count}" for name, count in counts.items() if count) or "nothing arrived"
-
-
-class _Scripted:
-    """A scripted or recorded operator as a console."""
-
-    def __init__(self, script: str, session: Session) -> None:
-        self._session = session
-        self._operator: scripts.SessionOperator
-        if script in scripts.REACTIONS:
-            speeds = session.scenario.speeds
-            self._operator = scripts.Follower(session.task, session.arms, speeds, reaction=script)  # type: ignore[arg-type]
-        else:
-            self._operator = scripts.load(script)
-
-    def poll(self) -> list[dict[str, Any]]:
-        return self._operator.messages(self._session.ticks, self._session.frame)
-
-    def tell(self, frame: Frame) -> None:
-        """It sees the frame when it is asked."""
-
-
-class _ItpConsole:
-    """A console over the network: increments in, force out."""
-
-    def __init__(self, server: ItpServer, session: Session) -> None:
-        self._server, self._arms = server, session.arms
-        self._still: dict[str, Any] = dict.fromkeys(session.arms, (0.0, 0.0, 0.0))
-
-    def poll(self) -> list[dict[str, Any]]:
-        return self._server.poll()
-
-    def tell(self, frame: Frame) -> None:
-        felt = frame.number("cue_on") and frame.number("console_alive")
-        forces = self._still
-        if felt:
-            forces = {arm: frame[f"{arm}/force"].tolist() for arm in self._arms}
-        self._server.send_force(forces, int(frame.number("runlevel")), bool(frame.number("soft_estopped")))

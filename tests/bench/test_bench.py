@@ -11,15 +11,19 @@ import mujoco
 import numpy as np
 import pytest
 
-from ravenjax.bench import clock, operations, peak, peers, speed, suite, tables
+from ravenjax.bench import clock, operations, peak, peers, software, speed, start, suite, tables
 from ravenjax.bench.clock import WorkTiming
 from ravenjax.bench.operations import Operations
 from ravenjax.bench.peers import Peer
+from ravenjax.bench.software import SoftwareSpeed
 from ravenjax.bench.speed import Batch, Speed
+from ravenjax.bench.start import ShellStart
 from ravenjax.bench.suite import BenchFindings, BenchMachine, Campaigns
 from ravenjax.bench.workload import PATTERN_RUNS, Workload
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.robots.raven2.dynamics.mjx_dynamics import mjx
+from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
+from ravenjax.robots.raven2.software.control_software import ControlSoftware
 
 TICKS = 20
 
@@ -45,6 +49,8 @@ def findings():
         (Peer("mujoco.rollout", "CPU", 10, 200, 0.0, WorkTiming(0.01, 0.02, 3)),),
         Peer("published 3-joint Euler model", "CPU, 1 core", 1, 1000, 0.1, WorkTiming(0.0055, 0.006, 3)),
         Campaigns("simd", 1000, {100: 3.0, 1100: 4.0}),
+        SoftwareSpeed(2000, 200, WorkTiming(0.02, 0.03, 3), WorkTiming(0.01, 0.02, 3), WorkTiming(0.2, 0.3, 3)),
+        (ShellStart("ravenjax run quick, nothing cached", 4.9, 6.5, 512.0),),
     )
 
 
@@ -64,8 +70,18 @@ def test_json_and_tables_tell_everything():
     assert again["ratios"]["simd"]["mujoco.rollout"] == 5.0
     assert again["engines"][0]["batches"][1]["ticks_per_s"] == 1e6
     assert again["machine"]["load_after"] == 1.5
+    assert again["software"]["ticks_per_s"] == {"step": 1e5, "run": 2e5, "interpreted": 1e3}
     page = tables.markdown(found, "ravenjax bench")
-    for text in ("CPU [4]", "no GPU", "0.5 before, 1.5 after", "50 %", "simd / engine mjx | 1,000", "5.5 | 0.50 | yes"):
+    for text in (
+        "CPU [4]",
+        "no GPU",
+        "0.5 before, 1.5 after",
+        "50 %",
+        "simd / engine mjx | 1,000",
+        "compiled, a call each | 100,000 | 10 | 100",
+        "5.5 | 0.50 | yes",
+        "nothing cached | 4.90 | 6.50 | 512 MB",
+    ):
         assert text in page
     for _, columns, rows in tables.tables(found):
         assert rows and all(len(row) == len(columns) for row in rows)
@@ -74,6 +90,16 @@ def test_json_and_tables_tell_everything():
 def test_the_published_model_is_stepped():
     found = peers.published_model(50, 1, 0.01)
     assert (found.robots, found.steps) == (1, 50) and found.steps_per_s > 1000
+
+
+def test_the_control_software_is_timed_in_pedal_down():
+    rates = software.measure(20, 5, 1, 0.01).ticks_per_s
+    assert rates["interpreted"] < min(rates["step"], rates["run"])
+    there = ControlSoftware(jpos=[list(HOME_JPOS)] * 2, runlevel=3)
+    encoders, datagrams = software.inputs(np.array(there.state.usb.enc_val), 2000)
+    signals = there.run(encoders, datagrams, software.PINS).signals
+    assert set(signals.runlevel) == {3} and not signals.soft_estopped.any()
+    assert len(set(signals.arms[0].current_cmd[0])) > 100 and signals.last_seq[-1] == 2000
 
 
 def test_no_two_runs_are_alike(work):
@@ -160,3 +186,11 @@ def _sleeps() -> None:
 
 def test_a_peer_that_does_not_finish_is_left_out():
     assert peers.apart(_sleeps, limit_s=0.5) == "not finished within 0 s"  # type: ignore[arg-type]
+
+
+def test_a_command_is_timed_in_a_process_of_its_own(tmp_path):
+    one = start._timed("--help", tmp_path, "--help")
+    assert one.what == "ravenjax --help" and one.cpu_s > 0.0 and one.seconds > 0.0
+    assert 5.0 < one.peak_mb < 500.0
+    with pytest.raises(RuntimeError, match="no_such_campaign"):
+        start._timed("run", tmp_path, "run", "no_such_campaign")

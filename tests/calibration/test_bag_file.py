@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ravenjax.calibration import replay, table_file
+from ravenjax.calibration import position_loop, table_file
 from ravenjax.calibration.log import JointLog
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.arms import JOINTS, ArmName
@@ -29,7 +29,7 @@ GOLD, GREEN = motion(0.0), motion(2.0)
 
 
 def read(path: Path, arm: ArmName = "gold", period_ms: float | None = None) -> JointLog:
-    return table_file.read(path, arm, "r_grasper", "raven2", replay.RAVEN2, period_ms)
+    return table_file.read(path, arm, "r_grasper", "raven2", position_loop.RAVEN2, period_ms)
 
 
 def of_csv(folder: Path, one: bags.Motion) -> JointLog:

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ravenjax.calibration import replay, table_file
+from ravenjax.calibration import position_loop, table_file
 from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import JOINTS
@@ -18,7 +18,7 @@ ARM, TOOL, SOFTWARE = "gold", "r_grasper", "fork2015"
 
 
 def read(path: Path, period_ms: float | None = 2.0):
-    return table_file.read(path, ARM, TOOL, SOFTWARE, replay.FORK2015, period_ms)
+    return table_file.read(path, ARM, TOOL, SOFTWARE, position_loop.FORK2015, period_ms)
 
 
 def joints(rows: int = 5) -> np.ndarray:
@@ -61,7 +61,7 @@ def test_what_the_robot_was_asked_for_follows_from_its_torque(tmp_path) -> None:
     """tau = KP (mpos_d - mpos) - KD mvel, in counts of the gold arm, for a robot that stands."""
     columns: dict[str, object] = {}
     for j, word in enumerate(JOINTS[:3]):
-        torque = float(replay.FORK2015.kp[j]) * 0.5
+        torque = float(position_loop.FORK2015.kp[j]) * 0.5
         columns[f"mpos_{word}"] = np.full(5, 100.0)
         columns[f"mvel_{word}"] = np.zeros(5)
         columns[f"dac_{word}"] = -torque * float(transmission.COUNTS_PER_NM[j])

@@ -85,6 +85,7 @@ def table():
     }
 
 
+@pytest.mark.slow
 def test_a_hand_that_no_force_reaches_leaves_every_outcome_as_it_was(table):
     unmoved = table["unmoved"].drop(columns=["hand_mm", "golden_hand_mm"])
     assert (table["unmoved"]["hand_mm"] == 0.0).all()
@@ -98,6 +99,7 @@ def test_without_a_hand_none_is_in_the_tick():
     assert "hand_mm" not in rj.run(tables(), engine="simd").columns
 
 
+@pytest.mark.slow
 def test_the_golden_run_has_a_hand_too_and_no_cue_moves_it(table):
     assert (table["moved"]["golden_hand_mm"] == 0.0).all() and table["moved"]["hand_mm"].tolist()[0] == 0.0
     assert table["moved"]["hand_mm"].tolist()[1] > 10.0

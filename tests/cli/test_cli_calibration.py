@@ -13,7 +13,7 @@ import pytest
 import tiny_campaign
 
 from ravenjax import cli
-from ravenjax.calibration import parameters, replay, table_file
+from ravenjax.calibration import parameters, position_loop, replay, table_file
 from ravenjax.calibration.parameters import JOINTS
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
@@ -30,12 +30,12 @@ def write_log(path: Path, cycles: int, hidden: dict[str, float]) -> bags.Motion:
     middle = np.array([0.53, 1.57, 0.40, 0.0, 0.0, 0.78, 0.78])
     sweep = np.array([0.12, 0.12, 0.01, 0.0, 0.0, 0.0, 0.0])
     desired = middle + sweep * np.sin(2.0 * np.pi * np.array([0.41, 0.53, 0.47, 0.0, 0.0, 0.0, 0.0]) * seconds)
-    wanted = parameters.unknowns(range(3))
+    wanted = parameters.unknowns(range(3), ("friction", "offsets"))
     steps = np.array([hidden.get(one.path, 0.0) for one in wanted])
-    base = robot.params(setup, "gold", "power_consistent")
-    run = replay.replay(setup, "gold", replay.RAVEN2)
+    base = position_loop.params(robot.params(setup, "gold", "power_consistent"))
+    run = replay.replay(setup, "gold", position_loop.RAVEN2)
     arrays = (jnp.asarray(x, "float32") for x in (steps, desired[0], desired))
-    joints = np.asarray(jax.jit(lambda s, f, d: run(parameters.apply(base, wanted, s), f, d))(*arrays))
+    joints = np.asarray(jax.jit(lambda s, f, d: run(parameters.apply(base, wanted, s).plant, f, d))(*arrays))
     before = np.vstack([desired[:1], joints[:-1]])  # a row is read before its cycle's command
     table = {"time_s": seconds[::4, 0]}
     for j, word in enumerate(JOINTS[:3]):
@@ -46,7 +46,7 @@ def write_log(path: Path, cycles: int, hidden: dict[str, float]) -> bags.Motion:
 
 def assert_same_log(table: Path, bag: Path) -> None:
     """Joints 1-3 of both."""
-    one, other = (table_file.read(path, "gold", "r_grasper", "raven2", replay.RAVEN2) for path in (table, bag))
+    one, other = (table_file.read(path, "gold", "r_grasper", "raven2", position_loop.RAVEN2) for path in (table, bag))
     assert one.cycles.tolist() == other.cycles.tolist()
     for name in ("desired", "measured"):
         np.testing.assert_allclose(getattr(one, name)[:, :3], getattr(other, name)[:, :3], rtol=0.0, atol=1e-6)
@@ -67,6 +67,8 @@ def test_a_log_becomes_robots_that_a_campaign_draws(tmp_path, capsys) -> None:
     base = robot.params(RavenSetup(software="raven2", arms=("gold",)), "gold", "power_consistent")
     friction, offset = (rows[f"param:{path}"] for path in (FRICTION, OFFSET))
     assert friction.nunique() > 30
+    for path in ("usb.command_delay", "plant.gold.cable_stiffness.elbow", "plant.gold.actuators.gain.insertion"):
+        assert rows[f"param:{path}"].notna().all()
     assert friction.median() == pytest.approx(float(base.actuators.coulomb[0]) * np.exp(0.6 * 0.5), rel=0.05)
     assert offset.median() == pytest.approx(float(base.actuators.bias[0]) - 0.6 * 0.02, abs=0.002)
 

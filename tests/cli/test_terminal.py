@@ -65,6 +65,6 @@ def test_outcomes_are_shares_of_valid_runs():
 
 
 def test_failures_by_cause():
-    rows = terminal.failure_rows({"nan": 5, "worker killed by SIGKILL": 20}, 1000)
-    assert rows == [("worker killed by SIGKILL", "20", "2 %"), ("nan: a number of the run was none", "5", "0.5 %")]
+    rows = terminal.failure_rows({"tip not finite": 5, "worker killed by SIGKILL": 20}, 1000)
+    assert rows == [("worker killed by SIGKILL", "20", "2 %"), ("tip not finite", "5", "0.5 %")]
     assert terminal.failure_rows({}, 0) == []

@@ -199,6 +199,48 @@ def test_workers_do_not_outlive_a_coordinator_that_is_killed(small, tmp_path):
     assert tiny.digest(tmp_path) == whole
 
 
+WITHOUT_LOCKS = (
+    "import errno, fcntl, sys\n"
+    "def refuse(*_): raise OSError(errno.ENOLCK, 'No locks available')\n"
+    "fcntl.flock = refuse\n"
+    "from ravenjax.cli import main\n"
+    "sys.exit(main(sys.argv[1:]))"
+)
+"""The command line on a file system that offers no locks, as one does that has lost them."""
+
+
+@pytest.mark.slow
+def test_shards_that_are_killed_in_a_folder_without_locks_lose_nothing(small, tmp_path):
+    """The words in the lock file of a killed process name nobody who lives; those of one that lives are heeded."""
+    file, whole = small
+    folders = [tmp_path / f"{number}" for number in (1, 2)]
+
+    def begun(number):
+        line = command(file, folders[number - 1], "--shard", f"{number}/2")[3:]
+        return subprocess.Popen(
+            [sys.executable, "-c", WITHOUT_LOCKS, *line], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+
+    for kill in range(3):
+        shards = [begun(number) for number in (1, 2)]
+        for folder, shard in zip(folders, shards, strict=True):
+            until(lambda folder=folder, least=2 * (kill + 1): len(stored(folder)) > least, shard)
+        if kill == 0:
+            shards[0].send_signal(signal.SIGSTOP)  # it lives until the other has asked
+            second = begun(1)
+            _, err = second.communicate(timeout=waiting.DEADLINE_S)
+            assert second.returncode == USER_ERROR and f"process {shards[0].pid} on" in err.replace("\n", " ")
+        for shard in shards:
+            shard.kill()
+            shard.communicate()
+    for number in (1, 2):
+        shard = begun(number)
+        printed, err = shard.communicate(timeout=waiting.DEADLINE_S)
+        assert shard.returncode == 0, printed + err
+    merging.merge(tmp_path / "joined", folders)
+    assert tiny.digest(tmp_path / "joined") == whole
+
+
 def workers_of(coordinator: int) -> list[int]:
     listed = subprocess.run(
         ["ps", "-ww", "-o", "pid=,args=", "--ppid", str(coordinator)], capture_output=True, text=True

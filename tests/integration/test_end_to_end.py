@@ -264,7 +264,7 @@ def test_two_results_are_compared(out, capsys, tmp_path):
     assert sum(one["runs"] for one in told["transitions"]["hazard"]) == RUNS - 1
     assert call("compare", out, other) == 0
     text = capsys.readouterr().out
-    assert "7 by fault; 6 pairs have a fault" in text and "plant.friction_scale" in text and "evades" in text
+    assert "by fault: 7. Compared: 6 pairs with a fault" in text and "plant.friction_scale" in text and "evades" in text
 
 
 def test_a_limit_may_leave_only_fault_free_runs(tmp_path):

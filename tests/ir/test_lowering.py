@@ -57,6 +57,7 @@ I, J = pairs(HARD_INTEGERS)
         lambda x: lax.convert_element_type(x > 0, jnp.float32) != 0.0,
         lambda x: jnp.floor(lax.convert_element_type(to_int32(x), jnp.float32)),
         lambda x: jax.jit(lambda y: y * 2.0)(x),
+        lambda x: jax.grad(lambda y: jnp.maximum(y, 0.5) * y)(x),
     ],
 )
 def test_functions_of_a_float(function):

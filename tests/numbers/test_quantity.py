@@ -14,7 +14,7 @@ from ravenjax.numbers import paths
 from ravenjax.numbers.quantity import Quantity, Reserved, quantities, reserved
 from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2 import ROBOT
-from ravenjax.robots.raven2.loop.tick import TickParams
+from ravenjax.robots.raven2.loop.records import TickParams
 
 SCALE = Quantity("", 0, 1, "a scale")
 ANGLE = Quantity("rad", -1, 1, "an angle", joints=("elbow",))

@@ -14,7 +14,7 @@ from ravenjax import robots
 from ravenjax.outcomes import definitions, events, verdict
 from ravenjax.outcomes.events import Rules
 from ravenjax.robots.raven2.checks import CHECKS
-from ravenjax.robots.raven2.loop import tick
+from ravenjax.robots.raven2.loop import run
 
 STRENGTH = {"stop": 3, "flag": 2, "limit": 1}
 WORDS = {3: "stopped", 2: "flagged", 1: "limited", 0: "silent"}
@@ -119,7 +119,7 @@ def test_what_the_golden_run_has_by_then_does_not_count():
 @pytest.mark.slow
 def test_every_check_of_the_tick_has_its_definition(any_setup_and_state):
     state = any_setup_and_state
-    assert tuple(tick.checks(state)) == tuple(CHECKS)
+    assert tuple(run.checks(state)) == tuple(CHECKS)
 
 
 @pytest.fixture(scope="module")
@@ -127,7 +127,7 @@ def any_setup_and_state():
     from ravenjax.robots.raven2.setup import RavenSetup
 
     setup = RavenSetup()
-    return tick.init(setup, tick.params(setup, ((0.4, 1.5, 0.4, 0.0, 0.0, 0.4, 0.4),)))
+    return run.init(setup, run.params(setup, ((0.4, 1.5, 0.4, 0.0, 0.0, 0.4, 0.4),)))
 
 
 EVENTS = {

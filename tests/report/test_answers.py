@@ -17,8 +17,10 @@ MANIFEST = synthetic.manifest(1200)
 FRAME = synthetic.frame(1200)
 RUNS = Runs.of(FRAME, MANIFEST)
 ALARMS = performance.alarms(RUNS, MANIFEST)
-SAID = performance.known(ALARMS)
-KNOWN = RUNS.table.frame(f"SELECT {SAID} AS ms FROM facts ORDER BY row")["ms"].to_numpy()
+SAID, EARLY = performance.known(ALARMS), performance.before_motion(ALARMS)
+KNOWN, TOLD = (
+    RUNS.table.frame(f"SELECT {sql} AS ms FROM facts ORDER BY row")["ms"].to_numpy() for sql in (SAID, EARLY)
+)
 FAULTY = (FRAME["fault0_site"] != "").to_numpy()
 VALID = FAULTY & (FRAME["failed"] == "").to_numpy()
 UNTOLD = VALID & FRAME["response"].isin(["silent", "limited"]).to_numpy()
@@ -41,6 +43,41 @@ def test_first_possible_knowledge():
     assert [KNOWN[index] for index in chosen] == [naive_known(index) for index in chosen]
 
 
+def naive_told(index):
+    """The same without the cue of 3 mm, which is the limit of hazards here, and without a tip error of as much."""
+    row = FRAME.loc[index]
+    quiet = [d for d in (0, 1) if MANIFEST.detectors[d].kind != "tip_error" or MANIFEST.detectors[d].thresholds[0] < 3]
+    times = [row["told_ms"], *(row[f"detector{d}_threshold0_first_ms"] for d in quiet)]
+    return min([t for t in times if t >= max(0, row["first_active_ms"])], default=-1)
+
+
+def test_what_may_come_before_the_motion_leaves_out_a_cue_at_its_own_distance():
+    chosen = FRAME.index[MOVED][:200]
+    assert [TOLD[index] for index in chosen] == [naive_told(index) for index in chosen]
+    deaf = FRAME.assign(**{name: -1 for name in FRAME if name.startswith("detector")})
+    runs = Runs.of(synthetic.judged(deaf), MANIFEST)
+    known, told = (
+        runs.table.frame(f"SELECT {sql} AS ms FROM facts ORDER BY row")["ms"].to_numpy() for sql in (SAID, EARLY)
+    )
+    assert (told == FRAME["told_ms"])[MOVED].all() and (known != told)[MOVED].any()
+
+
+def test_a_lower_cue_is_offered_where_the_cue_of_the_verdicts_is_no_warning():
+    found = answers.knowledge(RUNS, SAID, EARLY, MANIFEST)
+    below = [k for k, cue in enumerate(MANIFEST.cues) if cue.threshold_mm < MANIFEST.limit_mm]
+    nearest = max(below, key=lambda k: MANIFEST.cues[k].threshold_mm)
+    assert found.lower is not None and found.lower.cue == MANIFEST.cues[nearest]
+    cue = naive_facts.warned(FRAME, nearest)
+    cue = np.where(cue >= np.maximum(0, FRAME["first_active_ms"]), cue, -1)
+    first = np.where((TOLD >= 0) & (cue >= 0), np.minimum(TOLD, cue), np.maximum(TOLD, cue))
+    assert found.lower.before == wilson(int((MOVED & (first >= 0) & (first < MOTION_MS)).sum()), int(MOVED.sum()))
+    leading = synthetic.manifest(1200, verdict_cue=nearest)
+    runs = Runs.of(synthetic.judged(FRAME, nearest), leading)
+    alarms = performance.alarms(runs, leading)
+    known, early = performance.known(alarms), performance.before_motion(alarms)
+    assert answers.knowledge(runs, known, early, leading).lower is None
+
+
 def test_nobody_knows_by_a_limit():
     limited = (FRAME["response"] == "limited").to_numpy() & MOVED
     assert limited.sum() > 3 and (FRAME.loc[limited, "response_ms"] >= 0).all()
@@ -51,10 +88,11 @@ def test_nobody_knows_by_a_limit():
 
 
 def test_time_to_know_is_of_unintended_motions_and_censored():
-    found = answers.knowledge(RUNS, SAID, MANIFEST)
+    found = answers.knowledge(RUNS, SAID, EARLY, MANIFEST)
     known, motion = KNOWN[MOVED], MOTION_MS[MOVED]
     assert found.delay.n == MOVED.sum() and found.never == wilson(int((known < 0).sum()), len(known))
-    assert found.lead.before == wilson(int(((known >= 0) & (known < motion)).sum()), len(known))
+    told = TOLD[MOVED]
+    assert found.lead.before == wilson(int(((told >= 0) & (told < motion)).sum()), len(known))
     assert found.by_detectors
     times = np.where(known >= 0, known, MANIFEST.duration_ms) - FRAME.loc[MOVED, "first_active_ms"].to_numpy()
     curve = SurvfuncRight(times, known >= 0)
@@ -64,13 +102,13 @@ def test_time_to_know_is_of_unintended_motions_and_censored():
 
 
 def test_nobody_can_know_what_nothing_tells():
-    found = answers.knowledge(RUNS, "-1", MANIFEST)
+    found = answers.knowledge(RUNS, "-1", "-1", MANIFEST)
     assert found.never.value == 1 and np.isnan(found.half_ms.value) and found.lead.before.k == 0
 
 
 @pytest.mark.parametrize(("kind", "column"), [("group", "group"), ("site", "fault0_site")])
 def test_classes_against_a_plain_count(kind, column):
-    rows = {row.name: row for row in answers.classes(RUNS, SAID, MANIFEST)[kind]}
+    rows = {row.name: row for row in answers.classes(RUNS, SAID, EARLY, MANIFEST)[kind]}
     assert set(rows) == set(FRAME.loc[FAULTY, column].astype(str))
     for name, row in rows.items():
         mine = VALID & (FRAME[column].astype(str) == name).to_numpy()
@@ -78,20 +116,22 @@ def test_classes_against_a_plain_count(kind, column):
         assert row.evaded == wilson(int((EVADING & mine).sum()), n)
         assert row.unintended == wilson(int((MOVED & mine).sum()), n)
         assert row.loss == wilson(int((LOST & mine).sum()), n)
-        before = MOVED & mine & (KNOWN >= 0) & (KNOWN < MOTION_MS)
+        before = MOVED & mine & (TOLD >= 0) & (TOLD < MOTION_MS)
         assert (row.before.k, row.before.n) == (int(before.sum()), int((MOVED & mine).sum()))
 
 
 def test_a_class_of_which_every_run_failed_comes_last():
     failed = FRAME["failed"].where(FRAME["group"] != "dac_after_checks", "nan")
-    rows = answers.classes(Runs.of(synthetic.judged(FRAME.assign(failed=failed)), MANIFEST), SAID, MANIFEST)["group"]
+    rows = answers.classes(Runs.of(synthetic.judged(FRAME.assign(failed=failed)), MANIFEST), SAID, EARLY, MANIFEST)[
+        "group"
+    ]
     assert rows[-1].name == "dac_after_checks" and rows[-1].evaded.n == 0
     shares = [row.evaded.value for row in rows[:-1]]
     assert shares == sorted(shares, reverse=True) and len(rows) == len(synthetic.BLOCKS)
 
 
 def test_most_evasive_classes_come_first():
-    for rows in answers.classes(RUNS, SAID, MANIFEST).values():
+    for rows in answers.classes(RUNS, SAID, EARLY, MANIFEST).values():
         shares = [row.evaded.value for row in rows]
         assert shares == sorted(shares, reverse=True)
 

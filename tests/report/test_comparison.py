@@ -119,9 +119,9 @@ def test_what_differs_is_named(found):
     assert [one.path for one in found.environment] == ["code_hash"]
     pairs = found.pairs
     assert found.sentences() == [
-        f"{pairs.by_run_id} runs are paired by run id, {pairs.by_fault} by fault; "
-        f"{pairs.compared} pairs have a fault and two valid outcomes and are compared.",
-        f"They are of {pairs.compared} faults. Intervals, 95 %, are over these faults, all pairs of a fault together.",
+        f"Paired by run id: {pairs.by_run_id} runs, by fault: {pairs.by_fault}. "
+        f"Compared: {pairs.compared} pairs with a fault and two valid outcomes.",
+        f"Of {pairs.compared} faults; intervals, 95 %, are over these faults, all pairs of a fault together.",
     ]
     assert pairs.faults == pairs.compared and pairs.sampled
 

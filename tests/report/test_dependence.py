@@ -9,7 +9,7 @@ import synthetic_results as synthetic
 
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import dependence
-from ravenjax.stats.intervals import wilson
+from ravenjax.stats.intervals import share
 
 RUNS = 900
 FRAME = synthetic.frame(RUNS)
@@ -35,7 +35,7 @@ def test_the_parameter_that_decides_is_found_and_the_others_are_not():
     motion = found["makes an unintended motion"]
     chosen = (frame["fault0_site"] != "") & (frame["failed"] == "")
     hits = chosen & (frame["unintended_first_ms"] >= 0)
-    assert motion.rate == wilson(int(hits.sum()), int(chosen.sum()))
+    assert motion.rate == share(int(hits.sum()), int(chosen.sum()))
     by_name = {item.name: item for item in motion.dependences}
     assert set(by_name) == {"plant.friction_scale", "plant.mass_scale"}
     assert by_name["plant.friction_scale"].depends and not by_name["plant.mass_scale"].depends
@@ -55,7 +55,7 @@ def test_every_rate_against_a_plain_count():
         "leads to a loss of motion": lost.sum(),
         "is told of by a check": told.sum(),
     }
-    assert found == {name: wilson(int(k), len(valid)) for name, k in counts.items()}
+    assert found == {name: share(int(k), len(valid)) for name, k in counts.items()}
 
 
 def test_only_what_varies_of_the_robot_is_asked():

@@ -46,6 +46,9 @@ def test_every_site_by_pandas():
 def test_the_page_says_so_where_tensions_are_known(tmp_path):
     html = page.render(Runs.of(FRAME, MANIFEST), MANIFEST, tmp_path)
     assert "Overloaded cables" in html and "overloaded cable</dt>" in html and "held all the same" in html
+    quiet = FRAME.assign(cable_overload_first_ms=-1, cable_overload="", cable_load=np.float32(0.3))
+    html = page.render(Runs.of(quiet, MANIFEST), MANIFEST, tmp_path)
+    assert "golden run. None was." in html and "held all the same" not in html
     plain = synthetic.manifest(RUNS)
     without = page.render(Runs.of(PLAIN, plain), plain, tmp_path)
     assert "verloaded cable" not in without

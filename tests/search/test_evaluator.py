@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from ravenjax.campaign import compile_cache, plan, runner
 from ravenjax.campaign import loading as campaigns
-from ravenjax.campaign import plan, runner
 from ravenjax.campaign.faults import sampling
 from ravenjax.engines import traced
 from ravenjax.errors import UserError
@@ -109,6 +109,7 @@ def test_the_tick_is_traced_once(template, monkeypatch):
     calls = []
     original = traced.trace
     traced.forget()
+    monkeypatch.setenv(compile_cache.VARIABLE, "off")
     monkeypatch.setattr(traced, "trace", lambda *args: calls.append(1) or original(*args))
     evaluator = Evaluator(template, [outcome.parse(WANTED[0])], "simd")
     rng = np.random.default_rng(1)

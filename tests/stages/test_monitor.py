@@ -11,6 +11,7 @@ from ravenjax.numbers.setup import REFERENCE
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import monitor
+from ravenjax.vocabulary.failures import CODES
 
 TICKS = 400
 SETUP = RavenSetup(precision=REFERENCE)
@@ -135,6 +136,7 @@ def by_the_rules(s):
         "jump_tip_ms": first(twice(true)),
         "diverged_ms": first(golden > 1e-6),
         "failed_ms": -1,
+        "failed_signal": -1,
         "tip_distance_mm": np.inf,
         "peak_dac_gold_shoulder": np.abs(s["dac"][:, 0]).max(),
     }
@@ -183,10 +185,21 @@ def test_the_limit_is_that_of_the_parameters():
     assert watched(series, limit=20e-3)["unintended_first_ms"] == -1
 
 
-def test_a_tip_that_is_no_number_is_told():
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize(("name", "signal"), [("tip", "tip"), ("model", "model tip"), ("golden", "deviation")])
+def test_what_left_the_finite_first_is_told(name, signal, wrong):
     series = course("well")
-    series["tip"][77] = np.nan
-    assert watched(series)["failed_ms"] == 77
+    series[name][77, 1] = wrong
+    series["tip"][90] = np.nan  # comes later, and tells nothing new
+    found = watched(series)
+    assert (found["failed_ms"], found["failed_signal"]) == (77, CODES[signal])
+
+
+def test_a_sum_that_grows_too_large_is_told():
+    series = course("well")
+    series["model"][40:] = 1e154  # each square is within float64, the sum of three is not
+    found = watched(series)
+    assert (found["failed_ms"], found["failed_signal"]) == (40, CODES["deviation"])
 
 
 def test_a_restarted_observer_forgets_what_was_missed_and_a_realigned_one_where_the_golden_run_was():

@@ -153,11 +153,12 @@ def test_some_columns(tmp_path):
         read_all(tmp_path, ["verdct"])
 
 
+@pytest.mark.parametrize("workers", [1, 3])
 @pytest.mark.parametrize("runs", [1, 1024, 65_536, 1_000_000, 100_000_000])
-def test_rows_of_a_part(runs):
-    rows = parts.rows_of_a_part(runs)
+def test_rows_of_a_part(runs, workers):
+    rows = parts.rows_of_a_part(runs, workers)
     assert parts.FEWEST_ROWS <= rows <= parts.MOST_ROWS
-    assert -(-runs // rows) <= 64 or rows == parts.MOST_ROWS
+    assert -(-runs // rows) <= 32 * workers or rows == parts.MOST_ROWS
 
 
 def test_lost_part_is_computed_again(tmp_path):

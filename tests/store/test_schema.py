@@ -71,7 +71,7 @@ def test_value_that_the_type_cannot_hold_is_refused(name, value):
 def test_results_readme_describes_each_column():
     text = (Path(__file__).resolve().parents[2] / "results" / "README.md").read_text(encoding="utf-8")
     names = {"arms": ("<arm>",), "joints": ("<joint>",), "checks": ("<check>",), "parameters": ("<path>",)}
-    form = schema.Shape(**names, reacts=True, hand_yields=True, cables=True, detectors=(1,))
+    form = schema.Shape(**names, reacts=True, hand_yields=True, cables=True, detectors=(1,), observes=True)
     for column in schema.columns(form):
         name = re.sub("(fault|cue|applied|threshold)0", r"\1<k>", column.name).replace("detector0", "detector<d>")
         if name.startswith(schema.GOLDEN):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
+from ravenjax.campaign.faults import cube
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.group import SAMPLED, Group
 from ravenjax.errors import UserError
@@ -81,9 +81,4 @@ def _unit(design: str, rows: int, dimensions: int, rng: np.random.Generator) -> 
     """[rows, dimensions] points in the unit cube."""
     if design == "random" or dimensions == 0:
         return rng.random((rows, dimensions))
-    from scipy.stats import qmc  # slow to import
-
-    sampler = qmc.LatinHypercube(dimensions, rng=rng) if design == "lhs" else qmc.Sobol(dimensions, rng=rng)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # balance properties of counts that are no power of two
-        return sampler.random(rows)
+    return (cube.latin_hypercube if design == "lhs" else cube.sobol)(rows, dimensions, rng)

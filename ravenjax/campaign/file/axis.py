@@ -100,7 +100,7 @@ def _parse(raw: Any, types: tuple[type, ...], expected: str) -> Axis:
         if len(raw) != 1 or kind not in FORMS:
             got = ", ".join(map(str, raw)) or "none"
             expected_keys = f"a table has exactly one of the keys {', '.join(FORMS)}"
-            raise ValueError(f"{expected_keys}, got {got}{suggestion(str(kind), FORMS)}")
+            raise ValueError(f"{expected_keys}, got {got}{suggestion(kind, FORMS)}")
         if kind == LIST:
             return _list(raw[kind], types, expected)
         return _distribution(kind, raw[kind], types, expected)

@@ -1,248 +1,24 @@
-"""The campaign file: its sections and keys, with units and ranges; its groups of runs are in `group`.
+"""The whole campaign file: its sections together, what follows from them, and what a robot may add.
 
 `loading` reads a file, `semantics` checks its words.
 """
 
 from __future__ import annotations
 
-import itertools
-import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypeVar
+from typing import Any
 
-from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
+from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from ravenjax import robots
 from ravenjax.campaign.file.axis import Number
 from ravenjax.campaign.file.group import Cross, Fault, Group, Section, flatten_parameters
 from ravenjax.campaign.file.location import Complaint
-from ravenjax.errors import suggestion
+from ravenjax.campaign.file.sections import Campaign, Detector, Haptics, Outcomes, Stop
 from ravenjax.outcomes import events
-from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
-from ravenjax.vocabulary.detectors import MEANINGS, DetectorKind, DetectorUse, Fusion
+from ravenjax.vocabulary.detectors import DetectorUse
 from ravenjax.vocabulary.robot import Robot
-
-
-class Campaign(Section):
-    """[campaign]: what holds for every run. A robot may have more keys here: see its own."""
-
-    robot: str = Field(
-        default=robots.DEFAULT, description="kind of robot, or the Python module of one's own that declares ROBOT"
-    )
-    name: str = Field(
-        description="short name; also names the default output folder",
-        pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$",
-        max_length=100,
-    )
-    description: str = Field(default="", description="what the campaign asks")
-    seed: int = Field(default=0, ge=0, lt=2**31, description="seed of designs, noise and random effects")
-    duration_s: float = Field(default=3.0, gt=0.0, le=3600.0, description="length of each run, s")
-    arms: tuple[str, ...] = Field(
-        default_factory=lambda known: robots.find(known["robot"]).arms[:1], min_length=1, description="arms, in order"
-    )
-    noise: bool = Field(default=False, description="draw the robot's noise, anew each run")
-    limit: int | None = Field(
-        default=None, ge=1, description="compute only the first so many runs; a start with more, or with all, goes on"
-    )
-    chunk: int | None = Field(
-        default=None, ge=1, le=1_000_000, description="rows per Parquet part; default: by the number of runs"
-    )
-
-    @property
-    def ticks(self) -> int:
-        """Control cycles per run, 1 ms each."""
-        return round(self.duration_s * 1000.0)
-
-    @field_validator("duration_s")
-    @classmethod
-    def _whole_ms(cls, duration: float) -> float:
-        ticks = round(duration * 1000.0)
-        if ticks < 1 or abs(duration * 1000.0 - ticks) > 1e-6 * ticks:
-            raise ValueError(
-                f"got {duration:.10g} s, expected whole milliseconds from 0.001 on, such as {max(1, ticks) / 1000:g}"
-            )
-        return duration
-
-
-class CueSet(NamedTuple):
-    """One haptic threshold and gain set, in SI and device units."""
-
-    threshold_m: float
-    kp: float  # device units per m
-    kd: float  # device units per m/s
-    cap: float  # device units
-
-
-_Item = TypeVar("_Item")
-OneOrMore = _Item | Annotated[list[_Item], Field(min_length=1)]
-"""What a file may write where one value stands for a list of one; for the JSON Schema."""
-
-
-def _listed(raw: Any) -> Any:
-    return raw if isinstance(raw, list | tuple) else (raw,)
-
-
-_Least0 = Annotated[float, Field(ge=0.0, le=1e6)]
-_Numbers = Annotated[
-    tuple[_Least0, ...], BeforeValidator(_listed, json_schema_input_type=OneOrMore[_Least0]), Field(min_length=1)
-]
-"""A number or a list of numbers, none negative."""
-
-MOST_CUES = 256
-"""Haptic sets: each costs every run some time and four columns."""
-
-
-class Haptics(Section):
-    """[haptics]: the cue's thresholds and gains, all evaluated in the same run."""
-
-    threshold_mm: _Numbers = Field(
-        default=(PUBLISHED_CUE_MM,), description="tip distance above which the cue pulls, mm"
-    )
-    kp_per_mm: _Numbers = Field(default=(0.0045,), description="spring, device units per mm")
-    kd_per_mm_s: _Numbers = Field(default=(0.00009,), description="damper, device units per mm/s")
-    cap: _Numbers = Field(default=(0.05,), description="largest force, device units")
-    combine: Literal["grid", "zip"] = Field(default="grid", description="grid: every combination; zip: side by side")
-
-    @model_validator(mode="after")
-    def _same_length(self) -> Haptics:
-        lengths = {name: len(values) for name, values in self._lists().items() if len(values) > 1}
-        if self.combine == "zip" and len(set(lengths.values())) > 1:
-            raise ValueError(f"combine = 'zip' needs lists of one length (or single numbers), got lengths {lengths}")
-        sets = max(lengths.values(), default=1) if self.combine == "zip" else math.prod(lengths.values())
-        if sets > MOST_CUES:
-            raise ValueError(f"the lists make {sets} haptic sets, expected at most {MOST_CUES}")
-        return self
-
-    def _lists(self) -> dict[str, tuple[float, ...]]:
-        return {name: getattr(self, name) for name in ("threshold_mm", "kp_per_mm", "kd_per_mm_s", "cap")}
-
-    def cues(self) -> tuple[CueSet, ...]:
-        """Every set, in the order of the lists, the last list varying fastest."""
-        lists = list(self._lists().values())
-        if self.combine == "zip":
-            longest = max(len(values) for values in lists)
-            rows = zip(*(values * longest if len(values) == 1 else values for values in lists), strict=True)
-        else:
-            rows = itertools.product(*lists)
-        return tuple(CueSet(threshold / 1e3, kp * 1e3, kd * 1e3, cap) for threshold, kp, kd, cap in rows)
-
-
-MOST_THRESHOLDS = 64
-"""Of a detector: each costs every run some time and two columns."""
-
-_UpTo8 = Annotated[int, Field(ge=1, le=8)]
-
-
-class Detector(Section):
-    """[[detector]]: an observer that is scored. Lists of `fusion` and `consecutive` make one detector of each pair."""
-
-    name: str = Field(
-        description="what it is called in tables", pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$", max_length=60
-    )
-    kind: DetectorKind = Field(description="; ".join(f"{kind}: {meaning}" for kind, meaning in MEANINGS.items()))
-    fusion: Annotated[
-        tuple[Fusion, ...], BeforeValidator(_listed, json_schema_input_type=OneOrMore[Fusion]), Field(min_length=1)
-    ] = Field(
-        default=("all",), description="of steps: which of the three must be over; all, two, any, or one of them alone"
-    )
-    consecutive: Annotated[
-        tuple[int, ...], BeforeValidator(_listed, json_schema_input_type=OneOrMore[_UpTo8]), Field(min_length=1)
-    ] = Field(default=(1,), description="milliseconds in a row above the threshold that make an alarm, 1 to 8")
-    threshold: _Numbers = Field(default=(1.0,), description="alarm above it; all evaluated in the same run")
-    former: ClassVar[Mapping[str, str]] = {"level": "threshold"}
-
-    @model_validator(mode="after")
-    def _fits(self) -> Detector:
-        if self.kind != "steps" and self.fusion != ("all",):
-            raise ValueError(f"fusion = {list(self.fusion)} belongs to kind 'steps', got kind {self.kind!r}: remove it")
-        if not all(1 <= count <= 8 for count in self.consecutive):
-            raise ValueError(f"consecutive = {list(self.consecutive)}, expected 1 to 8")
-        if len(self.threshold) > MOST_THRESHOLDS:
-            raise ValueError(f"threshold has {len(self.threshold)} numbers, expected at most {MOST_THRESHOLDS}")
-        return self
-
-    def uses(self) -> tuple[tuple[str, DetectorUse], ...]:
-        """(name, detector) of each that it stands for."""
-        many_fusions, many_counts = len(self.fusion) > 1, len(self.consecutive) > 1
-        return tuple(
-            (
-                self.name + (f"/{fusion}" if many_fusions else "") + (f"/{count}" if many_counts else ""),
-                DetectorUse(self.kind, fusion, count, len(self.threshold)),
-            )
-            for fusion in self.fusion
-            for count in self.consecutive
-        )
-
-
-def _rate(raw: Any) -> Any:
-    """The name of an event; ValueError where it is none, with what to write instead."""
-    if isinstance(raw, str) and raw not in events.EVENTS:
-        if raw in events.FORMER:
-            raise ValueError(f"got {raw!r}, which is now called {events.FORMER[raw]!r}: write that")
-        raise ValueError(f"got {raw!r}, expected one of {', '.join(events.EVENTS)}{suggestion(raw, events.EVENTS)}")
-    return raw
-
-
-Rate = Annotated[str, BeforeValidator(_rate)]
-"""A rate of the table: the share of runs with an event of `ravenjax.outcomes.events`."""
-
-
-class Outcomes(Section):
-    """[outcomes]: which of the recorded outcomes the headline verdict uses."""
-
-    jump: Literal["code", "text"] = Field(
-        default="code",
-        description="code: measured tip steps > jump_step_mm on two packets in a row, the golden run's not; text: true "
-        "tip > large_jump_mm within 2 ms",
-    )
-    cue: int = Field(default=0, ge=0, description="number of the haptic set, from 0")
-    jump_step_mm: float = Field(
-        default=0.1, gt=0.0, le=1000.0, description="of rule code: step of the measured tip per packet, mm"
-    )
-    large_jump_mm: float = Field(
-        default=1.0, gt=0.0, le=1000.0, description="of rule text: motion of the true tip within 2 ms, mm"
-    )
-    limit_mm: float = Field(
-        default=LIMIT_MM,
-        gt=0.0,
-        le=1000.0,
-        description="a motion, or an error of the report, of more than this is a hazard, mm",
-    )
-
-
-class Stop(Section):
-    """[stop]: compute the table by looks that are planned here, and stop once every rate is known well enough.
-
-    Groups without faults are computed as a whole and not judged.
-    """
-
-    half_width: float = Field(gt=0.0, lt=0.5, description="stop once each rate is known within +- this fraction")
-    rates: tuple[Rate, ...] = Field(
-        default=("evades", "unintended_motion"), min_length=1, description="which rates: " + ", ".join(events.EVENTS)
-    )
-    of: Literal["groups", "whole"] = Field(
-        default="groups", description="groups: the rates of each group; whole: those of the whole table"
-    )
-    looks: tuple[float, ...] = Field(
-        default=(0.1, 0.2, 0.4, 0.7, 1.0),
-        min_length=1,
-        max_length=100,
-        description="shares of each group after which one looks, increasing; no more than the last is computed",
-    )
-    confidence: float = Field(default=0.95, gt=0.0, lt=1.0, description="with which all intervals of all looks hold")
-    allocation: Literal["proportional", "neyman"] = Field(
-        default="proportional",
-        description="proportional: as many of each group; neyman: after the first look where it narrows most",
-    )
-
-    @model_validator(mode="after")
-    def _increasing(self) -> Stop:
-        if list(self.looks) != sorted(set(self.looks)) or not 0.0 < self.looks[0] <= self.looks[-1] <= 1.0:
-            raise ValueError(f"looks = {list(self.looks)}, expected increasing shares, above 0 and at most 1")
-        if len(set(self.rates)) < len(self.rates):
-            raise ValueError(f"rates = {list(self.rates)}, expected each once")
-        return self
 
 
 class CampaignConfig(Section):
@@ -343,6 +119,8 @@ class CampaignConfig(Section):
         """(what, in words) of what the file says of the robot and its operator."""
         arms, noise = self.campaign.arms, ", with noise" if self.campaign.noise else ""
         yield "robot", f"{self.robot_label}, {' and '.join(arms)} arm{'s' * (len(arms) > 1)}{noise}"
+        if self.campaign.observe_ms is not None:
+            yield "observed", f"until {self.campaign.observe_ms:,} ms after a run's last fault ended"
 
     def settings(self) -> dict[str, Any]:
         """The same as JSON has it."""

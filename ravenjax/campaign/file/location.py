@@ -160,8 +160,11 @@ class Where:
         return ("group", number, "hazards"), f"{hazard}, {dotted(key[2:])}: {message}"
 
     def _place(self, key: Key) -> str:
-        if any(dotted(key).startswith(replaced) for replaced in self.replaced):
+        own = dotted(key)
+        if any(own.startswith(replaced) for replaced in self.replaced):
             return "--set: "
+        if own not in self.lines and any(replaced.startswith((f"{own}.", f"{own}[")) for replaced in self.replaced):
+            return "--set: "  # a table that only an override has opened
         if self.source is None:
             return ""
         line = nearest(self.lines, key)

@@ -10,6 +10,9 @@ from ravenjax.campaign.file.group import PATHS, flatten_parameters
 from ravenjax.campaign.file.location import Key
 from ravenjax.errors import UserError, shown, suggestion
 
+MOST_PARTS = 24
+"""Keys in the path of an override: no table of a file lies as deep."""
+
 
 def listed(overrides: Sequence[str]) -> Sequence[str]:
     """The overrides themselves. UserError unless they are a list of texts."""
@@ -34,6 +37,11 @@ def applied(raw: dict[str, Any], override: str) -> tuple[dict[str, Any], Key]:
     parts = [part.strip() for part in path.strip().split(".")]
     if not equals or not all(parts):
         raise UserError(f"--set {override}: expected key.path=value, such as campaign.duration_s=5 or group.0.runs=100")
+    if len(parts) > MOST_PARTS:
+        raise UserError(
+            f"--set {shown(override)}: got a path of {len(parts)} keys, expected at most {MOST_PARTS}, such as "
+            "campaign.duration_s=5 or group.0.runs=100"
+        )
     try:
         value = tomllib.loads(f"x = {text}")["x"]
     except (ValueError, RecursionError):

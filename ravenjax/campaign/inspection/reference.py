@@ -12,8 +12,9 @@ from pydantic import BaseModel
 
 from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.axis import DISTRIBUTIONS, FORMS, LIST, Axis
-from ravenjax.campaign.file.config import Campaign, config_class_of
+from ravenjax.campaign.file.config import config_class_of
 from ravenjax.campaign.file.group import DESIGNS, LEAST_MS, LONGEST_MS, UNTIL_END, Fault
+from ravenjax.campaign.file.sections import Campaign
 from ravenjax.campaign.loading import header, tables_of
 from ravenjax.hazards import library
 from ravenjax.hazards.expansion import KEYS

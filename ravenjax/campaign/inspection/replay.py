@@ -15,7 +15,7 @@ from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
 from ravenjax.errors import UserError
-from ravenjax.store import manifest
+from ravenjax.store import manifest, schema
 from ravenjax.store.logs.trace.log import Base
 
 LANES = 16
@@ -70,14 +70,19 @@ class Replayer:
         row, program = self.index(run), self._plan.program
         varied, harmless = self._plan.lanes([row], LANES, harmless=True)
         _, faults = self._plan.lanes([row], LANES)
+        end = int(self._plan.ends[row])
+        ends = np.full(LANES, end)
         golden, result, signals = self._tracer.run(
-            Block(varied, harmless, None), Block(varied, faults, None), self._plan.columns
+            Block(varied, harmless, None, ends=ends), Block(varied, faults, None, ends=ends), self._plan.columns
         )
         own, fault_free = ({name: values[:1] for name, values in one.outcomes.items()} for one in (result, golden))
+        if program.ends:
+            own[schema.OBSERVED] = self._plan.ends[[row]]
+        series = self._robot.series(program.setup, signals, np.asarray(golden.reference)[:, :, 0])
         frame = outcomes.frame(self.config, self._plan.table.iloc[row : row + 1], own, fault_free)
         return Replay(
             row=frame.iloc[0],
-            series=self._robot.series(program.setup, signals, np.asarray(golden.reference)[:, :, 0]),
+            series={name: values[:end] for name, values in series.items()},
             golden={name: values[0].item() for name, values in fault_free.items()},
             bases=self._bases,
             engine=self.engine,

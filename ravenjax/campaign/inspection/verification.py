@@ -2,7 +2,8 @@
 
 A campaign is a function of its file, the seed, the code and the engine. So the fault table is expanded anew and must
 have the ids that the folder has; and runs made again on the same engine, device, code and packages must be equal to the
-bit. On another engine numbers may differ, and it is told by how much.
+bit. On another engine numbers may differ, and it is told by how much. They are made from their beginning, also where
+the campaign let runs go on from their golden run.
 """
 
 from __future__ import annotations
@@ -149,10 +150,10 @@ def _again(
 
 
 def compute(ready: Plan, engine: Engine, rows: np.ndarray, on_progress: OnProgress | None = None) -> dict[str, Any]:
-    """Columns of the result table of these rows (int [n], ascending) of a plan, computed together."""
+    """Columns of the result table of these rows (int [n], ascending) of a plan, computed together and each whole."""
     words = f"{engine.name} on {engine.device}"
     progress = Progress(words, len(rows), len(rows), ready.program.ticks, on_progress)
-    computation = Computation(ready, engine, progress)
+    computation = Computation(ready, engine, progress, whole=True)
     computation.compile()
     blocks = list(computation.blocks([range(row, row + 1) for row in rows.tolist()]))
     progress.tell("done")

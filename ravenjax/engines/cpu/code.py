@@ -2,23 +2,49 @@
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+import dataclasses
+from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 
+from ravenjax.engines import trunk
 from ravenjax.engines.cpu import jit
-from ravenjax.engines.cpu.kernel import FUNCTIONS, print_kernel
-from ravenjax.engines.cpu.memory import BufferLayout
+from ravenjax.engines.cpu.group import LaneGroup, at, buffer
+from ravenjax.engines.cpu.kernel import FUNCTIONS, VectorKernel, print_kernel
 from ravenjax.engines.interface import Progress
 from ravenjax.engines.lanes import Lanes
+from ravenjax.engines.trunk import Trunk
 from ravenjax.ir.time_loop import TimeLoop, split
 
 CHUNK = 500
 """Ticks between two looks at the next vector of lanes: a group's rows for so many stay in the second-level cache."""
-_POINTER, _LONG, _INT = ctypes.c_void_p, ctypes.c_int64, ctypes.c_int32
-_SLOT = 8  # bytes, of the widest number
+AT_ONCE = 2**18
+"""Ticks of vectors that compiled code runs in one call, about: tenths of a second, so that progress can be told."""
+
+
+@dataclasses.dataclass(frozen=True)
+class LaneCourse:
+    """From which tick to which the lanes of a group run."""
+
+    begins: np.ndarray  # int [vectors], ticks of snapshots of `trunk`; 0: from the beginning
+    ends: np.ndarray  # int [lanes], the first tick that is not run
+    trunk: Trunk | None = None  # the golden run from which they go on
+
+    @property
+    def first(self) -> int:
+        """The first tick that any lane runs."""
+        return int(self.begins.min())
+
+    @property
+    def last(self) -> int:
+        """The first tick that none runs."""
+        return int(self.ends.max())
+
+    @property
+    def vector_ticks(self) -> int:
+        """Ticks that all vectors run together."""
+        return int((self.ends.reshape(len(self.begins), -1).max(axis=1) - self.begins).sum())
 
 
 class VectorCode:
@@ -28,102 +54,120 @@ class VectorCode:
     """
 
     def __init__(
-        self, loop: TimeLoop, shared: int, grouped: bool, width: int, objects: jit.Objects | None = None
+        self,
+        loop: TimeLoop,
+        shared: int,
+        grouped: bool,
+        width: int,
+        objects: jit.Objects | None = None,
+        printed: Callable[[Callable[[], VectorKernel]], VectorKernel] = lambda make: make(),
     ) -> None:
+        """printed: the kernel as it was printed before, or `make()`."""
         ticks = range(len(loop.step.inputs) - loop.lane_inputs - loop.states)
         self.grouped, self.width = grouped, width
-        self.outputs = len(loop.step.outputs) - loop.states
-        self.split = split(loop, range(shared) if grouped else (), ticks if grouped else ticks[:1])
-        self.kernel = print_kernel(self.split, width, jit.host().features)
-        self._module = module = jit.compile(self.kernel.text, FUNCTIONS, objects)
-        self._call = bound(module)
+
+        def make() -> VectorKernel:
+            parts = split(loop, range(shared) if grouped else (), ticks if grouped else ticks[:1])
+            return print_kernel(parts, width, jit.host().features)
+
+        self.kernel = printed(make)
+        self._module = jit.compile(self.kernel.text, FUNCTIONS, objects)
+
+    @property
+    def outputs(self) -> int:
+        """Numbers that go out in a tick."""
+        return self.kernel.outputs
 
     def run(self, lanes: Lanes, ticks: int, progress: Progress | None = None) -> list[np.ndarray]:
         """Run one group from the beginning; its results, each [lanes]."""
-        kernel, width = self.kernel, self.width
-        vectors = len(lanes.inputs[0]) // width if lanes.inputs else 1
-        inputs = packed(kernel.inputs, lanes.inputs, vectors)
-        group_inputs = packed(kernel.group_inputs, [column[:1] for column in lanes.inputs], 1)
-        state, prologue = buffer(vectors, kernel.state.bytes), buffer(vectors, kernel.prologue.bytes)
-        group_state, results = buffer(1, kernel.group_state.bytes), buffer(vectors, kernel.results.bytes)
-        rows = buffer(min(CHUNK, ticks), kernel.row.bytes)
-        tick_inputs, tables = lanes.tick_inputs, lanes.tables.ctypes.data
-        stride = tick_inputs.strides[0] if len(tick_inputs) > 1 else 0
-        spare = np.empty((1, self.outputs, width * _SLOT), np.uint8)
-        out = spare if lanes.out is None else lanes.out
-        out_stride = out.strides[0] if len(out) > 1 else 0
+        size = len(lanes.inputs[0]) if lanes.inputs else self.width
+        return self.follow(lanes, LaneCourse(np.zeros(size // self.width, np.int64), np.full(size, ticks)), progress)
 
-        self._call.shared_begin(at(group_inputs), at(group_state))
-        for v in range(vectors):
-            self._call.lane_begin(at(inputs, v), at(state, v), at(prologue, v))
-        for first in range(0, ticks, CHUNK):
-            count = min(CHUNK, ticks - first)
-            entering = (tick_inputs.ctypes.data + first * stride, stride, tick_inputs.strides[1])
-            self._call.shared_run(at(group_inputs), at(group_state), tables, *entering, at(rows), first, count)
-            for v in range(vectors):
-                mine = at(inputs, v), at(prologue, v), at(state, v), tables
-                here = entering[0] + (v * width * tick_inputs.itemsize if tick_inputs.ndim == 3 else 0)
-                leaving = out.ctypes.data + first * out_stride + (0 if out is spare else v * width * out.itemsize)
-                self._call.lane_run(*mine, here, *entering[1:], at(rows), leaving, out_stride, out.strides[1], count)
-            if progress is not None:
-                progress(count * vectors * width)
-        for v in range(vectors):
-            self._call.lane_finish(at(inputs, v), at(state, v), at(group_state), at(results, v))
-        return _unpacked(kernel.results, results)
+    def follow(self, lanes: Lanes, course: LaneCourse, progress: Progress | None = None) -> list[np.ndarray]:
+        """Run one group along `course`; its results, each [lanes]."""
+        vectors = len(course.begins)
+        marks, mark = np.unique(course.ends, return_inverse=True)
+        pairs, place = np.unique(
+            np.stack([np.repeat(np.arange(vectors), self.width), mark], axis=1), axis=0, return_inverse=True
+        )
+        of_vector = np.searchsorted(pairs[:, 0], np.arange(1, vectors))
+        stops = [part.tolist() for part in np.split(pairs[:, 1], of_vector)]  # marks at which lanes of a vector end
+        row_of = {(v, m): row for row, (v, m) in enumerate(pairs.tolist())}
+        group = LaneGroup(self.kernel, self._module, lanes, vectors, CHUNK, len(pairs))
+        shared = buffer(len(marks), self.kernel.group_state.bytes)
+        ends, begins, done = marks.tolist(), course.begins.tolist(), 0
+        if course.trunk is not None:
+            group.go()
+            self._go_on(group, course, course.trunk)
+        for first in range(course.first, course.last, CHUNK):
+            until = min(first + CHUNK, course.last)
+            group.turn(first)
+            now = first
+            for m, end in enumerate(ends):
+                if first < end <= until:
+                    group.share(now, end, at(shared, m))
+                    now = end
+            if now < until:
+                group.share(now, until)
+            for v, begin in enumerate(begins):
+                now = before = max(first, begin)
+                for m in stops[v]:
+                    stop = min(ends[m], until)
+                    if now < stop:
+                        group.advance(v, now, stop)
+                        now = stop
+                    if first < ends[m] <= until:
+                        group.finish(v, row_of[v, m], at(shared, m))
+                done += max(0, now - before)
+            if done >= AT_ONCE or until == course.last:
+                group.go()
+                if progress is not None and done:
+                    progress(done * self.width)
+                done = 0
+        columns = group.columns()
+        if len(pairs) == vectors:
+            return columns
+        mine = place.reshape(-1) * self.width + np.tile(np.arange(self.width), vectors)
+        return [column[mine] for column in columns]
 
+    def trunk(self, lanes: Lanes, last: int, ends: np.ndarray) -> tuple[Trunk, list[np.ndarray]]:
+        """Run a vector of lanes that are all the same golden run.
 
-class Functions(NamedTuple):
-    """The functions of a loop's kernel, see `kernel`."""
+        Its snapshots before tick `last`, and its results at each of `ends` (ascending), each [ends].
+        """
+        state_words = self._state_words[0]
+        shared_words = self.kernel.group_state.bytes // 4
+        every = trunk.spacing(last, len(state_words) + shared_words)
+        group = LaneGroup(self.kernel, self._module, lanes, 1, every, max(1, len(ends)))
+        state, shared = (a.view(np.uint32)[0] for a in (group.state, group.group_state))
+        snapshots = Trunk.room(every, max(1, -(-last // every)), shared_words, len(state_words))
+        row_of = {end: row for row, end in enumerate(ends.tolist())}
+        now = 0
+        for mark in sorted({*range(0, last, every), *row_of}):
+            for first in range(now, mark, every):
+                until = min(first + every, mark)
+                group.turn(first)
+                group.share(first, until)
+                group.advance(0, first, until)
+            now = mark
+            if mark in row_of:
+                group.finish(0, row_of[mark])
+            if mark < last and mark % every == 0:
+                group.go()
+                snapshots.lane[mark // every], snapshots.group[mark // every] = state[state_words], shared
+        group.go()
+        return snapshots, [column[:: self.width][: len(ends)] for column in group.columns()]
 
-    shared_begin: Any
-    shared_run: Any
-    lane_begin: Any
-    lane_run: Any
-    lane_finish: Any
+    @cached_property
+    def _state_words(self) -> np.ndarray:
+        """[width, words]: where each lane's words of the state stand."""
+        return np.stack([self.kernel.state.words(lane) for lane in range(self.width)])
 
-
-def bound(module: jit.HostModule) -> Functions:
-    """They, as ctypes calls them; the module must outlive them."""
-    run, outside = [_POINTER] * 4, [_LONG, _LONG, _POINTER]
-    return Functions(
-        module.function("shared_begin", [_POINTER] * 2),
-        module.function("shared_run", [*run, *outside, _INT, _LONG]),
-        module.function("lane_begin", [_POINTER] * 3),
-        module.function("lane_run", [*run, _POINTER, *outside, _POINTER, _LONG, _LONG, _LONG]),
-        module.function("lane_finish", [_POINTER] * 4),
-    )
-
-
-def buffer(rows: int, size: int) -> np.ndarray:
-    """Zeroed bytes [rows, size], on a cache line."""
-    raw = np.zeros(rows * size + 64, np.uint8)
-    start = -raw.ctypes.data % 64
-    return raw[start : start + rows * size].reshape(rows, size)
-
-
-def at(rows: np.ndarray, row: int = 0) -> int:
-    """Address of a row."""
-    return rows.ctypes.data + row * rows.strides[0]
-
-
-def _stored(dtype: str) -> np.dtype:
-    return np.dtype(np.int32 if dtype == "bool" else dtype)
-
-
-def packed(layout: BufferLayout, columns: Sequence[np.ndarray], vectors: int) -> np.ndarray:
-    """Columns as the kernel reads them: bytes [vectors, ..]."""
-    data = buffer(vectors, layout.bytes)
-    for dtype, offset, column in zip(layout.types, layout.offsets, columns, strict=True):
-        stored = np.ascontiguousarray(column.reshape(vectors, layout.width).astype(_stored(dtype)))
-        data[:, offset : offset + stored.shape[1] * stored.itemsize] = stored.view(np.uint8)
-    return data
-
-
-def _unpacked(layout: BufferLayout, buffer: np.ndarray) -> list[np.ndarray]:
-    """Numbers that the kernel wrote, each [lanes]."""
-    columns = []
-    for dtype, offset in zip(layout.types, layout.offsets, strict=True):
-        stored = _stored(dtype)
-        part = np.ascontiguousarray(buffer[:, offset : offset + layout.width * stored.itemsize])
-        columns.append(part.view(stored).reshape(-1).astype(dtype))
-    return columns
+    def _go_on(self, group: LaneGroup, course: LaneCourse, golden_run: Trunk) -> None:
+        """Put vectors where their golden run was at `course.begins`, and what they share where it was at the first."""
+        if course.first:
+            group.group_state.view(np.uint32)[0] = golden_run.group[course.first // golden_run.every]
+        states = group.state.view(np.uint32)
+        for v, begin in enumerate(course.begins.tolist()):
+            if begin:
+                states[v][self._state_words] = golden_run.lane[begin // golden_run.every]

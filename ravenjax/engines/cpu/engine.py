@@ -8,19 +8,28 @@ own. Both ways give the same bits, as do all vector widths, so a lane's result d
 from __future__ import annotations
 
 import dataclasses
+import functools
 import os
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ravenjax.engines import traced
 from ravenjax.engines.cpu import jit
-from ravenjax.engines.cpu.code import VectorCode
+from ravenjax.engines.cpu.code import LaneCourse, VectorCode
+from ravenjax.engines.cpu.kernel import VectorKernel
 from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram, Tracer
 from ravenjax.engines.lanes import Lanes
+from ravenjax.engines.trunk import Trunk
 
-MAX_LANES = 256
-"""Lanes of a block: what their group shares is then a small part of the work."""
+MIN_LANES, MAX_LANES = 256, 1024
+"""Lanes of a block: with fewer what their group shares is no small part of the work, and with many threads Python is
+busier with the next block than they are with theirs; with more the last blocks leave threads idle."""
+BLOCKS = 8
+"""Blocks for each thread, at least, where they have more than the fewest lanes."""
+
+FEW = 32
+"""Vectors that one block may take by the slower of two ways, at most."""
 
 
 class SimdKernel:
@@ -35,6 +44,8 @@ class SimdKernel:
         self._objects = objects
         self._forms: traced.Forms | None = None
         self._dtype = np.dtype(program.setup.precision.real)
+        self._joined: tuple[tuple[np.ndarray, ...], np.ndarray] | None = None
+        self.branches = 0 if signals else self.width
 
     def size(self, rows: int) -> int:
         """See `interface.Kernel`: whole vectors."""
@@ -42,7 +53,8 @@ class SimdKernel:
 
     def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
         """Trace and compile for blocks and motions like these."""
-        self._code(block, motion, self._plan(traced.inputs(self.program, block)).grouped)
+        for part in self._plan(traced.inputs(self.program, block)).parts:
+            self._code(block, motion, part.grouped)
 
     def run(self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None) -> BlockResult:
         """See `interface.Kernel`. Lanes with equal inputs are computed once."""
@@ -51,43 +63,68 @@ class SimdKernel:
     def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[BlockResult, Any]:
         """As `run`, and every signal of the first lane, each leaf [ticks]."""
         result, out = self._run(block, motion, None)
-        assert self._forms is not None
-        return result, self._forms.traced.signals_of(out, _from_slots)
+        return result, self._traced.signals_of(out, _from_slots)
+
+    def trunk(
+        self, block: Block, motion: tuple[np.ndarray, ...], last: int, ends: np.ndarray
+    ) -> tuple[Trunk, dict[str, np.ndarray]]:
+        """See `interface.Kernel`."""
+        code, inputs = self._code(block, motion, True), traced.inputs(self.program, block)
+        until = max([last, *ends.tolist()])
+        some = Lanes(inputs, self._given(block, np.arange(self.width), True, 0, until), self._tables(motion), None)
+        trunk, columns = code.trunk(some, last, ends)
+        return trunk, dict(zip(self._traced.outcomes, columns, strict=True))
 
     def _run(
         self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None
     ) -> tuple[BlockResult, np.ndarray]:
-        inputs = traced.inputs(self.program, block)
-        plan = self._plan(inputs)
-        code = self._code(block, motion, plan.grouped)
-        assert self._forms is not None
-        own, ticks, lanes = self._forms.traced, self.program.ticks, len(plan.place)
-        series = own.series
-        tables = np.concatenate([np.ascontiguousarray(column) for column in motion])
+        inputs, ticks = traced.inputs(self.program, block), self.program.ticks
+        plan = self._plan(inputs if block.ends is None else [*inputs, block.ends])
+        codes = {part.grouped: self._code(block, motion, part.grouped) for part in plan.parts}
+        lanes, outputs, tables = len(plan.place), next(iter(codes.values())).outputs, self._tables(motion)
         keep = self.signals or block.reference is None
-        record = np.zeros((ticks if keep else 0, code.outputs, lanes), np.uint64 if self.signals else self._dtype)
+        record = np.zeros((ticks if keep else 0, outputs, lanes), np.uint64 if self.signals else self._dtype)
         outcomes: list[np.ndarray] = []
         for part in plan.parts:
-            lanes_of_part = plan.first[
-                part[np.minimum(np.arange(-(-len(part) // self.width) * self.width), len(part) - 1)]
-            ]
-            out = np.zeros((ticks, code.outputs, len(lanes_of_part)), record.dtype) if keep else None
-            tick_inputs = _given(block, lanes_of_part, code.grouped, series, self._dtype)
-            columns = code.run(
-                Lanes([column[lanes_of_part] for column in inputs], tick_inputs, tables, out), ticks, progress
-            )
+            filled = np.minimum(np.arange(-(-len(part.lanes) // self.width) * self.width), len(part.lanes) - 1)
+            some = plan.first[part.lanes[filled]]
+            course = self._course(block, some, part.grouped)
+            first, last = (0, ticks) if keep else (course.first, course.last)
+            out = np.zeros((ticks, outputs, len(some)), record.dtype) if keep else None
+            tick_inputs = self._given(block, some, part.grouped, first, last)
+            vectors = Lanes([column[some] for column in inputs], tick_inputs, tables, out, first)
+            columns = codes[part.grouped].follow(vectors, course, progress)
+            if progress is not None:  # what nobody had to run is done, too
+                progress(ticks * len(some) - self.width * course.vector_ticks)
             outcomes = outcomes or [np.zeros(lanes, column.dtype) for column in columns]
-            mine = np.flatnonzero(np.isin(plan.place, part))
-            at = np.searchsorted(part, plan.place[mine])
+            mine = np.flatnonzero(np.isin(plan.place, part.lanes))
+            at = np.searchsorted(part.lanes, plan.place[mine])
             for column, values in zip(outcomes, columns, strict=True):
                 column[mine] = values[at]
             if out is not None:
                 record[:, :, mine] = out[:, :, at]
-        named = dict(zip(own.outcomes, outcomes, strict=True))
-        reference = record[:, :series]
+        named = dict(zip(self._traced.outcomes, outcomes, strict=True))
+        reference = record[:, : self._traced.series]
         if self.signals:
             reference = np.ascontiguousarray(reference).view(self._dtype)[:, :, :: 8 // self._dtype.itemsize]
         return BlockResult(named, reference), record
+
+    def _course(self, block: Block, lanes: np.ndarray, grouped: bool) -> LaneCourse:
+        """From where to where whole vectors of lanes run; those of a group have the same golden run."""
+        ends = np.full(len(lanes), self.program.ticks) if block.ends is None else block.ends[lanes]
+        begins = np.zeros(len(lanes) // self.width, np.int64)
+        trunk = block.trunk(int(lanes[0])) if grouped else None
+        if trunk is not None and block.acts is not None:
+            begins = trunk.begins(block.acts[lanes].reshape(-1, self.width).min(axis=1))
+        return LaneCourse(begins, ends, trunk)
+
+    def _given(self, block: Block, lanes: np.ndarray, grouped: bool, first: int, last: int) -> np.ndarray:
+        """The golden runs' series in these ticks: of a group, whose lanes share one, or of each lane."""
+        series = self._traced.series
+        if block.reference is None:
+            return np.zeros((1, series) if grouped else (1, series, len(lanes)), self._dtype)
+        some = dataclasses.replace(block, reference=block.reference[first:last])
+        return np.ascontiguousarray(some.series(lanes[:1])[:, :, 0] if grouped else some.series(lanes))
 
     def _plan(self, inputs: list[np.ndarray]) -> _Plan:
         # Runs without faults of their own and without varied parameters are all alike.
@@ -95,19 +132,48 @@ class SimdKernel:
         first, place = _distinct(inputs) if inputs else alike
         varied = [column[first] for column in inputs[: len(self.program.varied)]]
         group = _distinct(varied)[1] if varied else np.zeros(len(first), np.int64)
-        vectors = -(-np.bincount(group) // self.width)
-        grouped = bool(vectors.sum() <= 2 * -(-len(first) // self.width))
-        parts = [np.flatnonzero(group == g) for g in range(len(vectors))] if grouped else [np.arange(len(first))]
-        return _Plan(first, place, grouped, parts)
+        return _Plan(first, place, self._at_hand(_parts(group, self.width), group))
+
+    def _at_hand(self, parts: list[_Part], group: np.ndarray) -> list[_Part]:
+        """`parts`, or the same lanes by the one form of code that is there: of a few vectors compiling takes longer."""
+        there = [way for way in (False, True) if self._forms is not None and self._forms.holds(self._key(way))]
+        if not there or {part.grouped for part in parts} <= {*there}:
+            return parts
+        groups = [_Part(np.flatnonzero(group == g), True) for g in range(group.max() + 1)]
+        others = groups if there[0] else [_Part(np.arange(len(group)), False)]
+        few = sum(-(-len(part.lanes) // self.width) for part in others) <= FEW
+        return others if few else parts
+
+    def _tables(self, motion: tuple[np.ndarray, ...]) -> np.ndarray:
+        """The columns of the motion one after the other."""
+        if self._joined is None or self._joined[0] is not motion:
+            self._joined = motion, np.concatenate([np.ascontiguousarray(column) for column in motion])
+        return self._joined[1]
+
+    @property
+    def _traced(self) -> traced.TracedTick:
+        assert self._forms is not None
+        return self._forms.traced
+
+    def _key(self, grouped: bool) -> tuple[Any, ...]:
+        return "simd", self.signals, grouped, self.width
 
     def _code(self, block: Block, motion: tuple[np.ndarray, ...], grouped: bool) -> VectorCode:
-        self._forms = forms = self._forms or traced.forms(self.program, block, motion)
+        self._forms = forms = self._forms or traced.forms(self.program, block, motion, self._objects)
 
         def make() -> VectorCode:
             loop = forms.traced.loop if self.signals else forms.traced.without_signals()
-            return VectorCode(loop, len(self.program.varied), grouped, self.width, self._objects)
+            printed = functools.partial(forms.printed, VectorKernel, (*self._key(grouped), jit.host().text))
+            return VectorCode(loop, len(self.program.varied), grouped, self.width, self._objects, printed)
 
-        return forms.code(("simd", self.signals, grouped, self.width), make)
+        return forms.code(self._key(grouped), make)
+
+
+class _Part(NamedTuple):
+    """Lanes that run together."""
+
+    lanes: np.ndarray  # distinct ones, ascending
+    grouped: bool  # they have the same varied parameters, and what they share is computed once
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,13 +182,24 @@ class _Plan:
 
     first: np.ndarray  # [distinct], lane in which each distinct one first occurs
     place: np.ndarray  # [lanes], which distinct one a lane is
-    grouped: bool
-    parts: list[np.ndarray]  # distinct lanes that run together, ascending: a group each, or all
+    parts: list[_Part]
+
+
+def _parts(group: np.ndarray, width: int) -> list[_Part]:
+    """Each group by itself, but those of a few lanes, which would leave most of a vector empty, all together."""
+    sizes = np.bincount(group)
+    few = 2 * sizes < width
+    if few.sum() < 3:
+        few[:] = False
+    own = [_Part(np.flatnonzero(group == g), True) for g in np.flatnonzero(~few)]
+    return own + ([_Part(np.flatnonzero(few[group]), False)] if few.any() else [])
 
 
 def _distinct(columns: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Of rows of these columns that are equal bit by bit: where each first occurs, and for each row which it is."""
     words = [np.ascontiguousarray(c).view(f"u{c.dtype.itemsize}").astype(np.uint64) for c in columns]
+    if any(len(np.unique(column)) == len(column) for column in words):  # as drawn values are, which costs less to see
+        return np.arange(len(words[0])), np.arange(len(words[0]))
     _, first, place = np.unique(np.stack(words, axis=1), axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)  # as they come
     rank = np.empty_like(order)
@@ -130,16 +207,14 @@ def _distinct(columns: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     return first[order], rank[place.reshape(-1)]
 
 
-def _given(block: Block, lanes: np.ndarray, grouped: bool, series: int, dtype: np.dtype) -> np.ndarray:
-    """The golden runs' series as the code reads it: of a group, whose lanes share one, or of each lane."""
-    if block.reference is None:
-        return np.zeros((1, series) if grouped else (1, series, len(lanes)), dtype)
-    return np.ascontiguousarray(block.series(lanes[:1])[:, :, 0] if grouped else block.series(lanes))
-
-
 def _from_slots(column: np.ndarray, dtype: np.dtype) -> np.ndarray:
     """Numbers that stand in slots of 64 bits each."""
     return column.view(np.int32 if dtype.kind == "b" else dtype)[:: 8 // max(4, dtype.itemsize)].astype(dtype)
+
+
+def _printed(program: TickProgram) -> TickProgram:
+    """`program` as it is printed: lanes are stopped from outside."""
+    return dataclasses.replace(traced.unrolled(program), ends=False)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -162,8 +237,9 @@ class SimdEngine:
     def compile(self, program: TickProgram, runs: int) -> SimdKernel:
         """See `interface.Engine`. The block never depends on the chunk that results are stored in."""
         width, share = jit.host().width, -(-runs // self.threads)
-        return SimdKernel(traced.unrolled(program), min(MAX_LANES, -(-share // width) * width), self.objects)
+        lanes = min(MAX_LANES, max(MIN_LANES, share // BLOCKS), share)
+        return SimdKernel(_printed(program), -(-lanes // width) * width, self.objects)
 
     def tracer(self, program: TickProgram, lanes: int) -> Tracer:
         """See `interface.Engine`. Lanes run one by one, to the same bits as in a campaign."""
-        return Tracer(SimdKernel(traced.unrolled(program), 1, self.objects, signals=True))
+        return Tracer(SimdKernel(_printed(program), 1, self.objects, signals=True))

@@ -66,9 +66,11 @@ class HostModule:
             builder.export_symbol(name)
         self._library = builder.link(self._jit, "kernel")
 
-    def function(self, name: str, arguments: Sequence[Any]) -> Any:
-        """One of its functions, of no result; ctypes gives the GIL away while it runs."""
-        return ctypes.CFUNCTYPE(None, *arguments)(self._library[name])
+    def function(self, name: str, arguments: Sequence[Any], brief: bool = False) -> Any:
+        """One of its functions, of no result; ctypes gives the GIL away while it runs, but not to a `brief` one: who
+        gives it away may wait milliseconds until it is his again."""
+        kind = ctypes.PYFUNCTYPE if brief else ctypes.CFUNCTYPE
+        return kind(None, *arguments)(self._library[name])
 
 
 def compile(text: str, names: Sequence[str], objects: Objects | None = None) -> HostModule:

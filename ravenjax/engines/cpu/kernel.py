@@ -1,4 +1,4 @@
-"""A split time loop as one LLVM module of five functions, and how their buffers are laid out.
+"""A split time loop as one LLVM module of functions, and how their buffers are laid out.
 
 shared_begin  state of a group from its inputs
 shared_run    some ticks of a group: advances its state, writes a row of numbers a tick
@@ -6,21 +6,23 @@ lane_begin    state and held numbers of `width` lanes from their inputs
 lane_run      the same ticks of these lanes, reading the rows
 lane_finish   their results
 
-Buffers of lanes hold `width` numbers after another for each number; those of groups hold one.
+Another makes calls of these, see `calls`. Buffers of lanes hold `width` numbers after another for each number; those of
+groups hold one.
 """
 
 from __future__ import annotations
 
 import dataclasses
 
-from ravenjax.engines.cpu.llvm import LlvmPrinter
+from ravenjax.engines.cpu import calls
+from ravenjax.engines.cpu.llvm import BRANCH_WEIGHTS, LlvmPrinter, repeated
 from ravenjax.engines.cpu.memory import BufferLayout, Place
 from ravenjax.engines.cpu.schedule import schedule
 from ravenjax.ir.program import Program
 from ravenjax.ir.regions import arrange
 from ravenjax.ir.time_loop import Split
 
-FUNCTIONS = ("shared_begin", "shared_run", "lane_begin", "lane_run", "lane_finish")
+FUNCTIONS = ("shared_begin", "shared_run", "lane_begin", "lane_run", "lane_finish", calls.NAME)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,6 +37,7 @@ class VectorKernel:
     prologue: BufferLayout
     row: BufferLayout
     results: BufferLayout
+    outputs: int  # numbers that go out in a tick
 
 
 def print_kernel(split: Split, width: int, features: frozenset[str]) -> VectorKernel:
@@ -69,10 +72,17 @@ class _LlvmModule:
         self._lane_finish()
         bits = self.width * 32
         attributes = f'attributes #0 = {{ nounwind "min-legal-vector-width"="{bits}" "prefer-vector-width"="{bits}" }}'
-        weights = '!0 = !{!"branch_weights", i32 1, i32 2000}'
-        text = "\n".join([*self.functions, *sorted(self.declared), attributes, weights])
+        text = "\n".join([*self.functions, calls.print_calls(), *sorted(self.declared), attributes, BRANCH_WEIGHTS])
         return VectorKernel(
-            text, self.inputs, self.group_inputs, self.state, self.group_state, self.prologue, self.row, self.results
+            text=text,
+            inputs=self.inputs,
+            group_inputs=self.group_inputs,
+            state=self.state,
+            group_state=self.group_state,
+            prologue=self.prologue,
+            row=self.row,
+            results=self.results,
+            outputs=len(self.step.outputs) - self.split.loop.states,
         )
 
     # --- where inputs stand ---
@@ -105,15 +115,7 @@ class _LlvmModule:
 
     def _loop(self, name: str, parameters: str, printer: LlvmPrinter, steps: dict[str, str]) -> None:
         """A function that repeats its body %count times; pointers of `steps` move by so many bytes each time."""
-        body = "\n".join(f"  {line}" for line in printer.lines)
-        pointers = "".join(f"  %{p} = phi ptr [ %{p}0, %entry ], [ %{p}1, %{printer.block} ]\n" for p in steps)
-        moved = "".join(f"  %{p}1 = getelementptr i8, ptr %{p}, i64 {by}\n" for p, by in steps.items())
-        self.functions.append(
-            f"define void @{name}({parameters}, i64 %count) #0 {{\nentry:\n  br label %again\nagain:\n"
-            f"  %tick = phi i64 [ 0, %entry ], [ %next, %{printer.block} ]\n{pointers}{body}\n{moved}"
-            "  %next = add i64 %tick, 1\n  %more = icmp ult i64 %next, %count\n"
-            "  br i1 %more, label %again, label %end\nend:\n  ret void\n}\n"
-        )
+        self.functions.append(repeated(name, parameters, printer, steps, " #0"))
         self.declared |= printer.declared
 
     def _shared_begin(self) -> None:

@@ -2,20 +2,30 @@
 
 Where numbers live in memory is told by `Place`s. Every float operation is printed as it stands: LLVM may neither fuse
 nor reassociate, so that all widths and CPUs give the same bits (but where the CPU has no fused multiply-add: there
-`fma` rounds twice).
+`fma` rounds twice). A program that was lowered with functions of the C library calls them, one lane wide: the very
+functions of this process, which Python's `math` calls, too.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ravenjax.engines.cpu.memory import Place, size
 from ravenjax.engines.printing import Printing
+from ravenjax.ir import elementary
 from ravenjax.ir.program import Program
 
-_STORED = {"float32": "float", "float64": "double", "int32": "i32", "uint32": "i32", "bool": "i32"}
+_STORED = {
+    "float32": "float",
+    "float64": "double",
+    "int32": "i32",
+    "uint32": "i32",
+    "int64": "i64",
+    "uint64": "i64",
+    "bool": "i32",
+}
 _TYPES = {**_STORED, "bool": "i1"}
 _ARITHMETIC = ("add", "sub", "mul")
 _COMPARED = {
@@ -155,10 +165,12 @@ class LlvmPrinter(Printing[Place]):
             return self.call(wide, f"llvm.{_ROUNDED[name]}.{self._suffix(dtype)}", (wide, x[0]))
         if name in _SHIFTED:
             return self._shifted(name, dtype, x, constants[1])
+        if name in elementary.FUNCTIONS and self.width == 1:
+            return self._library(name, dtype, x)
         match name:
             case "div" if real:
                 return self.op(f"fdiv {wide} {', '.join(x)}")
-            case "div" | "rem" if not real:
+            case "div" | "rem" if not real and size(dtype) == 4:
                 return self._divided(name, dtype, x)
             case "fma" if not self.features & _FUSED:
                 product = self.op(f"fmul {wide} {x[0]}, {x[1]}")
@@ -177,7 +189,7 @@ class LlvmPrinter(Printing[Place]):
                 unknown = self.op(f"fcmp uno {wide} {x[0]}, {x[0]}")
                 return self.op(f"select {self.type('bool')} {unknown}, {self.pair(dtype, [x[0], best])}")
             case "max" | "min":
-                kind = "s" if dtype == "int32" else "u"
+                kind = "s" if _signed(dtype) else "u"
                 return self.call(wide, f"llvm.{kind}{name}.{self._suffix(dtype)}", (wide, x[0]), (wide, x[1]))
             case "convert":
                 return self._converted(dtype, source, x[0])
@@ -193,7 +205,7 @@ class LlvmPrinter(Printing[Place]):
         real, signed, unsigned = _COMPARED[name]
         if source.startswith("float"):
             return self.op(f"fcmp {real} {self.type(source)} {', '.join(x)}")
-        return self.op(f"icmp {signed if source == 'int32' else unsigned} {self.type(source)} {', '.join(x)}")
+        return self.op(f"icmp {signed if _signed(source) else unsigned} {self.type(source)} {', '.join(x)}")
 
     def _shifted(self, name: str, dtype: str, x: list[str], constant: bool) -> str:
         wide, bits = self.type(dtype), size(dtype) * 8
@@ -228,9 +240,12 @@ class LlvmPrinter(Printing[Place]):
         if dtype.startswith("float") and source.startswith("float"):
             return self.op(f"{'fpext' if dtype == 'float64' else 'fptrunc'} {before} {x} to {wide}")
         if dtype.startswith("float"):
-            return self.op(f"{'s' if source == 'int32' else 'u'}itofp {before} {x} to {wide}")
-        if dtype == "uint32":
-            return self.call(wide, f"llvm.fptoui.sat.{self._suffix(dtype)}.{self._suffix(source)}", (before, x))
+            return self.op(f"{'s' if _signed(source) else 'u'}itofp {before} {x} to {wide}")
+        if not source.startswith("float"):
+            return self._resized(dtype, source, x)
+        if dtype != "int32":
+            kind = "si" if _signed(dtype) else "ui"
+            return self.call(wide, f"llvm.fpto{kind}.sat.{self._suffix(dtype)}.{self._suffix(source)}", (before, x))
         best = self._truncated(source, x)  # right but for NaN and what is too large
         for condition, value in (
             (f"oge {before} {x}, {self._constant(source, 2147483648.0)}", 2**31 - 1),
@@ -241,6 +256,20 @@ class LlvmPrinter(Printing[Place]):
                 f"select {self.type('bool')} {outside}, {self.pair(dtype, [self._constant(dtype, value), best])}"
             )
         return best
+
+    def _resized(self, dtype: str, source: str, x: str) -> str:
+        """An integer wrapped to another width."""
+        if size(dtype) == size(source):
+            return x
+        name = "trunc" if size(dtype) < size(source) else "sext" if _signed(source) else "zext"
+        return self.op(f"{name} {self.type(source)} {x} to {self.type(dtype)}")
+
+    def _library(self, name: str, dtype: str, x: list[str]) -> str:
+        """The C library's function of float64; of float32 it is that, rounded (see `semantics`)."""
+        if dtype == "float32":
+            x = [self._converted("float64", dtype, operand) for operand in x]
+        result = self.call("double", name, *(("double", operand) for operand in x))
+        return self._converted(dtype, "float64", result) if dtype == "float32" else result
 
     def _truncated(self, source: str, x: str) -> str:
         """C's `(int)x` on x86: one instruction there."""
@@ -273,3 +302,27 @@ class LlvmPrinter(Printing[Place]):
             loaded = self.op(f"load {scalar}, ptr {one}, align {size(dtype)}")
             value = self.op(f"insertelement {vector} {value}, {scalar} {loaded}, i64 {lane}")
         return value
+
+
+BRANCH_WEIGHTS = '!0 = !{!"branch_weights", i32 1, i32 2000}'
+"""A region is seldom entered: to stand in every module that has one."""
+
+
+def repeated(name: str, parameters: str, printer: LlvmPrinter, steps: Mapping[str, str], attributes: str = "") -> str:
+    """A function that repeats the lines of a printer (block "again") %count times; %tick counts.
+
+    Pointers of `steps` begin at their parameter, the name with a 0, and move by so many bytes each time.
+    """
+    body = "\n".join(f"  {line}" for line in printer.lines)
+    pointers = "".join(f"  %{p} = phi ptr [ %{p}0, %entry ], [ %{p}1, %{printer.block} ]\n" for p in steps)
+    moved = "".join(f"  %{p}1 = getelementptr i8, ptr %{p}, i64 {by}\n" for p, by in steps.items())
+    return (
+        f"define void @{name}({parameters}, i64 %count){attributes} {{\nentry:\n  br label %again\nagain:\n"
+        f"  %tick = phi i64 [ 0, %entry ], [ %next, %{printer.block} ]\n{pointers}{body}\n{moved}"
+        "  %next = add i64 %tick, 1\n  %more = icmp ult i64 %next, %count\n"
+        "  br i1 %more, label %again, label %end\nend:\n  ret void\n}\n"
+    )
+
+
+def _signed(dtype: str) -> bool:
+    return dtype.startswith("int")

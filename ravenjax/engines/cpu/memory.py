@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
+from functools import cached_property
 
 import numpy as np
 
@@ -23,12 +25,12 @@ class BufferLayout:
     types: tuple[str, ...]
     width: int
 
-    @property
+    @cached_property
     def offsets(self) -> tuple[int, ...]:
         """Bytes from the start, one entry a number."""
         return tuple(np.cumsum([0, *(size(dtype) * self.width for dtype in self.types)])[:-1].tolist())
 
-    @property
+    @cached_property
     def bytes(self) -> int:
         """Size of the buffer."""
         return sum(size(dtype) for dtype in self.types) * self.width
@@ -37,7 +39,48 @@ class BufferLayout:
         """The place of each number."""
         return [Place(pointer, offset, splat) for offset in self.offsets]
 
+    def words(self, lane: int) -> np.ndarray:
+        """Where the 32-bit words of one lane's numbers stand: one after the other they are a buffer of width 1."""
+        sizes = np.array([size(dtype) // 4 for dtype in self.types], np.int64)
+        first = np.array(self.offsets, np.int64) // 4 + lane * sizes
+        within = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+        return np.repeat(first, sizes) + within
+
+
+@dataclasses.dataclass(frozen=True)
+class RowLayout:
+    """Where numbers of these types stand in a row of bytes, each at an offset of its own."""
+
+    types: tuple[str, ...]
+    offsets: tuple[int, ...]  # bytes from the start, one entry a number
+    bytes: int  # from one row to the next
+
+    @classmethod
+    def packed(cls, types: Iterable[str]) -> RowLayout:
+        """One after the other, each aligned to its size."""
+        types, offsets, end = tuple(types), [], 0
+        for dtype in types:
+            offsets.append(-(-end // size(dtype)) * size(dtype))
+            end = offsets[-1] + size(dtype)
+        return cls(types, tuple(offsets), -(-end // 8) * 8)
+
+    @property
+    def dtype(self) -> np.dtype:
+        """A row as NumPy reads it, one field a number; a truth value is an int32."""
+        formats = [stored(dtype) for dtype in self.types]
+        names = [f"f{k}" for k in range(len(formats))]
+        return np.dtype({"names": names, "formats": formats, "offsets": list(self.offsets), "itemsize": self.bytes})
+
+    def places(self, pointer: str) -> list[Place]:
+        """The place of each number."""
+        return [Place(pointer, offset) for offset in self.offsets]
+
+
+def stored(dtype: str) -> np.dtype:
+    """The type of a number in memory."""
+    return np.dtype(np.int32 if dtype == "bool" else dtype)
+
 
 def size(dtype: str) -> int:
     """Bytes of a number in memory; a truth value is an int32, all bits set or none."""
-    return 8 if dtype == "float64" else 4
+    return 8 if dtype.endswith("64") else 4

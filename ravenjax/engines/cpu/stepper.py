@@ -14,16 +14,16 @@ import struct
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import jax
 import numpy as np
 
 from ravenjax.engines.cpu import jit
-from ravenjax.engines.cpu.code import at, bound, buffer, packed
+from ravenjax.engines.cpu.group import at, buffer, packed
 from ravenjax.engines.cpu.kernel import FUNCTIONS, print_kernel
 from ravenjax.engines.cpu.memory import BufferLayout
 from ravenjax.ir import lowering
 from ravenjax.ir.builder import contract
 from ravenjax.ir.time_loop import TimeLoop, split
+from ravenjax.numbers.lazy import jax
 
 _FORMATS = {"float32": "f", "float64": "d", "int32": "i", "uint32": "I", "bool": "i"}
 _NUMBER = 4  # bytes of a number that enters or leaves a tick
@@ -86,7 +86,9 @@ class StepCode:
         self.results = struct.Struct("=" + "".join(_FORMATS[dtype] for dtype in self.kernel.results.types))
         text = f"{self.kernel.text}\n{_one_tick()}"
         self._module = module = jit.compile(text, (*FUNCTIONS, "one_tick"), objects)
-        self.call = bound(module)
+        self.shared_begin = module.function("shared_begin", [ctypes.c_void_p] * 2)
+        self.lane_begin = module.function("lane_begin", [ctypes.c_void_p] * 3)
+        self.lane_finish = module.function("lane_finish", [ctypes.c_void_p] * 4)
         self.one_tick = module.function("one_tick", [ctypes.c_void_p, ctypes.c_int32, ctypes.c_void_p])
 
     @functools.cached_property
@@ -148,8 +150,8 @@ class Stepper:
 
     def begin(self) -> None:
         """Back to before the first tick."""
-        self.code.call.shared_begin(at(self._inputs), at(self._group))
-        self.code.call.lane_begin(at(self._inputs), at(self._state), at(self._held))
+        self.code.shared_begin(at(self._inputs), at(self._group))
+        self.code.lane_begin(at(self._inputs), at(self._state), at(self._held))
 
     def step(self, tick: int, out: int) -> None:
         """One tick; writes what goes out as float32 numbers to address `out`."""
@@ -158,12 +160,12 @@ class Stepper:
     def inputs_changed(self) -> None:
         """Take over changed inputs; the state stays."""
         before = self._state.copy()
-        self.code.call.lane_begin(at(self._inputs), at(self._state), at(self._held))
+        self.code.lane_begin(at(self._inputs), at(self._state), at(self._held))
         self._state[:] = before
 
     def outcomes(self) -> dict[str, Any]:
         """What became of it so far; a truth value is 0 or -1."""
-        self.code.call.lane_finish(*self._finish)
+        self.code.lane_finish(*self._finish)
         return dict(zip(self.code.names, self.code.results.unpack_from(self._results.data), strict=True))
 
     def snapshot(self) -> tuple[np.ndarray, np.ndarray]:

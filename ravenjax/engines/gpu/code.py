@@ -1,4 +1,4 @@
-"""A compiled time loop on one GPU: puts lanes into warps, moves numbers there and back, runs chunk after chunk.
+"""A compiled time loop on one GPU: moves numbers there and back, runs chunk after chunk.
 
 While lanes run through a chunk, their groups' rows for the next one are made.
 """
@@ -6,15 +6,19 @@ While lanes run through a chunk, their groups' rows for the next one are made.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 
 from ravenjax.engines.gpu import device as cuda_device
+from ravenjax.engines.gpu.course import EVERY, BlockCourse, whole
 from ravenjax.engines.gpu.cuda import OPTIONS
 from ravenjax.engines.gpu.device import Cubins, Device, DeviceSession
-from ravenjax.engines.gpu.kernel import VECTOR, WARP, Form, print_loop
+from ravenjax.engines.gpu.kernel import VECTOR, WARP, Form, KernelSource, print_loop
+from ravenjax.engines.gpu.places import Places
 from ravenjax.engines.interface import Progress
 from ravenjax.engines.lanes import Lanes
+from ravenjax.engines.trunk import Trunk
 from ravenjax.ir.time_loop import TimeLoop, split
 
 CHUNK = 1000
@@ -28,40 +32,6 @@ def form_for(device: Device) -> Form:
     form = Form()
     words = device.shared_bytes // (form.threads * 4) // VECTOR * VECTOR
     return dataclasses.replace(form, shared_words=min(form.shared_words, words))
-
-
-@dataclasses.dataclass(frozen=True)
-class Places:
-    """Which thread computes which lane."""
-
-    lane: np.ndarray  # [threads], the lane that each computes; whole blocks of them
-    thread: np.ndarray  # [lanes], where each lane is computed
-    group: np.ndarray  # int32 [warps]
-    first: np.ndarray  # [groups], a lane of each
-    in_order: bool  # thread by thread computes lane by lane
-
-
-def place(group: np.ndarray, threads: int) -> Places:
-    """Whole warps for the lanes of each group, whole blocks of `threads` for all; the last lane of each fills them."""
-    if not group.any():
-        lanes = np.arange(len(group))
-        total = -(-len(group) // threads) * threads
-        lane = np.minimum(np.arange(total), len(group) - 1)
-        return Places(lane, lanes, np.zeros(total // WARP, np.int32), lanes[:1], True)
-    order = np.argsort(group, kind="stable")
-    sizes = np.bincount(group)
-    warps = -(-sizes // WARP)
-    starts = np.concatenate([[0], np.cumsum(warps)[:-1]]) * WARP
-    before = np.cumsum(sizes) - sizes
-    sorted_group = group[order]
-    position = starts[sorted_group] + np.arange(len(group)) - before[sorted_group]
-    total = -(-int(warps.sum()) * WARP // threads) * threads
-    filled = np.zeros(total, np.int64)
-    filled[position] = np.arange(len(group))
-    lane = order[np.maximum.accumulate(filled)]
-    thread = np.empty(len(group), np.int64)
-    thread[order] = position
-    return Places(lane, thread, group[lane[::WARP]].astype(np.int32), order[before], False)
 
 
 def words(column: np.ndarray) -> np.ndarray:
@@ -82,34 +52,63 @@ class CudaCode:
     """
 
     def __init__(
-        self, loop: TimeLoop, shared: int, grouped: bool, device: Device, form: Form, cubins: Cubins | None = None
+        self,
+        loop: TimeLoop,
+        shared: int,
+        grouped: bool,
+        device: Device,
+        form: Form,
+        cubins: Cubins | None = None,
+        printed: Callable[[Callable[[], KernelSource]], KernelSource] = lambda make: make(),
     ) -> None:
+        """printed: the kernels as they were printed before, or `make()`."""
         ticks = range(len(loop.step.inputs) - loop.lane_inputs - loop.states)
         self.grouped, self.device, self.form = grouped, device, form
-        parts = split(loop, range(shared) if grouped else (), ticks if grouped else ticks[:1])
-        self.source = print_loop(parts, form, grouped)
+
+        def make() -> KernelSource:
+            parts = split(loop, range(shared) if grouped else (), ticks if grouped else ticks[:1])
+            return print_loop(parts, form, grouped)
+
+        self.source = printed(make)
         cubin = cuda_device.compile(self.source.text, device.architecture, OPTIONS, cubins)
         module = cuda_device.DeviceModule(device, cubin)
         self.shared_begin, self.shared_run = module.function("shared_begin"), module.function("shared_run")
         self.lane_begin, self.lane_finish = module.function("lane_begin"), module.function("lane_finish")
         self.lane_run = module.function("lane_run", self.source.shared_bytes)
+        self.lane_branch = module.function("lane_branch")
+        self.group_snapshot, self.lane_snapshot = module.function("group_snapshot"), module.function("lane_snapshot")
 
     def run(self, lanes: Lanes, places: Places, ticks: int, progress: Progress | None = None) -> list[np.ndarray]:
         """Run lanes from the beginning; their results, each [lanes]."""
+        return self.follow(lanes, places, whole(places, self.form.threads, ticks), progress)
+
+    def follow(
+        self, lanes: Lanes, places: Places, course: BlockCourse, progress: Progress | None = None
+    ) -> list[np.ndarray]:
+        """Run lanes along `course`; their results, each [lanes]."""
         with DeviceSession(self.device) as session:
-            return _Run(self, session, lanes, places, ticks).results(progress)
+            return _Run(self, session, lanes, places, course, CHUNK).results(progress)
+
+    def trunk(self, lanes: Lanes, places: Places, last: int) -> Trunk:
+        """Run lanes of one group that are all the same golden run; its snapshots before tick `last`."""
+        with DeviceSession(self.device) as session:
+            return _Run(self, session, lanes, places, whole(places, self.form.threads, max(last, 1)), EVERY).trunk()
 
 
 class _Run:
-    """One call of `CudaCode.run`."""
+    """One way of lanes through the ticks."""
 
-    def __init__(self, code: CudaCode, session: DeviceSession, lanes: Lanes, places: Places, ticks: int) -> None:
-        self.code, self.session, self.lanes, self.places, self.ticks = code, session, lanes, places, ticks
+    def __init__(
+        self, code: CudaCode, session: DeviceSession, lanes: Lanes, places: Places, course: BlockCourse, chunk: int
+    ) -> None:
+        """chunk: ticks that one launch takes, at most."""
+        self.code, self.session, self.lanes, self.places, self.course = code, session, lanes, places, course
         source = code.source
         self.threads = source.form.threads
         self.total, self.blocks = len(places.lane), len(places.lane) // self.threads
         self.groups = len(places.first)
-        self.chunk = min(CHUNK, ticks, max(16, ROW_WORDS // (self.groups * max(source.row, 1))))
+        ticks = course.last - course.first
+        self.chunk = min(chunk, ticks, max(16, ROW_WORDS // (self.groups * max(source.row, 1))))
         columns = [words(column) for column in lanes.inputs]
         packed = np.empty((len(columns), self.total), np.uint32)
         for row, column in zip(packed, columns, strict=True):
@@ -122,29 +121,50 @@ class _Run:
             of_groups[:, k] = column[places.first]
         self.inputs, self.group_inputs = session.upload(packed), session.upload(of_groups)
         self.tables, self.group = session.upload(words(lanes.tables)), session.upload(places.group.view(np.uint32))
+        self.spans = session.upload(course.spans.view(np.uint32))
         self.state = session.room(self.blocks * source.state * self.threads)
         self.group_state = session.room(self.groups * source.group_state)
         self.rows = [session.room(self.groups * self.chunk * source.row) for _ in range(2)]
         entering = self.groups if code.grouped else self.total
         self.given = [session.room(entering * self.chunk * source.tick_inputs) for _ in range(2)]
         self.out = session.room(self.total * self.chunk * len(source.outputs)) if lanes.out is not None else None
+        self.snapshots: tuple[object, ...] = ()  # rooms for those of the group and of the lane
 
     def results(self, progress: Progress | None) -> list[np.ndarray]:
-        session, code = self.session, self.code
-        main, urgent = session.main, session.urgent
-        self._by_group(code.shared_begin, urgent, self.group_inputs, self.group_state, self.groups)
-        session.launch(code.lane_begin, self.blocks, self.threads, main, self.inputs, self.state, self.total)
-        starts = range(0, self.ticks, self.chunk)
-        marks = [self._make_rows(0, 0)]
+        """Run; the results, each [lanes]."""
+        self._run(progress)
+        return self._finish()
+
+    def trunk(self) -> Trunk:
+        """Run; the states of the first lane and of its group before each chunk."""
+        source, session = self.code.source, self.session
+        count = -(-self.course.last // self.chunk)
+        snapshots = Trunk.room(self.chunk, count, source.group_state, source.state)
+        self.snapshots = tuple(session.room(own.size) for own in (snapshots.group, snapshots.lane))
+        self._run(None)
+        for own, there in zip((snapshots.group, snapshots.lane), self.snapshots, strict=True):
+            session.read(own, there, session.main)
+        return snapshots
+
+    def _run(self, progress: Progress | None) -> None:
+        session, code, course = self.session, self.code, self.course
+        main = session.main
+        self._begin()
+        if progress is not None:  # what nobody has to run is done
+            idle = course.last * len(self.places.thread) - course.lane_ticks(self.places, 0, course.last)
+            progress(idle) if idle else None
+        starts = range(course.first, course.last, self.chunk)
+        marks = [self._make_rows(0, course.first)]
         finished = []
         for k, first in enumerate(starts):
-            count = min(self.chunk, self.ticks - first)
+            count = min(self.chunk, course.last - first)
             if k + 1 < len(starts):
                 if k:
                     session.finish(finished[k - 1])  # it read the buffers that are written next
                 marks.append(self._make_rows(k + 1, starts[k + 1]))
             session.wait(main, marks[k])
-            buffers = self.tables, self.given[k % 2], self.rows[k % 2], self.group
+            self._leave_snapshot(1, code.lane_snapshot, code.source.state, main, self.state, k)
+            buffers = self.tables, self.given[k % 2], self.rows[k % 2], self.group, self.spans
             session.launch(
                 code.lane_run, self.blocks, self.threads, main, self.inputs, self.state, *buffers, self.out,
                 self.total, first, count,
@@ -154,21 +174,41 @@ class _Run:
                 self._take_out(first, count)
             if progress is not None:
                 session.finish(finished[k])
-                progress(count * len(self.places.thread))
-        return self._finish()
+                progress(course.lane_ticks(self.places, first, first + count))
+
+    def _begin(self) -> None:
+        """Put groups and lanes where they begin, or where their golden runs were."""
+        session, code, course = self.session, self.code, self.course
+        if course.group_state is None:
+            self._by_group(code.shared_begin, session.urgent, self.group_inputs, self.group_state, self.groups)
+        else:
+            session.write(self.group_state, course.group_state, session.urgent)
+        where = self.blocks, self.threads, session.main
+        session.launch(code.lane_begin, *where, self.inputs, self.state, self.total)
+        if len(course.snapshots):
+            snapshots, own = session.upload(course.snapshots), session.upload(course.snapshot.view(np.uint32))
+            session.launch(code.lane_branch, *where, snapshots, own, self.state)
+
+    def _leave_snapshot(
+        self, which: int, function: cuda_device.Function, words: int, stream: object, state: object, row: int
+    ) -> None:
+        """Copy a state to where snapshots are collected, if they are."""
+        if self.snapshots and words:
+            self.session.launch(function, -(-words // WARP), WARP, stream, state, self.snapshots[which], row)
 
     def _by_group(self, function: cuda_device.Function, stream: object, *arguments: object) -> None:
         self.session.launch(function, -(-self.groups // WARP), WARP, stream, *arguments)
 
     def _make_rows(self, k: int, first: int) -> object:
         """Start the rows of chunk `k`; the point where they are there."""
-        count, tick_inputs, rows = min(self.chunk, self.ticks - first), self.given[k % 2], self.rows[k % 2]
-        urgent, entering = self.session.urgent, self.lanes.tick_inputs
-        if self.code.source.tick_inputs and len(entering):
-            here = entering[:, first : first + count] if self.code.grouped else entering[first : first + count]
+        count, tick_inputs, rows = min(self.chunk, self.course.last - first), self.given[k % 2], self.rows[k % 2]
+        urgent, entering, code = self.session.urgent, self.lanes.tick_inputs, self.code
+        self._leave_snapshot(0, code.group_snapshot, code.source.group_state, urgent, self.group_state, k)
+        if code.source.tick_inputs and len(entering):
+            here = entering[:, first : first + count] if code.grouped else entering[first : first + count]
             self.session.write(tick_inputs, words(np.ascontiguousarray(here)), urgent)
         buffers = self.group_inputs, self.group_state, self.tables, tick_inputs, rows
-        self._by_group(self.code.shared_run, urgent, *buffers, self.groups, first, count)
+        self._by_group(code.shared_run, urgent, *buffers, self.groups, first, count)
         return self.session.mark(urgent)
 
     def _take_out(self, first: int, count: int) -> None:

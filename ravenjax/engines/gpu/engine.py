@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import collections
 import dataclasses
+import functools
 import queue
 from typing import Any
 
@@ -16,15 +17,19 @@ import numpy as np
 
 from ravenjax.engines import traced
 from ravenjax.engines.gpu import device as cuda_device
-from ravenjax.engines.gpu.code import CudaCode, Places, form_for, place, typed
+from ravenjax.engines.gpu.code import CudaCode, form_for, typed
+from ravenjax.engines.gpu.course import BlockCourse, between, whole
 from ravenjax.engines.gpu.device import Cubins, Device
-from ravenjax.engines.gpu.kernel import WARP
+from ravenjax.engines.gpu.kernel import WARP, KernelSource
+from ravenjax.engines.gpu.places import Places, place
 from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram, Tracer
 from ravenjax.engines.lanes import Lanes
+from ravenjax.engines.trunk import Trunk
 from ravenjax.errors import UserError
+from ravenjax.numbers import tree
 from ravenjax.numbers.setup import Precision
 
-WAVES = 8
+WAVES = 4
 """Times that a block of lanes fills the device, at most."""
 SEATS = 2
 """Threads that use one device: while one's lanes run, the other packs and unpacks its own."""
@@ -48,6 +53,7 @@ class CudaKernel:
         self._seats: queue.Queue[Device] = queue.Queue()
         for device in devices * SEATS:
             self._seats.put(device)
+        self.branches = 0 if signals else wave(devices)
 
     def size(self, rows: int) -> int:
         """See `interface.Kernel`: whole warps, but no more than a block has where that is less."""
@@ -69,11 +75,29 @@ class CudaKernel:
         assert self._forms is not None
         return result, self._forms.traced.signals_of(out, lambda column, dtype: typed(column, dtype.name))
 
+    def trunk(
+        self, block: Block, motion: tuple[np.ndarray, ...], last: int, ends: np.ndarray
+    ) -> tuple[Trunk, dict[str, np.ndarray]]:
+        """See `interface.Kernel`."""
+        golden_run = _ending(block, np.full(self.size(1), self.program.ticks))
+        inputs, tables = traced.inputs(self.program, golden_run), _joined(motion)
+        device = self._seats.get()
+        try:
+            places, code = self._placed(inputs, device)[0], self._code(golden_run, motion, True, device)
+            trunk = code.trunk(Lanes(inputs, _given(golden_run, places, True), tables, None), places, last)
+        finally:
+            self._seats.put(device)
+        if len(ends):
+            return trunk, self.run(_ending(block, ends), motion).outcomes
+        assert self._forms is not None
+        none = [typed(np.zeros(0, np.uint32), dtype) for dtype in code.source.results]
+        return trunk, dict(zip(self._forms.traced.outcomes, none, strict=True))
+
     def _run(
         self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None
     ) -> tuple[BlockResult, np.ndarray]:
         inputs = traced.inputs(self.program, block)
-        tables = np.concatenate([np.ascontiguousarray(column) for column in motion])
+        tables = _joined(motion)
         device = self._seats.get()
         try:
             places, grouped = self._placed(inputs, device)
@@ -84,7 +108,8 @@ class CudaKernel:
             keep = self.signals or block.reference is None
             out = np.empty((ticks, len(code.source.outputs), lanes), np.uint32) if keep else None
             tick_inputs = _given(block, places, grouped)
-            outcomes = code.run(Lanes(inputs, tick_inputs, tables, out), places, ticks, progress)
+            course = whole(places, code.form.threads, ticks) if keep else self._course(block, places, grouped, code)
+            outcomes = code.follow(Lanes(inputs, tick_inputs, tables, out), places, course, progress)
         finally:
             self._seats.put(device)
         if out is None:
@@ -101,15 +126,46 @@ class CudaKernel:
         grouped = warps <= max(at_once, 2 * -(-len(group) // WARP))
         return place(group if grouped else np.zeros_like(group), form.threads), grouped
 
+    def _course(self, block: Block, places: Places, grouped: bool, code: CudaCode) -> BlockCourse:
+        lanes, ticks = len(places.thread), self.program.ticks
+        acts = np.zeros(lanes, np.int32) if block.acts is None else block.acts
+        ends = np.full(lanes, ticks) if block.ends is None else block.ends
+        trunks = [block.trunk(lane) if grouped else None for lane in places.first.tolist()]
+        return between(places, code.form.threads, acts, ends, trunks)
+
     def _code(self, block: Block, motion: tuple[np.ndarray, ...], grouped: bool, device: Device) -> CudaCode:
-        self._forms = forms = self._forms or traced.forms(self.program, block, motion)
+        self._forms = forms = self._forms or traced.forms(self.program, block, motion, self._cubins)
 
         def make() -> CudaCode:
             loop = forms.traced.loop if self.signals else forms.traced.without_signals()
             shared, form = len(self.program.varied), form_for(device)
-            return CudaCode(loop, shared, grouped, device, form, self._cubins)
+            printed = functools.partial(forms.printed, KernelSource, ("cuda", self.signals, grouped, form))
+            return CudaCode(loop, shared, grouped, device, form, self._cubins, printed)
 
         return forms.code(("cuda", self.signals, grouped, device), make)
+
+
+def wave(devices: tuple[Device, ...]) -> int:
+    """Lanes that run at once on all devices."""
+    return sum(device.multiprocessors * form_for(device).threads for device in devices)
+
+
+def _joined(motion: tuple[np.ndarray, ...]) -> np.ndarray:
+    """The columns of the motion one after the other."""
+    return np.concatenate([np.ascontiguousarray(column) for column in motion])
+
+
+def _ending(block: Block, ends: np.ndarray) -> Block:
+    """The first lane of a block, once for each of `ends`."""
+    first = np.zeros(len(ends), np.int64)
+    return dataclasses.replace(
+        block,
+        varied={path: np.asarray(values)[first] for path, values in block.varied.items()},
+        faults=tree.mapped(lambda leaf: np.asarray(leaf)[first], block.faults),
+        golden=first if block.golden is None else block.golden[first],
+        acts=None,
+        ends=None if block.ends is None else ends,
+    )
 
 
 def block_lanes(runs: int, devices: tuple[Device, ...]) -> int:

@@ -1,10 +1,13 @@
-"""A split time loop as one CUDA C module of five kernels, and how their buffers are laid out.
+"""A split time loop as one CUDA C module, and how the buffers of its kernels are laid out.
 
-shared_begin  state of each group from its inputs; one thread a group
-shared_run    some ticks of each group: advances its state, writes a row of numbers a tick
-lane_begin    state of each lane from its inputs; one thread a lane
-lane_run      the same ticks of each lane, reading its group's rows
-lane_finish   results of each lane
+shared_begin    state of each group from its inputs; one thread a group
+shared_run      some ticks of each group: advances its state, writes a row of numbers a tick
+lane_begin      state of each lane from its inputs; one thread a lane
+lane_branch     state of the lanes of some warps from snapshots
+lane_run        the same ticks of each lane, reading its group's rows, from where its block begins to where that ends
+lane_finish     results of each lane
+group_snapshot  copies the state of the first group; one thread a number
+lane_snapshot   copies the state of the first lane; one thread a number
 
 Every number takes a 32-bit word. Lanes come in whole blocks of threads, and the lanes of a warp are of one group.
 Inputs and results of lanes are [number, lane], their state is [block, number, thread]; buffers of groups are [group,
@@ -110,6 +113,8 @@ class _CudaModule:
 
     def source(self) -> KernelSource:
         kernels = [self._shared_begin(), self._shared_run(), self._lane_begin(), self._lane_run(), self._lane_finish()]
+        kernels += [self._lane_branch(), self._snapshot("group", len(self.split.shared_state), 1)]
+        kernels += [self._snapshot("lane", len(self.lane_state), self.form.threads)]
 
         def types(program: Program, numbers: tuple[int, ...]) -> tuple[str, ...]:
             return tuple(program.operations[i].dtype for i in numbers)
@@ -277,14 +282,17 @@ class _CudaModule:
             for k in range(len(self.outputs))
         ]
         body = [
+            "  const int begin = spans[2 * blockIdx.x] > first ? spans[2 * blockIdx.x] - first : 0;",
+            "  const int last = spans[2 * blockIdx.x + 1] - first, end = last < count ? last : count;",
+            "  if (begin >= end) return;",
             *self._at_lane("inputs"),
             "  extern __shared__ __align__(16) unsigned block_room[];",
             f"  unsigned* room = block_room + threadIdx.x * {VECTOR};",
             *(f"  const unsigned in{k} = {self._of_lane('inputs').format(k)};" for k in sorted(used)),
             *(f"  {word} = {stored};" for word, stored in near),
             *prologue,
-            f"  row += (size_t)groups[lane / {WARP}] * count * {self.row // VECTOR};",
-            f"  for (int tick = 0; tick < count; ++tick, row += {self.row // VECTOR}) {{",
+            f"  row += ((size_t)groups[lane / {WARP}] * count + begin) * {self.row // VECTOR};",
+            f"  for (int tick = begin; tick < end; ++tick, row += {self.row // VECTOR}) {{",
             *(["    __syncthreads();"] if len(split.lane) >= form.in_step_from else []),
             *(f'    asm volatile("" : "+r"({name}));  // the bits are to stay in one register' for name in packed),
             "    const int now = first + tick;",
@@ -295,8 +303,8 @@ class _CudaModule:
             *(f"  {stored} = {word};" for word, stored in near),
         ]
         parameters = (
-            "Words inputs, Room state, Words tables, Words given, Fours row, Groups groups, Room out, "
-            "int lanes, int first, int count"
+            "Words inputs, Room state, Words tables, Words given, Fours row, Groups groups, Groups spans, "
+            "Room out, int lanes, int first, int count"
         )
         return _kernel("lane_run", parameters, body, form.bounds)
 
@@ -330,6 +338,26 @@ class _CudaModule:
         ]
         parameters = "Words inputs, Words state, Words group_state, Groups groups, Room results, int lanes"
         return _kernel("lane_finish", parameters, [*start, *printer.lines], self.form.bounds)
+
+    def _lane_branch(self) -> str:
+        words, threads = len(self.lane_state), self.form.threads
+        body = [
+            f"  const int own = snapshot[(blockIdx.x * {threads} + threadIdx.x) / {WARP}];",
+            "  if (own < 0) return;",
+            *self._at_lane()[1:],
+            f"  snapshots += (size_t)own * {words};",
+            f"  for (int k = 0; k < {words}; ++k) state[k * {threads}] = snapshots[k];",
+        ]
+        return _kernel("lane_branch", "Words snapshots, Groups snapshot, Room state", body, self.form.bounds)
+
+    @staticmethod
+    def _snapshot(what: str, words: int, stride: int) -> str:
+        """Copies the first of the states that stand in words `stride` apart."""
+        body = [
+            "  const int k = blockIdx.x * blockDim.x + threadIdx.x;",
+            f"  if (k < {words}) snapshots[(size_t)row * {words} + k] = state[k * {stride}];",
+        ]
+        return _kernel(f"{what}_snapshot", "Words state, Room snapshots, int row", body)
 
 
 def _kernel(name: str, parameters: str, body: list[str], bounds: str = "") -> str:

@@ -13,14 +13,11 @@ import os
 import threading
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import lax
 
-from ravenjax.engines import traced
+from ravenjax.engines import traced, tracing
 from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram, Tracer
-from ravenjax.numbers.vec import where
+from ravenjax.numbers.lazy import jax, jnp, lax
 
 MAX_SEGMENT = 1000
 """Ticks of a segment, at most."""
@@ -39,20 +36,21 @@ def segment_ticks(ticks: int) -> int:
 def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> tuple[Any, Any]:
     """The segment, and the shapes of the state that it carries.
 
-    segment(varied, faults, state, first tick, reference [length, series, lanes], motion) returns the state, the
+    segment(varied, faults, ends, state, first tick, reference [length, series, lanes], motion) returns the state, the
     outcomes so far, the reference series [length, series, lanes] and, if kept, every signal of the first lane [length].
+    ends: as `traced.own_ends`.
     """
     loop, setup = program.loop, program.setup
-    frozen = program.ticks % length != 0  # the last segment overshoots the run
+    overshoots = program.ticks % length != 0  # the last segment, the run
 
     def params_of(varied: Any) -> Any:
-        return traced.params(program, [varied[path] for path in program.varied])
+        return program.params_of([varied[path] for path in program.varied])
 
-    def advance(varied: Any, faults: Any, state: Any, now: Any, reference: Any, motion: Any) -> Any:
+    def advance(varied: Any, faults: Any, end: Any, state: Any, now: Any, reference: Any, motion: Any) -> Any:
         params = params_of(varied)
         new, series, signals = loop.advance(setup, params, faults, state, now, motion, reference)
-        if frozen:
-            new = where(now < program.ticks, new, state)
+        end = end or ((program.ticks,) if overshoots else ())
+        new = tracing.frozen(now, end, new, state)
         return new, series, signals if keep_signals else ()
 
     def begin(varied: Any) -> Any:
@@ -61,13 +59,15 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
     def finish(varied: Any, state: Any) -> Any:
         return loop.outcomes(setup, params_of(varied), state)
 
-    def segment(varied: Any, faults: Any, state: Any, first: Any, reference: Any, motion: Any) -> Any:
+    def segment(varied: Any, faults: Any, ends: Any, state: Any, first: Any, reference: Any, motion: Any) -> Any:
         fresh = jax.vmap(begin, axis_size=reference.shape[2])(varied)
         state = jax.tree.map(lambda a, b: jnp.where(first == 0, a, b), fresh, state)
 
         def body(carry: Any, x: Any) -> Any:
             now, row = x
-            moved = jax.vmap(advance, in_axes=(0, 0, 0, None, 1, None))(varied, faults, carry, now, row, motion)
+            moved = jax.vmap(advance, in_axes=(0, 0, 0, 0, None, 1, None))(
+                varied, faults, ends, carry, now, row, motion
+            )
             new, series, signals = moved
             return new, (jnp.stack(series), jax.tree.map(lambda leaf: leaf[0], signals))
 
@@ -82,6 +82,8 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
 
 class ScanKernel:
     """A compiled segment and the loop over segments."""
+
+    branches = 0
 
     def __init__(self, program: TickProgram, lanes: int, keep_signals: bool = False) -> None:
         self.program, self.lanes, self.keep_signals = program, lanes, keep_signals
@@ -99,12 +101,12 @@ class ScanKernel:
     def _compile(self, *args: Any) -> Any:
         with self._lock:
             if self._compiled is None:
-                self._compiled = jax.jit(self.segment, donate_argnums=(2,)).lower(*args).compile()
+                self._compiled = jax.jit(self.segment, donate_argnums=(3,)).lower(*args).compile()
         return self._compiled
 
     def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
         """Compile for blocks and motions of these shapes."""
-        with traced.x64(self.program.setup):
+        with tracing.x64(self.program.setup):
             self._compile(*self._arguments(block, motion))
 
     def _arguments(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[Any, ...]:
@@ -112,7 +114,8 @@ class ScanKernel:
         faults = jax.tree.map(jnp.asarray, block.faults)
         state = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), self.shapes(varied, self.lanes))
         reference = jnp.zeros((self.length, self.series, self.lanes), self.dtype)
-        return varied, faults, state, jnp.int32(0), reference, tuple(jnp.asarray(c) for c in motion)
+        ends = tuple(map(jnp.asarray, traced.own_ends(self.program, block)))
+        return varied, faults, ends, state, jnp.int32(0), reference, tuple(jnp.asarray(c) for c in motion)
 
     def run(self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None) -> BlockResult:
         """See `interface.Kernel`."""
@@ -128,15 +131,15 @@ class ScanKernel:
         self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None, keep: bool
     ) -> tuple[dict[str, np.ndarray], np.ndarray, Any]:
         ticks = self.program.ticks
-        with traced.x64(self.program.setup):
-            varied, faults, state, now, reference, columns = self._arguments(block, motion)
-            compiled = self._compile(varied, faults, state, now, reference, columns)
+        with tracing.x64(self.program.setup):
+            varied, faults, ends, state, now, reference, columns = self._arguments(block, motion)
+            compiled = self._compile(varied, faults, ends, state, now, reference, columns)
             outcomes: Any = {}
             chunks: list[Any] = []
             for first in range(0, ticks, self.length):
                 if block.reference is not None:
                     reference = jnp.asarray(self._segment_of(block, first))
-                state, outcomes, *series = compiled(varied, faults, state, jnp.int32(first), reference, columns)
+                state, outcomes, *series = compiled(varied, faults, ends, state, jnp.int32(first), reference, columns)
                 if keep:
                     chunks.append(jax.tree.map(np.asarray, series))
                 jax.block_until_ready(outcomes)

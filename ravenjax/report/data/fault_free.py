@@ -76,13 +76,16 @@ def rounded_up(hours: float) -> float:
     return round(math.ceil(hours / step * (1 - 1e-9)) * step, 12)
 
 
-def make(table: ResultTable, names: Sequence[str], source: str, length_ms: int, beside: Companions) -> Motions:
-    """Make TABLE of the golden runs of `source`, rows of a result table with columns `names` and runs of `length_ms`,
-    and of the motion beside."""
+def make(table: ResultTable, names: Sequence[str], source: str, end: str, beside: Companions) -> Motions:
+    """Make TABLE of the golden runs of `source`, rows of a result table with columns `names` and runs until `end`
+    (ms, a number or a column), and of the motion beside."""
     golden = [name for name in names if name == "operator" or name.startswith("golden_")]
     alarms = [name for name in names if _ALARM.fullmatch(name)]
-    columns = [*map(quoted, golden), f"{length_ms} AS length_ms"]
+    columns = [*map(quoted, golden), f"{end} AS length_ms"]
     columns += [f"NULL::INTEGER AS {quoted(name)}" for name in alarms]
+    if end in names:  # of golden runs that some run ended before their end, the longest part
+        own = ", ".join(quoted(name) for name in names if name in ("operator", "seed") or name.startswith("param:"))
+        source = f"(SELECT * FROM {source} QUALIFY {end} = max({end}) OVER (PARTITION BY {own}))"
     table.run(f"CREATE TABLE {TABLE} AS SELECT DISTINCT {', '.join(columns)} FROM {source}")
     for path, manifest in beside.motions:
         available = {column.name for column in schema.columns(manifest.shape)}

@@ -18,6 +18,7 @@ from ravenjax.report.data import fault_free as fault_free_motions
 from ravenjax.report.data.counted import NONE, Delays
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.fault_free import Motions
+from ravenjax.store import schema
 from ravenjax.store.access import fault_free, query
 from ravenjax.store.access.fault_free import NO_COMPANIONS, Companions
 from ravenjax.store.access.query import RESULTS, ResultTable, quoted
@@ -49,7 +50,7 @@ class Runs:
         self.table, self.types = table, table.types()
         self.robot = manifest.robot
         self.cue_leads = bool(manifest.cues) and leads.cue(manifest, manifest.verdict_cue)
-        self._length_ms, self._beside = manifest.duration_ms, beside
+        self._end, self._beside = end_of(manifest), beside
         self._drawn_groups = draws.groups(manifest.config)
         self.names = list(self.types)
         run_facts.define(table, run_facts.choices(manifest), _more(manifest))
@@ -154,7 +155,7 @@ class Runs:
         """The different fault-free motions: golden runs of runs that are plain, and those beside the result."""
         if self._motions is None:
             source = self.those("plain") if self.count("NOT plain") else RESULTS
-            self._motions = fault_free_motions.make(self.table, self.names, source, self._length_ms, self._beside)
+            self._motions = fault_free_motions.make(self.table, self.names, source, self._end, self._beside)
         return self._motions
 
     def numbered(self, rows: list[int]) -> list[dict[str, Any]]:
@@ -191,12 +192,19 @@ def after_onset(event: str) -> str:
     return f"CASE WHEN {event} >= active_ms THEN {event} ELSE -1 END"
 
 
+def end_of(manifest: Manifest) -> str:
+    """When a run ended, ms: a number, or the column of facts that tells it of each."""
+    return schema.OBSERVED if manifest.shape.observes else str(manifest.duration_ms)
+
+
 def _more(manifest: Manifest) -> dict[str, str]:
-    """Further columns of facts: warned<k>_ms of each haptic set, alarm<d>_<k>_ms of each threshold of each detector."""
+    """Further columns of facts: warned<k>_ms of each haptic set, alarm<d>_<k>_ms of each threshold of each detector,
+    and when runs ended if not all together."""
     warned = {f"warned{k}_ms": run_facts.warned_sql(k) for k in range(len(manifest.cues))}
     alarms = {
         f"alarm{d}_{k}_ms": f"detector{d}_threshold{k}_first_ms"
         for d, detector in enumerate(manifest.detectors)
         for k in range(len(detector.thresholds))
     }
-    return warned | alarms
+    ended = {schema.OBSERVED: schema.OBSERVED} if manifest.shape.observes else {}
+    return warned | alarms | ended

@@ -10,7 +10,8 @@ import numpy as np
 from ravenjax.document import ticks
 from ravenjax.report.data import counted, leads
 from ravenjax.report.data.counted import NONE, Delays
-from ravenjax.report.data.runs import UNINTENDED, FaultCounts, Runs, after_onset
+from ravenjax.report.data.facts import first_sql
+from ravenjax.report.data.runs import UNINTENDED, FaultCounts, Runs, after_onset, end_of
 from ravenjax.report.sections import tables
 from ravenjax.report.sections.reaction.pairs import Difference
 from ravenjax.stats.alarms.false_alarms import AlarmRate
@@ -30,7 +31,7 @@ class ClassRow(NamedTuple):
     evaded: Rate  # of distinct faults
     unintended: Rate  # of distinct faults, whatever the checks did
     loss: Rate  # of distinct faults, whatever the checks did
-    before: Rate  # of faults with an unintended motion, those that could be known before it
+    before: Rate  # of faults with an unintended motion, those that could be known before it; see Knowledge.lead
     half_ms: Estimate  # time from the first effect by which half of those could be known
 
 
@@ -40,13 +41,22 @@ def scale(rows: Sequence[ClassRow]) -> float:
     return min(1.0, ticks.above(max([0.05, *ends])))
 
 
+class LowerCue(NamedTuple):
+    """What a cue of a smaller distance than the motion's would tell before it, beside checks and detectors."""
+
+    cue: CueRecord
+    before: Rate
+    false: tuple[int, int]  # fault-free motions with this cue, and all
+
+
 class Knowledge(NamedTuple):
     """Time from the first effect to the first possible knowledge, over faults with an unintended motion."""
 
     delay: Incidence
     half_ms: Estimate
     quarter_ms: Estimate
-    lead: Lead
+    lead: Lead  # over the motion, of what may come before it: no cue at the motion's own distance or beyond
+    lower: LowerCue | None  # where the cue of the verdicts is such a cue: the nearest below the limit, if there is any
     never: Rate  # not known when the run ended
     by_detectors: bool  # the campaign has detectors, which count at their lowest threshold without a false alarm
 
@@ -71,35 +81,48 @@ class Changed(NamedTuple):
     better: Announced | None  # the cue that announces most without a false one, where it is another and leads
 
 
-def knowledge(runs: Runs, known: str, manifest: Manifest) -> Knowledge:
-    """known: when anyone could first know, -1 if never; an expression of columns of facts (`detectors.known`)."""
-    delay, lags = (
-        runs.delays(known, start, str(manifest.duration_ms), UNINTENDED)[""] for start in ("active_ms", "unintended_ms")
-    )
-    delays, lead = counted.incidence(delay), counted.lead(lags)
-    sampled = runs.sampled()
+def knowledge(runs: Runs, known: str, early: str, manifest: Manifest) -> Knowledge:
+    """known: when anyone could first know, -1 if never, an expression of columns of facts (`performance.known`);
+    early: the same of what may come before the motion (`performance.before_motion`)."""
+    end, sampled = end_of(manifest), runs.sampled()
+    delay = runs.delays(known, "active_ms", end, UNINTENDED)[""]
+    delays, lead = counted.incidence(delay), counted.lead(runs.delays(early, "unintended_ms", end, UNINTENDED)[""])
+    never = delays.n - delays.events
     return Knowledge(
         delays,
         tables.known(delays.quantile_interval(0.5), sampled),
         tables.known(delays.quantile_interval(0.25), sampled),
         lead._replace(before=tables.known(lead.before, sampled)),
-        tables.of_faults(runs, lead.n - lead.alarmed, lead.n),
+        _lower(runs, early, manifest),
+        tables.of_faults(runs, never, delays.n),
         bool(manifest.detectors),
     )
 
 
-def classes(runs: Runs, known: str, manifest: Manifest) -> dict[str, list[ClassRow]]:
+def _lower(runs: Runs, early: str, manifest: Manifest) -> LowerCue | None:
+    able = [k for k in range(len(manifest.cues)) if leads.cue(manifest, k)]
+    if runs.cue_leads or not able:
+        return None
+    nearest = max(able, key=lambda k: manifest.cues[k].threshold_mm)
+    event = first_sql(early, f"({after_onset(f'warned{nearest}_ms')})")
+    lags = runs.delays(event, "unintended_ms", end_of(manifest), UNINTENDED)[""]
+    free = runs.motions()
+    false = free.came(f"golden_cue{nearest}_first_ms"), free.count
+    return LowerCue(manifest.cues[nearest], tables.known(counted.lead(lags).before, runs.sampled()), false)
+
+
+def classes(runs: Runs, known: str, early: str, manifest: Manifest) -> dict[str, list[ClassRow]]:
     """Rows by each of CLASSES, most evasive first; a kind of class that is the same for all faults is left out.
 
-    known: as of `knowledge`.
+    known, early: as of `knowledge`.
     """
     by_kind = {}
     for kind in CLASSES:
         present = runs.faults(kind)
         if len(present) > 1 or (kind == "group" and present):
             delay, lags = (
-                runs.delays(known, start, str(manifest.duration_ms), UNINTENDED, kind)
-                for start in ("active_ms", "unintended_ms")
+                runs.delays(event, start, end_of(manifest), UNINTENDED, kind)
+                for event, start in ((known, "active_ms"), (early, "unintended_ms"))
             )
             groups = runs.groups_by(kind)
             rows = [
@@ -127,9 +150,7 @@ def changed(runs: Runs, manifest: Manifest, differences: Sequence[Difference]) -
 
 def _announced(runs: Runs, manifest: Manifest, k: int, chosen: str) -> Announced:
     free = runs.motions()
-    lead = counted.lead(
-        runs.delays(after_onset(f"warned{k}_ms"), "unintended_ms", str(manifest.duration_ms), chosen)[""]
-    )
+    lead = counted.lead(runs.delays(after_onset(f"warned{k}_ms"), "unintended_ms", end_of(manifest), chosen)[""])
     false = tables.rate_of(free.came(f"golden_cue{k}_first_ms"), free.count)
     sampled = runs.sampled()
     lead = lead._replace(before=tables.known(lead.before, sampled))

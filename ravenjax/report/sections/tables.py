@@ -214,15 +214,15 @@ def least_last(rate: Rate) -> tuple[bool, float]:
     return not rate.n, -rate.value if rate.n else 0.0
 
 
-def delays(runs: Runs, event: str, end_ms: int, where: str = "sample") -> tuple[Delays, int]:
+def delays(runs: Runs, event: str, run_end: str | int, where: str = "sample") -> tuple[Delays, int]:
     """Delay (ms) of an event, a column of facts, after the fault's first effect, for activated valid runs; to the end
-    of observation where it never came: a stop or the end of the run.
+    of observation where it never came: a stop or `run_end`, see `end_of`.
 
     And how many runs are left out because the event came before the fault did anything.
     """
     condition = f"({where}) AND activated AND NOT failed AND faulty"
     early = f"{event} >= 0 AND {event} < active_ms"
-    end = f"greatest(CASE WHEN response = 'stopped' THEN response_ms ELSE {end_ms} END, active_ms)"
+    end = f"greatest(CASE WHEN response = 'stopped' THEN response_ms ELSE {run_end} END, active_ms)"
     by_name = runs.delays(event, "active_ms", end, f"{condition} AND NOT ({early})")
     return by_name[""], runs.count(f"{condition} AND {early}")
 

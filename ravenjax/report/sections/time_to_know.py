@@ -14,7 +14,7 @@ from ravenjax.document.ticks import above
 from ravenjax.report.bins import round_step
 from ravenjax.report.data.counted import incidence
 from ravenjax.report.data.facts import FACTS
-from ravenjax.report.data.runs import Runs
+from ravenjax.report.data.runs import Runs, end_of
 from ravenjax.report.sections import tables
 from ravenjax.stats.latency import Incidence
 from ravenjax.store.manifest import Manifest
@@ -36,7 +36,7 @@ def incidence_curves(runs: Runs, manifest: Manifest, known: Incidence) -> tuple[
         ("cue", "haptic cue", "warned_ms", CUE),
         ("told", "check that tells a person or stops", "told_ms", RESPONSE),
     ):
-        delays, early = tables.delays(runs, column, manifest.duration_ms, "sample")
+        delays, early = tables.delays(runs, column, end_of(manifest), "sample")
         curve = incidence(delays)
         numbers[key] = {"curve": curve, "early": early, "quarter": curve.quantile(0.25), "half": curve.quantile(0.5)}
         if curve.n:

@@ -32,7 +32,7 @@ class RobotRate(NamedTuple):
 
 def rates(runs: Runs, manifest: Manifest) -> list[RobotRate]:
     """One run of each fault and robot, by `questions`; none where robots were not drawn whole."""
-    columns = [name for name in _columns(manifest.config) if name in runs.names]
+    columns = drawn_whole(runs, manifest)
     if not columns:
         return []
     robot = f"hash({', '.join(map(quoted, columns))})"
@@ -46,6 +46,11 @@ def rates(runs: Runs, manifest: Manifest) -> list[RobotRate]:
             one = one_unit.rate([k for k, _ in rows], [n for _, n in rows])
             result.append(RobotRate(name, one.rate, one.units, one.deviation))
     return result
+
+
+def drawn_whole(runs: Runs, manifest: Manifest) -> list[str]:
+    """Columns of the parameters that make up a robot of a file; none where robots were not drawn whole."""
+    return [name for name in _columns(manifest.config) if name in runs.names]
 
 
 def _columns(config: Mapping[str, Any]) -> list[str]:

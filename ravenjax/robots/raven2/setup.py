@@ -23,6 +23,7 @@ class RavenSetup(setup.Setup):
     dac_words: Literal["wrap", "saturate", "unwrapped"] = "wrap"  # how a faulty DAC command is stored for USB
     substeps: int = 1  # plant steps per 1 ms tick
     packets: tuple[tuple[float, ...], ...] = ()  # shares of packets that last 1, 2, .. cycles, by choice; (): all one
+    packet_history: int = 0  # ms; where `packets`: how old those may be that faults of the network send again
     cables: Literal["unwatched", "unbreakable", "break"] = "unwatched"  # whether their load is an outcome; what it does
     command_delay: int = 0  # ms, the longest that a DAC command may take from USB write to motor
 

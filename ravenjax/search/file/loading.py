@@ -81,9 +81,9 @@ def _section(raw: dict[str, Any]) -> Search:
         got = "missing" if table is None else f"got {shown(table)}"
         raise _Wrong(((SECTION,), f"{got}: write a section [search] with kind, one of {kinds}"))
     kind = table.get("kind")
-    if kind not in KINDS:
+    if not isinstance(kind, str) or kind not in KINDS:
         got = "missing" if kind is None else f"got {shown(kind)}"
-        raise _Wrong(((SECTION, "kind"), f"{got}, expected one of {kinds}{suggestion(str(kind), KINDS)}"))
+        raise _Wrong(((SECTION, "kind"), f"{got}, expected one of {kinds}{suggestion(kind, KINDS)}"))
     try:
         return KINDS[kind].model_validate(table)
     except ValidationError as error:

@@ -75,7 +75,7 @@ def _measured(name: str, hit: np.ndarray, column: pd.Series, confidence: float, 
     column = pd.Series(column[present])
     numeric = pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column)
     values = column.to_numpy(float) if numeric else column.astype(str).to_numpy()
-    code, names = _thirds(values) if numeric else pd.factorize(values, sort=True)
+    code, names = thirds(values) if numeric else pd.factorize(values, sort=True)
     n = np.bincount(code, minlength=len(names))
     rate_of = rates(np.bincount(code, hit, minlength=len(names)).astype(int), n, confidence)
     levels = [
@@ -96,8 +96,9 @@ def _measured(name: str, hit: np.ndarray, column: pd.Series, confidence: float, 
     return Dependence(name, kind, len(hit), p, p, False, tuple(levels), difference)
 
 
-def _thirds(values: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Level of each value by its rank: equal values stay together, and both extremes have a level of their own."""
+def thirds(values: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Level of each value [n] by its rank, int [n], and the levels' names: equal values stay together, and both
+    extremes have a level of their own."""
     from scipy.stats import rankdata
 
     if not len(values) or values.min() == values.max():

@@ -89,7 +89,7 @@ def parse(line: str) -> Look:
         intervals = tuple(Interval(**_present(one)) for one in raw.pop("intervals"))
         fields = {field: raw.pop(name) for field, name in _KEYS.items()}
         return Look(intervals=intervals, waiting=tuple(raw.pop("waiting")), **fields, **raw)
-    except (KeyError, TypeError, AttributeError) as error:
+    except (KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(f"no record of a look: {line[:80]!r}") from error
 
 

@@ -19,12 +19,10 @@ from ravenjax.store.access import query
 from ravenjax.store.access.query import ResultTable, quoted, text
 from ravenjax.store.folder import PARTS, READERS
 from ravenjax.store.manifest import Manifest
+from ravenjax.vocabulary import failures
 
 MOST = 5
 """Problems of one check that are told, and columns in one of them."""
-FAILURES = ("", "nan")
-MAY_BE_INFINITE = ("_margin", "_score")
-"""Ends of names of floating-point columns that are infinite where nothing was ever measured."""
 MAY_BE_NAN = ("_value", "tip_distance_mm")
 """Ends of names of those that are NaN where there is no such number; varied parameters are, too."""
 
@@ -120,13 +118,13 @@ def _ranges(record: Manifest) -> Iterator[tuple[str, str, str]]:
         elif column.unit in ("ms", "ticks"):
             yield column.name, f"{name} BETWEEN 0 AND {end}", f"lies outside 0 to {end} {column.unit}"
         elif column.name == "end_runlevel":
-            yield column.name, f"{name} BETWEEN 0 AND 3", "is no run level"
+            yield column.name, f"{name} BETWEEN -1 AND 3", "is no run level"
         elif column.unit == "DAC counts" or column.name.endswith(("_count", "_alarms")):
             yield column.name, f"{name} >= 0", "is negative"
     known_words = {
         "response": verdict.RESPONSES,
         "hazard": verdict.HAZARDS,
-        "failed": FAILURES,
+        "failed": (*failures.CAUSES, *failures.FORMER),
         "verdict": (*verdict.VERDICTS, ""),
     }
     for name, words in known_words.items():
@@ -139,7 +137,7 @@ def _finite(record: Manifest) -> Iterator[tuple[str, str, str]]:
         if not column.dtype.startswith("float") or column.name.startswith("param:"):
             continue
         valid = f"failed <> '' OR NOT isnan({name})"
-        if column.name.endswith(MAY_BE_INFINITE):
+        if column.name.endswith(schema.MAY_BE_INFINITE):
             yield column.name, valid, "is not a number"
         elif column.name.endswith(MAY_BE_NAN):
             yield column.name, f"NOT isinf({name})", "is infinite"
@@ -159,6 +157,7 @@ def _verdicts(record: Manifest) -> Iterator[tuple[str, str, str]]:
     )
     yield "hazard", f"hazard = {hazard}", "does not follow from the times of the hazards"
     yield "told_ms", f"(told_ms >= 0) = ({events.TOLD_SQL})", "does not follow from response"
+    yield "failed_first_ms", "(failed = '') = (failed_first_ms < 0)", "does not follow from failed"
     yield "activated", "activated = (active_ticks > 0)", "does not follow from active_ticks"
     for rule in ("code", "text", "tip"):
         yield f"jump_{rule}", f"jump_{rule} = (jump_{rule}_first_ms >= 0)", f"does not follow from jump_{rule}_first_ms"

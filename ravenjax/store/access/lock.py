@@ -19,6 +19,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from ravenjax.errors import StoreError
+from ravenjax.store.files import parsed
 
 FILE = ".lock"
 _TAKEN = (errno.EWOULDBLOCK, errno.EACCES)
@@ -68,7 +69,7 @@ def _put(file, text: str) -> None:
 def _holder(text: str) -> dict:
     """What a lock file says; nothing where it is torn or empty."""
     try:
-        content = json.loads(text)
+        content = parsed(text)
     except ValueError:
         return {}
     return content if isinstance(content, dict) else {}

@@ -113,7 +113,7 @@ def reason(poses: Poses, row: int, bounds: Bounds) -> str:
 
 def _candidates(poses: Poses, i: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """All solutions [n, 8, 7] of one arm in at most BLOCK_ROWS rows, and their validity [n, 8]."""
-    import jax
+    from ravenjax.numbers.lazy import jax
 
     index = rows[np.minimum(np.arange(BLOCK_ROWS), len(rows) - 1)]
     pose = poses.position[index, i], poses.quat[index, i], poses.opening_mrad[index, i] * 1e-3
@@ -127,9 +127,7 @@ def _candidates(poses: Poses, i: int, rows: np.ndarray) -> tuple[np.ndarray, np.
 @functools.cache
 def _solver(arm: ArmName) -> Callable[..., Any]:
     """The inverse kinematics of one arm for BLOCK_ROWS poses, compiled once."""
-    import jax
-    import jax.numpy as jnp
-
+    from ravenjax.numbers.lazy import jax, jnp
     from ravenjax.robots.raven2.geometry import kinematics
     from ravenjax.robots.raven2.geometry.joints import joint_from_theta
     from ravenjax.robots.raven2.geometry.mapping import matrix_from_quat

@@ -182,8 +182,7 @@ def _home_opening_mrad() -> float:
 
 
 def _home_quat(arm: ArmName) -> np.ndarray:
-    import jax
-
+    from ravenjax.numbers.lazy import jax
     from ravenjax.robots.raven2.geometry import kinematics, limits, mapping
 
     with jax.enable_x64(True):

@@ -40,7 +40,7 @@ def compare(context: Context) -> Findings:
     if path is None:
         absent = f"the recording is not at hand: set {closed_loop.DATA} to the folder that holds {closed_loop.FILE}"
         return Findings(tuple(_line(published, joint, None, absent) for joint in UNITS), notes=_NOTES)
-    import jax
+    from ravenjax.numbers.lazy import jax
 
     whole = closed_loop.read(path)
     log = predictors.second_half(whole)

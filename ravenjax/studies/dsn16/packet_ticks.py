@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 
-import jax.numpy as jnp
 import numpy as np
 
 from ravenjax.campaign.plan import Plan
+from ravenjax.numbers.lazy import jnp
 from ravenjax.robots.raven2.campaign.config import of_raven
 from ravenjax.robots.raven2.campaign.program import PACKET_KEY, PACKETS
 from ravenjax.stages import packet_clock

@@ -53,12 +53,13 @@ def read(name: str, folder: Path) -> VariantRuns:
 
 
 def of(name: str, config: CampaignConfig, table: pd.DataFrame, packets: PacketTicks) -> VariantRuns:
-    """The faulty rows of a result table. A displacement's value is the group's (its three slots hold shares of it)."""
+    """The valid faulty rows of a result table. A displacement's value is the group's (its slots hold shares of it)."""
     columns = {str(column): table[column].to_numpy() for column in table.columns}
-    faulty = np.flatnonzero(columns["fault0_site"] != "")
+    has_fault, valid = columns["fault0_site"] != "", columns["failed"] == ""
+    faulty = np.flatnonzero(has_fault & valid)
     rows = faulty[np.argsort(columns["index"][faulty])]
     rejected = columns["check_ik_reject_count"]
-    free = np.delete(rejected, rows).max(initial=0)
+    free = rejected[~has_fault & valid].max(initial=0)
     start, duration = columns["fault0_start_ms"][rows], columns["fault0_duration_ms"][rows]
     index, jump = columns["index"][rows], columns["jump_code"][rows].astype(bool)
     ended = packets.packet(index, columns["jump_code_first_ms"][rows])

@@ -107,7 +107,7 @@ def lever(config: CampaignConfig, rows: np.ndarray) -> Lever:
 
 def desired_tip(config: CampaignConfig) -> np.ndarray:
     """Where the operator wants the gold tip, [ms, 3] m in frame 0."""
-    import jax
+    from ravenjax.numbers.lazy import jax
 
     raven = of_raven(config)
     motion = hands.operator_motion(raven)

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from ravenjax.hazards.naming import hazards_of
+from ravenjax.hazards.naming import hazards_of, kind_of
 from ravenjax.report import wording
 from ravenjax.stats.bootstrap.units import FEW, FEWEST, Units, ratio, units
 from ravenjax.stats.comparison.paired import difference_of_counts
@@ -33,7 +33,7 @@ NOTE = (
 
 def names(group: ArrayLike) -> np.ndarray:
     """Kind of each fault by its group's name, words [faults]."""
-    return _each(group, lambda name: ",".join(hazards_of(name)) or name)
+    return _each(group, kind_of)
 
 
 def families(group: ArrayLike) -> np.ndarray:

@@ -96,4 +96,5 @@ def _made_by(name: str, made: Record) -> Iterator[str]:
     ]
     yield cells.table(("campaign", "runs", "length, s", "what it answers otherwise", "alone"), rows)
     versions = ", ".join(f"{package} {version}" for package, version in made["versions"].items())
-    yield f"Engine {made['engine']} on {made['device']}; code {made['code_hash'][:16]}; {versions}."
+    engine = f"Engine {made['engine']} on {made['device']}; code" if made["engine"] else "Code"  # of some runs, or none
+    yield f"{engine} {made['code_hash'][:16]}; {versions}."

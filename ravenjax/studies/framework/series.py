@@ -89,7 +89,7 @@ class _Code:
     """The loop of a program that tells SIGNALS in each tick."""
 
     def __init__(self, ready: Plan) -> None:
-        import jax
+        from ravenjax.numbers.lazy import jax
 
         self.program = traced.unrolled(ready.program)
         self.width = jit.host().width
@@ -100,7 +100,7 @@ class _Code:
         before, picked, dtypes = loop.states + trace.series, [], []
         for name, (where, _) in SIGNALS.items():
             numbers = jax.tree.leaves(where(numbered))
-            dtypes.append((name, [np.dtype(leaves[k].dtype) for k in numbers]))
+            dtypes.append((name, [leaves[k] for k in numbers]))
             picked += [loop.step.outputs[before + k] for k in numbers]
         self._dtypes: list[tuple[str, list[np.dtype]]] = dtypes
         step = dataclasses.replace(loop.step, outputs=(*loop.step.outputs[: loop.states], *picked))
@@ -139,7 +139,7 @@ class _Code:
 
 def _numbers(params: Any) -> str:
     """Every number of a parameter record, as text that tells two records apart."""
-    import jax
+    from ravenjax.numbers.lazy import jax
 
     return repr([np.asarray(leaf).item() for leaf in jax.tree.leaves(params)])
 

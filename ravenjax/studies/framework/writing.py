@@ -10,7 +10,7 @@ from typing import Any
 
 from ravenjax.document import html
 from ravenjax.errors import StoreError
-from ravenjax.store.files import require_writable, write_aside
+from ravenjax.store.files import parsed, require_writable, write_aside
 from ravenjax.studies.framework import credibility, drawing, markdown
 from ravenjax.studies.framework.provenance import Provenance
 from ravenjax.studies.framework.study import Findings, Study, plain
@@ -48,7 +48,7 @@ def keep(source: Path, target: Path) -> Path:
 def read(folder: Path) -> dict[str, Any]:
     """The record of findings that a folder holds. Raises StoreError."""
     try:
-        return json.loads((folder / JSON).read_text(encoding="utf-8"))
+        return parsed((folder / JSON).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise StoreError(f"{folder / JSON}: no findings there ({error}); run `ravenjax reproduce` first") from None
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import pandas as pd
 
@@ -17,6 +17,8 @@ from ravenjax.studies.hazards.agreement import AGREE, DIFFER, NOT_SIMULATED, PAR
 
 CAMPAIGN = "safecomp45.toml"
 BASELINE = "list"
+LENGTHS = ("every_cycle", "draws_2")
+"""Variants with other lengths of packets, and with others drawn."""
 FIRST_USB = 24
 """INJ 24 to 45 are USB and PLC, those before console and control software."""
 FIRST_PLC = 35
@@ -47,7 +49,7 @@ def compare(context: Context) -> Findings:
     return Findings(
         lines=(*_agreement_lines(baseline), *_total_lines(frames[BASELINE], baseline, published)),
         tables=(row_table(baseline), verdict_table(outcomes)),
-        notes=_notes(baseline),
+        notes=(*_notes(baseline), _packets_note(outcomes)),
     )
 
 
@@ -203,6 +205,15 @@ def _notes(found: Sequence[HazardOutcome]) -> tuple[str, ...]:
     )
 
 
+def _packets_note(found: Mapping[str, Sequence[HazardOutcome]]) -> str:
+    """What hangs on how long packets last, in words."""
+    agreed = {name: sum(one.verdict == AGREE for one in found[name]) for name in (BASELINE, *LENGTHS) if name in found}
+    return (
+        "How long a packet lasted is not told; packets last as on a recorded arm, while the hand keeps "
+        f"its speed. Rows that agree: {', '.join(f'{name} {count}' for name, count in agreed.items())}."
+    )
+
+
 STUDY = Study(
     name="safecomp45",
     title="45 injections into the Raven-II, by outcome class",
@@ -222,6 +233,13 @@ STUDY = Study(
             ("operator.motion=palpate",),
             "What did the operator do? Small taps instead of stitches.",
         ),
+        Variant(
+            LENGTHS[0],
+            CAMPAIGN,
+            ("campaign.packets=every_cycle",),
+            "How long did a packet last? One control cycle, as was assumed before, not as measured on a recorded arm.",
+        ),
+        Variant(LENGTHS[1], CAMPAIGN, ("campaign.seed=2017",), "other draws of packet lengths and of drawn values"),
     ),
     compare=compare,
     targets=("A7",),

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ravenjax.calibration import replay, tables
 from ravenjax.calibration.calibrate import LoggedRobot
+from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.geometry import transmission

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ravenjax.calibration import replay, table_file
+from ravenjax.calibration import position_loop, table_file
 from ravenjax.calibration.calibrate import LoggedRobot
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.studies.dsn16.recording import closed_loop
@@ -18,11 +18,11 @@ SETUP = RavenSetup(software="fork2015", arms=("gold",), tools=("r_grasper",))
 
 def three_joints(path: Path) -> LoggedRobot:
     """The authors' arm in teleoperation, 21 s at 1 kHz; what it was asked for is found from its PD law."""
-    log = table_file.read(path, "gold", SETUP.tools[0], SETUP.software, replay.FORK2015, period_ms=1.0)
-    return LoggedRobot(log, SETUP, "gold", replay.FORK2015)
+    log = table_file.read(path, "gold", SETUP.tools[0], SETUP.software, position_loop.FORK2015, period_ms=1.0)
+    return LoggedRobot(log, SETUP, "gold", position_loop.FORK2015)
 
 
 def seven_joints(path: Path) -> LoggedRobot:
     """Another arm, driven along circles by its own controller with today's gains, 40 s."""
-    log = table_file.read(path, "gold", SETUP.tools[0], SETUP.software, replay.RAVEN2, period_ms=SEVEN_PERIOD_MS)
-    return LoggedRobot(log, SETUP, "gold", replay.RAVEN2)
+    log = table_file.read(path, "gold", SETUP.tools[0], SETUP.software, position_loop.RAVEN2, period_ms=SEVEN_PERIOD_MS)
+    return LoggedRobot(log, SETUP, "gold", position_loop.RAVEN2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from ravenjax.calibration import tables
+from ravenjax.calibration import position_loop, tables
 from ravenjax.calibration.calibrate import Calibration, LoggedRobot
 from ravenjax.calibration.judgement import FollowingError
 from ravenjax.calibration.parameters import unknowns
@@ -21,12 +21,13 @@ BAND = (0.75, 1.25)
 """A following error within a quarter of the recorded one."""
 FITTED = {recordings.THREE_JOINTS: (0, 1, 2), recordings.SEVEN_JOINTS: (3, 4, 5, 6)}
 """Joints whose friction and offsets are of which recording's first half."""
+FITTED_KINDS = ("friction", "offsets")
 ARMS = {recordings.THREE_JOINTS: "the authors' arm", recordings.SEVEN_JOINTS: "the arm of 2018"}
 
 
 def compare(context: Context) -> Findings:
     """Lines of following errors, and the tables behind them."""
-    import jax
+    from ravenjax.numbers.lazy import jax
 
     with jax.enable_x64(True):
         pressed = (statics.by_hand(), statics.of_robot(OURS), statics.of_robot(AUTHORS))
@@ -44,7 +45,10 @@ def compare(context: Context) -> Findings:
     for name, path in paths.items():
         read = recordings.three_joints if name == recordings.THREE_JOINTS else recordings.seven_joints
         logged = read(path)
-        robots = {f"virtual robot, {one}": robot.params(logged.setup, "gold", one) for one in (OURS, AUTHORS)}
+        robots = {
+            f"virtual robot, {one}": position_loop.params(robot.params(logged.setup, "gold", one))
+            for one in (OURS, AUTHORS)
+        }
         judged = logged.judged(logged.halves[1], robots)
         every[name] = judged
         lines += _lines(name, judged, logged.log.joints)
@@ -72,7 +76,7 @@ def _predictions(logged: LoggedRobot) -> tuple[Table, tuple[str, ...]]:
 
 def _fitted(logged: LoggedRobot, name: str) -> Calibration:
     """The set's friction and offsets found anew, from the set itself."""
-    return logged.calibrated(robot.params(logged.setup, "gold", OURS), unknowns(FITTED[name]))
+    return logged.calibrated(robot.params(logged.setup, "gold", OURS), unknowns(FITTED[name], FITTED_KINDS))
 
 
 def _lines(name: str, judged: Sequence[FollowingError], joints: Sequence[int]) -> Iterator[Line]:

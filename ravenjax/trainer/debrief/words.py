@@ -123,7 +123,7 @@ def motion(hazard: HazardRow) -> str:
     elif word == "false report":
         sentence = (
             f"False report: the reported tip was up to {length(hazard.false_report_mm)} off the true one, {limit}; "
-            f"the true tip made an unintended motion of up to {length(hazard.unintended_mm)}"
+            f"the true tip itself was up to {length(hazard.unintended_mm)} off"
         )
     else:
         sentence = f"No motion hazard while live: the true tip was up to {length(hazard.unintended_mm)} off, {limit}"
@@ -244,7 +244,7 @@ def headline(hazards: Sequence[HazardRow], numbers: Summary, known: bool) -> tup
     )
     if worst is not None:
         where = f" ({title(worst)})" if numbers.strikes > 1 else ""
-        rest.append(f"unintended motion of at most {length(worst.farthest_mm)}{where}")
+        rest.append(f"the true tip at most {length(worst.farthest_mm)} off{where}")
     return begin, ", " + "; ".join(rest) + "." if rest else "."
 
 

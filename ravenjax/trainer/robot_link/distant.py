@@ -13,12 +13,11 @@ from __future__ import annotations
 import struct
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ravenjax.campaign import compile_cache
 from ravenjax.engines.cpu.stepper import StepCode, Stepper
+from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, cast, replace
 from ravenjax.robots.raven2.arms import ARMS

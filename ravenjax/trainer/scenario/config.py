@@ -19,12 +19,12 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from ravenjax.campaign.file.axis import Number
-from ravenjax.campaign.file.config import OneOrMore
 from ravenjax.campaign.file.group import Fault, Section, flatten_parameters
+from ravenjax.campaign.file.sections import OneOrMore
 from ravenjax.errors import shown
 from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
 from ravenjax.robots.raven2.arms import ARMS, ArmName
-from ravenjax.robots.raven2.campaign.config import Start
+from ravenjax.robots.raven2.campaign.sections import Start
 from ravenjax.robots.raven2.plant import parameter_sets
 
 Response = Literal["release", "slow", "restart", "convert", "stop", "continue"]

@@ -73,9 +73,9 @@ def _message(error: Any) -> str:
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         got = f"got {shown(error['input'].get('kind'))}" if kind == "union_tag_invalid" else "kind is missing"
         return f"{got}, expected kind = one of {', '.join(TASKS)}" + (
-            suggestion(str(error["input"].get("kind")), TASKS) if kind == "union_tag_invalid" else ""
+            suggestion(error["input"].get("kind"), TASKS) if kind == "union_tag_invalid" else ""
         )
-    near = suggestion(str(error["input"]), error["ctx"]["expected"].split("'")[1::2]) if kind == "literal_error" else ""
+    near = suggestion(error["input"], error["ctx"]["expected"].split("'")[1::2]) if kind == "literal_error" else ""
     return location.message(error, _model(error["loc"][:-1])) + near
 
 

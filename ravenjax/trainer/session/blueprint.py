@@ -11,22 +11,22 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from ravenjax.campaign import compile_cache, plan
 from ravenjax.campaign.faults import table
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.plan import Plan
-from ravenjax.engines import traced
 from ravenjax.engines.cpu.stepper import StepCode
 from ravenjax.errors import UserError
 from ravenjax.faults.fault import Faults, FaultSlot
 from ravenjax.numbers.algebra import minus
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec, as_int, replace
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.robots.raven2.console.packet import silence
-from ravenjax.robots.raven2.loop import connections, observers, tick
+from ravenjax.robots.raven2.loop import connections, observers, run, tick
+from ravenjax.robots.raven2.loop.records import Input
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import monitor
 from ravenjax.trainer.protocol.frame import FrameLayout
@@ -71,25 +71,25 @@ def make(config: CampaignConfig, packets: bool = False, limit_mm: float = LIMIT_
     layout = FrameLayout.of(setup.arms)
     own = [values[-1] for values in ready.varied.values()]  # those of the last row, the button's: no hazard's
     inputs = own, Faults(tuple(_empty() for _ in range(slots + 1)))
-    entering = [np.float32(0.0)] * tick.series_length(setup), np.bool_(False), silence(setup) if packets else None
+    entering = [np.float32(0.0)] * run.series_length(setup), np.bool_(False), silence(setup) if packets else None
     columns = len(ready.columns)
     length = 1 if packets else config.campaign.ticks + SPARE_MS
 
     def begin(inputs: Any) -> tick.TickState:
-        return tick.init(setup, traced.params(program, inputs[0]))
+        return run.init(setup, program.params_of(inputs[0]))
 
     def step(
         inputs: Any, state: tick.TickState, now: Scalar, entering: Any, motion: Any
     ) -> tuple[tick.TickState, list[Scalar]]:
         series, apart, packet = entering
-        signal = tick.Input(now, motion, tick.reference_from(setup, series), packet, apart)
-        params = traced.params(program, inputs[0])
+        signal = Input(now, motion, run.reference_from(setup, series), packet, apart)
+        params = program.params_of(inputs[0])
         new, signals = tick.tick(setup, params, inputs[1], state, signal)
         frame = _frame(setup, params, now, new, signals, signal)
-        return new, [jnp.float32(x) for x in (*frame, *tick.reference_series(setup, signals))]
+        return new, [jnp.float32(x) for x in (*frame, *run.reference_series(setup, signals))]
 
     def finish(inputs: Any, state: tick.TickState) -> dict[str, Scalar]:
-        return tick.outcomes(setup, traced.params(program, inputs[0]), state)
+        return run.outcomes(setup, program.params_of(inputs[0]), state)
 
     compile_cache.enable()
     tables = (length,) * columns
@@ -117,7 +117,7 @@ def _frame(
     numbers = [now, software.runlevel, software.surgeon_mode, software.soft_estopped, as_int(live)]
     numbers += [out.plc.runlevel, out.plc.brakes]
     trips = jnp.int32(0)
-    for one in tick.checks(state).values():
+    for one in run.checks(state).values():
         trips = trips + one.count
     numbers += [software.last_seq, as_int(active_fault), trips, out.tip_distance * 1e3]
     numbers += [

@@ -6,15 +6,15 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
-import jax
 import numpy as np
 
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.engines.cpu.stepper import Stepper
 from ravenjax.faults.fault import FaultSlot
+from ravenjax.numbers.lazy import jax
 from ravenjax.numbers.vec import replace
 from ravenjax.robots.raven2.console.packet import Packet
-from ravenjax.robots.raven2.loop import tick
+from ravenjax.robots.raven2.loop import run
 from ravenjax.stages import monitor
 from ravenjax.trainer.protocol.frame import GOLDEN, Frame
 from ravenjax.trainer.session import blueprint
@@ -44,7 +44,7 @@ class SimulatedRobot:
         first, last = (blueprint.layout.places[name] for name in (GOLDEN[0], GOLDEN[-1]))
         self._golden = self._shown[:, first.start : last.stop]  # what the row tells of the golden run
         self.now = 0  # tick to come
-        series = tick.series_length(blueprint.setup)
+        series = run.series_length(blueprint.setup)
         self._series = self._shown[1, -series:]
         self._reference = self._own.entering[:series]
         self._apart = False

@@ -17,7 +17,7 @@ from ravenjax.numbers import paths
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.campaign.program import DELAY, NOISE_KEY, PACKET_KEY, PACKETS
 from ravenjax.robots.raven2.campaign.unread import UNREAD
-from ravenjax.robots.raven2.loop import tick
+from ravenjax.robots.raven2.loop import run
 
 KINDS = ("steps", "derivative_sum", "tip_error", "overdrive")
 LANES = 2
@@ -29,11 +29,10 @@ def without_influence(ready: plan.Plan) -> set[str]:
     varied = {path: np.full(LANES, value) for path, value in leaves.items() if not path.startswith("start.")}
     program = dataclasses.replace(ready.program, varied=tuple(varied))
     segment, shapes = scan._segment_function(program, 1, False)
-    reference = np.zeros((1, tick.series_length(program.setup), LANES), np.float32)
+    reference = np.zeros((1, run.series_length(program.setup), LANES), np.float32)
     motion = tuple(np.asarray(column) for column in ready.columns)
-    traced = jax.make_jaxpr(segment)(
-        varied, ready.lanes([0], LANES)[1], shapes(varied, LANES), np.int32(1), reference, motion
-    )
+    faults = ready.lanes([0], LANES)[1]
+    traced = jax.make_jaxpr(segment)(varied, faults, (), shapes(varied, LANES), np.int32(1), reference, motion)
     _, used = partial_eval.dce_jaxpr(traced.jaxpr, [True] * len(traced.jaxpr.outvars))
     return {path for path, read in zip(sorted(varied), used, strict=False) if not read}
 

@@ -76,8 +76,10 @@ class Forced(SimdKernel):
     def _plan(self, inputs):
         found = super()._plan(inputs)
         group = simd._distinct([column[found.first] for column in inputs[:1]])[1]
-        parts = [np.flatnonzero(group == g) for g in range(group.max() + 1)]
-        return simd._Plan(found.first, found.place, self.forced, parts if self.forced else [np.arange(len(group))])
+        if not self.forced:
+            return simd._Plan(found.first, found.place, [simd._Part(np.arange(len(group)), False)])
+        parts = [simd._Part(np.flatnonzero(group == g), True) for g in range(group.max() + 1)]
+        return simd._Plan(found.first, found.place, parts)
 
 
 def run(kernel, ready, rows):
@@ -223,6 +225,7 @@ def rows_of(config, engine, monkeypatch) -> pd.DataFrame:
     return rj.run(config)
 
 
+@pytest.mark.slow
 def test_a_campaign_of_every_layer_runs(monkeypatch):
     config = rj.load_campaign(EVERY_LAYER)
     found = rows_of(config, SimdEngine(), monkeypatch)

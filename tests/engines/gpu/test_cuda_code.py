@@ -7,15 +7,19 @@ import sys
 import jax
 import numpy as np
 import pytest
+from branching_cases import observed, require_same, tables
 from cuda_as_cpp import Device, pretend
 from cuda_cases import check_engines, cut, meant, small_loop
 
+from ravenjax.campaign import branching
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.engines.gpu import code as cuda_code
+from ravenjax.engines.gpu import course as cuda_course
 from ravenjax.engines.gpu import device as cuda_device
 from ravenjax.engines.gpu import engine as cuda
-from ravenjax.engines.gpu.code import CudaCode, place, words
+from ravenjax.engines.gpu.code import CudaCode, words
 from ravenjax.engines.gpu.kernel import Form
+from ravenjax.engines.gpu.places import place
 from ravenjax.engines.interface import Block
 from ravenjax.engines.lanes import Lanes
 from ravenjax.errors import UserError
@@ -85,6 +89,46 @@ def test_a_tick_has_the_bits_of_engine_simd(monkeypatch, tmp_path, short):
     check_engines(short, 40)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("observe", [None, 20])
+def test_runs_go_on_from_their_golden_runs(monkeypatch, tmp_path, observe):
+    """Several blocks of threads, which begin at snapshots of their own and end at ticks of their own."""
+    pretend(monkeypatch, tmp_path)
+    monkeypatch.setattr(cuda_code, "EVERY", 10)
+    monkeypatch.setattr(cuda_course, "EVERY", 10)
+    monkeypatch.setattr(cuda_code, "CHUNK", 32)
+    monkeypatch.setattr(branching, "WORTH", 0)
+    for module in (cuda, cuda_code):
+        monkeypatch.setattr(module, "form_for", lambda _: Form(32))
+    ready = striking(cut(150), np.random.default_rng(5))
+    if observe is not None:
+        ready = observed(ready, observe)
+    engine = cuda.CudaEngine()
+    assert branching.Branching(ready, 32).branches.all()
+    courses, between = [], cuda.between
+    monkeypatch.setattr(cuda, "between", lambda *args: courses.append(between(*args)) or courses[-1])
+    some, whole = tables(ready, engine), tables(ready, SimdEngine(), whole=True)
+    assert any(course.first > 0 and course.group_state is not None for course in courses)
+    assert any(len(course.snapshots) > 1 for course in courses)
+    require_same(some, whole)
+    assert (whole[0]["active_ticks"] > 0).any()
+
+
+def striking(ready, rng):
+    """128 runs of a plan of two golden runs, with faults that strike at any time."""
+    rows = rng.integers(0, ready.runs, 128)
+    faults = {name: values[rows] for name, values in ready.faults.items()}
+    faults |= {
+        "trigger": np.zeros_like(faults["trigger"]),
+        "start": rng.integers(25, 140, faults["start"].shape).astype(faults["start"].dtype),
+        "duration": rng.integers(1, 20, faults["duration"].shape).astype(faults["duration"].dtype),
+        "every": np.zeros_like(faults["every"]),
+    }
+    golden = np.repeat([0, 1], 64).astype(np.int32)
+    varied = {path: values[rows[golden]] for path, values in ready.varied.items()}
+    return replace(ready, table=ready.table.iloc[rows], faults=faults, varied=varied, golden=golden)
+
+
 def test_what_cannot_be_is_one_line_that_says_so(monkeypatch, short):
     monkeypatch.setattr(cuda_device, "devices", lambda: (Device(),))
     wide = replace(short.program, setup=replace(short.program.setup, precision=REFERENCE))
@@ -100,10 +144,10 @@ def test_what_cannot_be_is_one_line_that_says_so(monkeypatch, short):
 def test_blocks_are_dealt_out_evenly():
     wave = 384  # the pretended device has one multiprocessor
     assert cuda.block_lanes(5, (Device(),)) == 32
-    assert cuda.block_lanes(100 * wave, (Device(),)) == 8 * wave
-    lanes = cuda.block_lanes(10 * wave * 4, (Device(),) * 4)
-    assert lanes == 5 * wave
-    assert 10 * wave * 4 // lanes == 8
+    assert cuda.block_lanes(100 * wave, (Device(),)) == 4 * wave
+    lanes = cuda.block_lanes(6 * wave * 4, (Device(),) * 4)
+    assert lanes == 3 * wave
+    assert 6 * wave * 4 // lanes == 8
 
 
 @pytest.mark.slow

@@ -184,6 +184,8 @@ def after_stop(e: Expected, html: Node) -> None:
     early, late = stop_motions(e, f)
     before = e.count((f["warned_ms"] >= 0) & (f["warned_ms"] < f["response_ms"]))
     half = f"half of them within {number(took.median())} ms of" if n > 1 else f"{number(took.median())} ms after"
+    if not took.median():
+        half = f"{'half of them ' if n > 1 else ''}in the millisecond of"
     text.says(f"A check stopped the robot in {many(n, 'fault')}, {half} the fault's first effect.")
     text.says(
         f"In {count(early)} ({percent(early / n)} %) the tip was more than {e.limit} off before the stop, in "

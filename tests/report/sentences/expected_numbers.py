@@ -76,16 +76,25 @@ class Expected:
                 found[detector.name] = min(able)
         return found
 
-    def known(self, faults: pd.DataFrame) -> list[int]:
-        """When anyone could first know of each fault: a check that tells, the cue, a quiet detector; -1: never."""
-        columns = ["told_ms", "warned_ms"]
+    def known(self, faults: pd.DataFrame, before: bool = False) -> list[int]:
+        """When anyone could first know of each fault: a check that tells, the cue, a quiet detector; -1: never.
+
+        before: without a cue or a tip error at the limit of hazards or beyond, which is no warning of the motion.
+        """
+        columns = ["told_ms", "warned_ms"] if not before or self.leads(self.plan.verdict_cue) else ["told_ms"]
         for d, detector in enumerate(self.manifest.detectors):
-            if detector.name in self.quiet():
+            beyond = detector.kind == "tip_error" and self.quiet().get(detector.name, 0.0) >= self.plan.limit_mm
+            if detector.name in self.quiet() and not (before and beyond):
                 columns.append(
                     f"detector{d}_threshold{detector.thresholds.index(self.quiet()[detector.name])}_first_ms"
                 )
         times = zip(faults["first_active_ms"], faults[columns].to_numpy().tolist(), strict=True)
         return [min((ms for ms in row if ms >= max(onset, 0)), default=-1) for onset, row in times]
+
+    @staticmethod
+    def earliest(one: list[int], other: list[int]) -> list[int]:
+        """The first of two alarms of each fault; -1: neither came."""
+        return [min((ms for ms in pair if ms >= 0), default=-1) for pair in zip(one, other, strict=True)]
 
     def after(self, alarm: pd.Series, faults: pd.DataFrame) -> list[int]:
         """An alarm of each fault, -1 where it came before the fault did anything."""

@@ -17,6 +17,7 @@ MOST_CLASSES = 3
 """Rows of each table of classes, in tests."""
 ONLY_CLAIMED = (
     "none made",
+    "ever changed a bit",
     "did not come",
     "it moved as far",
     "No fault evaded",
@@ -46,6 +47,9 @@ def first_page(e: Expected, html: Node) -> None:
         also = f"or a detector alarmed {quiet}" if e.manifest.detectors else "at the earliest"
         text.says(f"the {e.threshold} cue came, {also}")
         text.says(f"its true tip is more than {e.limit} from the golden run")
+        if not e.leads(e.plan.verdict_cue):
+            nor = " and without a tip-error detector at its distance" if e.manifest.detectors else ""
+            text.says(f"Known before the motion: without the cue{nor}, no warning of a motion of {e.limit}.")
         class_tables(e, header)
     else:
         text.says(no_fault(e))
@@ -73,6 +77,8 @@ def which_evade(e: Expected, text: Text) -> None:
         f"than {e.limit} off its course without any check telling anyone ({percent(k / e.n)} % of faults drawn so, "
         f"95 % interval {between(k, e.n)})."
     )
+    if not f["activated"].any():
+        text.says("It never changed a bit." if e.n == 1 else "None of them ever changed a bit.")
     where_they_evade(e, text)
     cued, limited = e.count(evading["warned_ms"] >= 0), e.count(evading["response"] == "limited")
     limits = "a check limited a command or dropped a packet and told nobody"
@@ -108,14 +114,20 @@ def which_evade(e: Expected, text: Text) -> None:
 def how_long(e: Expected, text: Text) -> None:
     """When faults with an unintended motion could be known."""
     moved = e.faults[e.faults["hazard"] == "unintended motion"]
-    n, known = len(moved), e.known(moved)
-    never, early = sum(ms < 0 for ms in known), e.before(known, moved)
+    n, known, told = len(moved), e.known(moved), e.known(moved, before=True)
+    never, early = sum(ms < 0 for ms in known), e.before(told, moved)
+    tellers = "a check or a detector" if e.manifest.detectors else "a check"
+    leads = e.leads(e.plan.verdict_cue)
     if not n:
         text.says("No fault made an unintended motion.")
         return
     if n == 1:
         late = number(known[0] - moved["first_active_ms"].iloc[0])
-        when = f"{'before' if early else 'not before'} the motion reached {e.limit}"
+        nobody = "neither a check nor a detector" if e.manifest.detectors else "no check"
+        if leads:
+            when = f"{'before' if early else 'not before'} the motion reached {e.limit}"
+        else:
+            when = f"{f'and from {tellers}' if early else f'but from {nobody}'} before the motion reached {e.limit}"
         could = "not be known before its run ended" if never else f"be known {late} ms after its first effect, {when}"
         text.says(f"The one fault with an unintended motion could {could}.")
         return
@@ -132,8 +144,26 @@ def how_long(e: Expected, text: Text) -> None:
         some = "none" if never == n else "fewer than a quarter"
         text.says(f"Of the {count(n)} faults with an unintended motion {some} could be known before their runs ended.")
     if never < n:
-        not_at_all = f", and {count(never)} ({percent(never / n)} %) not at all" if never else ""
-        text.says(f"{share(early, n)} could be known before the motion reached {e.limit}{not_at_all}.")
+        if leads:
+            not_at_all = f", and {count(never)} ({percent(never / n)} %) not at all" if never else ""
+            text.says(f"{share(early, n)} could be known before the motion reached {e.limit}{not_at_all}.")
+            return
+        text.says(
+            f"{share(early, n)} could be known from {tellers} before the motion reached {e.limit}; the {e.threshold} "
+            "cue, at no smaller a distance, is no warning of it."
+        )
+        lower = [k for k in range(len(e.plan.thresholds)) if e.leads(k)]
+        if lower:
+            nearest = max(lower, key=lambda k: e.plan.thresholds[k])
+            first = e.earliest(told, e.after(naive_facts.warned(e.frame, nearest), moved))
+            false, _ = e.first_cues(nearest)
+            text.says(
+                f"With a {number(e.plan.thresholds[nearest], 6)} mm cue, which came in {count(false)} "
+                f"of {many(len(e.motions), 'fault-free motion')}, {share(e.before(first, moved), n)} could be known "
+                "before it."
+            )
+        if never:
+            text.says(f"{count(never)} ({percent(never / n)} %) could not be known at all.")
 
 
 def what_would_change(e: Expected, text: Text) -> None:
@@ -211,15 +241,20 @@ def at_median(lead_ms: float, n: int) -> str:
 
 
 def where_they_evade(e: Expected, text: Text) -> None:
-    """The site where most evade, and how many have none."""
+    """The site with the largest share that evades, and how many have none."""
     f = e.faults
     sites = sorted([(str(name), f[f["site"].astype(str) == name]) for name in f["site"].unique()], key=most_evasive)
     if len(sites) < 2 or not evades(f)[0]:
         return
     quiet = sum(not evades(part)[0] for _, part in sites)
-    begin = f"At {count(quiet)} of the {count(len(sites))} sites none evades; most" if quiet else "Most"
+    begin = f"At {count(quiet)} of the {count(len(sites))} sites none evades; the" if quiet else "The"
     name, worst = sites[0]
-    text.says(f"{begin} evade at {name}, {share(*evades(worst), 'fault')} there.")
+    k, n = evades(worst)
+    *others, last = [name for name, part in sites if Fraction(*evades(part)) == Fraction(k, n)]
+    if others:
+        text.says(f"{begin} largest share evades at {', '.join(others)} and {last}, {percent(k / n)} % at each.")
+    else:
+        text.says(f"{begin} largest share evades at {name}, {share(k, n, 'fault')} there.")
 
 
 def class_tables(e: Expected, header: Node) -> None:
@@ -257,7 +292,7 @@ def class_row(e: Expected, cells: list[Node], name: str, part: pd.DataFrame) -> 
     """One class of faults."""
     moved = part[part["hazard"] == "unintended motion"]
     known = e.known(moved)
-    (k, n), early, m = evades(part), e.before(known, moved), len(moved)
+    (k, n), early, m = evades(part), e.before(e.known(moved, before=True), moved), len(moved)
     expected = (
         name,
         count(n),

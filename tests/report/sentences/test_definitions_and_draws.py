@@ -76,7 +76,7 @@ def test_enumerated_faults_have_no_interval_in_any_section(plan):
 )
 @pytest.mark.parametrize("make", [generated_campaigns.made, enumerated])
 def test_few_faults_make_sentences_all_the_same(plan, make, monkeypatch):
-    monkeypatch.setattr(dependence, "conclusions", lambda runs: [])
+    monkeypatch.setattr(dependence, "conclusions", lambda runs, robots: [])
     html = rendered(make(plan))
     causes = [section.words for section in html.all("section", "failures")]  # a cause is called nan
     words = html.without("pre").words

@@ -48,7 +48,7 @@ def cheap():
     """Templates are compiled once; what is drawn, and what depends on the robot, is tested elsewhere."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(page, "_environment", environment)
-        patch.setattr(dependence, "conclusions", lambda runs: [])
+        patch.setattr(dependence, "conclusions", lambda runs, robots: [])
         patch.setattr(answers, "MOST_CLASSES", first_page_claims.MOST_CLASSES)
         yield
 
@@ -117,7 +117,7 @@ def compare(plan):
 
 
 def test_no_sentence_knows_another_limit_or_threshold_than_the_campaigns():
-    plan = Plan(11, faults=40, limit_mm=4.25, thresholds=(2.5, 6.5), verdict_cue=1, detectors=2, actions=(0, 1))
+    plan = Plan(11, faults=40, limit_mm=4.25, thresholds=(5.5, 6.5), verdict_cue=1, detectors=2, actions=(0, 1))
     body = rendered(generated_campaigns.made(plan)).one("body").without("table", "pre")
     found = set(re.findall(r"(\S+) mm\b(?! on average)", body.words))
     assert found == {"4.25", "6.5"}

@@ -26,6 +26,7 @@ def table(jumps: Mapping[tuple[float, int], int]) -> pd.DataFrame:
         {
             "index": np.arange(len(rows)) + 1,
             "group": "scenario_b",
+            "failed": "",
             "response": np.where(value >= 40000, "stopped", "silent"),
             "jump_code": jump,
             "jump_code_first_ms": np.where(jump, start + 11, -1),

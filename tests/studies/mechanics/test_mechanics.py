@@ -52,7 +52,8 @@ def test_the_first_jaw_of_the_arm_of_2018_is_strung_like_its_second(shared_data)
     """With raven2's opposed jaw its replay has nothing in common with the recording."""
     import numpy as np
 
-    from ravenjax.calibration import fit, replay
+    from ravenjax.calibration import position_loop
+    from ravenjax.calibration.calibrate import LoggedRobot
     from ravenjax.robots.raven2.plant import robot as plant
     from ravenjax.robots.raven2.setup import RavenSetup
 
@@ -61,9 +62,8 @@ def test_the_first_jaw_of_the_arm_of_2018_is_strung_like_its_second(shared_data)
     correlation = []
     for software in ("fork2015", "raven2"):
         setup = RavenSetup(software=software, arms=("gold",), tools=("r_grasper",))
-        run = replay.replay(setup, "gold", replay.RAVEN2)
-        params = plant.params(setup, "gold", "power_consistent")
-        joints = fit.predictor(run, params, (), part)(np.zeros((1, 0)))[0]
+        params = position_loop.params(plant.params(setup, "gold", "power_consistent"))
+        (joints,) = LoggedRobot(part, setup, "gold", position_loop.RAVEN2).replayed(part, [params])
         rows = ~np.isnan(part.measured[:, 5])
         desired = part.desired[part.cycles][rows, 5]
         correlation.append(np.corrcoef(joints[rows, 5] - desired, part.measured[rows, 5] - desired)[0, 1])

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ravenjax.calibration import replay
+from ravenjax.calibration import position_loop, replay
 from ravenjax.calibration.calibrate import LoggedRobot
 from ravenjax.calibration.log import JointLog
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
@@ -20,7 +20,9 @@ CYCLES = 1500
 def logged(measured: np.ndarray, desired: np.ndarray) -> LoggedRobot:
     """Every fifth cycle of joints [T, 7] as a log."""
     cycles = np.arange(4, len(desired), 5)
-    return LoggedRobot(JointLog(desired[0], desired, measured[cycles], cycles), recordings.SETUP, "gold", replay.RAVEN2)
+    return LoggedRobot(
+        JointLog(desired[0], desired, measured[cycles], cycles), recordings.SETUP, "gold", position_loop.RAVEN2
+    )
 
 
 def wave() -> np.ndarray:
@@ -45,7 +47,7 @@ def test_of_a_log_that_is_its_own_replay_the_integral_is_that_of_the_errors() ->
     one = logged(course, desired)
     course = np.stack([np.interp(np.arange(CYCLES) + 1, one.log.cycles + 1, c) for c in one.log.measured.T], axis=1)
     errors = predictors._motor_errors(one, np.vstack([one.log.start, course[:-1]]))
-    expected = (np.cumsum(errors, axis=0) - errors) * 1e-3 * (np.array([*replay.RAVEN2.ki]) > 0.0)
+    expected = (np.cumsum(errors, axis=0) - errors) * 1e-3 * (np.array([*position_loop.RAVEN2.ki]) > 0.0)
     np.testing.assert_allclose(predictors.integrals(one, course)[10:], expected[10:], atol=1e-9)
 
 
@@ -53,7 +55,7 @@ def test_of_a_log_that_is_its_own_replay_the_integral_is_that_of_the_errors() ->
 def test_what_made_a_log_predicts_it_better_than_every_null_model() -> None:
     desired = wave()
     true, *_ = horizons.models(recordings.SETUP, "gold")
-    run = replay.replay(recordings.SETUP, "gold", replay.RAVEN2)
+    run = replay.replay(recordings.SETUP, "gold", position_loop.RAVEN2)
     first, rows = jnp.asarray(desired[0], "float32"), jnp.asarray(desired, "float32")
     one = logged(np.asarray(jax.jit(run)(true.params, first, rows), float), desired)
     half = predictors.second_half(one)

@@ -10,7 +10,7 @@ import pytest
 
 from ravenjax.campaign import loading, plan
 from ravenjax.numbers import paths
-from ravenjax.robots.raven2.campaign.program import NOISE_KEY
+from ravenjax.robots.raven2.campaign.program import NOISE_KEY, PACKET_KEY
 from ravenjax.studies import catalogue, running
 from ravenjax.studies.framework import drawing
 from ravenjax.studies.framework.study import Context
@@ -45,7 +45,7 @@ def test_the_first_four_runs_are_as_modelled(ready):
     assert (first["group"] == MODELLED).all() and first["param:operator.scale"].tolist() == list(SCALES)
     noises = ("plant.gold.encoder_noise", "plant.gold.torque_noise")
     for path, values in ready.varied.items():
-        if path not in ("operator.scale", NOISE_KEY, *noises):
+        if path not in ("operator.scale", NOISE_KEY, PACKET_KEY, *noises):
             assert values[0] == pytest.approx(own(ready, path)), path
     assert all((ready.varied[path][: len(SCALES)] == 0.0).all() for path in noises)
 

@@ -95,8 +95,8 @@ HAPPENED = {
         "check had stopped it."
     )),
     "false report": ({"false_report_mm": 20.0, "unintended_mm": 0.5}, (
-        "False report: the reported tip was up to 20.0 mm off the true one, limit {limit}; the true tip made an "
-        "unintended motion of up to 0.5 mm."
+        "False report: the reported tip was up to 20.0 mm off the true one, limit {limit}; the true tip itself "
+        "was up to 0.5 mm off."
     )),
     "none": ({"unintended_mm": 1.25}, (
         "No motion hazard while live: the true tip was up to 1.2 mm off, limit {limit}."

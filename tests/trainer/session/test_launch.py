@@ -10,7 +10,7 @@ import pytest
 import ros2_log
 
 from ravenjax.errors import UserError
-from ravenjax.trainer import launch, scenario
+from ravenjax.trainer import launch, processes, scenario
 from ravenjax.trainer.launch import SessionOptions
 from ravenjax.trainer.recording import reader
 
@@ -116,7 +116,7 @@ def leave(_):
 @pytest.mark.slow
 def test_a_page_that_ends_at_its_start_is_told_of_at_once(tmp_path, monkeypatch):
     monkeypatch.setattr(launch.page, "run", leave)
-    monkeypatch.setattr(launch, "STARTING_S", 600.0)
+    monkeypatch.setattr(processes, "STARTING_S", 600.0)
     with pytest.raises(UserError, match="the page's process ended with code 3"):
         launch.realtime(options(tmp_path / "x"))
 

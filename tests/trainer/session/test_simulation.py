@@ -12,7 +12,7 @@ from ravenjax.errors import UserError
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.robots.raven2.console.motion import columns
 from ravenjax.robots.raven2.console.operator import lookup, packet
-from ravenjax.robots.raven2.loop import tick
+from ravenjax.robots.raven2.loop.run import series_length
 from ravenjax.trainer.judge import Judge
 from ravenjax.trainer.protocol.frame import Frame
 from ravenjax.trainer.session import blueprint
@@ -242,5 +242,5 @@ def test_a_robot_with_a_console_elsewhere_refuses_faults_of_that_console():
 
 def test_names_of_a_frame_are_the_numbers_of_a_row(made):
     assert len(made.layout.names()) == made.layout.size == Frame(made.layout).row.size
-    assert made.code.outputs == made.layout.simulated + tick.series_length(made.setup)
+    assert made.code.outputs == made.layout.simulated + series_length(made.setup)
     assert made.plan.motion.table().shape[1] == len(columns(made.setup.arms))

@@ -2,7 +2,8 @@
 
 They are started anew, never forked: what was imported or begun here (JAX, CUDA, threads) is none of theirs, nor is the
 user's script run again. One thread here serves each: it hands out two chunks at a time, so that the worker computes one
-while the other is packed and sent, and takes them back when the worker dies.
+while the other is packed and sent, and takes them back when the worker dies, or gives no sign of life: one that was
+stopped is as good as dead, and is killed and replaced.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import os
 import signal
 import socket
+import struct
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -27,6 +29,10 @@ from ravenjax.errors import UserError
 
 HELD = 2
 """Chunks in the hands of a worker."""
+PATIENCE = 6
+"""Waits without a sign of life after which a worker counts as dead."""
+WAIT_S = 5.0
+"""Of one wait. They are counted, so that a machine that slept, coordinator and all, has missed but one of them."""
 _HOME = Path(__file__).resolve().parents[4]
 """Folder of the package: workers import this one, wherever they are started."""
 
@@ -69,6 +75,7 @@ class _Servant:
         self._seat, self._head, self._work, self._attempts = seat, head, work, attempts
         self._process: subprocess.Popen[bytes] | None = None
         self._connection: Connection | None = None
+        self._silent = False
 
     def serve(self) -> None:
         """Until there is nothing left to do."""
@@ -108,16 +115,24 @@ class _Servant:
                 assert self._connection is not None
                 self._connection.send(self._head)
             self._connection.send(remote.share(self._work.ready, taken.rows))
+        except BlockingIOError:  # it takes nothing; a message that was sent by halves is the last
+            self._silent = True
         except OSError:
             pass  # it died: receiving will tell
 
     def _receive(self) -> tuple[Any, ...] | None:
-        """The next message; None where the worker died."""
+        """The next message; None where the worker died or gives no sign of life."""
         assert self._connection is not None
         try:
-            return self._connection.recv()
+            for _ in range(0 if self._silent else PATIENCE):
+                if self._connection.poll(WAIT_S):
+                    return self._connection.recv()
+        except BlockingIOError:  # in the middle of a message
+            pass
         except (EOFError, OSError):
             return None
+        self._silent = True
+        return None
 
     def _handle(self, held: list[Handed], kind: str, *rest: Any) -> None:
         progress = self._work.progress
@@ -143,12 +158,15 @@ class _Servant:
         held[:] = [one for one in held if one.rows != rows]
 
     def _bury(self, held: list[Handed]) -> None:
-        """Take back what a dead worker held."""
+        """Take back what a dead worker held, or a silent one, which is killed."""
         assert self._process is not None and self._connection is not None
         self._connection.close()
+        silent = self._silent and self._process.poll() is None
         self._process.kill()
-        why = _cause(self._process.wait())
+        code = self._process.wait()
+        why = f"worker gave no sign of life for {PATIENCE * WAIT_S:g} s" if silent else _cause(code)
         self._process = self._connection = None
+        self._silent = False
         if not self._attempts.stopped:
             for one in held:
                 self._attempts.failed(one.rows, why)
@@ -156,6 +174,8 @@ class _Servant:
 
     def _start(self) -> None:
         mine, its = socket.socketpair()
+        for option in (socket.SO_SNDTIMEO, socket.SO_RCVTIMEO):  # of a message that was begun
+            mine.setsockopt(socket.SOL_SOCKET, option, struct.pack("ll", round(PATIENCE * WAIT_S), 0))
         paths = [str(_HOME), *filter(None, [os.environ.get("PYTHONPATH")])]
         with its:
             self._process = subprocess.Popen(

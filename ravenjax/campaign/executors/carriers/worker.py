@@ -1,8 +1,9 @@
 """A worker process of executor `processes`: `python -m ravenjax.campaign.executors.carriers.worker FD CPUS`.
 
-FD is one end of a socket pair. The head comes first, then shares; back go ("ready",), ("compiled", s), ("ticks", done,
-due), ("finished", Finished), ("failed", rows, why) and ("refused", why). The standard input holds nothing: once it
-ends, the coordinator is gone, and so is this process.
+FD is one end of a socket pair. The head comes first, then shares; back go ("compiled", s), ("ticks", done, due),
+("finished", Finished), ("failed", rows, why), ("refused", why), and every `ALIVE_S` seconds ("alive",), whatever else
+is under way: who says nothing at all is stopped. The standard input holds nothing: once it ends, the coordinator is
+gone, and so is this process.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from typing import Any
 
 EVERY_S = 0.25
 """Time between two messages about ticks."""
+ALIVE_S = 2.0
+"""Time between two signs of life."""
 
 
 def main() -> None:
@@ -28,16 +31,25 @@ def main() -> None:
     os.sched_setaffinity(0, map(int, sys.argv[2].split(",")))  # before any thread pool is sized
     threading.Thread(target=_leave_with_the_coordinator, daemon=True).start()
     connection = Connection(int(sys.argv[1]))
+    post = _Post(connection)
+    threading.Thread(target=_live, args=(post,), daemon=True).start()
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
-        _serve(connection)
+        _serve(connection, post)
     os._exit(0)  # threads of engines may still run; there is nobody left to wait for
 
 
-def _serve(connection: Connection) -> None:
+def _live(post: _Post) -> None:
+    """Give signs of life until nobody is there to see them."""
+    with contextlib.suppress(OSError):
+        while True:
+            post.send("alive")
+            time.sleep(ALIVE_S)
+
+
+def _serve(connection: Connection, post: _Post) -> None:
     from ravenjax.campaign.executors.remote import Bench, Head, Share
     from ravenjax.errors import UserError
 
-    post = _Post(connection)
     head: Head = connection.recv()
     try:
         bench = Bench(head, _relay(post))

@@ -14,7 +14,7 @@ import pandas as pd
 
 from ravenjax.report.data import counted, leads
 from ravenjax.report.data.facts import FACTS
-from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset
+from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset, end_of
 from ravenjax.report.sections import tables
 from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.alarms.pareto import front
@@ -62,7 +62,7 @@ def rows(runs: Runs, manifest: Manifest) -> list[CueRow]:
     sampled = runs.sampled()
     result = []
     for k, cue in enumerate(manifest.cues):
-        event, end = after_onset(f"warned{k}_ms"), str(manifest.duration_ms)
+        event, end = after_onset(f"warned{k}_ms"), end_of(manifest)
         delay, lags = (runs.delays(event, start, end, UNINTENDED)[""] for start in ("active_ms", "unintended_ms"))
         lead = counted.lead(lags)
         false = tables.rate_of(free.came(f"golden_cue{k}_first_ms"), free.count)

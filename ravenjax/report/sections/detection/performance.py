@@ -8,14 +8,14 @@ faults were drawn, intervals are over them and bands resample them; where their 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ravenjax.report.data import counted, leads
 from ravenjax.report.data import facts as run_facts
-from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset
+from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset, end_of
 from ravenjax.report.sections import tables
 from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.alarms.roc import CurveBand
@@ -117,8 +117,22 @@ def known(found: list[ThresholdAlarms]) -> str:
     """When anyone could first know of each run's fault, -1 if never, as an expression of columns of facts: the cue, a
     check, or a detector at its lowest threshold without a false alarm; what spoke before the fault had any effect does
     not know of it."""
-    able = [one for one in found if one.quiet or one.free is None or math.isnan(one.threshold)]
-    return run_facts.first_sql(*(f"({after_onset(one.column)})" for one in able))
+    return _first(one for one in found if _speaks(one))
+
+
+def before_motion(found: list[ThresholdAlarms]) -> str:
+    """As `known`, without what cannot come before the motion by the definitions alone: cues and tip errors at its limit
+    or beyond. Of what is left it is a finding whether it comes before the motion."""
+    return _first(one for one in found if _speaks(one) and one.leads)
+
+
+def _speaks(one: ThresholdAlarms) -> bool:
+    """Whether one would listen to it."""
+    return one.quiet or one.free is None or math.isnan(one.threshold)
+
+
+def _first(found: Iterable[ThresholdAlarms]) -> str:
+    return run_facts.first_sql(*(f"({after_onset(one.column)})" for one in found))
 
 
 def rows(runs: Runs, manifest: Manifest, found: list[ThresholdAlarms]) -> list[DetectorRow]:
@@ -218,7 +232,7 @@ def _threshold(runs: Runs, manifest: Manifest, one: ThresholdAlarms, counts: _Ca
 def _times(runs: Runs, manifest: Manifest, one: ThresholdAlarms) -> tuple[Incidence, Lead]:
     """Delay after the first effect, and lead over the unintended motion; an alarm before the first effect counts
     as none, for it tells of something else."""
-    event, end = after_onset(one.column), str(manifest.duration_ms)
+    event, end = after_onset(one.column), end_of(manifest)
     delay, lags = (runs.delays(event, start, end, UNINTENDED)[""] for start in ("active_ms", "unintended_ms"))
     return counted.incidence(delay), counted.lead(lags)
 

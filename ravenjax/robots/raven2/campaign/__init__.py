@@ -12,11 +12,11 @@ if TYPE_CHECKING:
     from ravenjax.robots.raven2.campaign.config import RavenConfig as Config
     from ravenjax.robots.raven2.campaign.program import prepare
     from ravenjax.robots.raven2.campaign.trace import bases, series
-    from ravenjax.robots.raven2.loop.tick import TickParams as Params
+    from ravenjax.robots.raven2.loop.records import TickParams as Params
 
 _HOMES = {
     "Config": ("ravenjax.robots.raven2.campaign.config", "RavenConfig"),
-    "Params": ("ravenjax.robots.raven2.loop.tick", "TickParams"),
+    "Params": ("ravenjax.robots.raven2.loop.records", "TickParams"),
     "bases": ("ravenjax.robots.raven2.campaign.trace", "bases"),
     "prepare": ("ravenjax.robots.raven2.campaign.program", "prepare"),
     "series": ("ravenjax.robots.raven2.campaign.trace", "series"),

@@ -13,7 +13,8 @@ from ravenjax.numbers.vec import replace
 from ravenjax.robots.raven2.campaign import hands
 from ravenjax.robots.raven2.campaign.config import RavenConfig
 from ravenjax.robots.raven2.console.motion import Motion
-from ravenjax.robots.raven2.loop import tick
+from ravenjax.robots.raven2.loop import run
+from ravenjax.robots.raven2.loop.records import TickParams
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import overdrive
 from ravenjax.vocabulary import packets
@@ -52,6 +53,7 @@ def prepare(
         cues=len(config.haptics.cues()),
         cables=config.campaign.cables if config.watches_cables else "unwatched",
         packets=_distributions(config, varied.get(PACKETS)),
+        packet_history=config.packet_history,
         command_delay=_longest(varied.get(DELAY)),
         detectors=tuple(use for _, use, _ in config.detectors),
         reacts=config.reacts,
@@ -59,7 +61,7 @@ def prepare(
         noise=config.campaign.noise,
     )
     return Prepared(
-        loop=tick,
+        loop=run,
         setup=setup,
         params=_params(config, setup, motion),
         columns=tuple(motion.table().T),
@@ -83,8 +85,8 @@ def _longest(delays: np.ndarray | None) -> int:
     return int(np.clip(np.nanmax(delays), 0, LONGEST_DELAY))
 
 
-def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> tick.TickParams:
-    params = tick.params(setup, motion.start_jpos, config.campaign.parameter_set)
+def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> TickParams:
+    params = run.params(setup, motion.start_jpos, config.campaign.parameter_set)
     operator = replace(params.operator, scale=config.operator.scale)
     level, policy = config.campaign.level, overdrive.POLICIES.index(config.campaign.policy)
     control = replace(params.control, overdrive=overdrive.params(setup, level, policy))

@@ -10,7 +10,7 @@ from ravenjax.robots.raven2.arms import ARMS, JOINTS
 from ravenjax.robots.raven2.plant import parameter_sets
 
 if TYPE_CHECKING:
-    from ravenjax.robots.raven2.campaign.config import RavenCampaign
+    from ravenjax.robots.raven2.campaign.sections import RavenCampaign
 
 
 class Unread(NamedTuple):

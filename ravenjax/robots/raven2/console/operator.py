@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-import jax
-import jax.numpy as jnp
+import numpy as np
 
+from ravenjax.numbers.lazy import at_once, jnp
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, to_int32, where
@@ -29,7 +29,7 @@ class OperatorParams:
     """What a campaign may vary of the console."""
 
     scale: Annotated[  # SEED uses 0.05 .. 0.2
-        Scalar, Quantity("", 0, 1, "tip motion per hand motion: the teleoperation scale")
+        Scalar, Quantity("", 0.001, 1, "tip motion per hand motion: the teleoperation scale")
     ]
     start_position: Annotated[
         tuple[Vec, ...], Quantity("um", -1e6, 1e6, "tip where an absolute console starts, in frame 0")
@@ -49,8 +49,8 @@ def params(
     setup: RavenSetup, start_jpos: tuple[tuple[float, ...], ...], scale: float = NOMINAL_SCALE
 ) -> OperatorParams:
     """OperatorParams of a motion that starts in `start_jpos` (`Motion.start_jpos`: per arm, 7 joints in rad and m)."""
-    with jax.enable_x64(True):
-        poses = per_arm(setup, lambda i, arm: kinematics.forward(arm, Vec(jnp.float64(q) for q in start_jpos[i])))
+    with at_once():
+        poses = per_arm(setup, lambda i, arm: kinematics.forward(arm, Vec(map(np.float64, start_jpos[i]))))
         quats = [quat_from_matrix(pose.rotation) for pose in poses]
     return OperatorParams(
         scale=scale,

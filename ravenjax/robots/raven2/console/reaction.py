@@ -20,11 +20,10 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import jax.numpy as jnp
 import numpy as np
-from jax import lax
 
 from ravenjax.numbers.algebra import dot
+from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.quantity import HOUR_MS, Quantity
 from ravenjax.numbers.setup import per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace

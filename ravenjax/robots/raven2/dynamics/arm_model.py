@@ -6,11 +6,13 @@
 from __future__ import annotations
 
 import functools
-
-import mujoco
+from typing import TYPE_CHECKING
 
 from ravenjax.bundled import resources
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, ArmName
+
+if TYPE_CHECKING:
+    import mujoco
 
 MODEL = "raven2/raven2.xml"
 
@@ -18,12 +20,16 @@ MODEL = "raven2/raven2.xml"
 @functools.cache
 def scene() -> mujoco.MjModel:
     """Both arms and the operating scene, compiled. Do not write to it."""
+    import mujoco  # a planned tick that was traced before needs no model
+
     return mujoco.MjModel.from_xml_path(str(resources.model(MODEL)))
 
 
 @functools.cache
 def one_arm(arm: ArmName) -> mujoco.MjModel:
     """One arm alone, without shapes and scene, compiled. Its seven degrees of freedom come in the order of `JOINTS`."""
+    import mujoco
+
     spec = mujoco.MjSpec.from_file(str(resources.model(MODEL)))
     for key in list(spec.keys):
         spec.delete(key)

@@ -7,18 +7,20 @@ derived from the compiled model, "mjx" calls mujoco.mjx. Joint order and units: 
 from __future__ import annotations
 
 import functools
-
-import jax.numpy as jnp
+from typing import TYPE_CHECKING
 
 from ravenjax.ir.program import Program
 from ravenjax.ir.symbolic import replay
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2.arms import ArmName
-from ravenjax.robots.raven2.dynamics import arm_model, rigid_program
-from ravenjax.robots.raven2.dynamics.rigid_tree import Link, read_tree
+from ravenjax.robots.raven2.dynamics import arm_model
 from ravenjax.robots.raven2.setup import RavenSetup
 
-FUNCTIONS = {"sin": jnp.sin, "cos": jnp.cos}
+if TYPE_CHECKING:
+    from ravenjax.robots.raven2.dynamics.rigid_tree import Link
+
+FUNCTIONS = {"sin": lambda x: jnp.sin(x), "cos": lambda x: jnp.cos(x)}
 """What the program calls."""
 
 
@@ -52,6 +54,8 @@ def mass_matrix_and_bias(
 @functools.cache
 def links(arm: ArmName) -> tuple[Link, ...]:
     """The arm as a tree of links. Raises ValueError if the model's joints are not those of the arm."""
+    from ravenjax.robots.raven2.dynamics.rigid_tree import read_tree  # imports MuJoCo
+
     tree = read_tree(arm_model.one_arm(arm), arm_model.base(arm))
     joints, expected = tuple(link.joint for link in tree), arm_model.joint_names(arm)
     if joints != expected:
@@ -62,6 +66,8 @@ def links(arm: ArmName) -> tuple[Link, ...]:
 @functools.lru_cache(maxsize=64)
 def program(arm: ArmName, known: tuple[float | None, ...]) -> Program:
     """The arm's straight-line program; `known` as in `rigid_program.mass_matrix_and_bias`."""
+    from ravenjax.robots.raven2.dynamics import rigid_program
+
     return rigid_program.mass_matrix_and_bias(links(arm), known)
 
 

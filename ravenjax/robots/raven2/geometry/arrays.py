@@ -15,12 +15,11 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ravenjax.errors import UserError, shown, suggestion
+from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS, JOINTS
 from ravenjax.robots.raven2.geometry import gravity, kinematics, transmission
@@ -140,7 +139,7 @@ def _over_rows(name: str, arm: str, tool: str, **arguments: tuple[ArrayLike, tup
 
 def _known_arm(arm: str) -> None:
     if arm not in ARMS:
-        raise UserError(f"unknown arm {shown(arm)}: expected 'gold' or 'green'{suggestion(str(arm), ARMS)}")
+        raise UserError(f"unknown arm {shown(arm)}: expected 'gold' or 'green'{suggestion(arm, ARMS)}")
 
 
 def _known_tool(tool: str) -> str:

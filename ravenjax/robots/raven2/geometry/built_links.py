@@ -9,9 +9,8 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
-import jax.numpy as jnp
-
 from ravenjax.numbers.algebra import add, mul, sub
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2.geometry.links import D4, GEOMETRY, LINK12, LINK23, LW, PI

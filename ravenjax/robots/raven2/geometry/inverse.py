@@ -13,9 +13,8 @@ depth + bend.
 
 from __future__ import annotations
 
-import jax.numpy as jnp
-
 from ravenjax.numbers.algebra import dot
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec, as_int, rarely, record, where
 from ravenjax.robots.raven2.geometry.joints import Pose, Theta, joint_from_theta, theta_from_joint
 from ravenjax.robots.raven2.geometry.links import D4, GEOMETRY, GM1, GM2, GM3, LW, PI, Geometry

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 
-import jax.numpy as jnp
-
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2.geometry.links import GEOMETRY, PI
 

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax.numpy as jnp
-
 from ravenjax.numbers.algebra import cross
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2.geometry.inverse import AT_REMOTE_CENTRE, IK, OK, REJECTED, inverse, inverse_candidates
 from ravenjax.robots.raven2.geometry.joints import Pose, yaw

@@ -6,9 +6,8 @@ Quaternions are (x, y, z, w). Sources: raven2 `src/raven/mapping.cpp` (axes; the
 
 from __future__ import annotations
 
-import jax.numpy as jnp
-
 from ravenjax.numbers.algebra import dot, matmul, matrix, matvec, transpose
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec
 
 ITP_AXES = {

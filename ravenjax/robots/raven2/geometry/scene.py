@@ -8,10 +8,8 @@ from __future__ import annotations
 
 from functools import cache
 
-import jax.numpy as jnp
-from scipy.spatial.transform import Rotation
-
 from ravenjax.numbers.algebra import matvec, minus, plus
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import arm_model
@@ -24,6 +22,8 @@ TISSUE_HALF = (0.075, 0.060)  # m, half its extent along x and y
 @cache
 def frame0(arm: ArmName) -> tuple[Vec, Vec]:
     """Origin (m) and rotation rows of the arm's frame 0 in the world, Python numbers, literal zeros and ones."""
+    from scipy.spatial.transform import Rotation  # slow to import
+
     model = arm_model.scene()
     body = model.body(arm_model.base(arm))
     rows = Rotation.from_quat(body.quat, scalar_first=True).as_matrix()

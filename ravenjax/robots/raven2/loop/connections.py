@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import jax.numpy as jnp
-
-from ravenjax.numbers.setup import real
+from ravenjax.faults.injector import strikes
+from ravenjax.numbers.lazy import jnp
+from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, record, replace, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console import operator, reaction
@@ -67,6 +67,16 @@ class UsbStatus:
     write_ok: tuple[Scalar, ...]
 
 
+def boards_apart(setup: RavenSetup) -> int:
+    """USB boards whose output pins may differ: all are written alike, unless a write can fail."""
+    return len(setup.arms) if strikes(setup, "usb_status") else 1
+
+
+def each(setup: RavenSetup, item: Any) -> tuple[Any, ...]:
+    """The same for every arm."""
+    return tuple(item for _ in setup.arms)
+
+
 def packet(
     setup: RavenSetup,
     console: operator.OperatorParams,
@@ -112,6 +122,16 @@ def motors(setup: RavenSetup, robots: tuple[plant.PlantOutput, ...]) -> tuple[tu
     if setup.build == "robot":
         return None
     return tuple((Vec(out.mpos[:3]), Vec(out.mvel[:3])) for out in robots)
+
+
+def tips(
+    setup: RavenSetup,
+    params: tuple[plant.PlantParams, ...],
+    states: tuple[plant.PlantState, ...],
+    robots: tuple[plant.PlantOutput, ...],
+) -> tuple[Vec, ...]:
+    """True tip of each arm, m in registered frame 0."""
+    return per_arm(setup, lambda i, arm: plant.tip(arm, params[i], states[i], robots[i].jpos))
 
 
 def plant_signal(

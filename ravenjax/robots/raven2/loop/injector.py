@@ -34,6 +34,11 @@ class RavenInjector(injector.Injector):
         return _paths(self.setup)
 
 
+def seeded(setup: RavenSetup, what: str) -> bool:
+    """Whether faults seed the network's losses (`bursts`) or delays (`jitter`)."""
+    return ("network", "", what) in injection.channel_keys(setup)
+
+
 ROTATIONS = ("ori", "ori_d")
 """Sites whose signal is rotation matrices, struck as quaternions."""
 

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from functools import reduce
 
-import jax.numpy as jnp
-
 from ravenjax.numbers.algebra import add, matvec, mul, scale, sub
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2.geometry.gravity import CENTRES, GRAVITY_AS_STORED, MASSES
 from ravenjax.robots.raven2.geometry.joints import yaw

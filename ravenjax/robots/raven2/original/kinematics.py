@@ -12,9 +12,8 @@ import math
 from functools import reduce
 from typing import NamedTuple
 
-import jax.numpy as jnp
-
 from ravenjax.numbers.algebra import add, matrix, matvec, mul, norm, scale, transpose
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec, as_int, where
 from ravenjax.robots.raven2.geometry.inverse import (
     AT_REMOTE_CENTRE,

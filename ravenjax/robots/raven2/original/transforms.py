@@ -9,9 +9,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax.numpy as jnp
-
 from ravenjax.numbers.algebra import dot, matmul, matrix, matvec, mul, plus, sub, transpose
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec
 
 

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import jax.numpy as jnp
-
 from ravenjax.numbers.algebra import add, mul
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2.plant.cables import Linear

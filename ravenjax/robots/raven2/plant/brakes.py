@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import jax.numpy as jnp
-
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import HOUR_MS, Quantity
 from ravenjax.numbers.vec import Scalar, as_int, record
 from ravenjax.robots.raven2.setup import RavenSetup

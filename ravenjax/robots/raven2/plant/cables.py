@@ -9,8 +9,7 @@ is `delta = a epsilon` (m) with a = capstan radius / gearbox ratio. The tension 
 
 from __future__ import annotations
 
-import jax.numpy as jnp
-
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, record
 
 POSITIONING_ARM = 5.675e-3 / 12.25  # a, m of cable per rad of motor; capstan of the GP42, raven2: defines.h

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import math
 
-import jax.numpy as jnp
-
 from ravenjax.numbers import counter_random
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, as_int, record
 
 COUNTS_PER_RAD = 4000.0 / (2.0 * math.pi)

@@ -10,8 +10,7 @@ velocity (it is a damping), and no iteration is needed.
 
 from __future__ import annotations
 
-import jax.numpy as jnp
-
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar
 
 CREEP = 1e-7  # rad/s or m/s at most while stuck: 1 um or urad in 10 s

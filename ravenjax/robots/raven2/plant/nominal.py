@@ -27,10 +27,10 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import jax.numpy as jnp
 import numpy as np
 
 from ravenjax.numbers.algebra import mul
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.linear_solve import solve_spd
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.vec import Scalar, Vec, cast, record, where

@@ -10,8 +10,7 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
-import jax.numpy as jnp
-
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, to_int32, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import joints, kinematics, limits, mapping

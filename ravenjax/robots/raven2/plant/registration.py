@@ -10,11 +10,10 @@ import functools
 import itertools
 import math
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ravenjax.numbers.algebra import dot, matmul, matrix, matvec
+from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.vec import Scalar, Vec, record, where
 from ravenjax.robots.raven2.geometry import arrays, mapping
 

@@ -19,11 +19,11 @@ import functools
 from collections.abc import Sequence
 from typing import Annotated
 
-import jax.numpy as jnp
 import numpy as np
 
 from ravenjax.numbers import counter_random
 from ravenjax.numbers.algebra import add, mul, sub
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.linear_solve import solve_spd
 from ravenjax.numbers.quantity import Quantity, Reserved
 from ravenjax.numbers.vec import Scalar, Vec, cast, record, replace

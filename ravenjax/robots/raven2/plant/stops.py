@@ -11,8 +11,7 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
-import jax.numpy as jnp
-
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2.geometry import limits

@@ -5,8 +5,8 @@
     output.dac[0], output.output_pins, output.signals.runlevel
 
 Put your own plant or hardware behind it. It is the tick's own control software, evaluated in the original's mixed
-arithmetic (float32 stored, float64 in between), in the original's order (`original.evaluation`), one operation at
-a time (`ravenjax.engines.cpu.python`): every number equals the original's.
+arithmetic (float32 stored, float64 in between), in the original's order (`original.evaluation`): every number equals
+the original's. It runs compiled, or one operation at a time in Python, with the same bits (`engines.cpu.transition`).
 """
 
 # Callers may pass anything, and JAX is typed in part.
@@ -15,42 +15,31 @@ a time (`ravenjax.engines.cpu.python`): every number equals the original's.
 
 from __future__ import annotations
 
-import dataclasses
-import functools
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
 from typing import Any, Literal
 
-import jax
 import numpy as np
 
-from ravenjax.engines.cpu import python
+from ravenjax.engines.cpu import transition
+from ravenjax.engines.cpu.transition import Memory
 from ravenjax.errors import UserError, shown
 from ravenjax.numbers import paths
+from ravenjax.numbers.lazy import jax
 from ravenjax.numbers.setup import ORIGINAL, Precision
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.arms import ArmName
-from ravenjax.robots.raven2.console.packet import SIZE_BYTES, Packet, decode, silence
+from ravenjax.robots.raven2.console.packet import SIZE_BYTES, Packet
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
 from ravenjax.robots.raven2.loop import control
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.software import inputs as given_inputs
+from ravenjax.robots.raven2.software import series, start
+from ravenjax.robots.raven2.software.code import ARITHMETICS, RecordKind, code, widths
+from ravenjax.robots.raven2.software.output import Output, OutputReader, Outputs
+from ravenjax.robots.raven2.software.rows import InputRows
 from ravenjax.robots.raven2.stages import overdrive
-from ravenjax.robots.raven2.stages.usb import UsbIn
 
-
-@dataclasses.dataclass(frozen=True)
-class Output:
-    """What one cycle wrote."""
-
-    dac: tuple[tuple[int, ...], ...]  # per arm 7 signed counts, as written to USB
-    output_pins: int  # byte to the PLC: run level (bits 0, 1), FP (2), READY (3), watchdog (4)
-    _signals: Callable[[], control.ControlSignals] = dataclasses.field(repr=False)
-
-    @functools.cached_property
-    def signals(self) -> control.ControlSignals:
-        """Everything that crossed the seams of the control software in this cycle."""
-        return self._signals()
+Datagram = bytes | bytearray | memoryview
 
 
 class ControlSoftware:
@@ -59,6 +48,10 @@ class ControlSoftware:
     It starts as if homing had just completed, in cartesian mode: raven2 in run level 0, waiting for the PLC; the 2015
     fork in pedal-down, for its simulator builds have no PLC. Arms are in mechanism order, gold first; joints in the
     order shoulder, elbow, insertion, tool_roll, wrist, grasp1, grasp2.
+
+    It starts at the home pose, or where `jpos`, `encoders` or `state` say; then the first pedal-down asks for what is
+    there. Give one of them for a robot that stands elsewhere: its jaws would jump to the opening of the home pose,
+    as the original takes over a measured opening only where it is more than 45 deg off.
     """
 
     def __init__(
@@ -73,44 +66,64 @@ class ControlSoftware:
         runlevel: int | None = None,
         params: Callable[[control.ControlParams], control.ControlParams] | None = None,
         precision: Precision = ORIGINAL,
+        jpos: Any = None,
+        encoders: Any = None,
+        state: control.ControlState | None = None,
+        arithmetic: Literal["compiled", "interpreted"] = "compiled",
     ) -> None:
         """`tools`: one per arm, the software's own if left out. `level`: an overdrive level ("beginner", "moderate",
         "advanced", "fork2015"). `enc_offset`: encoder counts at motor angle 0, a number, [7] or [arms, 7]. `runlevel`:
         the one to start in, 0 to 3. `params`: changes any other parameter. `precision`: other widths than the
-        original's. Raises UserError."""
+        original's.
+
+        One of these says where it starts: `jpos`, joints [arms, 7] in rad and m, taken to the nearest encoder counts;
+        `encoders`, counts [arms, 7] as `step` takes them; `state`, the `state` of another one, which it continues to
+        the bit. `arithmetic`: "interpreted" gives the same bits, 100 times slower. Raises UserError."""
         given_inputs.known("software", software, DEFAULT_TOOLS)
         given_inputs.known("policy", policy, overdrive.POLICIES)
         given_inputs.known("console", console, SIZE_BYTES)
+        given_inputs.known("arithmetic", arithmetic, ARITHMETICS)
         if level is not None:
             given_inputs.known("level", level, overdrive.LEVELS)
         if runlevel is not None:
             runlevel = given_inputs.whole("runlevel", runlevel, 0, 3)
         if not isinstance(precision, Precision):
             raise UserError(f"precision is {shown(precision)}, expected a ravenjax.Precision")
+        way = start.one_of(jpos=jpos, encoders=encoders, state=state)
+        if way == "state" and runlevel is not None:
+            raise UserError(f"runlevel is {runlevel}, but a state has its own run level; leave one of them out")
         names = given_inputs.arm_names(arms)
         own = tuple(DEFAULT_TOOLS[software][arm] for arm in names)
         chosen_tools = own if tools is None else given_inputs.tool_names(tools, names)
         self.setup = RavenSetup(arms=names, software=software, tools=chosen_tools, console=console, precision=precision)
         offsets = given_inputs.counts("enc_offset", enc_offset, len(names), repeated=True)
-        with _widths(self.setup):
-            parameters = control.params(self.setup)
-            parameters = replace(
-                parameters,
-                overdrive=overdrive.params(self.setup, level, overdrive.POLICIES.index(policy)),
-                estimator=tuple(
-                    replace(e, enc_offset=Vec(map(np.int32, o)))
-                    for e, o in zip(parameters.estimator, offsets, strict=True)
-                ),
-            )
+        with widths(self.setup):
+            parameters = _parameters(self.setup, level, policy, offsets)
             parameters = parameters if params is None else _changed(self.setup, parameters, params)
-            state = control.init(self.setup, runlevel=runlevel)
-        self._params, self._states, self._inputs = _Kind(parameters), _Kind(state), _Kind(_example_inputs(self.setup))
-        self._packets_kind = _Kind(silence(self.setup))
-        self._fixed, self._now = self._params.represent(parameters), self._states.represent(state)
-        self._signals, self._cycle = _cycle(self.setup, self._params, self._states, self._inputs)
-        places = jax.tree.unflatten(self._signals, range(self._signals.num_leaves))
-        self._dac_places = [list(arm.current_cmd_written) for arm in places.arms]
-        self._pins_place = places.pins_out
+            initial = control.init(self.setup, runlevel=runlevel)
+        if way == "jpos":
+            encoders = start.encoders_at(self.setup, parameters, given_inputs.joints("jpos", jpos, len(names)))
+        if way in ("jpos", "encoders"):
+            encoders = given_inputs.counts(str(way), encoders, len(names))
+        self._kind, params_kind = RecordKind(initial), RecordKind(parameters)
+        if way == "state":
+            initial = start.saved(self._kind, state)
+        self._code = code(self.setup, params_kind, self._kind, arithmetic)
+        self._fixed = params_kind.row(parameters)
+        if way in ("jpos", "encoders"):
+            initial = start.at_encoders(self.setup, self._code, self._kind, self._fixed, initial, encoders)
+        self._memory(initial)
+
+    def _memory(self, initial: control.ControlState) -> None:
+        """Take memory for the state and for one cycle's rows."""
+        self._state, self._row = self._kind.row(initial), InputRows(self.setup)
+        self._shape, self._enc_val = self._row.enc_val.shape[1:], self._row.enc_val[0]
+        self._pins, self._read_ok = self._row.pins[0], self._row.read_ok[0]
+        self._out = transition.rows(self._code.signals.layout, 1)
+        memory = Memory(self._fixed, self._state, self._row.bytes, self._out)
+        self._cycle, self._receive = (self._code.machine.bind(name, memory) for name in ("cycle", "receive"))
+        self._reader = OutputReader(self._code.signals)
+        self._increments = self.setup.console == "increments"
 
     def step(
         self,
@@ -121,99 +134,125 @@ class ControlSoftware:
     ) -> Output:
         """One 1 ms cycle.
 
-        `encoders`: [arms, 7] counts as unpacked from USB, integers. `packet`: what arrived since the last cycle,
-        124-byte ITP datagrams (shorter ones are dropped, as the robot does) or `Packet`s. `pins`: input byte of each
-        board (one number: of all), bits 7..6 the PLC's run level. `read_ok`: whether each board's read succeeded;
-        where not, its last encoders and pins are used again. UserError names the argument that is wrong; nothing has
-        happened then.
+        `encoders`: [arms, 7] counts as unpacked from USB, integers; an int32 array is the quickest. `packet`: what
+        arrived since the last cycle, 124-byte ITP datagrams (shorter ones are dropped, as the robot does) or
+        `Packet`s. `pins`: input byte of each board (one number: of all), bits 7..6 the PLC's run level. `read_ok`:
+        whether each board's read succeeded; where not, its last encoders and pins are used again. UserError names the
+        argument that is wrong; nothing has happened then.
+        """
+        if type(encoders) is np.ndarray and encoders.dtype == np.int32 and encoders.shape == self._shape:
+            self._enc_val[...] = encoders
+        else:
+            self._enc_val[...] = given_inputs.counts("encoders", encoders, len(self.setup.arms))
+        if type(pins) is int and 0 <= pins <= 255:
+            self._pins.fill(pins)
+        else:
+            self._pins[...] = given_inputs.pins(pins, len(self.setup.arms))
+        if read_ok is True:
+            self._read_ok.fill(1)
+        else:
+            self._read_ok[...] = given_inputs.flags("read_ok", read_ok, len(self.setup.arms))
+        if packet is None:
+            self._row.silence()
+        elif type(packet) is bytes and self._increments:
+            self._row.datagram(packet)
+        else:
+            *earlier, last = self._packets(packet)
+            for one in earlier:
+                self._enter(self._row, 0, one)
+                self._receive()
+            self._enter(self._row, 0, last)
+        self._cycle()
+        return self._reader.one(self._out.tobytes())
+
+    def run(self, encoders: Any, packets: Any = None, pins: Any = 0, read_ok: Any = True) -> Outputs:
+        """Many 1 ms cycles in one call: the same as a `step` for each, and quicker.
+
+        `encoders`: [cycles, arms, 7] counts. `packets`: a list with one entry a cycle, each as `step` takes it; None:
+        no packets. `pins` and `read_ok`: one of all, [cycles] or [cycles, arms]. Returns `dac` [cycles, arms, 7],
+        `output_pins` [cycles] and `signals`, whose numbers are arrays [cycles]: half a kilobyte a cycle and arm.
+        UserError names the argument that is wrong; nothing has happened then.
         """
         arms = len(self.setup.arms)
-        counts = tuple(Vec(row) for row in given_inputs.counts("encoders", encoders, arms))
-        bytes_in = tuple(given_inputs.whole("pins", byte, 0, 255) for byte in given_inputs.each("pins", pins, arms))
-        read = tuple(given_inputs.flag("read_ok", ok) for ok in given_inputs.each("read_ok", read_ok, arms))
-        *earlier, last = self._packets(packet)
-        for one in earlier:
-            self._receive(one)
-        inputs = control.Inputs(last, UsbIn(counts, bytes_in), read)
-        out = self._cycle([*self._fixed, *self._now, *self._inputs.represent(inputs)])
-        signals = out[len(self._now) :]
-        self._now = out[: len(self._now)]
-        return Output(
-            tuple(tuple(signals[i] for i in places) for places in self._dac_places),
-            signals[self._pins_place],
-            lambda: jax.tree.unflatten(self._signals, signals),
-        )
+        counts = series.counts("encoders", encoders, arms)
+        cycles = len(counts)
+        rows = InputRows(self.setup, cycles)
+        rows.enc_val[...] = counts
+        rows.pins[...] = series.numbers("pins", pins, (cycles, arms), 0, 255)
+        rows.read_ok[...] = series.numbers("read_ok", read_ok, (cycles, arms), 0, 1)
+        earlier = self._fill(rows, series.packets(packets, cycles))
+        out = transition.rows(self._code.signals.layout, cycles)
+        begin = 0
+        for cycle in (*earlier, cycles):
+            part = Memory(self._fixed, self._state, rows.bytes[begin:cycle], out[begin:cycle])
+            self._code.machine.bind("cycle", part)()
+            for one in earlier.get(cycle, ()):
+                self._enter(self._row, 0, one)
+                self._receive()
+            begin = cycle
+        return self._reader.many(out)
+
+    def __copy__(self) -> ControlSoftware:
+        """Another one in the same state, which goes its own way."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other._memory(self.state)
+        return other
+
+    def __deepcopy__(self, memo: Any) -> ControlSoftware:
+        return self.__copy__()
 
     @property
     def state(self) -> control.ControlState:
-        """Everything the software remembers, the checks' histories among it."""
-        return jax.tree.unflatten(self._states.tree, self._now)
+        """Everything the software remembers, the checks' histories among it; another one may start with it."""
+        return self._kind.read(self._state)
 
-    def _receive(self, packet: Packet) -> None:
-        receive = _reception(self.setup, self._params, self._states, self._packets_kind)
-        self._now = receive([*self._fixed, *self._now, *self._packets_kind.represent(packet)])
+    def _fill(self, rows: InputRows, packets: Sequence[Any]) -> dict[int, list[Datagram | Packet | None]]:
+        """Put the last packet of each cycle in its row; those before it, by cycle."""
+        earlier: dict[int, list[Datagram | Packet | None]] = {}
+        for cycle, packet in enumerate(packets):
+            *before, last = self._packets(packet)
+            self._enter(rows, cycle, last)
+            if before:
+                earlier[cycle] = before
+        return earlier
 
-    def _packets(self, given: Any) -> list[Packet]:
-        many: list[Any] = list(given) if isinstance(given, (list, tuple)) else [given]
-        return [self._packet(one) for one in many] or [self._packet(None)]
+    @staticmethod
+    def _enter(rows: InputRows, cycle: int, packet: Datagram | Packet | None) -> None:
+        if packet is None:
+            rows.silence(cycle)
+        elif isinstance(packet, Packet):
+            rows.packet(packet, cycle)
+        else:
+            rows.datagram(packet, cycle)
 
-    def _packet(self, given: bytes | Packet | None) -> Packet:
+    def _packets(self, given: Any) -> list[Datagram | Packet | None]:
+        many: list[Any] = list(given) if isinstance(given, list | tuple) else [given]
+        return [self._packet(one) for one in many] or [None]
+
+    def _packet(self, given: bytes | Packet | None) -> Datagram | Packet | None:
         if given is None:
-            return silence(self.setup)
+            return None
         if isinstance(given, Packet):
             return given_inputs.packet(self.setup, given)
-        if not isinstance(given, (bytes, bytearray, memoryview)):
+        if not isinstance(given, Datagram):
             kind = type(given).__name__
             raise UserError(f"packet is {kind}; give the bytes of a datagram, a Packet, a list of them, or None")
-        if self.setup.console == "absolute":
+        if not self._increments:
             raise UserError("a raw datagram holds increments, but console is 'absolute'; give a Packet")
-        return decode(bytes(given), self.setup.arms)
+        return given
 
 
-class _Kind:
-    """The shape of a record of NumPy numbers: its tree and number types."""
-
-    def __init__(self, example: Any) -> None:
-        leaves: list[Any]
-        leaves, tree = jax.tree.flatten(example)
-        self.tree: Any = tree
-        self.types = tuple(np.dtype(leaf.dtype) for leaf in leaves)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Kind) and (self.tree, self.types) == (other.tree, other.types)
-
-    def __hash__(self) -> int:
-        return hash((self.tree, self.types))
-
-    def abstract(self) -> Any:
-        return jax.tree.unflatten(self.tree, [jax.ShapeDtypeStruct((), dtype) for dtype in self.types])
-
-    def represent(self, value: Any) -> list[Any]:
-        return [python.represent(dtype, x) for dtype, x in zip(self.types, jax.tree.leaves(value), strict=True)]
-
-
-@functools.lru_cache(maxsize=16)
-def _cycle(setup: RavenSetup, params: _Kind, state: _Kind, inputs: _Kind) -> tuple[Any, python.ScalarFunction]:
-    """Tree of the signals, and the cycle as printed code: shared by the instances of a setup."""
-
-    def one_cycle(*arguments: Any) -> Any:
-        return control.cycle(setup, *arguments)
-
-    with _widths(setup):
-        kinds = (params.abstract(), state.abstract(), inputs.abstract())
-        jaxpr, shape = jax.make_jaxpr(one_cycle, return_shape=True)(*kinds)
-    return jax.tree.structure(shape[1]), python.compile(jaxpr)
-
-
-@functools.lru_cache(maxsize=16)
-def _reception(setup: RavenSetup, params: _Kind, state: _Kind, packet: _Kind) -> python.ScalarFunction:
-    """`receive` alone as printed code, for packets that arrive before the last of a cycle."""
-
-    def receive(*arguments: Any) -> Any:
-        return control.receive(setup, *arguments)
-
-    with _widths(setup):
-        return python.compile(jax.make_jaxpr(receive)(params.abstract(), state.abstract(), packet.abstract()))
+def _parameters(setup: RavenSetup, level: str | None, policy: str, offsets: Sequence[Any]) -> control.ControlParams:
+    """The software's own, but for what has an argument of its own."""
+    own = control.params(setup)
+    return replace(
+        own,
+        overdrive=overdrive.params(setup, level, overdrive.POLICIES.index(policy)),
+        estimator=tuple(
+            replace(e, enc_offset=Vec(map(np.int32, o))) for e, o in zip(own.estimator, offsets, strict=True)
+        ),
+    )
 
 
 def _changed(setup: RavenSetup, own: control.ControlParams, change: Any) -> control.ControlParams:
@@ -238,12 +277,3 @@ def _of_type(name: str, old: Any, new: Any) -> Any:
     if not number or not abs(new) <= float(np.finfo(old.dtype).max):
         raise UserError(f"parameter {name} is {shown(new)}, expected a finite number")
     return old.dtype.type(new)
-
-
-def _example_inputs(setup: RavenSetup) -> control.Inputs:
-    flags = (np.int32(1),) * len(setup.arms)
-    return control.Inputs(silence(setup), UsbIn(tuple(Vec.full(7, np.int32(0)) for _ in flags), flags), flags)
-
-
-def _widths(setup: RavenSetup) -> AbstractContextManager[Any]:
-    return jax.enable_x64(setup.precision.needs_x64)

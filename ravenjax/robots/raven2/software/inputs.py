@@ -13,8 +13,9 @@ import numpy as np
 
 from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.arms import ARMS, JOINTS
+from ravenjax.robots.raven2.arms import ARMS, JOINTS, LINEAR
 from ravenjax.robots.raven2.console.packet import Packet
+from ravenjax.robots.raven2.geometry import limits
 from ravenjax.robots.raven2.geometry.tools import find_tool
 from ravenjax.robots.raven2.setup import RavenSetup
 
@@ -108,6 +109,16 @@ def each(what: str, entries: Any, arms: int) -> tuple[Any, ...]:
     return values
 
 
+def pins(given: Any, arms: int) -> list[int]:
+    """One byte a board."""
+    return [whole("pins", byte, 0, 255) for byte in each("pins", given, arms)]
+
+
+def flags(what: str, given: Any, arms: int) -> list[int]:
+    """0 or 1, one an arm."""
+    return [flag(what, one) for one in each(what, given, arms)]
+
+
 def packet(setup: RavenSetup, given: Packet) -> Packet:
     """A packet's numbers; quaternions may hold any number, NaN among them, as a datagram may."""
     arms = len(setup.arms)
@@ -143,3 +154,28 @@ def _number(what: str, given: Any) -> float:
         return float(given)
     except (TypeError, ValueError, OverflowError):
         raise UserError(f"{what} holds {shown(given)}, expected numbers") from None
+
+
+def joints(what: str, given: Any, arms: int) -> list[list[float]]:
+    """[arms, 7] joint positions, rad and m, anywhere within a turn and within a metre."""
+    order = f"in rad and m in the order {', '.join(JOINTS)}"
+    try:
+        array = np.asarray(given)
+    except ValueError:  # rows of different lengths
+        raise UserError(f"{what} is {shown(given)}, expected one row of 7 joints per arm ({arms}) {order}") from None
+    if array.shape != (arms, 7) or array.dtype.kind not in "iuf":
+        raise UserError(
+            f"{what} has shape {array.shape} of {array.dtype}, expected numbers [arms, 7] = [{arms}, 7]; give one row "
+            f"of joints per arm {order}"
+        )
+    rows: list[list[float]] = array.astype(np.float64).tolist()
+    angle, travel = limits.position("position of the joint")
+    for arm, row in enumerate(rows):
+        for joint, value in zip(JOINTS, row, strict=True):
+            quantity, hint = (travel, "millimetres") if joint in LINEAR else (angle, "degrees")
+            if not quantity.low <= value <= quantity.high:
+                raise UserError(
+                    f"{what}[{arm}] ({joint}) is {value}, expected {quantity.low:g}..{quantity.high:g} {quantity.unit}"
+                    f"; give {'m' if joint in LINEAR else 'rad'}, not {hint}"
+                )
+    return rows

@@ -10,9 +10,9 @@ from __future__ import annotations
 from functools import reduce
 from typing import Annotated
 
-import jax.numpy as jnp
 import numpy as np
 
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import narrow, per_arm, real, wide
 from ravenjax.numbers.vec import Scalar, Vec, rarely, record, replace, to_int32, where
 from ravenjax.robots.raven2.arms import ArmName

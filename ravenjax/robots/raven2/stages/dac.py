@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
-
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec, to_int32
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import transmission

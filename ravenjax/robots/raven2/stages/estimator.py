@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import jax.numpy as jnp
 import numpy as np
 
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.setup import narrow, wide
 from ravenjax.numbers.vec import Scalar, Vec, record

@@ -6,9 +6,9 @@ exists but is not verified. A datagram longer than the structure is cut and acce
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 import numpy as np
 
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import real
 from ravenjax.numbers.vec import INT32_MIN, Scalar, record
 from ravenjax.robots.raven2.console.packet import SIZE_BYTES, Packet

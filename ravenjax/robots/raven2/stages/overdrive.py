@@ -11,10 +11,10 @@ from __future__ import annotations
 from functools import reduce
 from typing import Annotated
 
-import jax.numpy as jnp
 import numpy as np
 
 from ravenjax.errors import UserError, suggestion
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.setup import real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace

@@ -21,8 +21,7 @@ import operator
 from functools import reduce
 from typing import Annotated
 
-import jax.numpy as jnp
-
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import HOUR_MS, Quantity
 from ravenjax.numbers.setup import real
 from ravenjax.numbers.vec import Scalar, as_int, record

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import jax.numpy as jnp
 import numpy as np
 
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.vec import Scalar, as_int, record, replace
 from ravenjax.robots.raven2.run_levels import E_STOP, INIT

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
-import jax.numpy as jnp
 import numpy as np
 
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import HOUR_MS, Quantity
 from ravenjax.numbers.setup import narrow, per_arm, real, wide
 from ravenjax.numbers.vec import INT32_MIN, Scalar, Vec, as_int, record, replace, where

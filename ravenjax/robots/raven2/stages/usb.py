@@ -6,9 +6,9 @@ it stays. DAC commands and output pins travel in one message.
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 import numpy as np
 
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import per_arm
 from ravenjax.numbers.vec import Scalar, Vec, record, where
 from ravenjax.robots.raven2.setup import RavenSetup

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 import numpy as np
 
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, as_int, record
 from ravenjax.robots.raven2.setup import RavenSetup
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ravenjax.errors import StoreError
-from ravenjax.store.files import require_writable, write_aside
+from ravenjax.store.files import parsed, require_writable, write_aside
 
 FILE = "session.json"
 VERSION = 1
@@ -29,7 +29,7 @@ def read(folder: Path) -> dict[str, Any]:
     """The session of a folder. StoreError where there is none, it is damaged, or newer than this reader."""
     path = Path(folder) / FILE
     try:
-        header = json.loads(path.read_text(encoding="utf-8"))
+        header = parsed(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
         raise StoreError(
             f"{folder}: is not the folder of a session, it holds no {FILE}. Give a folder that `ravenjax train` wrote."

@@ -13,17 +13,17 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
+from ravenjax.calibration import position_loop
+from ravenjax.calibration.position_loop import Controller, LoopState
+from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.setup import REFERENCE
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.geometry import kinematics, transmission
 from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup
-from ravenjax.robots.raven2.stages.estimator import LOW_PASS_INPUT, LOW_PASS_OUTPUT
 
 DATA, FILE = "RAVENJAX_DATA", "recording_gold_joints123.parquet"
 JOINTS = ("shoulder", "elbow", "insertion")
@@ -32,6 +32,8 @@ ARM, TOOL = "gold", "r_grasper"
 TOOL_POSE = (0.0, 0.0, math.radians(45), math.radians(45))  # rad; the recording has no tool joints: held at home
 KP, KD = np.array((0.3, 0.3, 0.15)), np.array((0.008, 0.008, 0.012))  # raven2: params/r2params.yaml
 TOOL_KP, TOOL_KD = (0.09, 0.05, 0.02, 0.02), (0.001, 0.0, 0.0, 0.0)  # of the fork
+CONTROLLER = Controller(Vec((*KP, *TOOL_KP)), Vec((*KD, *TOOL_KD)), Vec.full(7, 0.0), filtered=True)
+"""Without the integral that `position_loop.FORK2015` has at the tool: the recording has no tool joints to drive."""
 
 Rows = Literal["asked", "dac"]
 """What drives motors 1-3: desired angles (rad) in closed loop, DAC counts in open loop."""
@@ -108,35 +110,23 @@ def loop(rows: Rows, params: robot.PlantParams, cables: Any = 1.0) -> Run:
     rows: what is in them; the tool's motors are held at home by their controller. cables: times the stiffness and
     damping of every cable; 0 with `replay.bare_rotors`.
     """
-    reading, drive = (signs(ARM, TOOL, "fork2015") for signs in (transmission.encoder_signs, transmission.tau_signs))
-    kp, kd = Vec((*KP, *TOOL_KP)), Vec((*KD, *TOOL_KD))
+    of_loop = replace(position_loop.params(params), cables=cables)
+    pose = Vec((0.0, 0.0, 0.0, *TOOL_POSE))
 
-    def read(state):
-        out = robot.observe(SETUP, ARM, params, state)
-        return jnp.stack([s * e * transmission.ENCODER_RAD for s, e in zip(reading, out.enc_val, strict=True)])
+    def tick(state: LoopState, row: jax.Array):
+        def desired(insertion: jax.Array) -> Vec:
+            tool = transmission.motor_from_joint(ARM, TOOL, pose, insertion, "fork2015")[3:]
+            return Vec((row[0], row[1], row[2], *tool))
 
-    def tick(carry, row):
-        state, raw, smooth = carry
-        new = read(state)
-        raw = jnp.stack([new, *raw[:3]])
-        filtered = jnp.array(LOW_PASS_INPUT) @ raw + jnp.array(LOW_PASS_OUTPUT) @ smooth
-        speed = (filtered - smooth[0]) / 1e-3
-        smooth = jnp.stack([filtered, *smooth[:2]])
-        pose = Vec((0.0, 0.0, 0.0, *TOOL_POSE))
-        tool = transmission.motor_from_joint(ARM, TOOL, pose, filtered[2], "fork2015")[3:]
-        desired = Vec((row[0], row[1], row[2], *tool))
-        tau = (desired - Vec(filtered)) * kp - Vec(speed) * kd
-        counts = (tau * transmission.COUNTS_PER_NM * drive).map(lambda x: jnp.trunc(x).astype(jnp.int32))
-        if rows == "dac":
-            counts = Vec((*(row[i].astype(jnp.int32) for i in range(3)), *counts[3:]))
-        signal = replace(robot.nominal_signal(counts, jnp.int32(0)), cable_scale=Vec.full(len(counts), cables))
-        state, out = robot.step(SETUP, ARM, params, state, signal)
-        return (state, raw, smooth), (jnp.stack(out.mpos), jnp.stack(out.jpos), jnp.stack(counts), speed)
+        def written(counts: Vec) -> Vec:
+            return Vec((*row, *counts[3:])) if rows == "dac" else counts
+
+        state, out, cycle = position_loop.cycle(SETUP, ARM, CONTROLLER, of_loop, state, desired, written)
+        return state, (jnp.stack(out.mpos), jnp.stack(out.jpos), jnp.stack(cycle.counts), jnp.stack(cycle.speed))
 
     def run(angle, speed, rows):
-        start = started(params, angle, speed)
-        history = jnp.stack([read(start)] * 4)
-        return jax.lax.scan(tick, (start, history, history[:3]), rows)[1]
+        start = position_loop.start(SETUP, ARM, CONTROLLER, started(params, angle, speed))
+        return jax.lax.scan(tick, start, rows)[1]
 
     return run
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
+from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.studies.dsn16.recording import closed_loop, horizons
 from ravenjax.studies.dsn16.recording.closed_loop import JointRecording, Rows

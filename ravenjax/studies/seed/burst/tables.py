@@ -149,8 +149,9 @@ def _packets(runs: Runs) -> Table:
         "first bursts without cue",
     )
     note = (
-        "The second fault site of the paper, whose results it does not show: x increments of 300 operator packets are "
-        "overwritten on their way to the robot, the model hears the clean ones. Increments add up, so the robot does "
+        "The second fault site of the paper, whose results it does not show: for 300 ms the x increments of the "
+        "operator's packets, some 155, are overwritten on their way to the robot, the model hears the clean ones. "
+        "Increments add up, so the robot does "
         "not come back to its model after a burst, and the tip error of later bursts holds that of earlier ones. "
         "Predicted only."
     )

@@ -21,6 +21,9 @@ SCALES = (0.05, 0.1, 0.15, 0.2)
 MODELLED = "as modelled"
 """The campaign's first group; its four runs come first."""
 
+EVERY_CYCLE, BURSTS = "a packet each cycle", "packets in bursts"
+"""The campaign's groups with other lengths of packets."""
+
 NOISE = "noise"
 """The campaign's group with noise of encoders and motors in the sizes that the robot has by itself."""
 
@@ -226,7 +229,7 @@ def _sensitivity(settings: Mapping[str, Setting], band: tuple[float, float], pub
                 "–" if name == MODELLED else _with_interval(change, "+"),
                 f"{setting.line('mean_mm', 'slope').value:.1f}",
                 f"{fit.value:.2f}",
-                f"{sum(s.pulses > 0 for s in setting.every)} of {len(setting.every)}",
+                _cues(setting),
                 f"{sum(s.stop_ms >= 0 for s in setting.every)}",
             )
         )
@@ -309,8 +312,24 @@ def _notes(settings: Mapping[str, Setting], inside: Sequence[str]) -> tuple[str,
         "A6 says 'about linear' without a number; that a line should explain 0.9 of the variance is this study's "
         "reading, and the peaks lie close to it.",
         "The text's 2.43 +- 1.72 mm does not fit the paper's own plot, whose four means are 0.3 to 1.4 mm.",
+        _packets_note({name: settings[name] for name in (MODELLED, EVERY_CYCLE, BURSTS) if name in settings}, mean),
         *((f"Segments that ended in a stop by the robot's own check: {stops}.",) if stops else ()),
     )
+
+
+def _packets_note(lengths: Mapping[str, Setting], mean: Mapping[str, float]) -> str:
+    """What hangs on how long packets last, in words."""
+    return (
+        "How long a packet lasted is not published; packets last as on a recorded arm, while the hand keeps its speed. "
+        "A packet each control cycle was assumed before. Mean of all segments, and segments with a cue: "
+        f"{'; '.join(f'{name} {mean[name]:.3f} mm, {_cues(setting)}' for name, setting in lengths.items())}. Every run "
+        "draws its own."
+    )
+
+
+def _cues(setting: Setting) -> str:
+    """In how many segments the cue fires, in words."""
+    return f"{sum(s.pulses > 0 for s in setting.every)} of {len(setting.every)}"
 
 
 def _change(settings: Mapping[str, Setting], mean: Mapping[str, float], prefixes: tuple[str, ...]) -> str:

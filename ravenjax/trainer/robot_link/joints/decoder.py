@@ -75,6 +75,6 @@ def _decoded(magic: bytes, content: bytes) -> JointReport | dict[str, Any] | Non
         return JointReport(np.frombuffer(content, RECORD)[0])
     try:
         record = json.loads(content[HEAD.size : -CRC.size])
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     return record if isinstance(record, dict) else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import os
+import signal
 from pathlib import Path
 
 import deadly_pack
@@ -13,6 +14,7 @@ import tiny_campaign as tiny
 
 from ravenjax.campaign import plan, runner
 from ravenjax.campaign.executors import remote
+from ravenjax.campaign.executors.carriers import processes, worker
 from ravenjax.campaign.executors.carriers.processes import Processes
 from ravenjax.campaign.executors.local import Local
 from ravenjax.campaign.executors.protocol import Work
@@ -63,6 +65,46 @@ def test_two_workers_of_which_one_is_killed_make_the_same_folder(whole, tmp_path
     assert any(note.startswith("rows 140 to 159: worker killed by SIGKILL") for note in told[-1].notes)
     assert told[-1].phase == "done" and told[-1].done == 300 and told[-1].workers == 2 and told[-1].parts == 15
     assert not children(), "no worker outlives the campaign"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("at", [0, 3], ids=["while it compiles", "while it computes"])
+def test_a_worker_that_is_stopped_and_not_dead_is_noticed_and_replaced(whole, tmp_path, monkeypatch, at):
+    """The other worker goes on meanwhile; what the stopped one held is computed again, and the folder is the same."""
+    assert processes.PATIENCE * processes.WAIT_S < 60 and processes.WAIT_S > 2 * worker.ALIVE_S
+    monkeypatch.setattr(processes, "WAIT_S", 1.0)  # of six waits; a sign of life comes every two seconds
+    stopped, told = [], []
+
+    def stop_one(status):
+        told.append(status)
+        if status.parts >= at and not stopped and (there := children()):
+            stopped.append(there[0])
+            os.kill(there[0], signal.SIGSTOP)
+
+    runner.run_campaign(tiny.config(), tmp_path, "simd", executor=Processes(2), on_progress=stop_one)
+    assert stopped and tiny.digest(tmp_path) == tiny.digest(whole)
+    assert any("worker gave no sign of life for 6 s; tried again" in note for note in told[-1].notes)
+    assert not children(), "the stopped worker is gone, too"
+
+
+@pytest.mark.slow
+def test_a_stopped_worker_does_not_hold_up_what_ends_the_work(tmp_path, monkeypatch):
+    """Not even where it takes no more messages: a socket's buffer is full at once."""
+    monkeypatch.setattr(processes, "WAIT_S", 1.0)
+    monkeypatch.setenv("PYTHONPATH", str(Path(deadly_pack.__file__).parent))
+    asked, got = work(tiny.config(runs=60), tmp_path, {}, "")
+    share, stopped = remote.share, []
+
+    def stop_and_share(ready, rows):
+        if rows and (there := children()) and not stopped:
+            stopped.append(there[0])
+            os.kill(there[0], signal.SIGSTOP)
+            return b"x" * 10_000_000
+        return share(ready, rows)
+
+    monkeypatch.setattr(remote, "share", stop_and_share)
+    Processes(1).run(asked, CHUNKS)
+    assert stopped and sorted(rows.start for rows in got) == [0, 10, 20, 30, 40, 50] and not children()
 
 
 def work(config, tmp_path, dies, way):

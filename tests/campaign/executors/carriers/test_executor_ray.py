@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import signal
+from pathlib import Path
+
 import pytest
 import tiny_campaign as tiny
 
@@ -48,6 +53,32 @@ def test_two_nodes_of_which_one_is_killed_make_the_same_folder(cluster, tmp_path
     for path in parts.files(tmp_path / "here" / "parts"):
         assert (there / "parts" / path.name).read_bytes() == path.read_bytes()
     assert manifest.read(there).executor == "ray"
+
+
+def tasks() -> list[int]:
+    """Process ids of the workers that compute a chunk."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            if (path / "cmdline").read_bytes().startswith(b"ray::_compute"):
+                found.append(int(path.name))
+    return found
+
+
+def test_workers_that_are_killed_three_times_make_the_same_folder(cluster, tmp_path):
+    made, _ = cluster
+    runner.run_campaign(tiny.config(**SIZE), tmp_path / "here", "simd")
+    killed = []
+
+    def kill(status):
+        if status.parts >= 5 * (len(killed) + 1) and len(killed) < 3 and (there := tasks()):
+            killed.append(there[0])
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(there[0], signal.SIGKILL)
+
+    ran = executor.Ray(2, made.address)
+    runner.run_campaign(tiny.config(**SIZE), tmp_path / "there", "simd", executor=ran, on_progress=kill)
+    assert len(killed) == 3 and tiny.digest(tmp_path / "there") == tiny.digest(tmp_path / "here")
 
 
 def test_an_address_where_nobody_answers():

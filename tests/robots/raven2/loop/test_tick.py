@@ -15,7 +15,8 @@ from ravenjax.numbers.setup import Injection, SiteUse
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.checks import CHECKS
 from ravenjax.robots.raven2.console import motions
-from ravenjax.robots.raven2.loop import tick
+from ravenjax.robots.raven2.loop import run, tick
+from ravenjax.robots.raven2.loop.records import Input
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.sites import SITES
 from ravenjax.stages import monitor
@@ -63,20 +64,20 @@ SETUPS = {
 def build(setup: RavenSetup, ticks: int = 100, name: str = "suture"):
     """(params, state, motion columns, reference) of a run."""
     motion = motions.generate(name, ticks / 1000.0, setup.arms)
-    params = tick.params(setup, motion.start_jpos)
+    params = run.params(setup, motion.start_jpos)
     columns = tuple(jnp.asarray(column) for column in motion.table().T)
     zero = Vec.full(3, 0.0)
     reference = monitor.Reference(tuple(zero for _ in setup.arms), tuple(zero for _ in setup.arms))
-    return params, tick.init(setup, params), columns, reference
+    return params, run.init(setup, params), columns, reference
 
 
 def trace(setup: RavenSetup):
     params, state, columns, reference = build(setup)
 
-    def run(state, now):
-        return tick.tick(setup, params, no_faults(setup), state, tick.Input(now, columns, reference))
+    def step(state, now):
+        return tick.tick(setup, params, no_faults(setup), state, Input(now, columns, reference))
 
-    return jax.make_jaxpr(run)(state, jnp.int32(0))
+    return jax.make_jaxpr(step)(state, jnp.int32(0))
 
 
 def flat(jaxpr):
@@ -119,7 +120,7 @@ def test_every_state_keeps_its_type():
         params, state, columns, reference = build(setup)
         step = partial(tick.tick, setup, params, no_faults(setup))
         after, _ = jax.eval_shape(
-            lambda s, n, c=columns, r=reference, f=step: f(s, tick.Input(n, c, r)), state, jnp.int32(0)
+            lambda s, n, c=columns, r=reference, f=step: f(s, Input(n, c, r)), state, jnp.int32(0)
         )
         before = jax.tree.map(lambda x: (jnp.shape(x), jnp.asarray(x).dtype), state)
         assert before == jax.tree.map(lambda x: (x.shape, x.dtype), after)
@@ -128,12 +129,12 @@ def test_every_state_keeps_its_type():
 def test_checks_have_the_names_that_are_announced():
     setup = RavenSetup()
     params, state, *_ = build(setup)
-    assert tuple(tick.checks(state)) == tuple(CHECKS)
-    assert {f"check_{name}_count" for name in CHECKS} <= set(tick.outcomes(setup, params, state))
+    assert tuple(run.checks(state)) == tuple(CHECKS)
+    assert {f"check_{name}_count" for name in CHECKS} <= set(run.outcomes(setup, params, state))
 
 
 def test_the_reference_series_holds_what_it_gives_back():
     setup = SETUPS["both arms"]
-    numbers = [np.float32(i) for i in range(tick.series_length(setup))]
-    reference = tick.reference_from(setup, numbers)
+    numbers = [np.float32(i) for i in range(run.series_length(setup))]
+    reference = run.reference_from(setup, numbers)
     assert [list(v) for v in (*reference.tip, *reference.pos)] == [[0, 1, 2], [6, 7, 8], [3, 4, 5], [9, 10, 11]]

@@ -21,7 +21,8 @@ from ravenjax.numbers import paths
 from ravenjax.numbers.setup import REFERENCE, real
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.console import motions
-from ravenjax.robots.raven2.loop import tick
+from ravenjax.robots.raven2.loop import run, tick
+from ravenjax.robots.raven2.loop.records import Input
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import monitor
 
@@ -86,17 +87,17 @@ def evaluate(jaxpr: core.Jaxpr, consts: Any, arguments: list[Any]) -> list[Any]:
 def course():
     with jax.enable_x64(True):
         motion = motions.generate("suture", 2.0, SETUP.arms)
-        params = tick.params(SETUP, motion.start_jpos)
+        params = run.params(SETUP, motion.start_jpos)
         columns = tuple(jnp.asarray(column) for column in motion.table().T)
         still = real(SETUP, tuple(Vec.full(3, 0.0) for _ in SETUP.arms))
         reference = monitor.Reference(still, still)
-        state = tick.init(SETUP, params)
+        state = run.init(SETUP, params)
 
         def advance(values: Any, state: Any, now: Any) -> Any:
             changed = params
             for path, value in zip(PARAMETERS, values, strict=True):
                 changed = paths.assign(changed, SETUP, path, value)
-            signal = tick.Input(now, columns, reference)
+            signal = Input(now, columns, reference)
             state, signals = tick.tick(SETUP, changed, no_faults(SETUP), state, signal)
             software, model = signals.control.arms[0], signals.nominal[0]
             return state, (signals.tip[0][0], software.tau_d[1], model.tip_position[2])

@@ -14,7 +14,8 @@ from empty_faults import no_faults
 from ravenjax.numbers.setup import CAMPAIGN, ORIGINAL, REFERENCE, Injection, SiteUse, real
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.console import motions
-from ravenjax.robots.raven2.loop import tick
+from ravenjax.robots.raven2.loop import run, tick
+from ravenjax.robots.raven2.loop.records import Input
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import monitor
 from ravenjax.vocabulary.detectors import DetectorUse
@@ -70,16 +71,16 @@ def by_path(tree: Any) -> dict[str, Number]:
 def types_of(setup: RavenSetup) -> Types:
     with jax.enable_x64(setup.precision.needs_x64):
         motion = motions.generate("suture", 0.1, setup.arms)
-        params = tick.params(setup, motion.start_jpos)
+        params = run.params(setup, motion.start_jpos)
         columns = tuple(jnp.asarray(column) for column in motion.table().T)
         still = real(setup, tuple(Vec.full(3, 0.0) for _ in setup.arms))
         reference = monitor.Reference(still, still)
 
         def advance(state: Any, now: Any) -> Any:
-            signal = tick.Input(now, columns, reference)
+            signal = Input(now, columns, reference)
             return tick.tick(setup, params, no_faults(setup), state, signal)
 
-        start = jax.eval_shape(lambda: tick.init(setup, params))
+        start = jax.eval_shape(lambda: run.init(setup, params))
         traced: Callable[..., Any] = jax.jit(advance)
         first, signals = traced.eval_shape(start, jax.ShapeDtypeStruct((), jnp.int32))
         second, more = traced.eval_shape(first, jax.ShapeDtypeStruct((), jnp.int32))

@@ -1,0 +1,117 @@
+"""How much backlash do the recorded arms admit? Prints Markdown.
+
+    RAVENJAX_DATA=FOLDER python analysis/calibration/backlash.py
+
+The recordings have motors and no joints, and the virtual robot has no backlash. A gap behind a motor shows where the
+motor turns back: until the gap is crossed, it does not carry the joint's share of the dry friction. So the torque that
+the recorded error implies (PID of its controller) reaches its new level no sooner than the gap ends: the motor's travel
+until it has made 90 % of the way is an upper bound of the gap, as all else that softens a reversal is counted, too.
+Beside it stands the same of the virtual robot asked for the same, which turns back without a gap. Where that is as
+large, the measure sees the controller and the recording bounds nothing smaller.
+
+Level before and after: medians over the middle 40 % of the strokes. A stroke turns by at least `LEAST` of the joint's
+range of motion in the recording.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ravenjax.calibration import position_loop, tables
+from ravenjax.calibration.calibrate import LoggedRobot
+from ravenjax.campaign.inspection.reference import markdown_table
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import JOINTS
+from ravenjax.robots.raven2.geometry import transmission
+from ravenjax.robots.raven2.plant import robot
+from ravenjax.studies.dsn16.recording import closed_loop
+from ravenjax.studies.mechanics import recordings
+
+REACHED, LEAST, SMOOTH_MS = 0.9, 0.1, 25.0
+MIDDLE = (0.3, 0.7)
+
+
+def torques(logged: LoggedRobot, joints: np.ndarray, period_ms: float) -> tuple[np.ndarray, np.ndarray]:
+    """Motor angles (rad) and what the controller then asks of the motors (N m), [n, 7] each, smoothed alike."""
+    tool = logged.setup.tools[logged.setup.arms.index(logged.arm)]
+    period = period_ms * 1e-3
+    desired = logged.log.desired[logged.log.cycles]
+    apart, motors = (
+        np.stack([*transmission.motor_from_joint(logged.arm, tool, Vec(x.T), 0.0, logged.setup.software)], axis=1)
+        for x in (desired - joints, joints)
+    )
+    kp, kd, ki = (np.array([*gain]) for gain in logged.controller[:3])
+    torque = kp * apart - kd * np.gradient(motors, period, axis=0) + ki * np.cumsum(apart, axis=0) * period
+    length = round(SMOOTH_MS / period_ms)
+    window = np.ones(length) / length
+    return motors, np.stack([np.convolve(column, window, "same") for column in torque.T], axis=1)
+
+
+def turns(angle: np.ndarray, least: float) -> list[int]:
+    """Rows at which the angle [n] turns back after at least `least` of travel."""
+    ends, extreme, sign = [0], 0, 0
+    for k in range(1, len(angle)):
+        ahead = sign * (angle[k] - angle[extreme])
+        if sign == 0 and abs(angle[k] - angle[0]) >= least:
+            sign, extreme = int(np.sign(angle[k] - angle[0])), k
+        elif ahead >= 0.0:
+            extreme = k
+        elif -ahead >= least:
+            ends.append(extreme)
+            extreme, sign = k, -sign
+    return ends
+
+
+def travels(angle: np.ndarray, torque: np.ndarray) -> np.ndarray:
+    """Motor travel (rad) after each reversal until the torque has made REACHED of its way to the new level."""
+    ends = turns(angle, LEAST * np.ptp(angle))
+    travel = []
+    for begin, at, end in zip(ends, ends[1:], ends[2:], strict=False):
+        levels = []
+        for a, b in ((begin, at), (at, end)):
+            share = np.abs(angle[a:b] - angle[a]) / max(abs(angle[b] - angle[a]), 1e-9)
+            levels.append(np.median(torque[a:b][(share > MIDDLE[0]) & (share < MIDDLE[1])]))
+        way = (torque[at:end] - levels[0]) / (levels[1] - levels[0])
+        reached = np.flatnonzero(way >= REACHED)
+        if len(reached):
+            travel.append(abs(angle[at + reached[0]] - angle[at]))
+    return np.array(travel)
+
+
+def rows(name: str, logged: LoggedRobot, period_ms: float) -> list[tuple[str, ...]]:
+    """Each joint of one recorded arm beside the virtual one."""
+    whole = logged.log.compared(0, len(logged.log.desired))
+    params = position_loop.params(robot.params(logged.setup, logged.arm))
+    sides = [
+        torques(logged, np.nan_to_num(joints), period_ms)
+        for joints in (logged.log.measured, logged.replayed(whole, [params])[0])
+    ]
+    lines = []
+    for j in logged.log.joints:
+        cells = []
+        for angle, torque in sides:
+            first = round(1000.0 / period_ms)
+            travel = travels(angle[first:, j], torque[first:, j]) * tables.PER_UNIT[j] / transmission.TR[j]
+            low, middle, high = np.quantile(travel, (0.1, 0.5, 0.9)) if len(travel) else (np.nan,) * 3
+            cells.append(f"{middle:.3f} ({low:.3f} to {high:.3f}), {len(travel)}")
+        lines.append((name, f"{JOINTS[j].replace('_', ' ')}, {tables.UNITS[j]}", *cells))
+    return lines
+
+
+def main() -> None:
+    """Both recorded arms."""
+    lines: list[tuple[str, ...]] = []
+    for name, file, read, period_ms in (
+        ("the authors' arm", recordings.THREE_JOINTS, recordings.three_joints, 1.0),
+        ("the arm of 2018", recordings.SEVEN_JOINTS, recordings.seven_joints, recordings.SEVEN_PERIOD_MS),
+    ):
+        path = closed_loop.locate(file)
+        if path is None:
+            raise FileNotFoundError(f"{file}: set {closed_loop.DATA} to its folder")
+        lines += rows(name, read(path), period_ms)
+    columns = ("arm", "joint", "recorded: median (10 % to 90 %), reversals", "virtual, without a gap")
+    print(markdown_table(columns, lines))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,57 @@
+"""Do 90 % intervals of `ravenjax calibrate` hold nine of ten hidden values? Prints Markdown.
+
+    python analysis/calibration/cover.py [LOGS] [SECONDS]
+
+Virtual robots with everything that a log is asked for drawn from the beliefs before, each in a log of its own. If the
+intervals are right, the number of values inside is binomial with 0.9 or more; those of one log are not independent, so
+that the number of each log is printed, too.
+"""
+
+from __future__ import annotations
+
+import collections
+import sys
+
+import numpy as np
+
+from ravenjax.calibration import parameters, virtual_log
+from ravenjax.calibration.calibrate import NORMAL_90
+from ravenjax.campaign.inspection.reference import markdown_table
+from ravenjax.robots.raven2.plant import robot
+
+
+def main(logs: int = 20, seconds: float = 14.0) -> None:
+    """Calibrate so many logs and count."""
+    wanted = parameters.unknowns(range(7))
+    plant = robot.params(virtual_log.SETUP, "gold")
+    base = parameters.believed(plant, wanted)
+    desired = virtual_log.swept(round(seconds * 1e3))
+    inside: dict[str, list[bool]] = collections.defaultdict(list)
+    left: dict[str, list[float]] = collections.defaultdict(list)
+    of_logs = []
+    for seed in range(logs):
+        hidden = np.random.default_rng(seed).standard_normal(len(wanted))
+        one = virtual_log.recorded(base, wanted, hidden, desired).calibrated(plant, wanted)
+        holds = np.abs(one.fit.steps - hidden) <= NORMAL_90 * one.told
+        of_logs.append(int(holds.sum()))
+        for unknown, hit, spread in zip(wanted, holds, one.told, strict=True):
+            inside[unknown.name].append(bool(hit))
+            left[unknown.name].append(float(spread))
+        print(f"log {seed}: {of_logs[-1]} of {len(wanted)}, {one.effort.replays} replays", file=sys.stderr, flush=True)
+    rows = [
+        (
+            name,
+            f"{sum(hits)} of {len(hits)}",
+            f"{np.median(left[name]):.2f}",
+            f"{np.mean(np.array(left[name]) < 0.5):.2f}",
+        )
+        for name, hits in inside.items()
+    ]
+    total, count = sum(of_logs), sum(map(len, inside.values()))
+    rows.append(("all", f"{total} of {count}", "", ""))
+    print(markdown_table(("values", "inside", "spread left, median", "share told"), rows))
+    print(f"\nEach log: {min(of_logs)} to {max(of_logs)} of {len(wanted)}.")
+
+
+if __name__ == "__main__":
+    main(*(kind(word) for kind, word in zip((int, float), sys.argv[1:], strict=False)))

@@ -1,0 +1,219 @@
+"""Campaigns of random extreme runs that are all legal, and what must hold of whatever they do.
+
+Each number draws one campaign: of software, build, mechanics, console, packets, detectors and operator one choice each;
+then groups of faults at any site, with any effect and the largest values that it takes, beside parameters at the ends
+of their ranges. Nothing is drawn that a file could not say.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple, get_args
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.campaign import loading, plan
+from ravenjax.campaign.file import bounds
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.errors import UserError
+from ravenjax.numbers.quantity import Quantity
+from ravenjax.robots.raven2 import ROBOT
+from ravenjax.robots.raven2.console.motions import MOTIONS
+from ravenjax.robots.raven2.plant import parameter_sets
+from ravenjax.store import schema
+from ravenjax.vocabulary import legal
+from ravenjax.vocabulary.detectors import MEANINGS
+from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS, TRIGGERS
+from ravenjax.vocabulary.sites import Channel, Site
+
+DURATION_S = 0.5
+LATEST_MS = 160
+"""Of an onset: before the run's last packet, where those last long."""
+RUNS = 20
+"""Of a group."""
+LARGE = (0.0, 1.0, -1.0, 1e-30, 0.01, -0.3, 30.0, -1e3, 1e6, -1e9, 3e38, -3e38)
+"""Values of numbers that have no bounds."""
+WORDS = ("activated", "response", "hazard", "verdict", "failed")
+"""Columns in which two engines must agree."""
+
+
+def campaign(number: int, groups: int) -> CampaignConfig:
+    """The campaign of that number, with so many groups of `RUNS` runs."""
+    draw = random.Random(number)
+    raw = _frame(draw, number)
+    while not _is_legal({**raw, "group": [{"name": "free"}]}):  # two of the choices do not go together
+        raw = _frame(draw, number)
+    paths = _varied(draw, raw)
+    rows: list[dict[str, Any]] = [{"name": "free"}]
+    while len(rows) <= groups:
+        group = _group(draw, f"g{len(rows)}", raw["campaign"]["arms"], paths)
+        if _is_legal({**raw, "group": [group]}):  # a word of DAC counts that is not to be stored as it is, for one
+            rows.append(group)
+    return loading.from_dict({**raw, "group": rows})
+
+
+def _is_legal(raw: dict[str, Any], planned: bool = False) -> bool:
+    """Whether a campaign is accepted; planned: also by what knows which parameters there are."""
+    try:
+        config = loading.from_dict(raw)
+        if planned:
+            plan.make(config)
+    except UserError:
+        return False
+    return True
+
+
+def _frame(draw: random.Random, number: int) -> dict[str, Any]:
+    """What all runs have in common."""
+    software = draw.choice(("raven2", "raven2", "fork2015"))
+    raw: dict[str, Any] = {
+        "campaign": {
+            "name": f"extremes_{number}",
+            "seed": number,
+            "duration_s": DURATION_S,
+            "arms": draw.choice((["gold"], ["green"], ["gold", "green"])),
+            "noise": draw.random() < 0.5,
+            "software": software,
+            "build": draw.choice(("robot", "robot", "dyn_sim", "dyn_sim_tools")) if software != "raven2" else "robot",
+            "dac_words": draw.choice(("wrap", "saturate", "unwrapped")),
+            "console": draw.choice(("increments", "increments", "absolute")),
+            "packets": draw.choice(("every_cycle", "measured", "bursts", [0.2, 0.5, 0.3])),
+            "parameter_set": draw.choice((parameter_sets.DEFAULT, *get_args(parameter_sets.Name))),
+            "kinematic_errors": draw.choice(("none", "measured")),
+            "cables": draw.choice(("unbreakable", "break")),
+            "substeps": draw.choice((1, 1, 2)),
+        },
+        "operator": {"motion": draw.choice(list(MOTIONS)), "scale": draw.choice((0.05, 0.1, 1.0))},
+        "haptics": {"threshold_mm": [3, draw.choice((0.01, 10.0))], "cap": draw.choice((0.05, 10.0))},
+        "outcomes": {"cue": draw.choice((0, 1))},
+    }
+    if draw.random() < 0.5:
+        raw["reaction"] = {"action": draw.choice(("release", "slow", "correct")), "delay_ms": draw.choice((0, 20))}
+    if draw.random() < 0.5:
+        raw["hand"] = {"grip": draw.choice((0, 1)), "newtons_per_unit": draw.choice((3.3, 1e3, -1e3))}
+    if draw.random() < 0.7:
+        raw["detector"] = [{"name": kind, "kind": kind, "consecutive": [1, 8]} for kind in MEANINGS]
+    return raw
+
+
+MOST_PARAMETERS = 12
+"""That vary in a campaign: each is a number that all runs carry along."""
+
+
+def _varied(draw: random.Random, raw: dict[str, Any]) -> list[tuple[str, Quantity]]:
+    """Parameters that the runs of this campaign may vary."""
+    rows = list(bounds.rows(ROBOT))
+    draw.shuffle(rows)
+    varied: list[tuple[str, Quantity]] = []
+    for path, quantity in rows:
+        if len(varied) == MOST_PARAMETERS:
+            break
+        path = f"{path}.{draw.choice(quantity.joints)}" if quantity.joints else path
+        if path.startswith(("network.", "kinematic")) or path in [name for name, _ in varied]:
+            continue
+        group = {"name": "g", "parameters": {path: [quantity.low, quantity.high]}}
+        if _is_legal({**raw, "group": [group]}, planned=True):
+            varied.append((path, quantity))
+    return varied
+
+
+def _group(
+    draw: random.Random, name: str, arms: Sequence[str], paths: Sequence[tuple[str, Quantity]]
+) -> dict[str, Any]:
+    """Runs of up to two faults, with up to three parameters at or near an end of what they may be."""
+    parameters = {
+        path: {"choice": _at_the_ends(draw, quantity)}
+        for path, quantity in (draw.sample(paths, draw.choice((0, 1, 3))) if len(paths) > 2 else ())
+    }
+    faults = [_fault(draw, arms) for _ in range(draw.choice((1, 1, 2, 2, 0)))]
+    group: dict[str, Any] = {"name": name, "design": "random", "runs": RUNS, "parameters": parameters}
+    return group | ({"fault": faults} if faults else {})
+
+
+def _at_the_ends(draw: random.Random, quantity: Quantity) -> list[float]:
+    low, high = quantity.low, quantity.high
+    inside = [low + (high - low) * draw.random() for _ in range(2)]
+    values = [low, high, *inside, *(x for x in (0.0, 1.0) if low <= x <= high)]
+    return [float(round(x)) for x in values] if quantity.whole else values
+
+
+def _fault(draw: random.Random, arms: Sequence[str]) -> dict[str, Any]:
+    """One slot: a site, channels of one kind, an effect and the largest values that it takes."""
+    site: Site = draw.choice(list(ROBOT.sites.values()))
+    effects = [name for name in EFFECTS if name not in NETWORK_EFFECTS or site.name == "network"]
+    effect = draw.choice(effects)
+    first = draw.choice(site.channels)
+    again = draw.random() < 0.3
+    alike = [channel.name for channel in site.channels if (channel.kind, channel.bits) == (first.kind, first.bits)]
+    fault: dict[str, Any] = {
+        "site": site.name,
+        "effect": effect,
+        "trigger": draw.choice((*TRIGGERS, "time")),
+        "start_ms": {"choice": [0, 1, *(draw.randrange(LATEST_MS) for _ in range(4))]},
+        "duration_ms": {"choice": [1, 3, 7] if again else [1, draw.randint(2, 100), "end"]},
+        "every_ms": 7 if again else 0,
+    }
+    if site.per_arm:
+        fault["arm"] = draw.choice(list(arms))
+    if effect not in NETWORK_EFFECTS:
+        fault["channel"] = draw.choice((first.name, {"choice": alike}))
+    if effect == "periodic":
+        fault["period_ms"] = draw.choice((1, 2, 50))
+    if EFFECTS[effect].takes_value:
+        fault["value"] = {"choice": _values(draw, first, effect)}
+    return fault
+
+
+def _values(draw: random.Random, channel: Channel, effect: str) -> list[float]:
+    """The ends of what is legal there, and some of what lies between."""
+    low, high, whole, _ = legal.legal(channel, effect)
+    values = [x for x in (low, high, *LARGE, *(draw.gauss(0.0, 100.0) for _ in range(3))) if low <= x <= high]
+    values = [float(np.float32(x)) if abs(x) < 1e38 else x for x in values if np.isfinite(x)]
+    fit = [float(int(x)) if whole else x for x in values]
+    return [x for x in fit if legal.rounding(channel, effect, x) is None and low <= x <= high]
+
+
+class EngineDifference(NamedTuple):
+    """A run of which two engines do not say the same."""
+
+    run_id: str
+    group: str
+    column: str
+    first: str
+    second: str
+
+
+def unsound(table: pd.DataFrame) -> Iterator[str]:
+    """What is wrong with the rows of a result table: one line for each column with numbers that are not finite."""
+    failed = (table["failed"].astype(str) != "").to_numpy()
+    for name in table.columns:
+        own = str(name).removeprefix(schema.GOLDEN)
+        if table[name].dtype.kind != "f" or own.startswith(("fault", "param:")) or own == "tip_distance_mm":
+            continue
+        values = table[name].to_numpy()
+        invalid = np.isnan(values) if own.endswith(schema.MAY_BE_INFINITE) else ~np.isfinite(values)
+        if (invalid & ~failed).any():
+            rows = table.loc[invalid & ~failed]
+            yield f"{name}: {len(rows)} rows of no class failed, the first {rows['run_id'].iloc[0]}"
+    dated, silent = (table["failed_first_ms"] >= 0).to_numpy(), (table["verdict"].astype(str) == "").to_numpy()
+    odd = (failed != dated) | (failed != silent)
+    if np.any(odd):
+        yield f"{np.count_nonzero(odd)} rows: a verdict although the run failed, or no tick of the failure"
+
+
+def differences(first: pd.DataFrame, second: pd.DataFrame) -> list[EngineDifference]:
+    """Every word in which two engines' tables of one campaign differ."""
+    if list(first["run_id"]) != list(second["run_id"]):
+        raise ValueError("the tables are not of the same runs")
+    out = []
+    for name in WORDS:
+        one, other = first[name].astype(str), second[name].astype(str)
+        for row in np.flatnonzero((one != other).to_numpy()):
+            out.append(
+                EngineDifference(
+                    str(first["run_id"][row]), str(first["group"][row]), name, str(one[row]), str(other[row])
+                )
+            )
+    return out

@@ -1,0 +1,173 @@
+"""One cycle of a Raven's position loop on the virtual robot: encoders, PID on motor angles, DAC, mechanics.
+
+The one definition for every replay of a recorded robot. The controller is raven2's: motor angles as encoders read them,
+perhaps low-passed as in the fork of 2015, counts cut to whole numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from ravenjax.numbers.algebra import add, mul
+from ravenjax.numbers.lazy import jnp
+from ravenjax.numbers.vec import Scalar, Vec, record, replace
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.geometry import transmission
+from ravenjax.robots.raven2.plant import robot
+from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.stages.estimator import LOW_PASS_INPUT, LOW_PASS_OUTPUT
+
+JOINTS = 7
+READINGS = 3
+"""Of the past, that the filter takes."""
+
+
+class Controller(NamedTuple):
+    """PID of the seven motors, N m after the gearbox."""
+
+    kp: Vec  # per rad
+    kd: Vec  # per rad/s
+    ki: Vec  # per rad s
+    filtered: bool  # whether encoders pass the 120 Hz filter first, as in the fork of 2015
+
+
+RAVEN2 = Controller(  # raven2: params/r2params.yaml, gold arm
+    Vec((0.3, 0.3, 0.15, 0.09, 0.05, 0.05, 0.05)),
+    Vec((0.008, 0.008, 0.012, 0.001, 0.0, 0.0, 0.0)),
+    Vec((0.0, 0.0, 0.0, 0.05, 0.05, 0.05, 0.05)),
+    filtered=False,
+)
+FORK2015 = RAVEN2._replace(
+    kp=Vec((0.3, 0.3, 0.15, 0.09, 0.05, 0.02, 0.02)), ki=Vec((0.0, 0.0, 0.0, 0.05, 0.05, 0.0, 0.0)), filtered=True
+)
+CONTROLLERS = {"raven2": RAVEN2, "fork2015": FORK2015}
+
+
+@record
+class LoopParams:
+    """Everything of a robot that a replay may change."""
+
+    plant: robot.PlantParams
+    command_delay: Scalar  # ms from USB write to motor, at most Setup.command_delay; between whole ones a mixture
+    setpoint_delay: (
+        Scalar  # ms by which the controller's desired joints lag those of the log; of the log, not the robot
+    )
+    cables: Scalar  # times stiffness and damping of every cable; 0: all of them cut
+
+
+@record
+class LoopState:
+    """Between two cycles."""
+
+    plant: robot.PlantState
+    readings: tuple[Vec, ...]  # rad, motors; latest first
+    outputs: tuple[Vec, ...]  # of the filter, rad; latest first; none where there is no filter
+    integral: Vec  # rad s, motors
+    commands: tuple[Vec, ...]  # DAC counts of past cycles, latest first, as many as Setup.command_delay
+
+
+class Cycle(NamedTuple):
+    """What one cycle had."""
+
+    angle: Vec  # rad, motors as the controller has them
+    speed: Vec  # rad/s
+    counts: Vec  # DAC, as written to USB
+
+
+def params(plant: robot.PlantParams) -> LoopParams:
+    """Without a delay, with whole cables."""
+    return LoopParams(plant, 0.0, 0.0, 1.0)
+
+
+def start(
+    setup: RavenSetup,
+    arm: ArmName,
+    controller: Controller,
+    plant: robot.PlantState,
+    speed: Vec | None = None,
+    integral: Vec | None = None,
+    whole: bool = True,
+) -> LoopState:
+    """Of a robot whose motors have turned at `speed` (rad/s) and whose controller has integrated `integral` (rad s)."""
+    dtype = setup.precision.real
+    zero = Vec(jnp.asarray(0.0, dtype) for _ in range(JOINTS))
+    new = readings(setup, arm, plant, whole)
+    turned = zero if speed is None else speed * robot.TICK_S
+    past = tuple(new - turned * float(k) for k in range(READINGS))
+    return LoopState(
+        plant=plant,
+        readings=past if controller.filtered else past[:1],
+        outputs=past if controller.filtered else (),
+        integral=zero if integral is None else integral,
+        commands=(zero,) * setup.command_delay,
+    )
+
+
+def readings(setup: RavenSetup, arm: ArmName, plant: robot.PlantState, whole: bool = True) -> Vec:
+    """Motor angles (rad) as encoders read them; not whole: as they are, which has a derivative."""
+    dtype = setup.precision.real
+    turned = Vec(robot.encoders.radians(motor, dtype) for motor in plant.motors)
+    counts = Vec((motor.count + ref).astype(dtype) for motor, ref in zip(plant.motors, plant.count_ref, strict=True))
+    if whole:
+        return counts * transmission.ENCODER_RAD
+    return turned + plant.count_ref.map(lambda count: count.astype(dtype) * transmission.ENCODER_RAD)
+
+
+def cycle(
+    setup: RavenSetup,
+    arm: ArmName,
+    controller: Controller,
+    params: LoopParams,
+    state: LoopState,
+    desired: Callable[[Scalar], Vec],
+    written: Callable[[Vec], Vec] | None = None,
+    whole: bool = True,
+) -> tuple[LoopState, robot.PlantOutput, Cycle]:
+    """One millisecond.
+
+    desired: motor angles (rad) for the insertion motor's measured one. written: the counts that are written in place of
+    the controller's. whole: encoders and DAC count in whole numbers.
+    """
+    tool = setup.tools[setup.arms.index(arm)]
+    new = readings(setup, arm, state.plant, whole)
+    angle, before = (_low_passed(new, state), state.outputs[0]) if controller.filtered else (new, state.readings[0])
+    speed = (angle - before) / robot.TICK_S
+    apart = desired(angle[2]) - angle
+    integral = state.integral + apart * robot.TICK_S
+    torque = apart.map(mul, controller.kp) - speed.map(mul, controller.kd)
+    torque = torque.map(add, integral.map(mul, controller.ki))
+    counts = torque * transmission.COUNTS_PER_NM * transmission.tau_signs(arm, tool, setup.software)
+    counts = counts.map(jnp.trunc) if whole else counts
+    counts = counts if written is None else written(counts)
+    signal = robot.nominal_signal(_arriving(params.command_delay, counts, state.commands), jnp.int32(0))
+    signal = replace(signal, cable_scale=Vec.full(JOINTS, params.cables))
+    plant, out = robot.step(setup, arm, params.plant, state.plant, signal)
+    after = LoopState(
+        plant=plant,
+        readings=(new, *state.readings[:-1]),
+        outputs=(angle, *state.outputs[:-1]) if controller.filtered else (),
+        integral=integral,
+        commands=(counts, *state.commands)[: setup.command_delay],
+    )
+    return after, out, Cycle(angle, speed, counts)
+
+
+def _low_passed(new: Vec, state: LoopState) -> Vec:
+    gains = (*LOW_PASS_INPUT[1:], *LOW_PASS_OUTPUT)
+    total = new * LOW_PASS_INPUT[0]
+    for gain, past in zip(gains, (*state.readings, *state.outputs), strict=True):
+        total = total + past * gain
+    return total
+
+
+def _arriving(delay: Scalar, now: Vec, before: tuple[Vec, ...]) -> Vec:
+    """Counts that drive the motors in this cycle; where the delay is between two cycles, of each by its share."""
+    if not before:
+        return now
+    delay = jnp.clip(delay, 0.0, float(len(before)))
+    shares = [jnp.maximum(1.0 - jnp.abs(delay - ticks), 0.0) for ticks in range(len(before) + 1)]
+    total = now * shares[0]
+    for share, then in zip(shares[1:], before, strict=True):
+        total = total + then * share
+    return total

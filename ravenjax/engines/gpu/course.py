@@ -1,0 +1,78 @@
+"""From which tick to which the blocks of threads of one launch run, and from which snapshots they go on.
+
+A block's threads begin a tick together, so a block begins with its earliest lane and stops with its last one. Before
+that a lane is its golden run; after its own end nothing of it changes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from ravenjax.engines.gpu.kernel import WARP
+from ravenjax.engines.gpu.places import Places
+from ravenjax.engines.trunk import Trunk
+
+EVERY = 100
+"""Ticks from one snapshot of a golden run to the next; each takes two launches."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class BlockCourse:
+    """Of the blocks of a launch."""
+
+    spans: np.ndarray  # int32 [blocks, 2]: the first tick of each, and the first that it does not run
+    snapshots: np.ndarray  # uint32 [snapshots, words], states of a lane from which warps go on
+    snapshot: np.ndarray  # int32 [warps], that of each; -1: it begins as lanes do
+    group_state: np.ndarray | None  # uint32 [groups, words], at tick `first`; None: as groups begin
+
+    @property
+    def first(self) -> int:
+        """The first tick that any block runs."""
+        return int(self.spans[:, 0].min())
+
+    @property
+    def last(self) -> int:
+        """The first tick that none runs."""
+        return int(self.spans[:, 1].max())
+
+    def lane_ticks(self, places: Places, first: int, until: int) -> int:
+        """Ticks of all lanes together from tick `first` to before `until`."""
+        blocks = len(self.spans)
+        lanes = np.bincount(places.thread // (len(places.lane) // blocks), minlength=blocks)
+        return int(lanes @ np.maximum(np.minimum(self.spans[:, 1], until) - np.maximum(self.spans[:, 0], first), 0))
+
+
+def whole(places: Places, threads: int, ticks: int) -> BlockCourse:
+    """Every block from the first tick to before tick `ticks`."""
+    blocks = len(places.lane) // threads
+    spans = np.tile(np.array([0, ticks], np.int32), (blocks, 1))
+    return BlockCourse(spans, np.zeros((0, 0), np.uint32), np.full(len(places.group), -1, np.int32), None)
+
+
+def between(
+    places: Places, threads: int, acts: np.ndarray, ends: np.ndarray, trunks: Sequence[Trunk | None]
+) -> BlockCourse:
+    """Each block from the last snapshot before any of its lanes acts to the last of their ends.
+
+    acts, ends: int [lanes], as in `interface.Block`; trunks: of each group, with snapshots every `EVERY` ticks.
+    """
+    earliest = acts[places.lane].reshape(-1, WARP).min(axis=1)
+    begins = np.zeros(len(earliest), np.int64)
+    for number, trunk in enumerate(trunks):
+        mine = places.group == number
+        if trunk is not None:
+            begins[mine] = trunk.begins(earliest[mine])
+    begins = begins.reshape(-1, threads // WARP).min(axis=1)
+    spans = np.stack([begins, ends[places.lane].reshape(-1, threads).max(axis=1)], axis=1).astype(np.int32)
+
+    at = np.repeat(begins // EVERY, threads // WARP)
+    pairs, snapshot = np.unique(np.stack([places.group, at], axis=1), axis=0, return_inverse=True)
+    states = [trunk.lane[row] for group, row in pairs.tolist() if row and (trunk := trunks[group]) is not None]
+    order = np.cumsum(pairs[:, 1] > 0) - 1
+    snapshot = np.where(at > 0, order[snapshot.reshape(-1)], -1).astype(np.int32)
+    first = int(begins.min()) // EVERY
+    shared = np.stack([trunk.group[first] for trunk in trunks if trunk is not None]) if first else None
+    return BlockCourse(spans, np.stack(states) if states else np.zeros((0, 0), np.uint32), snapshot, shared)

@@ -1,0 +1,72 @@
+"""Records, tuples, lists and dicts of numbers, taken apart and put together without JAX, in JAX's order.
+
+`None` has no leaves; dicts go by their sorted keys; whatever is not one of these is a leaf.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from typing import Any
+
+
+def leaves(tree: Any) -> list[Any]:
+    """Every number of a tree, in order."""
+    return list(_leaves(tree))
+
+
+def _leaves(tree: Any) -> Iterator[Any]:
+    branches = _branches(tree)
+    if branches is None:
+        yield tree
+        return
+    for branch in branches:
+        yield from _leaves(branch)
+
+
+def mapped(function: Callable[..., Any], tree: Any, *others: Any) -> Any:
+    """A tree of the same structure: `function` of each leaf, and of its fellows in `others`.
+
+    Raises ValueError where those have another structure.
+    """
+    branches = _branches(tree)
+    if branches is None:
+        return function(tree, *others)
+    rows = [_branches(other) for other in others]
+    if any(row is None or len(row) != len(branches) for row in rows):
+        raise ValueError(f"trees of unlike structure: {tree!r} beside {others!r}")
+    return _joined(tree, [mapped(function, *items) for items in zip(branches, *rows, strict=True)])  # type: ignore[arg-type]
+
+
+def filled(tree: Any, numbers: list[Any]) -> Any:
+    """A tree of the structure of `tree` with these numbers for leaves, in order. ValueError for fewer or more."""
+    if len(numbers) != (wanted := len(leaves(tree))):
+        raise ValueError(f"got {len(numbers)} numbers for a tree of {wanted} leaves")
+    rest = iter(numbers)
+    return mapped(lambda _: next(rest), tree)
+
+
+def _branches(tree: Any) -> list[Any] | None:
+    """What a tree is made of; None for a leaf."""
+    if tree is None:
+        return []
+    if isinstance(tree, tuple | list):
+        return list(tree)
+    if isinstance(tree, dict):
+        return [tree[key] for key in sorted(tree)]
+    if dataclasses.is_dataclass(tree) and not isinstance(tree, type):
+        return [getattr(tree, field.name) for field in dataclasses.fields(tree)]
+    return None
+
+
+def _joined(tree: Any, branches: list[Any]) -> Any:
+    """Something of the kind of `tree`, of these branches."""
+    if tree is None:
+        return None
+    if isinstance(tree, dict):
+        return dict(zip(sorted(tree), branches, strict=True))
+    if hasattr(tree, "_fields"):  # a named tuple
+        return type(tree)(*branches)
+    if isinstance(tree, tuple | list):
+        return type(tree)(branches)
+    return type(tree)(*branches)

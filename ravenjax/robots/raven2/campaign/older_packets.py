@@ -1,0 +1,67 @@
+"""How old a packet may be that faults of the network send, where the lengths of packets are drawn.
+
+Without draws the place of an older packet in the motion follows from its number. With them the tick remembers when
+packets were sent, and must know beforehand for how long.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from ravenjax.campaign.file.bounds import extent
+from ravenjax.campaign.file.group import Fault, Group
+from ravenjax.campaign.file.semantics import ALL
+from ravenjax.stages.channel import DELAY_MS, JITTER_MS
+from ravenjax.vocabulary.effects import NETWORK_EFFECTS
+
+LONGEST_MS = 8192
+"""The longest history that a tick keeps: 256 words, with 9 000 operations beside 11 400 of the rest of a tick."""
+
+_CHANNELS = ("lag", "delay")
+"""Channels that count packets."""
+_JITTER_MS = math.ceil(DELAY_MS[1] + JITTER_MS[1])
+_ALONE = ("overwrite", "offset", "latch_offset", "periodic", "random", "toggle")
+"""Effects that add no more than their value to what other faults make of a channel."""
+
+
+def age_ms(groups: Iterable[Group], longest: int) -> float:
+    """Age of the oldest packet of all runs, ms; 0: none is sent again; infinite: any may be.
+
+    longest: cycles that a packet lasts at most.
+    """
+    runs = (faults for group in groups for faults in (group.fault, *(group.faults_of(run) for run in group.run)))
+    return max((_age_ms(faults, longest) for faults in runs), default=0.0)
+
+
+def _age_ms(faults: Iterable[Fault], longest: int) -> float:
+    """The same of one run, or of runs that differ in values alone."""
+    counts = [count for fault in faults if fault.site == "network" for count in [_packets(fault)] if count is not None]
+    late = any(fault.site == "network" and "jitter" in _channels(fault) for fault in faults)
+    if not counts and not late:
+        return 0.0
+    # Of the packet before, too: increments are since then. And the newest may be `longest` old when it is asked for.
+    return (sum(counts) + 2) * longest + (_JITTER_MS if late else 0)
+
+
+def _packets(fault: Fault) -> float | None:
+    """By how many packets a fault of the network makes one late at most; None where it strikes another channel."""
+    if not set(_channels(fault)) & set(_CHANNELS):
+        return None
+    most = 0.0
+    for name in fault.effect.listed:
+        _, effect, value = NETWORK_EFFECTS.get(name, ("", name, None))
+        if effect == "stuck":
+            continue
+        if effect not in _ALONE:
+            return math.inf
+        numbers = () if fault.value is None else fault.value.listed or extent(fault.value)
+        most = max(most, *(abs(number) for number in (numbers if value is None else (value,))), 0.0)
+    return most
+
+
+def _channels(fault: Fault) -> set[str]:
+    """Channels of site network that a fault may strike."""
+    bound = {NETWORK_EFFECTS[effect].channel for effect in fault.effect.listed if effect in NETWORK_EFFECTS}
+    listed = () if fault.channel is None else fault.channel.listed
+    return bound | ({*_CHANNELS, "jitter"} if ALL in listed else set(listed))

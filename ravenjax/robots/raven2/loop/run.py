@@ -1,0 +1,164 @@
+"""A run of ticks: how it begins, goes on, what it leaves for its faulty brothers, and what became of it.
+
+This module is the `Loop` of `ravenjax.engines.interface`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ravenjax.faults import fault
+from ravenjax.faults.injector import strikes
+from ravenjax.numbers.lazy import at_once, jnp
+from ravenjax.numbers.setup import per_arm, real
+from ravenjax.numbers.vec import Scalar, Vec
+from ravenjax.robots.raven2 import run_levels
+from ravenjax.robots.raven2.console import operator, reaction
+from ravenjax.robots.raven2.loop import connections, control, observers
+from ravenjax.robots.raven2.loop.injector import seeded
+from ravenjax.robots.raven2.loop.records import Input, NetworkParams, TickParams, TickSignals, TickState, UsbParams
+from ravenjax.robots.raven2.loop.tick import tick
+from ravenjax.robots.raven2.plant import nominal, parameter_sets
+from ravenjax.robots.raven2.plant import robot as plant
+from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.stages import plc, usb
+from ravenjax.stages import channel, check, detectors, hand, haptics, monitor, overload, packet_clock, packet_history
+from ravenjax.stages.check import CheckHistory
+from ravenjax.vocabulary import packets
+
+
+def params(
+    setup: RavenSetup, start_jpos: tuple[tuple[float, ...], ...], parameter_set: str = parameter_sets.DEFAULT
+) -> TickParams:
+    """Every parameter at its documented value, for a run that begins at `start_jpos` (7 joints per arm, rad and m).
+
+    parameter_set: mechanics of the virtual robot, one of `parameter_sets.Name`.
+    """
+    return TickParams(
+        operator=operator.params(setup, start_jpos),
+        network=NetworkParams(np.int32(1), np.int32(packets.EVERY_CYCLE), np.uint32(0)),
+        usb=UsbParams(np.int32(0)),
+        control=control.params(setup),
+        plc=plc.params(setup),
+        plant=per_arm(setup, lambda _, arm: plant.params(setup, arm, parameter_set)),
+        nominal=per_arm(setup, lambda _, arm: nominal.params(setup, arm, parameter_set)),
+        haptics=haptics.params(setup),
+        reaction=reaction.params(setup) if setup.reacts else None,
+        hand=hand.params(setup) if setup.hand_yields else None,
+        detectors=detectors.params(setup) if setup.detectors else None,
+        monitor=monitor.params(setup),
+        start=tuple(Vec(jpos) for jpos in start_jpos),
+    )
+
+
+def init(setup: RavenSetup, params: TickParams) -> TickState:
+    """A homed robot at rest at `params.start`, pedal up, ready; its nominal model at the same place."""
+    ready = run_levels.PEDAL_UP if setup.software == "raven2" else run_levels.PEDAL_DOWN
+    start = real(setup, params.start)
+    plants = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.plant[i], start[i]))
+    robots = per_arm(setup, lambda i, arm: plant.observe(setup, arm, params.plant[i], plants[i]))
+    tips = connections.tips(setup, params.plant, plants, robots)
+    beside = observers.init(setup, params.observers, start, tips)
+    zero = jnp.int32(0)
+    with at_once():  # where a run begins is a constant of the campaign
+        software = control.init(setup, params.start, ready)
+    return TickState(
+        faults=fault.init(setup),
+        control=software,
+        boards=usb.init_out(setup),
+        commands=(connections.each(setup, Vec.full(7, zero)),) * setup.command_delay,
+        plc=plc.init(setup, params.plc, ready, connections.boards_apart(setup)),
+        plant=plants,
+        enc_val=tuple(out.enc_val for out in robots),
+        motors=connections.motors(setup, robots),
+        nominal=beside.nominal,
+        haptics=beside.haptics,
+        hands=operator.at_plan(setup) if setup.reacts or setup.hand_yields or strikes(setup, "hand") else None,
+        reaction=reaction.init(setup) if setup.reacts else None,
+        hand=connections.each(setup, hand.init(setup)) if setup.hand_yields else None,
+        channel=channel.init() if seeded(setup, "bursts") else None,
+        clock=packet_clock.init() if setup.packets else None,
+        history=packet_history.init(setup.packet_history) if setup.packet_history else None,
+        detectors=detectors.init(setup) if setup.detectors else None,
+        monitor=beside.monitor,
+        overload=None if setup.cables == "unwatched" else overload.init(setup),
+        pedal_ticks=jnp.int32(-1),
+        pedal_down_ticks=jnp.int32(0),
+        packet=jnp.int32(-1),
+        delivered=jnp.int32(-1),
+    )
+
+
+def outcomes(setup: RavenSetup, params: TickParams, state: TickState) -> dict[str, Scalar]:
+    """What became of the run so far; columns of the result table before the verdict."""
+    out = fault.outcomes(state.faults) | check.outcomes(checks(state)) | haptics.outcomes(setup, state.haptics)
+    machine = state.control.state_machine
+    level = jnp.where(machine.soft_estopped != 0, run_levels.E_STOP, machine.runlevel)
+    # a fault may write a number there that is no run level
+    out["end_runlevel"] = jnp.where((level >= 0) & (level < len(run_levels.NAMES)), level, -1)
+    out["pedal_down_ms"] = state.pedal_down_ticks
+    if state.reaction is not None:
+        out["reaction_ms"] = state.reaction.acted
+    if state.hand is not None:
+        out |= hand.outcomes(setup, state.hand)
+    if state.detectors is not None:
+        out |= detectors.outcomes(setup, state.detectors)
+    if state.overload is not None:
+        out |= overload.outcomes(state.overload)
+    return out | monitor.outcomes(setup, state.monitor)
+
+
+def reference_series(setup: RavenSetup, signals: TickSignals) -> tuple[Scalar, ...]:
+    """The numbers of a fault-free tick that its faulty brothers are compared with."""
+    measured = connections.measured(setup, signals.control)
+    return tuple(x for tip, pos in zip(signals.tip, measured, strict=True) for x in (*tip, *pos))
+
+
+def advance(
+    setup: RavenSetup,
+    params: TickParams,
+    faults: fault.Faults,
+    state: TickState,
+    now: Scalar,
+    motion: tuple[Any, ...],
+    golden: tuple[Scalar, ...],
+) -> tuple[TickState, tuple[Scalar, ...], TickSignals]:
+    """See `ravenjax.engines.interface.Loop`."""
+    state, signals = tick(setup, params, faults, state, Input(now, motion, reference_from(setup, golden)))
+    return state, reference_series(setup, signals), signals
+
+
+def series_length(setup: RavenSetup) -> int:
+    """How many numbers `reference_series` has."""
+    return 6 * len(setup.arms)
+
+
+def reference_from(setup: RavenSetup, series: Any) -> monitor.Reference:
+    """The golden run's tick from those numbers."""
+    rows = [Vec(series[i + j] for j in range(3)) for i in range(0, series_length(setup), 3)]
+    return monitor.Reference(tip=tuple(rows[0::2]), pos=tuple(rows[1::2]))
+
+
+def checks(state: TickState) -> dict[str, CheckHistory]:
+    """Every built-in check by its name in `ravenjax.vocabulary.checks`; that of the worse arm."""
+    software = state.control
+    net, machine, over = software.network, software.state_machine, software.overdrive
+    return {
+        "overdrive_instant": over.instant,
+        "overdrive_hard": over.hard,
+        "overdrive_clip": over.clip,
+        "soft_estop": machine.soft_estop,
+        "plc_watchdog": state.plc.watchdog_lost,
+        "estop": machine.estop,
+        "ik_reject": check.worse([arm.ik_reject for arm in software.cartesian]),
+        "joint_limit": check.worse([arm.joint_limit for arm in software.cartesian]),
+        "master_timeout": software.teleoperation.timeout,
+        "packet_size": net.size,
+        "packet_zero": net.zero,
+        "packet_skip": net.skip,
+        "packet_duplicate": net.duplicate,
+        "packet_reset": net.reset,
+        "packet_order": net.out_of_sequence,
+    }

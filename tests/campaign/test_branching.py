@@ -1,0 +1,96 @@
+"""Runs that go on from their golden run end as whole ones do, to the bit; and runs that end early as shorter ones."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from branching_cases import OBSERVE, TICKS, drawn, observed, plain, require_same, tables, with_every_fault
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+
+import ravenjax as rj
+from ravenjax.campaign import plan
+from ravenjax.campaign.branching import Branching
+from ravenjax.campaign.faults.table import FOREVER_TICKS
+from ravenjax.campaign.inspection.replay import Replayer
+from ravenjax.campaign.inspection.verification import verify
+from ravenjax.engines.cpu.engine import SimdEngine
+
+
+@pytest.fixture(scope="module")
+def every_fault():
+    return with_every_fault(plain())
+
+
+@pytest.mark.slow
+@settings(max_examples=6, deadline=None, phases=[Phase.generate])
+@given(st.integers(0, 2**32))
+def test_runs_of_any_fault_are_whole_runs_to_the_bit(every_fault, seed):
+    ready = drawn(every_fault, seed)
+    assert Branching(ready, 1).branches.any() and (ready.acts > 0).any() and (ready.acts < TICKS).any()
+    whole = tables(ready, SimdEngine(), whole=True)
+    require_same(tables(ready, SimdEngine()), whole)
+    assert (whole[0]["active_ticks"] > 0).any()
+
+
+@pytest.mark.slow
+@settings(max_examples=2, deadline=None, phases=[Phase.generate])
+@given(st.integers(0, 2**32))
+def test_runs_that_end_early_are_shorter_runs_to_the_bit(every_fault, seed):
+    ready = observed(drawn(every_fault, seed), OBSERVE)
+    found = tables(ready, SimdEngine())
+    require_same(found, tables(ready, SimdEngine(), whole=True))
+    for end in np.unique(ready.ends)[:3]:
+        rows = np.flatnonzero(ready.ends == end)
+        shorter = observed(ready, 2 * FOREVER_TICKS)
+        shorter = dataclasses.replace(shorter, program=dataclasses.replace(ready.program, ticks=int(end), ends=False))
+        for one, other in zip(found, tables(shorter, SimdEngine(), whole=True), strict=True):
+            for name, values in other.items():
+                np.testing.assert_array_equal(one[name][rows], values[rows], err_msg=f"{name} at {end}")
+
+
+OPERATION = {
+    "campaign": {"name": "operation", "duration_s": 0.5, "observe_ms": 40},
+    "group": [
+        {"name": "free"},
+        {
+            "name": "dac",
+            "fault": [
+                {
+                    "site": "usb_out",
+                    "channel": "elbow",
+                    "effect": "overwrite",
+                    "value": [-9000, 9000],
+                    "start_ms": [50, 300, 480],
+                    "duration_ms": [5, "end"],
+                }
+            ],
+        },
+    ],
+}
+
+
+def test_each_run_tells_when_it_ended(tmp_path):
+    config = rj.load_campaign(OPERATION)
+    table = rj.run(config, out=tmp_path / "results", engine="simd")
+    ends = [500, *[95, 500, 345, 500, 500, 500] * 2]
+    assert table["observed_ms"].tolist() == ends
+    assert (table["pedal_down_ms"] <= table["observed_ms"]).all()
+    assert (table["golden_pedal_down_ms"] <= table["observed_ms"]).all()
+    assert (table["applied0_last_ms"] < table["observed_ms"]).all()
+    assert verify(tmp_path / "results").fine
+    again = Replayer(config, "simd").replay(1)
+    assert again.row["observed_ms"] == 95
+    assert {len(values) for values in again.series.values()} == {95}
+    for name in ("rms_model_deviation_mm", "golden_tip_path_mm", "verdict", "halted_ms"):
+        assert again.row[name] == table[name][1]
+
+
+def test_what_is_not_observed_changes_no_identity():
+    whole = {**OPERATION, "campaign": {"name": "operation", "duration_s": 0.5}}
+    ids = [plan.make(rj.load_campaign(one)).table["run_id"] for one in (whole, OPERATION)]
+    assert (ids[0] != ids[1]).all(), "other outcomes, other ids"
+    record = rj.run(rj.load_campaign(whole), engine="simd")
+    assert "observed_ms" not in record

@@ -1,0 +1,108 @@
+"""What is kept between processes comes back whole or not at all, and never grows beyond its size."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ravenjax.campaign import compile_cache
+from ravenjax.campaign.compile_cache import Objects
+from ravenjax.errors import UserError
+
+WHOLE = 10_000_000
+
+
+@given(st.dictionaries(st.text(max_size=20), st.binary(max_size=50), max_size=5))
+def test_what_was_put_in_comes_out(tmp_path_factory, content):
+    kept = Objects(tmp_path_factory.mktemp("kept"), WHOLE)
+    kept.update(content)
+    assert len(kept) == len(content) and all(kept[key] == value for key, value in content.items())
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [lambda whole: whole[:-1], lambda whole: whole[:10], lambda whole: b"", lambda whole: whole + b"\0",
+     lambda whole: whole[:-3] + bytes([whole[-3] ^ 1]) + whole[-2:], lambda whole: bytes([whole[0] ^ 1]) + whole[1:]],
+    ids=["cut", "cut in the hash", "empty", "longer", "a bit of the content", "a bit of the hash"],
+)  # fmt: skip
+def test_a_damaged_file_counts_as_absent_and_is_made_anew(tmp_path, damage):
+    kept = Objects(tmp_path, WHOLE)
+    kept["one"], kept["two"] = b"first content", b"second content"
+    (path,) = [path for path in tmp_path.iterdir() if path.read_bytes().endswith(b"first content")]
+    path.write_bytes(damage(path.read_bytes()))
+    assert kept.get("one") is None and kept["two"] == b"second content"
+    kept["one"] = b"first content"
+    assert kept["one"] == b"first content"
+
+
+def test_what_was_used_longest_ago_goes_first(tmp_path):
+    kept = Objects(tmp_path, 3 * (1000 + 32))
+    for number, key in enumerate("abc"):
+        kept[key] = bytes(1000)
+        os.utime(kept._path(key), ns=(number, number))
+    assert kept["a"] == bytes(1000)  # used again: now the latest
+    kept["d"] = bytes(1000)
+    assert "b" not in kept and all(key in kept for key in "acd")
+    assert sum(path.stat().st_size for path in tmp_path.iterdir()) <= 3 * (1000 + 32)
+
+
+def test_what_is_larger_than_all_room_is_not_kept(tmp_path):
+    kept = Objects(tmp_path, 100)
+    kept["large"] = bytes(1000)
+    assert "large" not in kept and not list(tmp_path.iterdir())
+
+
+def test_threads_may_write_and_read_the_same_at_once(tmp_path):
+    kept = Objects(tmp_path, 40_000)  # less than all of them need
+
+    def work(number: int) -> bool:
+        key = str(number % 7)
+        kept[key] = key.encode() * 9000
+        return kept.get(key) in (None, key.encode() * 9000)
+
+    with ThreadPoolExecutor(8) as pool:
+        assert all(pool.map(work, range(300)))
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+
+
+def test_two_processes_may_write_and_read_at_once(tmp_path):
+    code = (
+        "import sys; from pathlib import Path; from ravenjax.campaign.compile_cache import Objects\n"
+        "kept = Objects(Path(sys.argv[1]), 60_000)\n"
+        "for number in range(200):\n"
+        "    key = str(number % 7); kept[key] = key.encode() * 9000\n"
+        "    assert kept.get(key) in (None, key.encode() * 9000)\n"
+    )
+    started = [subprocess.Popen([sys.executable, "-c", code, str(tmp_path)]) for _ in range(2)]
+    assert [process.wait() for process in started] == [0, 0]
+
+
+def test_a_folder_that_cannot_be_written_keeps_nothing(tmp_path):
+    (tmp_path / "file").write_text("")
+    kept = Objects(tmp_path / "file" / "below", WHOLE)
+    kept["one"] = b"content"
+    assert kept.get("one") is None
+
+
+@pytest.mark.parametrize("size", ["0", "-1", "many", "1.5"])
+def test_a_size_that_is_none_is_refused(monkeypatch, tmp_path, size):
+    monkeypatch.setenv(compile_cache.VARIABLE, str(tmp_path))
+    monkeypatch.setenv(compile_cache.SIZE_VARIABLE, size)
+    with pytest.raises(UserError, match=compile_cache.SIZE_VARIABLE):
+        compile_cache.objects()
+
+
+def test_folder_and_size_are_taken_from_the_environment(monkeypatch, tmp_path):
+    monkeypatch.setenv(compile_cache.VARIABLE, str(tmp_path))
+    monkeypatch.setenv(compile_cache.SIZE_VARIABLE, "1")
+    kept = compile_cache.objects()
+    kept["a"], kept["b"] = bytes(600_000), bytes(600_000)
+    assert len(kept) == 1
+    monkeypatch.setenv(compile_cache.VARIABLE, "off")
+    assert compile_cache.objects() is None

@@ -1,0 +1,157 @@
+"""A trace that was kept on disk is the trace; one of anything else is not found there."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import types
+
+import numpy as np
+import pytest
+
+import ravenjax as rj
+from ravenjax.campaign import plan
+from ravenjax.engines import sources, trace_key, traced, traced_tick
+from ravenjax.engines.cpu.kernel import VectorKernel, print_kernel
+from ravenjax.engines.gpu.kernel import Form, KernelSource, print_loop
+from ravenjax.engines.interface import Block
+from ravenjax.ir.time_loop import split
+from ravenjax.numbers import tree
+
+FAULT = {"site": "usb_out", "channel": "elbow", "effect": "offset", "value": [0, 4000], "start_ms": 20}
+
+
+def ready(**changes):
+    table = {"campaign": {"name": "kept", "duration_s": 0.1}, "operator": {"motion": "reach"},
+             "group": [{"name": "dac", "fault": [FAULT], "parameters": {"plant.mass_scale": [1.0, 1.1]}}]}  # fmt: skip
+    made = plan.make(rj.load_campaign(table | changes))
+    return dataclasses.replace(made, program=traced.unrolled(made.program))
+
+
+@pytest.fixture(scope="module")
+def made():
+    return ready()
+
+
+@pytest.fixture(scope="module")
+def fresh(made):
+    return traced.trace(made.program, block(made), made.columns)
+
+
+@pytest.fixture
+def counted(monkeypatch, fresh):
+    """Programs that were traced; tracing takes no time."""
+    calls = []
+    traced.forget()
+    monkeypatch.setattr(traced, "trace", lambda program, *_: calls.append(program) or fresh)
+    yield calls
+    traced.forget()
+
+
+def block(made, rows=1) -> Block:
+    return Block(*made.lanes([0] * rows, rows), None)
+
+
+def forms(made, objects):
+    """As another process would: nothing is kept in this one."""
+    traced.forget()
+    return traced.forms(made.program, block(made), made.columns, objects)
+
+
+def test_a_trace_comes_back_from_its_bytes(fresh):
+    again = traced_tick.from_bytes(fresh.to_bytes())
+    assert again == fresh and type(again.signals) is type(fresh.signals)
+    columns = np.arange(2 * (fresh.series + len(tree.leaves(fresh.signals)))).reshape(2, -1, 1)
+    one, other = (trace.signals_of(columns, lambda column, dtype: column.astype(dtype)) for trace in (fresh, again))
+    for first, second in zip(tree.leaves(one), tree.leaves(other), strict=True):
+        np.testing.assert_array_equal(first, second)
+
+
+def test_the_next_process_does_not_trace_again_whatever_the_varied_values_are(made, fresh, counted):
+    objects = {}
+    forms(made, objects)
+    other = [{"name": "dac", "fault": [FAULT | {"value": [7, 8, 9], "start_ms": 30}],
+              "parameters": {"plant.mass_scale": [0.9, 1.3]}}]  # fmt: skip
+    found = forms(ready(group=other), objects)
+    assert len(counted) == 1 and found.traced == fresh
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"operator": {"motion": "reach", "scale": 0.11}},
+        {"parameters": {"plant.friction_scale": 1.1}},
+        {"haptics": {"threshold_mm": [2.0]}},
+        {"campaign": {"name": "kept", "duration_s": 0.2}},
+        {"campaign": {"name": "kept", "duration_s": 0.1, "software": "fork2015"}},
+    ],
+    ids=str,
+)
+def test_another_program_is_traced(made, counted, changes):
+    objects = {}
+    forms(made, objects)
+    forms(ready(**changes), objects)
+    assert len(counted) == 2
+
+
+def test_other_code_or_versions_are_traced(made, counted, monkeypatch):
+    objects = {}
+    forms(made, objects)
+    with monkeypatch.context() as patch:
+        patch.setattr(trace_key, "versions", lambda: ("3.99",))
+        forms(made, objects)
+    with monkeypatch.context() as patch:
+        patch.setattr(sources, "AT_IMPORT", "other files")
+        patch.setattr(sources, "digest", lambda: "other files")
+        forms(made, objects)
+    assert len(counted) == 3
+    forms(made, objects)
+    assert len(counted) == 3
+
+
+def test_code_that_changed_since_it_was_imported_keeps_and_finds_nothing(made, counted, monkeypatch):
+    objects = {}
+    forms(made, objects)
+    number = len(objects)
+    monkeypatch.setattr(sources, "digest", lambda: "edited meanwhile")
+    forms(made, objects)
+    assert len(counted) == 2 and len(objects) == number
+
+
+def test_a_robot_of_another_package_is_not_kept(made, counted, monkeypatch):
+    loop = made.program.loop
+    monkeypatch.setitem(sys.modules, "my_lab_loop", types.SimpleNamespace(**vars(loop)))
+    objects = {}
+    for _ in range(2):
+        forms(dataclasses.replace(made, program=dataclasses.replace(made.program, module="my_lab_loop")), objects)
+    assert len(counted) == 2 and not objects
+
+
+@pytest.mark.parametrize("content", [b"", b"nothing of this kind"])
+def test_what_is_no_trace_is_traced_anew(made, fresh, counted, content):
+    objects = {}
+    forms(made, objects)
+    (key,) = objects
+    objects[key] = content
+    assert forms(made, objects).traced == fresh and len(counted) == 2
+    assert objects[key] != content
+
+
+@pytest.mark.parametrize("kind", [VectorKernel, KernelSource])
+def test_printed_code_comes_back(made, fresh, counted, kind):
+    parts = split(fresh.without_signals(), range(1), range(len(fresh.loop.step.inputs)))
+    printed = print_kernel(parts, 8, frozenset()) if kind is VectorKernel else print_loop(parts, Form(), True)
+    objects, calls = {}, []
+    for _ in range(2):
+        assert forms(made, objects).printed(kind, ("key", 8), lambda: calls.append(1) or printed) == printed
+    assert len(calls) == 1
+    forms(made, objects).printed(kind, ("key", 4), lambda: calls.append(1) or printed)
+    assert len(calls) == 2
+
+
+def test_numbers_of_unlike_types_have_unlike_keys():
+    values = [1, 1.0, True, "1", b"1", None, (1,), [1], {1: 1}, np.float32(1), np.float64(1), np.int32(1), np.ones(1),
+              np.ones((1, 1)), -0.0, 0.0, np.float32(-0.0), np.float32(0.0), float("nan"), (1, (2,)),
+              (1, 2)]  # fmt: skip
+    assert len({trace_key.of(value) for value in values}) == len(values)
+    assert trace_key.of("ab", "c") != trace_key.of("a", "bc")

@@ -1,0 +1,89 @@
+"""What the tick computes at once, without JAX, is what JAX computes; records are known to JAX whenever it comes."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ravenjax.numbers import tree
+from ravenjax.numbers.lazy import at_once, jnp, lax
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.robots.raven2.geometry import kinematics
+from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
+
+JOINTS = st.lists(st.floats(-4.0, 4.0), min_size=7, max_size=7)
+
+
+@given(JOINTS, st.sampled_from(ARMS))
+def test_a_pose_of_float64_is_that_of_xla_bit_for_bit(joints, arm):
+    def pose(number):
+        pose = kinematics.forward(arm, Vec(map(number, joints)))
+        return [*tree.leaves(pose), *quat_from_matrix(pose.rotation)]
+
+    with at_once():
+        ours = pose(np.float64)
+    with jax.enable_x64(True):
+        theirs = pose(jnp.float64)
+    assert all(type(x) is np.float64 for x in ours)
+    np.testing.assert_array_equal(ours, np.array(theirs))
+
+
+NORMAL = st.floats(-100.0, 100.0, width=32, allow_subnormal=False)  # XLA flushes subnormals
+
+
+@given(NORMAL, NORMAL)
+def test_single_numbers_keep_the_types_and_bits_of_jax(x, y):
+    functions = (
+        lambda a, b: jnp.where(a > b, a, 1.0),
+        lambda a, b: jnp.where(a > b, a, b),
+        lambda a, b: jnp.sqrt(abs(a)) + b,
+        lambda a, b: jnp.minimum(a, b),
+        lambda a, b: lax.convert_element_type(a * 1000.0, "int32"),
+        lambda a, b: lax.convert_element_type(b, "float32") * 2.0,
+    )
+    for function in functions:
+        with at_once():
+            ours = function(np.float32(x), np.float32(y))
+        theirs = function(jnp.float32(x), jnp.float32(y))
+        assert np.asarray(ours).dtype == theirs.dtype
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_sine_and_cosine_are_rounded_correctly():
+    with at_once():
+        for x in np.linspace(-7.0, 7.0, 1001, dtype=np.float32):
+            assert jnp.sin(x) == np.float32(np.sin(np.float64(x))) and jnp.cos(x) == np.float32(np.cos(np.float64(x)))
+
+
+def test_only_the_thread_that_asked_computes_at_once():
+    seen = []
+    with at_once():
+        thread = threading.Thread(target=lambda: seen.append(jnp.cos))
+        thread.start()
+        thread.join()
+        assert jnp.cos is not seen[0]
+    assert jnp.cos is seen[0] is jax.numpy.cos
+
+
+@pytest.mark.parametrize("first", ["jax", "ravenjax"])
+def test_records_are_known_to_jax_whichever_is_imported_first(first):
+    code = (
+        "import sys\nfrom ravenjax.robots.raven2.loop import tick\nassert 'jax' not in sys.modules\n"
+        if first == "ravenjax"
+        else "import jax\nfrom ravenjax.robots.raven2.loop import tick\n"
+    )
+    code += (
+        "from ravenjax.numbers.lazy import jax\nfrom ravenjax.numbers.vec import Vec\n"
+        "from ravenjax.robots.raven2.geometry.joints import Pose\n"
+        "assert jax.tree.leaves(Pose(Vec((1, 2, 3)), Vec(()))) == [1, 2, 3]\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

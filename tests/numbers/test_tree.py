@@ -1,0 +1,61 @@
+"""Trees are taken apart as JAX takes them apart."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ravenjax.numbers import tree
+from ravenjax.numbers.vec import Vec, record
+
+
+@record
+class Pair:
+    """Two of anything."""
+
+    first: object
+    second: object
+
+
+class Named(NamedTuple):
+    """As robots have them beside records."""
+
+    one: object
+    other: object
+
+
+TREES = st.recursive(
+    st.integers(0, 9) | st.none(),
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=3),
+        st.lists(inner, max_size=3).map(tuple),
+        st.lists(inner, max_size=3).map(Vec),
+        st.dictionaries(st.sampled_from("abc"), inner, max_size=3),
+        st.builds(Pair, inner, inner),
+        st.builds(Named, inner, inner),
+    ),
+    max_leaves=12,
+)
+
+
+@given(TREES)
+def test_leaves_and_maps_are_those_of_jax(value):
+    leaves, structure = jax.tree.flatten(value)
+    assert tree.leaves(value) == leaves
+    assert tree.mapped(lambda x: x + 1, value) == jax.tree.map(lambda x: x + 1, value)
+    assert jax.tree.structure(tree.mapped(lambda x: x, value)) == structure
+    assert tree.filled(value, [x * 2 for x in leaves]) == jax.tree.map(lambda x: x * 2, value)
+    assert tree.mapped(lambda x, y: (x, y), value, value) == jax.tree.map(lambda x, y: (x, y), value, value)
+
+
+def test_unlike_trees_are_refused():
+    for one, other in (((1, 2), (1,)), ((1, 2), 3), (Pair(1, 2), None)):
+        with pytest.raises(ValueError):
+            tree.mapped(lambda x, y: x, one, other)
+    for numbers in ([1], [1, 2, 3]):
+        with pytest.raises(ValueError):
+            tree.filled((1, 2), numbers)

@@ -1,0 +1,81 @@
+"""What each command imports: heavy libraries where they are used, JAX only where a tick is traced."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+HEAVY = (
+    "duckdb", "fastapi", "jax", "jaxlib", "jinja2", "llvmlite", "matplotlib", "mcap", "mujoco", "pandas", "plotly",
+    "pyarrow", "pydantic", "scipy", "statsmodels", "xarray",
+)  # fmt: skip
+PROBE = """
+import json, sys
+from ravenjax.cli import main
+code = main(sys.argv[2:]) if len(sys.argv) > 2 else __import__("ravenjax") and 0
+devices = "jax" in sys.modules and __import__("jax._src.xla_bridge", fromlist=["x"]).backends_are_initialized()
+record = {"code": code, "modules": sorted(set(sys.argv[1].split(",")) & set(sys.modules)), "devices": devices}
+sys.stderr.write("\\n" + json.dumps(record))
+"""
+CAMPAIGN = """
+[campaign]
+name = "start"
+duration_s = 0.05
+[operator]
+motion = "reach"
+[[group]]
+name = "dac"
+design = "{design}"
+runs = 4
+[[group.fault]]
+site = "usb_out"
+channel = "elbow"
+effect = "offset"
+value = {{ uniform = [0, {most}] }}
+start_ms = {{ uniform = [5, 20] }}
+[group.parameters]
+plant.mass_scale = {{ uniform = [0.9, {heaviest}] }}
+"""
+
+
+def probed(*tokens: str, cache: Path | str = "off") -> dict:
+    """What a command imports in a process of its own, and whether JAX looked for devices."""
+    command = [sys.executable, "-c", PROBE, ",".join(HEAVY), *tokens]
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, cwd=ROOT, env=os.environ | {"RAVENJAX_CACHE": str(cache)}
+    )
+    assert done.returncode == 0, done.stderr
+    record = json.loads(done.stderr.splitlines()[-1])
+    assert record["code"] == 0, done.stderr
+    return record
+
+
+def test_the_package_and_its_help_import_nothing_heavy():
+    assert probed()["modules"] == []
+    assert probed("--help")["modules"] == []
+    assert probed("run", "--help")["modules"] == []
+
+
+@pytest.mark.parametrize("tokens", [("campaigns",), ("check", "campaigns/quick.toml"), ("faults",), ("parameters",)])
+def test_a_look_at_campaigns_needs_no_tick(tokens):
+    assert not {"jax", "mujoco", "scipy", "plotly", "duckdb"} & set(probed(*tokens)["modules"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("design", ["lhs", "sobol", "random"])
+def test_a_second_campaign_of_the_same_form_imports_no_jax(tmp_path, design):
+    def run(name: str, **values: float) -> dict:
+        file = tmp_path / f"{name}.toml"
+        file.write_text(CAMPAIGN.format(design=design, **values))
+        tokens = ("run", str(file), "--no-report", "--engine", "simd", "--out", str(tmp_path / name))
+        return probed(*tokens, cache=tmp_path / "cache")
+
+    cold, warm = run("cold", most=4000, heaviest=1.1), run("warm", most=9000, heaviest=1.2)
+    assert "jax" in cold["modules"] and not cold["devices"], "JAX traces, and looks for no device"
+    assert not {"jax", "jaxlib", "mujoco", "scipy"} & set(warm["modules"])
