@@ -157,7 +157,7 @@ class Computation:
         return Branches(trunk, ends, {name: columns[name] for name in outcomes.of_golden(columns)})
 
     def _golden_outcomes(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Columns:
-        """`outcomes.of_golden` of the golden run of each row, when the row ends."""
+        """`outcomes.of_golden` of the golden run of each row, when the row ends; each moment of each is computed once."""
         own, golden, ends = golden_runs.get(), self.ready.golden[rows], self.ready.ends[rows]
         columns = {name: values[np.searchsorted(own.numbers, golden)] for name, values in own.outcomes.items()}
         early = self._branching.early[rows]
@@ -169,9 +169,11 @@ class Computation:
                 for name, values in branches.outcomes.items():
                     columns[name][mine] = values[np.searchsorted(branches.ends, ends[mine])]
         if early.any():
-            result = self.kernel.run(self._block(rows[early], own, harmless=True), self.ready.columns)
+            moments = golden[early] * (1 + self.ready.program.ticks) + ends[early]
+            _, first, of_moment = np.unique(moments, return_index=True, return_inverse=True)
+            result = self.kernel.run(self._block(rows[early][first], own, harmless=True), self.ready.columns)
             for name, values in columns.items():
-                values[early] = result.outcomes[name][: early.sum()]
+                values[early] = result.outcomes[name][of_moment]
         return columns
 
     # --- blocks ---

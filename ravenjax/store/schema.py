@@ -24,11 +24,12 @@ from ravenjax.store import words
 from ravenjax.vocabulary.checks import Check
 from ravenjax.vocabulary.robot import Robot
 
-VERSION = 4
+VERSION = 5
 """Raised whenever a column changes its name, type, unit or meaning; a new column alone does not raise it."""
 CHANGES = {
     3: "outcomes were defined anew",
     4: "columns `twin_*` became `golden_*`, and `detector<d>_level<k>_*` became `detector<d>_threshold<k>_*`",
+    5: "`failed` names the number that was first not finite",
 }
 """What each version changed; see results/README.md."""
 
