@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from ravenjax.engines import sources, trace_key, traced_tick
+from ravenjax.engines import direct, sources, trace_key, traced_tick
 from ravenjax.engines.interface import Block, TickProgram
 from ravenjax.engines.traced_tick import TracedTick
 from ravenjax.numbers import tree
@@ -138,17 +138,26 @@ def _lasting(wanted: _Wanted) -> str:
 
     A robot of another package may take code from anywhere, so what is traced of it stays in this process.
     """
-    ours = wanted.program.module.startswith("ravenjax.")
-    if not ours or wanted.objects is None or not sources.unchanged():
+    if not _ours(wanted.program) or wanted.objects is None or not sources.unchanged():
         return ""
     return trace_key.of("trace", wanted.key, sources.AT_IMPORT, trace_key.versions())
 
 
 def trace(program: TickProgram, block: Block, motion: Sequence[np.ndarray], origin: Origin | None = None) -> TracedTick:
-    """Trace the tick for blocks like this one; `origin` as for `lowering.lower`."""
+    """Trace the tick for blocks like this one; `origin` as for `lowering.lower`.
+
+    Without JAX where that is enough: for a robot of this package, whose code takes `jnp` and `lax` from `numbers.lazy`.
+    """
+    if origin is None and _ours(program):
+        with contextlib.suppress(direct.Untraceable):
+            return direct.trace(program, block, motion)
     from ravenjax.engines import tracing  # imports JAX
 
     return tracing.trace(program, block, motion, origin)
+
+
+def _ours(program: TickProgram) -> bool:
+    return program.module.startswith("ravenjax.")
 
 
 def unrolled(program: TickProgram) -> TickProgram:

@@ -47,7 +47,10 @@ class Builder:
     def emit(self, name: str, dtype: str, *operands: int) -> int:
         """The number of an operation's result."""
         constants = self.constants
-        if all(o in constants for o in operands):
+        for o in operands:
+            if o not in constants:
+                break
+        else:
             return self.constant(dtype, semantics.evaluate(name, dtype, tuple(constants[o] for o in operands)))
         if name in COMMUTATIVE and operands[0] > operands[1]:
             operands = (operands[1], operands[0])

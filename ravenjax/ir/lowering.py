@@ -14,7 +14,7 @@ import jax
 import numpy as np
 from jax.extend import core
 
-from ravenjax.ir import elementary, polynomials
+from ravenjax.ir import compounds, elementary, polynomials
 from ravenjax.ir.builder import Builder
 from ravenjax.ir.program import TYPES, WIDE_INTEGERS, Program
 
@@ -189,13 +189,13 @@ class _Walk:
             case "square":
                 return b.emit("mul", dtype, x[0], x[0])
             case "integer_pow":
-                return self._power(dtype, x[0], params["y"])
+                return compounds.power(b, dtype, x[0], params["y"])
             case "rsqrt":
                 return b.emit("div", dtype, b.constant(dtype, 1.0), b.emit("sqrt", dtype, x[0]))
             case "round" if int(params["rounding_method"]) == 1:
                 return b.emit("round", dtype, x[0])
             case "sign":
-                return self._sign(dtype, x[0])
+                return compounds.sign(b, dtype, x[0])
             case "is_finite":
                 source = b.operations[x[0]].dtype
                 return b.emit("lt", "bool", b.emit("abs", source, x[0]), b.constant(source, np.inf))
@@ -212,27 +212,6 @@ class _Walk:
             f"primitive {name!r} of {dtype} {details or ''} is not an operation on single numbers that is known here"
         )
 
-    def _power(self, dtype: str, x: int, exponent: int) -> int:
-        """Repeated squaring, as JAX expands an integer power."""
-        b, result, square = self.builder, None, x
-        for k in range(abs(exponent).bit_length()):
-            square = square if k == 0 else b.emit("mul", dtype, square, square)
-            if abs(exponent) >> k & 1:
-                result = square if result is None else b.emit("mul", dtype, result, square)
-        one = b.constant(dtype, 1)
-        if result is None:
-            return one
-        return result if exponent > 0 else b.emit("div", dtype, one, result)
-
-    def _sign(self, dtype: str, x: int) -> int:
-        """-1, 0 or 1; a zero keeps its sign, NaN stays."""
-        b = self.builder
-        zero, one = b.constant(dtype, 0), b.constant(dtype, 1)
-        if dtype == "uint32":
-            return b.emit("min", dtype, x, one)
-        below = b.emit("select", dtype, b.emit("lt", "bool", x, zero), b.constant(dtype, -1), x)
-        return b.emit("select", dtype, b.emit("lt", "bool", zero, x), one, below)
-
     def _looked_up(self, eqn: core.JaxprEqn, operands: list[_Value]) -> int:
         """One number of a 1-D table; an index outside reads the nearest end (or, of a gather that fills, NaN)."""
         table = operands[0]
@@ -242,14 +221,14 @@ class _Walk:
             raise UnknownPrimitive(f"{name}; only one number of a 1-D table is known")
         b = self.builder
         index = b.emit("convert", "int32", _single(operands[1]))
-        first, last = b.constant("int32", 0), b.constant("int32", table.length - 1)
-        result = table.read(b.emit("min", "int32", b.emit("max", "int32", index, first), last))
+        result = compounds.nearest(b, table.length, table.read, index)
         mode = eqn.params.get("mode")
         if mode is None or mode != jax.lax.GatherScatterMode.FILL_OR_DROP:
             return result
         dtype = b.operations[result].dtype
         if not dtype.startswith("float"):
             raise UnknownPrimitive(f"a gather of {dtype} that fills is not known; use .at[k].get(mode='clip')")
+        first, last = b.constant("int32", 0), b.constant("int32", table.length - 1)
         inside = b.emit("and", "bool", b.emit("le", "bool", first, index), b.emit("le", "bool", index, last))
         return b.emit("select", dtype, inside, result, b.constant(dtype, np.nan))
 

@@ -1,7 +1,8 @@
-"""JAX, imported when it is first used: what a tick traced before needs none of it.
+"""JAX, imported when it is first used: what needs none of it does without.
 
 `from ravenjax.numbers.lazy import jax, jnp, lax` stands for `import jax`, `import jax.numpy as jnp`, `from jax import
-lax`. Within `at_once()`, `jnp` and `lax` compute with NumPy: code of the tick then runs on plain numbers, without JAX.
+lax`. Within `instead(...)` other functions stand for `jnp` and `lax`. Within `at_once()` those of NumPy do: code of the
+tick then runs on plain numbers, without JAX.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import contextlib
 import importlib
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from ravenjax.numbers import plain
@@ -20,11 +21,11 @@ if TYPE_CHECKING:
     import jax.numpy as jnp
     from jax import lax
 
-__all__ = ["at_once", "jax", "jnp", "lax", "when_loaded"]
+__all__ = ["at_once", "instead", "jax", "jnp", "lax", "when_loaded"]
 
 
 class _Mode(threading.local):
-    at_once = False
+    instead: Mapping[str, Any] = {}  # module of JAX's -> what stands for it
 
 
 _MODE = _Mode()
@@ -51,26 +52,32 @@ def _load(name: str) -> Any:
 
 
 @contextlib.contextmanager
-def at_once() -> Iterator[None]:
-    """Let `jnp` and `lax` of this thread compute with NumPy, on NumPy and Python numbers."""
-    before, _MODE.at_once = _MODE.at_once, True
+def instead(numpy: Any, lax: Any) -> Iterator[None]:
+    """Let `jnp` and `lax` be these objects in this thread."""
+    before, _MODE.instead = _MODE.instead, {"jax.numpy": numpy, "jax.lax": lax}
     try:
         yield
     finally:
-        _MODE.at_once = before
+        _MODE.instead = before
+
+
+_NUMPY, _LAX = plain.Numpy(), plain.Lax()
+
+
+def at_once() -> contextlib.AbstractContextManager[None]:
+    """Let `jnp` and `lax` of this thread compute with NumPy, on NumPy and Python numbers."""
+    return instead(_NUMPY, _LAX)
 
 
 class _Late:
-    """A module of JAX's, imported at the first look at one of its names; with what stands for them in NumPy."""
+    """A module of JAX's, imported at the first look at one of its names; or what stands for it."""
 
-    def __init__(self, name: str, numpy: Any = None) -> None:
-        self._name, self._numpy = name, numpy
+    def __init__(self, name: str) -> None:
+        self._name = name
 
     def __getattr__(self, name: str) -> Any:
-        if _MODE.at_once and self._numpy is not None:
-            return getattr(self._numpy, name)
-        return getattr(_load(self._name), name)
+        return getattr(_MODE.instead.get(self._name) or _load(self._name), name)
 
 
 if not TYPE_CHECKING:
-    jax, jnp, lax = _Late("jax"), _Late("jax.numpy", plain.Numpy()), _Late("jax.lax", plain.Lax())
+    jax, jnp, lax = _Late("jax"), _Late("jax.numpy"), _Late("jax.lax")

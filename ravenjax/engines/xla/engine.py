@@ -17,6 +17,7 @@ import numpy as np
 
 from ravenjax.engines import traced, tracing
 from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram, Tracer
+from ravenjax.engines.tick_functions import frozen
 from ravenjax.numbers.lazy import jax, jnp, lax
 
 MAX_SEGMENT = 1000
@@ -50,7 +51,7 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
         params = params_of(varied)
         new, series, signals = loop.advance(setup, params, faults, state, now, motion, reference)
         end = end or ((program.ticks,) if overshoots else ())
-        new = tracing.frozen(now, end, new, state)
+        new = frozen(now, end, new, state)
         return new, series, signals if keep_signals else ()
 
     def begin(varied: Any) -> Any:

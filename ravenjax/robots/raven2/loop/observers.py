@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ravenjax.numbers.lazy import jax, jnp
+from ravenjax.numbers import tree
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2 import run_levels
@@ -139,7 +140,7 @@ def reference(setup: RavenSetup, golden: Golden, tips: tuple[Vec, ...], pos: tup
     if apart is None:
         return beside
     own = monitor.Reference(tips, pos)
-    return jax.tree.map(lambda there, here: jnp.where(apart, there, real(setup, here)), beside, own)
+    return tree.mapped(lambda there, here: jnp.where(apart, there, real(setup, here)), beside, own)
 
 
 def _um(tips: tuple[Vec, ...]) -> tuple[Vec, ...]:

@@ -13,9 +13,9 @@ import math
 import numpy as np
 
 from ravenjax.numbers.algebra import dot, matmul, matrix, matvec
-from ravenjax.numbers.lazy import jax, jnp
+from ravenjax.numbers.lazy import at_once, jnp
 from ravenjax.numbers.vec import Scalar, Vec, record, where
-from ravenjax.robots.raven2.geometry import arrays, mapping
+from ravenjax.robots.raven2.geometry import kinematics, mapping
 
 _DEG = math.pi / 180.0
 STEPS = 4
@@ -70,8 +70,8 @@ def _same() -> Registration:
 @functools.cache
 def _normal_equations(arm: str) -> tuple[tuple[tuple[float, ...], ...], tuple[tuple[float, ...], ...]]:
     """Reported tips (m) at POSES, and the matrix [6, 3 poses] from residuals to rotation (rad) and displacement (m)."""
-    with jax.ensure_compile_time_eval():  # it may be called for in a trace
-        tips, _ = arrays.forward_kinematics(np.array(POSES, float), arm)
+    with at_once():  # it may be called for in a trace
+        tips = np.array([kinematics.forward(arm, pose).position for pose in POSES])
     design = np.zeros((len(tips), 3, 6))
     for one, (x, y, z) in zip(design, tips, strict=True):
         one[:, :3] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]  # rotation x tip
