@@ -1,4 +1,4 @@
-"""What each command imports: heavy libraries where they are used, JAX only for what nothing else can trace."""
+"""What each command imports: heavy libraries where they are used; a campaign needs neither JAX nor pandas."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_a_look_at_campaigns_needs_no_tick(tokens):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("design", ["lhs", "sobol", "random"])
-def test_a_campaign_imports_no_jax(tmp_path, design):
+def test_a_campaign_imports_neither_jax_nor_pandas(tmp_path, design):
     def run(name: str, **values: float) -> dict:
         file = tmp_path / f"{name}.toml"
         file.write_text(CAMPAIGN.format(design=design, **values))
@@ -77,13 +77,13 @@ def test_a_campaign_imports_no_jax(tmp_path, design):
         return probed(*tokens, cache=tmp_path / "cache")
 
     cold, warm = run("cold", most=4000, heaviest=1.1), run("warm", most=9000, heaviest=1.2)
-    assert not {"jax", "jaxlib"} & set(cold["modules"])
-    assert not {"jax", "jaxlib", "mujoco", "scipy"} & set(warm["modules"])
+    assert not {"jax", "jaxlib", "pandas"} & set(cold["modules"])
+    assert not {"jax", "jaxlib", "mujoco", "pandas", "scipy"} & set(warm["modules"])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("file", sorted((ROOT / "campaigns").glob("*.toml")), ids=lambda file: file.stem)
-def test_a_bundled_campaign_imports_no_jax_however_cold_the_start(tmp_path, file):
+def test_a_bundled_campaign_imports_neither_jax_nor_pandas_however_cold_the_start(tmp_path, file):
     tokens = ("run", str(file), "--no-report", "--engine", "simd", "--out", str(tmp_path / "out"))
     record = probed(*tokens, "--set", "campaign.limit=8", cache=tmp_path / "cache")
-    assert not {"jax", "jaxlib"} & set(record["modules"])
+    assert not {"jax", "jaxlib", "pandas"} & set(record["modules"])

@@ -32,6 +32,7 @@ from ravenjax.campaign.progress.counts import Progress
 from ravenjax.engines import selection
 from ravenjax.store import manifest, parts
 from ravenjax.store.folder import ResultFolder
+from ravenjax.store.words import WordColumn
 
 CHUNKS = (64, 256, 1024, 4096, 16_384, 65_536, 202_752)
 PLANNED = 1_000_000
@@ -67,7 +68,8 @@ def least(work: Callable[[], Any], clock: Callable[[], float] = time.process_tim
 def bytes_of(ready: Plan) -> int:
     """Bytes that a plan holds for its runs."""
     arrays = [*ready.faults.values(), *ready.varied.values(), ready.golden]
-    return int(ready.table.memory_usage(index=False).sum()) + sum(array.nbytes for array in arrays)
+    columns = [values.codes if isinstance(values, WordColumn) else values for values in ready.rows.columns.values()]
+    return sum(array.nbytes for array in (*arrays, *columns))
 
 
 def main(folder: Path) -> dict[str, Any]:

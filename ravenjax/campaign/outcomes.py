@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from ravenjax.campaign.faults import run_id
-from ravenjax.campaign.faults.table import SHARED
+from ravenjax.campaign.faults.fault_table import FaultTable
+from ravenjax.campaign.faults.table import SHARED, slots
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.outcomes import verdict
 from ravenjax.store import schema, words
 from ravenjax.vocabulary import checks, failures
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Columns = Mapping[str, np.ndarray]
 """Outcome -> [rows], as an engine returns them; a DataFrame will do."""
@@ -28,7 +31,7 @@ def of_golden(names: Iterable[str]) -> tuple[str, ...]:
     return checks.count_columns(names) + tuple(name for name in names if schema.kept_of_golden(name))
 
 
-def columns(config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, golden_runs: Columns) -> dict[str, Any]:
+def columns(config: CampaignConfig, runs: FaultTable, outcomes: Columns, golden_runs: Columns) -> dict[str, Any]:
     """Columns of the result table, arrays [rows].
 
     runs: rows of the fault table. outcomes: what the engine returned for each; golden: `of_golden` of
@@ -41,8 +44,8 @@ def columns(config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, golde
         measures[schema.OVERLOAD] = _cables(config, measures[schema.OVERLOAD])
     depth, distance = measures["tissue_depth_mm"], measures["tip_distance_mm"]
     out: dict[str, Any] = {
-        **{name: runs[name].array for name in runs.columns if name != SHARED},
-        "run_id": run_id.text(runs["run_id"].to_numpy()),
+        **{name: values for name, values in runs.columns.items() if name != SHARED},
+        "run_id": run_id.text(runs.numbers("run_id")),
         **measures,
         "activated": measures["active_ticks"] > 0,
         "diverged": _faulty(runs) & (diverged >= 0),
@@ -84,21 +87,26 @@ def _failed(config: CampaignConfig, measures: dict[str, Any]) -> _Failed:
     return _Failed(signal, np.where(missed, end, first).astype(np.int32))
 
 
-def _cables(config: CampaignConfig, places: np.ndarray) -> pd.Categorical:
+def _cables(config: CampaignConfig, places: np.ndarray) -> words.WordColumn:
     """Cables in words, by their places among all of the robot; "" for -1."""
     names = [f"{arm} {joint}" for arm in config.campaign.arms for joint in config.robot.joints]
     return words.column(places.astype(np.int32) + 1, ("", *names))
 
 
-def frame(config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, golden_runs: Columns) -> pd.DataFrame:
+def frame(config: CampaignConfig, runs: FaultTable, outcomes: Columns, golden_runs: Columns) -> pd.DataFrame:
     """`columns` as a DataFrame."""
-    return pd.DataFrame(columns(config, runs, outcomes, golden_runs))
+    import pandas as pd  # campaigns need none of it
+
+    some = columns(config, runs, outcomes, golden_runs)
+    return pd.DataFrame({name: v.categorical() if isinstance(v, words.WordColumn) else v for name, v in some.items()})
 
 
-def _faulty(runs: pd.DataFrame) -> np.ndarray:
+def _faulty(runs: FaultTable) -> np.ndarray:
     """Which rows have a fault, bool [rows]."""
-    sites = runs.columns[runs.columns.str.fullmatch(r"fault\d+_site")]
-    return np.any([np.zeros(len(runs), bool), *((runs[name] != "").to_numpy() for name in sites)], axis=0)
+    faulty = np.zeros(len(runs), bool)
+    for slot in range(slots(runs)):
+        faulty |= ~runs.words(f"fault{slot}_site").equal("")
+    return faulty
 
 
 def judged(columns: schema.Columns, response: verdict.Response, valid: np.ndarray, cue: int) -> dict[str, Any]:

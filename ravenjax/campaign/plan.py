@@ -5,13 +5,13 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design, run_id, span, table
+from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.prepared import Prepared
 from ravenjax.engines.interface import TickProgram
@@ -20,13 +20,16 @@ from ravenjax.numbers import paths
 from ravenjax.numbers.setup import CAMPAIGN, Precision, Setup
 from ravenjax.store.motion.summary import MotionSummary
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Plan:
     """Everything that a campaign computes, before anything is compiled."""
 
     config: CampaignConfig
-    table: pd.DataFrame  # the fault table, one row a run
+    rows: FaultTable  # one row a run
     program: TickProgram
     motion: Any  # the operator's, as the robot has it
     operator: MotionSummary | None  # what became of a recorded one
@@ -39,7 +42,12 @@ class Plan:
     @property
     def runs(self) -> int:
         """Rows of the fault table."""
-        return len(self.table)
+        return len(self.rows)
+
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        """The fault table as a DataFrame."""
+        return self.rows.frame()
 
     @cached_property
     def acts(self) -> np.ndarray:
@@ -68,7 +76,7 @@ class Plan:
 
 def make(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
     """Plan a campaign. Raises UserError for what cannot be run."""
-    rows = design.expand(config)
+    rows = design.rows(config)
     varied = table.parameters(rows)
     injection = table.injection(rows, config.robot)
     robot: Prepared = config.robot.part("campaign").prepare(config, varied, injection, precision)
@@ -78,7 +86,7 @@ def make(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
         values[path] = run_id.stream(table.shared_ids(rows), purpose)
     return Plan(
         config=config,
-        table=rows,
+        rows=rows,
         program=TickProgram(
             robot.loop.__name__,
             robot.setup,
@@ -131,7 +139,15 @@ def _golden_runs(varied: dict[str, np.ndarray], runs: int) -> np.ndarray:
     """Runs whose varied parameters agree share a golden run."""
     golden = np.zeros(runs, np.int64)
     for values in varied.values():
-        value, different = pd.factorize(values)
-        if len(different) > 1:
-            golden, _ = pd.factorize(golden * len(different) + value)
+        if (values != values[:1]).any():
+            value, different = _numbered(values)
+            golden, _ = _numbered(golden * different + value)
     return golden.astype(np.int32)
+
+
+def _numbered(values: np.ndarray) -> tuple[np.ndarray, int]:
+    """Equal values by equal numbers from 0, as they come, [rows]; and how many there are."""
+    _, first, place = np.unique(values, return_index=True, return_inverse=True)
+    number = np.empty_like(first)
+    number[np.argsort(first)] = np.arange(len(first))
+    return number[place], len(first)

@@ -152,7 +152,7 @@ def _manifest(ready: Plan, engine: Engine) -> manifest.Manifest:
     return manifest.Manifest(
         campaign=config.campaign.name,
         config=content,
-        config_hash=manifest.campaign_hash(content, ready.operator, run_id.digest(ready.table["run_id"].to_numpy())),
+        config_hash=manifest.campaign_hash(content, ready.operator, run_id.digest(ready.rows.numbers("run_id"))),
         seed=config.campaign.seed,
         runs=ready.runs,
         duration_ms=ready.program.ticks,
@@ -187,7 +187,7 @@ def shape_of(ready: Plan) -> schema.Shape:
         slots=setup.injection.slots,
         cues=setup.cues,
         checks=tuple(ready.config.robot.checks),
-        parameters=tuple(table.parameters(ready.table)),
+        parameters=tuple(table.parameters(ready.rows)),
         reacts=setup.reacts,
         hand_yields=setup.hand_yields,
         cables=ready.config.watches_cables,

@@ -21,6 +21,7 @@ from ravenjax.campaign import assembly, compile_cache, plan, runner
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.executors.chunk import finished
 from ravenjax.campaign.faults import design, run_id, table
+from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress.counts import OnProgress, Progress
 from ravenjax.engines import selection
@@ -96,22 +97,22 @@ class Evaluator:
         """See the class."""
         start = time.perf_counter()
         points, place = np.unique(np.column_stack([case, values]), axis=0, return_inverse=True)
-        rows = design.expand(self.template.campaign(points[:, 0].astype(np.int64), points[:, 1:]))
-        ids = rows["run_id"].to_numpy()
+        rows = design.rows(self.template.campaign(points[:, 0].astype(np.int64), points[:, 1:]))
+        ids = rows.numbers("run_id")
         fresh = ids[self._asked.get_indexer(ids) < 0]
         if len(fresh):
             self._asked, self.batches = self._asked.append(pd.Index(fresh)), self.batches + 1
         new = np.flatnonzero(self._known.get_indexer(ids) < 0)
         if len(new):
             compiled = self.progress.compile_s
-            self._run(rows.iloc[new])
+            self._run(rows.take(new))
             self.run_s += time.perf_counter() - start - (self.progress.compile_s - compiled)
         return self._values[self._known.get_indexer(ids)][place.reshape(-1)]
 
     def ids(self, case: np.ndarray, values: np.ndarray) -> list[str]:
         """Run ids of points that are all different."""
-        rows = design.expand(self.template.campaign(np.asarray(case), np.asarray(values, float)))
-        return run_id.text(rows["run_id"].to_numpy()).to_pylist()
+        rows = design.rows(self.template.campaign(np.asarray(case), np.asarray(values, float)))
+        return run_id.text(rows.numbers("run_id")).to_pylist()
 
     def rows(self) -> pa.Table:
         """Every run that was asked for so far as rows of the result table, in the order in which they were first asked
@@ -121,7 +122,7 @@ class Evaluator:
             parts.concatenate(self._tables).iloc[place].assign(index=numbers, pair=numbers), self.shape
         )
 
-    def _run(self, rows: pd.DataFrame) -> None:
+    def _run(self, rows: FaultTable) -> None:
         """Run these rows of the fault table, part by part."""
         ready = self._planned(rows)
         size, tables = parts.rows_of_a_part(ready.runs), []
@@ -134,7 +135,7 @@ class Evaluator:
                     self._journal.add(done.packed)
                 self.progress.rows(len(done.rows), sum(done.failures.values()))
                 self.progress.lost(done.failures)
-        self._learn(ready.table["run_id"].to_numpy(), tables)
+        self._learn(ready.rows.numbers("run_id"), tables)
 
     def _learn(self, ids: np.ndarray, tables: Sequence[pa.Table]) -> None:
         """Make runs known that were not; ids: of all rows of the tables, in their order."""
@@ -150,11 +151,11 @@ class Evaluator:
         values = [one.margins(columns) if self._margins else one.values(columns, rules) for one in self.wanted]
         return np.stack(values, axis=1)
 
-    def _planned(self, rows: pd.DataFrame) -> Plan:
+    def _planned(self, rows: FaultTable) -> Plan:
         """The template's plan with other rows; those of one golden run stand together, so that it is computed once."""
         base, columns = self._plan, table.parameters(rows)
         for path, purpose in base.keys.items():
-            columns[path] = run_id.stream(rows["run_id"].to_numpy(), purpose)
+            columns[path] = run_id.stream(rows.numbers("run_id"), purpose)
         varied = {path: columns[path].astype(values.dtype) for path, values in base.varied.items()}
         golden = np.zeros(len(rows), np.int32)
         if varied:
@@ -162,10 +163,10 @@ class Evaluator:
             golden = np.unique(different, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int32)
         order = np.argsort(golden, kind="stable")
         own = np.arange(len(rows), dtype=np.int32)
-        rows = rows.iloc[order].assign(index=own, pair=own)
+        rows = rows.take(order).replaced(index=own, pair=own)
         return dataclasses.replace(
             base,
-            table=rows,
+            rows=rows,
             faults=table.arrays(rows, base.program.setup.injection),
             varied={path: values[order] for path, values in varied.items()},
             golden=golden[order],

@@ -6,15 +6,16 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TypeVar
-
-import pandas as pd
+from typing import TYPE_CHECKING, TypeVar
 
 from ravenjax.errors import StoreError, listed
 from ravenjax.store import manifest as manifests
 from ravenjax.store import parts, schema
 from ravenjax.store.files import require_writable
 from ravenjax.store.manifest import Manifest
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PARTS, SET_ASIDE = "parts", "set-aside"
 """Folders of parts: of those that count, and of those that could not be used. The second is not inside the first, which

@@ -9,17 +9,19 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict
 
 from ravenjax.errors import StoreError
-from ravenjax.store import schema
+from ravenjax.store import arrow_arrays, schema
 from ravenjax.store.files import sha256, write_aside
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _NAME = re.compile(r"part-(\d{9})-(\d{9})\.parquet")
 
@@ -77,7 +79,7 @@ def encode(columns: schema.Columns, shape: schema.Shape, config_hash: str) -> En
 
 def encode_table(table: pa.Table, config_hash: str) -> Encoded:
     """As `encode`, of rows that `schema.conform` returned."""
-    index = table.column("index").to_numpy()
+    index = arrow_arrays.plain(table.column("index").chunks)
     first, last = int(index[0]), int(index[-1])
     if not np.array_equal(index, np.arange(first, first + len(index))):
         raise StoreError(f"a part holds consecutive rows in order, got {len(index)} rows with index {first} to {last}")

@@ -12,17 +12,19 @@ import functools
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 
 from ravenjax import robots
 from ravenjax.errors import StoreError
-from ravenjax.store import words
+from ravenjax.store import arrow_arrays, words
 from ravenjax.vocabulary.checks import Check
 from ravenjax.vocabulary.robot import Robot
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 VERSION = 5
 """Raised whenever a column changes its name, type, unit or meaning; a new column alone does not raise it."""
@@ -33,7 +35,7 @@ CHANGES = {
 }
 """What each version changed; see results/README.md."""
 
-Columns = Mapping[str, Any] | pd.DataFrame
+Columns: TypeAlias = "Mapping[str, Any] | pd.DataFrame"
 """Columns by name, arrays [rows]."""
 
 
@@ -328,8 +330,12 @@ def _array(values: Any, field: pa.Field) -> pa.Array:
         if pa.types.is_dictionary(field.type):
             return words.arrow(values)
         if pa.types.is_string(field.type):
+            if isinstance(values, pa.StringArray) and not values.null_count:
+                return values
             return pa.array(values, pa.string(), from_pandas=True).fill_null("")
-        array = pa.array(np.asarray(values), from_pandas=False)
+        array = arrow_arrays.numbers(np.asarray(values))
+        if array is None:
+            array = pa.array(np.asarray(values), from_pandas=False)
         if array.null_count:
             raise pa.ArrowInvalid("a value is missing")
         if pa.types.is_boolean(field.type) and not pa.types.is_boolean(array.type):

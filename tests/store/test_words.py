@@ -12,12 +12,24 @@ from ravenjax.store import words
 
 def test_words_that_occur_become_the_categories_in_their_order():
     column = words.column(np.array([3, 1, 3], np.int8), ("a", "b", "c", "d"))
-    assert column.tolist() == ["d", "b", "d"] and column.categories.tolist() == ["b", "d"]
+    assert column.tolist() == ["d", "b", "d"] and list(column.categories) == ["b", "d"]
 
 
 def test_more_words_than_a_byte_counts():
     known = [f"group {i}" for i in range(300)]
     assert words.column(np.arange(300), known).tolist() == known
+
+
+def test_words_are_those_of_pandas_and_of_arrow():
+    places = np.array([2, 0, 2, 1], np.int8)
+    column = words.column(places, ("", "b", "c", "d"))
+    assert column.categorical().tolist() == column.tolist() == ["c", "", "c", "b"]
+    assert column.equal("c").tolist() == [True, False, True, False] and not column.equal("d").any()
+    assert column.counts() == {"c": 2, "": 1, "b": 1} and next(iter(column.counts())) == "c"
+    assert column[1:3].tolist() == ["", "c"] and np.asarray(column).tolist() == column.tolist()
+    chunks = pa.chunked_array([words.arrow(column), words.arrow(words.column(places, ("x", "b", "", "d")))])
+    assert words.of_arrow(chunks).tolist() == [*column.tolist(), "", "x", "", "b"]
+    assert words.of_arrow(chunks[:0]).tolist() == []
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TypeVar
 
-import pandas as pd
-
 from ravenjax.campaign import assembly, outcomes
 from ravenjax.campaign.executors.protocol import FinishedChunk, Pack
 from ravenjax.campaign.plan import Plan
@@ -15,9 +13,8 @@ T = TypeVar("T")
 
 def finished(ready: Plan, part: assembly.PartRows, pack: Pack[T]) -> FinishedChunk[T]:
     """The rows of `part`, which are rows of `ready`, packed."""
-    runs = ready.table.iloc[part.rows.start : part.rows.stop]
+    runs = ready.rows.take(slice(part.rows.start, part.rows.stop))
     rows = outcomes.columns(ready.config, runs, *part.tables())
-    first = int(runs["index"].iloc[0])
-    counted = pd.Series(rows["failed"]).value_counts()
-    failures = {str(cause): int(count) for cause, count in counted.items() if cause and count}
+    first = int(runs.numbers("index")[0])
+    failures = {cause: count for cause, count in rows["failed"].counts().items() if cause and count}
     return FinishedChunk(range(first, first + len(runs)), pack(rows), failures)

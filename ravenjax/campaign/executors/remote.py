@@ -12,12 +12,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from ravenjax.campaign import assembly, compile_cache
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.executors.chunk import finished
 from ravenjax.campaign.executors.protocol import FinishedChunk, Pack, Work
+from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress.counts import Progress
 from ravenjax.engines import selection
@@ -42,7 +42,7 @@ class Share(NamedTuple):
     """A chunk's rows of a plan; see `Plan`."""
 
     rows: range
-    table: pd.DataFrame
+    table: FaultTable
     faults: dict[str, np.ndarray]
     varied: dict[str, np.ndarray]
     golden: np.ndarray
@@ -67,7 +67,7 @@ def share(ready: Plan, rows: range) -> Share:
     here = slice(rows.start, rows.stop)
     return Share(
         rows,
-        ready.table.iloc[here],
+        ready.rows.take(here),
         {name: values[here] for name, values in ready.faults.items()},
         {path: values[here] for path, values in ready.varied.items()},
         ready.golden[here],
@@ -104,7 +104,7 @@ class Bench:
 
 
 def _with(ready: Plan, rows: Share) -> Plan:
-    return dataclasses.replace(ready, table=rows.table, faults=rows.faults, varied=rows.varied, golden=rows.golden)
+    return dataclasses.replace(ready, rows=rows.table, faults=rows.faults, varied=rows.varied, golden=rows.golden)
 
 
 def _require_same(given: Head, device: str) -> None:

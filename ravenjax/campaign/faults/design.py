@@ -1,7 +1,7 @@
 """Expands a campaign into its fault table: one row per run, every input of the run in columns.
 
 Deterministic: a group's draws depend on the campaign's seed, the group's name and design alone, not on other groups, on
-chunk size or on the order in which pandas keeps anything. `run_id` hashes the content of the row and of all that the
+chunk size or on the order in which anything is kept. `run_id` hashes the content of the row and of all that the
 campaign fixes, so the same run has the same id wherever it stands. Everything is computed by columns: a campaign of
 millions of runs is as many numbers, not as many objects.
 """
@@ -14,12 +14,12 @@ import json
 import math
 import zlib
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from ravenjax.campaign.faults import run_id, sampled_order, sampling
+from ravenjax.campaign.faults.fault_table import Column, FaultTable
 from ravenjax.campaign.faults.sampling import Key
 from ravenjax.campaign.faults.slot import FIELDS, NUMBERS, slot, words_of
 from ravenjax.campaign.faults.table import SHARED
@@ -28,7 +28,10 @@ from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Fault, Group, Run
 from ravenjax.campaign.file.semantics import ALL
 from ravenjax.errors import UserError
-from ravenjax.store.words import column
+from ravenjax.store.words import WordColumn, column
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 MOST_RUNS = 100_000_000
 """Rows of a fault table."""
@@ -49,8 +52,13 @@ class _Piece(NamedTuple):
 
 
 def expand(config: CampaignConfig) -> pd.DataFrame:
-    """The whole fault table, columns as in `ravenjax.store.schema`; words are categorical, `run_id` is a number
-    (uint64). With [stop] it stands in the order of `sampled_order`. `campaign.limit` cuts nothing here: see `runner`.
+    """`rows` as a DataFrame, whose words are categorical."""
+    return rows(config).frame()
+
+
+def rows(config: CampaignConfig) -> FaultTable:
+    """The whole fault table, columns as in `ravenjax.store.schema`; `run_id` is a number (uint64). With [stop] it
+    stands in the order of `sampled_order`. `campaign.limit` cuts nothing here: see `runner`.
 
     A parameter that a group leaves alone is NaN in its rows: the robot's own value. Raises UserError for drawn values
     that the channel cannot take.
@@ -58,7 +66,7 @@ def expand(config: CampaignConfig) -> pd.DataFrame:
     pieces = [piece for group in config.group for piece in _pieces(config, group)]
     runs = sum(piece.runs for piece in pieces)
     seed = _joined(pieces, [piece.seed for piece in pieces], np.int64)
-    words: dict[str, pd.Categorical] = {}
+    words: dict[str, WordColumn] = {}
     numbers: dict[str, np.ndarray] = {}
     for s in range(config.slots):
         faults = [piece.faults[s] if s < len(piece.faults) else {} for piece in pieces]
@@ -76,7 +84,7 @@ def expand(config: CampaignConfig) -> pd.DataFrame:
     counted = {name: _of_faults(words, name, values) for name, values in numbers.items()} | parameters
     ids = run_id.of(_common(config), words, {"seed": seed} | counted)
     pair = np.arange(runs, dtype=np.int32) - _joined(pieces, [piece.behind for piece in pieces], np.int32)
-    table = {
+    table: dict[str, Column] = {
         "run_id": ids,
         "index": np.arange(runs, dtype=np.int32),
         "pair": pair,
@@ -87,8 +95,8 @@ def expand(config: CampaignConfig) -> pd.DataFrame:
         **parameters,
         **({SHARED: ids[pair]} if any(piece.behind for piece in pieces) else {}),
     }
-    frame = pd.DataFrame(table, copy=False)
-    return frame if config.stop is None else sampled_order.arranged(config, frame)
+    whole = FaultTable(table)
+    return whole if config.stop is None else sampled_order.arranged(config, whole)
 
 
 def count(config: CampaignConfig) -> int:
@@ -117,10 +125,10 @@ def _joined(pieces: Sequence[_Piece], columns: Sequence[Any], dtype: Any) -> np.
     return np.concatenate(whole).astype(dtype, copy=False)
 
 
-def _of_faults(words: dict[str, pd.Categorical], name: str, values: np.ndarray) -> np.ndarray:
+def _of_faults(words: dict[str, WordColumn], name: str, values: np.ndarray) -> np.ndarray:
     """A number of a fault slot, NaN where the slot is empty."""
     site = words[f"{name.partition('_')[0]}_site"]
-    return np.where(np.asarray(site == ""), np.nan, values) if "" in site.categories else values
+    return np.where(site.equal(""), np.nan, values) if "" in site.categories else values
 
 
 # --- what a run id hashes beside the row ------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 Each column of a row is hashed by its name and value under a key that the campaign's common part gives, and the sum is
 hashed again: the order of columns does not count, nor does a column in which a row has nothing (NaN, or an empty word).
 The hash of a number is the finaliser of SplitMix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number
-generators", 2014), which `pandas.util.hash_array` applies to whole arrays.
+generators", 2014).
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ import hashlib
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
-from pandas.util import hash_array
+
+from ravenjax.store.words import WordColumn
 
 DIGITS = 16
 """Hex digits of an id."""
 
 
-def of(common: str, words: Mapping[str, pd.Categorical], numbers: Mapping[str, np.ndarray]) -> np.ndarray:
+def of(common: str, words: Mapping[str, WordColumn], numbers: Mapping[str, np.ndarray]) -> np.ndarray:
     """Ids [rows], uint64: of rows with these columns, one of numbers at least; `common` decides every run alike.
 
     Numbers count as float64, so that 1 is 1.0 and -0.0 is 0.0. Of rows with the same content the first has the id of
@@ -37,7 +37,12 @@ def of(common: str, words: Mapping[str, pd.Categorical], numbers: Mapping[str, n
 
 def mixed(numbers: np.ndarray) -> np.ndarray:
     """uint64 of the same shape, 1-D: SplitMix64's finaliser, which takes no two numbers to the same one."""
-    return hash_array(numbers)  # pyright: ignore[reportCallIssue] (pandas loads it when asked)
+    z = numbers ^ (numbers >> np.uint64(30))
+    z *= np.uint64(0xBF58476D1CE4E5B9)
+    z ^= z >> np.uint64(27)
+    z *= np.uint64(0x94D049BB133111EB)
+    z ^= z >> np.uint64(31)
+    return z
 
 
 def stream(ids: np.ndarray, purpose: str) -> np.ndarray:
@@ -84,9 +89,12 @@ def _hashed(values: np.ndarray, salt: np.uint64) -> np.ndarray:
 
 def _told_apart(ids: np.ndarray) -> np.ndarray:
     """Ids in which each copy but the first has another."""
-    repeated = pd.Series(ids).duplicated(keep=False).to_numpy()
-    if repeated.any():
-        same = ids[repeated]
-        copy = pd.Series(same).groupby(same).cumcount().to_numpy().astype(np.uint64)
-        ids[repeated] = np.where(copy > 0, mixed(same ^ mixed(copy)), same)
+    ordered = np.sort(ids)
+    if (ordered[1:] != ordered[:-1]).all():
+        return ids
+    order = np.argsort(ids, kind="stable")
+    first = np.flatnonzero(np.r_[True, ordered[1:] != ordered[:-1]])
+    copy = np.arange(len(ids)) - np.repeat(first, np.diff(np.r_[first, len(ids)]))  # of each row before it
+    further = order[copy > 0]
+    ids[further] = mixed(ids[further] ^ mixed(copy[copy > 0].astype(np.uint64)))
     return ids

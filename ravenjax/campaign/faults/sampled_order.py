@@ -12,18 +12,18 @@ import math
 import zlib
 
 import numpy as np
-import pandas as pd
 
+from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import SAMPLED, Group
 
 
-def arranged(config: CampaignConfig, table: pd.DataFrame) -> pd.DataFrame:
+def arranged(config: CampaignConfig, table: FaultTable) -> FaultTable:
     """The whole fault table, which stands group by group, in that order; `index` and `pair` numbered anew."""
     order = np.arange(len(table))
-    pair = table["pair"].to_numpy()
+    pair = table.numbers("pair")
     first_of_kind = pair == order
-    sizes = table["group"].value_counts()
+    sizes = table.words("group").counts()
     start = 0
     for group in config.group:
         rows = order[start : start + sizes[group.name]]
@@ -35,7 +35,7 @@ def arranged(config: CampaignConfig, table: pd.DataFrame) -> pd.DataFrame:
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
     numbers = {"index": np.arange(len(order), dtype=np.int32), "pair": place[pair[order]].astype(np.int32)}
-    return table.iloc[order].reset_index(drop=True).assign(**numbers)
+    return table.take(order).replaced(**numbers)
 
 
 def rows_of_a_draw(config: CampaignConfig, group: Group) -> int:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pandas as pd
 
 from ravenjax.campaign.faults import run_id
+from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.numbers.setup import Injection, SiteUse
 from ravenjax.vocabulary.effects import EFFECT_CODES, NETWORK_EFFECTS, TRIGGER_CODES
 from ravenjax.vocabulary.robot import Robot
@@ -37,12 +37,12 @@ Target = tuple[str, str, str]
 """Site, arm ("" where the site has none), channel."""
 
 
-def slots(table: pd.DataFrame) -> int:
+def slots(table: FaultTable) -> int:
     """Fault slots that the table has columns for."""
-    return sum(name.startswith("fault") and name.endswith("_site") for name in table.columns)
+    return sum(name.startswith("fault") and name.endswith("_site") for name in table)
 
 
-def injection(table: pd.DataFrame, robot: Robot) -> Injection:
+def injection(table: FaultTable, robot: Robot) -> Injection:
     """The fault machinery that the table needs, in the order of the robot's sites: the rows' order does not count."""
     effects: dict[Target, set[str]] = {}
     triggers: set[str] = set()
@@ -66,7 +66,7 @@ def targets(injection: Injection) -> list[Target]:
     return [(use.site, arm, channel) for use in injection.sites for arm, channel in use.channels]
 
 
-def arrays(table: pd.DataFrame, injection: Injection) -> dict[str, np.ndarray]:
+def arrays(table: FaultTable, injection: Injection) -> dict[str, np.ndarray]:
     """The faults of each run, arrays [runs, injection.slots]; an empty slot has code 0.
 
     code, effect, trigger int32; value float32; start, duration, every, period int32 in ticks of 1 ms (start in packets
@@ -85,29 +85,29 @@ def arrays(table: pd.DataFrame, injection: Injection) -> dict[str, np.ndarray]:
                 constant[number] = math.nan if value is None else value
         out["code"][:, slot], out["effect"][:, slot], out["trigger"][:, slot] = meant[:, words.number]
         of_effect = constant[words.number]
-        value = np.where(np.isnan(of_effect), table[f"fault{slot}_value"], of_effect)
+        value = np.where(np.isnan(of_effect), table.numbers(f"fault{slot}_value"), of_effect)
         out["value"][:, slot] = np.where(np.isnan(value), 0.0, value)
         for name in ("start", "duration", "every", "period"):
-            out[name][:, slot] = table[f"fault{slot}_{name}_ms"]
+            out[name][:, slot] = table.numbers(f"fault{slot}_{name}_ms")
         duration = out["duration"][:, slot]
         duration[duration < 0] = FOREVER_TICKS
         out["key"][:, slot] = run_id.stream(shared_ids(table), f"slot {slot}")
     return out
 
 
-def shared_ids(table: pd.DataFrame) -> np.ndarray:
+def shared_ids(table: FaultTable) -> np.ndarray:
     """What random numbers follow from, uint64 [rows]: each run's id, or its first sibling's where they are crossed."""
-    return table[SHARED if SHARED in table else "run_id"].to_numpy()
+    return table.numbers(SHARED if SHARED in table else "run_id")
 
 
 class _Words:
     """The words of one slot: each row as the number of its combination, and what the combinations are."""
 
-    def __init__(self, table: pd.DataFrame, slot: int) -> None:
-        columns = [table[f"fault{slot}_{name}"].cat for name in WORDS]
+    def __init__(self, table: FaultTable, slot: int) -> None:
+        columns = [table.words(f"fault{slot}_{name}") for name in WORDS]
         sizes = [len(column.categories) for column in columns]
         self.size = math.prod(sizes)
-        self.number = np.ravel_multi_index([column.codes.to_numpy() for column in columns], sizes)  # int64 [rows]
+        self.number = np.ravel_multi_index([column.codes for column in columns], sizes)  # int64 [rows]
         present = np.flatnonzero(np.bincount(self.number, minlength=self.size))
         places = np.stack(np.unravel_index(present, sizes), axis=1)
         self.combinations = {
@@ -116,10 +116,10 @@ class _Words:
         }
 
 
-def parameters(table: pd.DataFrame) -> dict[str, np.ndarray]:
+def parameters(table: FaultTable) -> dict[str, np.ndarray]:
     """The varied parameters by path, float64 [runs]; NaN stands for the robot's own value."""
     return {
-        name.removeprefix("param:"): table[name].to_numpy(np.float64)
-        for name in table.columns
+        name.removeprefix("param:"): table.numbers(name).astype(np.float64, copy=False)
+        for name in table
         if name.startswith("param:")
     }

@@ -41,7 +41,7 @@ class Replayer:
         compile_cache.enable()
         self.config = config
         self._plan = plan.make(config)
-        self._ids = self._plan.table["run_id"].to_numpy()
+        self._ids = self._plan.rows.numbers("run_id")
         program = self._plan.program
         backend = selection.select(engine, program.setup.precision, compile_cache.objects())
         self.engine = f"{backend.name} on {backend.device}"
@@ -79,7 +79,7 @@ class Replayer:
         if program.ends:
             own[schema.OBSERVED] = self._plan.ends[[row]]
         series = self._robot.series(program.setup, signals, np.asarray(golden.reference)[:, :, 0])
-        frame = outcomes.frame(self.config, self._plan.table.iloc[row : row + 1], own, fault_free)
+        frame = outcomes.frame(self.config, self._plan.rows.take(slice(row, row + 1)), own, fault_free)
         return Replay(
             row=frame.iloc[0],
             series={name: values[:end] for name, values in series.items()},

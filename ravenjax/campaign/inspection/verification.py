@@ -106,7 +106,7 @@ def verify(
 
 def _campaign(folder: Path, record: Manifest, ready: Plan, whole: Sequence[Part]) -> FolderCheck:
     """That the campaign of the manifest, expanded again, has the hash and the run ids that the folder has."""
-    ids = ready.table["run_id"].to_numpy()
+    ids = ready.rows.numbers("run_id")
     complaints = []
     if ready.runs != record.runs:
         complaints.append(f"the campaign expands to {ready.runs} runs, the manifest says {record.runs}")
@@ -161,7 +161,7 @@ def compute(ready: Plan, engine: Engine, rows: np.ndarray, on_progress: OnProgre
         {name: np.concatenate([block[table][name] for block in blocks]) for name in blocks[0][table]}
         for table in (0, 1)
     )
-    return outcomes.columns(ready.config, ready.table.iloc[rows], columns, golden_runs)
+    return outcomes.columns(ready.config, ready.rows.take(rows), columns, golden_runs)
 
 
 def stored(folder: Path, record: Manifest, rows: np.ndarray) -> pa.Table:
@@ -203,7 +203,7 @@ def _column(name: str, kept: pa.ChunkedArray, new: pa.ChunkedArray) -> ColumnAgr
 
 def _check(rerun: Rerun, ready: Plan) -> FolderCheck:
     """What of a rerun is wrong: any difference where nothing else differs, of the inputs always."""
-    inputs = set(ready.table.columns)
+    inputs = set(ready.rows)
     unequal = [one for one in rerun.differing if not rerun.other or one.name in inputs]
     complaints = [f"{one.name}: differs in {len(rerun.rows) - one.equal} of {len(rerun.rows)} rows" for one in unequal]
     more = [f"and {len(complaints) - checking.MOST} more columns"] if len(complaints) > checking.MOST else []

@@ -6,13 +6,16 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 
-from ravenjax.store import folder, parts, schema
+from ravenjax.store import folder, parts, schema, words
 from ravenjax.store.access import query
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -40,10 +43,9 @@ class Results:
         for table in self._parts(["verdict", *sites]):
             faulty = np.zeros(table.num_rows, bool)
             for site in sites:
-                faulty |= np.asarray(table.column(site).to_pandas() != "")
-            for entry in table.column("verdict").filter(pa.array(faulty)).value_counts().to_pylist():
-                counts[entry["values"]] += entry["counts"]
-        return dict(counts.most_common())
+                faulty |= ~words.of_arrow(table.column(site)).equal("")
+            counts.update(words.of_arrow(table.column("verdict"))[faulty].counts())
+        return {verdict: number for verdict, number in counts.most_common() if number}
 
     def _parts(self, columns: list[str]) -> Iterator[pa.Table]:
         """Columns of each part."""

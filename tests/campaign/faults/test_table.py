@@ -62,7 +62,7 @@ CONFIG = {
 
 @pytest.fixture(scope="module")
 def runs():
-    return design.expand(loading.from_dict(CONFIG))
+    return design.rows(loading.from_dict(CONFIG))
 
 
 def test_injection_is_the_union_in_canonical_order(runs):
@@ -79,11 +79,12 @@ def test_injection_is_the_union_in_canonical_order(runs):
 
 
 def test_injection_does_not_depend_on_the_order_of_rows(runs):
-    assert table.injection(runs.sample(frac=1.0, random_state=3), robots.USUAL) == table.injection(runs, robots.USUAL)
+    shuffled = runs.take(np.random.default_rng(3).permutation(len(runs)))
+    assert table.injection(shuffled, robots.USUAL) == table.injection(runs, robots.USUAL)
 
 
 def test_no_faults_need_no_machinery():
-    free = design.expand(loading.from_dict({**CONFIG, "group": [{"name": "free"}]}))
+    free = design.rows(loading.from_dict({**CONFIG, "group": [{"name": "free"}]}))
     injection = table.injection(free, robots.USUAL)
     assert injection.slots == 0 and injection.sites == ()
     assert table.arrays(free, injection)["code"].shape == (1, 0)
@@ -93,7 +94,7 @@ def test_arrays_say_what_the_table_says(runs):
     """Each entry read back through the code book is the row it came from."""
     injection = table.injection(runs, robots.USUAL)
     targets, arrays = table.targets(injection), table.arrays(runs, injection)
-    for row, record in enumerate(runs.to_dict("records")):
+    for row, record in enumerate(runs.frame().to_dict("records")):
         for slot in range(2):
             site = record[f"fault{slot}_site"]
             got = {name: values[row, slot] for name, values in arrays.items()}
@@ -115,7 +116,7 @@ def test_arrays_say_what_the_table_says(runs):
 
 def test_network_effects_are_overwrites(runs):
     injection = table.injection(runs, robots.USUAL)
-    net = runs[runs["group"] == "net"]
+    net = runs.take(runs.words("group").equal("net"))
     arrays, targets = table.arrays(net, injection), table.targets(injection)
     assert [targets[code - 1][2] for code in arrays["code"][:, 0]] == ["lost", "lag", "delay"]
     assert arrays["value"][:, 0].tolist() == [1.0, 1.0, 7.0]
@@ -133,19 +134,19 @@ def test_keys_belong_to_run_and_slot_not_to_the_place(runs):
     injection = table.injection(runs, robots.USUAL)
     keys = table.arrays(runs, injection)["key"]
     assert len(set(keys.ravel().tolist())) == keys.size
-    backwards = table.arrays(runs.iloc[::-1], injection)["key"]
+    backwards = table.arrays(runs.take(slice(None, None, -1)), injection)["key"]
     assert (backwards[::-1] == keys).all()
 
 
 def test_rows_of_a_part_are_those_of_the_whole(runs):
     """Whatever rows are taken together, each has the same entries."""
     injection = table.injection(runs, robots.USUAL)
-    whole, part = table.arrays(runs, injection), table.arrays(runs.iloc[5:9], injection)
+    whole, part = table.arrays(runs, injection), table.arrays(runs.take(slice(5, 9)), injection)
     assert all((part[name] == values[5:9]).all() for name, values in whole.items())
 
 
 def test_parameters():
     sweep = {"name": "free", "parameters": {"plant.a": [1, 2]}}
-    runs = design.expand(loading.from_dict({**CONFIG, "group": [sweep, {"name": "other"}]}))
+    runs = design.rows(loading.from_dict({**CONFIG, "group": [sweep, {"name": "other"}]}))
     assert list(table.parameters(runs)) == ["plant.a"]
     assert np.array_equal(table.parameters(runs)["plant.a"], [1.0, 2.0, np.nan], equal_nan=True)

@@ -126,7 +126,7 @@ def striking(ready, rng):
     }
     golden = np.repeat([0, 1], 64).astype(np.int32)
     varied = {path: values[rows[golden]] for path, values in ready.varied.items()}
-    return replace(ready, table=ready.table.iloc[rows], faults=faults, varied=varied, golden=golden)
+    return replace(ready, rows=ready.rows.take(rows), faults=faults, varied=varied, golden=golden)
 
 
 def test_what_cannot_be_is_one_line_that_says_so(monkeypatch, short):

@@ -1,0 +1,72 @@
+"""The fault table: one row a run, every input of the run in columns of NumPy's."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from ravenjax.store.words import WordColumn
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Column: TypeAlias = np.ndarray | WordColumn
+"""Numbers or words, [rows]."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class FaultTable:
+    """Columns by name, as in `ravenjax.store.schema`, all of the same rows."""
+
+    columns: Mapping[str, Column]
+
+    @staticmethod
+    def of(frame: pd.DataFrame) -> FaultTable:
+        """The table of a DataFrame that `frame` made, or of some of its rows."""
+        return FaultTable(
+            {
+                str(name): WordColumn(values.cat.codes.to_numpy(), tuple(values.cat.categories))
+                if values.dtype == "category"
+                else values.to_numpy()
+                for name, values in frame.items()
+            }
+        )
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values())))
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.columns
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.columns)
+
+    def numbers(self, name: str) -> np.ndarray:
+        """A column of numbers."""
+        values = self.columns[name]
+        assert isinstance(values, np.ndarray), name
+        return values
+
+    def words(self, name: str) -> WordColumn:
+        """A column of words."""
+        values = self.columns[name]
+        assert isinstance(values, WordColumn), name
+        return values
+
+    def take(self, rows: slice | np.ndarray) -> FaultTable:
+        """These rows, in this order."""
+        return FaultTable({name: values[rows] for name, values in self.columns.items()})
+
+    def replaced(self, **columns: Column) -> FaultTable:
+        """The table with other columns in their places."""
+        return FaultTable({**self.columns, **columns})
+
+    def frame(self) -> pd.DataFrame:
+        """As a DataFrame; words are categorical."""
+        import pandas as pd  # runs need none of it
+
+        columns = {name: v.categorical() if isinstance(v, WordColumn) else v for name, v in self.columns.items()}
+        return pd.DataFrame(columns, copy=False)
