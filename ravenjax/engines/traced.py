@@ -55,6 +55,13 @@ class Forms:
         """Whether the code of this key is there."""
         return key in self._codes
 
+    def keeps(self, kind: type, key: Any) -> bool:
+        """Whether disk has what `printed` would print."""
+        return self._objects is not None and self._own_key(kind, key) in self._objects
+
+    def _own_key(self, kind: type, key: Any) -> str:
+        return trace_key.of("printed", self._key, kind.__qualname__, key)
+
     def printed(self, kind: type[Printed], key: Any, make: Callable[[], Printed]) -> Printed:
         """Printed code, a dataclass of texts and numbers, from disk where it was printed before.
 
@@ -62,7 +69,7 @@ class Forms:
         """
         if self._objects is None:
             return make()
-        own, adapter = trace_key.of("printed", self._key, kind.__qualname__, key), TypeAdapter(kind)
+        own, adapter = self._own_key(kind, key), TypeAdapter(kind)
         if (content := self._objects.get(own)) is not None:
             with contextlib.suppress(zlib.error, ValidationError):  # of another version: printed anew
                 return adapter.validate_json(zlib.decompress(content))

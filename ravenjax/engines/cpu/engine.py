@@ -28,8 +28,12 @@ busier with the next block than they are with theirs; with more the last blocks 
 BLOCKS = 8
 """Blocks for each thread, at least, where they have more than the fewest lanes."""
 
-FEW = 32
-"""Vectors that one block may take by the slower of two ways, at most."""
+REPAID = 400_000
+"""Ticks of vectors that a kernel runs in vain, at most, for want of a second form of its code: to print and compile one
+takes 1.3 s, and a tick of a vector 3.3 us (`quick.toml`, AVX-512 at 2 GHz). Who pays for lack of a form what it costs,
+and only then buys it, pays at most twice what the cheaper would have been, however much is still to be run."""
+UNSHARED = 0.5
+"""By how much a vector takes longer, about, that computes by itself what its group could share."""
 
 
 class SimdKernel:
@@ -44,6 +48,7 @@ class SimdKernel:
         self._objects = objects
         self._forms: traced.Forms | None = None
         self._dtype = np.dtype(program.setup.precision.real)
+        self._vain = 0.0  # ticks of vectors run so far for want of a form; blocks side by side may count too few
         self._joined: tuple[tuple[np.ndarray, ...], np.ndarray] | None = None
         self.branches = 0 if signals else self.width
 
@@ -53,6 +58,7 @@ class SimdKernel:
 
     def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
         """Trace and compile for blocks and motions like these."""
+        self._trace(block, motion)
         for part in self._plan(traced.inputs(self.program, block)).parts:
             self._code(block, motion, part.grouped)
 
@@ -78,8 +84,10 @@ class SimdKernel:
     def _run(
         self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None
     ) -> tuple[BlockResult, np.ndarray]:
+        self._trace(block, motion)
         inputs, ticks = traced.inputs(self.program, block), self.program.ticks
         plan = self._plan(inputs if block.ends is None else [*inputs, block.ends])
+        self._vain += plan.vain * ticks
         codes = {part.grouped: self._code(block, motion, part.grouped) for part in plan.parts}
         lanes, outputs, tables = len(plan.place), next(iter(codes.values())).outputs, self._tables(motion)
         keep = self.signals or block.reference is None
@@ -132,17 +140,30 @@ class SimdKernel:
         first, place = _distinct(inputs) if inputs else alike
         varied = [column[first] for column in inputs[: len(self.program.varied)]]
         group = _distinct(varied)[1] if varied else np.zeros(len(first), np.int64)
-        return _Plan(first, place, self._at_hand(_parts(group, self.width), group))
+        return _Plan(first, place, *self._at_hand(_parts(group, self.width), group))
 
-    def _at_hand(self, parts: list[_Part], group: np.ndarray) -> list[_Part]:
-        """`parts`, or the same lanes by the one form of code that is there: of a few vectors compiling takes longer."""
-        there = [way for way in (False, True) if self._forms is not None and self._forms.holds(self._key(way))]
-        if not there or {part.grouped for part in parts} <= {*there}:
-            return parts
+    def _at_hand(self, parts: list[_Part], group: np.ndarray) -> tuple[list[_Part], float]:
+        """`parts`, or the same lanes by one form of code where a second one would not be repaid; and the vectors,
+        about, that are run in vain by that."""
+        ways = (False, True)
+        there = [way for way in ways if self._forms is not None and self._forms.holds(self._key(way))]
+        if len({part.grouped for part in parts} | {*there}) == 1 or len(there) == 2 or self.signals:
+            return parts, 0.0
+        lanes = [sum(len(part.lanes) for part in parts if part.grouped == way) for way in ways]
+        (way,) = there or [lanes[True] >= lanes[False]]
         groups = [_Part(np.flatnonzero(group == g), True) for g in range(group.max() + 1)]
-        others = groups if there[0] else [_Part(np.arange(len(group)), False)]
-        few = sum(-(-len(part.lanes) // self.width) for part in others) <= FEW
-        return others if few else parts
+        others = groups if way else [_Part(np.arange(len(group)), False)]
+        vain = self._vectors(others) - self._vectors(parts) + (0.0 if way else UNSHARED * self._vectors(parts))
+        if self._vain + vain * self.program.ticks > REPAID or self._is_kept(not way):
+            return parts, 0.0
+        return others, vain
+
+    def _vectors(self, parts: list[_Part]) -> int:
+        return sum(-(-len(part.lanes) // self.width) for part in parts)
+
+    def _is_kept(self, grouped: bool) -> bool:
+        """Whether the form of code is on disk, which is to have it for next to nothing."""
+        return self._forms is not None and self._forms.keeps(VectorKernel, self._printing_key(grouped))
 
     def _tables(self, motion: tuple[np.ndarray, ...]) -> np.ndarray:
         """The columns of the motion one after the other."""
@@ -158,12 +179,19 @@ class SimdKernel:
     def _key(self, grouped: bool) -> tuple[Any, ...]:
         return "simd", self.signals, grouped, self.width
 
+    def _trace(self, block: Block, motion: tuple[np.ndarray, ...]) -> traced.Forms:
+        self._forms = self._forms or traced.forms(self.program, block, motion, self._objects)
+        return self._forms
+
+    def _printing_key(self, grouped: bool) -> tuple[Any, ...]:
+        return *self._key(grouped), jit.host().text
+
     def _code(self, block: Block, motion: tuple[np.ndarray, ...], grouped: bool) -> VectorCode:
-        self._forms = forms = self._forms or traced.forms(self.program, block, motion, self._objects)
+        forms = self._trace(block, motion)
 
         def make() -> VectorCode:
             loop = forms.traced.loop if self.signals else forms.traced.without_signals()
-            printed = functools.partial(forms.printed, VectorKernel, (*self._key(grouped), jit.host().text))
+            printed = functools.partial(forms.printed, VectorKernel, self._printing_key(grouped))
             return VectorCode(loop, len(self.program.varied), grouped, self.width, self._objects, printed)
 
         return forms.code(self._key(grouped), make)
@@ -183,6 +211,7 @@ class _Plan:
     first: np.ndarray  # [distinct], lane in which each distinct one first occurs
     place: np.ndarray  # [lanes], which distinct one a lane is
     parts: list[_Part]
+    vain: float = 0.0  # vectors, about, that are run for want of another form of code
 
 
 def _parts(group: np.ndarray, width: int) -> list[_Part]:
