@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict
 
 from ravenjax.errors import StoreError
-from ravenjax.store import arrow_arrays, schema
+from ravenjax.store import arrow_arrays, schema, words
 from ravenjax.store.files import sha256, write_aside
 
 if TYPE_CHECKING:
@@ -113,8 +113,8 @@ def write(folder: Path, columns: schema.Columns, shape: schema.Shape, config_has
 
 def failures(table: pa.Table) -> dict[str, int]:
     """How many rows of a result table have no valid outcome, by cause."""
-    counted = table.column("failed").value_counts().to_pylist()
-    return {entry["values"]: entry["counts"] for entry in counted if entry["values"]}
+    counted = words.of_arrow(table.column("failed")).counts()
+    return {cause: number for cause, number in counted.items() if cause and number}
 
 
 def _encoding(columns: pa.Schema) -> dict[str, Any]:

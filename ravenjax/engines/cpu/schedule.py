@@ -8,6 +8,7 @@ registers. Measured on a tick of 4 250 vector operations: 4 450 cycles as traced
 
 from __future__ import annotations
 
+import bisect
 from collections.abc import Iterable, Sequence
 
 from ravenjax.ir.program import Operation
@@ -55,38 +56,34 @@ def schedule(
 
 
 def _straight(operations: Sequence[Operation], order: Sequence[int], window: int) -> tuple[int, ...]:
-    here = set(order)
-    due: dict[int, int] = {}  # when the result of a placed operation is there
-    waiting: list[int] = []  # the window, in order
-    placed: list[int] = []
-    now = next_place = 0
-    while len(placed) < len(order):
-        if len(waiting) < window and next_place < len(order):
-            more = order[next_place : next_place + window - len(waiting)]
-            waiting.extend(more)
-            next_place += len(more)
-        best, best_time = 0, None
-        for k, i in enumerate(waiting):
-            ready = _ready(operations[i].operands, here, due)
-            if ready is not None and (best_time is None or ready < best_time):
-                best, best_time = k, ready
-                if ready <= now:
-                    break
-        i = waiting.pop(best)
-        now = max(now, best_time or 0)
-        due[i] = now + latency(operations[i].name)
-        placed.append(i)
-        now += latency(operations[i].name) > 0
-    return tuple(placed)
-
-
-def _ready(operands: Sequence[int], here: set[int], due: dict[int, int]) -> int | None:
-    """When all operands are there; None while one is not even begun."""
-    time = 0
-    for operand in operands:
-        if operand in here:
-            result = due.get(operand)
-            if result is None:
-                return None
-            time = max(time, result)
-    return time
+    """Of those whose operands are begun, the window's first that need not wait, else the first that waits least."""
+    place = {i: k for k, i in enumerate(order)}  # everything below goes by places in `order`
+    missing, ready = [0] * len(order), [0] * len(order)  # operands not begun yet; when those that are will be there
+    readers: list[list[int]] = [[] for _ in order]
+    for k, i in enumerate(order):
+        for operand in operations[i].operands:
+            if (source := place.get(operand)) is not None:
+                missing[k] += 1
+                readers[source].append(k)
+    candidates: list[int] = []  # of the window, those with no operand missing, in order
+    result: list[int] = []
+    now = inside = 0
+    while len(result) < len(order):
+        while inside < min(len(result) + window, len(order)):
+            if not missing[inside]:
+                candidates.append(inside)
+            inside += 1
+        k = next((k for k in candidates if ready[k] <= now), None)
+        if k is None:
+            k = min(candidates, key=ready.__getitem__)
+        candidates.remove(k)
+        result.append(order[k])
+        cycles = latency(operations[order[k]].name)
+        now = max(now, ready[k])
+        for reader in readers[k]:
+            ready[reader] = max(ready[reader], now + cycles)
+            missing[reader] -= 1
+            if not missing[reader] and reader < inside:
+                bisect.insort(candidates, reader)
+        now += cycles > 0
+    return tuple(result)

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from functools import cache
 
+import numpy as np
+
 from ravenjax.numbers.algebra import matvec, minus, plus
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec
@@ -22,13 +24,20 @@ TISSUE_HALF = (0.075, 0.060)  # m, half its extent along x and y
 @cache
 def frame0(arm: ArmName) -> tuple[Vec, Vec]:
     """Origin (m) and rotation rows of the arm's frame 0 in the world, Python numbers, literal zeros and ones."""
-    from scipy.spatial.transform import Rotation  # slow to import
-
     model = arm_model.scene()
     body = model.body(arm_model.base(arm))
-    rows = Rotation.from_quat(body.quat, scalar_first=True).as_matrix()
+    rows = _rows(*(body.quat / np.linalg.norm(body.quat)).tolist())
     exact = [[float(round(x)) if abs(x - round(x)) < 1e-12 else float(x) for x in row] for row in rows]
     return Vec(float(x) for x in body.pos), Vec(map(Vec, exact))
+
+
+def _rows(w: float, x: float, y: float, z: float) -> list[list[float]]:
+    """The rotation matrix of a unit quaternion, as SciPy computes it, whose import takes longer than all of a trace."""
+    return [
+        [x * x - y * y - z * z + w * w, 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), -x * x + y * y - z * z + w * w, 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), -x * x - y * y + z * z + w * w],
+    ]
 
 
 def base_pose(arm: ArmName) -> tuple[tuple[float, float, float], tuple[float, float, float, float]]:
