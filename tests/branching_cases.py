@@ -87,6 +87,15 @@ def tables(ready, engine, whole=False):
     return [{name: np.concatenate([part[t][name] for part in parts]) for name in parts[0][t]} for t in (0, 1)]
 
 
+def require_within(ready, table):
+    """Faults of whole runs change nothing before they may act first, nor after a run is no longer observed."""
+    observed_until = ready.ends if ready.program.ends else np.full(ready.runs, TICKS)
+    for slot in range(2):
+        first, last = table[f"applied{slot}_first_ms"], table[f"applied{slot}_last_ms"]
+        assert (ready.acts[first >= 0] <= first[first >= 0]).all()
+        assert (last <= np.where(observed_until < TICKS, observed_until - OBSERVE - 1, TICKS)).all()
+
+
 def require_same(some, others):
     for one, other in zip(some, others, strict=True):
         assert one.keys() == other.keys()

@@ -15,6 +15,7 @@ from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.prepared import Prepared
 from ravenjax.engines.interface import TickProgram
+from ravenjax.faults.clocks import Clocks
 from ravenjax.faults.fault import Faults, FaultSlot
 from ravenjax.numbers import paths
 from ravenjax.numbers.setup import CAMPAIGN, Precision, Setup
@@ -52,12 +53,20 @@ class Plan:
     @cached_property
     def acts(self) -> np.ndarray:
         """The first tick in which a fault of each run may act, see `span`; int32 [runs]."""
-        return span.acts(self.faults, self.program.ticks)
+        return span.acts(self.faults, self.program.ticks, self._clocks)
 
     @cached_property
     def ends(self) -> np.ndarray:
         """The first tick that each run is not observed, see `span`; int32 [runs]."""
-        return span.ends(self.faults, self.program.ticks, self.config.campaign.observe_ms)
+        return span.ends(self.faults, self.program.ticks, self.config.campaign.observe_ms, self._clocks)
+
+    @cached_property
+    def _clocks(self) -> Clocks | None:
+        """What triggers count beside the time, where any does and the robot tells."""
+        robot = self.config.robot.part("campaign")
+        if not {"packet", "pedal"}.intersection(self.program.setup.injection.triggers) or not hasattr(robot, "clocks"):
+            return None
+        return robot.clocks(self.program, self.columns, self.varied, self.runs)
 
     def lanes(
         self, rows: Sequence[int] | np.ndarray, lanes: int, harmless: bool = False

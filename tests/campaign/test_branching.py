@@ -6,7 +6,17 @@ import dataclasses
 
 import numpy as np
 import pytest
-from branching_cases import OBSERVE, TICKS, drawn, observed, plain, require_same, tables, with_every_fault
+from branching_cases import (
+    OBSERVE,
+    TICKS,
+    drawn,
+    observed,
+    plain,
+    require_same,
+    require_within,
+    tables,
+    with_every_fault,
+)
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
@@ -17,6 +27,7 @@ from ravenjax.campaign.faults.table import FOREVER_TICKS
 from ravenjax.campaign.inspection.replay import Replayer
 from ravenjax.campaign.inspection.verification import verify
 from ravenjax.engines.cpu.engine import SimdEngine
+from ravenjax.vocabulary.effects import TRIGGER_CODES
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +43,8 @@ def test_runs_of_any_fault_are_whole_runs_to_the_bit(every_fault, seed):
     assert Branching(ready, 1).branches.any() and (ready.acts > 0).any() and (ready.acts < TICKS).any()
     whole = tables(ready, SimdEngine(), whole=True)
     require_same(tables(ready, SimdEngine()), whole)
+    require_within(ready, whole[0])
+    require_within(observed(ready, OBSERVE), whole[0])
     assert (whole[0]["active_ticks"] > 0).any()
 
 
@@ -40,6 +53,8 @@ def test_runs_of_any_fault_are_whole_runs_to_the_bit(every_fault, seed):
 @given(st.integers(0, 2**32))
 def test_runs_that_end_early_are_shorter_runs_to_the_bit(every_fault, seed):
     ready = observed(drawn(every_fault, seed), OBSERVE)
+    counted = (ready.faults["trigger"] != TRIGGER_CODES["time"]).all(axis=1)
+    assert (ready.ends[counted] < TICKS).any() and (ready.acts[counted] > 0).any()
     found = tables(ready, SimdEngine())
     require_same(found, tables(ready, SimdEngine(), whole=True))
     for end in np.unique(ready.ends)[:3]:

@@ -2,37 +2,67 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from ravenjax.campaign.faults.table import FOREVER_TICKS
+from ravenjax.faults.clocks import Clocks, Opening
 from ravenjax.vocabulary.effects import TRIGGER_CODES
 
 Faults = Mapping[str, np.ndarray]
 """As `table.arrays`, each [runs, slots]."""
 
+_TIME, _PACKET, _PEDAL = (TRIGGER_CODES[name] for name in ("time", "packet", "pedal"))
 
-def acts(faults: Faults, ticks: int) -> np.ndarray:
+
+def acts(faults: Faults, ticks: int, clocks: Clocks | None = None) -> np.ndarray:
     """The first tick in which a fault of each run may act, int32 [runs]; up to there it is its golden run to the bit.
 
-    Where no fault acts in a run of `ticks`: that. A window that counts packets or time in pedal-down opens no earlier
-    than if each tick brought a packet, or the pedal had been down from the beginning.
+    Where no fault acts in a run of `ticks`: that. Without `clocks` a window that counts packets or time in pedal-down
+    opens as if each tick brought a packet, or the pedal had been down from the beginning.
     """
-    first = np.where(faults["trigger"] == TRIGGER_CODES["packet"], faults["start"] - 1, faults["start"])
-    return np.where(faults["code"] > 0, np.clip(first, 0, ticks), ticks).min(axis=1, initial=ticks).astype(np.int32)
+    first = np.full(faults["code"].shape, ticks, np.int64)
+    for trigger, where, rows, opening in _openings(faults):
+        if trigger == _TIME:
+            first[where] = opening.first(0, ticks - 1)
+        elif clocks is None:
+            first[where] = opening.start - (trigger == _PACKET)
+        elif trigger == _PACKET:
+            first[where] = clocks.packet_first(rows, opening)
+        else:
+            first[where] = clocks.pedal_first(rows, opening)
+    return np.clip(first, 0, ticks).min(axis=1, initial=ticks).astype(np.int32)
 
 
-def ends(faults: Faults, ticks: int, observe: int | None) -> np.ndarray:
+def ends(faults: Faults, ticks: int, observe: int | None, clocks: Clocks | None = None) -> np.ndarray:
     """The first tick that each run is not observed, int32 [runs]: `observe` ticks after its last fault ended.
 
     A run goes on to its end, `ticks`, where nothing says when its last fault has ended before it runs: a fault lasts,
-    comes again, or counts packets or time in pedal-down. So does one without a fault, and any where `observe` is None.
+    or counts time in pedal-down where a fault of the run may move the pedal; without `clocks` any that counts packets
+    or time in pedal-down. So does one without a fault, and any where `observe` is None.
     """
+    shape = faults["code"].shape
     if observe is None:
         return np.full(len(faults["code"]), ticks, np.int32)
-    bounded = (faults["trigger"] == TRIGGER_CODES["time"]) & (faults["every"] == 0)
-    bounded &= faults["duration"] < FOREVER_TICKS
-    after = np.where(bounded, faults["start"].astype(np.int64) + faults["duration"] + observe, ticks)
-    last = np.where(faults["code"] > 0, np.minimum(after, ticks), 0).max(axis=1, initial=0)
-    return np.where(last == 0, ticks, last).astype(np.int32)
+    last = np.zeros(shape, np.int64)
+    for trigger, where, rows, opening in _openings(faults):
+        if trigger == _TIME:
+            last[where] = opening.last(0, ticks - 1) + 1
+        elif clocks is None:
+            last[where] = ticks
+        elif trigger == _PACKET:
+            last[where] = clocks.packet_end(rows, opening, ticks)
+        else:
+            moved = np.any(clocks.moved[faults["code"]], axis=1)[rows]
+            last[where] = np.where(moved, ticks, clocks.pedal_end(rows, opening, ticks))
+    ended = np.where(last > 0, np.minimum(last + observe, ticks), 0).max(axis=1, initial=0)
+    return np.where(ended == 0, ticks, ended).astype(np.int32)
+
+
+def _openings(faults: Faults) -> Iterator[tuple[int, tuple[np.ndarray, ...], np.ndarray, Opening]]:
+    """Of each trigger that some fault has: (code, places [runs, slots] of its faults, their runs, their windows)."""
+    for trigger in (_TIME, _PACKET, _PEDAL):
+        where = np.nonzero((faults["code"] > 0) & (faults["trigger"] == trigger))
+        if len(where[0]):
+            columns = (faults[name][where].astype(np.int64) for name in ("start", "duration", "every"))
+            yield trigger, where, where[0], Opening(*columns)

@@ -39,8 +39,8 @@ class Campaign(Section):
         ge=1,
         le=3_600_000,
         description="end a run so long after its last fault ended, outcomes are those until then; left out, each goes "
-        "on for duration_s, as any does with a fault of no certain end: that lasts, comes again, or counts packets or "
-        "time in pedal-down",
+        "on for duration_s, as any does with a fault of no certain end: that lasts, or counts time in pedal-down where "
+        "a fault may move the pedal",
     )
     arms: tuple[str, ...] = Field(
         default_factory=lambda known: robots.find(known["robot"]).arms[:1], min_length=1, description="arms, in order"

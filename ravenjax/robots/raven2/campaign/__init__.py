@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ravenjax.robots.raven2.campaign.config import RavenConfig as Config
+    from ravenjax.robots.raven2.campaign.pedal import clocks
     from ravenjax.robots.raven2.campaign.program import prepare
     from ravenjax.robots.raven2.campaign.trace import bases, series
     from ravenjax.robots.raven2.loop.records import TickParams as Params
@@ -18,11 +19,12 @@ _HOMES = {
     "Config": ("ravenjax.robots.raven2.campaign.config", "RavenConfig"),
     "Params": ("ravenjax.robots.raven2.loop.records", "TickParams"),
     "bases": ("ravenjax.robots.raven2.campaign.trace", "bases"),
+    "clocks": ("ravenjax.robots.raven2.campaign.pedal", "clocks"),
     "prepare": ("ravenjax.robots.raven2.campaign.program", "prepare"),
     "series": ("ravenjax.robots.raven2.campaign.trace", "series"),
 }
 
-__all__ = ["Config", "Params", "bases", "prepare", "series"]
+__all__ = ["Config", "Params", "bases", "clocks", "prepare", "series"]
 
 
 def __getattr__(name: str) -> Any:

@@ -1,0 +1,191 @@
+"""When the pedal of a Raven-II is down and its packets come, from the operator's motion and what a campaign varies.
+
+From foot to software the pedal goes through numbers that no motor turns: packet, software, PLC and back. Here they are
+followed alone, tick by tick around each change of the foot. What else can lift the pedal stops the robot for good (the
+PLC's trip latches), or is an operator who lets go: then it is down until then, and not again.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from ravenjax.engines.interface import TickProgram
+from ravenjax.faults.clocks import Clocks, PedalPhases
+from ravenjax.faults.injection import channel_keys
+from ravenjax.numbers.lazy import at_once
+from ravenjax.robots.raven2.run_levels import PEDAL_DOWN, PEDAL_UP
+from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.stages.state_machine import MISMATCHES
+from ravenjax.stages import packet_clock
+from ravenjax.vocabulary.reactions import SLOW
+
+MOVING = ("network", "packet_header", "usb_status", "runlevel", "pins_out", "plc", "buttons")
+"""Sites where a fault may move the pedal, or start a robot that has stopped; so may the pins of site usb_in."""
+
+LATENCY = 8
+"""Ticks from a packet until the software has followed its pedal, and a few more."""
+
+BLOCK = 2**20
+"""Packets whose lengths are drawn at a time."""
+
+
+def clocks(
+    program: TickProgram, columns: tuple[np.ndarray, ...], varied: Mapping[str, np.ndarray], runs: int
+) -> Clocks:
+    """Clocks of triggers in the runs of a campaign; see `ravenjax.campaign.prepared`."""
+    setup, params = program.setup, program.params
+
+    def numbers(path: str, own: int) -> np.ndarray:
+        return np.asarray(varied.get(path, np.full(runs, own)))
+
+    network, control = params.network, params.control
+    cycles = np.maximum(numbers("network.cycles_per_packet", network.cycles_per_packet).astype(np.int64), 1)
+    choice = numbers("network.packets", network.packets).astype(np.int64)
+    longest = cycles
+    if setup.packets:
+        shares = setup.packets
+        cycles = np.array([1 + int(np.flatnonzero(one)[0]) for one in shares])[choice]
+        longest = np.array([1 + int(np.flatnonzero(one)[-1]) for one in shares])[choice]
+    timeout = numbers("control.teleoperation.timeout_ticks", control.teleoperation.timeout_ticks)
+    obeyed = numbers("control.state_machine.plc_obeyed", control.state_machine.plc_obeyed) != 0
+    slowed = np.zeros(runs, bool)
+    if params.reaction is not None:
+        slowed = numbers("reaction.action", params.reaction.action) == SLOW
+    unknown = slowed | (longest - 1 > timeout)
+    kinds, kind = np.unique(np.stack([cycles, longest, obeyed, unknown], axis=1), axis=0, return_inverse=True)
+    foot = columns[-1].astype(np.int32) > 0
+    keys = channel_keys(setup)
+    return Clocks(
+        least=cycles,
+        arrivals=_arrivals(setup, cycles, choice, varied, program.ticks),
+        phases=tuple(
+            _phases(setup, foot, _Foot(int(least), int(most), bool(plc)), bool(lost), program.ticks)
+            for least, most, plc, lost in kinds.tolist()
+        ),
+        kind=kind.reshape(-1),
+        moved=np.array([False, *(site in MOVING or (site, name) == ("usb_in", "pins") for site, _, name in keys)]),
+    )
+
+
+# --- packets ---
+
+
+def _arrivals(
+    setup: RavenSetup, cycles: np.ndarray, choice: np.ndarray, varied: Mapping[str, np.ndarray], ticks: int
+) -> EvenPackets | DrawnPackets | None:
+    if setup.build != "robot":  # a simulator's packet generator ends with the robot's software E-stop
+        return None
+    if not setup.packets:
+        return EvenPackets(cycles, ticks)
+    return DrawnPackets(setup.packets, choice, varied["network.packet_key"], ticks)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class EvenPackets:
+    """Packets that last as long as each other; as `faults.clocks.Arrivals`."""
+
+    cycles: np.ndarray  # int64 [runs]
+    ticks: int
+
+    def comes(self, rows: np.ndarray, packets: np.ndarray) -> np.ndarray:
+        return (packets - 1) * self.cycles[rows]
+
+    def newest(self, rows: np.ndarray) -> np.ndarray:
+        return (self.ticks - 1) // self.cycles[rows] + 1
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class DrawnPackets:
+    """Packets whose lengths each run draws; as `faults.clocks.Arrivals`."""
+
+    shares: tuple[tuple[float, ...], ...]  # as RavenSetup.packets
+    choice: np.ndarray  # int64 [runs], which of them
+    key: np.ndarray  # uint32 [runs]
+    ticks: int
+
+    def comes(self, rows: np.ndarray, packets: np.ndarray) -> np.ndarray:
+        wanted = np.minimum(packets, self.ticks + 1)
+        out = np.empty(len(rows), np.int64)
+        for some, begin, ticks in self._drawn(rows, int(wanted.max(initial=1))):
+            place = wanted[some] - 1 - begin
+            here = (place >= 0) & (place < ticks.shape[1])
+            out[some[here]] = ticks[here, place[here]]
+        return out
+
+    def newest(self, rows: np.ndarray) -> np.ndarray:
+        count = np.zeros(len(rows), np.int64)
+        for some, _, ticks in self._drawn(rows, self.ticks + 1):
+            count[some] += (ticks < self.ticks).sum(axis=1)
+        return count
+
+    def _drawn(self, rows: np.ndarray, most: int) -> Iterator[tuple[np.ndarray, int, np.ndarray]]:
+        """Places in `rows`, the number of packets before, and the ticks [places, packets] in which the next ones come,
+        up to `most` packets a run."""
+        wide = min(most, 4096)
+        high = max(1, BLOCK // wide)
+        for top in range(0, len(rows), high):
+            some = np.arange(top, min(top + high, len(rows)))
+            comes = np.zeros(len(some), np.int64)
+            key, choice = self.key[rows[some]][:, None], self.choice[rows[some]][:, None]
+            for begin in range(0, most, wide):
+                packet = np.arange(begin, min(begin + wide, most), dtype=np.int32)[None]
+                with at_once():
+                    lasts = packet_clock.length(self.shares, choice, key, packet).astype(np.int64)
+                after = comes[:, None] + np.cumsum(lasts, axis=1)
+                yield some, begin, np.concatenate([comes[:, None], after[:, :-1]], axis=1)
+                comes = after[:, -1]
+
+
+# --- the pedal ---
+
+
+@dataclasses.dataclass(frozen=True)
+class _Foot:
+    """On which way the foot's pedal becomes the robot's."""
+
+    least: int  # ticks that a packet lasts at least
+    longest: int  # and at most
+    plc: bool  # whether the software obeys the PLC
+
+
+def _phases(setup: RavenSetup, foot: np.ndarray, way: _Foot, unknown: bool, ticks: int) -> PedalPhases:
+    """foot: bool [rows of the motion], whether it is on the pedal."""
+    cycles = 1 if setup.packets else way.least
+    level = PEDAL_UP if setup.software == "raven2" else PEDAL_DOWN
+    changes = np.flatnonzero(np.diff(foot.astype(np.int8), prepend=np.int8(0))) * cycles
+    changes = changes[changes < ticks]
+    later: int | None = way.longest - 1 if setup.packets else 0
+    if unknown or (later and (np.diff(changes) <= later + LATENCY).any()):
+        later = None  # changes may overtake each other
+    turns = list(_turns(changes.tolist(), level, way.plc, ticks))
+    begins, ends = turns[0::2], turns[1::2]
+    if len(ends) < len(begins):
+        ends.append(ticks)
+    return PedalPhases(np.array(begins, np.int64), np.array(ends, np.int64), later)
+
+
+def _turns(changes: Sequence[int], level: int, plc: bool, ticks: int) -> Iterator[int]:
+    """Ticks before `ticks` in which the pedal's clock begins to count, and in which it stops, by turns.
+
+    changes: ticks in which a packet with another position of the foot comes, the first one down. level: run level in
+    which the robot begins. As `state_machine.adopt` and `plc.step`, while nothing stops the robot.
+    """
+    foot, plc_level, mismatches, tick = False, level, 0, 0
+    if level == PEDAL_DOWN:  # what tick 0 counts is read in tick 1
+        yield 1
+    ahead = iter([*changes, ticks])
+    change = next(ahead)
+    while tick + 1 < ticks:
+        while change <= tick:
+            foot, change = not foot, next(ahead)
+        before = level, plc_level, mismatches
+        if plc and plc_level != level:
+            mismatches += 1
+            if mismatches >= MISMATCHES:
+                level, mismatches = plc_level, 0
+                yield tick + 1
+        plc_level = PEDAL_DOWN if foot else PEDAL_UP
+        tick = tick + 1 if (level, plc_level, mismatches) != before else max(tick + 1, change)
