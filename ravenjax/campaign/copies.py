@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from ravenjax.campaign.faults import design, sampling
 from ravenjax.campaign.file import bounds
-from ravenjax.campaign.file.axis import Axis
+from ravenjax.campaign.file.axis import PHASE, Axis
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import SAMPLED, Fault, Group
 from ravenjax.campaign.file.location import Complaint, Key
@@ -118,7 +118,7 @@ def _differ(config: CampaignConfig, group: Group) -> bool:
 def _varies(axis: Axis) -> bool:
     if axis.kind == "normal":
         return axis.values[1] > 0
-    return len(set(axis.values)) > 1
+    return axis.kind == PHASE or len(set(axis.values)) > 1
 
 
 def _axes(fault: Fault) -> Iterator[tuple[str, Axis]]:

@@ -58,7 +58,7 @@ def faults(word: str | None = None, *, as_json: AsJson = False) -> None:
     ----------
     word
         Show this alone: a layer (L7), a site (usb_out), an effect (drift), a hazard (C09), or one of layers, sites,
-        effects, triggers, classes (of outcomes), hazards.
+        effects, triggers, phases (of an operation), classes (of outcomes), hazards.
     """
     console.emit(list(_faults(word)), as_json)
 
@@ -76,6 +76,7 @@ def _faults(word: str | None) -> Iterator[Listing]:
             "effects", "Effects", ("effect", "meaning"), [effect[:2] for effect in EFFECTS.values()]
         ),
         "triggers": lambda: Listing("triggers", "Triggers", ("trigger", "start_ms counts"), list(TRIGGERS.items())),
+        "phases": lambda: Listing("phases", "Phases of an operation", ("phase", "when"), list(ROBOT.phases.items())),
         "classes": lambda: Listing(
             "classes", "Outcome classes of hazards", ("class", "meaning"), list(library.terms()["classes"].items())
         ),

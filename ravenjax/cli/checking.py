@@ -99,6 +99,11 @@ def _summary(view: Preview) -> Iterator[tuple[str, str]]:
         yield "copies", f"{view.copies} with every input of an earlier run: these come out the same"
     yield "length", f"{campaign.duration_s:g} s each, {campaign.ticks} ticks of 1 ms"
     yield from config.lines()
+    for phase in view.phases:
+        yield (
+            f"phase {phase.name}",
+            f"{phase.ms:,} ms of each run, in {phase.stretches:,} stretch{'es' * (phase.stretches > 1)}",
+        )
     yield "cue", _cues(config)
     yield "detectors", _detectors(config)
     if config.stop is not None:

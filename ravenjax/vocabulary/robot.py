@@ -38,6 +38,7 @@ class Robot:
     packet_cycles: str = ""  # parameter: how many milliseconds a packet of the console lasts
     dead_man: str = ""  # the switch that an operator holds down while the robot is to move; "": it has none
     tissue: bool = False  # whether there is tissue that a tip can go into
+    phases: Mapping[str, str] = dataclasses.field(default_factory=dict)  # of an operation, and when each is
 
     @property
     def live_state(self) -> str:

@@ -20,6 +20,7 @@ import numpy as np
 
 from ravenjax.campaign.faults import run_id, sampled_order, sampling
 from ravenjax.campaign.faults.fault_table import Column, FaultTable
+from ravenjax.campaign.faults.moments import Moments
 from ravenjax.campaign.faults.sampling import Key
 from ravenjax.campaign.faults.slot import FIELDS, NUMBERS, slot, words_of
 from ravenjax.campaign.faults.table import SHARED
@@ -63,7 +64,8 @@ def rows(config: CampaignConfig) -> FaultTable:
     A parameter that a group leaves alone is NaN in its rows: the robot's own value. Raises UserError for drawn values
     that the channel cannot take.
     """
-    pieces = [piece for group in config.group for piece in _pieces(config, group)]
+    moments = Moments(config)
+    pieces = [piece for group in config.group for piece in _pieces(config, group, moments)]
     runs = sum(piece.runs for piece in pieces)
     seed = _joined(pieces, [piece.seed for piece in pieces], np.int64)
     words: dict[str, WordColumn] = {}
@@ -143,9 +145,10 @@ def _common(config: CampaignConfig) -> str:
 # --- one group --------------------------------------------------------------------------------------------------------
 
 
-def _pieces(config: CampaignConfig, group: Group) -> Iterator[_Piece]:
+def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[_Piece]:
     rng = np.random.default_rng([config.campaign.seed, zlib.crc32(group.name.encode())])
-    for faults, axes in faults_and_axes(config, group):
+    for faults, written in faults_and_axes(config, group):
+        axes = moments.placed(written, group.name)
         runs, repeat, places = sampling.sample(group, axes, rng)
         slots = [
             slot(config.robot, fault, _of_slot(axes, f), _of_slot(places, f), config.says_beyond(fault))

@@ -6,14 +6,14 @@ A list may be written `{ list = [..] }`, too: the same values, told apart from o
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, WithJsonSchema, model_serializer
 
 from ravenjax.errors import suggestion
 
-Kind = Literal["fixed", "list", "choice", "together", "uniform", "loguniform", "normal"]
+Kind = Literal["fixed", "list", "choice", "together", "uniform", "loguniform", "normal", "phase"]
 
 DISTRIBUTIONS = {
     "uniform": "[low, high]; whole numbers include both ends",
@@ -31,11 +31,26 @@ FORMS = {**DISTRIBUTIONS, LIST: "[value, value, ..], the same as a plain list"}
 """What a table may be in place of a value."""
 
 
+PHASE = "phase"
+"""A distribution of times: one of the milliseconds of a phase of the operation."""
+
+
+class Moment(NamedTuple):
+    """A time by its place among the milliseconds of a phase."""
+
+    phase: str
+    share: float  # 0: the first, 1: the last
+
+    def __repr__(self) -> str:
+        return f'{{phase = "{self.phase}", share = {self.share:g}}}'
+
+
 class Axis(BaseModel):
     """Values of one field over the runs of a group.
 
     `fixed` holds one value; `list` is enumerated by grid and zip and drawn from by random, lhs and sobol; the others
-    are always drawn from.
+    are always drawn from. `phase` holds the phase's name; where its motion is known, then (begin, end) of each stretch
+    of its milliseconds, int, ascending, from begin to before end.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -46,9 +61,12 @@ class Axis(BaseModel):
     @model_serializer
     def _plain(self) -> Any:
         """As it is written in a campaign file."""
+        values = [value._asdict() if isinstance(value, Moment) else value for value in self.values]
         if self.kind == "fixed":
-            return self.values[0]
-        return list(self.values) if self.kind == LIST and not self.explicit else {self.kind: list(self.values)}
+            return values[0]
+        if self.kind == PHASE:
+            return {PHASE: values[0]}
+        return values if self.kind == LIST and not self.explicit else {self.kind: values}
 
     @property
     def drawn(self) -> bool:
@@ -58,7 +76,14 @@ class Axis(BaseModel):
     @property
     def listed(self) -> tuple[Any, ...]:
         """The values that it can take where they are countable, else ()."""
-        return () if self.kind in ("uniform", "loguniform", "normal") else self.values
+        return () if self.kind in ("uniform", "loguniform", "normal", PHASE) else self.values
+
+    @property
+    def phases(self) -> tuple[str, ...]:
+        """The phases that its values are places in, each once."""
+        if self.kind == PHASE:
+            return self.values[:1]
+        return tuple(dict.fromkeys(value.phase for value in self.values if isinstance(value, Moment)))
 
     def places(self, unit: np.ndarray) -> np.ndarray:
         """The quantiles `unit` [n] in [0, 1) as `at` takes them: each listed value has an equal share of them."""
@@ -73,6 +98,11 @@ class Axis(BaseModel):
         """
         if self.listed:
             return np.asarray(self.values, np.float64)[places]
+        if self.kind == PHASE:
+            begins, ends = np.array(self.values[1:], np.int64).T
+            after = np.cumsum(ends - begins)
+            place = np.minimum((places * after[-1]).astype(np.int64), after[-1] - 1)
+            return ((ends - after)[np.searchsorted(after, place, side="right")] + place).astype(np.float64)
         low, high = (float(v) for v in self.values)
         if self.kind == "normal":
             from scipy.special import ndtri  # slow to import
@@ -154,13 +184,13 @@ _LISTS = ("choice", "together", LIST)
 _FORMS = ", ".join(f"{{{kind} = {form}}}" for kind, form in FORMS.items())
 
 
-def _schema(expected: str, value: dict[str, Any], drawn: bool = True) -> WithJsonSchema:
-    """What a file may write, `value` being one value; drawn: whether distributions of numbers fit."""
+def forms_schema(expected: str, value: dict[str, Any], drawn: bool = True) -> dict[str, Any]:
+    """JSON Schema of what a file may write, `value` being one value; drawn: whether distributions of numbers fit."""
     some = {"type": "array", "items": value, "minItems": 1}
     pair = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
     tables = [_table(kind, some if kind in _LISTS else pair) for kind in FORMS]
     forms = [value, some, *(table for table in tables if drawn or table["required"][0] in _LISTS)]
-    return WithJsonSchema({"description": f"{expected}, a list of them, or one of {_FORMS}", "anyOf": forms})
+    return {"description": f"{expected}, a list of them, or one of {_FORMS}", "anyOf": forms}
 
 
 def _table(kind: str, values: dict[str, Any]) -> dict[str, Any]:
@@ -172,18 +202,23 @@ def _number(raw: Any) -> Axis:
     return _parse(raw, (int, float), "a number")
 
 
-def _milliseconds(raw: Any) -> Axis:
+def milliseconds(raw: Any, *types: type) -> Axis:
+    """The axis of whole numbers, or of values of `types`. Raises ValueError."""
     if isinstance(raw, bool) or (isinstance(raw, list) and any(isinstance(x, bool) for x in raw)):
         raise ValueError(f"got {raw!r}, expected a whole number of milliseconds")
-    return _parse(raw, (int,), "a whole number of milliseconds")
+    return _parse(raw, (int, *types), "a whole number of milliseconds")
 
 
 def _word(raw: Any) -> Axis:
     return _parse(raw, (str,), "a name")
 
 
+def _schema(expected: str, value: dict[str, Any], drawn: bool = True) -> WithJsonSchema:
+    return WithJsonSchema(forms_schema(expected, value, drawn))
+
+
 Number = Annotated[Axis, BeforeValidator(_number), _schema("a number", {"type": ["number", "boolean"]})]
 Milliseconds = Annotated[
-    Axis, BeforeValidator(_milliseconds), _schema("a whole number of milliseconds", {"type": "integer"})
+    Axis, BeforeValidator(milliseconds), _schema("a whole number of milliseconds", {"type": "integer"})
 ]
 Word = Annotated[Axis, BeforeValidator(_word), _schema("a name", {"type": "string"}, drawn=False)]

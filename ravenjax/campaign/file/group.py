@@ -19,8 +19,9 @@ from pydantic import (
     model_validator,
 )
 
-from ravenjax.campaign.file.axis import FORMS, Axis, Milliseconds, Number, Word, fixed
+from ravenjax.campaign.file.axis import FORMS, PHASE, Axis, Milliseconds, Moment, Number, Word, fixed
 from ravenjax.campaign.file.bounds import extent
+from ravenjax.campaign.file.onset import Onset
 from ravenjax.errors import shown
 
 UNTIL_END = -1
@@ -146,7 +147,11 @@ def _written(plain: Any) -> Any:
 
 def _require_times(axis: Axis, least: int, endless: bool = False) -> None:
     """ValueError unless each value, or end of what is drawn, is a time from `least` on; `endless`: or UNTIL_END."""
+    if axis.kind == PHASE:
+        return
     for value in axis.listed or extent(axis):
+        if isinstance(value, Moment):
+            continue
         open_end = endless and axis.listed and value == UNTIL_END
         too_early = axis.kind != "normal" and value < least and not open_end  # the tail of a bell is cut at `least`
         if too_early or abs(value) > LONGEST_MS:
@@ -171,7 +176,10 @@ class Fault(Section):
         "and duplicate take none",
     )
     trigger: Word = Field(default=fixed("time"), description="what start_ms counts from: time, packet or pedal")
-    start_ms: Milliseconds = Field(description="onset: ms, packets or ms since pedal-down, as the trigger says")
+    start_ms: Onset = Field(
+        description="onset: ms, packets or ms since pedal-down, as the trigger says; or a place in a phase of the "
+        "operation, see Phases"
+    )
     duration_ms: Annotated[Milliseconds, BeforeValidator(_duration)] = Field(
         default=fixed(UNTIL_END), description='length of the window, ms or packets; "end": until the run ends'
     )
@@ -200,7 +208,9 @@ class Fault(Section):
 class Run(Section):
     """[[group.run]]: one run of design "list": what differs from the group, single values only."""
 
-    fault: tuple[dict[str, str | int | float], ...] = Field(default=(), description="per slot, the keys to replace")
+    fault: tuple[dict[str, str | int | float | dict[Literal["phase", "share"], str | float]], ...] = Field(
+        default=(), description="per slot, the keys to replace"
+    )
     parameters: dict[str, Number] = Field(default_factory=dict, description="path = value")
 
     @model_validator(mode="before")

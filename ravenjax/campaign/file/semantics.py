@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 
 from ravenjax.campaign.file import bounds
-from ravenjax.campaign.file.axis import Axis
+from ravenjax.campaign.file.axis import Axis, Moment
 from ravenjax.campaign.file.bounds import extent
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Fault, Group
@@ -254,7 +254,9 @@ def _value_complaint(site: Site, channel: Channel, effect: str, value: float, dr
 
 def _times(config: CampaignConfig, fault: Fault, key: Key) -> Iterator[Complaint]:
     ticks = config.campaign.ticks
-    start, last = max(fault.start_ms.listed, default=0), last_start(config, fault, key)
+    yield from _phases(config, fault, key)
+    times = (start for start in fault.start_ms.listed if not isinstance(start, Moment))
+    start, last = max(times, default=0), last_start(config, fault, key)
     if start > last:
         of = "" if last == ticks - 1 else f"'s {last + 1} packets"
         expected = f"less than the run{of}" if of else f"less than the run's {ticks} ms"
@@ -269,6 +271,29 @@ def _times(config: CampaignConfig, fault: Fault, key: Key) -> Iterator[Complaint
         longest = max(durations)
         if min(durations) < 0 or any(0 < e < longest for e in every):
             yield (*key, "every_ms"), "a window that opens again needs a duration_ms that is not longer than every_ms"
+
+
+def _phases(config: CampaignConfig, fault: Fault, key: Key) -> Iterator[Complaint]:
+    """Of an onset that is a place in a phase of the operation."""
+    axis, names = fault.start_ms, config.robot.phases
+    for phase in axis.phases:
+        if not names:
+            yield (
+                (*key, "start_ms"),
+                f"got phase {phase!r}, but robot {config.robot.name!r} has none: write a time in ms",
+            )
+            return
+        if phase not in names:
+            yield (*key, "start_ms"), unknown("phase", phase, names)
+            return
+        if fault.trigger.listed != ("time",):
+            others = [trigger for trigger in fault.trigger.listed if trigger != "time"]
+            yield (
+                (*key, "start_ms"),
+                f"got phase {phase!r} with trigger {others[0]!r}, expected trigger = 'time': the milliseconds of a "
+                "phase count from the beginning of the run",
+            )
+            return
 
 
 def last_start(config: CampaignConfig, fault: Fault, key: Key) -> int:

@@ -67,9 +67,12 @@ def of_model(robot: Robot, model: type[BaseModel], title: str) -> Schema:
 
 def _words(robot: Robot) -> dict[str, dict[str, Iterable[str]]]:
     """Definition -> key -> the words that it takes, where the models leave that to a later check."""
+    fault: dict[str, Iterable[str]] = {"site": robot.sites, "arm": robot.arms, "effect": EFFECTS, "trigger": TRIGGERS}
+    if robot.phases:
+        fault["start_ms"] = robot.phases
     return {
         **config_class_of(robot).words(),
-        "Fault": {"site": robot.sites, "arm": robot.arms, "effect": EFFECTS, "trigger": TRIGGERS},
+        "Fault": fault,
         "Stop": {"rates": events.EVENTS},
         "Entry": {"hazards": expansion.words()},
     }

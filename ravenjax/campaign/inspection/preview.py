@@ -11,7 +11,8 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.campaign import copies, loading, plan
-from ravenjax.campaign.faults import design, run_id
+from ravenjax.campaign.faults import design, moments, run_id
+from ravenjax.campaign.faults.moments import Moments
 from ravenjax.campaign.file import location, semantics
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Group
@@ -45,6 +46,14 @@ class FaultRow(NamedTuple):
     runs: int
 
 
+class PhaseRow(NamedTuple):
+    """A phase of the operation in which faults begin."""
+
+    name: str
+    ms: int  # in all
+    stretches: int
+
+
 class Preview(NamedTuple):
     """Everything that is known before a campaign runs."""
 
@@ -53,6 +62,7 @@ class Preview(NamedTuple):
     due: int  # of them asked for: all but with a limit
     groups: tuple[GroupRow, ...]
     faults: tuple[FaultRow, ...] | None  # None: too many runs to expand
+    phases: tuple[PhaseRow, ...]  # that onsets of faults name
     fault_free: int | None  # runs without a fault, None as above
     golden_runs: int | None  # that the runs are compared with, None as above
     copies: int  # runs that are another one to the letter
@@ -102,6 +112,7 @@ def preview(config: CampaignConfig, folder: Path, engine: str = "auto") -> Previ
         due=due,
         groups=tuple(_group(config, group, runs) for group, runs in _sizes(config)),
         faults=None if rows is None else tuple(_faults(config, rows)),
+        phases=tuple(_phases(config)),
         fault_free=None if rows is None else int((_sites(config, rows) == "").all(axis=1).sum()),
         golden_runs=golden_runs,
         copies=0 if rows is None else _copies(config, rows),
@@ -134,6 +145,12 @@ def _group(config: CampaignConfig, group: Group, runs: int) -> GroupRow:
     sites = dict.fromkeys(fault.site for fault in faults)
     effects = dict.fromkeys(effect for fault in faults for effect in fault.effect.listed)
     return GroupRow(group.name, group.design, runs, tuple(sites), tuple(effects))
+
+
+def _phases(config: CampaignConfig) -> Iterator[PhaseRow]:
+    phases = Moments(config).phases if (names := list(moments.uses(config))) else {}
+    for name in names:
+        yield PhaseRow(name, int((phases[name][:, 1] - phases[name][:, 0]).sum()), len(phases[name]))
 
 
 def _sites(config: CampaignConfig, rows: pd.DataFrame) -> pd.DataFrame:
@@ -226,6 +243,7 @@ def as_json(view: Preview, faults: Sequence[str]) -> dict[str, Any]:
         "file": None if config.source is None else str(config.source),
         "runs": view.runs,
         "runs_asked_for": view.due,
+        "phases": [row._asdict() for row in view.phases],
         "fault_free_runs": view.fault_free,
         "golden_runs": view.golden_runs,
         "copies": view.copies,

@@ -14,6 +14,7 @@ from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.axis import DISTRIBUTIONS, FORMS, LIST, Axis
 from ravenjax.campaign.file.config import config_class_of
 from ravenjax.campaign.file.group import DESIGNS, LEAST_MS, LONGEST_MS, UNTIL_END, Fault
+from ravenjax.campaign.file.onset import MEANINGS
 from ravenjax.campaign.file.sections import Campaign
 from ravenjax.campaign.loading import header, tables_of
 from ravenjax.hazards import library
@@ -133,6 +134,15 @@ def _parts(robot: Robot) -> Iterator[str]:
     yield markdown_table(("effect", "meaning"), ((f"`{effect.name}`", effect.meaning) for effect in EFFECTS.values()))
     yield "## Triggers"
     yield markdown_table(("trigger", "start_ms counts"), ((f"`{name}`", what) for name, what in TRIGGERS.items()))
+    if robot.phases:
+        yield "## Phases"
+        yield (
+            "With trigger `time`, `start_ms` may be a place in a phase of the operation. Which milliseconds belong to "
+            "it follows from the operator's motion at the campaign's setup, before any fault and the same for all "
+            "runs; the result table has the milliseconds. `ravenjax check` tells how many there are."
+        )
+        yield markdown_table(("`start_ms`", "meaning"), ((f"`{form}`", what) for form, what in MEANINGS.items()))
+        yield markdown_table(("phase", "when"), ((f"`{name}`", when) for name, when in robot.phases.items()))
     for table, words in config.words().items():
         if "motion" in words:
             yield "## Motions"

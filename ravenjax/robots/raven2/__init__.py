@@ -1,6 +1,6 @@
 """The Raven-II: one folder that declares arms, joints, sites and checks, and holds its tick.
 
-arms, sites, checks, run_levels, layers   the declaration, without JAX
+arms, sites, checks, run_levels, layers, phases   the declaration, without JAX
 setup        what picks code
 geometry     kinematics, transmission, limits, tools, gravity, and the operating scene
 original     the same with the operations of the original software in their order
@@ -19,6 +19,7 @@ from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, LEADING, LINEAR
 from ravenjax.robots.raven2.checks import CHECKS
 from ravenjax.robots.raven2.layers import LAYERS
+from ravenjax.robots.raven2.phases import PHASES
 from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.robot import Robot
 
@@ -39,4 +40,5 @@ ROBOT = Robot(
     packet_cycles="network.cycles_per_packet",
     dead_man="pedal",
     tissue=True,
+    phases=PHASES,
 )

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.campaign.faults import sampling
+from ravenjax.campaign.faults.moments import Moments
 from ravenjax.campaign.faults.sampling import Key
 from ravenjax.campaign.faults.slot import FIELDS
 from ravenjax.campaign.faults.table import WORDS
@@ -123,7 +124,7 @@ class Template:
     def __init__(self, config: CampaignConfig) -> None:
         """config: without `complaints`."""
         self.config = config
-        self._axes = axes(config)
+        self._axes = Moments(config).placed(axes(config), config.group[0].name)
         undrawn = {key: axis for key, axis in self._axes.items() if not axis.drawn}
         sample = sampling.sample(config.group[0], undrawn, np.random.default_rng(0))  # nothing of it is drawn
         self.cases = sample.runs

@@ -184,6 +184,8 @@ class Entry(Section):
     def _either(self) -> Entry:
         if bool(self.hazards) == bool(self.fault):
             raise ValueError('expected either hazards = ["B27"] (ids, layers, "all") or [[hazard.fault]]')
+        if any(fault.start_ms.phases for fault in self.fault):
+            raise ValueError("start_ms: got a phase of the operation, expected ms: nobody knows the motion beforehand")
         if self.fault and (self.arm is not None or self.value is not None):
             raise ValueError("arm and value belong to hazards of the library; write them into [[hazard.fault]]")
         if self.right_response is not None and "continue" in self.right_response and len(self.right_response) > 1:

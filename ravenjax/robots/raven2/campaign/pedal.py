@@ -36,7 +36,7 @@ def clocks(
     program: TickProgram, columns: tuple[np.ndarray, ...], varied: Mapping[str, np.ndarray], runs: int
 ) -> Clocks:
     """Clocks of triggers in the runs of a campaign; see `ravenjax.campaign.prepared`."""
-    setup, params = program.setup, program.params
+    setup, params, ticks = program.setup, program.params, program.ticks
 
     def numbers(path: str, own: int) -> np.ndarray:
         return np.asarray(varied.get(path, np.full(runs, own)))
@@ -60,14 +60,27 @@ def clocks(
     keys = channel_keys(setup)
     return Clocks(
         least=cycles,
-        arrivals=_arrivals(setup, cycles, choice, varied, program.ticks),
+        arrivals=_arrivals(setup, cycles, choice, varied, ticks),
         phases=tuple(
-            _phases(setup, foot, _Foot(int(least), int(most), bool(plc)), bool(lost), program.ticks)
+            _phases(_level(setup.software), foot, _Foot(least, most, bool(plc)), bool(setup.packets), bool(lost), ticks)
             for least, most, plc, lost in kinds.tolist()
         ),
         kind=kind.reshape(-1),
         moved=np.array([False, *(site in MOVING or (site, name) == ("usb_in", "pins") for site, _, name in keys)]),
     )
+
+
+def planned(software: str, foot: np.ndarray, cycles: int, plc: bool, ticks: int) -> np.ndarray:
+    """Ticks in which the robot is in pedal-down where nothing stops it, bool [ticks].
+
+    foot: bool [rows of the motion], whether it is on the pedal. cycles: ticks that a packet lasts. plc: whether the
+    software obeys the PLC.
+    """
+    down = np.zeros(ticks, bool)
+    phases = _phases(_level(software), foot, _Foot(cycles, cycles, plc), False, False, ticks)
+    for begin, end in zip(phases.begins.tolist(), phases.ends.tolist(), strict=True):
+        down[begin - 1 : end - (end < ticks)] = True
+    return down
 
 
 # --- packets ---
@@ -151,13 +164,17 @@ class _Foot:
     plc: bool  # whether the software obeys the PLC
 
 
-def _phases(setup: RavenSetup, foot: np.ndarray, way: _Foot, unknown: bool, ticks: int) -> PedalPhases:
-    """foot: bool [rows of the motion], whether it is on the pedal."""
-    cycles = 1 if setup.packets else way.least
-    level = PEDAL_UP if setup.software == "raven2" else PEDAL_DOWN
+def _level(software: str) -> int:
+    """The run level in which a run begins."""
+    return PEDAL_UP if software == "raven2" else PEDAL_DOWN
+
+
+def _phases(level: int, foot: np.ndarray, way: _Foot, random: bool, unknown: bool, ticks: int) -> PedalPhases:
+    """level: in which a run begins; foot: as in `planned`; random: whether the packets' lengths are drawn."""
+    cycles = 1 if random else way.least
     changes = np.flatnonzero(np.diff(foot.astype(np.int8), prepend=np.int8(0))) * cycles
     changes = changes[changes < ticks]
-    later: int | None = way.longest - 1 if setup.packets else 0
+    later: int | None = way.longest - 1 if random else 0
     if unknown or (later and (np.diff(changes) <= later + LATENCY).any()):
         later = None  # changes may overtake each other
     turns = list(_turns(changes.tolist(), level, way.plc, ticks))

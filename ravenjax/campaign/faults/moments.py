@@ -1,0 +1,65 @@
+"""Onsets in a phase of the operation as milliseconds: by what a campaign's robot makes of the operator's motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ravenjax.campaign.faults.sampling import Key
+from ravenjax.campaign.file.axis import PHASE, Axis, Moment
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.errors import UserError
+
+
+class Moments:
+    """Of a campaign. Its phases are looked at when the first onset needs them."""
+
+    def __init__(self, config: CampaignConfig) -> None:
+        self._config = config
+
+    @cached_property
+    def phases(self) -> Mapping[str, np.ndarray]:
+        """Of each phase the stretches of its ticks, int [stretches, 2]: the first, and the first beyond."""
+        return self._config.robot.part("campaign").phases(self._config)
+
+    def placed(self, axes: Mapping[Key, Axis], group: str) -> dict[Key, Axis]:
+        """The axes of a group in which onsets are milliseconds. Raises UserError for a phase that never comes."""
+        return {key: self._axis(axis, f"group {group!r}, fault[{key[0]}].{key[1]}") for key, axis in axes.items()}
+
+    def _axis(self, axis: Axis, where: str) -> Axis:
+        if axis.kind == PHASE:
+            stretches = self._stretches(axis.values[0], where)
+            return Axis(kind=PHASE, values=(axis.values[0], *map(tuple, stretches.tolist())))
+        if not axis.phases:
+            return axis
+        return axis.model_copy(update={"values": tuple(self._value(value, where) for value in axis.values)})
+
+    def _value(self, value: Any, where: str) -> Any:
+        if not isinstance(value, Moment):
+            return value
+        stretches = self._stretches(value.phase, where)
+        after = np.cumsum(stretches[:, 1] - stretches[:, 0])
+        place = round(value.share * (int(after[-1]) - 1))
+        number = int(np.searchsorted(after, place, side="right"))
+        return int(stretches[number, 1] + place - after[number])
+
+    def _stretches(self, phase: str, where: str) -> np.ndarray:
+        stretches = self.phases[phase]
+        if not len(stretches):
+            there = ", ".join(name for name, some in self.phases.items() if len(some))
+            raise UserError(
+                f"{where}: phase {phase!r} ({self._config.robot.phases[phase]}) never comes in the "
+                f"{self._config.campaign.ticks} ms of this operation; expected one that does: {there}. Write that, or "
+                "take another motion, a longer campaign.duration_s or another scale"
+            )
+        return stretches
+
+
+def uses(config: CampaignConfig) -> Iterator[str]:
+    """Phases that onsets of a campaign name, each once."""
+    faults = [fault for group in config.group for fault in group.fault]
+    faults += [fault for group in config.group for run in group.run for fault in group.faults_of(run)]
+    yield from dict.fromkeys(phase for fault in faults for phase in fault.start_ms.phases)

@@ -1,0 +1,73 @@
+"""Which milliseconds of a campaign belong to which phase: by the operator's motion at the setup that the file has.
+
+Scale and packets are those of the file where it has one number for all runs, else the documented ones. What noise,
+drawn packets, a cue or a fault make of the motion is not in it: phases are the plan's, and the same for all runs.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ravenjax.numbers.lazy import at_once
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.campaign import hands, pedal
+from ravenjax.robots.raven2.campaign.config import RavenConfig
+from ravenjax.robots.raven2.console.motion import Motion
+from ravenjax.robots.raven2.geometry import kinematics, scene
+from ravenjax.robots.raven2.geometry.mapping import position_from_itp
+from ravenjax.robots.raven2.phases import FAST, IN_TISSUE, PEDAL_DOWN, PEDAL_UP, SLOW
+
+WINDOW = 20
+"""Milliseconds over which a speed is taken: a recording's rows are rounded."""
+
+
+def phases(config: RavenConfig) -> dict[str, np.ndarray]:
+    """Of each phase the stretches of its ticks, int64 [stretches, 2]: the first, and the first beyond.
+
+    Raises UserError for an operator's file that cannot be used.
+    """
+    motion, ticks = hands.operator_motion(config), config.campaign.ticks
+    cycles = 1 if config.random_packets else max(1, int(_number(config, "network.cycles_per_packet", 1)))
+    motion = motion.first(-(-ticks // cycles))
+    row = np.arange(ticks) // cycles
+    obeyed = _number(config, "control.state_machine.plc_obeyed", config.campaign.software == "raven2")
+    down = pedal.planned(config.campaign.software, motion.surgeon_mode > 0, cycles, bool(obeyed), ticks)
+    scale = _number(config, "operator.scale", config.operator.scale)
+    speed = _speed(motion.position_um)[row] * scale
+    fast = down & (speed > np.median(speed[down])) if down.any() else down
+    engaged = down if config.campaign.console == "increments" else motion.surgeon_mode[row] > 0
+    moving = np.zeros(len(motion), bool)
+    moving[row[engaged]] = True
+    deep = np.any([_depth(motion, i, arm, scale, moving) > 0.0 for i, arm in enumerate(motion.arms)], axis=0)
+    masks = {PEDAL_DOWN: down, PEDAL_UP: ~down, FAST: fast, SLOW: down & ~fast, IN_TISSUE: deep[row]}
+    return {name: _stretches(mask) for name, mask in masks.items()}
+
+
+def _number(config: RavenConfig, path: str, own: float) -> float:
+    """A parameter that the file sets for all runs; else `own`."""
+    axis = config.parameters.get(path)
+    return own if axis is None or axis.kind != "fixed" else float(axis.values[0])
+
+
+def _speed(position: np.ndarray) -> np.ndarray:
+    """Speed of the faster hand in each row, in units of `position` [rows, arms, 3] a row."""
+    rows = np.arange(len(position))
+    before, after = np.maximum(rows - WINDOW // 2, 0), np.minimum(rows + WINDOW // 2, len(rows) - 1)
+    way = np.linalg.norm(position[after] - position[before], axis=2).max(axis=1)
+    return way / np.maximum(after - before, 1)
+
+
+def _depth(motion: Motion, i: int, arm: ArmName, scale: float, moving: np.ndarray) -> np.ndarray:
+    """How far below the tissue's surface the operator has a tip in each row, m; moving: rows that the tip follows."""
+    steps = np.diff(motion.position_um[:, i], axis=0, prepend=motion.position_um[:1, i]) * (scale * 1e-6)
+    way = np.cumsum(np.where(moving[:, None], steps, 0.0), axis=0)
+    with at_once():
+        start = kinematics.forward(arm, Vec(map(np.float64, motion.start_jpos[i]))).position
+        tip = Vec(a + b for a, b in zip(start, position_from_itp(arm, Vec(way.T)), strict=True))
+        return np.asarray(scene.tissue_depth(arm, tip))
+
+
+def _stretches(mask: np.ndarray) -> np.ndarray:
+    """Begin and end of each stretch of a mask [ticks], int64 [stretches, 2]."""
+    return np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
