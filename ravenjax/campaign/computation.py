@@ -24,13 +24,17 @@ from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress.counts import Progress
 from ravenjax.campaign.stretches import Stretch, StretchLimits
 from ravenjax.engines.interface import Block, BranchingKernel, Engine
+from ravenjax.engines.trunk import snapshot_bytes
 from ravenjax.store import schema
 
-GOLDEN_BYTES = 2**30
-"""Memory that the time series of a stretch's golden runs may take; two stretches may be under way."""
+GOLDEN_BYTES = 2**29
+"""Memory that the golden runs of a stretch may take, their time series and snapshots; two stretches may be under way.
+As much again is copied at a time where each run has a golden run of its own."""
 AHEAD, ENOUGH_ROWS = 4, 2**18
 """Blocks of a stretch for each that runs at a time, but one alone where so many rows are more: those of one stretch are
 stored while the next one runs."""
+STANDS_STILL = 0.1
+"""Share of its length for which a golden run may stand still without a word."""
 SORTED_ROWS, SORTED_TICKS = 2**14, 2**28
 """Rows of a stretch, and ticks of them all, that are enough to find some that act at about the same time."""
 
@@ -94,6 +98,7 @@ class Computation:
         Close it to give up what is under way.
         """
         self._branching = Branching(self.ready, 0 if self.whole else self.kernel.branches)
+        self._halted: list[np.ndarray] = []
         under_way: deque[_UnderWay] = deque()
         golden_runs = GoldenRuns(np.zeros(0, self.ready.golden.dtype), ())
         with ThreadPoolExecutor(self.threads) as pool:
@@ -106,19 +111,43 @@ class Computation:
                         yield under_way.popleft().tables()
                 while under_way:
                     yield under_way.popleft().tables()
+                self._tell_of_stops()
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
 
+    def _tell_of_stops(self) -> None:
+        """A note where golden runs stand still for long: nothing that strikes there can do harm."""
+        halted = np.concatenate(self._halted) if self._halted else np.zeros(0)
+        still = halted > STANDS_STILL * self.ready.program.ticks
+        if still.any():
+            self.progress.note(
+                f"{still.sum()} of {len(still)} golden runs stand still for up to {int(halted.max()):,} of "
+                f"{self.ready.program.ticks:,} ms while the operator holds the pedal down: the robot stops without a "
+                "fault, and faults after that do nothing. Column golden_halted_ms tells which; take a shorter "
+                "campaign.duration_s, another motion or a smaller operator.scale"
+            )
+
     def _limits(self) -> StretchLimits:
         program, lanes = self.ready.program, self.kernel.lanes
         setup = program.setup
-        a_golden = program.ticks * program.loop.series_length(setup) * np.dtype(setup.precision.real).itemsize
+        a_series = program.ticks * program.loop.series_length(setup) * np.dtype(setup.precision.real).itemsize
+        a_golden = a_series + (snapshot_bytes(program.ticks) if self._branching.branches.any() else 0)
         blocks = max(self.threads, min(AHEAD * self.threads, ENOUGH_ROWS // lanes))
         if self.kernel.branches:
             ticks = max(1.0, float((self.ready.ends - self.ready.acts).mean()))
             blocks = max(blocks, int(min(SORTED_ROWS, SORTED_TICKS / ticks)) // lanes)
-        return StretchLimits(lanes, blocks, max(1, GOLDEN_BYTES // a_golden))
+        return StretchLimits(
+            lanes,
+            blocks,
+            self._whole_vectors(GOLDEN_BYTES // a_golden),
+            self._whole_vectors(GOLDEN_BYTES // a_series // self.threads),
+        )
+
+    def _whole_vectors(self, lanes: int) -> int:
+        """So many lanes, or a few less that fill the kernel's vectors; 1 at least."""
+        vector = self.kernel.size(1)
+        return max(1, lanes // vector * vector or lanes)
 
     # --- golden runs ---
 
@@ -128,7 +157,8 @@ class Computation:
         rows = stretch.rows[first]
 
         def start(lacking: np.ndarray) -> list[Future[Computed]]:
-            some, lanes = rows[np.isin(numbers, lacking)], self.kernel.lanes
+            some = rows[np.isin(numbers, lacking)]
+            lanes = min(self.kernel.lanes, self.kernel.size(-(-len(some) // self.threads)))
             return [pool.submit(self._fault_free, some[i : i + lanes]) for i in range(0, len(some), lanes)]
 
         golden_runs = earlier.followed(stretch.golden_runs, start)
@@ -145,6 +175,8 @@ class Computation:
             block = dataclasses.replace(block, ends=self._branching.last_end[self.ready.golden[self._filled(rows)]])
         result = self.kernel.run(block, self.ready.columns, self.progress.ticks)
         columns = {name: result.outcomes[name][: len(rows)] for name in outcomes.of_golden(result.outcomes)}
+        if "halted_ms" in columns:
+            self._halted.append(columns["halted_ms"])
         return Computed(self.ready.golden[rows], result.reference[:, :, : len(rows)], columns)
 
     def _branches(self, row: int, golden_runs: GoldenRuns) -> Branches:

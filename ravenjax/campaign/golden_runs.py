@@ -36,16 +36,22 @@ class Branches(NamedTuple):
     outcomes: Columns  # outcome -> [ends], as of a golden run that ends there
 
 
-def _joined(some: Sequence[Computed]) -> Computed:
-    """All of them, of which no two hold the same golden run."""
+def _joined(some: list[Computed]) -> Computed:
+    """All of them, of which no two hold the same golden run. Takes them from the list one by one: series are large."""
     if len(some) == 1:
-        return some[0]
-    numbers = np.concatenate([one.numbers for one in some])
-    order = np.argsort(numbers)
-    reference = np.concatenate([one.reference for one in some], axis=2)
-    outcomes = {name: np.concatenate([one.outcomes[name] for one in some])[order] for name in some[0].outcomes}
-    ascending = bool((order[1:] > order[:-1]).all())
-    return Computed(numbers[order], reference if ascending else reference[:, :, order], outcomes)
+        return some.pop()
+    numbers = np.sort(np.concatenate([one.numbers for one in some]))
+    first = some[0]
+    reference = np.empty((*first.reference.shape[:2], len(numbers)), first.reference.dtype)
+    outcomes = {name: np.empty(len(numbers), values.dtype) for name, values in first.outcomes.items()}
+    del first
+    while some:
+        one = some.pop()
+        places = np.searchsorted(numbers, one.numbers)
+        reference[:, :, places] = one.reference
+        for name, values in one.outcomes.items():
+            outcomes[name][places] = values
+    return Computed(numbers, reference, outcomes)
 
 
 class GoldenRuns:
@@ -69,8 +75,8 @@ class GoldenRuns:
                 parts = [future.result() for future in self._coming]
                 if self._earlier is not None:
                     parts.append(self._earlier.get().picked(self.numbers))
-                self._computed = _joined(parts)
                 self._coming, self._earlier = (), None
+                self._computed = _joined(parts)
             return self._computed
 
     def followed(self, numbers: np.ndarray, compute: Callable[[np.ndarray], Sequence[Future[Computed]]]) -> GoldenRuns:

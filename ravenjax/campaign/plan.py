@@ -53,15 +53,15 @@ class Plan:
     @cached_property
     def acts(self) -> np.ndarray:
         """The first tick in which a fault of each run may act, see `span`; int32 [runs]."""
-        return span.acts(self.faults, self.program.ticks, self._clocks)
+        return span.acts(self.faults, self.program.ticks, self.clocks)
 
     @cached_property
     def ends(self) -> np.ndarray:
         """The first tick that each run is not observed, see `span`; int32 [runs]."""
-        return span.ends(self.faults, self.program.ticks, self.config.campaign.observe_ms, self._clocks)
+        return span.ends(self.faults, self.program.ticks, self.config.campaign.observe_ms, self.clocks)
 
     @cached_property
-    def _clocks(self) -> Clocks | None:
+    def clocks(self) -> Clocks | None:
         """What triggers count beside the time, where any does and the robot tells."""
         robot = self.config.robot.part("campaign")
         if not {"packet", "pedal"}.intersection(self.program.setup.injection.triggers) or not hasattr(robot, "clocks"):

@@ -25,6 +25,7 @@ class StretchLimits(NamedTuple):
     lanes: int  # of a block
     blocks: int
     golden_runs: int
+    alone: int  # lanes of a block in which hardly any share one
 
 
 def cut(
@@ -33,15 +34,14 @@ def cut(
     """The rows of `ranges` in order, in stretches of blocks.
 
     golden: number of each row's golden run. acts: of each row, int. Within a stretch blocks are of rows that have the
-    same golden run and then act at about the same time. No block has more lanes than a stretch may have golden runs
-    where hardly any of its lanes share one.
+    same golden run and then act at about the same time.
     """
     acts = np.zeros(len(golden), np.int32) if acts is None else acts
     some: list[np.ndarray] = []
     golden_runs = np.zeros(0, golden.dtype)
     count = 0
     for full in _blocks(ranges, limits.lanes):
-        for block in _fitting(full, golden, limits.golden_runs):
+        for block in _fitting(full, golden, limits):
             together = np.union1d(golden_runs, golden[block])
             if some and (len(together) > limits.golden_runs or count == limits.blocks):
                 yield _stretch(some, golden, acts, limits)
@@ -56,7 +56,7 @@ def _stretch(some: list[np.ndarray], golden: np.ndarray, acts: np.ndarray, limit
     rows = np.concatenate(some)
     order = np.lexsort((acts[rows], golden[rows]))
     sizes = range(0, len(rows), limits.lanes)
-    pieces = (piece for i in sizes for piece in _fitting(order[i : i + limits.lanes], golden[rows], limits.golden_runs))
+    pieces = (piece for i in sizes for piece in _fitting(order[i : i + limits.lanes], golden[rows], limits))
     return Stretch(rows, list(pieces), np.unique(golden[rows]))
 
 
@@ -74,10 +74,11 @@ def _blocks(ranges: Iterable[range], lanes: int) -> Iterator[np.ndarray]:
         yield np.concatenate([np.arange(some.start, some.stop) for some in pieces])
 
 
-def _fitting(rows: np.ndarray, golden: np.ndarray, most_golden_runs: int) -> Iterator[np.ndarray]:
+def _fitting(rows: np.ndarray, golden: np.ndarray, limits: StretchLimits) -> Iterator[np.ndarray]:
     """`rows` as they are where their golden runs fit and are shared, else in pieces that bear one for each row."""
     golden_runs = len(np.unique(golden[rows]))
     shared = golden_runs <= max(1, len(rows) // SHARED)
-    whole = golden_runs <= most_golden_runs and (shared or len(rows) <= most_golden_runs)
-    step = len(rows) if whole else most_golden_runs
+    alone = min(limits.alone, limits.golden_runs)
+    whole = golden_runs <= limits.golden_runs and (shared or len(rows) <= alone)
+    step = len(rows) if whole else alone
     yield from (rows[i : i + step] for i in range(0, len(rows), step))

@@ -12,6 +12,8 @@ import numpy as np
 
 EVERY = 25
 """Ticks from one snapshot to the next, where memory allows."""
+STATE_BYTES = 2**12
+"""More than the state of a lane, and of what its group shares, takes: 1.3 kB with one arm and two faults."""
 SNAPSHOT_BYTES = 2**26
 """Memory that the snapshots of one golden run may take."""
 
@@ -32,6 +34,11 @@ class Trunk:
     def begins(self, first: np.ndarray) -> np.ndarray:
         """Tick from which runs can go on whose faults act in tick `first` (int) at the earliest; 0: they run whole."""
         return np.clip((first - 1) // self.every, 0, len(self.lane) - 1) * self.every
+
+
+def snapshot_bytes(ticks: int) -> int:
+    """Memory that the snapshots of a golden run of so many ticks may take, at most."""
+    return min(SNAPSHOT_BYTES, (ticks // EVERY + 1) * STATE_BYTES)
 
 
 def spacing(last: int, words: int) -> int:

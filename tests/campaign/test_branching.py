@@ -26,6 +26,7 @@ from ravenjax.campaign.branching import Branching
 from ravenjax.campaign.faults.table import FOREVER_TICKS
 from ravenjax.campaign.inspection.replay import Replayer
 from ravenjax.campaign.inspection.verification import verify
+from ravenjax.campaign.runner import run_campaign
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.vocabulary.effects import TRIGGER_CODES
 
@@ -109,3 +110,12 @@ def test_what_is_not_observed_changes_no_identity():
     assert (ids[0] != ids[1]).all(), "other outcomes, other ids"
     record = rj.run(rj.load_campaign(whole), engine="simd")
     assert "observed_ms" not in record
+
+
+@pytest.mark.parametrize(("watchdog_ticks", "still"), [(5, True), (75, False)])
+def test_a_note_tells_of_golden_runs_that_stand_still(watchdog_ticks, still):
+    parameters = {"plc.watchdog_ticks": watchdog_ticks}
+    told = []
+    run_campaign(rj.load_campaign({**OPERATION, "parameters": parameters}), engine="simd", on_progress=told.append)
+    notes = told[-1].notes
+    assert any("1 of 1 golden runs stand still for up to" in note for note in notes) == still

@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 from ravenjax.campaign import stretches
 from ravenjax.campaign.stretches import StretchLimits
 
+SEED = st.integers(0, 9)
+
 
 @st.composite
 def ranges(draw):
@@ -21,12 +23,13 @@ def ranges(draw):
     return out
 
 
-@given(ranges(), st.integers(1, 50), st.integers(1, 30), st.integers(1, 5), st.integers(1, 40), st.integers(0, 9))
-def test_every_row_is_in_one_block_and_nothing_is_too_large(ranges, lanes, most, ahead, golden_runs, seed):
+@given(ranges(), st.integers(1, 50), st.tuples(*[st.integers(1, 30)] * 2), st.integers(1, 5), st.integers(1, 40), SEED)
+def test_every_row_is_in_one_block_and_nothing_is_too_large(ranges, lanes, limits, ahead, golden_runs, seed):
+    most, alone = limits
     rows = np.concatenate([np.asarray(r) for r in ranges])
     golden = np.random.default_rng(seed).integers(0, golden_runs, rows[-1] + 1)
     acts = np.random.default_rng(seed + 1).integers(0, 9, rows[-1] + 1)
-    found = list(stretches.cut(ranges, golden, StretchLimits(lanes, ahead, most), acts))
+    found = list(stretches.cut(ranges, golden, StretchLimits(lanes, ahead, most, alone), acts))
     np.testing.assert_array_equal(np.concatenate([stretch.rows for stretch in found]), rows)
     for stretch in found:
         places = np.concatenate(stretch.blocks)
@@ -38,10 +41,10 @@ def test_every_row_is_in_one_block_and_nothing_is_too_large(ranges, lanes, most,
         for block in stretch.blocks:
             different = len(np.unique(golden[stretch.rows[block]]))
             shared = different == 1 or different * stretches.SHARED <= len(block)
-            assert len(block) <= lanes and (shared or len(block) <= most)
+            assert len(block) <= lanes and (shared or len(block) <= min(most, alone))
 
 
 def test_blocks_are_full_where_a_golden_run_is_shared():
-    found = list(stretches.cut([range(0, 70), range(80, 1000)], np.zeros(1000, int), StretchLimits(64, 4, 1)))
+    found = list(stretches.cut([range(0, 70), range(80, 1000)], np.zeros(1000, int), StretchLimits(64, 4, 1, 1)))
     assert [len(block) for stretch in found for block in stretch.blocks] == [64] * 15 + [30]
     assert [len(stretch.blocks) for stretch in found] == [4, 4, 4, 4]

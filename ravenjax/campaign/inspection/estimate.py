@@ -58,8 +58,9 @@ BYTES_RUN, BYTES_SLOT = 60.0, 35.0
 """Bytes of the plan for each run, and each fault slot of it (91 of one slot: `analysis/scale`)."""
 BYTES_SERIES = 24
 """Bytes of a golden run's time series, an arm and a tick."""
-MOST_SERIES_MIB = 1024.0
-"""MiB of time series that are held at a time; see `computation`."""
+MOST_SERIES_MIB = 1536.0
+"""MiB of time series that are held at a time: of two stretches, and a copy where no two runs share one; see
+`computation`."""
 
 BASIS = (
     "model fitted on 2 cores of an AMD EPYC with AVX-512 (campaign/inspection/estimate.py), scaled by cores and vector "
@@ -106,7 +107,8 @@ def estimate(work: CostFactors, machine: Machine) -> CostEstimate:
     else:
         slower = SLOWER.get(machine.engine, 1.0)
         compute_s = ticks * tick_ns(work) * 1e-9 * slower * WIDTH / machine.width / machine.cores
-    series = work.golden_runs * work.ticks * BYTES_SERIES * work.arms / 2**20
+    copies = 2 if work.golden_runs > work.runs // SHARED and work.golden_runs > 1 else 1
+    series = copies * work.golden_runs * work.ticks * BYTES_SERIES * work.arms / 2**20
     plan = work.runs * (BYTES_RUN + BYTES_SLOT * work.slots) / 2**20
     return CostEstimate(
         start_s=START_S + TRACE_S + SITE_S * work.sites,

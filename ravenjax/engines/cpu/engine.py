@@ -91,14 +91,15 @@ class SimdKernel:
         codes = {part.grouped: self._code(block, motion, part.grouped) for part in plan.parts}
         lanes, outputs, tables = len(plan.place), next(iter(codes.values())).outputs, self._tables(motion)
         keep = self.signals or block.reference is None
-        record = np.zeros((ticks if keep else 0, outputs, lanes), np.uint64 if self.signals else self._dtype)
+        dtype = np.uint64 if self.signals else self._dtype
+        record: np.ndarray | None = None
         outcomes: list[np.ndarray] = []
         for part in plan.parts:
             filled = np.minimum(np.arange(-(-len(part.lanes) // self.width) * self.width), len(part.lanes) - 1)
             some = plan.first[part.lanes[filled]]
             course = self._course(block, some, part.grouped)
             first, last = (0, ticks) if keep else (course.first, course.last)
-            out = np.zeros((ticks, outputs, len(some)), record.dtype) if keep else None
+            out = np.zeros((ticks, outputs, len(some)), dtype) if keep else None
             tick_inputs = self._given(block, some, part.grouped, first, last)
             vectors = Lanes([column[some] for column in inputs], tick_inputs, tables, out, first)
             columns = codes[part.grouped].follow(vectors, course, progress)
@@ -109,8 +110,12 @@ class SimdKernel:
             at = np.searchsorted(part.lanes, plan.place[mine])
             for column, values in zip(outcomes, columns, strict=True):
                 column[mine] = values[at]
-            if out is not None:
+            if out is not None and len(mine) == lanes and (at == np.arange(lanes)).all():
+                record = out[:, :, :lanes]  # as large as all that runs at a time: not held twice
+            elif out is not None:
+                record = np.zeros((ticks, outputs, lanes), dtype) if record is None else record
                 record[:, :, mine] = out[:, :, at]
+        record = np.zeros((0, outputs, lanes), dtype) if record is None else record
         named = dict(zip(self._traced.outcomes, outcomes, strict=True))
         reference = record[:, : self._traced.series]
         if self.signals:

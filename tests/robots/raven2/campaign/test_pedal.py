@@ -36,7 +36,7 @@ def windows_of(campaign=None, motion="clutched", **sections):
 
 
 def ends_of(ready, observe=1):
-    return span.ends(ready.faults, TICKS, observe, ready._clocks)
+    return span.ends(ready.faults, TICKS, observe, ready.clocks)
 
 
 @pytest.mark.parametrize(
