@@ -52,11 +52,10 @@ def main(campaign: str, runs: int) -> None:
         first = back_from(series_of(ready, tracer, block)[0], own)
         idle, back = idle + (first == 0), back + (0 < first < ticks)
         saved += ticks - max(first, int(ended[row]))
-    print(
-        f"{campaign}: of {runs} runs with a fault {idle} are their golden run throughout, {back} leave it and come back."
-    )
+    print(f"{campaign}: of {runs} runs with a fault {idle} are their golden run throughout, {back} come back to it.")
     print(f"The ticks after that and after their fault are {100 * saved / (runs * ticks):.1f} % of all.")
 
 
 if __name__ == "__main__":
-    main(*[*sys.argv[1:2], "quick"][:1], *([*map(int, sys.argv[2:3]), 600][:1]))
+    words = [*sys.argv[1:], *("quick", "600")[len(sys.argv) - 1 :]]
+    main(words[0], int(words[1]))
