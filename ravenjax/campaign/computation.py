@@ -30,6 +30,8 @@ from ravenjax.store import schema
 GOLDEN_BYTES = 2**29
 """Memory that the golden runs of a stretch may take, their time series and snapshots; two stretches may be under way.
 As much again is copied at a time where each run has a golden run of its own."""
+GPU_TIMES = 2
+"""Times that for a GPU, which needs many lanes at a time and copies those of a block."""
 AHEAD, ENOUGH_ROWS = 4, 2**18
 """Blocks of a stretch for each that runs at a time, but one alone where so many rows are more: those of one stretch are
 stored while the next one runs."""
@@ -77,6 +79,7 @@ class Computation:
         self.ready, self.progress, self.whole = ready, progress, whole
         self.threads = max(1, threads or engine.threads)
         self.kernel = engine.compile(ready.program, runs or ready.runs)
+        self._on_gpu = engine.name == "cuda"
 
     def compile(self) -> None:
         """Trace and compile, before the clock of the runs starts."""
@@ -137,12 +140,9 @@ class Computation:
         if self.kernel.branches:
             ticks = max(1.0, float((self.ready.ends - self.ready.acts).mean()))
             blocks = max(blocks, int(min(SORTED_ROWS, SORTED_TICKS / ticks)) // lanes)
-        return StretchLimits(
-            lanes,
-            blocks,
-            self._whole_vectors(GOLDEN_BYTES // a_golden),
-            self._whole_vectors(GOLDEN_BYTES // a_series // self.threads),
-        )
+        room, copies = (GPU_TIMES * GOLDEN_BYTES, 1) if self._on_gpu else (GOLDEN_BYTES, self.threads)
+        alone = self._whole_vectors(room // a_series // copies)
+        return StretchLimits(lanes, blocks, self._whole_vectors(room // a_golden), alone)
 
     def _whole_vectors(self, lanes: int) -> int:
         """So many lanes, or a few less that fill the kernel's vectors; 1 at least."""

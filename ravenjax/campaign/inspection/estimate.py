@@ -59,8 +59,8 @@ BYTES_RUN, BYTES_SLOT = 60.0, 35.0
 BYTES_SERIES = 24
 """Bytes of a golden run's time series, an arm and a tick."""
 MOST_SERIES_MIB = 1536.0
-"""MiB of time series that are held at a time: of two stretches, and a copy where no two runs share one; see
-`computation`."""
+"""MiB of time series that are held at a time: of two stretches, and a copy where no two runs share one; twice that with
+a GPU. See `computation`."""
 
 BASIS = (
     "model fitted on 2 cores of an AMD EPYC with AVX-512 (campaign/inspection/estimate.py), scaled by cores and vector "
@@ -109,11 +109,12 @@ def estimate(work: CostFactors, machine: Machine) -> CostEstimate:
         compute_s = ticks * tick_ns(work) * 1e-9 * slower * WIDTH / machine.width / machine.cores
     copies = 2 if work.golden_runs > work.runs // SHARED and work.golden_runs > 1 else 1
     series = copies * work.golden_runs * work.ticks * BYTES_SERIES * work.arms / 2**20
+    most = MOST_SERIES_MIB * (2 if machine.engine == "cuda" else 1)
     plan = work.runs * (BYTES_RUN + BYTES_SLOT * work.slots) / 2**20
     return CostEstimate(
         start_s=START_S + TRACE_S + SITE_S * work.sites,
         run_s=compute_s + work.runs * NS_RUN * 1e-9 / machine.cores,
-        memory_mib=MIB_BASE + MIB_SITE * work.sites + plan + min(series, MOST_SERIES_MIB),
+        memory_mib=MIB_BASE + MIB_SITE * work.sites + plan + min(series, most),
     )
 
 
