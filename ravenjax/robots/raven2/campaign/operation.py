@@ -34,12 +34,13 @@ def phases(config: RavenConfig) -> dict[str, np.ndarray]:
     obeyed = _number(config, "control.state_machine.plc_obeyed", config.campaign.software == "raven2")
     down = pedal.planned(config.campaign.software, motion.surgeon_mode > 0, cycles, bool(obeyed), ticks)
     scale = _number(config, "operator.scale", config.operator.scale)
-    speed = _speed(motion.position_um)[row] * scale
+    follows = np.full(len(motion), config.campaign.console == "absolute")  # which has no clutch
+    follows[row[down]] = True
+    follows &= (motion.surgeon_mode > 0) | (config.campaign.console == "absolute")
+    way = _way(motion, scale, follows)
+    speed = _speed(way)[row]
     fast = down & (speed > np.median(speed[down])) if down.any() else down
-    engaged = down if config.campaign.console == "increments" else motion.surgeon_mode[row] > 0
-    moving = np.zeros(len(motion), bool)
-    moving[row[engaged]] = True
-    deep = np.any([_depth(motion, i, arm, scale, moving) > 0.0 for i, arm in enumerate(motion.arms)], axis=0)
+    deep = np.any([_depth(motion, i, arm, way[:, i]) > 0.0 for i, arm in enumerate(motion.arms)], axis=0)
     masks = {PEDAL_DOWN: down, PEDAL_UP: ~down, FAST: fast, SLOW: down & ~fast, IN_TISSUE: deep[row]}
     return {name: _stretches(mask) for name, mask in masks.items()}
 
@@ -50,18 +51,24 @@ def _number(config: RavenConfig, path: str, own: float) -> float:
     return own if axis is None or axis.kind != "fixed" else float(axis.values[0])
 
 
-def _speed(position: np.ndarray) -> np.ndarray:
-    """Speed of the faster hand in each row, in units of `position` [rows, arms, 3] a row."""
-    rows = np.arange(len(position))
+def _way(motion: Motion, scale: float, follows: np.ndarray) -> np.ndarray:
+    """Where the operator has each tip in each row, m from where it began, axes of an ITP packet; [rows, arms, 3].
+
+    follows: bool [rows], whether it goes with the hand.
+    """
+    steps = np.diff(motion.position_um, axis=0, prepend=motion.position_um[:1]) * (scale * 1e-6)
+    return np.cumsum(np.where(follows[:, None, None], steps, 0.0), axis=0)
+
+
+def _speed(way: np.ndarray) -> np.ndarray:
+    """Speed of the faster tip in each row of `way`, m a row."""
+    rows = np.arange(len(way))
     before, after = np.maximum(rows - WINDOW // 2, 0), np.minimum(rows + WINDOW // 2, len(rows) - 1)
-    way = np.linalg.norm(position[after] - position[before], axis=2).max(axis=1)
-    return way / np.maximum(after - before, 1)
+    return np.linalg.norm(way[after] - way[before], axis=2).max(axis=1) / np.maximum(after - before, 1)
 
 
-def _depth(motion: Motion, i: int, arm: ArmName, scale: float, moving: np.ndarray) -> np.ndarray:
-    """How far below the tissue's surface the operator has a tip in each row, m; moving: rows that the tip follows."""
-    steps = np.diff(motion.position_um[:, i], axis=0, prepend=motion.position_um[:1, i]) * (scale * 1e-6)
-    way = np.cumsum(np.where(moving[:, None], steps, 0.0), axis=0)
+def _depth(motion: Motion, i: int, arm: ArmName, way: np.ndarray) -> np.ndarray:
+    """How far below the tissue's surface a tip is after `way` [rows, 3], m."""
     with at_once():
         start = kinematics.forward(arm, Vec(map(np.float64, motion.start_jpos[i]))).position
         tip = Vec(a + b for a, b in zip(start, position_from_itp(arm, Vec(way.T)), strict=True))
