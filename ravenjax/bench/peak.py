@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from ravenjax.bench import clock
+from ravenjax.bench import clock, machine
 from ravenjax.engines.cpu import jit
 
 CHAINS = 12
@@ -37,14 +37,21 @@ extern "C" __global__ void peak(float* room, int rounds) {{
 """
 
 
-def cpu(threads: int, repeats: int = 500, rounds: int = _CPU_ROUNDS) -> float:
+def measure(seconds: float, engine: str) -> float:
+    """Operations a second of what a printing engine runs on. Raises UserError where there is none."""
+    return cuda() if engine == "cuda" else cpu(machine.usable_cpus(), enough_s=seconds)
+
+
+def cpu(threads: int, repeats: int = 500, rounds: int = _CPU_ROUNDS, enough_s: float = 2.0) -> float:
     """Operations a second of `threads` cores."""
     width = jit.host().width
     module = jit.compile(_ir(width, "fma" in jit.host().features or width == 4), ["peak"])
     peak = module.function("peak", [ctypes.c_void_p, ctypes.c_int64])
     rooms = [np.array([0.5, 1.0, 0.0], np.float32) for _ in range(threads)]
     with ThreadPoolExecutor(threads) as pool:
-        timing = clock.timed(lambda: list(pool.map(lambda room: peak(room.ctypes.data, rounds), rooms)), repeats, 2.0)
+        timing = clock.timed(
+            lambda: list(pool.map(lambda room: peak(room.ctypes.data, rounds), rooms)), repeats, enough_s
+        )
     return threads * rounds * CHAINS * width / timing.best_s
 
 

@@ -10,23 +10,17 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import multiprocessing
-from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures import TimeoutError as NotFinished
-from typing import Any
 
 import mujoco
 import numpy as np
 
-from ravenjax.bench import clock
+from ravenjax.bench import clock, machine
 from ravenjax.bench.clock import WorkTiming
 from ravenjax.robots.raven2.dynamics import arm_model
 
 STEP_S = 1e-3
 """s, step of the simulation: that of the tick."""
-LIMIT_S = 180.0
-"""s that a peer may take that is measured in a process of its own."""
+ROBOTS, ROLLOUT_STEPS, EULER_STEPS, MJX_STEPS = 1024, 200, 20_000, 20
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,41 +48,26 @@ def arm() -> mujoco.MjModel:
     return model
 
 
-def rollout(threads: int, robots: int, steps: int, repeats: int, enough_s: float) -> Peer:
-    """C MuJoCo's `mujoco.rollout` with so many threads."""
+def rollout(seconds: float, threads: int | None = None, robots: int = ROBOTS, steps: int = ROLLOUT_STEPS) -> Peer:
+    """C MuJoCo's `mujoco.rollout` with so many threads, or with one for each CPU; for about so long."""
     from mujoco import rollout as module
 
+    threads = threads or machine.usable_cpus()
     model, kind = arm(), mujoco.mjtState.mjSTATE_FULLPHYSICS
     data = [mujoco.MjData(model) for _ in range(threads)]
     initial = np.zeros((robots, mujoco.mj_stateSize(model, kind)))
     mujoco.mj_getState(model, data[0], initial[0], kind)
     initial[:] = initial[0]
     with module.Rollout(nthread=threads) as pool:
-        timing = clock.timed(lambda: pool.rollout(model, data, initial, nstep=steps), repeats, enough_s)
+        timing = clock.timed(lambda: pool.rollout(model, data, initial, nstep=steps), clock.REPEATS, seconds)
     return Peer("mujoco.rollout", f"CPU, {threads} threads", robots, steps, 0.0, timing)
-
-
-def apart(work: Callable[..., Peer], *arguments: Any, limit_s: float = LIMIT_S) -> Peer | str:
-    """`work(*arguments)` in a process of its own, or in one line why there is no result.
-
-    XLA's CPU runtime was seen to wait for itself for ever in MJX's step of 4 096 robots on two cores.
-    """
-    pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
-    try:
-        return pool.submit(work, *arguments).result(timeout=limit_s)
-    except NotFinished:
-        for process in list(pool._processes.values()):
-            process.kill()
-        return f"not finished within {limit_s:.0f} s"
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
 
 
 PUBLISHED_EULER_S = 0.011e-3
 """s of one Euler step of the published model on one core, the authors' C++; DSN 2016, Figure 8."""
 
 
-def published_model(steps: int, repeats: int, enough_s: float) -> Peer:
+def published_model(seconds: float, steps: int = EULER_STEPS) -> Peer:
     """The published three-joint model of one robot, explicit Euler at 1 ms as printed, in float64, on one core."""
     import jax
     import jax.numpy as jnp
@@ -104,11 +83,11 @@ def published_model(steps: int, repeats: int, enough_s: float) -> Peer:
         rest = authors.initial(Vec(jnp.float64(m) for m in (50.0, 100.0, 800.0)), Vec.full(3, jnp.float64(0.0)))
         with clock.xla_compiling() as compiling:
             compiled = jax.jit(advance).lower(rest).compile()
-        timing = clock.timed(lambda: jax.block_until_ready(compiled(rest)), repeats, enough_s)
+        timing = clock.timed(lambda: jax.block_until_ready(compiled(rest)), clock.REPEATS, seconds)
     return Peer("published 3-joint Euler model", "CPU, 1 core", 1, steps, sum(compiling), timing)
 
 
-def mjx_step(robots: int, steps: int, repeats: int, enough_s: float) -> Peer:
+def mjx_step(seconds: float, robots: int = ROBOTS, steps: int = MJX_STEPS) -> Peer:
     """MJX: `jax.vmap(mjx.step)`, the loop over steps inside `jit`."""
     import jax
     import jax.numpy as jnp
@@ -124,5 +103,5 @@ def mjx_step(robots: int, steps: int, repeats: int, enough_s: float) -> Peer:
 
     with clock.xla_compiling() as compiling:
         compiled = jax.jit(advance).lower(many).compile()
-    timing = clock.timed(lambda: jax.block_until_ready(compiled(many)), repeats, enough_s)
+    timing = clock.timed(lambda: jax.block_until_ready(compiled(many)), clock.REPEATS, seconds)
     return Peer("jax.vmap(mjx.step)", str(jax.devices()[0].device_kind), robots, steps, sum(compiling), timing)

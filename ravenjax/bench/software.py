@@ -17,6 +17,7 @@ from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.software.control_software import ControlSoftware
 
 PINS = run_levels.PEDAL_DOWN << 6
+CYCLES, INTERPRETED_CYCLES = 2000, 200
 SWAY_COUNTS = 200
 """Encoder counts that each motor sways by: numbers differ from cycle to cycle, and no check trips."""
 
@@ -41,8 +42,9 @@ class SoftwareSpeed:
         }
 
 
-def measure(cycles: int, interpreted_cycles: int, repeats: int, enough_s: float) -> SoftwareSpeed:
-    """Time the same cycles all three ways."""
+def measure(seconds: float, cycles: int = CYCLES, interpreted_cycles: int = INTERPRETED_CYCLES) -> SoftwareSpeed:
+    """Time the same cycles all three ways, each for about a third of the time."""
+    often = clock.REPEATS, seconds / 3
     home = [list(HOME_JPOS)] * 2
     one, many, slow = (
         ControlSoftware(jpos=home, runlevel=run_levels.PEDAL_DOWN, arithmetic=way)
@@ -61,9 +63,9 @@ def measure(cycles: int, interpreted_cycles: int, repeats: int, enough_s: float)
     return SoftwareSpeed(
         cycles,
         interpreted_cycles,
-        clock.timed(steps(one, encoders, datagrams), repeats, enough_s),
-        clock.timed(lambda: many.run(encoders, datagrams, PINS), repeats, enough_s),
-        clock.timed(steps(slow, encoders[few], datagrams[few]), repeats, enough_s),
+        clock.timed(steps(one, encoders, datagrams), *often),
+        clock.timed(lambda: many.run(encoders, datagrams, PINS), *often),
+        clock.timed(steps(slow, encoders[few], datagrams[few]), *often),
     )
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
@@ -16,6 +18,17 @@ from ravenjax.numbers.setup import CAMPAIGN
 
 PRINTING = ("simd", "cuda")
 """Engines that print the traced tick themselves; the others leave it to XLA."""
+SIZES = {
+    "cuda": (4096, 65_536, 1_048_576),
+    "simd": (16, 256, 4096, 65_536),
+    "xla": (16, 256, 4096),
+    "mjx": (1024,),
+}
+"""Engine -> runs of a batch, ascending; mjx takes half a minute to compile for each."""
+TICKS = {"cuda": 10_000, "simd": 1000, "xla": 200, "mjx": 20}
+"""Engine -> ticks of a run."""
+_TWICE = 2.5
+"""Times that a batch is run at least: once untimed; a larger one is a little slower than it promises."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,18 +81,41 @@ def find(name: str) -> Engine | str:
         return str(error)
 
 
-def measure(engine: Engine, workload: Workload, sizes: Sequence[int], repeats: int, enough_s: float) -> Speed:
-    """Time batches of these numbers of runs."""
+def of_engine(seconds: float, name: str) -> Speed:
+    """Measure the engine of that name for about so long beyond its start. Raises UserError where there is none."""
+    engine = find(name)
+    if isinstance(engine, str):
+        raise UserError(engine)
+    sizes = SIZES[name]
+    return measure(engine, Workload(TICKS[name]), sizes, clock.REPEATS, 0.5 * seconds / len(sizes), seconds)
+
+
+def measure(
+    engine: Engine,
+    workload: Workload,
+    sizes: Sequence[int],
+    repeats: int,
+    enough_s: float,
+    seconds: float = math.inf,
+) -> Speed:
+    """Time batches of these numbers of runs, ascending; the first always, the next if they promise to fit into
+    `seconds`."""
     kernels: dict[int, Kernel] = {}
     start = ready = 0.0
-    batches = []
+    batches = list[Batch]()
+    left = seconds
     for runs in sizes:
+        if batches and _TWICE * batches[-1].timing.median_s * runs / batches[-1].runs > left:
+            break
+        began = time.perf_counter()
         kernel = engine.compile(workload.program, runs)
         if kernel.lanes not in kernels:
             spent, compiling = _prepare(kernel, workload)
             start, ready = (start, ready) if kernels else (spent, compiling)
             kernels[kernel.lanes] = kernel
+            began += spent
         batches.append(_batch(engine, kernels[kernel.lanes], workload, runs, repeats, enough_s))
+        left -= time.perf_counter() - began
     if engine.name in PRINTING:
         ready = _ready_after_tracing(engine, workload, sizes[0])
     return Speed(engine.name, engine.device, engine.threads, start, ready, tuple(batches))

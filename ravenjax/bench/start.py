@@ -10,10 +10,16 @@ import sys
 import tempfile
 from pathlib import Path
 
+from ravenjax.bench import scaling
+from ravenjax.bench.clock import Repeats
 from ravenjax.campaign import compile_cache
 
 CAMPAIGN, OTHER_VALUES = "quick", ("--set", "campaign.seed=7")
 """A bundled campaign, and what draws other values for faults and parameters of the same form."""
+NOTHING, AGAIN, OTHERS = ", nothing cached", " again", " with other values"
+"""Of the form that is run: neither traced nor compiled before, with the same values, with others."""
+ROUNDS = 5
+"""At most."""
 _UNIT = 1024 if sys.platform == "linux" else 1  # B, of the memory that the system tells
 _LAUNCHER = """
 import json, os, subprocess, sys, time
@@ -30,35 +36,56 @@ print(json.dumps([seconds, process.returncode, cpu, usage.ru_maxrss]))
 
 @dataclasses.dataclass(frozen=True)
 class ShellStart:
-    """One command."""
+    """One command, several times."""
 
     what: str
-    seconds: float  # s, from start to exit
-    cpu_s: float  # s of all cores
-    peak_mb: float  # MB, resident
+    seconds: Repeats  # s, from start to exit
+    cpu_s: float  # s of all cores, the least
+    peak_mb: float  # MB, resident, the most
 
 
-def measure() -> tuple[ShellStart, ...]:
+def measure(seconds: float) -> tuple[ShellStart, ...]:
     """`ravenjax run` with an empty cache, again, and with other values of the same form; and what lists campaigns.
 
-    Raises RuntimeError for a command that fails.
+    In rounds, each with a cache of its own, as many as fit into `seconds`; one at least. Raises RuntimeError for a
+    command that fails.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder)
+    times: dict[str, list[tuple[float, float, float]]] = {}
 
-        def run(what: str, number: int, *more: str) -> ShellStart:
-            return _timed(what, place, "run", CAMPAIGN, "--no-report", "--out", str(place / str(number)), *more)
+    def once() -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            for what, tokens in _commands(Path(folder)):
+                times.setdefault(what, []).append(_timed(Path(folder), *tokens))
 
-        return (
-            run(f"run {CAMPAIGN}, nothing cached", 0),
-            run(f"run {CAMPAIGN} again", 1),
-            run(f"run {CAMPAIGN} with other values", 2, *OTHER_VALUES),
-            _timed("campaigns", place, "campaigns"),
-            _timed("--help", place, "--help"),
+    scaling.rounds(once, seconds, ROUNDS)
+    return tuple(
+        ShellStart(
+            f"ravenjax {what}",
+            Repeats(tuple(s for s, _, _ in some)),
+            min(c for _, c, _ in some),
+            max(m for _, _, m in some),
         )
+        for what, some in times.items()
+    )
 
 
-def _timed(what: str, place: Path, *tokens: str) -> ShellStart:
+def _commands(place: Path) -> list[tuple[str, tuple[str, ...]]]:
+    """What is run, and what is written after `ravenjax`."""
+
+    def run(what: str, number: int, *more: str) -> tuple[str, tuple[str, ...]]:
+        return f"run {CAMPAIGN}{what}", ("run", CAMPAIGN, "--no-report", "--out", str(place / str(number)), *more)
+
+    return [
+        run(NOTHING, 0),
+        run(AGAIN, 1),
+        run(OTHERS, 2, *OTHER_VALUES),
+        ("campaigns", ("campaigns",)),
+        ("--help", ("--help",)),
+    ]
+
+
+def _timed(place: Path, *tokens: str) -> tuple[float, float, float]:
+    """s, CPU s and peak MB of `ravenjax` with these words."""
     environment = os.environ | {compile_cache.VARIABLE: str(place / "cache")}
     words, command = place / "words", [sys.executable, "-m", "ravenjax.cli", *tokens]
     launcher = [sys.executable, "-S", "-c", _LAUNCHER, str(words), *command]
@@ -66,4 +93,4 @@ def _timed(what: str, place: Path, *tokens: str) -> ShellStart:
     seconds, code, cpu, peak = json.loads(answer.stdout)
     if code:
         raise RuntimeError(f"ravenjax {' '.join(tokens)}: exit code {code}: {words.read_text()}")
-    return ShellStart(f"ravenjax {what}", seconds, cpu, peak * _UNIT / 1e6)
+    return seconds, cpu, peak * _UNIT / 1e6

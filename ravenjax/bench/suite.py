@@ -1,104 +1,67 @@
-"""The whole benchmark in one run: machine, engines, operations, peers, campaigns."""
+"""The whole benchmark in one run, part by part, within a time."""
 
 from __future__ import annotations
 
 import dataclasses
-import functools
 import os
-import platform
-from collections.abc import Callable, Mapping
-from pathlib import Path
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import jax
-
-from ravenjax.bench import clock, operations, peak, peers, software, speed, start, workload
+from ravenjax.bench import apart, clock, devices, machine, parts
+from ravenjax.bench.apart import Answer
+from ravenjax.bench.campaigns import Campaigns
+from ravenjax.bench.effort import Allotment
+from ravenjax.bench.fault_times import FaultTimes
+from ravenjax.bench.machine import BenchMachine
 from ravenjax.bench.operations import Operations
+from ravenjax.bench.parts import BenchPart
 from ravenjax.bench.peers import Peer
+from ravenjax.bench.scaling import Scaling
 from ravenjax.bench.software import SoftwareSpeed
 from ravenjax.bench.speed import PRINTING, Speed
 from ravenjax.bench.start import ShellStart
-from ravenjax.bench.workload import Workload
-from ravenjax.campaign import compile_cache, runner
-from ravenjax.engines.cpu import jit
+from ravenjax.campaign import compile_cache
+from ravenjax.campaign.executors.carriers import placement
+
+LATE_S = 15.0
+"""s that the last part may be late before it is ended."""
+_KEEPING = ("cores", "devices", "fault_times")
+"""Parts that may take from each other what is traced and compiled: they time none of it."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Effort:
-    """How much is measured."""
+class PartClock:
+    """What it took to measure a part."""
 
-    sizes: Mapping[str, tuple[int, ...]]  # engine -> runs of a batch
-    ticks: Mapping[str, int]  # engine -> ticks of a run
-    campaign_runs: tuple[int, ...]
-    mjx_robots: int
-    repeats: int
-    enough_s: float  # s of timed work at each point
-
-
-FULL = Effort(
-    {"cuda": (4096, 65536, 1048576), "simd": (16, 256, 4096, 65536), "xla": (16, 256, 4096), "mjx": (16, 1024)},
-    {"cuda": 10_000, "simd": 1000, "xla": 200, "mjx": 100},
-    (256, 4096, 16384),
-    mjx_robots=4096,
-    repeats=7,
-    enough_s=5.0,
-)
-QUICK = Effort(
-    {"cuda": (65536,), "simd": (16, 4096), "mjx": (1024,)},
-    {"cuda": 1000, "simd": 1000, "mjx": 50},
-    (256, 1024),
-    mjx_robots=1024,
-    repeats=3,
-    enough_s=1.0,
-)
-MJX_STEPS, ROLLOUT_ROBOTS, ROLLOUT_STEPS, EULER_STEPS = 20, 1024, 200, 20_000
-SOFTWARE_CYCLES, INTERPRETED_CYCLES = 2000, 200
-
-
-@dataclasses.dataclass(frozen=True)
-class BenchMachine:
-    """What it was measured on, and how busy that was."""
-
-    cpu: str
-    cores: int  # that this process may use; as many threads run
-    vectors: str
-    width: int  # float32 lanes of a vector
-    system: str
-    jax_device: str
-    load_before: float  # processes running, mean over the minute before the benchmark
-    load_after: float
-
-
-@dataclasses.dataclass(frozen=True)
-class Campaigns:
-    """Seconds of whole campaigns kept in memory: planning, tracing, compiling, running, tables."""
-
-    engine: str
-    ticks: int  # of a run
-    seconds: Mapping[int, float]  # runs -> s
-
-    @property
-    def growth(self) -> tuple[float, float]:
-        """(s, s a run) of the line through the smallest and the largest."""
-        less, more = min(self.seconds), max(self.seconds)
-        marginal = (self.seconds[more] - self.seconds[less]) / (more - less)
-        return self.seconds[more] - marginal * more, marginal
+    name: str
+    seconds: float  # s, of which
+    measuring_s: float  # s it was to measure
+    peak_mb: float  # MB, resident, of its process
+    others: float  # cores that other processes of the machine kept busy meanwhile; nan: not told
 
 
 @dataclasses.dataclass(frozen=True)
 class BenchFindings:
-    """Everything that one benchmark found."""
+    """Everything that one benchmark found; None, or not there, is what was left out or failed: `absent` says why."""
 
-    machine: BenchMachine
-    engines: tuple[Speed, ...]
-    absent: Mapping[str, str]  # engine or peer -> why it was not timed
-    operations: Operations
-    peak: Mapping[str, float]  # printing engine -> operations/s of the device it runs on
-    peers: tuple[Peer, ...]
-    published_model: Peer  # its three joints alone
-    campaigns: Campaigns
-    software: SoftwareSpeed
-    starts: tuple[ShellStart, ...]  # whole commands from the shell
+    machine: BenchMachine | None
+    load_before: float  # processes running, mean over the minute before the benchmark; nan: not told
+    load_after: float
+    clocks: tuple[PartClock, ...] = ()
+    absent: Mapping[str, str] = dataclasses.field(default_factory=dict)  # part -> why there is nothing of it
+    engines: tuple[Speed, ...] = ()
+    operations: Operations | None = None
+    peak: Mapping[str, float] = dataclasses.field(default_factory=dict)  # printing engine -> operations/s of its device
+    peers: tuple[Peer, ...] = ()
+    published_model: Peer | None = None  # its three joints alone
+    campaigns: Campaigns | None = None
+    software: SoftwareSpeed | None = None
+    starts: tuple[ShellStart, ...] = ()  # whole commands from the shell
+    cores: Scaling | None = None
+    devices: Scaling | None = None
+    fault_times: FaultTimes | None = None
 
     def engine(self, name: str) -> Speed | None:
         """The speed of an engine, if it was timed."""
@@ -107,7 +70,7 @@ class BenchFindings:
     def peak_share(self, name: str) -> float | None:
         """Operations a second of an engine's lanes, as a share of its device's peak."""
         one = self.engine(name)
-        if one is None or name not in self.peak:
+        if one is None or name not in self.peak or self.operations is None:
             return None
         return one.best.ticks_per_s * self.operations.per_lane / self.peak[name]
 
@@ -123,9 +86,16 @@ class BenchFindings:
             if one.engine in PRINTING
         }
 
+    @property
+    def seconds(self) -> float:
+        """s of all parts."""
+        return sum(one.seconds for one in self.clocks)
+
     def as_json(self) -> dict[str, Any]:
         """All numbers, those that follow from others included."""
         plain = dataclasses.asdict(self)
+        if self.machine is not None:
+            plain["machine"] |= {"load_before": self.load_before, "load_after": self.load_after}
         for record, one in zip(plain["engines"], self.engines, strict=True):
             record["growth_s_and_s_per_run"] = one.growth
             record["peak_share"] = self.peak_share(one.engine)
@@ -133,100 +103,117 @@ class BenchFindings:
                 batch["ticks_per_s"] = measured.ticks_per_s
         for record, peer in zip(plain["peers"], self.peers, strict=True):
             record["steps_per_s"] = peer.steps_per_s
-        plain["operations"] |= {"per_lane": self.operations.per_lane, "per_group": self.operations.per_group}
-        plain["software"]["ticks_per_s"] = self.software.ticks_per_s
-        plain["campaigns"]["growth_s_and_s_per_run"] = self.campaigns.growth
-        return plain | {"ratios": self.ratios()}
+        if self.operations is not None:
+            plain["operations"] |= {"per_lane": self.operations.per_lane, "per_group": self.operations.per_group}
+        if self.software is not None:
+            plain["software"]["ticks_per_s"] = self.software.ticks_per_s
+        if self.campaigns is not None:
+            plain["campaigns"]["growth_s_and_s_per_run"] = self.campaigns.growth
+        if self.fault_times is not None:
+            base, slope = self.fault_times.line
+            plain["fault_times"] |= {"run_s": base, "run_s_per_s_after_fault": slope}
+        for name, scaling in (("cores", self.cores), ("devices", self.devices)):
+            if scaling is not None:
+                for record, point in zip(plain[name]["points"], scaling.points, strict=True):
+                    record["kernel_efficiency"], record["campaign_efficiency"] = scaling.efficiency(point)
+        return plain | {"ratios": self.ratios(), "seconds": self.seconds}
 
 
-def measure(effort: Effort = FULL, tell: Callable[[str], None] = lambda _: None) -> BenchFindings:
-    """Measure; `tell` hears what comes next. Compiled code is neither taken from a cache nor left in one."""
-    cores, before = len(os.sched_getaffinity(0)), _load()
-    caching = jax.config.jax_enable_compilation_cache  # pyright: ignore[reportAttributeAccessIssue]
-    jax.config.update("jax_enable_compilation_cache", False)
+def measure(
+    total_s: float, quick: bool = False, only: Sequence[parts.Name] = (), tell: Callable[[str], None] = lambda _: None
+) -> BenchFindings:
+    """Measure for about `total_s` seconds; `tell` hears what comes next.
+
+    only: these parts alone. Compiled code is neither taken from the user's cache nor left in it.
+    """
+    before, allotment, values = load(), Allotment(total_s), dict[str, Any]()
+    absent, clocks = dict[str, str](), list[PartClock]()
+    host = apart.run(machine.describe, limit_s=total_s)
+    allotment.done(parts.MACHINE_COST, 0.0, host.seconds)
+    if host.why:
+        absent[parts.MACHINE] = host.why
+    gpus = placement.visible_gpus(len(host.value.gpus)) if host.value is not None else []
+    due = parts.wanted(quick, only, len(gpus))
+    if not gpus:
+        why = host.value.no_gpu if host.value is not None else "the machine is not known"
+        absent |= {part.name: why for part in due if part.needs_gpu}
+        due = [part for part in due if not part.needs_gpu]
+    with tempfile.TemporaryDirectory() as folder:
+        while due:
+            part, *due = due
+            started, others = time.perf_counter(), clock.Bystanders()
+            share = allotment.share(part.cost, [one.cost for one in due])
+            if share is None:
+                absent[part.name] = _no_time(part, allotment)
+                continue
+            tell(part.what)
+            answer = _answer(part, share, allotment, folder, gpus)
+            spent = time.perf_counter() - started
+            if answer.why:
+                absent[part.name] = answer.why
+            else:
+                values[part.name] = answer.value
+            clocks.append(PartClock(part.name, spent, share, answer.peak_mb, others.cores()))
+            allotment.done(part.cost, share, spent)
+    absent |= {part.name: "left out of a quick run" for part in parts.PARTS if quick and not only and not part.quick}
+    return _findings(host.value, before, clocks, absent, values)
+
+
+def _answer(part: BenchPart, share: float, allotment: Allotment, folder: str, gpus: Sequence[str]) -> Answer:
+    """Of one part, in a process of its own; it is ended where it takes far longer than it may."""
+    environment = {compile_cache.VARIABLE: folder if part.name in _KEEPING else "off"}
+    if part.name == parts.DEVICES:
+        return _of_devices(share, allotment.left_s + LATE_S, environment, gpus)
+    limit = min(allotment.left_s + LATE_S, 20.0 + 4.0 * allotment.needs(part.cost) + 2.0 * share)
+    return apart.run(part.work, share, *part.arguments, limit_s=limit, environment=environment)
+
+
+def _of_devices(share: float, limit_s: float, environment: Mapping[str, str], gpus: Sequence[str]) -> Answer:
+    """Here is only waited: each number of devices has its own process."""
     try:
-        engines, absent = _engines(effort, tell)
-        tell("operations and peak")
-        counted = operations.count(Workload(1000))
-        peaks = {one.engine: peak.cuda() if one.engine == "cuda" else peak.cpu(cores) for one in engines
-                 if one.engine in PRINTING}  # fmt: skip
-        tell("mujoco.rollout")
-        often = effort.repeats, effort.enough_s
-        others = [peers.rollout(cores, ROLLOUT_ROBOTS, ROLLOUT_STEPS, *often)]
-        tell("published model")
-        euler = peers.published_model(EULER_STEPS, *often)
-        tell("mjx.step")
-        stepped = peers.apart(peers.mjx_step, effort.mjx_robots, MJX_STEPS, *often)
-        if isinstance(stepped, str):
-            absent["jax.vmap(mjx.step)"] = stepped
-        else:
-            others.append(stepped)
-        tell("control software")
-        alone = software.measure(SOFTWARE_CYCLES, INTERPRETED_CYCLES, *often)
-        tell("campaigns")
-        whole = _campaigns(engines[0], effort.campaign_runs)
-        tell("from the shell")
-        starts = start.measure()
-    finally:
-        jax.config.update("jax_enable_compilation_cache", caching)
-    return BenchFindings(
-        _machine(cores, before), engines, absent, counted, peaks, tuple(others), euler, whole, alone, starts
+        return Answer(devices.measure(share, gpus, environment, limit_s), "", 0.0, float("nan"))
+    except RuntimeError as error:
+        return Answer(None, str(error), 0.0, float("nan"))
+
+
+def _no_time(part: BenchPart, allotment: Allotment) -> str:
+    return (
+        f"left out: {max(0.0, allotment.left_s):.0f} s were left, it takes {allotment.needs(part.cost):.0f} s; "
+        f"more with --seconds"
     )
 
 
-def _engines(effort: Effort, tell: Callable[[str], None]) -> tuple[tuple[Speed, ...], dict[str, str]]:
-    measured, absent = [], {}
-    for name in FULL.sizes:
-        if name not in effort.sizes:
-            absent[name] = "left out of a quick run"
-            continue
-        engine = speed.find(name)
-        if isinstance(engine, str):
-            absent[name] = engine
-            continue
-        tell(f"engine {name}")
-        work = Workload(effort.ticks[name])
-        measured.append(speed.measure(engine, work, effort.sizes[name], effort.repeats, effort.enough_s))
-    return tuple(measured), absent
+def _findings(
+    host: BenchMachine | None,
+    before: float,
+    clocks: Sequence[PartClock],
+    absent: Mapping[str, str],
+    values: Mapping[str, Any],
+) -> BenchFindings:
+    """Each value where it belongs."""
+    return BenchFindings(
+        machine=host,
+        load_before=before,
+        load_after=load(),
+        clocks=tuple(clocks),
+        absent=absent,
+        engines=tuple(value for value in values.values() if isinstance(value, Speed)),
+        peak={name.removeprefix("peak "): value for name, value in values.items() if name.startswith("peak ")},
+        peers=tuple(v for name, v in values.items() if isinstance(v, Peer) and name != "published_model"),
+        starts=values.get("starts", ()),
+        operations=values.get("operations"),
+        published_model=values.get("published_model"),
+        campaigns=values.get("campaigns"),
+        software=values.get("software"),
+        cores=values.get("cores"),
+        devices=values.get("devices"),
+        fault_times=values.get("fault_times"),
+    )
 
 
-def _campaigns(engine: Speed, sizes: tuple[int, ...]) -> Campaigns:
-    ticks = engine.best.ticks
-    before = os.environ.get(compile_cache.VARIABLE)
-    os.environ[compile_cache.VARIABLE] = "off"
-    try:
-        seconds = {runs: clock.seconds(functools.partial(_campaign, runs, ticks, engine.engine)) for runs in sizes}
-    finally:
-        if before is None:
-            del os.environ[compile_cache.VARIABLE]
-        else:
-            os.environ[compile_cache.VARIABLE] = before
-    return Campaigns(engine.engine, ticks, seconds)
-
-
-def _campaign(runs: int, ticks: int, engine: str) -> None:
-    runner.run_campaign(workload.campaign(runs, ticks), None, engine)
-
-
-def _load() -> float:
+def load() -> float:
+    """Processes that run or wait to, mean over the last minute."""
     try:
         return os.getloadavg()[0]
     except OSError:  # some systems keep none
         return float("nan")
-
-
-def _machine(cores: int, before: float) -> BenchMachine:
-    host, device = jit.host(), jax.devices()[0]
-    system = f"{platform.system()} {platform.machine()}, Python {platform.python_version()}, JAX {jax.__version__}"
-    return BenchMachine(
-        f"{_cpu_name()} ({host.cpu})", cores, host.vectors, host.width, system,
-        f"{device.platform} {device.device_kind}", before, _load(),
-    )  # fmt: skip
-
-
-def _cpu_name() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor() or "CPU"
-    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "CPU")

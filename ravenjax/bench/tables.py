@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ravenjax.bench import peers
+from ravenjax.bench import findings, peers, text
+from ravenjax.bench.scaling import Scaling
 from ravenjax.bench.suite import BenchFindings
 
 Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
@@ -17,57 +18,78 @@ NOTES = """\
   and contacts off.
 - Batches run as campaigns run them: blocks side by side on all cores this process may use, the golden run
   computed before. No two runs are alike. What runs share is computed once for all of them, as in a campaign.
-- Speeds are those of the least disturbed of several repeats; the median stands beside them. Other processes slow
-  both: the load average says how many ran.
+- Speeds and times are those of the least disturbed of several repeats; the median, or how far repeats lie apart, stands
+  beside them. Other processes slow both: *others* says how many cores they kept busy.
 - *start* is tracing and making the first kernel ready, nothing cached; *ready* is the part of it that follows tracing
   (of xla and mjx: XLA's compile time alone).
 - *Peak* is measured in the same run: independent fused multiply-adds in registers on all cores (or the GPU), each
   counted as one operation, as in a tick; the best of many short bursts, so other processes hardly lower it. *share of
   peak* is operations in each run x ticks/s over it, and other processes do lower that.
-- A whole campaign includes planning, tracing, compiling, running and the result table, all in memory.
+- Over cores and devices each gets as much work however many there are. The *bare kernel* runs blocks that were made
+  before; a *whole campaign* includes planning, the golden run and the result table, in memory. Ticks of a campaign that
+  are its golden run's count as computed.
+- Runs by when their fault strikes have their golden run in their time, but no planning and no tables.
 - Commands *from the shell* are processes of their own, imports and all. The first has an empty cache; the next find
   there what it traced and compiled, with the same values of faults and varied parameters, and with others."""
 
 
 def tables(found: BenchFindings) -> Iterator[Table]:
-    """Each table."""
-    yield "Machine", ("what", "is"), _machine(found)
-    yield "Engines: full ticks a second", _ENGINE_COLUMNS, _engines(found)
-    others = [(p.name, p.device, f"{p.robots}", f"{p.compile_s:.1f} s", _millions(p.steps_per_s)) for p in found.peers]
-    yield "Peers: rigid-body steps a second of the same arm", ("what", "on", "robots", "compile", "M steps/s"), others
-    yield "Target A2: one Euler step of the published three-joint model, one robot, one core", _A2_COLUMNS, _a2(found)
+    """Each table of which there is something."""
+    others = [
+        (p.name, p.device, f"{p.robots}", f"{p.compile_s:.1f} s", text.millions(p.steps_per_s)) for p in found.peers
+    ]
     ratios = [
         (f"{name} / {other}", f"{ratio:,.0f}" if ratio >= 10 else f"{ratio:.2g}")
-        for name, others in found.ratios().items()
-        for other, ratio in others.items()
+        for name, rates in found.ratios().items()
+        for other, ratio in rates.items()
     ]
-    yield "Ratios, each at its best", ("full ticks/s over", "times"), ratios
-    yield (
-        "Control software alone: both arms, one core",
-        ("how", "ticks/s", "us a tick", "times interpreted"),
-        _alone(found),
-    )
-    yield "Operations a tick", ("stage", "in each run", "shared by runs"), _operations(found)
-    yield "From the shell", ("command", "s", "CPU s", "peak memory"), _starts(found)
-    yield "Growth with the number of runs", ("what", "fixed", "each further run"), list(_growth(found))
+    every: list[Table] = [
+        ("Machine", ("what", "is"), _machine(found)),
+        ("From the shell", ("command", "s", "median", "spread", "times", "CPU s", "peak memory"), _starts(found)),
+        ("Engines: full ticks a second", _ENGINE_COLUMNS, _engines(found)),
+        ("Cores: M full ticks a second", _scaling_columns("cores"), _scaling(found.cores)),
+        ("GPUs: M full ticks a second", _scaling_columns("GPUs"), _scaling(found.devices)),
+        (_fault_title(found), _FAULT_COLUMNS, _fault_times(found)),
+        ("Growth with the number of runs", ("what", "fixed", "each further run"), list(_growth(found))),
+        ("Peers: rigid-body steps a second of the same arm", ("what", "on", "robots", "compile", "M steps/s"), others),
+        (
+            "Target A2: one Euler step of the published three-joint model, one robot, one core",
+            ("what", "us a step", "of the published time", "inside the band"),
+            _a2(found),
+        ),
+        ("Ratios, each at its best", ("full ticks/s over", "times"), ratios),
+        ("Control software alone: both arms, one core", _ALONE_COLUMNS, _alone(found)),
+        ("Operations a tick", ("stage", "in each run", "shared by runs"), _operations(found)),
+        ("What was not measured", ("part", "why"), _absent(found)),
+        ("Time that each part took", ("part", "s", "of it measuring", "peak memory", "others"), _clocks(found)),
+    ]  # fmt: skip
+    for table in every:
+        if table[2]:
+            yield table
 
 
 def markdown(found: BenchFindings, command: str) -> str:
-    """A page with all tables."""
-    parts = ["# How fast the engines are", f"Written by `{command}`; the machine is named below.", NOTES]
+    """A page with the sentences and all tables."""
+    summary = "\n".join(f"- {line}" for line in findings.sentences(found))
+    parts = ["# How fast the engines are", f"Written by `{command}`; the machine is named below.", summary, NOTES]
     for title, columns, rows in tables(found):
-        lines = [columns, tuple("---" for _ in columns), *rows]
+        lines = [
+            columns,
+            tuple("---" for _ in columns),
+            *(tuple(cell.replace("|", r"\|") for cell in row) for row in rows),
+        ]
         parts += [f"## {title}", "\n".join(f"| {' | '.join(line)} |" for line in lines)]
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join(filter(None, parts)) + "\n"
 
 
 _ENGINE_COLUMNS = ("engine", "runs", "lanes of a block", "M ticks/s", "median", "start", "ready", "share of peak")
-
-
-_A2_COLUMNS = ("what", "us a step", "of the published time", "inside the band")
+_ALONE_COLUMNS = ("how", "ticks/s", "us a tick", "times interpreted")
+_FAULT_COLUMNS = ("fault at", "observed for", "a run takes", "spread", "of a whole run")
 
 
 def _a2(found: BenchFindings) -> list[tuple[str, ...]]:
+    if found.published_model is None:
+        return []
     published, ours = peers.PUBLISHED_EULER_S, 1.0 / found.published_model.steps_per_s
     verdict = "yes" if ours <= published else "NO"
     return [
@@ -77,21 +99,32 @@ def _a2(found: BenchFindings) -> list[tuple[str, ...]]:
 
 
 def _machine(found: BenchFindings) -> list[tuple[str, str]]:
-    m = found.machine
-    rows = [
-        ("CPU", f"{m.cpu}, {m.cores} cores used, {m.vectors} ({m.width} float32)"),
-        ("system", m.system),
-        ("JAX runs on", m.jax_device),
-        ("load average", f"{m.load_before:.1f} before, {m.load_after:.1f} after (the benchmark's own work included)"),
-    ]
+    rows = []
+    if (m := found.machine) is not None:
+        threads = m.cores - m.real_cores
+        rows = [
+            ("CPU", f"{m.cpu}, {m.vectors} ({m.width} float32)"),
+            (
+                "cores used",
+                text.several(m.real_cores, "real core")
+                + (f" and {text.several(threads, 'hyper-thread')}" if threads else "")
+                + (f" on {m.nodes} NUMA nodes" if m.nodes > 1 else "")
+                + (f"; its control group gives it the time of {m.quota:.3g}" if m.quota < m.cores else ""),
+            ),
+            ("caches", ", ".join(m.caches) or text.UNKNOWN),
+            ("memory", f"{m.memory_gb:.0f} GB" if m.memory_gb == m.memory_gb else text.UNKNOWN),
+            ("GPUs", "; ".join(m.gpus) or "none"),
+            ("system", m.system),
+            ("packages", ", ".join(f"{name} {version}" for name, version in m.versions.items())),
+            ("code", m.code[:12]),
+        ]
+    rows += [("load average", f"{found.load_before:.1f} before, {found.load_after:.1f} after (its own work included)")]
     rows += [
         (f"peak, engine {name}", f"{rate / 1e9:,.0f} G operations/s, measured") for name, rate in found.peak.items()
     ]
-    rows += [
-        (f"engine {speed.engine}", f"{speed.device}, {speed.threads} blocks side by side") for speed in found.engines
-    ]
     return rows + [
-        (f"engine {name}" if name.isidentifier() else name, f"not timed: {why}") for name, why in found.absent.items()
+        (f"engine {one.engine}", f"{one.device}, {text.several(one.threads, 'block')} side by side")
+        for one in found.engines
     ]
 
 
@@ -106,17 +139,19 @@ def _engines(found: BenchFindings) -> list[tuple[str, ...]]:
                     speed.engine,
                     f"{batch.runs}",
                     f"{batch.lanes}",
-                    _millions(batch.ticks_per_s),
-                    _millions(batch.ticks_per_s * batch.timing.best_s / batch.timing.median_s),
+                    text.millions(batch.ticks_per_s),
+                    text.millions(batch.ticks_per_s * batch.timing.best_s / batch.timing.median_s),
                     f"{speed.start_s:.1f} s" if first else "",
                     f"{speed.ready_s:.2f} s" if first else "",
-                    f"{100 * share:.0f} %" if best and share is not None else "",
+                    text.percent(share) if best and share is not None else "",
                 )
             )
     return rows
 
 
 def _alone(found: BenchFindings) -> list[tuple[str, ...]]:
+    if found.software is None:
+        return []
     rates = found.software.ticks_per_s
     names = {"step": "compiled, a call each", "run": "compiled, many in a call", "interpreted": "interpreted"}
     return [
@@ -126,6 +161,8 @@ def _alone(found: BenchFindings) -> list[tuple[str, ...]]:
 
 
 def _operations(found: BenchFindings) -> list[tuple[str, ...]]:
+    if found.operations is None:
+        return []
     lane, shared = found.operations.lane, found.operations.shared
     names = sorted({*lane, *shared}, key=lambda name: -lane.get(name, 0) - shared.get(name, 0))
     largest, others = names[:STAGES_SHOWN], names[STAGES_SHOWN:]
@@ -136,8 +173,88 @@ def _operations(found: BenchFindings) -> list[tuple[str, ...]]:
     return [*rows, ("all", f"{found.operations.per_lane}", f"{found.operations.per_group}")]
 
 
+def _absent(found: BenchFindings) -> list[tuple[str, str]]:
+    """Parts with the same reason in one row."""
+    reasons = dict.fromkeys(found.absent.values())
+    return [(", ".join(name for name, why in found.absent.items() if why == reason), reason) for reason in reasons]
+
+
 def _starts(found: BenchFindings) -> list[tuple[str, ...]]:
-    return [(one.what, f"{one.seconds:.2f}", f"{one.cpu_s:.2f}", f"{one.peak_mb:.0f} MB") for one in found.starts]
+    return [
+        (
+            one.what,
+            f"{one.seconds.smallest:.2f}",
+            f"{one.seconds.median:.2f}",
+            text.spread(one.seconds.spread, len(one.seconds.values)),
+            f"{len(one.seconds.values)}",
+            f"{one.cpu_s:.2f}",
+            text.megabytes(one.peak_mb),
+        )
+        for one in found.starts
+    ]
+
+
+def _scaling_columns(what: str) -> tuple[str, ...]:
+    return (what, "bare kernel", "of linear", "spread", "whole campaign", "of linear", "spread", "runs of it")
+
+
+def _scaling(found: Scaling | None) -> list[tuple[str, ...]]:
+    rows = []
+    for point in found.points if found is not None else ():
+        assert found is not None
+        of_kernel, of_campaign = found.efficiency(point)
+        rows.append(
+            (
+                f"{point.count}" + (", hyper-threads too" if point.shared else ""),
+                text.millions(point.kernel.largest),
+                text.percent(of_kernel),
+                text.spread(point.kernel.spread, len(point.kernel.values)),
+                text.millions(point.campaign.largest),
+                text.percent(of_campaign),
+                text.spread(point.campaign.spread, len(point.campaign.values)),
+                f"{point.runs}",
+            )
+        )
+    return rows
+
+
+def _fault_title(found: BenchFindings) -> str:
+    times = found.fault_times
+    if times is None:
+        return ""
+    length = text.seconds(times.ticks / 1e3)
+    return (
+        f"Runs of {length} by when their fault strikes, engine {times.engine}, {text.several(times.runs, 'run')} each"
+    )
+
+
+def _fault_times(found: BenchFindings) -> list[tuple[str, ...]]:
+    times = found.fault_times
+    return [
+        (
+            f"{one.start_ms} ms",
+            "the whole run" if one.observe_ms is None else f"{one.observe_ms} ms",
+            text.seconds(one.run_s.smallest),
+            text.spread(one.run_s.spread, len(one.run_s.values)),
+            text.percent(one.run_s.smallest / times.whole_s),
+        )
+        for one in (times.times if times is not None else ())
+        if times is not None
+    ]
+
+
+def _clocks(found: BenchFindings) -> list[tuple[str, ...]]:
+    rows = [
+        (
+            one.name,
+            f"{one.seconds:.1f}",
+            f"{one.measuring_s:.1f}",
+            text.megabytes(one.peak_mb),
+            f"{one.others:.1f} cores" if one.others == one.others else text.UNKNOWN,
+        )
+        for one in found.clocks
+    ]
+    return [*rows, ("all", f"{found.seconds:.1f}", "", "", "")] if rows else []
 
 
 def _growth(found: BenchFindings) -> Iterator[tuple[str, ...]]:
@@ -146,11 +263,8 @@ def _growth(found: BenchFindings) -> Iterator[tuple[str, ...]]:
             fixed, marginal = speed.growth
             what = f"engine {speed.engine}, runs of {speed.best.ticks} ticks"
             yield what, f"{speed.start_s + max(0.0, fixed):.2f} s", f"{1e6 * marginal:.1f} us"
-    whole = found.campaigns
-    fixed, marginal = whole.growth
-    sizes = ", ".join(f"{runs}: {seconds:.2f} s" for runs, seconds in whole.seconds.items())
-    yield f"whole campaign, {whole.engine}, {whole.ticks} ticks ({sizes})", f"{fixed:.2f} s", f"{1e6 * marginal:.0f} us"
-
-
-def _millions(rate: float) -> str:
-    return f"{rate / 1e6:,.0f}" if rate >= 1e8 else f"{rate / 1e6:.3g}"
+    if (whole := found.campaigns) is not None and len(whole.seconds) > 1:
+        fixed, marginal = whole.growth
+        sizes = ", ".join(f"{runs}: {text.seconds(seconds)}" for runs, seconds in whole.seconds.items())
+        what = f"whole campaign, {whole.engine}, {whole.ticks} ticks ({sizes}; the first {text.seconds(whole.first_s)})"
+        yield what, f"{fixed:.2f} s", f"{1e6 * marginal:.0f} us"

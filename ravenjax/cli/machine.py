@@ -4,39 +4,61 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from ravenjax.cli import console
 from ravenjax.cli.console import AsJson, Listing
 
+PartName = Literal[
+    "engines", "shell", "cores", "devices", "fault_times", "campaigns", "software", "operations", "peak", "peers"
+]
+"""As `ravenjax.bench.parts.NAMES`, which is slow to import."""
+
 
 def bench(
     *,
     json: Annotated[bool, Parameter(negative="", help="print every number as JSON")] = False,
-    quick: Annotated[bool, Parameter(negative="", help="half a minute instead of minutes")] = False,
+    quick: Annotated[bool, Parameter(negative="", help="half a minute instead of minutes: the shorter parts")] = False,
     markdown: Annotated[Path | None, Parameter(help="also write the tables to this file")] = None,
-) -> None:
-    """Measure this machine: full ticks a second of each engine, beside MJX and mujoco.rollout on the same arm."""
-    import json as json_format
+    only: Annotated[
+        list[PartName] | None, Parameter(consume_multiple=True, negative="", help="these parts alone")
+    ] = None,
+    seconds: Annotated[
+        float | None, Parameter(help="how long it may take, about; default: 160, and 35 of a quick run")
+    ] = None,
+) -> int:
+    """Measure this machine: engines beside MuJoCo and MJX, commands from the shell, cores, GPUs, faults by their time.
 
-    from ravenjax.bench import suite, tables
+    Each part runs in a process of its own, and what it shows is also said in sentences. What no longer fits into the
+    time is left out and named. Exit code 1: nothing could be measured.
+    """
+    from ravenjax.bench import effort, findings, suite, tables
     from ravenjax.cli import terminal
     from ravenjax.errors import UserError
 
     if markdown is not None and not markdown.absolute().parent.is_dir():
         raise UserError(f"--markdown {markdown}: the folder does not exist, expected a file in a folder that does")
-    effort = suite.QUICK if quick else suite.FULL
-    findings = suite.measure(effort, lambda what: console.err.print(f"measuring: {what}", highlight=False))
+    if seconds is not None and not effort.LEAST_S <= seconds <= effort.LONGEST_S:
+        raise UserError(f"--seconds {seconds:g}: expected {effort.LEAST_S:g} to {effort.LONGEST_S:g}")
+    total = seconds or (effort.QUICK_S if quick else effort.FULL_S)
+    words = [f"--only {' '.join(only)}"] if only else []
+    words += ["--quick"] * quick + ([f"--seconds {seconds:g}"] if seconds is not None else [])
+    results = suite.measure(
+        total, quick, only or (), lambda what: console.err.print(f"measuring: {what}", highlight=False)
+    )
     if markdown is not None:
-        markdown.write_text(tables.markdown(findings, f"ravenjax bench{' --quick' if quick else ''} --markdown FILE"))
+        markdown.write_text(tables.markdown(results, " ".join(["ravenjax bench", *words, "--markdown FILE"])))
     if json:
-        print(json_format.dumps(findings.as_json(), indent=1))
-        return
-    for title, columns, rows in tables.tables(findings):
+        console.emit_json(results.as_json() | {"sentences": findings.sentences(results)})
+        return int(not results.clocks)
+    for title, columns, rows in tables.tables(results):
         console.out.print(terminal.table(title, columns, rows))
         console.out.print()
+    for line in findings.sentences(results):
+        console.say(f"- {line}")
+    return int(not results.clocks)
 
 
 def doctor(

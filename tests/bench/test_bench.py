@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
-import json
-import time
-
 import jax
+import made_up_findings as made_up
 import mujoco
 import numpy as np
 import pytest
 
-from ravenjax.bench import clock, operations, peak, peers, software, speed, start, suite, tables
-from ravenjax.bench.clock import WorkTiming
-from ravenjax.bench.operations import Operations
-from ravenjax.bench.peers import Peer
-from ravenjax.bench.software import SoftwareSpeed
-from ravenjax.bench.speed import Batch, Speed
-from ravenjax.bench.start import ShellStart
-from ravenjax.bench.suite import BenchFindings, BenchMachine, Campaigns
+from ravenjax.bench import campaigns, clock, operations, peak, peers, software, speed, start
 from ravenjax.bench.workload import PATTERN_RUNS, Workload
 from ravenjax.engines.cpu.engine import SimdEngine
+from ravenjax.errors import UserError
 from ravenjax.robots.raven2.dynamics.mjx_dynamics import mjx
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.software.control_software import ControlSoftware
@@ -33,29 +24,8 @@ def work():
     return Workload(TICKS)
 
 
-def findings():
-    """One second for a million ticks by simd, a thousandth of that by mjx."""
-    one = WorkTiming(1.0, 2.0, 3)
-    simd = Speed(
-        "simd", "a CPU", 2, 3.0, 0.5, (Batch(500, 16, 1000, WorkTiming(0.6, 0.7, 3)), Batch(1000, 256, 1000, one))
-    )
-    mjx = Speed("mjx", "a CPU", 2, 9.0, 8.0, (Batch(10, 16, 100, one),))
-    return BenchFindings(
-        BenchMachine("CPU [4]", 2, "AVX-512", 16, "Linux", "cpu", 0.5, 1.5),
-        (simd, mjx),
-        {"cuda": "no GPU"},
-        Operations({"robot.step": 1000, "": 500}, {"nominal.step": 200}),
-        {"simd": 3e9},
-        (Peer("mujoco.rollout", "CPU", 10, 200, 0.0, WorkTiming(0.01, 0.02, 3)),),
-        Peer("published 3-joint Euler model", "CPU, 1 core", 1, 1000, 0.1, WorkTiming(0.0055, 0.006, 3)),
-        Campaigns("simd", 1000, {100: 3.0, 1100: 4.0}),
-        SoftwareSpeed(2000, 200, WorkTiming(0.02, 0.03, 3), WorkTiming(0.01, 0.02, 3), WorkTiming(0.2, 0.3, 3)),
-        (ShellStart("ravenjax run quick, nothing cached", 4.9, 6.5, 512.0),),
-    )
-
-
 def test_ratios_and_shares_follow_from_the_numbers():
-    found = findings()
+    found = made_up.whole()
     assert found.ratios() == {"simd": {"engine mjx": 1000.0, "mujoco.rollout": 5.0}}
     assert found.peak_share("simd") == 0.5
     assert found.peak_share("mjx") is None
@@ -64,36 +34,13 @@ def test_ratios_and_shares_follow_from_the_numbers():
     assert found.engine("mjx").growth is None
 
 
-def test_json_and_tables_tell_everything():
-    found = findings()
-    again = json.loads(json.dumps(found.as_json()))
-    assert again["ratios"]["simd"]["mujoco.rollout"] == 5.0
-    assert again["engines"][0]["batches"][1]["ticks_per_s"] == 1e6
-    assert again["machine"]["load_after"] == 1.5
-    assert again["software"]["ticks_per_s"] == {"step": 1e5, "run": 2e5, "interpreted": 1e3}
-    page = tables.markdown(found, "ravenjax bench")
-    for text in (
-        "CPU [4]",
-        "no GPU",
-        "0.5 before, 1.5 after",
-        "50 %",
-        "simd / engine mjx | 1,000",
-        "compiled, a call each | 100,000 | 10 | 100",
-        "5.5 | 0.50 | yes",
-        "nothing cached | 4.90 | 6.50 | 512 MB",
-    ):
-        assert text in page
-    for _, columns, rows in tables.tables(found):
-        assert rows and all(len(row) == len(columns) for row in rows)
-
-
 def test_the_published_model_is_stepped():
-    found = peers.published_model(50, 1, 0.01)
+    found = peers.published_model(0.01, 50)
     assert (found.robots, found.steps) == (1, 50) and found.steps_per_s > 1000
 
 
 def test_the_control_software_is_timed_in_pedal_down():
-    rates = software.measure(20, 5, 1, 0.01).ticks_per_s
+    rates = software.measure(0.01, 20, 5).ticks_per_s
     assert rates["interpreted"] < min(rates["step"], rates["run"])
     there = ControlSoftware(jpos=[list(HOME_JPOS)] * 2, runlevel=3)
     encoders, datagrams = software.inputs(np.array(there.state.usb.enc_val), 2000)
@@ -170,27 +117,53 @@ def test_peers_step_the_arm():
     mujoco.mj_step(model, data)
     assert model.nv == 7 and np.abs(data.qvel).max() > 1e-4
     assert np.abs(np.asarray(there.qvel) - data.qvel).max() < 1e-4 * np.abs(data.qvel).max()
-    found = peers.rollout(threads=2, robots=4, steps=5, repeats=1, enough_s=0.1)
+    found = peers.rollout(0.1, threads=2, robots=4, steps=5)
     assert found.steps_per_s * found.timing.best_s == pytest.approx(20)
 
 
 def test_an_engine_that_is_not_there_is_named_with_its_reason():
     assert "unknown" in speed.find("fpga")
-    assert set(suite.QUICK.sizes) <= set(suite.FULL.sizes)
-    assert dataclasses.asdict(suite.FULL)["repeats"] >= 3
+    with pytest.raises(UserError, match="unknown"):
+        speed.of_engine(1.0, "fpga")
 
 
-def _sleeps() -> None:
-    time.sleep(60.0)
+def test_batches_that_do_not_fit_are_left_out(work):
+    engine = SimdEngine()
+    assert [b.runs for b in speed.measure(engine, work, (16, 32), 1, 0.0, 60.0).batches] == [16, 32]
+    assert [b.runs for b in speed.measure(engine, work, (16, 10**9), 1, 0.0, 1.0).batches] == [16]
 
 
-def test_a_peer_that_does_not_finish_is_left_out():
-    assert peers.apart(_sleeps, limit_s=0.5) == "not finished within 0 s"  # type: ignore[arg-type]
+def test_campaigns_of_sizes_that_fit():
+    found = campaigns.measure(60.0, "simd", (16, 32), 20)
+    assert list(found.seconds) == [16, 32] and found.first_s > 0.0 < min(found.seconds.values())
+    assert list(campaigns.measure(1.0, "simd", (16, 10**9), 20).seconds) == [16]
 
 
 def test_a_command_is_timed_in_a_process_of_its_own(tmp_path):
-    one = start._timed("--help", tmp_path, "--help")
-    assert one.what == "ravenjax --help" and one.cpu_s > 0.0 and one.seconds > 0.0
-    assert 5.0 < one.peak_mb < 500.0
+    seconds, cpu_s, peak_mb = start._timed(tmp_path, "--help")
+    assert cpu_s > 0.0 and seconds > 0.0
+    assert 5.0 < peak_mb < 500.0
     with pytest.raises(RuntimeError, match="no_such_campaign"):
-        start._timed("run", tmp_path, "run", "no_such_campaign")
+        start._timed(tmp_path, "run", "no_such_campaign")
+
+
+def test_commands_are_timed_in_rounds_with_a_cache_of_their_own(monkeypatch):
+    calls = []
+
+    def timed(place, *tokens):
+        calls.append((place, tokens))
+        return 2.0 + len(calls), 1.0 + len(calls), 100.0 - len(calls)
+
+    monkeypatch.setattr(start, "_timed", timed)
+    monkeypatch.setattr(start.scaling, "rounds", lambda work, seconds, most: (work(), work()))
+    cold, again, others, listing, helping = start.measure(1.0)
+    assert cold.what == "ravenjax run quick, nothing cached" and cold.seconds.values == (3.0, 8.0)
+    assert (cold.cpu_s, cold.peak_mb) == (2.0, 99.0)
+    assert [one.what for one in (again, others)] == [
+        "ravenjax run quick again", "ravenjax run quick with other values"
+    ]  # fmt: skip
+    assert (listing.what, helping.what) == ("ravenjax campaigns", "ravenjax --help")
+    places = [place for place, _ in calls]
+    assert len(set(places[:5])) == len(set(places[5:])) == 1 and places[0] != places[5]
+    assert [tokens[:2] for _, tokens in calls[:3]] == [("run", "quick")] * 3
+    assert len({tokens[tokens.index("--out") + 1] for _, tokens in calls[:3]}) == 3

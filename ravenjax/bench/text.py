@@ -1,0 +1,61 @@
+"""Numbers in the words of the benchmark's tables and sentences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+UNKNOWN = "?"
+"""In place of a number that is none."""
+
+
+def millions(rate: float) -> str:
+    """So many millions, three digits or all before the point."""
+    if not math.isfinite(rate):
+        return UNKNOWN
+    return f"{rate / 1e6:,.0f}" if rate >= 1e8 else f"{rate / 1e6:.3g}"
+
+
+def seconds(value: float) -> str:
+    """A time in the unit that suits it."""
+    if not math.isfinite(value):
+        return UNKNOWN
+    if abs(value) >= 99.95:
+        return f"{value:.0f} s"
+    if abs(value) >= 0.9995:
+        return f"{value:.1f} s" if abs(value) >= 9.95 else f"{value:.2f} s"
+    return f"{1e3 * value:.3g} ms" if abs(value) >= 1e-3 else f"{1e6 * value:.3g} us"
+
+
+def percent(share: float) -> str:
+    """A share in hundredths."""
+    return f"{100 * share:.0f} %" if math.isfinite(share) else UNKNOWN
+
+
+def spread(share: float, repeats: int) -> str:
+    """How far repeats lie apart."""
+    if repeats < 2:
+        return "once"
+    return f"+-{50 * share:.0f} %" if math.isfinite(share) else UNKNOWN
+
+
+def times(ratio: float) -> str:
+    """A ratio."""
+    if not math.isfinite(ratio):
+        return UNKNOWN
+    return f"{ratio:,.0f}" if abs(ratio) >= 99.5 else f"{ratio:.3g}"
+
+
+def megabytes(value: float) -> str:
+    """Memory."""
+    return f"{value:,.0f} MB" if math.isfinite(value) else UNKNOWN
+
+
+def several(number: int, one: str, many: str = "") -> str:
+    """A number and its noun."""
+    return f"{number:,} {one if number == 1 else many or one + 's'}"
+
+
+def listing(words: Sequence[str]) -> str:
+    """Words one after the other: "a, b and c"; "" of none."""
+    return " and ".join(filter(None, [", ".join(words[:-1]), *words[-1:]]))
