@@ -26,7 +26,8 @@ TICKS, OBSERVE_MS, FAULT_MS = 10_000, 1000, 10
 """Of a run; how long a run is observed after its fault in the second column; how long that lasts."""
 SHARES = (0.0, 0.25, 0.5, 0.75, 0.9)
 """Of the run that are over when the fault strikes. At the first there is nothing to go on from."""
-LEAST_RUNS = 256
+LEAST_RUNS, MOST_RUNS = 256, 2**18
+"""At each time: more make a GPU no faster, and take long to plan."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,7 +106,7 @@ def measure(
         _run(some)  # prepares what only comes with the runs
         return runs * ticks / clock.seconds(functools.partial(_run, some))
 
-    runs = scaling.affordable(rate, ticks, least_runs, seconds / len(ways))
+    runs = scaling.affordable(rate, ticks, least_runs, 0.5 * seconds / len(ways), MOST_RUNS)
     kernels = {way: computation(runs, starts[0], way) for way in (None, observe_ms)}
     for kernel in kernels.values():
         kernel.compile()

@@ -9,7 +9,6 @@ import math
 from collections.abc import Iterator
 
 from ravenjax.bench import peers, start, text
-from ravenjax.bench.clock import Repeats
 from ravenjax.bench.parts import DEVICES
 from ravenjax.bench.scaling import Scaling
 from ravenjax.bench.speed import PRINTING
@@ -48,7 +47,7 @@ def _starts(found: BenchFindings) -> Iterator[str]:
     yield (
         f"`{command}` takes {text.seconds(cold.seconds.smallest)} from the shell with an empty cache and "
         f"{text.seconds(others.seconds.smallest)} with other values of a form that was run before, "
-        f"{_comparison(others.seconds, cold.seconds, 'as long')}; it has {text.megabytes(most)} in memory at most."
+        f"{text.compared(others.seconds, cold.seconds, 'as long')}; it has {text.megabytes(most)} in memory at most."
     )
 
 
@@ -130,7 +129,7 @@ def _scaling(found: Scaling, what: str) -> Iterator[str]:
         )
     for point in found.points:
         if point.shared:
-            faster = _comparison(point.campaign, last.campaign, "as fast")
+            faster = text.compared(point.campaign, last.campaign, "as fast")
             yield (
                 f"With hyper-threads, {point.count} in all, whole campaigns are {faster} as on "
                 f"{text.several(last.count, 'real core')}."
@@ -228,13 +227,3 @@ def _circumstances(found: BenchFindings) -> Iterator[str]:
             )
     if found.absent:
         yield f"{text.several(len(found.absent), 'part has', 'parts have')} no result; a table below says why."
-
-
-def _comparison(one: Repeats, other: Repeats, how: str) -> str:
-    """ "0.32 times as long": one over the other at their best; "about as long" where their repeats overlap."""
-    pick = min if how == "as long" else max
-    ratio = pick(one.values) / pick(other.values) if pick(other.values) else math.nan
-    overlap = max(one.smallest, other.smallest) <= min(one.largest, other.largest)
-    if overlap and len(one.values) > 1 and len(other.values) > 1:
-        return f"about {how} ({text.times(ratio)} times)"
-    return f"{text.times(ratio)} times {how}"

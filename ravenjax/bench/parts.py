@@ -59,6 +59,14 @@ PARTS: tuple[BenchPart, ...] = (
     BenchPart("peak simd", "peak", "peak of the CPU", peak.measure, PartCost(1.0, 0.5, 2.0), True, ("simd",)),
     BenchPart("operations", "operations", "operations of a tick", operations.measure, PartCost(3.5, 0.0, 0.0), True),
     BenchPart("starts", "shell", "commands from the shell", start.measure, PartCost(1.0, 9.0, 30.0), True),
+    BenchPart(
+        "large_starts",
+        "shell",
+        "a million runs from the shell",
+        start.measure_large,
+        PartCost(2.0, 16.0, 40.0),
+        needs_gpu=True,
+    ),
     BenchPart("cores", "cores", "one core and several", cores.measure, PartCost(5.0, 5.0, 20.0)),
     BenchPart(DEVICES, "devices", "one GPU and several", devices.measure, PartCost(0.0, 0.0, 0.0), needs_gpu=True),
     BenchPart(
@@ -69,7 +77,7 @@ PARTS: tuple[BenchPart, ...] = (
     BenchPart("mujoco.rollout", "peers", "mujoco.rollout", peers.rollout, PartCost(2.0, 0.5, 5.0), True),
     BenchPart("published_model", "peers", "the published model", peers.published_model, PartCost(3.0, 0.3, 2.0), True),
     BenchPart("jax.vmap(mjx.step)", "peers", "mjx.step", peers.mjx_step, PartCost(12.0, 1.0, 6.0)),
-    _engine("xla", PartCost(14.0, 1.0, 8.0)),
+    _engine("xla", PartCost(14.0, 4.0, 8.0)),
     _engine("mjx", PartCost(38.0, 4.0, 8.0)),
 )
 A_COUNT_OF_DEVICES = PartCost(10.0, 4.0, 20.0)

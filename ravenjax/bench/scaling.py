@@ -96,19 +96,21 @@ def campaign_rate(engine: str, runs: int, ticks: int) -> float:
     return runs * ticks / clock.seconds(lambda: runner.run_campaign(config, None, engine))
 
 
-def affordable(rate: Callable[[int], float], ticks: int, least: int, target_s: float) -> int:
-    """Runs of a campaign that take about `target_s` seconds: `least` times a power of two; rate: by runs, ticks/s.
+def affordable(rate: Callable[[int], float], ticks: int, least: int, target_s: float, most: int = LARGEST_RUNS) -> int:
+    """Runs of a campaign that take about `target_s` seconds: `least` times a power of two, `most` at most.
+
+    rate: ticks/s by runs.
 
     Tells it by campaigns that grow until one is long enough to go by.
     """
     runs = least
     while True:
         spent = runs * ticks / rate(runs)
-        if spent * 4.0 >= target_s or runs * 4 > LARGEST_RUNS:
+        if spent * 4.0 >= target_s or runs * 4 > most:
             break
         runs *= 4
     steps = int(np.log2(max(1.0, target_s / spent)))
-    return min(LARGEST_RUNS, runs * 2**steps)
+    return min(most, runs * 2**steps)
 
 
 def rounds(measure: Callable[[], None], seconds: float, most: int = 9) -> None:

@@ -8,9 +8,10 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
-from ravenjax.bench import scaling
+from ravenjax.bench import scaling, text
 from ravenjax.bench.clock import Repeats
 from ravenjax.campaign import compile_cache
 
@@ -20,6 +21,33 @@ NOTHING, AGAIN, OTHERS = ", nothing cached", " again", " with other values"
 """Of the form that is run: neither traced nor compiled before, with the same values, with others."""
 ROUNDS = 5
 """At most."""
+ROOT = Path(__file__).resolve().parents[2]
+"""Folder of the package that runs."""
+LARGE_RUNS, LARGE_S = 1_000_000, 10.0
+LARGE = """
+[campaign]
+name = "large"
+seed = 1
+duration_s = {duration_s}
+arms = ["gold"]
+
+[operator]
+motion = "suture"
+seed = 1
+
+[[group]]
+name = "dac"
+design = "random"
+runs = {runs}
+[[group.fault]]
+site = "usb_out"
+channel = ["shoulder", "elbow", "insertion"]
+effect = "overwrite"
+value = {{ uniform = [-20000, 20000] }}
+start_ms = {{ uniform = [0, {last_ms}] }}
+duration_ms = {{ uniform = [1, 100] }}
+"""
+"""The campaign that `workload.campaign` makes, as a file."""
 _UNIT = 1024 if sys.platform == "linux" else 1  # B, of the memory that the system tells
 _LAUNCHER = """
 import json, os, subprocess, sys, time
@@ -50,27 +78,31 @@ def measure(seconds: float) -> tuple[ShellStart, ...]:
     In rounds, each with a cache of its own, as many as fit into `seconds`; one at least. Raises RuntimeError for a
     command that fails.
     """
-    times: dict[str, list[tuple[float, float, float]]] = {}
-
-    def once() -> None:
-        with tempfile.TemporaryDirectory() as folder:
-            for what, tokens in _commands(Path(folder)):
-                times.setdefault(what, []).append(_timed(Path(folder), *tokens))
-
-    scaling.rounds(once, seconds, ROUNDS)
-    return tuple(
-        ShellStart(
-            f"ravenjax {what}",
-            Repeats(tuple(s for s, _, _ in some)),
-            min(c for _, c, _ in some),
-            max(m for _, _, m in some),
-        )
-        for what, some in times.items()
-    )
+    return _rounds(seconds, commands)
 
 
-def _commands(place: Path) -> list[tuple[str, tuple[str, ...]]]:
-    """What is run, and what is written after `ravenjax`."""
+def measure_large(
+    seconds: float, runs: int = LARGE_RUNS, duration_s: float = LARGE_S, *more: str
+) -> tuple[ShellStart, ...]:
+    """The same for a campaign of a million ten-second runs, which a GPU takes seconds for.
+
+    more: further words of the command line.
+    """
+
+    def listed(place: Path) -> list[tuple[str, tuple[str, ...]]]:
+        file = place / "large.toml"
+        file.write_text(LARGE.format(runs=runs, duration_s=duration_s, last_ms=round(duration_s * 1000) - 1))
+        what = f"run of {runs:,} runs of {duration_s:g} s"
+        return [
+            (f"{what}{case}", ("run", str(file), "--no-report", "--out", str(place / f"large{number}"), *words, *more))
+            for number, (case, words) in enumerate(((NOTHING, ()), (OTHERS, OTHER_VALUES)))
+        ]
+
+    return _rounds(seconds, listed)
+
+
+def commands(place: Path) -> list[tuple[str, tuple[str, ...]]]:
+    """What is run, and what is written after `ravenjax`; results go to `place`."""
 
     def run(what: str, number: int, *more: str) -> tuple[str, tuple[str, ...]]:
         return f"run {CAMPAIGN}{what}", ("run", CAMPAIGN, "--no-report", "--out", str(place / str(number)), *more)
@@ -84,13 +116,38 @@ def _commands(place: Path) -> list[tuple[str, tuple[str, ...]]]:
     ]
 
 
-def _timed(place: Path, *tokens: str) -> tuple[float, float, float]:
-    """s, CPU s and peak MB of `ravenjax` with these words."""
-    environment = os.environ | {compile_cache.VARIABLE: str(place / "cache")}
+def timed_command(place: Path, *tokens: str, root: Path = ROOT) -> tuple[float, float, float]:
+    """s, CPU s and peak MB of `ravenjax` of the package in `root` with these words; its cache is in `place`."""
+    variables = environment(root) | {compile_cache.VARIABLE: str(place / "cache")}
     words, command = place / "words", [sys.executable, "-m", "ravenjax.cli", *tokens]
     launcher = [sys.executable, "-S", "-c", _LAUNCHER, str(words), *command]
-    answer = subprocess.run(launcher, env=environment, capture_output=True, text=True, check=True)
+    answer = subprocess.run(launcher, env=variables, cwd=place, capture_output=True, text=True, check=True)
     seconds, code, cpu, peak = json.loads(answer.stdout)
     if code:
-        raise RuntimeError(f"ravenjax {' '.join(tokens)}: exit code {code}: {words.read_text()}")
+        raise RuntimeError(f"ravenjax {' '.join(tokens)}: exit code {code}: {text.last_line(words.read_text())}")
     return seconds, cpu, peak * _UNIT / 1e6
+
+
+def environment(root: Path) -> dict[str, str]:
+    """Variables with which Python takes the package in `root`, and not one in a folder where it happens to start."""
+    return dict(os.environ) | {"PYTHONPATH": os.pathsep.join(filter(None, [str(root), os.environ.get("PYTHONPATH")]))}
+
+
+def _rounds(seconds: float, listed: Callable[[Path], list[tuple[str, tuple[str, ...]]]]) -> tuple[ShellStart, ...]:
+    times: dict[str, list[tuple[float, float, float]]] = {}
+
+    def once() -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            for what, tokens in listed(Path(folder)):
+                times.setdefault(what, []).append(timed_command(Path(folder), *tokens))
+
+    scaling.rounds(once, seconds, ROUNDS)
+    return tuple(
+        ShellStart(
+            f"ravenjax {what}",
+            Repeats(tuple(s for s, _, _ in some)),
+            min(c for _, c, _ in some),
+            max(m for _, _, m in some),
+        )
+        for what, some in times.items()
+    )

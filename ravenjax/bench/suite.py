@@ -200,7 +200,7 @@ def _findings(
         engines=tuple(value for value in values.values() if isinstance(value, Speed)),
         peak={name.removeprefix("peak "): value for name, value in values.items() if name.startswith("peak ")},
         peers=tuple(v for name, v in values.items() if isinstance(v, Peer) and name != "published_model"),
-        starts=values.get("starts", ()),
+        starts=(*values.get("starts", ()), *values.get("large_starts", ())),
         operations=values.get("operations"),
         published_model=values.get("published_model"),
         campaigns=values.get("campaigns"),

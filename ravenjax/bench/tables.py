@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 from ravenjax.bench import findings, peers, text
 from ravenjax.bench.scaling import Scaling
@@ -70,15 +70,16 @@ def tables(found: BenchFindings) -> Iterator[Table]:
 
 def markdown(found: BenchFindings, command: str) -> str:
     """A page with the sentences and all tables."""
-    summary = "\n".join(f"- {line}" for line in findings.sentences(found))
-    parts = ["# How fast the engines are", f"Written by `{command}`; the machine is named below.", summary, NOTES]
-    for title, columns, rows in tables(found):
-        lines = [
-            columns,
-            tuple("---" for _ in columns),
-            *(tuple(cell.replace("|", r"\|") for cell in row) for row in rows),
-        ]
-        parts += [f"## {title}", "\n".join(f"| {' | '.join(line)} |" for line in lines)]
+    return page("How fast the engines are", command, findings.sentences(found), NOTES, tables(found))
+
+
+def page(title: str, command: str, lines: Sequence[str], notes: str, every: Iterable[Table]) -> str:
+    """Sentences, notes and tables as Markdown."""
+    written = f"Written by `{command}`; the machine is named below." if notes else f"Written by `{command}`."
+    parts = [f"# {title}", written, "\n".join(f"- {line}" for line in lines), notes]
+    for name, columns, rows in every:
+        cells = [columns, tuple("---" for _ in columns), *(tuple(c.replace("|", r"\|") for c in row) for row in rows)]
+        parts += [f"## {name}", "\n".join(f"| {' | '.join(row)} |" for row in cells)]
     return "\n\n".join(filter(None, parts)) + "\n"
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from ravenjax.bench.clock import Repeats
+
 UNKNOWN = "?"
 """In place of a number that is none."""
 
@@ -59,3 +61,21 @@ def several(number: int, one: str, many: str = "") -> str:
 def listing(words: Sequence[str]) -> str:
     """Words one after the other: "a, b and c"; "" of none."""
     return " and ".join(filter(None, [", ".join(words[:-1]), *words[-1:]]))
+
+
+def compared(one: Repeats, other: Repeats, how: str) -> str:
+    """ "0.32 times as long": one over the other at their best; "about as long" where their repeats overlap.
+
+    how: "as long" of times, "as fast" of rates.
+    """
+    pick = min if how == "as long" else max
+    ratio = pick(one.values) / pick(other.values) if pick(other.values) else math.nan
+    overlap = max(one.smallest, other.smallest) <= min(one.largest, other.largest)
+    if overlap and len(one.values) > 1 and len(other.values) > 1:
+        return f"about {how} ({times(ratio)} times)"
+    return f"{times(ratio)} times {how}"
+
+
+def last_line(output: str) -> str:
+    """Of what a program wrote: there its error is."""
+    return next((line.strip() for line in reversed(output.splitlines()) if line.strip()), "it said nothing")

@@ -8,8 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from ravenjax.bench import campaigns, clock, operations, peak, peers, software, speed, start
+from ravenjax.bench import campaigns, clock, operations, peak, peers, software, speed, start, workload
 from ravenjax.bench.workload import PATTERN_RUNS, Workload
+from ravenjax.campaign import loading
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.dynamics.mjx_dynamics import mjx
@@ -128,7 +129,7 @@ def test_an_engine_that_is_not_there_is_named_with_its_reason():
 
 
 def test_batches_that_do_not_fit_are_left_out(work):
-    engine = SimdEngine()
+    engine = SimdEngine(name="watched")
     assert [b.runs for b in speed.measure(engine, work, (16, 32), 1, 0.0, 60.0).batches] == [16, 32]
     assert [b.runs for b in speed.measure(engine, work, (16, 10**9), 1, 0.0, 1.0).batches] == [16]
 
@@ -140,21 +141,21 @@ def test_campaigns_of_sizes_that_fit():
 
 
 def test_a_command_is_timed_in_a_process_of_its_own(tmp_path):
-    seconds, cpu_s, peak_mb = start._timed(tmp_path, "--help")
+    seconds, cpu_s, peak_mb = start.timed_command(tmp_path, "--help")
     assert cpu_s > 0.0 and seconds > 0.0
     assert 5.0 < peak_mb < 500.0
     with pytest.raises(RuntimeError, match="no_such_campaign"):
-        start._timed(tmp_path, "run", "no_such_campaign")
+        start.timed_command(tmp_path, "run", "no_such_campaign")
 
 
 def test_commands_are_timed_in_rounds_with_a_cache_of_their_own(monkeypatch):
     calls = []
 
-    def timed(place, *tokens):
+    def timed_command(place, *tokens):
         calls.append((place, tokens))
         return 2.0 + len(calls), 1.0 + len(calls), 100.0 - len(calls)
 
-    monkeypatch.setattr(start, "_timed", timed)
+    monkeypatch.setattr(start, "timed_command", timed_command)
     monkeypatch.setattr(start.scaling, "rounds", lambda work, seconds, most: (work(), work()))
     cold, again, others, listing, helping = start.measure(1.0)
     assert cold.what == "ravenjax run quick, nothing cached" and cold.seconds.values == (3.0, 8.0)
@@ -167,3 +168,30 @@ def test_commands_are_timed_in_rounds_with_a_cache_of_their_own(monkeypatch):
     assert len(set(places[:5])) == len(set(places[5:])) == 1 and places[0] != places[5]
     assert [tokens[:2] for _, tokens in calls[:3]] == [("run", "quick")] * 3
     assert len({tokens[tokens.index("--out") + 1] for _, tokens in calls[:3]}) == 3
+
+
+def test_the_large_campaign_is_the_one_that_is_timed_elsewhere(tmp_path):
+    file = tmp_path / "large.toml"
+    file.write_text(start.LARGE.format(runs=7, duration_s=2.0, last_ms=1999))
+    one, other = loading.load(str(file)), workload.campaign(7, 2000)
+    assert one.group == other.group and one.operator == other.operator and one.campaign.duration_s == 2.0
+
+
+@pytest.mark.slow
+def test_the_large_campaign_is_run_from_the_shell():
+    cold, others = start.measure_large(0.0, 40, 0.5, "--engine", "simd")
+    assert cold.what == "ravenjax run of 40 runs of 0.5 s, nothing cached" and len(cold.seconds.values) == 1
+    assert others.what.endswith("with other values") and others.cpu_s > 0.0
+
+
+def test_commands_are_those_of_the_package_asked_for(tmp_path, monkeypatch):
+    """Whatever the folder is in which Python starts."""
+    package = tmp_path / "other/ravenjax"
+    (package / "cli").mkdir(parents=True)
+    (package / "__init__.py").write_text("")
+    (package / "cli/__init__.py").write_text("")
+    (package / "cli/__main__.py").write_text("import sys; sys.exit(len(sys.argv) - 2)\n")
+    monkeypatch.chdir(start.ROOT)
+    start.timed_command(tmp_path, "--help", root=tmp_path / "other")
+    with pytest.raises(RuntimeError, match="exit code 1"):
+        start.timed_command(tmp_path, "--help", "more", root=tmp_path / "other")

@@ -174,6 +174,7 @@ def test_numbers_in_words():
     assert [text.percent(x) for x in (0.005, 1.2, math.nan)] == ["0 %", "120 %", "?"]
     assert [text.spread(0.1, 2), text.spread(math.nan, 2), text.spread(0.0, 1)] == ["+-5 %", "?", "once"]
     assert text.megabytes(math.nan) == "?"
+    assert [text.last_line(x) for x in ("a\n b \n\n", "", "\n")] == ["b", "it said nothing", "it said nothing"]
     assert [text.several(n, "run") for n in (0, 1, 2000)] == ["0 runs", "1 run", "2,000 runs"]
     assert [text.listing(w) for w in ((), ("a",), ("a", "b"), ("a", "b", "c"))] == ["", "a", "a and b", "a, b and c"]
 

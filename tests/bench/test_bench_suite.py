@@ -54,7 +54,7 @@ def test_a_part_that_hangs_is_ended_in_time(some, monkeypatch):
     monkeypatch.setattr(suite, "LATE_S", 0.5)
     began = time.perf_counter()
     found = some(
-        8.0,
+        3.0,
         BenchPart("cores", "cores", "", bench_work.sleeps, NONE),
         BenchPart("campaigns", "campaigns", "", bench_work.answers, NONE),
     )
