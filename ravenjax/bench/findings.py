@@ -37,18 +37,19 @@ def sentences(found: BenchFindings) -> list[str]:
 
 
 def _starts(found: BenchFindings) -> Iterator[str]:
-    command = f"ravenjax run {start.CAMPAIGN}"
     times = {one.what: one for one in found.starts}
-    cold = times.get(command + start.NOTHING)
-    others = times.get(command + start.OTHERS)
-    if cold is None or others is None:
-        return
-    most = max(one.peak_mb for one in (cold, others))
-    yield (
-        f"`{command}` takes {text.seconds(cold.seconds.smallest)} from the shell with an empty cache and "
-        f"{text.seconds(others.seconds.smallest)} with other values of a form that was run before, "
-        f"{text.compared(others.seconds, cold.seconds, 'as long')}; it has {text.megabytes(most)} in memory at most."
-    )
+    for cold in found.starts:
+        command = cold.what.removesuffix(start.NOTHING)
+        others = times.get(command + start.OTHERS)
+        if command == cold.what or others is None:
+            continue
+        most = max(cold.peak_mb, others.peak_mb)
+        yield (
+            f"`{command}` takes {text.seconds(cold.seconds.smallest)} from the shell with an empty cache and "
+            f"{text.seconds(others.seconds.smallest)} with other values of a form that was run before, "
+            f"{text.compared(others.seconds, cold.seconds, 'as long')}; it has "
+            f"{text.megabytes(most)} in memory at most."
+        )
 
 
 def _engines(found: BenchFindings) -> Iterator[str]:
@@ -226,4 +227,4 @@ def _circumstances(found: BenchFindings) -> Iterator[str]:
                 "may be better."
             )
     if found.absent:
-        yield f"{text.several(len(found.absent), 'part has', 'parts have')} no result; a table below says why."
+        yield f"{text.several(len(found.absent), 'part has', 'parts have')} no result; a table says why."

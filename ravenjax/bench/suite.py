@@ -25,7 +25,7 @@ from ravenjax.bench.start import ShellStart
 from ravenjax.campaign import compile_cache
 from ravenjax.campaign.executors.carriers import placement
 
-LATE_S = 15.0
+LATE_S = 12.0
 """s that the last part may be late before it is ended."""
 _KEEPING = ("cores", "devices", "fault_times")
 """Parts that may take from each other what is traced and compiled: they time none of it."""

@@ -45,7 +45,7 @@ def test_a_whole_benchmark_is_told():
         "The control software alone makes 100,000 cycles of both arms a second on one core, a call each: 100 "
         "times what a robot at 1 kHz needs, and 100 times the interpreted one.",
         "A step of the published model takes 5.5 us: inside the published band of at most 11 us (target A2).",
-        "2 parts have no result; a table below says why.",
+        "2 parts have no result; a table says why.",
     ]
 
 
@@ -66,6 +66,13 @@ def test_of_nothing_nothing_is_said():
 )
 def test_starts_of_odd_times(cold, others, words):
     assert f"before, {words};" in said(made_up.nothing(starts=made_up.starts(cold, others)))
+
+
+def test_every_command_that_was_run_both_ways_is_told():
+    many = made_up.starts((4.0,), (2.0,))
+    large = [dataclasses.replace(one, what=one.what.replace("quick", "of 5 runs")) for one in many]
+    lines = findings.sentences(made_up.nothing(starts=(*many, *large)))
+    assert [line.partition(" takes")[0] for line in lines] == ["`ravenjax run quick`", "`ravenjax run of 5 runs`"]
 
 
 def test_starts_without_their_counterpart_say_nothing():
@@ -152,7 +159,7 @@ def test_other_odd_numbers():
     assert said(busy).startswith("Other processes kept 2.0 cores of the machine busy meanwhile")
     quiet = made_up.nothing(clocks=(PartClock("a", 30.0, 1.0, 1.0, 0.1), PartClock("b", 0.0, 0.0, 1.0, 9.0)))
     assert said(quiet) == ""
-    assert said(made_up.nothing(absent={"cores": "crashed"})) == "1 part has no result; a table below says why."
+    assert said(made_up.nothing(absent={"cores": "crashed"})) == "1 part has no result; a table says why."
     one = Speed("xla", "a CPU", 1, 1.0, 1.0, (Batch(1, 1, 100, WorkTiming(1.0, 1.0, 1)),))
     assert said(made_up.nothing(engines=(one,))) == (
         "The one engine measured is xla: 0.0001 M full ticks a second with 1 run at once, "
