@@ -24,6 +24,8 @@ RUNS, TICKS = 4096, 3000
 """Of the campaign that is run twice in a process, the second time measured."""
 ROUNDS = 9
 """At most; each has both checkouts."""
+ENOUGH_ROUNDS = 4
+"""From which on two that are alike lie apart in one of 35 benchmarks alone."""
 _SCRIPT = """
 import json, os, sys, time
 cpus, runs, ticks = json.loads(sys.argv[1])
@@ -56,6 +58,14 @@ class BesideRow:
         """Here over there, each at its best."""
         return self.here.smallest / self.there.smallest
 
+    def sentence(self) -> str:
+        """What repeats tell: that all of one are longer than all of the other, and that this is hardly chance."""
+        one, other = self.here, self.there
+        if max(one.smallest, other.smallest) <= min(one.largest, other.largest) and len(one.values) > 1:
+            return f"{self.what}: repeats do not tell them apart ({text.times(self.ratio)} times at best)."
+        doubt = "" if len(one.values) >= ENOUGH_ROUNDS else ", in too few rounds to be sure"
+        return f"{self.what}: {text.times(self.ratio)} times as long here as there{doubt}."
+
 
 @dataclasses.dataclass(frozen=True)
 class Beside:
@@ -74,23 +84,20 @@ class Beside:
 
     def table(self) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
         """Title, columns, rows."""
-        cells = [
-            (
-                row.what,
-                *(f"{side.smallest:.2f}" for side in (row.here, row.there)),
-                *(text.spread(side.spread, len(side.values)) for side in (row.here, row.there)),
-                text.times(row.ratio),
-            )
-            for row in self.rows
-        ]
-        return "Beside each other", ("what", "s here", "s there", "spread here", "spread there", "here/there"), cells
+        cells = [(row.what, _cell(row.here), _cell(row.there), text.times(row.ratio)) for row in self.rows]
+        return "Beside each other", ("what", "here", "there", "here/there"), cells
 
     def sentences(self) -> list[str]:
         """Of each quantity, whether repeats tell the two apart."""
-        lines = [f"Here is {self.here}, there {self.there}; {text.several(len(self.rows[0].here.values), 'round')}."]
-        return lines + [
-            f"{row.what}: {text.compared(row.here, row.there, 'as long')} here as there." for row in self.rows
+        rounds = len(self.rows[0].here.values)
+        return [
+            f"Here is {self.here}, there {self.there}; {text.several(rounds, 'round')}.",
+            *(row.sentence() for row in self.rows),
         ]
+
+
+def _cell(side: Repeats) -> str:
+    return f"{text.seconds(side.smallest)} ({text.spread(side.spread, len(side.values))})"
 
 
 def measure(

@@ -79,10 +79,12 @@ def test_a_package_that_is_measured_in_place_of_another_is_noticed(other, few):
 @pytest.mark.parametrize(
     ("here", "there", "words"),
     [
-        ((1.0, 1.1), (2.0, 2.2), "0.5 times as long here as there."),
-        ((2.0, 2.1), (1.0, 1.1), "2 times as long here as there."),
-        ((1.0, 1.2), (1.1, 1.3), "about as long (0.909 times) here as there."),
-        ((1.0,), (1.0,), "1 times as long here as there."),
+        ((1.0, 1.1, 1.2, 1.0), (2.0, 2.2, 1.3, 1.3), "0.769 times as long here as there."),
+        ((2.0, 2.1, 2.2, 2.0), (1.0, 1.1, 1.0, 1.0), "2 times as long here as there."),
+        ((1.0, 1.1), (2.0, 2.2), "0.5 times as long here as there, in too few rounds to be sure."),
+        ((1.0, 1.2), (1.1, 1.3), "repeats do not tell them apart (0.909 times at best)."),
+        ((1.0,) * 4, (1.0,) * 4, "repeats do not tell them apart (1 times at best)."),
+        ((1.0,), (1.0,), "1 times as long here as there, in too few rounds to be sure."),
     ],
 )
 def test_sentences_say_what_repeats_tell(here, there, words):
@@ -97,8 +99,8 @@ def test_the_command_shows_and_writes_it(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(beside, "measure", lambda folder, total, tell: found)
     page = tmp_path / "page.md"
     assert main(["bench", "--beside", "b", "--markdown", str(page)]) == 0
-    assert "x: 0.5 times as long here as there." in capsys.readouterr().out
-    assert "| x | 1.00 | 2.00 | +-5 % | +-5 % | 0.5 |" in page.read_text()
+    assert "x: 0.5 times as long here as there, in too few" in capsys.readouterr().out
+    assert "| x | 1.00 s (+-5 %) | 2.00 s (+-5 %) | 0.5 |" in page.read_text()
     assert main(["bench", "--beside", "b", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["rows"][0]["ratio"] == 0.5
     assert main(["bench", "--beside", "b", "--quick"]) == 2
