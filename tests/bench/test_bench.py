@@ -11,6 +11,7 @@ import pytest
 from ravenjax.bench import campaigns, clock, operations, peak, peers, software, speed, start, workload
 from ravenjax.bench.workload import PATTERN_RUNS, Workload
 from ravenjax.campaign import loading
+from ravenjax.engines import traced
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.dynamics.mjx_dynamics import mjx
@@ -195,3 +196,11 @@ def test_commands_are_those_of_the_package_asked_for(tmp_path, monkeypatch):
     start.timed_command(tmp_path, "--help", root=tmp_path / "other")
     with pytest.raises(RuntimeError, match="exit code 1"):
         start.timed_command(tmp_path, "--help", "more", root=tmp_path / "other")
+
+
+@pytest.mark.slow
+def test_a_kernel_becomes_ready_in_less_than_its_start(work):
+    """Which traces beside it; nothing is left of an earlier one."""
+    traced.forget()
+    found = speed.measure(SimdEngine(), work, (16,), 1, 0.0)
+    assert 0.0 < found.ready_s < found.start_s
