@@ -97,7 +97,7 @@ class Beside:
 
 
 def _cell(side: Repeats) -> str:
-    return f"{text.seconds(side.smallest)} ({text.spread(side.spread, len(side.values))})"
+    return f"{text.seconds(side.smallest)} ({text.repeats(side)})"
 
 
 def measure(

@@ -45,7 +45,7 @@ def tables(found: BenchFindings) -> Iterator[Table]:
     ]
     every: list[Table] = [
         ("Machine", ("what", "is"), _machine(found)),
-        ("From the shell", ("command", "s", "median", "spread", "times", "CPU s", "peak memory"), _starts(found)),
+        ("From the shell", ("command", "s", "repeats", "median", "CPU s", "memory"), _starts(found)),
         ("Engines: full ticks a second", _ENGINE_COLUMNS, _engines(found)),
         ("Cores: M full ticks a second", _scaling_columns("cores"), _scaling(found.cores)),
         ("GPUs: M full ticks a second", _scaling_columns("GPUs"), _scaling(found.devices)),
@@ -85,7 +85,7 @@ def page(title: str, command: str, lines: Sequence[str], notes: str, every: Iter
 
 _ENGINE_COLUMNS = ("engine", "runs", "lanes of a block", "M ticks/s", "median", "start", "ready", "share of peak")
 _ALONE_COLUMNS = ("how", "ticks/s", "us a tick", "times interpreted")
-_FAULT_COLUMNS = ("fault at", "observed for", "a run takes", "spread", "of a whole run")
+_FAULT_COLUMNS = ("fault at", "observed for", "a run takes", "repeats", "of a whole run")
 
 
 def _a2(found: BenchFindings) -> list[tuple[str, ...]]:
@@ -185,9 +185,8 @@ def _starts(found: BenchFindings) -> list[tuple[str, ...]]:
         (
             one.what,
             f"{one.seconds.smallest:.2f}",
+            text.repeats(one.seconds),
             f"{one.seconds.median:.2f}",
-            text.spread(one.seconds.spread, len(one.seconds.values)),
-            f"{len(one.seconds.values)}",
             f"{one.cpu_s:.2f}",
             text.megabytes(one.peak_mb),
         )
@@ -196,7 +195,7 @@ def _starts(found: BenchFindings) -> list[tuple[str, ...]]:
 
 
 def _scaling_columns(what: str) -> tuple[str, ...]:
-    return (what, "bare kernel", "of linear", "spread", "whole campaign", "of linear", "spread", "runs of it")
+    return (what, "bare kernel", "of linear", "whole campaign", "of linear", "repeats of both", "runs")
 
 
 def _scaling(found: Scaling | None) -> list[tuple[str, ...]]:
@@ -209,10 +208,9 @@ def _scaling(found: Scaling | None) -> list[tuple[str, ...]]:
                 f"{point.count}" + (", hyper-threads too" if point.shared else ""),
                 text.millions(point.kernel.largest),
                 text.percent(of_kernel),
-                text.spread(point.kernel.spread, len(point.kernel.values)),
                 text.millions(point.campaign.largest),
                 text.percent(of_campaign),
-                text.spread(point.campaign.spread, len(point.campaign.values)),
+                f"{text.repeats(point.kernel)}; {text.repeats(point.campaign)}",
                 f"{point.runs}",
             )
         )
@@ -236,7 +234,7 @@ def _fault_times(found: BenchFindings) -> list[tuple[str, ...]]:
             f"{one.start_ms} ms",
             "the whole run" if one.observe_ms is None else f"{one.observe_ms} ms",
             text.seconds(one.run_s.smallest),
-            text.spread(one.run_s.spread, len(one.run_s.values)),
+            text.repeats(one.run_s),
             text.percent(one.run_s.smallest / times.whole_s),
         )
         for one in (times.times if times is not None else ())

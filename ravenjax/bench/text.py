@@ -34,11 +34,10 @@ def percent(share: float) -> str:
     return f"{100 * share:.0f} %" if math.isfinite(share) else UNKNOWN
 
 
-def spread(share: float, repeats: int) -> str:
-    """How far repeats lie apart."""
-    if repeats < 2:
-        return "once"
-    return f"+-{50 * share:.0f} %" if math.isfinite(share) else UNKNOWN
+def repeats(some: Repeats) -> str:
+    """How many there are, and how far they lie apart."""
+    number = len(some.values)
+    return "once" if number < 2 else f"{number}, +-{50 * some.spread:.0f} %"
 
 
 def times(ratio: float) -> str:

@@ -11,7 +11,7 @@ import pytest
 
 from ravenjax.bench import findings, tables, text
 from ravenjax.bench.campaigns import Campaigns
-from ravenjax.bench.clock import WorkTiming
+from ravenjax.bench.clock import Repeats, WorkTiming
 from ravenjax.bench.fault_times import FaultTimes
 from ravenjax.bench.software import SoftwareSpeed
 from ravenjax.bench.speed import Batch, Speed
@@ -179,7 +179,7 @@ def test_numbers_in_words():
     assert [text.millions(x) for x in (1.0, 2.5e6, 1.234e9, math.inf)] == ["1e-06", "2.5", "1,234", "?"]
     assert [text.times(x) for x in (0.01234, 3.0, 99.6, 12345.0, math.nan)] == ["0.0123", "3", "100", "12,345", "?"]
     assert [text.percent(x) for x in (0.005, 1.2, math.nan)] == ["0 %", "120 %", "?"]
-    assert [text.spread(0.1, 2), text.spread(math.nan, 2), text.spread(0.0, 1)] == ["+-5 %", "?", "once"]
+    assert [text.repeats(Repeats(x)) for x in ((1.9, 2.1), (2.0,), (2.0,) * 3)] == ["2, +-5 %", "once", "3, +-0 %"]
     assert text.megabytes(math.nan) == "?"
     assert [text.last_line(x) for x in ("a\n b \n\n", "", "\n")] == ["b", "it said nothing", "it said nothing"]
     assert [text.several(n, "run") for n in (0, 1, 2000)] == ["0 runs", "1 run", "2,000 runs"]
@@ -207,9 +207,9 @@ def test_json_and_tables_tell_everything(capsys):
         "simd / engine mjx | 1,000",
         "compiled, a call each | 100,000 | 10 | 100",
         "5.5 | 0.50 | yes",
-        "nothing cached | 4.90 | 4.95 | +-1 % | 2 | 6.50 | 512 MB",
-        "| 3, hyper-threads too | 33.1 | 73 % |",
-        "| 9000 ms | 1000 ms | 250 us | +-5 % | 25 % |",
+        "nothing cached | 4.90 | 2, +-1 % | 4.95 | 6.50 | 512 MB",
+        "| 3, hyper-threads too | 33.1 | 73 % | 25.1 | 69 % | 2, +-0 %; 2, +-0 % | 3000 |",
+        "| 9000 ms | 1000 ms | 250 us | 2, +-5 % | 25 % |",
         "| engine simd | 20.0 | 12.0 | 300 MB | 0.1 cores |",
         "- GPUs were not measured: no GPU.",
     ):

@@ -100,7 +100,7 @@ def test_the_command_shows_and_writes_it(tmp_path, monkeypatch, capsys):
     page = tmp_path / "page.md"
     assert main(["bench", "--beside", "b", "--markdown", str(page)]) == 0
     assert "x: 0.5 times as long here as there, in too few" in capsys.readouterr().out
-    assert "| x | 1.00 s (+-5 %) | 2.00 s (+-5 %) | 0.5 |" in page.read_text()
+    assert "| x | 1.00 s (2, +-5 %) | 2.00 s (2, +-5 %) | 0.5 |" in page.read_text()
     assert main(["bench", "--beside", "b", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["rows"][0]["ratio"] == 0.5
     assert main(["bench", "--beside", "b", "--quick"]) == 2
