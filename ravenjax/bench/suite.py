@@ -87,6 +87,11 @@ class BenchFindings:
         }
 
     @property
+    def is_empty(self) -> bool:
+        """Whether no part has a result."""
+        return all(one.name in self.absent for one in self.clocks)
+
+    @property
     def seconds(self) -> float:
         """s of all parts."""
         return sum(one.seconds for one in self.clocks)

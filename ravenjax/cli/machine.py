@@ -66,7 +66,7 @@ def bench(
         console.emit_json(results.as_json() | {"sentences": lines})
     else:
         _show(tables.tables(results), lines)
-    return int(not results.clocks)
+    return int(results.is_empty)
 
 
 def _beside(folder: Path, total: float, tell: Callable[[str], None], json: bool, markdown: Path | None) -> int:
