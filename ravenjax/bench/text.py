@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 from ravenjax.bench.clock import Repeats
 
@@ -55,11 +54,6 @@ def megabytes(value: float) -> str:
 def several(number: int, one: str, many: str = "") -> str:
     """A number and its noun."""
     return f"{number:,} {one if number == 1 else many or one + 's'}"
-
-
-def listing(words: Sequence[str]) -> str:
-    """Words one after the other: "a, b and c"; "" of none."""
-    return " and ".join(filter(None, [", ".join(words[:-1]), *words[-1:]]))
 
 
 def compared(one: Repeats, other: Repeats, how: str) -> str:

@@ -183,7 +183,6 @@ def test_numbers_in_words():
     assert text.megabytes(math.nan) == "?"
     assert [text.last_line(x) for x in ("a\n b \n\n", "", "\n")] == ["b", "it said nothing", "it said nothing"]
     assert [text.several(n, "run") for n in (0, 1, 2000)] == ["0 runs", "1 run", "2,000 runs"]
-    assert [text.listing(w) for w in ((), ("a",), ("a", "b"), ("a", "b", "c"))] == ["", "a", "a and b", "a, b and c"]
 
 
 def test_json_and_tables_tell_everything(capsys):
