@@ -8,6 +8,7 @@ module of the package or the one module itself, has
     bases(setup) -> {arm: Base}             optional: where the arms stand in the world
     clocks(program, columns, varied, runs) -> faults.clocks.Clocks      optional: when packets come, the pedal is down
     phases(config) -> {phase: int [stretches, 2]}       where `Robot.phases` names any: stretches of their ticks
+    explained(program) -> TickProgram       optional: the same runs, each compared with its golden run at every seam
     Params                                  record of the parameters, a `numbers.quantity` at each field
     Config                                  optional: a subclass of `CampaignConfig` with sections of its own
 

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from types import ModuleType
 
 from ravenjax.vocabulary.checks import Check
+from ravenjax.vocabulary.seams import Seam
 from ravenjax.vocabulary.sites import Site
 
 OTHER_LAYER = "other"
@@ -39,6 +40,7 @@ class Robot:
     dead_man: str = ""  # the switch that an operator holds down while the robot is to move; "": it has none
     tissue: bool = False  # whether there is tissue that a tip can go into
     phases: Mapping[str, str] = dataclasses.field(default_factory=dict)  # of an operation, and when each is
+    seams: Mapping[str, Seam] = dataclasses.field(default_factory=dict)  # where `explain` looks, in the tick's order
 
     @property
     def live_state(self) -> str:

@@ -1,6 +1,6 @@
 """The Raven-II: one folder that declares arms, joints, sites and checks, and holds its tick.
 
-arms, sites, checks, run_levels, layers, phases   the declaration, without JAX
+arms, sites, seams, checks, run_levels, layers, phases   the declaration, without JAX
 setup        what picks code
 geometry     kinematics, transmission, limits, tools, gravity, and the operating scene
 original     the same with the operations of the original software in their order
@@ -20,6 +20,7 @@ from ravenjax.robots.raven2.arms import ARMS, JOINTS, LEADING, LINEAR
 from ravenjax.robots.raven2.checks import CHECKS
 from ravenjax.robots.raven2.layers import LAYERS
 from ravenjax.robots.raven2.phases import PHASES
+from ravenjax.robots.raven2.seams import SEAMS
 from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.robot import Robot
 
@@ -41,4 +42,5 @@ ROBOT = Robot(
     dead_man="pedal",
     tissue=True,
     phases=PHASES,
+    seams=SEAMS,
 )

@@ -26,6 +26,7 @@ class RavenSetup(setup.Setup):
     packet_history: int = 0  # ms; where `packets`: how old those may be that faults of the network send again
     cables: Literal["unwatched", "unbreakable", "break"] = "unwatched"  # whether their load is an outcome; what it does
     command_delay: int = 0  # ms, the longest that a DAC command may take from USB write to motor
+    explained: tuple[tuple[float, float] | None, ...] = ()  # normal range of each number that `loop.explained` compares
 
     def __post_init__(self) -> None:
         if len(self.tools) != len(self.arms):

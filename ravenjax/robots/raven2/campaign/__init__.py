@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ravenjax.robots.raven2.campaign.config import RavenConfig as Config
+    from ravenjax.robots.raven2.campaign.golden_comparison import explained
     from ravenjax.robots.raven2.campaign.operation import phases
     from ravenjax.robots.raven2.campaign.pedal import clocks
     from ravenjax.robots.raven2.campaign.program import prepare
@@ -22,11 +23,12 @@ _HOMES = {
     "bases": ("ravenjax.robots.raven2.campaign.trace", "bases"),
     "clocks": ("ravenjax.robots.raven2.campaign.pedal", "clocks"),
     "phases": ("ravenjax.robots.raven2.campaign.operation", "phases"),
+    "explained": ("ravenjax.robots.raven2.campaign.golden_comparison", "explained"),
     "prepare": ("ravenjax.robots.raven2.campaign.program", "prepare"),
     "series": ("ravenjax.robots.raven2.campaign.trace", "series"),
 }
 
-__all__ = ["Config", "Params", "bases", "clocks", "phases", "prepare", "series"]
+__all__ = ["Config", "Params", "bases", "clocks", "explained", "phases", "prepare", "series"]
 
 
 def __getattr__(name: str) -> Any:

@@ -117,6 +117,7 @@ class ControlSignals:
     overdrive: Scalar  # int32 flag: the check raised the soft E-stop in this cycle
     clamped: Scalar  # int32 flag: a joint limit clamped a target
     pins_out: Scalar  # int32 output byte to the PLC
+    packet: Packet | None = None  # as faults left it, before the checks; where Setup.explained
 
 
 def params(setup: RavenSetup) -> ControlParams:
@@ -277,6 +278,7 @@ def cycle(
         overdrive=as_int(tripped),
         clamped=as_int(clamped),
         pins_out=pins,
+        packet=packet if setup.explained else None,
     )
     state = ControlState(
         tick=tick + 1,

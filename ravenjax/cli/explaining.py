@@ -1,0 +1,116 @@
+"""`explain`: from fault to error to failure, of single runs and over a campaign."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from ravenjax.cli import console
+from ravenjax.cli.console import AsJson
+
+if TYPE_CHECKING:
+    from ravenjax.campaign.inspection.explain import Explained, Explainer
+    from ravenjax.report.run.chain import Chain
+    from ravenjax.store.manifest import Manifest
+
+
+def explain(
+    folder: Path,
+    *run_ids: str,
+    worst: Annotated[int | None, Parameter(help="explain the N worst runs instead of named ones")] = None,
+    by: Annotated[
+        str, Parameter(help="what makes a run worst: unintended, loss, report, tissue, cue or response")
+    ] = "unintended",
+    group: Annotated[str | None, Parameter(help="explain every run with a fault of this group, together")] = None,
+    out: Annotated[Path | None, Parameter(help="folder of what is written; default FOLDER/explained")] = None,
+    engine: Annotated[str, Parameter(help="auto is the engine that the campaign ran on")] = "auto",
+    as_json: AsJson = False,
+) -> None:
+    """Say how a fault became a failure: which signal differs from the golden run when, and where it was visible first.
+
+    Without run ids, --worst and --group every run with a fault is explained, and all together are summarised.
+
+    Parameters
+    ----------
+    folder
+        What `ravenjax run` wrote.
+    run_ids
+        Of each row its run_id, or enough of its beginning to tell it from others, or its index.
+    """
+    from ravenjax.campaign.inspection.explain import Explainer
+    from ravenjax.errors import UserError
+    from ravenjax.report.data import rows_asked
+    from ravenjax.report.run import ranking
+    from ravenjax.store import files, manifest
+    from ravenjax.store.access import explained
+
+    if sum((bool(run_ids), worst is not None, group is not None)) > 1:
+        raise UserError("which runs? Give run ids or indices, or --worst N, or --group NAME, one of them")
+    record = manifest.read(folder)
+    ranked = ranking.worst(folder, worst, by) if worst is not None else []
+    if worst is not None and len(ranked) < worst:
+        are = "run is" if len(ranked) == 1 else "runs are"
+        console.note(f"{folder}: only {len(ranked)} {are} a case of {ranking.RANKINGS[by].meaning}")
+    if worst is not None and not ranked:
+        return console.emit_json([]) if as_json else None
+    together = None if run_ids or ranked else rows_asked.faulty(folder, group)
+    place = out or folder / explained.FOLDER
+    files.require_writable(place)
+    explainer = Explainer.of_folder(folder, engine)
+    rows = [explainer.index(run) for run in run_ids] or [run.row for run in ranked] or together
+    explanation = _compute(explainer, rows, quiet=as_json)
+    explained.add(place, explanation.ticks, record)
+    if others := rows_asked.changed(folder, explanation.results):
+        code = "this" if record.code_hash == manifest.code_hash(record.robot) else "another"
+        console.note(
+            f"{folder}: {others} of {len(explanation.ticks)} runs came out otherwise than they are stored, "
+            f"by engine {record.engine} and {code} version of the code"
+        )
+    if together is None:
+        _one_by_one(place, record, explanation, as_json)
+    return None
+
+
+def _compute(explainer: Explainer, rows: Any, quiet: bool) -> Explained:
+    """With progress where somebody watches and there is enough to wait for."""
+    from ravenjax.cli import terminal
+
+    if quiet or len(rows) < 100:
+        return explainer.explain(rows)
+    with terminal.Watch(console.err) as watch:
+        return explainer.explain(rows, watch)
+
+
+def _one_by_one(place: Path, record: Manifest, explanation: Explained, as_json: bool) -> None:
+    """Each run's chain: printed, and as CSV and SVG."""
+    from ravenjax.report import downloads
+    from ravenjax.report.run import chain, chain_words
+    from ravenjax.store.files import write_aside
+
+    records = []
+    for row, ticks in zip(explanation.results.to_dict("records"), explanation.ticks.to_dict("records"), strict=True):
+        one = chain.chain(row, ticks, record.robot, record.shape.arms, record.rules.cue)  # type: ignore[arg-type]
+        table, plot = (place / f"{one.run_id}.{kind}" for kind in ("csv", "svg"))
+        text = downloads.text(one.links) or "layer,signal\n"
+        write_aside(table, lambda target, text=text: target.write_text(text, encoding="utf-8"))
+        paths = [table] if chain_words.draw(one, plot) is None else [table, plot]
+        records.append(chain_words.as_dict(one) | {"files": [str(path) for path in paths]})
+        if not as_json:
+            _print(one, paths)
+    if as_json:
+        console.emit_json(records)
+
+
+def _print(one: Chain, paths: list[Path]) -> None:
+    """Tables and sentences of one run."""
+    from ravenjax.cli import terminal
+    from ravenjax.report.run import chain_words
+
+    console.say("\n  ".join([chain_words.title(one), *chain_words.sentences(one)]))
+    tables = ((chain_words.LINKS, chain_words.link_rows(one)), (chain_words.CHECKS, chain_words.check_rows(one)))
+    for columns, rows in tables:
+        if rows:
+            console.out.print(terminal.table("", columns, rows))
+    console.say("\n".join([*(f"  wrote    {path}" for path in paths), ""]))

@@ -1,0 +1,191 @@
+"""The chain of one run, from fault to error to failure: where it differs from its golden run, signal by signal.
+
+Signals are the seams of the robot's tick, each of an arm; their times are the earliest of their numbers'. A signal is
+*visible* from the tick in which it leaves its normal range: a check of that range, there, could have seen the fault.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ravenjax.report import wording
+from ravenjax.vocabulary.robot import Robot
+from ravenjax.vocabulary.seams import Crossing, crossings
+
+DIFFERS, LEAVES, NEAR, GOLDEN_NEAR, NEAR_MS = "differs:", "leaves:", "near:", "golden_near:", "near_ms:"
+"""Beginnings of the columns of explained runs, as `campaign.inspection.explain` names them."""
+HARMS = {
+    "unintended motion": "unintended_first_ms",
+    "loss of motion": "loss_first_ms",
+    "false report": "false_report_first_ms",
+}
+"""Hazard of a run, and the column of the result table that says when it began."""
+
+
+class SignalTicks(NamedTuple):
+    """One signal in some runs, arrays [runs] in ms; -1: never."""
+
+    name: str  # gold/mpos
+    layer: str  # in words
+    meaning: str
+    differs: np.ndarray
+    leaves: np.ndarray
+    differing: np.ndarray  # index of the number that differed first, of `channels`
+    leaving: np.ndarray
+    channels: tuple[str, ...]
+    ranged: bool  # whether any of its numbers has a normal range
+
+
+class ChainLink(NamedTuple):
+    """One signal of a chain; times in ms since the run began, -1: never."""
+
+    layer: str
+    signal: str
+    meaning: str
+    differs_ms: int
+    differs_in: str  # the number that differed first; "": none
+    leaves_ms: int
+    leaves_in: str
+    left_ms: int | None  # from there to harm; None where it never was visible, or without harm
+
+
+class NearCheck(NamedTuple):
+    """How close a check came before harm."""
+
+    check: str
+    unit: str
+    margin: float  # least distance to its limit until harm, 0 or less: tripped
+    golden: float  # the golden run's until the same tick
+    ms: int  # when it was least
+    tripped_ms: int  # in the whole run; -1: never
+    does: str
+
+
+class Chain(NamedTuple):
+    """One run, explained."""
+
+    run_id: str
+    index: int
+    group: str
+    fault: str
+    verdict: str
+    hazard: str
+    fault_ms: int  # first effect; -1: it had none
+    cue_ms: int
+    told_ms: int
+    harm_ms: int  # when the run's hazard began; -1: it has none, or none with a moment
+    links: Sequence[ChainLink]  # of the signals that differ, in the robot's order
+    checks: Sequence[NearCheck]  # those that came nearer than in the golden run, or tripped
+
+    @property
+    def first(self) -> ChainLink | None:
+        """The first signal that became visible, of those of one tick the first in the robot's order; None: none did."""
+        visible = [link for link in self.links if link.leaves_ms >= 0]
+        return min(visible, key=lambda link: link.leaves_ms, default=None)
+
+    @property
+    def in_time(self) -> ChainLink | None:
+        """The same where it was before harm."""
+        first = self.first
+        return first if first is not None and (first.left_ms or 0) > 0 else None
+
+
+def signals(ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str]) -> list[SignalTicks]:
+    """Every signal in the robot's order; ticks: columns of explained runs, arrays [runs] or numbers."""
+    named: dict[str, list[Crossing]] = {}
+    for place in crossings(robot.seams, arms):
+        named.setdefault(place.signal, []).append(place)
+    out = []
+    for name, places in named.items():
+        differs = _stacked(ticks, [f"{DIFFERS}{place.name}" for place in places])
+        leaves = _stacked(ticks, [f"{LEAVES}{place.name}" for place in places])
+        seam = places[0].seam
+        out.append(
+            SignalTicks(
+                name,
+                robot.layers[seam.layer],
+                seam.meaning,
+                _earliest(differs),
+                _earliest(leaves),
+                _late(differs).argmin(axis=0),
+                _late(leaves).argmin(axis=0),
+                tuple(place.channel.name for place in places),
+                any(place.channel.site for place in places),
+            )
+        )
+    return out
+
+
+def chain(row: Mapping[str, Any], ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str], cue: int) -> Chain:
+    """One run. row: of the result table; ticks: of the explained runs; cue: number of the verdict's set."""
+    hazard = str(row["hazard"])
+    harm = int(row[HARMS[hazard]]) if hazard in HARMS else -1
+    return Chain(
+        run_id=str(row["run_id"]),
+        index=int(row["index"]),
+        group=str(row["group"]),
+        fault=wording.fault(dict(row), robot),
+        verdict=str(row["verdict"] or row["failed"]),
+        hazard=hazard,
+        fault_ms=int(row["first_active_ms"]),
+        cue_ms=_beyond(row, f"cue{cue}_first_ms"),
+        told_ms=int(row["told_ms"]),
+        harm_ms=harm,
+        links=[link for one in signals(ticks, robot, arms) if (link := _link(one, harm)) is not None],
+        checks=_checks(row, ticks, robot),
+    )
+
+
+def _link(one: SignalTicks, harm: int) -> ChainLink | None:
+    """The signal of the only run, None where it never differs."""
+    differs, leaves = int(one.differs[0]), int(one.leaves[0])
+    if differs < 0:
+        return None
+    return ChainLink(
+        one.layer,
+        one.name,
+        one.meaning,
+        differs,
+        one.channels[int(one.differing[0])],
+        leaves,
+        one.channels[int(one.leaving[0])] if leaves >= 0 else "",
+        harm - leaves if harm >= 0 and leaves >= 0 else None,
+    )
+
+
+def _checks(row: Mapping[str, Any], ticks: Mapping[str, Any], robot: Robot) -> list[NearCheck]:
+    out = []
+    for name in (column.removeprefix(NEAR) for column in ticks if str(column).startswith(NEAR)):
+        margin, golden = float(ticks[f"{NEAR}{name}"]), float(ticks[f"{GOLDEN_NEAR}{name}"])
+        tripped, check = int(row[f"check_{name}_first_ms"]), robot.check(name)
+        if (math.isfinite(margin) and margin < golden) or tripped >= 0:
+            ms = int(ticks[f"{NEAR_MS}{name}"])
+            out.append(NearCheck(name, check.unit, margin, golden, ms, tripped, check.does))
+    return out
+
+
+def _beyond(row: Mapping[str, Any], name: str) -> int:
+    """When a cue came that the golden run did not have by then."""
+    own, golden = int(row[name]), int(row[f"golden_{name}"])
+    return own if own >= 0 and not 0 <= golden <= own else -1
+
+
+def _stacked(ticks: Mapping[str, Any], names: Sequence[str]) -> np.ndarray:
+    """Columns, those that are not there never, int32 [columns, runs]."""
+    there = [np.atleast_1d(np.asarray(ticks[name], np.int32)) if name in ticks else None for name in names]
+    runs = next((len(part) for part in there if part is not None), 1)
+    return np.stack([np.full(runs, -1, np.int32) if part is None else part for part in there])
+
+
+def _late(ticks: np.ndarray) -> np.ndarray:
+    """Never as the last of all times."""
+    return np.where(ticks < 0, np.iinfo(np.int32).max, ticks)
+
+
+def _earliest(ticks: np.ndarray) -> np.ndarray:
+    first = _late(ticks).min(axis=0)
+    return np.where(first == np.iinfo(np.int32).max, -1, first)

@@ -1,0 +1,193 @@
+"""The chain of one run in words and as a chart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+from ravenjax.document import axes as printed
+from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots
+from ravenjax.document.figure_style import STYLE
+from ravenjax.document.palette import CUE, RESPONSE, SAME
+from ravenjax.report import wording
+from ravenjax.report.run.chain import Chain, ChainLink
+from ravenjax.store.files import write_aside
+
+ROW = 15  # px of a signal
+MARGIN_MS = 8  # of the time axis about the first and the last thing, at least
+LINKS, CHECKS = (
+    ("signal", "layer", "differs from", "out of its range from", "before harm"),
+    ("check", "margin before harm", "golden run's", "least at", "trips at", "what it does"),
+)
+"""Columns of both tables."""
+
+
+def title(one: Chain) -> str:
+    """Which run."""
+    return f"run {one.run_id} · {one.verdict}"
+
+
+def sentences(one: Chain) -> list[str]:
+    """What the chain says, a sentence a line."""
+    lines = [f"{one.group}: {one.fault}"]
+    if one.fault_ms < 0:
+        return [*lines, "The fault never changed a value: nothing differs from the golden run."]
+    lines.append(f"The fault first changed a value at {_ms(one.fault_ms)}; {_named(one.hazard, one.harm_ms)}.")
+    check = "No check told anyone"
+    if one.told_ms >= 0:
+        check = f"A check told a person, or stopped the robot, at {_ms(one.told_ms)}"
+    cue = f"the cue came at {_ms(one.cue_ms)}" if one.cue_ms >= 0 else "no cue came"
+    lines.append(f"{check}; {cue}.")
+    return [*lines, visible(one)]
+
+
+def visible(one: Chain) -> str:
+    """Where a check could have seen it, in a sentence."""
+    first = one.first
+    if first is None:
+        return "No signal ever left its normal range: no check of a range could have seen it."
+    where = f"{first.signal} ({first.leaves_in}), {first.meaning}"
+    text = f"First visible at {_ms(first.leaves_ms)}: {where}, left its normal range"
+    if first.left_ms is None:
+        return f"{text}."
+    if first.left_ms > 0:
+        return f"{text} {wording.count(first.left_ms)} ms before harm."
+    return f"{text}, not before harm."
+
+
+def link_rows(one: Chain) -> list[tuple[str, ...]]:
+    """The chain as a table, columns LINKS; a layer is named where it changes."""
+    rows, layer = [], ""
+    for link in one.links:
+        rows.append(
+            (
+                link.signal,
+                link.layer if link.layer != layer else "",
+                f"{_ms(link.differs_ms)}, {link.differs_in}",
+                f"{_ms(link.leaves_ms)}, {link.leaves_in}" if link.leaves_ms >= 0 else "",
+                _left(link),
+            )
+        )
+        layer = link.layer
+    return rows
+
+
+def check_rows(one: Chain) -> list[tuple[str, ...]]:
+    """The checks as a table, columns CHECKS."""
+    return [
+        (
+            check.check,
+            f"{wording.number(check.margin)} {check.unit}".strip() if np.isfinite(check.margin) else wording.DASH,
+            wording.number(check.golden),
+            _ms(check.ms) if check.ms >= 0 else wording.DASH,
+            _ms(check.tripped_ms) if check.tripped_ms >= 0 else "never",
+            check.does,
+        )
+        for check in one.checks
+    ]
+
+
+def as_dict(one: Chain) -> dict[str, Any]:
+    """As JSON has it."""
+    first = one.first
+    return {
+        **{name: value for name, value in one._asdict().items() if name not in ("links", "checks")},
+        "visible": None if first is None else first._asdict(),
+        "links": [link._asdict() for link in one.links],
+        "checks": [check._asdict() for check in one.checks],
+    }
+
+
+def timeline(one: Chain) -> Chart | None:
+    """Chart of the chain: a row a signal in the robot's order, when it differs and when it leaves its range; what
+    happened as upright lines. None where nothing differs."""
+    if not one.links:
+        return None
+    places = np.arange(len(one.links), dtype=float)
+    differs = np.array([link.differs_ms for link in one.links], float)
+    leaves = np.array([link.leaves_ms for link in one.links], float)
+    marks = {"fault": one.fault_ms, "cue": one.cue_ms, "check tells": one.told_ms, one.hazard: one.harm_ms}
+    marks = {name: ms for name, ms in marks.items() if ms >= 0}
+    every = np.concatenate([differs, leaves[leaves >= 0], list(marks.values())])
+    margin = max(MARGIN_MS, 0.04 * float(every.max() - every.min()))
+    low, high = max(0.0, float(every.min()) - margin), float(every.max()) + margin
+    upright = np.array([-0.5, len(one.links) - 0.5])
+    colours = {"fault": "series3", "cue": CUE, "check tells": RESPONSE}
+    outside = leaves >= 0
+    tips = {name: tuple(f"{link.signal}, {text(link)}" for link in one.links) for name, text in _TIPS.items()}
+    return Chart(
+        title(one),
+        ChartAxis("time, ms", low, high, unit="ms"),
+        ChartAxis("signals, in the robot's order", 0, len(one.links), names=tuple(_names(one))),
+        (
+            *(
+                Curve(f"{name}, {_ms(ms)}", colours.get(name, "series6"), np.array([ms, ms], float), upright)
+                for name, ms in marks.items()
+            ),
+            Dots("differs in any bit", SAME, differs, places, tips=tips["differs"]),
+            Dots(
+                "leaves its normal range",
+                "series2",
+                leaves[outside],
+                places[outside],
+                tips=tuple(tip for tip, there in zip(tips["leaves"], outside, strict=True) if there),
+                diamond=True,
+            ),
+        ),
+        height=ROW * len(one.links),
+    )
+
+
+def draw(one: Chain, path: Path) -> Path | None:
+    """The timeline as a file (.svg, .png or .pdf); None where nothing differs."""
+    chart = timeline(one)
+    if chart is None:
+        return None
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(7.6, 1.6 + 0.17 * len(one.links)), layout="constrained")
+        axes = figure.subplots()
+        printed.draw(chart, axes)
+        axes.set_xlabel(chart.x.title)
+        axes.tick_params("y", labelsize=7.5)
+        figure.suptitle(chart.title, x=0.01, ha="left", fontsize=10, fontweight="bold")
+        axes.set_title("\n".join([sentences(one)[0], visible(one)]), loc="left", x=0.0, fontsize=8, color="#3a424c")
+        figure.legend(loc="outside lower left", ncols=3, fontsize=8)
+        kind = path.suffix.lstrip(".") or "svg"
+        metadata: Any = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
+        write_aside(path, lambda target: figure.savefig(target, format=kind, dpi=160, metadata=metadata))
+    return path
+
+
+_TIPS = {
+    "differs": lambda link: f"{link.differs_in} differs at {_ms(link.differs_ms)}",
+    "leaves": lambda link: f"{link.leaves_in} out of its range at {_ms(link.leaves_ms)}",
+}
+
+
+def _names(one: Chain) -> Iterator[str]:
+    """Signals; the first of a layer with the layer's name."""
+    layer = ""
+    for link in one.links:
+        yield link.signal if link.layer == layer else f"{link.layer} · {link.signal}"
+        layer = link.layer
+
+
+def _named(hazard: str, ms: int) -> str:
+    if ms >= 0:
+        return f"{hazard} began at {_ms(ms)}"
+    return "no hazard came of it" if hazard == "none" else f"{hazard}: the robot was not live too long"
+
+
+def _left(link: ChainLink) -> str:
+    if link.left_ms is None:
+        return ""
+    return _ms(link.left_ms) if link.left_ms > 0 else "after it"
+
+
+def _ms(value: int) -> str:
+    return f"{wording.count(value)} ms"

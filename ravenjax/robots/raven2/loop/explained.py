@@ -1,0 +1,252 @@
+"""A run of ticks that is compared with its golden run number by number: where a fault's effect appears first, and when.
+
+This module is a `Loop` of `ravenjax.engines.interface`: that of `run`, beside which an observer compares each number
+that crosses a seam (`ravenjax.robots.raven2.seams`) with the golden run's of the same tick. The golden run's numbers
+come the way that its tips come in any campaign, as a series. So engines run it in bulk, from branches of golden runs
+and with what a group shares computed once, and no trace is ever stored. What a run does is untouched: the tick is the
+same function, and a lane's outcomes have the bits of `run`.
+
+The price, both arms: 362 numbers a tick are compared, of which 230 have a range, some 5 000 further operations beside
+the tick's own; and a golden run's series is 3 s x 374 numbers x 4 bytes = 4.5 MB long. The other way, two traces of
+each run in blocks and NumPy afterwards, would move 2 x 4.5 MB a run, 90 GB for ten thousand, through memory.
+
+A number *differs* in the first tick in which any bit is another than the golden run's; it *leaves its range* in the
+first in which it lies outside of its normal range while the golden run's lies inside. Content of a packet counts where
+a packet was received.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from ravenjax.faults import fault
+from ravenjax.numbers.lazy import jnp, lax
+from ravenjax.numbers.setup import real, wide
+from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.robots.raven2.checks import CHECKS
+from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
+from ravenjax.robots.raven2.loop import run
+from ravenjax.robots.raven2.loop.records import TickParams, TickSignals, TickState
+from ravenjax.robots.raven2.seams import SEAMS
+from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.vocabulary.seams import Crossing, crossings
+
+DIFFERS, LEAVES, NEAR, GOLDEN_NEAR, NEAR_MS = "differs:", "leaves:", "near:", "golden_near:", "near_ms:"
+"""Beginnings of the names of outcomes: of a number's ticks, and of a check's margins until harm."""
+HARM = "harm_ms"
+"""Outcome: the first tick in which any hazard of the motion was beyond its limit; -1: none."""
+
+
+@record
+class NumberHistory:
+    """Of one number that crosses a seam."""
+
+    differs: Scalar  # int32, first tick in which it is not the golden run's; -1: never
+    leaves: Scalar | None  # int32, first tick out of its normal range, the golden run's inside; None: it has no range
+
+
+@record
+class MarginHistory:
+    """Of one check, until harm."""
+
+    margin: Scalar  # smallest distance to the limit, as in `stages.check`
+    golden: Scalar  # the golden run's until the same tick
+    tick: Scalar  # int32, when it was smallest; -1: nothing was measured
+
+
+@record
+class ExplainedState:
+    """A run's state, and what the observer remembers."""
+
+    tick: TickState
+    numbers: tuple[NumberHistory, ...]  # in the order of `listing`
+    margins: tuple[MarginHistory, ...]  # in the order of `run.checks`
+    harm: Scalar  # int32
+
+
+def listing(setup: RavenSetup) -> tuple[Crossing, ...]:
+    """Every number that is compared, in order."""
+    return crossings(SEAMS, setup.arms)
+
+
+def init(setup: RavenSetup, params: TickParams) -> ExplainedState:
+    """As `run.init`; nothing differs yet."""
+    never, state = jnp.int32(-1), run.init(setup, params)
+    infinite = real(setup, jnp.inf)
+    return ExplainedState(
+        tick=state,
+        numbers=tuple(NumberHistory(never, None if span is None else never) for span in _spans(setup)),
+        margins=tuple(MarginHistory(infinite, infinite, never) for _ in run.checks(state)),
+        harm=never,
+    )
+
+
+def advance(
+    setup: RavenSetup,
+    params: TickParams,
+    faults: fault.Faults,
+    state: ExplainedState,
+    now: Scalar,
+    motion: tuple[Any, ...],
+    golden: tuple[Scalar, ...],
+) -> tuple[ExplainedState, tuple[Scalar, ...], TickSignals]:
+    """As `run.advance`, then the comparison."""
+    own, names = run.series_length(setup), len(_spans(setup))
+    beside, margins_beside = golden[own : own + names], golden[own + names :]
+    after, series, signals = run.advance(setup, params, faults, state.tick, now, motion, golden[:own])
+    values, present = zip(*crossing(setup, signals), strict=True)
+    bits = [_bits(value) for value in values]
+    numbers = tuple(
+        _compared(history, span, there, (value, own_bits), _as_bits(other), now)
+        for history, span, there, value, own_bits, other in zip(
+            state.numbers, _spans(setup), present, values, bits, beside, strict=True
+        )
+    )
+    margins = [real(setup, one.margin) for one in run.checks(after).values()]
+    live = state.harm < 0
+    histories = tuple(
+        _nearer(history, live, margin, other, now)
+        for history, margin, other in zip(state.margins, margins, margins_beside, strict=True)
+    )
+    monitor = after.monitor
+    harmful = (monitor.unintended >= 0) | (monitor.loss >= 0) | (monitor.false_report >= 0)
+    harm = jnp.where(harmful & live, now, state.harm)
+    carried = tuple(lax.bitcast_convert_type(own_bits, jnp.float32) for own_bits in bits)
+    return ExplainedState(after, numbers, histories, harm), (*series, *carried, *margins), signals
+
+
+def series_length(setup: RavenSetup) -> int:
+    """How many numbers the series has."""
+    return run.series_length(setup) + len(_spans(setup)) + len(CHECKS)
+
+
+def outcomes(setup: RavenSetup, params: TickParams, state: ExplainedState) -> dict[str, Scalar]:
+    """As `run.outcomes`, then what the observer remembers."""
+    out = run.outcomes(setup, params, state.tick)
+    for place, history in zip(listing(setup), state.numbers, strict=True):
+        out[f"{DIFFERS}{place.name}"] = history.differs
+        if history.leaves is not None:
+            out[f"{LEAVES}{place.name}"] = history.leaves
+    for name, history in zip(run.checks(state.tick), state.margins, strict=True):
+        out |= {f"{NEAR}{name}": history.margin, f"{GOLDEN_NEAR}{name}": history.golden}
+        out[f"{NEAR_MS}{name}"] = history.tick
+    return out | {HARM: state.harm}
+
+
+def crossing(setup: RavenSetup, signals: TickSignals) -> list[tuple[Scalar, Scalar]]:
+    """(number, whether it is there in this tick) in the order of `listing`."""
+    control = signals.control
+    packet: Any = control.packet
+    numbers_of: dict[str, Any] = {
+        "network": (signals.packet.received, signals.packet.sequence),
+        "packet_header": (packet.sequence, packet.surgeon_mode, packet.size),
+        "packet": [
+            (*delta, *quat, grasp) for delta, quat, grasp in zip(packet.delta, packet.quat, packet.grasp, strict=True)
+        ],
+        "runlevel": (control.runlevel, control.soft_estopped, control.surgeon_mode),
+        "pins_out": (control.pins_out,),
+        "plc": (signals.plc.runlevel,),
+        "brake": (signals.plc.brakes,),
+        "tip": signals.tip,
+    }
+    for seam, name in _OF_ARM.items():
+        numbers_of[seam] = [getattr(arm, name) for arm in control.arms]
+    for seam, name in _OF_PLANT.items():
+        numbers_of[seam] = [getattr(out, name) for out in signals.plant]
+    for position, rotation, name in (("pos", "ori", "pos"), ("pos_d", "ori_d", "pos_d")):
+        poses = [getattr(arm, name) for arm in control.arms]
+        numbers_of[position] = [pose.position_um for pose in poses]
+        numbers_of[rotation] = [(*_quaternion(setup, pose.rotation), *_entries(pose.rotation)) for pose in poses]
+    received = packet.received != 0
+    return [
+        (number, received if name in _OF_PACKETS else True)
+        for name, seam in SEAMS.items()
+        for numbers in (numbers_of[name] if seam.per_arm else [numbers_of[name]])
+        for number in numbers
+    ]
+
+
+_OF_PACKETS = ("packet_header", "packet")
+_OF_ARM = {
+    "usb_in": "enc_val",
+    **{name: name for name in ("mpos", "mvel", "jpos", "jvel", "jpos_d", "mpos_d", "tau_d", "current_cmd")},
+    "checked_cmd": "current_cmd_checked",
+    "usb_out": "current_cmd_written",
+}
+_OF_PLANT = {
+    "motor_mpos": "mpos",
+    "motor_mvel": "mvel",
+    "cable_tension": "tension",
+    "link_jpos": "jpos",
+    "link_jvel": "jvel",
+    "encoder": "enc_val",
+}
+"""Seam -> field of `control.ArmSignals`, of `plant.robot.PlantOutput`."""
+
+
+def _quaternion(setup: RavenSetup, rotation: Vec) -> Vec:
+    return quat_from_matrix(wide(setup, rotation))
+
+
+def _entries(rotation: Vec) -> Iterator[Scalar]:
+    return (entry for row in rotation for entry in row)
+
+
+def _spans(setup: RavenSetup) -> tuple[tuple[float, float] | None, ...]:
+    """Normal range of each number of `listing`."""
+    return setup.explained or (None,) * len(listing(setup))
+
+
+def _bits(number: Scalar) -> Scalar:
+    """All bits of a number, as int32."""
+    number = jnp.asarray(number)
+    if number.dtype == jnp.float32:
+        return lax.bitcast_convert_type(number, jnp.int32)
+    return lax.convert_element_type(number, jnp.int32)
+
+
+def _as_bits(number: Scalar) -> Scalar:
+    """What `_bits` gave, from the series."""
+    return lax.bitcast_convert_type(number, jnp.int32)
+
+
+def _compared(
+    before: NumberHistory,
+    span: tuple[float, float] | None,
+    present: Scalar,
+    own: tuple[Scalar, Scalar],
+    golden_bits: Scalar,
+    now: Scalar,
+) -> NumberHistory:
+    """One number after this tick; own: it and its bits."""
+    number, bits = own
+    differs = _first((bits != golden_bits) & present, before.differs, now)
+    if span is None:
+        return NumberHistory(differs, None)
+    floating = jnp.asarray(number).dtype == jnp.float32
+    golden = lax.bitcast_convert_type(golden_bits, jnp.float32) if floating else golden_bits
+    return NumberHistory(
+        differs, _first(_outside(number, span) & ~_outside(golden, span) & present, before.leaves, now)
+    )
+
+
+def _outside(number: Scalar, span: tuple[float, float]) -> Scalar:
+    """Whether a number is out of a range; one that is not finite is."""
+    low, high = span
+    value = lax.convert_element_type(number, jnp.float32)
+    return ~((value >= low) & (value <= high))
+
+
+def _nearer(before: MarginHistory, live: Scalar, margin: Scalar, golden: Scalar, now: Scalar) -> MarginHistory:
+    """One check after this tick, which counts where no harm came before it."""
+    closer = live & (margin < before.margin)
+    return MarginHistory(
+        margin=jnp.where(closer, margin, before.margin),
+        golden=jnp.where(live, golden, before.golden),
+        tick=jnp.where(closer, now, before.tick),
+    )
+
+
+def _first(happens: Scalar, before: Scalar, now: Scalar) -> Scalar:
+    return jnp.where(happens & (before < 0), now, before)

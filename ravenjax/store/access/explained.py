@@ -1,0 +1,50 @@
+"""Explained runs of a result folder: one Parquet file, a row a run, to which every further explanation adds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from ravenjax.errors import StoreError
+from ravenjax.store import manifest
+from ravenjax.store.files import write_aside
+from ravenjax.store.manifest import Manifest
+
+FOLDER, FILE = "explained", "explained.parquet"
+"""Of a result folder, where nothing else is said; the name of the table."""
+_CAMPAIGN, _CODE = b"config_hash", b"code_hash"
+
+
+def add(place: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
+    """Put explained runs, as `campaign.inspection.explain`, into a folder's file, in place of what it had of them.
+
+    What was explained by other code, or of another campaign, is dropped. Raises StoreError where it cannot be written.
+    """
+    path, own = place / FILE, manifest.code_hash(record.robot).encode()
+    before = read(place, record)
+    if before is not None and (pq.read_schema(path).metadata or {}).get(_CODE) == own:
+        others = before.loc[~before["run_id"].isin(ticks["run_id"])]
+        ticks = pd.concat([others, ticks], ignore_index=True).sort_values("index", kind="stable")
+    table = pa.Table.from_pandas(ticks, preserve_index=False)
+    table = table.replace_schema_metadata({_CAMPAIGN: record.config_hash.encode(), _CODE: own})
+    write_aside(path, lambda target: pq.write_table(table, target, compression="zstd"))
+    return path
+
+
+def read(place: Path, record: Manifest) -> pd.DataFrame | None:
+    """The explained runs of a campaign in a folder; None where there are none of this campaign.
+
+    Raises StoreError for a file that is damaged.
+    """
+    path = place / FILE
+    if not path.is_file():
+        return None
+    try:
+        if (pq.read_schema(path).metadata or {}).get(_CAMPAIGN) != record.config_hash.encode():
+            return None
+        return pq.read_table(path).to_pandas()
+    except (pa.ArrowException, OSError) as error:
+        raise StoreError(f"{path}: damaged ({error}); delete it and write `ravenjax explain` again") from error
