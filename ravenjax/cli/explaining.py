@@ -70,6 +70,8 @@ def explain(
         )
     if together is None:
         _one_by_one(place, record, explanation, as_json)
+    else:
+        _together(folder, place, record, as_json)
     return None
 
 
@@ -114,3 +116,33 @@ def _print(one: Chain, paths: list[Path]) -> None:
         if rows:
             console.out.print(terminal.table("", columns, rows))
     console.say("\n".join([*(f"  wrote    {path}" for path in paths), ""]))
+
+
+def _together(folder: Path, place: Path, record: Manifest, as_json: bool) -> None:
+    """What carries and shows the evading faults: printed, and as CSV and SVG."""
+    import contextlib
+
+    from ravenjax.cli import terminal
+    from ravenjax.report import downloads
+    from ravenjax.report.data.runs import Runs
+    from ravenjax.report.sections.chains import carriers, figures, words
+    from ravenjax.store.access import explained
+    from ravenjax.store.files import write_aside
+
+    ticks = explained.read(place, record)
+    assert ticks is not None
+    with contextlib.closing(Runs.open(folder, record)) as runs:
+        one = carriers.propagation(runs, record, ticks)
+    paths = [place / explained.FILE]
+    for name, rows in (("signals.csv", one.carriers), ("passages.csv", one.passages)):
+        if text := downloads.text(rows):
+            paths.append(place / name)
+            write_aside(paths[-1], lambda target, text=text: target.write_text(text, encoding="utf-8"))
+    if figures.draw(one, place / "signals.svg") is not None:
+        paths.append(place / "signals.svg")
+    if as_json:
+        return console.emit_json(words.as_dict(one) | {"files": [str(path) for path in paths]})
+    console.say("\n".join(words.sentences(one)))
+    if one.carriers:
+        console.out.print(terminal.table("", words.COLUMNS, words.table(one)))
+    return console.say("\n".join(f"  wrote    {path}" for path in paths))

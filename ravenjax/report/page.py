@@ -31,6 +31,7 @@ from ravenjax.report.sections import (
     time_to_know,
     your_robot,
 )
+from ravenjax.report.sections.chains import section as chain_section
 from ravenjax.report.sections.cues import choice, figure
 from ravenjax.report.sections.cues import sweep as cue_sweep
 from ravenjax.report.sections.detection import figures as detector_figures
@@ -58,6 +59,7 @@ SECTIONS = {
     "checks": "Checks",
     "after_stop": "After a stop",
     "worst": "Worst runs",
+    "chains": "Chains",
     "paths": "Paths",
     "operator": "Operator",
     "precision": "Precision",
@@ -90,6 +92,7 @@ def render(runs: Runs, manifest: Manifest, folder: Path) -> str:
         **_robots(runs, manifest),
         **_paths(runs, folder),
         "operator": operator.section(manifest.operator),
+        "chains": chain_section.section(runs, manifest, folder),
     }
     absent = {
         "detectors": not manifest.detectors,
@@ -99,6 +102,7 @@ def render(runs: Runs, manifest: Manifest, folder: Path) -> str:
         "operator": content["operator"] is None,
         "precision": not content["precision"],
         "after_stop": not content["stops"],
+        "chains": content["chains"] is None,
     }
     return with_scopes(
         _environment()

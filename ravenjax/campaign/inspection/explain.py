@@ -103,6 +103,7 @@ class Explainer:
         work = Computation(some, self._engine, progress, some.runs)
         work.compile()
         tables = list(work.blocks([range(some.runs)]))
+        progress.rows(some.runs, 0)
         progress.tell("done")
         own, golden = (_joined([table[place] for table in tables]) for place in (0, 1))
         observed = {name: own.pop(name) for name in list(own) if name == HARM or name.startswith(PREFIXES)}

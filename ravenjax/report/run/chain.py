@@ -109,8 +109,8 @@ def signals(ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str]) -> list
                 name,
                 robot.layers[seam.layer],
                 seam.meaning,
-                _earliest(differs),
-                _earliest(leaves),
+                earliest(differs),
+                earliest(leaves),
                 _late(differs).argmin(axis=0),
                 _late(leaves).argmin(axis=0),
                 tuple(place.channel.name for place in places),
@@ -186,6 +186,7 @@ def _late(ticks: np.ndarray) -> np.ndarray:
     return np.where(ticks < 0, np.iinfo(np.int32).max, ticks)
 
 
-def _earliest(ticks: np.ndarray) -> np.ndarray:
+def earliest(ticks: np.ndarray) -> np.ndarray:
+    """The first of several times, [.., runs] -> [runs]; -1 is never, of each and of the result."""
     first = _late(ticks).min(axis=0)
     return np.where(first == np.iinfo(np.int32).max, -1, first)

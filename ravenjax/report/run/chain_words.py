@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from ravenjax.report.run.chain import Chain, ChainLink
 from ravenjax.store.files import write_aside
 
 ROW = 15  # px of a signal
+LETTERS = 92  # of a line above the drawing
 MARGIN_MS = 8  # of the time axis about the first and the last thing, at least
 LINKS, CHECKS = (
     ("signal", "layer", "differs from", "out of its range from", "before harm"),
@@ -34,7 +36,7 @@ def title(one: Chain) -> str:
 
 def sentences(one: Chain) -> list[str]:
     """What the chain says, a sentence a line."""
-    lines = [f"{one.group}: {one.fault}"]
+    lines = [f"{one.group}: {one.fault}."]
     if one.fault_ms < 0:
         return [*lines, "The fault never changed a value: nothing differs from the golden run."]
     lines.append(f"The fault first changed a value at {_ms(one.fault_ms)}; {_named(one.hazard, one.harm_ms)}.")
@@ -136,6 +138,8 @@ def timeline(one: Chain) -> Chart | None:
                 leaves[outside],
                 places[outside],
                 tips=tuple(tip for tip, there in zip(tips["leaves"], outside, strict=True) if there),
+                x_low=differs[outside],
+                x_high=leaves[outside],
                 diamond=True,
             ),
         ),
@@ -155,7 +159,8 @@ def draw(one: Chain, path: Path) -> Path | None:
         axes.set_xlabel(chart.x.title)
         axes.tick_params("y", labelsize=7.5)
         figure.suptitle(chart.title, x=0.01, ha="left", fontsize=10, fontweight="bold")
-        axes.set_title("\n".join([sentences(one)[0], visible(one)]), loc="left", x=0.0, fontsize=8, color="#3a424c")
+        lines = [textwrap.fill(text, LETTERS) for text in (sentences(one)[0], visible(one))]
+        axes.set_title("\n".join(lines), loc="left", x=0.0, fontsize=8, color="#3a424c")
         figure.legend(loc="outside lower left", ncols=3, fontsize=8)
         kind = path.suffix.lstrip(".") or "svg"
         metadata: Any = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})

@@ -245,6 +245,11 @@ def test_two_hundred_runs_over_all_sites_are_what_two_whole_traces_say():
 
 
 @pytest.mark.slow
-def test_engine_xla_says_the_same():
-    config = rj.load_campaign(BOTH)
-    require_equal_to_traces(config, np.arange(0, 16, 5), "xla")
+def test_engine_xla_finds_the_same_beginning():
+    config = rj.load_campaign(BOTH, ["campaign.arms=['gold']", "campaign.limit=16"])
+    rows = Explainer(config).faulty()[:3]
+    ours, theirs = (Explainer(config, engine).explain(rows).ticks for engine in ("xla", "simd"))
+    for name in ours.filter(like="differs:"):
+        assert ((ours[name] < 0) | (ours[name] >= 250)).all(), name
+    assert (ours["differs:gold/usb_out/elbow"] == theirs["differs:gold/usb_out/elbow"]).all()
+    assert (ours["leaves:gold/usb_out/elbow"] == theirs["leaves:gold/usb_out/elbow"]).all()

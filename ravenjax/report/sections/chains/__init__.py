@@ -1,0 +1,1 @@
+"""From fault to failure: explained runs one by one and together."""

@@ -1,0 +1,297 @@
+"""Explained runs in the report: against plain Python, and of campaigns with little or nothing to say."""
+
+from __future__ import annotations
+
+import itertools
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+import synthetic_results as synthetic
+from rendered_page import Page, rendered, words
+
+from ravenjax import robots
+from ravenjax.errors import StoreError
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.run import chain, chain_words
+from ravenjax.report.sections.chains import carriers, figures
+from ravenjax.report.sections.chains import words as chain_sentences
+from ravenjax.stats.bootstrap import units
+from ravenjax.stats.intervals import wilson
+from ravenjax.store.access import explained
+from ravenjax.vocabulary.seams import crossings
+
+RUNS = 900
+ROBOT = robots.find("raven2")
+MANIFEST = synthetic.manifest(RUNS)
+FRAME = synthetic.frame(RUNS)
+PLACES = crossings(ROBOT.seams, ("gold",))
+GROUPS = [{"name": name, "fault": [{"value": {"uniform": [0, 1]}}]} for name in synthetic.BLOCKS]
+DRAWN = MANIFEST.model_copy(update={"config": {**MANIFEST.config, "group": GROUPS}})
+LISTED = [{"name": name, "fault": [{"value": {"list": [0, 1]}}]} for name in synthetic.BLOCKS]
+ENUMERATED = MANIFEST.model_copy(update={"config": {**MANIFEST.config, "group": LISTED}})
+
+
+def ticks_of(frame, seed=1):
+    """Made-up explanations of all runs with a fault: numbers differ from the fault on, some leave their range."""
+    random = np.random.default_rng(seed)
+    mine = frame[frame["fault0_site"] != ""]
+    start, n = mine["fault0_start_ms"].to_numpy(), len(mine)
+    columns = {"run_id": mine["run_id"], "index": mine["index"], "harm_ms": mine["unintended_first_ms"]}
+    for number, place in enumerate(PLACES):
+        differs = np.where(random.random(n) < 0.6, start + random.integers(0, 90, n), -1)
+        columns[f"differs:{place.name}"] = differs
+        if place.channel.site:
+            leaves = (differs >= 0) & (random.random(n) < (0.02 if number % 3 else 0.05))
+            columns[f"leaves:{place.name}"] = np.where(leaves, differs + random.integers(0, 90, n), -1)
+    for check in synthetic.CHECKS:
+        columns |= {f"near:{check}": np.full(n, 1.5), f"golden_near:{check}": np.full(n, 2.0)}
+        columns[f"near_ms:{check}"] = start + 3
+    return pd.DataFrame(columns).reset_index(drop=True)
+
+
+TICKS = ticks_of(FRAME)
+
+
+def evading(frame):
+    mine = frame[(frame["fault0_site"] != "") & (frame["failed"] == "")]
+    return mine[mine["response"].isin(["silent", "limited"]) & (mine["hazard"] == "unintended motion")]
+
+
+def first_of(row, beginning, seam):
+    """The earliest tick of a seam's numbers; -1: never."""
+    names = [f"{beginning}{place.name}" for place in PLACES if place.seam.name == seam]
+    came = [row[name] for name in names if name in row and row[name] >= 0]
+    return min(came, default=-1)
+
+
+def naive(frame, ticks):
+    """Seam -> (carries, leads, first), and passages, by loops over runs and seams."""
+    by_id = ticks.set_index("run_id").to_dict("index")
+    seams = list(dict.fromkeys(place.seam.name for place in PLACES))
+    out = {seam: [0, [], 0] for seam in seams}
+    passages, hidden, best = {}, 0, []
+    for run in evading(frame).to_dict("records"):
+        row, harm = by_id[run["run_id"]], run["unintended_first_ms"]
+        order, shows = [], []
+        for place, seam in enumerate(seams):
+            differs, leaves = (first_of(row, beginning, seam) for beginning in ("differs:", "leaves:"))
+            if 0 <= differs <= harm:
+                out[seam][0] += 1
+                order.append((differs, place))
+            if 0 <= leaves < harm:
+                out[seam][1].append(harm - leaves)
+                shows.append((leaves, place))
+        for (_, a), (_, b) in itertools.pairwise(sorted(order)):
+            pair = seams[a], seams[b]
+            passages[pair] = passages.get(pair, 0) + 1
+        if shows:
+            out[seams[min(shows)[1]]][2] += 1
+            best.append(harm - min(shows)[0])
+        hidden += not shows
+    return out, passages, hidden, best
+
+
+def lower_median(values):
+    return float(np.sort(values)[(len(values) - 1) // 2])
+
+
+def propagation(frame, manifest, ticks):
+    return carriers.propagation(Runs.of(frame, manifest), manifest, ticks)
+
+
+def test_shares_leads_and_passages_by_loops():
+    one = propagation(FRAME, DRAWN, TICKS)
+    seams, passages, hidden, best = naive(FRAME, TICKS)
+    n = len(evading(FRAME))
+    assert one.runs == one.evading == n and n > 100 and one.counted == "faults" and not one.partial
+    assert [row.seam for row in one.carriers] == [name for name, (k, _, _) in seams.items() if k]
+    for row in one.carriers:
+        k, leads, first = seams[row.seam]
+        assert (row.carries, row.shows, row.first) == tuple(wilson(count, n) for count in (k, len(leads), first))
+        if leads:
+            assert row.lead_ms.value == lower_median(leads)
+            few = len(leads) < units.FEWEST
+            assert few or row.lead_ms.low <= row.lead_ms.value <= row.lead_ms.high
+    assert {(row.before, row.after): row.rate.k for row in one.passages} == passages
+    assert one.hidden == wilson(hidden, n) and one.lead_ms.value == lower_median(best)
+    assert 0 < hidden < n and sum(row.first.k for row in one.carriers) == n - hidden
+
+
+def test_enumerated_faults_have_no_intervals():
+    one = propagation(FRAME, ENUMERATED, TICKS)
+    assert one.counted == "" and np.isnan(one.hidden.low) and np.isnan(one.lead_ms.low)
+    assert one.lead_ms.value == propagation(FRAME, DRAWN, TICKS).lead_ms.value
+
+
+def test_robots_that_were_drawn_whole_are_what_is_counted():
+    frame = FRAME.assign(**{"param:plant.friction_scale": (FRAME["index"] % 12) / 10 + 0.5})
+    parameters = {"plant.friction_scale": {"together": "robots.csv"}}
+    manifest = DRAWN.model_copy(update={"config": {**DRAWN.config, "parameters": parameters}})
+    one = propagation(frame, manifest, ticks_of(frame))
+    alone = propagation(frame, DRAWN, ticks_of(frame))
+    assert one.counted == "robots" and one.hidden[:3] == alone.hidden[:3] and one.hidden != alone.hidden
+
+
+def test_shares_are_of_groups_that_are_explained_whole():
+    lost = evading(FRAME)[evading(FRAME)["group"] == "encoder"]["run_id"].iloc[0]
+    one = propagation(FRAME, DRAWN, TICKS[TICKS["run_id"] != lost])
+    rest = evading(FRAME)[evading(FRAME)["group"] != "encoder"]
+    assert one.partial == ["encoder"] and one.runs == len(rest) and one.evading == len(evading(FRAME))
+    assert "not so encoder" in " ".join(chain_sentences.sentences(one))
+
+
+def without(condition):
+    """The campaign without some of its runs."""
+    return FRAME[~condition].reset_index(drop=True)
+
+
+def calm():
+    """No unintended motion at all."""
+    return synthetic.judged(FRAME.assign(unintended_first_ms=-1, unintended_mm=0.5))
+
+
+def never(ticks):
+    """Nothing leaves its range."""
+    return ticks.assign(**{name: -1 for name in ticks if name.startswith("leaves:")})
+
+
+def single():
+    """One evading fault alone."""
+    only = evading(FRAME).iloc[[0]].reset_index(drop=True)
+    return only.assign(index=0, pair=0)
+
+
+CAMPAIGNS = {
+    "all": (FRAME, DRAWN, TICKS),
+    "nothing evades": (calm(), DRAWN, TICKS),
+    "nothing is visible": (FRAME, DRAWN, never(TICKS)),
+    "one group": (
+        FRAME[FRAME["group"] == "encoder"],
+        DRAWN,
+        TICKS[TICKS["run_id"].isin(FRAME[FRAME["group"] == "encoder"]["run_id"])],
+    ),
+    "one fault": (single(), ENUMERATED, ticks_of(single())),
+    "one explained run": (FRAME, DRAWN, TICKS[TICKS["run_id"] == evading(FRAME)["run_id"].iloc[0]]),
+    "only runs without effect": (FRAME, DRAWN, TICKS[TICKS["run_id"].isin(FRAME[~FRAME["activated"]]["run_id"])]),
+}
+
+
+def page_of(monkeypatch, name):
+    frame, manifest, ticks = CAMPAIGNS[name]
+    monkeypatch.setattr(explained, "read", lambda *_: ticks)
+    text = rendered(frame, manifest)
+    start = text.index('<section id="chains">')
+    return Page(text), text[start : text.index("</section>", start)]
+
+
+@pytest.mark.parametrize("name", CAMPAIGNS)
+def test_every_campaign_has_a_whole_section_whose_numbers_are_numbers(name, monkeypatch):
+    page, section = page_of(monkeypatch, name)
+    assert page.stack == [] and "#chains" in page.targets
+    text = re.sub("<script.*?</script>|<[^>]+>", " ", section, flags=re.S)
+    assert not re.search(r"\bnan\b|\binf\b|None|\{\{", text)
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("nothing evades", "No fault evades the checks: there is no silent harm to explain."),
+        ("nothing is visible", "In none of them did a signal leave its normal range before harm"),
+        ("one fault", "1 fault evades the checks."),
+        ("one explained run", "Of no group are all of them explained, so no share can be told."),
+    ],
+)
+def test_what_little_there_is_is_said(name, sentence, monkeypatch):
+    _, section = page_of(monkeypatch, name)
+    assert sentence in re.sub(r"\s+", " ", section)
+
+
+def test_the_sentences_have_the_numbers_of_the_loops(monkeypatch):
+    _, _, hidden, best = naive(FRAME, TICKS)
+    n = len(evading(FRAME))
+    text = " ".join(chain_sentences.sentences(propagation(FRAME, DRAWN, TICKS)))
+    assert f"{n} faults evade the checks." in text
+    assert f"In {n - hidden} of {n} (" in text and f"In {hidden} of {n} (" in text
+    assert f"the median of them did so {lower_median(best):.0f} ms (" in text
+
+
+def test_without_explained_runs_there_is_no_section():
+    page = Page(rendered(FRAME, DRAWN))
+    assert "#chains" not in page.targets and "chains" not in page.ids
+
+
+def test_a_damaged_file_is_told_of(monkeypatch, tmp_path):
+    def broken(*_):
+        raise StoreError("explained.parquet: damaged")
+
+    monkeypatch.setattr(explained, "read", broken)
+    assert "Explained runs are not readable: explained.parquet: damaged" in words(Page(rendered(FRAME, DRAWN)))
+
+
+def test_the_file_adds_replaces_and_forgets_what_is_another_campaigns(tmp_path):
+    explained.add(tmp_path, TICKS.iloc[:5], DRAWN)
+    explained.add(tmp_path, TICKS.iloc[3:8].assign(harm_ms=7), DRAWN)
+    table = explained.read(tmp_path, DRAWN)
+    assert table["run_id"].tolist() == TICKS["run_id"].tolist()[:8]
+    assert table["harm_ms"].tolist() == [*TICKS["harm_ms"].tolist()[:3], *[7] * 5]
+    other = DRAWN.model_copy(update={"config_hash": "another"})
+    assert explained.read(tmp_path, other) is None
+    explained.add(tmp_path, TICKS.iloc[:2], other)
+    assert explained.read(tmp_path, DRAWN) is None and len(explained.read(tmp_path, other)) == 2
+    (tmp_path / explained.FILE).write_bytes(b"no table")
+    with pytest.raises(StoreError, match=r"damaged .*; delete it"):
+        explained.read(tmp_path, DRAWN)
+
+
+def chain_of(run, **changes):
+    """The chain of a row of FRAME."""
+    ticks = TICKS[TICKS["run_id"] == run["run_id"]].iloc[0].to_dict()
+    return chain.chain({**run, **changes}, {**ticks, **changes}, ROBOT, ("gold",), 0)
+
+
+def test_a_chain_has_the_earliest_number_of_each_signal():
+    run = evading(FRAME).iloc[3].to_dict()
+    one, row = chain_of(run), TICKS.set_index("run_id").loc[run["run_id"]]
+    assert len(one.links) > 10 and one.harm_ms == run["unintended_first_ms"]
+    for link in one.links:
+        seam = link.signal.rpartition("/")[2]
+        assert link.differs_ms == first_of(row, "differs:", seam)
+        assert link.leaves_ms == first_of(row, "leaves:", seam)
+        assert row[f"differs:{link.signal}/{link.differs_in}"] == link.differs_ms
+        if link.leaves_ms >= 0:
+            assert link.left_ms == one.harm_ms - link.leaves_ms
+    came = [link.leaves_ms for link in one.links if link.leaves_ms >= 0]
+    assert (one.first is None) == (not came) and (one.first is None or one.first.leaves_ms == min(came))
+    assert [check.margin for check in one.checks] == [1.5] * len(synthetic.CHECKS)
+
+
+def test_a_chain_in_words(tmp_path):
+    run = evading(FRAME).iloc[3].to_dict()
+    quiet = {name: -1 for name in TICKS if name.startswith(("differs:", "leaves:"))}
+    still = chain_of(run, first_active_ms=-1, **quiet)
+    assert chain_words.sentences(still)[-1] == "The fault never changed a value: nothing differs from the golden run."
+    assert chain_words.timeline(still) is None and chain_words.draw(still, tmp_path / "a.svg") is None
+    first = {**quiet, "differs:gold/tau_d/elbow": 500, "leaves:gold/tau_d/elbow": 500}
+    seen = chain_of(run, hazard="unintended motion", unintended_first_ms=560, **first)
+    assert chain_words.visible(seen) == (
+        "First visible at 500 ms: gold/tau_d (elbow), desired torque at the capstan, left its normal range 60 ms "
+        "before harm."
+    )
+    late = chain_of(run, hazard="unintended motion", unintended_first_ms=500, **first)
+    assert chain_words.visible(late).endswith("left its normal range, not before harm.") and late.in_time is None
+    harmless = chain_of(run, hazard="none", **first)
+    assert chain_words.visible(harmless).endswith("left its normal range.")
+    assert any("no hazard came of it" in line for line in chain_words.sentences(harmless))
+    assert chain_words.draw(seen, tmp_path / "b.svg").read_text().startswith("<?xml")
+
+
+def test_the_charts_draw_every_carrier():
+    one = propagation(FRAME, DRAWN, TICKS)
+    graph, leads = figures.graph(one), figures.leads(one)
+    assert graph.y.names == tuple(row.seam for row in one.carriers)
+    assert leads.y.names == tuple(row.seam for row in one.carriers if row.shows.k)
+    nothing = propagation(calm(), DRAWN, TICKS)
+    assert figures.graph(nothing) is None and figures.leads(nothing) is None
+    assert figures.leads(propagation(FRAME, DRAWN, never(TICKS))) is None
