@@ -5,6 +5,7 @@
     config = rj.load_campaign("quick.toml", overrides=["campaign.duration_s=1"])
     table = rj.run(config)                       # one row a run
     one = rj.simulate(config, 17)                # xarray.Dataset: time series of run 17
+    chain = rj.explain(config, 17)               # pandas: which signal its fault reached when
     position, rotation = rj.forward_kinematics(jpos, "gold")
     software = rj.ControlSoftware()              # drive the control software alone
 
@@ -18,7 +19,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ravenjax.api import load_campaign, run, simulate
+    from ravenjax.api import explain, load_campaign, run, simulate
     from ravenjax.campaign.file.config import CampaignConfig
     from ravenjax.errors import StoreError, UserError
     from ravenjax.numbers.setup import Precision
@@ -38,6 +39,7 @@ _HOMES = {
     "load_campaign": "ravenjax.api",
     "run": "ravenjax.api",
     "simulate": "ravenjax.api",
+    "explain": "ravenjax.api",
     "forward_kinematics": "ravenjax.robots.raven2.geometry.arrays",
     "inverse_kinematics": "ravenjax.robots.raven2.geometry.arrays",
     "motor_from_joint": "ravenjax.robots.raven2.geometry.arrays",
@@ -58,6 +60,7 @@ __all__ = [
     "Precision",
     "StoreError",
     "UserError",
+    "explain",
     "forward_kinematics",
     "gravity_torque",
     "inverse_kinematics",

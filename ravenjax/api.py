@@ -16,11 +16,13 @@ import pandas as pd
 from ravenjax.campaign import loading
 from ravenjax.campaign.executors.carriers import choice
 from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.inspection.explain import Explainer
 from ravenjax.campaign.inspection.replay import replay
 from ravenjax.campaign.progress.counts import OnProgress
 from ravenjax.campaign.stop import adaptive
 from ravenjax.errors import UserError, shown
 from ravenjax.report import wording
+from ravenjax.report.run import chain
 from ravenjax.store import manifest, schema
 from ravenjax.store.logs import run_dataset
 
@@ -99,6 +101,40 @@ def simulate(
     return run_dataset.dataset(
         again.series, attributes, [cue.threshold_m * 1e3 for cue in config.haptics.cues()], config.robot
     )
+
+
+def explain(
+    campaign: CampaignConfig | str | Path | dict[str, Any],
+    runs: int | str | Sequence[int | str] | None = None,
+    engine: str = "auto",
+) -> pd.DataFrame:
+    """How faults spread, tick by tick against the golden run: one row a run and signal that differs, by run, then in
+    the robot's order.
+
+    Columns run_id, index, layer, arm, seam; differs_ms, when the signal first differed in any bit, and differs_in, in
+    which number; leaves_ms and leaves_in, when it first left its normal range (-1: never); harm_ms, when the run's
+    hazard began (-1: none did), and left_ms, how long before that the signal left its range. attrs say which engine.
+
+    campaign: as for `run`, or a result folder. runs: index, run id, or the beginning of one, or several; None: every
+    run with a fault. Raises UserError, and StoreError for a folder that cannot be read.
+    """
+    name = _engine(engine)
+    if isinstance(campaign, str | Path) and (Path(campaign) / manifest.FILE).is_file():
+        explainer = Explainer.of_folder(Path(campaign), name)
+    else:
+        explainer = Explainer(_config(campaign), name)
+    wanted = runs if runs is None or (isinstance(runs, Sequence) and not isinstance(runs, str)) else [runs]
+    rows = explainer.faulty() if wanted is None else [_row(explainer, one) for one in wanted]
+    explanation, config = explainer.explain(rows), explainer.config
+    table = chain.table(explanation.results, explanation.ticks, config.robot, config.campaign.arms)
+    table.attrs.update({"campaign": config.campaign.name, "engine": explanation.engine})
+    return table
+
+
+def _row(explainer: Explainer, run: Any) -> int:
+    if isinstance(run, bool) or not isinstance(run, str | numbers.Integral):
+        raise UserError(f"a run is {shown(run)}, expected its index (a whole number) or its run_id (text)")
+    return explainer.index(run if isinstance(run, str) else int(run))
 
 
 def _config(campaign: Any) -> CampaignConfig:

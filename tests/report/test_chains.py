@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -54,7 +55,7 @@ def ticks_of(frame, seed=1):
 TICKS = ticks_of(FRAME)
 
 
-def evading(frame):
+def evading(frame) -> Any:
     mine = frame[(frame["fault0_site"] != "") & (frame["failed"] == "")]
     return mine[mine["response"].isin(["silent", "limited"]) & (mine["hazard"] == "unintended motion")]
 
@@ -163,6 +164,12 @@ def single():
     return only.assign(index=0, pair=0)
 
 
+def of_runs(frame):
+    """Explanations of these runs alone."""
+    wanted = set(frame["run_id"])
+    return TICKS[[run_id in wanted for run_id in TICKS["run_id"]]]
+
+
 CAMPAIGNS = {
     "all": (FRAME, DRAWN, TICKS),
     "nothing evades": (calm(), DRAWN, TICKS),
@@ -170,11 +177,11 @@ CAMPAIGNS = {
     "one group": (
         FRAME[FRAME["group"] == "encoder"],
         DRAWN,
-        TICKS[TICKS["run_id"].isin(FRAME[FRAME["group"] == "encoder"]["run_id"])],
+        of_runs(FRAME[FRAME["group"] == "encoder"]),
     ),
     "one fault": (single(), ENUMERATED, ticks_of(single())),
     "one explained run": (FRAME, DRAWN, TICKS[TICKS["run_id"] == evading(FRAME)["run_id"].iloc[0]]),
-    "only runs without effect": (FRAME, DRAWN, TICKS[TICKS["run_id"].isin(FRAME[~FRAME["activated"]]["run_id"])]),
+    "only runs without effect": (FRAME, DRAWN, of_runs(FRAME[~FRAME["activated"]])),
 }
 
 
@@ -233,13 +240,14 @@ def test_a_damaged_file_is_told_of(monkeypatch, tmp_path):
 def test_the_file_adds_replaces_and_forgets_what_is_another_campaigns(tmp_path):
     explained.add(tmp_path, TICKS.iloc[:5], DRAWN)
     explained.add(tmp_path, TICKS.iloc[3:8].assign(harm_ms=7), DRAWN)
-    table = explained.read(tmp_path, DRAWN)
+    table: Any = explained.read(tmp_path, DRAWN)
     assert table["run_id"].tolist() == TICKS["run_id"].tolist()[:8]
     assert table["harm_ms"].tolist() == [*TICKS["harm_ms"].tolist()[:3], *[7] * 5]
     other = DRAWN.model_copy(update={"config_hash": "another"})
     assert explained.read(tmp_path, other) is None
     explained.add(tmp_path, TICKS.iloc[:2], other)
-    assert explained.read(tmp_path, DRAWN) is None and len(explained.read(tmp_path, other)) == 2
+    table = explained.read(tmp_path, other)
+    assert explained.read(tmp_path, DRAWN) is None and len(table) == 2
     (tmp_path / explained.FILE).write_bytes(b"no table")
     with pytest.raises(StoreError, match=r"damaged .*; delete it"):
         explained.read(tmp_path, DRAWN)
@@ -284,14 +292,32 @@ def test_a_chain_in_words(tmp_path):
     harmless = chain_of(run, hazard="none", **first)
     assert chain_words.visible(harmless).endswith("left its normal range.")
     assert any("no hazard came of it" in line for line in chain_words.sentences(harmless))
-    assert chain_words.draw(seen, tmp_path / "b.svg").read_text().startswith("<?xml")
+    assert chain_words.draw(seen, tmp_path / "b.svg") == tmp_path / "b.svg"
+    assert (tmp_path / "b.svg").read_text().startswith("<?xml")
 
 
 def test_the_charts_draw_every_carrier():
     one = propagation(FRAME, DRAWN, TICKS)
-    graph, leads = figures.graph(one), figures.leads(one)
+    graph: Any = figures.graph(one)
+    leads: Any = figures.leads(one)
     assert graph.y.names == tuple(row.seam for row in one.carriers)
     assert leads.y.names == tuple(row.seam for row in one.carriers if row.shows.k)
     nothing = propagation(calm(), DRAWN, TICKS)
     assert figures.graph(nothing) is None and figures.leads(nothing) is None
     assert figures.leads(propagation(FRAME, DRAWN, never(TICKS))) is None
+
+
+def test_the_long_table_is_every_chain_below_each_other():
+    runs = evading(FRAME).iloc[:4]
+    ticks = TICKS.set_index("run_id", drop=False).loc[runs["run_id"]]
+    table: Any = chain.table(runs, ticks.reset_index(drop=True), ROBOT, ("gold",))
+    rows = iter(table.to_dict("records"))
+    for run in runs.to_dict("records"):
+        for link in chain_of(run).links:
+            row = next(rows)
+            arm, _, seam = link.signal.rpartition("/")
+            assert (row["run_id"], row["layer"], row["arm"], row["seam"]) == (run["run_id"], link.layer, arm, seam)
+            assert (row["differs_ms"], row["differs_in"]) == (link.differs_ms, link.differs_in)
+            assert (row["leaves_ms"], row["leaves_in"]) == (link.leaves_ms, link.leaves_in)
+            assert link.left_ms == (None if np.isnan(row["left_ms"]) else row["left_ms"])
+    assert next(rows, None) is None

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from ravenjax.report import wording
 from ravenjax.vocabulary.robot import Robot
@@ -96,13 +97,14 @@ class Chain(NamedTuple):
 
 def signals(ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str]) -> list[SignalTicks]:
     """Every signal in the robot's order; ticks: columns of explained runs, arrays [runs] or numbers."""
+    runs = np.size(ticks["run_id"])
     named: dict[str, list[Crossing]] = {}
     for place in crossings(robot.seams, arms):
         named.setdefault(place.signal, []).append(place)
     out = []
     for name, places in named.items():
-        differs = _stacked(ticks, [f"{DIFFERS}{place.name}" for place in places])
-        leaves = _stacked(ticks, [f"{LEAVES}{place.name}" for place in places])
+        differs = _stacked(ticks, [f"{DIFFERS}{place.name}" for place in places], runs)
+        leaves = _stacked(ticks, [f"{LEAVES}{place.name}" for place in places], runs)
         seam = places[0].seam
         out.append(
             SignalTicks(
@@ -140,6 +142,40 @@ def chain(row: Mapping[str, Any], ticks: Mapping[str, Any], robot: Robot, arms: 
     )
 
 
+def table(results: pd.DataFrame, ticks: pd.DataFrame, robot: Robot, arms: Iterable[str]) -> pd.DataFrame:
+    """Chains of many runs, a row a run and signal that differs: by run, then in the robot's order.
+
+    Columns: run_id, index, layer, arm ("" where the signal belongs to none), seam, differs_ms, differs_in (the number
+    that was first), leaves_ms, leaves_in (-1 and "" where it never left its range), harm_ms (when the run's hazard
+    began, -1: none did) and left_ms (from leaves_ms to harm_ms, NaN where one of them is missing).
+    """
+    harm = np.full(len(results), -1)
+    for hazard, column in HARMS.items():
+        harm = np.where(results["hazard"].astype(str) == hazard, results[column], harm)
+    parts, run = [], np.arange(len(results))
+    columns = {str(name): ticks[name].to_numpy() for name in ticks}
+    for place, one in enumerate(signals(columns, robot, arms)):
+        names, differing = np.array([*one.channels, ""], object), one.differs >= 0
+        arm, _, seam = one.name.rpartition("/")
+        shows = one.leaves >= 0
+        own = {
+            "run_id": columns["run_id"],
+            "index": columns["index"],
+            "layer": one.layer,
+            "arm": arm,
+            "seam": seam,
+            "differs_ms": one.differs,
+            "differs_in": names[one.differing],
+            "leaves_ms": one.leaves,
+            "leaves_in": names[np.where(shows, one.leaving, -1)],
+            "harm_ms": harm,
+            "left_ms": np.where(shows & (harm >= 0), harm - one.leaves, np.nan),
+        }
+        parts.append(pd.DataFrame(own | {"run": run, "place": place}).loc[differing])
+    whole = pd.concat(parts, ignore_index=True).sort_values(["run", "place"], kind="stable", ignore_index=True)
+    return whole.drop(columns=["run", "place"])
+
+
 def _link(one: SignalTicks, harm: int) -> ChainLink | None:
     """The signal of the only run, None where it never differs."""
     differs, leaves = int(one.differs[0]), int(one.leaves[0])
@@ -174,10 +210,9 @@ def _beyond(row: Mapping[str, Any], name: str) -> int:
     return own if own >= 0 and not 0 <= golden <= own else -1
 
 
-def _stacked(ticks: Mapping[str, Any], names: Sequence[str]) -> np.ndarray:
+def _stacked(ticks: Mapping[str, Any], names: Sequence[str], runs: int) -> np.ndarray:
     """Columns, those that are not there never, int32 [columns, runs]."""
     there = [np.atleast_1d(np.asarray(ticks[name], np.int32)) if name in ticks else None for name in names]
-    runs = next((len(part) for part in there if part is not None), 1)
     return np.stack([np.full(runs, -1, np.int32) if part is None else part for part in there])
 
 

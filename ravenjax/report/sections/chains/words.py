@@ -31,16 +31,16 @@ def sentences(one: Propagation) -> list[str]:
 
 
 def _visible(one: Propagation) -> list[str]:
-    n, shown = one.runs, one.runs - one.hidden.k
-    if not shown:
+    n, visible = one.runs, one.runs - one.hidden.k
+    if not visible:
         return [
             "In none of them did a signal leave its normal range before harm: no check of a range could have seen it."
         ]
-    share = Rate(shown, n, shown / n, 1 - one.hidden.high, 1 - one.hidden.low)
+    share = Rate(visible, n, visible / n, 1 - one.hidden.high, 1 - one.hidden.low)
+    when = "it did so" if visible == 1 else "the median of them did so"
     lines = [
         f"In {_of(share)} some signal left its normal range before harm, where a check of that range could have "
-        f"seen it; {'it did so' if shown == 1 else 'the median of them did so'} {wording.estimate(one.lead_ms, 'ms')} "
-        "before harm."
+        f"seen it; {when} {wording.estimate(one.lead_ms, 'ms')} before harm."
     ]
     first = one.first_places[:NAMES]
     lines.append("Visible first at " + "; ".join(f"{row.seam}, {row.meaning}: {_of(row.first)}" for row in first) + ".")
@@ -54,7 +54,7 @@ def table(one: Propagation) -> list[tuple[str, ...]]:
     rows, layer = [], ""
     for row in one.carriers:
         shows = [brief(row.shows), lead(row.lead_ms), brief(row.first)] if row.ranged else ["no range", "", ""]
-        rows.append((row.seam, row.layer if row.layer != layer else "", brief(row.carries), *shows))
+        rows.append((row.seam, row.layer if row.layer != layer else "", wording.percent(row.carries.value), *shows))
         layer = row.layer
     return rows
 

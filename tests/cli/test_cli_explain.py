@@ -1,0 +1,126 @@
+"""`ravenjax explain`: what it prints and writes, and one clear error for each thing that cannot be explained."""
+
+from __future__ import annotations
+
+import csv
+import importlib
+import json
+from typing import Any
+
+import pandas as pd
+import pytest
+import tiny_campaign
+
+import ravenjax as rj
+from ravenjax import cli
+from ravenjax.store import manifest
+from ravenjax.store.access import explained
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A small campaign whose faults move the tip."""
+    place = tmp_path_factory.mktemp("explain") / "tiny"
+    rj.run(tiny_campaign.config(runs=40), out=place, engine="simd")
+    return place
+
+
+@pytest.fixture
+def said(capsys):
+    """Runs the command: (exit code, what was printed, what was complained of)."""
+
+    def run(*words):
+        capsys.readouterr()
+        code = cli.main(["explain", *map(str, words)])
+        printed = capsys.readouterr()
+        return code, printed.out, " ".join(printed.err.split())
+
+    return run
+
+
+def test_one_run_in_a_terminal(said, folder, tmp_path):
+    code, out, err = said(folder, "7", "--out", tmp_path)
+    table: Any = explained.read(tmp_path, manifest.read(folder))
+    run = table["run_id"][0]
+    assert code == 0 and out.startswith(f"run {run} · ") and not err
+    text = " ".join(out.split())
+    assert "dac: usb_out gold" in text and "gold/usb_out USB out" in text.replace("│ ", "")
+    rows = list(csv.DictReader((tmp_path / f"{run}.csv").open()))
+    assert rows[0]["signal"] == "gold/usb_out" and rows[0]["differs_in"] == "elbow"
+    assert (tmp_path / f"{run}.svg").read_text().startswith("<?xml")
+
+
+def test_json_is_the_chain_and_nothing_else(said, folder, tmp_path):
+    code, out, _ = said(folder, "7", "8", "--json", "--out", tmp_path)
+    first, second = json.loads(out)
+    assert code == 0 and (first["index"], second["index"]) == (7, 8)
+    assert first["links"][0]["signal"] == "gold/usb_out" and first["files"] == [
+        str(tmp_path / f"{first['run_id']}.{kind}") for kind in ("csv", "svg")
+    ]
+
+
+def test_a_whole_campaign_and_the_python_api_say_the_same(said, folder):
+    code, out, _ = said(folder, "--json")
+    record = json.loads(out)
+    ticks: Any = explained.read(folder / "explained", manifest.read(folder))
+    assert code == 0 and record["evading"] == record["runs"] and len(ticks) == 37
+    assert "the checks" in record["sentences"][0]
+    table: Any = rj.explain(folder, engine="simd")
+    assert table.attrs["campaign"] == "tiny" and set(table["run_id"]) <= set(ticks["run_id"])
+    ours = table[(table["seam"] == "usb_out") & (table["index"] == 7)]["differs_ms"].item()
+    theirs = ticks.set_index("index").loc[7]
+    assert ours == min(t for t in theirs.filter(like="differs:gold/usb_out") if t >= 0)
+    again = rj.explain(tiny_campaign.config(runs=40), [7], engine="simd")
+    pd.testing.assert_frame_equal(again, table[table["index"] == 7].reset_index(drop=True))
+
+
+def test_a_group_in_a_terminal(said, folder):
+    code, out, _ = said(folder, "--group", "dac")
+    assert code == 0 and "wrote" in out and "explained.parquet" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("nowhere",), "nowhere: is not a result folder, it holds no manifest.json"),
+        (("FOLDER", "ffff0000"), "run 'ffff0000': no run has this id"),
+        (("FOLDER", "40"), "run 40: the campaign has runs 0..39"),
+        (("FOLDER", "--group", "dak"), "--group 'dak': unknown, expected dac, free; did you mean dac?"),
+        (("FOLDER", "--group", "free"), "group 'free' of FOLDER: no valid run with a fault"),
+        (("FOLDER", "--worst", "0"), "--worst 0: expected a number of runs, 1 or more"),
+        (("FOLDER", "--worst", "2", "--by", "harm"), "--by harm: unknown"),
+        (("FOLDER", "7", "--worst", "2"), "which runs? Give run ids or indices, or --worst N, or --group NAME"),
+        (("FOLDER", "7", "--engine", "mjx"), "engine 'mjx' cannot explain runs: expected auto or simd, xla, cuda"),
+    ],
+)
+def test_what_cannot_be_explained_is_one_error(said, folder, words, told):
+    code, out, err = said(*(folder if word == "FOLDER" else word for word in words))
+    assert code == cli.USER_ERROR and not out
+    assert told.replace("FOLDER", str(folder)).split("; did")[0] in err
+
+
+def test_results_of_engine_mjx_name_another(said, folder, tmp_path):
+    record = manifest.read(folder).model_copy(update={"engine": "mjx"})
+    (tmp_path / "manifest.json").write_text(record.model_dump_json())
+    code, _, err = said(tmp_path, "7", "--out", tmp_path)
+    assert code == cli.USER_ERROR and "computed by engine mjx" in err and "--engine simd" in err
+
+
+def test_results_of_an_older_schema_are_refused(said, folder, tmp_path):
+    record = json.loads((folder / "manifest.json").read_text()) | {"schema_version": 3}
+    (tmp_path / "manifest.json").write_text(json.dumps(record))
+    code, _, err = said(tmp_path, "7")
+    assert code == cli.USER_ERROR and "has result schema 3" in err
+
+
+def test_a_robot_without_seams_is_named(monkeypatch):
+    homes = importlib.import_module("ravenjax.robots.raven2.campaign")._HOMES
+    monkeypatch.delitem(homes, "explained")
+    with pytest.raises(rj.UserError, match="robot 'raven2' declares no seams"):
+        rj.explain(tiny_campaign.config(runs=5))
+
+
+@pytest.mark.parametrize("runs", [True, 1.5, [None], {"run": 7}])
+def test_a_run_of_the_api_is_an_index_or_an_id(runs):
+    with pytest.raises(rj.UserError, match="expected its index"):
+        rj.explain(tiny_campaign.config(runs=5), runs)
