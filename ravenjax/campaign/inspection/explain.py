@@ -28,6 +28,10 @@ ENGINES = ("simd", "xla", "cuda")
 """Those that compute links by single numbers, as the tick's other parts: their runs can be compared bit by bit."""
 MOST = 200_000
 """Runs that are explained together: their ticks take a gigabyte."""
+FEW = 64
+"""Golden runs that blocks of any size may have."""
+BLOCK_BYTES = 2**27
+"""Memory that the golden runs' series of one block may take where there are more."""
 PREFIXES = ("differs:", "leaves:", "near:", "golden_near:", "near_ms:")
 HARM = "harm_ms"
 """Names of what the observer adds to a run's outcomes."""
@@ -100,7 +104,7 @@ class Explainer:
             )
         some = _taken(self._plan, np.asarray(rows))
         progress = Progress(self.engine, some.runs, some.runs, some.program.ticks, on_progress)
-        work = Computation(some, self._engine, progress, some.runs)
+        work = Computation(some, self._engine, progress, self._together(some))
         work.compile()
         tables = list(work.blocks([range(some.runs)]))
         progress.rows(some.runs, 0)
@@ -110,6 +114,15 @@ class Explainer:
         results = outcomes.frame(self.config, some.table, own, golden)
         ticks = pd.DataFrame({"run_id": results["run_id"], "index": np.asarray(rows, np.int32), **observed})
         return Explained(results, ticks, self.engine)
+
+    def _together(self, some: Plan) -> int:
+        """Runs that blocks are sized for: few where each has a golden run of its own, whose series are long."""
+        if some.golden.max() < FEW:
+            return some.runs
+        program = some.program
+        length = program.ticks * program.loop.series_length(program.setup)
+        golden = length * np.dtype(program.setup.precision.real).itemsize
+        return min(some.runs, self._engine.threads * max(1, BLOCK_BYTES // golden))
 
 
 def require_engine(engine: str) -> None:
