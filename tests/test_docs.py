@@ -83,13 +83,17 @@ def test_python_uses_names_that_exist(page, snippet):
 
 
 @pytest.mark.parametrize(("page", "snippet"), of_language("toml"))
-def test_files_are_valid(page, snippet, tmp_path):
-    """By the JSON Schema and by the loader; a recorded operator's file is read when the page is run."""
+def test_files_are_valid(page, snippet, tmp_path, monkeypatch):
+    """By the JSON Schema and by the loader, beside the page's other files; a recording is read when the page is run."""
     from ravenjax.campaign import loading
     from ravenjax.search.file import loading as search_loading
     from ravenjax.trainer import scenario
 
     assert snippet.title, "name the file: ```toml title=..."
+    monkeypatch.chdir(tmp_path)
+    for one in snippets.snippets(TEXTS[page]):
+        if one.title:
+            (tmp_path / one.title).write_text(one.text, encoding="utf-8")
     raw = tomllib.loads(snippet.text)
     if "search" in raw:
         schema, load = searches.schema(ROBOT), search_loading.from_dict
@@ -124,6 +128,8 @@ def run_page(name, folder):
     for one in snippets.snippets(TEXTS[name]):
         if one.title:
             (at / one.title).write_text(one.text, encoding="utf-8")
+            if re.search(rf'file ?= ?"?{re.escape(one.title)}', TEXTS[name]):
+                continue  # a part of a campaign, no program
         if one.language == "python":
             command = [sys.executable, "-c", one.text]
         elif one.language == "bash":

@@ -189,7 +189,7 @@ class Computation:
         return Branches(trunk, ends, {name: columns[name] for name in outcomes.of_golden(columns)})
 
     def _golden_outcomes(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Columns:
-        """`outcomes.of_golden` of the golden run of each row, when the row ends; each moment of each is computed once."""
+        """`outcomes.of_golden` of the golden run of each row, when the row ends; each moment is computed once."""
         own, golden, ends = golden_runs.get(), self.ready.golden[rows], self.ready.ends[rows]
         columns = {name: values[np.searchsorted(own.numbers, golden)] for name, values in own.outcomes.items()}
         early = self._branching.early[rows]

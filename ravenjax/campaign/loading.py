@@ -66,9 +66,10 @@ def from_dict(
         raise where.error(_complaint(robot, e, raw) for e in faults) from None
     except RecursionError:
         raise UserError("the campaign's tables are nested too deeply to be read") from None
+    config = config.with_files(Path.cwd()) if source is None else config.with_source(source)
     if errors := list(semantics.complaints(config)) or list(_wasted(config, template)) or list(_too_many(config)):
         raise where.error(errors)
-    return config if source is None else config.with_source(source)
+    return config
 
 
 def _text(name: object) -> str:

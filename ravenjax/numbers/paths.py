@@ -1,7 +1,8 @@
 """Names for the numbers of a parameter record: `plant.friction_scale`, `motor_control.green.kp.shoulder`.
 
-A path walks attributes; where a field holds one entry an arm, an arm's name picks one and leaving it out means all of
-them; where it holds a number a joint or an axis, the joint's or axis' name picks one and leaving it out means all.
+A path walks attributes, of records and of named tuples; where a field holds one entry an arm, an arm's name picks one
+and leaving it out means all of them; where it holds a number a joint or an axis, the joint's or axis' name picks one
+and leaving it out means all.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ def _entries(node: Any, setup: Setup) -> dict[str, tuple[Any, bool]] | None:
     if isinstance(node, Vec):
         names = component_names(len(node), setup.joints, setup.leading_joints)
         return {name: (item, True) for name, item in zip(names, node, strict=True)}
+    if fields := getattr(node, "_fields", ()):
+        return {name: (item, False) for name, item in zip(fields, node, strict=True)}
     if isinstance(node, tuple):
         per_arm = len(node) == len(setup.arms) and all(dataclasses.is_dataclass(n) or isinstance(n, Vec) for n in node)
         names = setup.arms if per_arm else tuple(str(i) for i in range(len(node)))
@@ -49,6 +52,8 @@ def component_names(length: int, joints: tuple[str, ...], leading: tuple[int, ..
 def _rebuild(node: Any, entries: dict[str, tuple[Any, bool]], changed: dict[str, Any]) -> Any:
     if dataclasses.is_dataclass(node) and not isinstance(node, type):
         return dataclasses.replace(node, **changed)
+    if hasattr(node, "_fields"):
+        return type(node)(*(changed.get(name, item) for name, (item, _) in entries.items()))
     items = [changed.get(name, item) for name, (item, _) in entries.items()]
     return Vec(items) if isinstance(node, Vec) else tuple(items)
 

@@ -1,6 +1,7 @@
 """Detectors: observers of the robot that give a score in each millisecond, and an alarm where it is above a threshold.
 
-They watch and never act. Four kinds, each of which sees the worse of the arms:
+They watch. One of one's own may also stop the robot: its alarm presses the E-stop a millisecond later. Five kinds, each
+of which sees the worse of the arms:
 
 - `steps`: the model-based detector of DSN'16. A dynamic model that gets the command actually written says how motors
   and joints 1-3 move; the virtual robot is that model here. Score: steps of motor position, of motor velocity and of
@@ -11,6 +12,7 @@ They watch and never act. Four kinds, each of which sees the worse of the arms:
   summed over joints 1-3, in the authors' mixed units (sys_dyn_gold_euler_detect of raven2_sim, threshold 55).
 - `tip_error`: distance in mm between nominal model and reported tip, on which the haptic cue works.
 - `overdrive`: |current_cmd| over the limit at which the control software clips, the largest of its checked joints.
+- `own`: what a file says (`ravenjax.parts`).
 
 An alarm needs the score above its threshold in `consecutive` milliseconds in a row, so the *score of a run* is the
 largest over time of the least in that many: one campaign tells what each threshold would have done. Detectors are armed
@@ -19,8 +21,9 @@ in pedal-down, without software E-stop, once `armed_after` has passed.
 
 from __future__ import annotations
 
+import collections
 from functools import reduce
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -28,7 +31,9 @@ from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import HOUR_MS, Quantity, Reserved
 from ravenjax.numbers.setup import Setup, per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record
+from ravenjax.parts import part
 from ravenjax.vocabulary.detectors import DetectorUse
+from ravenjax.vocabulary.parts import OwnSource
 
 POSITIONING = 3
 TICK_S = 1e-3
@@ -69,6 +74,7 @@ class DetectorParams:
     armed_after: Annotated[  # int32
         Scalar, Quantity("ms", 0, HOUR_MS, "since the run began, before which no detector looks", whole=True)
     ]
+    own: tuple[Any, ...]  # of each file, by the detector's name: its own record, or None
     thresholds: Annotated[  # of each detector, in the unit of its score
         tuple[tuple[Scalar, ...], ...],
         Reserved("reports name each alarm by it; write threshold = [..] in [[detector]]"),
@@ -107,6 +113,7 @@ class DetectorState:
 @record
 class DetectorsState:
     arms: tuple[DetectorArmState, ...]
+    own: tuple[tuple[Any, ...], ...]  # of each file, one entry an arm
     detectors: tuple[DetectorState, ...]
 
 
@@ -123,17 +130,28 @@ class DetectorSignal:
     command_limit: Vec  # 7 int32 DAC counts, at which that clips
     armed: Scalar  # bool, pedal-down without software E-stop
     tick: Scalar  # int32
+    views: tuple[Any, ...] | None  # what detectors of one's own see, as the robot has it; None: there are none
+
+
+def sources(setup: Setup) -> tuple[OwnSource, ...]:
+    """Files of detectors, each once, in order."""
+    return tuple(dict.fromkeys(use.part for use in setup.detectors if use.part is not None))
 
 
 def params(setup: Setup) -> DetectorParams:
     """Steps learned from fault-free runs (`LEARNED`); thresholds of 1 until a campaign names them."""
     steps = {joint: StepScale(*values) for joint, values in LEARNED.items()}
+    files = sources(setup)
+    own = collections.namedtuple("Own", [source.name for source in files])  # parameters are named by it
     return DetectorParams(
-        **steps, armed_after=np.int32(500), thresholds=tuple((1.0,) * use.thresholds for use in setup.detectors)
+        **steps,
+        armed_after=np.int32(500),
+        own=own(*(part.params(part.loaded(source)) for source in files)) if files else (),
+        thresholds=tuple((1.0,) * use.thresholds for use in setup.detectors),
     )
 
 
-def init(setup: Setup) -> DetectorsState:
+def init(setup: Setup, params: DetectorParams) -> DetectorsState:
     """Nothing seen."""
     zero = real(setup, 0.0)
     still = Vec.full(POSITIONING, zero)
@@ -142,18 +160,36 @@ def init(setup: Setup) -> DetectorsState:
         DetectorState(Vec.full(use.consecutive - 1, zero), zero, (threshold,) * use.thresholds)
         for use in setup.detectors
     )
-    return DetectorsState(per_arm(setup, lambda *_: DetectorArmState(still, still, still, still, zero)), detectors)
+    own = tuple(
+        (part.init(part.loaded(source), values, setup.precision.real),) * len(setup.arms)
+        for source, values in zip(sources(setup), params.own, strict=True)
+    )
+    return DetectorsState(per_arm(setup, lambda *_: DetectorArmState(still, still, still, still, zero)), own, detectors)
 
 
 def step(setup: Setup, params: DetectorParams, state: DetectorsState, signal: DetectorSignal) -> DetectorsState:
     """The detectors after this tick."""
     views = per_arm(setup, lambda i, _: _arm(setup, params, state.arms[i], signal, i))
+    files = {
+        source: _own(setup, source, own, before, signal)
+        for source, own, before in zip(sources(setup), params.own, state.own, strict=True)
+    }
     armed = signal.armed & (signal.tick >= params.armed_after)
     detectors = []
     for use, thresholds, before in zip(setup.detectors, params.thresholds, state.detectors, strict=True):
-        score = reduce(jnp.maximum, [_score(use, scores) for _, scores in views])
+        arms = [_score(use, scores) for _, scores in views] if use.part is None else [s for _, s in files[use.part]]
+        score = reduce(jnp.maximum, arms)
         detectors.append(_watch(before, thresholds, _counted(score, armed), signal.tick))
-    return DetectorsState(tuple(arm for arm, _ in views), tuple(detectors))
+    own = tuple(tuple(after for after, _ in arms) for arms in files.values())
+    return DetectorsState(tuple(arm for arm, _ in views), own, tuple(detectors))
+
+
+def stops(setup: Setup, state: DetectorsState | None) -> Scalar:
+    """Whether a detector that may stop the robot is in alarm at its first threshold: bool."""
+    alarms = jnp.bool_(False)
+    for use, one in zip(setup.detectors, () if state is None else state.detectors, strict=state is not None):
+        alarms = alarms | one.thresholds[0].over if use.stops else alarms
+    return alarms
 
 
 def outcomes(setup: Setup, state: DetectorsState) -> dict[str, Scalar]:
@@ -165,6 +201,15 @@ def outcomes(setup: Setup, state: DetectorsState) -> dict[str, Scalar]:
             out[f"detector{d}_threshold{k}_first_ms"] = threshold.first_tick
             out[f"detector{d}_threshold{k}_alarms"] = threshold.alarms
     return out
+
+
+def _own(
+    setup: Setup, source: OwnSource, params: Any, before: tuple[Any, ...], signal: DetectorSignal
+) -> tuple[tuple[Any, Scalar], ...]:
+    """State and score of a file, one entry an arm."""
+    assert signal.views is not None
+    code, views = part.loaded(source), signal.views
+    return per_arm(setup, lambda i, _: part.step(code, params, before[i], views[i], setup.precision.real))
 
 
 @record

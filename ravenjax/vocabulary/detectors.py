@@ -5,7 +5,9 @@ from __future__ import annotations
 import dataclasses
 from typing import Literal
 
-DetectorKind = Literal["steps", "derivative_sum", "tip_error", "overdrive"]
+from ravenjax.vocabulary.parts import OwnSource
+
+DetectorKind = Literal["steps", "derivative_sum", "tip_error", "overdrive", "own"]
 Fusion = Literal["all", "two", "any", "mpos", "mvel", "jpos"]
 
 MEANINGS: dict[DetectorKind, str] = {
@@ -13,6 +15,7 @@ MEANINGS: dict[DetectorKind, str] = {
     "derivative_sum": "of link and motor derivatives",
     "tip_error": "distance from the nominal model, mm",
     "overdrive": "command over its clip limit",
+    "own": "as a file says, a detector of one's own",
 }
 """What the score of each kind is."""
 
@@ -25,3 +28,5 @@ class DetectorUse:
     fusion: Fusion = "all"  # of `steps`: which of the three must be over
     consecutive: int = 1  # milliseconds in a row above the threshold that make an alarm
     thresholds: int = 1  # how many are evaluated side by side
+    part: OwnSource | None = None  # of `own`
+    stops: bool = False  # an alarm at its first threshold presses the E-stop

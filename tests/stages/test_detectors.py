@@ -59,7 +59,7 @@ def found(series):
 
         inputs = {name: jnp.asarray(values) for name, values in series.items()}
         inputs |= {"tick": jnp.arange(TICKS, dtype=jnp.int32), "command": inputs["command"].astype(jnp.int32)}
-        state, _ = jax.lax.scan(one, detectors.init(SETUP), inputs)
+        state, _ = jax.lax.scan(one, detectors.init(SETUP, detectors.params(SETUP)), inputs)
         return {name: np.asarray(value) for name, value in detectors.outcomes(SETUP, state).items()}
 
 
@@ -112,5 +112,5 @@ def test_the_worse_arm_counts():
         signal = detectors.DetectorSignal(
             *(still,) * 4, (jnp.float64(1e-3), jnp.float64(4e-3)), commands, limit, True, jnp.int32(700)
         )
-        state = detectors.step(setup, detectors.params(setup), detectors.init(setup), signal)
+        state = detectors.step(setup, detectors.params(setup), detectors.init(setup, detectors.params(setup)), signal)
         assert float(state.detectors[0].peak) == pytest.approx(4.0)

@@ -40,10 +40,17 @@ def plain(robot: Robot, path: str) -> str:
     return paths.plain(path, robot.arms, robot.joints)
 
 
-def of(robot: Robot, path: str) -> list[Quantity]:
-    """What `path` may be: one for a single number, more where it names a whole vector of unlike ones."""
+Ranges = tuple[tuple[str, Quantity], ...]
+"""(path as `plain` gives it, what it may be) of parameters."""
+
+
+def of(robot: Robot, path: str, more: Ranges = ()) -> list[Quantity]:
+    """What `path` may be: one for a single number, more where it names a whole vector of unlike ones.
+
+    more: parameters that a campaign has beside those of its robot.
+    """
     kind, last = plain(robot, path), path.rpartition(".")[2]
-    matches = [row for name, row in rows(robot) if name == kind]
+    matches = [row for name, row in (*rows(robot), *more) if name == kind]
     return [row for row in matches if last in row.joints or not row.joints or last not in robot.joints]
 
 
@@ -53,11 +60,11 @@ def reserved(robot: Robot, path: str) -> str:
     return next((why for name, why in _reserved(robot) if kind == name or kind.startswith(f"{name}.")), "")
 
 
-def complaints(robot: Robot, path: str, axis: Axis) -> Iterator[str]:
+def complaints(robot: Robot, path: str, axis: Axis, more: Ranges = ()) -> Iterator[str]:
     """What is wrong with the values that a parameter would take; nothing for a path that no record knows."""
     if why := reserved(robot, path):
         yield f"cannot be set: {why}"
-    for row in of(robot, path):
+    for row in of(robot, path, more):
         if row.whole and axis.drawn and not axis.listed:
             yield f"{axis.kind} draws fractions, expected {row}; write {{choice = [..]}}"
             continue

@@ -12,11 +12,13 @@ from typing import Any
 from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from ravenjax import robots
+from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.axis import Number
 from ravenjax.campaign.file.group import Cross, Fault, Group, Section, flatten_parameters
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.campaign.file.sections import Campaign, Detector, Haptics, Outcomes, Stop
 from ravenjax.outcomes import events
+from ravenjax.parts import part
 from ravenjax.vocabulary.detectors import DetectorUse
 from ravenjax.vocabulary.robot import Robot
 
@@ -68,9 +70,16 @@ class CampaignConfig(Section):
         return self._source
 
     def with_source(self, path: Path) -> CampaignConfig:
-        """Itself, read from `path`."""
-        self._source = path
-        return self
+        """Itself, read from `path`, and the files that it names taken from there. Raises UserError."""
+        new = self.with_files(path.parent)
+        new._source = path
+        return new
+
+    def with_files(self, folder: Path) -> CampaignConfig:
+        """Itself, the files that it names taken from `folder`. Raises UserError for one that cannot be used."""
+        if all(one.file is None for one in self.detector):
+            return self
+        return self.model_copy(update={"detector": tuple(one.found(folder) for one in self.detector)})
 
     @property
     def detectors(self) -> tuple[tuple[str, DetectorUse, tuple[float, ...]], ...]:
@@ -171,7 +180,26 @@ class CampaignConfig(Section):
             "campaign": self.campaign.model_dump(mode="json", exclude=deciding_nothing, exclude_defaults=True),
             "cues": self.haptics.cues(),
             "outcomes": {"jump": "code", "cue": 0, **self.outcomes.model_dump(exclude_defaults=True)},
+            **({"stops": stops} if (stops := self._stops()) else {}),
         }
+
+    @property
+    def own_ranges(self) -> bounds.Ranges:
+        """(path, what it may be) of each parameter of detectors with a file. Raises UserError for an unusable one."""
+        sources = [(one.name, source) for one in self.detector if (source := one.part) is not None]
+        return tuple(
+            (f"detectors.own.{name}.{path}", limits)
+            for name, source in sources
+            for path, limits in part.quantities(source)
+        )
+
+    def _stops(self) -> list[Any]:
+        """Detectors that act."""
+        return [
+            [part.digest(use.part), use.consecutive, thresholds[0]]
+            for _, use, thresholds in self.detectors
+            if use.stops and use.part is not None
+        ]
 
 
 def robot_of(raw: Any) -> Robot:

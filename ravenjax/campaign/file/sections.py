@@ -5,19 +5,32 @@ Keys, with units and ranges. Groups of runs are in `group`.
 
 from __future__ import annotations
 
+import functools
 import itertools
+import keyword
 import math
+import re
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypeVar
 
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    SerializerFunctionWrapHandler,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
 from ravenjax import robots
 from ravenjax.campaign.file.group import Section
-from ravenjax.errors import suggestion
+from ravenjax.errors import UserError, suggestion
 from ravenjax.outcomes import events
 from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
-from ravenjax.vocabulary.detectors import MEANINGS, DetectorKind, DetectorUse, Fusion
+from ravenjax.parts import part
+from ravenjax.vocabulary.detectors import MEANINGS, DetectorUse, Fusion
+from ravenjax.vocabulary.parts import OwnSource
 
 
 class Campaign(Section):
@@ -135,6 +148,10 @@ class Haptics(Section):
 MOST_THRESHOLDS = 64
 """Of a detector: each costs every run some time and two columns."""
 
+BuiltIn = Literal["steps", "derivative_sum", "tip_error", "overdrive"]
+
+_IDENTIFIER = re.compile(rf"(?!(?:{'|'.join(keyword.kwlist)})$)[A-Za-z][A-Za-z0-9_]*")
+
 _UpTo8 = Annotated[int, Field(ge=1, le=8)]
 
 
@@ -144,7 +161,22 @@ class Detector(Section):
     name: str = Field(
         description="what it is called in tables", pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$", max_length=60
     )
-    kind: DetectorKind = Field(description="; ".join(f"{kind}: {meaning}" for kind, meaning in MEANINGS.items()))
+    kind: BuiltIn | None = Field(
+        default=None, description="; ".join(f"{kind}: {meaning}" for kind, meaning in MEANINGS.items() if kind != "own")
+    )
+    file: Path | None = Field(
+        default=None,
+        description="in place of kind: a Python file with a detector of your own, from this file's folder",
+    )
+    sha256: str | None = Field(
+        default=None,
+        pattern="^[0-9a-f]{64}$",
+        description="of that file and what it loads; another content is refused. Left out, any is taken",
+    )
+    acts: Literal["watch", "stop"] = Field(
+        default="watch",
+        description="of a file: watch; or stop: an alarm at its first threshold presses the E-stop a millisecond later",
+    )
     fusion: Annotated[
         tuple[Fusion, ...], BeforeValidator(_listed, json_schema_input_type=OneOrMore[Fusion]), Field(min_length=1)
     ] = Field(
@@ -158,8 +190,20 @@ class Detector(Section):
 
     @model_validator(mode="after")
     def _fits(self) -> Detector:
+        if (self.kind is None) == (self.file is None):
+            got = "neither" if self.file is None else "both"
+            raise ValueError(f"expected one of kind (built in) and file (your own), got {got}")
+        if self.file is None and (self.acts != "watch" or self.sha256 is not None):
+            raise ValueError("acts and sha256 belong to a detector with a file: remove them")
+        if self.file is not None and not _IDENTIFIER.fullmatch(self.name):
+            raise ValueError(
+                f"name = {self.name!r}, expected letters, digits and _, a letter first: parameters of its file are "
+                "called detectors.own.NAME"
+            )
         if self.kind != "steps" and self.fusion != ("all",):
-            raise ValueError(f"fusion = {list(self.fusion)} belongs to kind 'steps', got kind {self.kind!r}: remove it")
+            raise ValueError(
+                f"fusion = {list(self.fusion)} belongs to kind 'steps', got kind {self.kind or 'file'!r}: remove it"
+            )
         if not all(1 <= count <= 8 for count in self.consecutive):
             raise ValueError(f"consecutive = {list(self.consecutive)}, expected 1 to 8")
         if len(self.threshold) > MOST_THRESHOLDS:
@@ -172,11 +216,46 @@ class Detector(Section):
         return tuple(
             (
                 self.name + (f"/{fusion}" if many_fusions else "") + (f"/{count}" if many_counts else ""),
-                DetectorUse(self.kind, fusion, count, len(self.threshold)),
+                DetectorUse(self.kind or "own", fusion, count, len(self.threshold), self.part, self.acts == "stop"),
             )
             for fusion in self.fusion
             for count in self.consecutive
         )
+
+    @property
+    def part(self) -> OwnSource | None:
+        """The code of its file; None for a built-in one. Raises UserError for one that is unusable or changed."""
+        if self.file is None:
+            return None
+        source = _read(self.name, self.file.absolute())
+        if self.sha256 not in (None, own := part.digest(source)):
+            raise UserError(
+                f"{self.file}: has changed since (sha256 {own[:16]}, expected {self.sha256[:16]}). "
+                "Restore it, or run the campaign into another folder"
+            )
+        return source
+
+    def found(self, folder: Path) -> Detector:
+        """Itself, its file taken from `folder` and known by its content."""
+        if self.file is None:
+            return self
+        there = self.model_copy(update={"file": folder.absolute() / self.file})
+        source = there.part
+        assert source is not None
+        return there.model_copy(update={"sha256": part.digest(source)})
+
+    @model_serializer(mode="wrap")
+    def _without_what_is_not_there(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A built-in detector says nothing of files, as before there were any: hashes of campaigns stay."""
+        content = handler(self)
+        of_files = () if self.file is not None else ("file", "sha256", "acts")
+        return {key: value for key, value in content.items() if key not in of_files}
+
+
+@functools.lru_cache(maxsize=64)
+def _read(name: str, path: Path) -> OwnSource:
+    """A file as it is when it is first read: one process runs one code."""
+    return part.read(name, path)
 
 
 def _rate(raw: Any) -> Any:

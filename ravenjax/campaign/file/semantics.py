@@ -39,7 +39,8 @@ def complaints(config: CampaignConfig) -> Iterator[Complaint]:
         yield from _group(config, group, ("group", g))
     for key, table in parameter_tables(config):
         for path, axis in table.items():
-            yield from (((*key, path), message) for message in bounds.complaints(config.robot, path, axis))
+            more = config.own_ranges if path.startswith("detectors.own.") else ()
+            yield from (((*key, path), message) for message in bounds.complaints(config.robot, path, axis, more))
 
 
 def unfit_parameters(config: CampaignConfig, names: Iterable[str]) -> Iterator[Complaint]:
@@ -48,7 +49,7 @@ def unfit_parameters(config: CampaignConfig, names: Iterable[str]) -> Iterator[C
     for key, table in parameter_tables(config):
         for path, axis in table.items():
             if path not in names:
-                yield (*key, path), f"unknown parameter{_section_of(path) or suggestion(path, names)}"
+                yield (*key, path), f"unknown parameter{_section_of(path, names) or suggestion(path, names)}"
             elif axis.kind == "list" and not axis.explicit:
                 parts = [full.rpartition(".")[2] for full in names if full.rpartition(".")[0] == path]
                 parts = [part for part in parts if part in paths.components(config.robot.joints)]
@@ -56,10 +57,11 @@ def unfit_parameters(config: CampaignConfig, names: Iterable[str]) -> Iterator[C
                     yield (*key, path), _ambiguous(path, axis, parts)
 
 
-def _section_of(path: str) -> str:
+def _section_of(path: str, names: Sequence[str]) -> str:
     """What to add for a parameter that is there with another section of the file only."""
     sections = {"reaction": "[reaction]", "hand": "[hand]", "detectors": "[[detector]]"}
-    section = sections.get(path.partition(".")[0])
+    first = path.partition(".")[0]
+    section = None if any(name.startswith(f"{first}.") for name in names) else sections.get(first)
     return f": there is none without a section {section}; write one" if section else ""
 
 

@@ -41,14 +41,13 @@ class RavenConfig(CampaignConfig):
             self.parameters.update({p: axis for p, axis in axes if p not in crossed | self.parameters.keys()})
         return self
 
-    def with_source(self, path: Path) -> RavenConfig:
-        """Itself, read from `path`; a recorded operator's path is taken from there."""
-        new, file = self, self.operator.file
-        if file is not None and not file.is_absolute():
-            operator = self.operator.model_copy(update={"file": (path.parent / file).absolute()})
-            new = self.model_copy(update={"operator": operator})
-        new._source = path
-        return new
+    def with_files(self, folder: Path) -> CampaignConfig:
+        """Itself, a recorded operator and the files of detectors taken from `folder`. Raises UserError."""
+        new, file = super().with_files(folder), self.operator.file
+        if file is None or file.is_absolute():
+            return new
+        operator = self.operator.model_copy(update={"file": (folder / file).absolute()})
+        return new.model_copy(update={"operator": operator})
 
     @property
     def tools(self) -> tuple[str, ...]:

@@ -12,10 +12,11 @@ from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.geometry import kinematics, transmission
 from ravenjax.robots.raven2.loop import control
+from ravenjax.robots.raven2.loop.arm_view import ArmView
 from ravenjax.robots.raven2.plant import nominal, nominal_target
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import RavenSetup
-from ravenjax.robots.raven2.stages import plc
+from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import detectors, haptics
 
 
@@ -170,6 +171,7 @@ def watched(
     cues: tuple[haptics.HapticOutput, ...],
     armed: Scalar,
     now: Scalar,
+    views: tuple[ArmView, ...] | None,
 ) -> detectors.DetectorSignal:
     """What the detectors see."""
     return detectors.DetectorSignal(
@@ -182,4 +184,45 @@ def watched(
         command_limit=command_limit,
         armed=armed,
         tick=now,
+        views=views,
     )
+
+
+def views(
+    setup: RavenSetup,
+    packet: Any,
+    signals: control.ControlSignals,
+    boards: usb.UsbOut,
+    brakes: Scalar,
+    models: tuple[nominal.NominalOutput, ...],
+    cues: tuple[haptics.HapticOutput, ...],
+    now: Scalar,
+) -> tuple[ArmView, ...]:
+    """What parts of one's own see, one entry an arm."""
+
+    def view(i: int, arm: ArmName) -> ArmView:
+        own, model, cue = signals.arms[i], models[i], cues[i]
+        return ArmView(
+            received=packet.received,
+            delta=packet.delta[i],
+            grasp=packet.grasp[i],
+            surgeon_mode=packet.surgeon_mode,
+            tick=now,
+            runlevel=signals.runlevel,
+            **{name: real(setup, getattr(own, name)) for name in _FLOATS},
+            **{name: getattr(own, name) for name in _COUNTS},
+            pos=own.pos.position_um,
+            pos_d=own.pos_d.position_um,
+            boards_cmd=boards.current_cmd[i],
+            brakes=brakes,
+            model_jpos=model.jpos,
+            model_tip=model.tip_position,
+            tip=model.tip_position - cue.error,
+            tip_error=cue.distance,
+        )
+
+    return per_arm(setup, view)
+
+
+_FLOATS = ("mpos", "mvel", "jpos", "jvel", "jpos_d", "mpos_d", "tau_d")
+_COUNTS = ("enc_val", "current_cmd", "current_cmd_checked", "current_cmd_written")

@@ -81,7 +81,7 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
         channel=channel.init() if seeded(setup, "bursts") else None,
         clock=packet_clock.init() if setup.packets else None,
         history=packet_history.init(setup.packet_history) if setup.packet_history else None,
-        detectors=detectors.init(setup) if setup.detectors else None,
+        detectors=None if params.detectors is None else detectors.init(setup, params.detectors),
         monitor=beside.monitor,
         overload=None if setup.cables == "unwatched" else overload.init(setup),
         pedal_ticks=jnp.int32(-1),

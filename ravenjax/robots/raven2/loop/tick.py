@@ -18,7 +18,7 @@ from ravenjax.numbers.vec import Scalar, Vec, as_int, replace
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.geometry.mapping import position_to_itp
-from ravenjax.robots.raven2.loop import connections, control, failure, observers
+from ravenjax.robots.raven2.loop import arm_view, connections, control, failure, observers
 from ravenjax.robots.raven2.loop.injector import RavenInjector, seeded
 from ravenjax.robots.raven2.loop.records import Input, TickParams, TickSignals, TickState
 from ravenjax.robots.raven2.plant import robot as plant
@@ -63,7 +63,9 @@ def tick(
 
     watched = None
     if params.detectors is not None and state.detectors is not None:
-        view = connections.watched(params.control.overdrive.dac_max, signals, robots, observer.cues, observer.live, now)
+        views = _views(setup, sent.packet, done, observer, now) if detectors.sources(setup) else None
+        limit = params.control.overdrive.dac_max
+        view = connections.watched(limit, signals, robots, observer.cues, observer.live, now, views)
         watched = detectors.step(setup, params.detectors, state.detectors, view)
     hands, reacting = sent.hands, sent.reacting
     if hands is not None:
@@ -211,7 +213,8 @@ def _robot(setup: RavenSetup, params: TickParams, inject: RavenInjector, state: 
     )
     boards = usb.write(setup, state.boards, message, status.write_ok)
 
-    buttons = inject("buttons", connections.Buttons(jnp.bool_(False), jnp.bool_(False)))
+    pressed = detectors.stops(setup, state.detectors)
+    buttons = inject("buttons", connections.Buttons(pressed, jnp.bool_(False)))
     plc_signal = plc.PlcSignal(boards.pins[: connections.boards_apart(setup)], buttons.estop, buttons.start)
     controller, relays = plc.step(setup, params.plc, state.plc, plc_signal)
     brakes = inject("brake", connections.brakes(setup, signals, relays))
@@ -241,6 +244,14 @@ _MECHANICS: dict[str, float] = {
     "external_torque": 0.0,
 }
 """Sites of the robot's mechanics, with what they are where nothing is wrong."""
+
+
+def _views(
+    setup: RavenSetup, packet: Any, done: _Done, observer: observers.Seen, now: Scalar
+) -> tuple[arm_view.ArmView, ...]:
+    """What detectors of one's own see."""
+    brakes = done.relays.brakes
+    return connections.views(setup, packet, done.signals, done.boards, brakes, observer.models, observer.cues, now)
 
 
 def _packet_due(

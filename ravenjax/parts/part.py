@@ -1,0 +1,250 @@
+"""A part from its source: its functions, what a campaign may vary of it, and one millisecond of it, checked.
+
+The code runs as it is traced, so what is wrong with it is told as one error that names file and line: whatever it
+raises, a branch on a value, an array where a single number belongs, a state that changes its structure or types.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import linecache
+import math
+import sys
+import traceback
+import types
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ravenjax.errors import UserError, shown
+from ravenjax.numbers import quantity, tree
+from ravenjax.numbers.lazy import jnp, lax
+from ravenjax.numbers.quantity import Quantity
+from ravenjax.numbers.vec import Scalar, Vec
+from ravenjax.parts import arrays
+from ravenjax.vocabulary.parts import OwnSource
+
+_KINDS = {"f": "float", "i": "int", "u": "int", "b": "bool"}
+_BRANCHES = (
+    "TracerBoolConversionError",
+    "ConcretizationTypeError",
+    "TracerIntegerConversionError",
+    "TracerArrayConversionError",
+)
+
+
+class OwnPart(NamedTuple):
+    """Functions of a part's file."""
+
+    source: OwnSource
+    params: Callable[[], Any]
+    init: Callable[[Any], Any]
+    step: Callable[[Any, Any, Any], tuple[Any, Scalar]]
+
+
+def read(name: str, path: Path) -> OwnSource:
+    """The source of the file at `path`, which is run once. Raises UserError, naming file and line."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not UTF-8"
+        raise UserError(f"{path}: file of detector {name!r} cannot be read ({reason})") from None
+    with arrays.beside(path) as hashes:
+        source = OwnSource(name, str(path), text)
+        _module(source)
+    whole = dataclasses.replace(source, files=tuple(sorted(hashes.items())))
+    _MODULES[whole] = _MODULES.pop(source)
+    loaded(whole)
+    return whole
+
+
+def digest(source: OwnSource) -> str:
+    """sha256 of the code, and of the arrays that it loads."""
+    return hashlib.sha256(repr((source.text, source.files)).encode()).hexdigest()
+
+
+@functools.lru_cache(maxsize=256)
+def loaded(source: OwnSource) -> OwnPart:
+    """Its functions. Raises UserError where there is no `step`, or `params` is not as it should be."""
+    module = _module(source)
+    step: Callable[..., Any] | None = getattr(module, "step", None)
+    if step is None or not callable(step):
+        raise UserError(f"{source.path}: has no function step(params, state, view), which gives (state, score)")
+    own = OwnPart(source, getattr(module, "params", _nothing), getattr(module, "init", _nothing), step)
+    _require_ranges(own)
+    return own
+
+
+def params(part: OwnPart) -> Any:
+    """Its parameters at the values that the file gives. Raises UserError."""
+    with _Blame(part.source, "params()"):
+        return part.params()
+
+
+def quantities(source: OwnSource) -> tuple[tuple[str, Quantity], ...]:
+    """(path, what it may be) of every number that a campaign may vary of it."""
+    record = params(loaded(source))
+    return () if record is None else tuple(quantity.quantities(type(record)))
+
+
+def init(part: OwnPart, params: Any, real: str) -> Any:
+    """What it remembers before the first millisecond, each number of its kind: float of width `real`, int32, bool."""
+    with _Blame(part.source, "init(params)"):
+        state = part.init(params)
+    return _numbers(part.source, "init(params)", state, real)
+
+
+def step(part: OwnPart, params: Any, state: Any, view: Any, real: str) -> tuple[Any, Scalar]:
+    """One millisecond of one arm: what it remembers, and its score as a float of width `real`. Raises UserError."""
+    where = "step(params, state, view)"
+    with _Blame(part.source, where):
+        result = part.step(params, state, view)
+    if not (isinstance(result, tuple) and not isinstance(result, Vec) and len(result) == 2):
+        raise _error(part.source, where, f"gives {shown(result)}, expected two things: (state, score)")
+    after = _numbers(part.source, where, result[0], real)
+    _require_alike(part.source, state, after)
+    score = _number(part.source, where, "score", result[1], real)
+    return after, lax.convert_element_type(score, real)
+
+
+def _nothing(*_: Any) -> None:
+    """Stands for a function that a file does not have."""
+
+
+# --- code ---
+
+_MODULES: dict[OwnSource, types.ModuleType] = {}
+
+
+def _module(source: OwnSource) -> types.ModuleType:
+    """The module of a source, run once in a process."""
+    if source not in _MODULES:
+        name = f"ravenjax_part_{hashlib.sha256(repr(source).encode()).hexdigest()[:16]}"
+        module = types.ModuleType(name)
+        module.__file__ = source.path
+        # so that a traceback shows the line also where the file has changed, or is on another machine
+        linecache.cache[source.path] = (len(source.text), None, source.text.splitlines(keepends=True), source.path)
+        sys.modules[name] = module  # annotations of its records are looked up there
+        try:
+            with _Blame(source, "the file"):
+                exec(compile(source.text, source.path, "exec"), module.__dict__)
+        except BaseException:
+            del sys.modules[name]
+            raise
+        _MODULES[source] = module
+    return _MODULES[source]
+
+
+class _Blame:
+    """Turns what a part's code raises into one UserError that names file and line."""
+
+    def __init__(self, source: OwnSource, where: str) -> None:
+        self._source, self._where = source, where
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if not isinstance(error, Exception) or isinstance(error, UserError):
+            return
+        if isinstance(error, SyntaxError) and error.filename == self._source.path:
+            raise UserError(f"{self._source.path}:{error.lineno}: is no Python ({error.msg})") from None
+        lines = [frame.lineno for frame in traceback.extract_tb(trace) if frame.filename == self._source.path]
+        line = f":{lines[-1]}" if lines else ""
+        if any(one.__name__ in _BRANCHES for one in type(error).__mro__):
+            trouble = (
+                "uses a value that is known only when the robot runs as if it were known now, in an if, a while, a "
+                "comparison chain or a conversion; write jnp.where(condition, a, b), and & and | for and and or"
+            )
+        else:
+            first = next(iter(str(error).strip().splitlines()), "")
+            trouble = f"raises {type(error).__name__}: {first}"
+        raise UserError(f"{self._source.path}{line}: {self._where} {trouble}") from error
+
+
+# --- numbers ---
+
+
+def _error(source: OwnSource, where: str, said: str) -> UserError:
+    return UserError(f"{source.path}: {where} {said}")
+
+
+def _numbers(source: OwnSource, where: str, state: Any, real: str) -> Any:
+    named = list(_named(state))
+    numbers = [_number(source, where, f"the state's {name or 'number'}", value, real) for name, value in named]
+    return tree.filled(state, numbers)
+
+
+def _number(source: OwnSource, where: str, what: str, value: Any, real: str) -> Scalar:
+    """A single number: float of width `real`, int32 or bool."""
+    try:
+        shape, dtype = np.shape(value), jnp.result_type(value)
+    except (TypeError, ValueError):
+        raise _error(source, where, f"gives {shown(value)} for {what}, expected a number") from None
+    if shape:
+        raise _error(
+            source, where, f"gives an array of shape {shape} for {what}, expected a single number: take Vec for several"
+        )
+    kind = _KINDS.get(np.dtype(dtype).kind)
+    if kind is None:
+        raise _error(source, where, f"gives {np.dtype(dtype).name} for {what}, expected float, int or bool")
+    return lax.convert_element_type(value, {"float": real, "int": "int32", "bool": "bool"}[kind])
+
+
+def _named(node: Any, above: str = "") -> Iterator[tuple[str, Any]]:
+    """(name, number) of every number of a state, in the order of `tree.leaves`."""
+    if node is None:
+        return
+    if dataclasses.is_dataclass(node) and not isinstance(node, type):
+        entries = [(field.name, getattr(node, field.name)) for field in dataclasses.fields(node)]
+    elif isinstance(node, dict):
+        entries = [(str(key), node[key]) for key in sorted(node)]
+    elif isinstance(node, tuple | list):
+        entries = [(str(place), item) for place, item in enumerate(node)]
+    else:
+        yield above, node
+        return
+    for name, item in entries:
+        yield from _named(item, f"{above}.{name}" if above else name)
+
+
+def _require_alike(source: OwnSource, before: Any, after: Any) -> None:
+    """UserError where a state has other numbers than before, or numbers of another kind."""
+    own, new = list(_named(before)), list(_named(after))
+    if [name for name, _ in own] != [name for name, _ in new] or type(before) is not type(after):
+        gave, expected = (", ".join(name for name, _ in one) or "nothing" for one in (new, own))
+        raise _error(source, "step(params, state, view)", f"gives a state of {gave}; init began with one of {expected}")
+    for (name, old), (_, value) in zip(own, new, strict=True):
+        kinds = [_KINDS[np.dtype(jnp.result_type(one)).kind] for one in (old, value)]
+        if kinds[0] != kinds[1]:
+            raise _error(
+                source,
+                "step(params, state, view)",
+                f"makes the state's {name} a {kinds[1]}, it began as {kinds[0]}: write it so in init, or convert it",
+            )
+
+
+def _require_ranges(part: OwnPart) -> None:
+    """UserError for a parameter without a Quantity, or outside of its own."""
+    record = params(part)
+    if record is None:
+        return
+    where = "params()"
+    if not dataclasses.is_dataclass(record) or isinstance(record, type):
+        raise _error(part.source, where, f"gives {shown(record)}, expected a record of numbers, made with @record")
+    ranges = dict(quantity.quantities(type(record)))
+    for name, value in _named(record):
+        path = ".".join(word for word in name.split(".") if not word.isdecimal())
+        limits = ranges.get(path)
+        if limits is None:
+            raise _error(
+                part.source, where, f"has {name} without a range: annotate it with Quantity(unit, low, high, meaning)"
+            )
+        if not isinstance(value, int | float | np.number) or not math.isfinite(value):
+            raise _error(part.source, where, f"gives {shown(value)} for {name}, expected a number")
+        if not limits.low <= float(value) <= limits.high:
+            raise _error(part.source, where, f"gives {value:g} for {name}, expected {limits}")

@@ -1,0 +1,15 @@
+"""Parts of one's own: Python files that a campaign names and that are traced into the tick."""
+
+from __future__ import annotations
+
+import dataclasses
+
+
+@dataclasses.dataclass(frozen=True)
+class OwnSource:
+    """The code of a part; static. Equal sources are equal code."""
+
+    name: str  # of the part in its campaign
+    path: str  # of the file, for errors
+    text: str  # what stands in it
+    files: tuple[tuple[str, str], ...] = ()  # (name, sha256) of each file that it loads beside itself

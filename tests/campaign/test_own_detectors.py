@@ -1,0 +1,191 @@
+"""Detectors with a file of their own: bits of a built-in one, parameters, identity, and one that stops the robot."""
+
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cuda_as_cpp import pretend
+from cuda_cases import check_engines
+
+import ravenjax as rj
+from ravenjax.campaign import loading, plan
+from ravenjax.campaign.file import sections
+from ravenjax.campaign.inspection import verification
+from ravenjax.errors import StoreError, UserError
+
+TWINS = """
+from ravenjax.parts import Annotated, Quantity, Scalar, Vec, jnp, record
+
+LIMITS = {limits}
+
+def step(params, state, view):
+    shares = [jnp.float32(jnp.abs(c)) / jnp.float32(limit) for c, limit in zip(view.current_cmd[:6], LIMITS)]
+    score = shares[0]
+    for share in shares[1:]:
+        score = jnp.maximum(score, share)
+    return state, score
+"""
+ERROR = "def step(params, state, view):\n    return state, view.tip_error * 1e3\n"
+BOARDS = """
+from ravenjax.parts import Annotated, Quantity, Scalar, Vec, jnp, record
+
+@record
+class Most:
+    counts: Annotated[Scalar, Quantity("DAC counts", 1, 65535, "command at which the score is 1")]
+
+@record
+class Last:
+    command: Vec
+
+def params():
+    return Most(6000.0)
+
+def init(params):
+    return Last(Vec.full(3, 0))
+
+def step(params, state, view):
+    score = 0.0
+    for now, before in zip(view.boards_cmd[:3], state.command):
+        score = jnp.maximum(score, jnp.float32(jnp.abs(now - before)) / params.counts)
+    return Last(Vec(view.boards_cmd[:3])), score
+"""
+FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "value": [200, 14000], "start_ms": 700}
+
+
+def tables(folder: Path, text: str, *detectors: dict, **campaign) -> dict:
+    """Two overwritten commands behind every check and a fault-free run, under a detector of one's own and others."""
+    path = folder / "mine.py"
+    path.write_text(text)
+    own = {"name": "mine", "file": str(path), "threshold": [0.5, 1.0]}
+    return {
+        "campaign": {"name": "x", "duration_s": 1.0, **campaign},
+        "detector": [own, *detectors],
+        "group": [{"name": "free"}, {"name": "hit", "fault": [{**copy.deepcopy(FAULT), "duration_ms": 64}]}],
+    }
+
+
+def limits() -> list[int]:
+    ready = plan.make(rj.load_campaign({"campaign": {"name": "x"}, "group": [{"name": "free"}]}))
+    return [int(limit) for limit in ready.program.params.control.overdrive.dac_max][:6]
+
+
+@pytest.mark.parametrize("engine", ["simd", "xla"])
+@pytest.mark.parametrize("kind", ["overdrive", "tip_error"])
+def test_the_text_of_a_built_in_detector_gives_its_bits(tmp_path, kind, engine):
+    text = TWINS.format(limits=limits()) if kind == "overdrive" else ERROR
+    built_in = {"name": "built-in", "kind": kind, "threshold": [0.5, 1.0]}
+    table = rj.run(tables(tmp_path, text, built_in), engine=engine)
+    names = [name for name in table.columns if name.startswith("detector0_")]
+    assert table["detector0_score"].max() > 0.5 and len(names) == 5
+    for name in names:
+        np.testing.assert_array_equal(table[name], table[name.replace("detector0", "detector1")], err_msg=name)
+
+
+def test_both_engines_agree_on_a_detector_that_remembers(tmp_path):
+    raw = tables(tmp_path, BOARDS)
+    simd, xla = (rj.run(copy.deepcopy(raw), engine=engine) for engine in ("simd", "xla"))
+    np.testing.assert_array_equal(simd["detector0_threshold1_first_ms"], [-1, -1, 700])
+    for name in ("detector0_score", "detector0_threshold0_first_ms", "detector0_threshold0_alarms"):
+        np.testing.assert_allclose(simd[name], xla[name], rtol=1e-6, err_msg=name)
+
+
+def test_it_changes_nothing_else(tmp_path):
+    raw = tables(tmp_path, BOARDS)
+    without = {key: value for key, value in raw.items() if key != "detector"}
+    watched, plain = rj.run(raw, engine="simd"), rj.run(without, engine="simd")
+    names = [name for name in watched.columns if "detector" not in name]
+    assert names == list(plain.columns)
+    for name in names:
+        np.testing.assert_array_equal(watched[name], plain[name], err_msg=name)
+
+
+def test_its_parameters_are_varied_like_any_other(tmp_path):
+    raw = tables(tmp_path, BOARDS)
+    raw["group"][1]["cross"] = {"detectors.own.mine.counts": [3000, 6000]}
+    table = rj.run(raw, engine="simd")
+    hit = table[table["group"] == "hit"]
+    scores = hit.groupby("param:detectors.own.mine.counts")["detector0_score"].max()
+    np.testing.assert_allclose(scores[3000.0], 2 * scores[6000.0], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "path, value, said",
+    [
+        ("detectors.own.mine.counts", 0, r"got 0, expected 1\.\.65535 DAC counts"),
+        ("detectors.own.mine.count", 10, r"Did you mean 'detectors\.own\.mine\.counts'"),
+    ],
+)
+def test_a_parameter_out_of_its_range_or_unknown_is_refused(tmp_path, path, value, said):
+    raw = tables(tmp_path, BOARDS) | {"parameters": {path: value}}
+    with pytest.raises(UserError, match=said):
+        plan.make(rj.load_campaign(raw))
+
+
+@pytest.mark.parametrize(
+    "wrong, said",
+    [
+        ({"kind": "overdrive"}, "expected one of kind .* and file .*, got both"),
+        ({"file": None}, "got neither"),
+        ({"name": "my-check"}, "expected letters, digits and _"),
+        ({"name": "lambda"}, "expected letters, digits and _"),
+        ({"file": "none.py"}, "cannot be read"),
+        ({"sha256": "0" * 64}, "has changed since"),
+        ({"fusion": "any"}, "belongs to kind 'steps', got kind 'file'"),
+    ],
+)
+def test_sections_that_do_not_fit_are_refused(tmp_path, wrong, said):
+    raw = tables(tmp_path, BOARDS)
+    raw["detector"][0] = {key: value for key, value in (raw["detector"][0] | wrong).items() if value is not None}
+    with pytest.raises(UserError, match=said):
+        rj.load_campaign(raw)
+
+
+def test_its_code_is_part_of_what_a_folder_holds(tmp_path):
+    campaign = tmp_path / "x.toml"
+    (tmp_path / "mine.py").write_text(BOARDS)
+    own = '[[detector]]\nname = "mine"\nfile = "mine.py"'
+    campaign.write_text(f'[campaign]\nname = "x"\nduration_s = 0.2\n{own}\n[[group]]\nname = "a"\n')
+    rj.run(loading.load(campaign), out=tmp_path / "out", engine="simd")
+    (tmp_path / "mine.py").write_text(BOARDS.replace("6000.0", "7000.0"))
+    sections._read.cache_clear()  # another process
+    with pytest.raises(StoreError, match=r"config\.detector\[0\]\.sha256"):
+        rj.run(loading.load(campaign), out=tmp_path / "out", engine="simd")
+    with pytest.raises(UserError, match="has changed since"):
+        verification.verify(tmp_path / "out", 1)
+
+
+@pytest.mark.parametrize("engine", ["simd", "xla"])
+def test_one_that_stops_presses_the_button_a_millisecond_later(tmp_path, engine):
+    raw = tables(tmp_path, BOARDS)
+    raw["detector"][0] |= {"acts": "stop", "threshold": [1.0]}
+    button = {"site": "buttons", "channel": "estop", "effect": "overwrite", "value": 1, "duration_ms": "end"}
+    raw["group"].append({"name": "pressed", "fault": [button | {"start_ms": 701}]})
+    table = rj.run(raw, engine=engine)
+    free, mild, hard, pressed = (table.iloc[row] for row in range(4))
+    assert free["response"] == "silent" and free["detector0_threshold0_first_ms"] == -1
+    assert mild["check_estop_count"] == 0
+    assert hard["detector0_threshold0_first_ms"] == 700 and hard["response"] == "stopped"
+    assert hard["check_estop_first_ms"] == pressed["check_estop_first_ms"] > 700
+
+
+@pytest.mark.slow
+def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path):
+    pretend(monkeypatch, tmp_path)
+    raw = tables(tmp_path, BOARDS, duration_s=0.75)
+    raw["detector"][0] |= {"acts": "stop", "threshold": [1.0]}
+    check_engines(plan.make(loading.from_dict(raw)), 3)
+
+
+def test_one_that_stops_changes_run_ids_and_one_that_watches_does_not(tmp_path):
+    raw = tables(tmp_path, BOARDS)
+    ids = [plan.make(rj.load_campaign(one)).table["run_id"].tolist() for one in _watching_and_stopping(raw)]
+    assert ids[0] == ids[1] and not set(ids[1]) & set(ids[2])
+
+
+def _watching_and_stopping(raw: dict) -> list[dict]:
+    stopping = copy.deepcopy(raw)
+    stopping["detector"][0]["acts"] = "stop"
+    return [{key: value for key, value in raw.items() if key != "detector"}, raw, stopping]

@@ -1,0 +1,140 @@
+"""Parts of one's own: what a file may say, and one clear error for each way of saying it wrong."""
+
+from __future__ import annotations
+
+import textwrap
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ravenjax.errors import UserError
+from ravenjax.parts import part
+
+HEAD = "from ravenjax.parts import Annotated, Quantity, Scalar, Vec, jnp, load, record, where\n"
+COUNTER = """
+@record
+class Limit:
+    most: Annotated[Scalar, Quantity("counts", 1, 100, "score of 1")]
+
+@record
+class Count:
+    seen: Scalar
+    last: Vec
+
+def params():
+    return Limit(10.0)
+
+def init(params):
+    return Count(0, Vec.full(2, 0.0))
+
+def step(params, state, view):
+    return Count(state.seen + 1, Vec((view, state.last[0]))), state.seen / params.most
+"""
+
+
+def written(folder: Path, text: str, head: str = HEAD) -> Path:
+    path = folder / "mine.py"
+    path.write_text(head + textwrap.dedent(text))
+    return path
+
+
+def traced(path: Path) -> tuple:
+    """State and score after two milliseconds, traced by JAX."""
+    own = part.loaded(part.read("mine", path))
+    params = part.params(own)
+
+    def two(view):
+        state = part.init(own, params, "float32")
+        state, _ = part.step(own, params, state, view, "float32")
+        return part.step(own, params, state, view, "float32")
+
+    return jax.jit(two)(jnp.float32(3.0))
+
+
+def test_a_part_counts_and_remembers(tmp_path):
+    state, score = traced(written(tmp_path, COUNTER))
+    assert (int(state.seen), state.last, float(score)) == (2, (3.0, 3.0), np.float32(0.1))
+    assert state.seen.dtype == np.int32 and score.dtype == np.float32
+
+
+def test_params_and_init_may_be_left_out(tmp_path):
+    state, score = traced(written(tmp_path, "def step(params, state, view):\n    return state, view > 2\n"))
+    assert state is None and score == 1.0
+
+
+def test_its_parameters_have_ranges(tmp_path):
+    source = part.read("mine", written(tmp_path, COUNTER))
+    ((path, limits),) = part.quantities(source)
+    assert (path, limits.low, limits.high, limits.unit) == ("most", 1, 100, "counts")
+
+
+STEP = "\ndef step(params, state, view):\n    "
+WRONG = {
+    "syntax": ("def step(params, state, view:\n    pass", r"mine\.py:2: is no Python \('\(' was never closed\)"),
+    "import": ("import no_such_module", r"mine\.py:2: the file raises ModuleNotFoundError: No module named 'no_such_"),
+    "no step": ("x = 1", r"has no function step\(params, state, view\)"),
+    "one thing": (STEP + "return view", r"step\(params, state, view\) gives .* expected two things: \(state, score\)"),
+    "branch": (STEP + "if view > 1:\n        return state, 1.0\n    return state, 0.0", r"mine\.py:4: .* jnp\.where"),
+    "and": (STEP + "return state, view > 1 and view < 2", r"mine\.py:4: .* & and \| for and and or"),
+    "conversion": (STEP + "return state, float(view)", r"mine\.py:4: .* jnp\.where"),
+    "attribute": (STEP + "return state, view.no_such_thing", r"mine\.py:4: .*raises AttributeError: .*no_such_thing"),
+    "array": (STEP + "return state, jnp.ones(3) * view", r"array of shape \(3,\) for score, expected a single number"),
+    "vector": (STEP + "return state, Vec((view, view))", r"gives .* for score, expected a (single )?number"),
+    "text": (STEP + "return state, 'high'", r"gives 'high' for score, expected a number"),
+    "kind": (
+        "def init(params):\n    return (0,)\n" + STEP + "return (state[0] + view,), view",
+        r"makes the state's 0 a float, it began as int",
+    ),
+    "structure": (
+        "def init(params):\n    return (0.0,)\n" + STEP + "return (view, view), view",
+        r"gives a state of 0, 1; init began with one of 0",
+    ),
+    "array in init": (
+        "def init(params):\n    return (jnp.zeros(2),)\n" + STEP + "return state, view",
+        r"init\(params\) gives an array of shape \(2,\) for the state's 0",
+    ),
+    "no record": (
+        "def params():\n    return 3\n" + STEP + "return state, view",
+        r"params\(\) gives 3, expected a record",
+    ),
+    "no range": (
+        "@record\nclass P:\n    a: Scalar\n\ndef params():\n    return P(1.0)\n" + STEP + "return state, view",
+        r"has a without a range: annotate it with Quantity",
+    ),
+    "out of range": (COUNTER.replace("Limit(10.0)", "Limit(0.5)"), r"gives 0\.5 for most, expected 1\.\.100 counts"),
+    "no number": (COUNTER.replace("Limit(10.0)", "Limit('x')"), r"gives 'x' for most, expected a number"),
+    "weights": ("w = load('none.npy')" + STEP + "return state, view", r"none\.npy: cannot be loaded \(No such file"),
+    "late": (STEP + "load('w.npy')\n    return state, view", r"outside a part's file, or in its functions"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_is_wrong_is_told_by_one_error_with_its_place(tmp_path, case):
+    text, said = WRONG[case]
+    with pytest.raises(UserError, match=said) as error:
+        traced(written(tmp_path, text))
+    assert str(tmp_path / "mine.py") in str(error.value) or case in ("weights", "late")
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(UserError, match=r"none\.py: file of detector 'mine' cannot be read \(No such file"):
+        part.read("mine", tmp_path / "none.py")
+
+
+def test_arrays_beside_the_file_count_as_its_content(tmp_path):
+    path = written(tmp_path, "weights = load('w.npz')['a']\n" + STEP + "return state, view * float(weights[1])")
+    digests = []
+    for factor in (2.0, 3.0):
+        np.savez(tmp_path / "w.npz", a=np.array([0.0, factor]))
+        digests.append(part.digest(part.read("mine", path)))
+    assert digests[0] != digests[1]
+    assert traced(path)[1] == 9.0
+
+
+def test_a_file_without_numbers_is_no_array(tmp_path):
+    (tmp_path / "w.npy").write_bytes(b"no numbers")
+    with pytest.raises(UserError, match=r"w\.npy: cannot be loaded \(no NumPy file of numbers"):
+        part.read("mine", written(tmp_path, "load('w.npy')" + STEP + "return state, view"))
