@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import jax.numpy as jnp
     from jax import lax
 
-__all__ = ["at_once", "instead", "jax", "jnp", "lax", "when_loaded"]
+__all__ = ["at_once", "instead", "is_jax", "jax", "jnp", "lax", "when_loaded"]
 
 
 class _Mode(threading.local):
@@ -59,6 +59,11 @@ def instead(numpy: Any, lax: Any) -> Iterator[None]:
         yield
     finally:
         _MODE.instead = before
+
+
+def is_jax() -> bool:
+    """Whether `jnp` and `lax` are JAX's own in this thread."""
+    return not _MODE.instead
 
 
 _NUMPY, _LAX = plain.Numpy(), plain.Lax()

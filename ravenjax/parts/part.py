@@ -21,8 +21,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ravenjax.errors import UserError, shown
+from ravenjax.ir.traced_number import Untraceable
 from ravenjax.numbers import quantity, tree
-from ravenjax.numbers.lazy import jnp, lax
+from ravenjax.numbers.lazy import is_jax, lax
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.parts import arrays
@@ -149,8 +150,10 @@ class _Blame:
         pass
 
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        if not isinstance(error, Exception) or isinstance(error, UserError):
+        if not isinstance(error, Exception) or isinstance(error, UserError | Untraceable):
             return
+        if not is_jax():
+            raise Untraceable(f"{self._source.path}: JAX says better what is wrong with it") from error
         if isinstance(error, SyntaxError) and error.filename == self._source.path:
             raise UserError(f"{self._source.path}:{error.lineno}: is no Python ({error.msg})") from None
         lines = [frame.lineno for frame in traceback.extract_tb(trace) if frame.filename == self._source.path]
@@ -182,17 +185,26 @@ def _numbers(source: OwnSource, where: str, state: Any, real: str) -> Any:
 def _number(source: OwnSource, where: str, what: str, value: Any, real: str) -> Scalar:
     """A single number: float of width `real`, int32 or bool."""
     try:
-        shape, dtype = np.shape(value), jnp.result_type(value)
+        shape, kind = np.shape(value), _kind(value)
     except (TypeError, ValueError):
         raise _error(source, where, f"gives {shown(value)} for {what}, expected a number") from None
     if shape:
         raise _error(
             source, where, f"gives an array of shape {shape} for {what}, expected a single number: take Vec for several"
         )
-    kind = _KINDS.get(np.dtype(dtype).kind)
     if kind is None:
-        raise _error(source, where, f"gives {np.dtype(dtype).name} for {what}, expected float, int or bool")
+        raise _error(source, where, f"gives {np.dtype(value.dtype).name} for {what}, expected float, int or bool")
     return lax.convert_element_type(value, {"float": real, "int": "int32", "bool": "bool"}[kind])
+
+
+def _kind(value: Any) -> str | None:
+    """float, int or bool; None for any other kind of number. TypeError for what is none."""
+    if isinstance(value, bool | int | float):
+        return type(value).__name__
+    dtype = getattr(value, "dtype", None)
+    if dtype is None:
+        raise TypeError(f"{value!r} is no number")
+    return _KINDS.get(np.dtype(dtype).kind)
 
 
 def _named(node: Any, above: str = "") -> Iterator[tuple[str, Any]]:
@@ -219,7 +231,7 @@ def _require_alike(source: OwnSource, before: Any, after: Any) -> None:
         gave, expected = (", ".join(name for name, _ in one) or "nothing" for one in (new, own))
         raise _error(source, "step(params, state, view)", f"gives a state of {gave}; init began with one of {expected}")
     for (name, old), (_, value) in zip(own, new, strict=True):
-        kinds = [_KINDS[np.dtype(jnp.result_type(one)).kind] for one in (old, value)]
+        kinds = [_kind(one) for one in (old, value)]
         if kinds[0] != kinds[1]:
             raise _error(
                 source,
