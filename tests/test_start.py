@@ -90,3 +90,13 @@ def test_a_bundled_campaign_imports_neither_jax_nor_pandas_however_cold_the_star
     record = probed(*tokens, "--set", few, cache=tmp_path / "cache")
     statistics = set() if stops else {"pandas"}  # a campaign that may stop looks at its results
     assert not ({"jax", "jaxlib"} | statistics) & set(record["modules"])
+
+
+@pytest.mark.slow
+def test_a_detector_of_ones_own_needs_no_jax(tmp_path):
+    (tmp_path / "mine.py").write_text("def step(params, state, view):\n    return state, view.tip_error * 1e3\n")
+    file = tmp_path / "own.toml"
+    own = '[[detector]]\nname = "mine"\nfile = "mine.py"\n'
+    file.write_text(CAMPAIGN.format(design="random", most=4000, heaviest=1.1) + own)
+    tokens = ("run", str(file), "--no-report", "--engine", "simd", "--out", str(tmp_path / "out"))
+    assert not {"jax", "jaxlib", "pandas"} & set(probed(*tokens, cache=tmp_path / "cache")["modules"])
