@@ -8,7 +8,7 @@ of JAX with 32-bit numbers. Whatever is not known here is refused with `Untracea
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -185,14 +185,12 @@ class TracedTable:
         self.shape = (length,)
 
     @property
-    def at(self) -> TracedTable:
+    def at(self) -> _Entries:
         """As of a JAX array: `table.at[k].get(mode="clip", wrap_negative_indices=False)`."""
-        return self
+        return _Entries(self._look_up)
 
-    def __getitem__(self, index: Any) -> _Entry:
-        if type(index) is not TracedNumber or index.kind not in (INT, WEAK_INT):
-            raise refused(f"a table's entry {index!r}")
-        return _Entry(self._look_up, index)
+    def __getitem__(self, index: Any) -> TracedNumber:
+        raise refused("a table's entry whose index may be beyond its ends")
 
     def _look_up(self, index: TracedNumber) -> TracedNumber:
         b = self._builder
@@ -205,15 +203,25 @@ class TracedTable:
         raise refused(f"a table's {name}")
 
 
-class _Entry(NamedTuple):
-    look_up: Callable[[TracedNumber], TracedNumber]
-    index: TracedNumber
+class _Entries:
+    def __init__(self, look_up: Callable[[TracedNumber], TracedNumber]) -> None:
+        self._look_up = look_up
+
+    def __getitem__(self, index: Any) -> _Entry:
+        if type(index) is not TracedNumber or index.kind not in (INT, WEAK_INT):
+            raise refused(f"a table's entry {index!r}")
+        return _Entry(self._look_up, index)
+
+
+class _Entry:
+    def __init__(self, look_up: Callable[[TracedNumber], TracedNumber], index: TracedNumber) -> None:
+        self._look_up, self._index = look_up, index
 
     def get(self, mode: str | None = None, wrap_negative_indices: bool = True) -> TracedNumber:
         """The number there, or at the nearest end."""
         if mode != "clip" or wrap_negative_indices:
             raise refused(f"a look-up of mode {mode!r}")
-        return self.look_up(self.index)
+        return self._look_up(self._index)
 
 
 # --- operands ---------------------------------------------------------------------------------------------------------

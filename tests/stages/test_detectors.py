@@ -45,7 +45,7 @@ def found(series):
     thresholds = tuple((0.8, 1.6)[: use.thresholds] for use in USES)
     with jax.enable_x64(True):
         params = detectors.params(SETUP)
-        params = detectors.DetectorParams(params.shoulder, params.elbow, params.insertion, 10, thresholds)
+        params = detectors.DetectorParams(params.shoulder, params.elbow, params.insertion, 10, (), thresholds)
 
         def one(state, x):
             signal = detectors.DetectorSignal(
@@ -54,6 +54,7 @@ def found(series):
                 command_limit=Vec(jnp.int32(limit) for limit in LIMIT),
                 armed=x["armed"],
                 tick=x["tick"],
+                views=None,
             )
             return detectors.step(SETUP, params, state, signal), None
 
@@ -110,7 +111,7 @@ def test_the_worse_arm_counts():
         commands = (Vec.full(7, jnp.int32(0)),) * 2
         limit = Vec.full(7, jnp.int32(1))
         signal = detectors.DetectorSignal(
-            *(still,) * 4, (jnp.float64(1e-3), jnp.float64(4e-3)), commands, limit, True, jnp.int32(700)
+            *(still,) * 4, (jnp.float64(1e-3), jnp.float64(4e-3)), commands, limit, True, jnp.int32(700), None
         )
         state = detectors.step(setup, detectors.params(setup), detectors.init(setup, detectors.params(setup)), signal)
         assert float(state.detectors[0].peak) == pytest.approx(4.0)

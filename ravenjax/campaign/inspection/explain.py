@@ -87,7 +87,7 @@ class Explainer:
 
     def index(self, run: str | int) -> int:
         """Index of a run by its id, the beginning of its id, or its index. Raises UserError."""
-        return replay.find(self.plan.table["run_id"].to_numpy(), run)
+        return replay.find(self.plan.rows.numbers("run_id"), run)
 
     def faulty(self) -> np.ndarray:
         """Indices of the runs with a fault."""
@@ -111,7 +111,7 @@ class Explainer:
         progress.tell("done")
         own, golden = (_joined([table[place] for table in tables]) for place in (0, 1))
         observed = {name: own.pop(name) for name in list(own) if name == HARM or name.startswith(PREFIXES)}
-        results = outcomes.frame(self.config, some.table, own, golden)
+        results = outcomes.frame(self.config, some.rows, own, golden)
         ticks = pd.DataFrame({"run_id": results["run_id"], "index": np.asarray(rows, np.int32), **observed})
         return Explained(results, ticks, self.engine)
 
@@ -138,7 +138,7 @@ def _taken(ready: Plan, rows: np.ndarray) -> Plan:
     """Some rows of a plan as a plan."""
     return dataclasses.replace(
         ready,
-        table=ready.table.iloc[rows].reset_index(drop=True),
+        rows=ready.rows.take(rows),
         faults={name: values[rows] for name, values in ready.faults.items()},
         varied={name: values[rows] for name, values in ready.varied.items()},
         golden=np.unique(ready.golden[rows], return_inverse=True)[1].reshape(-1).astype(np.int32),
