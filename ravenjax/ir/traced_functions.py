@@ -10,6 +10,8 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from ravenjax.ir import compounds, polynomials
 from ravenjax.ir import traced_number as number
 from ravenjax.ir.builder import Builder
@@ -23,6 +25,7 @@ class NumberType:
     def __init__(self, builder: Builder, kind: int) -> None:
         self._builder, self._kind = builder, kind
         self.name = DTYPES[kind]
+        self.dtype = np.dtype(self.name)  # so that a number's dtype equals it, as it does JAX's
 
     def __call__(self, x: Any) -> TracedNumber:
         if type(x) is int and self._kind == UINT and 0 <= x < 2**32:  # the only way to write so large a number

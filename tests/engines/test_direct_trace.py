@@ -16,6 +16,7 @@ from ravenjax.engines.interface import Block
 from ravenjax.ir.lowering import UnknownPrimitive
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import ORIGINAL
+from ravenjax.robots.raven2 import ROBOT
 
 CAMPAIGNS = sorted((Path(__file__).resolve().parents[2] / "campaigns").glob("*.toml"))
 NO_JAX = "without JAX"
@@ -53,6 +54,12 @@ def test_a_tick_is_traced_the_same(small):
 def test_a_tick_that_ends_by_itself_is_traced_the_same(small):
     program, block, motion = small
     same(dataclasses.replace(program, ends=True), block, motion)
+
+
+@pytest.mark.slow
+def test_an_explained_tick_is_traced_the_same(small):
+    program, block, motion = small
+    same(ROBOT.part("campaign").explained(program), block, motion)
 
 
 @pytest.fixture
