@@ -26,8 +26,9 @@ TICKS, OBSERVE_MS, FAULT_MS = 10_000, 1000, 10
 """Of a run; how long a run is observed after its fault in the second column; how long that lasts."""
 SHARES = (0.0, 0.25, 0.5, 0.75, 0.9)
 """Of the run that are over when the fault strikes. At the first there is nothing to go on from."""
-LEAST_RUNS, MOST_RUNS = 256, 2**18
-"""At each time: more make a GPU no faster, and take long to plan."""
+LEAST_RUNS, MOST_RUNS = {"cuda": 101_376}, 2**18
+"""At each time: fewer do not fill a GPU twice; more make it no faster, and take long to plan."""
+_LEAST_RUNS = 256  # of other engines
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,12 +90,13 @@ def measure(
     ticks: int = TICKS,
     observe_ms: int = OBSERVE_MS,
     shares: Sequence[float] = SHARES,
-    least_runs: int = LEAST_RUNS,
+    least_runs: int | None = None,
 ) -> FaultTimes:
-    """Measure for about so long beyond tracing, each time in turn and again."""
+    """Measure for about so long beyond tracing, each time in turn and again. least_runs: None: as the engine needs."""
     starts = [round(share * ticks) for share in shares]
     ways = [(start, way) for way in (None, observe_ms) for start in starts]
     backend = selection.select(engine, CAMPAIGN, compile_cache.objects())
+    least = least_runs or LEAST_RUNS.get(backend.name, _LEAST_RUNS)
 
     def computation(runs: int, start: int, way: int | None) -> Computation:
         ready = plan.make(campaign(runs, start, way, ticks))
@@ -106,7 +108,7 @@ def measure(
         _run(some)  # prepares what only comes with the runs
         return runs * ticks / clock.seconds(functools.partial(_run, some))
 
-    runs = scaling.affordable(rate, ticks, least_runs, 0.5 * seconds / len(ways), MOST_RUNS)
+    runs = scaling.affordable(rate, ticks, least, 0.5 * seconds / len(ways), MOST_RUNS)
     kernels = {way: computation(runs, starts[0], way) for way in (None, observe_ms)}
     for kernel in kernels.values():
         kernel.compile()

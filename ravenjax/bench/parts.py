@@ -67,7 +67,7 @@ PARTS: tuple[BenchPart, ...] = (
         PartCost(2.0, 16.0, 40.0),
         needs_gpu=True,
     ),
-    BenchPart("cores", "cores", "one core and several", cores.measure, PartCost(5.0, 5.0, 20.0)),
+    BenchPart("cores", "cores", "one core and several", cores.measure, PartCost(5.0, 8.0, 30.0)),
     BenchPart(DEVICES, "devices", "one GPU and several", devices.measure, PartCost(0.0, 0.0, 0.0), needs_gpu=True),
     BenchPart(
         "fault_times", "fault_times", "runs by when their fault strikes", fault_times.measure, PartCost(5.0, 4.0, 15.0)
