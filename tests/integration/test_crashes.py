@@ -203,10 +203,16 @@ WITHOUT_LOCKS = (
     "import errno, fcntl, sys\n"
     "def refuse(*_): raise OSError(errno.ENOLCK, 'No locks available')\n"
     "fcntl.flock = refuse\n"
+    "import time\n"
     "from ravenjax.cli import main\n"
+    "from ravenjax.store import parts\n"
+    "put = parts.put\n"
+    "def slowly(*some): time.sleep(0.05); return put(*some)\n"
+    "parts.put = slowly\n"
     "sys.exit(main(sys.argv[1:]))"
 )
-"""The command line on a file system that offers no locks, as one does that has lost them."""
+"""The command line on a file system that offers no locks, as one does that has lost them, and that is slow: a run is
+still writing when it is stopped."""
 
 
 @pytest.mark.slow
@@ -225,8 +231,8 @@ def test_shards_that_are_killed_in_a_folder_without_locks_lose_nothing(small, tm
         shards = [begun(number) for number in (1, 2)]
         for folder, shard in zip(folders, shards, strict=True):
             until(lambda folder=folder, least=2 * (kill + 1): len(stored(folder)) > least, shard)
-        if kill == 0:
-            shards[0].send_signal(signal.SIGSTOP)  # it lives until the other has asked
+            shard.send_signal(signal.SIGSTOP)
+        if kill == 0:  # the first lives until another has asked
             second = begun(1)
             _, err = second.communicate(timeout=waiting.DEADLINE_S)
             assert second.returncode == USER_ERROR and f"process {shards[0].pid} on" in err.replace("\n", " ")
