@@ -27,6 +27,13 @@ class NumberType:
         self.name = DTYPES[kind]
         self.dtype = np.dtype(self.name)  # so that a number's dtype equals it, as it does JAX's
 
+    def __eq__(self, other: Any) -> bool:
+        """As JAX's: it equals NumPy's type of that name."""
+        return self is other or self.dtype.type == other
+
+    def __hash__(self) -> int:
+        return hash(self.dtype.type)
+
     def __call__(self, x: Any) -> TracedNumber:
         if type(x) is int and self._kind == UINT and 0 <= x < 2**32:  # the only way to write so large a number
             return TracedNumber(self._builder, None, UINT, x)
@@ -168,10 +175,12 @@ class TracedLax:
         usual = tree.mapped(lambda x: number.written(b, x), otherwise())
         rarely = b.emit("ne", "bool", branch, b.constant("int32", 0))
         rare = then()
+        if tree.structure(rare) != tree.structure(usual):
+            raise refused("a branch whose results are of unlike structure")
 
         def choice(yes: Any, no: Any) -> TracedNumber:
             yes, no = number.operand(b, yes), number.operand(b, no)
-            if DTYPES[yes.kind] != DTYPES[no.kind]:
+            if yes.kind != no.kind:  # of a weak one beside another JAX makes a weak one
                 raise refused("a branch whose results are of unlike types")
             (i, j), kind = number.joined(b, yes, no)
             return TracedNumber(b, b.emit("rarely", DTYPES[kind], rarely, i, j), kind)

@@ -35,6 +35,8 @@ def refused(what: str) -> Untraceable:
 
 def kind_of(dtype: Any) -> int:
     """The kind of a type that code names, wide ones being taken as narrow."""
+    if dtype is None:  # a float's to NumPy, none to JAX
+        raise refused("a type of None")
     try:
         name = dtype if type(dtype) is str else getattr(dtype, "name", None) or np.dtype(dtype).name
         return _KINDS[name]
@@ -193,7 +195,7 @@ class TracedTable:
         raise refused("a table's entry whose index may be beyond its ends")
 
     def _look_up(self, index: TracedNumber) -> TracedNumber:
-        b = self._builder
+        b, index = self._builder, operand(self._builder, index)
         read = compounds.nearest(b, self._length, lambda i: b.lookup(self._table, i), index.index)
         return TracedNumber(b, read, self._kind)
 
@@ -228,8 +230,10 @@ class _Entry:
 
 
 def operand(builder: Builder, x: Any) -> TracedNumber:
-    """What stands in code as a number."""
+    """What stands in code as a number. Refused where it is one of another program: it means another operation there."""
     if type(x) is TracedNumber:
+        if x.builder is not builder:
+            raise refused("a number that was kept from another function")
         return x
     return TracedNumber(builder, None, plain_kind(x), x)
 
@@ -273,9 +277,17 @@ def _converted(value: Any, source: str, dtype: str) -> Any:
     """A plain number in another type that holds it; others go by rules of Python, NumPy and JAX each."""
     if source == dtype:
         return value
+    if source == "float32" and not _is_narrow(value):  # JAX at times takes 2.9999999999 for an int as 2, at times as 3
+        raise refused(f"the number {value} as {dtype}")
     if dtype in ("int32", "uint32") and not (0 if dtype == "uint32" else _LEAST) <= value <= _MOST:
         raise refused(f"the number {value} as {dtype}")
     return semantics.evaluate("convert", dtype, (np.asarray(value, source),))
+
+
+def _is_narrow(value: Any) -> bool:
+    """Whether a float is the same with 32 bits."""
+    with np.errstate(over="ignore", under="ignore"):
+        return value != value or float(np.float32(value)) == float(value)
 
 
 def joined(builder: Builder, *numbers: Any) -> tuple[list[int], int]:

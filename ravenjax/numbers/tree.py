@@ -46,6 +46,15 @@ def filled(tree: Any, numbers: list[Any]) -> Any:
     return mapped(lambda _: next(rest), tree)
 
 
+def structure(tree: Any) -> Any:
+    """What a tree is made of besides its numbers; equal for trees that JAX takes for alike."""
+    branches = _branches(tree)
+    if branches is None:
+        return ()
+    keys = tuple(sorted(tree)) if isinstance(tree, dict) else ()
+    return type(tree), keys, tuple(map(structure, branches))
+
+
 def _branches(tree: Any) -> list[Any] | None:
     """What a tree is made of; None for a leaf."""
     if tree is None:

@@ -95,8 +95,7 @@ def quantities(source: OwnSource) -> tuple[tuple[str, Quantity], ...]:
 def init(part: OwnPart, params: Any, real: str) -> Any:
     """What it remembers before the first millisecond, each number of its kind: float of width `real`, int32, bool."""
     with _Blame(part.source, "init(params)"):
-        state = part.init(params)
-    return _numbers(part.source, "init(params)", state, real)
+        return _numbers(part.source, "init(params)", part.init(params), real)
 
 
 def step(part: OwnPart, params: Any, state: Any, view: Any, real: str) -> tuple[Any, Scalar]:
@@ -104,12 +103,12 @@ def step(part: OwnPart, params: Any, state: Any, view: Any, real: str) -> tuple[
     where = "step(params, state, view)"
     with _Blame(part.source, where):
         result = part.step(params, state, view)
-    if not (isinstance(result, tuple) and not isinstance(result, Vec) and len(result) == 2):
-        raise _error(part.source, where, f"gives {shown(result)}, expected two things: (state, score)")
-    after = _numbers(part.source, where, result[0], real)
-    _require_alike(part.source, state, after)
-    score = _number(part.source, where, "score", result[1], real)
-    return after, lax.convert_element_type(score, real)
+        if not (isinstance(result, tuple) and not isinstance(result, Vec) and len(result) == 2):
+            raise _error(part.source, where, f"gives {shown(result)}, expected two things: (state, score)")
+        after = _numbers(part.source, where, result[0], real)
+        _require_alike(part.source, state, after)
+        score = _number(part.source, where, "score", result[1], real)
+        return after, lax.convert_element_type(score, real)
 
 
 def _nothing(*_: Any) -> None:
@@ -150,9 +149,11 @@ class _Blame:
         pass
 
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        if not isinstance(error, Exception) or isinstance(error, UserError | Untraceable):
+        if not isinstance(error, Exception) or isinstance(error, UserError):
             return
         if not is_jax():
+            if isinstance(error, Untraceable):
+                return
             raise Untraceable(f"{self._source.path}: JAX says better what is wrong with it") from error
         if isinstance(error, SyntaxError) and error.filename == self._source.path:
             raise UserError(f"{self._source.path}:{error.lineno}: is no Python ({error.msg})") from None
@@ -162,6 +163,11 @@ class _Blame:
             trouble = (
                 "uses a value that is known only when the robot runs as if it were known now, in an if, a while, a "
                 "comparison chain or a conversion; write jnp.where(condition, a, b), and & and | for and and or"
+            )
+        elif isinstance(error, Untraceable) or type(error).__name__ == "UnexpectedTracerError":
+            trouble = (
+                "uses a number of jnp that it kept from another call, in a global or a cache; keep plain numbers, "
+                "or what init gives"
             )
         else:
             first = next(iter(str(error).strip().splitlines()), "")

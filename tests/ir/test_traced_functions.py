@@ -24,6 +24,7 @@ TYPES = ("bool", "int32", "uint32", "float32")
 TABLE = 9
 PLAIN = (
     *(True, 0, 3, -7, 2.5, -0.0, float("inf"), float("nan")),
+    *(2.9999999999, 16777217.0, 1e-50, 16777217, np.float64(2.9999999999)),  # other numbers where they are narrow
     *(np.float32(1.5), np.int32(-4), np.uint32(5), np.bool_(True), np.float64(0.1), np.int64(6), np.asarray(2.0)),
 )
 ALONE = {
@@ -169,6 +170,10 @@ STRANGE = {
     "unlike types": lambda x, k: lax.div(x, k),
     "unlike branches": lambda x, k: lax.cond(x > 0, lambda: x, lambda: k),
     "an axis": lambda x, k: x[0],
+    "a type of None": lambda x, k: lax.convert_element_type(k, None),
+    "a weak branch": lambda x, k: lax.cond(x > 0, lambda: jnp.int32(2), lambda: 1) + jnp.uint32(2),
+    "branches of other names": lambda x, k: lax.cond(x > 0, lambda: {"a": x}, lambda: {"b": x}),
+    "branches of other kinds": lambda x, k: lax.cond(x > 0, lambda: [x], lambda: (x,)),
 }
 
 
@@ -176,6 +181,31 @@ STRANGE = {
 def test_what_is_not_known_is_refused(what):
     with pytest.raises(Untraceable):
         directly(STRANGE[what], ("float32", "int32"))
+
+
+@pytest.mark.parametrize("place", [lambda x, y: x + y, lambda x, y: jnp.where(x > 0, x, y), lambda x, y: jnp.abs(y)])
+def test_a_number_of_another_program_is_refused(place):
+    kept = []
+    directly(lambda x: kept.append(x * 3.0) or x, ("float32",))
+    with pytest.raises(Untraceable, match="kept from another function"):
+        directly(lambda x: place(x, kept[0]), ("float32",))
+
+
+TYPE_TESTS = {
+    "its own": lambda x: x.dtype == jnp.float32,
+    "turned": lambda x: jnp.float32 == x.dtype,
+    "NumPy's": lambda x: jnp.float32 == np.float32,
+    "NumPy's class": lambda x: x.dtype.type == jnp.float32,
+    "another": lambda x: x.dtype != jnp.int32 and np.int32 != jnp.float32,
+    "in a set": lambda x: x.dtype.type in {jnp.float32, jnp.int32},
+    "below another": lambda x: np.issubdtype(x.dtype, jnp.float32),
+}
+
+
+@pytest.mark.parametrize("what", TYPE_TESTS)
+def test_types_equal_what_those_of_jax_equal(what):
+    for dtype in TYPES:
+        assert alike(lambda x: x if TYPE_TESTS[what](x) else jnp.zeros_like(x), dtype)
 
 
 def test_jax_returns_when_direct_tracing_ends():

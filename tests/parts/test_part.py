@@ -11,6 +11,10 @@ import numpy as np
 import pytest
 
 from ravenjax.errors import UserError
+from ravenjax.ir.builder import Builder
+from ravenjax.ir.traced_functions import TracedLax, TracedNumpy
+from ravenjax.ir.traced_number import Untraceable
+from ravenjax.numbers.lazy import instead
 from ravenjax.parts import part
 
 HEAD = "from ravenjax.parts import Annotated, Quantity, Scalar, Vec, jnp, load, record, where\n"
@@ -138,3 +142,30 @@ def test_a_file_without_numbers_is_no_array(tmp_path):
     (tmp_path / "w.npy").write_bytes(b"no numbers")
     with pytest.raises(UserError, match=r"w\.npy: cannot be loaded \(no NumPy file of numbers"):
         part.read("mine", written(tmp_path, "load('w.npy')" + STEP + "return state, view"))
+
+
+KEPT = """
+kept = []
+
+def init(params):
+    kept.append(jnp.float32(2.5) * jnp.float32(3.0))
+    return (jnp.float32(0.0), kept[0])
+
+def step(params, state, view):
+    return state, {score}
+"""
+
+
+@pytest.mark.parametrize("score", ["view * kept[0]", "kept[0]", "state[0] + kept[0]"])
+def test_numbers_kept_between_calls_are_refused(tmp_path, score):
+    own = part.loaded(part.read("mine", written(tmp_path, KEPT.format(score=score))))
+
+    def begin(b):
+        with instead(TracedNumpy(b), TracedLax(b)):
+            return part.init(own, None, "float32")
+
+    begin(Builder())
+    with pytest.raises(Untraceable, match="kept from another function"):
+        begin(Builder())
+    with pytest.raises(UserError, match=r"mine\.py.* uses a number of jnp that it kept from another call"):
+        jax.jit(lambda view: part.step(own, None, (0.0, 1.0), view, "float32"))(jnp.float32(3.0))
