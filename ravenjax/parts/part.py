@@ -6,6 +6,7 @@ raises, a branch on a value, an array where a single number belongs, a state tha
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import hashlib
@@ -130,7 +131,8 @@ def _module(source: OwnSource) -> types.ModuleType:
         linecache.cache[source.path] = (len(source.text), None, source.text.splitlines(keepends=True), source.path)
         sys.modules[name] = module  # annotations of its records are looked up there
         try:
-            with _Blame(source, "the file"):
+            files = arrays.beside(Path(source.path), source.files) if source.files else contextlib.nullcontext()
+            with files, _Blame(source, "the file"):
                 exec(compile(source.text, source.path, "exec"), module.__dict__)
         except BaseException:
             del sys.modules[name]
@@ -140,15 +142,17 @@ def _module(source: OwnSource) -> types.ModuleType:
 
 
 class _Blame:
-    """Turns what a part's code raises into one UserError that names file and line."""
+    """Turns what a part's code raises into one UserError that names file and line; what it prints is no output."""
 
     def __init__(self, source: OwnSource, where: str) -> None:
         self._source, self._where = source, where
+        self._aside = contextlib.redirect_stdout(sys.stderr)
 
     def __enter__(self) -> None:
-        pass
+        self._aside.__enter__()
 
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        self._aside.__exit__(kind, error, trace)
         if not isinstance(error, Exception) or isinstance(error, UserError):
             return
         if not is_jax():

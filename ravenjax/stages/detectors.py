@@ -21,7 +21,6 @@ in pedal-down, without software E-stop, once `armed_after` has passed.
 
 from __future__ import annotations
 
-import collections
 from functools import reduce
 from typing import Annotated, Any
 
@@ -31,7 +30,7 @@ from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import HOUR_MS, Quantity, Reserved
 from ravenjax.numbers.setup import Setup, per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record
-from ravenjax.parts import part
+from ravenjax.parts import parameters, part
 from ravenjax.vocabulary.detectors import DetectorUse
 from ravenjax.vocabulary.parts import OwnSource
 
@@ -142,11 +141,10 @@ def params(setup: Setup) -> DetectorParams:
     """Steps learned from fault-free runs (`LEARNED`); thresholds of 1 until a campaign names them."""
     steps = {joint: StepScale(*values) for joint, values in LEARNED.items()}
     files = sources(setup)
-    own = collections.namedtuple("Own", [source.name for source in files])  # parameters are named by it
     return DetectorParams(
         **steps,
         armed_after=np.int32(500),
-        own=own(*(part.params(part.loaded(source)) for source in files)) if files else (),
+        own=parameters.of(files) if files else (),
         thresholds=tuple((1.0,) * use.thresholds for use in setup.detectors),
     )
 

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
+import pickle
+import shutil
+import subprocess
+import sys
 import textwrap
 from pathlib import Path
 
@@ -15,7 +20,7 @@ from ravenjax.ir.builder import Builder
 from ravenjax.ir.traced_functions import TracedLax, TracedNumpy
 from ravenjax.ir.traced_number import Untraceable
 from ravenjax.numbers.lazy import instead
-from ravenjax.parts import part
+from ravenjax.parts import parameters, part
 
 HEAD = "from ravenjax.parts import Annotated, Quantity, Scalar, Vec, jnp, load, record, where\n"
 COUNTER = """
@@ -169,3 +174,28 @@ def test_numbers_kept_between_calls_are_refused(tmp_path, score):
         begin(Builder())
     with pytest.raises(UserError, match=r"mine\.py.* uses a number of jnp that it kept from another call"):
         jax.jit(lambda view: part.step(own, None, (0.0, 1.0), view, "float32"))(jnp.float32(3.0))
+
+
+def test_parameters_travel_to_a_process_that_has_no_files(tmp_path):
+    path = written(tmp_path, "weights = load('w.npy')\n" + COUNTER.replace("state.seen /", "weights[1] * state.seen /"))
+    np.save(tmp_path / "w.npy", np.array([1.0, 7.0]))
+    sources = (part.read("mine", path),)
+    own = parameters.of(sources)
+    varied = own._replace(mine=dataclasses.replace(own.mine, most=20.0))
+    message = pickle.dumps((sources, varied))
+    shutil.rmtree(tmp_path)
+    code = (
+        "import pickle, sys; from ravenjax.parts import part; sources, own = pickle.load(sys.stdin.buffer); "
+        "print(own.mine.most, part.step(part.loaded(sources[0]), own.mine, part.init(part.loaded(sources[0]), own.mine,"
+        " 'float32'), 0.0, 'float32')[1] * 0, own._fields, part.loaded(sources[0]).step.__globals__['weights'])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], input=message, capture_output=True, check=True)
+    assert done.stdout.decode().split() == ["20.0", "0.0", "('mine',)", "[1.", "7.]"]
+
+
+def test_what_a_part_prints_is_no_output(tmp_path, capsys):
+    traced(
+        written(tmp_path, "print('read')\ndef step(params, state, view):\n    print('traced')\n    return state, view")
+    )
+    output, aside = capsys.readouterr()
+    assert output == "" and aside.startswith("read") and "traced" in aside

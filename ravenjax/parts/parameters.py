@@ -1,0 +1,33 @@
+"""Parameters of several parts, each by its part's name; they travel between processes with their code."""
+
+from __future__ import annotations
+
+import collections
+import functools
+from collections.abc import Mapping
+from typing import Any
+
+from ravenjax.numbers import tree
+from ravenjax.parts import arrays, part
+from ravenjax.vocabulary.parts import OwnSource
+
+
+def of(sources: tuple[OwnSource, ...]) -> Any:
+    """A named tuple of the records that the files give, each None where its file has none. Raises UserError."""
+    return _kind(sources)(*(part.params(part.loaded(source)) for source in sources))
+
+
+@functools.lru_cache(maxsize=256)
+def _kind(sources: tuple[OwnSource, ...]) -> type[Any]:
+    # Records of a file are classes that no other process has: there they come from its text, as numbers do from here.
+    def reduced(own: Any) -> tuple[Any, ...]:
+        return _restored, (sources, arrays.contents(sources), tree.leaves(own))
+
+    kind = collections.namedtuple("Own", [source.name for source in sources])
+    kind.__reduce__ = reduced  # type: ignore[method-assign]
+    return kind
+
+
+def _restored(sources: tuple[OwnSource, ...], contents: Mapping[str, bytes], numbers: list[Any]) -> Any:
+    arrays.keep(contents)
+    return tree.filled(of(sources), numbers)
