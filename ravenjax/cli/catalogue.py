@@ -199,7 +199,8 @@ def parameter_rows(config: CampaignConfig) -> list[tuple[str, ...]]:
             values.setdefault(head, []).append(f"{last} {float(value):g}")
         else:
             values.setdefault(full, []).append(f"{float(value):g}")
-    rules = {full: bounds.of(config.robot, full) for full in values}  # none: not a campaign's to vary
+    more = config.own_ranges
+    rules = {full: bounds.of(config.robot, full, more) for full in values}  # none: not a campaign's to vary
     return [
         (
             full,

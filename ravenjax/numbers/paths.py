@@ -27,7 +27,7 @@ def _entries(node: Any, setup: Setup) -> dict[str, tuple[Any, bool]] | None:
         names = component_names(len(node), setup.joints, setup.leading_joints)
         return {name: (item, True) for name, item in zip(names, node, strict=True)}
     if fields := getattr(node, "_fields", ()):
-        return {name: (item, False) for name, item in zip(fields, node, strict=True)}
+        return {name: (item, False) for name, item in zip(fields, node, strict=True) if item is not None}
     if isinstance(node, tuple):
         per_arm = len(node) == len(setup.arms) and all(dataclasses.is_dataclass(n) or isinstance(n, Vec) for n in node)
         names = setup.arms if per_arm else tuple(str(i) for i in range(len(node)))
@@ -53,7 +53,7 @@ def _rebuild(node: Any, entries: dict[str, tuple[Any, bool]], changed: dict[str,
     if dataclasses.is_dataclass(node) and not isinstance(node, type):
         return dataclasses.replace(node, **changed)
     if hasattr(node, "_fields"):
-        return type(node)(*(changed.get(name, item) for name, (item, _) in entries.items()))
+        return node._replace(**changed)
     items = [changed.get(name, item) for name, (item, _) in entries.items()]
     return Vec(items) if isinstance(node, Vec) else tuple(items)
 

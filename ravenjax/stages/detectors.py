@@ -204,10 +204,15 @@ def outcomes(setup: Setup, state: DetectorsState) -> dict[str, Scalar]:
 def _own(
     setup: Setup, source: OwnSource, params: Any, before: tuple[Any, ...], signal: DetectorSignal
 ) -> tuple[tuple[Any, Scalar], ...]:
-    """State and score of a file, one entry an arm."""
+    """State and score of a file, one entry an arm. A score that is no number hides no other arm's."""
     assert signal.views is not None
     code, views = part.loaded(source), signal.views
-    return per_arm(setup, lambda i, _: part.step(code, params, before[i], views[i], setup.precision.real))
+
+    def of_arm(i: int, _: str) -> tuple[Any, Scalar]:
+        after, score = part.step(code, params, before[i], views[i], setup.precision.real)
+        return after, jnp.where(score == score, score, 0.0)
+
+    return per_arm(setup, of_arm)
 
 
 @record

@@ -14,7 +14,9 @@ import ravenjax as rj
 from ravenjax.campaign import loading, plan
 from ravenjax.campaign.file import sections
 from ravenjax.campaign.inspection import verification
+from ravenjax.cli import catalogue
 from ravenjax.errors import StoreError, UserError
+from ravenjax.numbers import paths
 
 TWINS = """
 from ravenjax.parts import Annotated, Quantity, Scalar, Vec, jnp, record
@@ -109,6 +111,18 @@ def test_its_parameters_are_varied_like_any_other(tmp_path):
     hit = table[table["group"] == "hit"]
     scores = hit.groupby("param:detectors.own.mine.counts")["detector0_score"].max()
     np.testing.assert_allclose(scores[3000.0], 2 * scores[6000.0], rtol=1e-6)
+
+
+def test_its_parameters_are_listed_beside_a_file_without_any(tmp_path):
+    (tmp_path / "error.py").write_text(ERROR)
+    raw = tables(tmp_path, BOARDS, {"name": "error", "file": str(tmp_path / "error.py")})
+    rows = catalogue.parameter_rows(rj.load_campaign(copy.deepcopy(raw)))
+    ((path, value, limits, meaning),) = [row for row in rows if row[0].startswith("detectors.own.")]
+    assert (path, value, meaning) == ("detectors.own.mine.counts", "6000", "command at which the score is 1")
+    assert limits == "1..65535 DAC counts"
+    program = plan.make(rj.load_campaign(raw)).program
+    own = paths.assign(program.params, program.setup, path, 3000.0).detectors.own
+    assert own.mine.counts == 3000.0 and own.error is None
 
 
 @pytest.mark.parametrize(
