@@ -40,6 +40,7 @@ _READERS = (
     "campaign/progress",
     "cli",
     "document",
+    "evidence",
     "report",
     "robots/raven2/software",
     "search",

@@ -1,0 +1,89 @@
+"""`evidence`: tables and an argument for a risk file, and whether they still hold."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from ravenjax.cli import console
+from ravenjax.cli.console import AsJson
+
+if TYPE_CHECKING:
+    from ravenjax.evidence.record import EvidenceRecord
+
+
+def evidence(
+    *folders: Path,
+    out: Annotated[Path | None, Parameter(help="folder to write into; default FOLDER/evidence of a single one")] = None,
+    check: Annotated[
+        Path | None, Parameter(help="compute the checksums of evidence in this folder again, and write nothing new")
+    ] = None,
+    as_json: AsJson = False,
+) -> int:
+    """Write what a risk file asks for: failure modes, hazards and their runs, unsafe control actions, an argument.
+
+    Every number leads to runs, and every file to its checksum. It makes no claim of conformity with any standard.
+    With --check it ends with code 1 where something no longer holds, and that is red in the argument.
+
+    Parameters
+    ----------
+    folders
+        What `ravenjax run` wrote, one folder or several.
+    """
+    from ravenjax.errors import UserError
+    from ravenjax.evidence import writing
+
+    if check is not None:
+        if folders or out is not None:
+            raise UserError("--check FOLDER stands alone: it reads result folders and place from the evidence itself")
+        result = writing.check(check)
+        _tell_check(check, result, as_json)
+        return 1 if result.of_status("broken") else 0
+    if not folders:
+        raise UserError("of which results? Give result folders, or --check with a folder that this command wrote")
+    if out is None and len(folders) > 1:
+        raise UserError(f"{len(folders)} result folders have no single place; say where with --out FOLDER")
+    place = out or next(iter(folders)) / writing.FOLDER
+    _tell_files(place, writing.write(folders, place), as_json)
+    return 0
+
+
+def _tell_files(place: Path, result: EvidenceRecord, as_json: bool) -> None:
+    """What the results say, and which files tell more."""
+    from ravenjax.evidence import record, writing
+    from ravenjax.store.files import sha256
+
+    paths, digest = writing.files(place), sha256(place / record.FILE)
+    if as_json:
+        plain = _plain(result) | {"files": [str(path) for path in paths], "record_sha256": digest}
+        return console.emit_json(plain)
+    for sentence in (*result.sentences, result.notice):
+        console.say(sentence)
+    for node in result.of_status("open"):
+        console.note(f"{node.name} is open: {node.reason}")
+    console.say("\n".join(f"  wrote    {path}" for path in paths))
+    return console.say(f"  sha256 of {record.FILE}: {digest}")
+
+
+def _tell_check(place: Path, result: EvidenceRecord, as_json: bool) -> None:
+    """How many checksums hold, and each that does not."""
+    if as_json:
+        return console.emit_json(_plain(result))
+    items = [node for node in result.nodes if node.item is not None]
+    complaints = [node for node in items if node.status == "broken"]
+    files = f"{len(items)} file" + ("s" if len(items) != 1 else "")
+    console.say(
+        f"{place}: {files} looked at, " + (f"{len(complaints)} broken" if complaints else "every checksum holds")
+    )
+    for node in complaints:
+        console.err.print(f"{node.name}: {node.reason}", style="red", markup=False, highlight=False, soft_wrap=True)
+    others = [node.name for node in result.of_status("broken") if node.item is None]
+    if others:
+        console.say(f"what rests on them is red, too: {', '.join(others)}")
+    return None
+
+
+def _plain(one: EvidenceRecord) -> dict:
+    return one.model_dump(mode="json")

@@ -1,0 +1,130 @@
+"""Writes evidence: tables, the argument, and the record that `--check` goes by."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from ravenjax.evidence import (
+    argument,
+    checking,
+    control_actions,
+    drawing,
+    failure_modes,
+    record,
+    sentences,
+    trace,
+    yaml_text,
+)
+from ravenjax.evidence.notice import NOTICE
+from ravenjax.evidence.record import EvidenceRecord
+from ravenjax.evidence.sources import Source, opened
+from ravenjax.report import downloads
+from ravenjax.store import manifest as manifests
+from ravenjax.store.files import require_writable, sha256, write_aside
+
+FOLDER = "evidence"
+"""In a result folder, where no other is named."""
+README, YAML, SVG = "README.md", "argument.yaml", "argument.svg"
+GOALS = {
+    "trace_matrix.csv": "Each group of faults is counted by hazard.",
+    "trace.csv": "Each run that ended in a hazard is named, with the checksum of the part that holds it.",
+    "failure_modes.csv": "Each failure mode of each fault has its end effect, who detected it, its rate and its runs.",
+    "control_actions.csv": "Each hazard of motion is an unsafe control action of a stated kind.",
+}
+"""Tables, and what each is for."""
+NO_ROWS = "result,campaign\n"
+"""A table without a line."""
+
+
+def write(folders: Sequence[Path], place: Path) -> EvidenceRecord:
+    """Evidence of result folders into the folder `place`; what is there of the same names is replaced.
+
+    Raises UserError and StoreError as `sources.opened`, StoreError where the disk refuses.
+    """
+    with opened(folders) as sources:
+        require_writable(place)
+        tables, makers = {}, _makers(sources)
+        for name, goal in GOALS.items():
+            write_aside(place / name, makers[name])
+            tables[name] = goal, sha256(place / name)
+        evidence = EvidenceRecord(
+            written=manifests.now(),
+            sentences=tuple(line for source in sources for line in _sentences(source)),
+            nodes=tuple(argument.build(sources, place, tables)),
+        )
+        readme = "\n".join(_readme(sources, evidence)) + "\n"
+        write_aside(place / README, lambda target: target.write_text(readme, encoding="utf-8"))
+    _write_argument(place, evidence)
+    record.write(place, evidence)
+    return evidence
+
+
+def check(place: Path) -> EvidenceRecord:
+    """Compute every checksum again, and write the argument as it stands now; the record stays as it is.
+
+    Raises StoreError as `record.read`, and where the disk refuses.
+    """
+    evidence = checking.check(place, record.read(place))
+    _write_argument(place, evidence)
+    return evidence
+
+
+def files(place: Path) -> list[Path]:
+    """What `write` writes, in order."""
+    return [place / name for name in (*GOALS, YAML, SVG, README, record.FILE)]
+
+
+def _write_argument(place: Path, evidence: EvidenceRecord) -> None:
+    for name, text in ((YAML, yaml_text.text(evidence)), (SVG, drawing.svg(evidence))):
+        write_aside(place / name, lambda target, text=text: target.write_text(text, encoding="utf-8"))
+
+
+def _makers(sources: Sequence[Source]) -> dict[str, Callable[[Path], object]]:
+    """Table -> what writes it."""
+
+    def rows(lines: list) -> Callable[[Path], object]:
+        text = downloads.text(lines) or NO_ROWS
+        return lambda target: target.write_text(text, encoding="utf-8")
+
+    modes = [row for source in sources for row in failure_modes.rows(source)]
+    actions = [row for source in sources for row in control_actions.rows(source)]
+    return {
+        "failure_modes.csv": rows(modes),
+        "control_actions.csv": rows(actions),
+        "trace_matrix.csv": rows(list(trace.matrix(sources))),
+        "trace.csv": lambda target: trace.write(target, sources),
+    }
+
+
+def _sentences(source: Source) -> list[str]:
+    lines = [sentences.evading(source), sentences.complete(source), *sentences.by_hazard(source).values()]
+    return [f"{source.name}, {source.record.campaign}: {line}" for line in lines]
+
+
+def _readme(sources: Sequence[Source], evidence: EvidenceRecord) -> Iterator[str]:
+    yield f"# Evidence, {evidence.written}\n\n**{NOTICE}**\n\nThe sentence holds for each file of this folder.\n"
+    yield "## Results\n"
+    for source in sources:
+        record_of = source.record
+        yield (
+            f"- {source.name}: `{source.folder}`, campaign {record_of.campaign}, configuration "
+            f"{record_of.config_hash}, code {record_of.code_hash}, engine {record_of.engine}"
+        )
+    yield "\n" + "\n".join(f"- {line}" for line in evidence.sentences)
+    yield "\n## Tables\n\n" + "\n".join(f"- `{name}`: {goal}" for name, goal in GOALS.items())
+    yield (
+        "\nRates are over distinct faults: the first valid run of each in which nobody reacts, by the first fault of a "
+        "run. They have Wilson's 95 % interval where the group's faults were drawn, and none where they were "
+        "enumerated. "
+        "A run without a valid outcome is in no rate; `failed_runs_of_group` counts it. Delays are medians in ms after "
+        "the fault's first effect, over the runs in which the event came."
+    )
+    yield "\n## How runs are mapped to unsafe control actions\n\nThe first line that applies decides:\n"
+    for number, kind in enumerate(control_actions.KINDS, start=1):
+        yield f"{number}. {kind.meaning}: *{kind.name}*"
+    yield (
+        f"\n## Argument\n\n`{YAML}` and `{SVG}` have the same nodes. `ravenjax evidence --check FOLDER` computes each "
+        f"checksum again and turns red what no longer holds. `{record.FILE}` is what it goes by: keep its own sha256 "
+        "where nobody can change it."
+    )

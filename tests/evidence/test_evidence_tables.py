@@ -1,0 +1,206 @@
+"""Tables of evidence: their counts and sentences are the report's, counted again by hand."""
+
+from __future__ import annotations
+
+import collections
+import csv
+import io
+
+import numpy as np
+import pytest
+import reacting_results as reacting
+import synthetic_results as synthetic
+from rendered_page import Page, words
+
+from ravenjax.errors import UserError
+from ravenjax.evidence import control_actions, failure_modes, sentences, trace
+from ravenjax.evidence.counted_rows import ENUMERATED, SAMPLED
+from ravenjax.evidence.sources import Source, identity, opened
+from ravenjax.report import page
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections import tables
+from ravenjax.store.folder import ResultFolder
+
+RUNS = 600
+FRAME = synthetic.frame(RUNS)
+SAMPLE = FRAME[(FRAME["fault0_site"] != "") & (FRAME["failed"] == "")]
+
+
+def of(frame, **changes):
+    """A result in memory."""
+    manifest = synthetic.manifest(len(frame), **changes)
+    return Source("R1", None, manifest, Runs.of(frame, manifest))  # type: ignore[arg-type]
+
+
+def folder_of(place, frame, record):
+    """A result folder of these rows, in three parts."""
+    results = ResultFolder.open(place, record)
+    for rows in results.missing(len(frame) // 3):
+        results.add(frame.iloc[rows.start : rows.stop])
+    results.close(compile_s=1.0, run_s=1.0, rows=len(frame))
+    return place
+
+
+@pytest.fixture(scope="module")
+def source():
+    return of(FRAME)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return folder_of(tmp_path_factory.mktemp("evidence") / "made up", FRAME, synthetic.manifest(RUNS))
+
+
+def test_failure_modes_are_counted_by_hand(source):
+    rows = failure_modes.rows(source)
+    by_hand = SAMPLE.groupby(["group", "fault0_site", "fault0_effect", "response", "hazard"]).size().to_dict()
+    counted = collections.Counter()
+    for row in rows:
+        counted[row.group, row.site, row.effect, row.response, row.hazard] += row.rate.k
+    assert dict(counted) == by_hand
+    for key, part in SAMPLE.groupby(["group", "fault0_site", "fault0_effect"]):
+        mine = [row for row in rows if (row.group, row.site, row.effect) == key]
+        assert {row.rate.n for row in mine} == {len(part)} and sum(row.rate.k for row in mine) == len(part)
+    assert (FRAME["failed"] != "").any()  # those are in no line
+
+
+def test_failure_modes_equal_the_report(source):
+    rows, head = failure_modes.rows(source), tables.headline(source.runs, source.record)
+    assert sum(row.rate.k for row in rows) == head["evaded"].n
+    assert sum(row.rate.k for row in rows if row.evades) == head["evaded"].k > 0
+    for group in tables.group_rows(source.runs):
+        if group["faulty"]:
+            mine = [row for row in rows if row.group == group["name"]]
+            assert sum(row.rate.k for row in mine) == group["n"]
+            assert sum(row.rate.k for row in mine if row.evades) == group["evaded"].k
+            assert {row.failed_runs_of_group for row in mine} == {group["failed"]}
+
+
+def test_an_example_is_a_run_of_its_line(source):
+    ids = FRAME.set_index("run_id")
+    for row in failure_modes.rows(source):
+        some = ids.loc[row.example_runs.split()]
+        assert 1 <= len(some) == min(3, row.rate.k)
+        for name, value in (("group", row.group), ("response", row.response), ("hazard", row.hazard)):
+            assert set(some[name]) == {value}
+        assert some["index"].is_monotonic_increasing
+
+
+def test_delays_are_medians_after_the_first_effect(source):
+    lines = [row for row in failure_modes.rows(source) if row.response == "stopped" and row.hazard != "none"]
+    assert lines
+    for row in lines:
+        cause = row.detected_by.removeprefix("check ").split(" (")[0]
+        own = (SAMPLE["group"] == row.group) & (SAMPLE["response_cause"] == cause) & (SAMPLE["hazard"] == row.hazard)
+        cue = SAMPLE["cue0_first_ms"] >= 0  # golden runs have none
+        mine = SAMPLE[own & (SAMPLE["response"] == "stopped") & (cue == ("haptic cue" in row.detected_by))]
+        delays = (mine["told_ms"] - mine["first_active_ms"])[mine["activated"]]
+        assert len(mine) == row.rate.k and row.told_after_ms == pytest.approx(delays.median(), nan_ok=True)
+
+
+def test_who_noticed(source):
+    for row in failure_modes.rows(source):
+        assert (row.detected_by == failure_modes.NOBODY) == (row.response == "silent" and "cue" not in row.detected_by)
+        assert ("stopped the robot" in row.detected_by) == (row.response == "stopped")
+        assert ("told nobody" in row.detected_by) == (row.response == "limited")
+
+
+def test_an_interval_only_where_faults_were_drawn():
+    drawn = {"name": "encoder", "design": "random", "fault": [{"value": {"uniform": [0, 1]}}]}
+    others = [{"name": name, "design": "grid", "fault": []} for name in synthetic.BLOCKS if name != "encoder"]
+    mixed = of(FRAME, config={**synthetic.manifest().config, "group": [drawn, *others]})
+    rows = failure_modes.rows(mixed)
+    for row in rows:
+        assert row.interval == (SAMPLED if row.group == "encoder" else ENUMERATED)
+        assert np.isnan(row.rate.low) == (row.group != "encoder")
+    assert {row.group for row in rows} >= {"encoder", "plc_pins"}
+    actions = control_actions.rows(mixed)
+    assert {row.site for row in actions if row.interval == SAMPLED} == {"encoder"}
+
+
+def test_unsafe_control_actions_hold_every_hazard_once(source):
+    rows = control_actions.rows(source)
+    for hazard in trace.TRACED:
+        mine = [row for row in rows if row.hazard == hazard]
+        assert sum(row.rate.k for row in mine) == (SAMPLE["hazard"] == hazard).sum() > 0
+    assert sum(row.evaded for row in rows) == tables.headline(source.runs, source.record)["evaded"].k
+    assert {row.rate.n for row in rows if row.site == "plc"} == {(SAMPLE["fault0_site"] == "plc").sum()}
+
+
+def test_each_kind_of_control_action_by_its_rule():
+    frame = FRAME.copy()
+    frame.loc[frame["group"] == "packet_position", ["fault0_site", "fault0_channel"]] = "network", "delay"
+    frame.loc[frame["group"] == "encoder", "fault0_effect"] = "stuck"
+    kinds = {(row.site, row.hazard): set() for row in control_actions.rows(of(frame))}
+    for row in control_actions.rows(of(frame)):
+        kinds[row.site, row.hazard].add(row.kind)
+    assert kinds["network", "unintended motion"] == {"too early, too late or out of order"}
+    assert kinds["encoder", "unintended motion"] == {"applied too long"}
+    assert kinds["usb_out", "unintended motion"] == {"provided wrongly"}
+    assert kinds["encoder", "false report"] == {"feedback wrong"}
+    assert kinds["plc", "loss of motion"] <= {"not provided", "stopped too soon"}
+    assert "not provided" in kinds["usb_out", "loss of motion"]
+    every = {name for names in kinds.values() for name in names}
+    assert every <= {kind.name for kind in control_actions.KINDS} - {"none"} and "stopped too soon" in every
+
+
+def test_repeats_and_reactions_count_no_fault_twice():
+    frame = reacting.frame(200)
+    source = Source("R1", None, reacting.manifest(200), Runs.of(frame, reacting.manifest(200)))  # type: ignore[arg-type]
+    head = tables.headline(source.runs, source.record)
+    assert sum(row.rate.k for row in failure_modes.rows(source)) == head["evaded"].n < len(frame) / 2
+
+
+def test_the_trace_names_every_run_and_its_part(folder, tmp_path):
+    with opened([folder]) as sources:
+        trace.write(tmp_path / "trace.csv", sources)
+        matrix = list(trace.matrix(sources))
+        (source,) = sources
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "trace.csv").read_text(encoding="utf-8"))))
+    expected = SAMPLE[SAMPLE["hazard"] != "none"]
+    assert sorted(row["run_id"] for row in rows) == sorted(expected["run_id"])
+    parts = {part.file: part for part in source.record.parts}
+    assert len(parts) == 3 and {row["part"] for row in rows} == set(parts)
+    for row in rows:
+        assert int(row["index"]) in parts[row["part"]].rows and row["part_sha256"] == parts[row["part"]].sha256
+        assert FRAME["run_id"][int(row["index"])] == row["run_id"]
+        assert FRAME["hazard"][int(row["index"])] == row["hazard"]
+    for line in matrix:
+        mine = SAMPLE[SAMPLE["group"] == line["group"]]
+        assert line["faults"] == len(mine)
+        for hazard in trace.TRACED:
+            assert line[hazard.replace(" ", "_")] == (mine["hazard"] == hazard).sum()
+    assert {line["group"] for line in matrix} == set(synthetic.BLOCKS)
+
+
+def test_the_sentence_is_the_report_s(folder):
+    text = words(Page(page.build(folder).read_text(encoding="utf-8"))).replace("\xa0", " ")
+    with opened([folder]) as (source,):
+        sentence, hazards = sentences.evading(source), sentences.by_hazard(source)
+        head, complete = tables.headline(source.runs, source.record), sentences.complete(source)
+    assert "95 % interval" in sentence and sentence in text.replace(" ,", ",").replace(" .", ".")
+    k, others = head["evaded"].k, head["unintended_told"]
+    assert f"Unintended motion: {k + others} of {head['evaded'].n} distinct faults" in hazards["unintended motion"]
+    assert hazards["unintended motion"].endswith(f"nobody was told in {k}.")
+    assert hazards["loss of motion"].endswith(f"nobody was told in {head['loss'].k}.")
+    assert complete == f"600 of the 600 declared runs are there, {head['failed']} runs of them without a valid outcome."
+
+
+def test_without_faults_there_is_nothing_to_count():
+    free = FRAME[FRAME["group"] == "fault_free"].reset_index(drop=True)
+    source = of(free)
+    assert failure_modes.rows(source) == control_actions.rows(source) == []
+    assert sentences.evading(source) == "No run has a fault." and not sentences.by_hazard(source)
+
+
+def test_a_folder_named_twice(folder):
+    with pytest.raises(UserError, match="is named twice"), opened([folder, folder / ".." / folder.name]):
+        pass
+
+
+def test_identity_is_of_what_decides_outcomes():
+    record = synthetic.manifest()
+    same = record.model_copy(update={"starts": 4, "command": ("ravenjax",), "run_s": 3.0, "finished": "2026"})
+    assert identity(same) == identity(record)
+    for change in ({"limit_mm": 2.0}, {"seed": 8}, {"code_hash": "0" * 64}, {"config": {}}):
+        assert identity(record.model_copy(update=change)) != identity(record)
