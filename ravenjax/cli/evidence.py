@@ -20,6 +20,7 @@ def evidence(
     check: Annotated[
         Path | None, Parameter(help="compute the checksums of evidence in this folder again, and write nothing new")
     ] = None,
+    xlsx: Annotated[bool, Parameter(negative="", help="the tables as one workbook, too (extra: xlsx)")] = False,
     as_json: AsJson = False,
 ) -> int:
     """Write what a risk file asks for: failure modes, hazards and their runs, unsafe control actions, an argument.
@@ -36,7 +37,7 @@ def evidence(
     from ravenjax.evidence import writing
 
     if check is not None:
-        if folders or out is not None:
+        if folders or out is not None or xlsx:
             raise UserError("--check FOLDER stands alone: it reads result folders and place from the evidence itself")
         result = writing.check(check)
         _tell_check(check, result, as_json)
@@ -46,16 +47,17 @@ def evidence(
     if out is None and len(folders) > 1:
         raise UserError(f"{len(folders)} result folders have no single place; say where with --out FOLDER")
     place = out or next(iter(folders)) / writing.FOLDER
-    _tell_files(place, writing.write(folders, place), as_json)
+    result = writing.write(folders, place, xlsx)
+    _tell_files(writing.files(place, xlsx), result, as_json)
     return 0
 
 
-def _tell_files(place: Path, result: EvidenceRecord, as_json: bool) -> None:
+def _tell_files(paths: list[Path], result: EvidenceRecord, as_json: bool) -> None:
     """What the results say, and which files tell more."""
-    from ravenjax.evidence import record, writing
+    from ravenjax.evidence import record
     from ravenjax.store.files import sha256
 
-    paths, digest = writing.files(place), sha256(place / record.FILE)
+    digest = sha256(paths[-1])
     if as_json:
         plain = _plain(result) | {"files": [str(path) for path in paths], "record_sha256": digest}
         return console.emit_json(plain)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -25,7 +26,7 @@ def check(folder: Path, evidence: EvidenceRecord) -> EvidenceRecord:
 
 def problem(folder: Path, item: Item) -> str:
     """What is wrong with a file that evidence in `folder` rests on, "" where nothing is."""
-    path = folder / item.file
+    path = Path(os.path.normpath(folder / item.file))
     try:
         digest = sha256(path) if item.of == "file" else identity(manifests.read(path.parent))
     except FileNotFoundError:

@@ -27,9 +27,7 @@ def complete(source: Source) -> str:
     """How many of the runs are there, and how many have no valid outcome."""
     record, runs = source.record, source.runs
     failed = runs.count("failed")
-    without = (
-        f"{wording.many(failed, 'run')} of them without a valid outcome" if failed else "each with a valid outcome"
-    )
+    without = f"{wording.count(failed)} of them without a valid outcome" if failed else "each with a valid outcome"
     return f"{wording.count(record.done)} of the {wording.many(record.due, 'declared run')} are there, {without}."
 
 

@@ -14,6 +14,7 @@ from ravenjax.evidence import (
     record,
     sentences,
     trace,
+    workbook,
     yaml_text,
 )
 from ravenjax.evidence.notice import NOTICE
@@ -37,17 +38,25 @@ NO_ROWS = "result,campaign\n"
 """A table without a line."""
 
 
-def write(folders: Sequence[Path], place: Path) -> EvidenceRecord:
+def write(folders: Sequence[Path], place: Path, xlsx: bool = False) -> EvidenceRecord:
     """Evidence of result folders into the folder `place`; what is there of the same names is replaced.
 
-    Raises UserError and StoreError as `sources.opened`, StoreError where the disk refuses.
+    xlsx: the tables as one workbook, too. Raises UserError and StoreError as `sources.opened` and
+    `workbook.writer`, StoreError where the disk refuses.
     """
+    if xlsx:
+        workbook.writer()  # before any work
     with opened(folders) as sources:
         require_writable(place)
         tables, makers = {}, _makers(sources)
         for name, goal in GOALS.items():
             write_aside(place / name, makers[name])
             tables[name] = goal, sha256(place / name)
+        if xlsx:
+            write_aside(place / workbook.FILE, lambda target: workbook.write(target, [place / name for name in GOALS]))
+            tables[workbook.FILE] = workbook.GOAL, sha256(place / workbook.FILE)
+        else:  # one of before would have other numbers than the tables
+            (place / workbook.FILE).unlink(missing_ok=True)
         evidence = EvidenceRecord(
             written=manifests.now(),
             sentences=tuple(line for source in sources for line in _sentences(source)),
@@ -70,9 +79,9 @@ def check(place: Path) -> EvidenceRecord:
     return evidence
 
 
-def files(place: Path) -> list[Path]:
+def files(place: Path, xlsx: bool = False) -> list[Path]:
     """What `write` writes, in order."""
-    return [place / name for name in (*GOALS, YAML, SVG, README, record.FILE)]
+    return [place / name for name in (*GOALS, *[workbook.FILE] * xlsx, YAML, SVG, README, record.FILE)]
 
 
 def _write_argument(place: Path, evidence: EvidenceRecord) -> None:

@@ -207,6 +207,7 @@ def test_json_of_a_check(kept, said):
         (["nowhere"], "is not a result folder"),
         (["--check", "nowhere"], "holds no evidence.json"),
         (["somewhere", "--check", "nowhere"], "--check FOLDER stands alone"),
+        (["--xlsx", "--check", "nowhere"], "--check FOLDER stands alone"),
     ],
 )
 def test_bad_input_is_one_clear_error(said, tmp_path, monkeypatch, words, complaint):

@@ -183,7 +183,7 @@ def test_the_sentence_is_the_report_s(folder):
     assert f"Unintended motion: {k + others} of {head['evaded'].n} distinct faults" in hazards["unintended motion"]
     assert hazards["unintended motion"].endswith(f"nobody was told in {k}.")
     assert hazards["loss of motion"].endswith(f"nobody was told in {head['loss'].k}.")
-    assert complete == f"600 of the 600 declared runs are there, {head['failed']} runs of them without a valid outcome."
+    assert complete == f"600 of the 600 declared runs are there, {head['failed']} of them without a valid outcome."
 
 
 def test_without_faults_there_is_nothing_to_count():

@@ -1,0 +1,73 @@
+"""The tables as one workbook (XLSX). Its writer is an extra, imported only where somebody wants one."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import importlib
+import itertools
+from collections.abc import Sequence
+from pathlib import Path
+from types import ModuleType
+
+from ravenjax.errors import UserError
+from ravenjax.evidence.notice import NOTICE
+from ravenjax.outcomes import verdict
+
+FILE = "tables.xlsx"
+GOAL = "Each table is there for a spreadsheet, too."
+MOST_ROWS = 1_048_575
+"""Lines below the header that a sheet can have; of a longer table the rest stands in its CSV alone."""
+_COUNTS = {"evaded", "alarms", "failed_runs_of_group", "index", "faults", "evade"}
+_COUNTS |= {name.replace(" ", "_") for name in verdict.HAZARDS}
+_WIDTHS, _WIDEST = 12, 48
+
+
+def writer() -> ModuleType:
+    """The package that writes workbooks. Raises UserError where it is not installed."""
+    try:
+        return importlib.import_module("xlsxwriter")
+    except ImportError as error:
+        raise UserError(
+            "--xlsx needs the package XlsxWriter, which is not installed: pip install 'ravenjax[xlsx]'; "
+            "the same tables are written as CSV without it"
+        ) from error
+
+
+def write(path: Path, tables: Sequence[Path], most: int = MOST_ROWS) -> None:
+    """Tables (CSV) as sheets of a workbook, after a sheet that says what they are not. most: lines of a sheet.
+
+    What looks like a formula, a link or a number stays the text that it is: a run id such as 1e10 would be one.
+    Numbers have 16 digits there.
+    """
+    options = {"constant_memory": True, "strings_to_formulas": False, "strings_to_urls": False}
+    with writer().Workbook(str(path), options) as book, contextlib.ExitStack() as stack:
+        first, bold = book.add_worksheet("read me"), book.add_format({"bold": True})
+        first.set_column(0, 0, 120)
+        lines = [NOTICE, "README.md beside this file has definitions."]
+        for table in tables:
+            rows = csv.reader(stack.enter_context(open(table, encoding="utf-8", newline="")))
+            name, header, total = table.stem, next(rows), 0
+            sheet = book.add_worksheet(name)
+            for column, title in enumerate(header):
+                sheet.set_column(column, column, min(_WIDEST, max(_WIDTHS, len(title) + 2)))
+            sheet.write_row(0, 0, header, bold)
+            sheet.freeze_panes(1, 0)
+            for line, row in enumerate(itertools.islice(rows, most), start=1):
+                total = line
+                for column, (title, cell) in enumerate(zip(header, row, strict=True)):
+                    if cell and _numeric(title):
+                        sheet.write_number(line, column, float(cell))
+                    elif cell:
+                        sheet.write_string(line, column, cell)
+            if total:
+                sheet.autofilter(0, 0, total, len(header) - 1)
+            more = sum(1 for _ in rows)
+            lines += [f"{name}: the first {total:,} lines; {more:,} more in {name}.csv"] if more else []
+        for number, text in enumerate(lines):
+            first.write_string(number, 0, text)
+
+
+def _numeric(title: str) -> bool:
+    """Whether a column holds numbers."""
+    return title.startswith("rate_") or title.endswith("_ms") or title in _COUNTS
