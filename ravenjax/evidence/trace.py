@@ -12,7 +12,6 @@ from ravenjax.evidence.sources import Source
 from ravenjax.outcomes import verdict
 from ravenjax.report import wording
 from ravenjax.report.data.facts import FACTS
-from ravenjax.report.data.runs import BATCH
 from ravenjax.store.access.query import RESULTS, quoted
 
 COLUMNS = (
@@ -34,6 +33,8 @@ COLUMNS = (
     "part_sha256",
 )
 """Of the trace; `in_rates`: the run stands for its fault in every rate, others repeat it or have a reaction."""
+BATCH = 20_000
+"""Rows that are taken together; each becomes Python objects."""
 TRACED = tuple(name for name in verdict.HAZARDS if name != "none")
 
 

@@ -37,11 +37,23 @@ def writer() -> ModuleType:
 def write(path: Path, tables: Sequence[Path], most: int = MOST_ROWS) -> None:
     """Tables (CSV) as sheets of a workbook, after a sheet that says what they are not. most: lines of a sheet.
 
+    Raises OSError where the disk refuses, UserError as `writer`.
+    """
+    package = writer()
+    try:
+        _write(package, path, tables, most)
+    except package.exceptions.XlsxFileError as error:  # wraps the error of the disk, and is none itself
+        raise OSError(str(error)) from error
+
+
+def _write(package: ModuleType, path: Path, tables: Sequence[Path], most: int) -> None:
+    """Sheet by sheet, line by line.
+
     What looks like a formula, a link or a number stays the text that it is: a run id such as 1e10 would be one.
     Numbers have 16 digits there.
     """
     options = {"constant_memory": True, "strings_to_formulas": False, "strings_to_urls": False}
-    with writer().Workbook(str(path), options) as book, contextlib.ExitStack() as stack:
+    with package.Workbook(str(path), options) as book, contextlib.ExitStack() as stack:
         first, bold = book.add_worksheet("read me"), book.add_format({"bold": True})
         first.set_column(0, 0, 120)
         lines = [NOTICE, "README.md beside this file has definitions."]
