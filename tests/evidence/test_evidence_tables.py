@@ -24,6 +24,8 @@ from ravenjax.store.folder import ResultFolder
 RUNS = 600
 FRAME = synthetic.frame(RUNS)
 SAMPLE = FRAME[(FRAME["fault0_site"] != "") & (FRAME["failed"] == "")]
+BEGINS = int(SAMPLE.index[(SAMPLE["hazard"] != "none") & (SAMPLE.index > RUNS // 3)][0])
+"""Rows of a part, and the first row of the second."""
 
 
 def of(frame, **changes):
@@ -33,9 +35,9 @@ def of(frame, **changes):
 
 
 def folder_of(place, frame, record):
-    """A result folder of these rows, in three parts."""
+    """A result folder of these rows, in parts of which one begins with a run that ended in a hazard."""
     results = ResultFolder.open(place, record)
-    for rows in results.missing(len(frame) // 3):
+    for rows in results.missing(BEGINS):
         results.add(frame.iloc[rows.start : rows.stop])
     results.close(compile_s=1.0, run_s=1.0, rows=len(frame))
     return place
@@ -161,6 +163,7 @@ def test_the_trace_names_every_run_and_its_part(folder, tmp_path):
     assert sorted(row["run_id"] for row in rows) == sorted(expected["run_id"])
     parts = {part.file: part for part in source.record.parts}
     assert len(parts) == 3 and {row["part"] for row in rows} == set(parts)
+    assert str(BEGINS) in {row["index"] for row in rows}
     for row in rows:
         assert int(row["index"]) in parts[row["part"]].rows and row["part_sha256"] == parts[row["part"]].sha256
         assert FRAME["run_id"][int(row["index"])] == row["run_id"]
