@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, cast
 
 from ravenjax.numbers.setup import Setup
 from ravenjax.numbers.vec import Scalar, Vec
@@ -53,7 +53,7 @@ def _rebuild(node: Any, entries: dict[str, tuple[Any, bool]], changed: dict[str,
     if dataclasses.is_dataclass(node) and not isinstance(node, type):
         return dataclasses.replace(node, **changed)
     if hasattr(node, "_fields"):
-        return node._replace(**changed)
+        return cast(Any, node)._replace(**changed)
     items = [changed.get(name, item) for name, (item, _) in entries.items()]
     return Vec(items) if isinstance(node, Vec) else tuple(items)
 
