@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Annotated, Any, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from cyclopts import Parameter
 from rich.console import Console
+
+if TYPE_CHECKING:
+    from ravenjax.report.run.ranking import WorstRun
 
 out = Console()
 err = Console(stderr=True)
@@ -61,6 +65,19 @@ def say(text: str) -> None:
 def note(text: str) -> None:
     """Print a note beside the output."""
     err.print(f"note: {text}", markup=False, highlight=False, soft_wrap=True)
+
+
+def worst(folder: Path, most: int | None, by: str) -> list[WorstRun]:
+    """The `most` worst runs of a result folder, none where no number is asked for; a note where there are fewer."""
+    from ravenjax.report.run import ranking
+
+    if most is None:
+        return []
+    ranked = ranking.worst(folder, most, by)
+    if len(ranked) < most:
+        are = "run is" if len(ranked) == 1 else "runs are"
+        note(f"{folder}: only {len(ranked)} {are} a case of {ranking.RANKINGS[by].meaning}")
+    return ranked
 
 
 def _objects(listing: Listing) -> list[dict[str, str]]:

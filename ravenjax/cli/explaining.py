@@ -42,17 +42,13 @@ def explain(
     from ravenjax.campaign.inspection.explain import Explainer
     from ravenjax.errors import UserError
     from ravenjax.report.data import rows_asked
-    from ravenjax.report.run import ranking
     from ravenjax.store import files, manifest
     from ravenjax.store.access import explained
 
     if sum((bool(run_ids), worst is not None, group is not None)) > 1:
         raise UserError("which runs? Give run ids or indices, or --worst N, or --group NAME, one of them")
     record = manifest.read(folder)
-    ranked = ranking.worst(folder, worst, by) if worst is not None else []
-    if worst is not None and len(ranked) < worst:
-        are = "run is" if len(ranked) == 1 else "runs are"
-        console.note(f"{folder}: only {len(ranked)} {are} a case of {ranking.RANKINGS[by].meaning}")
+    ranked = console.worst(folder, worst, by)
     if worst is not None and not ranked:
         return console.emit_json([]) if as_json else None
     together = None if run_ids or ranked else rows_asked.faulty(folder, group)

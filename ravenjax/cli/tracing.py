@@ -38,17 +38,13 @@ def trace(
     """
     from ravenjax.campaign.inspection.replay import Replayer
     from ravenjax.errors import UserError
-    from ravenjax.report.run import ranking
     from ravenjax.report.run import summary as run_summary
     from ravenjax.store import files, manifest
 
     if bool(run_ids) == (worst is not None):
         raise UserError("which runs? Give run ids or indices, as `ravenjax trace DIR 17`, or --worst N")
     record = manifest.read(folder)
-    ranked = ranking.worst(folder, worst, by) if worst is not None else []
-    if worst is not None and len(ranked) < worst:
-        are = "run is" if len(ranked) == 1 else "runs are"
-        console.note(f"{folder}: only {len(ranked)} {are} a case of {ranking.RANKINGS[by].meaning}")
+    ranked = console.worst(folder, worst, by)
     place = out or folder / "traces"
     files.require_writable(place)
     if record.code_hash != manifest.code_hash(record.robot):

@@ -7,7 +7,8 @@ from typing import Literal
 
 from ravenjax.vocabulary.parts import OwnSource
 
-DetectorKind = Literal["steps", "derivative_sum", "tip_error", "overdrive", "own"]
+BuiltInKind = Literal["steps", "derivative_sum", "tip_error", "overdrive"]
+DetectorKind = BuiltInKind | Literal["own"]
 Fusion = Literal["all", "two", "any", "mpos", "mvel", "jpos"]
 
 MEANINGS: dict[DetectorKind, str] = {

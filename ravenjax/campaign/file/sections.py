@@ -29,7 +29,7 @@ from ravenjax.errors import UserError, suggestion
 from ravenjax.outcomes import events
 from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
 from ravenjax.parts import part
-from ravenjax.vocabulary.detectors import MEANINGS, DetectorUse, Fusion
+from ravenjax.vocabulary.detectors import MEANINGS, BuiltInKind, DetectorUse, Fusion
 from ravenjax.vocabulary.parts import OwnSource
 
 
@@ -148,8 +148,6 @@ class Haptics(Section):
 MOST_THRESHOLDS = 64
 """Of a detector: each costs every run some time and two columns."""
 
-BuiltIn = Literal["steps", "derivative_sum", "tip_error", "overdrive"]
-
 _IDENTIFIER = re.compile(rf"(?!(?:{'|'.join(keyword.kwlist)})$)[A-Za-z][A-Za-z0-9_]*")
 
 _UpTo8 = Annotated[int, Field(ge=1, le=8)]
@@ -161,7 +159,7 @@ class Detector(Section):
     name: str = Field(
         description="what it is called in tables", pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$", max_length=60
     )
-    kind: BuiltIn | None = Field(
+    kind: BuiltInKind | None = Field(
         default=None, description="; ".join(f"{kind}: {meaning}" for kind, meaning in MEANINGS.items() if kind != "own")
     )
     file: Path | None = Field(
