@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
+import io
 import numbers
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,16 +14,18 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from ravenjax.campaign import loading
-from ravenjax.campaign.executors.carriers import choice
-from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.inspection.explain import Explainer
+from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.campaign.inspection.replay import replay
 from ravenjax.campaign.progress.counts import OnProgress
-from ravenjax.campaign.stop import adaptive
 from ravenjax.errors import UserError, shown
-from ravenjax.report import wording
-from ravenjax.report.run import chain
-from ravenjax.store import manifest, schema
+from ravenjax.monitors.counterfactual import finding, output, words
+from ravenjax.monitors.counterfactual.question import Question
+from ravenjax.notebook import explaining, running
+from ravenjax.notebook.attributes import described
+from ravenjax.notebook.campaign import Campaign
+from ravenjax.notebook.results import CampaignResults
+from ravenjax.report import downloads, wording
+from ravenjax.store import manifest
 from ravenjax.store.logs import run_dataset
 
 if TYPE_CHECKING:
@@ -41,7 +43,7 @@ def load_campaign(campaign: str | Path | dict[str, Any], overrides: Sequence[str
 
 
 def run(
-    campaign: CampaignConfig | str | Path | dict[str, Any],
+    campaign: Campaign | CampaignConfig | str | Path | dict[str, Any],
     out: str | Path | None = None,
     engine: str = "auto",
     on_progress: OnProgress | None = None,
@@ -54,29 +56,20 @@ def run(
     "local" (this process), "processes" or "ray"; workers: processes or tasks side by side; the table is the same.
     Raises UserError and, for what is wrong with `out`, StoreError.
     """
-    if out is not None and (not isinstance(out, str | os.PathLike) or not str(out)):
-        raise UserError(f"out is {shown(out)}, expected the path of a result folder, or None to keep it in memory")
-    if on_progress is not None and not callable(on_progress):
-        raise UserError(f"on_progress is {shown(on_progress)}, expected a function of one Status, or None")
-    config = _config(campaign)
-    folder, who = None if out is None else Path(out), choice.executor(executor, workers)
-    results = adaptive.run(config, folder, _engine(engine), on_progress=on_progress, executor=who)
+    running.require(out, on_progress)
+    results = running.run(_config(campaign), out, engine, on_progress, executor, workers)
     table = results.frame()
     table.attrs.update(described(results.shape))
     return table
 
 
-def described(shape: schema.Shape) -> dict[str, dict[str, str]]:
-    """What `run` puts into the attrs of its table: {"units": {column: unit}, "meanings": {column: meaning}}."""
-    columns = schema.columns(shape)
-    return {
-        "units": {column.name: column.unit for column in columns},
-        "meanings": {column.name: column.meaning for column in columns},
-    }
+def open_results(folder: str | Path) -> CampaignResults:
+    """The results that a folder holds, of `run` in Python or on the command line. Raises UserError and StoreError."""
+    return CampaignResults(folder)
 
 
 def simulate(
-    campaign: CampaignConfig | str | Path | dict[str, Any], run: str | int = 0, engine: str = "auto"
+    campaign: Campaign | CampaignConfig | str | Path | dict[str, Any], run: str | int = 0, engine: str = "auto"
 ) -> xarray.Dataset:
     """Time series of one run of a campaign, a tick a millisecond, as an xarray.Dataset.
 
@@ -87,7 +80,7 @@ def simulate(
     if isinstance(run, bool) or not isinstance(run, str | numbers.Integral):
         raise UserError(f"run is {shown(run)}, expected its index (a whole number) or its run_id (text)")
     config = _config(campaign)
-    again = replay(config, run if isinstance(run, str) else int(run), _engine(engine))
+    again = replay(config, run if isinstance(run, str) else int(run), running.engine_name(engine))
     row: dict[str, Any] = {str(name): value for name, value in again.row.items()}
     plain = ("run_id", "group", "operator", "verdict", "response", "response_cause", "hazard")
     attributes = {name: str(row[name]) for name in plain} | {
@@ -104,7 +97,7 @@ def simulate(
 
 
 def explain(
-    campaign: CampaignConfig | str | Path | dict[str, Any],
+    campaign: Campaign | CampaignConfig | CampaignResults | str | Path | dict[str, Any],
     runs: int | str | Sequence[int | str] | None = None,
     engine: str = "auto",
 ) -> pd.DataFrame:
@@ -118,30 +111,97 @@ def explain(
     campaign: as for `run`, or a result folder. runs: index, run id, or the beginning of one, or several; None: every
     run with a fault. Raises UserError, and StoreError for a folder that cannot be read.
     """
-    name = _engine(engine)
-    if isinstance(campaign, str | Path) and (Path(campaign) / manifest.FILE).is_file():
-        explainer = Explainer.of_folder(Path(campaign), name)
-    else:
-        explainer = Explainer(_config(campaign), name)
-    wanted = runs if runs is None or (isinstance(runs, Sequence) and not isinstance(runs, str)) else [runs]
-    rows = explainer.faulty() if wanted is None else [_row(explainer, one) for one in wanted]
-    explanation, config = explainer.explain(rows), explainer.config
-    table = chain.table(explanation.results, explanation.ticks, config.robot, config.campaign.arms)
-    table.attrs.update({"campaign": config.campaign.name, "engine": explanation.engine})
+    source = _folder(campaign)
+    return explaining.table(_config(campaign) if source is None else source, runs, engine)
+
+
+def counterfactual(
+    campaign: Campaign | CampaignResults | CampaignConfig | str | Path | dict[str, Any],
+    out: str | Path | None = None,
+    *,
+    false_alarms_per_hour: float = 4.0,
+    lead_ms: int = 10,
+    hours: float = 2.0,
+    most: int = 8,
+    groups: Sequence[str] = (),
+    seed: int = 0,
+    engine: str = "auto",
+) -> pd.DataFrame:
+    """Which few checks would have seen the faults that evade the robot's own: one row a candidate, as in
+    `counterfactual.csv`; `chosen` is the set's. attrs: "sentences", what was found, and "files", what was written.
+
+    campaign: as for `run`, or a result folder. out: folder for table, figure and the set as a campaign with detectors
+    of its own; None writes nothing. Options as of `ravenjax counterfactual`. Raises UserError, and StoreError.
+    """
+    question = Question(false_alarms_per_hour, lead_ms, hours, most, tuple(groups), seed)
+    folder = _folder(campaign)
+    config = _config(campaign) if folder is None else validated(manifest.read(folder).config)
+    one = finding.find(config, question, running.engine_name(engine))
+    files = [] if out is None else output.write(one, Path(out))
+    table = pd.read_csv(io.StringIO(downloads.text(words.table(one))), keep_default_na=False, na_values=[""])
+    table.attrs.update({"sentences": words.sentences(one), "files": [str(path) for path in files]})
     return table
 
 
-def _row(explainer: Explainer, run: Any) -> int:
-    if isinstance(run, bool) or not isinstance(run, str | numbers.Integral):
-        raise UserError(f"a run is {shown(run)}, expected its index (a whole number) or its run_id (text)")
-    return explainer.index(run if isinstance(run, str) else int(run))
+def calibrate_monitor(
+    campaign: Campaign | CampaignConfig | str | Path | dict[str, Any],
+    out: str | Path,
+    signals: Sequence[str] = (),
+    false_alarms_per_hour: float = 1.0,
+    confidence: float = 0.95,
+    hours: float | None = None,
+    length_s: float = 300.0,
+    robots: int = 16,
+    segments: str = "",
+    motions: Sequence[str] = (),
+    seed: int = 0,
+    engine: str = "auto",
+) -> dict[str, Any]:
+    """Set thresholds that keep a false-alarm rate with a stated confidence, as `ravenjax monitor calibrate` does.
+
+    The tables of the monitor.toml that it writes into `out`, with monitor.py, C and a test vector. hours: of fault-free
+    operation in all, None: what rate and confidence need. An interrupted call goes on. Raises UserError and StoreError.
+    """
+    from ravenjax.monitors import calibrate, writing
+
+    request = calibrate.request(
+        _config(campaign), signals, segments, false_alarms_per_hour, confidence, length_s, robots, motions, seed
+    )
+    calibrate.calibrate(request, Path(out), hours, running.engine_name(engine))
+    return writing.read(Path(out))[1]
+
+
+def check_monitor(
+    folder: str | Path, sources: Sequence[str | Path] | str | Path, level: float = 0.05, seed: int = 0
+) -> pd.DataFrame:
+    """Whether fresh fault-free operations are like those of a monitor's calibration: a row a score, the joint first.
+
+    Columns score, place (median place among the calibration's, 0 to 1), p, adjusted (p of all together), martingale,
+    shifted. sources: as `ravenjax monitor check` takes them. attrs: units, operations, hours, alarms, level. Raises
+    UserError and StoreError.
+    """
+    from ravenjax.monitors import checking
+
+    several = [sources] if isinstance(sources, str | Path) else sources
+    result = checking.check(Path(folder), [Path(source) for source in several], level, seed)
+    rows = [
+        (one.name, one.shift.place, one.shift.p, one.adjusted, one.shift.martingale, one.shifted)
+        for one in result.signals
+    ]
+    table = pd.DataFrame(rows, columns=["score", "place", "p", "adjusted", "martingale", "shifted"])
+    names = ("units", "operations", "hours", "alarms", "level")
+    table.attrs.update({name: getattr(result, name) for name in names})
+    return table
+
+
+def _folder(campaign: Any) -> Path | None:
+    """The result folder that it is, if it is one."""
+    if isinstance(campaign, CampaignResults):
+        return campaign.folder
+    return Path(campaign) if isinstance(campaign, str | Path) and (Path(campaign) / manifest.FILE).is_file() else None
 
 
 def _config(campaign: Any) -> CampaignConfig:
+    if isinstance(campaign, Campaign):
+        return campaign.config
     return campaign if isinstance(campaign, CampaignConfig) else load_campaign(campaign)
-
-
-def _engine(engine: Any) -> str:
-    if not isinstance(engine, str):
-        raise UserError(f"engine is {shown(engine)}, expected auto or the name of an engine (text)")
-    return engine

@@ -33,7 +33,7 @@ PAGES = sorted(path for path in DOCS.rglob("*.md") if GENERATED not in path.pare
 TEXTS = {str(path.relative_to(DOCS)): path.read_text(encoding="utf-8") for path in PAGES}
 RUN = [name for name, text in TEXTS.items() if snippets.blocks(text, "bash") or snippets.blocks(text, "python")]
 SETUP = re.compile(r"^(python3 -m venv|source|pip) .*$", re.M)
-SESSION = " --port 0 --linger 0 --set duration_s=12"
+SESSION = " --port 0 --linger 0 --set duration_s=12 --script release"  # its time begins as somebody drives
 
 
 def of_language(*languages):
@@ -128,7 +128,7 @@ def run_page(name, folder):
     for one in snippets.snippets(TEXTS[name]):
         if one.title:
             (at / one.title).write_text(one.text, encoding="utf-8")
-            if re.search(rf'file ?= ?"?{re.escape(one.title)}', TEXTS[name]):
+            if re.search(rf'(file|dac) ?= ?"?{re.escape(one.title)}', TEXTS[name]):
                 continue  # a part of a campaign, no program
         if one.language == "python":
             command = [sys.executable, "-c", one.text]

@@ -191,15 +191,17 @@ class Computation:
     def _golden_outcomes(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Columns:
         """`outcomes.of_golden` of the golden run of each row, when the row ends; each moment is computed once."""
         own, golden, ends = golden_runs.get(), self.ready.golden[rows], self.ready.ends[rows]
-        columns = {name: values[np.searchsorted(own.numbers, golden)] for name, values in own.outcomes.items()}
+        at_end = np.searchsorted(own.numbers, golden)
+        columns = {name: values[at_end] for name, values in own.outcomes.items()}
         early = self._branching.early[rows]
         for number in np.unique(golden[early]).tolist():
             mine = early & (golden == number)
             if number in golden_runs.branches:
                 branches = golden_runs.branches[number].result()
                 early &= ~mine
+                moment = np.searchsorted(branches.ends, ends[mine])
                 for name, values in branches.outcomes.items():
-                    columns[name][mine] = values[np.searchsorted(branches.ends, ends[mine])]
+                    columns[name][mine] = values[moment]
         if early.any():
             moments = golden[early] * (1 + self.ready.program.ticks) + ends[early]
             _, first, of_moment = np.unique(moments, return_index=True, return_inverse=True)

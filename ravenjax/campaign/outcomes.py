@@ -58,6 +58,10 @@ def columns(config: CampaignConfig, runs: FaultTable, outcomes: Columns, golden_
         **{f"golden_{name}": np.asarray(golden_runs[name]) for name in measures if schema.kept_of_golden(name)},
     }
     out["golden_tissue_depth_mm"] = np.maximum(out["golden_tissue_depth_mm"], depth.dtype.type(0))
+    if checks.count(config.own_checks):
+        alone = verdict.built_in_responses(measures, golden_runs, config.robot)
+        out[checks.BUILT_IN] = words.column(alone.response, verdict.RESPONSES)
+        out["built_in_told_ms"] = alone.told_ms
     return out | judged(
         out, verdict.responses(measures, golden_runs, config.robot), failed.first < 0, config.outcomes.cue
     )

@@ -9,6 +9,7 @@ module of the package or the one module itself, has
     clocks(program, columns, varied, runs) -> faults.clocks.Clocks      optional: when packets come, the pedal is down
     phases(config) -> {phase: int [stretches, 2]}       where `Robot.phases` names any: stretches of their ticks
     explained(program) -> TickProgram       optional: the same runs, each compared with its golden run at every seam
+    watched(program) -> TickProgram         optional: the same runs; signals: what their `detectors` remember, `live`
     Params                                  record of the parameters, a `numbers.quantity` at each field
     Config                                  optional: a subclass of `CampaignConfig` with sections of its own
 

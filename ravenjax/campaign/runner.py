@@ -193,4 +193,5 @@ def shape_of(ready: Plan) -> schema.Shape:
         cables=ready.config.watches_cables,
         detectors=tuple(use.thresholds for use in setup.detectors),
         observes=ready.program.ends,
+        own_checks=ready.config.own_checks,
     )

@@ -178,6 +178,7 @@ def _hazards() -> Iterator[str]:
 
 def _python() -> Iterator[str]:
     import ravenjax
+    from ravenjax.notebook.table_classes import CLASSES
 
     yield "# Python API"
     yield _WRITTEN
@@ -189,12 +190,16 @@ def _python() -> Iterator[str]:
     for name in ravenjax.__all__:
         thing = getattr(ravenjax, name)
         yield f"## {name}"
+        if name in CLASSES:
+            keys = ", ".join(f"`{key}`" for key in inspect.signature(thing).parameters)
+            yield f"{_prose(thing).partition(chr(10))[0]} Its [keys](campaigns.md): {keys}."
+            continue
         plain = inspect.isclass(thing) and issubclass(thing, BaseModel | Exception)
         if not plain:
             yield f"```text\n{_signature(name, thing)}\n```"
         yield _prose(thing)
         if inspect.isclass(thing) and not plain:
-            for inner, method in inspect.getmembers(thing, inspect.isfunction):
+            for inner, method in inspect.getmembers(thing, inspect.isroutine):
                 if not inner.startswith("_") and method.__doc__:
                     yield f"### {name}.{inner}"
                     yield f"```text\n{_signature(f'{name}.{inner}', method)}\n```"

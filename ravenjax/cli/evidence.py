@@ -11,6 +11,7 @@ from ravenjax.cli import console
 from ravenjax.cli.console import AsJson
 
 if TYPE_CHECKING:
+    from ravenjax.evidence.credibility import ModelCredibility
     from ravenjax.evidence.record import EvidenceRecord
 
 
@@ -21,6 +22,13 @@ def evidence(
         Path | None, Parameter(help="compute the checksums of evidence in this folder again, and write nothing new")
     ] = None,
     xlsx: Annotated[bool, Parameter(negative="", help="the tables as one workbook, too (extra: xlsx)")] = False,
+    reqif: Annotated[
+        bool, Parameter(negative="", help="argument and failure modes for exchange (extra: reqif)")
+    ] = False,
+    credibility: Annotated[
+        Path | None,
+        Parameter(help="findings of `ravenjax reproduce`: report what the simulator's credibility rests on, too"),
+    ] = None,
     as_json: AsJson = False,
 ) -> int:
     """Write what a risk file asks for: failure modes, hazards and their runs, unsafe control actions, an argument.
@@ -37,7 +45,7 @@ def evidence(
     from ravenjax.evidence import writing
 
     if check is not None:
-        if folders or out is not None or xlsx:
+        if folders or out is not None or xlsx or reqif or credibility is not None:
             raise UserError("--check FOLDER stands alone: it reads result folders and place from the evidence itself")
         result = writing.check(check)
         _tell_check(check, result, as_json)
@@ -47,9 +55,34 @@ def evidence(
     if out is None and len(folders) > 1:
         raise UserError(f"{len(folders)} result folders have no single place; say where with --out FOLDER")
     place = out or next(iter(folders)) / writing.FOLDER
-    result = writing.write(folders, place, xlsx)
-    _tell_files(writing.files(place, xlsx), result, as_json)
+    result = writing.write(folders, place, xlsx, reqif, None if credibility is None else _of_model(credibility))
+    _tell_files(writing.files(place), result, as_json)
     return 0
+
+
+def _of_model(folder: Path) -> ModelCredibility:
+    """What studies say of the simulator, its numbers from their findings in `folder`. Raises UserError."""
+    import ravenjax
+    from ravenjax.errors import UserError
+    from ravenjax.evidence.credibility import CredibilityStatement, ModelCredibility
+    from ravenjax.studies import catalogue
+    from ravenjax.studies.framework import claims, quoting, writing
+
+    records = writing.records(folder, catalogue.NAMES)
+    if not records:
+        raise UserError(
+            f"--credibility {folder}: no findings of a study there; a checkout has some in results/reference, "
+            f"`ravenjax reproduce NAME --out {folder}` makes them"
+        )
+    root = Path(ravenjax.__file__).resolve().parents[1]
+    statements = []
+    for one in claims.of_model().values():
+        places = [root / place.partition("::")[0].partition("#")[0] for place in (*one.tests, *one.pages)]
+        tables = [folder.resolve() / one.study / writing.JSON] if one.tables or one.numbers else []
+        text = quoting.filled(one.text, one.numbers, records.get(one.study) if one.study else None)
+        files = tuple(dict.fromkeys([*places, *tables]))
+        statements.append(CredibilityStatement(one.category, one.name, text, files))
+    return ModelCredibility(claims.CATEGORIES, tuple(statements), root)
 
 
 def _tell_files(paths: list[Path], result: EvidenceRecord, as_json: bool) -> None:

@@ -17,7 +17,10 @@ study = App(name="study", help="Compare groups of sessions: ravenjax study FOLDE
 def train(
     scenario: str = "first_steps",
     *,
-    out: Annotated[Path | None, Parameter(help="session folder; default results/sessions/NAME-TIME")] = None,
+    out: Annotated[
+        Path | None,
+        Parameter(help="session folder, never overwritten; default results/sessions/NAME-PARTICIPANT-TIME-SEED"),
+    ] = None,
     overrides: Overrides = None,
     seed: Annotated[int | None, Parameter(help="of the hazards' timing; default the scenario's")] = None,
     participant: Annotated[str, Parameter(help="who drives, for studies")] = "",
@@ -31,6 +34,9 @@ def train(
     host: Annotated[str, Parameter(help="address to listen on; others than this machine's need a token")] = "127.0.0.1",
     port: Annotated[int, Parameter(help="of the page; 0: any free one")] = 8080,
     token: Annotated[str | None, Parameter(help="that the page asks for; made up where one is needed")] = None,
+    instructor_token: Annotated[
+        str | None, Parameter(help="that makes an instructor; made up anew for each session where it is left out")
+    ] = None,
     itp_port: Annotated[int | None, Parameter(help="also take an ITP console on this UDP port (36000)")] = None,
     robot: Annotated[str | None, Parameter(help="drive one elsewhere: HOST[:ITP_PORT[:JOINT_PORT]]")] = None,
 ) -> None:
@@ -45,10 +51,11 @@ def train(
     from ravenjax.trainer import scenario as scenarios
 
     setting = scenarios.load(scenario, overrides or ())
+    drawn_by = setting.seed if seed is None else seed
     options = launch.SessionOptions(
         scenario=setting,
-        folder=out or launch.fresh_folder(setting.name),
-        seed=setting.seed if seed is None else seed,
+        folder=out or launch.fresh_folder(setting.name, participant, drawn_by),
+        seed=drawn_by,
         participant=participant,
         group=group,
         cue=cue,
@@ -56,6 +63,7 @@ def train(
         host=host,
         port=port,
         token=token,
+        instructor_token=instructor_token,
         script=script,
         itp_port=itp_port,
         robot=robot,
@@ -146,6 +154,29 @@ def assign(
     from ravenjax.trainer.study import assignment
 
     _say(assignment.as_csv(assignment.assign(participants, groups, seed, block)).rstrip())
+
+
+@study.command
+def plan(
+    participants: int,
+    *,
+    paired: Annotated[bool, Parameter(negative="--parallel", help="each does both conditions, or one of them")] = True,
+    groups: Annotated[int, Parameter(help="how many; each is compared with the first")] = 2,
+    outcomes: Annotated[int, Parameter(help="compared of each; the four of `study`")] = 4,
+    effect: Annotated[float | None, Parameter(help="standardised difference to be found")] = None,
+    power: Annotated[float, Parameter(help="with which probability it is to be found")] = 0.8,
+) -> None:
+    """Before data are taken: the smallest p that so many participants can reach, after Holm too, and how many it takes.
+
+    Parameters
+    ----------
+    participants
+        How many, all together.
+    """
+    from ravenjax.trainer.study import planning
+
+    sizes = planning.plan(participants, paired=paired, groups=groups, outcomes=outcomes, effect=effect, power=power)
+    _say(planning.sentences(sizes))
 
 
 @log.command

@@ -75,17 +75,26 @@ class TickProgram:
         return record
 
 
+NO_REFERENCE = np.zeros((0, 0, 0), np.float32)
+"""Reference of a block whose lanes are compared with nothing, and leave nothing behind but outcomes."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Block:
     """The inputs of one block, NumPy arrays with one entry a lane."""
 
     varied: Mapping[str, np.ndarray]  # path -> [lanes]
     faults: Any  # faults.fault.Faults of arrays [lanes]
-    reference: np.ndarray | None  # [ticks, series, golden runs]; None: this is a block of golden runs
+    reference: np.ndarray | None  # [ticks, series, golden runs]; None: golden runs; NO_REFERENCE: none
     golden: np.ndarray | None = None  # int [lanes], which golden run is a lane's; None: one a lane, in their order
     acts: np.ndarray | None = None  # int [lanes], up to this tick a lane is its golden run to the bit; None: not known
     ends: np.ndarray | None = None  # int [lanes], the first tick that a lane does not run; None: all run whole
     trunks: Sequence[Any] = ()  # of each golden run what `Kernel.trunk` made of it, or None; empty: None of each
+
+    @property
+    def compared(self) -> bool:
+        """Whether it has golden runs that its lanes are compared with."""
+        return self.reference is not None and len(self.reference) > 0
 
     def series(self, lanes: np.ndarray) -> np.ndarray:
         """[ticks, series, len(lanes)]: the golden runs of these lanes; only of a block that has a reference."""
@@ -102,7 +111,9 @@ class BlockResult:
     """What came out of one block."""
 
     outcomes: dict[str, np.ndarray]  # outcome -> [lanes]
-    reference: np.ndarray  # [ticks, series, lanes], what faulty runs are compared with; empty unless golden runs ran
+    reference: np.ndarray
+    """[ticks, series, lanes], what faulty runs are compared with: of each lane in the ticks before its end. Empty
+    unless golden runs ran."""
 
 
 class Kernel(Protocol):

@@ -167,9 +167,9 @@ def _ours(program: TickProgram) -> bool:
     return program.module.startswith("ravenjax.")
 
 
-def unrolled(program: TickProgram) -> TickProgram:
-    """`program` with link dynamics of single numbers: printed code has no arrays."""
-    return dataclasses.replace(program, setup=dataclasses.replace(program.setup, link_dynamics="unrolled"))
+def printable(program: TickProgram) -> TickProgram:
+    """`program` as it is printed: with link dynamics of single numbers, and lanes that are stopped from outside."""
+    return dataclasses.replace(program, setup=dataclasses.replace(program.setup, link_dynamics="unrolled"), ends=False)
 
 
 def inputs(program: TickProgram, block: Block) -> list[np.ndarray]:

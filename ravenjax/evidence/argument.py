@@ -42,13 +42,25 @@ class _Builder:
         return self._files[key]
 
 
-def build(sources: Sequence[Source], place: Path, tables: Mapping[str, tuple[str, str]]) -> list[Node]:
-    """Nodes, the top goal first. place: where the evidence is; tables: file there -> (goal that it is for, sha256)."""
-    builder = _Builder()
-    files = {name: builder.solution(name, Item(file=name, sha256=digest)) for name, (_, digest) in tables.items()}
+def build(
+    sources: Sequence[Source],
+    place: Path,
+    tables: Mapping[str, tuple[str, str]],
+    links: Mapping[str, tuple[Item, ...]] | None = None,
+) -> list[Node]:
+    """Nodes, the top goal first. place: where the evidence is; tables: file there -> (goal that it is for, sha256);
+    links: file there that is of no result -> files that it names."""
+    builder, linked = _Builder(), links or {}
+    files = {
+        name: builder.solution(name, Item(file=name, sha256=digest, links=linked.get(name, ())))
+        for name, (_, digest) in tables.items()
+    }
     whole = [_complete(builder, source, place) for source in sources]
     results = [_result(builder, source, goal, files) for source, goal in zip(sources, whole, strict=True)]
-    goals = [builder.add("G", text=goal, supported_by=(files[name], *whole)) for name, (goal, _) in tables.items()]
+    goals = [
+        builder.add("G", text=goal, supported_by=(files[name], *(() if name in linked else whole)))
+        for name, (goal, _) in tables.items()
+    ]
     contexts = (builder.add("C", text=DEFINITIONS), builder.add("C", text=NOTICE))
     strategies = [
         builder.add("S", text=OVER_RESULTS, supported_by=tuple(results)),

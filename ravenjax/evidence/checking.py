@@ -25,7 +25,12 @@ def check(folder: Path, evidence: EvidenceRecord) -> EvidenceRecord:
 
 
 def problem(folder: Path, item: Item) -> str:
-    """What is wrong with a file that evidence in `folder` rests on, "" where nothing is."""
+    """What is wrong with a file that evidence in `folder` rests on, or with one that it links, "" where nothing is."""
+    own = _of_one(folder, item)
+    return own or next(filter(None, (_of_one(folder, link) for link in item.links)), "")
+
+
+def _of_one(folder: Path, item: Item) -> str:
     path = Path(os.path.normpath(folder / item.file))
     try:
         digest = sha256(path) if item.of == "file" else identity(manifests.read(path.parent))

@@ -28,6 +28,7 @@ class Item(BaseModel):
     file: str  # from the folder of the evidence
     sha256: str
     of: Literal["file", "campaign"] = "file"
+    links: tuple[Item, ...] = ()  # files that it names, which must be what they were, too
 
 
 class Node(BaseModel):

@@ -9,7 +9,9 @@ from ravenjax.evidence import (
     argument,
     checking,
     control_actions,
+    credibility,
     drawing,
+    exchange,
     failure_modes,
     record,
     sentences,
@@ -17,8 +19,9 @@ from ravenjax.evidence import (
     workbook,
     yaml_text,
 )
+from ravenjax.evidence.credibility import ModelCredibility
 from ravenjax.evidence.notice import NOTICE
-from ravenjax.evidence.record import EvidenceRecord
+from ravenjax.evidence.record import BROKEN, EvidenceRecord
 from ravenjax.evidence.sources import Source, opened
 from ravenjax.report import downloads
 from ravenjax.store import manifest as manifests
@@ -38,14 +41,23 @@ NO_ROWS = "result,campaign\n"
 """A table without a line."""
 
 
-def write(folders: Sequence[Path], place: Path, xlsx: bool = False) -> EvidenceRecord:
+def write(
+    folders: Sequence[Path],
+    place: Path,
+    xlsx: bool = False,
+    reqif: bool = False,
+    model: ModelCredibility | None = None,
+) -> EvidenceRecord:
     """Evidence of result folders into the folder `place`; what is there of the same names is replaced.
 
-    xlsx: the tables as one workbook, too. Raises UserError and StoreError as `sources.opened` and
-    `workbook.writer`, StoreError where the disk refuses.
+    xlsx: the tables as one workbook, too. reqif: argument and failure modes for exchange, too. model: what the
+    simulator's credibility rests on, for a report of it. Raises UserError and StoreError as `sources.opened`,
+    `workbook.writer` and `exchange.require`, StoreError where the disk refuses.
     """
     if xlsx:
         workbook.writer()  # before any work
+    if reqif:
+        exchange.require()
     with opened(folders) as sources:
         require_writable(place)
         tables, makers = {}, _makers(sources)
@@ -57,14 +69,24 @@ def write(folders: Sequence[Path], place: Path, xlsx: bool = False) -> EvidenceR
             tables[workbook.FILE] = workbook.GOAL, sha256(place / workbook.FILE)
         else:  # one of before would have other numbers than the tables
             (place / workbook.FILE).unlink(missing_ok=True)
+        linked = {}
+        if model is not None:
+            report = credibility.text(model, sources, place)
+            write_aside(place / credibility.FILE, lambda target: target.write_text(report, encoding="utf-8"))
+            tables[credibility.FILE] = credibility.GOAL, sha256(place / credibility.FILE)
+            linked[credibility.FILE] = credibility.links(model, place)
+        else:
+            (place / credibility.FILE).unlink(missing_ok=True)
         evidence = EvidenceRecord(
             written=manifests.now(),
             sentences=tuple(line for source in sources for line in _sentences(source)),
-            nodes=tuple(argument.build(sources, place, tables)),
+            nodes=tuple(argument.build(sources, place, tables, linked)),
         )
         readme = "\n".join(_readme(sources, evidence)) + "\n"
         write_aside(place / README, lambda target: target.write_text(readme, encoding="utf-8"))
-    _write_argument(place, evidence)
+    if not reqif:
+        (place / exchange.FILE).unlink(missing_ok=True)
+    _write_argument(place, evidence, reqif)
     record.write(place, evidence)
     return evidence
 
@@ -72,20 +94,30 @@ def write(folders: Sequence[Path], place: Path, xlsx: bool = False) -> EvidenceR
 def check(place: Path) -> EvidenceRecord:
     """Compute every checksum again, and write the argument as it stands now; the record stays as it is.
 
-    Raises StoreError as `record.read`, and where the disk refuses.
+    Raises StoreError as `record.read`, and where the disk refuses; UserError as `exchange.require` where the evidence
+    has a file of that kind.
     """
+    reqif = (place / exchange.FILE).is_file()
+    if reqif:
+        exchange.require()
     evidence = checking.check(place, record.read(place))
-    _write_argument(place, evidence)
+    _write_argument(place, evidence, reqif)
     return evidence
 
 
-def files(place: Path, xlsx: bool = False) -> list[Path]:
-    """What `write` writes, in order."""
-    return [place / name for name in (*GOALS, *[workbook.FILE] * xlsx, YAML, SVG, README, record.FILE)]
+def files(place: Path) -> list[Path]:
+    """What `write` wrote, in order."""
+    extras = [name for name in (workbook.FILE, credibility.FILE) if (place / name).is_file()]
+    last = [name for name in (YAML, SVG, exchange.FILE) if (place / name).is_file()]
+    return [place / name for name in (*GOALS, *extras, *last, README, record.FILE)]
 
 
-def _write_argument(place: Path, evidence: EvidenceRecord) -> None:
-    for name, text in ((YAML, yaml_text.text(evidence)), (SVG, drawing.svg(evidence))):
+def _write_argument(place: Path, evidence: EvidenceRecord, reqif: bool) -> None:
+    texts = {YAML: yaml_text.text(evidence), SVG: drawing.svg(evidence)}
+    if reqif:
+        broken = {node.item.file for node in evidence.of_status(BROKEN) if node.item is not None}
+        texts[exchange.FILE] = exchange.text(evidence, None if exchange.MODES in broken else place / exchange.MODES)
+    for name, text in texts.items():
         write_aside(place / name, lambda target, text=text: target.write_text(text, encoding="utf-8"))
 
 

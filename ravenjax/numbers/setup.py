@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any, ClassVar, Literal
 
 from ravenjax.numbers.vec import cast
+from ravenjax.vocabulary.checks import CheckUse
 from ravenjax.vocabulary.detectors import DetectorUse
 
 
@@ -68,6 +69,7 @@ class Setup:
     injection: Injection = Injection()
     cues: int = 1  # haptic threshold and gain sets evaluated side by side
     detectors: tuple[DetectorUse, ...] = ()
+    checks: tuple[CheckUse, ...] = ()  # of one's own
     reacts: bool = False  # the operator may react to the cue
     hand_yields: bool = False  # the cue's force moves the operator's hand
     noise: bool = False  # noise drawn, anew in each run

@@ -9,6 +9,10 @@ A run is judged beside its *golden run*: the same operator, robot and random num
 - `limited`: a check changed a command or dropped a packet. Nobody was told.
 - `silent`: no check did anything.
 
+Checks of one's own count there by what they do (`[[check]] acts`); one that watches does not count. What the built-in
+ones did by themselves is then in `built_in_response` and `built_in_told_ms`: of a run whose course a check of one's own
+changed, only what they did until then, since a stop makes them trip, too.
+
 **Hazard**: what became of the motion, the gravest first (`verdict`). `LIMIT_MM` is the limit, a campaign's `[outcomes]
 limit_mm`.
 
@@ -31,7 +35,8 @@ no hazard of its own: whether the tip moved is told by the hazards. Known where 
 A run has **failed** where a number of the robot, of its nominal model or of its observers is no longer finite
 (`ravenjax.vocabulary.failures`). It has no verdict and is in no rate.
 
-A run **evades** the checks when nobody is told (silent or limited) and its hazard is unintended motion.
+A run **evades** the checks when nobody is told (silent or limited) and its hazard is unintended motion. It **evades the
+built-in checks** when none of those told anyone by itself, whatever checks of one's own did.
 
     response                 hazard                      cue
     stopped ---------------> unintended motion --------> cue

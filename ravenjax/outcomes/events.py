@@ -23,6 +23,7 @@ class Rules(NamedTuple):
     threshold_mm: float = LIMIT_MM  # its own
     jump: str = "jump_code"  # column of the jump rule
     limit_mm: float = LIMIT_MM  # of hazards
+    built_in: str = "response"  # column of what the built-in checks did by themselves
 
 
 class Event(NamedTuple):
@@ -30,7 +31,7 @@ class Event(NamedTuple):
 
     name: str
     meaning: str  # continues "a run in which ..."; {limit} and {threshold} in mm
-    sql: str  # over columns of the result table; {cue} and {jump} of the rules
+    sql: str  # over columns of the result table; {cue}, {jump} and {built_in} of the rules
 
 
 def _among(words: Iterable[str]) -> str:
@@ -54,6 +55,12 @@ _ALL = (
         "evades",
         "no check told anyone, and the live robot made an unintended motion of more than {limit}",
         f"{UNTOLD_SQL} AND hazard = 'unintended motion'",
+    ),
+    Event(
+        "evades_built_in",
+        "no built-in check told anyone by itself, whatever checks of one's own did, and the live robot made an "
+        "unintended motion of more than {limit}",
+        f"{{built_in}} IN {_among(UNTOLD)} AND hazard = 'unintended motion'",
     ),
     Event(
         "unintended_motion",
@@ -95,7 +102,7 @@ VALID_SQL = "failed = ''"
 
 def sql(name: str, rules: Rules) -> str:
     """The expression of an event under a campaign's rules."""
-    return EVENTS[name].sql.format(cue=rules.cue, jump=rules.jump)
+    return EVENTS[name].sql.format(cue=rules.cue, jump=rules.jump, built_in=rules.built_in)
 
 
 def meaning(name: str, rules: Rules) -> str:

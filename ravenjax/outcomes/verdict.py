@@ -24,7 +24,7 @@ HALT_MS = 200
 known as a sum: a flickering pedal is up for a few ms at a time, in which no brake closes, and for tens of ms in all."""
 
 RESPONSES = ("stopped", "flagged", "limited", "silent")
-"""What the built-in checks did, the strongest first."""
+"""What checks did, the strongest first: the built-in ones, and those of one's own that do more than watch."""
 
 HAZARDS = ("unintended motion", "loss of motion", "false report", "none")
 """What became of the motion, the gravest first."""
@@ -63,8 +63,40 @@ def responses(outcomes: Outcomes, golden: Outcomes, robot: Robot) -> Response:
     Checks trip on fault-free motion too: a command is clipped, the first packet of a stream lost. Only what the fault
     changed counts: a check that tripped more often than in the golden run. golden: its `check_*_count`.
     """
-    onset = np.asarray(outcomes["first_active_ms"])
+    counted = [name for name in checks.names(outcomes) if robot.check(name).action != "watch"]
+    return _responses(outcomes, golden, robot, counted, None)
+
+
+def built_in_responses(outcomes: Outcomes, golden: Outcomes, robot: Robot) -> Response:
+    """What the built-in checks did by themselves: of runs whose course a check of one's own changed, until then.
+
+    A stop by one's own makes built-in checks trip, too: the software E-stop, then the PLC. What the robot would have
+    done without that check only a run without it can tell; what tripped before it did, would have tripped anyway.
+    """
     names = checks.names(outcomes)
+    own = [name for name in names if robot.check(name).own and robot.check(name).acts]
+    acted = _first_otherwise(outcomes, golden, own)
+    return _responses(outcomes, golden, robot, [name for name in names if not robot.check(name).own], acted)
+
+
+def _first_otherwise(outcomes: Outcomes, golden: Outcomes, names: list[str]) -> np.ndarray:
+    """When the first of these checks tripped that trip more or less often than in the golden run, ms; -1: none does.
+    Not before the fault: until then the two are one."""
+    onset = np.asarray(outcomes["first_active_ms"])
+    earliest = np.full(len(onset), np.iinfo(np.int32).max)
+    for name in names:
+        count, ms = (np.asarray(outcomes[f"check_{name}_{what}"]) for what in ("count", "first_ms"))
+        otherwise = (count != np.asarray(golden[f"check_{name}_count"])) & (ms >= 0)
+        earliest = np.where(otherwise, np.minimum(earliest, np.maximum(ms, onset)), earliest)
+    return np.where(earliest < np.iinfo(np.int32).max, earliest, -1)
+
+
+def _responses(
+    outcomes: Outcomes, golden: Outcomes, robot: Robot, names: list[str], until: np.ndarray | None
+) -> Response:
+    """What these checks did. until: ms [rows], what is later does not count, nor, at the same time, what `follows`;
+    -1: all counts."""
+    onset = np.asarray(outcomes["first_active_ms"])
     response = np.full(len(onset), SILENT, np.int8)
     cause = np.zeros(len(onset), np.int8)
     first, alarm = np.full((2, len(onset)), -1, np.int32)
@@ -77,6 +109,8 @@ def responses(outcomes: Outcomes, golden: Outcomes, robot: Robot) -> Response:
         # Where the golden run trips too, the first trip may precede the fault; the response is not before its onset.
         ms = np.asarray(outcomes[f"check_{name}_first_ms"])
         ms = np.where(usual > 0, np.maximum(ms, onset), ms)
+        if until is not None:
+            more = more & ((until < 0) | (ms < until + (not robot.check(name).follows)))
         stronger = more & ((response > rank) | ((response == rank) & (ms < first)))
         response[stronger], cause[stronger], first[stronger] = rank, place, ms[stronger]
         if rank in _TOLD:

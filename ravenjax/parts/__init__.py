@@ -17,7 +17,7 @@ from typing import Annotated
 
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import Quantity
-from ravenjax.numbers.vec import Scalar, Vec, as_int, record, where
+from ravenjax.numbers.vec import Scalar, Vec, as_int, record, to_int32, where
 from ravenjax.parts.arrays import load
 
-__all__ = ["Annotated", "Quantity", "Scalar", "Vec", "as_int", "jnp", "load", "record", "where"]
+__all__ = ["Annotated", "Quantity", "Scalar", "Vec", "as_int", "jnp", "load", "record", "to_int32", "where"]

@@ -17,6 +17,18 @@ def of(sources: tuple[OwnSource, ...]) -> Any:
     return _kind(sources)(*(part.params(part.loaded(source)) for source in sources))
 
 
+def named(names: tuple[str, ...], numbers: Any) -> Any:
+    """A named tuple of these numbers; it travels between processes."""
+    return _named_kind(names)(*numbers)
+
+
+@functools.lru_cache(maxsize=256)
+def _named_kind(names: tuple[str, ...]) -> type[Any]:
+    kind = collections.namedtuple("Named", names)
+    kind.__reduce__ = lambda own: (named, (names, tuple(own)))  # type: ignore[method-assign]
+    return kind
+
+
 @functools.lru_cache(maxsize=256)
 def _kind(sources: tuple[OwnSource, ...]) -> type[Any]:
     # Records of a file are classes that no other process has: there they come from its text, as numbers do from here.

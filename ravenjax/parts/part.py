@@ -48,13 +48,14 @@ class OwnPart(NamedTuple):
     step: Callable[[Any, Any, Any], tuple[Any, Scalar]]
 
 
-def read(name: str, path: Path) -> OwnSource:
-    """The source of the file at `path`, which is run once. Raises UserError, naming file and line."""
+def read(name: str, path: Path, what: str = "detector") -> OwnSource:
+    """The source of the file at `path`, which is run once; what: kind of the part. Raises UserError, naming file and
+    line."""
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not UTF-8"
-        raise UserError(f"{path}: file of detector {name!r} cannot be read ({reason})") from None
+        raise UserError(f"{path}: file of {what} {name!r} cannot be read ({reason})") from None
     with arrays.beside(path) as hashes:
         source = OwnSource(name, str(path), text)
         _module(source)
@@ -62,6 +63,18 @@ def read(name: str, path: Path) -> OwnSource:
     _MODULES[whole] = _MODULES.pop(source)
     loaded(whole)
     return whole
+
+
+def unchanged(source: OwnSource) -> bool:
+    """Whether its file, and those that it loads, are what they were when it was read."""
+    path = Path(source.path)
+    try:
+        same = path.read_text(encoding="utf-8") == source.text
+        contents = ((path.parent / name).read_bytes() for name, _ in source.files)
+        hashes = [hashlib.sha256(content).hexdigest() for content in contents]
+    except (OSError, UnicodeDecodeError):
+        return False
+    return same and hashes == [sha256 for _, sha256 in source.files]
 
 
 def digest(source: OwnSource) -> str:
@@ -101,15 +114,74 @@ def init(part: OwnPart, params: Any, real: str) -> Any:
 
 def step(part: OwnPart, params: Any, state: Any, view: Any, real: str) -> tuple[Any, Scalar]:
     """One millisecond of one arm: what it remembers, and its score as a float of width `real`. Raises UserError."""
-    where = "step(params, state, view)"
-    with _Blame(part.source, where):
+    after, (score,) = _stepped(part, params, state, view, real, ("score",))
+    return after, score
+
+
+def limiting_step(part: OwnPart, params: Any, state: Any, view: Any, real: str, before: Vec) -> tuple[Any, Scalar, Vec]:
+    """As `step`, and what goes on in place of `before`: as many numbers, each of its kind. Raises UserError."""
+    after, (score, values) = _stepped(part, params, state, view, real, ("score", ("values", before)))
+    return after, score, values
+
+
+def stage_step(part: OwnPart, params: Any, state: Any, view: Any, real: str, name: str, like: Any) -> tuple[Any, Any]:
+    """One millisecond of one arm of a stage: what it remembers, and what it gives, called `name`, in the structure of
+    `like`, each number of its kind. Raises UserError."""
+    after, (values,) = _stepped(part, params, state, view, real, ((name, like),))
+    return after, values
+
+
+def _stepped(
+    part: OwnPart, params: Any, state: Any, view: Any, real: str, gives: tuple[str | tuple[str, Any], ...]
+) -> tuple[Any, list[Any]]:
+    """The state after `step`, and the other things that it gives: a score, or numbers like some that it is given."""
+    with _Blame(part.source, STEP):
         result = part.step(params, state, view)
-        if not (isinstance(result, tuple) and not isinstance(result, Vec) and len(result) == 2):
-            raise _error(part.source, where, f"gives {shown(result)}, expected two things: (state, score)")
-        after = _numbers(part.source, where, result[0], real)
+        names = ["state", *(one if isinstance(one, str) else one[0] for one in gives)]
+        if not (isinstance(result, tuple) and not isinstance(result, Vec) and len(result) == len(names)):
+            raise _error(
+                part.source,
+                STEP,
+                f"gives {shown(result)}, expected {_COUNTS[len(names)]} things: ({', '.join(names)})",
+            )
+        after = _numbers(part.source, STEP, result[0], real)
         _require_alike(part.source, state, after)
-        score = _number(part.source, where, "score", result[1], real)
-        return after, lax.convert_element_type(score, real)
+        out: list[Any] = []
+        for one, value in zip(gives, result[1:], strict=True):
+            if isinstance(one, str):
+                out.append(lax.convert_element_type(_number(part.source, STEP, one, value, real), real))
+            else:
+                out.append(_like(part.source, *one, value, real))
+        return after, out
+
+
+STEP = "step(params, state, view)"
+"""The function of a part that is called in each millisecond."""
+
+_COUNTS = {2: "two", 3: "three"}
+
+
+def _like(source: OwnSource, name: str, like: Any, values: Any, real: str) -> Any:
+    """Numbers that stand in the place of `like`: as many, each of its kind."""
+    own, new = list(_named(like)), list(_named(values))
+    if len(own) == 1 and not own[0][0]:
+        own = [("", own[0][1])]
+    if [place for place, _ in own] != [place for place, _ in new]:
+        expected = "one number" if len(own) == 1 else f"{len(own)} numbers, a Vec or a record as view has them"
+        raise _error(source, STEP, f"gives {shown(values)} for {name}, expected {expected}")
+    numbers = []
+    for (place, wanted), (_, value) in zip(own, new, strict=True):
+        what = f"{name}[{place}]" if place else name
+        number, kind = _number(source, STEP, what, value, real), _kind(wanted)
+        if _kind(number) != kind:
+            raise _error(
+                source, STEP, f"gives a {_kind(number)} for {what}, expected {kind}{_CONVERSIONS.get(str(kind), '')}"
+            )
+        numbers.append(number)
+    return tree.filled(like, numbers)
+
+
+_CONVERSIONS = {"int": ": take to_int32(x), which truncates", "float": ": take jnp.float32(x)"}
 
 
 def _nothing(*_: Any) -> None:
@@ -239,13 +311,13 @@ def _require_alike(source: OwnSource, before: Any, after: Any) -> None:
     own, new = list(_named(before)), list(_named(after))
     if [name for name, _ in own] != [name for name, _ in new] or type(before) is not type(after):
         gave, expected = (", ".join(name for name, _ in one) or "nothing" for one in (new, own))
-        raise _error(source, "step(params, state, view)", f"gives a state of {gave}; init began with one of {expected}")
+        raise _error(source, STEP, f"gives a state of {gave}; init began with one of {expected}")
     for (name, old), (_, value) in zip(own, new, strict=True):
         kinds = [_kind(one) for one in (old, value)]
         if kinds[0] != kinds[1]:
             raise _error(
                 source,
-                "step(params, state, view)",
+                STEP,
                 f"makes the state's {name} a {kinds[1]}, it began as {kinds[0]}: write it so in init, or convert it",
             )
 

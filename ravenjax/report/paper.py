@@ -66,23 +66,44 @@ def _saved(figure: Figure, kind: str, metadata: dict[str, None]) -> Callable[[Pa
     return lambda target: figure.savefig(target, format=kind, metadata=metadata)
 
 
-def _figures(runs: Runs, manifest: Manifest) -> Iterator[tuple[str, Figure]]:
-    alarms = performance.alarms(runs, manifest)
+def verdicts(runs: Runs) -> Figure | None:
+    """Share of each group's faults by outcome; None without faults."""
     rows = [row for row in tables.group_rows(runs) if row["faulty"]][:MOST_GROUPS]
-    if rows:
-        yield "verdicts", _verdicts(rows)
-        first_ms, early_ms = performance.known(alarms), performance.before_motion(alarms)
-        delay = answers.knowledge(runs, first_ms, early_ms, manifest).delay
-        curves, _ = time_to_know.incidence_curves(runs, manifest, delay)
-        if curves:
-            yield "time_to_know", _of_chart(curves)
-    if manifest.detectors:
-        roc = detector_figures.roc(performance.rows(runs, manifest, alarms))
-        if roc:
-            yield "roc", _of_chart(roc)
-    tradeoff = cue_figure.tradeoff(sweep.rows(runs, manifest))
-    if tradeoff:
-        yield "tradeoff", _of_chart(tradeoff)
+    return _verdicts(rows) if rows else None
+
+
+def how_soon(runs: Runs, manifest: Manifest) -> Figure | None:
+    """Cue, built-in response and first possible knowledge after the first effect; None where no fault had one."""
+    alarms = performance.alarms(runs, manifest)
+    first_ms, early_ms = performance.known(alarms), performance.before_motion(alarms)
+    delay = answers.knowledge(runs, first_ms, early_ms, manifest).delay
+    curves, _ = time_to_know.incidence_curves(runs, manifest, delay)
+    return _of_chart(curves) if curves else None
+
+
+def roc(runs: Runs, manifest: Manifest) -> Figure | None:
+    """Of each detector; None without detectors."""
+    if not manifest.detectors:
+        return None
+    chart = detector_figures.roc(performance.rows(runs, manifest, performance.alarms(runs, manifest)))
+    return _of_chart(chart) if chart else None
+
+
+def tradeoff(runs: Runs, manifest: Manifest) -> Figure | None:
+    """Missed hazards over false cues, by haptic set; None without."""
+    chart = cue_figure.tradeoff(sweep.rows(runs, manifest))
+    return _of_chart(chart) if chart else None
+
+
+def _figures(runs: Runs, manifest: Manifest) -> Iterator[tuple[str, Figure]]:
+    faulty = verdicts(runs)
+    drawings = {
+        "verdicts": faulty,
+        "time_to_know": how_soon(runs, manifest) if faulty else None,
+        "roc": roc(runs, manifest),
+        "tradeoff": tradeoff(runs, manifest),
+    }
+    yield from ((name, figure) for name, figure in drawings.items() if figure is not None)
 
 
 def _verdicts(rows: list[dict]) -> Figure:

@@ -28,6 +28,7 @@ from ravenjax.store import schema
 from ravenjax.store.files import parsed, write_aside
 from ravenjax.store.motion.summary import MotionSummary
 from ravenjax.store.parts import Part, require_version
+from ravenjax.vocabulary.checks import built_in_column
 from ravenjax.vocabulary.robot import Robot
 
 FILE = "manifest.json"
@@ -41,6 +42,7 @@ _READERS = (
     "cli",
     "document",
     "evidence",
+    "notebook",
     "report",
     "robots/raven2/software",
     "search",
@@ -128,14 +130,15 @@ class Manifest(BaseModel):
 
     @property
     def robot(self) -> Robot:
-        """The robot that the campaign is of. Raises UserError where it cannot be found here."""
-        return robots.find(self.shape.robot)
+        """The robot that the campaign is of, with its own checks. Raises UserError where it cannot be found here."""
+        return robots.find(self.shape.robot).with_checks(self.shape.own_checks)
 
     @property
     def rules(self) -> Rules:
         """What the campaign chose of the definitions of outcomes."""
         threshold = self.cues[self.verdict_cue].threshold_mm if self.cues else PUBLISHED_CUE_MM
-        return Rules(self.verdict_cue, threshold, self.verdict_jump, self.limit_mm)
+        built_in = built_in_column(self.shape.own_checks)
+        return Rules(self.verdict_cue, threshold, self.verdict_jump, self.limit_mm, built_in)
 
     @property
     def done(self) -> int:

@@ -20,6 +20,7 @@ import pyarrow as pa
 from ravenjax import robots
 from ravenjax.errors import StoreError
 from ravenjax.store import arrow_arrays, words
+from ravenjax.vocabulary import checks
 from ravenjax.vocabulary.checks import Check
 from ravenjax.vocabulary.robot import Robot
 
@@ -68,11 +69,12 @@ class Shape:
     cables: bool = False  # what the robot's cables carry is an outcome
     detectors: tuple[int, ...] = ()  # how many thresholds each detector has
     observes: bool = False  # runs end some time after their last fault has
+    own_checks: tuple[Check, ...] = ()  # which of the checks are of one's own
 
 
 def columns(shape: Shape) -> tuple[Column, ...]:
     """Every column of a campaign's table, in order."""
-    robot = robots.find(shape.robot)
+    robot = robots.find(shape.robot).with_checks(shape.own_checks)
     return (
         *_identity(),
         *(column for slot in range(shape.slots) for column in _fault(slot)),
@@ -80,6 +82,7 @@ def columns(shape: Shape) -> tuple[Column, ...]:
         *(column for slot in range(shape.slots) for column in _applied(slot)),
         *_observed(shape),
         *_course(robot),
+        *_built_in(shape),
         *(column for check in shape.checks for column in _check(robot.check(check))),
         *(column for cue in range(shape.cues) for column in _cue(cue)),
         *_reaction(shape),
@@ -158,6 +161,19 @@ def _course(robot: Robot) -> Iterator[Column]:
     yield Column("response_cause", "category", "", 'check of that kind that did so first, "" if none')
     yield Column("response_ms", "int32", "ms", "when it did, -1 if none")
     yield Column("told_ms", "int32", "ms", "when a check first told a person or stopped the robot, -1 if never")
+
+
+def _built_in(shape: Shape) -> Iterator[Column]:
+    if checks.count(shape.own_checks):
+        yield Column(
+            checks.BUILT_IN,
+            "category",
+            "",
+            "response of the built-in checks alone, until one of one's own stopped or limited",
+        )
+        yield Column(
+            "built_in_told_ms", "int32", "ms", "when one of those first told a person or stopped the robot, -1 if never"
+        )
 
 
 def _check(check: Check) -> Iterator[Column]:

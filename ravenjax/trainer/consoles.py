@@ -9,6 +9,9 @@ from ravenjax.trainer.robot_link.itp import ItpServer
 from ravenjax.trainer.session import scripts
 from ravenjax.trainer.session.advance import Session
 
+UNATTENDED_MS = 60_000
+"""A script that has not driven by then never will: the session's time begins, so that it ends."""
+
 
 class Scripted:
     """A scripted or recorded operator as a console."""
@@ -23,7 +26,11 @@ class Scripted:
             self._operator = scripts.load(script)
 
     def poll(self) -> list[dict[str, Any]]:
-        return self._operator.messages(self._session.ticks, self._session.frame)
+        session = self._session
+        out = self._operator.messages(session.ticks, session.frame)
+        if session.ticks == UNATTENDED_MS and session.started is None:
+            out = [*out, {"type": "instructor", "do": "start"}]
+        return out
 
     def tell(self, frame: Frame) -> None:
         """It sees the frame when it is asked."""
@@ -33,15 +40,22 @@ class ItpConsole:
     """A console over the network: increments in, force out."""
 
     def __init__(self, server: ItpServer, session: Session) -> None:
-        self._server, self._arms = server, session.arms
+        self._server, self._session, self._arms = server, session, session.arms
         self._still: dict[str, Any] = dict.fromkeys(session.arms, (0.0, 0.0, 0.0))
 
     def poll(self) -> list[dict[str, Any]]:
-        return self._server.poll()
+        return [{**one, "console": "itp"} for one in self._server.poll()]
 
     def tell(self, frame: Frame) -> None:
-        felt = frame.number("cue_on") and frame.number("console_alive")
+        drives = self._session.seat.owner == "itp"
+        felt = drives and frame.number("cue_on") and frame.number("console_alive")
         forces = self._still
         if felt:
             forces = {arm: frame[f"{arm}/force"].tolist() for arm in self._arms}
-        self._server.send_force(forces, int(frame.number("runlevel")), bool(frame.number("soft_estopped")))
+        self._server.send_force(
+            forces,
+            int(frame.number("runlevel")),
+            bool(frame.number("soft_estopped")),
+            pedal=drives and frame.number("pedal") != 0,
+            drives=drives,
+        )

@@ -53,6 +53,10 @@ KEPT_FRAMES, KEPT_EVENTS, KEPT_COMMANDS = 4096, 1024, 256
 """Rows of the rings: four seconds of frames, more events and commands than come in that time."""
 COMMANDS = "commands.jsonl"
 """What was said to the session (up to `session.MOST_HEARD`): a script that makes it again."""
+CLAIM = ".session"
+"""Empty; there while a session begins in a folder, so that two that begin at once do not get the same."""
+_LEFT = (description.FILE, session_log.FILE, table.FILE, COMMANDS, "debrief.html")
+"""Any of these tells that a folder holds a session."""
 Say = Callable[[str], None]
 
 
@@ -70,6 +74,7 @@ class SessionOptions:
     host: str = "127.0.0.1"
     port: int = 0
     token: str | None = None
+    instructor_token: str | None = None  # what makes an instructor of a visitor; made up where it is left out
     script: str | None = None  # who drives in place of a person: a reaction of `scripts`, or a file of commands
     itp_port: int | None = None  # None: no console over the network
     robot: str | None = None  # a robot elsewhere, HOST[:ITP_PORT[:JOINT_PORT]]
@@ -98,9 +103,11 @@ def realtime(
     """
     if with_page:
         _require_address(options.host, options.port)
-    files.require_writable(options.folder)
+    options = _apart(options, say)
     with contextlib.ExitStack() as stack:
+        stack.callback((options.folder / CLAIM).unlink, missing_ok=True)
         session = Session(options.scenario, options.seed, cue=options.cue, robot=_robot(stack, options))
+        script = None if options.script is None else Scripted(options.script, session)  # before anything is recorded
         header = _header(options, session)
         frames, events = Ring.create(KEPT_FRAMES, 4 * session.layout.size), Ring.create(KEPT_EVENTS, EVENT_BYTES)
         stack.callback(events.close)
@@ -114,15 +121,15 @@ def realtime(
             commands = Ring.create(KEPT_COMMANDS, COMMAND_BYTES)
             stack.callback(commands.close)
             _open_page(stack, options, session, header, (frames, events, commands), say)
-            consoles.append(loop.PageCommands(commands))
+            consoles.append(loop.PageCommands(commands, drives=options.script is None))
         if options.itp_port is not None:
             server = ItpServer(session.arms, options.host, options.itp_port)
             stack.callback(server.close)
             stack.callback(lambda: say(f"console: {_counted(server.counters())}"))
             consoles.append(ItpConsole(server, session))
             say("console: ITP over UDP {}:{}".format(*server.address))
-        if options.script is not None:
-            consoles.append(Scripted(options.script, session))
+        if script is not None:
+            consoles.append(script)
         processes.wait_for(recording, options.folder / session_log.FILE)
         stop = stack.enter_context(until_interrupted())
         with clock.realtime() as granted:
@@ -147,17 +154,19 @@ def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSess
 
     UserError without a script: somebody must drive.
     """
-    if options.script is None:
+    script = options.script
+    if script is None:
         raise UserError(f"nobody drives: give a script, one of {', '.join(scripts.REACTIONS)} or a file of commands")
-    files.require_writable(options.folder)
     session = Session(options.scenario, options.seed, cue=options.cue)
+    driver = Scripted(script, session)  # before there is a folder: a file that is no script leaves none
+    options = _apart(options, say)
     header = {"started": recorder.now(), **_header(options, session), "ended": None}
     description.write(options.folder, header)
     log = session_log.SessionWriter(options.folder / session_log.FILE, tuple(session.layout.names()), header)
-    driver = Scripted(options.script, session)
     block: list[np.ndarray] = []
     events: list[dict[str, Any]] = []
     first = 0
+    (options.folder / CLAIM).unlink()
     with contextlib.closing(log):
         while not session.over:
             events += session.tick(driver.poll())
@@ -170,12 +179,38 @@ def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSess
     return _conclude(options, session, None, say)
 
 
-def fresh_folder(name: str, base: Path = Path("results/sessions")) -> Path:
-    """A folder for a session that begins now."""
-    return base / f"{name}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
+def fresh_folder(name: str, participant: str = "", seed: int = 0, base: Path = Path("results/sessions")) -> Path:
+    """A folder for a session that begins now, named by scenario, who drives, time (UTC) and seed; not by the group."""
+    who = "".join(letter if letter.isalnum() or letter in "_.-" else "-" for letter in participant)[:40]
+    parts = (name, who, f"{datetime.now(UTC):%Y%m%d-%H%M%S}", f"seed{seed}")
+    return base / "-".join(part for part in parts if part)
 
 
 # --- parts ---
+
+
+def _apart(options: SessionOptions, say: Say) -> SessionOptions:
+    """The options with a folder that no session has: its own, made here, or one with a number behind it, which is told.
+
+    UserError where it cannot be written.
+    """
+    folder, number = options.folder, 1
+    while any((folder / name).exists() for name in _LEFT) or not _claimed(folder):
+        number += 1
+        folder = options.folder.with_name(f"{options.folder.name}-{number}")
+    if number > 1:
+        say(f"{options.folder} holds a session, which stays as it is; this one goes to {folder}")
+    return dataclasses.replace(options, folder=folder)
+
+
+def _claimed(folder: Path) -> bool:
+    """Whether the folder is this session's from now on."""
+    files.require_writable(folder)
+    try:
+        (folder / CLAIM).touch(exist_ok=False)
+    except FileExistsError:
+        return False
+    return True
 
 
 def _header(options: SessionOptions, session: Session) -> dict[str, Any]:
@@ -195,10 +230,18 @@ def _header(options: SessionOptions, session: Session) -> dict[str, Any]:
         "arms": list(session.arms),
         "bases": {arm: dict(zip(("origin", "quaternion"), scene.base_pose(arm), strict=True)) for arm in session.arms},
         "robot": options.robot or "virtual",
+        "consoles": _consoles(options),
         "hazards": [hazard.header() for hazard in session.hazards],
         "task": session.task.geometry(),
         "summary": {},
     }
+
+
+def _consoles(options: SessionOptions) -> list[str]:
+    """Who may drive, of `frame.CONSOLES`."""
+    if options.script is not None:
+        return ["script"]
+    return ["page"] if options.itp_port is None else ["page", "itp"]
 
 
 def _robot(stack: contextlib.ExitStack, options: SessionOptions) -> Callable[[Blueprint], Driven]:
@@ -243,6 +286,7 @@ def _open_page(
     token = options.token
     if token is None and not loopback(options.host):
         token = secrets.token_urlsafe(24)
+    instructor_token = options.instructor_token or secrets.token_urlsafe(12)
     port_told, port_taken = multiprocessing.Pipe(duplex=False)
     stack.callback(port_told.close)
     page_options = page.PageOptions(
@@ -256,6 +300,7 @@ def _open_page(
         host=options.host,
         port=options.port,
         token=token,
+        instructor_token=instructor_token,
     )
     process = processes.spawn(stack, page.run, page_options)
     port_taken.close()
@@ -270,8 +315,8 @@ def _open_page(
         raise UserError(f"the page's process ended with code {process.exitcode}; its message stands above") from None
     ask = f"&token={token}" if token else ""
     host = "127.0.0.1" if options.host in ("0.0.0.0", "") else options.host
-    for role in ("operator", "instructor"):
-        say(f"{role}: http://{host}:{port}/?role={role}{ask}")
+    say(f"operator: http://{host}:{port}/?role=operator{ask}")
+    say(f"instructor: http://{host}:{port}/?role=instructor{ask}&instructor_token={instructor_token}")
 
 
 def _require_address(host: str, port: int) -> None:

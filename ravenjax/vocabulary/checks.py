@@ -1,25 +1,52 @@
-"""A built-in check of a robot: name, unit of the margin, what a check looks at, and what it does when it trips."""
+"""What a check is: name, unit of the margin, what it looks at, and what it does when it trips.
+
+A robot has its built-in ones; a campaign may add checks of one's own, Python files that stand at a seam of the tick.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable
 from typing import Literal, NamedTuple
 
-Action = Literal["stop", "flag", "limit"]
-"""What a check does when it trips: the robot stops; a person is told; a command is changed or a packet dropped."""
+from ravenjax.vocabulary.parts import OwnSource
 
-DOES: dict[Action, str] = {"stop": "stops the robot", "flag": "tells a person", "limit": "limits, tells nobody"}
+Action = Literal["stop", "flag", "limit", "watch"]
+"""What a check does when it trips: the robot stops; a person is told; a command is changed or a packet dropped;
+nothing, which only one of one's own may do."""
+
+DOES: dict[Action, str] = {
+    "stop": "stops the robot",
+    "flag": "tells a person",
+    "limit": "limits, tells nobody",
+    "watch": "watches, does nothing",
+}
 """Each in words."""
+
+OWN = "own_"
+"""Beginning of the names of checks of one's own in columns and causes."""
+
+
+@dataclasses.dataclass(frozen=True)
+class CheckUse:
+    """One check of one's own in a campaign; static."""
+
+    name: str
+    part: OwnSource
+    at: str  # seam, one of `Robot.check_seams`
+    acts: Action
+    consecutive: int = 1  # milliseconds in a row above the threshold that make it trip
 
 
 class Check(NamedTuple):
-    """One built-in check."""
+    """One check."""
 
     name: str
     unit: str  # of its margin
     meaning: str
     action: Action
     cause: str = ""  # its name as the cause of a stop
+    follows: bool = False  # it trips, too, because another check has stopped the robot
 
     @property
     def named_cause(self) -> str:
@@ -36,8 +63,37 @@ class Check(NamedTuple):
         """What a run is called in which it trips and nothing stronger does: a word of `outcomes.verdict.RESPONSES`."""
         return _RESPONSES[self.action]
 
+    @property
+    def own(self) -> bool:
+        """Whether it is one of one's own."""
+        return self.name.startswith(OWN)
 
-_RESPONSES: dict[Action, str] = {"stop": "stopped", "flag": "flagged", "limit": "limited"}
+    @property
+    def acts(self) -> bool:
+        """Whether what it does changes the robot's course."""
+        return self.action in ("stop", "limit")
+
+
+_RESPONSES: dict[Action, str] = {"stop": "stopped", "flag": "flagged", "limit": "limited", "watch": "silent"}
+
+
+def of_own(name: str, at: str, acts: Action) -> Check:
+    """A check of one's own, as tables have it."""
+    return Check(f"{OWN}{name}", "of its score", f"check of one's own at {at}", acts)
+
+
+def count(own: Iterable[Check]) -> bool:
+    """Whether any of some checks of one's own counts as a response: it does more than watch."""
+    return any(check.action != "watch" for check in own)
+
+
+BUILT_IN = "built_in_response"
+"""Column of what the built-in checks did by themselves, where checks of one's own count in the column `response`."""
+
+
+def built_in_column(own: Iterable[Check]) -> str:
+    """Column of what the built-in checks did by themselves beside these checks of one's own."""
+    return BUILT_IN if count(own) else "response"
 
 
 def names(columns: Iterable[str]) -> tuple[str, ...]:

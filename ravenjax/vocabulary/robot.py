@@ -7,12 +7,14 @@ its package only where it is needed.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import importlib
 from collections.abc import Mapping
 from types import ModuleType
 
 from ravenjax.vocabulary.checks import Check
 from ravenjax.vocabulary.seams import Seam
+from ravenjax.vocabulary.signals import Signal
 from ravenjax.vocabulary.sites import Site
 
 OTHER_LAYER = "other"
@@ -40,7 +42,9 @@ class Robot:
     dead_man: str = ""  # the switch that an operator holds down while the robot is to move; "": it has none
     tissue: bool = False  # whether there is tissue that a tip can go into
     phases: Mapping[str, str] = dataclasses.field(default_factory=dict)  # of an operation, and when each is
+    check_seams: Mapping[str, str] = dataclasses.field(default_factory=dict)  # where checks of one's own may stand
     seams: Mapping[str, Seam] = dataclasses.field(default_factory=dict)  # where `explain` looks, in the tick's order
+    signals: tuple[Signal, ...] = ()  # what a check of one's own can be built on, in the tick's order
 
     @property
     def live_state(self) -> str:
@@ -50,6 +54,10 @@ class Robot:
     def check(self, name: str) -> Check:
         """A check by name; one that this version does not know flags."""
         return self.checks.get(name, Check(name, "1", "built-in check", "flag"))
+
+    def with_checks(self, own: tuple[Check, ...]) -> Robot:
+        """The robot with checks of one's own before those that are built in: of two at once they are the cause."""
+        return _with_checks(self, own) if own else self
 
     def layer(self, site: str) -> str:
         """A site's layer in words: usb_out -> "USB out, motors"; "other" for a site that it does not declare."""
@@ -63,3 +71,8 @@ class Robot:
         """A part of its code: the module `name` of its package, or the package itself where that has none."""
         whole = importlib.import_module(self.package)
         return importlib.import_module(f"{self.package}.{name}") if hasattr(whole, "__path__") else whole
+
+
+@functools.lru_cache(maxsize=64)
+def _with_checks(robot: Robot, own: tuple[Check, ...]) -> Robot:
+    return dataclasses.replace(robot, checks={**{check.name: check for check in own}, **robot.checks})

@@ -4,7 +4,6 @@ import json
 import re
 import subprocess
 import sys
-import time
 
 import pytest
 import synthetic_results as synthetic
@@ -31,15 +30,13 @@ def run(capsys, monkeypatch):
     return run
 
 
-def test_help_and_version_are_fast_and_import_nothing_slow():
+def test_help_and_version_import_nothing_slow():
     code = (
         "import sys; from ravenjax.cli import main; main(['--help']); main(['--version']);"
         "slow = {'jax', 'mujoco', 'pandas', 'scipy', 'plotly', 'pydantic'} & set(sys.modules); sys.exit(len(slow))"
     )
-    begin = time.perf_counter()
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert time.perf_counter() - begin < 2.0  # 0.2 s alone; the machine may be busy
     for command in (
         "run",
         "fault-free",

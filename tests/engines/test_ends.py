@@ -44,7 +44,9 @@ def outcomes(engine, ready, ticks, ends):
     own = None if ends is None else ends[np.minimum(np.arange(lanes), len(rows) - 1)]
     alone = Block(*ready.lanes(rows, lanes, harmless=True), None, ends=own)
     golden = kernel.run(alone, ready.columns)
-    block = Block(*ready.lanes(rows, lanes), golden.reference, ends=own)
+    last = None if own is None else np.full(lanes, own.max())  # a series that is shared goes on to the last end
+    series = kernel.run(dataclasses.replace(alone, ends=last), ready.columns).reference
+    block = Block(*ready.lanes(rows, lanes), series, ends=own)
     return [golden.outcomes, kernel.run(block, ready.columns).outcomes]
 
 

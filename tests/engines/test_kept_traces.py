@@ -25,7 +25,7 @@ def ready(**changes):
     table = {"campaign": {"name": "kept", "duration_s": 0.1}, "operator": {"motion": "reach"},
              "group": [{"name": "dac", "fault": [FAULT], "parameters": {"plant.mass_scale": [1.0, 1.1]}}]}  # fmt: skip
     made = plan.make(rj.load_campaign(table | changes))
-    return dataclasses.replace(made, program=traced.unrolled(made.program))
+    return dataclasses.replace(made, program=traced.printable(made.program))
 
 
 @pytest.fixture(scope="module")

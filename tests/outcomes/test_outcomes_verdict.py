@@ -118,8 +118,8 @@ def test_what_the_golden_run_has_by_then_does_not_count():
 
 @pytest.mark.slow
 def test_every_check_of_the_tick_has_its_definition(any_setup_and_state):
-    state = any_setup_and_state
-    assert tuple(run.checks(state)) == tuple(CHECKS)
+    setup, state = any_setup_and_state
+    assert tuple(run.checks(setup, state)) == tuple(CHECKS)
 
 
 @pytest.fixture(scope="module")
@@ -127,11 +127,12 @@ def any_setup_and_state():
     from ravenjax.robots.raven2.setup import RavenSetup
 
     setup = RavenSetup()
-    return run.init(setup, run.params(setup, ((0.4, 1.5, 0.4, 0.0, 0.0, 0.4, 0.4),)))
+    return setup, run.init(setup, run.params(setup, ((0.4, 1.5, 0.4, 0.0, 0.0, 0.4, 0.4),)))
 
 
 EVENTS = {
     "evades": lambda f: f["response"].isin(["silent", "limited"]) & (f["hazard"] == "unintended motion"),
+    "evades_built_in": lambda f: f["response"].isin(["silent", "limited"]) & (f["hazard"] == "unintended motion"),
     "unintended_motion": lambda f: f["hazard"] == "unintended motion",
     "loss_of_motion": lambda f: f["hazard"] == "loss of motion",
     "false_report": lambda f: f["hazard"] == "false report",

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from scipy.stats import poisson
 
-from ravenjax.stats.alarms.false_alarms import alarm_rate
+from ravenjax.stats.alarms.false_alarms import alarm_rate, ending_rate
 
 
 def test_known_poisson_interval():
@@ -27,3 +28,26 @@ def test_no_hours_have_no_rate():
     assert math.isnan(alarm_rate(0, 0.0).per_hour)
     with pytest.raises(ValueError, match="2 in 0 h"):
         alarm_rate(2, 0)
+
+
+def test_where_alarms_end_operations_their_rate_is_not_bounded_by_one_an_operation():
+    rng = np.random.default_rng(3)
+    per_hour, length = 40.0, 0.1  # four alarms an operation, were they not to end it
+    alarm = rng.random(4000) < 1 - np.exp(-per_hour * length)
+    # P(alarm) over P(none) times the hours of an operation
+    truth = (np.exp(per_hour * length) - 1) / length
+    rate = ending_rate(alarm, np.full(4000, length))
+    assert rate.low < truth < rate.high and rate.per_hour > 10 / length
+    assert rate.hours == pytest.approx(length * (~alarm).sum())
+
+
+def test_rare_alarms_that_end_operations_have_a_poisson_rate_nearly():
+    alarm = np.arange(2000) < 5
+    rate, plain = ending_rate(alarm, np.full(2000, 0.05)), alarm_rate(5, 100.0)
+    assert (rate.per_hour, rate.low, rate.high) == pytest.approx((plain.per_hour, plain.low, plain.high), rel=0.01)
+
+
+def test_no_hours_have_no_rate_and_alarms_alone_an_infinite_one():
+    assert np.isnan(ending_rate(np.zeros(0, bool), np.zeros(0)).per_hour)
+    rate = ending_rate(np.ones(5, bool), np.full(5, 0.1))
+    assert rate.per_hour == rate.high == np.inf and 0 < rate.low < np.inf

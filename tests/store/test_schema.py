@@ -15,6 +15,7 @@ import synthetic_results as synthetic
 from ravenjax.errors import StoreError
 from ravenjax.robots.raven2.checks import CHECKS
 from ravenjax.store import schema
+from ravenjax.vocabulary import checks
 
 SHAPE = synthetic.shape()
 
@@ -71,14 +72,17 @@ def test_value_that_the_type_cannot_hold_is_refused(name, value):
 def test_results_readme_describes_each_column():
     text = (Path(__file__).resolve().parents[2] / "results" / "README.md").read_text(encoding="utf-8")
     names = {"arms": ("<arm>",), "joints": ("<joint>",), "checks": ("<check>",), "parameters": ("<path>",)}
-    form = schema.Shape(**names, reacts=True, hand_yields=True, cables=True, detectors=(1,), observes=True)
+    own = (checks.of_own("mine", "usb_out", "stop"),)
+    form = schema.Shape(
+        **names, reacts=True, hand_yields=True, cables=True, detectors=(1,), observes=True, own_checks=own
+    )
     for column in schema.columns(form):
         name = re.sub("(fault|cue|applied|threshold)0", r"\1<k>", column.name).replace("detector0", "detector<d>")
         if name.startswith(schema.GOLDEN):
             assert f"`{name.removeprefix(schema.GOLDEN)}`" in text.partition("`golden_<column>`")[2]
         else:
             assert f"| `{name}` | {column.dtype} |" in text
-    for check, unit, what, action, _ in CHECKS.values():
+    for check, unit, what, action, *_ in CHECKS.values():
         assert f"| `{check}` | {unit} | {what} | {action} |" in text
     assert f"schema version {schema.VERSION} " in text
 

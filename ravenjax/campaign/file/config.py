@@ -16,17 +16,21 @@ from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.axis import Number
 from ravenjax.campaign.file.group import Cross, Fault, Group, Section, flatten_parameters
 from ravenjax.campaign.file.location import Complaint
-from ravenjax.campaign.file.sections import Campaign, Detector, Haptics, Outcomes, Stop
+from ravenjax.campaign.file.own_check import OwnCheck
+from ravenjax.campaign.file.sections import CampaignSection, Detector, Haptics, Outcomes, Stop
 from ravenjax.outcomes import events
 from ravenjax.parts import part
+from ravenjax.stages import own_checks
+from ravenjax.vocabulary.checks import Check, built_in_column
 from ravenjax.vocabulary.detectors import DetectorUse
+from ravenjax.vocabulary.parts import OwnSource
 from ravenjax.vocabulary.robot import Robot
 
 
 class CampaignConfig(Section):
     """A whole campaign file."""
 
-    campaign: Campaign
+    campaign: CampaignSection
     parameters: dict[str, Number] = Field(
         default_factory=dict, description="path = value, list or distribution; from = a file of robots"
     )
@@ -36,6 +40,7 @@ class CampaignConfig(Section):
     )
     haptics: Haptics = Haptics()
     detector: tuple[Detector, ...] = Field(default=(), description="observers that are scored")
+    check: tuple[OwnCheck, ...] = Field(default=(), description="checks of your own that stand in the loop")
     outcomes: Outcomes = Outcomes()
     stop: Stop | None = Field(default=None, description="when to stop; without it the whole table is computed")
     group: tuple[Group, ...] = Field(min_length=1, description="the runs")
@@ -77,9 +82,12 @@ class CampaignConfig(Section):
 
     def with_files(self, folder: Path) -> CampaignConfig:
         """Itself, the files that it names taken from `folder`. Raises UserError for one that cannot be used."""
-        if all(one.file is None for one in self.detector):
+        if not self.check and all(one.file is None for one in self.detector):
             return self
-        return self.model_copy(update={"detector": tuple(one.found(folder) for one in self.detector)})
+        detectors = tuple(one.found(folder) for one in self.detector)
+        return self.model_copy(
+            update={"detector": detectors, "check": tuple(one.located(folder) for one in self.check)}
+        )
 
     @property
     def detectors(self) -> tuple[tuple[str, DetectorUse, tuple[float, ...]], ...]:
@@ -89,13 +97,19 @@ class CampaignConfig(Section):
     @property
     def rules(self) -> events.Rules:
         """What it chooses of the definitions of outcomes."""
+        built_in = built_in_column(self.own_checks)
         cue, jump = self.outcomes.cue, f"jump_{self.outcomes.jump}"
-        return events.Rules(cue, self.haptics.cues()[cue].threshold_m * 1e3, jump, self.outcomes.limit_mm)
+        return events.Rules(cue, self.haptics.cues()[cue].threshold_m * 1e3, jump, self.outcomes.limit_mm, built_in)
 
     @property
     def robot(self) -> Robot:
-        """The robot that it is of."""
-        return robots.find(self.campaign.robot)
+        """The robot that it is of, with the campaign's own checks."""
+        return robots.find(self.campaign.robot).with_checks(self.own_checks)
+
+    @property
+    def own_checks(self) -> tuple[Check, ...]:
+        """Checks of one's own, in order."""
+        return tuple(one.check for one in self.check)
 
     @property
     def watches_cables(self) -> bool:
@@ -181,17 +195,26 @@ class CampaignConfig(Section):
             "cues": self.haptics.cues(),
             "outcomes": {"jump": "code", "cue": 0, **self.outcomes.model_dump(exclude_defaults=True)},
             **({"stops": stops} if (stops := self._stops()) else {}),
+            **({"checks": acting} if (acting := self._acting_checks()) else {}),
         }
 
     @property
     def own_ranges(self) -> bounds.Ranges:
-        """(path, what it may be) of each parameter of detectors with a file. Raises UserError for an unusable one."""
-        sources = [(one.name, source) for one in self.detector if (source := one.part) is not None]
-        return tuple(
-            (f"detectors.own.{name}.{path}", limits)
-            for name, source in sources
+        """(path, what it may be) of each parameter of parts with a file. Raises UserError for an unusable one."""
+        thresholds = tuple((f"checks.threshold.{one.name}", own_checks.THRESHOLD) for one in self.check)
+        return thresholds + tuple(
+            (f"{above}.{path}", limits)
+            for above, source in self.own_parts()
             for path, limits in part.quantities(source)
         )
+
+    def own_parts(self) -> Iterator[tuple[str, OwnSource]]:
+        """(beginning of its parameters' paths, code) of every file of one's own. Raises UserError."""
+        for one in self.detector:
+            if (source := one.part) is not None:
+                yield f"detectors.own.{one.name}", source
+        for check in self.check:
+            yield f"checks.own.{check.name}", check.part
 
     def _stops(self) -> list[Any]:
         """Detectors that act."""
@@ -199,6 +222,14 @@ class CampaignConfig(Section):
             [part.digest(use.part), use.consecutive, thresholds[0]]
             for _, use, thresholds in self.detectors
             if use.stops and use.part is not None
+        ]
+
+    def _acting_checks(self) -> list[Any]:
+        """Checks of one's own that do something."""
+        return [
+            [one.name, part.digest(one.part), one.at, one.acts, one.consecutive, one.threshold]  # paths have the name
+            for one in self.check
+            if one.acts != "watch"
         ]
 
 

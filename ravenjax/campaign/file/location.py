@@ -55,10 +55,15 @@ def read(path: Path) -> tuple[dict[str, Any], str]:
         text = path.read_text(encoding="utf-8-sig")  # some editors put a byte order mark first
     except (OSError, UnicodeDecodeError) as error:
         raise UserError(f"{path}: cannot be read: {error}. Expected a TOML file in UTF-8") from None
+    return parsed(text, str(path)), text
+
+
+def parsed(text: str, name: str) -> dict[str, Any]:
+    """The tables of a text in TOML; `name` says what it is of. Raises UserError."""
     try:
-        return tomllib.loads(text), text
+        return tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # ValueError also where a number has thousands of digits
-        raise UserError(f"{path}: not valid TOML: {error}") from None
+        raise UserError(f"{name}: not valid TOML: {error}") from None
 
 
 def message(error: Any, model: type[BaseModel], hint: str = "") -> str:

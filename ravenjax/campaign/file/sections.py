@@ -5,11 +5,8 @@ Keys, with units and ranges. Groups of runs are in `group`.
 
 from __future__ import annotations
 
-import functools
 import itertools
-import keyword
 import math
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypeVar
@@ -24,8 +21,9 @@ from pydantic import (
 )
 
 from ravenjax import robots
+from ravenjax.campaign.file import own_part
 from ravenjax.campaign.file.group import Section
-from ravenjax.errors import UserError, suggestion
+from ravenjax.errors import suggestion
 from ravenjax.outcomes import events
 from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
 from ravenjax.parts import part
@@ -33,7 +31,7 @@ from ravenjax.vocabulary.detectors import MEANINGS, BuiltInKind, DetectorUse, Fu
 from ravenjax.vocabulary.parts import OwnSource
 
 
-class Campaign(Section):
+class CampaignSection(Section):
     """[campaign]: what holds for every run. A robot may have more keys here: see its own."""
 
     robot: str = Field(
@@ -148,8 +146,6 @@ class Haptics(Section):
 MOST_THRESHOLDS = 64
 """Of a detector: each costs every run some time and two columns."""
 
-_IDENTIFIER = re.compile(rf"(?!(?:{'|'.join(keyword.kwlist)})$)[A-Za-z][A-Za-z0-9_]*")
-
 _UpTo8 = Annotated[int, Field(ge=1, le=8)]
 
 
@@ -168,7 +164,7 @@ class Detector(Section):
     )
     sha256: str | None = Field(
         default=None,
-        pattern="^[0-9a-f]{64}$",
+        pattern=own_part.SHA256,
         description="of that file and what it loads; another content is refused. Left out, any is taken",
     )
     acts: Literal["watch", "stop"] = Field(
@@ -193,7 +189,7 @@ class Detector(Section):
             raise ValueError(f"expected one of kind (built in) and file (your own), got {got}")
         if self.file is None and (self.acts != "watch" or self.sha256 is not None):
             raise ValueError("acts and sha256 belong to a detector with a file: remove them")
-        if self.file is not None and not _IDENTIFIER.fullmatch(self.name):
+        if self.file is not None and not own_part.IDENTIFIER.fullmatch(self.name):
             raise ValueError(
                 f"name = {self.name!r}, expected letters, digits and _, a letter first: parameters of its file are "
                 "called detectors.own.NAME"
@@ -225,13 +221,7 @@ class Detector(Section):
         """The code of its file; None for a built-in one. Raises UserError for one that is unusable or changed."""
         if self.file is None:
             return None
-        source = _read(self.name, self.file.absolute())
-        if self.sha256 not in (None, own := part.digest(source)):
-            raise UserError(
-                f"{self.file}: has changed since (sha256 {own[:16]}, expected {self.sha256[:16]}). "
-                "Restore it, or run the campaign into another folder"
-            )
-        return source
+        return own_part.source(self.name, self.file, self.sha256)
 
     def found(self, folder: Path) -> Detector:
         """Itself, its file taken from `folder` and known by its content."""
@@ -248,12 +238,6 @@ class Detector(Section):
         content = handler(self)
         of_files = () if self.file is not None else ("file", "sha256", "acts")
         return {key: value for key, value in content.items() if key not in of_files}
-
-
-@functools.lru_cache(maxsize=64)
-def _read(name: str, path: Path) -> OwnSource:
-    """A file as it is when it is first read: one process runs one code."""
-    return part.read(name, path)
 
 
 def _rate(raw: Any) -> Any:

@@ -7,6 +7,7 @@ drawn the ends are looked at here, each one when the fault table is made.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Sequence
 
 from ravenjax.campaign.file import bounds
@@ -25,6 +26,9 @@ from ravenjax.vocabulary.sites import Channel, Site
 ALL = "*"
 """`channel` that stands for every channel of the site."""
 
+OWN = re.compile(r"(detectors\.own|checks\.own|checks\.threshold|control\.own)\.")
+"""Beginning of the paths of parameters of parts of one's own."""
+
 LARGEST = 3.4028234663852886e38
 """Values are held in single precision."""
 
@@ -39,7 +43,7 @@ def complaints(config: CampaignConfig) -> Iterator[Complaint]:
         yield from _group(config, group, ("group", g))
     for key, table in parameter_tables(config):
         for path, axis in table.items():
-            more = config.own_ranges if path.startswith("detectors.own.") else ()
+            more = config.own_ranges if OWN.match(path) else ()
             yield from (((*key, path), message) for message in bounds.complaints(config.robot, path, axis, more))
 
 
@@ -59,7 +63,12 @@ def unfit_parameters(config: CampaignConfig, names: Iterable[str]) -> Iterator[C
 
 def _section_of(path: str, names: Sequence[str]) -> str:
     """What to add for a parameter that is there with another section of the file only."""
-    sections = {"reaction": "[reaction]", "hand": "[hand]", "detectors": "[[detector]]"}
+    sections = {
+        "reaction": "[reaction]",
+        "hand": "[hand]",
+        "detectors": "[[detector]]",
+        "checks": "[[check]]",
+    }
     first = path.partition(".")[0]
     section = None if any(name.startswith(f"{first}.") for name in names) else sections.get(first)
     return f": there is none without a section {section}; write one" if section else ""
@@ -108,6 +117,7 @@ def _campaign(config: CampaignConfig) -> Iterator[Complaint]:
     if list(arms) != [arm for arm in names if arm in arms]:
         yield ("campaign", "arms"), f"got {list(arms)}, expected each arm once, in the order {list(names)}"
     yield from config.complaints()
+    yield from _checks(config)
     yield from _together(config)
     if config.outcomes.cue >= len(config.haptics.cues()):
         count = len(config.haptics.cues())
@@ -115,6 +125,26 @@ def _campaign(config: CampaignConfig) -> Iterator[Complaint]:
 
     if config.stop is not None and "cable_overload" in config.stop.rates and not config.watches_cables:
         yield ("stop", "rates"), f"got 'cable_overload', {events.UNWATCHED}"
+
+
+def _checks(config: CampaignConfig) -> Iterator[Complaint]:
+    """Of [[check]]."""
+    seams, names = config.robot.check_seams, [check.name for check in config.check]
+    for c, check in enumerate(config.check):
+        if not seams:
+            yield (
+                ("check", c),
+                f"robot {config.robot.name!r} has no seam where a check of one's own may stand: remove it",
+            )
+        elif check.at not in seams:
+            yield ("check", c, "at"), unknown("seam", check.at, seams)
+        if names.index(check.name) != c:
+            yield ("check", c, "name"), f"got {check.name!r} twice, expected a name of its own for each check"
+        if check.name in config.robot.arms:
+            yield (
+                ("check", c, "name"),
+                f"got {check.name!r}, which is an arm: paths of its parameters could be read twice",
+            )
 
 
 def _group(config: CampaignConfig, group: Group, key: Key) -> Iterator[Complaint]:

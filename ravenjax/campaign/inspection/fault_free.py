@@ -7,7 +7,7 @@ shared by all runs of one operator and robot, and the same seed for longer begin
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +50,7 @@ def extend(
     record = manifest.read(folder)
     _require(record, hours)
     seconds, there = _length_s(record, hours), _hours(folder, record)
-    for name, raw in _campaigns(record, seconds):
+    for name, raw in campaigns(record.config, seconds):
         if there >= hours:
             return there
         path = folder / FOLDER / name
@@ -72,7 +72,6 @@ def extend(
 
 def _require(record: Manifest, hours: float) -> None:
     """UserError unless there are other motions to compute."""
-    operator = record.config["operator"]
     if not (math.isfinite(hours) and hours > 0):
         raise UserError(f"HOURS is {hours:g}, expected a number above 0, such as 7.4")
     if record.code_hash != manifest.code_hash(record.robot):
@@ -80,6 +79,12 @@ def _require(record: Manifest, hours: float) -> None:
             "the result was computed by another version of the code, whose false cues may be others; "
             "run the campaign anew into another folder first"
         )
+    require_others(record.config)
+
+
+def require_others(config: Mapping[str, Any]) -> None:
+    """UserError unless there are motions that the campaign of these tables did not have."""
+    operator = config["operator"]
     if operator.get("file"):
         raise UserError(
             f"the operator is a recording ({operator['file']}), which has no other motion to generate. "
@@ -92,13 +97,12 @@ def _require(record: Manifest, hours: float) -> None:
         )
 
 
-def _campaigns(record: Manifest, seconds: int) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Name and configuration of the fault-free campaign of each further motion, without end."""
-    own = record.config
+def campaigns(own: Mapping[str, Any], seconds: int) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Name and configuration of the fault-free campaign of each further motion, without end; `own`: the campaign."""
     group: dict[str, Any] = {"name": "fault_free"}
     if any(isinstance(value, dict) for table in ("parameters", "cross") for value in own.get(table, {}).values()):
         group |= {"design": "random", "runs": DRAWN}  # a distribution: draw the robots
-    base = own | {name: fault_free.without_reaction(own.get(name, {})) for name in ("parameters", "cross")}
+    base = {**own} | {name: fault_free.without_reaction(own.get(name, {})) for name in ("parameters", "cross")}
     base |= {"reaction": None, "stop": None, "group": [group]}
     motion, seed = own["operator"].get("motion") or "suture", int(own["operator"]["seed"])
     while True:
@@ -115,7 +119,7 @@ def _record(path: Path) -> Manifest | None:
 
 def _length_s(record: Manifest, hours: float) -> int:
     """Length of each run, s."""
-    config = validated(next(_campaigns(record, SHORTEST_S))[1])
+    config = validated(next(campaigns(record.config, SHORTEST_S))[1])
     wanted = hours * 3600 / (MOTIONS * design.count(config))
     return math.ceil(min(max(wanted + UNTIL_LIVE_S, SHORTEST_S), LONGEST_S))
 

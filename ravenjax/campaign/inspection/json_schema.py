@@ -149,7 +149,11 @@ def _parameters(robot: Robot, any_path: Schema) -> Schema:
     table = _node(tree, any_path)
     table["properties"][KEY] = {"description": "in [parameters]: a file whose robots are drawn", "type": "string"}
     first, rest = "|".join(map(re.escape, (*tree, KEY))), any_path["pattern"].partition("(\\.")
-    return table | {"propertyNames": {"pattern": f"^({first}){rest[1]}{rest[2]}"}}
+    return table | {"propertyNames": {"pattern": f"^({first}){rest[1]}{rest[2]}|^{_OWN}$"}}
+
+
+_OWN = r"((detectors|checks|control)\.own|checks\.threshold)(\.[A-Za-z][A-Za-z0-9_]*)+"
+"""Paths of parameters of parts of one's own: their names only their files know."""
 
 
 def _node(tree: Schema, any_path: Schema) -> Schema:

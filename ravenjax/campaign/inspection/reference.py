@@ -15,7 +15,7 @@ from ravenjax.campaign.file.axis import DISTRIBUTIONS, FORMS, LIST, Axis
 from ravenjax.campaign.file.config import config_class_of
 from ravenjax.campaign.file.group import DESIGNS, LEAST_MS, LONGEST_MS, UNTIL_END, Fault
 from ravenjax.campaign.file.onset import MEANINGS
-from ravenjax.campaign.file.sections import Campaign
+from ravenjax.campaign.file.sections import CampaignSection
 from ravenjax.campaign.loading import header, tables_of
 from ravenjax.hazards import library
 from ravenjax.hazards.expansion import KEYS
@@ -202,7 +202,7 @@ def _type(name: str, schema: Mapping[str, Any], model: type[BaseModel]) -> str:
     if items.get("type") == "object":
         return "list of tables"
     what = _type(name, items, model) if "enum" in items else kinds[items["type"]]
-    return f"list of {what}" if issubclass(model, Campaign) else f"{what}, or a list"
+    return f"list of {what}" if issubclass(model, CampaignSection) else f"{what}, or a list"
 
 
 def _axis(schema: Mapping[str, Any], model: type[BaseModel], name: str) -> str:

@@ -134,7 +134,7 @@ class SimdKernel:
     def _given(self, block: Block, lanes: np.ndarray, grouped: bool, first: int, last: int) -> np.ndarray:
         """The golden runs' series in these ticks: of a group, whose lanes share one, or of each lane."""
         series = self._traced.series
-        if block.reference is None:
+        if not block.compared or block.reference is None:
             return np.zeros((1, series) if grouped else (1, series, len(lanes)), self._dtype)
         some = dataclasses.replace(block, reference=block.reference[first:last])
         return np.ascontiguousarray(some.series(lanes[:1])[:, :, 0] if grouped else some.series(lanes))
@@ -246,11 +246,6 @@ def _from_slots(column: np.ndarray, dtype: np.dtype) -> np.ndarray:
     return column.view(np.int32 if dtype.kind == "b" else dtype)[:: 8 // max(4, dtype.itemsize)].astype(dtype)
 
 
-def _printed(program: TickProgram) -> TickProgram:
-    """`program` as it is printed: lanes are stopped from outside."""
-    return dataclasses.replace(traced.unrolled(program), ends=False)
-
-
 @dataclasses.dataclass(frozen=True)
 class SimdEngine:
     """All cores of a CPU, its widest vectors."""
@@ -272,8 +267,8 @@ class SimdEngine:
         """See `interface.Engine`. The block never depends on the chunk that results are stored in."""
         width, share = jit.host().width, -(-runs // self.threads)
         lanes = min(MAX_LANES, max(MIN_LANES, share // BLOCKS), share)
-        return SimdKernel(_printed(program), -(-lanes // width) * width, self.objects)
+        return SimdKernel(traced.printable(program), -(-lanes // width) * width, self.objects)
 
     def tracer(self, program: TickProgram, lanes: int) -> Tracer:
         """See `interface.Engine`. Lanes run one by one, to the same bits as in a campaign."""
-        return Tracer(SimdKernel(_printed(program), 1, self.objects, signals=True))
+        return Tracer(SimdKernel(traced.printable(program), 1, self.objects, signals=True))

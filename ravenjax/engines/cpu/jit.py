@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import dataclasses
 import hashlib
+import platform
 from collections.abc import MutableMapping, Sequence
 from functools import cache
 from typing import Any
@@ -55,6 +56,11 @@ def host() -> Host:
     return Host(llvm.get_host_cpu_name(), features)
 
 
+def portable() -> Host:
+    """Any CPU of this machine's kind."""
+    return Host({"x86_64": "x86-64"}.get(platform.machine(), "generic"), frozenset())
+
+
 class HostModule:
     """Compiled functions, for as long as this object lives."""
 
@@ -80,13 +86,19 @@ def compile(text: str, names: Sequence[str], objects: Objects | None = None) -> 
     key = hashlib.sha256("\n".join(source).encode()).hexdigest()
     code = objects.get(key) if objects is not None else None
     if code is None:
-        module = llvm.parse_assembly(text, llvm.create_context())
-        machine = _machine(target)
-        module.triple, module.data_layout = machine.triple, str(machine.target_data)
-        code = machine.emit_object(module)
+        code = emit(text, target)
         if objects is not None:
             objects[key] = code
     return HostModule(code, names)
+
+
+def emit(text: str, target: Host) -> bytes:
+    """An object file of a module's text, of position-independent code."""
+    host()  # LLVM is made ready
+    module = llvm.parse_assembly(text, llvm.create_context())
+    machine = _machine(target)
+    module.triple, module.data_layout = machine.triple, str(machine.target_data)
+    return machine.emit_object(module)
 
 
 def _machine(target: Host) -> Any:

@@ -56,6 +56,9 @@ class LlvmPrinter(Printing[Place]):
         if name == "lookup":
             return self._lookup(program, detail, inputs[0], tables)
         if name in ("select", "rarely"):
+            logic = any(program.operations[o].name in ("and", "or", "xor") for o in operands[1:])
+            if logic and dtype in ("int32", "uint32") and self.width > 1:
+                return self._chosen_apart(dtype, inputs)
             return self.op(f"select {self.type('bool')} {inputs[0]}, {self.pair(dtype, inputs[1:])}")
         constants = [program.operations[o].name == "constant" for o in operands]
         return self._computed(name, dtype, program.operations[operands[0]].dtype, inputs, constants)
@@ -143,6 +146,14 @@ class LlvmPrinter(Printing[Place]):
         self.lines.append(f"store {target}, align {size(dtype)}")
 
     # --- operations ---
+
+    def _chosen_apart(self, dtype: str, inputs: list[str]) -> str:
+        """A choice between bits, as one between floats. With AVX-512, LLVM 22.1 makes logic with a constant and the
+        choice after it into one instruction (a masked vpternlog) that may take the wrong bits."""
+        wide, real = self.type(dtype), self.type("float32")
+        sides = [self.op(f"bitcast {wide} {x} to {real}") for x in inputs[1:]]
+        result = self.op(f"select {self.type('bool')} {inputs[0]}, {self.pair('float32', sides)}")
+        return self.op(f"bitcast {real} {result} to {wide}")
 
     def _computed(self, name: str, dtype: str, source: str, x: list[str], constants: list[bool]) -> str:
         real = dtype.startswith("float")

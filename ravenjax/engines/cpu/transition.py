@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -112,12 +112,7 @@ class Compiled:
 
     def __init__(self, transitions: Mapping[str, StateTransition], objects: jit.Objects | None = None) -> None:
         """objects: where compiled code is kept."""
-        texts, declared = [], set[str]()
-        for name, transition in transitions.items():
-            printer = _printed(transition)
-            texts += [repeated(f"{name}_steps", _STEPS, printer, _MOVES), _called(name)]
-            declared |= printer.declared
-        text = "\n".join([*texts, *sorted(declared), BRANCH_WEIGHTS])
+        text = "\n".join([module_text(transitions, jit.host().features), *map(_called, transitions)])
         self._module = module = jit.compile(text, list(transitions), objects)
         self._functions = {
             (name, brief): module.function(name, [ctypes.c_void_p], brief)
@@ -138,18 +133,29 @@ class Compiled:
         return run if len(entering) else _nothing
 
 
+def module_text(transitions: Mapping[str, StateTransition], features: Set[str]) -> str:
+    """LLVM IR of a function NAME_steps for each transition, for a CPU with these features; see `STEPS`."""
+    texts, declared = [], set[str]()
+    for name, transition in transitions.items():
+        printer = _printed(transition, features)
+        texts.append(repeated(f"{name}_steps", STEPS, printer, _MOVES))
+        declared |= printer.declared
+    return "\n".join([*texts, *sorted(declared), BRANCH_WEIGHTS])
+
+
 def _nothing() -> None:
     """No rows, no steps."""
 
 
-_STEPS = (
+STEPS = (
     "ptr noalias %fixed, ptr noalias %state, ptr noalias %entering0, i64 %entering_bytes, ptr noalias %leaving0, "
     "i64 %leaving_bytes"
 )
+"""Parameters of NAME_steps before `i64 %count`: what is fixed, the state, rows in and out and bytes between two."""
 _MOVES = {"entering": "%entering_bytes", "leaving": "%leaving_bytes"}
 
 
-def _printed(transition: StateTransition) -> LlvmPrinter:
+def _printed(transition: StateTransition, features: Set[str]) -> LlvmPrinter:
     """The lines of one step."""
     program = lower(transition.jaxpr, functions="library")
     if program.tables:
@@ -163,7 +169,7 @@ def _printed(transition: StateTransition) -> LlvmPrinter:
     targets = [*transition.state.places("%state"), *transition.leaving.places("%leaving")]
     results = list(zip(program.outputs, targets, strict=True))
     order = [i for i in program.needed() if program.operations[i].name not in ("input", "constant")]
-    printer = LlvmPrinter(1, jit.host().features, "again")
+    printer = LlvmPrinter(1, frozenset(features), "again")
     printer.run(program, arrange(program.operations, order, program.outputs), sources, results)
     return printer
 

@@ -22,7 +22,8 @@ from ravenjax.engines.trunk import Trunk
 from ravenjax.ir.time_loop import TimeLoop, split
 
 CHUNK = 1000
-"""Ticks that one launch takes, at most."""
+"""Ticks that one launch takes, at most, but as many as there is room for where blocks run at different times: one waits
+for another no earlier than at the end of a launch."""
 ROW_WORDS = 2**25
 """Words that the rows of a chunk may take, at most."""
 
@@ -86,8 +87,9 @@ class CudaCode:
         self, lanes: Lanes, places: Places, course: BlockCourse, progress: Progress | None = None
     ) -> list[np.ndarray]:
         """Run lanes along `course`; their results, each [lanes]."""
+        chunk = course.last - course.first if self.grouped and course.scattered and lanes.out is None else CHUNK
         with DeviceSession(self.device) as session:
-            return _Run(self, session, lanes, places, course, CHUNK).results(progress)
+            return _Run(self, session, lanes, places, course, chunk).results(progress)
 
     def trunk(self, lanes: Lanes, places: Places, last: int) -> Trunk:
         """Run lanes of one group that are all the same golden run; its snapshots before tick `last`."""
@@ -121,7 +123,8 @@ class _Run:
             of_groups[:, k] = column[places.first]
         self.inputs, self.group_inputs = session.upload(packed), session.upload(of_groups)
         self.tables, self.group = session.upload(words(lanes.tables)), session.upload(places.group.view(np.uint32))
-        self.spans = session.upload(course.spans.view(np.uint32))
+        self.spans, self.ends = (session.upload(ticks.view(np.uint32)) for ticks in (course.spans, course.ends))
+        self.saved = session.room(self.total * source.saved)
         self.state = session.room(self.blocks * source.state * self.threads)
         self.group_state = session.room(self.groups * source.group_state)
         self.rows = [session.room(self.groups * self.chunk * source.row) for _ in range(2)]
@@ -164,7 +167,7 @@ class _Run:
                 marks.append(self._make_rows(k + 1, starts[k + 1]))
             session.wait(main, marks[k])
             self._leave_snapshot(1, code.lane_snapshot, code.source.state, main, self.state, k)
-            buffers = self.tables, self.given[k % 2], self.rows[k % 2], self.group, self.spans
+            buffers = self.tables, self.given[k % 2], self.rows[k % 2], self.group, self.spans, self.ends, self.saved
             session.launch(
                 code.lane_run, self.blocks, self.threads, main, self.inputs, self.state, *buffers, self.out,
                 self.total, first, count,
@@ -221,7 +224,7 @@ class _Run:
     def _finish(self) -> list[np.ndarray]:
         session, types = self.session, self.code.source.results
         results = session.room(len(types) * self.total)
-        buffers = self.inputs, self.state, self.group_state, self.group, results
+        buffers = self.inputs, self.state, self.saved, results
         session.launch(self.code.lane_finish, self.blocks, self.threads, session.main, *buffers, self.total)
         block = np.empty((len(types), self.total), np.uint32)
         session.read(block, results, session.main)

@@ -1,7 +1,7 @@
 """From which tick to which the blocks of threads of one launch run, and from which snapshots they go on.
 
 A block's threads begin a tick together, so a block begins with its earliest lane and stops with its last one. Before
-that a lane is its golden run; after its own end nothing of it changes.
+that a lane is its golden run; after its own end it waits.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ class BlockCourse:
     """Of the blocks of a launch."""
 
     spans: np.ndarray  # int32 [blocks, 2]: the first tick of each, and the first that it does not run
+    ends: np.ndarray  # int32 [threads]: the first tick that the thread's lane does not run
     snapshots: np.ndarray  # uint32 [snapshots, words], states of a lane from which warps go on
     snapshot: np.ndarray  # int32 [warps], that of each; -1: it begins as lanes do
     group_state: np.ndarray | None  # uint32 [groups, words], at tick `first`; None: as groups begin
@@ -38,6 +39,12 @@ class BlockCourse:
         """The first tick that none runs."""
         return int(self.spans[:, 1].max())
 
+    @property
+    def scattered(self) -> bool:
+        """Whether blocks run at such different times that in most ticks most of them do not."""
+        ticks = (self.spans[:, 1] - self.spans[:, 0]).sum(dtype=np.int64)
+        return 2 * ticks < len(self.spans) * (self.last - self.first)
+
     def lane_ticks(self, places: Places, first: int, until: int) -> int:
         """Ticks of all lanes together from tick `first` to before `until`."""
         blocks = len(self.spans)
@@ -45,11 +52,12 @@ class BlockCourse:
         return int(lanes @ np.maximum(np.minimum(self.spans[:, 1], until) - np.maximum(self.spans[:, 0], first), 0))
 
 
-def whole(places: Places, threads: int, ticks: int) -> BlockCourse:
-    """Every block from the first tick to before tick `ticks`."""
+def whole(places: Places, threads: int, ticks: int, ends: np.ndarray | None = None) -> BlockCourse:
+    """Every block from the first tick to before tick `ticks`, or its last lane's of `ends` (int [lanes])."""
     blocks = len(places.lane) // threads
-    spans = np.tile(np.array([0, ticks], np.int32), (blocks, 1))
-    return BlockCourse(spans, np.zeros((0, 0), np.uint32), np.full(len(places.group), -1, np.int32), None)
+    own_ends = np.full(len(places.lane), ticks, np.int32) if ends is None else ends[places.lane].astype(np.int32)
+    spans = np.stack([np.zeros(blocks, np.int32), own_ends.reshape(blocks, threads).max(axis=1)], axis=1)
+    return BlockCourse(spans, own_ends, np.zeros((0, 0), np.uint32), np.full(len(places.group), -1, np.int32), None)
 
 
 def between(
@@ -59,14 +67,15 @@ def between(
 
     acts, ends: int [lanes], as in `interface.Block`; trunks: of each group, with snapshots every `EVERY` ticks.
     """
-    earliest = acts[places.lane].reshape(-1, WARP).min(axis=1)
+    own_ends = ends[places.lane].astype(np.int32)
+    earliest = np.minimum(acts[places.lane], own_ends - 1).reshape(-1, WARP).min(axis=1)
     begins = np.zeros(len(earliest), np.int64)
     for number, trunk in enumerate(trunks):
         mine = places.group == number
         if trunk is not None:
             begins[mine] = trunk.begins(earliest[mine])
     begins = begins.reshape(-1, threads // WARP).min(axis=1)
-    spans = np.stack([begins, ends[places.lane].reshape(-1, threads).max(axis=1)], axis=1).astype(np.int32)
+    spans = np.stack([begins, own_ends.reshape(-1, threads).max(axis=1)], axis=1).astype(np.int32)
 
     at = np.repeat(begins // EVERY, threads // WARP)
     pairs, snapshot = np.unique(np.stack([places.group, at], axis=1), axis=0, return_inverse=True)
@@ -75,4 +84,5 @@ def between(
     snapshot = np.where(at > 0, order[snapshot.reshape(-1)], -1).astype(np.int32)
     first = int(begins.min()) // EVERY
     shared = np.stack([trunk.group[first] for trunk in trunks if trunk is not None]) if first else None
-    return BlockCourse(spans, np.stack(states) if states else np.zeros((0, 0), np.uint32), snapshot, shared)
+    snapshots = np.stack(states) if states else np.zeros((0, 0), np.uint32)
+    return BlockCourse(spans, own_ends, snapshots, snapshot, shared)

@@ -108,7 +108,7 @@ class CudaKernel:
             keep = self.signals or block.reference is None
             out = np.empty((ticks, len(code.source.outputs), lanes), np.uint32) if keep else None
             tick_inputs = _given(block, places, grouped)
-            course = whole(places, code.form.threads, ticks) if keep else self._course(block, places, grouped, code)
+            course = self._course(block, places, grouped, code, keep)
             outcomes = code.follow(Lanes(inputs, tick_inputs, tables, out), places, course, progress)
         finally:
             self._seats.put(device)
@@ -126,8 +126,11 @@ class CudaKernel:
         grouped = warps <= max(at_once, 2 * -(-len(group) // WARP))
         return place(group if grouped else np.zeros_like(group), form.threads), grouped
 
-    def _course(self, block: Block, places: Places, grouped: bool, code: CudaCode) -> BlockCourse:
+    def _course(self, block: Block, places: Places, grouped: bool, code: CudaCode, keep: bool) -> BlockCourse:
+        """keep: what goes out in each tick is asked for, from the first on."""
         lanes, ticks = len(places.thread), self.program.ticks
+        if keep:
+            return whole(places, code.form.threads, ticks, block.ends)
         acts = np.zeros(lanes, np.int32) if block.acts is None else block.acts
         ends = np.full(lanes, ticks) if block.ends is None else block.ends
         trunks = [block.trunk(lane) if grouped else None for lane in places.first.tolist()]
@@ -189,7 +192,7 @@ def _groups(columns: list[np.ndarray], lanes: int) -> np.ndarray:
 
 def _given(block: Block, places: Places, grouped: bool) -> np.ndarray:
     """The golden runs' series as the code reads it; empty, and then zero, where there are none."""
-    if block.reference is None:
+    if not block.compared:
         return np.zeros((0, 0, 0), np.float32)
     if grouped:
         return np.ascontiguousarray(block.series(places.first).transpose(2, 0, 1))
@@ -218,12 +221,12 @@ class CudaEngine:
         """See `interface.Engine`. Raises UserError where no GPU can run it."""
         require_float32(program.setup.precision)
         devices = cuda_device.devices()
-        return CudaKernel(traced.unrolled(program), block_lanes(runs, devices), devices, self.cubins)
+        return CudaKernel(traced.printable(program), block_lanes(runs, devices), devices, self.cubins)
 
     def tracer(self, program: TickProgram, lanes: int) -> Tracer:
         """See `interface.Engine`; the same bits as in a campaign."""
         require_float32(program.setup.precision)
-        return Tracer(CudaKernel(traced.unrolled(program), 1, cuda_device.devices()[:1], self.cubins, signals=True))
+        return Tracer(CudaKernel(traced.printable(program), 1, cuda_device.devices()[:1], self.cubins, signals=True))
 
 
 def require_float32(precision: Precision) -> None:

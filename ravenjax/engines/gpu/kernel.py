@@ -4,15 +4,18 @@ shared_begin    state of each group from its inputs; one thread a group
 shared_run      some ticks of each group: advances its state, writes a row of numbers a tick
 lane_begin      state of each lane from its inputs; one thread a lane
 lane_branch     state of the lanes of some warps from snapshots
-lane_run        the same ticks of each lane, reading its group's rows, from where its block begins to where that ends
+lane_run        the same ticks of each lane, reading its group's rows, from where its block begins to the lane's own end
 lane_finish     results of each lane
 group_snapshot  copies the state of the first group; one thread a number
 lane_snapshot   copies the state of the first lane; one thread a number
 
+A lane that has ended waits for the others of its block. What it shares with its group goes on, so its last tick leaves
+those numbers of the group's state that its results need in `saved`: a row has them, too.
+
 Every number takes a 32-bit word. Lanes come in whole blocks of threads, and the lanes of a warp are of one group.
-Inputs and results of lanes are [number, lane], their state is [block, number, thread]; buffers of groups are [group,
-number], rows [group, tick, number]. What goes in and out in each tick is [tick, number, lane], or [group, tick, number]
-where it is alike in a group.
+Inputs, `saved` and results of lanes are [number, lane], their state is [block, number, thread]; buffers of groups are
+[group, number], rows [group, tick, number]. What goes in and out in each tick is [tick, number, lane], or [group, tick,
+number] where it is alike in a group.
 """
 
 from __future__ import annotations
@@ -86,6 +89,7 @@ class KernelSource:
     tick_inputs: int  # numbers that enter each tick, the tick's own number aside
     state: int
     group_state: int
+    saved: int
     row: int
     shared_bytes: int  # of a block's shared memory
 
@@ -103,8 +107,9 @@ class _CudaModule:
         self.inputs, self.states = loop.lane_inputs, loop.states
         self.tick_inputs = len(loop.step.inputs) - loop.lane_inputs - loop.states - 1
         self.outputs = loop.step.outputs[loop.states :]
+        self.saved = self._finish_reads()
         self.in_row = self._row_order()
-        self.row = -(-len(split.row) // VECTOR) * VECTOR
+        self.row = -(-len(self.in_row) // VECTOR) * VECTOR
         self.far, self.in_shared = self._kept()
         self.lane_state = (*self.far, *self.in_shared)
         for program in (self.step, self.begin, self.finish):
@@ -128,6 +133,7 @@ class _CudaModule:
             tick_inputs=self.tick_inputs,
             state=len(self.lane_state),
             group_state=len(self.split.shared_state),
+            saved=len(self.saved),
             row=self.row,
             shared_bytes=-(-len(self.in_shared) // VECTOR) * VECTOR * 4 * self.form.threads,
         )
@@ -192,9 +198,16 @@ class _CudaModule:
         return tuple(next(parts)), tuple(next(parts))
 
     def _row_order(self) -> tuple[int, ...]:
-        """The numbers of a row, in the order of first use."""
+        """The numbers of a row: those that a tick reads in the order of first use, then what is saved besides."""
         _, first = self._reads()
-        return tuple(sorted(self.split.row, key=lambda i: first.get(i, -1)))
+        after = {self.step.outputs[k] for k in self.saved}.difference(self.split.row)
+        return (*sorted(self.split.row, key=lambda i: first.get(i, -1)), *sorted(after))
+
+    def _finish_reads(self) -> tuple[int, ...]:
+        """Numbers of a group's state that the results of its lanes need."""
+        operations = (self.finish.operations[i] for i in self.finish.needed())
+        read = {op.detail - self.inputs for op in operations if op.name == "input"}
+        return tuple(k for k in self.split.shared_state if k in read)
 
     def _state_in_loop(self) -> dict[int, str]:
         """The word that holds each number of a lane's state in the loop; four of a thread are neighbours."""
@@ -281,19 +294,25 @@ class _CudaModule:
             f"      out[((size_t)tick * {len(self.outputs)} + {k}) * lanes + lane] = o{k};"
             for k in range(len(self.outputs))
         ]
+        at_row = f"groups[lane / {WARP}] * (size_t)count"
+        place = {i: position for position, i in enumerate(self.in_row)}
+        after = [f"((const unsigned*)row)[{place[self.step.outputs[k]]}]" for k in self.saved]
         body = [
             "  const int begin = spans[2 * blockIdx.x] > first ? spans[2 * blockIdx.x] - first : 0;",
             "  const int last = spans[2 * blockIdx.x + 1] - first, end = last < count ? last : count;",
             "  if (begin >= end) return;",
-            *self._at_lane("inputs"),
+            *self._at_lane("inputs", "saved"),
+            "  const int own_end = ends[lane] - first;",
             "  extern __shared__ __align__(16) unsigned block_room[];",
             f"  unsigned* room = block_room + threadIdx.x * {VECTOR};",
             *(f"  const unsigned in{k} = {self._of_lane('inputs').format(k)};" for k in sorted(used)),
             *(f"  {word} = {stored};" for word, stored in near),
             *prologue,
-            f"  row += ((size_t)groups[lane / {WARP}] * count + begin) * {self.row // VECTOR};",
+            "  const Fours rows = row;",
+            f"  row += ({at_row} + begin) * {self.row // VECTOR};",
             f"  for (int tick = begin; tick < end; ++tick, row += {self.row // VECTOR}) {{",
             *(["    __syncthreads();"] if len(split.lane) >= form.in_step_from else []),
+            "    if (tick >= own_end) continue;",
             *(f'    asm volatile("" : "+r"({name}));  // the bits are to stay in one register' for name in packed),
             "    const int now = first + tick;",
             *(f"    unsigned o{k};" for k in range(len(self.outputs))),
@@ -301,10 +320,13 @@ class _CudaModule:
             *(["    if (out) {", *out, "    }"] if out else []),
             "  }",
             *(f"  {stored} = {word};" for word, stored in near),
+            "  if (own_end <= begin || own_end > count) return;",
+            f"  row = rows + ({at_row} + own_end - 1) * {self.row // VECTOR};",
+            *(f"  saved[{position} * (size_t)lanes] = {word};" for position, word in enumerate(after)),
         ]
         parameters = (
-            "Words inputs, Room state, Words tables, Words given, Fours row, Groups groups, Groups spans, "
-            "Room out, int lanes, int first, int count"
+            "Words inputs, Room state, Words tables, Words given, Fours row, Groups groups, Groups spans, Groups ends, "
+            "Room saved, Room out, int lanes, int first, int count"
         )
         return _kernel("lane_run", parameters, body, form.bounds)
 
@@ -327,16 +349,13 @@ class _CudaModule:
     def _lane_finish(self) -> str:
         printer = CudaPrinter()
         state = {k: self._stored(place) for place, k in enumerate(self.lane_state)}
-        state |= {k: f"group_state[{position}]" for position, k in enumerate(self.split.shared_state)}
+        state |= {k: self._of_lane("saved").format(position) for position, k in enumerate(self.saved)}
         sources = self._words(self.finish, self._of_lane("inputs"), state)
         template = self._of_lane("results")
         results = [(i, template.format(position)) for position, i in enumerate(self.finish.outputs)]
         printer.run(self.finish, self.finish.needed(), sources, results)
-        start = [
-            *self._at_lane("inputs", "results"),
-            f"  group_state += (size_t)groups[lane / {WARP}] * {len(self.split.shared_state)};",
-        ]
-        parameters = "Words inputs, Words state, Words group_state, Groups groups, Room results, int lanes"
+        start = self._at_lane("inputs", "saved", "results")
+        parameters = "Words inputs, Words state, Words saved, Room results, int lanes"
         return _kernel("lane_finish", parameters, [*start, *printer.lines], self.form.bounds)
 
     def _lane_branch(self) -> str:

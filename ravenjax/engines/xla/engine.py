@@ -138,7 +138,7 @@ class ScanKernel:
             outcomes: Any = {}
             chunks: list[Any] = []
             for first in range(0, ticks, self.length):
-                if block.reference is not None:
+                if block.compared:
                     reference = jnp.asarray(self._segment_of(block, first))
                 state, outcomes, *series = compiled(varied, faults, ends, state, jnp.int32(first), reference, columns)
                 if keep:

@@ -149,23 +149,31 @@ def timeline(one: Chain) -> Chart | None:
 
 def draw(one: Chain, path: Path) -> Path | None:
     """The timeline as a file (.svg, .png or .pdf); None where nothing differs."""
+    with matplotlib.rc_context(STYLE):
+        drawing = figure(one)
+        if drawing is None:
+            return None
+        kind = path.suffix.lstrip(".") or "svg"
+        metadata: Any = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
+        write_aside(path, lambda target: drawing.savefig(target, format=kind, dpi=160, metadata=metadata))
+    return path
+
+
+def figure(one: Chain) -> Figure | None:
+    """The timeline, drawn; None where nothing differs."""
     chart = timeline(one)
     if chart is None:
         return None
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(7.6, 1.6 + 0.17 * len(one.links)), layout="constrained")
-        axes = figure.subplots()
-        printed.draw(chart, axes)
-        axes.set_xlabel(chart.x.title)
-        axes.tick_params("y", labelsize=7.5)
-        figure.suptitle(chart.title, x=0.01, ha="left", fontsize=10, fontweight="bold")
-        lines = [textwrap.fill(text, LETTERS) for text in (sentences(one)[0], visible(one))]
-        axes.set_title("\n".join(lines), loc="left", x=0.0, fontsize=8, color="#3a424c")
-        figure.legend(loc="outside lower left", ncols=3, fontsize=8)
-        kind = path.suffix.lstrip(".") or "svg"
-        metadata: Any = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
-        write_aside(path, lambda target: figure.savefig(target, format=kind, dpi=160, metadata=metadata))
-    return path
+    drawing = Figure(figsize=(7.6, 1.6 + 0.17 * len(one.links)), layout="constrained")
+    axes = drawing.subplots()
+    printed.draw(chart, axes)
+    axes.set_xlabel(chart.x.title)
+    axes.tick_params("y", labelsize=7.5)
+    drawing.suptitle(chart.title, x=0.01, ha="left", fontsize=10, fontweight="bold")
+    lines = [textwrap.fill(text, LETTERS) for text in (sentences(one)[0], visible(one))]
+    axes.set_title("\n".join(lines), loc="left", x=0.0, fontsize=8, color="#3a424c")
+    drawing.legend(loc="outside lower left", ncols=3, fontsize=8)
+    return drawing
 
 
 _TIPS = {

@@ -50,10 +50,10 @@ def rates(runs: Runs, manifest: Manifest) -> list[RobotRate]:
 
 def drawn_whole(runs: Runs, manifest: Manifest) -> list[str]:
     """Columns of the parameters that make up a robot of a file; none where robots were not drawn whole."""
-    return [name for name in _columns(manifest.config) if name in runs.names]
+    return [name for name in columns(manifest.config) if name in runs.names]
 
 
-def _columns(config: Mapping[str, Any]) -> list[str]:
+def columns(config: Mapping[str, Any]) -> list[str]:
     """Columns of the parameters that make up a robot, of a campaign as its manifest has it."""
     return list(dict.fromkeys(f"param:{path}" for path in _paths(config)))
 

@@ -1,6 +1,6 @@
 """The Raven-II: one folder that declares arms, joints, sites and checks, and holds its tick.
 
-arms, sites, seams, checks, run_levels, layers, phases   the declaration, without JAX
+arms, sites, seams, signals, checks, run_levels, layers, phases   the declaration, without JAX
 setup        what picks code
 geometry     kinematics, transmission, limits, tools, gravity, and the operating scene
 original     the same with the operations of the original software in their order
@@ -20,7 +20,8 @@ from ravenjax.robots.raven2.arms import ARMS, JOINTS, LEADING, LINEAR
 from ravenjax.robots.raven2.checks import CHECKS
 from ravenjax.robots.raven2.layers import LAYERS
 from ravenjax.robots.raven2.phases import PHASES
-from ravenjax.robots.raven2.seams import SEAMS
+from ravenjax.robots.raven2.seams import CHECK_SEAMS, SEAMS
+from ravenjax.robots.raven2.signals import SIGNALS
 from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.robot import Robot
 
@@ -42,5 +43,7 @@ ROBOT = Robot(
     dead_man="pedal",
     tissue=True,
     phases=PHASES,
+    check_seams=CHECK_SEAMS,
     seams=SEAMS,
+    signals=SIGNALS,
 )

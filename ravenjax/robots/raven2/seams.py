@@ -90,3 +90,15 @@ _ALL = (
 
 SEAMS: dict[str, Seam] = {seam.name: seam for seam in _ALL}
 """Every seam in the order of the tick."""
+
+CHECK_SEAMS: dict[str, str] = {
+    "packet": "packets as received, before the software's own checks of them; limit drops one",
+    "mpos": "estimated motor positions",
+    "jpos": "measured joint positions, of which the tip's pose and inverse kinematics are made",
+    "jpos_d": "desired joints, of which motor control makes torques",
+    "tau_d": "desired torques, of which the DAC commands are made",
+    "current_cmd": "DAC commands before the overdrive check",
+    "checked_cmd": "DAC commands behind the overdrive check, before they are written to USB",
+    "usb_out": "the USB boards, behind the USB write: what arrives there of a command",
+}
+"""Where a check of one's own may stand, in the order of the tick."""

@@ -7,6 +7,7 @@ from typing import ClassVar, Literal
 
 from ravenjax.numbers import setup
 from ravenjax.robots.raven2.arms import JOINTS, LEADING, ArmName
+from ravenjax.vocabulary.parts import OwnSource
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,6 +27,7 @@ class RavenSetup(setup.Setup):
     packet_history: int = 0  # ms; where `packets`: how old those may be that faults of the network send again
     cables: Literal["unwatched", "unbreakable", "break"] = "unwatched"  # whether their load is an outcome; what it does
     command_delay: int = 0  # ms, the longest that a DAC command may take from USB write to motor
+    controller: tuple[tuple[str, OwnSource], ...] = ()  # (stage of `loop.replaced`, file of one's own in its place)
     explained: tuple[tuple[float, float] | None, ...] = ()  # normal range of each number that `loop.explained` compares
 
     def __post_init__(self) -> None:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.intervals import alpha_of
+from ravenjax.stats.intervals import alpha_of, clopper_pearson
 
 
 class AlarmRate(NamedTuple):
@@ -36,6 +36,23 @@ def alarm_rate(count: int, hours: float, confidence: float = 0.95) -> AlarmRate:
         return AlarmRate(0, 0.0, math.nan, math.nan, math.nan)
     low, high = rate_bounds(count, hours, confidence)
     return AlarmRate(int(count), float(hours), count / hours, float(low), float(high))
+
+
+def ending_rate(alarm: np.ndarray, hours: np.ndarray, confidence: float = 0.95) -> AlarmRate:
+    """Alarms per hour where an alarm ends its operation: what `stats.conformal.target` promises.
+
+    alarm: bool [operations], independent; hours: [operations] of the whole. Only hours of operations without an alarm
+    count, so the rate is not bounded by one an operation. The interval is the exact one of the share with an alarm,
+    turned into odds, over the mean hours of an operation without one; infinite where all had an alarm.
+    """
+    count, quiet = int(alarm.sum()), hours[~alarm]
+    if not hours.sum() > 0:
+        return AlarmRate(count, 0.0, math.nan, math.nan, math.nan)
+    share = clopper_pearson(count, len(alarm), confidence)
+    mean = float(quiet.mean() if quiet.any() else hours.max())
+    low, high = (end / (1.0 - end) / mean if end < 1.0 else math.inf for end in (share.low, share.high))
+    total = float(quiet.sum())
+    return AlarmRate(count, total, count / total if total else math.inf, low, high)
 
 
 def rate_bounds(count: ArrayLike, hours: ArrayLike, confidence: float = 0.95) -> tuple[np.ndarray, np.ndarray]:

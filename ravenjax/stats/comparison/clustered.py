@@ -19,7 +19,8 @@ from ravenjax.stats.intervals import Estimate, alpha_of, bounds
 
 Clusters = Sequence[np.ndarray]
 
-_DRAWS = 9999  # permutations drawn where there are more
+DRAWS = 9999
+"""Permutations drawn where there are more."""
 _NONE = Estimate(math.nan, math.nan, math.nan)
 
 
@@ -131,7 +132,7 @@ def permutation_p(first: Clusters, second: Clusters, *, is_paired: bool = False,
         difference,
         permutation_type="samples" if is_paired else "independent",
         vectorized=True,
-        n_resamples=_DRAWS,
+        n_resamples=DRAWS,
         rng=np.random.default_rng(seed),
     )
     return float(test.pvalue)

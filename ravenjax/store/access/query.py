@@ -147,7 +147,8 @@ def empty(aside: Path | None = None, memory_mb: int | None = None) -> ResultTabl
             },
         )
         closing.callback(connection.close)
-        connection.execute("SET enable_progress_bar = false")
+        with contextlib.suppress(duckdb.InvalidInputException):  # of a notebook without ipywidgets, which has none
+            connection.execute("SET enable_progress_bar = false")
         connection.execute("ATTACH ':memory:' AS aside (COMPRESS)")  # tables made on the way take a third of the room
         connection.execute("USE aside")
         return ResultTable(connection, closing.pop_all())

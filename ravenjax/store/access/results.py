@@ -33,6 +33,12 @@ class Results:
         schema.require_columns(self.shape, columns or ())
         return parts.concatenate([table if columns is None else table.select(columns) for table in self.tables])
 
+    def arrow(self, columns: Sequence[str] | None = None) -> pa.Table:
+        """The table, or some of its columns, as Arrow. Raises StoreError as `folder.read_all`."""
+        schema.require_columns(self.shape, columns or ())
+        names = None if columns is None else list(columns)
+        return pa.concat_tables(self._parts(names)).unify_dictionaries()
+
     def verdicts(self) -> dict[str, int]:
         """How many of the faulty runs have each verdict, most frequent first; "" is that of failed runs.
 
@@ -47,11 +53,11 @@ class Results:
             counts.update(words.of_arrow(table.column("verdict"))[faulty].counts())
         return {verdict: number for verdict, number in counts.most_common() if number}
 
-    def _parts(self, columns: list[str]) -> Iterator[pa.Table]:
-        """Columns of each part."""
+    def _parts(self, columns: list[str] | None) -> Iterator[pa.Table]:
+        """Columns of each part, by the first row; None: all of them."""
         if self.path is None:
-            yield from (table.select(columns) for table in self.tables)
+            yield from (table if columns is None else table.select(columns) for table in self.tables)
             return
         record = query.readable(self.path)
-        for part in record.parts:
+        for part in sorted(record.parts, key=lambda part: part.first):
             yield parts.read(self.path / folder.PARTS / part.file, record.config_hash, part, columns)

@@ -128,7 +128,7 @@ def _four(found: np.ndarray) -> tuple[bool, bool, bool, bool]:
     return bool(found[:, 0].any()), bool(found[:, 1].any()), bool(found[:, 2].any()), bool(found[:, 3].any())
 
 
-class Score(NamedTuple):
+class DetectionScore(NamedTuple):
     """A detector against the jumps of the runs it watched, in shares."""
 
     tpr: float  # of runs that jumped, those it told; NaN where none jumped
@@ -138,7 +138,7 @@ class Score(NamedTuple):
     f1: float
 
 
-def score(alarmed: Sequence[bool] | np.ndarray, jumped: Sequence[bool] | np.ndarray) -> Score:
+def score(alarmed: Sequence[bool] | np.ndarray, jumped: Sequence[bool] | np.ndarray) -> DetectionScore:
     """Of runs [n]. ValueError for lengths that differ."""
     alarmed, jumped = np.asarray(alarmed, bool), np.asarray(jumped, bool)
     if alarmed.shape != jumped.shape:
@@ -148,7 +148,7 @@ def score(alarmed: Sequence[bool] | np.ndarray, jumped: Sequence[bool] | np.ndar
     def share(part: float, whole: float) -> float:
         return part / whole if whole else math.nan
 
-    return Score(
+    return DetectionScore(
         tpr=share(hits, int(jumped.sum())),
         fpr=share(false, int((~jumped).sum())),
         precision=share(hits, hits + false),

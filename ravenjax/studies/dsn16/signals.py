@@ -34,7 +34,7 @@ def measure(path: Path, measured: Callable[[int, Series], T], rows: Sequence[int
     """
     compile_cache.enable()
     ready = plan.make(validated(manifest.read(path).config))
-    kernel = SimdKernel(traced.unrolled(ready.program), 1, compile_cache.objects(), signals=True)
+    kernel = SimdKernel(traced.printable(ready.program), 1, compile_cache.objects(), signals=True)
 
     def one(row: int) -> T:
         _, signals = kernel.run_signals(Block(*ready.lanes([row], 1), None), ready.columns)

@@ -91,7 +91,7 @@ class _Code:
     def __init__(self, ready: Plan) -> None:
         from ravenjax.numbers.lazy import jax
 
-        self.program = traced.unrolled(ready.program)
+        self.program = traced.printable(ready.program)
         self.width = jit.host().width
         trace = traced.trace(self.program, self._block(ready, [0]), ready.columns)
         leaves, structure = jax.tree.flatten(trace.signals)

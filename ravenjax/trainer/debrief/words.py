@@ -23,7 +23,7 @@ RESPONSES = {
     "continue": ("carried on", "carry on"),
 }
 """What the operator did, and what was to be done."""
-SIGNS = {"tip": "the measured tip", "runlevel": "the robot left pedal-down by itself"}
+SIGNS = {"tip": "the tip's motion", "runlevel": "the robot left pedal-down by itself"}
 """What could give a hazard away, as the judge names it; else the name of a check."""
 CHECKS = {
     "stopped": "A check stopped the robot",
@@ -138,7 +138,7 @@ def steps(hazard: HazardRow, blinded: bool) -> list[Step]:
     """The course of one hazard in order of time; what never came stands last. Nothing of the cue where blinded."""
     after = hazard.after
     entries = {
-        "knowable": ("could be known", sign(hazard), "not from what the robot measures"),
+        "knowable": ("could be known", sign(hazard), "not by a person"),
         "cue": ("the cue", "", "did not come" if hazard.cue == "on" else "was off"),
         "alarm": ("the robot's alarm", check_name(hazard.alarm), "none"),
         "response": ("the operator", did(hazard.response) if hazard.response else "", _no_response(hazard)),
@@ -164,7 +164,7 @@ def sentence(hazard: HazardRow, blinded: bool) -> str:
         when = f"after {milliseconds(after['knowable'])}" if after["knowable"] >= 0.5 else "at once"
         parts.append(f"Anyone could have known {when}{by}.")
     else:
-        parts.append("Nothing that the robot measures gave it away.")
+        parts.append("Nothing that a person can see gave it away.")
     cue = not blinded and "cue" in after
     parts.append((f"The cue came after {milliseconds(after['cue'])}; " if cue else "") + _response(hazard))
     ending = OUTCOMES.get(hazard.outcome, hazard.outcome) or "how it ended is not known"

@@ -11,16 +11,28 @@ the robot is when the hazard is armed:
 - The columns `unintended_mm` to `false_report_first_ms` are the result table's of these names, from the strike on.
 - `cue_ms`: when the operator first felt the cue, where the golden run has had none since the strike.
 
-**First possible knowledge** (`knowable_ms`): the first tick in which what the robot reports could not be without the
-fault: its measured tip is more than `KNOWN_MM` from the golden run's ("tip"), it left pedal-down by itself
-("runlevel"), or a check told a person (its name). Reaction times count from the earliest of knowledge, cue and alarm.
-Knowledge is never the latest of them, so the origin is the same with the cue and without it.
+**First possible knowledge** (`knowable_ms`): the first tick in which a person at the console could have known. Seen:
+the tip, as reported or as it truly is, is `SEEN_MM` or more from where it would be without the fault ("tip"), or the
+robot left pedal-down by itself ("runlevel"); told: a check told a person (its name). Micrometres that only a computer
+could tell apart are not knowledge. Felt is the cue, from its onset: at its published threshold it begins with a
+quarter of its largest force. Reaction times count from the earliest of knowledge, cue and alarm.
+
+**Nobody's failure**: `ACTS_MS` after that at the soonest a person can have acted. What a fault has done until then no
+operator could have prevented, and none answers for it.
 
 **Response**: the operator's first right one, from that origin on, within the time for it; else the first of another
 kind. An operator who slows down may only have arrived, so a slow-down counts only where it is right.
 
+**Interrupted**: a pause, a reset, a disarming or an end by others, a console that the instructor handed over or that
+fell silent, a lost link, an E-stop that another pressed. An operator who gives the console away, takes another or
+leaves (closes or reloads the page) does so on their own: the pedal, if it was down, is released, and nothing is cut
+off. What is not the operator's never scores: a hazard that it cut off before it was decided (harm done, a right
+response given, or the time for one up) counts for nothing, and no later response to it does.
+
 **Outcome**, the first that holds:
 
+- `interrupted`: as above.
+- `unavoidable`: as `harm`, but before any person could have acted.
 - `harm`: the true tip made an unintended motion of more than `[harm] excursion_mm`, live or not, or the fault drove it
   more than `[harm] depth_mm` deeper into the tissue.
 - `avoided`: a right response in time.
@@ -28,9 +40,10 @@ kind. An operator who slows down may only have arrived, so a slow-down counts on
 - `unaffected`: no distance of `AFFECTED_MM`, no hazard, no cue.
 - `missed`: none of these.
 
-**Score**: 50 for the response and 50 for the patient. Response: 50 up to `FASTEST_MS`, from there down to 25 at the end
-of its time, 0 without a right one. Patient: 50 times what is left of the way to harm, 1 - max(unintended motion / its
-limit, depth / its limit). An unaffected hazard is not scored.
+**Score**: 50 for the response and 50 for the patient. Response: 50 up to `FASTEST_MS`, from there down to 25 at the
+end of its time, 0 without a right one. Patient: 50 times what is left of the way to harm that was left when a person
+could first have acted, the least of unintended motion and depth; of the whole way where harm was done before. A
+hazard that is unaffected or interrupted is not scored.
 
 **Times** of a row (`row.HazardRow`) are ms since the session began, reaction_ms from the origin above, halted_ms and
 golden_halted_ms (the golden run's) durations. None is empty: it never happened. `hazard` is the id in the library.
@@ -48,12 +61,15 @@ from ravenjax.outcomes import verdict
 from ravenjax.trainer.scenario import Armable, Harm
 from ravenjax.vocabulary.checks import Check
 
-KNOWN_MM = 0.002
-"""Resolution of knowledge: measured tips are whole micrometres, truncated along each axis, so that two of the same tip
-differ by at most sqrt(3) um."""
-
 AFFECTED_MM = 1.0
 """A distance that counts as an effect: what expert surgeons called a jump (DSN'16, text)."""
+
+SEEN_MM = AFFECTED_MM
+"""A distance that a person at the console can see of a tip that moves: the surgeons' jump, for want of a measurement.
+An eye at 0.6 m resolves 0.2 mm on the screen (one arc minute), but has no golden run beside the tip to compare with."""
+
+ACTS_MS = 150.0
+"""Nobody acts sooner: a simple reaction to a touch, the fastest there is here, takes 150 to 300 ms."""
 
 FASTEST_MS = 250.0
 """Nothing is taken off for reactions up to it: a simple reaction to a touch takes 150 to 300 ms, and the same as
@@ -98,7 +114,9 @@ class Episode:
         self.first_ms: dict[str, int] = {}  # when one of `DISTANCES` first exceeded the limit
         self.deepest_mm = -math.inf
         self.driven_mm = 0.0  # into the tissue, by the fault
+        self._spared_mm = [0.0, 0.0]  # of farthest and driven: what was done before a person could have acted
         self.responses: dict[str, int] = {}  # kind -> ms of the first
+        self.interrupted = False
 
     @property
     def struck(self) -> bool:
@@ -139,10 +157,18 @@ class Episode:
         if name.startswith("unintended") and mm > self.farthest_mm and not self.hazard.arm:
             self.arm = arm
         self.peak_mm[name] = mm
+        if self._beyond_anyone(tick):
+            self._spared_mm[0] = self.farthest_mm
         if name in DISTANCES and mm > self.harm.excursion_mm and name not in self.first_ms:
             self.first_ms[name] = tick
             return True
         return False
+
+    def drive(self, tick: int, mm: float) -> None:
+        """The fault has driven the tip so much deeper into the tissue than it was at the strike."""
+        self.driven_mm = max(self.driven_mm, mm)
+        if self._beyond_anyone(tick):
+            self._spared_mm[1] = self.driven_mm
 
     def halt(self, halted_ms: int, golden_halted_ms: int) -> bool:
         """Time since the strike in which the pedal was held and the robot not live, its own and the golden run's;
@@ -154,9 +180,25 @@ class Episode:
 
     def respond(self, tick: int, what: str) -> bool:
         """Take a response; False where it is none: before anything could be known, or not the first of its kind."""
-        if self.origin_ms is None or tick < self.origin_ms or what in self.responses:
+        if self.interrupted or self.origin_ms is None or tick < self.origin_ms or what in self.responses:
             return False
         self.responses[what] = tick
+        return True
+
+    def decided(self, tick: int) -> bool:
+        """Whether nothing from this tick on can make its outcome better: harm, a right response, or too late."""
+        if self._harmed() and not self._unavoidable():
+            return True
+        late = self.origin_ms is not None and tick - self.origin_ms > self.hazard.within_s * 1000.0
+        if CONTINUE in self.hazard.right_response:
+            return late or any(what != "slow" for what in self.responses)
+        return late or self.answer()[1]
+
+    def interrupt(self, tick: int) -> bool:
+        """Something cuts it off that is not the operator's; whether that leaves it undecided, for the first time."""
+        if not self.struck or self.interrupted or self.decided(tick):
+            return False
+        self.interrupted = True
         return True
 
     def right(self, what: str) -> bool:
@@ -184,8 +226,12 @@ class Episode:
         return motion_hazard(self.first_ms, self.halted_ms, self.golden_halted_ms, self.check_response == "stopped")
 
     def outcome(self) -> str:
-        """One of harm, avoided, halted, unaffected, missed."""
-        if self.farthest_mm > self.harm.excursion_mm or self.driven_mm > self.harm.depth_mm:
+        """One of interrupted, unavoidable, harm, avoided, halted, unaffected, missed."""
+        if self.interrupted:
+            return "interrupted"
+        if self._unavoidable():
+            return "unavoidable"
+        if self._harmed():
             return "harm"
         if self.answer()[1]:
             return "avoided"
@@ -197,7 +243,7 @@ class Episode:
 
     def score(self) -> float | None:
         """0 to 100, None where there was nothing to be done and nothing was."""
-        if self.outcome() == "unaffected":
+        if self.outcome() in ("unaffected", "interrupted"):
             return None
         what, ok = self.answer()
         response = 0.0
@@ -205,7 +251,7 @@ class Episode:
             limit = max(self.hazard.within_s * 1000.0 - FASTEST_MS, 1.0)
             late = 0.0 if what == CONTINUE else max(self.reaction_ms(what) - FASTEST_MS, 0.0)
             response = 1.0 - 0.5 * min(late / limit, 1.0)
-        used = max(self.farthest_mm / self.harm.excursion_mm, self.driven_mm / self.harm.depth_mm)
+        used = max(_share(*one) for one in zip(self._done_mm(), self._spared_mm, self._limits_mm(), strict=True))
         return round(50.0 * response + 50.0 * max(0.0, 1.0 - used), 1)
 
     def row(self) -> dict[str, Any]:
@@ -257,6 +303,27 @@ class Episode:
             "deepest_mm": round(self.deepest_mm, 4) if math.isfinite(self.deepest_mm) else None,
         }
 
+    def _done_mm(self) -> tuple[float, float]:
+        return self.farthest_mm, self.driven_mm
+
+    def _limits_mm(self) -> tuple[float, float]:
+        return self.harm.excursion_mm, self.harm.depth_mm
+
+    def _harmed(self) -> bool:
+        return any(mm > limit for mm, limit in zip(self._done_mm(), self._limits_mm(), strict=True))
+
+    def _unavoidable(self) -> bool:
+        return any(mm > limit for mm, limit in zip(self._spared_mm, self._limits_mm(), strict=True))
+
+    def _beyond_anyone(self, tick: int) -> bool:
+        """Whether no person could have acted on it yet."""
+        return self.origin_ms is None or tick < self.origin_ms + ACTS_MS
+
     def _originate(self, tick: int) -> None:
         if self.origin_ms is None or tick < self.origin_ms:
             self.origin_ms = tick
+
+
+def _share(done: float, spared: float, limit: float) -> float:
+    """Of the way to a limit that was left, how much was gone since; of the whole way where none was left."""
+    return (done - spared) / (limit - spared if spared < limit else limit)

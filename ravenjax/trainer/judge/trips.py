@@ -21,6 +21,7 @@ class Trip(NamedTuple):
     ms: int  # of the session; exact for the check's first trip of the run, else that of the look
     beyond_golden: bool  # it has tripped more often than in the golden run by now
     announced: bool  # not for `QUIET_MS` before
+    count: int  # in the session so far
 
 
 class Trips:
@@ -28,6 +29,7 @@ class Trips:
 
     def __init__(self) -> None:
         self._counts: dict[str, int] = {}
+        self._earlier: dict[str, int] = {}  # before the robot last began anew
         self._last: dict[str, int] = {}  # session's ms of the last trip
 
     def look(
@@ -49,10 +51,13 @@ class Trips:
                 ms = tick - (robot_tick - first)
             usual = 0 if golden is None else int(golden[f"check_{name}_count"])
             announced = ms - self._last.get(name, -math.inf) > QUIET_MS
-            trips.append(Trip(ROBOT.check(name), ms, count > usual, announced))
+            total = self._earlier.get(name, 0) + count
+            trips.append(Trip(ROBOT.check(name), ms, count > usual, announced, total))
             self._last[name] = tick
         return sorted(trips, key=lambda trip: trip.ms)
 
     def reset(self) -> None:
         """The robot begins anew, and its counts with it."""
+        for name, count in self._counts.items():
+            self._earlier[name] = self._earlier.get(name, 0) + count
         self._counts = {}

@@ -1,12 +1,13 @@
 """Watches a session tick by tick: reports what happens as events, and writes a row about each hazard.
 
-What the words of a row mean is in `episode`. Responses: `release`: the pedal comes up (not by a dead console);
+What the words of a row mean is in `episode`. Responses: `release`: the pedal comes up (not by a dead console; also by
+an operator who gives the seat away or leaves);
 `slow`: the hands go at a quarter of their speed, for a second (`pace`); `restart`: the operator restarts a robot that
 does not follow; `stop`: the E-stop button; `convert`: a note that says "convert" (the page's button sends one).
 
-A check that tells a person or stops the robot is an event "alarm", for everybody. The first check of each kind of
-response to the hazard at work is an event of that name ("stopped", "flagged", "limited"), for the instructor's log: of
-"limited" nobody else is told.
+A check that tells a person or stops the robot is an event "alarm", for everybody, and while it keeps tripping a count
+("alarm_count"). The first check of each kind of response to the hazard at work is an event of that name ("stopped",
+"flagged", "limited"), for the instructor's log: of "limited" nobody else is told.
 """
 
 from __future__ import annotations
@@ -15,10 +16,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ravenjax.outcomes import verdict
-from ravenjax.trainer.judge.episode import KNOWN_MM, PEAKS, Episode
+from ravenjax.trainer.judge.episode import PEAKS, SEEN_MM, Episode
 from ravenjax.trainer.judge.pace import Pace
 from ravenjax.trainer.judge.row import COLUMNS
-from ravenjax.trainer.judge.trips import Trips
+from ravenjax.trainer.judge.trips import Trip, Trips
 from ravenjax.trainer.protocol.frame import Frame
 from ravenjax.trainer.scenario import Armable, Scenario
 
@@ -26,6 +27,8 @@ Event = dict[str, Any]
 
 CUE_QUIET_MS = 250
 """A force that comes and goes around its threshold is one cue until it was away for so long."""
+COUNT_EVERY_MS = 1000
+"""At most so often it is told how many times a check has tripped that keeps tripping."""
 _OF_MOTION = ("release", "slow")
 """Responses to a robot that moves: once it has halted by itself they avoid nothing and do not count."""
 _COMMON = (
@@ -34,6 +37,10 @@ _COMMON = (
 )
 _EVENTS = {"unintended": "unintended_motion", "loss": "loss_of_motion", "false_report": "false_report"}
 """Event of each distance that exceeds the limit; names of `ravenjax.outcomes.events`."""
+
+
+SEEN = ("known", "unintended", "unintended_off", "loss")
+"""Distances that a person may see: of the reported tip from the golden run's, and of the true one."""
 
 
 class Judge:
@@ -46,12 +53,15 @@ class Judge:
         self._episode: Episode | None = None
         self._over: list[Episode] = []
         self._trips = Trips()
+        self._alarms: dict[str, int] = {}  # trips of checks that were not told of yet
+        self._counted_at: dict[str, int] = {}  # tick in which a check was last told of
         self._pace = Pace(scenario.scale)
         self._columns: tuple[int, ...] = ()
         self._arms: tuple[_Arm, ...] = ()
         self._pedal = False
         self._was_down = False  # the robot followed when the hazard struck, and the pedal is held since
         self._pressed = False  # the operator pressed the E-stop
+        self._walked = False  # the operator has given the seat away or left, and nobody has driven since
         self._live = False
         self._ticks = (0, 0)  # the last one, of session and robot
         self._golden_cue = False  # the cue has pulled in the golden run since the strike
@@ -80,9 +90,33 @@ class Judge:
             arm.reset()
         return events
 
-    def close(self, tick: int) -> list[Event]:
+    def close(self, tick: int, reason: str = "end") -> list[Event]:
         """The session is over."""
-        return self._close(tick)
+        counts = [
+            {"tick": tick, "kind": "alarm_count", "check": name, "count": count} for name, count in self._alarms.items()
+        ]
+        return [*counts, *self.interrupted(tick, reason), *self._close(tick)]
+
+    def interrupted(self, tick: int, by: str) -> list[Event]:
+        """Something that is not the operator's cuts the hazard at work off; one that is decided already stays so."""
+        episode = self._episode
+        if episode is None or not episode.interrupt(tick):
+            return []
+        return [{"tick": tick, "kind": "interrupted", "number": episode.hazard.number, "by": by}]
+
+    def lifted(self, tick: int, why: str) -> list[Event]:
+        """The pedal comes up before this tick, and not by the operator's foot: nobody has released it."""
+        self._pedal = False
+        return [] if why == "silent" and self._walked else self.interrupted(tick, why)
+
+    def walked_away(self) -> None:
+        """The operator gives the seat away or leaves: a pedal that was down is released, and that nobody is heard of
+        until it is down again cuts nothing off. Else who does not know what to do would do that."""
+        self._walked = True
+
+    def stood_by(self) -> None:
+        """A robot that waited, at rest and without a hazard, begins its waiting anew."""
+        self._trips.reset()
 
     def command(self, message: Mapping[str, Any], tick: int) -> list[Event]:
         """What the operator does besides moving."""
@@ -124,8 +158,11 @@ class Judge:
             events += self.look(outcomes, golden)
         self._feel(tick, row, alive, events)
         if episode is not None and episode.struck:
+            if not alive and not self._walked:
+                events += self.interrupted(tick, "console")
             self._watch(tick, row, pedal, alive, episode, events)
         self._pedal = pedal != 0.0
+        self._walked = self._walked and not self._pedal
         return events
 
     def look(self, outcomes: Mapping[str, Any], golden: Mapping[str, Any] | None = None) -> list[Event]:
@@ -143,14 +180,24 @@ class Judge:
                 ms = max(ms, episode.struck_ms or 0)
             first = episode is not None and trip.beyond_golden and episode.trip(ms, check)
             tells = check.response in verdict.TOLD
-            if tells and (first or trip.announced):
-                events.append({"tick": tick, "kind": "alarm", "check": check.name})
+            if tells:
+                events += self._tell_alarm(tick, trip, first or trip.announced)
             if episode is not None and first:
                 number = episode.hazard.number
                 events.append({"tick": tick, "kind": check.response, "number": number, "check": check.name, "ms": ms})
                 if tells:
                     self._know(tick, ms, check.name, episode, events)
         return events
+
+    def _tell_alarm(self, tick: int, trip: Trip, anew: bool) -> list[Event]:
+        """A check that keeps tripping is told once, and then how often, at most once a second."""
+        name, count = trip.check.name, trip.count
+        self._alarms[name] = count
+        if not anew and tick - self._counted_at.get(name, 0) < COUNT_EVERY_MS:
+            return []
+        self._counted_at[name] = tick
+        del self._alarms[name]
+        return [{"tick": tick, "kind": "alarm" if anew else "alarm_count", "check": name, "count": count}]
 
     # --- what it makes of it ---
 
@@ -229,7 +276,7 @@ class Judge:
             events += self._respond(tick, "slow", self._pace.slowed)
 
     def _measure(self, tick: int, row: list[float], arm: _Arm, episode: Episode, events: list[Event]) -> None:
-        if row[arm.known] > KNOWN_MM:
+        if episode.knowable_ms is None and any(row[place] >= SEEN_MM for place in arm.seen):
             self._know(tick, tick, "tip", episode, events)
         peaks, number = episode.peak_mm, episode.hazard.number
         for name, place in arm.distances:
@@ -246,7 +293,7 @@ class Judge:
         if depth > episode.deepest_mm:
             episode.deepest_mm = depth
         # the fault drove the tip no deeper than it moved it
-        episode.driven_mm = max(episode.driven_mm, min(unintended, depth - arm.depth_at_strike))
+        episode.drive(tick, min(unintended, depth - arm.depth_at_strike))
 
     def _know(self, tick: int, at: int, by: str, episode: Episode, events: list[Event]) -> None:
         if episode.knowable_ms is None:
@@ -285,16 +332,17 @@ class _Arm:
     """Where an arm's numbers stand in a row, and what is remembered of it."""
 
     __slots__ = (
-        *("depth", "depth_at_strike", "distances", "error", "force", "hand", "known", "last_force", "name"),
-        "unintended",
+        *("depth", "depth_at_strike", "distances", "error", "force", "hand", "last_force", "name"),
+        *("seen", "unintended"),
     )
 
     def __init__(self, frame: Frame, name: str) -> None:
         places = frame.layout.places
         self.name = name
-        self.error, self.depth, self.known, self.unintended = (
-            places[f"{name}/{channel}_mm"].start for channel in ("error", "depth", "known", "unintended")
+        self.error, self.depth, self.unintended = (
+            places[f"{name}/{channel}_mm"].start for channel in ("error", "depth", "unintended")
         )
+        self.seen = tuple(places[f"{name}/{channel}_mm"].start for channel in SEEN)
         self.distances = tuple((channel, places[f"{name}/{channel}_mm"].start) for channel in PEAKS)
         self.force, self.hand = (places[f"{name}/{channel}"] for channel in ("force", "hand"))
         self.reset()

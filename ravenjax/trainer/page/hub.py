@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import hmac
 import json
 import time
 from collections import Counter
@@ -22,20 +23,23 @@ from ravenjax.trainer.page.door import query
 from ravenjax.trainer.page.inbox import Inbox, RefusedMessage
 from ravenjax.trainer.page.sight import Sight
 from ravenjax.trainer.protocol import messages
-from ravenjax.trainer.protocol.frame import PHASES, VIEWS, FrameLayout
+from ravenjax.trainer.protocol.frame import CONSOLES, PHASES, VIEWS, FrameLayout
 from ravenjax.trainer.realtime.ring import Ring, put_json
 
 MOST_PER_S = 400  # messages of one window; a gamepad at 144 Hz with all keys stays below
 KEPT_EVENTS = 1000
-RELEASE = {"type": "input", "source": "keyboard", "pedal": False, "arms": {}}
-"""What is said for an operator whose window is gone."""
+_SIGNED = ("operator", "seat")
+"""Commands that say which role they come from, where that is not the operator."""
+LEFT = {"type": "seat", "do": "left"}
+"""What is said for an operator whose window is gone: its pedal is up, which counts as a release."""
 
 
 class Client:
     """One window's socket."""
 
-    def __init__(self, connection: ServerConnection, role: str, window: str) -> None:
-        self.connection, self.role, self.window = connection, role, window
+    def __init__(self, connection: ServerConnection, role: str, window: str, instructs: bool) -> None:
+        """instructs: whether it has shown that it may, though another may do so now."""
+        self.connection, self.role, self.window, self.instructs = connection, role, window, instructs
         self._texts: list[str] = []
         self._frame: tuple[np.ndarray, np.ndarray] | None = None
         self._wake = asyncio.Event()
@@ -88,17 +92,21 @@ class Hub:
         inbox: Inbox,
         on_page: Callable[[Client, dict[str, Any]], None],
         on_input: Callable[[], None],
+        instructor_token: str | None = None,
     ) -> None:
-        """place: what a window needs to draw tips itself.
+        """place: what a window needs to draw tips itself. instructor_token: None: nobody instructs.
 
         on_page: takes what is for the page's process itself; on_input: called where the operator's input changes.
         """
         self._header, self._place, self._layout = header, place, layout
         self._commands, self._inbox = commands, inbox
         self._on_page, self._on_input = on_page, on_input
+        self._instructor_token = instructor_token
+        self._scripted = "script" in header.get("consoles", ())
         blinded = bool(header.get("blinded"))
         self._sights = {role: Sight(layout, role, blinded) for role in ("operator", "watcher", "instructor")}
         self._clients: list[Client] = []
+        self._closing: set[asyncio.Task[None]] = set()  # connections; who else holds a task is its event loop, weakly
         self._events: list[dict[str, Any]] = []
         self._last_input: dict[str, Any] = {}
         self.dropped: Counter[str] = Counter()
@@ -106,8 +114,12 @@ class Hub:
     async def serve(self, connection: ServerConnection) -> None:
         """One websocket, from its greeting to its end."""
         options = query(connection.request.path if connection.request else "")
-        role = "instructor" if options.get("role") == "instructor" else self._free_seat()
-        client = Client(connection, role, options.get("window", "")[:64])
+        window = options.get("window", "")[:64]
+        self._forget(window)
+        asks = options.get("role") == "instructor"
+        instructs = asks and self._may_instruct(options.get("instructor_token", ""))
+        role = self._free_chair() if instructs else "watcher" if asks else self._free_seat()
+        client = Client(connection, role, window, instructs)
         self._greet(client)
         self._clients.append(client)
         sender = asyncio.create_task(client.send(lambda: self._sights[client.role]))
@@ -117,13 +129,10 @@ class Hub:
         except ConnectionClosed:
             pass  # a tab that vanished; what it held is let go below
         finally:
-            self._clients.remove(client)
             sender.cancel()
             with contextlib.suppress(asyncio.CancelledError, ConnectionClosed):
                 await sender
-            if client.role == "operator":
-                self._forward(RELEASE)
-                self._seat_told()
+            self._part(client)
 
     def show(self, row: np.ndarray, extras: np.ndarray) -> None:
         """A new frame (float32) and what belongs to it, see `Sight.frame`."""
@@ -143,8 +152,35 @@ class Hub:
         """Windows."""
         return len(self._clients)
 
+    def _part(self, client: Client) -> None:
+        """The window is gone, or another connection has come in its place."""
+        if client in self._clients:
+            self._clients.remove(client)
+            drove, client.role = client.role == "operator", "watcher"  # what it has said before may arrive yet
+            if drove:
+                self._forward(LEFT)
+                self._seat_told()
+
+    def _forget(self, window: str) -> None:
+        """A window that comes back may be there still, on a connection that has died unheard."""
+        for client in [one for one in self._clients if window and one.window == window]:
+            self._part(client)
+            closing = asyncio.create_task(client.connection.close(reason="the window is on another connection"))
+            self._closing.add(closing)
+            closing.add_done_callback(self._closing.discard)
+
+    def _may_instruct(self, token: str) -> bool:
+        expected = self._instructor_token
+        return expected is not None and hmac.compare_digest(token.encode(), expected.encode())
+
     def _free_seat(self) -> str:
-        return "watcher" if any(client.role == "operator" for client in self._clients) else "operator"
+        if self._scripted or any(client.role == "operator" for client in self._clients):
+            return "watcher"
+        return "operator"
+
+    def _free_chair(self) -> str:
+        """The instructor's: a second one sits down beside the first only by a word of their own."""
+        return "watcher" if any(client.role == "instructor" for client in self._clients) else "instructor"
 
     def _greet(self, client: Client) -> None:
         sight = self._sights[client.role]
@@ -153,6 +189,7 @@ class Hub:
             {
                 "type": "welcome",
                 "role": client.role,
+                "instructs": client.instructs,
                 "header": sight.header(self._header),
                 **self._place,
                 "arms": self._layout.arms,
@@ -161,6 +198,7 @@ class Hub:
                 "run_levels": ROBOT.run_levels,
                 "phases": PHASES,
                 "views": VIEWS,
+                "consoles": CONSOLES,
                 "stale_ms": messages.STALE_MS,
                 "events": [event for event in self._events if sight.event(event.get("kind", ""))],
             }
@@ -185,11 +223,16 @@ class Hub:
         if content["type"] == "page":
             self._page(client, content)
         else:
-            self._forward(content)
+            by = {} if client.role == "operator" or content["type"] not in _SIGNED else {"by": client.role}
+            self._forward({**content, **by})
 
     def _page(self, client: Client, told: dict[str, Any]) -> None:
         if told["do"] == "ping":
             client.tell({"type": "pong", "stamp": told.get("stamp", 0.0), "dropped": sum(self.dropped.values())})
+        elif told["do"] == "instruct":
+            if client.instructs:
+                client.role = "instructor"
+                self._greet(client)
         elif told["do"] != "take":
             self._on_page(client, told)
         elif self._free_seat() == "operator":

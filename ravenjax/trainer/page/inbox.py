@@ -44,23 +44,31 @@ class _Operator(_Message):
 
 class _Instructor(_Message):
     type: Literal["instructor"]
-    do: Literal["arm", "disarm", "pause", "resume", "reset", "end", "cue"]
+    do: Literal["start", "arm", "disarm", "pause", "resume", "reset", "end", "cue"]
     hazard: Annotated[int, Field(ge=0)] | None = None
     on: bool | None = None
+
+
+class _Seat(_Message):
+    """Who drives."""
+
+    type: Literal["seat"]
+    do: Literal["take", "give"]
+    to: Literal["nobody", "page", "itp"] | None = None
 
 
 class _Page(_Message):
     """For the page's process itself."""
 
     type: Literal["page"]
-    do: Literal["camera", "layer", "take", "ping"]
+    do: Literal["camera", "layer", "take", "instruct", "ping"]
     name: Annotated[str, Field(max_length=16)] | None = None
     on: bool | None = None
     stamp: Annotated[float, Field(allow_inf_nan=False)] | None = None
 
 
-_ANY: TypeAdapter[_Input | _Operator | _Instructor | _Page] = TypeAdapter(
-    Annotated[_Input | _Operator | _Instructor | _Page, Field(discriminator="type")]
+_ANY: TypeAdapter[_Input | _Operator | _Instructor | _Seat | _Page] = TypeAdapter(
+    Annotated[_Input | _Operator | _Instructor | _Seat | _Page, Field(discriminator="type")]
 )
 
 
@@ -96,6 +104,8 @@ class Inbox:
                 raise RefusedMessage("a note has a text, and nothing else has")
             if told.text is not None and len(json.dumps(told.text)) > NOTE:
                 raise RefusedMessage(f"a note of more than {NOTE} bytes")
+        if isinstance(told, _Seat) and (told.do == "give") != (told.to is not None):
+            raise RefusedMessage("`to` belongs to give")
         if isinstance(told, _Instructor):
             if told.do == "cue" and self._blinded:
                 raise RefusedMessage("the session is blinded: its cue is not the instructor's")
@@ -108,11 +118,13 @@ class Inbox:
 
 def _may(role: str, told: Any) -> bool:
     if isinstance(told, _Page):
-        return told.do != "take" or role == "watcher"
+        return told.do not in ("take", "instruct") or role == "watcher"
     if isinstance(told, _Operator) and told.do == "estop":
         return True  # the safe direction is open to whoever looks
     if isinstance(told, _Instructor):
         return role == "instructor"
     if isinstance(told, _Operator) and told.do == "note":
+        return role != "watcher"
+    if isinstance(told, _Seat) and told.do == "give":
         return role != "watcher"
     return role == "operator"

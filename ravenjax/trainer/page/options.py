@@ -25,6 +25,7 @@ class PageOptions:
     host: str = "127.0.0.1"
     port: int = 0  # 0: a free one
     token: str | None = None  # every request must carry it; needed where `host` is not a loopback address
+    instructor_token: str | None = None  # what an instructor's window must carry; None: nobody instructs
     fps: float = 60.0  # frames a second, 30 at least
 
     def __post_init__(self) -> None:
@@ -32,6 +33,10 @@ class PageOptions:
             raise UserError(
                 f"host is {self.host!r}, which others can reach, and there is no token: "
                 "give one that every visitor must carry, or bind 127.0.0.1"
+            )
+        if self.token and self.token == self.instructor_token:
+            raise UserError(
+                "token and instructor_token are the same: whoever drives could instruct; give two that differ"
             )
         if not 30.0 <= self.fps <= 240.0:
             raise UserError(f"fps is {self.fps!r}, expected 30 to 240")

@@ -64,6 +64,7 @@ class Page:
             inbox,
             self._windows.obey,
             self._await_answer,
+            options.instructor_token,
         )
         door = Door(options.host, options.token)
         logging.getLogger("websockets").setLevel(logging.CRITICAL)  # refusals are counted, not printed

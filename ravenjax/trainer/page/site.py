@@ -77,6 +77,7 @@ class PageSite:
 
 _PLAIN = (
     '<!doctype html><html lang="en"><head><meta charset="utf-8" /><link rel="icon" href="data:," />'
+    '<meta name="viewport" content="width=device-width, initial-scale=1" />'
     "<title>ravenjax</title></head><body>PANEL</body></html>"
 )
 

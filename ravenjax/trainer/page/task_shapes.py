@@ -1,4 +1,8 @@
-"""The task in the scene: targets to reach, a path to follow, pegs and what they carry; the present goal shines."""
+"""The task in the scene: targets to reach, a path to follow, pegs and what they carry.
+
+Of targets the goal is drawn, small the next and, grey, the last that were reached: all at once would hide the tip. The
+goal has a colour that neither arm nor model has, and a ring around it that shrinks as the tip comes nearer.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +11,11 @@ from typing import Any
 import numpy as np
 import viser
 
-GLOW = (255, 214, 50)
-DIM = 0.55  # size of what is not the goal
+GOAL, DONE = (255, 79, 216), (143, 163, 184)
+DIM, NEXT, REACHED = 0.55, 0.5, 0.35  # size of what is not the goal: of pegs, of the next target, of those before
+LAST_REACHED = 5
+RING_M = (0.004, 0.03)  # least and largest radius
+_RING = np.stack([np.cos(np.linspace(0, 2 * np.pi, 49)), np.sin(np.linspace(0, 2 * np.pi, 49)), np.zeros(49)], axis=1)
 
 
 class TaskShapes:
@@ -23,6 +30,9 @@ class TaskShapes:
         self._spots: dict[int, tuple[Any, tuple[int, int, int]]] = {}
         self._object: Any = None
         self._held = ""
+        self._arms = {int(target["number"]): target.get("arm", "") for target in geometry.get("targets") or ()}
+        self._places: dict[int, np.ndarray] = {}
+        self._ring = _ring(server)
         if geometry.get("path"):
             _path(server, geometry["path"])
         for target in geometry.get("targets") or ():
@@ -51,14 +61,29 @@ class TaskShapes:
         """Mark the present goal, -1: none; what is held goes with the tip, world, m."""
         if self._object is not None and self._held in tips:
             self._object.position = tips[self._held]
+        self._surround(goal, tips)
         if goal == self._goal:
             return
         self._goal = goal
         for number, (node, colour) in self._spots.items():
-            node.color = (
-                tuple((np.array(colour) * 0.3 + np.array(GLOW) * 0.7).astype(int)) if number == goal else colour
-            )
-            node.scale = 1.0 if number == goal else DIM
+            if number in self._arms:
+                node.visible = goal < 0 or goal - LAST_REACHED <= number <= goal + 1
+                node.scale = 1.0 if number == goal else NEXT if number > goal >= 0 else REACHED
+                node.color = GOAL if number == goal else colour if number > goal >= 0 else DONE
+            else:
+                node.color = GOAL if number == goal else colour
+                node.scale = 1.0 if number == goal else DIM
+
+    def _surround(self, goal: int, tips: dict[str, np.ndarray]) -> None:
+        """A ring around the goal, as wide as the tip is far: the arm's whose turn it is, else the nearest."""
+        place = self._places.get(goal)
+        mine = self._arms.get(goal, "")
+        ways = [np.linalg.norm(tip - place) for arm, tip in tips.items() if place is not None and mine in ("", arm)]
+        if bool(ways) != self._ring.visible:
+            self._ring.visible = bool(ways)
+        if ways and place is not None:
+            self._ring.position = tuple(place)
+            self._ring.scale = float(np.clip(min(ways), *RING_M))
 
     def _add(self, server: viser.ViserServer, name: str, spot: dict[str, Any], at: Any, opacity: float) -> Any:
         colour = _rgb(spot["colour"])
@@ -72,7 +97,19 @@ class TaskShapes:
             position=tuple(at),
         )
         self._spots[int(spot["number"])] = node, colour
+        self._places[int(spot["number"])] = np.asarray(at, float)
         return node
+
+
+def _ring(server: viser.ViserServer) -> Any:
+    return server.scene.add_line_segments(
+        "/task/ring",
+        np.stack([_RING[:-1], _RING[1:]], axis=1).astype(np.float32),
+        GOAL,
+        thickness=2.0,
+        thickness_units="screen",
+        visible=False,
+    )
 
 
 def _path(server: viser.ViserServer, path: dict[str, Any]) -> None:

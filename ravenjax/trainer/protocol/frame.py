@@ -57,16 +57,19 @@ SIMULATED_ARM = {
     "unintended_off_mm": 1,  # of the true tip from golden run and standing still, the nearer; while not live, else 0
     "loss_mm": 1,  # of the true tip from golden run and model, the nearer, by motion that it missed; live, else 0
     "false_report_mm": 1,  # of the measured tip from the true one, beyond the golden run's; live; NaN: not known
-    "known_mm": 1,  # of the measured tip from the golden run's: what could be known
+    "known_mm": 1,  # of the measured tip from the golden run's: what a computer could know, and a person from 1 mm on
 }
 """The same of each arm."""
 
 SESSION = {
     "session_tick": 1,  # ms since the session began, pauses left out
+    "left_ms": 1,  # until the session's time is up; all of it before the first pedal-down or the instructor's start
     "phase": 1,  # number of `PHASES`
     "view": 1,  # number of `VIEWS`
     "pedal": 1,  # 1: the operator holds it down
     "console_alive": 1,  # 0: input is stale; pedal up and no force then
+    "console": 1,  # number of `CONSOLES`: who drives
+    "link": 1,  # 0: nothing is heard of the robot
     "hazard": 1,  # number of the hazard in the session's list of hazards that is armed or at work; -1: none
     "target": 1,  # number of the task's present goal; -1: none
     "progress": 1,  # of the task, 0 to 1
@@ -85,8 +88,11 @@ SESSION_ARM = {
     "virtual_tip": 3,
 }
 
-PHASES = ("ready", "running", "paused", "stopped", "over")
-"""Waiting for the first pedal; at work; paused by the instructor; the robot's own E-stop; ended."""
+PHASES = ("ready", "running", "paused", "stopped", "over", "lost")
+"""Waiting for the first pedal; at work; paused by the instructor; the robot's E-stop; ended; nothing is heard of the
+robot, and nobody can say what it does."""
+CONSOLES = ("nobody", "page", "itp", "script")
+"""Who may drive: the page's operator window, a console over the network, a scripted or recorded operator."""
 VIEWS = ("real", "virtual", "replay")
 """Who follows the hand: the robot; the virtual robot alone (the robot rests); the robot, with what was tried."""
 

@@ -12,20 +12,33 @@ is there at the beginning of a tick, so that a list of (tick, command) is all th
      "arms": {"gold": {"delta_um": [x, y, z], "quat": [x, y, z, w], "grasp_mrad": g}}}
         increments of a console since its last message, ITP frame, as the robot would take them (the console has scaled
         them); applied once. They too are stale after `STALE_MS`.
-    {"type": "operator", "do": DO}
-        DO: estop, restart, rehearse, reengage, discard, note (with "text")
+    {"type": "operator", "do": DO, "by": ROLE}
+        DO: estop, restart, rehearse, reengage, discard, note (with "text"). `by` is there where a window of another
+        role says so, "instructor" or "watcher": it is done, and never counts as the operator's response.
     {"type": "instructor", "do": DO}
-        DO: arm (with "hazard": its number in the session's list), disarm, pause, resume, reset, end, cue (with "on")
+        DO: start (the session's time), arm (with "hazard": its number in the session's list), disarm, pause, resume,
+        reset, end, cue (with "on")
+    {"type": "seat", "do": DO, "by": ROLE}
+        who drives, see `session.seat`. DO: take (for the console that says so), give (with "to", one of `CONSOLES`),
+        left (the console that says so is gone)
+
+"input", "increments" and "seat" have a "console", one of `CONSOLES` but the first, which the channel stamps that they
+come through; where it is missing they are a script's.
 
 Events of a session have "tick" (ms since the session began, pauses left out) and "kind":
 
     phase (phase), view (view), console (alive, source), pedal (down), runlevel (runlevel),
-    alarm (check): a check told a person or stopped the robot
+    owner (console, by): who drives from now on, and how that came: "pedal", "operator", "instructor", "left", "silent"
+    refused (console, why): who wanted to drive and may not now
+    rearm (why): the pedal must be seen up before it drives again
+    started (by): the session's time runs from now on, "pedal" or "instructor"
+    alarm (check, count): a check told a person or stopped the robot; alarm_count (check, count): it goes on doing so
     hazard_armed (number), hazard_struck (number), knowable (number, by, ms), cue (number or -1, arm),
     stopped, flagged, limited (number, check, ms): first check of this kind of response to the hazard
     unintended_motion, loss_of_motion, false_report (number, arm, mm): over the scenario's limit for the first time;
         loss_of_motion (number, halted_ms): out of pedal-down for too long
     response (number, what, ok, ms): of the operator
+    interrupted (number, by): the hazard was cut off by what is not the operator's, and is not scored
     hazard_over (number, check_response, motion_hazard, halted, outcome, score)
     target (target), object (held, at), task_done, note (text), overrun (late_ticks), trouble (text), end (reason)
 
@@ -40,4 +53,5 @@ STALE_MS = 250
 VIEW = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))
 """Axes of the operator's view in the world (z up, gold arm at negative x): right, up, toward the operator."""
 OPERATOR = ("estop", "restart", "rehearse", "reengage", "discard", "note")
-INSTRUCTOR = ("arm", "disarm", "pause", "resume", "reset", "end", "cue")
+INSTRUCTOR = ("start", "arm", "disarm", "pause", "resume", "reset", "end", "cue")
+SEAT = ("take", "give", "left")

@@ -12,9 +12,12 @@ from ravenjax.trainer.realtime import clock
 from ravenjax.trainer.realtime.clock import Clock, LoopTiming
 from ravenjax.trainer.realtime.ring import Ring, put_json, read_json
 from ravenjax.trainer.session.advance import PAUSED, Session
+from ravenjax.trainer.session.seat import console_of
 
 MOST_COMMANDS = 16
 """Commands taken in a tick; what is more waits for the next."""
+OF_CONSOLES = ("input", "increments", "seat")
+"""Commands that say which console they come through."""
 AFTER_END_MS = 200
 """Ticks that go on after the end, so that everyone sees it."""
 
@@ -27,10 +30,12 @@ class Console(Protocol):
 
 
 class PageCommands:
-    """Commands that the page puts into its ring."""
+    """Commands that the page puts into its ring, each with the page's stamp."""
 
-    def __init__(self, ring: Ring) -> None:
+    def __init__(self, ring: Ring, drives: bool = True) -> None:
+        """drives: False where a script does, which nobody's hands may disturb."""
         self._ring, self._next = ring, 0
+        self._drives = drives
         self.lost = 0
         """Commands that were overwritten before they were read."""
 
@@ -41,7 +46,8 @@ class PageCommands:
         first, rows = self._ring.read(self._next, MOST_COMMANDS)
         self.lost += first - self._next
         self._next = first + len(rows)
-        return list(read_json(rows))
+        stamped = [{**one, "console": "page"} if one.get("type") in OF_CONSOLES else one for one in read_json(rows)]
+        return stamped if self._drives else [one for one in stamped if one.get("type") not in OF_CONSOLES]
 
     def tell(self, frame: Frame) -> None:
         """Nothing: the page reads the ring."""
@@ -107,7 +113,9 @@ class _Understudy:
     def hear(self, commands: list[dict[str, Any]]) -> None:
         """What was said to the session in this tick; the last word of the hands is repeated until there is another."""
         if commands:
-            self._commands = [one for one in commands if one.get("type") in ("input", "increments")]
+            hands = [one for one in commands if one.get("type") in ("input", "increments")]
+            driving = [one for one in hands if console_of(one) == self._seen.seat.owner]
+            self._commands = [{**one, "console": "script"} for one in driving or hands[:1]]
 
     def tick(self) -> None:
         """What the session did, once more; while that is paused this waits too, so that both last as long."""

@@ -20,6 +20,7 @@ from ravenjax.engines.cpu.stepper import StepCode, Stepper
 from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, cast, replace
+from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.console.packet import U_STRUCT
 from ravenjax.robots.raven2.geometry import kinematics
@@ -36,6 +37,9 @@ _SEEN = (
     *("unintended_mm", "unintended_off_mm", "loss_mm", "false_report_mm", "known_mm"),
 )
 """Channels of an arm that the half tick fills, in this order."""
+_CHECKS = frozenset(ROBOT.checks)
+_MOST_TRIPS = 2**23
+"""Of one check: the sum stays a whole number in single precision."""
 _U_FIELDS = struct.Struct("<3I6i8d2i2i2i")
 assert _U_FIELDS.size == U_STRUCT.itemsize
 
@@ -74,6 +78,9 @@ class DistantRobot:
         at = self._show()
         self._sequence += 1
         report = self.remote.exchange(self._datagram(self._out[at:].tolist()))
+        for answer in self.remote.answers():
+            if isinstance(answer.get("checks"), dict):
+                self._take_checks(answer["checks"])
         if report is not None and not self.remote.stale:
             self._take(report)
         else:
@@ -96,6 +103,19 @@ class DistantRobot:
         self._at_rest()
         self.now, self._outcomes = 0, {}
         self._frame["trips"] = 0
+
+    def stand_by(self) -> None:
+        """It has waited for long: the motion goes on from the beginning of its table, unnoticed by robot and model."""
+        self.motion[:, 0] = self.motion[:, self.now - 1]  # the next packet counts from there
+        past, self.now = self.now - 1, 1
+        for name in self._outcomes:
+            if name.endswith("_first_ms"):
+                self._outcomes[name] -= past  # below 0: before this table
+
+    @property
+    def heard(self) -> bool:
+        """Whether the robot is heard of."""
+        return self.remote.report is not None and not self.remote.stale
 
     def arm(self, row: int) -> None:
         """Let the hazard of this row strike in the robot's process."""
@@ -152,6 +172,19 @@ class DistantRobot:
                 self._outcomes[count] = self._outcomes.get(count, 0) + 1
                 self._frame["trips"] = self._frame.number("trips") + 1
             self._stopped[check] = trips
+
+    def _take_checks(self, told: dict[str, Any]) -> None:
+        """What the robot's process says of its checks: name -> how often, and how many ms ago first."""
+        for name, numbers in told.items():
+            good = isinstance(numbers, list) and len(numbers) == 2 and all(type(one) is int for one in numbers)
+            if name not in _CHECKS or not good:
+                continue  # of another version, or no robot of ours
+            count, ago = numbers
+            key = f"check_{name}_count"
+            self._outcomes[key] = max(self._outcomes.get(key, 0), min(count, _MOST_TRIPS))
+            self._outcomes.setdefault(f"check_{name}_first_ms", max(self.now - ago, 0))
+        counts = [count for key, count in self._outcomes.items() if key.endswith("_count")]
+        self._frame["trips"] = sum(counts)
 
     def _lose(self) -> None:
         """Nothing is heard of the robot: it counts as stopped, and nobody is pulled toward it."""

@@ -10,7 +10,8 @@ sources leave open about it is settled here:
                     published cap of 0.05 device units reads 50; a device that takes newtons scales them
     runlevel        of the robot, 0 to 3
     jointflags      bit 0 gold is there, bit 1 green is there, bit 2 the pedal counts as down, bit 3 the console counts
-                    as alive, bit 4 the robot's software holds its E-stop, bit 8 the gold cue pulls, bit 9 the green one
+                    as alive, bit 4 the robot's software holds its E-stop, bit 5 this console drives (0: it watches),
+                    bit 8 the gold cue pulls, bit 9 the green one
     checksum        sum of forces, run level and number, wrapped to 32 bits, as the console's own packet has it
 """
 
@@ -38,7 +39,7 @@ TAKEN_PER_TICK = 4
 """Accepted ones among them: what bounds the displacement of one tick, and lets a console catch up after a pause."""
 BUFFER_BYTES = 1 << 16
 """Of the kernel: some 150 datagrams, so that what waits is never old."""
-PEDAL, ALIVE, SOFT_ESTOPPED = 1 << 2, 1 << 3, 1 << 4
+PEDAL, ALIVE, SOFT_ESTOPPED, DRIVES = 1 << 2, 1 << 3, 1 << 4, 1 << 5
 """Bits of jointflags; bit 0 and 1: the arm is there, 8 and 9: its cue pulls."""
 FORCE_SCALE = 1000.0
 _V_FIELDS = struct.Struct("<4I7iIi")
@@ -118,9 +119,17 @@ class ItpServer:
         """Whether an accepted packet is younger than `STALE_MS`; otherwise the pedal counts as up."""
         return self._clock() * 1e-6 - self._taken_ms <= STALE_MS
 
-    def send_force(self, forces: Mapping[str, Sequence[float]], runlevel: int = 0, soft_estopped: bool = False) -> bool:
+    def send_force(
+        self,
+        forces: Mapping[str, Sequence[float]],
+        runlevel: int = 0,
+        soft_estopped: bool = False,
+        pedal: bool = True,
+        drives: bool = True,
+    ) -> bool:
         """Send the force of each arm (3, device units, frame 0 of the arm) to the console, at most once a tick.
 
+        pedal: False where a pedal that the console holds down does not count. drives: False where another does.
         A console that is stale gets zero force and pedal up, until `PacketLimits.release_ms`, when it counts as gone.
         Returns whether a packet went out.
         """
@@ -129,10 +138,10 @@ class ItpServer:
         if peer is None:
             return False
         alive = now_ms - self._taken_ms <= STALE_MS
-        flags = self._present | (SOFT_ESTOPPED if soft_estopped else 0)
+        flags = self._present | (SOFT_ESTOPPED if soft_estopped else 0) | (DRIVES if drives else 0)
         components = [0] * 6
         if alive and self._last is not None:
-            flags |= ALIVE | (PEDAL if self._last.pedal else 0)
+            flags |= ALIVE | (PEDAL if pedal and self._last.pedal else 0)
             for arm, force in forces.items():
                 slot = ARMS.index(arm)  # type: ignore[arg-type]
                 felt = [_whole(float(force[axis]) * scale) for axis, scale in _AXES[slot]]

@@ -2,7 +2,8 @@
 
 What a console sends within one millisecond is added up, as the original's network thread does before the control loop
 looks; the robot gets it as one packet, numbered anew so that its own rules see a stream without gaps: the gate has
-applied them.
+applied them. The pedal of a console that was silent for `STALE_MS`, or that held it down while the robot was stopped
+or set back, counts as up until it was seen up.
 """
 
 from __future__ import annotations
@@ -16,9 +17,12 @@ from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.stages.teleoperation import NO_PACKET_SEQUENCE
 from ravenjax.trainer.protocol.frame import Frame, FrameLayout
+from ravenjax.trainer.protocol.messages import STALE_MS
+from ravenjax.trainer.robot_link.increments import Increments
 from ravenjax.trainer.robot_link.itp import ItpServer
-from ravenjax.trainer.robot_link.joints.record import Reporter
+from ravenjax.trainer.robot_link.joints.record import Reporter, encode_text
 from ravenjax.trainer.robot_link.joints.stream import JointServer, ListenerOrder
+from ravenjax.vocabulary import checks
 
 
 class DrivenRobot(Protocol):
@@ -31,6 +35,11 @@ class DrivenRobot(Protocol):
     def disarm(self) -> None: ...
     def press(self, row: int) -> None: ...
     def reset(self) -> None: ...
+    def outcomes(self) -> dict[str, Any]: ...
+
+
+CHECKS_EVERY = 100
+"""Ticks between two reports of what the robot's own checks did, at least."""
 
 
 class Station:
@@ -44,6 +53,9 @@ class Station:
         self._hazards, self._estop_row = hazards, estop_row
         self._reporter = Reporter(FrameLayout.of(machine.arms))
         self._number = 0  # of the robot's newest packet
+        self._lifted = False  # the console's pedal was seen up since it had to be
+        self._heard = 0  # tick of the console's last packet
+        self._trips, self._told = 0.0, 0  # of the checks at their last report, and its tick
         self._last_seq = NO_PACKET_SEQUENCE  # of the console's packet that the robot took last
 
     def tick(self) -> Frame:
@@ -54,15 +66,38 @@ class Station:
         packet = None
         if increments is not None:
             self._number += 1
-            packet = increments.packet(self._number)
+            packet = self._counted(increments).packet(self._number)
         frame = self.machine.tick(packet)
         if increments is not None and frame.number("last_seq") == float(np.float32(self._number)):
             self._last_seq = increments.sequence
         self.joints.publish(self._reporter.encode(frame, self.ticks, self._last_seq))
+        self._tell_checks(frame)
         forces = {arm: frame[f"{arm}/force"].tolist() for arm in self.machine.arms}
         self.itp.send_force(forces, int(frame.number("runlevel")), bool(frame.number("soft_estopped")))
         self.ticks += 1
         return frame
+
+    def _counted(self, increments: Increments) -> Increments:
+        """As they count: without a pedal that was down all the time."""
+        if self.ticks - self._heard > STALE_MS:
+            self._lifted = False
+        self._heard = self.ticks
+        self._lifted = self._lifted or not increments.pedal
+        return increments if self._lifted else increments._replace(pedal=0)
+
+    def _tell_checks(self, frame: Frame) -> None:
+        """How often each check of the robot has tripped so far, and how long ago it first did, where one has."""
+        trips = frame.number("trips")
+        if trips == self._trips or self.ticks - self._told < CHECKS_EVERY:
+            return
+        self._trips, self._told = trips, self.ticks
+        outcomes, now = self.machine.outcomes(), int(frame.number("tick"))
+        report = {
+            name: [count, now - int(outcomes[f"check_{name}_first_ms"])]
+            for name in checks.names(outcomes)
+            if (count := int(outcomes[f"check_{name}_count"])) > 0
+        }
+        self.joints.publish(encode_text({"checks": report}))
 
     def obey(self, content: dict[str, Any]) -> None:
         """Carry out an order of `joints.stream`. UserError where it cannot be."""
@@ -74,9 +109,11 @@ class Station:
             self.armed = None
         elif kind == "estop":
             self.machine.press(self._estop_row)
+            self._lifted = False
         elif kind == "reset":
             self.machine.reset()
             self.armed, self._number = None, 0
+            self._lifted, self._trips = False, 0.0
         else:
             raise UserError(f"order is {shown(kind)}, expected one of arm, disarm, estop, reset")
 

@@ -160,7 +160,7 @@ class Entry(Section):
     arm: ArmName | None = Field(default=None, description="that is struck; default: drawn among the session's")
     value: Number | None = Field(default=None, description="in place of the library's")
     when: When = Field(
-        default=INSTRUCTOR, description='s since the beginning, [earliest, latest] to draw from, or "instructor"'
+        default=INSTRUCTOR, description='s since the first pedal-down, [earliest, latest] to draw from, or "instructor"'
     )
     times: int = Field(default=1, ge=1, le=100, description="as many hazards of each case, drawn apart")
     right_response: tuple[Response, ...] | None = Field(
@@ -219,7 +219,9 @@ class Scenario(Section):
     description: str = Field(default="", description="what the operator is to do and to learn")
     arms: tuple[ArmName, ...] = Field(default=("gold",), min_length=1, max_length=2, description="arms, gold first")
     software: Literal["raven2", "fork2015"] = Field(default="raven2", description="present raven2, or the 2015 fork")
-    duration_s: float = Field(default=120.0, gt=0.0, le=3600.0, description="length of the session, s")
+    duration_s: float = Field(
+        default=120.0, gt=0.0, le=3600.0, description="length of the session from its first pedal-down, s"
+    )
     seed: int = Field(default=0, ge=0, lt=2**31, description="of a session that is given none")
     scale: float = Field(default=0.1, gt=0.0, le=1.0, description="teleoperation scale, tip motion per hand motion")
     speeds: Speeds = Speeds()

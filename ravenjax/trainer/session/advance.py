@@ -19,18 +19,20 @@ import numpy as np
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import kinematics
-from ravenjax.robots.raven2.run_levels import E_STOP, PEDAL_DOWN
+from ravenjax.robots.raven2.run_levels import E_STOP, PEDAL_DOWN, PEDAL_UP
 from ravenjax.trainer import judge, scenario, tasks
 from ravenjax.trainer.protocol.frame import PHASES, VIEWS, Frame, FrameLayout
-from ravenjax.trainer.protocol.messages import INSTRUCTOR, OPERATOR
+from ravenjax.trainer.protocol.messages import INSTRUCTOR, OPERATOR, SEAT
 from ravenjax.trainer.protocol.world import Point
 from ravenjax.trainer.scenario import Scenario
 from ravenjax.trainer.session import blueprint, director, hands
 from ravenjax.trainer.session.blueprint import Blueprint
+from ravenjax.trainer.session.seat import ConsoleSeat
 from ravenjax.trainer.session.simulation import SimulatedRobot
+from ravenjax.trainer.session.standstill import Standstill
 
 Event = dict[str, Any]
-READY, RUNNING, PAUSED, STOPPED, OVER = range(len(PHASES))
+READY, RUNNING, PAUSED, STOPPED, OVER, LOST = range(len(PHASES))
 REAL, VIRTUAL, REPLAY = range(len(VIEWS))
 _TOLD = (("phase", "phase"), ("view", "view"), ("console", "alive"), ("pedal", "down"), ("runlevel", "runlevel"))
 """Events that tell of each change of a state, and their word for it."""
@@ -38,6 +40,9 @@ MOST_HEARD = 1_000_000
 """Commands that are kept: hours of a page's, a quarter of an hour of a console's that sends one a millisecond."""
 OUTCOMES_EVERY = 10
 """Ticks between two looks at the robot's checks, at least."""
+STAND_BY_MS = 30_000
+"""How long a robot waits for the session's time to begin before its motion begins anew, see `Session._stand_by`: the
+table of the motion is as long as the session and `blueprint.SPARE_MS`."""
 
 
 class Driven(Protocol):
@@ -47,6 +52,8 @@ class Driven(Protocol):
     now: int
     row: np.ndarray
 
+    @property
+    def heard(self) -> bool: ...
     def step(self) -> None: ...
     def outcomes(self) -> dict[str, Any]: ...
     def golden_outcomes(self) -> dict[str, Any] | None: ...
@@ -54,6 +61,7 @@ class Driven(Protocol):
     def arm(self, row: int) -> None: ...
     def disarm(self) -> None: ...
     def press(self, row: int, ticks: int = 100) -> None: ...
+    def stand_by(self) -> None: ...
 
 
 class _Places(NamedTuple):
@@ -102,6 +110,9 @@ class Session:
         self.judge = judge.Judge(chosen, self.hazards, cue_on=self.cue_on)
         self.phase, self.view = READY, REAL
         self.ticks = 0  # ms of the session, without pauses
+        self.started: int | None = None  # tick in which its time began
+        self.seat = ConsoleSeat()
+        self._standstill = Standstill(self.layout)
         self.ended = ""  # why it is over
         self.heard: list[tuple[int, dict[str, Any]]] = []  # with scenario and seed these are the whole session
         self._hands = self._new_hands()
@@ -121,6 +132,16 @@ class Session:
         self._moved = False  # the robots, in this tick
 
     @property
+    def clock(self) -> int:
+        """ms since the session's time began, at the first pedal-down or when the instructor said so; 0 before."""
+        return 0 if self.started is None else self.ticks - self.started
+
+    @property
+    def left_ms(self) -> float:
+        """Until its time is up."""
+        return self.scenario.duration_s * 1000 - self.clock
+
+    @property
     def over(self) -> bool:
         """Whether it has ended."""
         return self.phase == OVER
@@ -134,17 +155,21 @@ class Session:
         """First half: hands, hazards and robots; `frame` is filled. Nobody outside waits for the other half."""
         self._events, self._moved = [], False
         for command in commands:
-            if len(self.heard) < MOST_HEARD:
+            if len(self.heard) < MOST_HEARD and not self.over:
                 self.heard.append((self.ticks, command))
             self._command(command)
         if self.phase in (PAUSED, OVER):
             self._publish()
             return
+        if self.seat.step(self.ticks):
+            self._let_go("silent")
         hand = self._hands.advance(self.ticks)
+        goes_on = self.started is not None or self.robot.now < STAND_BY_MS or self._stand_by()
         self._drive(hand)
-        for order in self.director.step(self.ticks, self.frame):
+        for order in self.director.step(self.ticks, self.frame, self.clock):
             self._order(order)
-        self.robot.step()
+        if goes_on:
+            self.robot.step()
         if self.view == VIRTUAL:
             self.virtual.step()
         self._publish(hand)
@@ -152,6 +177,7 @@ class Session:
 
     def conclude(self) -> list[Event]:
         """Second half: what task, judge and phase make of it; the events of both."""
+        self._events += self.seat.events()
         self.frame.settle()
         self._tell_changes()
         if self._moved:
@@ -164,19 +190,25 @@ class Session:
     def _command(self, command: dict[str, Any]) -> None:
         kind, do = command.get("type"), command.get("do")
         if kind in ("input", "increments"):
-            self._hands.take(command, self.ticks)
+            self.seat.hear(command, lambda counted: self._hands.take(counted, self.ticks), self.ticks)
+        elif kind == "seat" and do in SEAT:
+            if self.seat.obey(command, self.ticks):
+                self._let_go("handover", own=command.get("by") != "instructor")
         elif kind == "operator" and do in OPERATOR:
             self._operator(command)
         elif kind == "instructor" and do in INSTRUCTOR:
             self._instructor(command)
 
     def _operator(self, command: dict[str, Any]) -> None:
-        do = command["do"]
-        self._events += self.judge.command(command, self.ticks)
+        do, by = command["do"], command.get("by", "operator")
+        if by == "operator":
+            self._events += self.judge.command(command, self.ticks)
         if do == "estop":
+            if by != "operator":
+                self._events += self.judge.interrupted(self.ticks, f"estop by {by}")
             self.robot.press(self.estop_row)
         elif do == "restart" and (self.phase == STOPPED or self.frame.number("runlevel") != PEDAL_DOWN):
-            self._restart()
+            self._restart("restart")
         elif do == "rehearse" and self.view == REAL and self.phase == RUNNING:
             self._rehearse()
         elif do == "reengage" and self.view == VIRTUAL:
@@ -189,19 +221,42 @@ class Session:
     def _instructor(self, command: dict[str, Any]) -> None:
         do = command["do"]
         if do in ("arm", "disarm"):
+            if do == "disarm":
+                self._events += self.judge.interrupted(self.ticks, "instructor")
             self.director.command(command, self.ticks)
-        elif do == "pause" and self.phase in (READY, RUNNING, STOPPED):
+        elif do == "start" and self.phase != OVER:
+            self._start("instructor")
+        elif do == "pause" and self.phase in (READY, RUNNING, STOPPED, LOST):
+            self._events += self.judge.interrupted(self.ticks, "instructor")
             self._resume_to, self.phase = self.phase, PAUSED
         elif do == "resume" and self.phase == PAUSED:
-            self._hands.take({"type": "input", "pedal": False, "arms": {}}, self.ticks)  # what was held may be gone
+            self._let_go("resume")  # what was held may be gone
             self.phase = self._resume_to
         elif do == "reset" and self.phase != OVER:
-            self._restart()
+            self._events += self.judge.interrupted(self.ticks, "instructor")
+            self._restart("reset")
         elif do == "end":
             self._end("instructor")
         elif do == "cue":
             self.cue_on = bool(command.get("on"))
             self.judge.cue_on = self.cue_on
+
+    def _let_go(self, why: str, own: bool = False) -> None:
+        """The pedal comes up, and not by the operator's foot: it is to be seen up before it drives again.
+
+        own: it is the operator's act all the same, who gives the seat away or leaves.
+        """
+        self.seat.rearm(why, self.ticks)
+        self._hands.take({"type": "input", "pedal": False, "arms": {}}, self.ticks)
+        if own:
+            self.judge.walked_away()
+        else:
+            self._events += self.judge.lifted(self.ticks, why)
+
+    def _start(self, by: str) -> None:
+        if self.started is None:
+            self.started = self.ticks
+            self._tell("started", by=by)
 
     def _order(self, order: Any) -> None:
         if order.kind == "arm":
@@ -256,9 +311,22 @@ class Session:
         self._hands.place(self.robot.motion[:, now - 1])
         self.view = REAL
 
-    def _restart(self) -> None:
+    def _stand_by(self) -> bool:
+        """Nobody has driven yet: whether the robot goes on, its waiting begun anew.
+
+        The robot here does not where it is stopped: it holds its brakes until somebody restarts it or the time begins.
+        """
+        if isinstance(self.robot, SimulatedRobot):
+            if self.frame.number("runlevel") != PEDAL_UP:
+                return False
+            self.judge.stood_by()
+        self.robot.stand_by()
+        return True
+
+    def _restart(self, why: str) -> None:
         """The robot is homed again and stands at its beginning, ready."""
         self._look()
+        self.seat.rearm(why, self.ticks)
         self.robot.reset()
         self._hands = self._new_hands()
         self.director.reset(self.ticks)
@@ -273,18 +341,20 @@ class Session:
         row, task = self.frame.row, self.task
         if hand is not None:
             row[: self.robot.row.size] = self.robot.row
+            self._standstill.apply(row)
             view_row = self.virtual.row if self.view == VIRTUAL else self.robot.row
             for i, places in enumerate(self._places):
                 row[places.hand] = hand.columns[8 * i : 8 * i + 8]
                 row[places.virtual_jpos], row[places.virtual_tip] = view_row[places.link_jpos], view_row[places.tip]
             self._pedal, self._alive = float(hand.columns[-1]), hand.alive
         row[self._common] = (
-            *(self.ticks, self.phase, self.view, self._pedal, self._alive),
+            *(self.ticks, 0 if self.over else self.left_ms, self.phase, self.view, self._pedal, self._alive),
+            *(self.seat.number, self.robot.heard),
             *(self.director.at_work, task.target, task.progress, self.cue_on),
         )
 
     def _tell_changes(self) -> None:
-        runlevel = int(self.frame.numbers[self._runlevel])
+        runlevel = int(self.frame.numbers[self._runlevel]) if self.robot.heard else self._told[-1]
         state = (PHASES[self.phase], VIEWS[self.view], self._alive, self._pedal != 0.0, runlevel)
         if state != self._told:
             for (kind, word), value, before in zip(_TOLD, state, self._told, strict=True):
@@ -295,19 +365,30 @@ class Session:
     def _follow(self) -> None:
         """Task, judge and phase after the tick."""
         frame = self.frame
+        self._hear_of_robot()
         self._events += self.task.step(frame, self.ticks)
         due = self.ticks - self._looked >= OUTCOMES_EVERY  # looking costs as much as a tick
         checked = self._checked() if due else ()
         self._events += self.judge.step(self.ticks, frame, *checked)
         runlevel = frame.numbers[self._runlevel]
         if self.phase == READY and runlevel == PEDAL_DOWN:
+            self._start("pedal")
             self.phase = RUNNING
-        elif self.phase == RUNNING and (runlevel == E_STOP or frame.numbers[self._soft_estopped]):
+        elif self.phase in (READY, RUNNING) and (runlevel == E_STOP or frame.numbers[self._soft_estopped]):
             self.phase = STOPPED
-        if self.ticks + 1 >= self.scenario.duration_s * 1000:
+        if self.started is not None and self.left_ms <= 1:
             self._end("time")
         elif self.task.done:
             self._end("task")
+
+    def _hear_of_robot(self) -> None:
+        """A robot that nothing is heard of is not one that has stopped: nobody knows."""
+        if not self.robot.heard and self.phase in (READY, RUNNING, STOPPED):
+            self._let_go("link")
+            self.phase = LOST
+        elif self.robot.heard and self.phase == LOST:
+            self.seat.rearm("link", self.ticks)
+            self.phase = READY
 
     def _checked(self) -> tuple[()] | tuple[dict[str, Any], dict[str, Any] | None]:
         """Outcomes of robot and golden run where a check has tripped since the last look."""
@@ -325,7 +406,7 @@ class Session:
     def _end(self, reason: str) -> None:
         if self.phase != OVER:
             self._look()
-            self._events += self.judge.close(self.ticks)
+            self._events += self.judge.close(self.ticks, reason)
             self.phase, self.ended = OVER, reason
             self._tell("end", reason=reason)
 

@@ -117,7 +117,7 @@ def _frame(
     numbers = [now, software.runlevel, software.surgeon_mode, software.soft_estopped, as_int(live)]
     numbers += [out.plc.runlevel, out.plc.brakes]
     trips = jnp.int32(0)
-    for one in run.checks(state).values():
+    for one in run.checks(setup, state).values():
         trips = trips + one.count
     numbers += [software.last_seq, as_int(active_fault), trips, out.tip_distance * 1e3]
     numbers += [

@@ -1,5 +1,7 @@
 """When hazards strike: at times that the scenario draws, or when the instructor says so. One at a time.
 
+Planned times count from the beginning of the session's time, the first pedal-down or the instructor's start.
+
 A hazard that is due, or that the instructor has armed, waits until it can teach something: the session runs, the real
 robot follows the hands, the pedal has been down for `SETTLED_MS`, no other hazard is at work and the last one is
 `GAP_MS` past. It is taken back after its time (`Armable.lasts_ms`), so that permanent faults end too; and once the
@@ -76,8 +78,11 @@ class Director:
         self._pending = number
         return True
 
-    def step(self, tick: int, frame: Frame) -> tuple[Order, ...]:
-        """What is to be done before this tick, `frame` being that of the tick before."""
+    def step(self, tick: int, frame: Frame, clock: int | None = None) -> tuple[Order, ...]:
+        """What is to be done before this tick, `frame` being that of the tick before.
+
+        clock: ms since the session's time began; the tick if None.
+        """
         if not self._columns:
             places = frame.layout.places
             names = ("phase", "view", "pedal", "console_alive", "runlevel", "soft_estopped")
@@ -94,7 +99,7 @@ class Director:
                 return (self._take_back(tick),)
             return ()
         self._stop = False
-        choice = self._chosen(tick)
+        choice = self._chosen(tick if clock is None else clock)
         self.at_work = self._pending
         if choice < 0 or self._down < SETTLED_MS or tick < self._free_from:
             return ()
@@ -110,11 +115,11 @@ class Director:
         self.at_work, self._ordered, self._pending, self._stop = -1, False, -1, False
         self._down, self._free_from = 0, tick + GAP_MS
 
-    def _chosen(self, tick: int) -> int:
+    def _chosen(self, clock: int) -> int:
         """The instructor's hazard first, then the earliest that is due; -1: none."""
         if self._pending >= 0:
             return self._pending
-        return self.plan[0][1] if self.plan and self.plan[0][0] <= tick else -1
+        return self.plan[0][1] if self.plan and self.plan[0][0] <= clock else -1
 
     def _take_back(self, tick: int) -> Order:
         number = self.at_work

@@ -19,6 +19,7 @@ from ravenjax.stages import monitor
 from ravenjax.trainer.protocol.frame import GOLDEN, Frame
 from ravenjax.trainer.session import blueprint
 from ravenjax.trainer.session.blueprint import Blueprint
+from ravenjax.trainer.session.standstill import Standstill
 from ravenjax.vocabulary.effects import TRIGGER_CODES
 
 _FIELDS = tuple(field.name for field in dataclasses.fields(FaultSlot))
@@ -74,6 +75,13 @@ class SimulatedRobot:
     def golden_outcomes(self) -> dict[str, Any]:
         """The golden run's: the same robot without what was armed last, from that moment on."""
         return self._beside.outcomes() if self._apart else self._own.outcomes()
+
+    heard = True
+    """Whether the robot can be heard of: this one always."""
+
+    def stand_by(self) -> None:
+        """It has waited for long: wait on from the beginning, where it stands."""
+        self.reset()
 
     def reset(self) -> None:
         """Back to its beginning: homed, at rest, pedal up, no fault armed."""
@@ -169,6 +177,7 @@ class PacketRobot(SimulatedRobot):
         super().__init__(blueprint.make(config, packets=True))
         self.arms = self.blueprint.setup.arms
         self.frame = Frame(self.blueprint.layout)
+        self._standstill = Standstill(self.blueprint.layout)
 
     def tick(self, packet: Packet | None) -> Frame:
         """One tick with the packet that arrived, None: none did. The frame is the same object each time."""
@@ -182,4 +191,5 @@ class PacketRobot(SimulatedRobot):
                 entering[0][0] = 0  # received
         self.step()
         self.frame.row[: self.row.size] = self.row
+        self._standstill.apply(self.frame.row)
         return self.frame

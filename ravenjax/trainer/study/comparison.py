@@ -20,6 +20,7 @@ from ravenjax.stats.latency import Incidence, LogRank, incidence, log_rank
 from ravenjax.trainer.judge.row import HazardRow
 from ravenjax.trainer.study.table import TrainingStudy
 
+_ALIKE = 1e-9  # ms, mm or a share: rounding
 _NONE = Estimate(math.nan, math.nan, math.nan)
 
 
@@ -80,9 +81,10 @@ class GroupComparison(NamedTuple):
     icc: float  # likeness of hazards of one participant, NaN where each met one
     log_rank: LogRank | None  # of a time, hazards taken as independent
     p: float  # by exchanging conditions between, or within, participants
-    adjusted: float  # by Holm over all outcomes and pairs of groups
+    adjusted: float  # by Holm over all outcomes that vary and pairs of groups
     clear: bool  # adjusted p below 1 - confidence
     left_out: int  # participants whose conditions do not fit the design
+    varies: bool  # False: exchanging conditions changes nothing, so there is nothing to test
 
 
 def compare(study: TrainingStudy, confidence: float = 0.95, seed: int = 0) -> list[GroupComparison]:
@@ -137,6 +139,7 @@ def _compared(
         difference = clustered.mean_difference(means[1], means[0], confidence, is_paired=is_paired)
     points = [clustered.means(side) for side in means]
     enough = min(map(len, points)) > 1
+    varies = enough and _varies(points, is_paired)
     standard = effect_size.paired_g if is_paired else effect_size.hedges_g
     dominance = effect_size.paired_dominance if is_paired else effect_size.cliffs_delta
     return GroupComparison(
@@ -150,11 +153,19 @@ def _compared(
         delta=dominance(points[1], points[0], confidence) if enough else _NONE,
         icc=clustered.correlation(*means).icc,
         log_rank=_log_rank(one, two, horizon) if outcome is TIME else None,
-        p=clustered.permutation_p(means[1], means[0], is_paired=is_paired, seed=seed) if enough else math.nan,
+        p=clustered.permutation_p(means[1], means[0], is_paired=is_paired, seed=seed) if varies else math.nan,
         adjusted=math.nan,
         clear=False,
         left_out=left_out,
+        varies=varies,
     )
+
+
+def _varies(points: list[np.ndarray], is_paired: bool) -> bool:
+    """Whether exchanging conditions could change anything: asked without a look at which group is which, so that
+    leaving out what does not vary favours no result."""
+    spread = np.abs(points[0] - points[1]).max() if is_paired else np.ptp(np.concatenate(points))
+    return bool(spread > _ALIKE)
 
 
 def _clusters(study: TrainingStudy, outcome: ComparedOutcome, label: str, horizon: float) -> dict[str, np.ndarray]:

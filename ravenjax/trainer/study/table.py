@@ -15,12 +15,18 @@ import numpy as np
 from ravenjax.errors import UserError
 from ravenjax.store.logs.session import description
 from ravenjax.trainer.judge.row import HazardRow
-from ravenjax.trainer.recording.hazards import table
+from ravenjax.trainer.recording import reader
+from ravenjax.trainer.recording.hazards import events, table
 
 BY = ("group", "cue")
 """What sessions may be compared by."""
 _REFERENCES = ("off", "control", "none", "without", "no cue", "0")
 _LONGEST = 6  # names of an error's list
+
+
+UNDECIDED = ("", "interrupted")
+"""Outcomes of hazards that were cut off, by the end of a recording or by what is not the operator's: they count for
+neither group."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,6 +36,7 @@ class StudySession:
     folder: Path
     header: dict[str, Any]
     hazards: list[HazardRow]
+    cut_short: bool = False  # hazards are those of its recording, as far as that goes
 
     @property
     def name(self) -> str:
@@ -42,10 +49,10 @@ class StudySession:
         return str(self.header.get("participant") or f"(session {self.name})")
 
     def groups(self, by: str) -> dict[str, list[HazardRow]]:
-        """Its hazards that struck, by condition; the cue may have been changed on the way."""
+        """Its hazards that struck and were decided, by condition; the cue may have been changed on the way."""
         out: dict[str, list[HazardRow]] = {}
         for hazard in self.hazards:
-            if hazard.struck_ms is not None:
+            if hazard.struck_ms is not None and hazard.outcome not in UNDECIDED:
                 condition = hazard.cue if by == "cue" else str(self.header.get("group") or "")
                 out.setdefault(condition, []).append(hazard)
         return out
@@ -99,13 +106,12 @@ def collect(
     where there is nothing to compare or sessions are not of one study, StoreError where a file is damaged.
     """
     every = [_read(folder) for folder in _folders(folders)]
-    left_out = [f"{one.name}: it did not end" for one in every if not one.header.get("ended")]
-    left_out += [f"{one.name}: no hazard struck" for one in every if one.header.get("ended") and not _struck(one)]
-    valid = [one for one in every if one.header.get("ended") and _struck(one)]
+    left_out = [_why_not(one) for one in every if not _struck(one)]
+    valid = [one for one in every if _struck(one)]
     if not valid:
         listed = "; ".join(left_out[:_LONGEST]) or "no session was found"
-        raise UserError(f"a study needs finished sessions in which hazards struck: {listed}")
-    notes = _of_one_study(valid, mixed)
+        raise UserError(f"a study needs sessions in which hazards struck and were decided: {listed}")
+    notes = [*_of_one_study(valid, mixed), *_undecided(valid)]
     by = _by(valid, by)
     groups = sorted(
         {name for one in valid for name in one.groups(by)}, key=lambda name: (name.lower() not in _REFERENCES, name)
@@ -142,11 +148,37 @@ def _folders(given: Iterable[Path]) -> list[Path]:
 
 
 def _read(folder: Path) -> StudySession:
-    return StudySession(folder, description.read(folder), table.read(folder))
+    """A session's hazards are those of its table; of its recording where it was killed before it could write one."""
+    header = description.read(folder)
+    if (folder / table.FILE).exists() or reader.find(folder) is None:
+        return StudySession(folder, header, table.read(folder))
+    return StudySession(folder, header, events.from_recording(reader.read(folder), header), cut_short=True)
 
 
 def _struck(one: StudySession) -> bool:
-    return any(hazard.struck_ms is not None for hazard in one.hazards)
+    return bool(one.groups("cue"))
+
+
+def _why_not(one: StudySession) -> str:
+    if any(hazard.struck_ms is not None for hazard in one.hazards):
+        return f"{one.name}: every hazard that struck was cut off"
+    return f"{one.name}: no hazard struck{'' if one.header.get('ended') else ' before it was cut short'}"
+
+
+def _undecided(sessions: Sequence[StudySession]) -> list[str]:
+    """What a reader must know of sessions and hazards that were cut off."""
+    notes = []
+    short = [one.name for one in sessions if one.cut_short]
+    if short:
+        notes.append(f"Sessions that were cut short count as far as their recordings go: {', '.join(short)}.")
+    hazards = [hazard for one in sessions for hazard in one.hazards if hazard.struck_ms is not None]
+    cut = sum(hazard.outcome in UNDECIDED for hazard in hazards)
+    if cut:
+        notes.append(
+            f"{cut} of {len(hazards)} hazards were cut off, and not by the operator (a pause, a reset, a lost console, "
+            "the end); they are left out."
+        )
+    return notes
 
 
 def _of_one_study(sessions: Sequence[StudySession], mixed: bool) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from ravenjax.stats.intervals import Estimate, Rate
+from ravenjax.trainer.study import planning
 from ravenjax.trainer.study.comparison import RIGHT, TIME, ComparedGroup, GroupComparison
 from ravenjax.trainer.study.table import TrainingStudy
 
@@ -69,7 +70,8 @@ def sentence(one: GroupComparison) -> str:
 
 def _verdict(one: GroupComparison) -> str:
     if math.isnan(one.p):
-        return "Too few participants to compare."
+        few = min(one.first.participants, one.second.participants) < 2
+        return "Too few participants to compare." if few else "It did not vary, so there is nothing to test."
     numbers = f"difference {difference(one)}, p {_equals(p_value(one.p))}, adjusted {_equals(p_value(one.adjusted))}"
     if not one.clear:
         return f"No clear difference ({numbers})."
@@ -84,10 +86,13 @@ def headline(found: list[GroupComparison]) -> tuple[str, str]:
     """What the study says: the emphasised beginning and the rest."""
     clear = [one for one in found if one.clear]
     untested = all(math.isnan(one.p) for one in found)
-    if untested:
+    if untested and any(min(one.first.participants, one.second.participants) < 2 for one in found):
         return "Too few participants", " to compare: each group needs at least two."
+    if untested:
+        return "Nothing to compare", ": no outcome varied."
+    tested = [one for one in found if not math.isnan(one.p)]
     if not clear:
-        return "No clear difference", f" between the groups in any of {len(found)} comparisons."
+        return "No clear difference", f" between the groups in any of {len(tested)} comparisons."
     parts = []
     for label in dict.fromkeys(one.second.label for one in clear):
         for word, sign in (("better", 1), ("worse", -1)):
@@ -97,7 +102,7 @@ def headline(found: list[GroupComparison]) -> tuple[str, str]:
                     f"{_listed([one.outcome.name for one in mine])} {word} with {label} than with {mine[0].first.label}"
                 )
     are = "comparison is" if len(clear) == 1 else "comparisons are"
-    return f"{len(clear)} of {len(found)} {are} clear", ": " + "; ".join(parts) + "."
+    return f"{len(clear)} of {len(tested)} {are} clear", ": " + "; ".join(parts) + "."
 
 
 def _sign(one: GroupComparison) -> int:
@@ -127,11 +132,28 @@ def caveats(study: TrainingStudy, found: list[GroupComparison]) -> list[str]:
         if lost:
             does = "did only one condition" if mine[0].paired else "did both conditions, unlike most"
             out.append(f"{lost} participants {does} and are left out of the comparison.")
+    out += _floors(found)
     unnamed = sum(not one.header.get("participant") for one in study.sessions)
     if unnamed:
         out.append(f"{unnamed} sessions name no participant; each is taken as a participant of its own.")
     out += [f"Left out: {one}." for one in study.left_out]
     return list(dict.fromkeys(out))
+
+
+def _floors(found: list[GroupComparison]) -> list[str]:
+    """Where there are too few participants for any result to be clear."""
+    tested = [one for one in found if not math.isnan(one.p)]
+    if not tested:
+        return []
+    sizes = [(one.first.participants, one.second.participants, one.paired) for one in tested]
+    smallest = min(planning.smallest_p(a if paired else a + b, paired) for a, b, paired in sizes)
+    adjusted = min(1.0, len(tested) * smallest)
+    if adjusted <= 0.05:
+        return []
+    return [
+        f"So few participants cannot show anything: the smallest p that they can reach is {p_value(smallest)}, "
+        f"{p_value(adjusted)} after Holm over {len(tested)} comparisons. `ravenjax study plan` says how many it takes."
+    ]
 
 
 def text(study: TrainingStudy, found: list[GroupComparison], horizon: float) -> str:

@@ -142,7 +142,7 @@ def test_runs_are_as_long_as_some_motions_need_and_no_longer_than_is_good(result
 
 def test_drawn_robots_are_drawn_for_each_motion(result):
     drawn = changed(result, parameters={"plant.mass_scale": {"uniform": [0.9, 1.1]}})
-    campaigns = fault_free._campaigns(drawn, 60)
+    campaigns = fault_free.campaigns(drawn.config, 60)
     one, two = (rj.load_campaign(next(campaigns)[1]) for _ in range(2))
     masses = np.concatenate([design.expand(made)["param:plant.mass_scale"] for made in (one, two)])
     assert len(masses) == 2 * fault_free.DRAWN == len(set(masses))

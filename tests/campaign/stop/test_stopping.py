@@ -99,7 +99,7 @@ def test_rules_are_the_campaigns():
     [
         ({"half_width": 0}, "stop.half_width", "got 0, expected greater than 0"),
         ({"half_width": 0.7}, "stop.half_width", "got 0.7, expected less than 0.5"),
-        ({"rates": ["evade"]}, "stop.rates[0]", "got 'evade', expected one of evades, unintended_motion"),
+        ({"rates": ["evade"]}, "stop.rates[0]", "got 'evade', expected one of evades, evades_built_in,"),
         ({"rates": ["harm"]}, "stop.rates[0]", "got 'harm', which is now called 'unintended_motion': write that"),
         ({"rates": ["cue", "cue"]}, "stop", "rates = ['cue', 'cue'], expected each once"),
         ({"rates": []}, "stop.rates", "at least 1"),

@@ -96,7 +96,7 @@ def test_one_way_is_one_form(ready):
 
 
 def test_either_way_gives_the_same_bits(ready, monkeypatch):
-    loop = traced.trace(simd._printed(ready.program), Block(*ready.lanes([0], 1), None), ready.columns)
+    loop = traced.trace(traced.printable(ready.program), Block(*ready.lanes([0], 1), None), ready.columns)
     forms, found = traced.Forms(loop), []
     for repaid in (10**9, -1):
         monkeypatch.setattr(simd, "REPAID", repaid)

@@ -92,12 +92,13 @@ def test_a_tick_has_the_bits_of_engine_simd(monkeypatch, tmp_path, short):
 @pytest.mark.slow
 @pytest.mark.parametrize("observe", [None, 20])
 def test_runs_go_on_from_their_golden_runs(monkeypatch, tmp_path, observe):
-    """Several blocks of threads, which begin at snapshots of their own and end at ticks of their own."""
+    """Several blocks of threads, which begin at snapshots of their own; or end at ticks of their own, in one launch."""
     pretend(monkeypatch, tmp_path)
     monkeypatch.setattr(cuda_code, "EVERY", 10)
     monkeypatch.setattr(cuda_course, "EVERY", 10)
     monkeypatch.setattr(cuda_code, "CHUNK", 32)
     monkeypatch.setattr(branching, "WORTH", 0)
+    monkeypatch.setattr(cuda_course.BlockCourse, "scattered", observe is not None)
     for module in (cuda, cuda_code):
         monkeypatch.setattr(module, "form_for", lambda _: Form(32))
     ready = striking(cut(150), np.random.default_rng(5))

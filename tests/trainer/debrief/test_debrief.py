@@ -69,14 +69,14 @@ def test_a_damaged_table_is_named(tmp_path):
 def test_a_hazard_in_words():
     told = debrief_words.sentence(MET, blinded=False)
     assert told == (
-        "It struck at 2.0 s on the gold arm. Anyone could have known after 35 ms, by the measured tip. The cue came "
+        "It struck at 2.0 s on the gold arm. Anyone could have known after 35 ms, by the tip's motion. The cue came "
         "after 90 ms; the operator lifted the pedal after 430 ms, 395 ms after the first sign: the right response. "
         "No check did anything. No harm was done. No motion hazard while live: the true tip was up to 6.5 mm off, "
         "limit 8 mm. The tip was 1.5 mm deep in the tissue."
     )
     assert "cue" not in debrief_words.sentence(MET, blinded=True).lower()
     told = debrief_words.sentence(MISSED, blinded=False)
-    assert "Nothing that the robot measures gave it away. No response followed (right: lift the pedal)." in told
+    assert "Nothing that a person can see gave it away. No response followed (right: lift the pedal)." in told
     assert debrief_words.sentence(UNSTRUCK, blinded=False) == "It was armed and never struck."
     told = debrief_words.sentence(CARRIED_ON, blinded=True)  # to carry on has no moment
     assert "The operator carried on, the right response." in told

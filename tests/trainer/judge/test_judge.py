@@ -115,7 +115,7 @@ def test_a_hazard_that_is_felt_and_answered():
         "response_ok": True,
         "halted": False,
         "outcome": "avoided",
-        "score": round(50 * (1 - 0.5 * 30 / 750) + 50 * (1 - 0.4), 1),
+        "score": round(50 * (1 - 0.5 * 30 / 750) + 50, 1),  # 4 mm were gone before anyone could have acted
     }
     assert kinds(play.events) == ["hazard_armed", "hazard_struck", "knowable", "cue", "response", "hazard_over"]
     assert play.of("response")[0] == {
@@ -128,11 +128,34 @@ def test_a_hazard_that_is_felt_and_answered():
     }  # fmt: skip
 
 
-def test_knowledge_needs_more_than_the_resolution_of_the_measured_tip():
+@pytest.mark.parametrize("channel", ["gold__known_mm", "gold__off_mm", "gold__loss_mm"])
+def test_a_person_knows_of_a_millimetre_and_not_of_what_a_computer_could_tell(channel):
     play = Play()
-    play.run(10).strike(gold__known_mm=math.sqrt(3) / 1e3).run(100)
+    play.run(10).strike(**{channel: 0.002}).run(50).run(50, **{channel: 0.99})
     assert not play.of("knowable")
-    assert play.run(1, gold__known_mm=0.0025).over()["knowable_ms"] == 111
+    row = play.run(1, **{channel: 1.0}).over()
+    assert (row["knowable_ms"], row["knowable_by"]) == (111, "tip")
+
+
+def test_a_burst_that_peaks_before_anyone_could_act_is_nobodys_failure():
+    play = Play()
+    play.run(1000).strike(gold__off_mm=0.5).run(20).run(100, gold__off_mm=12.0)  # 12 mm within 120 ms
+    row = play.run(160).run(10, pedal=0, runlevel=2).over()
+    assert (row["response"], row["response_ok"], row["outcome"]) == ("release", True, "unavoidable")
+    assert row["score"] > 98.0 and row["unintended_mm"] == 12.0
+
+
+def test_what_comes_after_a_person_could_have_acted_counts_on_what_was_left():
+    play = Play()
+    play.run(1000).strike(gold__off_mm=4.0).run(149).run(10, gold__off_mm=7.0)  # half of the 6 mm that were left
+    row = play.run(10, pedal=0, runlevel=2).over()
+    assert (row["outcome"], row["score"]) == ("avoided", 75.0)
+
+
+def test_harm_that_a_person_could_have_prevented_stays_harm():
+    play = Play()
+    row = play.run(1000).strike(gold__off_mm=4.0).run(149).run(300, gold__off_mm=10.5).over()
+    assert (row["outcome"], row["score"]) == ("harm", 0.0)
 
 
 def test_without_the_cue_nothing_is_felt_and_the_reaction_has_the_same_origin():
@@ -151,7 +174,26 @@ def test_a_dead_console_is_no_response_and_feels_nothing():
     play.run(10).strike(gold__known_mm=1.0, gold__off_mm=2.0)
     play.run(10, console_alive=0, pedal=0, runlevel=2, gold__force=(0.1, 0, 0))
     row = play.over()
-    assert row["response"] is None and row["cue_ms"] is None and row["outcome"] == "missed"
+    assert row["response"] is None and row["cue_ms"] is None
+    assert (row["outcome"], row["score"]) == ("interrupted", None)  # it is not the operator's that a console dies
+    assert [(event["number"], event["by"]) for event in play.of("interrupted")] == [(0, "console")]
+
+
+def test_a_pedal_that_others_lift_is_no_response_and_the_hazard_is_not_scored():
+    play = Play().run(1000).strike().run(20, gold__known_mm=2.0, gold__off_mm=2.0)
+    play.events += play.judge.lifted(play.tick, "resume")
+    play.run(100, pedal=0, runlevel=2).run(100, pedal=1, runlevel=3).run(100, pedal=0, runlevel=2)
+    row = play.over()
+    assert (row["response"], row["outcome"], row["score"]) == (None, "interrupted", None)
+    assert play.judge.result()["score"] is None
+
+
+def test_what_was_answered_before_it_was_cut_off_counts():
+    play = Play().run(1000).strike().run(20, gold__known_mm=2.0, gold__off_mm=2.0).run(300, pedal=0, runlevel=2)
+    play.events += play.judge.interrupted(play.tick, "instructor")
+    row = play.over()
+    assert (row["response"], row["outcome"]) == ("release", "avoided") and row["score"] > 80
+    assert not play.of("interrupted")
 
 
 def test_a_response_before_anything_can_be_known_is_none():
@@ -166,7 +208,7 @@ def test_a_right_response_that_comes_too_late_is_not_ok():
     play.run(10).strike(gold__known_mm=1.0, gold__off_mm=2.0).run(510).run(10, pedal=0, runlevel=2)
     row = play.over()
     assert (row["response"], row["response_ok"], row["outcome"]) == ("release", False, "missed")
-    assert play.of("response")[0]["ok"] is False and row["score"] == 40.0
+    assert play.of("response")[0]["ok"] is False and row["score"] == 50.0
 
 
 @pytest.mark.parametrize("limit_mm", [0.5, 3.0, 8.0])
@@ -180,14 +222,14 @@ def test_a_right_response_that_comes_too_late_is_not_ok():
 )
 def test_the_limit_of_each_hazard_is_the_scenarios(limit_mm, channel, word, event):
     play = Play(limit_mm=limit_mm)
-    play.run(10).strike(**{channel: limit_mm}).run(50)
+    play.run(10).strike(gold__known_mm=1.0, **{channel: limit_mm}).run(200)
     assert play.judge.rows()[0]["motion_hazard"] == "none" and not play.of(event)
     row = play.run(50, **{channel: limit_mm + 0.25}).over()
     assert (row["motion_hazard"], row["limit_mm"]) == (word, limit_mm)
-    assert play.of(event) == [{"tick": 61, "kind": event, "number": 0, "arm": "gold", "mm": limit_mm + 0.25}]
+    assert play.of(event) == [{"tick": 211, "kind": event, "number": 0, "arm": "gold", "mm": limit_mm + 0.25}]
     assert (row["outcome"] == "harm") is (word == "unintended motion")  # neither of the others moved the instrument
     times = [row[f"{name}_first_ms"] for name in ("unintended", "loss", "false_report")]
-    assert times.count(61) == 1 and times.count(None) == 2
+    assert times.count(211) == 1 and times.count(None) == 2
 
 
 def test_a_report_that_cannot_be_judged_has_no_distance():
@@ -208,7 +250,7 @@ def test_a_report_that_cannot_be_judged_has_no_distance():
 )
 def test_harm_is_what_the_fault_did(channels, outcome, score):
     play = Play()
-    play.run(10, gold__depth_mm=2.0).strike(gold__known_mm=1.0).run(50, **channels)
+    play.run(10, gold__depth_mm=2.0).strike(gold__known_mm=1.0).run(160).run(50, **channels)
     row = play.run(10, pedal=0, runlevel=2).over()
     assert row["outcome"] == outcome and row["response_ok"]
     assert row["score"] == {50.0: 50.0, 60.0: 60.0, 80.0: 80.0}[score]
@@ -239,7 +281,7 @@ def test_a_robot_that_halts_in_the_very_tick_of_the_strike_is_halted_too():
 
 def test_motion_while_the_robot_is_not_live_is_harm_and_no_hazard():
     play = Play(limit_mm=3.0)
-    play.run(10).strike(gold__known_mm=1.0, gold__off_mm=2.0).run(50)
+    play.run(10).strike(gold__known_mm=1.0, gold__off_mm=2.0).run(200)
     play.run(300, runlevel=0, soft_estopped=1, gold__off_mm=3.5)  # its brakes slip
     row = play.over()
     assert (row["unintended_mm"], row["unintended_off_mm"]) == (2.0, 3.5)
@@ -419,6 +461,26 @@ def test_a_force_about_its_threshold_is_one_cue():
     assert [(event["tick"], event["number"]) for event in play.of("cue")] == [(0, -1), (1200, -1)]
 
 
+def test_a_check_that_keeps_tripping_is_told_once_with_its_count():
+    play = Play().run(10)
+    for count in range(1, 13309, 7):
+        play.outcomes = {"check_joint_limit_count": count, "check_joint_limit_first_ms": 5010}
+        play.run(10)
+    play.events += play.judge.close(play.tick)
+    alarms, counts = play.of("alarm"), [event["count"] for event in play.of("alarm_count")]
+    assert [alarm["check"] for alarm in alarms] == ["joint_limit"]
+    assert counts[-1] == count > 13_000 and counts == sorted(counts) and len(counts) <= 1 + play.tick / 1000
+
+
+def test_a_count_goes_on_where_the_robot_begins_anew():
+    play = Play().run(10)
+    for _ in range(2):
+        play.outcomes = {"check_joint_limit_count": 4, "check_joint_limit_first_ms": play.tick + 5000}
+        play.run(2000)
+        play.events += play.judge.restarted(play.tick)
+    assert [alarm["count"] for alarm in play.of("alarm")] == [4, 8]
+
+
 def test_a_hazard_without_effect_and_answer_is_not_scored():
     play = Play()
     row = play.run(10).strike(gold__known_mm=0.5, gold__off_mm=0.9).run(500).over()
@@ -448,9 +510,9 @@ def test_the_summary_counts_what_became_of_all():
     play.events += play.judge.close(play.tick)
     summary = play.judge.result()
     assert summary == {
-        "hazards": 2, "struck": 2, "outcomes": {"avoided": 1, "harm": 1}, "check_responses": {"silent": 2},
+        "hazards": 2, "struck": 2, "outcomes": {"avoided": 1, "interrupted": 1}, "check_responses": {"silent": 2},
         "motion_hazards": {"unintended motion": 1, "none": 1}, "right_responses": 1, "median_reaction_ms": 100,
-        "score": 40.0,
+        "score": 100.0,
     }  # fmt: skip
 
 

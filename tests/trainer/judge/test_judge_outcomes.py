@@ -103,7 +103,14 @@ def expected(data, limit_mm):
         word = "false report" if over["false_report_mm"] >= 0 else "none"
     farthest = max(after["unintended_mm"].max(), after["unintended_off_mm"].max())
     halts = bool(data["live"][STRIKE - 1] and not data["live"][STRIKE:].all())
-    if farthest > limit_mm:
+    seen = np.max([after[name] for name in ("unintended_mm", "unintended_off_mm", "loss_mm")], axis=0) >= 1.0
+    left = halts & (np.arange(TICKS) >= STRIKE) & ~data["live"]
+    signs = [first(seen), first(left), *(times.get(word, -1) for word in ("stopped", "flagged"))]
+    acts = min((ms for ms in signs if ms >= 0), default=TICKS) + 150  # nobody acts sooner
+    spared = max(after[name][:acts].max() for name in ("unintended_mm", "unintended_off_mm"))
+    if spared > limit_mm:
+        outcome = "unavoidable"
+    elif farthest > limit_mm:
         outcome = "harm"
     elif halts:
         outcome = "halted"

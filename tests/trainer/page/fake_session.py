@@ -15,7 +15,7 @@ import waiting
 
 from ravenjax.robots.raven2.dynamics import arm_model
 from ravenjax.trainer import page
-from ravenjax.trainer.protocol.frame import PHASES, VIEWS, Frame, FrameLayout
+from ravenjax.trainer.protocol.frame import CONSOLES, PHASES, VIEWS, Frame, FrameLayout
 from ravenjax.trainer.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring, put_json, read_json
 
 HEADER = {
@@ -48,14 +48,19 @@ HEADER = {
         ],
     },
 }  # fmt: skip
+INSTRUCTOR = "the-instructor's"
+"""What makes an instructor of a visitor."""
+AS_INSTRUCTOR = f"role=instructor&instructor_token={INSTRUCTOR}"
 STEP = 5  # rows at a time: 200 Hz is what a shared machine keeps up with
 READY, RUNNING, PAUSED, STOPPED, OVER = range(5)
+PAGE = CONSOLES.index("page")
 
 
 class FakeSession:
     """Rings, a socket pair, a thread that writes rows, and the page in a spawned process."""
 
     def __init__(self, header=HEADER, arms=("gold", "green"), folder=None, **options):
+        options = {"instructor_token": INSTRUCTOR} | options
         self.layout = FrameLayout.of(arms)
         self.frames, self.events = Ring.create(4096, 4 * self.layout.size), Ring.create(1024, EVENT_BYTES)
         self._said, self._next = Ring.create(256, COMMAND_BYTES), 0
@@ -68,6 +73,7 @@ class FakeSession:
         self._hazard, self._struck = -1, None
         self.frame["phase"], self.frame["runlevel"], self.frame["plc_runlevel"] = READY, 2, 2
         self.frame["cue_on"], self.frame["hazard"], self.frame["target"] = 1, -1, 0
+        self.frame["link"] = 1
         self._stop = threading.Event()
         context = multiprocessing.get_context("spawn")
         self.options = page.PageOptions(
@@ -137,6 +143,8 @@ class FakeSession:
             if told["type"] == "input":
                 self._moves, self._heard = told["arms"], time.monotonic()
                 self._set_pedal(told["pedal"])
+            elif told["type"] == "seat":
+                self._set_pedal(False)
             elif told["do"] == "estop":
                 self._set("phase", STOPPED), self._set("runlevel", 0)
             elif told["do"] == "restart":

@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 import waiting
-from fake_session import FakeSession
+from fake_session import AS_INSTRUCTOR, FakeSession
 
 from ravenjax.robots.raven2 import ROBOT
 
@@ -191,7 +191,7 @@ def test_a_second_operator_looks_on(browser, session):
 def test_a_hazard_is_armed_felt_and_met(browser, session):
     with (
         Visit(browser, session, "role=operator&scene=off") as operator,
-        Visit(browser, session, "role=instructor&scene=off") as instructor,
+        Visit(browser, session, f"{AS_INSTRUCTOR}&scene=off") as instructor,
     ):
         assert instructor.locator("#hazards li").count() == 2 and operator.locator("#hazards li").count() == 0
         operator.bring_to_front()
@@ -214,7 +214,7 @@ def test_a_hazard_is_armed_felt_and_met(browser, session):
 def test_virtual_robot_pause_and_stop(browser, session):
     with (
         Visit(browser, session, "role=operator&scene=off") as operator,
-        Visit(browser, session, "role=instructor&scene=off") as instructor,
+        Visit(browser, session, f"{AS_INSTRUCTOR}&scene=off") as instructor,
     ):
         banner = "document.getElementById('banner').innerText"
         operator.bring_to_front()
@@ -245,10 +245,19 @@ def test_virtual_robot_pause_and_stop(browser, session):
         assert any(one.get("do") == "estop" for one in session.commands[at:])
 
 
+def test_a_check_is_listed_once_with_its_count(browser, session):
+    with Visit(browser, session, "role=operator&scene=off") as page:
+        session.event("alarm", check="joint_limit", count=1)
+        session.event("alarm_count", check="joint_limit", count=13308)
+        until(page, "document.getElementById('alarms').innerText.includes('×13308')")
+        items = page.locator("#alarms li").all_inner_texts()
+        assert sum("joint limit" in item for item in items) == 1
+
+
 def test_the_debrief_appears_after_the_end(browser, session):
     with (
         Visit(browser, session, "role=operator&scene=off") as operator,
-        Visit(browser, session, "role=instructor&scene=off") as instructor,
+        Visit(browser, session, f"{AS_INSTRUCTOR}&scene=off") as instructor,
     ):
         click(instructor, "[data-instructor=end]")
         assert "Really" in instructor.inner_text("[data-instructor=end]")

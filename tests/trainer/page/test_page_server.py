@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 import waiting
-from fake_session import HEADER, FakeSession
+from fake_session import AS_INSTRUCTOR, HEADER, INSTRUCTOR, FakeSession
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
@@ -30,7 +30,8 @@ class Window:
     """A browser's end of the websocket."""
 
     def __init__(self, session, role="operator", **headers):
-        address = f"ws://127.0.0.1:{session.port}/session?role={role}"
+        query = AS_INSTRUCTOR if role == "instructor" else f"role={role}"
+        address = f"ws://127.0.0.1:{session.port}/session?{query}"
         self.socket = connect(address, additional_headers=headers, open_timeout=waiting.DEADLINE_S)
         self.welcome = self.text("welcome")
         self.layout, self.first = self.welcome["layout"], 5 * len(self.welcome["arms"])
@@ -88,9 +89,10 @@ def get(session, path, **headers):
     return answer, body
 
 
-def refused(session, **headers):
+def refused(session, path="", **headers):
+    address = f"ws://127.0.0.1:{session.port}/session{path}"
     with pytest.raises(InvalidStatus) as error:
-        connect(f"ws://127.0.0.1:{session.port}/session", additional_headers=headers, open_timeout=waiting.DEADLINE_S)
+        connect(address, additional_headers=headers, open_timeout=waiting.DEADLINE_S)
     return error.value.response.status_code
 
 
@@ -131,7 +133,7 @@ def test_an_operator_drives_and_letting_go_releases(session):
         else:
             raise AssertionError("the tip stands still")
         before = len(session.commands)
-    released = {"type": "input", "pedal": False, "arms": {}}
+    released = {"type": "seat", "do": "left"}
     waiting.until(
         lambda: any(released.items() <= one.items() for one in session.commands[before:]),
         "a closed window did not let go of the pedal",
@@ -198,11 +200,47 @@ def test_the_instructor_arms_and_the_operator_does_not_see_it(session):
         assert {"alarm", "cue", "response"} <= kinds and not kinds & {"hazard_armed", "hazard_struck", "hazard_over"}
 
 
+@pytest.mark.parametrize("token", ["", "&instructor_token=guess", "&token=x", "&instructor_token=%C3%A9"])
+def test_nobody_instructs_without_the_instructors_own_token(session, token):
+    before = len(session.commands)
+    with Window(session, f"instructor&window=w{token}") as stranger:
+        assert (stranger.welcome["role"], stranger.welcome["instructs"]) == ("watcher", False)
+        assert "hazards" not in stranger.welcome["header"]
+        stranger.say({"type": "page", "do": "instruct"})
+        stranger.say({"type": "instructor", "do": "pause"})
+        assert "watcher" in stranger.text("refused")["why"]
+    assert not [one for one in session.commands[before:] if one["type"] == "instructor"]
+
+
+def test_a_second_instructor_sits_down_by_a_word_of_their_own(session):
+    with Window(session, "instructor") as first, Window(session, "instructor") as second:
+        assert (first.welcome["role"], second.welcome["role"]) == ("instructor", "watcher")
+        assert second.welcome["instructs"] and "hazards" not in second.welcome["header"]
+        second.say({"type": "instructor", "do": "pause"})
+        assert "watcher" in second.text("refused")["why"]
+        second.say({"type": "page", "do": "instruct"})
+        assert second.text("welcome")["role"] == "instructor"
+    with Window(session, "instructor") as alone:
+        assert alone.welcome["role"] == "instructor"
+
+
+def test_a_window_that_comes_back_has_its_place_and_its_pedal_is_let_go(session):
+    with Window(session, "operator&window=mine") as before:
+        assert before.welcome["role"] == "operator"
+        at = len(session.commands)
+        with Window(session, "operator&window=mine") as again:
+            assert again.welcome["role"] == "operator"
+            waiting.until(lambda: any(one.get("do") == "left" for one in session.commands[at:]))
+            with pytest.raises(ConnectionClosed):
+                for _ in range(1000):
+                    before.frame()
+
+
 @pytest.mark.slow
-def test_anyone_may_stop_the_robot(session):
+def test_anyone_may_stop_the_robot_and_it_is_said_who(session):
     with Window(session, "instructor") as instructor:
         instructor.say({"type": "operator", "do": "estop"})
-        session.heard(type="operator", do="estop")
+        assert session.heard(type="operator", do="estop")["by"] == "instructor"
         instructor.until("runlevel", lambda level: level == 0)
         instructor.say({"type": "operator", "do": "restart"})
         assert "instructor" in instructor.text("refused")["why"]
@@ -227,6 +265,11 @@ def test_a_token_is_asked_of_everyone():
         answer, _ = get(made, "/?token=t0ken")
         cookie = (answer.getheader("Set-Cookie") or "").partition(";")[0]
         assert answer.status == 200 and get(made, "/static/page.js", Cookie=cookie)[0].status == 200
+        assert refused(made, path=f"?{AS_INSTRUCTOR}") == 403  # it opens no door
+        with Window(made, "instructor&token=t0ken&instructor_token=t0ken") as trainee:
+            assert trainee.welcome["role"] == "watcher"
+        with Window(made, f"instructor&token=t0ken&instructor_token={INSTRUCTOR}") as instructor:
+            assert instructor.welcome["role"] == "instructor"
         with Window(made, "operator&token=t0ken") as window:
             assert not {"cue", "group", "hazards", "seed"} & set(window.welcome["header"])
             window.say({"type": "instructor", "do": "cue", "on": False})

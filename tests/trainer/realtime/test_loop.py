@@ -57,6 +57,17 @@ def test_the_inbox_hands_over_what_the_page_said_and_counts_what_it_missed(rings
     assert inbox.lost == 20 - len(texts)
 
 
+def test_the_page_has_its_stamp_and_where_a_script_drives_no_hand_of_it_gets_through(rings):
+    for drives in (True, False):
+        inbox = loop.PageCommands(rings[2], drives)
+        inbox.poll()
+        hand = {"type": "input", "pedal": False, "arms": {}}
+        for one in (hand, {"type": "seat", "do": "take"}, {"type": "operator", "do": "estop"}):
+            put_json(rings[2], one)
+        expected = [("input", "page"), ("seat", "page"), ("operator", None)]
+        assert [(one["type"], one.get("console")) for one in inbox.poll()] == expected[0 if drives else 2 :]
+
+
 @pytest.mark.slow
 def test_a_session_against_the_clock_is_that_of_a_tight_loop(blueprint, rings):
     """The understudy runs the same code on the same tables' shapes in between: not a bit of the session is its."""

@@ -5,12 +5,14 @@ import pytest
 
 from ravenjax.campaign import loading
 from ravenjax.robots.raven2.console.packet import decode
+from ravenjax.trainer import scenario
 from ravenjax.trainer.judge.trips import Trips
-from ravenjax.trainer.protocol.frame import FrameLayout
+from ravenjax.trainer.protocol.frame import PHASES, FrameLayout
 from ravenjax.trainer.robot_link.distant import DistantRobot
 from ravenjax.trainer.robot_link.joints.decoder import Decoder
 from ravenjax.trainer.robot_link.joints.record import Reporter
-from ravenjax.trainer.session import blueprint
+from ravenjax.trainer.session import advance, blueprint
+from ravenjax.trainer.session.advance import Session
 from ravenjax.trainer.session.simulation import PacketRobot, SimulatedRobot
 
 pytestmark = pytest.mark.slow
@@ -23,16 +25,22 @@ class Wire:
 
     def __init__(self, robot):
         self.robot, self.orders, self.stale = robot, [], False
+        self.report, self.texts = None, []
         self._reporter, self._decoder, self._tick = Reporter(FrameLayout.of(robot.arms)), Decoder(), 0
 
     def exchange(self, datagram):
         assert len(datagram) == 124
         frame = self.robot.tick(decode(datagram, self.robot.arms))
         self._tick += 1
-        return self._decoder.feed(self._reporter.encode(frame, self._tick, self._tick))[-1]
+        self.report = self._decoder.feed(self._reporter.encode(frame, self._tick, self._tick))[-1]
+        return self.report
 
     def order(self, content):
         self.orders.append(content)
+
+    def answers(self):
+        texts, self.texts = self.texts, []
+        return texts
 
 
 @pytest.fixture(scope="module")
@@ -123,3 +131,67 @@ def test_a_robot_that_enters_its_e_stop_has_tripped_a_check(driven):
     assert outcomes["check_estop_count"] == 1 and outcomes["check_estop_first_ms"] > TICKS
     (trip,) = Trips().look(far.now, far.now, outcomes)
     assert (trip.check.name, trip.check.response, trip.beyond_golden) == ("estop", "stopped", True)
+
+
+def test_what_the_robots_process_tells_of_its_checks_is_shown(driven):
+    places, *_, far = driven
+    far.remote.stale = False
+    trips = far.row[places["trips"]].item()
+    told = {"joint_limit": [13308, 40], "no_such_check": [1, 1], "ik_reject": "many", "watchdog": [True, 0]}
+    far.remote.texts = [{"checks": told}, {"answer": "arm", "ok": True}]
+    far.motion[:, far.now] = far.motion[:, far.now - 1]
+    far.step()
+    outcomes = far.outcomes()
+    assert (outcomes["check_joint_limit_count"], outcomes["check_joint_limit_first_ms"]) == (13308, far.now - 41)
+    assert far.row[places["trips"]] == trips + 13308
+    names = {trip.check.name for trip in Trips().look(far.now, far.now, outcomes)}
+    assert "joint_limit" in names and not {"no_such_check", "ik_reject", "watchdog"} & names
+
+
+def test_a_robot_that_nothing_is_heard_of_is_a_lost_link_and_not_a_stop():
+    chosen = scenario.from_dict({"name": "far", "duration_s": 30, "task": {"kind": "free"}})
+    wires = []
+
+    def robot(made):
+        wires.append(Wire(PacketRobot(scenario.campaign(chosen, 0))))
+        return DistantRobot(made, wires[0])
+
+    session, events = Session(chosen, 0, robot=robot), []
+
+    def drive(ticks, pedal=True):
+        for k in range(ticks):
+            hand = {"type": "input", "pedal": pedal, "arms": {"gold": {"move": [0.5, 0.0, 0.0]}}}
+            events.extend(session.tick([hand] if k % 20 == 0 else []))
+        return PHASES[int(session.frame.number("phase"))]
+
+    drive(100, pedal=False)
+    assert drive(500) == "running" and session.frame.number("link") == 1
+    events.clear()
+    wires[0].stale = True
+    assert drive(500) == "lost" and session.frame.number("link") == 0
+    assert not session.frame["gold/force"].any()
+    assert {event["kind"] for event in events} == {"phase", "pedal", "rearm"}  # no alarm, no run level
+    wires[0].stale = False
+    assert drive(500) == "ready" and session.frame.number("pedal") == 0  # the foot never came up
+    drive(100, pedal=False)
+    assert drive(500) == "running"
+
+
+def test_a_robot_that_nothing_is_heard_of_is_waited_for_as_long_as_it_takes(monkeypatch):
+    monkeypatch.setattr(advance, "STAND_BY_MS", 300)
+    chosen = scenario.from_dict({"name": "far", "duration_s": 2, "task": {"kind": "free"}})
+    wires = []
+
+    def robot(made):
+        wires.append(Wire(PacketRobot(scenario.campaign(chosen, 0))))
+        wires[0].stale = True
+        return DistantRobot(made, wires[0])
+
+    session, latest = Session(chosen, 0, robot=robot), 0
+    for k in range(4000):
+        wires[0].stale = k < 2000
+        hand = {"type": "input", "pedal": k >= 3000, "arms": {"gold": {"move": [0.5, 0.0, 0.0]}}}
+        session.tick([hand] if k % 20 == 0 else [])
+        latest = max(latest, session.robot.now if session.started is None else 0)
+    assert latest <= 300 and PHASES[int(session.frame.number("phase"))] == "running"
+    assert session.frame["gold/error_mm"] < 1.0 and not session.frame["gold/force"].any()  # the model came along

@@ -128,7 +128,7 @@ def test_force_in_the_axes_of_the_console(server, console, clock):
         x, y, z = got[arm]
         assert {"gold": (-z, -x, y), "green": (-z, x, -y)}[arm] == tuple(round(1000 * f) for f in felt)
     assert (got["sequence"], got["last_sequence"], got["runlevel"]) == (1, 1, 3)
-    assert got["jointflags"] == 0b11_0000_1111
+    assert got["jointflags"] == 0b11_0010_1111
     assert got["checksum"] == sum(got["gold"]) + sum(got["green"]) + 3 + 1
 
 
@@ -136,7 +136,7 @@ def test_flags(server, console, clock):
     console.send(surgeon_mode=0)
     server.poll()
     server.send_force({"gold": STILL, "green": STILL}, runlevel=0, soft_estopped=True)
-    assert console.force()["jointflags"] == 0b1_1011
+    assert console.force()["jointflags"] == 0b11_1011
 
 
 @pytest.mark.parametrize("felt", [(math.nan, 0, 0), (0, 0, 0)])
@@ -165,7 +165,7 @@ def test_a_dead_console_gets_no_force_and_its_pedal_counts_as_up(server, console
     assert not server.alive
     server.send_force({"gold": (0.05, 0, 0)}, runlevel=3)
     got = console.force()
-    assert (got["gold"], got["jointflags"], got["runlevel"]) == (STILL, 0b11, 3)
+    assert (got["gold"], got["jointflags"], got["runlevel"]) == (STILL, 0b10_0011, 3)
     clock.ms += 2000
     assert not server.send_force({"gold": (0.05, 0, 0)}), "nobody is there any more"
 
@@ -201,7 +201,7 @@ def test_one_arm(clock):
     assert list(server.poll()[0]["arms"]) == ["green"]
     server.send_force({"green": (0.0, 0.01, 0.0)})
     got = console.force()
-    assert (got["gold"], got["green"], got["jointflags"]) == (STILL, (10, 0, 0), 0b10_0000_1110)
+    assert (got["gold"], got["green"], got["jointflags"]) == (STILL, (10, 0, 0), 0b10_0010_1110)
     console.close()
     server.close()
 

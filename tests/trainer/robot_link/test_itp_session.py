@@ -41,7 +41,10 @@ class Driven:
                 self.tick()
 
     def pedal_down(self, books):
-        """Until the robot follows, with nothing asked."""
+        """Until the robot follows, with nothing asked; the pedal is seen up first."""
+        for _ in range(2):  # the first packet of a stream may be lost
+            books.sequence += 1
+            self.send([datagram(books.sequence, surgeon_mode=0)])
         for _ in range(100):
             books.sequence += 1
             self.send([datagram(books.sequence)])

@@ -258,7 +258,8 @@ class Driver:
             if count == arm_at:
                 self.session.order({"order": "arm", "number": 0})
             moving = (5, 0, 0) if count > 200 else (0, 0, 0)  # at rest until the pedal has taken effect
-            report = self.session.exchange(datagram(self.sequence, gold=moving))
+            down = int(count > 50)  # the pedal is seen up first
+            report = self.session.exchange(datagram(self.sequence, gold=moving, surgeon_mode=down))
             while report is not None and first < report.last_seq < self.sequence - 50:  # fewer than the kernel holds
                 time.sleep(0.001)
                 report = self.session.exchange(b"")

@@ -35,13 +35,14 @@ class Integrator:
 
     def __init__(self):
         self.frame, self.packets, self.orders = Frame(FrameLayout.of(BOTH)), [], []
-        self.deaf = False
+        self.deaf, self.pedals = False, []
         self.frame["last_seq"] = 111
         self.um = np.zeros((2, 3))
 
     def tick(self, packet):
         if packet is not None:
             self.packets.append(packet)
+            self.pedals.append(packet.surgeon_mode)
             if not self.deaf:
                 self.um += np.array(packet.delta)
                 self.frame["last_seq"] = packet.sequence
@@ -58,6 +59,10 @@ class Integrator:
 
     def press(self, row):
         self.orders.append(("press", row))
+
+    def outcomes(self):
+        return {"check_joint_limit_count": 13308, "check_joint_limit_first_ms": 2, "check_estop_count": 0,
+                "check_estop_first_ms": -1}  # fmt: skip
 
     def reset(self):
         self.orders.append(("reset",))
@@ -126,6 +131,33 @@ def rig():
     made = Rig(Integrator())
     yield made
     made.close()
+
+
+def test_what_the_checks_did_is_told_now_and_then(rig):
+    rig.machine.frame["tick"], rig.machine.frame["trips"] = 42, 13308
+    rig.tick(150)
+    heard = rig.heard(lambda said: any("checks" in one for one in said if isinstance(one, dict)))
+    assert [one for one in heard if isinstance(one, dict)][1:] == [{"checks": {"joint_limit": [13308, 40]}}]
+
+
+@pytest.mark.parametrize("why", ["beginning", "silence", "estop", "reset"])
+def test_a_pedal_of_a_console_counts_after_it_was_seen_up(rig, why):
+    def press(mode, count=3):
+        del rig.machine.pedals[:]
+        for _ in range(count):
+            rig.console.send(surgeon_mode=mode)
+            rig.tick()
+        return rig.machine.pedals
+
+    if why != "beginning":
+        press(0)
+        assert press(1) == [1, 1, 1]
+    if why == "silence":
+        rig.tick(300)
+    elif why in ("estop", "reset"):
+        rig.ask(order=why)
+    assert press(1) == [0, 0, 0]
+    assert press(0) == [0, 0, 0] and press(1) == [1, 1, 1]
 
 
 def test_a_console_drives(rig):
@@ -263,9 +295,9 @@ def test_the_control_software_goes_where_the_good_packets_say():
             while rig.itp.gate.received < count:
                 rig.tick()
 
-    for _ in range(100):  # until the pedal is down, with nothing asked
+    for i in range(100):  # until the pedal is down, with nothing asked; it is seen up first
         books.sequence += 1
-        pump([datagram(books.sequence)])
+        pump([datagram(books.sequence, surgeon_mode=int(i > 1))])
     assert rig.tick().number("runlevel") == 3
     while count < 20_000:
         pump([books.good()])

@@ -44,7 +44,10 @@ def test_a_session_leaves_a_folder_that_says_everything(headless):
         (row,) = csv.DictReader(file)
     assert row["session"] == "one" and row["group"] == "A" and row["response"] == "release"
     read = reader.read(headless.folder)
-    assert read.complete and len(read.rows) == 4000 and read["tick"][-1] == 3999
+    (started,) = [event for event in read.events if event["kind"] == "started"]
+    assert started["by"] == "pedal" and 200 < started["tick"] < 220  # its four seconds begin as somebody drives
+    assert read.complete and len(read.rows) == started["tick"] + 4000 and read["tick"][-1] == len(read.rows) - 1
+    assert read["left_ms"][0] == 4000 and read["left_ms"][-2] == 2
     assert {event["kind"] for event in read.events} >= {"hazard_struck", "cue", "response", "end"}
     assert "<html" in (headless.folder / "debrief.html").read_text()
 
@@ -53,7 +56,10 @@ def test_a_session_leaves_a_folder_that_says_everything(headless):
 def test_its_recording_is_a_log_for_other_tools(headless):
     log = ros2_log.read(headless.folder / "session.mcap")
     frames = log.topics["/tf"]
-    assert len(frames) == 400 and frames[0].value.transforms[0].header.frame_id == "world"
+    assert (
+        len(frames) == -(-len(reader.read(headless.folder).rows) // 10)
+        and frames[0].value.transforms[0].header.frame_id == "world"
+    )
     assert {one.child_frame_id for one in frames[0].value.transforms} >= {"arm1_base", "arm1_tip_true"}
     words = [message.value.msg for message in log.topics["/ravenjax/log"]]
     assert "hazard 0 strikes" in words and "session ends: time" in words
@@ -89,6 +95,15 @@ def test_somebody_must_drive_a_headless_session(tmp_path):
     with pytest.raises(UserError, match="give a script, one of none, release"):
         launch.headless(SessionOptions(scenario=CHOSEN, folder=tmp_path / "x", seed=0))
     assert not (tmp_path / "x").exists()
+
+
+@pytest.mark.parametrize("how", [launch.headless, lambda one: launch.realtime(one, with_page=False)])
+def test_a_script_that_is_none_leaves_no_session(tmp_path, how):
+    script = tmp_path / "commands.jsonl"
+    script.write_text("release\n")
+    with pytest.raises(UserError, match=r"commands\.jsonl"):
+        how(dataclasses.replace(options(tmp_path / "x"), script=str(script)))
+    assert not list(tmp_path.glob("x*/*")) and not list(tmp_path.glob("x*/.*"))
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,7 @@ def drive(session, ticks, *, pedal=True, move=(0.0, 0.0, 0.0), also=()):
     """So many ticks with the same hand; rows and events."""
     rows, events = [], []
     for k in range(ticks):
-        commands = [hand(pedal, move)] if k % 20 == 0 else []
+        commands = [hand(pedal and session.ticks > 0, move)] if k % 20 == 0 else []  # seen up first
         events += session.tick([*commands, *(also if k == 0 else ())])
         rows.append(session.frame.row.copy())
     return np.array(rows), events
@@ -95,7 +95,7 @@ def test_a_session_comes_again_to_the_bit_from_its_script_and_from_what_was_said
         "response",
     ):
         assert kind in kinds, kind
-    assert kinds[-1] == "end" and len(rows) == 12_000
+    assert kinds[-1] == "end" and len(rows) == first.started + 12_000
     (row,) = hazards
     assert row["response"] == "release" and row["response_ok"]
     assert row["armed_ms"] <= row["struck_ms"] <= row["knowable_ms"] <= row["cue_ms"] < row["response_ms"]
@@ -122,6 +122,7 @@ def test_the_estop_button_stops_and_a_restart_begins_anew(session):
     start = session.blueprint.plan.motion.start_jpos[0]
     assert session.frame.number("runlevel") == 2
     np.testing.assert_allclose(session.frame["gold/link_jpos"], start, atol=1e-3)
+    drive(session, 20, pedal=False)
     assert started(session).frame.number("phase") == 1
 
 
@@ -135,6 +136,136 @@ def test_a_pause_stops_time_and_releases_what_was_held(session):
     np.testing.assert_array_equal(session.frame["gold/tip"], before[places["gold/tip"]])
     session.tick([{"type": "instructor", "do": "resume"}])
     assert session.frame.number("pedal") == 0 and session.ticks == ticks + 1
+
+
+def test_after_an_estop_there_is_no_force_and_the_model_stands_where_the_robot_was_stopped(session):
+    started(session)
+    drive(session, 300, move=(1.0, 0.0, 0.0))
+    rows, events = drive(session, 6000, move=(1.0, 0.0, 0.0), also=[{"type": "operator", "do": "estop"}])
+    after = channel(session, rows, "runlevel").ravel() == 0
+    assert after.sum() > 5900 and channel(session, rows, "pedal").all()  # the foot stays where it is
+    assert not channel(session, rows, "gold/force")[after].any()
+    assert np.ptp(channel(session, rows, "gold/model_tip")[after], axis=0).max() == 0.0
+    assert channel(session, rows, "gold/error_mm")[after].max() < 3.0
+    assert not [event for event in events if event["kind"] == "cue"]
+    drive(session, 5, pedal=False, also=[{"type": "operator", "do": "restart"}])
+    drive(session, 200, pedal=False)
+    began = session.frame["gold/model_tip"].copy()
+    drive(session, 1500, move=(0.3, 0.0, 0.0))
+    assert np.linalg.norm(session.frame["gold/model_tip"] - began) > 5e-3  # it goes with the robot again
+
+
+def moved_mm(session, ticks, **how):
+    before = session.frame["gold/tip"].copy()
+    drive(session, ticks, **how)
+    return 1e3 * float(np.linalg.norm(session.frame["gold/tip"] - before))
+
+
+@pytest.mark.parametrize("why", ["silence", "restart", "reset", "resume", "reconnection"])
+def test_a_pedal_that_is_still_down_drives_nothing_until_it_was_seen_up(session, why):
+    started(session)
+    assert moved_mm(session, 300, move=(1.0, 0.0, 0.0)) > 3.0
+    if why == "silence":
+        for _ in range(300):
+            session.tick([])
+    elif why == "restart":
+        drive(session, 400, also=[{"type": "operator", "do": "estop"}])
+        session.tick([{"type": "operator", "do": "restart"}])
+    elif why == "reset":
+        session.tick([{"type": "instructor", "do": "reset"}])
+    elif why == "resume":
+        session.tick([{"type": "instructor", "do": "pause"}])
+        session.tick([{"type": "instructor", "do": "resume"}])
+    else:
+        session.tick([{"type": "seat", "do": "left"}])
+    drive(session, 200)
+    assert moved_mm(session, 600, move=(1.0, 0.0, 0.0)) < 0.1 and session.frame.number("pedal") == 0
+    drive(session, 20, pedal=False)
+    drive(session, 200)
+    assert moved_mm(session, 300, move=(1.0, 0.0, 0.0)) > 3.0
+
+
+def test_the_time_of_a_session_begins_with_the_first_pedal_down(session):
+    rows, events = drive(session, 40_000, pedal=False)  # longer than the session, and than a robot waits
+    assert not session.over and not [event for event in events if event["kind"] == "hazard_armed"]
+    assert set(channel(session, rows, "left_ms").ravel()) == {12_000.0}
+    rows, events = drive(session, 12_100)
+    (began,) = [event["tick"] for event in events if event["kind"] == "started"]
+    (armed,) = [event["tick"] for event in events if event["kind"] == "hazard_armed"]
+    assert armed - began >= 3000  # as the scenario has it
+    assert session.ended == "time" and session.ticks - began == 12_000
+    left = channel(session, rows, "left_ms").ravel()
+    assert left[0] == 12_000 and left[-1] == 0 and (np.diff(left) <= 0).all()
+
+
+def test_the_instructor_may_start_the_time(session):
+    drive(session, 100, pedal=False)
+    _, events = drive(session, 12_100, pedal=False, also=[{"type": "instructor", "do": "start"}])
+    assert {"tick": 100, "kind": "started", "by": "instructor"} in events
+    assert session.ended == "time" and session.ticks == 12_100
+
+
+def struck(session):
+    """A hazard that keeps on, at work."""
+    started(session)
+    drive(session, 5, also=[{"type": "instructor", "do": "arm", "hazard": 1}])
+    assert [row["struck_ms"] for row in session.judge.rows()] != [None]
+    drive(session, 100)
+    return session
+
+
+@pytest.mark.parametrize(
+    "act",
+    [
+        [{"type": "instructor", "do": "pause"}, {"type": "instructor", "do": "resume"}],
+        [{"type": "instructor", "do": "disarm"}],
+        [{"type": "instructor", "do": "reset"}],
+        [{"type": "instructor", "do": "end"}],
+        [{"type": "operator", "do": "estop", "by": "instructor"}],
+        [{"type": "operator", "do": "estop", "by": "watcher"}],
+        [{"type": "seat", "do": "give", "to": "page", "by": "instructor"}],
+    ],
+    ids=lambda act: " ".join(one.get("by", "") + one["do"] for one in act),
+)
+def test_what_is_not_the_trainees_never_scores(session, act):
+    struck(session)
+    for command in act:
+        session.tick([command])
+    drive(session, 900)
+    (row,) = session.judge.rows()
+    assert (row["response"], row["outcome"], row["score"]) == (None, "interrupted", None)
+
+
+@pytest.mark.parametrize("act", [{"do": "left"}, {"do": "give", "to": "nobody"}, {"do": "give", "to": "itp"}], ids=str)
+@pytest.mark.parametrize("pedal", [True, False])
+def test_who_walks_away_has_lifted_the_pedal_and_voids_nothing(session, act, pedal):
+    struck(session)
+    if not pedal:
+        drive(session, 20, pedal=False)
+    events = session.tick([{"type": "seat", **act}])
+    for _ in range(3000):  # longer than a console that is silent keeps the seat
+        events += session.tick([])
+    (row,) = session.judge.rows()[:1]
+    assert row["response"] == "release" and row["outcome"] != "interrupted"
+    assert not [event for event in events if event["kind"] == "interrupted"]
+
+
+def test_a_console_that_falls_silent_cuts_off_what_the_next_one_meets(session):
+    struck(session)
+    session.tick([{"type": "seat", "do": "left"}])
+    drive(session, 4000, pedal=False)
+    drive(session, 1000, also=[{"type": "instructor", "do": "arm", "hazard": 1}])
+    for _ in range(400):
+        session.tick([])
+    assert session.judge.rows()[-1]["outcome"] == "interrupted"
+
+
+def test_an_instructors_note_converts_nobody(session):
+    struck(session)
+    session.tick([{"type": "operator", "do": "note", "text": "convert?", "by": "instructor"}])
+    assert session.judge.rows()[0]["response"] is None
+    session.tick([{"type": "operator", "do": "note", "text": "convert"}])
+    assert session.judge.rows()[0]["response"] == "convert"
 
 
 def test_what_is_tried_on_the_virtual_robot_the_robot_then_does(session):

@@ -17,6 +17,9 @@ from plotly import graph_objects
 
 from ravenjax.errors import UserError
 from ravenjax.stats.comparison import independent
+from ravenjax.store.logs.session import description
+from ravenjax.store.logs.session import log as session_log
+from ravenjax.trainer.protocol.frame import FrameLayout
 from ravenjax.trainer.study import comparison, report
 from ravenjax.trainer.study import table as study_table
 
@@ -131,13 +134,71 @@ def test_what_cannot_be_compared_says_why(tmp_path):
         study_table.collect([one], by="age")
 
 
-def test_unfinished_sessions_and_hazards_that_never_struck_are_left_out_and_told(tmp_path):
+def killed(base, participant, group):
+    """The folder of a session that was killed while its second hazard was at work: no table, a recording that ends."""
+    header = {"participant": participant, "group": group, "cue": group == "cue", "name": f"{participant}-{group}"}
+    listed = [{"number": i, "within_s": 2.0, "right_response": ["release"]} for i in range(2)]
+    folder = synthetic.write(base / header["name"], None, recorded=False, ended=None, hazards=listed, **header)
+    layout = FrameLayout.of(["gold"])
+    log = session_log.SessionWriter(folder / session_log.FILE, tuple(layout.names()), description.read(folder))
+    log.add(0, synthetic.rows(layout, [], 8.0)[:, : layout.size], [
+        {"tick": 900, "kind": "hazard_armed", "number": 0},
+        {"tick": 1000, "kind": "hazard_struck", "number": 0},
+        {"tick": 1050, "kind": "knowable", "number": 0, "by": "tip", "ms": 1050},
+        {"tick": 1700, "kind": "response", "number": 0, "what": "release", "ok": True, "ms": 650},
+        {"tick": 2500, "kind": "hazard_over", "number": 0, "outcome": "avoided", "score": 80.0},
+        {"tick": 6000, "kind": "hazard_armed", "number": 1},
+        {"tick": 6100, "kind": "hazard_struck", "number": 1},
+    ])  # fmt: skip
+    log.close()
+    return folder
+
+
+def test_the_hazards_of_a_killed_session_count_as_far_as_it_went(tmp_path):
     made(tmp_path, people=PEOPLE[:4])
-    session(tmp_path, "P9", "cue", [met(0, 1.0)], ended=None)
+    killed(tmp_path, "P9", "cue")
     session(tmp_path, "P8", "cue", [synthetic.hazard(0, struck=None)])
-    found = study_table.collect([tmp_path, tmp_path / "P9-cue"])
-    assert len(found.sessions) == 4 and len(found.rows()) == 12
-    assert sorted(found.left_out) == ["P8-cue: no hazard struck", "P9-cue: it did not end"]
+    found = study_table.collect([tmp_path])
+    (mine,) = [hazard for one, _, hazard in found.rows() if one.participant == "P9"]
+    assert (mine.number, mine.response, mine.response_ms, mine.outcome) == (0, "release", 1700.0, "avoided")
+    assert len(found.sessions) == 5 and len(found.rows()) == 13
+    assert found.left_out == ["P8-cue: no hazard struck"]
+    assert found.notes == [
+        "Sessions that were cut short count as far as their recordings go: P9-cue.",
+        "1 of 14 hazards were cut off, and not by the operator (a pause, a reset, a lost console, the end); they are "
+        "left out.",
+    ]
+
+
+def test_a_hazard_that_others_cut_off_counts_for_nobody(tmp_path):
+    made(tmp_path, people=PEOPLE[:4])
+    session(tmp_path, "P9", "cue", [met(0, 500.0), dataclasses.replace(met(1, 900.0), outcome="interrupted")])
+    found = study_table.collect([tmp_path])
+    assert [hazard.number for one, _, hazard in found.rows() if one.participant == "P9"] == [0]
+
+
+def test_what_does_not_vary_is_no_part_of_the_family(tmp_path):
+    """Nobody misses and nobody is deep: two of the four outcomes have nothing to test, and cost the others nothing."""
+    for i, one in enumerate(PEOPLE[:7]):
+        for group in ("cue", "control"):
+            slow = 300.0 * (group == "control")
+            hazards = [dataclasses.replace(met(k, 600.0 + slow + i, 4 + slow / 100), deepest_mm=-1.0) for k in range(2)]
+            session(tmp_path, one, group, hazards)
+    found = {one.outcome.key: one for one in comparison.compare(study_table.collect([tmp_path]))}
+    assert {key: one.varies for key, one in found.items()} == {
+        "right": False, "time": True, "unintended": True, "depth": False,
+    }  # fmt: skip
+    assert math.isnan(found["right"].p) and not found["right"].clear
+    assert found["time"].p == pytest.approx(2 / 2**7) and found["time"].adjusted == pytest.approx(4 / 2**7)
+    assert found["time"].clear  # with the other two in the family it would be 8 / 2**7, 0.0625
+    text = report.run([tmp_path], tmp_path / "out").text
+    assert "It did not vary, so there is nothing to test." in text and "2 of 2 comparisons are clear" in text
+
+
+def test_too_few_are_told_that_nothing_can_be_shown(tmp_path):
+    made(tmp_path, both=True, people=PEOPLE[:5])
+    text = report.run([tmp_path], tmp_path / "out").text
+    assert "So few participants cannot show anything: the smallest p that they can reach is 0.062" in text
 
 
 # --- comparison ---

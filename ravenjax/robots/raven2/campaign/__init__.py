@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ravenjax.robots.raven2.campaign.pedal import clocks
     from ravenjax.robots.raven2.campaign.program import prepare
     from ravenjax.robots.raven2.campaign.trace import bases, series
+    from ravenjax.robots.raven2.campaign.watching import watched
     from ravenjax.robots.raven2.loop.records import TickParams as Params
 
 _HOMES = {
@@ -26,9 +27,10 @@ _HOMES = {
     "explained": ("ravenjax.robots.raven2.campaign.golden_comparison", "explained"),
     "prepare": ("ravenjax.robots.raven2.campaign.program", "prepare"),
     "series": ("ravenjax.robots.raven2.campaign.trace", "series"),
+    "watched": ("ravenjax.robots.raven2.campaign.watching", "watched"),
 }
 
-__all__ = ["Config", "Params", "bases", "clocks", "explained", "phases", "prepare", "series"]
+__all__ = ["Config", "Params", "bases", "clocks", "explained", "phases", "prepare", "series", "watched"]
 
 
 def __getattr__(name: str) -> Any:

@@ -14,13 +14,16 @@ from ravenjax.campaign.file.group import Fault
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.campaign.file.semantics import parameter_tables
 from ravenjax.errors import UserError
+from ravenjax.parts import part
 from ravenjax.robots.raven2.campaign import older_packets, population, semantics, unread
+from ravenjax.robots.raven2.campaign.controller import OwnStages
 from ravenjax.robots.raven2.campaign.sections import HARD_RANGES, Hand, Limits, Operator, RavenCampaign, Reaction
 from ravenjax.robots.raven2.console.motions import MOTIONS
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS, TOOLS
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.sites import USB_SITE
 from ravenjax.vocabulary import packets
+from ravenjax.vocabulary.parts import OwnSource
 
 
 class RavenConfig(CampaignConfig):
@@ -30,6 +33,9 @@ class RavenConfig(CampaignConfig):
     operator: Operator = Operator(motion="suture")
     limits: Limits = Limits()
     reaction: Reaction | None = Field(default=None, description="an operator who reacts; without it nobody does")
+    controller: OwnStages | None = Field(
+        default=None, description="stages of the control software that are files of your own"
+    )
     hand: Hand | None = Field(default=None, description="a hand that the cue moves; without it the cue is a signal")
 
     @model_validator(mode="after")
@@ -42,12 +48,20 @@ class RavenConfig(CampaignConfig):
         return self
 
     def with_files(self, folder: Path) -> CampaignConfig:
-        """Itself, a recorded operator and the files of detectors taken from `folder`. Raises UserError."""
+        """Itself, a recorded operator and the files of one's own taken from `folder`. Raises UserError."""
         new, file = super().with_files(folder), self.operator.file
+        if self.controller is not None:
+            new = new.model_copy(update={"controller": self.controller.located(folder)})
         if file is None or file.is_absolute():
             return new
         operator = self.operator.model_copy(update={"file": (folder / file).absolute()})
         return new.model_copy(update={"operator": operator})
+
+    def own_parts(self) -> Iterator[tuple[str, OwnSource]]:
+        """(beginning of its parameters' paths, code) of every file of one's own. Raises UserError."""
+        yield from super().own_parts()
+        for stage, source in () if self.controller is None else self.controller.parts():
+            yield f"control.own.{stage}", source
 
     @property
     def tools(self) -> tuple[str, ...]:
@@ -92,6 +106,8 @@ class RavenConfig(CampaignConfig):
         what = f"{operator.file}, recorded" if operator.file is not None else f"{operator.label}, generated"
         reaction = "" if self.reaction is None else f"; reacts to the cue: {self.reaction.action}"
         yields = "" if self.hand is None else f"; the cue moves the hand, grip {self.hand.grip:g}"
+        if self.controller is not None:
+            yield "controller", ", ".join(f"{stage}: {file}" for stage, file in self.controller.files())
         timing = f"; a packet lasts {self.cycles_a_packet:.3g} cycles at the mean" if self.random_packets else ""
         yield "operator", f"{what}; scale {operator.scale:g}{timing}{reaction}{yields}"
 
@@ -159,7 +175,9 @@ class RavenConfig(CampaignConfig):
             operator["file"] = _file_hash(self.operator.file)
         own = {"campaign": {**campaign, "tools": self.tools}, "operator": operator, "limits": self.limits.si()}
         hand = {} if self.hand is None else {"hand": self.hand.model_dump(mode="json")}
-        return content | own | hand
+        stages = () if self.controller is None else self.controller.parts()
+        digests = {stage: part.digest(source) for stage, source in stages}
+        return content | own | hand | ({"controller": digests} if digests else {})
 
 
 def of_raven(config: CampaignConfig) -> RavenConfig:

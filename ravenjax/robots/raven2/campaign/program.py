@@ -17,6 +17,7 @@ from ravenjax.robots.raven2.loop import run
 from ravenjax.robots.raven2.loop.records import TickParams
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import overdrive
+from ravenjax.stages import own_checks
 from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.reactions import ACTIONS
 
@@ -52,10 +53,12 @@ def prepare(
         injection=injection,
         cues=len(config.haptics.cues()),
         cables=config.campaign.cables if config.watches_cables else "unwatched",
+        controller=() if config.controller is None else tuple(config.controller.parts()),
         packets=_distributions(config, varied.get(PACKETS)),
         packet_history=config.packet_history,
         command_delay=_longest(varied.get(DELAY)),
         detectors=tuple(use for _, use, _ in config.detectors),
+        checks=tuple(one.use for one in config.check),
         reacts=config.reacts,
         hand_yields=config.hand is not None,
         noise=config.campaign.noise,
@@ -109,6 +112,8 @@ def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> TickParam
     if params.detectors is not None:
         thresholds = tuple(thresholds for _, _, thresholds in config.detectors)
         params = replace(params, detectors=replace(params.detectors, thresholds=thresholds))
+    if params.checks is not None:
+        params = replace(params, checks=own_checks.params(setup, [one.threshold for one in config.check]))
     if params.reaction is not None and config.reaction is not None:
         settings = config.reaction.model_dump(exclude={"action", "correct_mm_s"})
         action = np.int32(ACTIONS.index(config.reaction.action))

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from ravenjax.campaign.file.group import Section
-from ravenjax.campaign.file.sections import Campaign
+from ravenjax.campaign.file.sections import CampaignSection
 from ravenjax.errors import shown, suggestion
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.motions import MOTIONS
@@ -43,7 +43,7 @@ Packets = Annotated[Literal["every_cycle", "measured", "bursts"] | tuple[float, 
 """How long packets last: a name of `vocabulary.packets`, or shares of one's own."""
 
 
-class RavenCampaign(Campaign):
+class RavenCampaign(CampaignSection):
     """[campaign]: what holds for every run."""
 
     arms: tuple[ArmName, ...] = Field(default=("gold",), min_length=1, max_length=2, description="arms, gold first")

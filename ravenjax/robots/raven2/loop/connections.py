@@ -11,7 +11,7 @@ from ravenjax.numbers.vec import Scalar, Vec, record, replace, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.geometry import kinematics, transmission
-from ravenjax.robots.raven2.loop import control
+from ravenjax.robots.raven2.loop import control, guard
 from ravenjax.robots.raven2.loop.arm_view import ArmView
 from ravenjax.robots.raven2.plant import nominal, nominal_target
 from ravenjax.robots.raven2.plant import robot as plant
@@ -69,8 +69,8 @@ class UsbStatus:
 
 
 def boards_apart(setup: RavenSetup) -> int:
-    """USB boards whose output pins may differ: all are written alike, unless a write can fail."""
-    return len(setup.arms) if strikes(setup, "usb_status") else 1
+    """USB boards whose output pins may differ: all are written alike, unless a write can fail or a board refuse."""
+    return len(setup.arms) if strikes(setup, "usb_status") or guard.refuses(setup) else 1
 
 
 def each(setup: RavenSetup, item: Any) -> tuple[Any, ...]:

@@ -79,7 +79,7 @@ def init(setup: RavenSetup, params: TickParams) -> ExplainedState:
     return ExplainedState(
         tick=state,
         numbers=tuple(NumberHistory(never, None if span is None else never) for span in _spans(setup)),
-        margins=tuple(MarginHistory(infinite, infinite, never) for _ in run.checks(state)),
+        margins=tuple(MarginHistory(infinite, infinite, never) for _ in run.checks(setup, state)),
         harm=never,
     )
 
@@ -105,7 +105,7 @@ def advance(
             state.numbers, _spans(setup), present, values, bits, beside, strict=True
         )
     )
-    margins = [real(setup, one.margin) for one in run.checks(after).values()]
+    margins = [real(setup, one.margin) for one in run.checks(setup, after).values()]
     live = state.harm < 0
     histories = tuple(
         _nearer(history, live, margin, other, now)
@@ -120,7 +120,7 @@ def advance(
 
 def series_length(setup: RavenSetup) -> int:
     """How many numbers the series has."""
-    return run.series_length(setup) + len(_spans(setup)) + len(CHECKS)
+    return run.series_length(setup) + len(_spans(setup)) + len(CHECKS) + len(setup.checks)
 
 
 def outcomes(setup: RavenSetup, params: TickParams, state: ExplainedState) -> dict[str, Scalar]:
@@ -130,7 +130,7 @@ def outcomes(setup: RavenSetup, params: TickParams, state: ExplainedState) -> di
         out[f"{DIFFERS}{place.name}"] = history.differs
         if history.leaves is not None:
             out[f"{LEAVES}{place.name}"] = history.leaves
-    for name, history in zip(run.checks(state.tick), state.margins, strict=True):
+    for name, history in zip(run.checks(setup, state.tick), state.margins, strict=True):
         out |= {f"{NEAR}{name}": history.margin, f"{GOLDEN_NEAR}{name}": history.golden}
         out[f"{NEAR_MS}{name}"] = history.tick
     return out | {HARM: state.harm}

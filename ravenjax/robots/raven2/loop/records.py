@@ -8,12 +8,22 @@ from ravenjax.faults import fault
 from ravenjax.numbers.quantity import Quantity, Reserved
 from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2.console import operator, reaction
-from ravenjax.robots.raven2.loop import control
+from ravenjax.robots.raven2.loop import control, guard
 from ravenjax.robots.raven2.loop.observers import ObserverParams
 from ravenjax.robots.raven2.plant import nominal
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.stages import plc, usb
-from ravenjax.stages import channel, detectors, hand, haptics, monitor, overload, packet_clock, packet_history
+from ravenjax.stages import (
+    channel,
+    detectors,
+    hand,
+    haptics,
+    monitor,
+    overload,
+    own_checks,
+    packet_clock,
+    packet_history,
+)
 
 
 @record
@@ -31,6 +41,7 @@ class TickParams:
     reaction: reaction.ReactionParams | None  # where Setup.reacts
     hand: hand.HandParams | None  # where Setup.hand_yields
     detectors: detectors.DetectorParams | None  # where there are any
+    checks: own_checks.OwnCheckParams | None  # where there are any of one's own
     monitor: Annotated[monitor.MonitorParams, Reserved("it belongs to the observer, not to the robot")]
     start: Annotated[  # joints where the run begins, 7, rad and m
         tuple[Vec, ...], Reserved("it is where the operator's motion begins; write [operator.start]")
@@ -95,6 +106,7 @@ class TickState:
     clock: packet_clock.PacketClock | None  # where Setup.packets
     history: packet_history.PacketHistory | None  # where Setup.packet_history
     detectors: detectors.DetectorsState | None
+    guard: guard.GuardState | None  # where there are checks of one's own
     monitor: monitor.MonitorState
     overload: overload.OverloadState | None  # where Setup.cables are watched
     pedal_ticks: Scalar  # int32, ticks since pedal-down was entered; negative: not in it

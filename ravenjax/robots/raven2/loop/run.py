@@ -13,10 +13,10 @@ from ravenjax.faults import fault
 from ravenjax.faults.injector import strikes
 from ravenjax.numbers.lazy import at_once, jnp
 from ravenjax.numbers.setup import per_arm, real
-from ravenjax.numbers.vec import Scalar, Vec
+from ravenjax.numbers.vec import Scalar, Vec, replace
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.console import operator, reaction
-from ravenjax.robots.raven2.loop import connections, control, observers
+from ravenjax.robots.raven2.loop import connections, control, guard, observers, replaced
 from ravenjax.robots.raven2.loop.injector import seeded
 from ravenjax.robots.raven2.loop.records import Input, NetworkParams, TickParams, TickSignals, TickState, UsbParams
 from ravenjax.robots.raven2.loop.tick import tick
@@ -24,7 +24,18 @@ from ravenjax.robots.raven2.plant import nominal, parameter_sets
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
-from ravenjax.stages import channel, check, detectors, hand, haptics, monitor, overload, packet_clock, packet_history
+from ravenjax.stages import (
+    channel,
+    check,
+    detectors,
+    hand,
+    haptics,
+    monitor,
+    overload,
+    own_checks,
+    packet_clock,
+    packet_history,
+)
 from ravenjax.stages.check import CheckHistory
 from ravenjax.vocabulary import packets
 
@@ -48,6 +59,7 @@ def params(
         reaction=reaction.params(setup) if setup.reacts else None,
         hand=hand.params(setup) if setup.hand_yields else None,
         detectors=detectors.params(setup) if setup.detectors else None,
+        checks=own_checks.params(setup, (1.0,) * len(setup.checks)) if setup.checks else None,
         monitor=monitor.params(setup),
         start=tuple(Vec(jpos) for jpos in start_jpos),
     )
@@ -64,6 +76,7 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
     zero = jnp.int32(0)
     with at_once():  # where a run begins is a constant of the campaign
         software = control.init(setup, params.start, ready)
+    software = replace(software, own=replaced.init(setup, params.control.own))  # of parameters that may vary
     return TickState(
         faults=fault.init(setup),
         control=software,
@@ -82,6 +95,7 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
         clock=packet_clock.init() if setup.packets else None,
         history=packet_history.init(setup.packet_history) if setup.packet_history else None,
         detectors=None if params.detectors is None else detectors.init(setup, params.detectors),
+        guard=None if params.checks is None else guard.init(setup, params.checks),
         monitor=beside.monitor,
         overload=None if setup.cables == "unwatched" else overload.init(setup),
         pedal_ticks=jnp.int32(-1),
@@ -93,7 +107,7 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
 
 def outcomes(setup: RavenSetup, params: TickParams, state: TickState) -> dict[str, Scalar]:
     """What became of the run so far; columns of the result table before the verdict."""
-    out = fault.outcomes(state.faults) | check.outcomes(checks(state)) | haptics.outcomes(setup, state.haptics)
+    out = fault.outcomes(state.faults) | check.outcomes(checks(setup, state)) | haptics.outcomes(setup, state.haptics)
     machine = state.control.state_machine
     level = jnp.where(machine.soft_estopped != 0, run_levels.E_STOP, machine.runlevel)
     # a fault may write a number there that is no run level
@@ -141,11 +155,12 @@ def reference_from(setup: RavenSetup, series: Any) -> monitor.Reference:
     return monitor.Reference(tip=tuple(rows[0::2]), pos=tuple(rows[1::2]))
 
 
-def checks(state: TickState) -> dict[str, CheckHistory]:
-    """Every built-in check by its name in `ravenjax.vocabulary.checks`; that of the worse arm."""
+def checks(setup: RavenSetup, state: TickState) -> dict[str, CheckHistory]:
+    """Every check by its name in columns, one's own before the built-in ones; that of the worse arm."""
+    own = {} if state.guard is None else guard.histories(setup, state.guard)
     software = state.control
     net, machine, over = software.network, software.state_machine, software.overdrive
-    return {
+    return own | {
         "overdrive_instant": over.instant,
         "overdrive_hard": over.hard,
         "overdrive_clip": over.clip,

@@ -19,6 +19,7 @@ from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.geometry.mapping import position_to_itp
 from ravenjax.robots.raven2.loop import arm_view, connections, control, failure, observers
+from ravenjax.robots.raven2.loop.guard import UNGUARDED, Guard, Unguarded
 from ravenjax.robots.raven2.loop.injector import RavenInjector, seeded
 from ravenjax.robots.raven2.loop.records import Input, TickParams, TickSignals, TickState
 from ravenjax.robots.raven2.plant import robot as plant
@@ -39,7 +40,10 @@ def tick(
 
     due = replace(state, clock=clock, history=history)
     sent = _console_and_network(setup, params, inject, due, signal, fresh, sequence)
-    done = _robot(setup, params, inject, state, sent.packet)
+    lookout = UNGUARDED
+    if params.checks is not None and state.guard is not None:
+        lookout = Guard(setup, params.checks, state.guard, now)
+    done = _robot(setup, params, inject, state, sent.packet, lookout)
     signals, robots = done.signals, done.robots
     observed, observer = observers.observe(
         setup,
@@ -97,6 +101,7 @@ def tick(
         clock=clock,
         history=history,
         detectors=watched,
+        guard=lookout.state,
         monitor=observed.monitor,
         overload=_overload(params, state.overload, robots, now),
         pedal_ticks=jnp.where(down, jnp.maximum(state.pedal_ticks, -1) + 1, -1),
@@ -197,7 +202,9 @@ class _Done(NamedTuple):
     robots: tuple[plant.PlantOutput, ...]
 
 
-def _robot(setup: RavenSetup, params: TickParams, inject: RavenInjector, state: TickState, packet: Any) -> _Done:
+def _robot(
+    setup: RavenSetup, params: TickParams, inject: RavenInjector, state: TickState, packet: Any, lookout: Unguarded
+) -> _Done:
     """Control computer and PLC; then motors, cables and links."""
     status = inject(
         "usb_status",
@@ -206,12 +213,19 @@ def _robot(setup: RavenSetup, params: TickParams, inject: RavenInjector, state: 
     pins = plc.input_pins(inject("plc", state.plc.runlevel))
     delivered = usb.UsbIn(inject("encoder", state.enc_val), connections.each(setup, pins))
     software, signals = control.cycle(
-        setup, params.control, state.control, control.Inputs(packet, delivered, status.read_ok, state.motors), inject
+        setup,
+        params.control,
+        state.control,
+        control.Inputs(packet, delivered, status.read_ok, state.motors),
+        inject,
+        lookout,
     )
     message = usb.UsbOut(
         tuple(arm.current_cmd_written for arm in signals.arms), connections.each(setup, signals.pins_out)
     )
+    lookout.sees(boards_enc_val=delivered.enc_val)
     boards = usb.write(setup, state.boards, message, status.write_ok)
+    boards = lookout.boards(state.boards, boards, state.plc.runlevel)
 
     pressed = detectors.stops(setup, state.detectors)
     buttons = inject("buttons", connections.Buttons(pressed, jnp.bool_(False)))

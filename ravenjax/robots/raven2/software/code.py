@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.engines.cpu import transition
-from ravenjax.engines.cpu.memory import RowLayout
+from ravenjax.engines.cpu.jit import Objects
+from ravenjax.engines.cpu.record_kind import RecordKind
 from ravenjax.engines.cpu.transition import Compiled, Interpreted, StateTransition, TransitionMachine
 from ravenjax.numbers.lazy import jax
 from ravenjax.numbers.vec import Vec
@@ -23,44 +23,19 @@ from ravenjax.robots.raven2.stages.usb import UsbIn
 ARITHMETICS = ("compiled", "interpreted")
 
 
-class RecordKind:
-    """The shape of a record of NumPy numbers: its tree, its number types and where they stand in memory."""
-
-    def __init__(self, example: Any) -> None:
-        leaves: list[Any]
-        leaves, tree = jax.tree.flatten(example)
-        self.tree: Any = tree
-        self.types = tuple(str(np.dtype(leaf.dtype)) for leaf in leaves)
-        self.layout = RowLayout.packed(self.types)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, RecordKind) and (self.tree, self.types) == (other.tree, other.types)
-
-    def __hash__(self) -> int:
-        return hash((self.tree, self.types))
-
-    def abstract(self) -> Any:
-        """The record as tracing takes it."""
-        return jax.tree.unflatten(self.tree, [jax.ShapeDtypeStruct((), dtype) for dtype in self.types])
-
-    def row(self, value: Any) -> np.ndarray:
-        """A record's numbers in memory."""
-        row = transition.rows(self.layout, 1)[0]
-        transition.write(self.layout, row, jax.tree.leaves(value))
-        return row
-
-    def read(self, row: np.ndarray | bytes) -> Any:
-        """The record of numbers in memory."""
-        return jax.tree.unflatten(self.tree, transition.read(self.layout, row))
-
-
 @dataclasses.dataclass(frozen=True)
 class SoftwareCode:
     """The software of one setup, ready to run: transition "cycle" is one millisecond, "receive" takes one packet that
     arrives before the last of a cycle."""
 
     machine: TransitionMachine
-    signals: RecordKind  # what leaves a cycle
+    transitions: dict[str, StateTransition]  # what it is made of
+    kinds: dict[str, RecordKind]  # of "params", "state", and "signals", which leave a cycle
+
+    @property
+    def signals(self) -> RecordKind:
+        """What leaves a cycle."""
+        return self.kinds["signals"]
 
 
 @functools.lru_cache(maxsize=16)
@@ -76,8 +51,6 @@ def code(setup: RavenSetup, params: RecordKind, state: RecordKind, arithmetic: s
     def receive(params: Any, state: Any, inputs: control.Inputs) -> Any:
         return control.receive(setup, params, state, inputs.packet)
 
-    from ravenjax.campaign import compile_cache  # no campaign, but the folder where any compiled code is kept
-
     with widths(setup):
         cycle, (_, signals) = jax.make_jaxpr(one_cycle, return_shape=True)(*kinds)
         reception = jax.make_jaxpr(receive)(*kinds)
@@ -86,14 +59,22 @@ def code(setup: RavenSetup, params: RecordKind, state: RecordKind, arithmetic: s
             for name, jaxpr in (("cycle", cycle), ("receive", reception))
         }
         interpreted = arithmetic == "interpreted"
-        machine = Interpreted(transitions) if interpreted else Compiled(transitions, compile_cache.objects())
-    return SoftwareCode(machine, RecordKind(signals))
+        machine = Interpreted(transitions) if interpreted else Compiled(transitions, objects())
+    kinds = {"params": params, "state": state, "signals": RecordKind(signals)}
+    return SoftwareCode(machine, transitions, kinds)
 
 
 def example_inputs(setup: RavenSetup) -> control.Inputs:
     """Inputs of the right types."""
     flags = (np.int32(1),) * len(setup.arms)
     return control.Inputs(silence(setup), UsbIn(tuple(Vec.full(7, np.int32(0)) for _ in flags), flags), flags)
+
+
+def objects() -> Objects | None:
+    """Where compiled code outlives the process."""
+    from ravenjax.campaign import compile_cache  # no campaign, but the folder where any compiled code is kept
+
+    return compile_cache.objects()
 
 
 def widths(setup: RavenSetup) -> AbstractContextManager[Any]:

@@ -21,6 +21,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ravenjax.engines.cpu import transition
+from ravenjax.engines.cpu.record_kind import RecordKind
 from ravenjax.engines.cpu.transition import Memory
 from ravenjax.errors import UserError, shown
 from ravenjax.numbers import paths
@@ -34,7 +35,7 @@ from ravenjax.robots.raven2.loop import control
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.software import inputs as given_inputs
 from ravenjax.robots.raven2.software import series, start
-from ravenjax.robots.raven2.software.code import ARITHMETICS, RecordKind, code, widths
+from ravenjax.robots.raven2.software.code import ARITHMETICS, SoftwareCode, code, widths
 from ravenjax.robots.raven2.software.output import Output, OutputReader, Outputs
 from ravenjax.robots.raven2.software.rows import InputRows
 from ravenjax.robots.raven2.stages import overdrive
@@ -206,6 +207,16 @@ class ControlSoftware:
     def state(self) -> control.ControlState:
         """Everything the software remembers, the checks' histories among it; another one may start with it."""
         return self._kind.read(self._state)
+
+    @property
+    def params(self) -> control.ControlParams:
+        """What is set in it."""
+        return self.code.kinds["params"].read(self._fixed)
+
+    @property
+    def code(self) -> SoftwareCode:
+        """What it is made of, for those who print it anew."""
+        return self._code
 
     def _fill(self, rows: InputRows, packets: Sequence[Any]) -> dict[int, list[Datagram | Packet | None]]:
         """Put the last packet of each cycle in its row; those before it, by cycle."""

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from ravenjax.engines.cpu.memory import stored
+from ravenjax.engines.cpu.record_kind import RecordKind
 from ravenjax.numbers.lazy import jax
 from ravenjax.robots.raven2.loop import control
-from ravenjax.robots.raven2.software.code import RecordKind
 
 
 @dataclasses.dataclass(frozen=True)

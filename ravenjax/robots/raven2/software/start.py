@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.engines.cpu import transition
+from ravenjax.engines.cpu.record_kind import RecordKind
 from ravenjax.errors import UserError, shown
 from ravenjax.numbers.lazy import jax
 from ravenjax.numbers.vec import Vec, replace
@@ -23,7 +24,7 @@ from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.loop import control
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.software import inputs as given_inputs
-from ravenjax.robots.raven2.software.code import RecordKind, SoftwareCode
+from ravenjax.robots.raven2.software.code import SoftwareCode
 from ravenjax.robots.raven2.software.rows import InputRows
 from ravenjax.robots.raven2.stages.estimator import RAD_PER_COUNT
 

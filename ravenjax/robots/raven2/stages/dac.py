@@ -18,6 +18,15 @@ def step(setup: RavenSetup, arm: ArmName, tool: str, tau_d: Vec, enabled: Scalar
 
     def command(i: int) -> Scalar:
         value = to_int32(tau_d[i] * amps[i] * transmission.COUNTS_PER_AMP[i])
-        return jnp.where(enabled, jnp.minimum(jnp.maximum(value, LOWEST), HIGHEST), otherwise[i])
+        return _stored(value, enabled, otherwise[i])
 
     return Vec(command(i) for i in range(7))
+
+
+def stored_counts(counts: Vec, enabled: Scalar, otherwise: Vec) -> Vec:
+    """Counts (7 int32) saturated to 16 bits where `enabled`, elsewhere `otherwise`."""
+    return counts.map(lambda count, rest: _stored(count, enabled, rest), otherwise)
+
+
+def _stored(value: Scalar, enabled: Scalar, otherwise: Scalar) -> Scalar:
+    return jnp.where(enabled, jnp.minimum(jnp.maximum(value, LOWEST), HIGHEST), otherwise)

@@ -119,7 +119,12 @@ def torques(
     tau = law.map(lambda t: jnp.where(pedal_down, t, 0.0))
     tau_g = state.tau_g
     if setup.software == "raven2":
-        lift = narrow(setup, evaluation(setup).gravity_torque(arm, wide(setup, jpos)))
+        lift = gravity(setup, arm, jpos)
         tau = Vec((*(Vec(tau[:3]) + lift), *tau[3:]))
         tau_g = where(active, lift, tau_g)
     return MotorControlState(where(active, mpos_d, state.mpos_d), integral, where(active, tau, state.tau_d), tau_g)
+
+
+def gravity(setup: RavenSetup, arm: ArmName, jpos: Vec) -> Vec:
+    """Torque that holds joints 1-3 against gravity, N m at the capstan."""
+    return narrow(setup, evaluation(setup).gravity_torque(arm, wide(setup, jpos)))

@@ -5,6 +5,9 @@
   const asked = new URLSearchParams(location.search);
   const name = [...crypto.getRandomValues(new Uint8Array(12))].map((x) => x.toString(16).padStart(2, "0")).join("");
   window.ravenjax = { window: name, role: asked.get("role") === "instructor" ? "instructor" : "operator" };
+  // What makes an instructor stays in this tab, out of the address that can be sent on, and out of other tabs.
+  if (asked.has("instructor_token")) sessionStorage.setItem("instructor_token", asked.get("instructor_token"));
+  window.ravenjax.token = window.ravenjax.role === "instructor" ? (sessionStorage.getItem("instructor_token") ?? "") : "";
 
   // The scene's socket says whose it is, so that cameras and layers belong to one window. Viser reads its server, and
   // the resolution it draws at, from the address; the visitor keeps an address that can be sent on.

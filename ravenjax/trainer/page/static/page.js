@@ -25,7 +25,7 @@ const input = new Input(own.keys, {
   pressed: (stamp) => probe.pressed(stamp),
   command: (name) => (name === "estop" || panels.role === "operator") && send({ type: "operator", do: name }),
 });
-const wire = new Wire(own.role, own.window, {
+const wire = new Wire(own.role, own.window, own.token, {
   link: (up) => {
     input.enabled = up && panels.role === "operator";
     panels.link(up);
@@ -86,7 +86,7 @@ function draw() {
   counted();
   if (!latest || latest === shown || !plots) return;
   shown = latest;
-  panels.frame(latest, measured(latest));
+  panels.frame(latest, measured(latest), input.pedal);
   if (!blind) {
     for (const [name, unit, digits] of [["error", "mm", 2], ["force", "", 4]]) {
       plots[name].draw();
@@ -102,6 +102,9 @@ function draw() {
     }
   }
   scope.draw(latest, blind);
+  const goal = scope.goal(latest.number("target"));
+  $("distance").textContent = (goal?.distance ?? null) === null ? "" : `${(1000 * goal.distance).toFixed(1)} mm away`;
+  $("target").dataset.arm = goal?.arm ?? "";
   probe.drawn();
 }
 requestAnimationFrame(draw);
@@ -142,6 +145,9 @@ $("note").addEventListener("change", () => {
   if ($("note").value.trim()) send({ type: "operator", do: "note", text: $("note").value.trim() });
   $("note").value = "";
 });
+for (const button of document.querySelectorAll("[data-give]"))
+  button.addEventListener("click", () => send({ type: "seat", do: "give", to: button.dataset.give }));
+$("take").addEventListener("click", () => send({ type: "seat", do: "take" }));
 for (const button of document.querySelectorAll("[data-instructor]"))
   button.addEventListener("click", () => sure(button) && send({ type: "instructor", do: button.dataset.instructor }));
 $("cue").addEventListener("change", () => send({ type: "instructor", do: "cue", on: $("cue").checked }));

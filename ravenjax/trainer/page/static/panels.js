@@ -19,6 +19,11 @@ export const WORDS = {
   phase: (e) => e.phase,
   view: (e) => `view: ${e.view}`,
   pedal: (e) => `pedal ${e.down ? "down" : "up"}`,
+  owner: (e) => `${DRIVERS[e.console] ?? e.console} drives (${e.by})`,
+  refused: (e) => `refused: ${e.why}`,
+  rearm: (e) => `pedal must be lifted first: ${e.why}`,
+  started: (e) => `time runs: ${e.by}`,
+  interrupted: (e) => `hazard ${e.number} cut off, not scored: ${e.by}`,
   console: (e) => `console ${e.alive ? `alive${e.source ? ` (${e.source})` : ""}` : "silent"}`,
   runlevel: (e) => `runlevel ${e.runlevel}`,
   note: (e) => `“${e.text}”`,
@@ -27,11 +32,17 @@ export const WORDS = {
   task_done: () => "task done",
   end: (e) => `ended: ${e.reason}`,
 };
+const DRIVERS = { nobody: "nobody", page: "the page", itp: "the ITP console", script: "a script" };
 const BANNERS = {
   down: ["bad", "No connection", "The session does not answer. The robot takes this console for dead and holds still."],
   stopped: ["bad", "Robot stopped", "It holds its brakes. Find out why, then restart.", "Restart"],
   paused: ["wait", "Paused", "The instructor has paused the session."],
+  lost: ["bad", "Link to the robot lost", "Nothing is heard of it, and nobody can say what it does. Its own time-out lifts the pedal. This page goes on by itself once the robot is heard again."],
   watcher: ["wait", "View only", "Another window holds the console."],
+  scripted: ["wait", "View only", "A script drives this session."],
+  keyless: ["bad", "Not an instructor", "This address lacks the instructor's token. Open the one that was printed when the session began."],
+  second: ["wait", "Another instructor is at work", "You see what a watcher sees.", "Instruct too"],
+  other: ["wait", "The ITP console drives", "This page watches. The E-STOP works here too.", "Take over"],
   free: ["wait", "The console is free", "Nobody drives.", "Take it"],
   over: ["wait", "Session over", "What happened, and when you could have known:", "Debrief"],
   virtual: ["virtual", "Virtual robot", "The robot rests. What you try now happens to the virtual robot alone."],
@@ -48,8 +59,11 @@ export class Panels {
     $("banner").querySelector("button").addEventListener("click", () => this.act());
   }
 
-  welcome({ role, header, arms, run_levels, phases, views }) {
-    Object.assign(this, { role, header, arms, phases, views });
+  welcome({ role, instructs, header, arms, run_levels, phases, views, consoles }) {
+    Object.assign(this, { role, instructs, header, arms, phases, views, consoles });
+    this.started = false;
+    set("left-word", "left, waits");
+    $("console-card").hidden = (header.consoles ?? []).length < 2;
     this.root.dataset.role = role;
     $("role").textContent = role === "watcher" ? "view only" : role;
     $("title").textContent = header.title || header.name || "";
@@ -83,7 +97,10 @@ export class Panels {
   }
 
   event(event) {
-    if (event.kind === "alarm") this.alarm(event);
+    if (event.kind === "alarm" || event.kind === "alarm_count") this.alarm(event);
+    if (event.kind === "refused") set("console-note", event.why);
+    if (event.kind === "started") this.start();
+    if (event.kind === "owner") set("console-note", "");
     if (!$("hazard-card") || this.role !== "instructor") return;
     const say = WORDS[event.kind];
     if (say) {
@@ -97,24 +114,32 @@ export class Panels {
     if (event.kind === "hazard_over") item.querySelector("small").textContent = event.outcome;
   }
 
-  alarm({ tick, check }) {
+  /** The session's time runs. */
+  start() {
+    this.started = true;
+    set("left-word", "left");
+  }
+
+  /** A check stands here once, with how often it has tripped. */
+  alarm({ tick, check, count: told }) {
     const known = this.alarms.get(check);
     known?.item.remove();
-    const count = (known?.count ?? 0) + 1;
+    const count = told ?? (known?.count ?? 0) + 1;
     const item = element("li", "alarm", time(tick), element("span", "", String(check).replaceAll("_", " ") + (count > 1 ? ` ×${count}` : "")));
     this.alarms.set(check, { item, count });
     $("alarms").querySelector(".none")?.remove();
     $("alarms").prepend(item);
   }
 
-  frame(frame, rate) {
+  frame(frame, rate, pressed) {
     const phase = this.phases[frame.number("phase")] ?? "";
     const view = this.views[frame.number("view")] ?? "real";
     this.root.dataset.phase = phase;
     set("phase", phase);
-    const level = String(frame.number("runlevel"));
+    const level = frame.number("link") === 1 ? String(frame.number("runlevel")) : ""; // of a lost robot nobody knows
     for (const lamp of $("runlevel").children) lamp.classList.toggle("on", lamp.dataset.level === level);
     set("clock", clock(frame.number("session_tick")));
+    set("left", clock(frame.number("left_ms")));
     set("rate", `${rate} Hz`);
     set("compute", `${frame.number("compute_us").toFixed(0)} µs`);
     set("lateness", `${frame.number("lateness_us").toFixed(0)} µs`);
@@ -127,7 +152,12 @@ export class Panels {
     $("progress").style.width = `${100 * frame.number("progress")}%`;
     const down = frame.number("pedal") === 1;
     $("pedal").classList.toggle("down", down);
-    set("pedal-state", down ? (frame.number("live") === 1 ? "down, driving" : "down") : "up");
+    const owner = this.consoles?.[frame.number("console")] ?? "nobody";
+    const mine = owner === "page" || owner === "nobody";
+    const lift = pressed && !down && mine && ["ready", "running"].includes(phase);
+    set("pedal-state", down ? (frame.number("live") === 1 ? "down, driving" : "down") : lift ? "lift it first" : "up");
+    $("pedal").classList.toggle("lift", lift);
+    this.seated(owner, frame.number("pedal") === 1, phase);
     set("view-name", view === "real" ? "real field" : view === "virtual" ? "virtual field" : "robot follows");
     const buttons = document.querySelectorAll("[data-operator]");
     for (const button of buttons) {
@@ -135,21 +165,36 @@ export class Panels {
       button.disabled = !can[button.dataset.operator];
     }
     if (this.role === "instructor") this.instructor(frame, phase);
-    this.state = { phase, view };
+    this.state = { phase, view, owner };
     this.banner();
   }
 
+  /** Who drives, and who may change that now. */
+  seated(owner, down, phase) {
+    set("owner", DRIVERS[owner] ?? owner);
+    const [instructor, over] = [this.role === "instructor", phase === "over"];
+    $("take").hidden = this.role !== "operator";
+    $("take").disabled = owner === "page" || down || over;
+    for (const button of document.querySelectorAll("[data-give]")) {
+      const { give } = button.dataset;
+      button.hidden = this.role === "watcher" || (give === "page" && !instructor);
+      button.disabled = owner === give || over || (!instructor && owner !== "page" && owner !== "nobody");
+    }
+  }
+
   goal(target) {
-    const { object, pegs = [] } = this.header.task ?? {};
+    const { object, pegs = [], targets = [] } = this.header.task ?? {};
     if (target < 0) return "no goal now";
     if (object?.number === target) return "fetch the object";
-    return pegs.length ? `to peg ${target + 1}` : `goal ${target + 1}`;
+    if (pegs.length) return `to peg ${target + 1}`;
+    const arm = targets.find(({ number }) => number === target)?.arm;
+    return `goal ${target + 1}${targets.length ? ` of ${targets.length}` : ""}${arm ? `, ${arm} arm` : ""}`;
   }
 
   instructor(frame, phase) {
     const on = frame.number("hazard");
     for (const button of $("hazards").querySelectorAll("button")) button.disabled = on >= 0 || phase === "over";
-    const can = { pause: phase !== "paused" && phase !== "over", resume: phase === "paused", reset: phase !== "over", end: phase !== "over", disarm: on >= 0 };
+    const can = { start: !this.started && phase !== "over", pause: phase !== "paused" && phase !== "over", resume: phase === "paused", reset: phase !== "over", end: phase !== "over", disarm: on >= 0 };
     for (const button of document.querySelectorAll("[data-instructor]")) button.disabled = !can[button.dataset.instructor];
     if (document.activeElement !== $("cue")) $("cue").checked = frame.number("cue_on") === 1;
   }
@@ -166,15 +211,17 @@ export class Panels {
   }
 
   banner() {
-    const { phase, view } = this.state ?? {};
+    const { phase, view, owner } = this.state ?? {};
     const over = phase === "over";
     let kind = "";
     if (this.root.dataset.link === "down") kind = over ? "" : "down";
     else if (over) kind = document.getElementById("debrief").hidden && this.debrief ? "over" : "";
-    else if (this.role === "watcher") kind = this.free ? "free" : "watcher";
+    else if (this.role === "watcher") kind = this.watching();
+    else if (phase === "lost") kind = "lost";
     else if (phase === "stopped") kind = "stopped";
     else if (phase === "paused") kind = "paused";
     else if (view === "virtual" || view === "replay") kind = view;
+    else if (this.role === "operator" && owner === "itp") kind = "other";
     if (kind === this.shown) return;
     this.shown = kind;
     const banner = $("banner");
@@ -189,7 +236,15 @@ export class Panels {
     button.textContent = act ?? "";
   }
 
+  watching() {
+    if (window.ravenjax.role === "instructor") return this.instructs ? "second" : "keyless";
+    if ((this.header?.consoles ?? []).includes("script")) return "scripted";
+    return this.free ? "free" : "watcher";
+  }
+
   act() {
+    if (this.shown === "second") this.send({ type: "page", do: "instruct" });
+    if (this.shown === "other") this.send({ type: "seat", do: "take" });
     if (this.shown === "free") this.send({ type: "page", do: "take" });
     if (this.shown === "over") this.debrief();
     if (this.shown === "stopped") this.send({ type: "operator", do: "restart" });

@@ -4,8 +4,10 @@ const EXTRAS = 5; // numbers of an arm before the row
 
 export class Wire {
   /** on: {welcome(w), frame(f), event(e), seat(free), refused(why), link(up)} */
-  constructor(role, windowName, on) {
-    this.address = `${location.origin.replace(/^http/, "ws")}/session?role=${role}&window=${windowName}`;
+  constructor(role, windowName, token, on) {
+    const asked = new URLSearchParams({ role, window: windowName });
+    if (token) asked.set("instructor_token", token);
+    this.address = `${location.origin.replace(/^http/, "ws")}/session?${asked}`;
     this.on = on;
     this.wait = 250;
     this.frames = 0;

@@ -18,9 +18,11 @@ NUMBERS = tuple(one.name for one in dataclasses.fields(HazardRow) if one.type ==
 OUTCOMES = {
     "avoided": "no harm was done",
     "harm": "harm was done",
+    "unavoidable": "harm was done before anyone could have acted",
     "halted": "the robot halted by itself",
     "unaffected": "the instrument was hardly affected",
     "missed": "it passed without the right response",
+    "interrupted": "it was cut off, and not by the operator: it is not scored",
 }
 """How a hazard may end, in words."""
 

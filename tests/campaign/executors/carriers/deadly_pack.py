@@ -1,4 +1,4 @@
-"""What a worker is given to pack chunks with, and dies of. Imported by worker processes."""
+"""What a worker is given to pack chunks with, and dies of or stops at. Imported by worker processes."""
 
 from __future__ import annotations
 
@@ -18,10 +18,15 @@ def pack(columns: Mapping[str, Any], shape: schema.Shape, dies: Mapping[int, int
 
 
 def encode(
-    columns: Mapping[str, Any], shape: schema.Shape, config_hash: str, dies: Mapping[int, int], notes: Path
+    columns: Mapping[str, Any],
+    shape: schema.Shape,
+    config_hash: str,
+    dies: Mapping[int, int],
+    notes: Path,
+    way: str = "killed",
 ) -> Any:
     """As the runner's into files; see `pack`."""
-    _die(columns, dies, notes, "killed")
+    _die(columns, dies, notes, way)
     return parts.encode(columns, shape, config_hash)
 
 
@@ -33,4 +38,4 @@ def _die(columns: Mapping[str, Any], dies: Mapping[int, int], notes: Path, way: 
     if seen < dies.get(first, 0):
         if way == "raises":
             raise MemoryError("no memory left")
-        os.kill(os.getpid(), signal.SIGKILL)
+        os.kill(os.getpid(), signal.SIGSTOP if way == "stopped" else signal.SIGKILL)

@@ -129,7 +129,7 @@ def test_every_state_keeps_its_type():
 def test_checks_have_the_names_that_are_announced():
     setup = RavenSetup()
     params, state, *_ = build(setup)
-    assert tuple(run.checks(state)) == tuple(CHECKS)
+    assert tuple(run.checks(setup, state)) == tuple(CHECKS)
     assert {f"check_{name}_count" for name in CHECKS} <= set(run.outcomes(setup, params, state))
 
 

@@ -7,8 +7,8 @@ import pytest
 from drives import Drive
 
 from ravenjax.engines.cpu import transition
+from ravenjax.engines.cpu.record_kind import RecordKind
 from ravenjax.numbers.setup import CAMPAIGN, REFERENCE
-from ravenjax.robots.raven2.software.code import RecordKind
 from ravenjax.robots.raven2.software.control_software import ControlSoftware
 
 PARTS = {

@@ -70,14 +70,15 @@ test("a press is timed to the first frame in which something moved, and medians 
   assert.deepEqual([count, Math.round(hand), Math.round(tip), samples.length], [5, 30, 30, 5]);
 });
 
-/** What early.js makes of an address. */
-function arrived(search) {
+/** What early.js makes of an address; kept: what the tab has remembered so far. */
+function arrived(search, kept = {}) {
   const shown = [];
   const window = { addEventListener: () => {} };
   const history = { replaceState: (_, __, where) => shown.push(where) };
   const location = { search, origin: "http://127.0.0.1:8080" };
   const crypto = { getRandomValues: (bytes) => bytes.fill(171) };
-  run("ravenjax/trainer/page/static/early.js", { window, history, location, crypto, EventTarget, Element: class {}, CustomEvent });
+  const sessionStorage = { getItem: (name) => kept[name] ?? null, setItem: (name, text) => (kept[name] = text) };
+  run("ravenjax/trainer/page/static/early.js", { window, history, location, crypto, sessionStorage, EventTarget, Element: class {}, CustomEvent });
   history.replaceState();
   return { ...window.ravenjax, full: new URLSearchParams(shown[0]), plain: shown[1] };
 }
@@ -89,4 +90,13 @@ test("a window has a name and one of two roles, and its address can be sent on",
   assert.equal(visit.full.get("fixedDpr"), "0.5");
   assert.equal(visit.plain, "?role=instructor&quality=low");
   assert.equal(arrived("?role=admin").role, "operator");
+});
+
+test("what makes an instructor stays in the tab, and is in no address", () => {
+  const kept = {};
+  const first = arrived("?role=instructor&instructor_token=key", kept);
+  assert.deepEqual([first.token, first.plain], ["key", "?role=instructor"]);
+  assert.equal(arrived("?role=instructor", kept).token, "key");
+  assert.equal(arrived("?role=operator", kept).token, "");
+  assert.equal(arrived("?role=instructor").token, "");
 });

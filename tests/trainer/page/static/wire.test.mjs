@@ -18,16 +18,17 @@ const timers = [];
 Object.assign(globalThis, { location: { origin: "https://robot.example:8080" }, WebSocket: Socket, setTimeout: (again, ms) => timers.push([again, ms]) });
 const { Wire } = await load("ravenjax/trainer/page/static/wire.js");
 
-function made() {
+function made(token = "") {
   const heard = [];
   const names = ["welcome", "frame", "event", "seat", "refused", "link"];
-  const wire = new Wire("operator", "abc", Object.fromEntries(names.map((name) => [name, (told) => heard.push([name, told])])));
+  const wire = new Wire("operator", "abc", token, Object.fromEntries(names.map((name) => [name, (told) => heard.push([name, told])])));
   return { wire, heard, socket: Socket.all.at(-1) };
 }
 const WELCOME = { type: "welcome", arms: ["gold", "green"], layout: { tick: [0, 1], "gold/tip": [1, 3], runlevel: [4, 1] } };
 
 test("the address is the page's, with role and window", () => {
   assert.equal(made().socket.address, "wss://robot.example:8080/session?role=operator&window=abc");
+  assert.equal(made("a key").socket.address.split("&").at(-1), "instructor_token=a+key");
 });
 
 test("a frame is five numbers an arm and then the row, by the names of the welcome", () => {

@@ -1,0 +1,167 @@
+"""Whether monitors keep what they promise: 200 calibrations, with and without varied robots, and shifted robots.
+
+    python analysis/monitors/pools.py FOLDER && python analysis/monitors/coverage.py FOLDER
+
+Half of a pool's operators stand for all operators that there are: 200 calibrations draw theirs from them with
+replacement, so each is an independent draw from a population whose false-alarm rate at any threshold is known exactly.
+The other half is fresh: no calibration has seen it, nor has the population. Beside the promised threshold stands the
+naive one, the plain quantile of all scores. Then the test for a shift: fresh operators of the same robots, drawn anew
+200 times, and of shifted ones. Prints one table; writes nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import binom
+
+from ravenjax.monitors import score_folder
+from ravenjax.monitors.score_folder import Peaks
+from ravenjax.stats.alarms.false_alarms import alarm_rate
+from ravenjax.stats.conformal import bands, shift, threshold
+from ravenjax.stats.conformal.target import FalseAlarmTarget
+from ravenjax.stats.conformal.threshold import OperationScores
+from ravenjax.stats.multiplicity import holm
+
+CALIBRATIONS, UNITS, LEVEL = 200, 150, 0.05
+TARGET = FalseAlarmTarget(2.0, 0.95, 1 / 60)
+FRESH_UNITS = 20
+
+
+class Coverage(NamedTuple):
+    """Of CALIBRATIONS thresholds from one pool, arrays [calibrations]."""
+
+    population: np.ndarray  # alarms an hour in the population that the calibrations are drawn from
+    loss: np.ndarray  # mean loss there: the promise is that it is at most TARGET.risk
+    naive: np.ndarray  # mean loss of the naive threshold
+    fresh: np.ndarray  # alarms an hour in operations that nobody has seen
+    naive_fresh: np.ndarray
+
+    @property
+    def broken(self) -> int:
+        """Calibrations whose promise does not hold in the population."""
+        return int((self.loss > TARGET.risk).sum())
+
+
+def scores(peaks: Peaks) -> OperationScores:
+    """The joint score of each operation, in scales that every eighth operator has learned; of the others."""
+    learns = peaks.unit % 8 == 0
+    some = peaks.peak[learns]
+    scale = bands.scales(some[np.isfinite(some).all(axis=1)][:, :, None])
+    score = bands.joint(peaks.peak[~learns][:, :, None], scale)
+    return OperationScores(peaks.unit[~learns], np.where(np.isnan(score), np.inf, score), peaks.hours[~learns])
+
+
+def halves(whole: OperationScores) -> tuple[OperationScores, OperationScores]:
+    """Population and fresh operators."""
+    units = np.unique(whole.unit)
+    return whole.taken_from(units[::2]), whole.taken_from(units[1::2])
+
+
+def drawn(population: OperationScores, rng: np.random.Generator, units: int = UNITS) -> OperationScores:
+    """Units of the population, with replacement, each a unit of its own."""
+    order = np.argsort(population.unit, kind="stable")
+    each = len(order) // population.units  # operations of each
+    rows = order.reshape(-1, each)[rng.integers(population.units, size=units)]
+    return OperationScores(np.repeat(np.arange(units), each), *(v[rows.ravel()] for v in population[1:]))
+
+
+def loss(whole: OperationScores, limit: float) -> float:
+    """Mean loss of an operation."""
+    return float(np.where(whole.score > limit, 1.0, TARGET.without_alarm(whole.hours)).mean())
+
+
+def rate(whole: OperationScores, limit: float) -> float:
+    """Operations with an alarm, an hour."""
+    return float((whole.score > limit).sum() / whole.hours.sum())
+
+
+def coverage(whole: OperationScores, one_each: bool, seed: int) -> Coverage:
+    """CALIBRATIONS independent ones. one_each: with one operation of each unit, which is Wilks' order statistic."""
+    population, fresh = halves(whole)
+    if one_each:
+        population = population.one_each()
+    rng, rows = np.random.default_rng(seed), []
+    for _ in range(CALIBRATIONS):
+        some = drawn(population, rng)
+        limit, plain = threshold.least(some, TARGET).value, threshold.naive(some, TARGET)
+        rows.append(
+            (
+                rate(population, limit),
+                loss(population, limit),
+                loss(population, plain),
+                rate(fresh, limit),
+                rate(fresh, plain),
+            )
+        )
+    return Coverage(*np.array(rows).T)
+
+
+def columns(peaks: Peaks, scale: np.ndarray) -> np.ndarray:
+    """Joint score and each term of the first operation of each operator, [operators, 1 + terms]."""
+    _, first = np.unique(peaks.unit, return_index=True)
+    peak = np.nan_to_num(peaks.peak[first], nan=np.inf)
+    return np.column_stack([bands.joint(peak[:, :, None], scale), peak])
+
+
+def shifts(same: np.ndarray, other: np.ndarray | None, seed: int) -> int:
+    """How many of CALIBRATIONS checks of FRESH_UNITS operators against UNITS others call a shift at LEVEL."""
+    rng, calls = np.random.default_rng(seed), 0
+    for k in range(CALIBRATIONS):
+        order = rng.permutation(len(same))
+        calibration, fresh = same[order[:UNITS]], same[order[UNITS : UNITS + FRESH_UNITS]]
+        if other is not None:
+            fresh = other[rng.permutation(len(other))[:FRESH_UNITS]]
+        p = {str(c): shift.shift(calibration[:, c], fresh[:, c], k).p for c in range(same.shape[1])}
+        calls += any(one.rejected for one in holm(p, 1 - LEVEL).values())
+    return calls
+
+
+def main() -> None:
+    """Print what was found."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    folder = parser.parse_args().folder
+    pools = {name: score_folder.read(folder / name / score_folder.FOLDER) for name in ("drawn", "one", "shifted")}
+    most = int(binom.ppf(0.95, CALIBRATIONS, 1 - TARGET.confidence))
+    print(
+        f"promise: at most {TARGET.per_hour:g} alarms an hour with {TARGET.confidence:.0%} confidence; {CALIBRATIONS} "
+        f"calibrations on {UNITS} operators each.\nIf the confidence were exact, "
+        f"{CALIBRATIONS * (1 - TARGET.confidence):g} would break it, and 95 of 100 such studies would have at most "
+        f"{most}.\n"
+    )
+    print(
+        "| robots | operations of an operator | broken | naive: broken | alarms/h, fresh: median, 95th of 100 | naive |"
+    )
+    print("|---|---|---|---|---|---|")
+    for seed, (name, one_each) in enumerate((n, o) for n in ("drawn", "one") for o in (False, True)):
+        whole = scores(pools[name])
+        own = coverage(whole, one_each, seed)
+        plain = int((own.naive > TARGET.risk).sum())
+        median, high = np.quantile(own.fresh, [0.5, 0.95])
+        naive_median, naive_high = np.quantile(own.naive_fresh, [0.5, 0.95])
+        print(
+            f"| {name} | {1 if one_each else 'all'} | {own.broken} | {plain} | {median:.2f}, {high:.2f} "
+            f"| {naive_median:.2f}, {naive_high:.2f} |"
+        )
+    whole, moved = scores(pools["drawn"]), pools["shifted"]
+    learns = pools["drawn"].unit % 8 == 0
+    scale = bands.scales(pools["drawn"].peak[learns][:, :, None])
+    same, other = columns(pools["drawn"].taken_from(~learns), scale), columns(moved, scale)
+    limit = threshold.least(halves(whole)[0], TARGET).value
+    _, first = np.unique(moved.unit, return_index=True)
+    broken_rate = alarm_rate(int((other[:, 0] > limit).sum()), float(moved.hours[first].sum()))
+    false, true = shifts(same, None, 1), shifts(same, other, 2)
+    print(
+        f"\nshift at level {LEVEL:g}, {FRESH_UNITS} fresh operators against {UNITS}: called in {false} of "
+        f"{CALIBRATIONS} where nothing changed, in {true} of {CALIBRATIONS} with shifted robots, whose alarms are "
+        f"{broken_rate.per_hour:.1f} an hour ({broken_rate.low:.1f} to {broken_rate.high:.1f}) at the promised "
+        "threshold"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,53 @@
+"""Fault-free operations for coverage.py: drawn robots, one robot, and robots that are shifted.
+
+    python analysis/monitors/pools.py FOLDER [--operators 4000] [--engine auto]
+
+Three folders of scores: `drawn` (campaigns/drawn_robots.toml), `one` (the robot as it is known: noise and packets are
+drawn, nothing of the robot), `shifted` (drawn robots with 4 times the friction of the known one). No two share an
+operator. An interrupted call goes on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+from ravenjax.campaign import loading
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.monitors import calibrate
+from ravenjax.monitors.monitor import WHOLE, terms
+from ravenjax.monitors.operations import OperationDesign
+
+LENGTH_S, ROBOTS = 60.0, 16
+SHIFT = "parameters.plant.friction_scale=4"
+
+
+def campaign(name: str) -> CampaignConfig:
+    """The campaign of a pool."""
+    if name == "one":
+        config = loading.load("drawn_robots", ["campaign.kinematic_errors=none"])
+        kept = {path: value for path, value in config.parameters.items() if path == "operator.scale"}
+        return config.model_copy(update={"parameters": kept})
+    return loading.load("drawn_robots", [SHIFT] if name == "shifted" else [])
+
+
+def main() -> None:
+    """Compute what is missing."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--operators", type=int, default=4000)
+    parser.add_argument("--engine", default="auto")
+    options = parser.parse_args()
+    for seed, (name, share) in enumerate({"drawn": 1.0, "one": 1.0, "shifted": 0.1}.items()):
+        began, config = time.perf_counter(), campaign(name)
+        design = OperationDesign(calibrate.motions(config), ROBOTS, LENGTH_S, seed)
+        wanted = terms(calibrate.chosen(config.robot, calibrate.SIGNALS))
+        count, place = max(1, round(share * options.operators)), options.folder / name
+        peaks = calibrate.operate(config, design, wanted, WHOLE, place, count, options.engine, lambda *_: None)
+        hours = len(peaks.unit) * LENGTH_S / 3600
+        print(f"{name}: {count} operators, {hours:.0f} h of operation, {time.perf_counter() - began:.0f} s", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,85 @@
+"""`counterfactual`: which few checks would have seen what the robot's own do not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from ravenjax.cli import console
+from ravenjax.cli.console import AsJson, Overrides
+
+if TYPE_CHECKING:
+    from ravenjax.campaign.file.config import CampaignConfig
+
+
+def counterfactual(
+    file: Path,
+    *,
+    out: Annotated[Path | None, Parameter(help="folder; default results/NAME_counterfactual")] = None,
+    false_alarms_per_hour: Annotated[float, Parameter(help="of all chosen checks together, at most")] = 4.0,
+    lead_ms: Annotated[int, Parameter(help="an alarm counts so long before harm begins, or longer")] = 10,
+    hours: Annotated[float, Parameter(help="hours of fault-free motion to compute")] = 2.0,
+    most: Annotated[int, Parameter(help="checks to choose, at most")] = 8,
+    group: Annotated[
+        list[str] | None, Parameter(help="cover faults of these groups alone", consume_multiple=True, negative="")
+    ] = None,
+    seed: Annotated[int, Parameter(help="of the halves of the faults")] = 0,
+    confirm: Annotated[
+        bool, Parameter(negative="", help="also run the chosen checks as detectors, with another seed of the faults")
+    ] = False,
+    engine: Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")] = "auto",
+    overrides: Overrides = None,
+    as_json: AsJson = False,
+) -> None:
+    """Choose the few checks that would have seen the faults that evade the robot's own, and state their price.
+
+    Candidates are bounds, rates and residuals of every signal that the robot has. All of them watch the campaign's runs
+    once. Half of the faults chooses, the other half states; false alarms are of motion that served nothing else.
+
+    Parameters
+    ----------
+    file
+        Campaign file, the name of a bundled one, or a result folder.
+    """
+    from ravenjax.cli import terminal
+    from ravenjax.monitors.counterfactual import confirmation, finding, output, words
+    from ravenjax.monitors.counterfactual.question import Question
+    from ravenjax.store import files
+
+    question = Question(false_alarms_per_hour, lead_ms, hours, most, tuple(group or ()), seed)
+    config = _config(file, overrides)
+    place = out or Path("results") / f"{config.campaign.name}_counterfactual"
+    question.require()
+    files.require_writable(place)
+
+    def stage(text: str) -> None:
+        if not as_json:
+            console.say(f"- {text}")
+
+    with terminal.Watch(console.err) as watch:
+        one = finding.find(config, question, engine, stage, watch)
+        paths = output.write(one, place)
+        sure = confirmation.run(one, paths[-1], config.campaign.seed + 1, engine, watch) if confirm else None
+    sentences = [*words.sentences(one), *([sure.sentence] if sure else [])]
+    if as_json:
+        plain = {"sentences": sentences, "checks": [row for row in words.table(one) if row["chosen"]]}
+        return console.emit_json(plain | {"files": [str(path) for path in paths]})
+    console.out.print(terminal.table("", words.COLUMNS, words.rows(one)))
+    console.say("\n".join([*(f"  {line}" for line in words.checks(one)), *sentences]))
+    return console.say("\n".join(f"  wrote    {path}" for path in paths))
+
+
+def _config(file: Path, overrides: list[str] | None) -> CampaignConfig:
+    """Of a campaign's file, or of what a folder holds the results of."""
+    from ravenjax.campaign import loading
+    from ravenjax.campaign.file.config import validated
+    from ravenjax.errors import UserError
+    from ravenjax.store import manifest
+
+    if not (file / manifest.FILE).is_file():
+        return loading.load(file, overrides or ())
+    if overrides:
+        raise UserError(f"--set changes a campaign file, and {file} is a result folder: name the file")
+    return validated(manifest.read(file).config)

@@ -1,0 +1,214 @@
+"""`monitor`: thresholds with a stated false-alarm rate, as data, as a part and as C; and whether they still hold."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import App, Parameter
+
+from ravenjax.cli import console
+from ravenjax.cli.console import AsJson, Listing, Overrides
+
+if TYPE_CHECKING:
+    from ravenjax.monitors.calibration import Calibrated
+
+monitor = App(name="monitor", help="Monitors with a stated false-alarm rate: calibrate, check for a shift.")
+Engine = Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")]
+
+
+@monitor.command
+def calibrate(
+    file: Path,
+    *,
+    out: Annotated[Path | None, Parameter(help="folder; default results/monitors/NAME of the campaign")] = None,
+    signals: Annotated[
+        list[str] | None,
+        Parameter(
+            consume_multiple=True,
+            negative="",
+            help="names that `ravenjax monitor signals` lists, * for any letters; default tip_error_bound "
+            "boards_cmd_rate*",
+        ),
+    ] = None,
+    segments: Annotated[
+        str, Parameter(help="bands in stretches by a number of the view: tick=1000,5000 or surgeon_mode=1")
+    ] = "",
+    false_alarms_per_hour: Annotated[float, Parameter(help="that are not exceeded")] = 1.0,
+    confidence: Annotated[float, Parameter(help="with which they are not")] = 0.95,
+    hours: Annotated[
+        float | None, Parameter(help="of operation in all; default what rate and confidence need, with room to spare")
+    ] = None,
+    length_s: Annotated[float, Parameter(help="of an operation, s")] = 300.0,
+    robots: Annotated[int, Parameter(help="operations of each operator, each with a robot that is drawn")] = 16,
+    motions: Annotated[
+        list[str] | None,
+        Parameter(consume_multiple=True, negative="", help="generated motions of operators; default all that vary"),
+    ] = None,
+    seed: Annotated[int, Parameter(help="of operators and robots")] = 0,
+    engine: Engine = "auto",
+    overrides: Overrides = None,
+    as_json: AsJson = False,
+) -> None:
+    """Set thresholds that keep a false-alarm rate with a stated confidence, from fault-free operations.
+
+    Each operator is a motion of its own, each of its operations another robot, as the campaign's [parameters], noise
+    and packets draw them. An interrupted command goes on. Writes monitor.toml, monitor.py and detector.toml (a
+    [[detector]] with its threshold), monitor.c, monitor.h and test_vector.csv.
+
+    Parameters
+    ----------
+    file
+        Campaign file, or the name of a bundled one: its robot; groups and faults are left out.
+    """
+    from ravenjax.campaign import loading
+    from ravenjax.monitors import calibrate as calibration
+
+    config = loading.load(file, overrides or ())
+    request = calibration.request(
+        config, signals or (), segments, false_alarms_per_hour, confidence, length_s, robots, motions or (), seed
+    )
+    place = out or Path("results/monitors") / config.campaign.name
+    with _progress(as_json) as progress:
+        result = calibration.calibrate(request, place, hours, engine, progress)
+    _tell(place, result, as_json)
+
+
+@monitor.command
+def operate(
+    folder: Path,
+    *,
+    out: Annotated[Path, Parameter(help="folder for the operations")],
+    hours: Annotated[float, Parameter(help="of operation in all")],
+    robots: Annotated[int | None, Parameter(help="operations of each operator; default the calibration's")] = None,
+    engine: Engine = "auto",
+    overrides: Overrides = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compute fresh fault-free operations for `ravenjax monitor check`: other operators, and with --set another robot.
+
+    Parameters
+    ----------
+    folder
+        What `ravenjax monitor calibrate` wrote.
+    """
+    from ravenjax.monitors.fresh import fresh
+
+    with _progress(as_json) as progress:
+        peaks = fresh(folder, out, hours, overrides or (), robots, engine, progress)
+    if as_json:
+        return console.emit_json({"folder": out, "operations": len(peaks.unit), "hours": float(peaks.hours.sum())})
+    return console.say(f"{len(peaks.unit)} operations: {out}")
+
+
+@monitor.command
+def check(
+    folder: Path,
+    *sources: Path,
+    level: Annotated[float, Parameter(help="chance to call a shift where nothing changed")] = 0.05,
+    seed: Annotated[int, Parameter(help="that breaks ties between scores")] = 0,
+    as_json: AsJson = False,
+) -> int:
+    """Test whether fresh fault-free operations are like those of the calibration. Ends with code 1 for a shift.
+
+    Of each operator, result folder and log the first operation counts.
+
+    Parameters
+    ----------
+    folder
+        What `ravenjax monitor calibrate` wrote.
+    sources
+        Folders of `ravenjax monitor operate`, or of `ravenjax run` with monitor.py as a detector, or logs: CSV with the
+        columns of test_vector.csv.
+    """
+    from ravenjax.monitors import checking
+
+    result = checking.check(folder, sources, level, seed)
+    if as_json:
+        rows = [one._asdict() | {"shift": one.shift._asdict()} for one in result.signals]
+        console.emit_json(result._asdict() | {"signals": rows, "shifted": bool(result.shifted)})
+        return 1 if result.shifted else 0
+    rows = [
+        (
+            one.name,
+            f"{one.shift.place:.2f}",
+            f"{one.shift.p:.2g}",
+            f"{one.adjusted:.2g}",
+            f"{one.shift.martingale:.3g}",
+            "shifted" if one.shifted else "",
+        )
+        for one in result.signals
+    ]
+    columns = ("score", "median place", "p", "p of all", "martingale", "")
+    console.emit([Listing("signals", "Fresh operations among the calibration's", columns, rows)], False)
+    about = f"{result.units} units, {result.operations} operations, {result.hours:.3g} h, {result.alarms} with an alarm"
+    verdict = (
+        f"SHIFT at level {level:g}: fresh operations are not drawn as the calibration's were, and its promise does not "
+        "hold for them. Calibrate on what they are like"
+        if result.shifted
+        else f"no shift found at level {level:g}; with so few units a small one stays unseen"
+    )
+    console.say(f"{about}\n{verdict}")
+    return 1 if result.shifted else 0
+
+
+@monitor.command
+def signals(
+    file: Annotated[Path | None, Parameter(help="campaign whose robot it is; default the Raven-II's")] = None,
+    *,
+    as_json: AsJson = False,
+) -> None:
+    """List what a monitor can look at."""
+    from ravenjax import robots
+    from ravenjax.campaign import loading
+    from ravenjax.monitors.scores import catalogue
+
+    robot = loading.load(file).robot if file is not None else robots.find(robots.DEFAULT)
+    rows = [(one.name, one.words, ", ".join(dict.fromkeys(one.units)), one.layer) for one in catalogue(robot)]
+    console.emit([Listing("signals", robot.title, ("name", "what", "unit", "layer"), rows)], as_json)
+
+
+def _tell(place: Path, result: Calibrated, as_json: bool) -> None:
+    from ravenjax.monitors import writing
+
+    _, record = writing.read(place)
+    if as_json:
+        return console.emit_json({"folder": place, **record})
+    own, tested = result.threshold, result.test
+    rows = [
+        (
+            term.name,
+            ", ".join(f"{limit:.4g}" for limit in limits),
+            term.units[0],
+        )
+        for term, limits in zip(result.monitor.terms, result.monitor.limits.tolist(), strict=True)
+    ]
+    console.emit([Listing("terms", "Alarm above", ("term", "limit", "unit"), rows)], False)
+    low, high = tested.one_each.low, tested.one_each.high
+    console.say(
+        f"{record['promise']['words']}\n"
+        f"set on {own.operations} operations of {own.units} operators, {own.hours:.4g} h, {own.alarms} with an alarm\n"
+        f"tested on {tested.operations} others of {tested.units} operators, {tested.hours:.4g} h without an alarm: "
+        f"{tested.alarms} with one, {tested.per_hour:.3g} an hour; of one operation each {tested.one_each.count} in "
+        f"{tested.one_each.hours:.3g} h, {low:.3g} to {high:.3g} an hour\n"
+        f"folder: {place}"
+    )
+    return None
+
+
+class _progress:
+    """A bar of operators on the terminal; silent with JSON."""
+
+    def __init__(self, as_json: bool) -> None:
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+        columns: Any = (TextColumn("operators"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        self._bar = Progress(*columns, console=console.err, disable=as_json)
+
+    def __enter__(self) -> Any:
+        self._bar.__enter__()
+        task = self._bar.add_task("operators", total=None)
+        return lambda done, total: self._bar.update(task, completed=done, total=total)
+
+    def __exit__(self, *error: Any) -> None:
+        self._bar.__exit__(*error)

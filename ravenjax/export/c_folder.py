@@ -1,0 +1,67 @@
+"""A folder with the C library of a robot: header, object, shared library, example.
+
+The object needs no C compiler: it is emitted as the engines' code is. To link it into a shared library takes the
+system's compiler; where there is none, the object is what a program links.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+from typing import NamedTuple
+
+from ravenjax.engines.cpu import jit
+from ravenjax.errors import UserError
+from ravenjax.robots.raven2.c_library import library
+from ravenjax.robots.raven2.hardware.virtual_robot import VirtualRobot
+from ravenjax.robots.raven2.software.control_software import ControlSoftware
+
+NAME = "ravenjax_raven2"
+COMPILERS = ("cc", "gcc", "clang")
+PORTABLE, NATIVE = "portable", "native"
+CPUS = (PORTABLE, NATIVE)
+
+
+class CFolder(NamedTuple):
+    """What was written."""
+
+    header: Path
+    object: Path
+    shared: Path | None  # None: no compiler linked it
+    example: Path
+
+
+def write(
+    folder: Path, software: ControlSoftware | None = None, robot: VirtualRobot | None = None, cpu: str = PORTABLE
+) -> CFolder:
+    """Write the library of both, as they are set and where they stand, raven2's own if left out.
+
+    cpu: "portable" runs on any CPU of this machine's kind; "native" may use all that this one has. Both have the same
+    bits. Raises UserError, also where the compiler refuses to link.
+    """
+    if cpu not in CPUS:
+        raise UserError(f"cpu is {cpu!r}, expected one of {', '.join(CPUS)}")
+    software = ControlSoftware() if software is None else software
+    robot = VirtualRobot(software.setup.arms, software.setup.tools) if robot is None else robot
+    texts = library.library(software, robot)
+    folder.mkdir(parents=True, exist_ok=True)
+    files = {ending: folder / f"{NAME}.{ending}" for ending in ("h", "o")}
+    example = folder / "example.c"
+    files["h"].write_text(texts.header, encoding="utf-8")
+    files["o"].write_bytes(jit.emit(texts.code, jit.host() if cpu == NATIVE else jit.portable()))
+    example.write_text(texts.example, encoding="utf-8")
+    return CFolder(files["h"], files["o"], _linked(files["o"], folder / f"lib{NAME}.so"), example)
+
+
+def _linked(code: Path, shared: Path) -> Path | None:
+    """The shared library of an object; None where no compiler is there."""
+    compiler = next((path for name in COMPILERS if (path := shutil.which(name))), None)
+    if compiler is None:
+        shared.unlink(missing_ok=True)  # of an earlier object
+        return None
+    words = [compiler, "-shared", "-o", str(shared), str(code), "-lm"]
+    result = subprocess.run(words, capture_output=True, text=True, check=False)
+    if result.returncode != 0:
+        raise UserError(f"{' '.join(words)} failed: {result.stderr.strip()}; {code} can be linked by hand")
+    return shared

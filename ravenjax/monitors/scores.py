@@ -1,0 +1,122 @@
+"""Scores of candidate checks, as data: which number of the robot's view, how it is looked at, in what it is measured.
+
+- `bound`: |x| over its scale.
+- `rate`: |x - x a millisecond ago| over its scale; 0 in the first millisecond.
+- `residual`: |x - y| over its scale, of two fields of the view.
+
+A score of several channels is the largest of theirs, each over its own scale; one that is no number is above none.
+`part_file` prints scores as a part of one's own, which makes a score a detector (`ravenjax.stages.detectors`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Iterator, Sequence
+from typing import Literal
+
+from ravenjax.errors import UserError
+from ravenjax.vocabulary.robot import Robot
+from ravenjax.vocabulary.signals import Signal
+
+Kind = Literal["bound", "rate", "residual"]
+KINDS: tuple[Kind, ...] = ("bound", "rate", "residual")
+_WORDS = {"bound": "{what}", "rate": "step of {what} within 1 ms", "residual": "{what} from {against}"}
+
+
+@dataclasses.dataclass(frozen=True)
+class Score:
+    """One candidate check: a number a millisecond and arm. Plain data, from which code of any language is printed."""
+
+    name: str  # a word that a campaign takes as the name of a detector
+    kind: Kind
+    signal: str  # field of the robot's view
+    channels: tuple[int, ...]  # places in the field; (): it is a single number
+    labels: tuple[str, ...]  # name of each channel, as joints and axes are called; of a single number ("",)
+    units: tuple[str, ...]  # of each channel
+    scales: tuple[float, ...]  # of each channel, in its unit: the size at which it scores 1
+    layer: str  # code of the robot's layer
+    against: str = ""  # other field of a residual, of the same channels
+
+    def __post_init__(self) -> None:
+        several = len(self.channels) or 1
+        if {len(self.labels), len(self.units), len(self.scales)} != {several}:
+            raise ValueError(f"score {self.name}: labels, units and scales must be {several} each, one a channel")
+        if not all(0 < scale < float("inf") for scale in self.scales):
+            raise ValueError(f"score {self.name}: scales {self.scales} must be above 0 and finite")
+        if (self.kind == "residual") != bool(self.against):
+            raise ValueError(f"score {self.name}: a residual, and nothing else, has a field that it is taken against")
+        if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", self.name):
+            raise ValueError(f"score {self.name!r}: its name must be letters, digits and _, a letter first")
+
+    @property
+    def words(self) -> str:
+        """What it looks at: "step of boards_cmd (shoulder) within 1 ms"."""
+        labels = ", ".join(filter(None, self.labels))
+        what = f"{self.signal} ({labels})" if labels else self.signal
+        return _WORDS[self.kind].format(what=what, against=self.against)
+
+    @property
+    def singles(self) -> tuple[Score, ...]:
+        """Each channel as a score of its own, at its scale; named by its number."""
+        if len(self.labels) == 1:
+            return (self,)
+        return tuple(
+            dataclasses.replace(
+                self, name=f"{self.name}_{place}", channels=(channel,), labels=(label,), units=(unit,), scales=(scale,)
+            )
+            for place, (channel, label, unit, scale) in enumerate(
+                zip(self.channels, self.labels, self.units, self.scales, strict=True)
+            )
+        )
+
+    def scaled(self, scales: Sequence[float]) -> Score:
+        """The same, measured in others. ValueError unless there is one above 0 for each channel."""
+        return dataclasses.replace(self, scales=tuple(float(scale) for scale in scales))
+
+
+def catalogue(robot: Robot) -> tuple[Score, ...]:
+    """Every candidate that a robot's signals give, one for all channels that are looked at together, scales 1.
+
+    In the robot's order: bounds, rates and residuals of each signal. UserError for a robot that declares no signals.
+    """
+    if not robot.signals:
+        raise UserError(
+            f"robot {robot.name!r} declares no signals, so there is nothing to build a check on: expected `signals` in "
+            "its ROBOT, as ravenjax.vocabulary.signals says"
+        )
+    return tuple(score for signal in robot.signals for score in _of(signal))
+
+
+def _of(signal: Signal) -> Iterator[Score]:
+    ways: list[tuple[Kind, str]] = [("residual", field) for field in signal.against]
+    if signal.steps:
+        ways.insert(0, ("rate", ""))
+    if signal.bounded:
+        ways.insert(0, ("bound", ""))
+    for kind, against in ways:
+        for label, channels in _channels(signal):
+            named = tuple(signal.channels[place] for place in channels) or ("",)
+            words = (signal.field, kind, against, label)
+            yield Score(
+                "_".join(filter(None, words)),
+                kind,
+                signal.field,
+                channels,
+                named,
+                tuple(signal.unit_of(name) for name in named),
+                (1.0,) * len(named),
+                signal.layer,
+                against,
+            )
+
+
+def _channels(signal: Signal) -> Iterator[tuple[str, tuple[int, ...]]]:
+    """(name, places) of what is looked at together: what belongs together by name, and the others."""
+    if not signal.channels:
+        yield "", ()
+        return
+    joined = {channel for _, channels in signal.together for channel in channels}
+    yield "", tuple(place for place, channel in enumerate(signal.channels) if channel not in joined)
+    for name, channels in signal.together:
+        yield name, tuple(signal.channels.index(channel) for channel in channels)

@@ -1,0 +1,86 @@
+"""What a notebook shows of a campaign and of its results: a card in HTML, in the notebook's own colours."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jinja2
+from markupsafe import Markup
+
+from ravenjax.campaign.faults import design
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.file.group import Group
+from ravenjax.store.manifest import Manifest
+
+if TYPE_CHECKING:
+    from ravenjax.report.data.runs import Runs
+
+MOST_GROUPS = 8
+"""Groups of a card; the rest is counted."""
+
+
+class GroupLine(NamedTuple):
+    """A group of a campaign in words."""
+
+    name: str
+    faults: str
+    design: str
+    runs: int
+
+
+def of_campaign(config: CampaignConfig) -> str:
+    """The card of a campaign: what it is of, and its groups."""
+    counts, due = design.counts(config), design.due(config)
+    lines = [GroupLine(group.name, _faults(group), group.design, counts[group.name]) for group in config.group]
+    return _page("campaign.html.j2", config=config, facts=dict(config.lines()), groups=lines, runs=due)
+
+
+def of_results(runs: Runs, manifest: Manifest) -> str:
+    """The card of results: what came of the faults, and the groups by outcome."""
+    from ravenjax.report import paper
+    from ravenjax.report.sections import tables
+
+    head, groups = tables.headline(runs, manifest), [row for row in tables.group_rows(runs) if row["faulty"]]
+    return _page(
+        "results.html.j2",
+        manifest=manifest,
+        head=head,
+        groups=groups,
+        sampled=runs.sampled(),
+        outcomes=_used(paper.OUTCOMES, groups),
+    )
+
+
+def _faults(group: Group) -> str:
+    """Sites and effects, in order."""
+    named = (f"{fault.site} {', '.join(dict.fromkeys(fault.effect.listed))}" for fault in group.fault)
+    return " + ".join(dict.fromkeys(named)) or "none"
+
+
+def _used(outcomes: Mapping[str, tuple[str, str]], groups: list[dict[str, Any]]) -> dict[str, tuple[str, str]]:
+    """Colour and label of the outcomes that came."""
+    return {name: entry for name, entry in outcomes.items() if any(row["outcomes"][name].k for row in groups)}
+
+
+def _page(template: str, **content: Any) -> str:
+    return _environment().get_template(template).render(most=MOST_GROUPS, **content)
+
+
+@functools.cache
+def _environment() -> jinja2.Environment:
+    from ravenjax.report import wording
+
+    templates = jinja2.Environment(
+        loader=jinja2.PackageLoader("ravenjax.notebook"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    templates.filters |= {"percent": wording.percent, "interval": wording.interval, "count": wording.count}
+    assert templates.loader is not None
+    style, _, _ = templates.loader.get_source(templates, "card.css")
+    templates.globals["style"] = Markup(style)
+    return templates

@@ -1,0 +1,50 @@
+"""How faults spread, for who calls from Python: as a table, or one run's as a figure."""
+
+from __future__ import annotations
+
+import numbers
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.inspection.explain import Explainer
+from ravenjax.errors import UserError, shown
+from ravenjax.notebook.running import engine_name
+from ravenjax.report.run import chain, chain_words
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def table(source: CampaignConfig | Path, runs: Any, engine: Any) -> pd.DataFrame:
+    """As the public `explain`; source: a campaign or a result folder."""
+    explainer = _explainer(source, engine)
+    wanted = runs if runs is None or (isinstance(runs, Sequence) and not isinstance(runs, str)) else [runs]
+    rows = explainer.faulty() if wanted is None else [_row(explainer, one) for one in wanted]
+    explanation, config = explainer.explain(rows), explainer.config
+    frame = chain.table(explanation.results, explanation.ticks, config.robot, config.campaign.arms)
+    frame.attrs.update({"campaign": config.campaign.name, "engine": explanation.engine})
+    return frame
+
+
+def figure(source: CampaignConfig | Path, run: Any, engine: Any) -> Figure | None:
+    """One run's chain over time; None where nothing differs. Raises UserError."""
+    explainer = _explainer(source, engine)
+    explanation, config = explainer.explain([_row(explainer, run)]), explainer.config
+    row, ticks = explanation.results.iloc[0].to_dict(), explanation.ticks.iloc[0].to_dict()
+    one = chain.chain(row, ticks, config.robot, config.campaign.arms, config.rules.cue)  # pyright: ignore[reportArgumentType]
+    return chain_words.figure(one)
+
+
+def _explainer(source: CampaignConfig | Path, engine: Any) -> Explainer:
+    name = engine_name(engine)
+    return Explainer.of_folder(source, name) if isinstance(source, Path) else Explainer(source, name)
+
+
+def _row(explainer: Explainer, run: Any) -> int:
+    if isinstance(run, bool) or not isinstance(run, str | numbers.Integral):
+        raise UserError(f"a run is {shown(run)}, expected its index (a whole number) or its run_id (text)")
+    return explainer.index(run if isinstance(run, str) else int(run))

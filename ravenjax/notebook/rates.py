@@ -1,0 +1,84 @@
+"""Rates of events over the distinct faults of a result, counted as the report counts them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pandas as pd
+
+from ravenjax.errors import UserError, shown, suggestion
+from ravenjax.outcomes import events
+from ravenjax.outcomes.events import Rules
+from ravenjax.report.data.facts import FACTS
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections import tables
+from ravenjax.store.access.query import RESULTS, quoted
+
+_WORDS = ("group", "site", "layer", "block", "response", "hazard", "outcome")
+"""Columns of `facts` by which the report tells classes of faults apart."""
+_PREFIXES = ("", "fault0_", "param:")
+"""What a column of the result table may begin with, beside its name: of the first fault, of a parameter."""
+NUMBERS = ("event", "k", "n", "rate", "low", "high")
+"""Columns beside those that rates are by."""
+
+
+def rates(runs: Runs, rules: Rules, names: Sequence[str], by: Sequence[str]) -> pd.DataFrame:
+    """A row an event and class of faults: columns `by`, then NUMBERS; classes by words have the largest rate first.
+
+    n counts distinct faults: of each the first valid run in which nobody reacts. low and high are Wilson's 95 %
+    interval, NaN for classes whose faults were enumerated. Raises UserError for an unknown event or column.
+    """
+    keys = {name: _column(runs, name) for name in by}
+    marks = [f"({_event(runs, name, rules)})::BOOLEAN AS event{place}" for place, name in enumerate(names)]
+    columns = [
+        *(f"{column} AS key{place}" for place, column in enumerate(keys.values())),
+        "count(*)",
+        'list(DISTINCT f."group"::VARCHAR)',
+        *(f"count(*) FILTER (r.event{place})" for place in range(len(names))),
+    ]
+    lines = runs.table.rows(
+        f"SELECT {', '.join(columns)} FROM (SELECT *, {', '.join(marks)} FROM {RESULTS}) r JOIN {FACTS} f "
+        "ON r.row = f.row WHERE f.sample AND f.faulty GROUP BY ALL ORDER BY ALL"
+    )
+    rows = []
+    for place, name in enumerate(names):
+        for line in lines:
+            values, n, groups, k = line[: len(by)], line[len(by)], line[len(by) + 1], line[len(by) + 2 + place]
+            rate = tables.of_faults(runs, k, n, groups)
+            rows.append((*values, name, k, n, rate.value, rate.low, rate.high))
+        if all(column.startswith("f.") or column.endswith("::VARCHAR") for column in keys.values()):
+            rows[-len(lines) :] = sorted(rows[len(rows) - len(lines) :], key=lambda row: -row[-3])
+    return pd.DataFrame(rows, columns=[*by, *NUMBERS])
+
+
+def texts(value: object, what: str) -> list[str]:
+    """One text or several as a list. UserError for anything else."""
+    several = [value] if isinstance(value, str) else value
+    if not isinstance(several, Sequence) or not all(isinstance(one, str) for one in several):
+        raise UserError(f"{what} is {shown(value)}, expected a text or a list of texts")
+    return list(several)
+
+
+def _event(runs: Runs, name: str, rules: Rules) -> str:
+    if name not in events.EVENTS:
+        expected = f"expected one of {', '.join(events.EVENTS)}{suggestion(name, events.EVENTS)}"
+        raise UserError(f"event {name!r} is unknown, {expected}")
+    for column in events.columns([name], rules):
+        if column.endswith("_ms") and column not in runs.names:
+            raise UserError(f"got event {name!r}, {events.UNWATCHED}")
+    return events.sql(name, rules)
+
+
+def _column(runs: Runs, name: str) -> str:
+    """The expression that classes faults by this name."""
+    if name in _WORDS and name in runs.facts:
+        return f"f.{quoted(name)}::VARCHAR"
+    for prefix in _PREFIXES:
+        if f"{prefix}{name}" in runs.types:
+            words = runs.types[f"{prefix}{name}"].startswith(("VARCHAR", "ENUM"))
+            return f"r.{quoted(prefix + name)}" + ("::VARCHAR" if words else "")
+    names = [*_WORDS, *(one.removeprefix("fault0_") for one in runs.names)]
+    raise UserError(
+        f"by {name!r}: no such column, expected {', '.join(_WORDS)}, a key of a fault, the path of a varied parameter "
+        f"or a column of the result table{suggestion(name, names)}"
+    )

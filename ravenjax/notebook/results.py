@@ -1,0 +1,201 @@
+"""The results of a campaign as an object: read when asked, counted as the report counts."""
+
+from __future__ import annotations
+
+import functools
+import os
+import tempfile
+import weakref
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ravenjax.errors import UserError, shown, suggestion
+from ravenjax.store import manifest as manifests
+from ravenjax.store import schema
+from ravenjax.store.access.results import Results
+from ravenjax.store.manifest import Manifest
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import pyarrow as pa
+    from matplotlib.figure import Figure
+
+    from ravenjax.notebook.shown import ShownFigure
+    from ravenjax.report.data.runs import Runs
+
+_WORST = ("run_id", "index", "group", "fault", "response", "hazard", "verdict")
+
+
+class CampaignResults:
+    """Results of a campaign, one row a run; what `Campaign.run` and `open_results` give.
+
+    Nothing is read before it is asked for, and a table may be larger than memory: what is counted is counted by
+    DuckDB. Whatever counts, counts distinct faults, as the report does: of a fault that was run several times the first
+    valid run in which nobody reacts. Raises StoreError where a part is missing or damaged.
+    """
+
+    def __init__(self, folder: str | Path, owned: tempfile.TemporaryDirectory[str] | None = None) -> None:
+        """folder: what a run wrote; owned: a temporary one that goes with this object. Raises StoreError."""
+        if not isinstance(folder, str | os.PathLike) or not str(folder):
+            raise UserError(f"folder is {shown(folder)}, expected the path of a result folder")
+        self.folder = Path(folder)
+        self._owned = owned
+        if owned is not None:
+            weakref.finalize(self, owned.cleanup)
+        self._manifest = manifests.read(self.folder)
+
+    @property
+    def manifest(self) -> Manifest:
+        """What was computed, by which code, on what."""
+        return self._manifest
+
+    def __len__(self) -> int:
+        return self._manifest.done
+
+    def columns(self) -> pd.DataFrame:
+        """Columns of the table: name, dtype, unit and meaning."""
+        import pandas as pd
+
+        rows = [(one.name, one.dtype, one.unit, one.meaning) for one in schema.columns(self._manifest.shape)]
+        return pd.DataFrame(rows, columns=["column", "dtype", "unit", "meaning"]).set_index("column")
+
+    def to_pandas(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
+        """The table, or some of its columns, as `run` gives it; its attrs say units and meanings."""
+        from ravenjax.notebook.attributes import described
+
+        frame = Results(self._manifest.shape, self.folder).frame(columns)
+        frame.attrs.update(described(self._manifest.shape))
+        return frame
+
+    def to_arrow(self, columns: Sequence[str] | None = None) -> pa.Table:
+        """The table, or some of its columns, as Arrow, by `index`."""
+        return Results(self._manifest.shape, self.folder).arrow(columns)
+
+    def query(self, sql: str) -> pd.DataFrame:
+        """A query in SQL over `results`, the table, and `facts`, what the report derives of it; both have `row`.
+
+        `results.query("SELECT site, count(*) AS n FROM facts WHERE evaded GROUP BY site")`. Raises UserError for what
+        DuckDB refuses.
+        """
+        import duckdb
+
+        if not isinstance(sql, str):
+            raise UserError(f"sql is {shown(sql)}, expected a query (text)")
+        try:
+            kinds = [statement.type for statement in duckdb.extract_statements(sql)]
+            if kinds != [duckdb.StatementType.SELECT]:
+                raise UserError(f"sql is {shown(sql)}, expected one query, such as SELECT * FROM facts LIMIT 5")
+            return self._runs.table.frame(sql)
+        except duckdb.Error as error:
+            reason = str(error).strip().splitlines()[0].rstrip(".")
+            raise UserError(f"sql: {reason}. Tables are results and facts; SELECT * FROM facts LIMIT 5 shows") from None
+
+    def rates(self, event: str | Sequence[str] = "evades", by: str | Sequence[str] = "group") -> pd.DataFrame:
+        """How often an event came: a row a class of distinct faults, with k, n, rate, low and high.
+
+        event: one or several of those for `[stop] rates`. by: group, site, layer, block (site and effect), response,
+        hazard, outcome; effect, channel and other keys of the first fault; the path of a varied parameter; any column;
+        or several; () for all faults together. low and high are Wilson's 95 % interval where faults were drawn, and NaN
+        where they were enumerated: such a share has no sampling error. Raises UserError for an unknown name.
+        """
+        from ravenjax.notebook import rates
+
+        return rates.rates(self._runs, self._manifest.rules, rates.texts(event, "event"), rates.texts(by, "by"))
+
+    def worst(self, n: int = 10, by: str = "unintended") -> pd.DataFrame:
+        """The worst valid runs with a fault, the worst first; fewer where fewer are cases.
+
+        by: unintended, loss, report, tissue, cue or response; the last column holds it, and attrs its unit and meaning.
+        Raises UserError.
+        """
+        import pandas as pd
+
+        from ravenjax.report import wording
+        from ravenjax.report.run import ranking
+
+        if isinstance(n, bool) or not isinstance(n, int) or n < 1:
+            raise UserError(f"n is {shown(n)}, expected a number of runs, 1 or more")
+        if by not in ranking.RANKINGS:
+            names = ranking.RANKINGS
+            raise UserError(f"by is {shown(by)}, expected one of {', '.join(names)}{suggestion(by, names)}")
+        runs = ranking.worst(self.folder, n, by)
+        rows = self._runs.numbered([one.row for one in runs])
+        measure = ranking.RANKINGS[by]
+        lines = [
+            ({**row, "fault": wording.fault(row, self._manifest.robot)}, one.value)
+            for row, one in zip(rows, runs, strict=True)
+        ]
+        name = f"{measure.name}_{measure.unit}"
+        table = pd.DataFrame([[*(row[key] for key in _WORST), value] for row, value in lines], columns=[*_WORST, name])
+        table.attrs.update({"units": {name: measure.unit}, "meanings": {name: measure.meaning}})
+        return table
+
+    def explain(self, runs: int | str | Sequence[int | str] | None = None, engine: str = "auto") -> pd.DataFrame:
+        """How faults spread, signal by signal, against the golden run: as the function `explain`, of this result."""
+        from ravenjax.notebook import explaining
+
+        return explaining.table(self.folder, runs, engine)
+
+    def plot_verdicts(self) -> ShownFigure:
+        """Each group's distinct faults by outcome."""
+        from ravenjax.report import paper
+
+        return self._figure(paper.verdicts, "no run has a fault")
+
+    def plot_time_to_know(self) -> ShownFigure:
+        """How soon after a fault's first effect the cue comes, a check tells, and anyone could know."""
+        from ravenjax.report import paper
+
+        return self._figure(lambda runs: paper.how_soon(runs, self._manifest), "no fault had an effect")
+
+    def plot_roc(self) -> ShownFigure:
+        """Detected hazards over false alarms, for each detector and threshold."""
+        from ravenjax.report import paper
+
+        return self._figure(lambda runs: paper.roc(runs, self._manifest), "the campaign has no [[detector]]")
+
+    def plot_tradeoff(self) -> ShownFigure:
+        """Missed hazards over false cues, for each haptic set."""
+        from ravenjax.report import paper
+
+        nothing = "no fault-free motion stands beside the faults"
+        return self._figure(lambda runs: paper.tradeoff(runs, self._manifest), nothing)
+
+    def plot_chain(self, run: int | str, engine: str = "auto") -> ShownFigure:
+        """How the fault of one run spread, over time: the run is computed again. run: as of `simulate`."""
+        from ravenjax.notebook import explaining
+
+        return self._figure(
+            lambda _: explaining.figure(self.folder, run, engine), f"nothing differs from the golden run in run {run}"
+        )
+
+    def _figure(self, drawn: Callable[[Runs], Figure | None], absent: str) -> ShownFigure:
+        import matplotlib
+
+        from ravenjax.document.figure_style import STYLE
+        from ravenjax.notebook.shown import ShownFigure
+
+        with matplotlib.rc_context(STYLE):
+            figure = drawn(self._runs)
+        if figure is None:
+            raise UserError(f"there is nothing to draw: {absent}")
+        return ShownFigure(figure)
+
+    @functools.cached_property
+    def _runs(self) -> Runs:
+        """The table and its facts, open until this object goes."""
+        from ravenjax.report.data.runs import Runs
+
+        runs = Runs.open(self.folder, self._manifest)
+        weakref.finalize(self, runs.close)
+        return runs
+
+    def __repr__(self) -> str:
+        place = "in a temporary folder" if self._owned is not None else f"in {self.folder}"
+        return f"<results of {self._manifest.campaign}: {len(self):,} runs, {place}>"
+
+    def _repr_html_(self) -> str:
+        from ravenjax.notebook import card
+
+        return card.of_results(self._runs, self._manifest)

@@ -1,0 +1,258 @@
+"""The virtual robot driven alone: DAC commands and output pins in, encoders and PLC pins out.
+
+    robot = VirtualRobot()
+    reading = robot.step(dac, output_pins)
+    reading.encoders, reading.pins, reading.signals.tip
+
+Put your own control software in front of it. It is what lies behind the USB boards in the tick: PLC, brakes, motors,
+cables, links, encoders, composed of the same functions in the same order and without faults. Every operation is one
+IEEE operation in float32 and functions are the C library's (`engines.cpu.transition`), so C code that is made of it has
+the same bits on any CPU; a campaign's engines fuse multiply-adds, so theirs differ in last digits.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+from typing import Any, get_args
+
+import numpy as np
+
+from ravenjax.engines.cpu import transition
+from ravenjax.engines.cpu.record_kind import RecordKind
+from ravenjax.engines.cpu.transition import Compiled, Memory, StateTransition
+from ravenjax.numbers import tree
+from ravenjax.numbers.lazy import jax, jnp
+from ravenjax.numbers.setup import per_arm
+from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.robots.raven2 import run_levels
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
+from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
+from ravenjax.robots.raven2.loop import connections
+from ravenjax.robots.raven2.plant import parameter_sets
+from ravenjax.robots.raven2.plant import robot as plant
+from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.software import inputs as checked
+from ravenjax.robots.raven2.software.code import objects
+from ravenjax.robots.raven2.stages import plc
+
+BOARDS = 1
+"""Boards whose output pins may differ: the control software writes the same to all."""
+
+
+@record
+class RobotParams:
+    """What may be set before it runs."""
+
+    plc: plc.PlcParams
+    arms: tuple[plant.PlantParams, ...]
+
+
+@record
+class RobotState:
+    """What it remembers."""
+
+    plc: plc.PlcState
+    arms: tuple[plant.PlantState, ...]
+
+
+@record
+class RobotInputs:
+    """What reaches it in one millisecond."""
+
+    dac: tuple[Vec, ...]  # per arm 7 int32 counts, as written to USB
+    output_pins: Scalar  # int32 byte to the PLC: run level (bits 0, 1), FP (2), READY (3), watchdog (4)
+    estop_button: Scalar  # int32, 1: pressed
+    start_button: Scalar  # int32, 1: pressed
+
+
+@record
+class RobotSignals:
+    """What it shows after that, and what is true of it."""
+
+    encoders: tuple[Vec, ...]  # per arm 7 int32 counts, as unpacked from USB
+    pins: Scalar  # int32 byte of the PLC, bits 6 and 7: run level; the same on each board
+    runlevel: Scalar  # int32, of the PLC
+    brakes: Scalar  # int32, 1: commanded on
+    mpos: tuple[Vec, ...]  # per arm 7 rad, true motor positions
+    mvel: tuple[Vec, ...]  # per arm 7 rad/s
+    jpos: tuple[Vec, ...]  # per arm 7 rad; insertion m, true joints of the links
+    jvel: tuple[Vec, ...]  # per arm 7 rad/s; insertion m/s
+    tip: tuple[Vec, ...]  # per arm 3 m in registered frame 0, true tip
+
+
+def params(setup: RavenSetup, parameter_set: str = parameter_sets.DEFAULT) -> RobotParams:
+    """Documented values; `parameter_set` names one of `parameter_sets.Name`. Plain numbers."""
+    return RobotParams(plc.params(setup), per_arm(setup, lambda _, arm: plant.params(setup, arm, parameter_set)))
+
+
+def begin(
+    setup: RavenSetup, params: RobotParams, start: tuple[Vec, ...], level: int
+) -> tuple[RobotState, RobotSignals]:
+    """At rest with the links at `start` (7 joints per arm, rad and m), the PLC in run level `level`."""
+    arms = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.arms[i], start[i]))
+    state = RobotState(plc.init(setup, params.plc, level, BOARDS), arms)
+    responses = per_arm(setup, lambda i, arm: plant.observe(setup, arm, params.arms[i], arms[i]))
+    relays = plc.PlcOutput(jnp.int32(level), plc.brakes_commanded(jnp.int32(level)))
+    return state, _signals(setup, params, state, relays, responses)
+
+
+def step(
+    setup: RavenSetup, params: RobotParams, state: RobotState, inputs: RobotInputs
+) -> tuple[RobotState, RobotSignals]:
+    """One millisecond, as in the tick behind the USB boards."""
+    buttons = inputs.estop_button != 0, inputs.start_button != 0
+    controller, relays = plc.step(setup, params.plc, state.plc, plc.PlcSignal((inputs.output_pins,) * BOARDS, *buttons))
+    moved = per_arm(
+        setup,
+        lambda i, arm: plant.step(
+            setup, arm, params.arms[i], state.arms[i], connections.plant_signal(inputs.dac[i], relays.brakes, {}, i)
+        ),
+    )
+    after = RobotState(controller, tuple(new for new, _ in moved))
+    return after, _signals(setup, params, after, relays, tuple(out for _, out in moved))
+
+
+def _signals(
+    setup: RavenSetup,
+    params: RobotParams,
+    state: RobotState,
+    relays: plc.PlcOutput,
+    arms: tuple[plant.PlantOutput, ...],
+) -> RobotSignals:
+    return RobotSignals(
+        encoders=tuple(out.enc_val for out in arms),
+        pins=plc.input_pins(state.plc.runlevel),
+        runlevel=relays.runlevel,
+        brakes=relays.brakes,
+        mpos=tuple(out.mpos for out in arms),
+        mvel=tuple(out.mvel for out in arms),
+        jpos=tuple(out.jpos for out in arms),
+        jvel=tuple(out.jvel for out in arms),
+        tip=connections.tips(setup, params.arms, state.arms, arms),
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class RobotCode:
+    """The robot of one setup: transition "robot" is one millisecond, "begin" where it starts."""
+
+    transitions: dict[str, StateTransition]
+    kinds: dict[str, RecordKind]  # of "params", "state", "inputs", "signals"
+
+    @functools.cached_property
+    def machine(self) -> Compiled:
+        """Compiled for this machine."""
+        return Compiled(self.transitions, objects())
+
+
+@functools.lru_cache(maxsize=8)
+def code(setup: RavenSetup, level: int) -> RobotCode:
+    """Its code; `level` is the run level in which the PLC begins."""
+    own, inputs = RecordKind(numbers(params(setup))), RecordKind(_still(setup))
+    start = RecordKind(tuple(numbers(HOME_JPOS) for _ in setup.arms))
+    empty = RecordKind(())
+
+    def begun(params: RobotParams, _: Any, start: tuple[Vec, ...]) -> Any:
+        return (), begin(setup, params, start, level)
+
+    def stepped(params: RobotParams, state: RobotState, inputs: RobotInputs) -> Any:
+        return step(setup, params, state, inputs)
+
+    first, (_, (state, signals)) = jax.make_jaxpr(begun, return_shape=True)(
+        own.abstract(), empty.abstract(), start.abstract()
+    )
+    states = RecordKind(state)
+    each = jax.make_jaxpr(stepped)(own.abstract(), states.abstract(), inputs.abstract())
+    transitions = {
+        "begin": StateTransition(first, own.layout, empty.layout, start.layout),
+        "robot": StateTransition(each, own.layout, states.layout, inputs.layout),
+    }
+    kinds = {"params": own, "state": states, "inputs": inputs, "signals": RecordKind(signals)}
+    return RobotCode(transitions, kinds)
+
+
+def numbers(record: Any) -> Any:
+    """A record of plain numbers with each in its own type: float32, or its own whole one."""
+
+    def of_type(x: Any) -> Any:
+        number = np.asarray(x)
+        wide = {"f": np.float32, "i": np.int32}
+        return number.astype(wide.get(number.dtype.kind, number.dtype))[()]
+
+    return tree.mapped(of_type, record)
+
+
+def _still(setup: RavenSetup) -> RobotInputs:
+    zero = np.int32(0)
+    return RobotInputs(per_arm(setup, lambda *_: Vec.full(7, zero)), zero, zero, zero)
+
+
+@dataclasses.dataclass(frozen=True)
+class Reading:
+    """What one millisecond left."""
+
+    encoders: np.ndarray  # int32 [arms, 7] counts, as `ControlSoftware.step` takes them
+    pins: int  # byte of the PLC, the same on each board
+    signals: RobotSignals  # the true motion among it
+
+
+class VirtualRobot:
+    """A Raven-II behind its USB boards, one `step` a millisecond: at rest at first, brakes on.
+
+    Arms are in mechanism order, gold first; joints in the order shoulder, elbow, insertion, tool_roll, wrist, grasp1,
+    grasp2. `reading` is what the control software finds before the first step.
+    """
+
+    def __init__(
+        self,
+        arms: Sequence[ArmName] = ("gold", "green"),
+        tools: Sequence[str] | None = None,
+        parameter_set: str = parameter_sets.DEFAULT,
+        jpos: Any = None,
+        runlevel: int = run_levels.E_STOP,
+    ) -> None:
+        """`tools`: one per arm, raven2's own if left out. `parameter_set`: its mechanics. `jpos`: joints [arms, 7] in
+        rad and m in which it begins, the home pose if left out. `runlevel`: of its PLC, 0 to 3. Raises UserError."""
+        names = checked.arm_names(arms)
+        checked.known("parameter_set", parameter_set, get_args(parameter_sets.Name))
+        level = checked.whole("runlevel", runlevel, 0, 3)
+        own = tuple(DEFAULT_TOOLS["raven2"][arm] for arm in names)
+        self.setup = RavenSetup(arms=names, tools=own if tools is None else checked.tool_names(tools, names))
+        rest = [list(HOME_JPOS)] * len(names) if jpos is None else checked.joints("jpos", jpos, len(names))
+        self.code = code(self.setup, level)
+        kinds = self.code.kinds
+        self.params = numbers(params(self.setup, parameter_set))
+        fixed, start = kinds["params"].row(self.params), RecordKind(tuple(numbers(Vec(row)) for row in rest))
+        first = self.code.transitions["begin"].leaving
+        rows = start.row(tuple(numbers(Vec(row)) for row in rest))[None], transition.rows(first, 1)
+        self.code.machine.bind("begin", Memory(fixed, transition.rows(RecordKind(()).layout, 1)[0], *rows))()
+        leaves = transition.read(first, rows[1][0])
+        states = len(kinds["state"].types)
+        state = jax.tree.unflatten(kinds["state"].tree, leaves[:states])
+        self.reading = self._reading(jax.tree.unflatten(kinds["signals"].tree, leaves[states:]))
+        self._row, self._out = transition.rows(kinds["inputs"].layout, 1), transition.rows(kinds["signals"].layout, 1)
+        self._memory = Memory(fixed, kinds["state"].row(state), self._row, self._out)
+        self._step = self.code.machine.bind("robot", self._memory)
+
+    def step(self, dac: Any, output_pins: int, estop_button: bool = False, start_button: bool = False) -> Reading:
+        """One millisecond. `dac`: whole counts [arms, 7], as `Output.dac`. `output_pins`: the byte that the control
+        software wrote. UserError names the argument that is wrong; nothing has happened then."""
+        counts = checked.counts("dac", dac, len(self.setup.arms))
+        pins = checked.whole("output_pins", output_pins, 0, 255)
+        buttons = checked.flag("estop_button", estop_button), checked.flag("start_button", start_button)
+        row = [number for arm in counts for number in arm]
+        transition.write(self.code.kinds["inputs"].layout, self._row[0], [*row, pins, *buttons])
+        self._step()
+        self.reading = self._reading(self.code.kinds["signals"].read(self._out[0]))
+        return self.reading
+
+    @property
+    def state(self) -> RobotState:
+        """Everything that it remembers."""
+        return self.code.kinds["state"].read(self._memory.state)
+
+    def _reading(self, signals: RobotSignals) -> Reading:
+        return Reading(np.array(signals.encoders, np.int32), int(signals.pins), signals)

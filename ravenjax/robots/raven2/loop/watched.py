@@ -1,0 +1,35 @@
+"""A run of ticks whose signals are what its detectors remember: what one of one's own sees and says, to the bit.
+
+This module is a `Loop` of `ravenjax.engines.interface`: that of `run`, with other signals.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ravenjax.numbers.vec import Scalar, record
+from ravenjax.robots.raven2.loop import observers, run
+from ravenjax.robots.raven2.loop.records import TickParams, TickState
+from ravenjax.robots.raven2.loop.run import init, outcomes, series_length
+from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.stages.detectors import DetectorsState
+
+__all__ = ["advance", "init", "outcomes", "series_length"]
+
+
+@record
+class WatchedSignals:
+    """What detectors remember after a millisecond."""
+
+    detectors: DetectorsState
+    live: Scalar  # bool, whether they looked, but for `armed_after`
+
+
+def advance(
+    setup: RavenSetup, params: TickParams, faults: Any, state: TickState, now: Scalar, motion: Any, golden: Any
+) -> tuple[TickState, tuple[Scalar, ...], WatchedSignals]:
+    """See `ravenjax.engines.interface.Loop`."""
+    state, series, signals = run.advance(setup, params, faults, state, now, motion, golden)
+    assert state.detectors is not None
+    live = observers.live(signals.control.runlevel, state.control.state_machine.soft_estopped)
+    return state, series, WatchedSignals(state.detectors, live)

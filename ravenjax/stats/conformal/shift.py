@@ -1,0 +1,90 @@
+"""Whether fresh fault-free operations are still like those of the calibration.
+
+Null hypothesis: fresh units were drawn as the calibration's were, all independent, so that each order of their scores
+is as likely. Under it a fresh score has a conformal p-value that is uniform (Vovk, Gammerman, Shafer, Algorithmic
+learning in a random world, 2005). Two tests that hold for any distribution:
+
+- Kolmogorov-Smirnov between fresh and calibration scores, exact: any change of their distribution;
+- a martingale that bets against uniform p-values as they come (the simple jumper; Vovk, Petej, Nouretdinov, Ahlberg,
+  Carlsson, Gammerman, Conformal and probabilistic prediction, PMLR 152, 2021): by Ville's inequality its largest value
+  is above 1/level with a probability of at most the level, however long one looks.
+
+Both together by Bonferroni. One unit, one operation: operations that share an operator or a robot are one another's
+copies, and a single robot, however many its operations, is one draw of a robot.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+JUMP = 0.01
+"""Share of the jumper's capital that changes its bet at each step, as its authors have it."""
+BETS = (-1.0, 0.0, 1.0)
+
+
+class Shift(NamedTuple):
+    """What the tests say of one score."""
+
+    p: float  # both tests together; at or below the level: shifted
+    p_distribution: float  # Kolmogorov-Smirnov
+    martingale: float  # its largest value
+    place: float  # median of the fresh ones' places among the calibration's, 0..1; 0.5 where nothing changed
+    fresh: int  # units
+    calibration: int  # units
+
+
+def shift(calibration: np.ndarray, fresh: np.ndarray, seed: int = 0) -> Shift:
+    """Scores of independent units, [calibration] and [fresh]; ties are broken at random by `seed`.
+
+    ValueError where there are none of either.
+    """
+    from scipy.stats import ks_2samp  # slow to import
+
+    if not len(calibration) or not len(fresh):
+        raise ValueError(f"a shift needs units of both: {len(calibration)} of the calibration, {len(fresh)} fresh")
+    pooled = np.concatenate([calibration, fresh])
+    jitter = np.random.default_rng(seed).random(len(pooled))
+    rank = np.empty(len(pooled))
+    rank[np.lexsort((jitter, pooled))] = np.arange(len(pooled))
+    own, other = rank[: len(calibration)], rank[len(calibration) :]
+    comparison: Any = ks_2samp(own, other, method="auto")
+    p_distribution = float(comparison.pvalue)
+    peak = float(martingale(p_values(calibration, fresh, seed)).max(initial=1.0))
+    place = np.searchsorted(np.sort(own), other) / len(own)
+    return Shift(
+        p=min(1.0, 2.0 * min(p_distribution, 1.0 / peak)),
+        p_distribution=p_distribution,
+        martingale=peak,
+        place=float(np.median(place)),
+        fresh=len(fresh),
+        calibration=len(calibration),
+    )
+
+
+def p_values(calibration: np.ndarray, fresh: np.ndarray, seed: int = 0) -> np.ndarray:
+    """Conformal p-value of each fresh score among the calibration's and the fresh ones before it, [fresh].
+
+    Independent and uniform on 0..1 under the null hypothesis; small where a score is high.
+    """
+    theta = np.random.default_rng([seed, 1]).random(len(fresh))
+    before = np.sort(np.asarray(calibration, float))
+    out = np.empty(len(fresh))
+    for i, score in enumerate(np.asarray(fresh, float)):
+        low, high = np.searchsorted(before, score, "left"), np.searchsorted(before, score, "right")
+        above, alike = len(before) - high, high - low + 1  # itself among them
+        out[i] = (above + theta[i] * alike) / (len(before) + 1)
+        before = np.insert(before, high, score)
+    return out
+
+
+def martingale(p: np.ndarray) -> np.ndarray:
+    """Capital of the simple jumper after each p-value, [p]; it begins at 1."""
+    shares = np.full(len(BETS), 1.0 / len(BETS))
+    bets, path = np.array(BETS), np.empty(len(p))
+    for i, value in enumerate(p):
+        shares = (1 - JUMP) * shares + JUMP * shares.sum() / len(BETS)
+        shares = shares * (1.0 + bets * (value - 0.5))
+        path[i] = shares.sum()
+    return path
