@@ -91,7 +91,7 @@ class Session:
         ready: Blueprint | None = None,
         robot: Callable[[Blueprint], Driven] = SimulatedRobot,
     ) -> None:
-        """cue: whether the force is felt, the scenario's own if None. made: compiled before, for the same scenario and
+        """cue: whether the force is felt, the scenario's own if None. ready: compiled before, for the same scenario and
         seed. robot: what makes the robot that is driven."""
         self.scenario, self.seed = chosen, seed
         if ready is None:
