@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -18,6 +19,9 @@ from ravenjax.vocabulary import checks, failures
 if TYPE_CHECKING:
     import pandas as pd
 
+_FIRST_ALARM = re.compile(r"detector\d+_threshold0_(first_ms|alarms)")
+"""At the threshold at which a detector may stop the robot."""
+
 Columns = Mapping[str, np.ndarray]
 """Outcome -> [rows], as an engine returns them; a DataFrame will do."""
 
@@ -26,9 +30,8 @@ _MAY_BE_INFINITE = (*schema.MAY_BE_INFINITE, "tissue_depth_mm", "tip_distance_mm
 
 
 def of_golden(names: Iterable[str]) -> tuple[str, ...]:
-    """Those outcome columns of which the golden run's are needed, too: trips of checks, and what is kept of it."""
-    names = tuple(names)
-    return checks.count_columns(names) + tuple(name for name in names if schema.kept_of_golden(name))
+    """Those outcome columns of which the golden run's are needed, too: what is kept of it, and first alarms."""
+    return tuple(name for name in names if schema.kept_of_golden(name) or _FIRST_ALARM.fullmatch(name))
 
 
 def columns(config: CampaignConfig, runs: FaultTable, outcomes: Columns, golden_runs: Columns) -> dict[str, Any]:
@@ -58,8 +61,9 @@ def columns(config: CampaignConfig, runs: FaultTable, outcomes: Columns, golden_
         **{f"golden_{name}": np.asarray(golden_runs[name]) for name in measures if schema.kept_of_golden(name)},
     }
     out["golden_tissue_depth_mm"] = np.maximum(out["golden_tissue_depth_mm"], depth.dtype.type(0))
-    if checks.count(config.own_checks):
-        alone = verdict.built_in_responses(measures, golden_runs, config.robot)
+    if checks.apart(config.own_checks, config.stops):
+        detectors = [number for number, (_, use, _) in enumerate(config.detectors) if use.stops]
+        alone = verdict.built_in_responses(measures, golden_runs, config.robot, detectors)
         out[checks.BUILT_IN] = words.column(alone.response, verdict.RESPONSES)
         out["built_in_told_ms"] = alone.told_ms
     return out | judged(

@@ -194,4 +194,5 @@ def shape_of(ready: Plan) -> schema.Shape:
         detectors=tuple(use.thresholds for use in setup.detectors),
         observes=ready.program.ends,
         own_checks=ready.config.own_checks,
+        stops=ready.config.stops,
     )

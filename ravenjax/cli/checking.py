@@ -106,6 +106,8 @@ def _summary(view: Preview) -> Iterator[tuple[str, str]]:
         )
     yield "cue", _cues(config)
     yield "detectors", _detectors(config)
+    for one in view.checks:
+        yield f"check {one.name}", _check(one)
     if config.stop is not None:
         least = f"{100 * config.stop.half_width:g} points"
         yield "stops", f"once {', '.join(config.stop.rates)} are known within +-{least}, so fewer runs may do"
@@ -123,6 +125,12 @@ def _cues(config: Any) -> str:
     distances = ", ".join(dict.fromkeys(f"{cue.threshold_m * 1e3:g}" for cue in cues))
     decides = f"; set {config.outcomes.cue}, at {cues[config.outcomes.cue].threshold_m * 1e3:g} mm, decides the verdict"
     return f"pulls beyond {distances} mm" + (f", {len(cues)} sets of gains{decides}" if len(cues) > 1 else "")
+
+
+def _check(one: Any) -> str:
+    in_a_row = f", {one.consecutive} ms in a row" if one.consecutive > 1 else ""
+    parameters = "".join(f"; {path} = {value}" for path, value in one.parameters.items())
+    return f"at {one.at}, {one.does} above {one.threshold}{in_a_row}{parameters}"
 
 
 def _detectors(config: Any) -> str:

@@ -118,7 +118,7 @@ def _metadata(record: Manifest, again: Replay) -> dict[str, str]:
 def _plotted(series: Mapping[str, Any], cue: int) -> dict[str, Any]:
     """A replay's series under the names that the plot knows, with the force of that cue."""
     active = [values for name, values in series.items() if name.startswith("fault") and name.endswith("_active")]
-    commands = {name.replace("dac_cnt", "current_cmd"): values for name, values in series.items() if "dac_cnt" in name}
+    commands = {n.replace("boards_cnt", "current_cmd"): v for n, v in series.items() if n.endswith("/boards_cnt")}
     forces = {n.replace("cue_force", "haptic_force"): v[:, cue] for n, v in series.items() if n.endswith("/cue_force")}
     return {
         **series,

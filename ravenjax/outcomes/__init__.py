@@ -2,7 +2,8 @@
 
 A run is judged beside its *golden run*: the same operator, robot and random numbers without the fault.
 
-**Response**: what the robot's own checks did beyond what they do in the golden run (`checks`).
+**Response**: what the robot's own checks did beyond what they do in the golden run (`checks`): a check counts where it
+tripped more often than there, or first tripped sooner.
 
 - `stopped`: a check stopped the robot.
 - `flagged`: a check told a person, and the robot went on.
@@ -10,8 +11,9 @@ A run is judged beside its *golden run*: the same operator, robot and random num
 - `silent`: no check did anything.
 
 Checks of one's own count there by what they do (`[[check]] acts`); one that watches does not count. What the built-in
-ones did by themselves is then in `built_in_response` and `built_in_told_ms`: of a run whose course a check of one's own
-changed, only what they did until then, since a stop makes them trip, too.
+ones did by themselves is then in `built_in_response` and `built_in_told_ms`, as it is beside a detector that may stop
+the robot: of a run whose course a part of one's own changed, only what they did until then, since a stop makes them
+trip, too.
 
 **Hazard**: what became of the motion, the gravest first (`verdict`). `LIMIT_MM` is the limit, a campaign's `[outcomes]
 limit_mm`.
@@ -36,7 +38,7 @@ A run has **failed** where a number of the robot, of its nominal model or of its
 (`ravenjax.vocabulary.failures`). It has no verdict and is in no rate.
 
 A run **evades** the checks when nobody is told (silent or limited) and its hazard is unintended motion. It **evades the
-built-in checks** when none of those told anyone by itself, whatever checks of one's own did.
+built-in checks** when none of those told anyone by itself, whatever checks and detectors of one's own did.
 
     response                 hazard                      cue
     stopped ---------------> unintended motion --------> cue

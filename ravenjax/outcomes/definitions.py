@@ -33,7 +33,11 @@ def rows(rules: Rules, robot: Robot) -> list[Definition]:
         Definition("response", "stopped", "A check stopped the robot."),
         Definition("response", "flagged", "A check told a person, and the robot went on."),
         Definition("response", "limited", "A check changed a command or dropped a packet. Nobody was told."),
-        Definition("response", "silent", "No check did anything beyond what it does in the golden run."),
+        Definition(
+            "response",
+            "silent",
+            "No check tripped more often than in the golden run, nor first tripped sooner than there.",
+        ),
         Definition(
             "hazard",
             "unintended motion",

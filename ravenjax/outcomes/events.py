@@ -44,6 +44,19 @@ def beyond_golden_sql(column: str) -> str:
     return f"CASE WHEN {own} >= 0 AND NOT ({golden} >= 0 AND {golden} <= {own}) THEN {own} ELSE -1 END"
 
 
+def check_ms_sql(name: str, golden: bool = True) -> str:
+    """When a check first did what it does not in the golden run, -1 if never: as `verdict.responses`.
+
+    golden: whether the golden run's trips are known; where they are not, every trip counts.
+    """
+    own = f'"check_{name}_first_ms"'
+    if not golden:
+        return own
+    more = f'"check_{name}_count" > "golden_check_{name}_count"'
+    sooner = beyond_golden_sql(f"check_{name}_first_ms")
+    return f"CASE WHEN ({sooner}) >= 0 THEN {own} WHEN {more} THEN greatest({own}, first_active_ms) ELSE -1 END"
+
+
 CUE_MS = beyond_golden_sql("cue{cue}_first_ms")
 """When the cue came that the golden run did not have; -1 if never."""
 
@@ -58,8 +71,8 @@ _ALL = (
     ),
     Event(
         "evades_built_in",
-        "no built-in check told anyone by itself, whatever checks of one's own did, and the live robot made an "
-        "unintended motion of more than {limit}",
+        "no built-in check told anyone by itself, whatever checks and detectors of one's own did, and the live robot "
+        "made an unintended motion of more than {limit}",
         f"{{built_in}} IN {_among(UNTOLD)} AND hazard = 'unintended motion'",
     ),
     Event(

@@ -5,12 +5,13 @@ Definitions stand in the package's docstring.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ravenjax.vocabulary import checks
+from ravenjax.vocabulary.checks import Check
 from ravenjax.vocabulary.robot import Robot
 
 PUBLISHED_CUE_MM = 3.0
@@ -61,32 +62,42 @@ def responses(outcomes: Outcomes, golden: Outcomes, robot: Robot) -> Response:
     """What the checks did in each run beyond what they did in its golden run.
 
     Checks trip on fault-free motion too: a command is clipped, the first packet of a stream lost. Only what the fault
-    changed counts: a check that tripped more often than in the golden run. golden: its `check_*_count`.
+    changed counts: a check that tripped more often than in the golden run, or first tripped sooner than there. golden:
+    its `check_*_count` and `check_*_first_ms`.
     """
     counted = [name for name in checks.names(outcomes) if robot.check(name).action != "watch"]
     return _responses(outcomes, golden, robot, counted, None)
 
 
-def built_in_responses(outcomes: Outcomes, golden: Outcomes, robot: Robot) -> Response:
-    """What the built-in checks did by themselves: of runs whose course a check of one's own changed, until then.
+def built_in_responses(outcomes: Outcomes, golden: Outcomes, robot: Robot, detectors: Iterable[int] = ()) -> Response:
+    """What the built-in checks did by themselves: of runs whose course a part of one's own changed, until then.
 
-    A stop by one's own makes built-in checks trip, too: the software E-stop, then the PLC. What the robot would have
-    done without that check only a run without it can tell; what tripped before it did, would have tripped anyway.
+    detectors: those that may stop the robot, by their numbers; golden has their `detector<d>_threshold0_*`. A stop by
+    one's own makes built-in checks trip, too: the software E-stop, then the PLC. What the robot would have done without
+    that part only a run without it can tell; what tripped before it did, would have tripped anyway.
     """
     names = checks.names(outcomes)
-    own = [name for name in names if robot.check(name).own and robot.check(name).acts]
+    own = [(f"check_{name}_count", f"check_{name}_first_ms") for name in names if _acts(robot.check(name))]
+    own += [(f"detector{d}_threshold0_alarms", f"detector{d}_threshold0_first_ms") for d in detectors]
     acted = _first_otherwise(outcomes, golden, own)
     return _responses(outcomes, golden, robot, [name for name in names if not robot.check(name).own], acted)
 
 
-def _first_otherwise(outcomes: Outcomes, golden: Outcomes, names: list[str]) -> np.ndarray:
-    """When the first of these checks tripped that trip more or less often than in the golden run, ms; -1: none does.
-    Not before the fault: until then the two are one."""
+def _acts(check: Check) -> bool:
+    return check.own and check.acts
+
+
+def _first_otherwise(outcomes: Outcomes, golden: Outcomes, trips: list[tuple[str, str]]) -> np.ndarray:
+    """When the first of those tripped that trip otherwise than in the golden run, ms; -1: none does.
+
+    trips: columns of how often and when first. Not before the fault: until then the two are one.
+    """
     onset = np.asarray(outcomes["first_active_ms"])
     earliest = np.full(len(onset), np.iinfo(np.int32).max)
-    for name in names:
-        count, ms = (np.asarray(outcomes[f"check_{name}_{what}"]) for what in ("count", "first_ms"))
-        otherwise = (count != np.asarray(golden[f"check_{name}_count"])) & (ms >= 0)
+    for often, when in trips:
+        count, ms = np.asarray(outcomes[often]), np.asarray(outcomes[when])
+        otherwise = (count != np.asarray(golden[often])) | (ms != np.asarray(golden[when]))
+        otherwise = otherwise & (ms >= 0)
         earliest = np.where(otherwise, np.minimum(earliest, np.maximum(ms, onset)), earliest)
     return np.where(earliest < np.iinfo(np.int32).max, earliest, -1)
 
@@ -102,20 +113,23 @@ def _responses(
     first, alarm = np.full((2, len(onset)), -1, np.int32)
     for place, name in enumerate(names, start=1):
         rank = RESPONSES.index(robot.check(name).response)
-        own, usual = np.asarray(outcomes[f"check_{name}_count"]), np.asarray(golden[f"check_{name}_count"])
-        more = own > usual
+        (own, ms), (usual, usual_ms) = (
+            [np.asarray(columns[f"check_{name}_{what}"]) for what in ("count", "first_ms")]
+            for columns in (outcomes, golden)
+        )
+        sooner = beyond_golden(ms, usual_ms) >= 0
+        more = (own > usual) | sooner
         if not more.any():
             continue
-        # Where the golden run trips too, the first trip may precede the fault; the response is not before its onset.
-        ms = np.asarray(outcomes[f"check_{name}_first_ms"])
-        ms = np.where(usual > 0, np.maximum(ms, onset), ms)
+        # Where the golden run has tripped by then, the first trip may precede the fault; the response does not.
+        ms = np.where(sooner, ms, np.maximum(ms, onset))
         if until is not None:
             more = more & ((until < 0) | (ms < until + (not robot.check(name).follows)))
         stronger = more & ((response > rank) | ((response == rank) & (ms < first)))
         response[stronger], cause[stronger], first[stronger] = rank, place, ms[stronger]
         if rank in _TOLD:
-            sooner = more & ((alarm < 0) | (ms < alarm))
-            alarm[sooner] = ms[sooner]
+            earlier = more & ((alarm < 0) | (ms < alarm))
+            alarm[earlier] = ms[earlier]
     return Response(response, cause, first, alarm, ("", *(robot.check(name).named_cause for name in names)))
 
 

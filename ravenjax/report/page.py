@@ -25,6 +25,7 @@ from ravenjax.report.sections import (
     answers,
     dependence,
     overloads,
+    own_checks,
     precision,
     risk,
     tables,
@@ -56,7 +57,8 @@ SECTIONS = {
     "reaction": "Reaction",
     "robots": "Robots",
     "risk": "Risk",
-    "checks": "Checks",
+    "own_checks": "Your checks",
+    "checks": "Built-in checks",
     "after_stop": "After a stop",
     "worst": "Worst runs",
     "chains": "Chains",
@@ -96,6 +98,7 @@ def render(runs: Runs, manifest: Manifest, folder: Path) -> str:
     }
     absent = {
         "detectors": not manifest.detectors,
+        "own_checks": not (manifest.shape.own_checks and content["head"]["evaded"].n),
         "reaction": not manifest.shape.reacts,
         "robots": not (content["conclusions"] or content["your_robot"]),
         "risk": not content["risks"],
@@ -145,6 +148,7 @@ def _verdicts(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
         "lead": time_to_know.lead_histogram(runs),
         "checks": tables.check_rows(runs, manifest),
         "causes": tables.cause_rows(runs),
+        "own_checks": own_checks.rows(runs, manifest),
         "worst": worst_runs,
         "worst_csv": worst.flat(worst_runs),
         "stops": after_stop.rows(runs, manifest.limit_mm),

@@ -21,6 +21,7 @@ in pedal-down, without software E-stop, once `armed_after` has passed.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import reduce
 from typing import Annotated, Any
 
@@ -176,7 +177,7 @@ def step(setup: Setup, params: DetectorParams, state: DetectorsState, signal: De
     detectors = []
     for use, thresholds, before in zip(setup.detectors, params.thresholds, state.detectors, strict=True):
         arms = [_score(use, scores) for _, scores in views] if use.part is None else [s for _, s in files[use.part]]
-        score = reduce(jnp.maximum, arms)
+        score = _largest(setup, arms)
         detectors.append(_watch(before, thresholds, _counted(score, armed), signal.tick))
     own = tuple(tuple(after for after, _ in arms) for arms in files.values())
     return DetectorsState(tuple(arm for arm, _ in views), own, tuple(detectors))
@@ -204,15 +205,18 @@ def outcomes(setup: Setup, state: DetectorsState) -> dict[str, Scalar]:
 def _own(
     setup: Setup, source: OwnSource, params: Any, before: tuple[Any, ...], signal: DetectorSignal
 ) -> tuple[tuple[Any, Scalar], ...]:
-    """State and score of a file, one entry an arm. A score that is no number hides no other arm's."""
+    """State and score of a file, one entry an arm."""
     assert signal.views is not None
     code, views = part.loaded(source), signal.views
+    return per_arm(setup, lambda i, _: part.step(code, params, before[i], views[i], setup.precision.real))
 
-    def of_arm(i: int, _: str) -> tuple[Any, Scalar]:
-        after, score = part.step(code, params, before[i], views[i], setup.precision.real)
-        return after, jnp.where(score == score, score, 0.0)
 
-    return per_arm(setup, of_arm)
+def _largest(setup: Setup, scores: Sequence[Scalar]) -> Scalar:
+    """The largest of those scores that are numbers, none of which is below 0; 0 if there are none.
+
+    A comparison with what is no number is false: in this order it hides no other arm's or joint's score.
+    """
+    return reduce(lambda most, score: jnp.where(score > most, score, most), scores, real(setup, 0.0))
 
 
 @record
@@ -236,7 +240,7 @@ def _arm(
 
     def largest(name: str, now: Vec, then: Vec) -> Scalar:
         steps = [jnp.abs(a - b) / getattr(step, name) for a, b, step in zip(now, then, learned, strict=True)]
-        return reduce(jnp.maximum, steps)
+        return _largest(setup, steps)
 
     mvel_step = largest("mvel", mvel, before.mvel)
     link = sum(jnp.abs(v) + jnp.abs(v - w) * (1.0 / TICK_S) for v, w in zip(jvel, before.jvel, strict=True))
@@ -251,7 +255,7 @@ def _arm(
         jpos=largest("jpos", jpos, before.jpos),
         derivative_sum=link + MOTOR_SHARE * motor,
         tip_error=signal.tip_error[i] * 1e3,
-        overdrive=reduce(jnp.maximum, shares),
+        overdrive=_largest(setup, shares),
     )
     return DetectorArmState(mpos, mvel, jpos, jvel, mvel_step), scores
 
@@ -273,8 +277,8 @@ def _score(use: DetectorUse, scores: _Scores) -> Scalar:
 
 
 def _counted(score: Scalar, armed: Scalar) -> Scalar:
-    """A score as it counts: none where it is no number, which is above no threshold, and never infinite."""
-    return jnp.where(armed & (score == score), jnp.minimum(score, LARGEST), 0.0)
+    """A score as it counts: never infinite."""
+    return jnp.where(armed, jnp.minimum(score, LARGEST), 0.0)
 
 
 def _watch(before: DetectorState, thresholds: tuple[Scalar, ...], score: Scalar, tick: Scalar) -> DetectorState:

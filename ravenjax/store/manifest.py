@@ -137,7 +137,7 @@ class Manifest(BaseModel):
     def rules(self) -> Rules:
         """What the campaign chose of the definitions of outcomes."""
         threshold = self.cues[self.verdict_cue].threshold_mm if self.cues else PUBLISHED_CUE_MM
-        built_in = built_in_column(self.shape.own_checks)
+        built_in = built_in_column(self.shape.own_checks, self.shape.stops)
         return Rules(self.verdict_cue, threshold, self.verdict_jump, self.limit_mm, built_in)
 
     @property
@@ -215,6 +215,8 @@ def read(folder: Path) -> Manifest:
     if isinstance(version, int):
         require_version(path, version)
     try:
+        if version in schema.OLDER and isinstance(data.get("shape"), dict):
+            data["shape"]["golden_checks"] = False
         manifest = Manifest.model_validate(data)
         listed = recorded(folder)
         return manifest if listed is None else manifest.model_copy(update={"parts": listed})

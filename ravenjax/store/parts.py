@@ -273,7 +273,7 @@ def _require_known_version(path: Path, metadata: dict[bytes, bytes]) -> None:
 
 def require_version(path: Path, version: int) -> None:
     """StoreError where `path` was written with another schema than this reader knows."""
-    if version != schema.VERSION:
+    if version not in (schema.VERSION, *schema.OLDER):
         way = "upgrade ravenjax" if version > schema.VERSION else "run the campaign again into another folder"
         since = "".join(f" Since {one}, {what}." for one, what in schema.CHANGES.items() if one > version)
         raise ForeignPart(

@@ -27,14 +27,17 @@ from ravenjax.vocabulary.robot import Robot
 if TYPE_CHECKING:
     import pandas as pd
 
-VERSION = 5
+VERSION = 6
 """Raised whenever a column changes its name, type, unit or meaning; a new column alone does not raise it."""
 CHANGES = {
     3: "outcomes were defined anew",
     4: "columns `twin_*` became `golden_*`, and `detector<d>_level<k>_*` became `detector<d>_threshold<k>_*`",
     5: "`failed` names the number that was first not finite",
+    6: "a check that first trips sooner than in the golden run counts as a response, also where it trips as often",
 }
 """What each version changed; see results/README.md."""
+OLDER = (5,)
+"""Earlier versions that readers take, too: their columns are those of this one, but for `golden_check_*`."""
 
 Columns: TypeAlias = "Mapping[str, Any] | pd.DataFrame"
 """Columns by name, arrays [rows]."""
@@ -70,6 +73,8 @@ class Shape:
     detectors: tuple[int, ...] = ()  # how many thresholds each detector has
     observes: bool = False  # runs end some time after their last fault has
     own_checks: tuple[Check, ...] = ()  # which of the checks are of one's own
+    stops: bool = False  # a detector may stop the robot
+    golden_checks: bool = True  # trips of the golden run's checks are kept; version 5 had none
 
 
 def columns(shape: Shape) -> tuple[Column, ...]:
@@ -164,12 +169,12 @@ def _course(robot: Robot) -> Iterator[Column]:
 
 
 def _built_in(shape: Shape) -> Iterator[Column]:
-    if checks.count(shape.own_checks):
+    if checks.apart(shape.own_checks, shape.stops):
         yield Column(
             checks.BUILT_IN,
             "category",
             "",
-            "response of the built-in checks alone, until one of one's own stopped or limited",
+            "response of the built-in checks alone, until a check or detector of one's own stopped or limited",
         )
         yield Column(
             "built_in_told_ms", "int32", "ms", "when one of those first told a person or stopped the robot, -1 if never"
@@ -222,7 +227,7 @@ GOLDEN = "golden_"
 """Prefix of what is kept of the golden run's outcome."""
 _OF_GOLDEN = re.compile(
     r"(cue|detector)\d+_(first_ms|score)|reaction_ms|hand_mm|tissue_depth_mm|tip_path_mm|pedal_down_ms|halted_ms"
-    r"|peak_live_deviation_mm|cable_load|cable_overload_first_ms"
+    r"|peak_live_deviation_mm|cable_load|cable_overload_first_ms|check_\w+_(first_ms|count)"
 )
 
 
@@ -232,8 +237,10 @@ def kept_of_golden(name: str) -> bool:
 
 
 def _golden(shape: Shape) -> Iterator[Column]:
+    robot = robots.find(shape.robot).with_checks(shape.own_checks)
     own = [
-        *_course(robots.find(shape.robot)),
+        *_course(robot),
+        *(column for check in shape.checks if shape.golden_checks for column in _check(robot.check(check))),
         *(column for cue in range(shape.cues) for column in _cue(cue)),
         *_reaction(shape),
         *(column for d, thresholds in enumerate(shape.detectors) for column in _detector(d, thresholds)),

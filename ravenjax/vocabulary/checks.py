@@ -88,22 +88,25 @@ def count(own: Iterable[Check]) -> bool:
 
 
 BUILT_IN = "built_in_response"
-"""Column of what the built-in checks did by themselves, where checks of one's own count in the column `response`."""
+"""Column of what the built-in checks did by themselves, where parts of one's own count in the column `response`."""
 
 
-def built_in_column(own: Iterable[Check]) -> str:
-    """Column of what the built-in checks did by themselves beside these checks of one's own."""
-    return BUILT_IN if count(own) else "response"
+def apart(own: Iterable[Check], stops: bool) -> bool:
+    """Whether what the built-in checks did by themselves has columns of its own.
+
+    It has beside checks of one's own that count, and beside a detector that may stop the robot (`stops`).
+    """
+    return stops or count(own)
+
+
+def built_in_column(own: Iterable[Check], stops: bool) -> str:
+    """Column of what the built-in checks did by themselves, arguments as of `apart`."""
+    return BUILT_IN if apart(own, stops) else "response"
 
 
 def names(columns: Iterable[str]) -> tuple[str, ...]:
     """Names of the checks among outcome columns."""
     return tuple(c.removeprefix("check_").removesuffix("_count") for c in columns if _counts(c))
-
-
-def count_columns(columns: Iterable[str]) -> tuple[str, ...]:
-    """Those outcome columns that say how often a check tripped."""
-    return tuple(c for c in columns if _counts(c))
 
 
 def _counts(column: str) -> bool:

@@ -139,6 +139,28 @@ def test_a_board_that_refuses_holds_zero_and_lets_the_plc_stop_the_robot(tmp_pat
     assert hard["check_plc_watchdog_first_ms"] < hard["check_estop_first_ms"] <= hard["check_plc_watchdog_first_ms"] + 4
 
 
+def test_a_stop_that_comes_sooner_than_the_golden_runs_is_the_faults(tmp_path):
+    """The check stops the robot at 900 ms in any case; the fault makes it do so at 700 ms, as often."""
+    text = """
+def step(params, state, view):
+    late = (view.tick == 900) & (view.runlevel == 3)
+    score = jnp.where(late, 30000, 0)
+    for command in view.current_cmd[:6]:
+        score = jnp.maximum(score, jnp.abs(command))
+    return state, score
+"""
+    raw = tables(tmp_path, text, EARLY, at="current_cmd", acts="stop", threshold=20000)
+    raw["group"][1]["fault"][0]["duration_ms"] = 1
+    table = rj.run(raw | {"parameters": {"control.overdrive.max_inst_dac": 32768}}, engine="simd")
+    free, mild, hard = (table.iloc[row] for row in range(3))
+    names = ["check_own_mine_count", "check_own_mine_first_ms"]
+    for row, first, response in ((free, 900, "silent"), (mild, 900, "limited"), (hard, 700, "stopped")):
+        assert row[names].tolist() == [1, first] and row[[f"golden_{name}" for name in names]].tolist() == [1, 900]
+        assert row["response"] == response
+    assert (hard["response_cause"], hard["response_ms"], hard["told_ms"]) == ("own_mine", 700, 700)
+    assert hard["built_in_response"] in ("limited", "silent")
+
+
 def test_boards_refuse_one_by_one(tmp_path):
     raw = tables(tmp_path, BOARDS.format(more=""), {**FAULT, "arm": "green"}, {"arms": ["gold", "green"]}, at="usb_out")
     raw["check"][0]["acts"] = "stop"
@@ -171,7 +193,11 @@ def test_no_limit_passes_an_e_stop_or_16_bits(tmp_path, seam):
         {"name": "stop", "file": str(tmp_path / "stop.py"), "at": "packet", "acts": "stop", "threshold": 0.5}
     )
     trace = rj.simulate(loading.from_dict(raw), 0)
-    commands = trace["dac_cnt"].sel(arm="gold").values
+    commands, held = (trace[name].sel(arm="gold").values for name in ("dac_cnt", "boards_cnt"))
+    if seam == "usb_out":  # what the boards make of it is what reaches the motors
+        assert held[605].max() == 32767 > commands[605].max() and not held[640:].any()
+    else:
+        np.testing.assert_array_equal(held, commands)
     if seam != "usb_out":  # what leaves the software
         assert commands[605].max() <= 32767
         assert not commands[640:].any()
@@ -196,6 +222,7 @@ def test_built_in_ones_count_until_the_first_of_ones_own_acts():
     for name, first in zip(names, map(np.array, firsts), strict=True):
         outcomes |= {f"check_{name}_first_ms": first, f"check_{name}_count": (first >= 0).astype(int)}
     golden = {f"check_{name}_count": np.zeros(3, int) for name in names}
+    golden |= {f"check_{name}_first_ms": np.full(3, -1) for name in names}
     responses = verdict.built_in_responses(outcomes, golden, robot).response
     assert [verdict.RESPONSES[k] for k in responses] == ["silent", "stopped", "stopped"]
 

@@ -16,6 +16,7 @@ from ravenjax.campaign.inspection import verification
 from ravenjax.cli import catalogue
 from ravenjax.errors import StoreError, UserError
 from ravenjax.numbers import paths
+from ravenjax.outcomes import events
 
 TWINS = """
 from ravenjax.parts import Annotated, Quantity, Scalar, Vec, jnp, record
@@ -181,6 +182,27 @@ def test_one_that_stops_presses_the_button_a_millisecond_later(tmp_path, engine)
     assert mild["check_estop_count"] == 0
     assert hard["detector0_threshold0_first_ms"] == 700 and hard["response"] == "stopped"
     assert hard["check_estop_first_ms"] == pressed["check_estop_first_ms"] > 700
+
+
+def test_what_its_stop_makes_the_robot_do_is_no_response_of_the_built_in_checks(tmp_path):
+    """Where its stop came late, what evades the built-in checks is what does so without the detector."""
+    raw = tables(tmp_path, BOARDS)
+    raw["detector"][0] |= {"acts": "stop", "threshold": [1.0], "consecutive": [8]}
+    raw["group"][1]["fault"][0] |= {"value": [200, 9000], "duration_ms": 64}
+    raw["detector"][0]["threshold"] = [0.5]
+    config = loading.from_dict(copy.deepcopy(raw))
+    stopping, plain = rj.run(config, engine="simd"), rj.run(_watching_and_stopping(raw)[1], engine="simd")
+    hit, alone = stopping.iloc[2], plain.iloc[2]
+    assert hit["response"] == "stopped" and hit["told_ms"] > hit["detector0_threshold0_first_ms"] > 700
+    assert alone["response"] in ("limited", "silent") and "built_in_response" not in plain
+    assert hit["built_in_response"] in ("limited", "silent") and hit["built_in_told_ms"] == -1
+    assert config.rules.built_in == "built_in_response"
+    import pyarrow as pa
+
+    _, built_in, unintended = events.happened(
+        pa.Table.from_pandas(stopping), ["evades_built_in", "unintended_motion"], config.rules
+    )
+    assert built_in[2] and unintended[2]
 
 
 @pytest.mark.slow

@@ -21,7 +21,8 @@ WORDS = {3: "stopped", 2: "flagged", 1: "limited", 0: "silent"}
 NAMES = ("overdrive_instant", "overdrive_clip", "packet_skip", "ik_reject", "estop", "a_new_one")
 
 times = st.integers(-1, 400)
-trip = st.tuples(st.integers(0, 400), st.integers(0, 3), st.integers(0, 3))  # first, own count, golden count
+trip = st.tuples(st.integers(0, 400), st.integers(0, 3), st.integers(0, 400), st.integers(0, 3))
+"""First trip, how often, and the same of the golden run."""
 runs = st.lists(st.fixed_dictionaries({"onset": st.integers(0, 300), **dict.fromkeys(NAMES, trip)}), min_size=1)
 
 
@@ -30,10 +31,10 @@ def columns(rows):
     outcomes = {"first_active_ms": np.array([row["onset"] for row in rows])}
     golden = {}
     for name in NAMES:
-        first, own, usual = (np.array(values) for values in zip(*(row[name] for row in rows), strict=True))
-        outcomes[f"check_{name}_count"] = own
-        outcomes[f"check_{name}_first_ms"] = np.where(own > 0, first, -1)
-        golden[f"check_{name}_count"] = usual
+        trips = np.array([row[name] for row in rows]).T
+        for table, (first, count) in ((outcomes, trips[:2]), (golden, trips[2:])):
+            table[f"check_{name}_count"] = count
+            table[f"check_{name}_first_ms"] = np.where(count > 0, first, -1)
     return outcomes, golden
 
 
@@ -41,10 +42,11 @@ def told(row):
     """(strength, cause, time, time of the first flag or stop) of one run."""
     events = []
     for name in NAMES:
-        first, own, usual = row[name]
-        if own > usual:
+        first, own, usual_first, usual = row[name]
+        sooner = own > 0 and (usual == 0 or first < usual_first)
+        if own > usual or sooner:
             known = CHECKS.get(name)
-            ms = max(first, row["onset"]) if usual else first
+            ms = first if sooner else max(first, row["onset"])
             cause = known.cause or name if known else name
             events.append((STRENGTH[known.action if known else "flag"], ms, cause))
     if not events:
@@ -70,7 +72,8 @@ def test_a_clip_and_a_dropped_packet_tell_nobody():
     assert limits == {"overdrive_clip", *(name for name in CHECKS if name.startswith("packet_"))}
     outcomes = {"first_active_ms": np.array([5]), "check_overdrive_clip_count": np.array([9])}
     outcomes["check_overdrive_clip_first_ms"] = np.array([7])
-    found = verdict.responses(outcomes, {"check_overdrive_clip_count": np.array([0])}, robots.USUAL)
+    golden = {"check_overdrive_clip_count": np.array([0]), "check_overdrive_clip_first_ms": np.array([-1])}
+    found = verdict.responses(outcomes, golden, robots.USUAL)
     assert verdict.RESPONSES[found.response[0]] == "limited" and (found.ms[0], found.told_ms[0]) == (7, -1)
 
 

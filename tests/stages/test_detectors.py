@@ -100,7 +100,9 @@ def test_score_first_alarm_and_alarms_follow_the_rule(series, found, d):
         assert found[f"detector{d}_threshold{k}_first_ms"] == (np.flatnonzero(over)[0] if over.any() else -1)
 
 
-def test_the_worse_arm_counts():
+@pytest.mark.parametrize("errors", [(1e-3, 4e-3), (4e-3, float("nan")), (float("nan"), 4e-3)])
+def test_the_worse_arm_counts(errors):
+    """And one whose score is no number hides not the other's."""
     setup = RavenSetup(
         arms=("gold", "green"),
         tools=("r_grasper", "r_grasper"),
@@ -112,7 +114,7 @@ def test_the_worse_arm_counts():
         commands = (Vec.full(7, jnp.int32(0)),) * 2
         limit = Vec.full(7, jnp.int32(1))
         signal = detectors.DetectorSignal(
-            *(still,) * 4, (jnp.float64(1e-3), jnp.float64(4e-3)), commands, limit, True, jnp.int32(700), None
+            *(still,) * 4, tuple(map(jnp.float64, errors)), commands, limit, True, jnp.int32(700), None
         )
         state = detectors.step(setup, detectors.params(setup), detectors.init(setup, detectors.params(setup)), signal)
         assert float(state.detectors[0].peak) == pytest.approx(4.0)

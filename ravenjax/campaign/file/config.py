@@ -97,7 +97,7 @@ class CampaignConfig(Section):
     @property
     def rules(self) -> events.Rules:
         """What it chooses of the definitions of outcomes."""
-        built_in = built_in_column(self.own_checks)
+        built_in = built_in_column(self.own_checks, self.stops)
         cue, jump = self.outcomes.cue, f"jump_{self.outcomes.jump}"
         return events.Rules(cue, self.haptics.cues()[cue].threshold_m * 1e3, jump, self.outcomes.limit_mm, built_in)
 
@@ -110,6 +110,11 @@ class CampaignConfig(Section):
     def own_checks(self) -> tuple[Check, ...]:
         """Checks of one's own, in order."""
         return tuple(one.check for one in self.check)
+
+    @property
+    def stops(self) -> bool:
+        """Whether a detector may stop the robot."""
+        return any(one.acts == "stop" for one in self.detector)
 
     @property
     def watches_cables(self) -> bool:

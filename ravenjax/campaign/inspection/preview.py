@@ -18,6 +18,7 @@ from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Group
 from ravenjax.campaign.inspection.estimate import BASIS, CostEstimate, CostFactors, Machine, estimate
 from ravenjax.errors import StoreError
+from ravenjax.numbers import paths
 from ravenjax.store import manifest
 
 MOST_EXPANDED = 1_000_000
@@ -54,6 +55,18 @@ class PhaseRow(NamedTuple):
     stretches: int
 
 
+class OwnCheckPreview(NamedTuple):
+    """A check of one's own; values in words, those that vary with all that the file lists."""
+
+    name: str
+    at: str
+    acts: str
+    does: str
+    threshold: str
+    consecutive: int
+    parameters: dict[str, str]  # path -> value
+
+
 class Preview(NamedTuple):
     """Everything that is known before a campaign runs."""
 
@@ -63,6 +76,7 @@ class Preview(NamedTuple):
     groups: tuple[GroupRow, ...]
     faults: tuple[FaultRow, ...] | None  # None: too many runs to expand
     phases: tuple[PhaseRow, ...]  # that onsets of faults name
+    checks: tuple[OwnCheckPreview, ...]  # of one's own
     fault_free: int | None  # runs without a fault, None as above
     golden_runs: int | None  # that the runs are compared with, None as above
     copies: int  # runs that are another one to the letter
@@ -113,6 +127,7 @@ def preview(config: CampaignConfig, folder: Path, engine: str = "auto") -> Previ
         groups=tuple(_group(config, group, runs) for group, runs in _sizes(config)),
         faults=None if rows is None else tuple(_faults(config, rows)),
         phases=tuple(_phases(config)),
+        checks=tuple(_checks(config, ready)),
         fault_free=None if rows is None else int((_sites(config, rows) == "").all(axis=1).sum()),
         golden_runs=golden_runs,
         copies=0 if rows is None else _copies(config, rows),
@@ -151,6 +166,30 @@ def _phases(config: CampaignConfig) -> Iterator[PhaseRow]:
     phases = Moments(config).phases if (names := list(moments.uses(config))) else {}
     for name in names:
         yield PhaseRow(name, int((phases[name][:, 1] - phases[name][:, 0]).sum()), len(phases[name]))
+
+
+def _checks(config: CampaignConfig, ready: plan.Plan | None) -> Iterator[OwnCheckPreview]:
+    """What each looks at and does, with its numbers; those that vary with least and largest. Of a campaign that is not
+    expanded the numbers of the files are left out."""
+    numbers: dict[str, str] = {}
+    if config.check and ready is not None:
+        params, setup = ready.program.params, ready.program.setup
+        numbers = {path: f"{float(value):g}" for path, value in paths.leaves(params.checks, setup, "checks")}
+        for column in ready.table.filter(regex=r"^param:checks\."):
+            path, values = str(column).removeprefix("param:"), ready.table[column]
+            least, most = (f"{value:g}" for value in (values.min(), values.max()))  # NaN: the file's
+            numbers[path] = least if least == most else f"{least} to {most}, varied"
+    for one in config.check:
+        own = f"checks.own.{one.name}."
+        yield OwnCheckPreview(
+            one.name,
+            one.at,
+            one.acts,
+            one.check.does,
+            numbers.get(f"checks.threshold.{one.name}", f"{one.threshold:g}"),
+            one.consecutive,
+            {path: value for path, value in numbers.items() if path.startswith(own)},
+        )
 
 
 def _sites(config: CampaignConfig, rows: pd.DataFrame) -> pd.DataFrame:
@@ -261,6 +300,7 @@ def as_json(view: Preview, faults: Sequence[str]) -> dict[str, Any]:
             }
             for name, use, thresholds in config.detectors
         ],
+        "checks": [one._asdict() for one in view.checks],
         "stop": None if config.stop is None else config.stop.model_dump(mode="json"),
         "groups": [row._asdict() for row in view.groups],
         "faults": None if view.faults is None else [row._asdict() for row in view.faults],

@@ -19,9 +19,12 @@ from ravenjax.store.access import query
 from ravenjax.store.access.fault_free import UNVARIED, Companions
 from ravenjax.store.access.query import ResultTable, quoted
 from ravenjax.store.manifest import Manifest
+from ravenjax.vocabulary.checks import OWN
 
 TABLE = "motions"
 MS_PER_HOUR = 3.6e6
+_CHECKS = re.compile(rf"golden_check_(?!{OWN})")
+"""Trips of built-in checks, of which no rate is asked."""
 _ALARM = re.compile(r"detector\d+_threshold\d+_first_ms")
 
 
@@ -79,7 +82,9 @@ def rounded_up(hours: float) -> float:
 def make(table: ResultTable, names: Sequence[str], source: str, end: str, beside: Companions) -> Motions:
     """Make TABLE of the golden runs of `source`, rows of a result table with columns `names` and runs until `end`
     (ms, a number or a column), and of the motion beside."""
-    golden = [name for name in names if name == "operator" or name.startswith("golden_")]
+    golden = [
+        name for name in names if name == "operator" or (name.startswith("golden_") and _CHECKS.match(name) is None)
+    ]
     alarms = [name for name in names if _ALARM.fullmatch(name)]
     columns = [*map(quoted, golden), f"{end} AS length_ms"]
     columns += [f"NULL::INTEGER AS {quoted(name)}" for name in alarms]
@@ -89,10 +94,17 @@ def make(table: ResultTable, names: Sequence[str], source: str, end: str, beside
     table.run(f"CREATE TABLE {TABLE} AS SELECT DISTINCT {', '.join(columns)} FROM {source}")
     for path, manifest in beside.motions:
         available = {column.name for column in schema.columns(manifest.shape)}
-        # nobody reacts there, so what is not known is when somebody did
-        columns = [quoted(name) if name in available else "-1" for name in golden]
+        columns = [_beside(name, available) for name in golden]
         columns += [str(manifest.duration_ms), *map(quoted, alarms)]
         rows = query.of_files(query.whole_parts(path))
         table.run(f"INSERT INTO {TABLE} SELECT DISTINCT {', '.join(columns)} FROM {rows} WHERE failed = ''")
     count, pedal_ms = table.row(f"SELECT count(*), sum(golden_pedal_down_ms) FROM {TABLE}")
     return Motions(table, count, float(pedal_ms or 0) / MS_PER_HOUR, 1 + len(beside.motions), beside)
+
+
+def _beside(name: str, available: set[str]) -> str:
+    """A column of motions as an expression over fault-free runs, which are golden runs themselves."""
+    own = name.removeprefix("golden_")
+    if name not in available and own in available:
+        return quoted(own)
+    return quoted(name) if name in available else "-1"  # nobody reacts there: what is not known is when somebody did

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
+from ravenjax.outcomes import events
 from ravenjax.report.data import draws, leads
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data import fault_free as fault_free_motions
@@ -207,4 +208,12 @@ def _more(manifest: Manifest) -> dict[str, str]:
         for k in range(len(detector.thresholds))
     }
     ended = {schema.OBSERVED: schema.OBSERVED} if manifest.shape.observes else {}
-    return warned | alarms | ended
+    return warned | alarms | ended | _own_checks(manifest)
+
+
+def _own_checks(manifest: Manifest) -> dict[str, str]:
+    """own<n>_ms, when each check of one's own first did what it does not in the golden run, and built_in_told_ms."""
+    own, shape = manifest.shape.own_checks, manifest.shape
+    told = "told_ms" if manifest.rules.built_in == "response" else "built_in_told_ms"
+    times = {f"own{n}_ms": events.check_ms_sql(check.name, shape.golden_checks) for n, check in enumerate(own)}
+    return times | {"built_in_told_ms": told} if own else {}

@@ -229,7 +229,8 @@ def delays(runs: Runs, event: str, run_end: str | int, where: str = "sample") ->
 
 def check_rows(runs: Runs, manifest: Manifest) -> list[dict[str, Any]]:
     """One row per built-in check: in how many distinct faults it tripped, and how close it came in silent ones."""
-    names = manifest.shape.checks
+    own = {check.name for check in manifest.shape.own_checks}
+    names = [name for name in manifest.shape.checks if name not in own]
     columns = ["count(*)"]
     for check in names:
         margin = f"check_{check}_margin"

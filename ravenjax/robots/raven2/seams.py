@@ -76,6 +76,7 @@ _ALL = (
     Seam("current_cmd", "L4", True, _joints("current_cmd", ("cnt", "cnt")), "DAC command before the overdrive check"),
     Seam("checked_cmd", "L4", True, _joints("current_cmd", ("cnt", "cnt")), "DAC command behind the overdrive check"),
     Seam("usb_out", "L7", True, _joints("usb_out", ("cnt", "cnt")), "DAC command as written to the USB boards"),
+    Seam("boards", "L7", True, _joints("usb_out", ("cnt", "cnt")), "DAC command that the boards hand to the motors"),
     Seam("pins_out", "L8", False, (SeamChannel("pins", "bits", "pins_out"),), "output pins to the PLC"),
     Seam("plc", "L8", False, (SeamChannel("runlevel", "1", "plc"),), "run level of the PLC"),
     Seam("brake", "L7", False, (SeamChannel("engaged", "1", "brake"),), "brake command of the PLC"),

@@ -75,6 +75,7 @@ OF_ARM = {
         _joints("tau_d", "N m", "desired torque at the capstan"),
         _joints("current_cmd_cnt", "counts", "DAC command before the overdrive check"),
         _joints("dac_cnt", "counts", "DAC command as written to USB"),
+        _joints("boards_cnt", "counts", "DAC command that the USB boards hold and hand to the motors"),
         _place("position", "tip as the robot reports it"),
         _rotation("rotation", "orientation of the jaws as the robot reports it"),
         _place("position_d", "desired tip"),

@@ -24,7 +24,7 @@ from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.stats.latency import Incidence, Lead
 from ravenjax.store.manifest import DetectorRecord, Manifest
 
-CHECKS, CUE = "built-in checks", "haptic cue"
+CHECKS, ALL_CHECKS, CUE = "built-in checks", "all checks, your own too", "haptic cue"
 GRID = np.unique(np.concatenate([np.linspace(0, 0.1, 41), np.linspace(0.1, 1, 91)]))
 """Of curves: finer where alarms are few, which is where a detector would be used."""
 DRAWS = 1_000_000
@@ -90,7 +90,8 @@ def alarms(runs: Runs, manifest: Manifest) -> list[ThresholdAlarms]:
     """Everything that can speak, at each threshold: the campaign's detectors, the checks, the cue of the verdicts."""
     free = runs.motions()
     result = [one for d in range(len(manifest.detectors)) for one in _thresholds(runs, manifest, d)]
-    result.append(ThresholdAlarms(CHECKS, math.nan, "told_ms", None, None, False))
+    checks = CHECKS if manifest.rules.built_in == "response" else ALL_CHECKS
+    result.append(ThresholdAlarms(checks, math.nan, "told_ms", None, None, False))
     if manifest.cues:
         cues = free.came(f"golden_cue{manifest.verdict_cue}_first_ms")
         name = f"{CUE}, {manifest.cues[manifest.verdict_cue].threshold_mm:g} mm"
@@ -157,6 +158,12 @@ def rows(runs: Runs, manifest: Manifest, found: list[ThresholdAlarms]) -> list[D
             )
         )
     return result
+
+
+def thresholds(runs: Runs, manifest: Manifest, found: list[ThresholdAlarms]) -> list[DetectorThreshold]:
+    """What each does, in their order."""
+    counts = _caught(runs, found)
+    return [_threshold(runs, manifest, one, counts[one.column]) for one in found]
 
 
 def curve_runs(runs: Runs) -> tuple[int, int]:

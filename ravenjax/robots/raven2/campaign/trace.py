@@ -58,6 +58,7 @@ def _arm(signals: Any, i: int, arm: str) -> dict[str, np.ndarray]:
         "tau_d": _stack(software.tau_d),
         "current_cmd_cnt": _stack(software.current_cmd),
         "dac_cnt": _stack(software.current_cmd_written),
+        "boards_cnt": _stack(signals.boards[i]),
         "position": _stack(software.pos.position_um) * 1e-6,
         "rotation": np.stack([_stack(row) for row in software.pos.rotation], axis=1),
         "position_d": _stack(software.pos_d.position_um) * 1e-6,

@@ -6,10 +6,10 @@ come the way that its tips come in any campaign, as a series. So engines run it 
 and with what a group shares computed once, and no trace is ever stored. What a run does is untouched: the tick is the
 same function, and a lane's outcomes have the bits of `run`.
 
-The price, both arms: 335 numbers a tick are compared, of which 220 have a range, some 5 000 further operations beside
-the tick's own; and a golden run's series is 3 s x 362 numbers x 4 bytes = 4.3 MB long. Where runs share golden runs
+The price, both arms: 349 numbers a tick are compared, of which 234 have a range, some 5 000 further operations beside
+the tick's own; and a golden run's series is 3 s x 376 numbers x 4 bytes = 4.5 MB long. Where runs share golden runs
 that is nothing: their lanes go on from branches of it and read it once for a whole vector. The other way, two traces
-of each run in blocks and NumPy afterwards, would move 2 x 4.3 MB a run, 87 GB for ten thousand, through memory. Where
+of each run in blocks and NumPy afterwards, would move 2 x 4.5 MB a run, 90 GB for ten thousand, through memory. Where
 each run has a golden run of its own this way moves as much; two ticks side by side in each lane would spare that.
 
 A number *differs* in the first tick in which any bit is another than the golden run's; it *leaves its range* in the
@@ -150,6 +150,7 @@ def crossing(setup: RavenSetup, signals: TickSignals) -> list[tuple[Scalar, Scal
         "pins_out": (control.pins_out,),
         "plc": (signals.plc.runlevel,),
         "brake": (signals.plc.brakes,),
+        "boards": signals.boards,
         "tip": signals.tip,
     }
     for seam, name in _OF_ARM.items():

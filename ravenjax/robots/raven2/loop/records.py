@@ -133,6 +133,7 @@ class TickSignals:
     packet: Any  # packet.Packet as it reached the robot
     control: control.ControlSignals
     plant: tuple[plant.PlantOutput, ...]
+    boards: tuple[Vec, ...]  # 7 int32 DAC counts that the USB boards hold, after what checks there refuse
     plc: plc.PlcOutput
     nominal: tuple[nominal.NominalOutput, ...]
     haptics: tuple[haptics.HapticOutput, ...]

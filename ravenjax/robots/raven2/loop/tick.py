@@ -114,6 +114,7 @@ def tick(
         packet=sent.packet,
         control=signals,
         plant=robots,
+        boards=done.boards.current_cmd,
         plc=done.relays,
         nominal=observer.models,
         haptics=observer.cues,
