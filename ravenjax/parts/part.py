@@ -143,7 +143,8 @@ def keyed_step(
     part: OwnPart, params: Any, state: Any, view: Any, real: str, name: str, like: Mapping[str, InPlace]
 ) -> tuple[Any, dict[str, Any]]:
     """One millisecond of a part that gives a dict, called `name`: what it remembers, and of each key that it has what
-    it gives there, in the structure of `like`, each number of its kind. Raises UserError."""
+    it gives there, in the structure of `like`, each number of its kind. A key at which it gives the numbers of `like`
+    back as they are counts as left out. Raises UserError."""
     after, (values,) = _stepped(part, params, state, view, real, ((name, like),))
     return after, values
 
@@ -181,7 +182,7 @@ _COUNTS = {2: "two", 3: "three"}
 
 
 def _keyed(source: OwnSource, name: str, like: Mapping[str, InPlace], values: Any, real: str) -> dict[str, Any]:
-    """Of each key of `values` the numbers there, as `like` has them."""
+    """Of each key of `values` the numbers there, as `like` has them; a key with the very numbers of `like` is none."""
     keys = ", ".join(like)
     if not isinstance(values, dict):
         raise _error(source, STEP, f"gives {shown(values)} for {name}, expected a dict with some of the keys {keys}")
@@ -190,7 +191,13 @@ def _keyed(source: OwnSource, name: str, like: Mapping[str, InPlace], values: An
             raise _error(
                 source, STEP, f"gives the key {key!r} in {name}, expected some of {keys}{suggestion(key, like)}"
             )
-    return {key: _like(source, key, like[key].like, value, real, like[key].words) for key, value in values.items()}
+    numbers = {key: _like(source, key, like[key].like, value, real, like[key].words) for key, value in values.items()}
+    given_back = {
+        key
+        for key, value in values.items()
+        if all(new is old for new, old in zip(tree.leaves(value), tree.leaves(like[key].like), strict=True))
+    }
+    return {key: new for key, new in numbers.items() if key not in given_back}
 
 
 def _like(source: OwnSource, name: str, like: Any, values: Any, real: str, words: str = "") -> Any:

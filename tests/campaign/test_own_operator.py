@@ -20,13 +20,30 @@ from ravenjax.campaign.inspection import verification
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.engines.interface import Block
 from ravenjax.errors import UserError
+from ravenjax.robots.raven2.loop import run
 
 HEAD = "from ravenjax.parts import Annotated, Quantity, Scalar, Vec, jnp, record, where\n"
 DELTA = '"delta": tuple(arm.delta for arm in view.arms)'
 AS_PLANNED = f"""
 def step(params, state, view):
     grasp = tuple(arm.grasp for arm in view.arms)
-    return state, {{{DELTA}, "grasp": grasp, "pedal": view.pedal, "pace": 1.0}}
+    return state, {{{DELTA}, "grasp": grasp, "pedal": view.pedal}}
+"""
+AS_COMPUTED = """
+@record
+class Nothing:
+    more: Annotated[Scalar, Quantity("um", 0, 1, "nothing")]
+
+def params():
+    return Nothing(0.0)
+
+def step(params, state, view):
+    return state, {
+        "delta": tuple(arm.delta + params.more for arm in view.arms),
+        "grasp": tuple(arm.grasp - params.more for arm in view.arms),
+        "pedal": view.pedal & (params.more == 0.0),
+        "pace": 1.0 - params.more,
+    }
 """
 REACTING = """
 @record
@@ -143,7 +160,7 @@ SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in [*SETTINGS][1:]]
 
 @pytest.mark.parametrize("case", ["both arms", *SLOW])
 def test_the_plan_given_back_has_the_bits_of_the_built_in_operator(tmp_path, case):
-    own, built_in = (rj.run(tables(tmp_path, text, **SETTINGS[case]), engine="simd") for text in (AS_PLANNED, ""))
+    own, built_in = (rj.run(tables(tmp_path, text, **SETTINGS[case]), engine="simd") for text in (AS_COMPUTED, ""))
     assert list(own.columns) == list(built_in.columns) and not set(own["run_id"]) & set(built_in["run_id"])
     require_equal(own, built_in)
 
@@ -162,7 +179,7 @@ def test_a_file_may_react_as_the_built_in_operator_does(tmp_path):
         np.testing.assert_allclose(own[name], built_in[name], rtol=2e-4, err_msg=name)
 
 
-@pytest.mark.parametrize("packets", ["every_cycle", "bursts"])
+@pytest.mark.parametrize("packets", ["every_cycle", pytest.param("bursts", marks=pytest.mark.slow)])
 def test_a_tremor_is_what_the_console_sends(tmp_path, packets):
     raw = tables(tmp_path, TREMOR, campaign={"packets": packets}, operator={"motion": "still"})
     ticks, delta, _, pedal, _ = packets_of(raw)
@@ -173,7 +190,7 @@ def test_a_tremor_is_what_the_console_sends(tmp_path, packets):
     assert np.ptp(sent[:, 0]) > 36 and not sent[:, 1:].any()
 
 
-@pytest.mark.parametrize("packets", ["every_cycle", "bursts"])
+@pytest.mark.parametrize("packets", [pytest.param("every_cycle", marks=pytest.mark.slow), "bursts"])
 def test_a_slower_plan_is_the_plan_later(tmp_path, packets):
     raw = tables(tmp_path, SLOW_AND_CLOSING, campaign={"packets": packets, "duration_s": 2.4})
     ticks, delta, grasp, pedal, motion = packets_of(raw)
@@ -186,6 +203,7 @@ def test_a_slower_plan_is_the_plan_later(tmp_path, packets):
     assert abs(grasp[1:][down].cumsum() - np.diff(mrad)[down].cumsum()).max() <= 1 and delta.any()
 
 
+@pytest.mark.slow
 def test_a_lifted_pedal_may_be_back(tmp_path):
     _, _, _, pedal, motion = packets_of(tables(tmp_path, TIRED))
     planned = motion.surgeon_mode > 0
@@ -211,8 +229,8 @@ def test_its_parameters_are_swept_and_decide_with_its_text(tmp_path):
     raw = tables(tmp_path, TREMOR, cross={"operator.own.hands.um": [0, 500, 2000]}, operator={"motion": "still"})
     table = rj.run(raw, engine="simd")
     paths = table.groupby("param:operator.own.hands.um")["golden_tip_path_mm"].max()
-    way = 4 * 0.2 * 8 * 0.6  # mm, of 0.6 s in pedal-down
-    assert paths[0] < 0.1 < paths[500] < paths[2000] and 0.3 * way < paths[2000] - paths[0] < 1.5 * way
+    way = 4 * 0.2 * 8 * 0.6  # mm in 0.6 s of pedal-down
+    assert paths[0] < paths[500] < paths[2000] and 0.2 * way < paths[2000] < 1.2 * way  # dry friction holds small ones
     (tmp_path / "mine.py").write_text(HEAD + TREMOR.replace("200.0", "201.0"))
     assert not set(plan.make(rj.load_campaign(raw)).table["run_id"]) & set(table["run_id"])
 
@@ -222,8 +240,8 @@ def test_a_campaign_with_one_is_verified_and_alike_in_python(tmp_path):
     campaign = tmp_path / "x.toml"
     campaign.write_text(
         '[campaign]\nname = "x"\nduration_s = 0.9\n[operator]\nmotion = "suture"\nfile = "mine.py"\n[[group]]\n'
-        'name = "a"\n[[group.fault]]\nsite = "packet"\nchannel = "delx"\narm = "gold"\neffect = "offset"\nvalue = [20, 40]\n'
-        "start_ms = 550\nduration_ms = 150\n"
+        'name = "a"\n[[group.fault]]\nsite = "packet"\nchannel = "delx"\narm = "gold"\neffect = "offset"\n'
+        "value = [20, 40]\nstart_ms = 550\nduration_ms = 150\n"
     )
     table = rj.run(loading.load(campaign), out=tmp_path / "out", engine="simd")
     assert verification.verify(tmp_path / "out", 1).fine
@@ -306,17 +324,31 @@ def test_what_does_not_go_with_one_is_refused(tmp_path, more, said):
         plan.make(rj.load_campaign(tables(tmp_path, TREMOR, **more)))
 
 
+@pytest.mark.slow
 def test_lost_packets_go_with_one(tmp_path):
     """What the hands did meanwhile is lost with them."""
     lost = {"group": [{"name": "a", "fault": [{**NETWORK, "effect": "drop"}]}]}
-    own, built_in = (rj.run(tables(tmp_path, text, **lost), engine="simd") for text in (AS_PLANNED, ""))
+    own, built_in = (rj.run(tables(tmp_path, text, **lost), engine="simd") for text in (AS_COMPUTED, ""))
     require_equal(own, built_in)
 
 
 @pytest.mark.slow
-def test_engine_xla_has_the_same_outcomes(tmp_path):
-    own, built_in = (rj.run(tables(tmp_path, text), engine="xla") for text in (AS_PLANNED, ""))
+def test_the_plan_given_back_has_the_bits_of_the_built_in_operator_on_engine_xla(tmp_path):
+    """What is added and is 0 has them but for rotations: those are products, which xla may fuse otherwise."""
+    own, zero, built_in = (rj.run(tables(tmp_path, text), engine="xla") for text in (AS_PLANNED, AS_COMPUTED, ""))
     require_equal(own, built_in)
+    rotated = [name for name in built_in.columns if name.endswith("_deviation_mm")]
+    require_equal(zero, built_in, ("run_id", *rotated))
+    for name in rotated:
+        np.testing.assert_allclose(zero[name], built_in[name], rtol=3e-4, err_msg=name)
+
+
+def test_what_is_given_back_as_it_came_is_not_in_the_tick(tmp_path):
+    ready = plan.make(rj.load_campaign(tables(tmp_path, AS_PLANNED)))
+    state = run.init(ready.program.setup, ready.program.params)
+    assert state.hands is None
+    own = state.own_operator
+    assert own is not None and (own.pace, own.grasp, own.lifted) == (None, None, None)
 
 
 @pytest.mark.slow

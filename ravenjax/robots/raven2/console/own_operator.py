@@ -11,7 +11,7 @@ leaves out stays as planned:
 
 A hand that moves otherwise than planned is off its plan by the difference (`operator.HandOffsets`) and stays so until
 the file takes it back. Robot and nominal model follow it alike. The hand's rotation is the plan's. Which of the keys a
-file gives is the same in all milliseconds, and what it does not give costs nothing.
+file gives is the same in all milliseconds. What it does not give, or gives back as it came, costs nothing.
 """
 
 from __future__ import annotations
@@ -119,13 +119,13 @@ PLAN = Deviation(None, None, None, None, None)
 
 def init(
     setup: RavenSetup, params: operator.OperatorParams, start: tuple[Vec, ...], tips: tuple[Vec, ...], runlevel: int
-) -> OwnOperatorState | None:
-    """On the plan, before a robot at rest; None where no file stands for the operator.
+) -> tuple[OwnOperatorState | None, bool]:
+    """On the plan, before a robot at rest, and whether hands may leave it; None where no file stands for the operator.
 
     start: joints, 7, rad and m; tips: m in frame 0. Raises UserError, as all that runs the file.
     """
     if setup.hands is None:
-        return None
+        return None, False
     models = per_arm(setup, lambda i, arm: kinematics.forward(arm, start[i]).position)
     none, still, zero = real(setup, 0.0), real(setup, Vec.full(3, 0.0)), jnp.int32(0)
 
@@ -137,7 +137,7 @@ def init(
     arms = tuple(_hand(still, none, still, one) for one in screen)
     view = OwnOperatorView(zero, jnp.int32(runlevel), jnp.bool_(False), real(setup, params.scale), arms)
     _, keys = _stepped(setup, params, own, view)
-    return OwnOperatorState(
+    state = OwnOperatorState(
         own=own,
         screen=screen,
         runlevel=jnp.int32(runlevel),
@@ -145,19 +145,23 @@ def init(
         grasp=OwnGrasp((none,) * len(setup.arms), (none,) * len(setup.arms)) if "grasp" in keys else None,
         lifted=jnp.bool_(False) if "pedal" in keys else None,
     )
+    return state, "delta" in keys
 
 
 def act(
     setup: RavenSetup,
     params: operator.OperatorParams,
     state: OwnOperatorState,
-    hands: operator.HandOffsets,
+    hands: operator.HandOffsets | None,
     motion: tuple[Any, ...],
     moment: PlanMoment,
     fresh: Scalar,
     tick: Scalar,
-) -> tuple[OwnOperatorState, operator.HandOffsets, Deviation]:
-    """One millisecond of the file; fresh: bool, whether a packet is made in it."""
+) -> tuple[OwnOperatorState, operator.HandOffsets | None, Deviation]:
+    """One millisecond of the file.
+
+    hands: None where they never leave the plan; fresh: bool, whether a packet is made in it.
+    """
     pace = state.pace
     now = operator.lookup(motion, moment.row if pace is None else moment.row - pace.lag)
     before = operator.lookup(motion, moment.before if pace is None else moment.before - pace.before)
@@ -166,13 +170,14 @@ def act(
         delta = real(setup, now.position[i]) - real(setup, before.position[i])
         grasp = real(setup, now.grasp[i]) - real(setup, before.grasp[i])
         delta, grasp = where(moment.goes_on, (delta, grasp), real(setup, (Vec.full(3, 0.0), 0.0)))
-        return _hand(delta, grasp, hands.offset[i], state.screen[i])
+        offset = real(setup, Vec.full(3, 0.0)) if hands is None else hands.offset[i]
+        return _hand(delta, grasp, offset, state.screen[i])
 
     arms = per_arm(setup, view)
-    seen = OwnOperatorView(tick, state.runlevel, now.surgeon_mode > 0, real(setup, params.scale), arms)
-    own, will = _stepped(setup, params, state.own, seen)
+    senses = OwnOperatorView(tick, state.runlevel, now.surgeon_mode > 0, real(setup, params.scale), arms)
+    own, will = _stepped(setup, params, state.own, senses)
     state, how = replace(state, own=own), PLAN
-    if "delta" in will:
+    if hands is not None and "delta" in will:
         hands = operator.strayed(hands, tuple(new - one.delta for new, one in zip(will["delta"], arms, strict=True)))
     if state.grasp is not None:
         old = state.grasp
@@ -220,7 +225,7 @@ def _stepped(
         "delta": InPlace(tuple(arm.delta for arm in view.arms), f"{each}: a Vec of 3 numbers, um"),
         "grasp": InPlace(tuple(arm.grasp for arm in view.arms), f"{each}: a number, mrad"),
         "pedal": InPlace(view.pedal, "one truth value"),
-        "pace": InPlace(view.scale, "one number, 0 to 1"),
+        "pace": InPlace(real(setup, 1.0), "one number, 0 to 1"),
     }
     code, width = part.loaded(setup.hands), setup.precision.real
     return part.keyed_step(code, params.own.hands, own, view, width, "the hands", like)

@@ -77,6 +77,7 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
     with at_once():  # where a run begins is a constant of the campaign
         software = control.init(setup, params.start, ready)
     software = replace(software, own=replaced.init(setup, params.control.own))  # of parameters that may vary
+    own, strays = own_operator.init(setup, params.operator, start, tips, ready)
     return TickState(
         faults=fault.init(setup),
         control=software,
@@ -88,9 +89,9 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
         motors=connections.motors(setup, robots),
         nominal=beside.nominal,
         haptics=beside.haptics,
-        hands=operator.at_plan(setup) if _may_stray(setup) else None,
+        hands=operator.at_plan(setup) if strays or _may_stray(setup) else None,
         reaction=reaction.init(setup) if setup.reacts else None,
-        own_operator=own_operator.init(setup, params.operator, start, tips, ready),
+        own_operator=own,
         hand=connections.each(setup, hand.init(setup)) if setup.hand_yields else None,
         channel=channel.init() if seeded(setup, "bursts") else None,
         clock=packet_clock.init() if setup.packets else None,
@@ -107,8 +108,8 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
 
 
 def _may_stray(setup: RavenSetup) -> bool:
-    """Whether the hands may do more than is planned."""
-    return setup.reacts or setup.hand_yields or setup.hands is not None or strikes(setup, "hand")
+    """Whether something may move the hands beyond what is planned, besides an operator of one's own."""
+    return setup.reacts or setup.hand_yields or strikes(setup, "hand")
 
 
 def outcomes(setup: RavenSetup, params: TickParams, state: TickState) -> dict[str, Scalar]:

@@ -173,7 +173,7 @@ def _console_and_network(
     timing = _timing(state, sequence)
     reacting = _reacting(setup, params, state, signal.tick, timing.row)
     hands, own, deviation = state.hands, state.own_operator, own_operator.PLAN
-    if own is not None and hands is not None and signal.packet is None:
+    if own is not None and signal.packet is None:
         moment = _moment(state, sequence, fresh, signal.tick)
         own, hands, deviation = own_operator.act(
             setup, params.operator, own, hands, signal.motion, moment, fresh, signal.tick
