@@ -12,16 +12,17 @@ import functools
 import hashlib
 import linecache
 import math
+import re
 import sys
 import traceback
 import types
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.errors import UserError, shown
+from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.ir.traced_number import Untraceable
 from ravenjax.numbers import quantity, tree
 from ravenjax.numbers.lazy import is_jax, lax
@@ -37,6 +38,13 @@ _BRANCHES = (
     "TracerIntegerConversionError",
     "TracerArrayConversionError",
 )
+
+
+class InPlace(NamedTuple):
+    """What stands at a key that a part may give."""
+
+    like: Any  # numbers in their structure, each of its kind
+    words: str  # the same, for errors
 
 
 class OwnPart(NamedTuple):
@@ -131,6 +139,16 @@ def stage_step(part: OwnPart, params: Any, state: Any, view: Any, real: str, nam
     return after, values
 
 
+def keyed_step(
+    part: OwnPart, params: Any, state: Any, view: Any, real: str, name: str, like: Mapping[str, InPlace]
+) -> tuple[Any, dict[str, Any]]:
+    """One millisecond of a part that gives a dict, called `name`: what it remembers, and of each key that it has what
+    it gives there, in the structure of `like`, each number of its kind. A key at which it gives the numbers of `like`
+    back as they are counts as left out. Raises UserError."""
+    after, (values,) = _stepped(part, params, state, view, real, ((name, like),))
+    return after, values
+
+
 def _stepped(
     part: OwnPart, params: Any, state: Any, view: Any, real: str, gives: tuple[str | tuple[str, Any], ...]
 ) -> tuple[Any, list[Any]]:
@@ -150,6 +168,8 @@ def _stepped(
         for one, value in zip(gives, result[1:], strict=True):
             if isinstance(one, str):
                 out.append(lax.convert_element_type(_number(part.source, STEP, one, value, real), real))
+            elif isinstance(one[1], Mapping):
+                out.append(_keyed(part.source, *one, value, real))
             else:
                 out.append(_like(part.source, *one, value, real))
         return after, out
@@ -161,13 +181,33 @@ STEP = "step(params, state, view)"
 _COUNTS = {2: "two", 3: "three"}
 
 
-def _like(source: OwnSource, name: str, like: Any, values: Any, real: str) -> Any:
+def _keyed(source: OwnSource, name: str, like: Mapping[str, InPlace], values: Any, real: str) -> dict[str, Any]:
+    """Of each key of `values` the numbers there, as `like` has them; a key with the very numbers of `like` is none."""
+    keys = ", ".join(like)
+    if not isinstance(values, dict):
+        raise _error(source, STEP, f"gives {shown(values)} for {name}, expected a dict with some of the keys {keys}")
+    for key in values:
+        if key not in like:
+            raise _error(
+                source, STEP, f"gives the key {key!r} in {name}, expected some of {keys}{suggestion(key, like)}"
+            )
+    numbers = {key: _like(source, key, like[key].like, value, real, like[key].words) for key, value in values.items()}
+    given_back = {
+        key
+        for key, value in values.items()
+        if all(new is old for new, old in zip(tree.leaves(value), tree.leaves(like[key].like), strict=True))
+    }
+    return {key: new for key, new in numbers.items() if key not in given_back}
+
+
+def _like(source: OwnSource, name: str, like: Any, values: Any, real: str, words: str = "") -> Any:
     """Numbers that stand in the place of `like`: as many, each of its kind."""
     own, new = list(_named(like)), list(_named(values))
     if len(own) == 1 and not own[0][0]:
         own = [("", own[0][1])]
     if [place for place, _ in own] != [place for place, _ in new]:
-        expected = "one number" if len(own) == 1 else f"{len(own)} numbers, a Vec or a record as view has them"
+        several = f"{len(own)} numbers, a Vec or a record as view has them"
+        expected = words or ("one number" if len(own) == 1 else several)
         raise _error(source, STEP, f"gives {shown(values)} for {name}, expected {expected}")
     numbers = []
     for (place, wanted), (_, value) in zip(own, new, strict=True):
@@ -255,7 +295,13 @@ class _Blame:
 
 
 def _error(source: OwnSource, where: str, said: str) -> UserError:
-    return UserError(f"{source.path}: {where} {said}")
+    return UserError(f"{source.path}{_line(source, where)}: {where} {said}")
+
+
+def _line(source: OwnSource, where: str) -> str:
+    """`:7` for the function that `where` names; "" where it does not stand in the file as such."""
+    head = re.compile(rf"def {re.escape(where.partition('(')[0])}\b")
+    return next((f":{number}" for number, line in enumerate(source.text.splitlines(), 1) if head.match(line)), "")
 
 
 def _numbers(source: OwnSource, where: str, state: Any, real: str) -> Any:

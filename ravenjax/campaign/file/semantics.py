@@ -26,7 +26,7 @@ from ravenjax.vocabulary.sites import Channel, Site
 ALL = "*"
 """`channel` that stands for every channel of the site."""
 
-OWN = re.compile(r"(detectors\.own|checks\.own|checks\.threshold|control\.own)\.")
+OWN = re.compile(r"(detectors\.own|checks\.own|checks\.threshold|control\.own|operator\.own)\.")
 """Beginning of the paths of parameters of parts of one's own."""
 
 LARGEST = 3.4028234663852886e38

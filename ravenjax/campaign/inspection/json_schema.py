@@ -152,7 +152,7 @@ def _parameters(robot: Robot, any_path: Schema) -> Schema:
     return table | {"propertyNames": {"pattern": f"^({first}){rest[1]}{rest[2]}|^{_OWN}$"}}
 
 
-_OWN = r"((detectors|checks|control)\.own|checks\.threshold)(\.[A-Za-z][A-Za-z0-9_]*)+"
+_OWN = r"((detectors|checks|control|operator)\.own|checks\.threshold)(\.[A-Za-z][A-Za-z0-9_]*)+"
 """Paths of parameters of parts of one's own: their names only their files know."""
 
 

@@ -28,6 +28,7 @@ class RavenSetup(setup.Setup):
     cables: Literal["unwatched", "unbreakable", "break"] = "unwatched"  # whether their load is an outcome; what it does
     command_delay: int = 0  # ms, the longest that a DAC command may take from USB write to motor
     controller: tuple[tuple[str, OwnSource], ...] = ()  # (stage of `loop.replaced`, file of one's own in its place)
+    hands: OwnSource | None = None  # the operator, where it is a file of one's own
     explained: tuple[tuple[float, float] | None, ...] = ()  # normal range of each number that `loop.explained` compares
 
     def __post_init__(self) -> None:

@@ -49,19 +49,18 @@ class RavenConfig(CampaignConfig):
 
     def with_files(self, folder: Path) -> CampaignConfig:
         """Itself, a recorded operator and the files of one's own taken from `folder`. Raises UserError."""
-        new, file = super().with_files(folder), self.operator.file
+        new = super().with_files(folder)
         if self.controller is not None:
             new = new.model_copy(update={"controller": self.controller.located(folder)})
-        if file is None or file.is_absolute():
-            return new
-        operator = self.operator.model_copy(update={"file": (folder / file).absolute()})
-        return new.model_copy(update={"operator": operator})
+        return new.model_copy(update={"operator": self.operator.located(folder)})
 
     def own_parts(self) -> Iterator[tuple[str, OwnSource]]:
         """(beginning of its parameters' paths, code) of every file of one's own. Raises UserError."""
         yield from super().own_parts()
         for stage, source in () if self.controller is None else self.controller.parts():
             yield f"control.own.{stage}", source
+        if (hands := self.operator.own) is not None:
+            yield "operator.own.hands", hands
 
     @property
     def tools(self) -> tuple[str, ...]:
@@ -104,12 +103,13 @@ class RavenConfig(CampaignConfig):
         yield from super().lines()
         operator = self.operator
         what = f"{operator.file}, recorded" if operator.file is not None else f"{operator.label}, generated"
+        own = "" if operator.hands is None else f"; followed by {operator.hands}"
         reaction = "" if self.reaction is None else f"; reacts to the cue: {self.reaction.action}"
         yields = "" if self.hand is None else f"; the cue moves the hand, grip {self.hand.grip:g}"
         if self.controller is not None:
             yield "controller", ", ".join(f"{stage}: {file}" for stage, file in self.controller.files())
         timing = f"; a packet lasts {self.cycles_a_packet:.3g} cycles at the mean" if self.random_packets else ""
-        yield "operator", f"{what}; scale {operator.scale:g}{timing}{reaction}{yields}"
+        yield "operator", f"{what}{own}; scale {operator.scale:g}{timing}{reaction}{yields}"
 
     def settings(self) -> dict[str, Any]:
         """The same as JSON has it."""
@@ -170,9 +170,12 @@ class RavenConfig(CampaignConfig):
         campaign = content["campaign"]
         if campaign.get("dac_words") == "wrap":  # as without the key
             del campaign["dac_words"]
-        operator = self.operator.model_dump(mode="json", exclude={"file"}, exclude_defaults=True)
+        files = {"file", "hands", "hands_sha256"}
+        operator = self.operator.model_dump(mode="json", exclude=files, exclude_defaults=True)
         if self.operator.file is not None:
             operator["file"] = _file_hash(self.operator.file)
+        if (hands := self.operator.own) is not None:
+            operator["hands"] = part.digest(hands)
         own = {"campaign": {**campaign, "tools": self.tools}, "operator": operator, "limits": self.limits.si()}
         hand = {} if self.hand is None else {"hand": self.hand.model_dump(mode="json")}
         stages = () if self.controller is None else self.controller.parts()

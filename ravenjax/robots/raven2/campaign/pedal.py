@@ -2,7 +2,8 @@
 
 From foot to software the pedal goes through numbers that no motor turns: packet, software, PLC and back. Here they are
 followed alone, tick by tick around each change of the foot. What else can lift the pedal stops the robot for good (the
-PLC's trip latches), or is an operator who lets go: then it is down until then, and not again.
+PLC's trip latches), or is an operator who lets go: then it is down until then, and not again. An operator of one's own
+may be back on it, at any time that nobody knows before, but not earlier than planned.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ def clocks(
     slowed = np.zeros(runs, bool)
     if params.reaction is not None:
         slowed = numbers("reaction.action", params.reaction.action) == SLOW
-    unknown = slowed | (longest - 1 > timeout)
+    unknown = slowed | (longest - 1 > timeout) | (setup.hands is not None)
     ways = np.stack([cycles, longest, obeyed, unknown], axis=1)
     kinds, kind = ways[:1], np.zeros(runs, np.int64)
     if (ways != kinds).any():  # sorting the rows of millions of runs takes seconds

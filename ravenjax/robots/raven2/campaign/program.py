@@ -54,6 +54,7 @@ def prepare(
         cues=len(config.haptics.cues()),
         cables=config.campaign.cables if config.watches_cables else "unwatched",
         controller=() if config.controller is None else tuple(config.controller.parts()),
+        hands=config.operator.own,
         packets=_distributions(config, varied.get(PACKETS)),
         packet_history=config.packet_history,
         command_delay=_longest(varied.get(DELAY)),

@@ -8,16 +8,27 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationInfo,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
+from ravenjax.campaign.file import own_part
 from ravenjax.campaign.file.group import Section
 from ravenjax.campaign.file.sections import CampaignSection
 from ravenjax.errors import shown, suggestion
+from ravenjax.parts import part
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.motions import MOTIONS
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.store.motion.options import MAX_GAP_S, AtEnd, ReplayOptions, Spikes
 from ravenjax.vocabulary import packets
+from ravenjax.vocabulary.parts import OwnSource
 
 
 def _packets(raw: Any) -> Any:
@@ -172,7 +183,18 @@ class Operator(Section):
 
     motion: str | None = Field(default=None, description="a generated motion: " + ", ".join(MOTIONS))
     file: Path | None = Field(
-        default=None, description="a recorded motion (Parquet, CSV, MCAP), from this file's folder"
+        default=None,
+        description="a recorded motion (Parquet, CSV, MCAP), from this file's folder; a Python file (.py) is `hands`",
+    )
+    hands: Path | None = Field(
+        default=None,
+        description="a Python file with an operator of your own, from this file's folder: what hands make of motion "
+        "or file, which is their plan; its parameters are operator.own.hands...",
+    )
+    hands_sha256: str | None = Field(
+        default=None,
+        pattern=own_part.SHA256,
+        description="of hands and what it loads; another content is refused. Left out, any is taken",
     )
     scale: float = Field(
         default=0.1,
@@ -212,7 +234,13 @@ class Operator(Section):
     @model_validator(mode="before")
     @classmethod
     def _one_source(cls, raw: Any) -> Any:
-        if isinstance(raw, dict) and raw.get("motion") is not None and raw.get("file") is not None:
+        if not isinstance(raw, dict):
+            return raw
+        if str(raw.get("file")).endswith(".py"):
+            if raw.get("hands") is not None:
+                raise ValueError("file and hands are both Python: give one of them")
+            raw = {key: value for key, value in raw.items() if key != "file"} | {"hands": raw["file"]}
+        if raw.get("motion") is not None and raw.get("file") is not None:
             raise ValueError("give either motion (generated) or file (recorded), not both")
         return raw
 
@@ -223,12 +251,21 @@ class Operator(Section):
             raise ValueError(f"got {shown(str(file))}, expected the path of a .parquet, .csv or .mcap file")
         return file
 
+    @field_validator("hands")
+    @classmethod
+    def _python(cls, file: Path | None) -> Path | None:
+        if file is not None and (file.suffix != ".py" or "\0" in str(file)):
+            raise ValueError(f"got {shown(str(file))}, expected the path of a .py file; a recorded motion is `file`")
+        return file
+
     @model_validator(mode="after")
     def _window(self) -> Operator:
         if self.file is not None and self.start.si():
             raise ValueError(
                 "start belongs to a generated motion; a recorded one begins where it was recorded: remove it"
             )
+        if self.hands is None and self.hands_sha256 is not None:
+            raise ValueError("hands_sha256 is of hands, and there are none: remove it")
         if self.window_s is not None and not 0.0 <= self.window_s[0] < self.window_s[1]:
             raise ValueError(f"window_s = [begin, end] in s: expected 0 <= begin < end, got {list(self.window_s)}")
         for name in RECORDED if self.file is None else GENERATED:
@@ -241,6 +278,28 @@ class Operator(Section):
     def options(self) -> ReplayOptions:
         """How a recorded motion is replayed."""
         return ReplayOptions(**{name: getattr(self, name) for name in RECORDED})
+
+    @property
+    def own(self) -> OwnSource | None:
+        """The code of `hands`; None where the plan is followed. Raises UserError for one unusable or changed."""
+        return None if self.hands is None else own_part.source("hands", self.hands, self.hands_sha256, "operator")
+
+    def located(self, folder: Path) -> Operator:
+        """Itself, its files taken from `folder`, that of the hands known by its content."""
+        there = self.model_copy(update={"file": None if self.file is None else (folder / self.file).absolute()})
+        if self.hands is None:
+            return there
+        there = there.model_copy(update={"hands": (folder / self.hands).absolute()})
+        source = there.own
+        assert source is not None
+        return there.model_copy(update={"hands_sha256": part.digest(source)})
+
+    @model_serializer(mode="wrap")
+    def _without_hands(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """An operator who follows the plan says nothing of files for it."""
+        content = handler(self)
+        of_hands = () if self.hands is not None else ("hands", "hands_sha256")
+        return {key: value for key, value in content.items() if key not in of_hands}
 
     @property
     def label(self) -> str:

@@ -20,6 +20,7 @@ def complaints(config: RavenConfig) -> Iterator[Complaint]:
     """(key, message) of what is wrong with the words of a file whose types are right."""
     yield from _campaign(config)
     yield from _operator(config)
+    yield from _resent_packets(config)
     yield from _random_packets(config)
 
 
@@ -51,11 +52,29 @@ def _operator(config: RavenConfig) -> Iterator[Complaint]:
     operator = config.operator
     if operator.motion is not None and operator.motion not in MOTIONS:
         yield ("operator", "motion"), unknown("motion", operator.motion, MOTIONS)
+    if operator.hands is not None and config.reaction is not None:
+        yield (
+            ("reaction",),
+            f"is how the built-in operator reacts, but operator.hands is {operator.hands}: let the file react "
+            "(view.arms has the cue's force), and remove [reaction]; or remove operator.hands",
+        )
     if operator.motion == "clutched" and config.campaign.console == "absolute":
         yield (
             ("operator", "motion"),
             "got 'clutched', expected console = 'increments': an absolute one has no clutch",
         )
+
+
+def _resent_packets(config: RavenConfig) -> Iterator[Complaint]:
+    """Packets of before are made anew from the plan, and what hands of one's own did then is not remembered."""
+    for g, group in enumerate(config.group if config.operator.hands is not None else ()):
+        if older_packets.age_ms((group,), 1) > 0:
+            yield (
+                ("group", g),
+                "faults at site 'network' may send packets of before, which are made of the plan, but operator.hands "
+                f"is {config.operator.hands}, which may have done otherwise: remove operator.hands, or let the faults "
+                "lose packets (effect 'drop', channels lost and bursts)",
+            )
 
 
 def _random_packets(config: RavenConfig) -> Iterator[Complaint]:

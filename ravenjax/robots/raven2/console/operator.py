@@ -17,6 +17,7 @@ from ravenjax.numbers.lazy import at_once, jnp
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, to_int32, where
+from ravenjax.parts import parameters
 from ravenjax.robots.raven2.console.motion import ARM_COLUMNS, NOMINAL_SCALE
 from ravenjax.robots.raven2.console.packet import SIZE_BYTES, Packet
 from ravenjax.robots.raven2.geometry import kinematics
@@ -43,6 +44,7 @@ class OperatorParams:
     start_grasp: Annotated[
         tuple[Scalar, ...], Quantity("mrad", -6300, 6300, "jaw opening where an absolute console starts")
     ]
+    own: Any = None  # of a file in place of the operator, under `hands`
 
 
 def params(
@@ -57,6 +59,7 @@ def params(
         start_position=tuple(Vec(float(x) * 1e6 for x in pose.position) for pose in poses),
         start_quat=tuple(Vec(float(x) for x in quat) for quat in quats),
         start_grasp=tuple(float(int((jpos[5] + jpos[6]) * 1000.0)) for jpos in start_jpos),
+        own=None if setup.hands is None else parameters.of((setup.hands,)),
     )
 
 
@@ -128,6 +131,11 @@ def moved(row: MotionRow, offset: tuple[Vec, ...]) -> MotionRow:
     return replace(row, position=tuple(a + b for a, b in zip(row.position, offset, strict=True)))
 
 
+def closed(row: MotionRow, mrad: tuple[Scalar, ...]) -> MotionRow:
+    """The row of hands that are closed by `mrad` beyond the plan, one entry an arm."""
+    return replace(row, grasp=tuple(a + b for a, b in zip(row.grasp, mrad, strict=True)))
+
+
 def packet(
     setup: RavenSetup, params: OperatorParams, row: MotionRow, row_before: MotionRow, sequence: Scalar
 ) -> Packet:
@@ -136,7 +144,7 @@ def packet(
     While the pedal is up a console of increments sends no motion: that is how the surgeon repositions the hands.
     """
     pedal = row.surgeon_mode > 0
-    row, row_before, params = real(setup, (row, row_before, params))
+    row, row_before, params = real(setup, (row, row_before, replace(params, own=None)))
     form = _absolute if setup.console == "absolute" else _increment
     motion = per_arm(setup, lambda i, arm: form(i, arm, params, row, row_before, pedal))
     return Packet(

@@ -9,7 +9,7 @@ from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, record, replace, where
 from ravenjax.robots.raven2.arms import ArmName
-from ravenjax.robots.raven2.console import operator, reaction
+from ravenjax.robots.raven2.console import operator, own_operator, reaction
 from ravenjax.robots.raven2.geometry import kinematics, transmission
 from ravenjax.robots.raven2.loop import control, guard
 from ravenjax.robots.raven2.loop.arm_view import ArmView
@@ -86,6 +86,7 @@ def packet(
     reacting: reaction.ReactionState | None,
     hands: operator.HandOffsets | None,
     timing: PacketTiming,
+    deviation: own_operator.Deviation = own_operator.PLAN,
 ) -> Any:
     """The packet of that index, as `console` (the operator's own, or one that a fault struck) sends it."""
 
@@ -99,7 +100,14 @@ def packet(
         return line if offset is None else operator.moved(line, offset)
 
     now, before = (None, None) if hands is None else (hands.offset, hands.offset_before)
-    return operator.packet(setup, console, row(timing.row, now), row(timing.before, before), timing.index + 1)
+    lag, lag_before, grasp, grasp_before, lifted = deviation
+    new = row(timing.row if lag is None else timing.row - lag, now)
+    old = row(timing.before if lag_before is None else timing.before - lag_before, before)
+    if grasp is not None and grasp_before is not None:
+        new, old = operator.closed(new, grasp), operator.closed(old, grasp_before)
+    if lifted is not None:
+        new = replace(new, surgeon_mode=jnp.where(lifted, 0, new.surgeon_mode))
+    return operator.packet(setup, console, new, old, timing.index + 1)
 
 
 def clean(setup: RavenSetup, packet: Any, fresh: Scalar, i: int) -> nominal_target.Clean:

@@ -19,4 +19,6 @@ def watched(state: TickState, robots: tuple[plant.PlantOutput, ...], now: Scalar
         numbers["cable"] = [state.overload.peak]
     if state.hands is not None:
         numbers["hand"] = [x for offset in state.hands.offset for x in offset]
+    if state.own_operator is not None and state.own_operator.grasp is not None:
+        numbers["hand"] = [*numbers.get("hand", ()), *state.own_operator.grasp.offset]
     return replace(state.monitor, finite=finite.step(state.monitor.finite, numbers, now))

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from ravenjax.faults import fault
 from ravenjax.numbers.quantity import Quantity, Reserved
 from ravenjax.numbers.vec import Scalar, Vec, record
-from ravenjax.robots.raven2.console import operator, reaction
+from ravenjax.robots.raven2.console import operator, own_operator, reaction
 from ravenjax.robots.raven2.loop import control, guard
 from ravenjax.robots.raven2.loop.observers import ObserverParams
 from ravenjax.robots.raven2.plant import nominal
@@ -101,6 +101,7 @@ class TickState:
     haptics: tuple[haptics.HapticState, ...]
     hands: operator.HandOffsets | None  # where they may do more than is planned
     reaction: reaction.ReactionState | None
+    own_operator: own_operator.OwnOperatorState | None  # where Setup.hands
     hand: tuple[hand.HandState, ...] | None  # where the cue's force moves it
     channel: channel.ChannelState | None  # where faults seed it
     clock: packet_clock.PacketClock | None  # where Setup.packets

@@ -15,7 +15,7 @@ from ravenjax.numbers.lazy import at_once, jnp
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, replace
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.console import operator, reaction
+from ravenjax.robots.raven2.console import operator, own_operator, reaction
 from ravenjax.robots.raven2.loop import connections, control, guard, observers, replaced
 from ravenjax.robots.raven2.loop.injector import seeded
 from ravenjax.robots.raven2.loop.records import Input, NetworkParams, TickParams, TickSignals, TickState, UsbParams
@@ -77,6 +77,7 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
     with at_once():  # where a run begins is a constant of the campaign
         software = control.init(setup, params.start, ready)
     software = replace(software, own=replaced.init(setup, params.control.own))  # of parameters that may vary
+    own, strays = own_operator.init(setup, params.operator, start, tips, ready)
     return TickState(
         faults=fault.init(setup),
         control=software,
@@ -88,8 +89,9 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
         motors=connections.motors(setup, robots),
         nominal=beside.nominal,
         haptics=beside.haptics,
-        hands=operator.at_plan(setup) if setup.reacts or setup.hand_yields or strikes(setup, "hand") else None,
+        hands=operator.at_plan(setup) if strays or _may_stray(setup) else None,
         reaction=reaction.init(setup) if setup.reacts else None,
+        own_operator=own,
         hand=connections.each(setup, hand.init(setup)) if setup.hand_yields else None,
         channel=channel.init() if seeded(setup, "bursts") else None,
         clock=packet_clock.init() if setup.packets else None,
@@ -103,6 +105,11 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
         packet=jnp.int32(-1),
         delivered=jnp.int32(-1),
     )
+
+
+def _may_stray(setup: RavenSetup) -> bool:
+    """Whether something may move the hands beyond what is planned, besides an operator of one's own."""
+    return setup.reacts or setup.hand_yields or strikes(setup, "hand")
 
 
 def outcomes(setup: RavenSetup, params: TickParams, state: TickState) -> dict[str, Scalar]:

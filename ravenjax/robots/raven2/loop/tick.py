@@ -16,7 +16,7 @@ from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, replace
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.console import operator, reaction
+from ravenjax.robots.raven2.console import operator, own_operator, reaction
 from ravenjax.robots.raven2.geometry.mapping import position_to_itp
 from ravenjax.robots.raven2.loop import arm_view, connections, control, failure, observers
 from ravenjax.robots.raven2.loop.guard import UNGUARDED, Guard, Unguarded
@@ -83,6 +83,10 @@ def tick(
             reacting, correction = reaction.feel(setup, params.reaction, reacting, view)
             hands = operator.steered(setup, params.operator, hands, correction)
     pulled, hands = _pulled(setup, params, state, hands, observer.cues)
+    own = sent.own
+    if own is not None:
+        shown_tips = tuple(out.tip_position for out in observer.models)
+        own = own_operator.see(setup, own, observer.tips, shown_tips, observer.cues, signals.runlevel)
     state = TickState(
         faults=inject.state,
         control=done.software,
@@ -96,6 +100,7 @@ def tick(
         haptics=observed.haptics,
         hands=hands,
         reaction=reacting,
+        own_operator=own,
         hand=pulled,
         channel=sent.channel,
         clock=clock,
@@ -152,6 +157,7 @@ class _Sent(NamedTuple):
     sequence: Scalar  # int32, number of that packet
     hands: operator.HandOffsets | None
     reacting: reaction.ReactionState | None
+    own: own_operator.OwnOperatorState | None
     channel: channel.ChannelState | None
 
 
@@ -167,12 +173,19 @@ def _console_and_network(
     """The robot's packet, and the clean one."""
     timing = _timing(state, sequence)
     reacting = _reacting(setup, params, state, signal.tick, timing.row)
-    hands = state.hands
+    hands, own, deviation = state.hands, state.own_operator, own_operator.PLAN
+    if own is not None and signal.packet is None:
+        moment = _moment(state, sequence, fresh, signal.tick)
+        own, hands, deviation = own_operator.act(
+            setup, params.operator, own, hands, signal.motion, moment, fresh, signal.tick
+        )
     if hands is not None and inject.strikes("hand"):
         hands = operator.strayed(hands, inject("hand", connections.each(setup, Vec.full(3, real(setup, 0.0)))))
     clean = signal.packet
     if clean is None:
-        clean = connections.packet(setup, params.operator, params.reaction, signal.motion, reacting, hands, timing)
+        clean = connections.packet(
+            setup, params.operator, params.reaction, signal.motion, reacting, hands, timing, deviation
+        )
     console = inject("console", connections.ConsoleSeam(params.operator.scale))
     line, network = _network(setup, params, inject, state, sequence, fresh)
     sent, again = clean, signal.packet is None  # a packet from outside is not there to be sent again
@@ -182,13 +195,13 @@ def _console_and_network(
         elif state.history is not None:
             timing = _older(state.history, signal.tick, sequence, network.lag + network.delay)
         sender = replace(params.operator, scale=console.scale)
-        sent = connections.packet(setup, sender, params.reaction, signal.motion, reacting, hands, timing)
+        sent = connections.packet(setup, sender, params.reaction, signal.motion, reacting, hands, timing, deviation)
     arrives = fresh & ~network.lost
     if again and inject.strikes("network"):
         index = sent.sequence - 1
         arrives = arrives & (index >= 0) & ((network.delay == 0) | (index > state.delivered))
     packet = replace(sent, received=as_int(arrives))
-    return _Sent(clean, packet, arrives, sent.sequence, hands, reacting, line)
+    return _Sent(clean, packet, arrives, sent.sequence, hands, reacting, own, line)
 
 
 class _Done(NamedTuple):
@@ -300,6 +313,13 @@ def _timing(state: TickState, sequence: Scalar) -> connections.PacketTiming:
     if state.clock is None:
         return connections.row_by_row(sequence)
     return connections.PacketTiming(sequence, state.clock.tick, state.clock.before)
+
+
+def _moment(state: TickState, sequence: Scalar, fresh: Scalar, now: Scalar) -> own_operator.PlanMoment:
+    """Where the plan is: as its packets, or where a clock runs in its own time."""
+    if state.clock is None:
+        return own_operator.PlanMoment(sequence, sequence - 1, fresh)
+    return own_operator.PlanMoment(now, now - 1, jnp.bool_(True))
 
 
 def _older(
