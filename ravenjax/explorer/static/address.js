@@ -1,0 +1,50 @@
+// The state of the page as its address, as a campaign file, and as a command.
+
+const FIELDS = { site: "at", arm: "arm", channel: "on", effect: "does", value: "size", start_ms: "from", duration_ms: "for" };
+
+/** The address of a state: {fault, across, up, changes, ms, open}. */
+export function written(state) {
+  const out = new URLSearchParams();
+  for (const [name, short] of Object.entries(FIELDS)) if (state.fault[name] !== undefined) out.set(short, state.fault[name]);
+  out.set("map", `${state.across}~${state.up}`);
+  for (const [path, value] of Object.entries(state.changes)) out.set(`set.${path}`, value);
+  if (state.open) out.set("ms", Math.round(state.ms));
+  return `#${out}`;
+}
+
+/** What an address says, null where it says nothing. */
+export function read(hash) {
+  const from = new URLSearchParams(hash.replace(/^#/, ""));
+  if (!from.has("at")) return null;
+  const fault = {};
+  for (const [name, short] of Object.entries(FIELDS)) if (from.has(short)) fault[name] = from.get(short);
+  for (const name of ["value", "start_ms"]) if (name in fault) fault[name] = Number(fault[name]);
+  if (fault.duration_ms !== undefined && fault.duration_ms !== "end") fault.duration_ms = Number(fault.duration_ms);
+  const [across, up] = (from.get("map") ?? "value~duration_ms").split("~");
+  const changes = {};
+  for (const [key, value] of from) if (key.startsWith("set.")) changes[key.slice(4)] = Number(value);
+  return { fault, across, up, changes, open: from.has("ms"), ms: Number(from.get("ms") ?? 0) };
+}
+
+const word = (value) => (typeof value === "number" ? String(value) : JSON.stringify(value));
+const listed = (value) => (Array.isArray(value) ? `[${value.map(word).join(", ")}]` : word(value));
+
+/** A campaign file with this fault; a list stands for each of its values. takes: whether its effect takes a value. */
+export function toml(campaign, { fault, changes }, takes) {
+  const lines = [campaign.toml.trim(), "", "[[group]]", 'name = "explored"'];
+  if (Object.keys(changes).length) {
+    lines.push("[group.parameters]");
+    for (const [path, value] of Object.entries(changes)) lines.push(`${path} = ${word(value)}`);
+  }
+  lines.push("[[group.fault]]");
+  for (const name of Object.keys(FIELDS)) {
+    const value = fault[name];
+    if (value === undefined || value === "" || value === null || (name === "value" && !takes)) continue;
+    lines.push(`${name} = ${listed(value)}`);
+  }
+  return `${lines.join("\n")}\n`;
+}
+
+/** What a shell runs to compute the same on this machine. */
+export const command = (file) =>
+  `cat > explored.toml <<'TOML'\n${file}TOML\nravenjax run explored.toml --out explored\nravenjax trace explored 0\n`;
