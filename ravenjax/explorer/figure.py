@@ -33,9 +33,7 @@ def description() -> dict[str, Any]:
     """
     model = arm_model.scene()
     joints = {
-        int(model.joint(name).id): (arm, index)
-        for arm in ARMS
-        for index, name in enumerate(arm_model.joint_names(arm))
+        int(model.joint(name).id): (arm, index) for arm in ARMS for index, name in enumerate(arm_model.joint_names(arm))
     }
     return {
         "steps": STEPS,
@@ -84,7 +82,7 @@ def _mesh(model: mujoco.MjModel, geoms: list[int]) -> dict[str, Any]:
 
 
 def _words(numbers: np.ndarray) -> str:
-    assert 0 <= numbers.min() and numbers.max() <= STEPS, numbers.max()
+    assert numbers.min() >= 0 and numbers.max() <= STEPS, numbers.max()
     return base64.b64encode(np.ascontiguousarray(numbers, "<u2").tobytes()).decode()
 
 

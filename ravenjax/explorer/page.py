@@ -11,11 +11,11 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from ravenjax import robots
 from ravenjax.campaign import loading
 from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.document import html
 from ravenjax.explorer import bundle, figure, program, rows, words
-from ravenjax import robots
 from ravenjax.store import files, manifest
 
 FILE = "explore.html"

@@ -73,7 +73,7 @@ WIDER = 5.0
 
 def campaign(config: CampaignConfig) -> dict[str, Any]:
     """JSON of all that the page's words, controls and commands need."""
-    robot, arms = config.robot, config.campaign.arms
+    robot, arms, cues = config.robot, config.campaign.arms, config.haptics.cues()
     return {
         "name": config.campaign.name,
         "description": config.campaign.description,
@@ -84,9 +84,12 @@ def campaign(config: CampaignConfig) -> dict[str, Any]:
         "limit_mm": config.outcomes.limit_mm,
         "halt_ms": verdict.HALT_MS,
         "cue": config.outcomes.cue,
-        "thresholds_mm": list(config.haptics.threshold_mm)
-        if isinstance(config.haptics.threshold_mm, list | tuple)
-        else [config.haptics.threshold_mm],
+        "cues": {
+            "threshold_mm": [round(cue.threshold_m * 1e3, 9) for cue in cues],
+            "kp_per_mm": [round(cue.kp / 1e3, 9) for cue in cues],
+            "kd_per_mm_s": [round(cue.kd / 1e3, 9) for cue in cues],
+            "cap": [cue.cap for cue in cues],
+        },
         "sites": [_site(site, robot.layers, arms) for site in robot.sites.values()],
         "effects": {
             name: {"words": EFFECT_WORDS[name], "meaning": effect.meaning, "value": effect.value}
@@ -99,6 +102,7 @@ def campaign(config: CampaignConfig) -> dict[str, Any]:
         "outcomes": OUTCOMES,
         "values": _values(config),
         "toml": _toml(config),
+        "varied": _varied(config),
     }
 
 
@@ -160,7 +164,15 @@ def _numbers(value: Any) -> list[Any]:
     return [value] if isinstance(value, int | float) and not isinstance(value, bool) else []
 
 
+def _varied(config: CampaignConfig) -> list[str]:
+    """Parameters that have several values in the whole campaign."""
+    return [path for path, axis in config.parameters.items() if axis.kind != "fixed"] + [*config.cross]
+
+
 def _toml(config: CampaignConfig) -> str:
-    """The campaign's file without its groups, to which a page adds one fault."""
-    tables = json.loads(config.model_dump_json(exclude_defaults=True, exclude={"group", "stop"}))
+    """The campaign's file without cues, groups and what varies: a page adds its own."""
+    apart = {"group", "stop", "haptics", "cross"}
+    tables = json.loads(config.model_dump_json(exclude_defaults=True, exclude=apart))
+    varied = _varied(config)
+    tables["parameters"] = {path: one for path, one in tables.get("parameters", {}).items() if path not in varied}
     return tomlkit.dumps({name: table for name, table in tables.items() if table})

@@ -29,12 +29,37 @@ export function read(hash) {
 const word = (value) => (typeof value === "number" ? String(value) : JSON.stringify(value));
 const listed = (value) => (Array.isArray(value) ? `[${value.map(word).join(", ")}]` : word(value));
 
-/** A campaign file with this fault; a list stands for each of its values. takes: whether its effect takes a value. */
-export function toml(campaign, { fault, changes }, takes) {
-  const lines = [campaign.toml.trim(), "", "[[group]]", 'name = "explored"'];
-  if (Object.keys(changes).length) {
+/** Names and factors of a cue's numbers in a campaign file, by those of parameters. */
+const CUES = { threshold_m: ["threshold_mm", 1e3], kp: ["kp_per_mm", 1e-3], kd: ["kd_per_mm_s", 1e-3], cap: ["cap", 1] };
+
+/** The lists of [haptics] with what was changed, and the other changes. */
+function parted(campaign, changes) {
+  const cues = structuredClone(campaign.cues);
+  const others = {};
+  for (const [path, value] of Object.entries(changes)) {
+    const [, place, what] = /^haptics\.cues\.(\d+)\.(\w+)$/.exec(path) ?? [];
+    if (place === undefined) others[path] = value;
+    else {
+      const [name, factor] = CUES[what];
+      cues[name][place] = Number((value * factor).toPrecision(9));
+    }
+  }
+  return { cues, others };
+}
+
+/**
+ * A campaign file with this fault; a list stands for each of its values. takes: whether its effect takes a value;
+ * question: all parameters, of which those are written that the campaign varies.
+ */
+export function toml(campaign, { fault, changes }, takes, question) {
+  const { cues, others } = parted(campaign, changes);
+  const lines = [campaign.toml.trim(), "", "[haptics]", 'combine = "zip"'];
+  for (const [name, values] of Object.entries(cues)) lines.push(`${name} = ${listed(values)}`);
+  lines.push("", "[[group]]", 'name = "explored"');
+  const held = { ...Object.fromEntries(campaign.varied.map((path) => [path, question[path]])), ...others };
+  if (Object.keys(held).length) {
     lines.push("[group.parameters]");
-    for (const [path, value] of Object.entries(changes)) lines.push(`${path} = ${word(value)}`);
+    for (const [path, value] of Object.entries(held)) lines.push(`${path} = ${word(value)}`);
   }
   lines.push("[[group.fault]]");
   for (const name of Object.keys(FIELDS)) {

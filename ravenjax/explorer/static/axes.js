@@ -81,8 +81,8 @@ export function words(campaign, fault, spans = {}) {
   const unit = unitOf(campaign, fault);
   const range = (name, value) => (spans[name] ? `${text(spans[name][0])} to ${text(spans[name].at(-1))}` : text(value));
   const several = site.channels.length > 1;
-  const where = several ? ` (${spans.channel ? "any" : fault.channel.replaceAll("_", " ")})` : "";
+  const where = several ? `, ${spans.channel ? "any" : fault.channel.replaceAll("_", " ")}` : "";
   const size = effect.value ? ` ${range("value", fault.value)}${unit ? ` ${unit}` : ""}` : "";
   const lasts = fault.duration_ms === "end" && !spans.duration_ms ? "to the end" : `for ${range("duration_ms", fault.duration_ms)} ms`;
-  return `${site.words}${where} ${effect.words}${size}, ${lasts}, from ${range("start_ms", fault.start_ms)} ms into the operation`;
+  return `${site.words}${where}: ${effect.words}${size}, ${lasts}, from ${range("start_ms", fault.start_ms)} ms into the operation`;
 }

@@ -1,7 +1,7 @@
 // A map of outcomes over two axes: which points are asked first, and how it is drawn.
 
 import { label } from "./axes.js";
-import { CLASSES, classOf } from "./verdicts.js";
+import { CLASSES, LIGHT, classOf } from "./verdicts.js";
 
 const COARSE = 8; // points of an axis are first asked so many steps apart
 
@@ -146,8 +146,6 @@ export class Field {
   }
 }
 
-const LIGHT = ["quiet", "limited", "phantom", "flagged", "misreported"]; // colours that a dark mark shows on
-
 /** Colours of the page and shapes on a canvas. */
 class Brush {
   constructor(pen, place) {
@@ -160,7 +158,7 @@ class Brush {
   }
 
   ink(name) {
-    return LIGHT.includes(name) ? "rgba(0,0,0,.55)" : "rgba(255,255,255,.9)";
+    return LIGHT.has(name) ? "rgba(0,0,0,.55)" : "rgba(255,255,255,.9)";
   }
 
   box(x, y, width, height, colour) {

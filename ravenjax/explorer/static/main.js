@@ -231,9 +231,9 @@ async function search() {
 }
 
 const takes = () => Boolean(campaign.effects[state.fault.effect].value);
-const file = () => toml(campaign, state, takes());
+const file = () => toml(campaign, state, takes(), question());
 const stem = () => `${campaign.name}_${state.fault.site}_${state.fault.effect}`;
-const exports_ = {
+const writers = {
   svg: () => save(field.svg(), "image/svg+xml", `${stem()}.svg`),
   png: () => $("field").toBlob((blob) => save(blob, "image/png", `${stem()}.png`)),
   csv: () => {
@@ -245,16 +245,16 @@ const exports_ = {
 const copies = {
   toml: file,
   command: () => command(file()),
-  map: () => toml(campaign, { ...state, fault: { ...state.fault, [state.across]: axes.across.values, [state.up]: axes.up.values } }, takes()),
+  map: () => toml(campaign, { ...state, fault: { ...state.fault, [state.across]: axes.across.values, [state.up]: axes.up.values } }, takes(), question()),
 };
 document.addEventListener("click", async ({ target }) => {
   const button = target.closest("button");
-  if (button?.dataset.save) exports_[button.dataset.save]();
+  if (button?.dataset.save) writers[button.dataset.save]();
   if (button?.dataset.copy) {
-    const words_ = button.textContent;
+    const shown = button.textContent;
     await copy(copies[button.dataset.copy]());
     button.textContent = "copied";
-    setTimeout(() => (button.textContent = words_), 1500);
+    setTimeout(() => (button.textContent = shown), 1500);
   }
 });
 $("smallest").addEventListener("click", search);

@@ -89,7 +89,7 @@ export class Run {
       { title: "How far the tip is off", unit: "mm", name: `${arm}/deviation_mm`, n: 1, limit: campaign.limit_mm },
       { title: `Motor command, ${named}`, unit: "counts", name: `${arm}/dac_cnt`, k: joint, n: width },
       { title: `True joint position, ${named}`, unit: joint === 2 ? "m" : "rad", name: `${arm}/link_jpos`, k: joint, n: width },
-      { title: "Force of the cue", unit: "device units", name: `${arm}/cue_force`, k: campaign.cue, n: campaign.thresholds_mm.length },
+      { title: "Force of the cue", unit: "device units", name: `${arm}/cue_force`, k: campaign.cue, n: campaign.cues.cap.length },
       { title: "Distance from the model that the cue watches", unit: "mm", name: `${arm}/tip_error_mm`, n: 1 },
     ].filter(({ name }) => name in replay.faulty);
     $("signals").innerHTML = wanted

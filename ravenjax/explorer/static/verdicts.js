@@ -14,6 +14,9 @@ export const CLASSES = {
   failed: { mark: "dash", says: "no valid result" },
 };
 
+/** Those whose colour takes a dark mark. */
+export const LIGHT = new Set(["quiet", "limited", "phantom", "flagged", "misreported"]);
+
 /** The class of an outcome: of ravenjax/report/data/facts.py. */
 export function classOf(outcome) {
   if (outcome.failed) return "failed";
