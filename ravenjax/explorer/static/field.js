@@ -50,6 +50,12 @@ export class Field {
     this.ask();
   }
 
+  /** A level is complete: each point that is known stands for as much as one of that level. */
+  settle(spread) {
+    for (const cell of this.cells.values()) cell.spread = spread;
+    this.ask();
+  }
+
   get(i, j) {
     return this.cells.get(j * this.across.values.length + i)?.outcome;
   }
@@ -146,6 +152,8 @@ export class Field {
   }
 }
 
+const GRAVE = new Set(["unseen", "felt", "lost"]); // their marks stand out
+
 /** Colours of the page and shapes on a canvas. */
 class Brush {
   constructor(pen, place) {
@@ -158,7 +166,7 @@ class Brush {
   }
 
   ink(name) {
-    return LIGHT.has(name) ? "rgba(0,0,0,.55)" : "rgba(255,255,255,.9)";
+    return LIGHT.has(name) ? "rgba(0,0,0,.5)" : `rgba(255,255,255,${GRAVE.has(name) ? 0.95 : 0.4})`;
   }
 
   box(x, y, width, height, colour) {

@@ -144,6 +144,7 @@ async function fill() {
         },
       });
       if (token !== own) return;
+      field.settle(spread);
       Object.assign(document.body.dataset, { points: field.cells.size, ms: Math.round(performance.now() - began) });
     }
     document.body.dataset.filled = "1";

@@ -2,8 +2,8 @@
 
 /** Strongest first, as a legend lists them. The names are those of a report. */
 export const CLASSES = {
-  unseen: { mark: "cross", says: "slips past the checks, no warning" },
-  felt: { mark: "dot", says: "slips past the checks, the cue warns" },
+  unseen: { mark: "cross", says: "slips past the checks, no cue either" },
+  felt: { mark: "dot", says: "slips past the checks, the cue comes" },
   lost: { mark: "dash", says: "instrument does not follow, nobody is told" },
   misreported: { mark: "ring", says: "only the reported position is wrong" },
   flagged: { mark: "triangle", says: "a check tells someone" },
@@ -28,33 +28,44 @@ export function classOf(outcome) {
   return outcome.response === "limited" ? "limited" : "quiet";
 }
 
-/** Of outcomes: how many there are, evade, evade and have the cue, by class. */
+/** Of outcomes: how many there are, evade, have the cue no later than the harm; and by class. */
 export function count(outcomes) {
   const classes = {};
   let evading = 0;
+  let ahead = 0;
   let all = 0;
   for (const outcome of outcomes) {
     const name = classOf(outcome);
     classes[name] = (classes[name] ?? 0) + 1;
     evading += Number(outcome.evades);
+    ahead += Number(name === "felt" && outcome[`cue${outcome.cue_set ?? 0}_first_ms`] <= outcome.unintended_first_ms);
     all += 1;
   }
-  return { all, evading, classes };
+  return { all, evading, ahead, classes };
 }
 
 const number = new Intl.NumberFormat("en", { maximumSignificantDigits: 4 });
 export const text = (value) => (Number.isFinite(value) ? number.format(value).replace("-", "−") : "–");
+/** A length as a person reads it. */
+export const length = (mm) => `${text(mm < 1 ? Number(mm.toPrecision(2)) : Math.round(10 * mm) / 10)} mm`;
 const MILLIS = new Intl.NumberFormat("en", { maximumFractionDigits: 1 });
 export const millis = (ms) => `${MILLIS.format(ms)} ms`;
 
 /** The answer of a map: [before, number, after]. */
-export function answer({ all, evading, classes }, limit) {
+export function answer({ all, evading, ahead, classes }, limit) {
   if (!all) return ["Asking the robot …", "", ""];
   const after =
     ` ${evading === 1 ? "slips" : "slip"} past every safety check and ${evading === 1 ? "moves" : "move"} the instrument ` +
     `more than ${text(limit)} mm` +
-    (evading ? `; the haptic cue warns the surgeon in ${text(classes.felt ?? 0)} of ${evading === 1 ? "it" : "them"}.` : ".");
-  return [`Of ${text(all)} faults like this, `, evading ? text(evading) : "none", after.replace(/in 1 of it/, "of it").replace(/in 0 of it/, "of none")];
+    (evading ? `; ${warned(classes.felt ?? 0, ahead, limit)}.` : ".");
+  return [`Of ${text(all)} faults like this, `, evading ? text(evading) : "none", after];
+}
+
+/** felt: of how many the cue comes; ahead: in how many no later than the harm. */
+function warned(felt, ahead, limit) {
+  if (!felt) return "the surgeon feels no cue";
+  const early = ahead === 0 ? "never" : ahead === felt ? "always" : `in ${text(ahead)}`;
+  return `the surgeon feels a cue in ${text(felt)}, ${early} before the ${text(limit)} mm`;
 }
 
 /** What became of one run, as a person says it. */
@@ -69,10 +80,10 @@ export function told(outcome, limit) {
   else if (outcome.evades) sentences.push("This fault slips past every safety check.");
   else if (name === "limited") sentences.push("A check limits the command and tells nobody.");
   else sentences.push("No check notices this fault.");
-  if (harm >= 0) sentences.push(`The tip moves more than ${text(limit)} mm off ${after(harm, onset)}, at most ${text(outcome.unintended_mm)} mm.`);
+  if (harm >= 0) sentences.push(`The tip moves more than ${text(limit)} mm off ${after(harm, onset)}, ${length(outcome.unintended_mm)} at most${name === "stopped" ? " until the robot stops" : ""}.`);
   else if (outcome.hazard === "loss of motion") sentences.push("The instrument does not follow the surgeon.");
   else if (outcome.hazard === "false report") sentences.push("The robot reports a wrong position of the tip; the instrument itself moves as asked.");
-  else sentences.push(`The tip stays within ${text(outcome.peak_golden_deviation_mm)} mm of where it would have been.`);
+  else sentences.push(`While the robot works, the tip goes ${length(Math.max(0, outcome.unintended_mm))} astray at most.`);
   if (outcome.cue) {
     const came = outcome[`cue${outcome.cue_set ?? 0}_first_ms`];
     const ahead = harm >= 0 ? (came <= harm ? `, ${millis(harm - came)} before the harm` : `, ${millis(came - harm)} too late`) : "";

@@ -61,7 +61,7 @@ test("the smallest harmful value is found to its last whole number, on both side
 });
 
 test("classes are those of a report, and the answer counts them", () => {
-  const outcome = (response, hazard, cue, failed = "") => ({ response, hazard, cue, failed, evades: hazard === "unintended motion" && ["silent", "limited"].includes(response) });
+  const outcome = (response, hazard, cue, failed = "") => ({ response, hazard, cue, failed, cue0_first_ms: 5, unintended_first_ms: 7, evades: hazard === "unintended motion" && ["silent", "limited"].includes(response) });
   const all = [
     [outcome("stopped", "unintended motion", true), "stopped"],
     [outcome("limited", "unintended motion", true), "felt"],
@@ -74,7 +74,7 @@ test("classes are those of a report, and the answer counts them", () => {
   for (const [one, name] of all) assert.equal(classOf(one), name);
   const counted = count(all.map(([one]) => one));
   assert.deepEqual([counted.all, counted.evading], [7, 2]);
-  assert.equal(answer(counted, 3).join(""), "Of 7 faults like this, 2 slip past every safety check and move the instrument more than 3 mm; the haptic cue warns the surgeon in 1 of them.");
+  assert.equal(answer(counted, 3).join(""), "Of 7 faults like this, 2 slip past every safety check and move the instrument more than 3 mm; the surgeon feels a cue in 1, always before the 3 mm.");
 });
 
 test("axes hold their range, and the nearest of a growing axis is by ratio", () => {
