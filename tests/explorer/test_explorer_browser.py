@@ -27,6 +27,17 @@ pytestmark = [
 # a container has no sandbox, and its graphics are software
 ARGUMENTS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 PATIENCE_MS = 120_000
+CLIPBOARD = """Object.defineProperty(navigator, "clipboard", {
+  value: { writeText: async (text) => (window.copied = text) },
+});"""
+CELLS = """() => Object.fromEntries(
+  [...document.querySelectorAll("#numbers-of-run tr")].map((row) => [...row.cells].map((cell) => cell.textContent)),
+)"""
+SAID = """() => {
+  const said = document.getElementById("said").textContent;
+  return said.includes("moves the tip") && said;
+}"""
+VIEW = "#at=usb_out&arm=gold&on=shoulder&does=overwrite&size=20000&from=700&for=64&map=value~start_ms&ms=800"
 FILE = """
 [campaign]
 name = "small"
@@ -83,9 +94,7 @@ def window(browser, place):
     shown.set_default_timeout(PATIENCE_MS)
     shown.on("console", lambda message: told.append(f"{message.type}: {message.text}"))
     shown.on("pageerror", lambda error: told.append(f"pageerror: {error}"))
-    shown.add_init_script(
-        "Object.defineProperty(navigator, 'clipboard', { value: { writeText: async (text) => (window.copied = text) } })"
-    )
+    shown.add_init_script(CLIPBOARD)
     shown.goto(place.as_uri())
     yield shown
     context.close()
@@ -123,29 +132,19 @@ def test_a_new_user_asks_moves_a_control_opens_a_run_and_gets_the_same_natively(
     folder = tmp_path / "explored"
     native = Results(manifest.read(folder).shape, folder).frame().iloc[0]
     assert native["verdict"] == verdict
-    shown = dict(
-        window.evaluate(
-            "[...document.querySelectorAll('#numbers-of-run tr')].map((row) => [...row.cells].map((cell) => cell.textContent))"
-        )
-    )
+    shown = window.evaluate(CELLS)
     assert float(shown["unintended_mm"]) == pytest.approx(native["unintended_mm"], rel=1e-3, abs=1e-3)
     assert int(shown["first_active_ms"]) == native["first_active_ms"]
 
 
 def test_an_address_brings_the_same_view_and_the_smallest_harmful_size_is_that_natively(window, place, tmp_path):
-    window.goto(
-        place.as_uri()
-        + "#at=usb_out&arm=gold&on=shoulder&does=overwrite&size=20000&from=700&for=64&map=value~start_ms&ms=800"
-    )
+    window.goto(place.as_uri() + VIEW)
     window.reload()
     window.wait_for_selector("#run:not([hidden])")
     assert window.input_value("#across") == "value"
     assert window.input_value("#up") == "start_ms"
     window.click("#smallest")
-    said = _when(
-        window,
-        "/moves the tip/.test(document.getElementById('said').textContent) && document.getElementById('said').textContent",
-    )
+    said = _when(window, SAID)
     bad, safe = (int(word) for word in (said.split()[0], said.split(";")[1].split()[0]))
     assert bad == safe + 1
     raw = tomllib.loads(_copied(window, "toml"))

@@ -14,7 +14,6 @@ from ravenjax.explorer import bundle, words
 from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.effects import EFFECTS
 
-
 STUCK = {"site": "usb_out", "channel": "elbow", "effect": "stuck", "start_ms": 9, "duration_ms": 5}
 
 
