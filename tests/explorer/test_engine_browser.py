@@ -20,13 +20,13 @@ from ravenjax.engines import traced
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.engine import SimdEngine, SimdKernel
 from ravenjax.engines.interface import Block
+from ravenjax.engines.wasm.engine import WasmEngine
+from ravenjax.engines.wasm.runtime import WasmTarget
 from ravenjax.explorer import program
 from ravenjax.outcomes import events
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
 pytest.importorskip("wasmtime", reason="wasmtime is not installed (pip install wasmtime)")
-from ravenjax.engines.wasm.engine import WasmEngine
-from ravenjax.engines.wasm.runtime import WasmTarget
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 pytestmark = [
