@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import ctypes
 import threading
+import weakref
 from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import Any
@@ -36,14 +38,30 @@ def wasmtime() -> Any:
 
 @cache
 def _engine() -> Any:
-    return wasmtime().Engine()
+    return _kept(wasmtime().Engine())
+
+
+_ALIVE: weakref.WeakSet[Any] = weakref.WeakSet()
+
+
+def _kept(owner: Any) -> Any:
+    """An object of the runtime's, to be closed while Python can still do so: at its end it closes them too late."""
+    if not _ALIVE:
+        atexit.register(_close)
+    _ALIVE.add(owner)
+    return owner
+
+
+def _close() -> None:
+    for owner in list(_ALIVE):
+        owner.close()
 
 
 class WasmModule:
     """A module, and instances of it that are free; see `target.CodeModule`."""
 
     def __init__(self, binary: bytes) -> None:
-        self._module = wasmtime().Module(_engine(), binary)
+        self._module = _kept(wasmtime().Module(_engine(), binary))
         self._free: list[_Instance] = []
         self._lock = threading.Lock()
 
@@ -67,7 +85,7 @@ class _Instance:
 
     def __init__(self, module: Any) -> None:
         wasm = wasmtime()
-        self._store = wasm.Store(_engine())
+        self._store = _kept(wasm.Store(_engine()))
         self._memory = wasm.Memory(self._store, wasm.MemoryType(wasm.Limits(1, _MOST_PAGES)))
         instance = wasm.Instance(self._store, module, [self._memory])
         self._make = instance.exports(self._store)[NAME]

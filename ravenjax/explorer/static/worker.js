@@ -23,6 +23,7 @@ class Program {
     this.group = this.room(layout.group_state_bytes);
     this.rows = this.room(CHUNK * layout.row_bytes);
     this.results = this.room(layout.results.bytes);
+    this.places = Int32Array.from(layout.results.offsets, (offset) => (this.results + offset) / 4);
     this.nowhere = this.room(4 * layout.series); // zeros: what a run is compared with that is compared with nothing
     this.sink = this.room(this.outputs * this.step);
     this.tables = this.room(motion.byteLength);
@@ -94,7 +95,7 @@ class Program {
 
   /** Copy the results of a lane of the vector that finished last to `words` from `at` on. */
   lane(lane, words, at) {
-    for (const [k, offset] of this.layout.results.offsets.entries()) words[at + k] = this.words[(this.results + offset) / 4 + lane];
+    for (let k = 0; k < this.places.length; k += 1) words[at + k] = this.words[this.places[k] + lane];
   }
 
   /** The series that the run which was kept last left, for `given`. */
