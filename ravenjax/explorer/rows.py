@@ -34,7 +34,7 @@ def table(folder: Path, record: Manifest) -> dict[str, Any]:
     or none, MOST at most), and columns: name -> list."""
     frame = Results(record.shape, folder).frame()
     several = frame["fault1_site"].astype(str) != "" if "fault1_site" in frame else pd.Series(False, index=frame.index)
-    chosen = frame.loc[~several].head(MOST)
+    first = frame.loc[~several].head(MOST)
     cue = record.verdict_cue
     columns = {
         "run_id": "run_id",
@@ -49,8 +49,8 @@ def table(folder: Path, record: Manifest) -> dict[str, Any]:
         "folder": folder.name,
         "cue": cue,
         "runs": len(frame),
-        "rows": len(chosen),
-        "columns": {name: _plain(chosen[column]) for name, column in columns.items() if column in chosen},
+        "rows": len(first),
+        "columns": {name: _plain(first[column]) for name, column in columns.items() if column in first},
     }
 
 
