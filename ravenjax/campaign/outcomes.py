@@ -25,7 +25,7 @@ _FIRST_ALARM = re.compile(r"detector\d+_threshold0_(first_ms|alarms)")
 Columns = Mapping[str, np.ndarray]
 """Outcome -> [rows], as an engine returns them; a DataFrame will do."""
 
-_MAY_BE_INFINITE = (*schema.MAY_BE_INFINITE, "tissue_depth_mm", "tip_distance_mm")
+MAY_BE_INFINITE = (*schema.MAY_BE_INFINITE, "tissue_depth_mm", "tip_distance_mm")
 """Ends of names of outcomes that an engine returns as infinite where nothing was measured."""
 
 
@@ -88,7 +88,7 @@ def _failed(config: CampaignConfig, measures: dict[str, Any]) -> _Failed:
     invalid = np.zeros(len(first), bool)
     for name, values in measures.items():
         if values.dtype.kind == "f":
-            invalid |= np.isnan(values) if name.endswith(_MAY_BE_INFINITE) else ~np.isfinite(values)
+            invalid |= np.isnan(values) if name.endswith(MAY_BE_INFINITE) else ~np.isfinite(values)
     missed = invalid & (first < 0)
     end = round(config.campaign.duration_s * 1e3)
     signal = np.where(missed, failures.CODES["outcome"], signal).astype(np.int8)
@@ -97,8 +97,12 @@ def _failed(config: CampaignConfig, measures: dict[str, Any]) -> _Failed:
 
 def _cables(config: CampaignConfig, places: np.ndarray) -> words.WordColumn:
     """Cables in words, by their places among all of the robot; "" for -1."""
-    names = [f"{arm} {joint}" for arm in config.campaign.arms for joint in config.robot.joints]
-    return words.column(places.astype(np.int32) + 1, ("", *names))
+    return words.column(places.astype(np.int32) + 1, cable_names(config))
+
+
+def cable_names(config: CampaignConfig) -> tuple[str, ...]:
+    """What column `cable_overload` calls the cables, by their places from 1; "" for none."""
+    return ("", *(f"{arm} {joint}" for arm in config.campaign.arms for joint in config.robot.joints))
 
 
 def frame(config: CampaignConfig, runs: FaultTable, outcomes: Columns, golden_runs: Columns) -> pd.DataFrame:

@@ -29,7 +29,7 @@ def counterfactual(
     confirm: Annotated[
         bool, Parameter(negative="", help="also run the chosen checks as detectors, with another seed of the faults")
     ] = False,
-    engine: Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")] = "auto",
+    engine: Annotated[str, Parameter(help="auto, cuda, simd, wasm, xla or mjx")] = "auto",
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ravenjax.monitors.calibration import Calibrated
 
 monitor = App(name="monitor", help="Monitors with a stated false-alarm rate: calibrate, check for a shift.")
-Engine = Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")]
+Engine = Annotated[str, Parameter(help="auto, cuda, simd, wasm, xla or mjx")]
 
 
 @monitor.command

@@ -26,7 +26,7 @@ def run(
     file: Path,
     *,
     out: Annotated[Path | None, Parameter(help="result folder; default results/NAME of the campaign")] = None,
-    engine: Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")] = "auto",
+    engine: Annotated[str, Parameter(help="auto, cuda, simd, wasm, xla or mjx")] = "auto",
     overrides: Overrides = None,
     chunk: Annotated[int | None, Parameter(help="runs per part of the result")] = None,
     limit: Annotated[int | None, Parameter(help="compute only the first runs")] = None,
@@ -109,7 +109,7 @@ def fault_free(
     hours: float,
     *,
     engine: Annotated[
-        str, Parameter(help="auto, cuda, simd, xla or mjx; auto is a CPU engine: motions run one at a time")
+        str, Parameter(help="auto, cuda, simd, wasm, xla or mjx; auto is a CPU engine: motions run one at a time")
     ] = "auto",
     report: Annotated[bool, Parameter(help="write the result's report.html anew at the end")] = True,
     as_json: AsJson = False,
@@ -197,7 +197,7 @@ def search(
     file: Path,
     *,
     out: Annotated[Path | None, Parameter(help="folder; default results/NAME of the search")] = None,
-    engine: Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")] = "auto",
+    engine: Annotated[str, Parameter(help="auto, cuda, simd, wasm, xla or mjx")] = "auto",
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
@@ -231,7 +231,7 @@ def reproduce(
     name: str | None = None,
     *,
     out: Annotated[Path, Parameter(help="folder; each study has one inside")] = Path("results/reproduce"),
-    engine: Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")] = "auto",
+    engine: Annotated[str, Parameter(help="auto, cuda, simd, wasm, xla or mjx")] = "auto",
     keep: Annotated[Path | None, Parameter(help="also copy the findings, without pictures, into this folder")] = None,
     as_json: Annotated[
         bool, Parameter(name="--json", negative="", help="list the studies as JSON; of a study, its findings")

@@ -8,8 +8,8 @@ from ravenjax.engines.interface import Engine
 from ravenjax.errors import UserError, suggestion
 from ravenjax.numbers.setup import Precision
 
-ENGINES = ("cuda", "simd", "xla", "mjx")
-"""Fastest first."""
+ENGINES = ("cuda", "simd", "wasm", "xla", "mjx")
+"""Fastest first; wasm needs an extra."""
 
 
 def select(name: str, precision: Precision, objects: MutableMapping[str, bytes] | None = None) -> Engine:
@@ -27,6 +27,10 @@ def select(name: str, precision: Precision, objects: MutableMapping[str, bytes] 
         from ravenjax.engines.cpu.engine import SimdEngine
 
         return SimdEngine(objects)
+    if name == "wasm":
+        from ravenjax.engines.wasm.engine import WasmEngine
+
+        return WasmEngine(objects)
     if name in ENGINES:
         from ravenjax.engines.xla.engine import ScanEngine
 

@@ -6,11 +6,9 @@ with many threads longer than it computes.
 
 from __future__ import annotations
 
-import ctypes
-
 import numpy as np
 
-from ravenjax.engines.cpu import jit
+from ravenjax.engines.cpu.target import Workspace
 
 ARGUMENTS = {
     "shared_begin": ("ptr",) * 2,
@@ -24,6 +22,10 @@ ARGUMENTS = {
 NAME = "make_calls"
 _NUMBERS = {name: number for number, name in enumerate(ARGUMENTS)}
 _SIZE = 1 + max(map(len, ARGUMENTS.values()))  # numbers of a call: which, and its arguments
+POINTERS = np.array(
+    [[False, *(kind == "ptr" for kind in (*kinds, *("",) * (_SIZE - 1 - len(kinds))))] for kinds in ARGUMENTS.values()]
+)
+"""Which numbers of a call are addresses, bool [functions, numbers]."""
 
 
 def print_calls() -> str:
@@ -65,9 +67,9 @@ def print_calls() -> str:
 class CallList:
     """Calls to be made of the functions of a module; what their addresses point to must live until they are made."""
 
-    def __init__(self, module: jit.HostModule) -> None:
-        """module: with `NAME`; it must outlive the list."""
-        self._make = module.function(NAME, [ctypes.c_void_p, ctypes.c_int64])
+    def __init__(self, space: Workspace) -> None:
+        """space: of a module with `NAME`; its own buffers are what addresses may point to."""
+        self._space = space
         self._calls: list[tuple[int, ...]] = []
 
     def add(self, name: str, *arguments: int) -> None:
@@ -78,4 +80,4 @@ class CallList:
         """Make the calls in their order, and forget them."""
         calls = np.array(self._calls, np.int64).reshape(-1, _SIZE)
         self._calls.clear()
-        self._make(calls.ctypes.data, len(calls))
+        self._space.make(calls)

@@ -10,8 +10,9 @@ import numpy as np
 
 from ravenjax.engines import trunk
 from ravenjax.engines.cpu import jit
-from ravenjax.engines.cpu.group import LaneGroup, at, buffer
+from ravenjax.engines.cpu.group import LaneGroup, at
 from ravenjax.engines.cpu.kernel import FUNCTIONS, VectorKernel, print_kernel
+from ravenjax.engines.cpu.target import CodeTarget
 from ravenjax.engines.interface import Progress
 from ravenjax.engines.lanes import Lanes
 from ravenjax.engines.trunk import Trunk
@@ -61,17 +62,19 @@ class VectorCode:
         width: int,
         objects: jit.Objects | None = None,
         printed: Callable[[Callable[[], VectorKernel]], VectorKernel] = lambda make: make(),
+        target: CodeTarget | None = None,
     ) -> None:
-        """printed: the kernel as it was printed before, or `make()`."""
+        """printed: the kernel as it was printed before, or `make()`. target: this machine's CPU if left out."""
+        target = target or jit.host()
         ticks = range(len(loop.step.inputs) - loop.lane_inputs - loop.states)
         self.grouped, self.width = grouped, width
 
         def make() -> VectorKernel:
             parts = split(loop, range(shared) if grouped else (), ticks if grouped else ticks[:1])
-            return print_kernel(parts, width, jit.host().features)
+            return print_kernel(parts, width, target.features)
 
         self.kernel = printed(make)
-        self._module = jit.compile(self.kernel.text, FUNCTIONS, objects)
+        self._module = target.compiled(self.kernel.text, FUNCTIONS, objects)
 
     @property
     def outputs(self) -> int:
@@ -93,38 +96,39 @@ class VectorCode:
         of_vector = np.searchsorted(pairs[:, 0], np.arange(1, vectors))
         stops = [part.tolist() for part in np.split(pairs[:, 1], of_vector)]  # marks at which lanes of a vector end
         row_of = {(v, m): row for row, (v, m) in enumerate(pairs.tolist())}
-        group = LaneGroup(self.kernel, self._module, lanes, vectors, CHUNK, len(pairs))
-        shared = buffer(len(marks), self.kernel.group_state.bytes)
-        ends, begins, done = marks.tolist(), course.begins.tolist(), 0
-        if course.trunk is not None:
-            group.go()
-            self._go_on(group, course, course.trunk)
-        for first in range(course.first, course.last, CHUNK):
-            until = min(first + CHUNK, course.last)
-            group.turn(first)
-            now = first
-            for m, end in enumerate(ends):
-                if first < end <= until:
-                    group.share(now, end, at(shared, m))
-                    now = end
-            if now < until:
-                group.share(now, until)
-            for v, begin in enumerate(begins):
-                now = before = max(first, begin)
-                for m in stops[v]:
-                    stop = min(ends[m], until)
-                    if now < stop:
-                        group.advance(v, now, stop)
-                        now = stop
-                    if first < ends[m] <= until:
-                        group.finish(v, row_of[v, m], at(shared, m))
-                done += max(0, now - before)
-            if done >= AT_ONCE or until == course.last:
+        with self._module.workspace() as space:
+            group = LaneGroup(self.kernel, space, lanes, vectors, CHUNK, len(pairs))
+            shared = space.buffer(len(marks), self.kernel.group_state.bytes)
+            ends, begins, done = marks.tolist(), course.begins.tolist(), 0
+            if course.trunk is not None:
                 group.go()
-                if progress is not None and done:
-                    progress(done * self.width)
-                done = 0
-        columns = group.columns()
+                self._go_on(group, course, course.trunk)
+            for first in range(course.first, course.last, CHUNK):
+                until = min(first + CHUNK, course.last)
+                group.turn(first)
+                now = first
+                for m, end in enumerate(ends):
+                    if first < end <= until:
+                        group.share(now, end, at(shared, m))
+                        now = end
+                if now < until:
+                    group.share(now, until)
+                for v, begin in enumerate(begins):
+                    now = before = max(first, begin)
+                    for m in stops[v]:
+                        stop = min(ends[m], until)
+                        if now < stop:
+                            group.advance(v, now, stop)
+                            now = stop
+                        if first < ends[m] <= until:
+                            group.finish(v, row_of[v, m], at(shared, m))
+                    done += max(0, now - before)
+                if done >= AT_ONCE or until == course.last:
+                    group.go()
+                    if progress is not None and done:
+                        progress(done * self.width)
+                    done = 0
+            columns = group.columns()
         if len(pairs) == vectors:
             return columns
         mine = place.reshape(-1) * self.width + np.tile(np.arange(self.width), vectors)
@@ -138,25 +142,26 @@ class VectorCode:
         state_words = self._state_words[0]
         shared_words = self.kernel.group_state.bytes // 4
         every = trunk.spacing(last, len(state_words) + shared_words)
-        group = LaneGroup(self.kernel, self._module, lanes, 1, every, max(1, len(ends)))
-        state, shared = (a.view(np.uint32)[0] for a in (group.state, group.group_state))
-        snapshots = Trunk.room(every, max(1, -(-last // every)), shared_words, len(state_words))
-        row_of = {end: row for row, end in enumerate(ends.tolist())}
-        now = 0
-        for mark in sorted({*range(0, last, every), *row_of}):
-            for first in range(now, mark, every):
-                until = min(first + every, mark)
-                group.turn(first)
-                group.share(first, until)
-                group.advance(0, first, until)
-            now = mark
-            if mark in row_of:
-                group.finish(0, row_of[mark])
-            if mark < last and mark % every == 0:
-                group.go()
-                snapshots.lane[mark // every], snapshots.group[mark // every] = state[state_words], shared
-        group.go()
-        return snapshots, [column[:: self.width][: len(ends)] for column in group.columns()]
+        with self._module.workspace() as space:
+            group = LaneGroup(self.kernel, space, lanes, 1, every, max(1, len(ends)))
+            state, shared = (a.view(np.uint32)[0] for a in (group.state, group.group_state))
+            snapshots = Trunk.room(every, max(1, -(-last // every)), shared_words, len(state_words))
+            row_of = {end: row for row, end in enumerate(ends.tolist())}
+            now = 0
+            for mark in sorted({*range(0, last, every), *row_of}):
+                for first in range(now, mark, every):
+                    until = min(first + every, mark)
+                    group.turn(first)
+                    group.share(first, until)
+                    group.advance(0, first, until)
+                now = mark
+                if mark in row_of:
+                    group.finish(0, row_of[mark])
+                if mark < last and mark % every == 0:
+                    group.go()
+                    snapshots.lane[mark // every], snapshots.group[mark // every] = state[state_words], shared
+            group.go()
+            return snapshots, [column[:: self.width][: len(ends)] for column in group.columns()]
 
     @cached_property
     def _state_words(self) -> np.ndarray:

@@ -18,6 +18,7 @@ from ravenjax.engines import traced
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.code import LaneCourse, VectorCode
 from ravenjax.engines.cpu.kernel import VectorKernel
+from ravenjax.engines.cpu.target import CodeTarget
 from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram, Tracer
 from ravenjax.engines.lanes import Lanes
 from ravenjax.engines.trunk import Trunk
@@ -40,11 +41,18 @@ class SimdKernel:
     """A traced program and its compiled forms."""
 
     def __init__(
-        self, program: TickProgram, lanes: int, objects: jit.Objects | None = None, signals: bool = False
+        self,
+        program: TickProgram,
+        lanes: int,
+        objects: jit.Objects | None = None,
+        signals: bool = False,
+        target: CodeTarget | None = None,
     ) -> None:
-        """signals: every signal goes out in each tick, and lanes run one by one."""
+        """signals: every signal goes out in each tick, and lanes run one by one. target: this machine's CPU if left
+        out."""
         self.program, self.lanes, self.signals = program, lanes, signals
-        self.width = 1 if signals else jit.host().width
+        self._target: CodeTarget = target or jit.host()
+        self.width = 1 if signals else self._target.width
         self._objects = objects
         self._forms: traced.Forms | None = None
         self._dtype = np.dtype(program.setup.precision.real)
@@ -168,7 +176,7 @@ class SimdKernel:
 
     def _is_kept(self, grouped: bool) -> bool:
         """Whether the form of code is on disk, which is to have it for next to nothing."""
-        return self._forms is not None and self._forms.keeps(VectorKernel, self._printing_key(grouped))
+        return self._forms is not None and self._forms.keeps(VectorKernel, self._key(grouped))
 
     def _tables(self, motion: tuple[np.ndarray, ...]) -> np.ndarray:
         """The columns of the motion one after the other."""
@@ -182,22 +190,20 @@ class SimdKernel:
         return self._forms.traced
 
     def _key(self, grouped: bool) -> tuple[Any, ...]:
-        return "simd", self.signals, grouped, self.width
+        return self._target.name, self.signals, grouped, self.width, self._target.text
 
     def _trace(self, block: Block, motion: tuple[np.ndarray, ...]) -> traced.Forms:
         self._forms = self._forms or traced.forms(self.program, block, motion, self._objects)
         return self._forms
-
-    def _printing_key(self, grouped: bool) -> tuple[Any, ...]:
-        return *self._key(grouped), jit.host().text
 
     def _code(self, block: Block, motion: tuple[np.ndarray, ...], grouped: bool) -> VectorCode:
         forms = self._trace(block, motion)
 
         def make() -> VectorCode:
             loop = forms.traced.loop if self.signals else forms.traced.without_signals()
-            printed = functools.partial(forms.printed, VectorKernel, self._printing_key(grouped))
-            return VectorCode(loop, len(self.program.varied), grouped, self.width, self._objects, printed)
+            printed = functools.partial(forms.printed, VectorKernel, self._key(grouped))
+            shared = len(self.program.varied)
+            return VectorCode(loop, shared, grouped, self.width, self._objects, printed, self._target)
 
         return forms.code(self._key(grouped), make)
 
@@ -246,6 +252,13 @@ def _from_slots(column: np.ndarray, dtype: np.dtype) -> np.ndarray:
     return column.view(np.int32 if dtype.kind == "b" else dtype)[:: 8 // max(4, dtype.itemsize)].astype(dtype)
 
 
+def lanes_of_block(runs: int, threads: int, width: int) -> int:
+    """Lanes of a block in a campaign of so many runs: whole vectors."""
+    share = -(-runs // threads)
+    lanes = min(MAX_LANES, max(MIN_LANES, share // BLOCKS), share)
+    return -(-lanes // width) * width
+
+
 @dataclasses.dataclass(frozen=True)
 class SimdEngine:
     """All cores of a CPU, its widest vectors."""
@@ -265,9 +278,8 @@ class SimdEngine:
 
     def compile(self, program: TickProgram, runs: int) -> SimdKernel:
         """See `interface.Engine`. The block never depends on the chunk that results are stored in."""
-        width, share = jit.host().width, -(-runs // self.threads)
-        lanes = min(MAX_LANES, max(MIN_LANES, share // BLOCKS), share)
-        return SimdKernel(traced.printable(program), -(-lanes // width) * width, self.objects)
+        lanes = lanes_of_block(runs, self.threads, jit.host().width)
+        return SimdKernel(traced.printable(program), lanes, self.objects)
 
     def tracer(self, program: TickProgram, lanes: int) -> Tracer:
         """See `interface.Engine`. Lanes run one by one, to the same bits as in a campaign."""

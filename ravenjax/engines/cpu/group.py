@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.calls import CallList
 from ravenjax.engines.cpu.kernel import VectorKernel
-from ravenjax.engines.cpu.memory import BufferLayout
+from ravenjax.engines.cpu.memory import BufferLayout, buffer
+from ravenjax.engines.cpu.target import Workspace
 from ravenjax.engines.lanes import Lanes
 
 _SLOT = 8  # bytes, of the widest number
@@ -23,22 +23,26 @@ class LaneGroup:
     """
 
     def __init__(
-        self, kernel: VectorKernel, module: jit.HostModule, lanes: Lanes, vectors: int, rows: int, results: int
+        self, kernel: VectorKernel, space: Workspace, lanes: Lanes, vectors: int, rows: int, results: int
     ) -> None:
-        """rows, results: how many there is room for at a time."""
-        self._calls, self._lanes, self._width = CallList(module), lanes, kernel.inputs.width
+        """rows, results: how many there is room for at a time. What was written is there once `space` is closed."""
+        self._calls, self._lanes, self._width = CallList(space), lanes, kernel.inputs.width
         self._layout = kernel.results
-        self._inputs = packed(kernel.inputs, lanes.inputs, vectors)
-        self._group_inputs = packed(kernel.group_inputs, [column[:1] for column in lanes.inputs], 1)
-        self.state, self._prologue = buffer(vectors, kernel.state.bytes), buffer(vectors, kernel.prologue.bytes)
-        self.group_state, self.results = buffer(1, kernel.group_state.bytes), buffer(results, kernel.results.bytes)
-        self._rows, self._row_tick = buffer(rows, kernel.row.bytes), 0
-        self._out = np.empty((1, kernel.outputs, self._width * _SLOT), np.uint8) if lanes.out is None else lanes.out
-        self._tables, self._shared = lanes.tables.ctypes.data, at(self.group_state)
+        self._inputs = space.reads(packed(kernel.inputs, lanes.inputs, vectors))
+        self._group_inputs = space.reads(packed(kernel.group_inputs, [column[:1] for column in lanes.inputs], 1))
+        self.state, self._prologue = (space.buffer(vectors, one.bytes) for one in (kernel.state, kernel.prologue))
+        self.group_state, self.results = (
+            space.buffer(count, one.bytes) for count, one in ((1, kernel.group_state), (results, kernel.results))
+        )
+        self._rows, self._row_tick = space.buffer(rows, kernel.row.bytes), 0
+        nowhere = space.buffer(1, kernel.outputs * self._width * _SLOT).reshape(1, kernel.outputs, -1)
+        self._out = nowhere if lanes.out is None else space.writes(lanes.out)
+        self._read = space.reads(lanes.tick_inputs), space.reads(lanes.tables)  # they live as long as this
+        self._tables, self._shared = self._read[1].ctypes.data, at(self.group_state)
         mine = at(self._inputs), at(self._prologue), at(self.state)
         sizes = self._inputs.shape[1], self._prologue.shape[1], self.state.shape[1]
         self._of_vector = [tuple(a + v * n for a, n in zip(mine, sizes, strict=True)) for v in range(vectors)]
-        self._entering_at, self._row_at = lanes.tick_inputs.ctypes.data, at(self._rows)
+        self._entering_at, self._row_at = self._read[0].ctypes.data, at(self._rows)
         self._leaving_at, self._results_at = self._out.ctypes.data, at(self.results)
         self._calls.add("shared_begin", at(self._group_inputs), self._shared)
         for inputs, prologue, state in self._of_vector:
@@ -89,16 +93,9 @@ class LaneGroup:
 
     def _entering(self, tick: int) -> tuple[int, int, int]:
         """Where what enters a tick stands, bytes to that of the next one, and to the next number."""
-        series = self._lanes.tick_inputs
+        series = self._read[0]
         stride = series.strides[0] if len(series) > 1 else 0
         return self._entering_at + (tick - self._lanes.first) * stride, stride, series.strides[1]
-
-
-def buffer(rows: int, size: int) -> np.ndarray:
-    """Zeroed bytes [rows, size], on a cache line."""
-    raw = np.zeros(rows * size + 64, np.uint8)
-    start = -raw.ctypes.data % 64
-    return raw[start : start + rows * size].reshape(rows, size)
 
 
 def at(rows: np.ndarray, row: int = 0) -> int:

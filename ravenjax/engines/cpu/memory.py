@@ -76,6 +76,13 @@ class RowLayout:
         return [Place(pointer, offset) for offset in self.offsets]
 
 
+def buffer(rows: int, size: int) -> np.ndarray:
+    """Zeroed bytes [rows, size], on a cache line."""
+    raw = np.zeros(rows * size + 64, np.uint8)
+    start = -raw.ctypes.data % 64
+    return raw[start : start + rows * size].reshape(rows, size)
+
+
 def stored(dtype: str) -> np.dtype:
     """The type of a number in memory."""
     return np.dtype(np.int32 if dtype == "bool" else dtype)

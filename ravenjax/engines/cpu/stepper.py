@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from ravenjax.engines.cpu import jit
-from ravenjax.engines.cpu.group import at, buffer, packed
+from ravenjax.engines.cpu.group import at, packed
 from ravenjax.engines.cpu.kernel import FUNCTIONS, print_kernel
-from ravenjax.engines.cpu.memory import BufferLayout
+from ravenjax.engines.cpu.memory import BufferLayout, buffer
 from ravenjax.ir import lowering
 from ravenjax.ir.builder import contract
 from ravenjax.ir.time_loop import TimeLoop, split

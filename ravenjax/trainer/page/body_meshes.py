@@ -62,6 +62,20 @@ def _drawn(model: mujoco.MjModel, body: int) -> list[int]:
     ]
 
 
+def looks(model: mujoco.MjModel, body: int) -> list[list[int]]:
+    """Geoms of a body that look alike, together."""
+    return list(_looks(model, body).values())
+
+
+def colour(model: mujoco.MjModel, geom: int) -> np.ndarray:
+    """Of a geom, sRGB, 0 to 1."""
+    material = model.mat(int(model.geom_matid[geom]))
+    textured = [int(i) for i in material.texid if i >= 0]
+    own = model.geom_rgba[geom][:3]
+    plain = material.rgba[:3] if np.allclose(own, DEFAULT) else own
+    return _flat(model, textured[0]) * own if textured else plain
+
+
 def _looks(model: mujoco.MjModel, body: int) -> dict[tuple[float, ...], list[int]]:
     geoms: dict[tuple[float, ...], list[int]] = {}
     for geom in _drawn(model, body):
@@ -74,13 +88,9 @@ def _material(model: mujoco.MjModel, geom: int) -> PBRMaterial:
     """MuJoCo's colour and gloss as glTF has them: colours linear, roughness in place of shininess."""
     number = int(model.geom_matid[geom])
     material = model.mat(number)
-    textured = [int(i) for i in material.texid if i >= 0]
-    own = model.geom_rgba[geom][:3]
-    plain = material.rgba[:3] if np.allclose(own, DEFAULT) else own
-    colour = _flat(model, textured[0]) * own if textured else plain
     metal = material.name in ("steel", "silver", "extrusion")
     return PBRMaterial(
-        baseColorFactor=[*_linear(colour).tolist(), 1.0],
+        baseColorFactor=[*_linear(colour(model, geom)).tolist(), 1.0],
         metallicFactor=0.55 if metal else 0.0,
         roughnessFactor=float(np.clip(0.95 - 0.75 * material.shininess[0], 0.2, 1.0)),
         doubleSided=True,

@@ -29,7 +29,7 @@ class Windows:
 
     def watch(self, server: viser.ViserServer) -> None:
         """Set the scene's look, and know each client that comes."""
-        place, focus, fov = _pose(FIRST)
+        place, focus, fov = pose(FIRST)
         server.initial_camera.position, server.initial_camera.look_at = place, focus
         server.initial_camera.up, server.initial_camera.fov = (0.0, 0.0, 1.0), fov
         server.initial_camera.near = 0.01
@@ -54,7 +54,7 @@ class Windows:
         if handle is None:
             return
         if told["do"] == "camera" and name in CAMERAS:
-            place, focus, fov = _pose(name)
+            place, focus, fov = pose(name)
             with handle.atomic():
                 handle.camera.position, handle.camera.look_at = place, focus
                 handle.camera.up_direction, handle.camera.fov = (0.0, 0.0, 1.0), fov
@@ -68,7 +68,7 @@ class Windows:
             self._layers[key].visible = bool(told.get("on", True))
 
 
-def _pose(name: str) -> tuple[np.ndarray, np.ndarray, float]:
+def pose(name: str) -> tuple[np.ndarray, np.ndarray, float]:
     """Position and point looked at, m, and field of view upward, rad, of the model's camera."""
     camera = arm_model.scene().camera(name)
     focus = np.array(_FOCUS[name])

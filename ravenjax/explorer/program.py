@@ -1,0 +1,398 @@
+"""A campaign's tick as WebAssembly, and all that a page needs to know to ask it questions: one JSON object.
+
+`description` makes it. Numbers are single precision or 32-bit integers, binaries and motion base64 of little-endian
+words. `static/engine.js` reads it:
+
+    {
+      "campaign": "quick", "robot": "raven2", "title": "Raven-II", "arms": ["gold"], "joints": ["shoulder", ..],
+      "ticks": 3000,                 ms of a run, a tick each
+      "limit_mm": 3.0,               distance of a hazard
+      "cue": 0,                      the haptic set that the verdict counts
+      "parameters": [                what a question may change, in the order of a run's inputs
+        {"path": "operator.scale", "value": 0.1, "type": "float32", "unit": "", "low": 0, "high": 1, "whole": false,
+         "meaning": "tip motion per hand motion"}, ..],
+      "observe_ms": null,            observation after the last fault ends, or null: to the end of the run
+      "slots": 1,                    faults that a run may have, at most
+      "channels": [                  where faults strike; a fault's code is the channel's place in this list, from 1
+        {"site": "usb_out", "layer": "USB out, motors", "arm": "gold", "channel": "shoulder", "kind": "int16",
+         "unit": "counts", "low": -32768, "high": 32767, "bits": 16, "effects": ["overwrite", "latch_offset"],
+         "values": {"overwrite": [-19990.0, 19870.0], ..}}, ..],      what the campaign's own faults have there
+      "effects": {"overwrite": {"code": 0, "value": "number", "meaning": "x becomes the value"}, ..},
+                                     "channel", "plain", "constant" where an effect of the network stands for another
+      "triggers": {"time": 0}, "fields": {"code": "int32", .., "key": "uint32"}, "forever": 1073741824,
+      "motion": "..",                base64, the operator's motion: float32 columns one after the other
+      "programs": {"outcomes": PROGRAM, "replay": PROGRAM},
+      "verdict": {                   the words of outcomes, and what each check counts as
+        "responses": [..], "told": [..], "untold": [..], "hazards": [..], "cues": [..], "halt_ms": 200,
+        "checks": [{"name": "overdrive_instant", "cause": "overdrive", "response": "stopped", "unit": "DAC counts",
+                    "meaning": ".."}, ..],
+        "failures": ["", "tip not finite", ..], "may_be_infinite": [..], "cables": ["", "gold shoulder", ..],
+        "kept_of_golden": [..]},
+      "thresholds_mm": [3, 2, 4, 5],  of the haptic sets: value of parameter haptics.cues.K.threshold_m in mm
+      "examples": [{"group": "dac_unchecked", "site": .., "value": .., "start_ms": .., "duration_ms": ..}, ..],
+      "worker": ".."                 text of static/worker.js: a page starts it from a Blob
+    }
+
+A PROGRAM is a module and where its numbers stand in memory, in bytes:
+
+    {
+      "binary": "..",                base64 of a WebAssembly module; it imports env.__linear_memory, nothing else
+      "width": 4,                    robots side by side in a vector
+      "inputs": {"types": ["float32", ..], "offsets": [0, 16, ..], "bytes": 176},    parameters, then slots' fields
+      "group_inputs": {..},          the same, one number each: of what all lanes share
+      "results": {"types": .., "offsets": .., "bytes": ..}, "outcomes": ["active_ticks", ..],
+      "state_bytes": 4704, "group_state_bytes": 144, "held_bytes": 2112, "row_bytes": 264,
+      "series": 6,                   numbers that a golden run leaves in each tick, and a faulty run reads
+      "outputs": [                   of `replay` alone: 32-bit words that go out in each tick behind the series
+        {"name": "gold/jpos", "shape": [7], "types": ["float32", ..], "scales": [1.0, ..]}, ..]
+    }
+"""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import fnmatch
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ravenjax.campaign import outcomes, plan
+from ravenjax.campaign.faults import table
+from ravenjax.campaign.file import bounds
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.plan import Plan
+from ravenjax.engines import traced
+from ravenjax.engines.cpu.kernel import FUNCTIONS, print_kernel
+from ravenjax.engines.cpu.memory import BufferLayout
+from ravenjax.engines.interface import Block
+from ravenjax.engines.traced_tick import TracedTick
+from ravenjax.engines.wasm import code
+from ravenjax.errors import UserError
+from ravenjax.faults.fault import FaultSlot
+from ravenjax.ir.time_loop import TimeLoop, split
+from ravenjax.numbers import paths, tree
+from ravenjax.outcomes import verdict
+from ravenjax.store import schema
+from ravenjax.vocabulary import checks, failures
+from ravenjax.vocabulary.effects import EFFECT_CODES, EFFECTS, NETWORK_EFFECTS, TRIGGER_CODES
+from ravenjax.vocabulary.sites import Channel
+
+PARAMETERS = (
+    "operator.scale",
+    "haptics.cues",
+    "control.motor_control.kp",
+    "control.overdrive",
+    "control.teleoperation.timeout_ticks",
+    "plc.watchdog_ticks",
+    "plant.friction_scale",
+    "plant.cable_stiffness_scale",
+    "plant.motor_constant_scale",
+    "plant.mass_scale",
+)
+"""What a question may change beside what the campaign varies: parameters, and all that begin so. Each one costs a
+little speed, as what follows from it is no longer known when code is printed."""
+
+SERIES = (
+    "runlevel",
+    "surgeon_mode",
+    "soft_estopped",
+    "brakes",
+    "packet_received",
+    "fault*_active",
+    "*/jpos",
+    "*/jpos_d",
+    "*/mvel",
+    "*/tau_d",
+    "*/current_cmd_cnt",
+    "*/dac_cnt",
+    "*/position",
+    "*/position_d",
+    "*/link_jpos",
+    "*/tip",
+    "*/model_position",
+    "*/model_jpos",
+    "*/tip_error_mm",
+    "*/cue_force",
+    "*/cable_tension",
+)
+"""Time series of a replay, as `store.logs.time_series` names them; * stands for any arm or number."""
+
+
+def question_plan(config: CampaignConfig) -> Plan:
+    """The campaign's plan, its program open to every question of a page. Raises UserError for what a page cannot do."""
+    ready = plan.make(config)
+    if ready.keys:
+        raise UserError(
+            f"{', '.join(ready.keys)} is drawn anew in each run, which a page does not do: leave noise, bursts "
+            "and drawn packets out of the campaign"
+        )
+    program = ready.program
+    values = dict(ready.varied)
+    covered = {full for path in values for full in paths.named(program.params, program.setup, path)}
+    for full, own in paths.leaves(program.params, program.setup):
+        path = paths.shorten(full, program.setup.arms)
+        if not _asked(path) or full in covered:
+            continue
+        of_path = paths.named(program.params, program.setup, path)
+        covered.update(of_path)
+        dtype = program.setup.precision.real if np.asarray(own).dtype.kind == "f" else np.int32
+        values[path] = np.full(ready.runs, own, dtype)
+    # The program's own ends freeze lanes; a page stops them from outside, as printed code is.
+    program = dataclasses.replace(program, varied=tuple(values))
+    return dataclasses.replace(ready, program=program, varied=values)
+
+
+def _asked(path: str) -> bool:
+    return any(path == start or path.startswith(f"{start}.") for start in PARAMETERS)
+
+
+def description(config: CampaignConfig) -> dict[str, Any]:
+    """The JSON object of a campaign, as above. Raises UserError."""
+    ready = question_plan(config)
+    program, robot = ready.program, config.robot
+    printable = traced.printable(program)
+    tick = traced.trace(printable, Block(*ready.lanes([0], 1), None), ready.columns)
+    shared = len(program.varied)
+    return {
+        "campaign": config.campaign.name,
+        "robot": robot.name,
+        "title": robot.title,
+        "arms": list(program.setup.arms),
+        "joints": list(robot.joints),
+        "ticks": program.ticks,
+        "limit_mm": config.outcomes.limit_mm,
+        "cue": config.outcomes.cue,
+        "thresholds_mm": [cue.threshold_m * 1e3 for cue in config.haptics.cues()],
+        "parameters": [_parameter(ready, path) for path in program.varied],
+        "observe_ms": config.campaign.observe_ms,
+        "slots": program.setup.injection.slots,
+        "channels": _channels(ready),
+        "effects": _effects(),
+        "triggers": {name: TRIGGER_CODES[name] for name in program.setup.injection.triggers},
+        "fields": {field.name: str(np.dtype(table.ARRAYS[field.name])) for field in dataclasses.fields(FaultSlot)},
+        "forever": table.FOREVER_TICKS,
+        "motion": _base64(b"".join(np.ascontiguousarray(column).tobytes() for column in ready.columns)),
+        "programs": {
+            "outcomes": _outcomes_program(tick, shared),
+            "replay": _replay_program(ready, tick, shared),
+        },
+        "verdict": _verdict(config, tick),
+        "examples": _examples(ready),
+        "worker": Path(__file__).with_name("static").joinpath("worker.js").read_text(encoding="utf-8"),
+    }
+
+
+def _base64(content: bytes) -> str:
+    return base64.b64encode(content).decode()
+
+
+# --- what may be asked ---
+
+
+def _parameter(ready: Plan, path: str) -> dict[str, Any]:
+    program, robot = ready.program, ready.config.robot
+    own = next(iter(paths.named(program.params, program.setup, path).values()))
+    of_path = bounds.of(robot, path)
+    limits = of_path[0] if of_path else None
+    dtype = ready.varied[path].dtype
+    return {
+        "path": path,
+        "value": float(str(np.asarray(own, dtype)[()])) if dtype.kind == "f" else int(own),
+        "type": str(dtype),
+        "unit": limits.unit if limits else "",
+        "low": limits.low if limits else None,
+        "high": limits.high if limits else None,
+        "whole": dtype.kind != "f",
+        "meaning": limits.meaning if limits else "",
+    }
+
+
+def _channels(ready: Plan) -> list[dict[str, Any]]:
+    injection, robot = ready.program.setup.injection, ready.config.robot
+    effects = {use.site: use.effects for use in injection.sites}
+    values = _values(ready)
+    rows = []
+    for place, (site, arm, name) in enumerate(table.targets(injection)):
+        channel = robot.sites[site].channel(name)
+        low, high = _extent(channel)
+        of_channel = [effect for effect, stands in NETWORK_EFFECTS.items() if site == "network" and stands[0] == name]
+        rows.append(
+            {
+                "site": site,
+                "layer": robot.layer(site),
+                "arm": arm,
+                "channel": name,
+                "kind": channel.kind,
+                "unit": channel.unit,
+                "low": low,
+                "high": high,
+                "bits": channel.bits,
+                "effects": of_channel or list(effects[site]),
+                "values": _of_network(values.get(place + 1, {}), of_channel),
+            }
+        )
+    return rows
+
+
+def _of_network(values: dict[str, list[float]], effects: list[str]) -> dict[str, list[float]]:
+    """The same by the effect of the network that a page knows."""
+    return {effects[0]: next(iter(values.values()))} if effects and values else values
+
+
+def _extent(channel: Channel) -> tuple[float | None, float | None]:
+    """What a channel can hold; None: any number."""
+    if channel.field is not None:
+        return channel.field.low, channel.field.high
+    if channel.kind == "float":
+        return None, None
+    if channel.kind == "bool":
+        return 0, 1
+    return -(2 ** (channel.bits - 1)), 2 ** (channel.bits - 1) - 1
+
+
+def _values(ready: Plan) -> dict[int, dict[str, list[float]]]:
+    """Code of a channel -> effect -> least and greatest value that the campaign's own faults have there."""
+    names = {number: name for name, number in EFFECT_CODES.items()}
+    extents: dict[int, dict[str, list[float]]] = {}
+    columns = (ready.faults[name].reshape(-1).tolist() for name in ("code", "effect", "value"))
+    for channel, effect, value in zip(*columns, strict=True):
+        if channel:
+            low, high = extents.setdefault(channel, {}).get(names[effect], [value, value])
+            extents[channel][names[effect]] = [min(low, value), max(high, value)]
+    return extents
+
+
+def _effects() -> dict[str, dict[str, Any]]:
+    out: dict[str, dict[str, Any]] = {}
+    for name, effect in EFFECTS.items():
+        row: dict[str, Any] = {"code": EFFECT_CODES[name], "value": effect.value, "meaning": effect.meaning}
+        if effect.network is not None:
+            channel, plain, constant = effect.network
+            row |= {"code": EFFECT_CODES[plain], "channel": channel, "constant": constant}
+        out[name] = row
+    return out
+
+
+def _examples(ready: Plan) -> list[dict[str, Any]]:
+    """The first faulty run of each group: what its group is called, and its first fault."""
+    rows: dict[str, dict[str, Any]] = {}
+    words = {name: ready.rows.words(f"fault0_{name}").tolist() for name in table.WORDS}
+    numbers = {name: ready.rows.numbers(f"fault0_{name}").tolist() for name in ("value", "start_ms", "duration_ms")}
+    for row, group in enumerate(ready.rows.words("group").tolist()):
+        if group in rows or not words["site"][row]:
+            continue
+        value = numbers["value"][row]
+        rows[group] = {
+            "group": group,
+            **{name: of_row[row] for name, of_row in words.items()},
+            "value": None if np.isnan(value) else value,
+            "start_ms": numbers["start_ms"][row],
+            "duration_ms": numbers["duration_ms"][row],
+        }
+    return list(rows.values())
+
+
+def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
+    robot = config.robot
+    rules = [robot.check(name) for name in checks.names(tick.outcomes)]
+    return {
+        "responses": list(verdict.RESPONSES),
+        "told": list(verdict.TOLD),
+        "untold": list(verdict.UNTOLD),
+        "hazards": list(verdict.HAZARDS),
+        "cues": list(verdict.CUES),
+        "halt_ms": verdict.HALT_MS,
+        "checks": [
+            {
+                "name": check.name,
+                "cause": check.named_cause,
+                "response": check.response,
+                "watches": check.action == "watch",
+                "unit": check.unit,
+                "meaning": check.meaning,
+                "does": check.does,
+            }
+            for check in rules
+        ],
+        "failures": list(failures.CAUSES),
+        "failure_of_tip": failures.CODES["tip"],
+        "failure_of_outcome": failures.CODES["outcome"],
+        "may_be_infinite": list(outcomes.MAY_BE_INFINITE),
+        "cables": outcomes.cable_names(config),
+        "overload": schema.OVERLOAD,
+        "kept_of_golden": [name for name in tick.outcomes if schema.kept_of_golden(name)],
+    }
+
+
+# --- programs ---
+
+
+def _outcomes_program(tick: TracedTick, shared: int) -> dict[str, Any]:
+    return _printed(tick, tick.without_signals(), shared, code.WIDTH) | {"outputs": []}
+
+
+def _replay_program(ready: Plan, tick: TracedTick, shared: int) -> dict[str, Any]:
+    """One robot at a time, the numbers of some time series going out in each tick."""
+    rows = _series(ready, tick)
+    step, first = tick.loop.step, tick.loop.states + tick.series
+    leaves = [step.outputs[first + leaf] for row in rows for leaf in row["leaves"]]
+    loop = dataclasses.replace(tick.loop, step=dataclasses.replace(step, outputs=(*step.outputs[:first], *leaves)))
+    types = [str(np.dtype(dtype)) for dtype in tree.leaves(tick.signals)]
+    outputs = [
+        {
+            "name": row["name"],
+            "shape": row["shape"],
+            "types": [types[leaf] for leaf in row["leaves"]],
+            "scales": row["scales"],
+        }
+        for row in rows
+    ]
+    return _printed(tick, loop, shared, 1) | {"outputs": outputs}
+
+
+def _series(ready: Plan, tick: TracedTick) -> list[dict[str, Any]]:
+    """Of each time series of `SERIES`, the signals' leaf that each of its numbers is, and the factor before it.
+
+    Found by asking the robot for the series of signals of which one at a time is 1: a number that is a multiple of one
+    signal tells so. What is computed from several is left out: a page that wants it computes it.
+    """
+    dtypes = [np.dtype(dtype) for dtype in tree.leaves(tick.signals)]
+    probe = [np.zeros(len(dtypes) + 1, dtype) for dtype in dtypes]
+    for leaf, values in enumerate(probe):
+        values[leaf + 1] = 1
+    named = ready.config.robot.part("campaign").series(ready.program.setup, tree.filled(tick.signals, list(probe)))
+    rows = []
+    for name, values in named.items():
+        flat = np.asarray(values, np.float64).reshape(len(dtypes) + 1, -1)
+        alone = (np.count_nonzero(flat, axis=0) == 1) & (flat[0] == 0)
+        if alone.all() and any(fnmatch.fnmatchcase(name, pattern) for pattern in SERIES):
+            leaves = np.argmax(flat != 0, axis=0)
+            scales = [float(f"{flat[leaf, k]:.7g}") for k, leaf in enumerate(leaves)]
+            rows.append(
+                {"name": name, "shape": list(np.shape(values)[1:]), "leaves": (leaves - 1).tolist(), "scales": scales}
+            )
+    return rows
+
+
+def _printed(tick: TracedTick, loop: TimeLoop, shared: int, width: int) -> dict[str, Any]:
+    entering = range(len(loop.step.inputs) - loop.lane_inputs - loop.states)
+    kernel = print_kernel(split(loop, range(shared), entering), width, code.FEATURES)
+    return {
+        "binary": _base64(code.emit(kernel.text, FUNCTIONS)),
+        "width": width,
+        "inputs": _layout(kernel.inputs),
+        "group_inputs": _layout(kernel.group_inputs),
+        "results": _layout(kernel.results),
+        "outcomes": list(tick.outcomes),
+        "state_bytes": kernel.state.bytes,
+        "group_state_bytes": kernel.group_state.bytes,
+        "held_bytes": kernel.prologue.bytes,
+        "row_bytes": kernel.row.bytes,
+        "series": tick.series,
+    }
+
+
+def _layout(layout: BufferLayout) -> dict[str, Any]:
+    return {"types": list(layout.types), "offsets": list(layout.offsets), "bytes": layout.bytes}

@@ -1,0 +1,113 @@
+// One run beside its golden run: its events in time, its signals, and what differed first.
+
+import { millis, text } from "./verdicts.js";
+
+/** Signals in the order of the robot's tick: series, words, whether of an arm. */
+export const CHAIN = [
+  ["packet_received", "a packet arrives"],
+  ["surgeon_mode", "the pedal as the robot knows it"],
+  ["runlevel", "run level"],
+  ["mvel", "motor velocity that the software estimates"],
+  ["jpos", "joint position that the software estimates"],
+  ["position", "tip position that the software estimates"],
+  ["position_d", "tip position that is asked for"],
+  ["jpos_d", "joint position that is asked for"],
+  ["tau_d", "torque that is asked for"],
+  ["current_cmd_cnt", "motor command before the checks"],
+  ["soft_estopped", "software emergency stop"],
+  ["dac_cnt", "motor command that leaves the computer"],
+  ["brakes", "brakes"],
+  ["cable_tension", "cable tension"],
+  ["link_jpos", "true joint position"],
+  ["tip", "true tip of the instrument"],
+  ["cue_force", "force of the haptic cue"],
+];
+
+const names = (series, arms, name) => [name, ...arms.map((arm) => `${arm}/${name}`)].filter((one) => one in series);
+
+/** [{words, ms}] of signals that differ between the two runs, the soonest first; of one tick in the robot's order. */
+export function chain({ golden, faulty }, arms, ticks) {
+  const out = [];
+  for (const [place, [name, words]] of CHAIN.entries())
+    for (const one of names(faulty, arms, name)) {
+      const [a, b] = [golden[one], faulty[one]];
+      const first = a.findIndex((value, k) => value !== b[k] && !(Number.isNaN(value) && Number.isNaN(b[k])));
+      if (first >= 0) out.push({ words: arms.length > 1 && one.includes("/") ? `${words} (${one.split("/")[0]})` : words, ms: Math.floor(first / (a.length / ticks)), place });
+    }
+  return out.sort((a, b) => a.ms - b.ms || a.place - b.place);
+}
+
+/** Column k of a series of `width` numbers a tick. */
+export const column = (series, k, width) => Float32Array.from({ length: series.length / width }, (_, tick) => series[tick * width + k]);
+
+const WIDE = 1000;
+const LEFT = 8;
+
+const svg = (name, attributes, inner = "") =>
+  `<${name} ${Object.entries(attributes).map(([key, value]) => `${key}="${value}"`).join(" ")}>${inner}</${name}>`;
+
+/** Path of a series over the width, thinned to its extremes in each of WIDE places. */
+function path(values, low, high, height) {
+  const n = values.length;
+  const bins = Math.min(n, WIDE / 2);
+  const y = (value) => (height - ((Math.min(Math.max(value, low), high) - low) / (high - low)) * height).toFixed(1);
+  let out = "";
+  for (let bin = 0; bin < bins; bin += 1) {
+    const [from, to] = [Math.floor((bin * n) / bins), Math.max(Math.floor((bin * n) / bins) + 1, Math.floor(((bin + 1) * n) / bins))];
+    let [least, most] = [Infinity, -Infinity];
+    for (let k = from; k < to; k += 1) [least, most] = [Math.min(least, values[k]), Math.max(most, values[k])];
+    if (!Number.isFinite(least)) continue;
+    const x = ((from / n) * WIDE).toFixed(1);
+    out += `${out ? "L" : "M"}${x} ${y(least)}` + (most > least ? `L${x} ${y(most)}` : "");
+  }
+  return out;
+}
+
+/** One signal: title, unit, curves [{values, look}], a line at `limit`. */
+export function signal({ title, unit, curves, limit, height = 84 }) {
+  let [low, high] = [Infinity, -Infinity];
+  for (const { values } of curves) for (const value of values) if (Number.isFinite(value)) [low, high] = [Math.min(low, value), Math.max(high, value)];
+  if (limit !== undefined) [low, high] = [Math.min(low, 0), Math.max(high, limit * 1.15)];
+  if (!(high > low)) [low, high] = [low - 1, high + 1];
+  const lines = curves.map(({ values, look }) => svg("path", { d: path(values, low, high, height), class: look, "vector-effect": "non-scaling-stroke" })).join("");
+  const at = limit === undefined ? "" : height - ((limit - low) / (high - low)) * height;
+  const bar = limit === undefined ? "" : svg("line", { x1: 0, x2: WIDE, y1: at, y2: at, class: "limit", "vector-effect": "non-scaling-stroke" });
+  return `<figure class="signal"><figcaption><b>${title}</b> <span>${text(low)} to ${text(high)} ${unit}</span></figcaption>${svg(
+    "svg",
+    { viewBox: `0 0 ${WIDE} ${height}`, preserveAspectRatio: "none", style: `height:${height}px`, role: "img", "aria-label": `${title}, ${text(low)} to ${text(high)} ${unit}` },
+    bar + lines,
+  )}</figure>`;
+}
+
+/** Events of a run on lanes: [{lane, look, from, to, words}]. */
+export function events(outcome, fault, duration, checks) {
+  const end = fault.duration_ms === "end" ? duration : Math.min(duration, fault.start_ms + fault.duration_ms);
+  const out = [{ lane: "Fault", look: "fault", from: fault.start_ms, to: end, words: `the fault, ${fault.start_ms} to ${end} ms` }];
+  for (const { name, first_ms: ms } of outcome.tripped ?? [])
+    out.push({ lane: "Checks", look: "check", from: ms, to: ms, words: `${checks[name]?.meaning ?? name}, at ${millis(ms)}: ${checks[name]?.does ?? ""}` });
+  const cue = outcome[`cue${outcome.cue_set ?? 0}_first_ms`];
+  if (cue >= 0) out.push({ lane: "Cue", look: "cue", from: cue, to: cue, words: `the haptic cue begins, at ${millis(cue)}` });
+  for (const [column_, words] of [
+    ["unintended_first_ms", "unintended motion"],
+    ["loss_first_ms", "loss of motion"],
+    ["false_report_first_ms", "false report"],
+  ])
+    if (outcome[column_] >= 0) out.push({ lane: "Harm", look: "harm", from: outcome[column_], to: outcome[column_], words: `${words}, at ${millis(outcome[column_])}` });
+  return out;
+}
+
+/** The lanes as HTML: a bar or a mark each, placed in percent of the run. */
+export function lanes(all, duration) {
+  const percent = (ms) => `${((100 * ms) / duration).toFixed(3)}%`;
+  return ["Fault", "Checks", "Cue", "Harm"]
+    .map((lane) => {
+      const own = all.filter((one) => one.lane === lane);
+      const marks = own
+        .map(({ look, from, to, words }) => `<i class="${look}${to > from ? " spans" : ""}" style="left:${percent(from)};${to > from ? `width:max(3px,${percent(to - from)})` : ""}" title="${words.replaceAll('"', "")}"></i>`)
+        .join("");
+      return `<div class="lane"><span>${lane}</span><div class="track" data-lane="${lane}">${marks || '<em>none</em>'}</div></div>`;
+    })
+    .join("");
+}
+
+export { LEFT, WIDE };

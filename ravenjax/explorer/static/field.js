@@ -1,0 +1,284 @@
+// A map of outcomes over two axes: which points are asked first, and how it is drawn.
+
+import { label } from "./axes.js";
+import { CLASSES, LIGHT, classOf } from "./verdicts.js";
+
+const COARSE = 8; // points of an axis are first asked so many steps apart
+
+/** Points of a grid from coarse to fine: lists of [i, j, stride]; each point once. */
+export function levels(columns, rows) {
+  const out = [];
+  const done = new Set();
+  for (let stride = COARSE; stride >= 1; stride /= 2) {
+    const [across, up] = [columns, rows].map((n) => (n > 2 * COARSE ? stride : 1));
+    const points = [];
+    for (let j = 0; j < rows; j += up)
+      for (let i = 0; i < columns; i += across) {
+        const key = j * columns + i;
+        if (!done.has(key)) points.push([i, j]);
+        done.add(key);
+      }
+    if (points.length) out.push({ across, up, points });
+  }
+  return out;
+}
+
+const PAD = { left: 62, right: 10, top: 8, bottom: 46 };
+
+export class Field {
+  /** choose(i, j): what to do when a point is touched. */
+  constructor(canvas, choose) {
+    this.canvas = canvas;
+    this.pen = canvas.getContext("2d");
+    this.cells = new Map();
+    this.dots = [];
+    this.at = null;
+    this.wanted = false;
+    canvas.addEventListener("pointerdown", (event) => this.touched(event, choose));
+    canvas.addEventListener("pointermove", (event) => event.buttons && this.touched(event, choose));
+    new ResizeObserver(() => this.ask()).observe(canvas);
+  }
+
+  reset(across, up, dots) {
+    Object.assign(this, { across, up, dots });
+    this.cells.clear();
+    this.ask();
+  }
+
+  set(i, j, spread, outcome) {
+    this.cells.set(j * this.across.values.length + i, { i, j, spread, outcome });
+    this.ask();
+  }
+
+  /** A level is complete: each point that is known stands for as much as one of that level. */
+  settle(spread) {
+    for (const cell of this.cells.values()) cell.spread = spread;
+    this.ask();
+  }
+
+  get(i, j) {
+    return this.cells.get(j * this.across.values.length + i)?.outcome;
+  }
+
+  *outcomes() {
+    for (const { outcome } of this.cells.values()) yield outcome;
+  }
+
+  mark(i, j) {
+    this.at = [i, j];
+    this.ask();
+  }
+
+  ask() {
+    if (this.wanted) return;
+    this.wanted = true;
+    requestAnimationFrame(() => {
+      this.wanted = false;
+      this.draw();
+    });
+  }
+
+  get box() {
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    return { x: PAD.left, y: PAD.top, width: width - PAD.left - PAD.right, height: height - PAD.top - PAD.bottom };
+  }
+
+  touched(event, choose) {
+    if (!this.across) return;
+    const { x, y, width, height } = this.box;
+    const [columns, rows] = [this.across.values.length, this.up.values.length];
+    const i = Math.floor(((event.offsetX - x) / width) * columns);
+    const j = rows - 1 - Math.floor(((event.offsetY - y) / height) * rows);
+    if (i < 0 || j < 0 || i >= columns || j >= rows) return;
+    event.preventDefault();
+    choose(i, j);
+  }
+
+  draw() {
+    const { canvas, pen } = this;
+    const ratio = Math.min(3, window.devicePixelRatio || 1);
+    const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+    if (!width || !this.across) return;
+    if (canvas.width !== Math.round(width * ratio)) canvas.width = Math.round(width * ratio);
+    if (canvas.height !== Math.round(height * ratio)) canvas.height = Math.round(height * ratio);
+    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+    pen.clearRect(0, 0, width, height);
+    this.paint(new Brush(pen, canvas));
+  }
+
+  /** The map through a brush: a canvas or an SVG text. */
+  paint(brush) {
+    const { x, y, width, height } = this.box;
+    const [columns, rows] = [this.across.values.length, this.up.values.length];
+    const [wide, high] = [width / columns, height / rows];
+    brush.box(x, y, width, height, brush.colour("code"));
+    const cells = [...this.cells.values()].sort((a, b) => b.spread.across * b.spread.up - a.spread.across * a.spread.up);
+    for (const { i, j, spread, outcome } of cells) {
+      const [before, below] = [Math.floor(spread.across / 2), Math.floor(spread.up / 2)];
+      const [left, right] = [Math.max(0, i - before), Math.min(columns, i - before + spread.across)];
+      const [low, top] = [Math.max(0, j - below), Math.min(rows, j - below + spread.up)];
+      const name = classOf(outcome);
+      const [px, py] = [x + left * wide, y + height - top * high];
+      brush.box(px, py, (right - left) * wide + 0.4, (top - low) * high + 0.4, brush.colour(name));
+      const size = Math.min((right - left) * wide, (top - low) * high);
+      if (size >= 6) brush.mark(CLASSES[name].mark, px + ((right - left) * wide) / 2, py + ((top - low) * high) / 2, Math.min(4.5, size * 0.24), name);
+    }
+    for (const dot of this.dots) brush.dot(x + (dot.i + 0.5) * wide, y + height - (dot.j + 0.5) * high, brush.colour(classOf(dot)));
+    this.scales(brush, { x, y, width, height, wide, high });
+    if (this.at) brush.frame(x + this.at[0] * wide, y + height - (this.at[1] + 1) * high, wide, high);
+  }
+
+  scales(brush, { x, y, width, height, wide, high }) {
+    const ends = (axis, most) => {
+      const n = axis.values.length;
+      const step = Math.max(1, Math.ceil((n - 1) / most));
+      const places = [];
+      for (let k = 0; k < n; k += step) places.push(k);
+      return places;
+    };
+    const letters = Math.max(...this.across.values.map((value) => label(this.across, value).length));
+    for (const k of ends(this.across, Math.max(2, Math.floor(width / (7.5 * letters + 18)))))
+      brush.text(label(this.across, this.across.values[k]), x + (k + 0.5) * wide, y + height + 16, "center");
+    for (const k of ends(this.up, Math.max(3, Math.floor(height / 44))))
+      brush.text(label(this.up, this.up.values[k]), x - 7, y + height - (k + 0.5) * high + 4, "right");
+    brush.text(this.across.title, x + width / 2, y + height + 38, "center", true);
+    brush.turned(this.up.title, 13, y + height / 2);
+  }
+
+  svg() {
+    const brush = new SvgBrush(this.canvas);
+    this.paint(brush);
+    return brush.done(this.canvas.clientWidth, this.canvas.clientHeight);
+  }
+}
+
+const GRAVE = new Set(["unseen", "felt", "lost"]); // their marks stand out
+
+/** Colours of the page and shapes on a canvas. */
+class Brush {
+  constructor(pen, place) {
+    this.pen = pen;
+    this.style = getComputedStyle(place);
+  }
+
+  colour(name) {
+    return this.style.getPropertyValue(`--${name}`).trim();
+  }
+
+  ink(name) {
+    return LIGHT.has(name) ? "rgba(0,0,0,.5)" : `rgba(255,255,255,${GRAVE.has(name) ? 0.95 : 0.4})`;
+  }
+
+  box(x, y, width, height, colour) {
+    this.pen.fillStyle = colour;
+    this.pen.fillRect(x, y, width, height);
+  }
+
+  mark(shape, x, y, r, name) {
+    if (!shape) return;
+    const { pen } = this;
+    pen.strokeStyle = pen.fillStyle = this.ink(name);
+    pen.lineWidth = Math.max(1, r * 0.35);
+    pen.beginPath();
+    for (const [kind, ...at] of outline(shape, x, y, r)) pen[kind](...at);
+    if (shape === "cross" || shape === "dash" || shape === "ring") pen.stroke();
+    else pen.fill();
+  }
+
+  dot(x, y, colour) {
+    const { pen } = this;
+    pen.beginPath();
+    pen.arc(x, y, 4.5, 0, 7);
+    pen.fillStyle = colour;
+    pen.fill();
+    pen.lineWidth = 1.5;
+    pen.strokeStyle = this.colour("ink");
+    pen.stroke();
+  }
+
+  frame(x, y, width, height) {
+    const { pen } = this;
+    for (const [wide, colour] of [
+      [4, this.colour("paper")],
+      [2, this.colour("ink")],
+    ]) {
+      pen.lineWidth = wide;
+      pen.strokeStyle = colour;
+      pen.strokeRect(x - 2, y - 2, width + 4, height + 4);
+    }
+  }
+
+  text(words, x, y, align, strong = false) {
+    const { pen } = this;
+    pen.font = `${strong ? 13 : 12}px ${this.style.fontFamily}`;
+    pen.fillStyle = this.colour(strong ? "ink" : "soft");
+    pen.textAlign = align;
+    pen.fillText(words, x, y);
+  }
+
+  turned(words, x, y) {
+    const { pen } = this;
+    pen.save();
+    pen.translate(x, y);
+    pen.rotate(-Math.PI / 2);
+    this.text(words, 0, 0, "center", true);
+    pen.restore();
+  }
+}
+
+/** Steps of a path for a mark, as a canvas calls them. */
+export function outline(shape, x, y, r) {
+  if (shape === "cross") return [["moveTo", x - r, y - r], ["lineTo", x + r, y + r], ["moveTo", x - r, y + r], ["lineTo", x + r, y - r]];
+  if (shape === "dash") return [["moveTo", x - r, y], ["lineTo", x + r, y]];
+  if (shape === "square") return [["moveTo", x - r, y - r], ["lineTo", x + r, y - r], ["lineTo", x + r, y + r], ["lineTo", x - r, y + r]];
+  if (shape === "triangle") return [["moveTo", x, y - r], ["lineTo", x + r, y + r], ["lineTo", x - r, y + r]];
+  return [["arc", x, y, shape === "speck" ? r * 0.5 : r, 0, 2 * Math.PI]];
+}
+
+const escaped = (words) => words.replaceAll("&", "&amp;").replaceAll("<", "&lt;");
+
+/** The same as the text of an SVG file. */
+class SvgBrush extends Brush {
+  constructor(place) {
+    super(null, place);
+    this.parts = [];
+  }
+
+  box(x, y, width, height, colour) {
+    this.parts.push(`<rect x="${x.toFixed(2)}" y="${y.toFixed(2)}" width="${width.toFixed(2)}" height="${height.toFixed(2)}" fill="${colour}"/>`);
+  }
+
+  mark(shape, x, y, r, name) {
+    if (!shape) return;
+    const steps = outline(shape, x, y, r);
+    if (steps[0][0] === "arc") {
+      const look = shape === "ring" ? `fill="none" stroke="${this.ink(name)}"` : `fill="${this.ink(name)}"`;
+      this.parts.push(`<circle cx="${x.toFixed(2)}" cy="${y.toFixed(2)}" r="${steps[0][3].toFixed(2)}" ${look}/>`);
+      return;
+    }
+    const path = steps.map(([kind, px, py]) => `${kind === "moveTo" ? "M" : "L"}${px.toFixed(2)} ${py.toFixed(2)}`).join("");
+    const look = shape === "cross" || shape === "dash" ? `fill="none" stroke="${this.ink(name)}"` : `fill="${this.ink(name)}"`;
+    this.parts.push(`<path d="${path}" ${look}/>`);
+  }
+
+  dot(x, y, colour) {
+    this.parts.push(`<circle cx="${x.toFixed(2)}" cy="${y.toFixed(2)}" r="4.5" fill="${colour}" stroke="${this.colour("ink")}"/>`);
+  }
+
+  frame(x, y, width, height) {
+    this.parts.push(`<rect x="${x - 2}" y="${y - 2}" width="${width + 4}" height="${height + 4}" fill="none" stroke="${this.colour("ink")}" stroke-width="2"/>`);
+  }
+
+  text(words, x, y, align, strong = false) {
+    const anchor = { center: "middle", right: "end", left: "start" }[align];
+    this.parts.push(`<text x="${x.toFixed(1)}" y="${y.toFixed(1)}" text-anchor="${anchor}" font-size="${strong ? 13 : 12}" fill="${this.colour(strong ? "ink" : "soft")}">${escaped(words)}</text>`);
+  }
+
+  turned(words, x, y) {
+    this.parts.push(`<text transform="translate(${x} ${y.toFixed(1)}) rotate(-90)" text-anchor="middle" font-size="13" fill="${this.colour("ink")}">${escaped(words)}</text>`);
+  }
+
+  done(width, height) {
+    return `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 ${width} ${height}" font-family="sans-serif"><rect width="100%" height="100%" fill="${this.colour("paper")}"/>${this.parts.join("")}</svg>\n`;
+  }
+}

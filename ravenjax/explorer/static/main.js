@@ -1,0 +1,298 @@
+// The page: a question in words, controls, a map that fills itself, and one run in detail.
+
+import { command, read, toml, written } from "./address.js";
+import { AXES, axisOf, channelOf, nearest, siteOf, spanOf, unitOf, words } from "./axes.js";
+import { Controls } from "./controls.js";
+import { openEngine } from "./engine.js";
+import { Field, levels } from "./field.js";
+import { Run } from "./run.js";
+import { copy, csv, save } from "./saving.js";
+import { Table } from "./table.js";
+import { CLASSES, answer, classOf, count, told } from "./verdicts.js";
+import { icon } from "./legend.js";
+
+const $ = (id) => document.getElementById(id);
+const data = (name) => {
+  const place = $(`data-${name}`);
+  const value = JSON.parse(place.textContent);
+  place.remove();
+  return value;
+};
+const [campaign, description, figure, table] = ["campaign", "program", "figure", "table"].map(data);
+const MAP = 1; // priorities of questions: a run that is looked at goes first
+const RUN = 5;
+const WAIT_MS = 60; // a control that moves asks only when it rests so long
+
+/** Faults that a program may have: site -> channel -> effects. */
+const able = {};
+for (const { site, channel, effects } of description.channels) ((able[site] ??= {})[channel] = [...new Set([...(able[site][channel] ?? []), ...effects])]);
+
+/** The campaign's own fault that shows most: after the last check, if it has one. */
+function firstState() {
+  const own = description.examples.find(({ site }) => site === "usb_out") ?? description.examples.find(({ site }) => site in able);
+  const site = own?.site ?? Object.keys(able)[0];
+  const channel = own?.channel in able[site] ? own.channel : Object.keys(able[site])[0];
+  const effect = own && able[site][channel].includes(own.effect) ? own.effect : able[site][channel][0];
+  const start = Math.round((own?.start_ms ?? campaign.duration_ms / 3) / 50) * 50;
+  const fault = { site, arm: campaign.arms[0], channel, effect, value: 0, start_ms: start, duration_ms: 64 };
+  const span = spanOf(campaign, fault);
+  fault.value = span ? (span.whole ? Math.round(span.high / 2) : span.high / 2) : 0;
+  return { fault, across: span ? "value" : "start_ms", up: "duration_ms", changes: {}, open: false, ms: 0 };
+}
+
+const state = firstState();
+let engine = null;
+let token = null;
+let axes = {};
+
+/** Makes the state one that the program can compute. */
+function mend() {
+  const { fault } = state;
+  if (!(fault.site in able)) Object.assign(state, firstState());
+  const channels = able[fault.site];
+  if (!(fault.channel in channels)) fault.channel = Object.keys(channels)[0];
+  if (!channels[fault.channel].includes(fault.effect)) [fault.effect] = channels[fault.channel];
+  fault.arm = siteOf(campaign, fault).per_arm ? (campaign.arms.includes(fault.arm) ? fault.arm : campaign.arms[0]) : undefined;
+  const span = spanOf(campaign, fault);
+  if (!span) fault.value = undefined;
+  else if (!Number.isFinite(fault.value) || fault.value < span.low || fault.value > span.high) fault.value = span.whole ? Math.round(span.high / 2) : span.high / 2;
+  const several = Object.keys(channels).filter((name) => channels[name].includes(fault.effect)).length > 1;
+  const possible = Object.keys(AXES).filter((name) => (name === "value" ? span : name === "channel" ? several : true));
+  if (!possible.includes(state.across)) state.across = possible.find((name) => name !== state.up);
+  if (!possible.includes(state.up) || state.up === state.across) state.up = possible.find((name) => name !== state.across);
+  return possible;
+}
+
+const question = () => ({ ...engine.question(), ...state.changes });
+const at = (i, j) => ({ ...state.fault, [state.across]: axes.across.values[i], [state.up]: axes.up.values[j] });
+const judged = (outcome) => Object.assign(outcome, { cue_set: campaign.cue });
+
+const field = new Field($("field"), (i, j) => choose(i, j));
+const run = new Run(campaign, figure, { moved: (ms) => ((state.ms = ms), remember()), dragged: (start) => change({ start_ms: start }) });
+const controls = new Controls(campaign, description, able, { fault: change, set, axis });
+const rows = table && new Table(campaign, table, (fault, changes) => {
+  Object.assign(state, { changes });
+  change(fault, true);
+  open();
+  $("run").scrollIntoView({ block: "start" });
+});
+
+let waiting = 0;
+/** Asks anew as soon as the hand rests. */
+function soon() {
+  clearTimeout(waiting);
+  waiting = setTimeout(fill, WAIT_MS);
+}
+
+function change(fault, known = false) {
+  Object.assign(state.fault, fault);
+  const redrawn = known || Object.keys(fault).some((name) => name !== state.across && name !== state.up);
+  refresh(redrawn);
+  if (state.open) open();
+}
+
+function set(path, value) {
+  if (value === undefined) delete state.changes[path];
+  else state.changes[path] = value;
+  refresh(true);
+  if (state.open) open();
+}
+
+function axis(which, name) {
+  const other = which === "across" ? "up" : "across";
+  if (state[other] === name) state[other] = state[which];
+  state[which] = name;
+  refresh(true);
+}
+
+function refresh(redrawn) {
+  const possible = mend();
+  const channels = Object.keys(able[state.fault.site]).filter((name) => able[state.fault.site][name].includes(state.fault.effect));
+  axes = { across: axisOf(campaign, state.fault, state.across, channels), up: axisOf(campaign, state.fault, state.up, channels) };
+  controls.show(state, possible);
+  const spans = { [state.across]: axes.across.values, [state.up]: axes.up.values };
+  $("fault-words").textContent = words(campaign, state.fault, spans);
+  field.mark(nearest(axes.across, state.fault[state.across]), nearest(axes.up, state.fault[state.up]));
+  remember();
+  if (redrawn) soon();
+  else spot();
+}
+
+let remembering = 0;
+function remember() {
+  clearTimeout(remembering);
+  remembering = setTimeout(() => history.replaceState(null, "", written(state)), 200);
+}
+
+/** Fills the map from coarse to fine; a newer call gives up an older one. */
+async function fill() {
+  if (!engine) return;
+  if (token) engine.cancel(token);
+  const own = (token = {});
+  field.reset(axes.across, axes.up, rows ? rows.dots(state.fault, axes) : []);
+  const began = performance.now();
+  try {
+    for (const spread of levels(axes.across.values.length, axes.up.values.length)) {
+      const faults = spread.points.map(([i, j]) => at(i, j));
+      await engine.outcomes(question(), faults, {
+        priority: MAP,
+        token: own,
+        onOutcomes: (which, outcomes) => {
+          if (token !== own) return;
+          for (const [k, point] of which.entries()) field.set(...spread.points[point], spread, judged(outcomes[k]));
+          say();
+        },
+      });
+      if (token !== own) return;
+      field.settle(spread);
+      Object.assign(document.body.dataset, { points: field.cells.size, ms: Math.round(performance.now() - began) });
+    }
+    document.body.dataset.filled = "1";
+  } catch (error) {
+    if (error.name !== "AbortError") throw error;
+  }
+}
+
+let saying = false;
+function say() {
+  if (saying) return;
+  saying = true;
+  delete document.body.dataset.filled;
+  requestAnimationFrame(() => {
+    saying = false;
+    const counted = count(field.outcomes());
+    const [before, many, after] = answer(counted, campaign.limit_mm);
+    const strong = document.createElement("strong");
+    strong.textContent = many;
+    $("answer").replaceChildren(before, strong, after);
+    const all = axes.across.values.length * axes.up.values.length;
+    $("progress").textContent = counted.all < all ? `${counted.all} of ${all} operations` : `${all} operations`;
+    for (const item of $("legend").children) {
+      const k = counted.classes[item.dataset.class] ?? 0;
+      item.querySelector("b").textContent = k;
+      item.toggleAttribute("data-none", !k);
+      item.hidden = !k && ["failed", "phantom", "misreported", "lost", "limited", "flagged"].includes(item.dataset.class);
+    }
+    spot();
+  });
+}
+
+/** The point under the frame, in words. */
+function spot() {
+  if (!field.at) return;
+  const outcome = field.get(...field.at);
+  $("spot").textContent = outcome ? `${words(campaign, at(...field.at))}: ${CLASSES[classOf(outcome)].says}.` : "";
+}
+
+function choose(i, j) {
+  const fault = at(i, j);
+  change({ [state.across]: fault[state.across], [state.up]: fault[state.up] });
+  open();
+}
+
+let replaying = null;
+/** Shows the chosen run. */
+async function open() {
+  state.open = true;
+  if (!engine) return;
+  if (replaying) engine.cancel(replaying);
+  const own = (replaying = {});
+  const fault = { ...state.fault };
+  try {
+    const replay = await engine.replay(question(), fault, { priority: RUN, token: own });
+    if (replaying !== own) return;
+    judged(replay.outcome);
+    $("run").hidden = false;
+    $("told").textContent = told(replay.outcome, campaign.limit_mm).join(" ");
+    $("smallest").hidden = !spanOf(campaign, fault) || campaign.effects[fault.effect].value === "bit";
+    run.show(replay, fault, state.ms);
+    document.body.dataset.verdict = replay.outcome.verdict;
+  } catch (error) {
+    if (error.name !== "AbortError") throw error;
+  }
+  remember();
+}
+
+/** The smallest size that does harm, on the side of the present one. */
+async function search() {
+  const { smallest } = await import("./smallest.js");
+  const fault = { ...state.fault };
+  const span = spanOf(campaign, fault);
+  const kind = campaign.effects[fault.effect].value;
+  const usual = kind === "factor" || (kind === "number" && channelOf(campaign, fault).usual?.every((one) => one === 1)) ? 1 : 0;
+  const to = fault.value >= usual ? span.high : span.low;
+  $("said").textContent = "searching …";
+  const ask = (values) => engine.outcomes(question(), values.map((value) => ({ ...fault, value })), { priority: RUN });
+  const found = await smallest(ask, usual, to, span.whole, ({ unintended_first_ms: ms, failed }) => !failed && ms >= 0);
+  const unit = unitOf(campaign, fault);
+  if (found) change({ value: found.value });
+  $("said").textContent = found
+    ? `${found.value} ${unit} moves the tip more than ${campaign.limit_mm} mm; ${found.safe} ${unit} does not. ${found.runs} operations.`
+    : `no size up to ${to} ${unit} moves the tip more than ${campaign.limit_mm} mm at this moment.`;
+}
+
+const takes = () => Boolean(campaign.effects[state.fault.effect].value);
+const file = () => toml(campaign, state, takes(), question());
+const stem = () => `${campaign.name}_${state.fault.site}_${state.fault.effect}`;
+const writers = {
+  svg: () => save(field.svg(), "image/svg+xml", `${stem()}.svg`),
+  png: () => $("field").toBlob((blob) => save(blob, "image/png", `${stem()}.png`)),
+  csv: () => {
+    const all = [...field.cells.values()].map(({ i, j, outcome }) => ({ ...at(i, j), class: classOf(outcome), ...outcome, tripped: outcome.tripped.map(({ name }) => name).join(" ") }));
+    save(csv([...new Set(all.flatMap((row) => Object.keys(row)))], all), "text/csv", `${stem()}.csv`);
+  },
+  table: () => rows.save(),
+};
+const copies = {
+  toml: file,
+  command: () => command(file()),
+  map: () => toml(campaign, { ...state, fault: { ...state.fault, [state.across]: axes.across.values, [state.up]: axes.up.values } }, takes(), question()),
+};
+document.addEventListener("click", async ({ target }) => {
+  const button = target.closest("button");
+  if (button?.dataset.save) writers[button.dataset.save]();
+  if (button?.dataset.copy) {
+    const shown = button.textContent;
+    await copy(copies[button.dataset.copy]());
+    button.textContent = "copied";
+    setTimeout(() => (button.textContent = shown), 1500);
+  }
+});
+$("smallest").addEventListener("click", search);
+$("pin").addEventListener("click", () => run.keep());
+$("undo").addEventListener("click", () => {
+  state.changes = {};
+  refresh(true);
+  if (state.open) open();
+});
+$("field").addEventListener("keydown", (event) => {
+  const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
+  if (event.key === "Enter" || event.key === " ") open();
+  else if (step) {
+    const [i, j] = field.at;
+    const clamp = (k, axis_) => Math.max(0, Math.min(axis_.values.length - 1, k));
+    const fault = at(clamp(i + step[0], axes.across), clamp(j + step[1], axes.up));
+    change({ [state.across]: fault[state.across], [state.up]: fault[state.up] });
+  } else return;
+  event.preventDefault();
+});
+addEventListener("hashchange", () => {
+  const wanted = read(location.hash);
+  if (!wanted || location.hash === written(state)) return;
+  Object.assign(state, wanted);
+  refresh(true);
+  if (state.open) open();
+});
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => field.ask());
+
+$("legend").innerHTML = Object.entries(CLASSES)
+  .map(([name, { mark, says }]) => `<li data-class="${name}" data-none>${icon(name, mark)} <span><b>0</b> ${says}</span></li>`)
+  .join("");
+Object.assign(state, read(location.hash) ?? {});
+refresh(true);
+rows?.show();
+openEngine(description, { threads: Math.max(1, Math.min(8, navigator.hardwareConcurrency ?? 2)) }).then((opened) => {
+  engine = opened;
+  fill();
+  if (state.open) open();
+});

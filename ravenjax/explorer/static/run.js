@@ -1,0 +1,154 @@
+// One run in detail: the robot in three dimensions, its time line, its signals, and a run that is kept beside it.
+
+import { chain, column, events, lanes, signal } from "./course.js";
+import { Figure } from "./figure.js";
+import { length, millis, told } from "./verdicts.js";
+
+const $ = (id) => document.getElementById(id);
+const MOST_LINKS = 12;
+
+export class Run {
+  /** heard: {moved(ms), dragged(start_ms)}. */
+  constructor(campaign, figure, heard) {
+    Object.assign(this, { campaign, heard, description: figure, replay: null, kept: null, ms: 0, playing: false });
+    $("time").max = campaign.duration_ms - 1;
+    $("time").addEventListener("input", () => this.go(Number($("time").value)));
+    $("play").addEventListener("click", () => this.play(!this.playing));
+    $("to-fault").addEventListener("click", () => this.go(Math.max(0, this.fault.start_ms - 20)));
+    this.draggable();
+  }
+
+  show(replay, fault, ms) {
+    Object.assign(this, { replay, fault });
+    if (!this.figure && this.description) this.figure = new Figure($("figure"), this.description);
+    if (this.figure && !this.figure.ready) document.querySelector(".stage").hidden = true;
+    const { duration_ms: duration, checks } = this.campaign;
+    if (!this.dragging) $("lanes").innerHTML = lanes(events(replay.outcome, fault, duration, checks), duration);
+    this.signals();
+    this.chain();
+    this.numbers();
+    this.go(ms > 0 ? ms : this.interesting());
+  }
+
+  /** Where a look begins: at the harm, at the cue, or at the fault's end. */
+  interesting() {
+    const { outcome } = this.replay;
+    const harm = [outcome.unintended_first_ms, outcome.loss_first_ms, outcome.false_report_first_ms].filter((ms) => ms >= 0);
+    return harm.length ? Math.min(...harm) : Math.min(this.campaign.duration_ms - 1, this.fault.start_ms + 50);
+  }
+
+  go(ms) {
+    this.ms = Math.max(0, Math.min(this.campaign.duration_ms - 1, Math.round(ms)));
+    $("time").value = this.ms;
+    const arm = this.campaign.arms[0];
+    const apart = this.replay.faulty[`${arm}/deviation_mm`]?.[this.ms];
+    $("now").textContent = `${millis(this.ms)} · tip ${length(apart)} from where it would be`;
+    $("time").setAttribute("aria-valuetext", `${this.ms} ms, tip ${length(apart)} from where it would be`);
+    document.body.style.setProperty("--now", this.ms / this.campaign.duration_ms);
+    this.figure?.show(this.positions(this.replay.faulty), this.positions(this.replay.golden), apart);
+    this.heard.moved(this.ms);
+  }
+
+  positions(series) {
+    return Object.fromEntries(
+      this.campaign.arms.map((arm) => {
+        const all = series[`${arm}/link_jpos`] ?? series[`${arm}/jpos`];
+        const width = this.campaign.joints.length;
+        return [arm, all.subarray(this.ms * width, (this.ms + 1) * width)];
+      }),
+    );
+  }
+
+  play(on) {
+    this.playing = on;
+    $("play").textContent = on ? "Pause" : "Play";
+    $("play").setAttribute("aria-pressed", on);
+    if (!on) return;
+    if (this.ms >= this.campaign.duration_ms - 1) this.go(0);
+    let [last, at] = [performance.now(), this.ms];
+    const step = (now) => {
+      if (!this.playing) return;
+      at = (Math.abs(at - this.ms) > 1 ? this.ms : at) + (now - last) * Number($("speed").value);
+      last = now;
+      this.go(at);
+      if (at >= this.campaign.duration_ms - 1) this.play(false);
+      else requestAnimationFrame(step);
+    };
+    requestAnimationFrame(step);
+  }
+
+  /** Series of the struck joint and arm, with those of the golden run and of the kept one. */
+  signals() {
+    const { campaign, fault, replay, kept } = this;
+    const arm = fault.arm ?? campaign.arms[0];
+    const joint = Math.max(0, campaign.joints.indexOf(fault.channel));
+    const named = campaign.joints[joint].replaceAll("_", " ");
+    const width = campaign.joints.length;
+    const of = (name, k, n) => (series) => (n === 1 ? series[name] : column(series[name], k, n));
+    const wanted = [
+      { title: "Distance of the tip from where it would be", unit: "mm", name: `${arm}/deviation_mm`, n: 1, limit: campaign.limit_mm },
+      { title: `Motor command, ${named}`, unit: "counts", name: `${arm}/dac_cnt`, k: joint, n: width },
+      { title: `True joint position, ${named}`, unit: joint === 2 ? "m" : "rad", name: `${arm}/link_jpos`, k: joint, n: width },
+      { title: "Force of the cue", unit: "device units", name: `${arm}/cue_force`, k: campaign.cue, n: campaign.cues.cap.length },
+      { title: "Distance from the model that the cue watches", unit: "mm", name: `${arm}/tip_error_mm`, n: 1 },
+    ].filter(({ name }) => name in replay.faulty);
+    $("signals").innerHTML = wanted
+      .map(({ title, unit, name, k = 0, n, limit }) => {
+        const take = of(name, k, n);
+        const curves = [{ values: take(replay.golden), look: "golden" }, { values: take(replay.faulty), look: "own" }];
+        if (kept) curves.splice(1, 0, { values: take(kept.faulty), look: "kept" });
+        return signal({ title, unit, curves, limit });
+      })
+      .join("");
+  }
+
+  chain() {
+    const links = chain(this.replay, this.campaign.arms, this.campaign.duration_ms);
+    const item = ({ ms, words }) => {
+      const line = document.createElement("li");
+      line.innerHTML = `<time>${millis(ms)}</time><span></span>`;
+      line.lastChild.textContent = words;
+      return line;
+    };
+    const none = document.createElement("li");
+    none.textContent = "Nothing differs: the fault changes nothing that the robot does.";
+    $("chain").replaceChildren(...(links.length ? links.slice(0, MOST_LINKS).map(item) : [none]));
+  }
+
+  numbers() {
+    const rows = Object.entries(this.replay.outcome).filter(([, value]) => typeof value !== "object");
+    $("numbers-of-run").tBodies[0].innerHTML = rows.map(([name, value]) => `<tr><th scope="row">${name}</th><td>${typeof value === "number" ? Number(value.toPrecision(6)) : value}</td></tr>`).join("");
+  }
+
+  /** Keeps this run to compare others with, or lets the kept one go. */
+  keep() {
+    this.kept = this.kept ? null : this.replay;
+    $("pin").textContent = this.kept ? "Let the kept run go" : "Keep to compare";
+    $("pinned-key").hidden = $("pinned").hidden = !this.kept;
+    if (this.kept) $("pinned").textContent = `Kept: ${told(this.kept.outcome, this.campaign.limit_mm).join(" ")}`;
+    this.signals();
+  }
+
+  draggable() {
+    let from = null;
+    $("lanes").addEventListener("pointerdown", (event) => {
+      if (!event.target.classList.contains("fault")) return;
+      from = { x: event.clientX, start: this.fault.start_ms, bar: event.target, width: event.target.parentElement.clientWidth };
+      this.dragging = true;
+      event.target.setPointerCapture(event.pointerId);
+    });
+    $("lanes").addEventListener("pointermove", (event) => {
+      if (!from) return;
+      const { duration_ms: duration } = this.campaign;
+      const start = Math.max(0, Math.min(duration - 1, Math.round(from.start + ((event.clientX - from.x) / from.width) * duration)));
+      from.bar.style.left = `${(100 * start) / duration}%`;
+      if (start !== this.fault.start_ms) this.heard.dragged(start);
+    });
+    $("lanes").addEventListener("pointerup", () => {
+      from = null;
+      this.dragging = false;
+      const { duration_ms: duration, checks } = this.campaign;
+      $("lanes").innerHTML = lanes(events(this.replay.outcome, this.fault, duration, checks), duration);
+    });
+  }
+}

@@ -1,0 +1,73 @@
+// Runs of a result folder: shown on the map where they belong, and as a table.
+
+import { nearest, words } from "./axes.js";
+import { csv, save } from "./saving.js";
+import { CLASSES, classOf, text } from "./verdicts.js";
+import { icon } from "./legend.js";
+
+const $ = (id) => document.getElementById(id);
+const MOST = 60;
+const FAULT = ["site", "arm", "channel", "effect", "value", "start_ms", "duration_ms"];
+
+export class Table {
+  /** open(fault, changes): what a row's button does. */
+  constructor(campaign, { folder, cue, runs, columns }, open) {
+    Object.assign(this, { campaign, folder, runs, columns, open });
+    const names = Object.keys(columns);
+    this.rows = columns.run_id.map((_, k) => {
+      const row = Object.fromEntries(names.map((name) => [name, columns[name][k]]));
+      row.cue = row.verdict.endsWith("/cue");
+      row[`cue${cue}_first_ms`] = row.cue_ms;
+      return row;
+    });
+  }
+
+  fault(row) {
+    const fault = Object.fromEntries(FAULT.map((name) => [name, row[name]]));
+    if (!fault.arm) delete fault.arm;
+    if (fault.duration_ms < 0) fault.duration_ms = "end";
+    return fault;
+  }
+
+  changes(row) {
+    return Object.fromEntries(Object.entries(row).filter(([name, value]) => name.startsWith("param:") && value !== null).map(([name, value]) => [name.slice(6), value]));
+  }
+
+  /** Runs that lie on a map: same site, place and effect, whatever the axes do not hold. */
+  dots(fault, { across, up }) {
+    const held = ["site", "effect", "channel"].filter((name) => name !== across.name && name !== up.name);
+    return this.rows
+      .filter((row) => held.every((name) => row[name] === fault[name]))
+      .map((row) => ({ ...row, i: nearest(across, row[across.name]), j: nearest(up, row[up.name] < 0 ? Infinity : row[up.name]) }))
+      .filter(({ i, j }) => i >= 0 && j >= 0);
+  }
+
+  show() {
+    $("table").hidden = false;
+    const faulty = this.rows.filter(({ site }) => site);
+    $("table-lead").textContent = `${text(this.runs)} runs in ${this.folder}; circles on the map are those of the chosen fault, at the nearest square.`;
+    const counts = {};
+    for (const row of faulty) counts[classOf(row)] = (counts[classOf(row)] ?? 0) + 1;
+    $("table-which").innerHTML = Object.keys(CLASSES).filter((name) => counts[name]).map((name) => `<option value="${name}">${CLASSES[name].says} (${counts[name]})</option>`).join("");
+    $("table-which").addEventListener("change", () => this.fill(faulty));
+    this.fill(faulty);
+  }
+
+  fill(rows) {
+    const chosen = rows.filter((row) => classOf(row) === $("table-which").value).sort((a, b) => (b.unintended_mm ?? 0) - (a.unintended_mm ?? 0)).slice(0, MOST);
+    $("table-rows").replaceChildren(
+      ...chosen.map((row) => {
+        const line = document.createElement("tr");
+        const name = classOf(row);
+        line.innerHTML = `<th scope="row">${row.index}<small>${row.group.replaceAll("<", "&lt;")}</small></th><td class="left long"></td><td class="left">${icon(name, CLASSES[name].mark)} ${CLASSES[name].says}</td><td data-label="most, mm">${text(row.unintended_mm)}</td><td><button type="button">watch</button></td>`;
+        line.children[1].textContent = words(this.campaign, this.fault(row));
+        line.querySelector("button").addEventListener("click", () => this.open(this.fault(row), this.changes(row)));
+        return line;
+      }),
+    );
+  }
+
+  save() {
+    save(csv(Object.keys(this.columns), this.rows), "text/csv", `${this.folder}.csv`);
+  }
+}

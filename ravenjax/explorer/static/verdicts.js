@@ -1,0 +1,95 @@
+// What became of a run, in one word, and how that word looks: colour, mark for black and white, plain sentence.
+
+/** Strongest first, as a legend lists them. The names are those of a report. */
+export const CLASSES = {
+  unseen: { mark: "cross", says: "slips past the checks, no cue either" },
+  felt: { mark: "dot", says: "slips past the checks, the cue comes" },
+  lost: { mark: "dash", says: "instrument does not follow, nobody is told" },
+  misreported: { mark: "ring", says: "only the reported position is wrong" },
+  flagged: { mark: "triangle", says: "a check tells someone" },
+  stopped: { mark: "square", says: "a check stops the robot" },
+  phantom: { mark: "ring", says: "harmless, the cue comes all the same" },
+  limited: { mark: "speck", says: "harmless, a check limits the command" },
+  quiet: { mark: "", says: "harmless" },
+  failed: { mark: "dash", says: "no valid result" },
+};
+
+/** Those whose colour takes a dark mark. */
+export const LIGHT = new Set(["quiet", "limited", "phantom", "flagged", "misreported"]);
+
+/** The class of an outcome: of ravenjax/report/data/facts.py. */
+export function classOf(outcome) {
+  if (outcome.failed) return "failed";
+  if (outcome.response === "stopped" || outcome.response === "flagged") return outcome.response;
+  if (outcome.hazard === "unintended motion") return outcome.cue ? "felt" : "unseen";
+  if (outcome.hazard === "loss of motion") return "lost";
+  if (outcome.hazard === "false report") return "misreported";
+  if (outcome.cue) return "phantom";
+  return outcome.response === "limited" ? "limited" : "quiet";
+}
+
+/** Of outcomes: how many there are, evade, have the cue no later than the harm; and by class. */
+export function count(outcomes) {
+  const classes = {};
+  let evading = 0;
+  let ahead = 0;
+  let all = 0;
+  for (const outcome of outcomes) {
+    const name = classOf(outcome);
+    classes[name] = (classes[name] ?? 0) + 1;
+    evading += Number(outcome.evades);
+    ahead += Number(name === "felt" && outcome[`cue${outcome.cue_set ?? 0}_first_ms`] <= outcome.unintended_first_ms);
+    all += 1;
+  }
+  return { all, evading, ahead, classes };
+}
+
+const number = new Intl.NumberFormat("en", { maximumSignificantDigits: 4 });
+export const text = (value) => (Number.isFinite(value) ? number.format(value).replace("-", "−") : "–");
+/** A length as a person reads it. */
+export const length = (mm) => `${text(mm < 1 ? Number(mm.toPrecision(2)) : Math.round(10 * mm) / 10)} mm`;
+const MILLIS = new Intl.NumberFormat("en", { maximumFractionDigits: 1 });
+export const millis = (ms) => `${MILLIS.format(ms)} ms`;
+
+/** The answer of a map: [before, number, after]. */
+export function answer({ all, evading, ahead, classes }, limit) {
+  if (!all) return ["Asking the robot …", "", ""];
+  const after =
+    ` ${evading === 1 ? "slips" : "slip"} past every safety check and ${evading === 1 ? "moves" : "move"} the instrument ` +
+    `more than ${text(limit)} mm` +
+    (evading ? `; ${warned(classes.felt ?? 0, ahead, limit)}.` : ".");
+  return [`Of ${text(all)} faults like this, `, evading ? text(evading) : "none", after];
+}
+
+/** felt: of how many the cue comes; ahead: in how many no later than the harm. */
+function warned(felt, ahead, limit) {
+  if (!felt) return "the surgeon feels no cue";
+  const early = ahead === 0 ? "never" : ahead === felt ? "always" : `in ${text(ahead)}`;
+  return `the surgeon feels a cue in ${text(felt)}, ${early} before the ${text(limit)} mm`;
+}
+
+/** What became of one run, as a person says it. */
+export function told(outcome, limit) {
+  const sentences = [];
+  const name = classOf(outcome);
+  const harm = outcome.unintended_first_ms;
+  const onset = outcome.first_active_ms;
+  if (name === "failed") return [`This run gave no valid result: ${outcome.failed}.`];
+  if (name === "stopped") sentences.push(`A check stops the robot ${after(outcome.told_ms, onset)}.`);
+  else if (name === "flagged") sentences.push(`A check tells someone ${after(outcome.told_ms, onset)}; the robot goes on.`);
+  else if (outcome.evades) sentences.push("This fault slips past every safety check.");
+  else if (name === "limited") sentences.push("A check limits the command and tells nobody.");
+  else sentences.push("No check notices this fault.");
+  if (harm >= 0) sentences.push(`The tip moves more than ${text(limit)} mm off ${after(harm, onset)}, ${length(outcome.unintended_mm)} at most${name === "stopped" ? " until the robot stops" : ""}.`);
+  else if (outcome.hazard === "loss of motion") sentences.push("The instrument does not follow the surgeon.");
+  else if (outcome.hazard === "false report") sentences.push("The robot reports a wrong position of the tip; the instrument itself moves as asked.");
+  else sentences.push(`While the robot works, the tip goes ${length(Math.max(0, outcome.unintended_mm))} astray at most.`);
+  if (outcome.cue) {
+    const came = outcome[`cue${outcome.cue_set ?? 0}_first_ms`];
+    const ahead = harm >= 0 ? (came <= harm ? `, ${millis(harm - came)} before the harm` : `, ${millis(came - harm)} too late`) : "";
+    sentences.push(`The haptic cue comes ${after(came, onset)}${ahead}.`);
+  } else sentences.push("The haptic cue does not come.");
+  return sentences;
+}
+
+const after = (ms, onset) => (onset >= 0 && ms >= onset ? `${millis(ms - onset)} after the fault begins` : `at ${millis(ms)}`);

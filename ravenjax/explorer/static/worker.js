@@ -1,0 +1,274 @@
+// One core of an explorer page: runs batches of robots through a campaign's WebAssembly, four side by side.
+// A classic script, so that a page can start it from a Blob wherever the page lies, on disk too.
+"use strict";
+
+const CHUNK = 250; // ticks between two looks at the next vector of lanes: their rows stay in the cache
+const EVERY = 25; // ticks from one snapshot of the golden run to the next
+const PAGE = 65_536;
+const LINE = 64;
+
+/** A compiled program of the description, with its memory: buffers for `vectors` vectors of lanes. */
+class Program {
+  constructor(layout, module, ticks, motion, vectors) {
+    Object.assign(this, { layout, ticks, vectors });
+    this.memory = new WebAssembly.Memory({ initial: 1 });
+    this.code = new WebAssembly.Instance(module, { env: { __linear_memory: this.memory } }).exports;
+    this.end = LINE;
+    this.outputs = layout.series + layout.outputs.reduce((sum, output) => sum + output.types.length, 0);
+    this.step = 4 * layout.width; // bytes from one number that goes out to the next
+    this.inputs = this.room(vectors * layout.inputs.bytes);
+    this.groupInputs = this.room(layout.group_inputs.bytes);
+    this.state = this.room(vectors * layout.state_bytes);
+    this.held = this.room(vectors * layout.held_bytes);
+    this.group = this.room(layout.group_state_bytes);
+    this.rows = this.room(CHUNK * layout.row_bytes);
+    this.results = this.room(layout.results.bytes);
+    this.places = Int32Array.from(layout.results.offsets, (offset) => (this.results + offset) / 4);
+    this.nowhere = this.room(4 * layout.series); // zeros: what a run is compared with that is compared with nothing
+    this.sink = this.room(this.outputs * this.step);
+    this.tables = this.room(motion.byteLength);
+    this.given = this.room(4 * layout.series * ticks);
+    this.out = this.room(this.outputs * this.step * ticks);
+    this.memory.grow(Math.max(0, Math.ceil((this.end - this.memory.buffer.byteLength) / PAGE)));
+    this.words = new Int32Array(this.memory.buffer);
+    this.floats = new Float32Array(this.memory.buffer);
+    this.words.set(new Int32Array(motion), this.tables / 4);
+  }
+
+  room(bytes) {
+    const first = Math.ceil(this.end / LINE) * LINE;
+    this.end = first + bytes;
+    return first;
+  }
+
+  /** Lanes before their first tick: `parameters` words of all, `faults` words of each lane in turn, the last repeated. */
+  begin(parameters, faults, lanes) {
+    const { inputs, group_inputs: shared, width, state_bytes, held_bytes } = this.layout;
+    const fields = inputs.offsets.length - parameters.length;
+    const word = (lane, k) =>
+      k < parameters.length ? parameters[k] : faults[Math.min(lane, lanes - 1) * fields + k - parameters.length];
+    for (const [k, offset] of inputs.offsets.entries())
+      for (let lane = 0; lane < Math.ceil(lanes / width) * width; lane += 1) {
+        const vector = this.inputs + Math.floor(lane / width) * inputs.bytes;
+        this.words[(vector + offset) / 4 + (lane % width)] = word(lane, k);
+      }
+    for (const [k, offset] of shared.offsets.entries()) this.words[(this.groupInputs + offset) / 4] = word(0, k);
+    this.code.shared_begin(this.groupInputs, this.group);
+    for (let v = 0; v * width < lanes; v += 1)
+      this.code.lane_begin(this.inputs + v * inputs.bytes, this.state + v * state_bytes, this.held + v * held_bytes);
+  }
+
+  /** What enters tick `first`, bytes to that of the next tick. */
+  entering(first, compared) {
+    const stride = compared ? 4 * this.layout.series : 0;
+    return [compared ? this.given + first * stride : this.nowhere, BigInt(stride), 4n];
+  }
+
+  share(first, until, compared) {
+    const { code, groupInputs, group, tables, rows } = this;
+    code.shared_run(groupInputs, group, tables, ...this.entering(first, compared), rows, first, BigInt(until - first));
+  }
+
+  /** Vector `v` through ticks whose rows begin at `row`; keep: what goes out is kept, tick by tick. */
+  advance(v, row, first, until, compared, keep) {
+    const { inputs, state_bytes, held_bytes, row_bytes } = this.layout;
+    const size = this.outputs * this.step;
+    this.code.lane_run(
+      this.inputs + v * inputs.bytes,
+      this.held + v * held_bytes,
+      this.state + v * state_bytes,
+      this.tables,
+      ...this.entering(first, compared),
+      this.rows + (first - row) * row_bytes,
+      keep ? this.out + first * size : this.sink,
+      BigInt(keep ? size : 0),
+      BigInt(this.step),
+      BigInt(until - first),
+    );
+  }
+
+  /** Words of the results that lanes of vector `v` have now, as `lane` gives them. */
+  finish(v) {
+    const { inputs, state_bytes } = this.layout;
+    this.code.lane_finish(this.inputs + v * inputs.bytes, this.state + v * state_bytes, this.group, this.results);
+  }
+
+  /** Copy the results of a lane of the vector that finished last to `words` from `at` on. */
+  lane(lane, words, at) {
+    for (let k = 0; k < this.places.length; k += 1) words[at + k] = this.words[this.places[k] + lane];
+  }
+
+  /** The series that the run which was kept last left, for `given`. */
+  series() {
+    const { series } = this.layout;
+    const size = (this.outputs * this.step) / 4;
+    const values = new Int32Array(series * this.ticks);
+    for (let tick = 0; tick < this.ticks; tick += 1)
+      for (let k = 0; k < series; k += 1) values[tick * series + k] = this.words[this.out / 4 + tick * size + (k * this.step) / 4];
+    return values;
+  }
+
+  /** Compare runs with these series from now on. */
+  compare(series) {
+    this.words.set(series, this.given / 4);
+  }
+}
+
+/** Batches of runs beside the golden run of their question. */
+class Core {
+  constructor({ description, modules, motion, vectors }) {
+    const { programs, ticks } = description;
+    this.description = description;
+    this.ticks = ticks;
+    this.outcomes = new Program(programs.outcomes, modules.outcomes, ticks, motion, vectors);
+    this.replayed = null;
+    this.open = () => new Program(programs.replay, modules.replay, ticks, motion, 1);
+    this.question = null;
+  }
+
+  /** The golden run of a question, computed once: its series, its results at the end, its snapshots. */
+  golden(parameters) {
+    if (this.question !== null && this.question.every((word, k) => word === parameters[k])) return;
+    const one = this.outcomes;
+    const none = new Int32Array(one.layout.inputs.offsets.length - parameters.length);
+    this.question = null;
+    one.begin(parameters, none, 1);
+    for (let first = 0; first < this.ticks; first += CHUNK) {
+      const until = Math.min(first + CHUNK, this.ticks);
+      one.share(first, until, false);
+      one.advance(0, first, first, until, false, true);
+    }
+    this.last = new Int32Array(one.layout.outcomes.length);
+    one.finish(0);
+    one.lane(0, this.last, 0);
+    one.compare(one.series());
+    // Once more, compared with itself, as the runs are that go on from it.
+    one.begin(parameters, none, 1);
+    const { state_bytes: lanes, group_state_bytes: group } = one.layout;
+    this.snapshots = [];
+    this.ends = new Map();
+    for (let first = 0; first < this.ticks; first += EVERY) {
+      this.snapshots.push({
+        lanes: one.words.slice(one.state / 4, (one.state + lanes) / 4),
+        group: one.words.slice(one.group / 4, (one.group + group) / 4),
+      });
+      const until = Math.min(first + EVERY, this.ticks);
+      one.share(first, until, true);
+      one.advance(0, first, first, until, true, false);
+    }
+    this.question = parameters.slice();
+  }
+
+  /** Words of the golden run's results when a run ends at `end`. */
+  goldenAt(end, parameters) {
+    if (end === this.ticks) return this.last;
+    if (!this.ends.has(end)) {
+      const one = this.outcomes;
+      one.begin(parameters, new Int32Array(one.layout.inputs.offsets.length - parameters.length), 1);
+      const from = Math.min(Math.floor(end / EVERY), this.snapshots.length - 1);
+      this.restore(from, 0);
+      if (end > from * EVERY) {
+        one.share(from * EVERY, end, true);
+        one.advance(0, from * EVERY, from * EVERY, end, true, false);
+      }
+      const words = new Int32Array(one.layout.outcomes.length);
+      one.finish(0);
+      one.lane(0, words, 0);
+      this.ends.set(end, words);
+    }
+    return this.ends.get(end);
+  }
+
+  /** Put the group, and vector `v`, where the golden run was at a snapshot. */
+  restore(snapshot, v) {
+    const { outcomes: one, snapshots } = this;
+    one.words.set(snapshots[snapshot].lanes, (one.state + v * one.layout.state_bytes) / 4);
+    one.words.set(snapshots[snapshot].group, one.group / 4);
+  }
+
+  /** Results of runs: words [runs * outcomes], and the golden run's at their ends. */
+  run({ parameters, faults, acts, ends }) {
+    const { outcomes: one, ticks } = this;
+    const { width } = one.layout;
+    const runs = ends.length;
+    const size = one.layout.outcomes.length;
+    this.golden(parameters);
+    const usual = new Int32Array(runs * size);
+    for (let run = 0; run < runs; run += 1) usual.set(this.goldenAt(ends[run], parameters), run * size);
+    one.begin(parameters, faults, runs);
+    const begins = [];
+    for (let v = 0; v * width < runs; v += 1) {
+      const first = Math.min(...acts.subarray(v * width, (v + 1) * width));
+      const snapshot = Math.min(Math.max(0, Math.floor((first - 1) / EVERY)), this.snapshots.length - 1);
+      if (snapshot) this.restore(snapshot, v);
+      begins.push(snapshot * EVERY);
+    }
+    const begin = Math.min(...begins);
+    if (begin) one.words.set(this.snapshots[begin / EVERY].group, one.group / 4);
+    else one.code.shared_begin(one.groupInputs, one.group);
+    const marks = new Set([...ends, ...begins]);
+    for (let tick = begin; tick < ticks; tick += CHUNK) marks.add(tick);
+    const stops = [...marks].filter((mark) => mark >= begin).sort((a, b) => a - b);
+    const words = new Int32Array(runs * size);
+    const last = Math.max(...ends);
+    for (const [place, first] of stops.entries()) {
+      for (let v = 0; v < begins.length; v += 1) {
+        const mine = ends.subarray(v * width, (v + 1) * width);
+        if (!mine.includes(first)) continue;
+        one.finish(v);
+        for (const [lane, end] of mine.entries()) if (end === first) one.lane(lane, words, (v * width + lane) * size);
+      }
+      if (first >= last) break;
+      const until = stops[place + 1] ?? last;
+      one.share(first, until, true);
+      for (let v = 0; v < begins.length; v += 1)
+        if (begins[v] <= first && ends.subarray(v * width, (v + 1) * width).some((end) => end > first))
+          one.advance(v, first, first, until, true, false);
+    }
+    return { words, usual };
+  }
+
+  /** Time series of the golden run and of one run, and the results that each had after every tick. */
+  replay({ parameters, faults }) {
+    this.replayed ??= this.open();
+    const one = this.replayed;
+    const none = new Int32Array(faults.length);
+    const golden = this.course(parameters, none, false);
+    one.compare(one.series());
+    return { golden, faulty: this.course(parameters, faults, true) };
+  }
+
+  course(parameters, faults, compared) {
+    const { replayed: one, ticks } = this;
+    const size = one.layout.outcomes.length;
+    const results = new Int32Array(ticks * size);
+    one.begin(parameters, faults, 1);
+    for (let tick = 0; tick < ticks; tick += 1) {
+      one.share(tick, tick + 1, compared);
+      one.advance(0, tick, tick, tick + 1, compared, true);
+      one.finish(0);
+      one.lane(0, results, tick * size);
+    }
+    const out = one.words.slice(one.out / 4, one.out / 4 + ticks * one.outputs);
+    return { out, results };
+  }
+}
+
+let core = null;
+
+const TASKS = {
+  open: (task) => {
+    core = new Core(task);
+    return {};
+  },
+  outcomes: (task) => core.run(task),
+  replay: (task) => core.replay(task),
+};
+
+addEventListener("message", ({ data: { id, kind, task } }) => {
+  try {
+    postMessage({ id, result: TASKS[kind](task) });
+  } catch (error) {
+    postMessage({ id, error: `${error}` });
+  }
+});

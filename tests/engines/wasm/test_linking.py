@@ -1,0 +1,78 @@
+"""What the linker makes of an object is what LLVM's own linker does, and what it does not know it refuses."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+
+import llvmlite.binding as llvm
+import pytest
+
+from ravenjax.engines.wasm import code, linking
+
+wasmtime = pytest.importorskip("wasmtime", reason="wasmtime is not installed (pip install wasmtime)")
+WASM_LD = shutil.which("wasm-ld") or shutil.which("wasm-ld-14")
+
+CALLS = """
+define i32 @twice(i32 %x) { %y = mul i32 %x, 2 ret i32 %y }
+define i32 @chosen(i32 %x) { %y = call i32 @twice(i32 %x) %z = call i32 @more(i32 %y) ret i32 %z }
+define internal i32 @more(i32 %x) noinline { %y = add i32 %x, 1 ret i32 %y }
+define i32 @there(ptr %at) { %y = load i32, ptr %at ret i32 %y }
+"""
+
+
+def an_object(text):
+    machine = code._machine()
+    module = llvm.parse_assembly(text, llvm.create_context())
+    module.triple, module.data_layout = machine.triple, str(machine.target_data)
+    return machine.emit_object(module)
+
+
+def results(binary, exported_memory=False):
+    """What the functions give, and the memory's word 8."""
+    engine = wasmtime.Engine()
+    store, module = wasmtime.Store(engine), wasmtime.Module(engine, binary)
+    memory = wasmtime.Memory(store, wasmtime.MemoryType(wasmtime.Limits(2, None)))
+    instance = wasmtime.Instance(store, module, [] if exported_memory else [memory])
+    there = instance.exports(store)
+    memory = there["memory"] if exported_memory else memory
+    memory.write(store, (7).to_bytes(4, "little"), 2048)
+    return there["twice"](store, 21), there["chosen"](store, 21), there["there"](store, 2048)
+
+
+def test_calls_reach_the_functions_that_they_name():
+    names = ["chosen", "twice", "there"]
+    binary = linking.link(an_object(CALLS), names)
+    assert results(binary) == (42, 43, 7)
+    engine = wasmtime.Engine()
+    module = wasmtime.Module(engine, binary)
+    assert [one.name for one in module.exports] == names
+    assert [(one.module, one.name) for one in module.imports] == [linking.MEMORY]
+
+
+@pytest.mark.skipif(WASM_LD is None, reason="no wasm-ld on the path (apt-get install lld)")
+def test_it_does_what_wasm_ld_does(tmp_path):
+    path, linked = tmp_path / "o.o", tmp_path / "o.wasm"
+    path.write_bytes(an_object(CALLS))
+    command = [WASM_LD, path, "-o", linked, "--no-entry", "--export=twice", "--export=chosen", "--export=there"]
+    subprocess.run([str(word) for word in command], check=True)
+    ours = linking.link(path.read_bytes(), ["twice", "chosen", "there"])
+    assert results(linked.read_bytes(), exported_memory=True) == results(ours)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("declare i32 @far(i32)\ndefine i32 @f(i32 %x) { %y = call i32 @far(i32 %x) ret i32 %y }", "imports 2"),
+        ("@word = global i32 5\ndefine i32 @f() { %y = load i32, ptr @word ret i32 %y }", "section"),
+        ("define i32 @g() { ret i32 1 }", "defines no f; it has g"),
+    ],
+)
+def test_what_it_does_not_know_is_refused(text, told):
+    with pytest.raises(linking.Unlinkable, match=told):
+        linking.link(an_object(text), ["f"])
+
+
+def test_what_is_no_object_is_refused():
+    with pytest.raises(linking.Unlinkable, match="no WebAssembly object"):
+        linking.link(b"\x7fELF\2\1\1\0", ["f"])

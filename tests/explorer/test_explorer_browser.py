@@ -1,0 +1,184 @@
+"""The page in a real browser, from a file: what a new user does with it, and the native run that must say the same."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sysconfig
+import tomllib
+
+import pytest
+
+from ravenjax.campaign import loading
+from ravenjax.campaign.file.config import validated
+from ravenjax.campaign.stop import adaptive
+from ravenjax.explorer import page
+from ravenjax.store import manifest
+from ravenjax.store.access.results import Results
+
+sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"),
+]
+
+# a container has no sandbox, and its graphics are software
+ARGUMENTS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+PATIENCE_MS = 120_000
+CLIPBOARD = """Object.defineProperty(navigator, "clipboard", {
+  value: { writeText: async (text) => (window.copied = text) },
+});"""
+CELLS = """() => Object.fromEntries(
+  [...document.querySelectorAll("#numbers-of-run tr")].map((row) => [...row.cells].map((cell) => cell.textContent)),
+)"""
+SAID = """() => {
+  const said = document.getElementById("said").textContent;
+  return said.includes("moves the tip") && said;
+}"""
+VIEW = "#at=usb_out&arm=gold&on=shoulder&does=overwrite&size=20000&from=700&for=64&map=value~start_ms&ms=800"
+FILE = """
+[campaign]
+name = "small"
+duration_s = 1.2
+arms = ["gold"]
+[operator]
+motion = "suture"
+seed = 1
+[haptics]
+threshold_mm = [3, 2]
+[[group]]
+name = "motor"
+[[group.fault]]
+site = "usb_out"
+channel = ["shoulder", "elbow"]
+effect = "overwrite"
+value = [-20000, 12000, 20000]
+start_ms = 700
+duration_ms = [16, 64]
+"""
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("explored")
+    (folder / "small.toml").write_text(FILE)
+    adaptive.run(loading.load(folder / "small.toml"), folder / "results", "simd")
+    return page.build(folder / "results", folder / "page.html")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with sync_api.sync_playwright() as playwright:
+        launched = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        yield launched
+        launched.close()
+
+
+@pytest.fixture
+def window(browser, place):
+    """The page in a window; at the end it fails where the page asked a network for anything, or told of an error."""
+    context = browser.new_context(viewport={"width": 1366, "height": 900})
+    asked, told = [], []
+
+    def guard(route):
+        if route.request.url.startswith(("file:", "data:", "blob:")):
+            route.continue_()
+        else:
+            asked.append(route.request.url)
+            route.abort()
+
+    context.route("**/*", guard)
+    shown = context.new_page()
+    shown.set_default_timeout(PATIENCE_MS)
+    shown.on("console", lambda message: told.append(f"{message.type}: {message.text}"))
+    shown.on("pageerror", lambda error: told.append(f"pageerror: {error}"))
+    shown.add_init_script(CLIPBOARD)
+    shown.goto(place.as_uri())
+    yield shown
+    context.close()
+    assert asked == []
+    assert told == []
+
+
+def filled(shown, points=400):
+    shown.wait_for_function(f"Number(document.body.dataset.points) >= {points}")
+    shown.wait_for_function("document.body.dataset.filled === '1'")
+
+
+def test_a_new_user_asks_moves_a_control_opens_a_run_and_gets_the_same_natively(window, tmp_path):
+    filled(window)
+    answer = window.inner_text("#answer")
+    assert "slip past every safety check" in answer
+    assert sum(int(one) for one in window.locator("#legend b").all_inner_texts()) >= 1000
+    window.select_option("#channel", "gold/elbow")
+    window.wait_for_function("(before) => document.getElementById('answer').textContent !== before", arg=answer)
+    filled(window)
+    field = window.locator("#field")
+    box = field.bounding_box()
+    field.click(position={"x": 0.9 * box["width"], "y": 0.35 * box["height"]})
+    window.wait_for_selector("#run:not([hidden])")
+    verdict = window.evaluate("document.body.dataset.verdict")
+    assert verdict.count("/") == 2
+    window.locator("#time").fill("705")
+    assert window.inner_text("#now").startswith("705 ms")
+    assert "motor command that leaves the computer" in window.inner_text("#chain")
+    assert "ms=705" in _when(window, "location.hash.includes('ms=705') && location.hash")
+    window.click("[data-copy=command]")
+    command = _when(window, "window.copied")
+    path = f"{sysconfig.get_path('scripts')}{os.pathsep}{os.environ['PATH']}"
+    subprocess.run(["bash", "-ec", command], cwd=tmp_path, env=os.environ | {"PATH": path}, check=True)
+    folder = tmp_path / "explored"
+    native = Results(manifest.read(folder).shape, folder).frame().iloc[0]
+    assert native["verdict"] == verdict
+    shown = window.evaluate(CELLS)
+    assert float(shown["unintended_mm"]) == pytest.approx(native["unintended_mm"], rel=1e-3, abs=1e-3)
+    assert int(shown["first_active_ms"]) == native["first_active_ms"]
+
+
+def test_an_address_brings_the_same_view_and_the_smallest_harmful_size_is_that_natively(window, place, tmp_path):
+    window.goto(place.as_uri() + VIEW)
+    window.reload()
+    window.wait_for_selector("#run:not([hidden])")
+    assert window.input_value("#across") == "value"
+    assert window.input_value("#up") == "start_ms"
+    window.click("#smallest")
+    said = _when(window, SAID)
+    bad, safe = (int(word) for word in (said.split()[0], said.split(";")[1].split()[0]))
+    assert bad == safe + 1
+    raw = tomllib.loads(_copied(window, "toml"))
+    assert raw["group"][0]["fault"][0]["value"] == bad
+    raw["group"][0]["fault"][0]["value"] = [safe, bad]
+    adaptive.run(validated(raw), tmp_path / "native", "simd")
+    native = Results(manifest.read(tmp_path / "native").shape, tmp_path / "native").frame()
+    assert (native["unintended_first_ms"] >= 0).tolist() == [False, True]
+
+
+def test_a_folders_runs_are_listed_and_one_of_them_opens_with_its_verdict(window, place):
+    filled(window)
+    assert "12 runs" in window.inner_text("#table-lead")
+    window.locator("#table-rows button").first.click()
+    window.wait_for_selector("#run:not([hidden])")
+    row = int(window.locator("#table-rows th").first.inner_text().split()[0])
+    folder = place.parent / "results"
+    native = Results(manifest.read(folder).shape, folder).frame().iloc[row]
+    assert window.evaluate("document.body.dataset.verdict") == native["verdict"]
+
+
+@pytest.mark.parametrize("width", [360, 1366, 2560])
+def test_nothing_is_wider_than_the_window(window, width):
+    window.set_viewport_size({"width": width, "height": 900})
+    filled(window)
+    window.locator("#field").press("Enter")
+    window.wait_for_selector("#run:not([hidden])")
+    assert window.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def _when(window, expression):
+    return window.wait_for_function(expression).json_value()
+
+
+def _copied(window, name):
+    window.click(f"[data-copy={name}]")
+    return _when(window, "window.copied")

@@ -1,0 +1,61 @@
+"""What a page says of a campaign, and whether the file that it begins with is the campaign's own."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import tomllib
+from importlib import resources
+
+from ravenjax.campaign import loading
+from ravenjax.campaign.file.config import validated
+from ravenjax.explorer import bundle, words
+from ravenjax.robots.raven2.sites import SITES
+from ravenjax.vocabulary.effects import EFFECTS
+
+STUCK = {"site": "usb_out", "channel": "elbow", "effect": "stuck", "start_ms": 9, "duration_ms": 5}
+
+
+def test_every_site_and_effect_has_plain_words():
+    assert set(words.SITES) == set(SITES)
+    assert set(words.EFFECT_WORDS) == set(EFFECTS)
+    assert len(set(words.SITES.values())) == len(SITES)
+
+
+def test_the_file_that_commands_begin_with_says_what_the_campaign_says():
+    config = loading.load("quick")
+    told = words.campaign(config)
+    raw = tomllib.loads(told["toml"])
+    again = validated(
+        raw
+        | {
+            "haptics": {"combine": "zip", **told["cues"]},
+            "group": [{"name": "explored", "fault": [STUCK]}],
+        }
+    )
+    assert again.haptics.cues() == config.haptics.cues()
+    assert again.deciding() == config.deciding()
+    assert told["values"]["usb_out/overwrite"] == [-20000, 20000]
+    assert told["varied"] == []
+
+
+def test_what_a_campaign_varies_is_left_to_the_page():
+    raw = {
+        "campaign": {"name": "some"},
+        "parameters": {"operator.scale": 0.2, "plant.friction_scale": {"uniform": [0.7, 1.4]}},
+        "cross": {"plant.mass_scale": [1, 2]},
+        "group": [{"name": "own", "fault": [STUCK]}],
+    }
+    told = words.campaign(validated(raw))
+    assert told["varied"] == ["plant.friction_scale", "plant.mass_scale"]
+    assert tomllib.loads(told["toml"]) == {"campaign": {"name": "some"}, "parameters": {"operator.scale": 0.2}}
+
+
+def test_modules_import_each_other_by_names_of_the_map():
+    imports = json.loads(bundle.import_map(resources.files("ravenjax.explorer") / "static"))["imports"]
+    assert "page/main.js" in imports
+    for name, address in imports.items():
+        text = base64.b64decode(address.partition("base64,")[2]).decode()
+        asked = re.findall(r'(?:^(?:import|\}) .*from |import\()"([^"]+)"', text, re.MULTILINE)
+        assert not [one for one in asked if one not in imports], name
