@@ -3,11 +3,11 @@
 Of the true tips, resampled at `RATE_HZ` and low-passed at `CUTOFF_HZ`, while the pedal is down and the session runs. A
 *stretch* is such a time without a gap, a *movement* the part of it between two targets (all of it without targets).
 
-- Path length and economy of motion (straight ways over the way gone): Oropesa et al., EVA: laparoscopic instrument
-  tracking based on endoscopic video analysis for psychomotor skills assessment, Surg. Endosc. 27 (2013).
-- Spectral arc length: Balasubramanian, Melendez-Calderon, Burdet, A robust and sensitive metric for quantifying movement
-  smoothness, IEEE Trans. Biomed. Eng. 59 (2012); with the adaptive cut-off of Balasubramanian, Melendez-Calderon,
-  Roby-Brami, Burdet, On the analysis of movement smoothness, J. NeuroEng. Rehabil. 12:112 (2015).
+- Path length and economy of motion (straight ways over the way gone): Oropesa et al., EVA: laparoscopic
+  instrument tracking based on endoscopic video analysis for psychomotor skills assessment, Surg. Endosc. 27 (2013).
+- Spectral arc length: Balasubramanian, Melendez-Calderon, Burdet, A robust and sensitive metric for quantifying
+  movement smoothness, IEEE Trans. Biomed. Eng. 59 (2012); with the adaptive cut-off of Balasubramanian,
+  Melendez-Calderon, Roby-Brami, Burdet, On the analysis of movement smoothness, J. NeuroEng. Rehabil. 12:112 (2015).
 - Log dimensionless jerk of the speed: the paper of 2015.
 - Idle time, both tips nearly still: D'Angelo et al., Idle time: an underdeveloped performance metric for assessing
   surgical skill, Am. J. Surg. 209 (2015).
