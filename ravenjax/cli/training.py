@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import Annotated
 
@@ -47,32 +48,38 @@ def train(
     scenario
         Scenario file, or the name of a bundled one (see `ravenjax campaigns`).
     """
-    from ravenjax.trainer import launch
-    from ravenjax.trainer import scenario as scenarios
+    _say(f"{scenario}: the session is being prepared; the first time takes longest")
+    with contextlib.ExitStack() as stack:
+        helpers = None
+        if not headless:
+            from ravenjax.trainer.helpers import SessionHelpers
 
-    setting = scenarios.load(scenario, overrides or ())
-    drawn_by = setting.seed if seed is None else seed
-    options = launch.SessionOptions(
-        scenario=setting,
-        folder=out or launch.fresh_folder(setting.name, participant, drawn_by),
-        seed=drawn_by,
-        participant=participant,
-        group=group,
-        cue=cue,
-        blinded=blinded,
-        host=host,
-        port=port,
-        token=token,
-        instructor_token=instructor_token,
-        script=script,
-        itp_port=itp_port,
-        robot=robot,
-    )
+            helpers = SessionHelpers.start(stack, page)  # they import while this process does
+        from ravenjax.trainer import launch
+        from ravenjax.trainer import scenario as scenarios
 
-    if headless:
-        result = launch.headless(options, _say)
-    else:
-        result = launch.realtime(options, with_page=page, linger_s=linger, say=_say)
+        setting = scenarios.load(scenario, overrides or ())
+        drawn_by = setting.seed if seed is None else seed
+        options = launch.SessionOptions(
+            scenario=setting,
+            folder=out or launch.fresh_folder(setting.name, participant, drawn_by),
+            seed=drawn_by,
+            participant=participant,
+            group=group,
+            cue=cue,
+            blinded=blinded,
+            host=host,
+            port=port,
+            token=token,
+            instructor_token=instructor_token,
+            script=script,
+            itp_port=itp_port,
+            robot=robot,
+        )
+        if headless:
+            result = launch.headless(options, _say)
+        else:
+            result = launch.realtime(options, with_page=page, linger_s=linger, say=_say, helpers=helpers)
     _say(f"session: {result.folder} ({result.ended})")
 
 

@@ -32,16 +32,16 @@ def trace(program: TickProgram, block: Block, motion: Sequence[Any]) -> TracedTi
         raise traced_number.refused("arithmetic of 64 bits")
     functions = TickFunctions(program)
     lane = tree.mapped(traced_number.kind_of, tuple(functions.lane_types(block)))
-    first, state = _written(functions.begin, lane)
-    kinds = tree.mapped(_kind, state)
-    of_tick = (traced_number.INT, [traced_number.FLOAT] * functions.series, tuple(map(_Column, motion)))
-    middle, (_, _, signals) = _written(functions.step, (*lane, kinds, *of_tick))
-    last, outcomes = _written(functions.finish, (*lane, kinds))
-    dtypes = tree.mapped(lambda leaf: np.dtype(DTYPES[_kind(leaf)]), signals)
+    first, state = written(functions.begin, lane)
+    kinds = tree.mapped(kind, state)
+    of_tick = (traced_number.INT, [traced_number.FLOAT] * functions.series, tuple(map(ColumnInput, motion)))
+    middle, (_, _, signals) = written(functions.step, (*lane, kinds, *of_tick))
+    last, outcomes = written(functions.finish, (*lane, kinds))
+    dtypes = tree.mapped(lambda leaf: np.dtype(DTYPES[kind(leaf)]), signals)
     return TracedTick(TimeLoop(first, middle, last), tuple(sorted(outcomes)), functions.series, dtypes)
 
 
-class _Column:
+class ColumnInput:
     """A column of the motion among the inputs."""
 
     def __init__(self, column: Any) -> None:
@@ -50,16 +50,20 @@ class _Column:
         self.dtype, self.length = str(column.dtype), column.shape[0]
 
 
-def _kind(leaf: Any) -> int:
+def kind(leaf: Any) -> int:
+    """What a number of a traced function's result is."""
     return traced_number.plain_kind(leaf)
 
 
-def _written(function: Callable[..., Any], inputs: tuple[Any, ...]) -> tuple[Program, Any]:
-    """The program of a function of numbers of these kinds, and what it returned."""
+def written(function: Callable[..., Any], inputs: tuple[Any, ...]) -> tuple[Program, Any]:
+    """The program of a function of numbers of these kinds and of these columns, and what it returned.
+
+    The function takes `jnp` and `lax` from `numbers.lazy`. Raises Untraceable.
+    """
     builder = Builder()
 
     def number(of: Any) -> Any:
-        if isinstance(of, _Column):
+        if isinstance(of, ColumnInput):
             return TracedTable(builder, of.dtype, of.length)
         return TracedNumber(builder, builder.input(DTYPES[of]), of)
 

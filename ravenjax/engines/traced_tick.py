@@ -50,7 +50,7 @@ class TracedTick:
         header = {
             "outcomes": self.outcomes,
             "series": self.series,
-            "signals": _structure(self.signals),
+            "signals": to_json(self.signals),
             "programs": [len(program) for program in programs],
         }
         return zlib.compress(json.dumps(header).encode() + b"\n" + b"".join(programs), 1)
@@ -66,28 +66,32 @@ def from_bytes(content: bytes) -> TracedTick:
     for length in header["programs"]:
         programs.append(binary.from_bytes(rest[:length]))
         rest = rest[length:]
-    signals = _built(header["signals"])
+    signals = of_json(header["signals"])
     return TracedTick(TimeLoop(*programs), tuple(header["outcomes"]), header["series"], signals)
 
 
-def _structure(node: Any) -> Any:
-    """A tree of dtypes in JSON: null, the dtype's name, or [kind, branch, ..], kind being a record's name."""
+def to_json(node: Any) -> Any:
+    """A tree of dtypes in JSON: null, the dtype's name, or [kind, branch, ..], kind being a record's name.
+
+    Raises TypeError for what is not made of records, Vecs and tuples.
+    """
     if node is None or isinstance(node, np.dtype):
         return None if node is None else node.str
     if isinstance(node, Vec):
-        return ["Vec", *map(_structure, node)]
+        return ["Vec", *map(to_json, node)]
     if type(node) is tuple:
-        return ["tuple", *map(_structure, node)]
+        return ["tuple", *map(to_json, node)]
     name = f"{type(node).__module__}.{type(node).__qualname__}"
     if name not in RECORDS:
-        raise TypeError(f"signals hold a {name}, expected records, Vecs and tuples")
-    return [name, *(_structure(getattr(node, field.name)) for field in dataclasses.fields(node))]
+        raise TypeError(f"a {name} has no form in JSON, expected records, Vecs and tuples")
+    return [name, *(to_json(getattr(node, field.name)) for field in dataclasses.fields(node))]
 
 
-def _built(node: Any) -> Any:
+def of_json(node: Any) -> Any:
+    """The tree that `to_json` wrote. KeyError where a record's module is not imported."""
     if node is None or isinstance(node, str):
         return None if node is None else np.dtype(node)
-    kind, branches = node[0], [_built(branch) for branch in node[1:]]
+    kind, branches = node[0], [of_json(branch) for branch in node[1:]]
     if kind == "Vec":
         return Vec(branches)
     return tuple(branches) if kind == "tuple" else RECORDS[kind](*branches)

@@ -12,7 +12,6 @@ from __future__ import annotations
 import contextlib
 import csv
 import dataclasses
-import multiprocessing
 import secrets
 import socket
 import time
@@ -31,6 +30,7 @@ from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.trainer import judge, page, processes, scenario
 from ravenjax.trainer.consoles import ItpConsole, Scripted
+from ravenjax.trainer.helpers import SessionHelpers
 from ravenjax.trainer.page.options import loopback
 from ravenjax.trainer.realtime import clock, loop
 from ravenjax.trainer.realtime.clock import LoopTiming
@@ -96,31 +96,35 @@ def realtime(
     with_page: bool = True,
     linger_s: float | None = None,
     say: Say = print,
+    helpers: SessionHelpers | None = None,
 ) -> FinishedSession:
     """Run a session against the clock.
 
-    linger_s: how long the page stays after the end, None: until Ctrl-C.
+    linger_s: how long the page stays after the end, None: until Ctrl-C. One Ctrl-C ends session and page.
+    helpers: started before, with a page or without as this session; None: they are started now.
     """
+    began = time.monotonic()
     if with_page:
         _require_address(options.host, options.port)
     options = _apart(options, say)
     with contextlib.ExitStack() as stack:
         stack.callback((options.folder / CLAIM).unlink, missing_ok=True)
+        helpers = SessionHelpers.start(stack, with_page) if helpers is None else helpers
         session = Session(options.scenario, options.seed, cue=options.cue, robot=_robot(stack, options))
+        say(f"robot: ready after {time.monotonic() - began:.1f} s")
         script = None if options.script is None else Scripted(options.script, session)  # before anything is recorded
         header = _header(options, session)
         frames, events = Ring.create(KEPT_FRAMES, 4 * session.layout.size), Ring.create(KEPT_EVENTS, EVENT_BYTES)
         stack.callback(events.close)
         stack.callback(frames.close)
         names = tuple(session.layout.names())
-        recording = processes.spawn(
-            stack, recorder.run, recorder.RecorderOptions(frames.name, events.name, names, options.folder, header)
-        )
+        helpers.recorder.begin(recorder.RecorderOptions(frames.name, events.name, names, options.folder, header))
+        recording = helpers.recorder.process
         consoles: list[loop.Console] = []
-        if with_page:
+        if helpers.page is not None:
             commands = Ring.create(KEPT_COMMANDS, COMMAND_BYTES)
             stack.callback(commands.close)
-            _open_page(stack, options, session, header, (frames, events, commands), say)
+            _open_page(helpers.page, options, session, header, (frames, events, commands), say)
             consoles.append(loop.PageCommands(commands, drives=options.script is None))
         if options.itp_port is not None:
             server = ItpServer(session.arms, options.host, options.itp_port)
@@ -131,6 +135,7 @@ def realtime(
         if script is not None:
             consoles.append(script)
         processes.wait_for(recording, options.folder / session_log.FILE)
+        helpers.keep_away()
         stop = stack.enter_context(until_interrupted())
         with clock.realtime() as granted:
             say(f"realtime: {granted}")
@@ -139,13 +144,11 @@ def realtime(
             say(trouble)
         recording.join(processes.STARTING_S)
         result = _conclude(options, session, timing, say)
-        if with_page and linger_s != 0:
+        if with_page and linger_s != 0 and not stop:
             say("the page stays until Ctrl-C" if linger_s is None else f"the page stays for {linger_s:g} s")
             end = float("inf") if linger_s is None else time.monotonic() + linger_s
-            while len(stop) < 2 and time.monotonic() < end:
+            while not stop and time.monotonic() < end:
                 time.sleep(0.05)
-                if linger_s is None and stop:
-                    break
     return result
 
 
@@ -275,25 +278,23 @@ def address(text: str) -> tuple[str, tuple[int, int]]:
 
 
 def _open_page(
-    stack: contextlib.ExitStack,
+    serving: processes.Helper,
     options: SessionOptions,
     session: Session,
     header: dict[str, Any],
     rings: tuple[Ring, Ring, Ring],
     say: Say,
 ) -> None:
-    """Spawn the page's process, wait until it listens, and say where."""
+    """Tell the page's process what to serve, wait until it listens, and say where."""
     token = options.token
     if token is None and not loopback(options.host):
         token = secrets.token_urlsafe(24)
     instructor_token = options.instructor_token or secrets.token_urlsafe(12)
-    port_told, port_taken = multiprocessing.Pipe(duplex=False)
-    stack.callback(port_told.close)
     page_options = page.PageOptions(
         frames=rings[0].name,
         events=rings[1].name,
         commands=rings[2].name,
-        port_taken=port_taken,
+        port_taken=None,  # the connection to the process
         arms=session.arms,
         header=header,
         folder=str(options.folder.absolute()),
@@ -302,17 +303,20 @@ def _open_page(
         token=token,
         instructor_token=instructor_token,
     )
-    process = processes.spawn(stack, page.run, page_options)
-    port_taken.close()
-    if not port_told.poll(processes.STARTING_S):
+    serving.begin(page_options)
+    if not serving.answers.poll(processes.STARTING_S):
         raise UserError(
             f"the page did not start within {processes.STARTING_S:g} s; try `--no-page`, or `ravenjax doctor`"
         )
     try:
-        port = port_told.recv()
-    except EOFError:
-        process.join(processes.STARTING_S)
-        raise UserError(f"the page's process ended with code {process.exitcode}; its message stands above") from None
+        port = serving.answers.recv()
+    except (EOFError, ConnectionResetError):
+        serving.process.join(processes.STARTING_S)
+        raise UserError(
+            f"the page's process ended with code {serving.process.exitcode}; its message stands above"
+        ) from None
+    if options.port not in (0, port):
+        say(f"port {options.port} is taken: the page is at port {port}")
     ask = f"&token={token}" if token else ""
     host = "127.0.0.1" if options.host in ("0.0.0.0", "") else options.host
     say(f"operator: http://{host}:{port}/?role=operator{ask}")

@@ -5,8 +5,11 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
+import signal
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
@@ -18,12 +21,41 @@ STARTING_S = 60.0
 """Longest that page and recorder may take to be there."""
 
 
+class Helper:
+    """A process that is started before what it is to do is known: it imports what it needs meanwhile."""
+
+    def __init__(self, stack: contextlib.ExitStack, target: Callable[[Connection], None]) -> None:
+        """target: takes what it is to do from the connection, and may answer there."""
+        self.answers, theirs = multiprocessing.Pipe()
+        stack.callback(self.answers.close)
+        self.process = spawn(stack, target, theirs)
+        theirs.close()
+
+    def begin(self, options: Any) -> None:
+        """Tell it what to do. UserError where it has ended."""
+        try:
+            self.answers.send(options)
+        except OSError:
+            self.process.join(STARTING_S)
+            raise UserError(
+                f"a process of the session ended with code {self.process.exitcode}; its message stands above"
+            ) from None
+
+    def keep_away(self) -> None:
+        """From now on leave the CPU of the realtime loop to that."""
+        cpus = clock.other_cpus()
+        if not cpus or self.process.pid is None:
+            return
+        for task in os.listdir(f"/proc/{self.process.pid}/task"):
+            with contextlib.suppress(ProcessLookupError):  # a thread that has ended
+                os.sched_setaffinity(int(task), cpus)
+
+
 def spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any) -> BaseProcess:
-    """A process of its own, never a fork: jax does not survive one."""
+    """A process of its own, never a fork: neither jax nor a loaded server survives one. Ctrl-C does not reach it."""
     process = multiprocessing.get_context("spawn").Process(target=target, args=(given,), daemon=True)
-    process.start()
-    if process.pid is not None and (cpus := clock.other_cpus()):
-        os.sched_setaffinity(process.pid, cpus)
+    with _deaf():
+        process.start()
 
     def end() -> None:
         process.terminate()
@@ -33,6 +65,19 @@ def spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any
 
     stack.callback(end)
     return process
+
+
+@contextlib.contextmanager
+def _deaf() -> Iterator[None]:
+    """Ctrl-C is ignored, which a process that is started now inherits, from its first moment on."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def wait_for(recording: BaseProcess, path: Path) -> None:

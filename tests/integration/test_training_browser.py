@@ -109,7 +109,7 @@ def test_a_session_from_the_first_key_to_the_debrief(address):
         assert 0 < latency["mark"] <= latency["mark_drawn"]
         print("key to " + ", ".join(f"{name} {latency[name]:.0f} ms" for name in ("mark_drawn", "tip_drawn")))
 
-        instructor.evaluate("document.querySelector('#hazards li button').click()")
+        instructor.evaluate("document.querySelector('#hazards li button.arm').click()")
         until(instructor, "document.querySelector('#hazards li.struck')")
         until(operator, "ravenjax.state().strength > 0")  # the cue, as the hand feels it
         operator.keyboard.up("Space")

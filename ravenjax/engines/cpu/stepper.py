@@ -16,14 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.engines.cpu import jit
+from ravenjax.engines.cpu import jit, step_code
 from ravenjax.engines.cpu.group import at, packed
-from ravenjax.engines.cpu.kernel import FUNCTIONS, print_kernel
+from ravenjax.engines.cpu.kernel import FUNCTIONS
 from ravenjax.engines.cpu.memory import BufferLayout, buffer
-from ravenjax.ir import lowering
-from ravenjax.ir.builder import contract
-from ravenjax.ir.time_loop import TimeLoop, split
-from ravenjax.numbers.lazy import jax
+from ravenjax.numbers import lazy, tree
 
 _FORMATS = {"float32": "f", "float64": "d", "int32": "i", "uint32": "I", "bool": "i"}
 _NUMBER = 4  # bytes of a number that enters or leaves a tick
@@ -58,31 +55,20 @@ class StepCode:
         entering: Any,
         tables: Sequence[int],
         objects: jit.Objects | None = None,
+        key: str = "",
     ) -> None:
         """begin(inputs) -> state; step(inputs, state, tick, entering, tables) -> (state, float32 numbers that go out);
         finish(inputs, state) -> named numbers. `inputs` and `entering`: records of numbers with the right types, of
-        32 bits each; `tables`: lengths of float32 tables."""
-        number = jax.ShapeDtypeStruct
-        inputs, entering = (
-            jax.tree.map(lambda x: number((), np.asarray(x).dtype), tree) for tree in (inputs, entering)
-        )
-        columns = tuple(number((length,), np.float32) for length in tables)
-        first, state = jax.make_jaxpr(begin, return_shape=True)(inputs)
-        middle, (_, out) = jax.make_jaxpr(step, return_shape=True)(
-            inputs, state, number((), np.int32), entering, columns
-        )
-        last, outcomes = jax.make_jaxpr(finish, return_shape=True)(inputs, state)
-        self.input_types = [np.dtype(leaf.dtype) for leaf in jax.tree.leaves(inputs)]
-        self.entering_types = [np.dtype(leaf.dtype) for leaf in jax.tree.leaves(entering)]
+        32 bits each; `tables`: lengths of float32 tables. objects, key: where code is kept, and under what, see
+        `step_code.form`."""
+        kinds, entering_kinds = (tree.mapped(lambda x: np.asarray(x).dtype, numbers) for numbers in (inputs, entering))
         self.tables = tuple(tables)
-        self.state = state  # shapes of the state's record
-        self.names = tuple(sorted(outcomes))
-        self.outputs = len(jax.tree.leaves(out))
-        if any(leaf.dtype != np.float32 for leaf in jax.tree.leaves(out)):
-            raise TypeError("what goes out of a tick is float32")
-        loop = TimeLoop(*(contract(lowering.lower(jaxpr)) for jaxpr in (first, middle, last)))
-        self.split = split(loop, (), (0,))
-        self.kernel = print_kernel(self.split, 1, jit.host().features)
+        types = step_code.StepTypes(kinds, entering_kinds, self.tables)
+        form = step_code.form(step_code.StepFunctions(begin, step, finish), types, objects, key)
+        self.input_types: list[np.dtype] = tree.leaves(kinds)
+        self.entering_types: list[np.dtype] = tree.leaves(entering_kinds)
+        self.state, self.names, self.outputs, self.kernel = form.state, form.names, form.outputs, form.kernel
+        self._lane_state, self._shared_state = form.lane_state, form.shared_state
         self.results = struct.Struct("=" + "".join(_FORMATS[dtype] for dtype in self.kernel.results.types))
         text = f"{self.kernel.text}\n{_one_tick()}"
         self._module = module = jit.compile(text, (*FUNCTIONS, "one_tick"), objects)
@@ -96,12 +82,11 @@ class StepCode:
         """Of each number of the state that is kept, by its place among the state's leaves: whether it stands in the
         group's buffer, its offset there and its bytes."""
         places = {}
-        kernel, split_ = self.kernel, self.split
         for group, numbers, layout in (
-            (False, (*split_.lane_state, *split_.held_state), kernel.state),
-            (True, split_.shared_state, kernel.group_state),
+            (False, self._lane_state, self.kernel.state),
+            (True, self._shared_state, self.kernel.group_state),
         ):
-            ends = (*layout.offsets[1:], layout.bytes)
+            ends = (*layout.offsets[1:], layout.bytes)[: len(layout.offsets)]  # of no numbers: none
             for k, start, end in zip(numbers, layout.offsets, ends, strict=True):
                 places[k] = (group, start, end - start)
         return places
@@ -119,7 +104,7 @@ class Stepper:
         self.code = code
         kernel = code.kernel
         leaves = [
-            np.asarray(x, dtype).reshape(1) for x, dtype in zip(jax.tree.leaves(inputs), code.input_types, strict=True)
+            np.asarray(x, dtype).reshape(1) for x, dtype in zip(tree.leaves(inputs), code.input_types, strict=True)
         ]
         self._inputs = packed(kernel.inputs, leaves, 1)
         self.inputs = _views(self._inputs[0], kernel.inputs, code.input_types)
@@ -181,11 +166,12 @@ class Stepper:
 
         A number that no tick reads is not kept: it is NaN, and replacing it does nothing.
         """
-        leaves, form = jax.tree.flatten(self.code.state)
+        leaves = tree.leaves(self.code.state)
         places = self.code.state_places
-        numbers = {k: self._number(places[k], leaf.dtype) for k, leaf in enumerate(leaves) if k in places}
+        numbers = {k: self._number(places[k], dtype) for k, dtype in enumerate(leaves) if k in places}
         before = [numbers[k][0].item() if k in numbers else math.nan for k in range(len(leaves))]
-        after = jax.tree.leaves(function(jax.tree.unflatten(form, before)))
+        with lazy.at_once():
+            after = tree.leaves(function(tree.filled(self.code.state, before)))
         for k, place in numbers.items():
             if after[k] is not before[k]:
                 place[0] = after[k]

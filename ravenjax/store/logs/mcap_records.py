@@ -1,29 +1,64 @@
-"""What an MCAP file holds up to where it breaks off: every complete record, and how much is missing.
+"""What an MCAP file holds, whole, cut short or damaged: every complete record, and how much is missing.
 
-The library's seeking reader needs the index at the end of a file; this one walks from the beginning, as long as records
-are whole. A chunk whose content does not match its checksum is left out and counted.
+The library's seeking reader needs the index at the end of a file, and its other one ends at the first damaged byte;
+this one walks from the beginning. A chunk whose content does not match its checksum is left out and counted. Where the
+chain of records breaks, for a length may be what is damaged, it goes on at the next chunk that is whole.
 """
 
 from __future__ import annotations
 
 import io
 import mmap
+import re
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, Header, Metadata, Schema
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Header,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
 from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
 from ravenjax.errors import StoreError
 
 _HEAD = struct.Struct("<BQ")  # of a record: opcode, length
+_FOOTER = struct.Struct("<QQI")  # where the summary begins, its offsets, checksum
+_INDEX = struct.Struct("<HI")  # of a message index, before its entries of 16 bytes: channel, bytes of the entries
+_CHUNK = re.compile(rb"\x06.{6}\0\0.{28}(?:\0\0\0\0|\x03\0\0\0lz4|\x04\0\0\0zstd)", re.DOTALL)
+"""A chunk's opcode, length, times, size, checksum and compression."""
+_ANY_MESSAGE = re.compile(rb"\x05.{6}\0\0", re.DOTALL)
 _MESSAGE = struct.Struct("<HIQQ")  # of a message, before its data
+_KINDS: dict[int, Any] = {
+    Opcode.HEADER: Header,
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.ATTACHMENT: Attachment,
+    Opcode.ATTACHMENT_INDEX: AttachmentIndex,
+    Opcode.CHUNK_INDEX: ChunkIndex,
+    Opcode.STATISTICS: Statistics,
+    Opcode.METADATA: Metadata,
+    Opcode.METADATA_INDEX: MetadataIndex,
+    Opcode.SUMMARY_OFFSET: SummaryOffset,
+    Opcode.DATA_END: DataEnd,
+}
+_OPCODES = frozenset(int(opcode) for opcode in Opcode)
 
 Bytes = bytes | mmap.mmap
 
@@ -43,7 +78,7 @@ class Scan:
     attachments: list[Attachment] = field(default_factory=list)
     parts: list[tuple[int, int, int]] = field(default_factory=list)  # opcode, first byte, end of chunks and messages
     complete: bool = False  # the footer and the closing magic are there
-    lost_bytes: int = 0  # behind the last whole record, and of damaged chunks
+    lost_bytes: int = 0  # of no whole record: of damaged ones, and behind the last
 
     def messages(self) -> Iterator[Message]:
         """Every message in the order of the file."""
@@ -71,16 +106,62 @@ def scan(path: Path) -> Scan:
     if data[:magic] != MCAP0_MAGIC:
         raise StoreError(f"{path}: is no MCAP file, it does not begin with the magic bytes; expected one, whole or cut")
     result = Scan(data)
-    whole = magic
-    footer = False
-    for opcode, start, end in _walk(data, magic):
-        _take(result, opcode, start, end)
-        whole, footer = end, opcode == Opcode.FOOTER
-        if footer:
-            break
-    result.complete = footer and data[whole : whole + magic] == MCAP0_MAGIC
-    result.lost_bytes += 0 if result.complete else len(data) - whole
+    foot = len(data) - magic - _HEAD.size - _FOOTER.size
+    result.complete = foot >= magic and data[-magic:] == MCAP0_MAGIC and data[foot] == Opcode.FOOTER
+    if not result.complete:
+        result.lost_bytes = _take_all(result, magic, len(data))
+        return result
+    summary, _, _ = _FOOTER.unpack_from(data, foot + _HEAD.size)
+    summary = summary if magic <= summary <= foot else foot
+    result.lost_bytes = _take_all(result, magic, summary)
+    _take_all(result, summary, foot)  # what the summary repeats is missed only where the data are damaged, too
     return result
+
+
+def _take_all(found: Scan, at: int, until: int) -> int:
+    """Take every whole record of these bytes; how many bytes are of none.
+
+    What is no record that holds together is passed over where another follows it. Elsewhere its length may be what is
+    damaged, and the search goes on right behind its first byte.
+    """
+    lost = 0
+    while at < until:
+        record = _record(found.data, at, until)
+        if record is not None and _take(found, *record):
+            at = record[2]
+            continue
+        end = until if record is None else record[2]
+        if record is None or not _holds(found, end, until):
+            end = _next(found, at + 1, until)
+        lost += end - at
+        at = end
+    return lost
+
+
+def _record(data: Bytes, at: int, until: int) -> tuple[int, int, int] | None:
+    """Opcode, first byte and end of the record that begins here; None where it would not end in time."""
+    if at + _HEAD.size > until:
+        return None
+    opcode, length = _HEAD.unpack_from(data, at)
+    start = at + _HEAD.size
+    return (opcode, start, start + length) if start + length <= until else None
+
+
+def _holds(found: Scan, at: int, until: int) -> bool:
+    """Whether the data end here, or a record begins that holds together."""
+    record = _record(found.data, at, until)
+    return at == until or (record is not None and _take(Scan(found.data, channels=found.channels), *record))
+
+
+def _next(found: Scan, at: int, until: int) -> int:
+    """Where the next whole chunk begins, in a file without chunks the next message; `until` where there is none."""
+    chunked = not found.parts or any(opcode == Opcode.CHUNK for opcode, _, _ in found.parts)
+    look = _CHUNK if chunked else _ANY_MESSAGE
+    while (match := look.search(found.data, at, until)) is not None:
+        if _holds(found, match.start(), until):
+            return match.start()
+        at = match.start() + 1
+    return until
 
 
 def _walk(data: Bytes, at: int = 0) -> Iterator[tuple[int, int, int]]:
@@ -110,42 +191,66 @@ def _damage() -> tuple[type[Exception], ...]:
     return McapError, ValueError, RuntimeError, struct.error, zstandard.ZstdError
 
 
-def _take(found: Scan, opcode: int, start: int, end: int) -> None:
-    if opcode == Opcode.MESSAGE:
-        found.parts.append((opcode, start, end))
-        return
+def _take(found: Scan, opcode: int, start: int, end: int) -> bool:
+    """Take a record; False where its bytes do not hold together, or it is of no kind that is known."""
     if opcode == Opcode.CHUNK:
-        _take_chunk(found, start, end)
-        return
+        return _take_chunk(found, start, end)
+    if opcode == Opcode.MESSAGE:
+        return _take_message(found, start, end)
+    if opcode == Opcode.MESSAGE_INDEX:
+        return end - start >= _INDEX.size and _INDEX.unpack_from(found.data, start)[1] == end - start - _INDEX.size
+    kind = _KINDS.get(opcode)
+    if kind is None:
+        return False
     stream = ReadDataStream(io.BytesIO(found.data[start:end]))
-    if opcode == Opcode.HEADER:
-        found.profile = Header.read(stream).profile
-    elif opcode == Opcode.METADATA:
-        found.metadata.append(Metadata.read(stream))
-    elif opcode == Opcode.ATTACHMENT:
-        found.attachments.append(Attachment.read(stream))
+    try:
+        record = kind.read(stream)
+    except _damage():
+        return False
+    if stream.count != end - start:
+        return False
+    if isinstance(record, Header):
+        found.profile = record.profile
+    elif isinstance(record, Metadata):
+        found.metadata.append(record)
+    elif isinstance(record, Attachment):
+        found.attachments.append(record)
     else:
-        _take_definition(found, opcode, stream)
+        _take_definition(found, record)
+    return True
 
 
-def _take_chunk(found: Scan, start: int, end: int) -> None:
+def _take_message(found: Scan, start: int, end: int) -> bool:
+    """A message beside the chunks: nothing proves it but that its channel is known and a record follows."""
+    if end - start < _MESSAGE.size:
+        return False
+    channel = _MESSAGE.unpack_from(found.data, start)[0]
+    if all(channel != one.id for one in found.channels):
+        return False
+    if end < len(found.data) and found.data[end] not in _OPCODES:
+        return False
+    found.parts.append((Opcode.MESSAGE, start, end))
+    return True
+
+
+def _take_chunk(found: Scan, start: int, end: int) -> bool:
     try:
         records = _content(found.data[start:end])
+        inside = list(_walk(records))
+        for opcode, first, last in inside:
+            if opcode != Opcode.MESSAGE and (kind := _KINDS.get(opcode)) is not None:
+                _take_definition(found, kind.read(ReadDataStream(io.BytesIO(records[first:last]))))
     except _damage():
-        found.lost_bytes += end - start
-        return
-    for opcode, first, last in _walk(records):
-        if opcode != Opcode.MESSAGE:
-            _take_definition(found, opcode, ReadDataStream(io.BytesIO(records[first:last])))
+        return False
+    if (inside[-1][2] if inside else 0) != len(records):
+        return False
     found.parts.append((Opcode.CHUNK, start, end))
+    return True
 
 
-def _take_definition(found: Scan, opcode: int, stream: ReadDataStream) -> None:
+def _take_definition(found: Scan, record: Any) -> None:
     """Schemas and channels, which the summary of a whole file repeats."""
-    if opcode == Opcode.SCHEMA:
-        schema = Schema.read(stream)
-        found.schemas.setdefault(schema.id, schema)
-    elif opcode == Opcode.CHANNEL:
-        channel = Channel.read(stream)
-        if all(channel.id != one.id for one in found.channels):
-            found.channels.append(channel)
+    if isinstance(record, Schema):
+        found.schemas.setdefault(record.id, record)
+    elif isinstance(record, Channel) and all(record.id != one.id for one in found.channels):
+        found.channels.append(record)

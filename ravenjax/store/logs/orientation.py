@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation  # not where it is used: a recorder that began must not wait for it
 
 
 def quaternions(rotation: np.ndarray) -> np.ndarray:
@@ -12,6 +11,8 @@ def quaternions(rotation: np.ndarray) -> np.ndarray:
     A matrix that is a rotation up to rounding, as control software in single precision holds it, gives the nearest
     one. The sign is kept from tick to tick, so that a curve of it has no jumps.
     """
+    from scipy.spatial.transform import Rotation  # half a second; who must not wait calls this once before
+
     matrices = np.asarray(rotation, float)
     out = np.full((*matrices.shape[:-2], 4), np.nan)
     valid = np.asarray(np.isfinite(matrices).all(axis=(-2, -1)))

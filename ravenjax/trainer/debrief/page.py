@@ -12,7 +12,7 @@ from ravenjax.outcomes.events import Rules
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.store.files import write_aside
 from ravenjax.store.logs.session import description
-from ravenjax.trainer.debrief import figures, html, words
+from ravenjax.trainer.debrief import dexterity, figures, html, learning, words
 from ravenjax.trainer.debrief.course import Course
 from ravenjax.trainer.judge.row import COLUMNS, HazardRow
 from ravenjax.trainer.recording import reader
@@ -27,10 +27,19 @@ def write(folder: Path) -> Path:
     What is missing or cut short is said on the page. StoreError where the folder holds no session.
     """
     folder = Path(folder)
+    keep_measures(folder)
     text = render(folder)
     path = folder / FILE
     write_aside(path, lambda target: target.write_bytes(text.encode()))
     return path
+
+
+def keep_measures(folder: Path) -> None:
+    """Put the measures of the motion into the summary of session.json, where a learning curve finds them."""
+    description.read(folder)  # refused where there is no session
+    recording, _ = _recording(folder)
+    if recording is not None and len(recording.rows) > 1:
+        description.update(folder, {"summary": {learning.MEASURES: dexterity.measure(Course(recording)).plain()}})
 
 
 def render(folder: Path) -> str:
@@ -64,6 +73,8 @@ def render(folder: Path) -> str:
         timing=figures.loop(course) if course else None,
         quality=_quality(summary),
         task=_task(summary, course),
+        dexterity=summary.get(learning.MEASURES),
+        curves=learning.figure(learning.attempts(folder.absolute())),
         caveats=words.caveats(header, state),
         events=[one for one in state.get("events", []) if not blinded or one["kind"] != "cue"],
         marks=figures.MARKS,

@@ -5,9 +5,13 @@ It never makes the realtime process wait: commands go into a ring of their own, 
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
+from multiprocessing.connection import Connection
+
 from ravenjax.trainer.page.options import PageOptions
 
-__all__ = ["PageOptions", "run"]
+__all__ = ["PageOptions", "run", "run_when_told"]
 
 
 def run(options: PageOptions) -> None:
@@ -18,3 +22,11 @@ def run(options: PageOptions) -> None:
     from ravenjax.trainer.page import process  # viser and MuJoCo: seconds, wanted in the page's process alone
 
     process.run(options)
+
+
+def run_when_told(told: Connection) -> None:
+    """Import, then serve the page for the `PageOptions` that come through `told`, where the port is sent, too."""
+    from ravenjax.trainer.page import process
+
+    with contextlib.suppress(EOFError):  # the session ended before it began
+        process.run(dataclasses.replace(told.recv(), port_taken=told))

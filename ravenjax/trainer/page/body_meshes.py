@@ -1,4 +1,7 @@
-"""Shapes of the robot and its surroundings out of the MuJoCo model, as glTF that viser takes."""
+"""Shapes of the robot and its surroundings out of the MuJoCo model, as glTF that viser takes.
+
+Made once and kept on disk, see `kept_meshes`.
+"""
 
 # MuJoCo's compiled module carries no types.
 # pyright: reportAttributeAccessIssue=false
@@ -6,7 +9,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import mujoco
 import numpy as np
@@ -15,24 +17,12 @@ from mjviser import conversions
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.trainer.page import bodies
 
 DEFAULT = 0.5
 """Of a geom's own colour in MuJoCo: it has none, and its material's counts."""
 CREASE = math.radians(35.0)
 """Faces that meet at less are drawn as one smooth surface."""
-
-
-def fixed(model: mujoco.MjModel) -> list[int]:
-    """Bodies that never move."""
-    return [body for body in range(model.nbody) if conversions.is_fixed_body(model, body)]
-
-
-def moving(model: mujoco.MjModel, arm: ArmName) -> list[int]:
-    """Moving links of an arm."""
-    own = f"{arm}_"
-    bodies = range(model.nbody)
-    return [i for i in bodies if not conversions.is_fixed_body(model, i) and model.body(i).name.startswith(own)]
 
 
 def coloured(model: mujoco.MjModel, body: int) -> bytes:
@@ -49,17 +39,8 @@ def coloured(model: mujoco.MjModel, body: int) -> bytes:
 
 def plain(model: mujoco.MjModel, body: int) -> trimesh.Trimesh:
     """The same shapes as one mesh without colour."""
-    mesh = conversions.merge_geoms(model, _drawn(model, body))
+    mesh = conversions.merge_geoms(model, bodies.geoms(model, body))
     return trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
-
-
-def _drawn(model: mujoco.MjModel, body: int) -> list[int]:
-    """Geoms of a body; the unbounded floor is left out."""
-    return [
-        geom
-        for geom in np.flatnonzero(model.geom_bodyid == body).tolist()
-        if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE
-    ]
 
 
 def looks(model: mujoco.MjModel, body: int) -> list[list[int]]:
@@ -78,7 +59,7 @@ def colour(model: mujoco.MjModel, geom: int) -> np.ndarray:
 
 def _looks(model: mujoco.MjModel, body: int) -> dict[tuple[float, ...], list[int]]:
     geoms: dict[tuple[float, ...], list[int]] = {}
-    for geom in _drawn(model, body):
+    for geom in bodies.geoms(model, body):
         look = (float(model.geom_matid[geom]), *model.geom_rgba[geom].round(3).tolist())
         geoms.setdefault(look, []).append(geom)
     return geoms
@@ -106,10 +87,3 @@ def _flat(model: mujoco.MjModel, texture: int) -> np.ndarray:
 def _linear(colour: np.ndarray) -> np.ndarray:
     """Of sRGB."""
     return np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
-
-
-def names(model: mujoco.MjModel, bodies: list[int]) -> Iterator[tuple[int, str]]:
-    """Each body with its name, those without shapes left out."""
-    for body in bodies:
-        if _drawn(model, body):
-            yield body, model.body(body).name

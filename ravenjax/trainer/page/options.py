@@ -18,7 +18,7 @@ class PageOptions:
     frames: str  # name of the ring of frames
     events: str  # name of the ring of events
     commands: str  # name of the ring of commands, which the page writes
-    port_taken: Connection  # the page says here which port it took, once it listens
+    port_taken: Connection | None  # the page says here which port it took, once it listens
     arms: tuple[ArmName, ...]
     header: dict[str, Any]  # as in session.json: name, hazards, task, blinded; cue_threshold_mm besides
     folder: str | None = None  # where debrief.html appears once the session is over

@@ -71,8 +71,9 @@ class Page:
         self._server = Server(options.host, options.port, door, PageSite(door, options.folder), self._hub.serve)
         self._windows.watch(self._server.viser)
         self._world = World(self._server.viser, options.arms, options.header.get("task"), blinded)
-        options.port_taken.send(self._server.port)
-        options.port_taken.close()
+        if options.port_taken is not None:
+            options.port_taken.send(self._server.port)
+            options.port_taken.close()
 
     def work(self) -> None:
         """Until the session's process is gone."""

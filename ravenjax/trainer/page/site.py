@@ -22,7 +22,10 @@ _TYPES = {
     ".js": "text/javascript; charset=utf-8",
 }
 _EARLY = '<script src="/static/early.js"></script>'
-_LATE = '<link rel="stylesheet" href="/static/page.css"><script type="module" src="/static/page.js"></script>'
+_LATE = (
+    '<link rel="stylesheet" href="/static/page.css"><link rel="stylesheet" href="/static/instructor.css">'
+    '<script type="module" src="/static/page.js"></script>'
+)
 
 
 class PageSite:

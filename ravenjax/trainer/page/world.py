@@ -17,7 +17,8 @@ import viser
 from ravenjax.robots.raven2.arms import ARMS, ArmName
 from ravenjax.robots.raven2.dynamics import arm_model
 from ravenjax.robots.raven2.geometry import scene
-from ravenjax.trainer.page import body_meshes, task_shapes
+from ravenjax.trainer.page import bodies, task_shapes
+from ravenjax.trainer.page.kept_meshes import KeptMeshes
 from ravenjax.trainer.page.trails import Trails
 from ravenjax.trainer.protocol.frame import VIEWS, Frame
 
@@ -34,7 +35,14 @@ _STILL_M, _STILL = 2e-6, 2e-5  # m and 1: what nobody sees is not sent
 class RobotFigure:
     """All moving links of the session's arms in one look; follows joint positions."""
 
-    def __init__(self, server: viser.ViserServer, layer: str, model: mujoco.MjModel, arms: tuple[ArmName, ...]) -> None:
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        layer: str,
+        model: mujoco.MjModel,
+        arms: tuple[ArmName, ...],
+        meshes: KeptMeshes,
+    ) -> None:
         self._model, self._data = model, mujoco.MjData(model)
         self._arms = arms
         self._data.qpos[:] = model.key("home").qpos
@@ -43,8 +51,8 @@ class RobotFigure:
         self._sent: dict[int, np.ndarray] = {}
         self._visible = True
         for arm in arms:
-            for body, name in body_meshes.names(model, body_meshes.moving(model, arm)):
-                self._nodes.append((body, _drawn(server, f"/{layer}/{name}", model, body, layer)))
+            for body, name in bodies.names(model, bodies.moving(model, arm)):
+                self._nodes.append((body, _drawn(server, f"/{layer}/{name}", meshes, body, layer)))
         self._place()
 
     @property
@@ -81,13 +89,13 @@ def _still(last: np.ndarray, position: np.ndarray, turn: np.ndarray) -> bool:
     return bool(np.abs(last[:3] - position).max() < _STILL_M and np.abs(last[3:] - turn).max() < _STILL)
 
 
-def _drawn(server: viser.ViserServer, name: str, model: mujoco.MjModel, body: int, layer: str) -> Any:
+def _drawn(server: viser.ViserServer, name: str, meshes: KeptMeshes, body: int, layer: str) -> Any:
     if layer == "robot":
-        return server.scene.add_glb(name, body_meshes.coloured(model, body), receive_shadow=SHADOW)
-    mesh = body_meshes.plain(model, body)
+        return server.scene.add_glb(name, meshes.coloured(body), receive_shadow=SHADOW)
+    vertices, faces = meshes.plain(body)
     colour, opacity = (GHOST, 0.36) if layer == "ghost" else (VIRTUAL, 0.75)
     return server.scene.add_mesh_simple(
-        name, mesh.vertices, mesh.faces, color=colour, opacity=opacity, cast_shadow=False, receive_shadow=False
+        name, vertices, faces, color=colour, opacity=opacity, cast_shadow=False, receive_shadow=False
     )
 
 
@@ -101,11 +109,12 @@ class World:
         model = arm_model.scene()
         self._server, self._arms = server, arms
         self._frames = {arm: _frame0(model, arm) for arm in arms}
+        meshes = KeptMeshes(model)
         with server.atomic():
-            _surroundings(server, model)
-            self._robot = RobotFigure(server, "robot", model, ARMS)
-            self._virtual = RobotFigure(server, "virtual", model, arms)
-            self._ghosts = {} if blinded else {arm: RobotFigure(server, "ghost", model, (arm,)) for arm in arms}
+            _surroundings(server, model, meshes)
+            self._robot = RobotFigure(server, "robot", model, ARMS, meshes)
+            self._virtual = RobotFigure(server, "virtual", model, arms, meshes)
+            self._ghosts = {} if blinded else {arm: RobotFigure(server, "ghost", model, (arm,), meshes) for arm in arms}
             self._trails = Trails(server, arms, blinded)
             self._arrows = {} if blinded else {arm: _arrow(server, arm) for arm in arms}
             self._task = task_shapes.TaskShapes(server, task or {})
@@ -159,13 +168,13 @@ def _frame0(model: mujoco.MjModel, arm: ArmName) -> tuple[np.ndarray, np.ndarray
     return body.pos.copy(), turn.reshape(3, 3)
 
 
-def _surroundings(server: viser.ViserServer, model: mujoco.MjModel) -> None:
+def _surroundings(server: viser.ViserServer, model: mujoco.MjModel, meshes: KeptMeshes) -> None:
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    for body, name in body_meshes.names(model, body_meshes.fixed(model)):
+    for body, name in bodies.names(model, bodies.fixed(model)):
         server.scene.add_glb(
             f"/fixed/{name}",
-            body_meshes.coloured(model, body),
+            meshes.coloured(body),
             position=data.xpos[body],
             wxyz=data.xquat[body],
             receive_shadow=SHADOW,

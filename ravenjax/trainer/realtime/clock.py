@@ -30,7 +30,7 @@ MOST_BEHIND = 100
 LATE_US = 1000
 """A tick that begins a whole period late has overrun."""
 _SET_TIMER_SLACK = 29  # linux/prctl.h, PR_SET_TIMERSLACK, ns
-_CURRENT_AND_FUTURE = 3  # linux/mman.h, MCL_CURRENT | MCL_FUTURE
+_CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4  # linux/mman.h, MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT (kernels since 4.4)
 _CAP_IPC_LOCK = 14  # linux/capability.h
 BINS = 20_000
 """Of a histogram, one microsecond each; what is longer is in the last."""
@@ -120,7 +120,7 @@ def realtime(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
     libc = ctypes.CDLL(None)
     cpus, policy, priority = os.sched_getaffinity(0), os.sched_getscheduler(0), os.sched_getparam(0)
     granted = ["timer slack 1 ns"] if libc.prctl(_SET_TIMER_SLACK, 1, 0, 0, 0) == 0 else []
-    if _may_lock_memory() and libc.mlockall(_CURRENT_AND_FUTURE) == 0:
+    if _may_lock_memory() and _lock_memory(libc):
         granted.append("memory locked")
     if len(cpus) > 1:
         os.sched_setaffinity(0, {choose(cpus)})
@@ -140,6 +140,18 @@ def realtime(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
         os.sched_setaffinity(0, cpus)
         libc.munlockall()
         libc.prctl(_SET_TIMER_SLACK, 0, 0, 0, 0)  # 0: the system's own
+
+
+def _lock_memory(libc: ctypes.CDLL) -> bool:
+    """Keep in place what is in memory now and what is asked for later; whether the system lets us.
+
+    What is mapped but was never touched, most of every library, stays out: to lock it would read it in. What is asked
+    for later is filled when it is asked for, as the heap of a loop grows.
+    """
+    libc.malloc_trim(0)
+    if libc.mlockall(_CURRENT | _ON_FAULT) != 0:
+        return libc.mlockall(_CURRENT | _FUTURE) == 0
+    return libc.mlockall(_FUTURE) == 0
 
 
 def _may_lock_memory() -> bool:

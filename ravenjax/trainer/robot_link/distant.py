@@ -11,13 +11,16 @@ model; `known_mm` is the distance from the model, too. Of false reports nothing 
 from __future__ import annotations
 
 import struct
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ravenjax.campaign import compile_cache
+from ravenjax.engines import trace_key
 from ravenjax.engines.cpu.stepper import StepCode, Stepper
-from ravenjax.numbers.lazy import jax, jnp
+from ravenjax.numbers import tree
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, cast, replace
 from ravenjax.robots.raven2 import ROBOT
@@ -30,6 +33,7 @@ from ravenjax.stages import monitor
 from ravenjax.trainer.protocol.frame import Frame
 from ravenjax.trainer.robot_link.joints.record import JointReport
 from ravenjax.trainer.robot_link.remote import RemoteRobot
+from ravenjax.trainer.session import blueprint as of_session
 from ravenjax.trainer.session.blueprint import Blueprint, hazard_distances
 
 _SEEN = (
@@ -42,6 +46,9 @@ _MOST_TRIPS = 2**23
 """Of one check: the sum stays a whole number in single precision."""
 _U_FIELDS = struct.Struct("<3I6i8d2i2i2i")
 assert _U_FIELDS.size == U_STRUCT.itemsize
+
+_SOURCE = Path(__file__).read_bytes()
+"""Part of the key under which compiled code is kept."""
 
 
 class _Reported(NamedTuple):
@@ -66,7 +73,7 @@ class DistantRobot:
         self.now = 0
         self._out = np.zeros(self._stepper.code.outputs, np.float32)
         self._rest = _resting(blueprint)
-        self._reported = _Reported(*jax.tree.unflatten(jax.tree.structure(self._rest), self._stepper.entering))
+        self._reported = _Reported(*tree.filled(self._rest, self._stepper.entering))
         self._sequence = 0
         self._places = [blueprint.layout.places[name] for name in (*_names(self.arms), "halted_ms")]
         self._outcomes: dict[str, Any] = {}
@@ -197,7 +204,7 @@ class DistantRobot:
 
 
 def _write(places: _Reported, numbers: _Reported) -> None:
-    for place, number in zip(jax.tree.leaves(places), jax.tree.leaves(numbers), strict=True):
+    for place, number in zip(tree.leaves(places), tree.leaves(numbers), strict=True):
         place[0] = number
 
 
@@ -246,4 +253,5 @@ def _half(blueprint: Blueprint) -> StepCode:
         return {"cue0_first_ms": state.haptics[0].cues[0].first_tick}
 
     tables = blueprint.code.tables[:1] * len(blueprint.plan.columns)
-    return StepCode(begin, step, finish, (), _resting(blueprint), tables, compile_cache.objects())
+    key = trace_key.of("distant", of_session.SOURCE, _SOURCE, setup, params)
+    return StepCode(begin, step, finish, (), _resting(blueprint), tables, compile_cache.objects(), key)

@@ -47,7 +47,10 @@ class Armable:
     def header(self) -> dict[str, Any]:
         """What session.json says of it."""
         names = ("number", "hazard", "title", "group", "run_id", "within_s")
-        return {name: getattr(self, name) for name in names} | {"right_response": list(self.right_response)}
+        row = of_library(self.hazard)
+        layer = library.layers()[row.layer] if row is not None else ""
+        told = {name: getattr(self, name) for name in names}
+        return told | {"right_response": list(self.right_response), "layer": layer}
 
 
 def responses(entry: Entry, hazard: Hazard | None) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from ravenjax.numbers.lazy import at_once
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import kinematics
@@ -421,6 +422,7 @@ class Session:
         starts = self.blueprint.plan.motion.start_jpos
         tips: dict[ArmName, Point] = {}
         for arm, jpos in zip(self.arms, starts, strict=True):
-            x, y, z = (float(number) for number in kinematics.forward(arm, Vec(jpos)).position)
+            with at_once():
+                x, y, z = (float(number) for number in kinematics.forward(arm, Vec(jpos)).position)
             tips[arm] = (x, y, z)
         return tips

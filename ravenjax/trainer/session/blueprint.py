@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from ravenjax.campaign import compile_cache, plan
 from ravenjax.campaign.faults import table
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.plan import Plan
+from ravenjax.engines import trace_key
 from ravenjax.engines.cpu.stepper import StepCode
 from ravenjax.errors import UserError
 from ravenjax.faults.fault import Faults, FaultSlot
@@ -33,6 +35,9 @@ from ravenjax.trainer.protocol.frame import FrameLayout
 
 SPARE_MS = 60_000
 """Rows of the motion beyond the session's length, for ticks after its end and for packets sent again."""
+
+SOURCE = Path(__file__).read_bytes()
+"""Part of the key under which compiled code is kept: `make` decides what is compiled, too."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -93,7 +98,8 @@ def make(config: CampaignConfig, packets: bool = False, limit_mm: float = LIMIT_
 
     compile_cache.enable()
     tables = (length,) * columns
-    code = StepCode(begin, step, finish, inputs, entering, tables, compile_cache.objects())
+    key = trace_key.of("session", SOURCE, setup, params, program.module, program.varied, packets)
+    code = StepCode(begin, step, finish, inputs, entering, tables, compile_cache.objects(), key)
     return Blueprint(ready, layout, code, inputs, slots, packets)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.engines.cpu.stepper import Stepper
 from ravenjax.faults.fault import FaultSlot
-from ravenjax.numbers.lazy import jax
+from ravenjax.numbers import tree
 from ravenjax.numbers.vec import replace
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.loop import run
@@ -53,8 +53,8 @@ class SimulatedRobot:
         self.packets = [stepper.entering[series + 1 :] for stepper in (self._own, self._beside)]
         """Where a packet from outside enters the two."""
         self._fresh = self._own.snapshot()
-        places = jax.tree.unflatten(jax.tree.structure(code.state), range(len(jax.tree.leaves(code.state))))
-        self._slots = [jax.tree.leaves(slot) for slot in places.faults.slots]  # of each number, among the state's
+        places = tree.filled(code.state, list(range(len(tree.leaves(code.state)))))
+        self._slots = [tree.leaves(slot) for slot in places.faults.slots]  # of each number, among the state's
         self._fault_inputs = len(code.input_types) - len(_FIELDS) * (blueprint.fault_slots + 1)
 
     def step(self) -> None:
@@ -182,7 +182,7 @@ class PacketRobot(SimulatedRobot):
     def tick(self, packet: Packet | None) -> Frame:
         """One tick with the packet that arrived, None: none did. The frame is the same object each time."""
         if packet is not None:
-            leaves = jax.tree.leaves(packet)
+            leaves = tree.leaves(packet)
             for entering in self.packets:
                 for place, number in zip(entering, leaves, strict=True):
                     place[0] = number

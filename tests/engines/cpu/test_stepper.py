@@ -5,7 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from ravenjax.engines.cpu import step_code
 from ravenjax.engines.cpu.stepper import StepCode, Stepper
+from ravenjax.numbers import lazy
 from ravenjax.numbers.vec import record
 
 
@@ -95,3 +97,38 @@ def test_a_snapshot_is_taken_over_whole_or_in_part(code):
 def test_only_float32_may_go_out():
     with pytest.raises(TypeError, match="float32"):
         StepCode(lambda i: i, lambda i, s, now, e, t: (s, [now]), lambda i, s: {"s": s}, np.float32(0), (), [])
+
+
+def own_functions(gain):
+    """Functions as this package writes them: `jnp` is taken from `numbers.lazy`."""
+
+    def begin(inputs):
+        return State(inputs.gain * 0.0, lazy.jnp.int32(0), lazy.jnp.float32(7.0))
+
+    def step(inputs, state, now, entering, tables):
+        new = State(state.sum + inputs.gain * gain + entering[0], state.ticks + inputs.count, state.spare)
+        return new, [new.sum, lazy.jnp.float32(now)]
+
+    return begin, step, lambda inputs, state: {"ticks": state.ticks, "sum": state.sum}
+
+
+def test_code_that_was_kept_is_found_by_its_key_and_not_traced_again(monkeypatch):
+    inputs, entering, objects = Inputs(np.float32(2.0), np.int32(1)), (np.float32(0.5),), {}
+    through_jax = StepCode(*own_functions(3.0), inputs, entering, [])
+    first = StepCode(*own_functions(3.0), inputs, entering, [], objects, "three")
+    assert first.kernel == through_jax.kernel and first.names == through_jax.names
+    traced = []
+    real = step_code._traced
+    monkeypatch.setattr(step_code, "_traced", lambda *args: traced.append(args) or real(*args))
+    again = StepCode(*own_functions(3.0), inputs, entering, [], objects, "three")
+    assert not traced and again.kernel == first.kernel and again.state == first.state
+    out = np.zeros(2, np.float32)
+    stepper = Stepper(again, inputs)
+    stepper.entering[0][0] = 0.5
+    stepper.step(0, out.ctypes.data)
+    stepper.change(lambda state: State(state.sum * 2.0, state.ticks, state.spare))
+    assert out.tolist() == [6.5, 0.0] and stepper.outcomes() == {"ticks": 1, "sum": 13.0}
+    StepCode(*own_functions(4.0), inputs, entering, [], objects, "four")
+    assert len(traced) == 1
+    StepCode(*own_functions(3.0), inputs, (np.int32(0),), [], objects, "three")  # other types
+    assert len(traced) == 2

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+
 import numpy as np
 import pytest
 from mcap.reader import make_reader
@@ -30,6 +32,11 @@ def whole(tmp_path_factory):
         index = make_reader(file).get_summary().chunk_indexes
     ends = sorted(one.chunk_start_offset + one.chunk_length for one in index)
     return path.read_bytes(), rows, ends
+
+
+def chunks(data):
+    """Where chunks stand by the file's own index."""
+    return sorted(make_reader(io.BytesIO(data)).get_summary().chunk_indexes, key=lambda one: one.chunk_start_offset)
 
 
 def seeking(path):
@@ -82,6 +89,26 @@ def test_a_damaged_chunk_is_left_out_and_counted(whole, tmp_path):
     missing = set(range(4 * BLOCK, 5 * BLOCK))
     assert set(seeking(told.path)) == set(range(BLOCKS * BLOCK)) - missing
     assert told.complete and told.lost_bytes > 100 and "recovered" in str(told)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cut", [False, True])
+@pytest.mark.parametrize("size", [1, 300])
+def test_damage_anywhere_costs_at_most_the_chunks_that_it_touches(whole, tmp_path, size, cut):
+    data, rows, ends = whole
+    data = data[: ends[-1]] if cut else data
+    begins = [index.chunk_start_offset for index in chunks(whole[0])]
+    path = tmp_path / "damaged.mcap"
+    places = {place + more for place in (*begins, *ends) for more in range(-3, 12)} | set(
+        range(begins[0], len(data), 97)
+    )
+    for at in sorted(place for place in places if ends[0] <= place < ends[-1]):  # the first names the channels
+        path.write_bytes(data[:at] + bytes(byte ^ 0x5A for byte in data[at : at + size]) + data[at + size :])
+        hit = {k for k in range(BLOCKS) if begins[k] < at + size and at < ends[k]}
+        log = session_log.read(path)
+        assert set(log.numbers.tolist()) >= {n for n in range(BLOCKS * BLOCK) if n // BLOCK not in hit}, at
+        np.testing.assert_array_equal(log.rows, rows[log.numbers])
+        assert len(hit) <= 2 and log.lost_bytes <= sum(ends[k] - begins[k] for k in hit) + 2 * size + 600
 
 
 def test_a_file_may_be_recovered_in_place(whole, tmp_path):

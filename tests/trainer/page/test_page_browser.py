@@ -6,9 +6,10 @@ import shutil
 
 import pytest
 import waiting
-from fake_session import AS_INSTRUCTOR, FakeSession
+from fake_session import AS_INSTRUCTOR, HEADER, FakeSession
 
 from ravenjax.robots.raven2 import ROBOT
+from ravenjax.trainer.protocol.frame import PHASES
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -188,6 +189,52 @@ def test_a_second_operator_looks_on(browser, session):
         assert first.evaluate("ravenjax.state().role") == "operator"
 
 
+def many(count):
+    """A header with so many hazards, in three layers."""
+    layers = ("the console", "the control software", "USB boards and motors")
+    return HEADER | {
+        "hazards": [
+            {"number": k, "hazard": f"B{k:02}", "title": "torque stuck" if k % 2 else "packet lost",
+             "group": f"all/B{k}", "layer": layers[k % 3], "right_response": ["stop"], "within_s": 2.0}
+            for k in range(count)
+        ]
+    }  # fmt: skip
+
+
+def test_an_instructor_finds_keeps_and_plans_hazards(browser, tmp_path):
+    session = FakeSession(header=many(60))
+    session.wait()
+    try:
+        with Visit(browser, session, f"{AS_INSTRUCTOR}&scene=off", 1366) as page:
+            items = "document.querySelectorAll('#hazards li[data-number]').length"
+            assert page.locator("#hazards li.group").count() == 3 and page.evaluate(items) == 0  # folded
+            click(page, "#hazards li.group button")
+            until(page, f"{items} === 20")
+            page.fill("#hazard-search", "b07 torque")
+            until(page, f"{items} === 1")
+            click(page, "#hazards .star")
+            page.fill("#hazard-search", "")
+            page.evaluate("document.getElementById('hazard-starred').click()")
+            until(page, f"{items} === 1")
+            click(page, "#hazards .later")
+            page.fill("#hazard-plan-name", "first lesson")
+            click(page, "#hazard-keep")
+            click(page, "#hazard-clear")
+            until(page, "document.querySelectorAll('.hazard-plan li').length === 0")
+            page.select_option("#hazard-preset", "first lesson")
+            until(page, "document.querySelectorAll('.hazard-plan li').length === 1")
+            assert page.evaluate("document.querySelector('#log').getBoundingClientRect().bottom < innerHeight")
+            assert "hand" in page.inner_text("#trainee") and "mm/s" in page.inner_text("#trainee")
+            page.fill(".hazard-plan input", "0")
+            page.evaluate("document.querySelector('.hazard-plan input').dispatchEvent(new Event('change'))")
+            page.evaluate("document.querySelector('[data-instructor=start]').click()")
+            session.event("started", by="instructor")
+            session.frame["phase"] = PHASES.index("running")
+            assert session.heard(type="instructor", do="arm")["hazard"] == 7
+    finally:
+        session.close()
+
+
 def test_a_hazard_is_armed_felt_and_met(browser, session):
     with (
         Visit(browser, session, "role=operator&scene=off") as operator,
@@ -197,7 +244,7 @@ def test_a_hazard_is_armed_felt_and_met(browser, session):
         operator.bring_to_front()
         operator.keyboard.down("Space")
         until(operator, "document.querySelector('#pedal').classList.contains('down')")
-        click(instructor, "#hazards li:nth-child(1) button")
+        click(instructor, "#hazards li:nth-child(1) button.arm")
         until(instructor, "document.querySelector('#hazards li.struck')")
         until(operator, "ravenjax.state().strength > 0")
         until(operator, "document.querySelector('#alarms .alarm')")

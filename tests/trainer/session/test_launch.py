@@ -3,14 +3,19 @@
 import csv
 import dataclasses
 import json
+import os
+import signal
+import socket
+import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
 import ros2_log
 
 from ravenjax.errors import UserError
-from ravenjax.trainer import launch, processes, scenario
+from ravenjax.trainer import launch, page, processes, scenario
 from ravenjax.trainer.launch import SessionOptions
 from ravenjax.trainer.recording import reader
 
@@ -130,7 +135,7 @@ def leave(_):
 
 @pytest.mark.slow
 def test_a_page_that_ends_at_its_start_is_told_of_at_once(tmp_path, monkeypatch):
-    monkeypatch.setattr(launch.page, "run", leave)
+    monkeypatch.setattr(page, "run_when_told", leave)
     monkeypatch.setattr(processes, "STARTING_S", 600.0)
     with pytest.raises(UserError, match="the page's process ended with code 3"):
         launch.realtime(options(tmp_path / "x"))
@@ -148,3 +153,43 @@ def test_addresses_of_robots(text, meant):
 def test_addresses_that_are_none(text):
     with pytest.raises(UserError, match="expected HOST"):
         launch.address(text)
+
+
+@pytest.mark.slow
+def test_a_session_needs_neither_jax_nor_trimesh(tmp_path):
+    code = """if True:
+        import sys
+        from pathlib import Path
+        from ravenjax.trainer import launch, scenario
+        from ravenjax.trainer.page import process
+        setting = scenario.load("first_steps", ["duration_s=1"])
+        launch.headless(launch.SessionOptions(setting, Path(sys.argv[1]), 0, script="ignore"))
+        print([name for name in ("jax", "trimesh") if name in sys.modules])
+    """
+    ran = subprocess.run([sys.executable, "-c", code, tmp_path / "x"], capture_output=True, text=True, check=True)
+    assert ran.stdout.strip() == "[]"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("when", ["the session is being prepared", "operator:", "realtime:"])
+def test_one_interruption_ends_it_whenever_it_comes(tmp_path, when):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        command = ["train", "first_steps", "--out", tmp_path / "x", "--port", port]
+        ran = subprocess.Popen(
+            [sys.executable, "-m", "ravenjax.cli", *map(str, command)],
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        )  # fmt: skip
+        said = ""
+        for line in ran.stdout:
+            said += line
+            if when in line:
+                time.sleep(0.3)
+                os.killpg(ran.pid, signal.SIGINT)  # as a terminal does: every process of the group
+        assert ran.wait(60) in (0, 130) and "Traceback" not in said
+    if when != "the session is being prepared":
+        assert f"port {port} is taken: the page is at port" in said
+    if when == "realtime:":
+        assert (tmp_path / "x" / "debrief.html").exists() and "(instructor)" in said
+    assert not (tmp_path / "x" / launch.CLAIM).exists()

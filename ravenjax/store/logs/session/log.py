@@ -181,6 +181,8 @@ class _Standard:
                 position, joints = self._places(arm, channel, 3), self._places(arm, joint_channel, len(JOINTS))
                 if position is not None and joints is not None:
                     self._tips.append(_Tip(arm, name, position, joints))
+        if self._tips:
+            quaternions(np.eye(3)[None])  # imports what it needs: a recording that began must not wait for it
         standing = [arm for arm in ARM_TOPICS if arm in bases and any(tip.arm == arm for tip in self._tips)]
         self._bases = np.array([[*bases[arm]["origin"], *bases[arm]["quaternion"]] for arm in standing]).reshape(-1, 7)
         self._poses = [topics.pose(tip.arm, f"{tip.name}_cp") for tip in self._tips]

@@ -1,12 +1,14 @@
 // The session's page: puts wire, hands, plots and panels together.
 
 import { Haptics } from "./haptics.js";
+import { HazardPanel } from "./hazards.js";
 import { Input } from "./input.js";
 import * as pads from "./pads.js";
 import { Panels } from "./panels.js";
 import { COLOURS, Plot } from "./plots.js";
 import { Probe } from "./probe.js";
 import { Scope } from "./scope.js";
+import { TraineeCard } from "./trainee.js";
 import { Wire } from "./wire.js";
 
 const CAP = 0.05;
@@ -20,6 +22,8 @@ let [latest, shown, plots, scope, blind] = [null, null, null, null, false];
 
 const send = (message) => wire.send(message);
 const panels = new Panels(root, send);
+const hazards = new HazardPanel($("hazard-card"), $("hazards"), send);
+const trainee = new TraineeCard($("trainee"));
 const input = new Input(own.keys, {
   send,
   pressed: (stamp) => probe.pressed(stamp),
@@ -33,7 +37,7 @@ const wire = new Wire(own.role, own.window, own.token, {
   welcome,
   frame: take,
   event: (event) => {
-    panels.event(event);
+    happened(event);
     if (event.kind === "object" && scope) scope.object = event.at;
     if (event.kind === "end") setTimeout(debrief, 500);
   },
@@ -41,21 +45,31 @@ const wire = new Wire(own.role, own.window, own.token, {
   refused: (why) => console.debug(`refused: ${why}`),
 });
 
-function welcome(told) {
-  panels.welcome(told);
-  input.arms = told.arms;
-  input.enabled = told.role === "operator";
-  blind = Boolean(told.header.blinded) && told.role !== "instructor";
-  const lines = told.arms.map((arm) => ({ name: arm, colour: COLOURS[arm] }));
-  const limit = told.header.cue_threshold_mm ?? null; // no line where the session does not name it
+function welcome(welcomed) {
+  panels.welcome(welcomed);
+  input.arms = welcomed.arms;
+  input.enabled = welcomed.role === "operator";
+  blind = Boolean(welcomed.header.blinded) && welcomed.role !== "instructor";
+  const lines = welcomed.arms.map((arm) => ({ name: arm, colour: COLOURS[arm] }));
+  const limit = welcomed.header.cue_threshold_mm ?? null; // no line where the session does not name it
   plots = {
     error: new Plot($("error"), lines, { floor: 1.2 * (limit ?? 1), limit, unit: "mm", digits: 1 }),
     force: new Plot($("force"), lines, { floor: CAP, limit: null, unit: "", digits: 3 }),
   };
-  scope = new Scope($("scope"), told.arms, told.bases, told.tissue, told.header.task);
-  for (const event of told.events) panels.event(event);
-  if (told.events.some((event) => event.kind === "end")) debrief();
+  scope = new Scope($("scope"), welcomed.arms, welcomed.bases, welcomed.tissue, welcomed.header.task);
+  hazards.welcome(welcomed.header.hazards ?? []);
+  trainee.welcome(welcomed.arms);
+  for (const event of welcomed.events) happened(event);
+  if (welcomed.events.some((event) => event.kind === "end")) debrief();
   setTimeout(looks, 1500); // once the scene's own socket is known
+}
+
+/** An event, to everything that shows it. */
+function happened(event) {
+  panels.event(event);
+  if (panels.role !== "instructor") return;
+  hazards.event(event);
+  trainee.event(event);
 }
 
 function take(frame) {
@@ -87,6 +101,10 @@ function draw() {
   if (!latest || latest === shown || !plots) return;
   shown = latest;
   panels.frame(latest, measured(latest), input.pedal);
+  if (panels.role === "instructor") {
+    hazards.frame(latest, panels.state.phase);
+    trainee.frame(latest, latest.arms);
+  }
   if (!blind) {
     for (const [name, unit, digits] of [["error", "mm", 2], ["force", "", 4]]) {
       plots[name].draw();

@@ -75,7 +75,7 @@ export class Panels {
     const hidden = Boolean(header.blinded) && role !== "instructor";
     for (const id of ["error-card", "force-card", "layer-ghost", "layer-force"]) $(id).hidden = hidden;
     for (const pad of document.querySelectorAll("#hands .pad")) pad.hidden = !arms.includes(pad.dataset.arm);
-    for (const id of ["runlevel", "alarms", "log", "hazards"]) $(id).replaceChildren();
+    for (const id of ["runlevel", "alarms", "log"]) $(id).replaceChildren();
     for (const [level, name] of run_levels.entries()) {
       const lamp = element("li", "", name);
       lamp.dataset.level = level;
@@ -83,17 +83,6 @@ export class Panels {
     }
     $("alarms").append(element("li", "none", "no alarm"));
     this.alarms = new Map();
-    for (const hazard of header.hazards ?? []) $("hazards").append(this.hazard(hazard));
-  }
-
-  hazard({ number, hazard, title, right_response: right = [], within_s: within }) {
-    const item = element("li", "", element("b", "", `${hazard} ${title}`), element("small", "", `${right.join(", ")} within ${within} s`));
-    const arm = element("button", "", "arm");
-    arm.type = "button";
-    arm.addEventListener("click", () => this.send({ type: "instructor", do: "arm", hazard: number }));
-    item.append(arm);
-    item.dataset.number = number;
-    return item;
   }
 
   event(event) {
@@ -101,17 +90,12 @@ export class Panels {
     if (event.kind === "refused") set("console-note", event.why);
     if (event.kind === "started") this.start();
     if (event.kind === "owner") set("console-note", "");
-    if (!$("hazard-card") || this.role !== "instructor") return;
+    if (!$("log") || this.role !== "instructor") return;
     const say = WORDS[event.kind];
     if (say) {
       $("log").prepend(element("li", "", time(event.tick), element("span", "", say(event))));
       while ($("log").children.length > 200) $("log").lastChild.remove();
     }
-    const item = $("hazards").querySelector(`[data-number="${event.number}"]`);
-    if (!item) return;
-    const states = { hazard_armed: "armed", hazard_struck: "struck", hazard_over: "over" };
-    if (states[event.kind]) item.className = states[event.kind];
-    if (event.kind === "hazard_over") item.querySelector("small").textContent = event.outcome;
   }
 
   /** The session's time runs. */
@@ -193,7 +177,6 @@ export class Panels {
 
   instructor(frame, phase) {
     const on = frame.number("hazard");
-    for (const button of $("hazards").querySelectorAll("button")) button.disabled = on >= 0 || phase === "over";
     const can = { start: !this.started && phase !== "over", pause: phase !== "paused" && phase !== "over", resume: phase === "paused", reset: phase !== "over", end: phase !== "over", disarm: on >= 0 };
     for (const button of document.querySelectorAll("[data-instructor]")) button.disabled = !can[button.dataset.instructor];
     if (document.activeElement !== $("cue")) $("cue").checked = frame.number("cue_on") === 1;
