@@ -13,8 +13,18 @@ from ravenjax.trainer.page.hub import Client
 from ravenjax.trainer.page.server import window
 from ravenjax.trainer.page.world import LAYERS
 
-CAMERAS = ("theatre", "front", "closeup")
-FIRST = "theatre"
+FIRST = "endoscope"
+ENDOSCOPES = {
+    "endoscope": (0.0, -0.14, 0.105),
+    "endoscope_left": (-0.0027, -0.14, 0.105),
+    "endoscope_right": (0.0027, -0.14, 0.105),
+    "second": (0.17, -0.03, 0.05),
+}
+"""Where each stands, m from the middle of the field. The eyes of a stereo endoscope are 5 to 6 mm apart."""
+LAMP, LAMP_CD = (255, 246, 235), 0.008  # the endoscope's light: colour, candela
+FIELD = (0.0, 0.0, 0.192)  # m, its middle: a little above the tissue
+ENDOSCOPE_FOV = np.radians(44.0)  # upward; rigid endoscopes see 60 to 75 degrees across their round picture
+CAMERAS = (*ENDOSCOPES, "theatre", "front", "closeup")
 _FOCUS = {"theatre": (0.0, 0.0, 0.37), "front": (0.0, 0.0, 0.37), "closeup": (0.0, 0.0, 0.198)}  # m, turned about
 _FARTHER = {"theatre": 1.25, "front": 1.2, "closeup": 1.0}  # than the model's: a window is narrower than its picture
 
@@ -36,10 +46,16 @@ class Windows:
         server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
         server.scene.configure_environment_map("studio", environment_intensity=0.3)
         server.scene.configure_default_lights(True, cast_shadow=True)
+        lamp = np.array(FIELD) + ENDOSCOPES["endoscope"]
+        server.scene.add_light_point("/lamp", color=LAMP, intensity=LAMP_CD, position=tuple(lamp), cast_shadow=False)
 
         @server.on_client_connect
         async def _(client: viser.ClientHandle) -> None:
-            self._clients[window.get() or str(client.client_id)] = client
+            name = window.get() or str(client.client_id)
+            self._clients[name] = client
+            _, _, inset = name.partition(".")
+            if inset in CAMERAS:
+                _look(client, inset)
 
         @server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:
@@ -54,10 +70,7 @@ class Windows:
         if handle is None:
             return
         if told["do"] == "camera" and name in CAMERAS:
-            place, focus, fov = pose(name)
-            with handle.atomic():
-                handle.camera.position, handle.camera.look_at = place, focus
-                handle.camera.up_direction, handle.camera.fov = (0.0, 0.0, 1.0), fov
+            _look(handle, name)
         elif told["do"] == "layer" and name == "shadows":
             handle.scene.configure_default_lights(True, cast_shadow=bool(told.get("on", True)))
         elif told["do"] == "layer" and name in LAYERS:
@@ -68,8 +81,21 @@ class Windows:
             self._layers[key].visible = bool(told.get("on", True))
 
 
+def _look(client: viser.ClientHandle, name: str) -> None:
+    place, focus, fov = pose(name)
+    with client.atomic():
+        client.camera.position, client.camera.look_at = place, focus
+        client.camera.up_direction, client.camera.fov = (0.0, 0.0, 1.0), fov
+
+
 def pose(name: str) -> tuple[np.ndarray, np.ndarray, float]:
-    """Position and point looked at, m, and field of view upward, rad, of the model's camera."""
+    """Position and point looked at, m, and field of view upward, rad: of an endoscope, or of the model's camera."""
+    if name in ENDOSCOPES:
+        focus = np.array(FIELD)
+        if name.endswith(("_left", "_right")):  # the axes of both eyes are parallel
+            focus[0] += ENDOSCOPES[name][0]
+            return np.array(FIELD) + ENDOSCOPES[name], focus, float(ENDOSCOPE_FOV)
+        return focus + ENDOSCOPES[name], focus, float(ENDOSCOPE_FOV)
     camera = arm_model.scene().camera(name)
     focus = np.array(_FOCUS[name])
     return focus + _FARTHER[name] * (camera.pos - focus), focus, float(np.radians(camera.fovy[0]))

@@ -22,9 +22,9 @@ _TYPES = {
     ".js": "text/javascript; charset=utf-8",
 }
 _EARLY = '<script src="/static/early.js"></script>'
+_LOOK = '<link rel="stylesheet" href="/static/page.css">'
 _LATE = (
-    '<link rel="stylesheet" href="/static/page.css"><link rel="stylesheet" href="/static/instructor.css">'
-    '<script type="module" src="/static/page.js"></script>'
+    f'{_LOOK}<link rel="stylesheet" href="/static/instructor.css"><script type="module" src="/static/page.js"></script>'
 )
 
 
@@ -35,7 +35,7 @@ class PageSite:
         self._door = door
         self._debrief = Path(folder) / DEBRIEF if folder else None
         self._files = {f"/static/{path.name}": _packed(path) for path in STATIC.iterdir() if path.suffix in _TYPES}
-        self._pages = {on: gzip.compress(_index(on).encode(), 6) for on in (True, False)}
+        self._pages = {kind: gzip.compress(text.encode(), 6) for kind, text in _pages().items()}
 
     def answer(self, request: Request) -> Response | None:
         """The response; None lets a websocket through."""
@@ -51,7 +51,9 @@ class PageSite:
         if path == f"/{DEBRIEF}" and self._debrief is not None and ready:
             return self._response(http.HTTPStatus.OK, _TYPES[".html"], self._debrief.read_bytes())
         if path == "/":
-            kind, body = _TYPES[".html"], self._pages[query(request.path).get("scene") != "off"]
+            wishes = query(request.path)
+            page = "inset" if "inset" in wishes else "panel" if wishes.get("scene") == "off" else "scene"
+            kind, body = _TYPES[".html"], self._pages[page]
         elif path in self._files:
             kind, body = self._files[path]
         else:
@@ -85,16 +87,20 @@ _PLAIN = (
 )
 
 
-def _index(scene: bool) -> str:
-    """Viser's client, which is one self-contained page, and the session's panel over it, or that alone."""
+def _pages() -> dict[str, str]:
+    """Viser's client, which is one self-contained page, with the session's panel over it; the panel alone; and the
+    client alone, for a small second picture."""
     panel = (STATIC / "panel.html").read_text(encoding="utf-8")
-    if not scene:
-        return _PLAIN.replace("<head>", f"<head>{_EARLY}").replace("</head>", f"{_LATE}</head>").replace("PANEL", panel)
+    plain = _PLAIN.replace("<head>", f"<head>{_EARLY}").replace("</head>", f"{_LATE}</head>").replace("PANEL", panel)
     client = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_text(encoding="utf-8")
+    return {"panel": plain, "scene": _scene(client, _LATE, panel), "inset": _scene(client, _LOOK, "")}
+
+
+def _scene(client: str, late: str, panel: str) -> str:
     text = client.replace("<head>", f"<head>{_EARLY}", 1).replace("<title>Viser</title>", "<title>ravenjax</title>", 1)
     head, _, rest = text.rpartition("</head>")
-    text = f"{head}{_LATE}</head>{rest}".replace('<div id="root"></div>', f'<div id="root"></div>{panel}', 1)
-    missing = [part for part in (_EARLY, _LATE, panel) if part not in text]
+    text = f"{head}{late}</head>{rest}".replace('<div id="root"></div>', f'<div id="root"></div>{panel}', 1)
+    missing = [part for part in (_EARLY, late, panel) if part not in text]
     if missing:
         raise RuntimeError(f"viser {viser.__version__}: its client's page has no place for {missing[0][:60]!r}")
     return text

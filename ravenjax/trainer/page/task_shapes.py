@@ -33,8 +33,20 @@ class TaskShapes:
         self._arms = {int(target["number"]): target.get("arm", "") for target in geometry.get("targets") or ()}
         self._places: dict[int, np.ndarray] = {}
         self._ring = _ring(server)
+        self._on_path: Any = None
         if geometry.get("path"):
-            _path(server, geometry["path"])
+            path = geometry["path"]
+            _path(server, path)
+            self._places = {k: np.asarray(at, float) for k, at in enumerate(path["points"])}
+            self._on_path = server.scene.add_icosphere(
+                "/task/on_path",
+                float(path.get("radius_m", 0.002)),
+                color=GOAL,
+                opacity=0.55,
+                cast_shadow=False,
+                receive_shadow=False,
+                visible=False,
+            )
         for target in geometry.get("targets") or ():
             self._add(server, f"target/{target['number']}", target, target["at"], 0.55)
         for peg in geometry.get("pegs") or ():
@@ -65,6 +77,9 @@ class TaskShapes:
         if goal == self._goal:
             return
         self._goal = goal
+        if self._on_path is not None:
+            self._on_path.visible = goal in self._places
+            self._on_path.position = tuple(self._places.get(goal, np.zeros(3)))
         for number, (node, colour) in self._spots.items():
             if number in self._arms:
                 node.visible = goal < 0 or goal - LAST_REACHED <= number <= goal + 1

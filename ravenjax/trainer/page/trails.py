@@ -12,7 +12,8 @@ from ravenjax.robots.raven2.arms import ArmName
 
 POINTS = 90
 STEP_MS = 40  # 3.6 s altogether
-COLOURS = {"gold": (255, 196, 64), "green": (96, 220, 120)}
+COLOURS = {"gold": (255, 196, 64), "green": (31, 174, 132)}
+DASHED = "green"  # apart from the other for who sees no colours, too
 MODEL = (88, 196, 255)
 _SAME_M = 1e-5
 
@@ -61,7 +62,8 @@ class Trails:
         for name, points in self._points.items():
             if len(points) > 1:
                 path = np.stack(points)
-                self._lines[name].points = np.stack([path[:-1], path[1:]], axis=1)
+                pieces = np.stack([path[:-1], path[1:]], axis=1)
+                self._lines[name].points = pieces[::2] if name.startswith(DASHED) else pieces
 
 
 def _still(points: deque[np.ndarray], place: np.ndarray) -> bool:

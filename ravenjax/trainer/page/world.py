@@ -1,6 +1,6 @@
 """The scene in three dimensions: both arms, their ghosts, trails, forces, the task; from frames to viser's nodes.
 
-Layers that a window may hide are the roots of the node tree: /robot, /ghost, /virtual, /trails, /force, /task.
+Layers that a window may hide are the roots of the node tree: /robot, /ghost, /virtual, /trails, /force, /task, /plumb.
 """
 
 # MuJoCo's compiled module carries no types.
@@ -19,10 +19,11 @@ from ravenjax.robots.raven2.dynamics import arm_model
 from ravenjax.robots.raven2.geometry import scene
 from ravenjax.trainer.page import bodies, task_shapes
 from ravenjax.trainer.page.kept_meshes import KeptMeshes
+from ravenjax.trainer.page.plumb import Plumb
 from ravenjax.trainer.page.trails import Trails
 from ravenjax.trainer.protocol.frame import VIEWS, Frame
 
-LAYERS = ("robot", "ghost", "virtual", "trails", "force", "task")
+LAYERS = ("robot", "ghost", "virtual", "trails", "force", "task", "plumb")
 GHOST, VIRTUAL = (88, 196, 255), (120, 226, 170)
 FORCE = (255, 190, 60)
 GHOST_MM = (0.5, 0.8)
@@ -117,6 +118,7 @@ class World:
             self._ghosts = {} if blinded else {arm: RobotFigure(server, "ghost", model, (arm,), meshes) for arm in arms}
             self._trails = Trails(server, arms, blinded)
             self._arrows = {} if blinded else {arm: _arrow(server, arm) for arm in arms}
+            self._plumb = Plumb(server, arms)
             self._task = task_shapes.TaskShapes(server, task or {})
         for figure in (self._virtual, *self._ghosts.values()):
             figure.visible = False
@@ -142,6 +144,7 @@ class World:
                     force = turn @ frame[f"{arm}/force"] * (frame.number("cue_on") != 0)
                     _point(self._arrows[arm], tip, FORCE_M * force)
             self._trails.send()
+            self._plumb.show(tips)
             self._task.show(int(frame.number("target")), tips)
         self._server.flush()
 
@@ -156,7 +159,7 @@ def place(arms: tuple[ArmName, ...]) -> dict[str, Any]:
     bases = {arm: _frame0(arm_model.scene(), arm) for arm in arms}
     return {
         "bases": {arm: {"origin": origin.tolist(), "turn": turn.tolist()} for arm, (origin, turn) in bases.items()},
-        "tissue": {"top": scene.TISSUE_TOP, "sag": scene.TISSUE_SAG[0], "half": scene.TISSUE_HALF[0]},
+        "tissue": {"top": scene.TISSUE_TOP, "sag": scene.TISSUE_SAG, "half": scene.TISSUE_HALF},
     }
 
 

@@ -60,7 +60,7 @@ class Task(abc.ABC):
         return None
 
     def geometry(self) -> dict[str, Any]:
-        """What the page draws, world coordinates in m; JSON."""
+        """What the page draws, world coordinates in m; JSON. `turns`: arms that take turns, `of` so many in all."""
         return {"kind": self.kind, "targets": [], "pegs": [], "object": None, "path": None}
 
     def result(self) -> dict[str, Any]:

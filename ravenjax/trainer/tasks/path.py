@@ -83,7 +83,8 @@ class PathTask(Task):
             "radius_m": self._tolerance_m,
             "colour": COLOUR,
         }
-        return super().geometry() | {"path": path}
+        turns = {"arms": self._arms, "of": self.settings.laps}
+        return super().geometry() | {"path": path, "turns": turns}
 
     def result(self) -> dict[str, Any]:
         return super().result() | {

@@ -133,7 +133,8 @@ class PegTask(Task):
             "radius_m": OBJECT_RADIUS_M,
             "colour": COLOURS["object"],
         }
-        return super().geometry() | {"pegs": pegs, "object": thing}
+        turns = {"arms": self._arms, "of": self.settings.transfers}
+        return super().geometry() | {"pegs": pegs, "object": thing, "turns": turns}
 
     def result(self) -> dict[str, Any]:
         return super().result() | {

@@ -16,7 +16,7 @@ from ravenjax.trainer.tasks.base import Event, Task, Wish, rounded
 
 LEAST_WAY_M = 0.005
 """From one target to the next: less would be reached by holding still."""
-COLOURS = {"gold": "#d9a441", "green": "#4fae6a"}
+COLOURS = {"gold": "#d9a441", "green": "#1fae84"}
 
 
 class ReachTask(Task):

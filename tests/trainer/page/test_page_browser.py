@@ -103,9 +103,11 @@ def click(page, selector):
 @pytest.mark.slow  # not on a machine with a GPU
 def test_the_scene_comes_with_everything_in_it_and_asks_nobody_else(chromium, session):
     browser = chromium.launch(executable_path=CHROMIUM, args=DRAWN)
-    with Visit(browser, session, "role=operator&quality=low", 800) as page:
+    with Visit(browser, session, "role=operator&scene=on&quality=low", 800) as page:
         until(page, "[...document.querySelectorAll('#root canvas')].some((one) => one.width > 0)")
-        assert page.evaluate("location.search") == "?role=operator&quality=low"  # the scene's server stays out of it
+        assert (
+            page.evaluate("location.search") == "?role=operator&scene=on&quality=low"
+        )  # the scene's server stays out of it
         for name in ("closeup", "front"):
             click(page, f"[data-camera={name}]")
         click(page, "[data-layer=ghost]")

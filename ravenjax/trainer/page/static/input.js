@@ -37,6 +37,7 @@ export class Input {
     this.padPedal = false;
     this.buttonPedal = false;
     this.source = "keyboard";
+    this.muted = false; // a drill takes the hands; the session hears that they rest
     this.last = "";
     keys.addEventListener("keydown", ({ detail }) => this.down(detail));
     keys.addEventListener("keyup", ({ detail }) => this.up(detail));
@@ -90,6 +91,12 @@ export class Input {
     this.held.clear();
     this.pads.clear();
     this.padPedal = this.buttonPedal = false;
+    this.tell(true);
+  }
+
+  mute(on) {
+    this.release();
+    this.muted = on;
     this.tell(true);
   }
 
@@ -147,7 +154,7 @@ export class Input {
   /** Send where something changed. */
   tell(always = false) {
     if (!this.enabled) return;
-    const message = this.now();
+    const message = this.muted ? { type: "input", source: this.source, pedal: false, arms: Object.fromEntries(this.arms.map((arm) => [arm, still()])) } : this.now();
     const text = JSON.stringify(message);
     if (!always && text === this.last) return;
     this.last = text;

@@ -1,5 +1,8 @@
 // The session's page: puts wire, hands, plots and panels together.
 
+import { Alarms } from "./alarms.js";
+import { Coach } from "./coach.js";
+import { Drill } from "./drill.js";
 import { Haptics } from "./haptics.js";
 import { HazardPanel } from "./hazards.js";
 import { Input } from "./input.js";
@@ -7,18 +10,25 @@ import * as pads from "./pads.js";
 import { Panels } from "./panels.js";
 import { COLOURS, Plot } from "./plots.js";
 import { Probe } from "./probe.js";
-import { Scope } from "./scope.js";
+import { Scope, TOUCH_MM } from "./scope.js";
+import { CueSign, seen } from "./sign.js";
 import { TraineeCard } from "./trainee.js";
+import { Views } from "./views.js";
 import { Wire } from "./wire.js";
 
 const CAP = 0.05;
 const SLOW_FPS = 20;
+const TEST_MS = 1200;
 const $ = (id) => document.getElementById(id);
 const root = $("rj");
 const own = window.ravenjax;
 const probe = new Probe();
-const haptics = new Haptics();
+const haptics = new Haptics(own.keys);
+const sign = new CueSign($("cue-sign"), $("field"));
+const alarms = new Alarms($("alarm-words"));
+const coach = new Coach($("coach"));
 let [latest, shown, plots, scope, blind] = [null, null, null, null, false];
+let latestWay = [0, 1, 0]; // of the cue, as the view has it: a peak between two frames brings none of its own
 
 const send = (message) => wire.send(message);
 const panels = new Panels(root, send);
@@ -29,6 +39,8 @@ const input = new Input(own.keys, {
   pressed: (stamp) => probe.pressed(stamp),
   command: (name) => (name === "estop" || panels.role === "operator") && send({ type: "operator", do: name }),
 });
+const drill = new Drill($("drill"), input, haptics, sign);
+const views = new Views(root, send);
 const wire = new Wire(own.role, own.window, own.token, {
   link: (up) => {
     input.enabled = up && panels.role === "operator";
@@ -38,7 +50,7 @@ const wire = new Wire(own.role, own.window, own.token, {
   frame: take,
   event: (event) => {
     happened(event);
-    if (event.kind === "object" && scope) scope.object = event.at;
+    if (event.kind === "alarm" || event.kind === "alarm_count") alarms.tell(event);
     if (event.kind === "end") setTimeout(debrief, 500);
   },
   seat: (free) => panels.seat(free),
@@ -57,6 +69,7 @@ function welcome(welcomed) {
     force: new Plot($("force"), lines, { floor: CAP, limit: null, unit: "", digits: 3 }),
   };
   scope = new Scope($("scope"), welcomed.arms, welcomed.bases, welcomed.tissue, welcomed.header.task);
+  coach.welcome(welcomed.arms, Boolean(welcomed.header.task?.object));
   hazards.welcome(welcomed.header.hazards ?? []);
   trainee.welcome(welcomed.arms);
   for (const event of welcomed.events) happened(event);
@@ -67,6 +80,7 @@ function welcome(welcomed) {
 /** An event, to everything that shows it. */
 function happened(event) {
   panels.event(event);
+  if (event.kind === "object") scope?.moved(event);
   if (panels.role !== "instructor") return;
   hazards.event(event);
   trainee.event(event);
@@ -78,7 +92,19 @@ function take(frame) {
   const peaks = frame.arms.map((arm) => frame.peaks(arm));
   plots.error.add(frame.number("session_tick"), peaks.map((one) => one.error));
   plots.force.add(frame.number("session_tick"), peaks.map((one) => one.force));
-  if (panels.role === "operator") haptics.feel(Math.max(...peaks.map((one) => one.force)));
+  if (panels.role === "operator" && !drill.on) cue(frame, peaks);
+}
+
+/** Heard, felt and seen: the stronger of the arms' cues. */
+function cue(frame, peaks) {
+  const strongest = peaks.reduce((best, one, i) => (one.force > peaks[best].force ? i : best), 0);
+  const arm = frame.arms[strongest];
+  const force = frame.get(`${arm}/force`);
+  const way = seen(scope.bases[arm].turn.map((row) => row[0] * force[0] + row[1] * force[1] + row[2] * force[2]));
+  const length = Math.hypot(...way);
+  if (length > 0) latestWay = way.map((part) => part / length);
+  haptics.feel(peaks[strongest].force, latestWay);
+  sign.show(arm, latestWay, haptics.strength);
 }
 
 // --- the loop's rate, as ticks that went by on the clock of this window ---
@@ -100,7 +126,8 @@ function draw() {
   counted();
   if (!latest || latest === shown || !plots) return;
   shown = latest;
-  panels.frame(latest, measured(latest), input.pedal);
+  panels.frame(latest, measured(latest), input.pedal && !drill.on);
+  if (drill.on) panels.foot(input.pedal, "practice");
   if (panels.role === "instructor") {
     hazards.frame(latest, panels.state.phase);
     trainee.frame(latest, latest.arms);
@@ -120,14 +147,22 @@ function draw() {
     }
   }
   scope.draw(latest, blind);
-  const goal = scope.goal(latest.number("target"));
+  const goal = scope.goal();
   $("distance").textContent = (goal?.distance ?? null) === null ? "" : `${(1000 * goal.distance).toFixed(1)} mm away`;
   $("target").dataset.arm = goal?.arm ?? "";
+  $("goal-chip").firstElementChild.textContent = $("target").textContent;
+  $("goal-chip").lastElementChild.textContent = $("distance").textContent;
+  const { phase, owner } = panels.state;
+  alarms.age(phase === "stopped");
+  const apart = scope.apart();
+  $("touching").hidden = !(apart < TOUCH_MM);
+  const mine = panels.role === "operator" && (owner === "page" || owner === "nobody");
+  coach.frame({ phase, down: latest.number("pedal") === 1, blocked: !mine || drill.on || $("help").open || $("cue-check").open }, scope);
   probe.drawn();
 }
 requestAnimationFrame(draw);
 
-// --- a machine without a graphics card: fewer shadows ---
+// --- a machine that does not keep up with the scene: fewer shadows, then the 2D view ---
 
 let [frames, since, slow] = [0, performance.now(), 0];
 function counted() {
@@ -141,6 +176,7 @@ function counted() {
     box.checked = false;
     looks();
   }
+  if (slow >= 6 && !input.pedal) views.flatten();
 }
 
 // --- buttons ---
@@ -154,8 +190,6 @@ function layer(box) {
   send({ type: "page", do: "layer", name: box.dataset.layer, on: box.checked });
 }
 for (const box of layers()) box.addEventListener("change", () => layer(box));
-for (const button of document.querySelectorAll("[data-camera]"))
-  button.addEventListener("click", () => send({ type: "page", do: "camera", name: button.dataset.camera }));
 for (const button of document.querySelectorAll("[data-operator]"))
   button.addEventListener("click", () => send({ type: "operator", do: button.dataset.operator }));
 $("convert").addEventListener("click", () => send({ type: "operator", do: "note", text: "convert" }));
@@ -171,10 +205,37 @@ for (const button of document.querySelectorAll("[data-instructor]"))
 $("cue").addEventListener("change", () => send({ type: "instructor", do: "cue", on: $("cue").checked }));
 $("estop").addEventListener("pointerdown", () => send({ type: "operator", do: "estop" }));
 $("estop").addEventListener("click", (event) => event.detail === 0 && send({ type: "operator", do: "estop" })); // by keyboard
-$("help-open").addEventListener("click", () => ($("help").open ? $("help").close() : $("help").show()));
+const help = () => ($("help").open ? $("help").close() : $("help").show());
+$("help-open").addEventListener("click", help);
+$("more").addEventListener("click", () => $("more").setAttribute("aria-expanded", String(root.classList.toggle("all"))));
+$("practise").addEventListener("click", () => drill.open(input.arms[0]));
+for (const button of document.querySelectorAll(".cue-test"))
+  button.addEventListener("click", () => {
+    $("motors").textContent = haptics.motors();
+    $("cue-check").showModal();
+  });
+for (const button of document.querySelectorAll("[data-cue]"))
+  button.addEventListener("click", () => {
+    const strength = Number(button.dataset.cue);
+    const way = [[1, 0, 0], [0, 1, 0], [-0.6, -0.8, 0]][Math.round(2 * strength) % 3];
+    haptics.voice();
+    const until = performance.now() + TEST_MS;
+    const play = (now) => {
+      const on = now < until && $("cue-check").open;
+      haptics.feel(on ? 0.05 * strength : 0, way);
+      sign.show(input.arms[0] ?? "gold", way, on ? strength : 0, now);
+      if (on) requestAnimationFrame(play);
+    };
+    requestAnimationFrame(play);
+  });
+own.keys.addEventListener("keydown", ({ detail }) => {
+  if (detail.ctrlKey || detail.metaKey || detail.altKey || detail.repeat) return;
+  if (detail.code === "Slash") help();
+  if (/^Digit[1-7]$/.test(detail.code)) views.press(Number(detail.code.at(-1)));
+  if (detail.code === "Enter" && detail.target.matches?.("input[type=checkbox]")) detail.target.click(); // space is the pedal
+});
 $("debrief-close").addEventListener("click", () => ($("debrief").hidden = true));
 pads.build(input);
-if (!document.getElementById("root")) root.classList.add("flat");
 if (new URLSearchParams(location.search).get("quality") === "low") document.querySelector("[data-layer=shadows]").checked = false;
 
 /** The end is final: it wants a second click within three seconds. */
@@ -204,4 +265,4 @@ async function debrief() {
 }
 
 own.latency = () => probe.latency();
-own.state = () => ({ frames: wire.frames, role: panels.role, rate, latest, strength: haptics.strength });
+own.state = () => ({ frames: wire.frames, role: panels.role, rate, latest, strength: haptics.strength, loudness: haptics.loudness ?? 0 });

@@ -1,5 +1,7 @@
 // What stands on the panel beside the plots: lamps, figures, lists, banners.
 
+import { LETTERS } from "./plots.js";
+
 const $ = (id) => document.getElementById(id);
 export const WORDS = {
   hazard_armed: (e) => `hazard ${e.number} armed`,
@@ -135,12 +137,11 @@ export class Panels {
     set("percent", `${(100 * frame.number("progress")).toFixed(0)} %`);
     $("progress").style.width = `${100 * frame.number("progress")}%`;
     const down = frame.number("pedal") === 1;
-    $("pedal").classList.toggle("down", down);
     const owner = this.consoles?.[frame.number("console")] ?? "nobody";
     const mine = owner === "page" || owner === "nobody";
     const lift = pressed && !down && mine && ["ready", "running"].includes(phase);
-    set("pedal-state", down ? (frame.number("live") === 1 ? "down, driving" : "down") : lift ? "lift it first" : "up");
-    $("pedal").classList.toggle("lift", lift);
+    this.foot(down, down ? (frame.number("live") === 1 ? "down, driving" : "down") : lift ? "lift it first" : "up");
+    $("pedal").classList.toggle("rearm", lift);
     this.seated(owner, frame.number("pedal") === 1, phase);
     set("view-name", view === "real" ? "real field" : view === "virtual" ? "virtual field" : "robot follows");
     const buttons = document.querySelectorAll("[data-operator]");
@@ -151,6 +152,12 @@ export class Panels {
     if (this.role === "instructor") this.instructor(frame, phase);
     this.state = { phase, view, owner };
     this.banner();
+  }
+
+  /** What the pedal shows. */
+  foot(down, text) {
+    $("pedal").classList.toggle("down", down);
+    set("pedal-state", text);
   }
 
   /** Who drives, and who may change that now. */
@@ -172,7 +179,7 @@ export class Panels {
     if (object?.number === target) return "fetch the object";
     if (pegs.length) return `to peg ${target + 1}`;
     const arm = targets.find(({ number }) => number === target)?.arm;
-    return `goal ${target + 1}${targets.length ? ` of ${targets.length}` : ""}${arm ? `, ${arm} arm` : ""}`;
+    return `goal ${target + 1}${targets.length ? ` of ${targets.length}` : ""}${arm ? `, ${LETTERS[arm]} ${arm}` : ""}`;
   }
 
   instructor(frame, phase) {

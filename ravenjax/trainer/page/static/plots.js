@@ -2,7 +2,10 @@
 
 const SPAN_MS = 10000;
 const MOST = 1500; // points: ten seconds at 150 frames a second
-export const COLOURS = { gold: "#ffc440", green: "#60dc78", model: "#58c4ff" };
+// Apart in lightness too, so that they differ for whoever does not see red or green; and never alone: a letter, a shape,
+// a dash say the same.
+export const COLOURS = { gold: "#ffc440", green: "#1fae84", model: "#58c4ff" };
+export const LETTERS = { gold: "L", green: "R" };
 
 export class Plot {
   /** lines: names with their colours; floor: least height of the axis; limit: a dashed line, or null. */
@@ -60,8 +63,9 @@ export class Plot {
     }
     pen.lineWidth = 1.6;
     pen.lineJoin = "round";
-    this.lines.forEach(({ colour }, i) => {
+    this.lines.forEach(({ name, colour }, i) => {
       pen.strokeStyle = colour;
+      pen.setLineDash(name === "green" ? [6, 3] : []);
       pen.beginPath();
       for (let k = first; k < this.count; k += 1) {
         const time = this.times[k % MOST];
@@ -69,6 +73,7 @@ export class Plot {
       }
       pen.stroke();
     });
+    pen.setLineDash([]);
   }
 }
 

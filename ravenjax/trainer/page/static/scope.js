@@ -1,20 +1,33 @@
-// The tips in two dimensions, seen from the front: a second look at the close-up, and the whole field where there is no
-// 3D. Metres of the world; x to the right, z upward.
+// The field in two dimensions, from the front and from the right: beside the scene, and in its place where there is no
+// graphics card. Metres of the world; x to the right, y away from the operator, z upward.
 
-import { COLOURS, fitted } from "./plots.js";
+import { COLOURS, LETTERS, fitted } from "./plots.js";
 
-const MIDDLE = [0, 0.2];
-const HALF = 0.058; // m from the middle to the nearer edge
+const HALF = [0.03, 0.06]; // least and most that is seen to each side of the middle, m
+const MARGIN = 0.008; // m around what is to be seen
 const TRAIL = 160;
-const GOAL = "#ff4fd8"; // neither an arm's nor the model's
+const GOAL = "#ff6fdc"; // neither an arm's nor the model's
+const DONE = "#8fa3b8";
 const REACHED = 5; // of those before the goal that are still drawn
+const AHEAD_M = 0.01; // of a path, how much is lit
+const GAP = 6; // px between the two views
+export const TOUCH_MM = 9; // two shafts nearer than their thickness touch
+
+/** Two looks at the world: which axis goes across, and what its ends are called. */
+const LOOKS = [
+  { name: "front", across: 0, ends: ["left", "right"] },
+  { name: "from the right", across: 1, ends: ["toward you", "away"] },
+];
 
 export class Scope {
-  /** bases: of each arm {origin, turn} of its frame 0; tissue: {top, sag, half}; task: the session's geometry. */
+  /** bases: of each arm {origin, turn} of its frame 0; tissue: {top, sag: [x, y], half: [x, y]}; task: its geometry. */
   constructor(canvas, arms, bases, tissue, task) {
     Object.assign(this, { canvas, arms, bases, tissue, task: task ?? {} });
     this.pen = canvas.getContext("2d");
     this.trails = Object.fromEntries(arms.map((arm) => [arm, []]));
+    this.held = "";
+    this.progress = 0;
+    this.target = -1;
   }
 
   world(arm, place) {
@@ -22,99 +35,313 @@ export class Scope {
     return origin.map((o, i) => o + turn[i][0] * place[0] + turn[i][1] * place[1] + turn[i][2] * place[2]);
   }
 
-  draw(frame, blinded) {
-    const { pen } = this;
-    const [width, height] = fitted(this.canvas, pen);
-    if (!width || !height) return;
-    const scale = Math.min(width, height) / 2 / HALF;
-    const x = (m) => width / 2 + (m - MIDDLE[0]) * scale;
-    const y = (m) => height / 2 - (m - MIDDLE[1]) * scale;
-    pen.clearRect(0, 0, width, height);
-    this.ground(pen, x, y, width, height);
+  /** An event of kind "object". */
+  moved({ held, at }) {
+    this.held = held ?? "";
+    this.object = at;
+  }
+
+  /** Takes a frame: where the tips are, and the goal. */
+  take(frame) {
+    this.target = frame.number("target");
+    this.progress = frame.number("progress");
     for (const arm of this.arms) {
       const trail = this.trails[arm];
       trail.push(this.world(arm, frame.get(frame.number("view") === 1 ? `${arm}/virtual_tip` : `${arm}/tip`)));
       if (trail.length > TRAIL) trail.shift();
     }
-    this.goals(pen, x, y, scale, frame.number("target"));
-    for (const arm of this.arms) {
-      const trail = this.trails[arm];
-      const tip = trail.at(-1);
-      pen.lineWidth = 1.2;
-      pen.strokeStyle = `${COLOURS[arm]}80`;
-      pen.beginPath();
-      for (const place of trail) pen.lineTo(x(place[0]), y(place[2]));
-      pen.stroke();
-      if (!blinded) ring(pen, x, y, this.world(arm, frame.get(`${arm}/model_tip`)), COLOURS.model);
-      pen.fillStyle = COLOURS[arm];
-      pen.beginPath();
-      pen.arc(x(tip[0]), y(tip[2]), 4, 0, 7);
-      pen.fill();
-      if (!blinded && frame.number("view") === 0) cross(pen, x, y, this.world(arm, frame.aim(arm)));
-    }
+    this.box ??= this.extent();
   }
 
-  ground(pen, x, y, width, height) {
-    const { top, sag, half } = this.tissue;
+  tip(arm) {
+    return this.trails[arm]?.at(-1) ?? null;
+  }
+
+  draw(frame, blinded) {
+    this.take(frame);
+    const { pen } = this;
+    const [width, height] = fitted(this.canvas, pen);
+    if (!width || !height) return;
+    pen.clearRect(0, 0, width, height);
+    const [wide, high] = [(width - GAP) / 2, (height - GAP) / 2];
+    const beside = Math.min(wide, height) >= Math.min(width, high);
+    LOOKS.forEach((look, i) => {
+      pen.save();
+      if (beside) pen.translate(i * (wide + GAP), 0);
+      else pen.translate(0, i * (high + GAP));
+      this.look(look, frame, blinded, beside ? [wide, height] : [width, high]);
+      pen.restore();
+    });
+  }
+
+  /** The middle of what is to be seen, and how far it reaches to each side, m. */
+  extent() {
+    const { path, pegs = [], targets = [], object } = this.task;
+    const places = [...targets.map(({ at }) => at), ...pegs.map(({ top }) => top), ...(path?.points ?? []), ...(object ? [object.at] : [])];
+    for (const arm of this.arms) if (this.tip(arm)) places.push(this.tip(arm));
+    if (!places.length) return { middle: [0, 0, 0.2], half: HALF[1] };
+    const ends = [0, 1, 2].map((k) => [Math.min(...places.map((at) => at[k])), Math.max(...places.map((at) => at[k]))]);
+    const half = Math.max(...ends.map(([low, high]) => (high - low) / 2)) + MARGIN;
+    return { middle: ends.map(([low, high]) => (low + high) / 2), half: Math.min(HALF[1], Math.max(HALF[0], half)) };
+  }
+
+  look({ name, across, ends }, frame, blinded, [width, height]) {
+    const { pen } = this;
+    const { middle, half } = this.box;
+    const scale = Math.min(width, height) / 2 / half;
+    const see = { across, width, height, scale, x: (at) => width / 2 + (at[across] - middle[across]) * scale, y: (at) => height / 2 - (at[2] - middle[2]) * scale };
     pen.beginPath();
-    pen.moveTo(x(-half), height);
-    for (let i = -20; i <= 20; i += 1) pen.lineTo(x((half * i) / 20), y(top - sag * ((half * i) / 20) ** 2));
-    pen.lineTo(x(half), height);
+    pen.rect(0, 0, width, height);
+    pen.clip();
+    pen.fillStyle = "#151c24";
+    pen.fillRect(0, 0, width, height);
+    this.ground(see);
+    this.goals(see);
+    for (const arm of this.arms) this.instrument(see, arm);
+    for (const arm of this.arms) {
+      if (!blinded) ring(pen, see, this.world(arm, frame.get(`${arm}/model_tip`)), COLOURS.model);
+      this.mark(see, arm);
+      if (!blinded && frame.number("view") === 0) crosshair(pen, see, this.world(arm, frame.aim(arm)));
+    }
+    words(pen, name, 8, 14, "#e8edf3", "left", 600);
+    words(pen, `← ${ends[0]}`, 8, height - 7, "#aab7c5", "left");
+    words(pen, `${ends[1]} →`, width - 8, height - 7, "#aab7c5", "right");
+    words(pen, "10 mm", width - 8, 14, "#aab7c5", "right");
+    pen.fillStyle = "#aab7c5";
+    pen.fillRect(width - 8 - 0.01 * scale, 19, 0.01 * scale, 2);
+  }
+
+  ground({ across, height, x, y }) {
+    const { pen } = this;
+    const { top, sag, half } = this.tissue;
+    const at = (share) => [0, 1, 2].map((k) => (k === across ? half[across] * share : k === 2 ? top - sag[across] * (half[across] * share) ** 2 : 0));
+    pen.beginPath();
+    pen.moveTo(x(at(-1)), height);
+    for (let i = -20; i <= 20; i += 1) pen.lineTo(x(at(i / 20)), y(at(i / 20)));
+    pen.lineTo(x(at(1)), height);
     pen.fillStyle = "rgba(226,132,118,0.30)";
     pen.fill();
-    pen.fillStyle = "#93a1b1";
-    pen.font = "10px system-ui, sans-serif";
-    pen.textAlign = "right";
-    pen.fillText("10 mm", width - 6, 12);
-    pen.fillRect(width - 6 - (x(0.01) - x(0)), 17, x(0.01) - x(0), 2);
+    pen.strokeStyle = "rgba(244,170,158,0.7)";
+    pen.lineWidth = 1.5;
+    pen.stroke();
   }
 
-  goals(pen, x, y, scale, target) {
+  /** Height of the tissue under a place, m; null beside it. */
+  surface([x, y]) {
+    const { top, sag, half } = this.tissue;
+    return Math.abs(x) > half[0] || Math.abs(y) > half[1] ? null : top - sag[0] * x * x - sag[1] * y * y;
+  }
+
+  /** Shaft from the remote centre to the tip, the trail, and the plumb line to the tissue. */
+  instrument(see, arm) {
+    const { pen } = this;
+    const { x, y } = see;
+    const [tip, colour, striped] = [this.tip(arm), COLOURS[arm], arm === "green"];
+    if (!tip) return;
+    pen.lineCap = "butt";
+    pen.strokeStyle = "rgba(200,210,220,0.28)";
+    pen.lineWidth = 5;
+    pen.setLineDash(striped ? [9, 5] : []);
+    pen.beginPath();
+    const { remote, origin } = this.bases[arm];
+    pen.moveTo(x(remote ?? origin), y(remote ?? origin));
+    pen.lineTo(x(tip), y(tip));
+    pen.stroke();
+    pen.lineWidth = 1.6;
+    pen.strokeStyle = `${colour}a0`;
+    pen.setLineDash(striped ? [4, 3] : []);
+    pen.beginPath();
+    for (const place of this.trails[arm]) pen.lineTo(x(place), y(place));
+    pen.stroke();
+    const below = this.surface(tip);
+    if (below === null) return;
+    const foot = [tip[0], tip[1], below];
+    pen.strokeStyle = "rgba(255,255,255,0.65)";
+    pen.lineWidth = 1;
+    pen.setLineDash([2, 3]);
+    pen.beginPath();
+    pen.moveTo(x(tip), y(tip));
+    pen.lineTo(x(foot), y(foot));
+    pen.stroke();
+    pen.setLineDash([]);
+    pen.beginPath();
+    pen.ellipse(x(foot), y(foot), 7, 2.5, 0, 0, 7);
+    pen.fillStyle = "rgba(0,0,0,0.55)";
+    pen.fill();
+  }
+
+  /** The tip: L is a disc, R a diamond; an arrow at the edge where it has left the view. */
+  mark({ x, y, width, height }, arm) {
+    const tip = this.tip(arm);
+    if (!tip) return;
+    const [across, up] = [x(tip), y(tip)];
+    const [inside, above] = [Math.min(width - 14, Math.max(14, across)), Math.min(height - 26, Math.max(30, up))];
+    const { pen } = this;
+    const away = inside !== across || above !== up;
+    pen.beginPath();
+    if (arm === "green") {
+      for (const [dx, dy] of [[0, -11], [11, 0], [0, 11], [-11, 0]]) pen.lineTo(inside + dx, above + dy);
+      pen.closePath();
+    } else pen.arc(inside, above, 9, 0, 7);
+    pen.fillStyle = COLOURS[arm];
+    pen.fill();
+    pen.strokeStyle = away ? "#fff" : "#0d1116";
+    pen.lineWidth = away ? 2.5 : 1.5;
+    pen.stroke();
+    words(pen, LETTERS[arm], inside, above + 4, "#0d1116", "center", 800);
+    if (!away) return;
+    const turn = Math.atan2(up - above, across - inside);
+    pen.beginPath();
+    for (const [far, aside] of [[14, 0.55], [21, 0], [14, -0.55]]) pen.lineTo(inside + far * Math.cos(turn + aside), above + far * Math.sin(turn + aside));
+    pen.fillStyle = "#fff";
+    pen.fill();
+  }
+
+  goals(see) {
+    const { pen, target } = this;
+    const { x, y, scale } = see;
     const { path, pegs = [], targets = [], object } = this.task;
-    if (path) {
-      pen.strokeStyle = path.colour ?? COLOURS.model;
-      pen.lineWidth = 1.5;
-      pen.beginPath();
-      for (const point of path.points) pen.lineTo(x(point[0]), y(point[2]));
-      pen.stroke();
-    }
+    if (path) this.path(see, path);
     for (const one of targets) {
       const past = target - one.number;
       if (target >= 0 && (past > REACHED || past < -1)) continue; // all at once would hide the tip
-      const [across, up, radius] = [x(one.at[0]), y(one.at[2]), Math.max(3, one.radius_m * scale)];
-      if (past > 0 || target < 0) dot(pen, across, up, 2.5, "#8fa3b8", "");
-      if (past === -1) dot(pen, across, up, Math.max(3, radius / 2), "", one.colour ?? "#8fa3b8");
+      const [across, up, radius] = [x(one.at), y(one.at), Math.max(3, one.radius_m * scale)];
+      if (past > 0 || target < 0) hook(pen, across, up);
+      if (past === -1 && target >= 0) {
+        dot(pen, across, up, Math.max(6, radius / 2), "", COLOURS[one.arm] ?? DONE, 1.5);
+        words(pen, "next", across + Math.max(6, radius / 2) + 4, up + 4, "#aab7c5");
+      }
     }
     const spots = pegs.map((one) => [one.number, one.top, one]);
-    if (object) spots.push([object.number, this.object ?? object.at, object]);
-    for (const [number, at, { radius_m: radius = 0.002, colour = "#8fa3b8" }] of spots)
-      if (number !== target) dot(pen, x(at[0]), y(at[2]), Math.max(3, radius * scale), `${colour}33`, colour);
-    const goal = this.goal(target);
+    if (object) spots.push([object.number, this.thing(), object]);
+    for (const [number, at, { radius_m: radius = 0.002, height_m: tall = 0, colour = DONE }] of spots) {
+      if (tall) {
+        pen.strokeStyle = colour;
+        pen.lineWidth = Math.max(2, 2 * radius * scale);
+        pen.beginPath();
+        pen.moveTo(x(at), y(at));
+        pen.lineTo(x(at), y(at) + tall * scale);
+        pen.stroke();
+      }
+      if (number !== target) dot(pen, x(at), y(at), Math.max(3, radius * scale), tall ? "" : `${colour}cc`, colour);
+    }
+    this.aim(see);
+  }
+
+  /** The goal, what lies between it and the tip whose turn it is, and a ring as wide as the tip is far. */
+  aim({ x, y, scale, width, height }) {
+    const { pen } = this;
+    const goal = this.goal(this.target);
     if (!goal) return;
-    const [across, up] = [x(goal.at[0]), y(goal.at[2])];
-    dot(pen, across, up, Math.max(4, goal.radius * scale), `${GOAL}55`, GOAL, 2);
-    dot(pen, across, up, 2, "#fff", "");
+    const [across, up, radius] = [x(goal.at), y(goal.at), Math.max(6, goal.radius * scale)];
+    const tip = this.tip(goal.arm || this.nearest(goal.at));
+    if (tip && goal.distance > goal.radius) {
+      pen.strokeStyle = `${GOAL}b0`;
+      pen.lineWidth = 1.5;
+      pen.setLineDash([6, 5]);
+      pen.beginPath();
+      pen.moveTo(x(tip), y(tip));
+      pen.lineTo(across, up);
+      pen.stroke();
+      pen.setLineDash([]);
+    }
+    dot(pen, across, up, radius, `${GOAL}50`, GOAL, 2.5);
+    pen.strokeStyle = "#fff";
+    pen.lineWidth = 1.5;
+    pen.beginPath();
+    for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) {
+      pen.moveTo(across + dx * radius * 0.45, up + dy * radius * 0.45);
+      pen.lineTo(across + dx * (radius + 4), up + dy * (radius + 4));
+    }
+    pen.stroke();
     if (goal.distance === null) return;
-    const wide = Math.min(goal.distance, HALF) * scale;
+    const wide = Math.max(radius, goal.distance * scale);
     pen.setLineDash([5, 4]);
-    dot(pen, across, up, Math.max(wide, goal.radius * scale), "", GOAL, 1.5); // shrinks as the tip comes near, depth counted
+    if (wide < Math.hypot(width, height)) dot(pen, across, up, wide, "", GOAL, 1.5); // shrinks as the tip comes near, depth counted
     pen.setLineDash([]);
-    pen.fillStyle = "#fff";
-    pen.font = "600 12px system-ui, sans-serif";
-    pen.textAlign = "center";
-    pen.fillText(`${(1000 * goal.distance).toFixed(0)} mm`, across, up - Math.max(4, goal.radius * scale) - 6);
+    const text = `${goal.arm ? `${LETTERS[goal.arm]} · ` : ""}${(1000 * goal.distance).toFixed(0)} mm`;
+    const above = !tip || y(tip) > up; // on the side where the tip is not
+    words(pen, text, across, above ? up - radius - 8 : up + radius + 18, "#fff", "center", 700, 13);
+  }
+
+  path({ x, y }, { points, colour = COLOURS.model }) {
+    const { pen, target } = this;
+    const line = (from, to, look, width) => {
+      pen.strokeStyle = look;
+      pen.lineWidth = width;
+      pen.beginPath();
+      for (let k = from; k <= to; k += 1) pen.lineTo(x(points[k % (points.length - 1)]), y(points[k % (points.length - 1)]));
+      pen.stroke();
+    };
+    const count = points.length - 1; // the last is the first again
+    line(0, count, colour, 2);
+    if (target < 0) return;
+    line(0, target, DONE, 2);
+    const spacing = Math.hypot(...points[1].map((c, i) => c - points[0][i]));
+    line(target, target + Math.max(1, Math.round(AHEAD_M / spacing)), GOAL, 4);
+  }
+
+  /** Where the object is: with the tip that holds it. */
+  thing() {
+    return (this.held && this.tip(this.held)) || this.object || this.task.object.at;
+  }
+
+  nearest(at) {
+    const ways = this.arms.map((arm) => [this.tip(arm) ? distance(this.tip(arm), at) : Infinity, arm]);
+    return ways.sort((a, b) => a[0] - b[0])[0]?.[1] ?? "";
+  }
+
+  /** Whose turn it is, where the arms take turns. */
+  turn() {
+    const { arms = [], of = 1 } = this.task.turns ?? {};
+    if (this.held) return this.held;
+    return arms.length ? arms[Math.floor(this.progress * of + 1e-4) % arms.length] : "";
   }
 
   /** The present goal: where, how wide, whose turn, and how far that arm's tip is, m; null where there is none. */
-  goal(target) {
-    const { targets = [], pegs = [], object } = this.task;
-    const one = targets.find(({ number }) => number === target) ?? pegs.find(({ number }) => number === target) ?? (object?.number === target ? object : null);
+  goal(target = this.target) {
+    const { targets = [], pegs = [], object, path } = this.task;
+    if (target < 0) return null;
+    let one = targets.find(({ number }) => number === target) ?? pegs.find(({ number }) => number === target);
+    if (!one && object?.number === target) one = { ...object, at: this.thing() };
+    if (!one && path) one = { at: path.points[target % (path.points.length - 1)], radius_m: path.radius_m };
     if (!one) return null;
-    const at = one === object ? (this.object ?? one.at) : (one.at ?? one.top);
-    const arms = one.arm ? [one.arm] : this.arms;
-    const ways = arms.map((arm) => this.trails[arm]?.at(-1)).filter(Boolean).map((tip) => Math.hypot(...tip.map((c, i) => c - at[i])));
-    return { at, radius: one.radius_m ?? 0.002, arm: one.arm ?? "", distance: ways.length ? Math.min(...ways) : null };
+    const at = one.at ?? one.top;
+    const arm = one.arm ?? this.turn();
+    const tips = (arm ? [arm] : this.arms).map((name) => this.tip(name)).filter(Boolean);
+    return { at, radius: one.radius_m ?? 0.002, arm, distance: tips.length ? Math.min(...tips.map((tip) => distance(tip, at))) : null };
   }
+
+  /** How far apart the two shafts are, mm; Infinity with one arm. */
+  apart() {
+    if (this.arms.length < 2 || !this.arms.every((arm) => this.tip(arm))) return Infinity;
+    const [a, b] = this.arms.map((arm) => [this.bases[arm].origin, this.tip(arm)]);
+    return 1000 * between(a, b);
+  }
+}
+
+const distance = (a, b) => Math.hypot(...a.map((c, i) => c - b[i]));
+
+/** Least distance of two straight pieces, each from one point to another. */
+export function between([a, b], [c, d]) {
+  const less = (p, q) => p.map((x, i) => x - q[i]);
+  const dot3 = (p, q) => p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
+  const clip = (x) => Math.max(0, Math.min(1, x));
+  const [u, v, w] = [less(b, a), less(d, c), less(a, c)];
+  const [uu, uv, vv, uw, vw] = [dot3(u, u), dot3(u, v), dot3(v, v), dot3(u, w), dot3(v, w)];
+  const cross = uu * vv - uv * uv;
+  let s = cross > 1e-12 ? clip((uv * vw - vv * uw) / cross) : 0;
+  const t = clip((uv * s + vw) / vv);
+  s = clip((uv * t - uw) / uu);
+  return Math.hypot(...w.map((x, i) => x + s * u[i] - t * v[i]));
+}
+
+function words(pen, text, x, y, colour, align = "left", weight = 400, size = 11) {
+  pen.font = `${weight} ${size}px system-ui, sans-serif`;
+  pen.textAlign = align;
+  pen.textBaseline = "alphabetic";
+  pen.fillStyle = colour;
+  pen.fillText(text, x, y);
 }
 
 function dot(pen, across, up, radius, fill, stroke, width = 1) {
@@ -131,23 +358,35 @@ function dot(pen, across, up, radius, fill, stroke, width = 1) {
   }
 }
 
+/** What is done. */
+function hook(pen, across, up) {
+  pen.strokeStyle = DONE;
+  pen.lineWidth = 2;
+  pen.beginPath();
+  pen.moveTo(across - 4, up);
+  pen.lineTo(across - 1, up + 3);
+  pen.lineTo(across + 4, up - 4);
+  pen.stroke();
+}
+
 /** Where the hand leads. */
-function cross(pen, x, y, place) {
-  const [across, up] = [x(place[0]), y(place[2])];
+function crosshair(pen, { x, y }, place) {
+  const [across, up] = [x(place), y(place)];
   pen.strokeStyle = "#fff";
-  pen.lineWidth = 1;
+  pen.lineWidth = 1.5;
   pen.beginPath();
   for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) {
-    pen.moveTo(across + 2 * dx, up + 2 * dy);
-    pen.lineTo(across + 9 * dx, up + 9 * dy);
+    pen.moveTo(across + 12 * dx, up + 12 * dy);
+    pen.lineTo(across + 18 * dx, up + 18 * dy);
   }
   pen.stroke();
 }
 
-function ring(pen, x, y, place, colour) {
+/** The model's tip. */
+function ring(pen, { x, y }, place, colour) {
   pen.strokeStyle = colour;
-  pen.lineWidth = 1.5;
+  pen.lineWidth = 2;
   pen.beginPath();
-  pen.arc(x(place[0]), y(place[2]), 6.5, 0, 7);
+  pen.arc(x(place), y(place), 12, 0, 7);
   pen.stroke();
 }

@@ -104,3 +104,17 @@ test("a gamepad has a dead zone, two sticks, triggers for the jaws and shoulders
   pad = { ...pad, mapping: "" };
   assert.equal(input.now().pedal, false, "an unknown layout drives nothing");
 });
+
+test("a drill takes the hands: the session hears that they rest, and gets them back", () => {
+  const { input, sent } = made();
+  input.down(key("Space"));
+  input.mute(true);
+  input.down(key("Space"));
+  input.down(key("KeyD"));
+  assert.deepEqual([sent.at(-1).pedal, sent.at(-1).arms.gold.move], [false, [0, 0, 0]]);
+  assert.deepEqual([input.now().pedal, input.now().arms.gold.move], [true, [1, 0, 0]]);
+  input.mute(false);
+  assert.equal(sent.at(-1).pedal, false, "what was held in the drill drives nothing");
+  input.down(key("Space"));
+  assert.equal(sent.at(-1).pedal, true);
+});

@@ -70,15 +70,18 @@ test("a press is timed to the first frame in which something moved, and medians 
   assert.deepEqual([count, Math.round(hand), Math.round(tip), samples.length], [5, 30, 30, 5]);
 });
 
-/** What early.js makes of an address; kept: what the tab has remembered so far. */
-function arrived(search, kept = {}) {
+/** What early.js makes of an address; kept: what the tab has remembered so far; card: who draws, as the browser says. */
+function arrived(search, kept = {}, card = "ANGLE (NVIDIA RTX 2070)") {
   const shown = [];
-  const window = { addEventListener: () => {} };
+  const window = { addEventListener: () => {}, stop: () => {} };
+  const pen = card && { getExtension: (name) => (name.includes("debug") ? { UNMASKED_RENDERER_WEBGL: 1 } : null), getParameter: () => card };
+  const document = { createElement: () => ({ getContext: () => pen }) };
   const history = { replaceState: (_, __, where) => shown.push(where) };
-  const location = { search, origin: "http://127.0.0.1:8080" };
+  const location = { search, origin: "http://127.0.0.1:8080", replace: (where) => (window.anew = where) };
   const crypto = { getRandomValues: (bytes) => bytes.fill(171) };
   const sessionStorage = { getItem: (name) => kept[name] ?? null, setItem: (name, text) => (kept[name] = text) };
-  run("ravenjax/trainer/page/static/early.js", { window, history, location, crypto, sessionStorage, EventTarget, Element: class {}, CustomEvent });
+  run("ravenjax/trainer/page/static/early.js", { window, history, location, document, crypto, sessionStorage, EventTarget, Element: class {}, CustomEvent });
+  if (window.anew) return window;
   history.replaceState();
   return { ...window.ravenjax, full: new URLSearchParams(shown[0]), plain: shown[1] };
 }
@@ -99,4 +102,13 @@ test("what makes an instructor stays in the tab, and is in no address", () => {
   assert.equal(arrived("?role=instructor", kept).token, "key");
   assert.equal(arrived("?role=operator", kept).token, "");
   assert.equal(arrived("?role=instructor").token, "");
+});
+
+test("without a graphics card the 2D view comes by itself, and what is asked for counts", () => {
+  for (const card of [null, "ANGLE (Google, Vulkan 1.3.0 (SwiftShader Device))", "llvmpipe (LLVM 15.0)", "Microsoft Basic Render Driver"]) {
+    assert.equal(arrived("?role=operator", {}, card).anew, "?role=operator&scene=off&flat=1");
+    assert.equal(arrived("?role=operator&scene=on", {}, card).plain, "?role=operator&scene=on");
+  }
+  assert.equal(arrived("?role=operator&scene=off").plain, "?role=operator&scene=off", "it stays when the tab is loaded anew");
+  assert.equal(new URLSearchParams(arrived("?inset=second", {}, null).full).get("websocket"), `ws://127.0.0.1:8080/scene/${"ab".repeat(12)}.second`);
 });

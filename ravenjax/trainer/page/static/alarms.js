@@ -1,0 +1,47 @@
+// What the robot's own checks tell, as words in the field: what is the matter, what the robot did, what to do now.
+
+const KEPT_MS = 6000;
+const STOPPED = "The robot has stopped and holds its brakes.";
+const RESTART = "Lift the pedal. Once you know why, restart (Backspace).";
+
+/** Of each check that tells a person or stops the robot. */
+export const ALARMS = {
+  overdrive_instant: ["A motor command was far too large", STOPPED, RESTART],
+  overdrive_hard: ["Motor commands were too large for too long", STOPPED, RESTART],
+  soft_estop: ["The control software has stopped itself", STOPPED, RESTART],
+  plc_watchdog: ["The control computer fell silent", STOPPED, RESTART],
+  estop: ["Emergency stop", STOPPED, RESTART],
+  ik_reject: ["The hand leads where the arm cannot go", "The robot does not take this step.", "Go back the way you came."],
+  joint_limit: ["A joint is at its limit", "The robot goes no farther this way.", "Go back the way you came."],
+  master_timeout: ["The robot hears nothing of the console", "It takes the pedal for up.", "Lift the pedal; step on it again once the link is back."],
+};
+/** Those that trip because another has stopped the robot, or a person: they hide no cause. */
+export const FOLLOW = new Set(["soft_estop", "plc_watchdog", "estop"]);
+
+/** Of a check of one's own. */
+const other = (check) => [check.replaceAll("_", " "), "A check of the robot has tripped.", "Lift the pedal and find out why."];
+
+export class Alarms {
+  constructor(place) {
+    Object.assign(this, { place, until: 0, check: "" });
+  }
+
+  /** An event of kind "alarm" or "alarm_count". */
+  tell({ check }, now = performance.now()) {
+    if (now < this.until && FOLLOW.has(check) && ALARMS[this.check]?.[1] === STOPPED) return;
+    this.until = now + KEPT_MS;
+    if (check === this.check && !this.place.hidden) return;
+    this.check = check;
+    const [matter, did, act] = ALARMS[check] ?? other(check);
+    this.place.querySelector("b").textContent = matter;
+    this.place.querySelector("span").textContent = did;
+    this.place.querySelector("em").textContent = act;
+    this.place.hidden = false;
+  }
+
+  /** Once a frame; of a robot that has stopped, the words stay. */
+  age(stopped, now = performance.now()) {
+    if (this.place.hidden) return;
+    if (now > this.until && !(stopped && ALARMS[this.check]?.[1] === STOPPED)) this.place.hidden = true;
+  }
+}

@@ -1,0 +1,98 @@
+// For whoever is new: what to press before the time runs, and the way to the first goal.
+
+import { LETTERS } from "./plots.js";
+import { seen } from "./sign.js";
+
+const FINE_MM = 1; // less is no way to speak of
+const PRAISE_MS = 7000;
+const KEYS = {
+  gold: [["A", "D"], ["F", "R"], ["W", "S"]],
+  green: [["←", "→"], ["PgDn", "PgUp"], ["↑", "↓"]],
+};
+const WAYS = [["left", "right"], ["down", "up"], ["away", "toward you"]];
+const PADS = [["pad left", "pad right"], ["slider down", "slider up"], ["pad up", "pad down"]];
+
+export const coarse = () => matchMedia("(pointer: coarse)").matches;
+
+/** What to do next to bring a tip to a goal, both in the world, m: [[way, mm, key]], the longest first, two at most. */
+export function steps(arm, tip, at, touch = false) {
+  const way = seen(at.map((c, i) => 1000 * (c - tip[i])));
+  return way
+    .map((mm, k) => [WAYS[k][Number(mm > 0)], Math.abs(mm), (touch ? PADS : (KEYS[arm] ?? KEYS.gold))[k][Number(mm > 0)]])
+    .filter(([, mm]) => mm >= FINE_MM)
+    .sort((a, b) => b[1] - a[1])
+    .slice(0, 2);
+}
+
+/** The same as a sentence in elements. */
+export function guide(arm, tip, at, touch = coarse()) {
+  const parts = [strong(`${LETTERS[arm]}: `)];
+  steps(arm, tip, at, touch).forEach(([way, mm, key], i) => {
+    const press = document.createElement("kbd");
+    press.textContent = key;
+    parts.push(`${i ? ", then " : ""}${mm.toFixed(0)} mm ${way} `, press);
+  });
+  return parts;
+}
+
+function strong(text) {
+  const made = document.createElement("b");
+  made.textContent = text;
+  return made;
+}
+
+export class Coach {
+  constructor(place) {
+    Object.assign(this, { place, gone: false, first: null, praised: 0, said: "" });
+    this.text = place.querySelector("p");
+    this.begin = place.querySelector(".begin");
+    place.querySelector(".close").addEventListener("click", () => (this.gone = true));
+  }
+
+  /** The arms of a session that begins; jaws: whether its task needs them. */
+  welcome(arms, jaws) {
+    this.first = null;
+    const off = { touch: !coarse(), typed: coarse(), jaws: !jaws };
+    for (const one of this.begin.querySelectorAll("li, [data-arm]"))
+      one.hidden = [...one.classList].some((kind) => off[kind]) || (one.dataset.arm ? !arms.includes(one.dataset.arm) : false);
+  }
+
+  /** Once a frame. state: {phase, down, blocked}; blocked: others drive, or something else covers the field. */
+  frame({ phase, down, blocked }, scope, now = performance.now()) {
+    const { target } = scope;
+    if (this.first === null && target >= 0 && phase !== "over") this.first = scope.progress > 0 ? -1 : target;
+    const goal = scope.goal();
+    let said = "";
+    if (this.gone || blocked) said = "";
+    else if (phase === "ready") said = "begin";
+    else if (phase !== "running" || this.first === null || this.first < 0) said = "";
+    else if (this.reached(scope)) said = now < this.praised ? "reached" : "";
+    else if (!down) said = "pedal";
+    else if (goal) said = goal.distance <= goal.radius ? "hold" : "way";
+    this.show(said, goal, scope);
+  }
+
+  reached(scope) {
+    if (scope.progress <= 0 && scope.target === this.first) return false;
+    this.praised ||= performance.now() + PRAISE_MS;
+    return true;
+  }
+
+  show(said, goal, scope) {
+    this.place.hidden = !said;
+    this.begin.hidden = said !== "begin";
+    this.text.hidden = said === "begin";
+    if (said === "way") {
+      const arm = goal.arm || scope.nearest(goal.at);
+      const text = guide(arm, scope.tip(arm), goal.at);
+      this.text.replaceChildren(...text);
+    } else if (said !== this.said)
+      this.text.textContent =
+        {
+          pedal: coarse() ? "Hold PEDAL, or drag a pad: the robot moves only meanwhile." : "Hold SPACE: the robot moves only while the pedal is down.",
+          hold: "There. Keep it in the ring.",
+          reached: "Reached. When the instrument moves by itself, lift the pedal.",
+        }[said] ?? "";
+    this.said = said;
+  }
+}

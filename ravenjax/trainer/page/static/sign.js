@@ -1,0 +1,49 @@
+// The cue as a sign in the field: which instrument is off its course, and where the cue pulls. Steady, never flashing.
+
+import { LETTERS } from "./plots.js";
+
+const KEPT_MS = 500; // a pull of a millisecond is to be seen
+const ALONG = 0.38; // of a pull, what of it has a word
+const WORDS = [["left", "right"], ["down", "up"], ["away", "toward you"]];
+
+/** Along the axes of the view (right, up, toward), of a way in the world. */
+export const seen = ([x, y, z]) => [x, z, -y];
+
+/** A way of the view in words, its largest part first. */
+export function named(way) {
+  const length = Math.hypot(...way);
+  if (!length) return [];
+  return way
+    .map((part, k) => [part / length, WORDS[k]])
+    .filter(([part]) => Math.abs(part) >= ALONG)
+    .sort((a, b) => Math.abs(b[0]) - Math.abs(a[0]))
+    .map(([part, [less, more]]) => (part < 0 ? less : more));
+}
+
+export class CueSign {
+  /** place: the element; field: what gets the frame around it. */
+  constructor(place, field) {
+    Object.assign(this, { place, field, until: 0 });
+    this.arrow = place.querySelector("svg");
+    this.depth = place.querySelector("i");
+  }
+
+  /** strength 0 to 1, way along the axes of the view; called at least once a frame. */
+  show(arm, way, strength, now = performance.now()) {
+    if (strength > 0 && Math.hypot(...way) > 0) {
+      this.until = now + KEPT_MS;
+      const [right, up, toward] = way;
+      const flat = Math.hypot(right, up) / Math.hypot(...way);
+      this.arrow.style.display = flat < ALONG ? "none" : "";
+      this.arrow.style.transform = `rotate(${Math.round((-180 * Math.atan2(up, right)) / Math.PI)}deg)`;
+      this.depth.textContent = flat < ALONG ? (toward > 0 ? "⊙" : "⊗") : "";
+      this.place.querySelector("b").textContent = `${LETTERS[arm]} off course`;
+      this.place.querySelector("span").textContent = `pull: ${named(way).join(", ")}`;
+      this.place.style.setProperty("--strength", String(0.45 + 0.55 * Math.min(1, strength)));
+      this.place.dataset.arm = arm;
+    }
+    const on = now < this.until;
+    if (this.place.hidden === on) this.place.hidden = !on;
+    this.field.classList.toggle("cued", on);
+  }
+}

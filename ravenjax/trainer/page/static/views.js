@@ -1,0 +1,65 @@
+// Which way this window looks at the field: the scene's cameras, a small second picture of it, or the 2D view alone.
+
+const HINT = "Drawn in 2D: this machine has no graphics card that a browser can use. &scene=on at the end of the address tries 3D.";
+
+export class Views {
+  constructor(root, send) {
+    Object.assign(this, { root, send, inset: "" });
+    this.buttons = [...document.querySelectorAll("[data-camera], [data-inset]")];
+    for (const button of this.buttons) button.addEventListener("click", () => (button.dataset.camera ? this.look(button.dataset.camera) : this.add(button.dataset.inset)));
+    this.frame = document.createElement("iframe");
+    Object.assign(this.frame, { id: "inset", title: "second view of the field", tabIndex: -1, hidden: true });
+    document.getElementById("root")?.after(this.frame);
+    root.dataset.camera = "endoscope";
+    if (!document.getElementById("root")) this.flat();
+  }
+
+  /** A key: 1 to 7, as the buttons stand. */
+  press(number) {
+    if (!this.root.classList.contains("flat")) this.buttons[number - 1]?.click();
+  }
+
+  look(camera) {
+    this.root.dataset.camera = camera;
+    this.send({ type: "page", do: "camera", name: camera });
+    this.mark();
+  }
+
+  /** The second picture: its camera, or none if it is there already. */
+  add(name) {
+    this.inset = this.inset === name ? "" : name;
+    document.body.dataset.inset = this.inset;
+    if (this.inset === "stereo") this.look("endoscope_left");
+    else if (this.root.dataset.camera === "endoscope_left") this.look("endoscope");
+    const camera = { theatre: "theatre", second: "second", stereo: "endoscope_right" }[this.inset];
+    this.frame.hidden = !camera;
+    this.frame.src = camera ? `/?inset=${camera}` : "about:blank";
+    this.mark();
+    dispatchEvent(new Event("resize"));
+  }
+
+  mark() {
+    const camera = this.root.dataset.camera.replace("_left", "");
+    for (const button of this.buttons) {
+      const { camera: look, inset } = button.dataset;
+      button.setAttribute("aria-pressed", String(look ? look === camera : inset === this.inset));
+    }
+  }
+
+  flat() {
+    this.root.classList.add("flat");
+    const note = document.getElementById("view-note");
+    if (!new URLSearchParams(location.search).has("flat")) return;
+    note.textContent = HINT;
+    note.hidden = false;
+  }
+
+  /** Without the scene from now on: the page anew, as `early.js` would have it without a graphics card. */
+  flatten() {
+    const asked = new URLSearchParams(location.search);
+    if (this.root.classList.contains("flat") || asked.get("scene") === "on") return;
+    asked.set("scene", "off");
+    asked.set("flat", "1");
+    location.search = asked;
+  }
+}

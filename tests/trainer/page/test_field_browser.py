@@ -1,0 +1,166 @@
+"""What is told in the field itself, in a real browser: cue, alarms, first steps, the drill; on every size of screen."""
+
+from __future__ import annotations
+
+import shutil
+
+import pytest
+from fake_session import AS_INSTRUCTOR, HEADER, FakeSession
+from test_page_browser import CHROMIUM, FLAT, Visit, click, until
+
+from ravenjax.robots.raven2 import ROBOT
+
+sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
+pytestmark = [
+    pytest.mark.skipif(CHROMIUM is None or shutil.which("chromium") is None, reason="no chromium on the path"),
+    pytest.mark.slow,  # a process and a browser
+]
+SHOWN = "!document.querySelector({!r}).hidden"
+PEDAL_DOWN = "document.querySelector('#pedal').classList.contains('down')"
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with sync_api.sync_playwright() as playwright:
+        launched = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAT)
+        yield launched
+        launched.close()
+
+
+@pytest.fixture
+def session(tmp_path):
+    made = FakeSession(folder=tmp_path)
+    made.wait()
+    yield made
+    made.close()
+
+
+def test_who_is_new_practises_before_the_time_runs_and_meets_a_cue_that_cannot_be_missed(browser, session):
+    with Visit(browser, session, "role=operator") as page:  # this browser has no graphics card
+        assert "scene=off" in page.url and page.evaluate("document.getElementById('root')") is None
+        until(page, SHOWN.format("#coach"))
+        assert "Space" in page.inner_text("#coach") and "lift the pedal" in page.inner_text("#coach")
+        click(page, "#practise")
+        page.keyboard.down("Space")
+        until(page, f"{PEDAL_DOWN} && document.getElementById('pedal-state').textContent === 'practice'")
+        page.keyboard.down("KeyD")
+        until(page, "document.querySelector('#drill h2 span').textContent === '2 of 5'")
+        assert not any(one.get("pedal") for one in session.commands)  # nothing of it reaches the robot
+        assert page.inner_text("#phase") == "ready"
+        page.keyboard.up("KeyD")
+        page.keyboard.up("Space")
+        click(page, "[data-drill=close]")
+        page.keyboard.down("Space")
+        until(page, "document.getElementById('phase').textContent === 'running'")
+        until(page, "/L: \\d+ mm .*[ADWSRF]/.test(document.querySelector('#coach > p').textContent)")
+        with Visit(browser, session, f"{AS_INSTRUCTOR}&scene=off") as instructor:
+            page.bring_to_front()
+            page.keyboard.down("Space")
+            click(instructor, "#hazards li:nth-child(1) button")
+            until(page, SHOWN.format("#cue-sign"))
+            assert page.inner_text("#cue-sign b") == "L off course" and page.inner_text("#cue-sign span").startswith(
+                "pull: "
+            )
+            until(page, "ravenjax.state().loudness > 0")  # on by itself after the first key
+            assert instructor.locator("#late-box").is_visible() and not page.locator("#late-box").is_visible()
+            page.keyboard.up("Space")
+            until(page, "document.getElementById('cue-sign').hidden")
+
+
+def test_an_alarm_says_what_and_what_to_do_and_every_check_has_words(browser, session):
+    with Visit(browser, session, "role=operator&scene=off") as page:
+        words = page.evaluate("import('/static/alarms.js').then((own) => Object.keys(own.ALARMS))")
+        told = [check.name for check in ROBOT.checks.values() if check.action in ("stop", "flag")]
+        assert sorted(words) == sorted(told)
+        session.event("alarm", check="joint_limit", count=1)
+        until(page, SHOWN.format("#alarm-words"))
+        assert page.inner_text("#alarm-words em") == "Go back the way you came."
+        assert page.get_attribute("#alarm-words", "role") == "alert"
+
+
+def test_keys_reach_switches_views_and_help(browser, session):
+    with Visit(browser, session, "role=operator&scene=off") as page:
+        page.focus("#sound")
+        page.keyboard.press("Enter")
+        assert not page.is_checked("#sound")
+        page.keyboard.press("Slash")
+        assert page.locator("#help").is_visible()
+        page.keyboard.press("Slash")
+        names = page.evaluate(
+            "[...document.querySelectorAll('#rj button, #rj canvas')].filter((one) => !one.disabled && "
+            "!(one.textContent.trim() || one.ariaLabel)).map((one) => one.outerHTML)"
+        )
+        assert names == []
+        assert page.evaluate("[...document.querySelectorAll('#rj button')].every((one) => one.tabIndex === 0)")
+
+
+@pytest.mark.parametrize(("width", "height"), [(360, 740), (820, 1180), (740, 360), (1366, 768), (1920, 1080)])
+def test_on_every_screen_field_pads_and_stop_are_there_and_apart(browser, session, width, height):
+    touch = min(width, height) < 900 and width < 1000
+    context = browser.new_context(
+        viewport={"width": width, "height": height}, has_touch=touch, is_mobile=touch, device_scale_factor=1
+    )
+    page = context.new_page()
+    page.goto(f"http://127.0.0.1:{session.port}/?role=operator")
+    until(page, "window.ravenjax.state && window.ravenjax.state().frames > 3")
+    boxes = {
+        name: page.locator(name).bounding_box()
+        for name in ("#pedal", "#estop", "#scope", ".pad[data-arm=gold]", ".pad[data-arm=green]")
+    }
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    for name, box in boxes.items():
+        assert box is not None and box["x"] >= 0 and box["x"] + box["width"] <= width, name
+        assert box["y"] >= 0 and box["y"] + box["height"] <= height + 1, name
+    assert min(boxes["#scope"]["width"], boxes["#scope"]["height"]) > 0.3 * min(width, height)
+    names = [*boxes]
+    for i, one in enumerate(names):
+        for other in names[i + 1 :]:
+            assert not _overlap(boxes[one], boxes[other]), (one, other)
+    if touch:
+        sizes = page.evaluate(
+            "[...document.querySelectorAll('#pedal, #estop, .lift, .grasp button')].filter((one) => one.offsetParent)"
+            ".map((one) => Math.min(one.offsetWidth, one.offsetHeight))"
+        )
+        assert min(sizes) >= 24  # WCAG 2.2, success criterion 2.5.8
+    context.close()
+
+
+def _overlap(a, b):
+    return all(a[x] < b[x] + b[size] - 1 and b[x] < a[x] + a[size] - 1 for x, size in (("x", "width"), ("y", "height")))
+
+
+def test_the_arms_differ_for_a_protanope_and_text_has_contrast(browser, session):
+    with Visit(browser, session, "role=operator&scene=off") as page:
+        colours = page.evaluate("import('/static/plots.js').then((own) => own.COLOURS)")
+        gold, green = (_luminance(colours[arm]) for arm in ("gold", "green"))
+        assert (gold + 0.05) / (green + 0.05) > 1.7  # apart in lightness, which red-blindness leaves
+        ground = _luminance("#161d25")
+        for colour in (*colours.values(), "#a3b1c0"):
+            assert (_luminance(colour) + 0.05) / (ground + 0.05) >= 4.5  # WCAG 2.2, success criterion 1.4.3
+        assert page.locator(".pad[data-arm=gold] b").inner_text() == "L gold"
+        assert page.locator(".pad[data-arm=green] b").inner_text() == "R green"
+
+
+def _luminance(colour):
+    """Relative luminance of #rrggbb, WCAG 2.2."""
+    parts = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+    red, green, blue = (x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in parts)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+def test_the_goal_is_drawn_from_two_sides(browser, session):
+    assert HEADER["task"]["targets"][0]["arm"] == "gold"
+    with Visit(browser, session, "role=operator&scene=off", 1366) as page:
+        until(page, "document.getElementById('distance').textContent.endsWith('mm away')")
+        halves = page.evaluate("""(() => {
+            const c = document.getElementById('scope');
+            const beside = c.clientWidth > c.clientHeight;
+            return [0, 1].map((i) => {
+              const [w, h] = beside ? [c.width / 2, c.height] : [c.width, c.height / 2];
+              const d = c.getContext('2d').getImageData(beside ? i * w : 0, beside ? 0 : i * h, w, h).data;
+              let pink = 0;
+              for (let k = 0; k < d.length; k += 4) pink += d[k] > 200 && d[k + 1] < 140 && d[k + 2] > 180;
+              return pink;
+            });
+        })()""")
+        assert min(halves) > 30
