@@ -87,6 +87,7 @@ def test_files_are_valid(page, snippet, tmp_path, monkeypatch):
     """By the JSON Schema and by the loader, beside the page's other files; a recording is read when the page is run."""
     from ravenjax.campaign import loading
     from ravenjax.search.file import loading as search_loading
+    from ravenjax.store.consoles import loading as consoles
     from ravenjax.trainer import scenario
 
     assert snippet.title, "name the file: ```toml title=..."
@@ -95,6 +96,9 @@ def test_files_are_valid(page, snippet, tmp_path, monkeypatch):
         if one.title:
             (tmp_path / one.title).write_text(one.text, encoding="utf-8")
     raw = tomllib.loads(snippet.text)
+    if "source" in raw:
+        consoles.load(snippet.title)
+        return
     if "search" in raw:
         schema, load = searches.schema(ROBOT), search_loading.from_dict
     else:

@@ -39,6 +39,9 @@ def train(
         str | None, Parameter(help="that makes an instructor; made up anew for each session where it is left out")
     ] = None,
     itp_port: Annotated[int | None, Parameter(help="also take an ITP console on this UDP port (36000)")] = None,
+    console_profile: Annotated[
+        str, Parameter("--console", help="what the ITP console sends: raven, dv_trainer, a .toml file, or auto")
+    ] = "raven",
     robot: Annotated[str | None, Parameter(help="drive one elsewhere: HOST[:ITP_PORT[:JOINT_PORT]]")] = None,
 ) -> None:
     """Train on one robot in real time, in the browser: drive, meet a hazard, respond, read the debrief.
@@ -74,6 +77,7 @@ def train(
             instructor_token=instructor_token,
             script=script,
             itp_port=itp_port,
+            console=console_profile,
             robot=robot,
         )
         if headless:
@@ -95,6 +99,9 @@ def robot(
     seconds: Annotated[float | None, Parameter(help="end after so long; default at Ctrl-C")] = None,
     token: Annotated[str | None, Parameter(help="that orders from other machines must carry")] = None,
     console_host: Annotated[str | None, Parameter(help="the only host that may drive; default any")] = None,
+    console_profile: Annotated[
+        str, Parameter("--console", help="what the ITP console sends: raven, dv_trainer, a .toml file, or auto")
+    ] = "raven",
 ) -> None:
     """Run the control software and the virtual robot as a process that any ITP console can drive.
 
@@ -103,6 +110,7 @@ def robot(
     scenario
         Scenario whose robot and hazards it has; `ravenjax train SCENARIO --robot HOST` drives it.
     """
+    from ravenjax.store.consoles import loading as profiles
     from ravenjax.trainer import scenario as scenarios
     from ravenjax.trainer.robot_link import process
 
@@ -115,6 +123,7 @@ def robot(
         hazards=[process.Strike.parse(text) for text in hazard or ()],
         token=token,
         console=console_host,
+        profiles=profiles.choice(console_profile),
         seconds=seconds,
         say=_say,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from ravenjax.trainer.protocol.frame import Frame
@@ -39,12 +40,17 @@ class Scripted:
 class ItpConsole:
     """A console over the network: increments in, force out."""
 
-    def __init__(self, server: ItpServer, session: Session) -> None:
+    def __init__(self, server: ItpServer, session: Session, say: Callable[[str], None] = print) -> None:
+        """say: takes what a user should know of the console's packets."""
         self._server, self._session, self._arms = server, session, session.arms
+        self._say = say
         self._still: dict[str, Any] = dict.fromkeys(session.arms, (0.0, 0.0, 0.0))
 
     def poll(self) -> list[dict[str, Any]]:
-        return [{**one, "console": "itp"} for one in self._server.poll()]
+        messages = [{**one, "console": "itp"} for one in self._server.poll()]
+        for line in self._server.gate.news():
+            self._say(line)
+        return messages
 
     def tell(self, frame: Frame) -> None:
         drives = self._session.seat.owner == "itp"

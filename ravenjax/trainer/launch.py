@@ -26,6 +26,7 @@ from ravenjax.errors import UserError
 from ravenjax.robots.raven2.console.packet import UDP_PORT
 from ravenjax.robots.raven2.geometry import scene
 from ravenjax.store import files, manifest
+from ravenjax.store.consoles import loading as profiles
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.trainer import judge, page, processes, scenario
@@ -77,6 +78,7 @@ class SessionOptions:
     instructor_token: str | None = None  # what makes an instructor of a visitor; made up where it is left out
     script: str | None = None  # who drives in place of a person: a reaction of `scripts`, or a file of commands
     itp_port: int | None = None  # None: no console over the network
+    console: str = "raven"  # its profile: a name or file of `store.consoles`, or "auto"
     robot: str | None = None  # a robot elsewhere, HOST[:ITP_PORT[:JOINT_PORT]]
 
 
@@ -106,6 +108,7 @@ def realtime(
     began = time.monotonic()
     if with_page:
         _require_address(options.host, options.port)
+    console_profiles = profiles.choice(options.console)
     options = _apart(options, say)
     with contextlib.ExitStack() as stack:
         stack.callback((options.folder / CLAIM).unlink, missing_ok=True)
@@ -127,10 +130,10 @@ def realtime(
             _open_page(helpers.page, options, session, header, (frames, events, commands), say)
             consoles.append(loop.PageCommands(commands, drives=options.script is None))
         if options.itp_port is not None:
-            server = ItpServer(session.arms, options.host, options.itp_port)
+            server = ItpServer(session.arms, options.host, options.itp_port, profiles=console_profiles)
             stack.callback(server.close)
             stack.callback(lambda: say(f"console: {_counted(server.counters())}"))
-            consoles.append(ItpConsole(server, session))
+            consoles.append(ItpConsole(server, session, say))
             say("console: ITP over UDP {}:{}".format(*server.address))
         if script is not None:
             consoles.append(script)

@@ -19,6 +19,10 @@ Columns. The suffix alone says the unit; other columns are not read, and named.
     gold_grasp_rad                         jaw opening, rad, mrad or deg, positive opens; without it as after homing
     surgeon_mode                           1 pedal down, 0 up; without it down from 0.2 s on
 
+A Parquet file with a column `packet` is a recorded stream of a console's ITP packets, `arrival_us` (or _s, _ms, _ns)
+says when each came: the tip begins as after homing and makes their increments. `console = "dv_trainer"` names the
+profile by which they are read (`docs/how-to/consoles.md`); without it the packets decide.
+
 MCAP files have geometry_msgs/PoseStamped on /arm1/setpoint_cp, else measured_cp (arm1 is gold, arm2 green), and for the
 jaws sensor_msgs/JointState on /arm1/setpoint_js, else measured_js, as `ravenjax trace` writes them.
 

@@ -22,4 +22,5 @@ class ReplayOptions:
     slow_down: float = 1.0  # how much slower than recorded it is replayed
     max_gap_s: float = MAX_GAP_S  # longer gaps between samples are refused where they are replayed
     spikes: Spikes = "refuse"  # tips that jump
+    console: str = "auto"  # profile of a stream of packets, as `store.consoles.loading.choice` has it
     at_end: AtEnd = "refuse"  # where the recording ends before the run

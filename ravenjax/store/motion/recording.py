@@ -15,6 +15,7 @@ from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.motion import TICK_S
 from ravenjax.store.motion import plausible, resampling, spikes, stamps
 from ravenjax.store.motion.options import ReplayOptions
+from ravenjax.store.motion.packet_file import Home
 from ravenjax.store.motion.reach import Poses
 from ravenjax.store.motion.spikes import Spike
 from ravenjax.store.motion.track import Track
@@ -61,11 +62,16 @@ def arms_in(path: Path) -> tuple[ArmName, ...]:
 
 def load(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> HandRecording:
     """The recording of `arms`. UserError for a file that cannot be used, whichever part of it is replayed."""
-    from ravenjax.store.motion import mcap_file, table_file
+    from ravenjax.store.motion import mcap_file, packet_file, table_file
 
     require_readable(path)
     source = mcap_file if path.suffix.lower() == ".mcap" else table_file
-    track = source.read(path, arms, options.rate_hz)
+    if table_file.holds_packets(path):
+        track = packet_file.track(path, arms, options.console, {arm: _home(arm) for arm in arms})
+    elif options.console != "auto":
+        raise UserError(f"{path}: operator.console is of a stream of packets, this file holds tips: remove it")
+    else:
+        track = source.read(path, arms, options.rate_hz)
     plausible.check(track)
     time_s = _times(track, options)
     jumps = [spike for arm in arms for spike in spikes.find(arm, track.arms[arm], time_s[arm], options.max_gap_s)]
@@ -182,9 +188,18 @@ def _home_opening_mrad() -> float:
 
 
 def _home_quat(arm: ArmName) -> np.ndarray:
+    return _home(arm).quat
+
+
+def _home(arm: ArmName) -> Home:
+    """Where a tip is after homing."""
     from ravenjax.numbers.lazy import jax
     from ravenjax.robots.raven2.geometry import kinematics, limits, mapping
 
     with jax.enable_x64(True):
         pose = kinematics.forward(arm, Vec(np.float64(q) for q in limits.HOME_JPOS))
-        return np.array([float(c) for c in mapping.quat_from_matrix(pose.rotation)])
+        return Home(
+            np.array([float(c) for c in pose.position]),
+            np.array([float(c) for c in mapping.quat_from_matrix(pose.rotation)]),
+            _home_opening_mrad(),
+        )

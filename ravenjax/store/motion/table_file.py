@@ -11,7 +11,7 @@ import numpy as np
 
 from ravenjax.errors import UserError, suggestion
 from ravenjax.store.logs.topics import ARM_TOPICS
-from ravenjax.store.motion import stamps
+from ravenjax.store.motion import packet_file, stamps
 from ravenjax.store.motion.track import ArmTrack, Track
 
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
@@ -50,8 +50,15 @@ def read(path: Path, arms: tuple[str, ...], rate_hz: float | None) -> Track:
     )
 
 
+def holds_packets(path: Path) -> bool:
+    """Whether a file is a table of a console's packets; UserError where it cannot be read."""
+    return path.suffix.lower() == ".parquet" and packet_file.holds_packets(_schema(path).names)
+
+
 def arms_in(path: Path) -> tuple[str, ...]:
     """The arms that a table has positions of, by the names of its columns; UserError where it cannot be read."""
+    if holds_packets(path):
+        return ARMS
     names = _schema(path).names if path.suffix.lower() == ".parquet" else list(_csv(path))
     return tuple(arm for arm in ARMS if any(str(name).startswith(f"{arm}_x_") for name in names))
 

@@ -27,6 +27,7 @@ from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS, ArmName
 from ravenjax.robots.raven2.console.packet import UDP_PORT, V_STRUCT
+from ravenjax.robots.raven2.console.profile import ConsoleProfile
 from ravenjax.robots.raven2.geometry.mapping import position_to_itp
 from ravenjax.trainer.protocol.messages import STALE_MS
 from ravenjax.trainer.robot_link.increments import Increments, merge
@@ -34,9 +35,9 @@ from ravenjax.trainer.robot_link.packet_filter import DEFAULT, SIZE, Gate, Packe
 
 LOOPBACK = "127.0.0.1"
 PER_TICK = 8
-"""Datagrams looked at in one tick; the others wait in the kernel, which drops what does not fit."""
-TAKEN_PER_TICK = 4
-"""Accepted ones among them: what bounds the displacement of one tick, and lets a console catch up after a pause."""
+"""Datagrams looked at in one tick, at least; the others wait in the kernel, which drops what does not fit."""
+USUAL_PER_TICK = 4
+"""Accepted ones among them while the console's profile is not known."""
 BUFFER_BYTES = 1 << 16
 """Of the kernel: some 150 datagrams, so that what waits is never old."""
 PEDAL, ALIVE, SOFT_ESTOPPED, DRIVES = 1 << 2, 1 << 3, 1 << 4, 1 << 5
@@ -71,10 +72,11 @@ class ItpServer:
         port: int = UDP_PORT,
         limits: PacketLimits = DEFAULT,
         clock: Callable[[], int] = time.monotonic_ns,
+        profiles: Sequence[ConsoleProfile] = (),
     ) -> None:
-        """port 0: any free one. UserError where the address cannot be had."""
+        """port 0: any free one. profiles: as of `Gate`. UserError where the address cannot be had."""
         self.arms = tuple(arms)
-        self.gate = Gate(arms, limits)
+        self.gate = Gate(arms, limits, profiles)
         self._clock = clock
         self._socket = _bound(host, port)
         self._last: Increments | None = None
@@ -89,10 +91,16 @@ class ItpServer:
         return self._socket.getsockname()[:2]
 
     def receive(self) -> Increments | None:
-        """What the console asks for since the last call, as one; None: nothing was accepted."""
+        """What the console asks for since the last call, as one; None: nothing was accepted.
+
+        Of a burst at most `SentStream.per_tick` packets count, which bounds the displacement of one tick. The others
+        wait in the kernel, in their order, for the next ones.
+        """
         now_ms = self._clock() * 1e-6
+        profile = self.gate.profile
+        most = USUAL_PER_TICK if profile is None else profile.stream.per_tick
         increments: list[Increments] = []
-        for _ in range(PER_TICK):
+        for _ in range(max(PER_TICK, most)):
             try:
                 datagram, source = self._socket.recvfrom(SIZE + 1)  # one byte more tells a longer one
             except BlockingIOError:
@@ -102,7 +110,7 @@ class ItpServer:
             admitted = self.gate.admit(datagram, source, now_ms)
             if admitted is not None:
                 increments.append(admitted)
-                if len(increments) == TAKEN_PER_TICK:
+                if len(increments) == most:
                     break
         total = merge(increments)
         if total is not None:

@@ -19,6 +19,7 @@ from typing import Any
 
 from ravenjax.errors import UserError, shown
 from ravenjax.robots.raven2.console.packet import UDP_PORT
+from ravenjax.robots.raven2.console.profile import ConsoleProfile
 from ravenjax.trainer import scenario
 from ravenjax.trainer.realtime.clock import Clock, LoopTiming, no_collection, realtime
 from ravenjax.trainer.realtime.interruption import until_interrupted
@@ -84,6 +85,7 @@ def run(
     hazards: Sequence[Strike] = (),
     token: str | None = None,
     console: str | None = None,
+    profiles: Sequence[ConsoleProfile] = (),
     seconds: float | None = None,
     say: Callable[[str], None] = print,
 ) -> Counters:
@@ -91,6 +93,7 @@ def run(
 
     seed: draws the scenario's hazards; its own if None. host: address to listen on, loopback unless told otherwise.
     token: what orders from other machines must carry; None: they are refused. console: the only host that may drive.
+    profiles: that of the console, or several of which it has one.
     UserError where a port cannot be had or a hazard is not there.
     """
     number = chosen.seed if seed is None else seed
@@ -109,7 +112,7 @@ def run(
         "hazards": digest(armables),
     }
     with contextlib.ExitStack() as stack:
-        itp = ItpServer(robot.arms, host, itp_port, PacketLimits(console=console))
+        itp = ItpServer(robot.arms, host, itp_port, PacketLimits(console=console), profiles=profiles)
         stack.callback(itp.close)
         joints = JointServer(greeting, host, joint_port, token)
         stack.callback(joints.close)
@@ -125,7 +128,7 @@ def run(
                 say(warning)
             say("console: ITP over UDP {}:{}".format(*itp.address))
             say("joint state: TCP {}:{}".format(*joints.address))
-            timing = serve(station, due(hazards, lasting), seconds, lambda: bool(stop))
+            timing = serve(station, due(hazards, lasting), seconds, lambda: bool(stop), say)
         counters = Counters(timing, itp.counters(), joints.counts)
     for line in counters.lines():
         say(line)
@@ -137,6 +140,7 @@ def serve(
     orders: Sequence[tuple[int, dict[str, Any]]] = (),
     seconds: float | None = None,
     stopped: Callable[[], bool] = lambda: False,
+    say: Callable[[str], None] = print,
 ) -> LoopTiming:
     """Tick `station` against the clock. orders: (tick, order), in the order of their ticks."""
     waiting = list(orders)
@@ -152,6 +156,8 @@ def serve(
                 ):  # another may be at work by now
                     station.obey(content)
             station.tick()
+            for line in station.itp.gate.news():
+                say(line)
             clock.done()
     return clock.timing
 

@@ -43,7 +43,7 @@ class Books:
     def bad(self):
         """Datagrams that must move nothing, and whether they come from somewhere else."""
         pick, nan = self.random.choice, math.nan
-        kind = self.random.randrange(13)
+        kind = self.random.randrange(14)
         if kind == 0:
             return [self.random.randbytes(self.random.randrange(600))], False
         if kind == 1:
@@ -69,6 +69,10 @@ class Books:
         if kind == 11:  # two packets change places: the later one is lost for the gap, the earlier one for its lateness
             self.sequence += 2
             return [datagram(self.sequence, gold=(7, 7, 7)), datagram(self.sequence - 1, gold=(9, 9, 9))], False
+        if kind == 12:  # a bit of the checksum, or of what it covers
+            packet = bytearray(self.next())
+            packet[pick((12, 20, 28, 100, 120, 123))] ^= 1 << self.random.randrange(8)
+            return [bytes(packet)], False
         self.sequence += self.random.randrange(1, 9)  # packets lost on the way, and with them the next
         self.lost = True
         return [], False

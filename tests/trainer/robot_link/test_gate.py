@@ -5,6 +5,7 @@ import struct
 
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -15,6 +16,7 @@ from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import network
+from ravenjax.store.consoles import loading as consoles
 from ravenjax.trainer.robot_link.packet_filter import CAUSES, TAKEN, Gate, PacketLimits
 
 CONSOLE, OTHER = ("127.0.0.1", 40000), ("127.0.0.1", 40001)
@@ -179,7 +181,7 @@ def test_a_hundred_thousand_packets_move_nothing_wrongly(seed):
                 um = [a + b for a, b in zip(um, [x for arm in moved.delta_um for x in arm], strict=True)]
         assert um == books.um, (count, gate.counts)
     assert gate.received == count
-    assert all(gate.counts[cause] for cause in CAUSES if cause != "restart"), gate.counts
+    assert all(gate.counts[cause] for cause in CAUSES if cause not in ("restart", "buttons", "undecided")), gate.counts
     assert good * 0.8 < gate.counts[TAKEN] <= good
 
 
@@ -195,9 +197,55 @@ def test_any_bytes_move_nothing(datagrams):
 def test_what_is_taken_is_within_limits(content, mode):
     """Any bits for numbers, but with a valid number and pedal, so that many reach the last rules."""
     content = struct.pack("<I", 1) + content[4:116] + struct.pack("<i", mode) + content[120:]
+    checksum = sum(struct.unpack_from("<6i", content, 12)) + sum(struct.unpack_from("<2i", content, 100)) + mode + 1
+    content = content[:120] + struct.pack("<I", checksum & 0xFFFFFFFF) + content[124:]
     gate = Gate(BOTH)
     got = gate.admit(content, CONSOLE, 0.0)
     assert (got is not None) == (gate.counts[TAKEN] == 1)
     if got is not None:
         assert all(math.hypot(*delta) <= 1000 for delta in got.delta_um)
         assert all(abs(math.hypot(*quat) - 1) < 0.011 for quat in got.quat)
+
+
+# --- profiles ---
+
+
+def test_under_a_wrong_profile_a_message_names_the_right_one_once(shared_data):
+    packets = pd.read_parquet(shared_data("console_itp_packets.parquet"))["packet"].iloc[10_000:11_000]
+    gate, told = Gate(BOTH), []
+    for packet in packets:
+        gate.admit(packet, CONSOLE, 0.0)
+        told += gate.news()
+    (line,) = told
+    assert "do not fit profile raven" in line and line.endswith("start again with --console dv_trainer")
+
+
+def test_a_choice_is_said_and_outlives_its_console():
+    gate = Gate(BOTH, profiles=consoles.choice("auto"))
+    turn = (0.0, math.sin(0.02), 0.0, math.cos(0.02))
+    assert sent(gate, 1) == TAKEN
+    assert sent(gate, 2, quats=(turn, IDENTITY)) == "undecided"
+    assert gate.news() == [] and gate.profile is None
+    sent(gate, 3, 4, 5, quats=(turn, IDENTITY))
+    assert sent(gate, 6, quats=(turn, IDENTITY)) == TAKEN
+    assert gate.profile == consoles.load("raven")
+    assert gate.news() == [f"console: profile raven, {gate.profile.title}. {WHY}"]
+    assert gate.peer(9999.0) is None
+    assert sent(gate, 1, quats=((0.0, 1.0, 0.0, 1.0), IDENTITY), now_ms=9999.0) == "quaternion", "it never switches"
+
+
+WHY = (
+    "It is not dv_trainer: 4 of the first 5 packets have quaternion of gold: got "
+    f"[0.0, {math.sin(0.02)}, 0.0, {math.cos(0.02)}], expected a rotation vector in mrad, with Qw = 1"
+)
+
+
+def test_many_packets_that_fit_nothing_are_told_of():
+    gate, told = Gate(BOTH), []
+    for number in range(1, 200):
+        sent(gate, number, surgeon_mode=9)
+        told += gate.news()
+    assert told == [
+        "console: 32 of 32 packets do not fit profile raven, the last for mode: got 9, expected surgeon_mode 0 or 1. "
+        "No bundled profile fits them: write one, and start again with --console FILE.toml"
+    ]

@@ -10,10 +10,10 @@ from itp_client import IDENTITY, STILL, Console, datagram
 from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.console.packet import UDP_PORT
+from ravenjax.robots.raven2.console.profile import LargestSteps
 from ravenjax.robots.raven2.geometry import mapping
 from ravenjax.trainer.protocol.messages import STALE_MS
-from ravenjax.trainer.robot_link.itp import PER_TICK, TAKEN_PER_TICK, ItpServer
-from ravenjax.trainer.robot_link.packet_filter import PacketLimits
+from ravenjax.trainer.robot_link.itp import PER_TICK, USUAL_PER_TICK, ItpServer
 
 BOTH = ("gold", "green")
 
@@ -95,7 +95,7 @@ def test_a_burst_is_spread_over_ticks(server, console):
         console.send(gold=(100, 0, 0))
     each = [m["arms"]["gold"]["delta_um"][0] for m in polled(server, 4)]
     assert each == [400, 400, 300]
-    assert TAKEN_PER_TICK * PacketLimits().step_um <= 4000, "what bounds the displacement of a tick"
+    assert USUAL_PER_TICK * LargestSteps().step_um <= 4000, "what bounds the displacement of a tick"
 
 
 def test_a_flood_costs_a_tick_no_more_than_its_share_and_is_counted(server, console):

@@ -224,6 +224,10 @@ class Operator(Section):
         default="refuse",
         description="a recorded tip that jumps: refuse; remove: interpolate where it comes back; replay: as it is",
     )
+    console: str = Field(
+        default="auto",
+        description="whose packets a recorded stream holds: a profile's name, a .toml file, or auto, found from them",
+    )
     at_end: AtEnd = Field(
         default="refuse",
         description="a recorded motion that ends before the run: refuse; hold: hands rest; reverse: back and forth",

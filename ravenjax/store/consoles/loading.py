@@ -1,0 +1,82 @@
+"""Reads a console profile: a TOML file, or a bundled one by name."""
+
+from __future__ import annotations
+
+import functools
+import tomllib
+from importlib import resources
+from pathlib import Path
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from ravenjax.errors import UserError, listed, shown, suggestion
+from ravenjax.robots.raven2.console.profile import ConsoleProfile
+
+AUTO = "auto"
+_FOLDER = resources.files("ravenjax.store.consoles")
+_SUFFIX = ".toml"
+
+
+@functools.cache
+def bundled() -> tuple[ConsoleProfile, ...]:
+    """Every bundled profile, the robot's own protocol first."""
+    texts = {file.name: file.read_text() for file in _FOLDER.iterdir() if file.name.endswith(_SUFFIX)}
+    profiles = [_checked(name, text) for name, text in sorted(texts.items())]
+    return tuple(sorted(profiles, key=lambda profile: profile.name != "raven"))
+
+
+def load(name: str) -> ConsoleProfile:
+    """The profile of a bundled name or of a .toml file. UserError."""
+    by_name = {profile.name: profile for profile in bundled()}
+    if name in by_name:
+        return by_name[name]
+    path = Path(name)
+    if path.suffix != _SUFFIX and not path.is_file():
+        words = ", ".join([*by_name, AUTO])
+        raise UserError(
+            f"console {shown(name)} is not known, expected one of {words}, or a .toml file"
+            f"{suggestion(name, [*by_name, AUTO])}"
+        )
+    try:
+        text = path.read_text()
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{path}: the console's profile cannot be read: {error}; expected a TOML file") from None
+    return _checked(str(path), text)
+
+
+def choice(name: str) -> tuple[ConsoleProfile, ...]:
+    """The profiles that a console may have: one, or every bundled one for "auto". UserError."""
+    return bundled() if name == AUTO else (load(name),)
+
+
+def _checked(where: str, text: str) -> ConsoleProfile:
+    try:
+        return ConsoleProfile.model_validate(tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        raise UserError(f"{where}: not a TOML file: {error}") from None
+    except ValidationError as error:
+        raise UserError(
+            f"{where}: not a console's profile:\n" + listed([_line(one) for one in error.errors()])
+        ) from None
+
+
+def _line(fault: ErrorDetails) -> str:
+    key = ".".join(map(str, fault["loc"])) or "the file"
+    if fault["type"] == "extra_forbidden":
+        keys = _keys(fault["loc"][:-1])
+        return f"{key}: no such key, expected {', '.join(keys)}{suggestion(fault['loc'][-1], keys)}"
+    if fault["type"] == "missing":
+        return f"{key}: missing, expected it in the file"
+    words = str(fault["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
+    if fault["type"] == "value_error":
+        return f"{key}: {words}"
+    return f"{key}: got {shown(fault['input'])}, expected {words}"
+
+
+def _keys(tables: tuple[str | int, ...]) -> list[str]:
+    """Keys of the file, or of one of its tables."""
+    model: type = ConsoleProfile
+    for table in tables:
+        model = model.model_fields[str(table)].annotation  # type: ignore[attr-defined, assignment]
+    return list(model.model_fields)  # type: ignore[attr-defined]
