@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
 from ravenjax.cli import console
 from ravenjax.cli.console import Overrides
+
+Crtk = Annotated[Literal["ros1", "ros2"] | None, Parameter(help="also speak CRTK: ros2 (DDS) or ros1 (rospy)")]
 
 log = App(name="log", help="Recordings of sessions.")
 study = App(name="study", help="Compare groups of sessions: ravenjax study FOLDERS; and draw who is in which group.")
@@ -88,6 +90,7 @@ def robot(
     seconds: Annotated[float | None, Parameter(help="end after so long; default at Ctrl-C")] = None,
     token: Annotated[str | None, Parameter(help="that orders from other machines must carry")] = None,
     console_host: Annotated[str | None, Parameter(help="the only host that may drive; default any")] = None,
+    crtk: Crtk = None,
 ) -> None:
     """Run the control software and the virtual robot as a process that any ITP console can drive.
 
@@ -107,8 +110,9 @@ def robot(
         joint_port=joint_port,
         hazards=[process.Strike.parse(text) for text in hazard or ()],
         token=token,
-        console=console_host,
+        console_host=console_host,
         seconds=seconds,
+        crtk=crtk,
         say=_say,
     )
 

@@ -1,0 +1,65 @@
+"""Names of CRTK: arms, joints, frames, topics with their types."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.trainer.robot_link.crtk import messages
+
+ARM_NAMES: dict[ArmName, str] = {"gold": "arm1", "green": "arm2"}
+"""As raven2's own CRTK interface has them."""
+CONSOLE = "console"
+
+
+class Topic(NamedTuple):
+    """What is told or heard under one name."""
+
+    name: str  # without a slash before it
+    kind: str  # of `messages`
+    latched: bool = False  # who comes later hears the last one too
+
+
+def frame_id(arm: ArmName) -> str:
+    """The frame in which poses of an arm are told, see `frames`."""
+    return f"{ARM_NAMES[arm]}_base"
+
+
+def arm_topic(arm: ArmName, word: str) -> str:
+    """Such as `arm1/measured_js`."""
+    return f"{ARM_NAMES[arm]}/{word}"
+
+
+def published(arms: Sequence[ArmName], raven_state: bool = False) -> list[Topic]:
+    """What a robot with these arms tells. raven_state: in raven2's message too."""
+    topics = [Topic("operating_state", messages.OPERATING_STATE, latched=True)]
+    for arm in arms:
+        topics += [Topic(arm_topic(arm, "operating_state"), messages.OPERATING_STATE, latched=True)]
+        joints = ("measured_js", "setpoint_js", "jaw/measured_js", "jaw/setpoint_js")
+        topics += [Topic(arm_topic(arm, word), messages.JOINT_STATE) for word in joints]
+        topics += [Topic(arm_topic(arm, word), messages.POSE) for word in ("measured_cp", "setpoint_cp")]
+        topics += [Topic(arm_topic(arm, "measured_cv"), messages.TWIST)]
+        topics += [Topic(arm_topic(arm, "cue_cf"), messages.WRENCH)]
+    if raven_state:
+        topics.append(Topic("ravenstate", messages.RAVEN_STATE))
+    return topics
+
+
+SERVO = ("servo_cp", "servo_jp", "servo_jr", "jaw/servo_jp")
+"""Words of commands that are sent again and again, and are old soon."""
+
+
+def subscribed(arms: Sequence[ArmName]) -> list[Topic]:
+    """What a robot with these arms hears."""
+    topics = [
+        Topic("state_command", messages.STRING),
+        Topic(f"{CONSOLE}/operator_present", messages.JOY),
+        Topic(f"{CONSOLE}/clutch", messages.JOY),
+    ]
+    for arm in arms:
+        topics += [Topic(arm_topic(arm, "state_command"), messages.STRING)]
+        topics += [Topic(arm_topic(arm, "servo_cp"), messages.POSE)]
+        joints = ("servo_jp", "servo_jr", "move_jp", "jaw/servo_jp")
+        topics += [Topic(arm_topic(arm, word), messages.JOINT_STATE) for word in joints]
+    return topics
