@@ -40,7 +40,10 @@ def train(
         str | None, Parameter(help="that makes an instructor; made up anew for each session where it is left out")
     ] = None,
     itp_port: Annotated[int | None, Parameter(help="also take an ITP console on this UDP port (36000)")] = None,
-    robot: Annotated[str | None, Parameter(help="drive one elsewhere: HOST[:ITP_PORT[:JOINT_PORT]]")] = None,
+    robot: Annotated[
+        str | None, Parameter(help="drive one elsewhere: HOST[:ITP_PORT[:JOINT_PORT]], or ros1, ros2 for JOINT_PORT")
+    ] = None,
+    crtk: Crtk = None,
 ) -> None:
     """Train on one robot in real time, in the browser: drive, meet a hazard, respond, read the debrief.
 
@@ -69,6 +72,7 @@ def train(
         script=script,
         itp_port=itp_port,
         robot=robot,
+        crtk=crtk,
     )
 
     if headless:

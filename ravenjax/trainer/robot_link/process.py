@@ -119,8 +119,8 @@ def run(
         stack.callback(itp.close)
         joints = JointServer(greeting, host, joint_port, token)
         stack.callback(joints.close)
-        spoken = crtk and _speaks(stack, crtk, robot)
-        station = Station(robot, itp, joints, len(armables), len(table) - 1, spoken or None)
+        beside = _speaks(stack, crtk, robot) if crtk else None
+        station = Station(robot, itp, joints, len(armables), len(table) - 1, beside)
         stop = stack.enter_context(until_interrupted())
         for one in armables:
             say(f"hazard {one.number}: {one.title} ({one.hazard})")

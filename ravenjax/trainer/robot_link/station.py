@@ -81,8 +81,8 @@ class Station:
             self._number += 1
             packet = increments.packet(self._number)
         frame = self.machine.tick(packet)
-        taken = increments is not None and frame.number("last_seq") == float(np.float32(self._number))
-        if taken and console == ITP:
+        took = increments is not None and frame.number("last_seq") == float(np.float32(self._number))
+        if took and console == ITP:
             self._last_seq = increments.sequence  # type: ignore[union-attr]
         self.joints.publish(self._reporter.encode(frame, self.ticks, self._last_seq))
         self._tell_checks(frame)
@@ -98,10 +98,10 @@ class Station:
 
     def _asked(self) -> tuple[str, Increments | None]:
         """Which console is heard in this tick, and what it asks for: whose pedal is down keeps the other one out."""
-        found = {ITP: self.itp.receive()}
+        requests = {ITP: self.itp.receive()}
         if self.crtk is not None:
-            found[CRTK] = self._crtk_asked(self.crtk)
-        counted = {name: self._counted(name, one) for name, one in found.items() if one is not None}
+            requests[CRTK] = self._crtk_asked(self.crtk)
+        counted = {name: self._counted(name, one) for name, one in requests.items() if one is not None}
         driver = self._driver
         if driver is not None and self.ticks - self._heard[driver] > STALE_MS:
             self._driver = None
@@ -110,14 +110,14 @@ class Station:
         elif driver is None:
             self._driver = next((name for name, one in counted.items() if one.pedal), None)
         name = self._driver or next(iter(counted), ITP)
-        asked = counted.get(name)
-        if asked is not None and not asked.pedal:
+        request = counted.get(name)
+        if request is not None and not request.pedal:
             self._driver = None
-        return name, asked
+        return name, request
 
     def _crtk_asked(self, console: Console) -> Increments | None:
         """What CRTK asks for: orders are obeyed at once."""
-        asked: list[Increments] = []
+        requests: list[Increments] = []
         for command in console.poll():
             if command["type"] == "operator":
                 self.obey({"order": {"estop": "estop", "restart": "reset"}[command["do"]]})
@@ -127,8 +127,8 @@ class Station:
             whole = Increments(
                 0, int(command["pedal"]), tuple(map(tuple, deltas)), tuple(map(tuple, quats)), tuple(grasps)
             )
-            asked.append(whole)
-        return merge(asked)
+            requests.append(whole)
+        return merge(requests)
 
     def _still(self) -> Increments:
         """Pedal up, and nothing moves."""

@@ -27,6 +27,7 @@ _PARENT_S = 1.0
 class Transport(Protocol):
     """Topics of one ROS."""
 
+    ros: Ros
     types: MessageTypes
 
     def publish(self, name: str, message: Any) -> None: ...
@@ -69,7 +70,7 @@ def run(options: BridgeOptions) -> None:
         end.close()
 
 
-def connect(ros: Ros, published: list[names.Topic], subscribed: list[names.Topic]) -> Transport:
+def connect(ros: Ros, published: list[names.RosTopic], subscribed: list[names.RosTopic]) -> Transport:
     """The transport of this ROS. UserError where it cannot be had."""
     if ros == "ros2":
         from ravenjax.trainer.robot_link.crtk.dds import DdsTransport
@@ -82,7 +83,7 @@ def connect(ros: Ros, published: list[names.Topic], subscribed: list[names.Topic
 
 def _work(transport: Transport, end: BridgeEnd, interpreter: Interpreter, hertz: float) -> None:
     parent = multiprocessing.parent_process()
-    told = checked = time.monotonic()
+    published = checked = time.monotonic()
     while True:
         began = time.monotonic()
         if began - checked > _PARENT_S:
@@ -102,8 +103,8 @@ def _work(transport: Transport, end: BridgeEnd, interpreter: Interpreter, hertz:
                     interpreter.note_sent(end.send(command))
             for name, message in interpreter.states(time.time_ns()):
                 transport.publish(name, message)
-            if began - told >= 1 / hertz:
-                told = max(told + 1 / hertz, began - 1 / hertz)
+            if began - published >= 1 / hertz:
+                published = max(published + 1 / hertz, began - 1 / hertz)
                 for name, message in interpreter.readings(row):
                     transport.publish(name, message)
         time.sleep(max(0.0, PERIOD_S - (time.monotonic() - began)))

@@ -42,16 +42,16 @@ def spawn(
     """Start the process and wait until it speaks. UserError where it cannot."""
     end = LoopEnd(layout)
     stack.callback(end.close)
-    told, tells = multiprocessing.Pipe(duplex=False)
-    stack.callback(told.close)
+    answer, tells = multiprocessing.Pipe(duplex=False)
+    stack.callback(answer.close)
     arms: tuple[ArmName, ...] = layout.arms
     options = bridge.BridgeOptions(end.rows.name, end.commands.name, ros, arms, tuple(tools), grasp_gain, tells)
     process = processes.spawn(stack, bridge.run, options)
     tells.close()
-    if not told.poll(processes.STARTING_S):
+    if not answer.poll(processes.STARTING_S):
         raise UserError(f"CRTK over {ros} did not start within {processes.STARTING_S:g} s")
     try:
-        trouble = told.recv()
+        trouble = answer.recv()
     except EOFError:
         process.join(processes.STARTING_S)
         raise UserError(f"the process that speaks CRTK ended with code {process.exitcode}; see above") from None

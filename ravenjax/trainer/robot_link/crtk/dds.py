@@ -16,7 +16,7 @@ from typing import Any
 
 from ravenjax.errors import UserError
 from ravenjax.trainer.robot_link.crtk import messages
-from ravenjax.trainer.robot_link.crtk.names import SERVO, Topic
+from ravenjax.trainer.robot_link.crtk.names import SERVO, RosTopic
 
 DOMAIN = "ROS_DOMAIN_ID"
 DEPTH = 10
@@ -30,7 +30,7 @@ class DdsTransport:
 
     ros: messages.Ros = "ros2"
 
-    def __init__(self, published: Sequence[Topic], subscribed: Sequence[Topic], name: str = "ravenjax") -> None:
+    def __init__(self, published: Sequence[RosTopic], subscribed: Sequence[RosTopic], name: str = "ravenjax") -> None:
         """UserError where the wheel or a sound domain is missing."""
         _require()
         from cyclonedds.domain import DomainParticipant
@@ -66,17 +66,17 @@ class DdsTransport:
 
     def poll(self) -> list[tuple[str, Any]]:
         """Topic and message of what has come, oldest first within a topic."""
-        found: list[tuple[str, Any]] = []
+        arrivals: list[tuple[str, Any]] = []
         for name, kind, reader in self._readers:
             for sample in reader.take(N=MOST_TAKEN):
                 content = getattr(sample, "content", None)
                 if content is None:  # somebody has left
                     continue
                 try:
-                    found.append((name, self.types.decode(content, kind)))
+                    arrivals.append((name, self.types.decode(content, kind)))
                 except ValueError:
                     self.garbled += 1
-        return found
+        return arrivals
 
     def writers(self, name: str) -> int:
         """How many publish what is subscribed to under this name."""
@@ -140,12 +140,15 @@ def _data_type(kind: str) -> Any:
         namespace["__annotations__"] = fields
         namespace["of"] = classmethod(of)
 
+    def deserialize(cls: Any, content: bytes, *_: Any, **__: Any) -> Any:
+        return of(cls, bytes(content))
+
     typename = f"{package}::msg::dds_::{word}_"
     bare: Any = new_class(f"{word}_", (IdlStruct,), {"typename": typename}, fill)
-    made: Any = final(dataclass(bare))
-    made.serialize = lambda self, *_, **__: self.content
-    made.deserialize = classmethod(lambda cls, data, *_, **__: cls.of(bytes(data)))
-    return made
+    data: Any = final(dataclass(bare))
+    data.serialize = lambda self, *_, **__: self.content
+    data.deserialize = classmethod(deserialize)
+    return data
 
 
 def _idl(node: Any) -> Any:

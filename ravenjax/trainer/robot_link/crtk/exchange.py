@@ -27,7 +27,7 @@ class RobotRow(NamedTuple):
     frame: Frame
     stamp_ns: int  # since 1970
     clock_ns: int  # monotonic
-    taken: int  # number of the last command that was taken before
+    last_command: int  # number of the last command that the loop took before
 
 
 class LoopEnd:
@@ -47,10 +47,10 @@ class LoopEnd:
             return []
         first, rows = self.commands.read(self._next, _MOST_COMMANDS)
         self._next = first + len(rows)
-        found = list(read_json(rows))
-        for command in found:
+        commands = list(read_json(rows))
+        for command in commands:
             self.taken = command.pop("command")
-        return found
+        return commands
 
     def tell(self, row: np.ndarray) -> None:
         """A tick's row, float32."""

@@ -1,7 +1,7 @@
 """From poses that an arm is to take to the increments that its control software takes, which knows nothing else.
 
 The software adds up increments: whole micrometres, turns, milliradians of the jaws. The follower keeps the same sum,
-from where the software stood when the pedal went down, and sends what is missing, no faster than `Limits` has it. Where
+from where the software stood when the pedal went down, and sends what is missing, no faster than `DriveLimits`. Where
 the software stands elsewhere once all has arrived (it clamps at joint limits, and lets its console slip), the follower
 takes that over and drops its target.
 """
@@ -25,7 +25,7 @@ LEVEL: Quat = (0.0, 0.0, 0.0, 1.0)
 
 
 @dataclasses.dataclass(frozen=True)
-class Limits:
+class DriveLimits:
     """How an arm may be driven."""
 
     speed_um_ms: float = 200.0  # 0.2 m/s; recorded teleoperation stays below 232 um per ms
@@ -56,14 +56,14 @@ class ArmIncrement(NamedTuple):
 STILL = ArmIncrement((0, 0, 0), LEVEL, 0)
 
 
-class Follower:
+class SetpointFollower:
     """Of one arm."""
 
-    def __init__(self, arm: ArmName, grasp_gain: int = 1, limits: Limits | None = None) -> None:
+    def __init__(self, arm: ArmName, grasp_gain: int = 1, limits: DriveLimits | None = None) -> None:
         """grasp_gain: mrad that the jaws close per mrad of an increment, the software's."""
         self._gain = grasp_gain
         self._axes = np.array(ITP_AXES[arm], float)
-        self._limits = limits or Limits()
+        self._limits = limits or DriveLimits()
         self.sum: Setpoint | None = None  # None: the arm does not drive
         self.target: Setpoint | None = None
         self.slips = 0
@@ -138,8 +138,8 @@ def _between(first: Quat, then: Quat) -> Quat:
     """The turn that leads from one to the other, the short way."""
     x, y, z, w = first
     with at_once():
-        found = unit(tuple(map(float, quat_mul(Vec(then), Vec((-x, -y, -z, w))))))
-    return found if found[3] >= 0 else (-found[0], -found[1], -found[2], -found[3])
+        turn = unit(tuple(map(float, quat_mul(Vec(then), Vec((-x, -y, -z, w))))))
+    return turn if turn[3] >= 0 else (-turn[0], -turn[1], -turn[2], -turn[3])
 
 
 def _angle(turn: Quat) -> float:

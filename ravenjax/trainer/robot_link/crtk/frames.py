@@ -15,7 +15,7 @@ from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import kinematics, transmission
 from ravenjax.robots.raven2.geometry.mapping import matrix_from_quat, quat_from_matrix
-from ravenjax.trainer.robot_link.crtk.messages import Pose
+from ravenjax.trainer.robot_link.crtk.messages import TipPose
 
 BASE: dict[ArmName, np.ndarray] = {
     "gold": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]),
@@ -23,15 +23,15 @@ BASE: dict[ArmName, np.ndarray] = {
 }
 
 
-def from_frame0(arm: ArmName, position: np.ndarray, rotation: np.ndarray) -> Pose:
+def from_frame0(arm: ArmName, position: np.ndarray, rotation: np.ndarray) -> TipPose:
     """The pose, position m [3], rotation [3, 3], as CRTK tells it."""
     x, y, z = (BASE[arm] @ position).tolist()
     with at_once():
         qx, qy, qz, qw = map(float, quat_from_matrix(Vec(Vec(row) for row in (BASE[arm] @ rotation).tolist())))
-    return Pose((x, y, z), (qx, qy, qz, qw))
+    return TipPose((x, y, z), (qx, qy, qz, qw))
 
 
-def to_frame0(arm: ArmName, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
+def to_frame0(arm: ArmName, pose: TipPose) -> tuple[np.ndarray, np.ndarray]:
     """Position, m, and rotation in frame 0 of the arm."""
     with at_once():
         rotation = np.array(matrix_from_quat(Vec(pose.quat)), float)

@@ -19,7 +19,7 @@ from ravenjax.robots.raven2.geometry.limits import soft_limits
 from ravenjax.trainer.protocol.messages import STALE_MS
 from ravenjax.trainer.robot_link.crtk import follower, frames, messages
 from ravenjax.trainer.robot_link.crtk.exchange import RobotRow
-from ravenjax.trainer.robot_link.crtk.follower import Follower, Setpoint
+from ravenjax.trainer.robot_link.crtk.follower import Setpoint, SetpointFollower
 from ravenjax.trainer.robot_link.crtk.frames import BASE, ArmReading, Kinematics
 from ravenjax.trainer.robot_link.crtk.messages import MessageTypes
 from ravenjax.trainer.robot_link.crtk.names import ARM_NAMES, arm_topic, frame_id
@@ -35,7 +35,7 @@ class _Arm:
 
     def __init__(self, arm: ArmName, tool: str, grasp_gain: int) -> None:
         self.name: ArmName = arm
-        self.follower = Follower(arm, grasp_gain)
+        self.follower = SetpointFollower(arm, grasp_gain)
         limits = soft_limits(tool)
         self.lower, self.upper = (np.array(side[:5], float) for side in (limits.lower, limits.upper))
         self.jpos_d = np.zeros(7)  # as the software wants it
@@ -176,7 +176,7 @@ class Interpreter:
             elif not drives:
                 arm.follower.release()
                 arm.joints = arm.move = None
-            elif row.taken >= self._sent and arm.follower.settled(now_ms):
+            elif row.last_command >= self._sent and arm.follower.settled(now_ms):
                 slips = arm.follower.slips
                 arm.follower.compare(arm.stand())
                 if arm.follower.slips > slips:
@@ -226,7 +226,7 @@ class Interpreter:
         types, frame, arms = self._types, row.frame, tuple(self._arms)
         channels = [np.array([frame[f"{arm}/{name}"] for arm in arms]) for name in ("jpos", "jpos_d", "mvel")]
         read = self._kinematics.read(*channels)
-        told: list[Message] = []
+        messages_out: list[Message] = []
         for arm, jpos, jpos_d, one in zip(arms, channels[0], channels[1], read, strict=True):
             header = types.header(row.stamp_ns, frame_id(arm))
             measured = types.joint_state(header, JOINTS, jpos, one.jvel)
@@ -248,10 +248,10 @@ class Interpreter:
                 "jaw/setpoint_js": jaw_d,
                 "cue_cf": types.wrench(header, turned @ force),
             }
-            told += [(arm_topic(arm, word), message) for word, message in words.items()]
+            messages_out += [(arm_topic(arm, word), message) for word, message in words.items()]
         if types.ros == "ros1":
-            told.append(("ravenstate", self._raven_state(row, read)))
-        return told
+            messages_out.append(("ravenstate", self._raven_state(row, read)))
+        return messages_out
 
     def _force(self, arm: ArmName, frame: Any) -> np.ndarray:
         """Of the cue, frame 0: nobody feels it whose pedal is up."""
@@ -269,9 +269,9 @@ class Interpreter:
             jpos_d = frame[f"{arm}/jpos_d"].astype(float)
             with at_once():
                 mpos_d = np.array(transmission.motor_from_joint(arm, tool, Vec(jpos_d.tolist())), float)
-            shown = {"jvel": one.jvel, "mpos_d": mpos_d}
+            own = {"jvel": one.jvel, "mpos_d": mpos_d}
             for name, values in wide.items():
-                values[places] = _PER_DEGREE * (shown[name] if name in shown else frame[f"{arm}/{name}"])
+                values[places] = _PER_DEGREE * (own[name] if name in own else frame[f"{arm}/{name}"])
             dac[places] = frame[f"{arm}/dac"]
             three = slice(3 * slot, 3 * slot + 3)
             pos[three], pos_d[three] = np.rint(one.position * 1e6), np.rint(one.position_d * 1e6)

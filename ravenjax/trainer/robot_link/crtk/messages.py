@@ -8,7 +8,7 @@ number in the header of ROS 1.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any, Literal, NamedTuple
 
@@ -57,7 +57,7 @@ float32[12] jac_f
 _NONE = np.zeros(0)
 
 
-class Pose(NamedTuple):
+class TipPose(NamedTuple):
     """Where something is: m, and a unit quaternion x, y, z, w."""
 
     position: tuple[float, float, float]
@@ -67,14 +67,16 @@ class Pose(NamedTuple):
 class MessageTypes:
     """The types of one ROS: makes messages, and bytes of them."""
 
-    def __init__(self, ros: Ros) -> None:
+    def __init__(self, ros: Ros, other: Mapping[str, str] | None = None) -> None:
+        """other: definitions in place of those above, with those of their parts as ROS 1 sends them."""
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-        self.ros = ros
+        self.ros: Ros = ros
         self.store = get_typestore(Stores.ROS1_NOETIC if ros == "ros1" else Stores.ROS2_HUMBLE)
-        for kind, text in OWN.items():
+        for kind, text in (OWN | dict(other or {})).items():
             if kind != RAVEN_STATE or ros == "ros1":
-                self.store.register(get_types_from_msg(text, kind))
+                types = get_types_from_msg(text, kind)
+                self.store.register({name: one for name, one in types.items() if name not in self.store.types})
         self._serialize = self.store.serialize_ros1 if ros == "ros1" else self.store.serialize_cdr
         self._deserialize = self.store.deserialize_ros1 if ros == "ros1" else self.store.deserialize_cdr
 
@@ -109,11 +111,11 @@ class MessageTypes:
         there = _NONE if velocity is None else np.asarray(velocity, float)
         return self.store.types[JOINT_STATE](header, list(names), np.asarray(position, float), there, _NONE)
 
-    def pose(self, header: Any, pose: Pose) -> Any:
+    def pose(self, header: Any, pose: TipPose) -> Any:
         """A pose, m."""
         return self.store.types[POSE](header, self.plain_pose(pose))
 
-    def plain_pose(self, pose: Pose) -> Any:
+    def plain_pose(self, pose: TipPose) -> Any:
         """A pose without a header."""
         types = self.store.types
         point = types["geometry_msgs/msg/Point"](*pose.position)
@@ -151,7 +153,7 @@ def types(ros: Ros) -> MessageTypes:
     return MessageTypes(ros)
 
 
-def pose_of(message: Any) -> Pose | None:
+def pose_of(message: Any) -> TipPose | None:
     """The pose in a `PoseStamped`, its quaternion at length 1; None where it is none or not finite."""
     point, turn = message.pose.position, message.pose.orientation
     position, quat = (point.x, point.y, point.z), (turn.x, turn.y, turn.z, turn.w)
@@ -159,13 +161,13 @@ def pose_of(message: Any) -> Pose | None:
     if not all(map(math.isfinite, (*position, *quat))) or not 0.9 < length < 1.1:
         return None
     x, y, z, w = (number / length for number in quat)
-    return Pose(position, (x, y, z, w))
+    return TipPose(position, (x, y, z, w))
 
 
 def numbers_of(values: Any, count: int) -> tuple[float, ...] | None:
     """The first field's numbers where there are exactly so many and all are finite."""
-    found = tuple(map(float, values))
-    return found if len(found) == count and all(map(math.isfinite, found)) else None
+    numbers = tuple(map(float, values))
+    return numbers if len(numbers) == count and all(map(math.isfinite, numbers)) else None
 
 
 def stamp_ns(message: Any) -> int:

@@ -39,6 +39,7 @@ class OperatingState:
         self.why = ""  # the pedal came up last
         self._stopped = False
         self._disabled = True  # nobody has enabled it
+        self._disabling = False  # it was asked to stop, and has not yet
         self._restarting = False  # and the pedal goes down once it is ready
         self._present = self._clutch = False  # feet
         self._clutched = False  # the pedal was down when the clutch was stepped on
@@ -74,8 +75,11 @@ class OperatingState:
         state = self.state
         if word in ("disable", "unhome"):
             self._release(word)
-            self._disabled = True
-            return [] if self.runlevel == E_STOP else ["estop"]
+            if self.runlevel == E_STOP:
+                self._disabled = True
+                return []
+            self._disabling = True
+            return ["estop"]
         if word == "pause":
             if state == "ENABLED":
                 self._release(word)
@@ -109,9 +113,9 @@ class OperatingState:
         if clutch is not None and clutch != self._clutch:
             self._clutch = clutch
             if clutch:
-                held = self.pedal
+                down = self.pedal
                 self._release("clutch")
-                self._clutched = held
+                self._clutched = down
             elif self._clutched and self.state == "PAUSED":
                 self._press(now_ms)
 
@@ -132,6 +136,7 @@ class OperatingState:
         is_stopped = stopped or runlevel == E_STOP
         if is_stopped and not was_stopped:
             self._release("stopped")
+            self._disabled, self._disabling = self._disabling, False
         if self._restarting and not is_stopped and runlevel == PEDAL_UP:
             self._restarting = self._disabled = False
             self._press(now_ms)
