@@ -266,8 +266,8 @@ def _robot(stack: contextlib.ExitStack, options: SessionOptions) -> Callable[[Bl
         if not isinstance(stream, int):
             if armables:
                 raise UserError(
-                    f"scenario {options.scenario.name!r} has {len(armables)} hazards, and nothing can be armed in a robot "
-                    f"over {stream}: choose a scenario without, or start `ravenjax robot` and give its joint port"
+                    f"scenario {options.scenario.name!r} has {len(armables)} hazards, and nothing can be armed in a "
+                    f"robot over {stream}: choose a scenario without, or start `ravenjax robot` and give its joint port"
                 )
             tools, _ = crtk.traits(made)
             transport = bridge.connect(stream, *RosRobot.topics(made.setup.arms, stream))

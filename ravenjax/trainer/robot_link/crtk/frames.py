@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.numbers.lazy import at_once, jax, jnp
+from ravenjax.numbers.lazy import at_once
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import kinematics, transmission
@@ -57,38 +57,10 @@ class ArmReading(NamedTuple):
     angular: np.ndarray  # [3] rad/s, of the jaws' frame
 
 
-class Kinematics:
-    """Of the arms of one robot, compiled: joints in, poses and velocities out."""
-
-    def __init__(self, arms: tuple[ArmName, ...], tools: tuple[str, ...]) -> None:
-        self.arms = arms
-
-        def read(arm: str, tool: str, jpos: Vec, jpos_d: Vec, mvel: Vec) -> list:
-            jvel = transmission.joint_from_motor(arm, tool, mvel)
-            rates = Vec((*jvel[:5], (jvel[6] - jvel[5]) * 0.5))
-            measured, wanted = kinematics.forward(arm, jpos), kinematics.forward(arm, jpos_d)
-            twist = [sum(a * b for a, b in zip(row, rates, strict=True)) for row in kinematics.jacobian(arm, jpos)]
-            poses = [*measured.position, *_rows(measured), *wanted.position, *_rows(wanted)]
-            return [*jvel, *poses, *twist]
-
-        def whole(numbers: jax.Array) -> jax.Array:
-            each = [[Vec(numbers[i, 7 * k + j] for j in range(7)) for k in range(3)] for i in range(len(arms))]
-            return jnp.stack([jnp.stack(read(arm, tool, *of)) for arm, tool, of in zip(arms, tools, each, strict=True)])
-
-        self._whole = jax.jit(whole)
-
-    def read(self, jpos: np.ndarray, jpos_d: np.ndarray, mvel: np.ndarray) -> list[ArmReading]:
-        """Of each arm; each argument [arms, 7], rad, m, rad/s."""
-        with jax.enable_x64(True):
-            rows = np.asarray(self._whole(np.concatenate([jpos, jpos_d, mvel], axis=1).astype(np.float64)))
-        return [
-            ArmReading(
-                *(row[0:7], row[7:10], row[10:19].reshape(3, 3)),
-                *(row[19:22], row[22:31].reshape(3, 3), row[31:34], row[34:37]),
-            )
-            for row in rows
-        ]
-
-
-def _rows(pose: kinematics.Pose) -> list:
-    return [x for row in pose.rotation for x in row]
+def read(arm: ArmName, tool: str, jpos: np.ndarray, jpos_d: np.ndarray, mvel: np.ndarray) -> ArmReading:
+    """What an arm does with its joints at `jpos`, wanted at `jpos_d`, rad and m, its motors at `mvel`, rad/s; each [7]."""
+    with at_once():
+        jvel = np.array(transmission.joint_from_motor(arm, tool, Vec(map(float, mvel))), float)
+        jacobian = np.array(kinematics.jacobian(arm, Vec(map(float, jpos))), float)
+    twist = jacobian @ (*jvel[:5], 0.5 * (jvel[6] - jvel[5]))
+    return ArmReading(jvel, *reached(arm, jpos), *reached(arm, jpos_d), twist[:3], twist[3:])

@@ -20,7 +20,7 @@ from ravenjax.trainer.protocol.messages import STALE_MS
 from ravenjax.trainer.robot_link.crtk import follower, frames, messages
 from ravenjax.trainer.robot_link.crtk.exchange import RobotRow
 from ravenjax.trainer.robot_link.crtk.follower import Setpoint, SetpointFollower
-from ravenjax.trainer.robot_link.crtk.frames import BASE, ArmReading, Kinematics
+from ravenjax.trainer.robot_link.crtk.frames import BASE, ArmReading
 from ravenjax.trainer.robot_link.crtk.messages import MessageTypes
 from ravenjax.trainer.robot_link.crtk.names import ARM_NAMES, arm_topic, frame_id
 from ravenjax.trainer.robot_link.crtk.operating_state import OperatingState
@@ -76,7 +76,6 @@ class Interpreter:
             arm: _Arm(arm, tool, grasp_gain) for arm, tool in zip(arms, tools, strict=True)
         }
         self._tools = tools
-        self._kinematics = Kinematics(tuple(arms), tuple(tools))
         self._told: tuple[str, bool, bool] | None = None
         self._answer = False  # a state command came: the state is told again
         self._orders: list[dict[str, Any]] = []
@@ -225,7 +224,7 @@ class Interpreter:
         """Everything measured and wanted, and ravenstate over ROS 1."""
         types, frame, arms = self._types, row.frame, tuple(self._arms)
         channels = [np.array([frame[f"{arm}/{name}"] for arm in arms]) for name in ("jpos", "jpos_d", "mvel")]
-        read = self._kinematics.read(*channels)
+        read = [frames.read(*one) for one in zip(arms, self._tools, *channels, strict=True)]
         messages_out: list[Message] = []
         for arm, jpos, jpos_d, one in zip(arms, channels[0], channels[1], read, strict=True):
             header = types.header(row.stamp_ns, frame_id(arm))

@@ -1,8 +1,11 @@
 """The node of ROS 1: run by the Python that has rospy, which needs nothing of ravenjax.
 
 Bytes of messages come in on the standard input and go out by ROS; what ROS brings goes out on the standard output.
-Each is preceded by its topic's number (uint16) and its length (uint32), little-endian. Number 65535 is that of tables in
-JSON. The first thing to come in: {"name", "published": [[topic, type, md5, definition, latched]], "subscribed": [...]}.
+Each is preceded by its topic's number (uint16) and its length (uint32), little-endian. Number 65535 is that of tables,
+in JSON. The first thing to come in names what there is to do:
+
+    {"name": ..., "published": [[topic, type, md5, definition, latched], ...], "subscribed": [...]}
+
 Out go {"ready": true}, {"error": text}, {"connected": how many publish what is heard}, and, of a topic whose md5 is
 empty, {"defined": [number, type, definition]} as its publisher has it.
 """

@@ -289,15 +289,17 @@ class Questions:
 
     def hold(self):
         """Drive until somebody ends this program."""
-        assert self.command("enable", "ENABLED") or self.command("resume", "ENABLED"), self.state()
-        print(json.dumps("drives"), flush=True)
+        for word in ("enable", "resume") * 4:
+            if self.command(word, "ENABLED", 1.0):
+                break
+        print(json.dumps("drives" if self.state() == "ENABLED" else self.state()), flush=True)
         while True:
             self.stream("servo_jr", {"position": [1e-5, 0, 0, 0, 0, 0, 0]}, 1.0)
 
     def soak(self, seconds):
         """Rate, age and gaps of measured_js while this peer reads for so long, and drives."""
         name, peer = ARM + "/measured_js", self.peer
-        assert self.command("enable", "ENABLED"), self.state()
+        assert until(lambda: self.get("measured_js") is not None, 20.0) and self.command("enable", "ENABLED", 10.0)
         began, at, first = time.time(), peer.count(name), self.fresh("measured_js")
         stamps, ages = [], []
         while time.time() - began < seconds:
