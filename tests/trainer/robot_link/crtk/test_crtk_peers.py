@@ -15,14 +15,16 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 import waiting
 
+from ravenjax.store.logs.session import log as session_log
 from ravenjax.trainer.robot_link.joints.decoder import Decoder
 from ravenjax.trainer.robot_link.joints.record import JointReport
 
 HERE = Path(__file__).parent
-DOMAIN, MASTER = "77", "http://127.0.0.1:9011"
+DOMAIN, MASTER = "78", "http://127.0.0.1:9011"
 ROSPY = Path("/usr/lib/python3/dist-packages/rospy")
 pytestmark = pytest.mark.slow
 
@@ -49,27 +51,27 @@ def ros(request):
 
 
 class LiveRobot:
-    """`ravenjax robot --crtk` as a process."""
+    """`ravenjax robot --crtk`, or `ravenjax train`, as a process."""
 
-    def __init__(self, ros):
-        command = [sys.executable, "-m", "ravenjax.cli", "robot", "--itp-port", "0", "--joint-port", "0"]
+    def __init__(self, ros, *words):
+        command = words or ("robot", "--itp-port", "0", "--joint-port", "0", "--crtk", ros)
         self.lines = []
         self._process = subprocess.Popen(
-            [*command, "--crtk", ros],
+            [sys.executable, "-m", "ravenjax.cli", *command],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
             env=environment(ros),
         )
         threading.Thread(target=self._listen, daemon=True).start()
-        here = lambda: any(line.startswith("CRTK") for line in self.lines)  # noqa: E731
+        begin = "realtime" if words else "CRTK"
+        here = lambda: any(line.startswith(begin) for line in self.lines)  # noqa: E731
         waiting.until(lambda: here() or self._process.poll() is not None)
         assert here(), "".join(self.lines)
-        self.itp_port = self._port("console: ITP")
-        self.joint_port = self._port("joint state")
+        self.itp_port, self.joint_port = self._port("console: ITP"), self._port("joint state")
 
     def _port(self, begin):
-        line = next(line for line in self.lines if line.startswith(begin))
+        line = next((line for line in self.lines if line.startswith(begin)), ":0")
         return int(line.rpartition(":")[2])
 
     def _listen(self):
@@ -77,8 +79,12 @@ class LiveRobot:
             self.lines.append(line)
 
     def close(self):
-        self._process.send_signal(signal.SIGINT)
-        self._process.wait(waiting.DEADLINE_S)
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGINT)
+        return self._process.wait(waiting.DEADLINE_S)
+
+    def close_at_end(self):
+        return self._process.wait(3 * waiting.DEADLINE_S)
 
 
 @pytest.fixture(scope="module")
@@ -194,3 +200,52 @@ def test_a_peer_that_stops_leaves_the_pedal_up(ros, robot, end):
     finally:
         process.kill()
         process.communicate()
+
+
+def recorded(folder):
+    """Events and columns of a session."""
+    found = session_log.read(folder / session_log.FILE)
+    return found.events, dict(zip(found.names, np.asarray(found.rows).T, strict=True))
+
+
+SCENARIO = """
+name = "over_ros"
+duration_s = 12
+"""
+
+
+def test_a_session_is_driven_over_ros_and_recorded(ros, tmp_path):
+    (tmp_path / "over_ros.toml").write_text(SCENARIO)
+    folder = tmp_path / "session"
+    words = ["train", str(tmp_path / "over_ros.toml"), "--out", str(folder), "--no-page", "--crtk", ros]
+    live = LiveRobot(ros, *words)
+    process = peer(ros, live, "hold")
+    try:
+        assert "drives" in process.stdout.readline(), "".join(live.lines)
+        process.kill()
+    finally:
+        process.kill()
+        process.communicate()
+        live.close()
+    header = json.loads((folder / "session.json").read_text())
+    assert header["consoles"] == ["page", "crtk"]
+    events, _ = recorded(folder)
+    assert next(event["console"] for event in events if event["kind"] == "owner") == "crtk"
+    downs = [event["down"] for event in events if event["kind"] == "pedal"]
+    assert downs[:2] == [True, False]
+
+
+def test_a_session_hears_another_robot_over_ros(ros, robot, tmp_path):
+    (tmp_path / "over_ros.toml").write_text(SCENARIO)
+    folder = tmp_path / "session"
+    address = f"127.0.0.1:{robot.itp_port}:{ros}"
+    live = LiveRobot(
+        ros, "train", str(tmp_path / "over_ros.toml"), "--out", str(folder), "--no-page", "--robot", address,
+        "--script", "none",
+    )  # fmt: skip
+    assert live.close_at_end() == 0, "".join(live.lines)
+    _, rows = recorded(folder)
+    followed = rows["gold/error_mm"][rows["runlevel"] == 3]
+    assert len(followed) > 1000, "".join(live.lines)
+    assert np.median(followed) < 2.0  # of the reported tip from the nominal model here
+    assert rows["gold/jpos/2"].max() < 0.6 and rows["gold/jpos/0"].min() > 0.2
