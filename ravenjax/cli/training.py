@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import contextlib
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
 from ravenjax.cli import console
 from ravenjax.cli.console import Overrides
+
+Crtk = Annotated[Literal["ros1", "ros2"] | None, Parameter(help="also speak CRTK: ros2 (DDS) or ros1 (rospy)")]
 
 log = App(name="log", help="Recordings of sessions.")
 study = App(name="study", help="Compare groups of sessions: ravenjax study FOLDERS; and draw who is in which group.")
@@ -42,7 +44,10 @@ def train(
     console_profile: Annotated[
         str, Parameter("--console", help="what the ITP console sends: raven, dv_trainer, a .toml file, or auto")
     ] = "raven",
-    robot: Annotated[str | None, Parameter(help="drive one elsewhere: HOST[:ITP_PORT[:JOINT_PORT]]")] = None,
+    robot: Annotated[
+        str | None, Parameter(help="drive one elsewhere: HOST[:ITP_PORT[:JOINT_PORT]], or ros1, ros2 for JOINT_PORT")
+    ] = None,
+    crtk: Crtk = None,
 ) -> None:
     """Train on one robot in real time, in the browser: drive, meet a hazard, respond, read the debrief.
 
@@ -79,6 +84,7 @@ def train(
             itp_port=itp_port,
             console=console_profile,
             robot=robot,
+            crtk=crtk,
         )
         if headless:
             result = launch.headless(options, _say)
@@ -102,6 +108,7 @@ def robot(
     console_profile: Annotated[
         str, Parameter("--console", help="what the ITP console sends: raven, dv_trainer, a .toml file, or auto")
     ] = "raven",
+    crtk: Crtk = None,
 ) -> None:
     """Run the control software and the virtual robot as a process that any ITP console can drive.
 
@@ -122,9 +129,10 @@ def robot(
         joint_port=joint_port,
         hazards=[process.Strike.parse(text) for text in hazard or ()],
         token=token,
-        console=console_host,
+        console_host=console_host,
         profiles=profiles.choice(console_profile),
         seconds=seconds,
+        crtk=crtk,
         say=_say,
     )
 

@@ -18,7 +18,7 @@ import time
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -39,6 +39,11 @@ from ravenjax.trainer.realtime.interruption import until_interrupted
 from ravenjax.trainer.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring
 from ravenjax.trainer.recording import recorder
 from ravenjax.trainer.recording.hazards import table
+from ravenjax.trainer.robot_link.crtk import bridge
+from ravenjax.trainer.robot_link.crtk import console as crtk
+from ravenjax.trainer.robot_link.crtk.messages import Ros
+from ravenjax.trainer.robot_link.crtk.names import ARM_NAMES
+from ravenjax.trainer.robot_link.crtk.ros_robot import RosRobot
 from ravenjax.trainer.robot_link.distant import DistantRobot
 from ravenjax.trainer.robot_link.itp import ItpServer
 from ravenjax.trainer.robot_link.joints.stream import JOINT_PORT
@@ -79,7 +84,8 @@ class SessionOptions:
     script: str | None = None  # who drives in place of a person: a reaction of `scripts`, or a file of commands
     itp_port: int | None = None  # None: no console over the network
     console: str = "raven"  # its profile: a name or file of `store.consoles`, or "auto"
-    robot: str | None = None  # a robot elsewhere, HOST[:ITP_PORT[:JOINT_PORT]]
+    robot: str | None = None  # a robot elsewhere, HOST[:ITP_PORT[:JOINT_PORT]], or ros1, ros2 in place of that port
+    crtk: Ros | None = None  # also speak CRTK over this ROS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -135,6 +141,9 @@ def realtime(
             stack.callback(lambda: say(f"console: {_counted(server.counters())}"))
             consoles.append(ItpConsole(server, session, say))
             say("console: ITP over UDP {}:{}".format(*server.address))
+        if options.crtk is not None:
+            consoles.append(crtk.spawn(stack, options.crtk, session.layout, *crtk.traits(session.blueprint)))
+            say(f"CRTK: {options.crtk}, {', '.join(ARM_NAMES[arm] for arm in session.arms)}")
         if script is not None:
             consoles.append(script)
         processes.wait_for(recording, options.folder / session_log.FILE)
@@ -247,7 +256,8 @@ def _consoles(options: SessionOptions) -> list[str]:
     """Who may drive, of `frame.CONSOLES`."""
     if options.script is not None:
         return ["script"]
-    return ["page"] if options.itp_port is None else ["page", "itp"]
+    beside = (("itp", options.itp_port is not None), ("crtk", options.crtk is not None))
+    return ["page", *(console for console, there in beside if there)]
 
 
 def _robot(stack: contextlib.ExitStack, options: SessionOptions) -> Callable[[Blueprint], Driven]:
@@ -255,11 +265,25 @@ def _robot(stack: contextlib.ExitStack, options: SessionOptions) -> Callable[[Bl
     if options.robot is None:
         return SimulatedRobot
     host, ports = address(options.robot)
+    itp_port, stream = ports
 
     def connected(made: Blueprint) -> Driven:
-        remote = RemoteRobot(host, *ports, made.setup.arms, options.token)
+        armables = scenario.armable(options.scenario, made.plan.table)
+        if not isinstance(stream, int):
+            if armables:
+                raise UserError(
+                    f"scenario {options.scenario.name!r} has {len(armables)} hazards, and nothing can be armed in a "
+                    f"robot over {stream}: choose a scenario without, or start `ravenjax robot` and give its joint port"
+                )
+            tools, _ = crtk.traits(made)
+            transport = bridge.connect(stream, *RosRobot.topics(made.setup.arms, stream))
+            stack.callback(transport.close)
+            robot = RosRobot(host, itp_port, made.setup.arms, tools, transport)
+            stack.callback(robot.close)
+            return DistantRobot(made, robot)
+        remote = RemoteRobot(host, itp_port, stream, made.setup.arms, options.token)
         stack.callback(remote.close)
-        mine, theirs = digest(scenario.armable(options.scenario, made.plan.table)), remote.greeting.get("hazards")
+        mine, theirs = digest(armables), remote.greeting.get("hazards")
         if mine != theirs:
             other = f"scenario {remote.greeting.get('scenario')!r}, seed {remote.greeting.get('seed')}"
             raise UserError(
@@ -271,13 +295,19 @@ def _robot(stack: contextlib.ExitStack, options: SessionOptions) -> Callable[[Bl
     return connected
 
 
-def address(text: str) -> tuple[str, tuple[int, int]]:
-    """Host, and ports of ITP and of the joint stream, of HOST[:ITP_PORT[:JOINT_PORT]]. UserError."""
+def address(text: str) -> tuple[str, tuple[int, int | Ros]]:
+    """Host, and ports of ITP and of the joint stream, of HOST[:ITP_PORT[:JOINT_PORT]]; ros1 or ros2 may stand for the
+    latter. UserError."""
     host, *ports = text.split(":")
-    if not host or len(ports) > 2 or not all(port.isdecimal() and int(port) < 65536 for port in ports):
-        raise UserError(f"robot is {text!r}, expected HOST[:ITP_PORT[:JOINT_PORT]], such as 127.0.0.1:36000:36002")
-    itp, joint = [*map(int, ports), *(UDP_PORT, JOINT_PORT)[len(ports) :]]
-    return host, (itp, joint)
+    ros: Ros | None = next((one for one in get_args(Ros) if ports[1:] == [one]), None)
+    numbers = ports[:1] if ros else ports
+    if not host or len(ports) > 2 or not all(port.isdecimal() and int(port) < 65536 for port in numbers):
+        raise UserError(
+            f"robot is {text!r}, expected HOST[:ITP_PORT[:JOINT_PORT]], such as 127.0.0.1:36000:36002; "
+            "ros1 or ros2 in place of JOINT_PORT for a robot that tells of itself over ROS"
+        )
+    itp, joint = [*map(int, numbers), *(UDP_PORT, JOINT_PORT)[len(numbers) :]]
+    return host, (itp, joint if ros is None else ros)
 
 
 def _open_page(

@@ -54,7 +54,7 @@ class _Seat(_Message):
 
     type: Literal["seat"]
     do: Literal["take", "give"]
-    to: Literal["nobody", "page", "itp"] | None = None
+    to: Literal["nobody", "page", "itp", "crtk"] | None = None
 
 
 class _Page(_Message):

@@ -91,8 +91,9 @@ SESSION_ARM = {
 PHASES = ("ready", "running", "paused", "stopped", "over", "lost")
 """Waiting for the first pedal; at work; paused by the instructor; the robot's E-stop; ended; nothing is heard of the
 robot, and nobody can say what it does."""
-CONSOLES = ("nobody", "page", "itp", "script")
-"""Who may drive: the page's operator window, a console over the network, a scripted or recorded operator."""
+CONSOLES = ("nobody", "page", "itp", "script", "crtk")
+"""Who may drive: the page's operator window, a console over the network, a scripted or recorded operator, a console
+over ROS."""
 VIEWS = ("real", "virtual", "replay")
 """Who follows the hand: the robot; the virtual robot alone (the robot rests); the robot, with what was tried."""
 

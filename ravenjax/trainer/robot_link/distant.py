@@ -31,6 +31,7 @@ from ravenjax.robots.raven2.loop import connections, observers
 from ravenjax.robots.raven2.run_levels import E_STOP
 from ravenjax.stages import monitor
 from ravenjax.trainer.protocol.frame import Frame
+from ravenjax.trainer.robot_link.crtk.ros_robot import RosRobot
 from ravenjax.trainer.robot_link.joints.record import JointReport
 from ravenjax.trainer.robot_link.remote import RemoteRobot
 from ravenjax.trainer.session import blueprint as of_session
@@ -63,7 +64,7 @@ class _Reported(NamedTuple):
 class DistantRobot:
     """As `simulation.SimulatedRobot`, for a session; the robot itself is at the other end of `remote`."""
 
-    def __init__(self, blueprint: Blueprint, remote: RemoteRobot) -> None:
+    def __init__(self, blueprint: Blueprint, remote: RemoteRobot | RosRobot) -> None:
         self.blueprint, self.remote = blueprint, remote
         self.arms = blueprint.setup.arms
         self._stepper = Stepper(_half(blueprint), ())

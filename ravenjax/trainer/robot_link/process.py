@@ -23,6 +23,10 @@ from ravenjax.robots.raven2.console.profile import ConsoleProfile
 from ravenjax.trainer import scenario
 from ravenjax.trainer.realtime.clock import Clock, LoopTiming, no_collection, realtime
 from ravenjax.trainer.realtime.interruption import until_interrupted
+from ravenjax.trainer.robot_link.crtk import console
+from ravenjax.trainer.robot_link.crtk.console import CrtkConsole
+from ravenjax.trainer.robot_link.crtk.messages import Ros
+from ravenjax.trainer.robot_link.crtk.names import ARM_NAMES
 from ravenjax.trainer.robot_link.itp import LOOPBACK, ItpServer
 from ravenjax.trainer.robot_link.joints.stream import JOINT_PORT, JointServer
 from ravenjax.trainer.robot_link.packet_filter import PacketLimits
@@ -84,16 +88,18 @@ def run(
     joint_port: int = JOINT_PORT,
     hazards: Sequence[Strike] = (),
     token: str | None = None,
-    console: str | None = None,
+    console_host: str | None = None,
     profiles: Sequence[ConsoleProfile] = (),
     seconds: float | None = None,
+    crtk: Ros | None = None,
     say: Callable[[str], None] = print,
 ) -> Counters:
     """Run the robot of a scenario until Ctrl-C, SIGTERM, or for so many seconds.
 
     seed: draws the scenario's hazards; its own if None. host: address to listen on, loopback unless told otherwise.
-    token: what orders from other machines must carry; None: they are refused. console: the only host that may drive.
-    profiles: that of the console, or several of which it has one.
+    token: what orders from other machines must carry; None: they are refused.
+    console_host: the only host that may drive. profiles: that of the console, or several of which it has one.
+    crtk: also speak CRTK over this ROS.
     UserError where a port cannot be had or a hazard is not there.
     """
     number = chosen.seed if seed is None else seed
@@ -112,11 +118,12 @@ def run(
         "hazards": digest(armables),
     }
     with contextlib.ExitStack() as stack:
-        itp = ItpServer(robot.arms, host, itp_port, PacketLimits(console=console), profiles=profiles)
+        itp = ItpServer(robot.arms, host, itp_port, PacketLimits(console=console_host), profiles=profiles)
         stack.callback(itp.close)
         joints = JointServer(greeting, host, joint_port, token)
         stack.callback(joints.close)
-        station = Station(robot, itp, joints, len(armables), len(table) - 1)
+        beside = _speaks(stack, crtk, robot) if crtk else None
+        station = Station(robot, itp, joints, len(armables), len(table) - 1, beside)
         stop = stack.enter_context(until_interrupted())
         for one in armables:
             say(f"hazard {one.number}: {one.title} ({one.hazard})")
@@ -124,15 +131,22 @@ def run(
         with realtime(min) as granted:
             # Locking the memory can take seconds: the ports are told after it, and who reads them is served at once.
             say(f"realtime: {granted}")
-            for warning in exposed(host, token, console):
+            for warning in exposed(host, token, console_host):
                 say(warning)
             say("console: ITP over UDP {}:{}".format(*itp.address))
             say("joint state: TCP {}:{}".format(*joints.address))
+            if crtk:
+                say(f"CRTK: {crtk}, {', '.join(ARM_NAMES[arm] for arm in robot.arms)}")
             timing = serve(station, due(hazards, lasting), seconds, lambda: bool(stop), say)
         counters = Counters(timing, itp.counters(), joints.counts)
     for line in counters.lines():
         say(line)
     return counters
+
+
+def _speaks(stack: contextlib.ExitStack, ros: Ros, robot: PacketRobot) -> CrtkConsole:
+    """The process that speaks CRTK for this robot."""
+    return console.spawn(stack, ros, robot.blueprint.layout, *console.traits(robot.blueprint))
 
 
 def serve(

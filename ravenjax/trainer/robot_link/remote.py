@@ -53,7 +53,7 @@ class RemoteRobot:
         self.lost = False  # the robot has ended the connection
         self.greeting: dict[str, Any] = {}  # the robot's first words: its arms, scenario, seed and hazards
         self._stream: socket.socket | None = None
-        self._console = _console(host, itp_port)
+        self._console = connected_console(host, itp_port)
         if joint_port is not None:
             try:
                 self._stream = _connected(host, joint_port)
@@ -162,7 +162,8 @@ class RemoteRobot:
             )
 
 
-def _console(host: str, port: int) -> socket.socket:
+def connected_console(host: str, port: int) -> socket.socket:
+    """A socket for ITP packets to a robot. UserError where it has no address."""
     endpoint = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         endpoint.connect((host, port))

@@ -3,7 +3,8 @@
 What a console sends within one millisecond is added up, as the original's network thread does before the control loop
 looks; the robot gets it as one packet, numbered anew so that its own rules see a stream without gaps: the gate has
 applied them. The pedal of a console that was silent for `STALE_MS`, or that held it down while the robot was stopped
-or set back, counts as up until it was seen up.
+or set back, counts as up until it was seen up. Beside the console of ITP there may be one of CRTK: while the pedal of
+the one is down nobody hears the other.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.stages.teleoperation import NO_PACKET_SEQUENCE
 from ravenjax.trainer.protocol.frame import Frame, FrameLayout
 from ravenjax.trainer.protocol.messages import STALE_MS
-from ravenjax.trainer.robot_link.increments import Increments
+from ravenjax.trainer.realtime.loop import Console
+from ravenjax.trainer.robot_link.increments import Increments, merge
 from ravenjax.trainer.robot_link.itp import ItpServer
 from ravenjax.trainer.robot_link.joints.record import Reporter, encode_text
 from ravenjax.trainer.robot_link.joints.stream import JointServer, ListenerOrder
@@ -38,6 +40,8 @@ class DrivenRobot(Protocol):
     def outcomes(self) -> dict[str, Any]: ...
 
 
+ITP, CRTK = "itp", "crtk"
+"""Consoles that a robot may have."""
 CHECKS_EVERY = 100
 """Ticks between two reports of what the robot's own checks did, at least."""
 
@@ -45,16 +49,25 @@ CHECKS_EVERY = 100
 class Station:
     """One machine with its ports: `tick` once a millisecond, `obey` for what is asked of it."""
 
-    def __init__(self, machine: DrivenRobot, itp: ItpServer, joints: JointServer, hazards: int, estop_row: int) -> None:
-        """hazards: rows that may be armed, from 0. estop_row: the row of the E-stop button."""
-        self.machine, self.itp, self.joints = machine, itp, joints
+    def __init__(
+        self,
+        machine: DrivenRobot,
+        itp: ItpServer,
+        joints: JointServer,
+        hazards: int,
+        estop_row: int,
+        crtk: Console | None = None,
+    ) -> None:
+        """hazards: rows that may be armed, from 0. estop_row: the row of the E-stop button. crtk: a console beside."""
+        self.machine, self.itp, self.joints, self.crtk = machine, itp, joints, crtk
         self.armed: int | None = None
         self.ticks = 0
         self._hazards, self._estop_row = hazards, estop_row
         self._reporter = Reporter(FrameLayout.of(machine.arms))
         self._number = 0  # of the robot's newest packet
-        self._lifted = False  # the console's pedal was seen up since it had to be
-        self._heard = 0  # tick of the console's last packet
+        self._lifted: set[str] = set()  # consoles whose pedal was seen up since it had to be
+        self._heard: dict[str, int] = {}  # tick of each console's last packet
+        self._driver: str | None = None  # whose pedal is down
         self._trips, self._told = 0.0, 0  # of the checks at their last report, and its tick
         self._last_seq = NO_PACKET_SEQUENCE  # of the console's packet that the robot took last
 
@@ -62,28 +75,74 @@ class Station:
         """Orders, the console's increments, the robot's millisecond, and what it reports."""
         for order in self.joints.poll():
             self._answer(order)
-        increments = self.itp.receive()
+        console, increments = self._asked()
         packet = None
         if increments is not None:
             self._number += 1
-            packet = self._counted(increments).packet(self._number)
+            packet = increments.packet(self._number)
         frame = self.machine.tick(packet)
-        if increments is not None and frame.number("last_seq") == float(np.float32(self._number)):
-            self._last_seq = increments.sequence
+        took = increments is not None and frame.number("last_seq") == float(np.float32(self._number))
+        if took and console == ITP:
+            self._last_seq = increments.sequence  # type: ignore[union-attr]
         self.joints.publish(self._reporter.encode(frame, self.ticks, self._last_seq))
         self._tell_checks(frame)
         forces = {arm: frame[f"{arm}/force"].tolist() for arm in self.machine.arms}
-        self.itp.send_force(forces, int(frame.number("runlevel")), bool(frame.number("soft_estopped")))
+        drives = self._driver != CRTK
+        still = forces if drives else dict.fromkeys(forces, (0.0, 0.0, 0.0))
+        runlevel, stopped = int(frame.number("runlevel")), bool(frame.number("soft_estopped"))
+        self.itp.send_force(still, runlevel, stopped, drives, drives)
+        if self.crtk is not None:
+            self.crtk.tell(frame)
         self.ticks += 1
         return frame
 
-    def _counted(self, increments: Increments) -> Increments:
+    def _asked(self) -> tuple[str, Increments | None]:
+        """Which console is heard in this tick, and what it asks for: whose pedal is down keeps the other one out."""
+        requests = {ITP: self.itp.receive()}
+        if self.crtk is not None:
+            requests[CRTK] = self._crtk_asked(self.crtk)
+        counted = {name: self._counted(name, one) for name, one in requests.items() if one is not None}
+        driver = self._driver
+        if driver is not None and self.ticks - self._heard[driver] > STALE_MS:
+            self._driver = None
+            if driver == CRTK:  # its process is gone: nobody holds the pedal
+                return CRTK, self._still()
+        elif driver is None:
+            self._driver = next((name for name, one in counted.items() if one.pedal), None)
+        name = self._driver or next(iter(counted), ITP)
+        request = counted.get(name)
+        if request is not None and not request.pedal:
+            self._driver = None
+        return name, request
+
+    def _crtk_asked(self, console: Console) -> Increments | None:
+        """What CRTK asks for: orders are obeyed at once."""
+        requests: list[Increments] = []
+        for command in console.poll():
+            if command["type"] == "operator":
+                self.obey({"order": {"estop": "estop", "restart": "reset"}[command["do"]]})
+                continue
+            tables = [command["arms"][arm] for arm in self.machine.arms]
+            deltas, quats, grasps = ([table[name] for table in tables] for name in ("delta_um", "quat", "grasp_mrad"))
+            whole = Increments(
+                0, int(command["pedal"]), tuple(map(tuple, deltas)), tuple(map(tuple, quats)), tuple(grasps)
+            )
+            requests.append(whole)
+        return merge(requests)
+
+    def _still(self) -> Increments:
+        """Pedal up, and nothing moves."""
+        many = len(self.machine.arms)
+        return Increments(0, 0, ((0, 0, 0),) * many, ((0.0, 0.0, 0.0, 1.0),) * many, (0,) * many)
+
+    def _counted(self, console: str, increments: Increments) -> Increments:
         """As they count: without a pedal that was down all the time."""
-        if self.ticks - self._heard > STALE_MS:
-            self._lifted = False
-        self._heard = self.ticks
-        self._lifted = self._lifted or not increments.pedal
-        return increments if self._lifted else increments._replace(pedal=0)
+        if self.ticks - self._heard.get(console, 0) > STALE_MS:
+            self._lifted.discard(console)
+        self._heard[console] = self.ticks
+        if not increments.pedal:
+            self._lifted.add(console)
+        return increments if console in self._lifted else increments._replace(pedal=0)
 
     def _tell_checks(self, frame: Frame) -> None:
         """How often each check of the robot has tripped so far, and how long ago it first did, where one has."""
@@ -109,11 +168,12 @@ class Station:
             self.armed = None
         elif kind == "estop":
             self.machine.press(self._estop_row)
-            self._lifted = False
+            self._lifted.clear()
         elif kind == "reset":
             self.machine.reset()
             self.armed, self._number = None, 0
-            self._lifted, self._trips = False, 0.0
+            self._lifted.clear()
+            self._trips = 0.0
         else:
             raise UserError(f"order is {shown(kind)}, expected one of arm, disarm, estop, reset")
 

@@ -20,7 +20,7 @@ from ravenjax.trainer.protocol.messages import STALE_MS
 
 GONE_MS = 2000
 """A console that was silent for so long has gone; the same as `robot_link.packet_filter` has for a stream."""
-NOBODY, SCRIPT = CONSOLES[0], CONSOLES[-1]
+NOBODY, SCRIPT = "nobody", "script"
 
 
 class ConsoleSeat:

@@ -34,7 +34,7 @@ export const WORDS = {
   task_done: () => "task done",
   end: (e) => `ended: ${e.reason}`,
 };
-const DRIVERS = { nobody: "nobody", page: "the page", itp: "the ITP console", script: "a script" };
+const DRIVERS = { nobody: "nobody", page: "the page", itp: "the ITP console", script: "a script", crtk: "a console over ROS" };
 const BANNERS = {
   down: ["bad", "No connection", "The session does not answer. The robot takes this console for dead and holds still."],
   stopped: ["bad", "Robot stopped", "It holds its brakes. Find out why, then restart.", "Restart"],
@@ -45,6 +45,7 @@ const BANNERS = {
   keyless: ["bad", "Not an instructor", "This address lacks the instructor's token. Open the one that was printed when the session began."],
   second: ["wait", "Another instructor is at work", "You see what a watcher sees.", "Instruct too"],
   other: ["wait", "The ITP console drives", "This page watches. The E-STOP works here too.", "Take over"],
+  ros: ["wait", "A console over ROS drives", "This page watches. The E-STOP works here too.", "Take over"],
   free: ["wait", "The console is free", "Nobody drives.", "Take it"],
   over: ["wait", "Session over", "What happened, and when you could have known:", "Debrief"],
   virtual: ["virtual", "Virtual robot", "The robot rests. What you try now happens to the virtual robot alone."],
@@ -212,6 +213,7 @@ export class Panels {
     else if (phase === "paused") kind = "paused";
     else if (view === "virtual" || view === "replay") kind = view;
     else if (this.role === "operator" && owner === "itp") kind = "other";
+    else if (this.role === "operator" && owner === "crtk") kind = "ros";
     if (kind === this.shown) return;
     this.shown = kind;
     const banner = $("banner");

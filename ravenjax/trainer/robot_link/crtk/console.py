@@ -1,0 +1,65 @@
+"""CRTK as a console of a robot's realtime loop: a process beside it speaks, the loop looks into shared memory."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+from collections.abc import Sequence
+from typing import Any
+
+from ravenjax.errors import UserError
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.trainer import processes
+from ravenjax.trainer.protocol.frame import Frame, FrameLayout
+from ravenjax.trainer.robot_link.crtk import bridge
+from ravenjax.trainer.robot_link.crtk.exchange import LoopEnd
+from ravenjax.trainer.robot_link.crtk.messages import Ros
+from ravenjax.trainer.session.blueprint import Blueprint
+
+
+class CrtkConsole:
+    """As `realtime.loop.Console`."""
+
+    def __init__(self, end: LoopEnd) -> None:
+        self._end = end
+
+    def poll(self) -> list[dict[str, Any]]:
+        """Commands of consoles of CRTK."""
+        return self._end.poll()
+
+    def tell(self, frame: Frame) -> None:
+        """What the robot does."""
+        self._end.tell(frame.row)
+
+
+def spawn(
+    stack: contextlib.ExitStack,
+    ros: Ros,
+    layout: FrameLayout,
+    tools: Sequence[str],
+    grasp_gain: int,
+) -> CrtkConsole:
+    """Start the process and wait until it speaks. UserError where it cannot."""
+    end = LoopEnd(layout)
+    stack.callback(end.close)
+    answer, tells = multiprocessing.Pipe(duplex=False)
+    stack.callback(answer.close)
+    arms: tuple[ArmName, ...] = layout.arms
+    options = bridge.BridgeOptions(end.rows.name, end.commands.name, ros, arms, tuple(tools), grasp_gain, tells)
+    process = processes.spawn(stack, bridge.run, options)
+    tells.close()
+    if not answer.poll(processes.STARTING_S):
+        raise UserError(f"CRTK over {ros} did not start within {processes.STARTING_S:g} s")
+    try:
+        trouble = answer.recv()
+    except EOFError:
+        process.join(processes.STARTING_S)
+        raise UserError(f"the process that speaks CRTK ended with code {process.exitcode}; see above") from None
+    if trouble:
+        raise UserError(trouble)
+    return CrtkConsole(end)
+
+
+def traits(blueprint: Blueprint) -> tuple[tuple[str, ...], int]:
+    """What `spawn` needs of a robot: its tools, and how its software takes increments of the jaws."""
+    return blueprint.setup.tools, int(blueprint.plan.program.params.control.teleoperation.grasp_gain)
