@@ -9,7 +9,7 @@
 // An outcome has the columns of a campaign's result table by their names (response, response_cause, response_ms,
 // told_ms, hazard, verdict, unintended_first_ms, peak_golden_deviation_mm, check_NAME_first_ms, cue0_first_ms, jump_tip,
 // failed, ..), and `evades`, `cue` and `tripped`: [{ name, first_ms, count, response }] of checks that tripped more
-// often than in the golden run, the soonest first.
+// often than in the golden run, or sooner, the soonest first.
 
 const LANES = 16; // runs of a batch: a tenth of a second, after which a newer question may come first
 
@@ -132,11 +132,11 @@ function response(rules, own, golden) {
   for (const check of rules.checks) {
     if (check.watches) continue;
     const rank = rules.responses.indexOf(check.response);
-    const count = own[`check_${check.name}_count`];
-    const usual = golden[`check_${check.name}_count`];
-    if (count <= usual) continue;
-    let ms = own[`check_${check.name}_first_ms`];
-    if (usual > 0) ms = Math.max(ms, onset);
+    const [count, usual] = [own, golden].map((columns) => columns[`check_${check.name}_count`]);
+    const [trip, usually] = [own, golden].map((columns) => columns[`check_${check.name}_first_ms`]);
+    const sooner = beyondGolden(trip, usually) >= 0;
+    if (count <= usual && !sooner) continue;
+    const ms = sooner ? trip : Math.max(trip, onset); // where the golden run has tripped by then, not before the fault
     tripped.push({ name: check.name, first_ms: ms, count: count - usual, response: check.response });
     if (strongest > rank || (strongest === rank && ms < first)) {
       strongest = rank;
