@@ -77,6 +77,7 @@ PARTS: tuple[BenchPart, ...] = (
     BenchPart("mujoco.rollout", "peers", "mujoco.rollout", peers.rollout, PartCost(2.0, 0.5, 5.0), True),
     BenchPart("published_model", "peers", "the published model", peers.published_model, PartCost(3.0, 0.3, 2.0), True),
     BenchPart("jax.vmap(mjx.step)", "peers", "mjx.step", peers.mjx_step, PartCost(12.0, 1.0, 6.0)),
+    _engine("wasm", PartCost(7.0, 2.0, 10.0)),
     _engine("xla", PartCost(14.0, 4.0, 8.0)),
     _engine("mjx", PartCost(38.0, 4.0, 8.0)),
 )

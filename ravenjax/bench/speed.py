@@ -17,16 +17,17 @@ from ravenjax.engines.interface import Engine, Kernel
 from ravenjax.errors import UserError
 from ravenjax.numbers.setup import CAMPAIGN
 
-PRINTING = ("simd", "cuda")
+PRINTING = ("simd", "wasm", "cuda")
 """Engines that print the traced tick themselves; the others leave it to XLA."""
 SIZES = {
     "cuda": (4096, 65_536, 811_008),
     "simd": (16, 256, 4096, 65_536),
+    "wasm": (16, 256, 4096),
     "xla": (1024,),
     "mjx": (1024,),
 }
 """Engine -> runs of a batch, ascending; XLA compiles ten seconds for each, and half a minute with mjx."""
-TICKS = {"cuda": 3000, "simd": 1000, "xla": 200, "mjx": 20}
+TICKS = {"cuda": 3000, "simd": 1000, "wasm": 1000, "xla": 200, "mjx": 20}
 """Engine -> ticks of a run."""
 _TWICE = 2.5
 """Times that a batch is run at least: once untimed; a larger one is a little slower than it promises."""
