@@ -87,7 +87,7 @@ def test_keys_reach_switches_and_help(browser, session):
         assert page.locator("#help").is_visible()
         page.keyboard.press("Slash")
         names = page.evaluate(
-            "[...document.querySelectorAll('#rj button, #rj canvas')].filter((one) => !one.disabled && "
+            "[...document.querySelectorAll('#rj button, #rj canvas')].filter((one) => one.offsetParent && "
             "!(one.textContent.trim() || one.ariaLabel)).map((one) => one.outerHTML)"
         )
         assert names == []
