@@ -61,7 +61,7 @@ class Task(abc.ABC):
 
     def geometry(self) -> dict[str, Any]:
         """What the page draws, world coordinates in m; JSON. `turns`: arms that take turns, `of` so many in all."""
-        return {"kind": self.kind, "targets": [], "pegs": [], "object": None, "path": None}
+        return {"kind": self.kind, "targets": [], "pegs": [], "object": None, "path": None, "turns": None}
 
     def result(self) -> dict[str, Any]:
         """Numbers for the debrief: `score` is 0 to 100; lengths in mm, times in ms."""

@@ -202,7 +202,6 @@ class FakeSession:
         frame["live"] = frame.number("runlevel") == 3
         frame["pedal"], frame["console_alive"], frame["surgeon_mode"] = self._pedal, alive, pedal
         frame["fault_active"], frame["hazard"] = struck, self._hazard
-        frame["progress"] = min(1.0, self.tick / 60000)
         frame["compute_us"] = 62 + 6 * np.sin(self.tick / 50)
         frame["lateness_us"] = 9 + 4 * np.cos(self.tick / 70)
         self.frames.put(frame.row.view(np.uint8))

@@ -157,7 +157,9 @@ function draw() {
   const apart = scope.apart();
   $("touching").hidden = !(apart < TOUCH_MM);
   const mine = panels.role === "operator" && (owner === "page" || owner === "nobody");
-  coach.frame({ phase, down: latest.number("pedal") === 1, blocked: !mine || drill.on || $("help").open || $("cue-check").open }, scope);
+  const warned = !$("cue-sign").hidden || !$("alarm-words").hidden; // no word of the goal then
+  const blocked = !mine || warned || drill.on || $("help").open || $("cue-check").open;
+  coach.frame({ phase, down: latest.number("pedal") === 1, blocked }, scope);
   probe.drawn();
 }
 requestAnimationFrame(draw);
