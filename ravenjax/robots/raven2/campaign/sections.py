@@ -172,7 +172,7 @@ class Operator(Section):
 
     motion: str | None = Field(default=None, description="a generated motion: " + ", ".join(MOTIONS))
     file: Path | None = Field(
-        default=None, description="a recorded motion (Parquet, CSV, MCAP), from this file's folder"
+        default=None, description="a recorded motion (Parquet, CSV, MCAP, ROS bag), from this file's folder"
     )
     scale: float = Field(
         default=0.1,
