@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from ravenjax.robots.raven2.console import arrivals
 from ravenjax.studies.dsn16.recording import closed_loop, packet_lengths
 
 CONSOLE_BEGINS_MS = 200.0
@@ -22,7 +23,7 @@ CONSOLE_BEGINS_MS = 200.0
 
 
 def line(what: str, lengths: np.ndarray) -> None:
-    percent = 100.0 * packet_lengths.shares(lengths)[:12]
+    percent = 100.0 * arrivals.shares(lengths)[:12]
     print(f"{what:32s} {len(lengths):6d} packets, mean {lengths.mean():5.3f} cycles; % of 1, 2, ..:", end=" ")
     print(" ".join(f"{share:.1f}" for share in percent))
 
@@ -43,7 +44,7 @@ def main() -> None:
     ms = pd.read_parquet(folder / "console_itp_packets.parquet")["arrival_us"].to_numpy() * 1e-6  # they are ns
     ms = ms[ms > CONSOLE_BEGINS_MS]
     for phase in (0.0, 0.25, 0.5, 0.75):
-        line(f"console, cycle begins at {phase:g} ms", packet_lengths.of_arrivals(ms - phase))
+        line(f"console, cycle begins at {phase:g} ms", arrivals.lengths(ms - phase))
     burst = np.bincount(np.unique(np.floor(ms), return_counts=True)[1])[1:]
     print("console, % of cycles with 1, 2, .. datagrams:", " ".join(f"{x:.1f}" for x in 100.0 * burst / burst.sum()))
 

@@ -11,9 +11,6 @@ Times are the headers', or those of arrival where the headers have none. Of a cu
 
 from __future__ import annotations
 
-import contextlib
-import struct
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -22,6 +19,7 @@ import pandas as pd
 
 from ravenjax.errors import UserError, listed
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, ArmName
+from ravenjax.store.logs.bags import messages_of, opened
 from ravenjax.store.logs.topics import ARM_TOPICS
 
 if TYPE_CHECKING:
@@ -44,7 +42,7 @@ class _Series(NamedTuple):
 
 def table(path: Path, arm: ArmName) -> pd.DataFrame:
     """Columns time_s, jpos_d_JOINT and jpos_JOINT, rad and m; of raven_state runlevel, too. UserError."""
-    with _opened(path) as reader:
+    with opened(path) as reader:
         kinds = {connection.topic: connection.msgtype for connection in reader.connections}
         for topic, kind in kinds.items():
             if kind.endswith(STATE):
@@ -86,7 +84,7 @@ def _on_times(setpoint: _Series, measured: _Series) -> tuple[np.ndarray, _Series
 
 def _of_states(reader: AnyReader, topic: str, arm: ArmName) -> pd.DataFrame:
     slots = SLOTS + 8 * ARMS.index(arm)
-    received, messages = _messages(reader, topic)
+    received, messages = messages_of(reader, topic)
     desired, measured = (
         np.array([getattr(one, name)[slots] for one in messages], float) * PER_STATE for name in ("jpos_d", "jpos")
     )
@@ -96,7 +94,7 @@ def _of_states(reader: AnyReader, topic: str, arm: ArmName) -> pd.DataFrame:
 
 def _joints(path: Path, reader: AnyReader, topic: str) -> _Series:
     """A topic of sensor_msgs/JointState: by names as ravenjax writes them, else seven in the order of the joints."""
-    received, messages = _messages(reader, topic)
+    received, messages = messages_of(reader, topic)
     if not messages:
         raise UserError(f"{path}: {topic} has no messages")
     names = list(messages[0].name)
@@ -115,16 +113,6 @@ def _joints(path: Path, reader: AnyReader, topic: str) -> _Series:
     return _Series(_times(received, [one.header for one in messages]), joints)
 
 
-def _messages(reader: AnyReader, topic: str) -> tuple[np.ndarray, list[Any]]:
-    """When each message of a topic arrived, ns since the epoch [n], and the messages."""
-    connections = [one for one in reader.connections if one.topic == topic]
-    received, messages = [], []
-    for connection, time_ns, data in reader.messages(connections=connections):
-        received.append(time_ns)
-        messages.append(reader.deserialize(data, connection.msgtype))
-    return np.array(received, np.int64), messages
-
-
 def _times(received: np.ndarray, headers: list[Any]) -> np.ndarray:
     """Times of messages, ns since the epoch [n]: of the headers, if they have any that run."""
     stamps = [0 if one is None else one.stamp.sec * 10**9 + one.stamp.nanosec for one in headers]
@@ -136,30 +124,3 @@ def _columns(time_ns: np.ndarray, desired: np.ndarray, measured: np.ndarray) -> 
     for joint, word in enumerate(JOINTS):
         columns |= {f"jpos_d_{word}": desired[:, joint], f"jpos_{word}": measured[:, joint]}
     return pd.DataFrame(columns).dropna(axis="columns", how="all")
-
-
-@contextlib.contextmanager
-def _opened(path: Path) -> Iterator[AnyReader]:
-    """The file, its definitions read; whatever is wrong with it is a UserError."""
-    from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_typestore
-
-    usual = get_typestore(Stores.LATEST)  # of files of ROS 2 that hold no definitions: enough for CRTK
-    try:
-        with AnyReader([path], default_typestore=usual) as reader:
-            yield reader
-    except UserError:
-        raise
-    except _damage() as error:
-        raise UserError(f"{path}: no bag or MCAP file that can be read: {error or type(error).__name__}") from None
-
-
-def _damage() -> tuple[type[Exception], ...]:
-    """What a file that is cut, damaged or of another kind makes the library raise."""
-    import apsw
-    from rosbags.highlevel import AnyReaderError
-    from rosbags.rosbag1 import ReaderError as Ros1Error
-    from rosbags.rosbag2 import ReaderError as Ros2Error
-
-    plain = (OSError, ValueError, KeyError, AssertionError, RuntimeError, EOFError)
-    return AnyReaderError, Ros1Error, Ros2Error, apsw.Error, struct.error, *plain

@@ -26,6 +26,8 @@ profile by which they are read (`docs/how-to/consoles.md`); without it the packe
 MCAP files have geometry_msgs/PoseStamped on /arm1/setpoint_cp, else measured_cp (arm1 is gold, arm2 green), and for the
 jaws sensor_msgs/JointState on /arm1/setpoint_js, else measured_js, as `ravenjax trace` writes them.
 
+A bag of ROS 1 (.bag) or ROS 2 (.db3) has the same topics.
+
 Time. Samples are taken at their own stamps and interpolated to 1 000 a second, so uneven stamps are no harm. A gap of
 more than `max_gap_s` (0.1 s) is refused; `max_gap_s = 0.5` bridges longer ones. Stamps that stand still or go back are
 refused, and so are stamps in bursts: they say when rows arrived, not when they were sampled. A file without a time

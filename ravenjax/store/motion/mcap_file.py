@@ -28,13 +28,25 @@ POSE, JOINT_STATE = "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/JointState
 def read(path: Path, arms: tuple[str, ...], rate_hz: float | None) -> Track:
     """The recording of `arms` in an MCAP file. UserError names the topic and what is wrong with it."""
     messages, schemas = _messages(path)
-    raw = {arm: _poses(path, messages, _topic(path, schemas, ARM_TOPICS[arm])) for arm in arms}
+    raw = {arm: _poses(path, messages, topic_of(path, schemas, ARM_TOPICS[arm])) for arm in arms}
+    jaws = {arm: _jaws(path, messages, schemas, ARM_TOPICS[arm]) for arm in arms}
+    return assembled(path, raw, jaws, rate_hz, list(schemas))
+
+
+def assembled(
+    path: Path,
+    raw: dict[str, TopicValues],
+    jaws_of: dict[str, TopicValues | None],
+    rate_hz: float | None,
+    every: list[str],
+) -> Track:
+    """The recording that tips and jaws of each arm make. every: topics of the file. UserError as of `read`."""
     by_header = all(_runs(one.header_ns) for one in raw.values())
     times = {arm: one.header_ns if by_header else one.log_ns for arm, one in raw.items()}
     begin = min(int(values[0]) for values in times.values())
     topics, tracks = [one.topic for one in raw.values()], {}
     for arm, one in raw.items():
-        jaws, opening = _jaws(path, messages, schemas, ARM_TOPICS[arm]), None
+        jaws, opening = jaws_of[arm], None
         if jaws is not None:
             topics.append(jaws.topic)
             at = jaws.header_ns if by_header and _runs(jaws.header_ns) else jaws.log_ns
@@ -61,7 +73,7 @@ def read(path: Path, arms: tuple[str, ...], rate_hz: float | None) -> Track:
     clock = f"{source} of {topics[0]}" if rate_hz is None else f"operator.rate_hz = {rate_hz:g}"
     notes = () if rate_hz is None else (f"{source} are not used, operator.rate_hz spaces messages evenly",)
     return Track(
-        path, clock, tracks, None, tuple(topics), tuple(sorted(name for name in schemas if name not in topics)), notes
+        path, clock, tracks, None, tuple(topics), tuple(sorted(name for name in every if name not in topics)), notes
     )
 
 
@@ -71,7 +83,7 @@ def arms_in(path: Path) -> tuple[str, ...]:
     return tuple(arm for arm, prefix in ARM_TOPICS.items() if any(f"{prefix}{n}_cp" in schemas for n in SOURCES))
 
 
-class _Values(NamedTuple):
+class TopicValues(NamedTuple):
     """The messages of one topic."""
 
     topic: str
@@ -85,25 +97,25 @@ def _runs(stamps_ns: np.ndarray) -> bool:
     return len(stamps_ns) > 0 and bool(stamps_ns.max() > stamps_ns.min())
 
 
-def _poses(path: Path, messages: dict[str, list[Message]], topic: str) -> _Values:
+def _poses(path: Path, messages: dict[str, list[Message]], topic: str) -> TopicValues:
     if topic not in messages:
         raise UserError(f"{path}: {topic} has no messages; expected the tip's poses")
     return _decoded(path, topic, messages[topic], _pose)
 
 
-def _jaws(path: Path, messages: dict[str, list[Message]], schemas: dict[str, str], prefix: str) -> _Values | None:
+def _jaws(path: Path, messages: dict[str, list[Message]], schemas: dict[str, str], prefix: str) -> TopicValues | None:
     for topic in (f"{prefix}{name}_js" for name in SOURCES):
         if schemas.get(topic) == JOINT_STATE and topic in messages:
             return _decoded(path, topic, messages[topic], _opening)
     return None
 
 
-def _decoded(path: Path, topic: str, messages: list[Message], value: Callable[[Path, str, bytes], Any]) -> _Values:
+def _decoded(path: Path, topic: str, messages: list[Message], value: Callable[[Path, str, bytes], Any]) -> TopicValues:
     if max(message.log_time for message in messages) >= 2**63:
         raise UserError(f"{path}: {topic} has times beyond 2^63 ns, expected nanoseconds since 1970 or the start")
     values = np.array([value(path, topic, message.data) for message in messages])
     log = np.array([message.log_time for message in messages], np.int64)
-    return _Values(topic, log, np.array([_stamp(message.data) for message in messages], np.int64), values)
+    return TopicValues(topic, log, np.array([_stamp(message.data) for message in messages], np.int64), values)
 
 
 def _stamp(data: bytes) -> int:
@@ -147,7 +159,8 @@ def _decompression() -> tuple[type[Exception], ...]:
     return zstandard.ZstdError, RuntimeError  # the latter is lz4's
 
 
-def _topic(path: Path, schemas: dict[str, str], prefix: str) -> str:
+def topic_of(path: Path, schemas: dict[str, str], prefix: str) -> str:
+    """The topic of an arm's tip poses; schemas: name of each topic's. UserError."""
     wanted = [f"{prefix}{name}_cp" for name in SOURCES]
     for topic in wanted:
         if topic in schemas:

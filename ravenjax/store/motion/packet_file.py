@@ -15,6 +15,7 @@ import numpy as np
 
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.arms import ARMS, ArmName
+from ravenjax.robots.raven2.console import arrivals
 from ravenjax.robots.raven2.console.choice import UNDECIDED, ProfileChoice, fitting
 from ravenjax.robots.raven2.console.profile import ConsoleProfile
 from ravenjax.robots.raven2.console.reading import FIELDS, MODE, Misfit, PacketReader, PacketReading
@@ -22,6 +23,7 @@ from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 from ravenjax.store.consoles import loading
 from ravenjax.store.motion import stamps
 from ravenjax.store.motion.track import ArmTrack, Track
+from ravenjax.vocabulary.packets import MOST_CYCLES
 
 PACKET, ARRIVAL = "packet", "arrival"
 MOST_MISFITS = 0.02
@@ -94,6 +96,9 @@ def track(path: Path, arms: tuple[ArmName, ...], console: str, home: dict[ArmNam
             home[arm].opening_mrad - np.cumsum(read.grasp_mrad[:, i]),
         )
     lost = int((~read.counted).sum())
+    cycles = arrivals.lengths(read.arrival_s * 1e3)
+    shares = ", ".join(f"{share:g}" for share in arrivals.as_campaign(cycles))
+    model = f"campaign.packets = [{shares}] makes packets last as long as these, up to {MOST_CYCLES} ms"
     note = f"packets are those of console {read.profile.name}; {lost} of {len(read.counted)} move nothing"
     others = tuple(arm for arm in ARMS if arm not in arms)
     return Track(
@@ -103,7 +108,11 @@ def track(path: Path, arms: tuple[ArmName, ...], console: str, home: dict[ArmNam
         read.pedal,
         (PACKET,),
         tuple(f"{PACKET} ({arm})" for arm in others),
-        (*read.notes, note),
+        (
+            *read.notes,
+            note,
+            model,
+        ),
     )
 
 

@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,8 @@ from ravenjax.store.motion.reach import Poses
 from ravenjax.store.motion.spikes import Spike
 from ravenjax.store.motion.track import Track
 
-KINDS = (".parquet", ".csv", ".mcap")
+KINDS = (".parquet", ".csv", ".mcap", ".bag", ".db3")
+_ANY = ".parquet, .csv, .mcap, .bag or .db3"
 
 USUAL_STEPS, LEAST_GAP_S = 3.0, 0.02
 """What is called a gap: more than so many median steps, and longer than this."""
@@ -52,20 +54,19 @@ class HandRecording:
 
 def arms_in(path: Path) -> tuple[ArmName, ...]:
     """The arms that a file holds, gold first. UserError where it cannot be read, or holds none."""
-    from ravenjax.store.motion import mcap_file, table_file
 
     require_readable(path)
-    source = mcap_file if path.suffix.lower() == ".mcap" else table_file
+    source = _source(path)
     arms: tuple[ArmName, ...] = tuple(arm for arm in ("gold", "green") if arm in source.arms_in(path))
     return arms or ("gold",)  # which then is missed by name
 
 
 def load(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> HandRecording:
     """The recording of `arms`. UserError for a file that cannot be used, whichever part of it is replayed."""
-    from ravenjax.store.motion import mcap_file, packet_file, table_file
+    from ravenjax.store.motion import packet_file, table_file
 
     require_readable(path)
-    source = mcap_file if path.suffix.lower() == ".mcap" else table_file
+    source = _source(path)
     if table_file.holds_packets(path):
         track = packet_file.track(path, arms, options.console, {arm: _home(arm) for arm in arms})
     elif options.console != "auto":
@@ -102,12 +103,20 @@ def load(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> HandR
     )
 
 
+def _source(path: Path) -> Any:
+    """The module that reads a kind of file."""
+    from ravenjax.store.motion import bag_file, mcap_file, table_file
+
+    suffix = path.suffix.lower()
+    return mcap_file if suffix == ".mcap" else bag_file if suffix in bag_file.SUFFIXES else table_file
+
+
 def require_readable(path: Path) -> None:
     """UserError for what is no file of a known kind."""
     if not path.is_file():
-        raise UserError(f"{path}: no such file; expected a recorded operator motion (.parquet, .csv or .mcap)")
+        raise UserError(f"{path}: no such file; expected a recorded operator motion ({_ANY})")
     if path.suffix.lower() not in KINDS:
-        raise UserError(f"{path}: unknown kind of file {path.suffix.lower()!r}; expected .parquet, .csv or .mcap")
+        raise UserError(f"{path}: unknown kind of file {path.suffix.lower()!r}; expected {_ANY}")
     if path.stat().st_size == 0:
         raise UserError(f"{path}: the file is empty; expected a recorded operator motion")
 

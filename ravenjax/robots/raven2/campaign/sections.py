@@ -184,7 +184,8 @@ class Operator(Section):
     motion: str | None = Field(default=None, description="a generated motion: " + ", ".join(MOTIONS))
     file: Path | None = Field(
         default=None,
-        description="a recorded motion (Parquet, CSV, MCAP), from this file's folder; a Python file (.py) is `hands`",
+        description="a recorded motion (Parquet, CSV, MCAP, ROS bag), from this file's folder; a Python file (.py) is "
+        "`hands`",
     )
     hands: Path | None = Field(
         default=None,
@@ -252,7 +253,7 @@ class Operator(Section):
     @classmethod
     def _path(cls, file: Path | None) -> Path | None:
         if file is not None and (not file.name or "\0" in str(file)):
-            raise ValueError(f"got {shown(str(file))}, expected the path of a .parquet, .csv or .mcap file")
+            raise ValueError(f"got {shown(str(file))}, expected the path of a .parquet, .csv, .mcap, .bag or .db3 file")
         return file
 
     @field_validator("hands")

@@ -36,11 +36,6 @@ def of_positions(position: np.ndarray, um_per_ms: float = 10.0) -> np.ndarray:
     return run_lengths(repeats, np.pad(far / (2 * HALF_WINDOW) > um_per_ms, HALF_WINDOW))
 
 
-def of_arrivals(ms: np.ndarray) -> np.ndarray:
-    """Cycles from each cycle that gets datagrams to the next one that does, int; `ms`: when each arrives, ascending."""
-    return np.diff(np.unique(np.floor(ms)).astype(int))
-
-
 def run_lengths(repeats: np.ndarray, moving: np.ndarray) -> np.ndarray:
     """Rows from a change to the next, int, of the runs in which every row is `moving` (bool [T]).
 
@@ -50,8 +45,3 @@ def run_lengths(repeats: np.ndarray, moving: np.ndarray) -> np.ndarray:
     at_rest = np.concatenate([[0], np.cumsum(~moving)])
     resting_rows = at_rest[first[1:]] - at_rest[first[:-1]]
     return np.diff(first)[resting_rows == 0]
-
-
-def shares(lengths: np.ndarray) -> np.ndarray:
-    """Share of packets that last 1, 2, 3, .. cycles."""
-    return np.bincount(lengths)[1:] / len(lengths)

@@ -1,0 +1,28 @@
+"""How many control cycles a packet lasts, from when packets arrive: what `campaign.packets` takes as a distribution."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ravenjax.vocabulary.packets import MOST_CYCLES
+
+_PARTS = 1000
+
+
+def lengths(ms: np.ndarray) -> np.ndarray:
+    """Cycles from each cycle that gets datagrams to the next one that does, int; `ms`: when each arrives, ascending."""
+    return np.diff(np.unique(np.floor(ms)).astype(int))
+
+
+def shares(cycles: np.ndarray) -> np.ndarray:
+    """Share of packets that last 1, 2, 3, .. cycles, from the cycles that each lasts (int [n])."""
+    return np.bincount(cycles)[1:] / len(cycles)
+
+
+def as_campaign(cycles: np.ndarray) -> tuple[float, ...]:
+    """The same in thousandths whose sum is 1, as a campaign file has them; what lasts longer counts last."""
+    exact = shares(np.minimum(cycles, MOST_CYCLES)) * _PARTS
+    parts = np.floor(exact).astype(int)
+    parts[np.argsort(parts - exact)[: _PARTS - parts.sum()]] += 1
+    used = np.flatnonzero(parts)[-1] + 1
+    return tuple((parts[:used] / _PARTS).tolist())
