@@ -214,6 +214,6 @@ def _more(manifest: Manifest) -> dict[str, str]:
 def _own_checks(manifest: Manifest) -> dict[str, str]:
     """own<n>_ms, when each check of one's own first did what it does not in the golden run, and built_in_told_ms."""
     own, shape = manifest.shape.own_checks, manifest.shape
-    told = "told_ms" if manifest.rules.built_in == "response" else "built_in_told_ms"
+    column = "told_ms" if manifest.rules.built_in == "response" else "built_in_told_ms"
     times = {f"own{n}_ms": events.check_ms_sql(check.name, shape.golden_checks) for n, check in enumerate(own)}
-    return times | {"built_in_told_ms": told} if own else {}
+    return times | {"built_in_told_ms": column} if own else {}

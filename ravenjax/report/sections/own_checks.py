@@ -34,12 +34,12 @@ class OwnCheckRow(NamedTuple):
 def rows(runs: Runs, manifest: Manifest) -> list[OwnCheckRow]:
     """One row a check, in the order of the campaign's file."""
     checks = manifest.shape.own_checks
-    found = list(_alarms(runs, manifest))
-    trips = [f"({after_onset(one.column)}) >= 0" for one in found]
+    per_check = list(_alarms(runs, manifest))
+    trips = [f"({after_onset(one.column)}) >= 0" for one in per_check]
     alone = [_alone(number, manifest) for number in range(len(checks))]
     total, *counts = runs.counts(["true", *trips, *(f"{a} AND {b}" for a, b in zip(trips, alone, strict=True))],
                                  where="sample AND faulty")  # fmt: skip
-    at_thresholds = performance.thresholds(runs, manifest, found)
+    at_thresholds = performance.thresholds(runs, manifest, per_check)
     sections = {f"{OWN}{one['name']}": one for one in manifest.config.get("check", ())}
     result = []
     for number, (check, alarms) in enumerate(zip(checks, at_thresholds, strict=True)):

@@ -131,7 +131,7 @@ def groups(e: Expected, html: Node) -> None:
         parts.append((name, part, faulty, part[chosen]))
     parts.sort(key=lambda one: (not one[2], *largest_first(evades(one[3]))))
     table = rows(section.one("table", "groups"))
-    shares = [(cells[0].words.removesuffix(" no fault: false alarms"), cells) for cells in table]
+    shares = [(cells[0].words.removesuffix(" no fault: its own golden run"), cells) for cells in table]
     assert sorted(name for name, _ in shares) == sorted(name for name, *_ in parts)
     by_name = {name: rest for name, *rest in parts}
     order = [(not by_name[name][1], *largest_first(evades(by_name[name][2]))) for name, _ in shares]
@@ -151,7 +151,7 @@ def groups(e: Expected, html: Node) -> None:
             "phantom": none & cued,
             "limited": none & ~cued & (f["response"] == "limited"),
         }
-        cell(cells[0], name + ("" if faulty else " no fault: false alarms"), "groups")
+        cell(cells[0], name + ("" if faulty else " no fault: its own golden run"), "groups")
         cell(cells[1], count(n) + (f" {many(len(part), 'run')}" if len(part) != n else ""), f"faults of {name}")
         for node, hits in zip(cells[3:-1], columns.values(), strict=True):
             cell(node, brief(int(hits.sum()), n), f"group {name}")

@@ -52,7 +52,7 @@ def maps(e: Expected, html: Node) -> None:
         if name != "all faults" and faulty:
             led.append(float((part["hazard"] == "unintended motion").mean()))
     assert led == sorted(led, reverse=True), "the most unintended motion first"
-    same = text.words.partition("Nothing that differs from run to run: ")[2]
+    same = text.words.partition("The same in every run, so without a map: ")[2]
     blank = re.findall(r"([^;()]+) \((\S+) (?:faults|runs); ([^)]*)\)(?:; )?", same)
     for name, n, words in blank:
         part = every if name == "all faults" else every[every["block"] == name]
