@@ -333,12 +333,12 @@ def test_lost_packets_go_with_one(tmp_path):
 
 @pytest.mark.slow
 def test_the_plan_given_back_has_the_outcomes_of_the_built_in_operator_on_engine_xla(tmp_path):
-    """To the bit but for the nominal model's deviation: rotations are products, which xla may fuse otherwise."""
+    """Whole numbers alike; of others the last digits differ, as rotations are products that xla may fuse otherwise."""
     zero, built_in = (rj.run(tables(tmp_path, text), engine="xla") for text in (AS_COMPUTED, ""))
-    rotated = [name for name in built_in.columns if name.endswith("_deviation_mm")]
-    require_equal(zero, built_in, ("run_id", *rotated))
-    for name in rotated:
-        np.testing.assert_allclose(zero[name], built_in[name], rtol=3e-4, err_msg=name)
+    floats = [name for name in built_in.columns if built_in[name].dtype.kind == "f"]
+    require_equal(zero, built_in, ("run_id", *floats))
+    for name in floats:
+        np.testing.assert_allclose(zero[name], built_in[name], rtol=3e-4, atol=1e-6, err_msg=name)
 
 
 def test_what_is_given_back_as_it_came_is_not_in_the_tick(tmp_path):
