@@ -11,6 +11,8 @@ from cuda_as_cpp import pretend
 from cuda_cases import check_engines
 
 import ravenjax as rj
+from ravenjax.bench import operations
+from ravenjax.bench.workload import Workload
 from ravenjax.campaign import loading, plan
 from ravenjax.campaign.inspection import verification
 from ravenjax.cli import catalogue
@@ -202,6 +204,19 @@ def test_what_its_stop_makes_the_robot_do_is_no_response_of_the_built_in_checks(
         pa.Table.from_pandas(stopping), ["evades_built_in", "unintended_motion"], config.rules
     )
     assert built_in[2] and unintended[2]
+
+
+@pytest.mark.slow
+def test_the_frame_of_one_is_a_hundredth_of_the_tick_at_most(tmp_path):
+    """Beyond what `step` computes: nothing here, as the tick has the tip's error anyway."""
+    raw = tables(tmp_path, ERROR)
+    raw["detector"][0]["threshold"] = [1.0]
+    counts = []
+    for detectors in ([], raw["detector"]):
+        work = Workload(1000)
+        work.__dict__["plan"] = plan.make(rj.load_campaign(raw | {"detector": detectors}))  # the cached property
+        counts.append(operations.count(work).per_lane)
+    assert 0 < counts[1] - counts[0] < 0.01 * counts[0]
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from ravenjax.numbers import tree
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import per_arm, real
-from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.numbers.vec import Scalar, Vec, record, replace
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.packet import Packet
@@ -87,10 +87,22 @@ def observe(
     golden: Golden | None,
     now: Scalar,
 ) -> tuple[ObserverState, Seen]:
-    """One tick of the observers.
+    """One tick of the observers: `see`, then `judge`."""
+    after, signals = see(setup, params, state, clean, fresh, robot)
+    return replace(after, monitor=judge(setup, params, state, clean, fresh, robot, signals, golden, now)), signals
 
-    clean: the newest packet as the console meant it, whatever became of it; `fresh` where it is of this tick. golden:
-    None where there is no golden run; the nominal model stands for it.
+
+def see(
+    setup: RavenSetup,
+    params: ObserverParams,
+    state: ObserverState,
+    clean: Packet,
+    fresh: Scalar,
+    robot: RobotView,
+) -> tuple[ObserverState, Seen]:
+    """One tick of the nominal model and the cue; the monitor is as before.
+
+    clean: the newest packet as the console meant it, whatever became of it; `fresh` where it is of this tick.
     """
     models = per_arm(
         setup,
@@ -103,30 +115,43 @@ def observe(
             real(setup, robot.jpos[i]),
         ),
     )
-    model_tips = tuple(out.tip_position for _, out in models)
     felt, cues = zip(*per_arm(setup, lambda i, arm: _cue(setup, params, state, models, robot, i, arm)), strict=True)
     tips = tuple(signal.robot_position for signal in felt) if robot.tips is None else robot.tips
     depth = per_arm(setup, lambda i, arm: scene.tissue_depth(arm, tips[i]))
     distance = scene.tip_distance(setup.arms, tips)
-    now_live = live(robot.runlevel, robot.soft_estopped)
+    after = ObserverState(tuple(new for new, _ in models), tuple(new for new, _ in cues), state.monitor)
+    outs = tuple(out for _, out in models), tuple(out for _, out in cues)
+    return after, Seen(*outs, tips, depth, distance, live(robot.runlevel, robot.soft_estopped))
+
+
+def judge(
+    setup: RavenSetup,
+    params: ObserverParams,
+    state: ObserverState,
+    clean: Packet,
+    fresh: Scalar,
+    robot: RobotView,
+    signals: Seen,
+    golden: Golden | None,
+    now: Scalar,
+) -> monitor.MonitorState:
+    """The monitor after a tick. golden: None where there is no golden run; the nominal model stands for it."""
+    tips, model_tips = signals.tips, tuple(out.tip_position for out in signals.models)
     pos = _um(tips) if robot.pos is None else real(setup, robot.pos)
     signal = monitor.MonitorSignal(
         tip=tips,
         pos=pos,
         model_tip=model_tips,
-        depth=depth,
-        distance=distance,
+        depth=signals.depth,
+        distance=signals.distance,
         dac=robot.dac,
         fresh=fresh,
-        live=now_live,
+        live=signals.live,
         pedal=clean.surgeon_mode != 0,
         tick=now,
     )
     beside = monitor.Reference(model_tips, _um(model_tips)) if golden is None else reference(setup, golden, tips, pos)
-    observer = monitor.step(setup, params.monitor, state.monitor, signal, beside)
-    after = ObserverState(tuple(new for new, _ in models), tuple(new for new, _ in cues), observer)
-    outs = tuple(out for _, out in models), tuple(out for _, out in cues)
-    return after, Seen(*outs, tips, depth, distance, now_live)
+    return monitor.step(setup, params.monitor, state.monitor, signal, beside)
 
 
 def live(runlevel: Scalar, soft_estopped: Scalar) -> Scalar:

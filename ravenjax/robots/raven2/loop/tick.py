@@ -45,24 +45,17 @@ def tick(
         lookout = Guard(setup, params.checks, state.guard, now)
     done = _robot(setup, params, inject, state, sent.packet, lookout)
     signals, robots = done.signals, done.robots
-    observed, observer = observers.observe(
-        setup,
-        params.observers,
-        observers.ObserverState(state.nominal, state.haptics, state.monitor),
-        sent.clean,
-        fresh,
-        observers.RobotView(
-            jpos=tuple(arm.jpos for arm in signals.arms),
-            mvel=tuple(arm.mvel for arm in signals.arms),
-            runlevel=signals.runlevel,
-            soft_estopped=done.software.state_machine.soft_estopped,
-            dac=done.boards.current_cmd,
-            pos=tuple(arm.pos.position_um for arm in signals.arms),
-            tips=connections.tips(setup, params.plant, done.plant, robots),
-        ),
-        observers.Golden(signal.reference, signal.apart),
-        now,
+    before = observers.ObserverState(state.nominal, state.haptics, state.monitor)
+    robot = observers.RobotView(
+        jpos=tuple(arm.jpos for arm in signals.arms),
+        mvel=tuple(arm.mvel for arm in signals.arms),
+        runlevel=signals.runlevel,
+        soft_estopped=done.software.state_machine.soft_estopped,
+        dac=done.boards.current_cmd,
+        pos=tuple(arm.pos.position_um for arm in signals.arms),
+        tips=connections.tips(setup, params.plant, done.plant, robots),
     )
+    observed, observer = observers.see(setup, params.observers, before, sent.clean, fresh, robot)
     down = signals.runlevel == run_levels.PEDAL_DOWN
 
     watched = None
@@ -71,6 +64,9 @@ def tick(
         limit = params.control.overdrive.dac_max
         view = connections.watched(limit, signals, robots, observer.cues, observer.live, now, views)
         watched = detectors.step(setup, params.detectors, state.detectors, view)
+    # The monitor comes after the detectors: a CPU has its many operations to do while a detector's wait for each other.
+    golden = observers.Golden(signal.reference, signal.apart)
+    judgement = observers.judge(setup, params.observers, before, sent.clean, fresh, robot, observer, golden, now)
     hands, reacting = sent.hands, sent.reacting
     if hands is not None:
         off_plan = operator.tip_offset(setup, params.operator, hands)
@@ -107,7 +103,7 @@ def tick(
         history=history,
         detectors=watched,
         guard=lookout.state,
-        monitor=observed.monitor,
+        monitor=judgement,
         overload=_overload(params, state.overload, robots, now),
         pedal_ticks=jnp.where(down, jnp.maximum(state.pedal_ticks, -1) + 1, -1),
         pedal_down_ticks=state.pedal_down_ticks + as_int(observer.live),
