@@ -188,9 +188,7 @@ def agreement(config: Any, ready: Plan) -> None:
     """Verdicts and differences of all of quick.toml."""
     wasm, unfused, fused = (table(config, ready, engine) for engine in (WasmEngine(), Unfused(), SimdEngine()))
     equal = sum(wasm[name].equals(unfused[name]) for name in wasm)
-    print(
-        f"\n{len(wasm)} runs. wasm and simd without fusion: {equal} of {len(wasm.columns)} columns are equal.\n"
-    )
+    print(f"\n{len(wasm)} runs. wasm and simd without fusion: {equal} of {len(wasm.columns)} columns are equal.\n")
     print("| wasm and simd with fusion | |\n|---|---|")
     names = ("verdict", "response", "hazard", "response_cause", "response_ms", "unintended_first_ms", "active_ticks")
     for name in names:

@@ -37,7 +37,7 @@ def motion(
     Parameters
     ----------
     file
-        Recorded tip positions: .parquet, .csv or .mcap.
+        Recorded tip positions: .parquet, .csv, .mcap, .bag or .db3.
     """
     from ravenjax.errors import UserError
     from ravenjax.robots.raven2.campaign import hands

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import re
 import shutil
 from pathlib import Path
 from types import SimpleNamespace
@@ -76,11 +77,12 @@ def page(description, tmp_path_factory):
         browser.close()
 
 
-def faults_of(ready):
-    """The runs of a plan as a page asks for them; None: a run without a fault."""
-    words = {name: ready.rows.words(f"fault0_{name}").tolist() for name in ("site", "arm", "channel", "effect")}
-    numbers = {name: ready.rows.numbers(f"fault0_{name}").tolist() for name in ("value", "start_ms", "duration_ms")}
-    keys = ready.faults["key"][:, 0].tolist()
+def faults_of(ready, slot=0):
+    """The faults of a plan's runs in one slot as a page asks for them; None: a run without a fault."""
+    words, numbers = ("site", "arm", "channel", "effect", "trigger"), ("value", "start_ms", "duration_ms", "every_ms")
+    words = {name: ready.rows.words(f"fault{slot}_{name}").tolist() for name in words}
+    numbers = {name: ready.rows.numbers(f"fault{slot}_{name}").tolist() for name in numbers}
+    keys = ready.faults["key"][:, slot].tolist()
     rows = []
     for run in range(ready.runs):
         row = {name: column[run] for name, column in (words | numbers).items()} | {"key": keys[run]}
@@ -89,23 +91,26 @@ def faults_of(ready):
     return rows
 
 
-ASK = """async ([changes, faults]) => {
-  const outcomes = await engine.outcomes({ ...engine.question(), ...changes }, faults);
+ASK = """async ([changes, faults, name]) => {
+  const outcomes = await window[name].outcomes({ ...window[name].question(), ...changes }, faults);
   const plain = (_, value) => (typeof value === "number" && !Number.isFinite(value) ? `${value}` : value);
   return outcomes.map((one) => JSON.stringify(one, plain));
 }"""
 INFINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
 
 
-def answers(page, ready, changes):
+def answers(page, ready, changes, name="engine"):
     """Outcomes of every run of a plan, question by question."""
     questions = {}
     for run in range(ready.runs):
         questions.setdefault(tuple(column[run].item() for column in ready.varied.values()), []).append(run)
-    faults, rows = faults_of(ready), [{}] * ready.runs
+    slots = [faults_of(ready, slot) for slot in range(ready.program.setup.injection.slots)]
+    faults = [[fault for fault in run if fault] for run in zip(*slots, strict=True)]
+    rows = [{}] * ready.runs
     for values, runs in questions.items():
         question = dict(zip(ready.varied, values, strict=True)) | changes
-        for run, text in zip(runs, page.evaluate(ASK, [question, [faults[run] for run in runs]]), strict=True):
+        texts = page.evaluate(ASK, [question, [faults[run] for run in runs], name])
+        for run, text in zip(runs, texts, strict=True):
             rows[run] = json.loads(text)
     return rows
 
@@ -130,7 +135,7 @@ OF_THE_TABLE = ("run_id", "index", "pair", "group", "seed", "operator")
 
 def same_rows(rows, frame):
     for name in frame.columns:
-        if name in OF_THE_TABLE or name.startswith(("fault0_", "param:")):
+        if name in OF_THE_TABLE or re.match(r"fault\d+_|param:", name):
             continue
         right = frame[name].tolist()
         text = any(isinstance(value, str) for value in right)
@@ -154,6 +159,36 @@ def test_quick_is_that_of_the_native_engines_word_by_word(page, observe):
     valid, evades = events.happened(pa.Table.from_pandas(ours), ["evades"], events.Rules())
     assert [row["evades"] for row in rows] == (valid & evades).tolist()
     assert 0 < evades.sum() < len(rows)
+
+
+def test_two_arms_with_two_faults_that_repeat_are_those_of_the_native_engine(page):
+    """Arms, slots, triggers, detectors and effects that quick.toml has none of."""
+    first = {
+        "site": "usb_out",
+        "arm": ["gold", "green"],
+        "channel": "elbow",
+        "effect": ["random", "scale"],
+        "value": [0.5, 9000.0],
+        "start_ms": 100,
+        "duration_ms": 20,
+        "every_ms": [0, 70],
+    }
+    second = {"site": "network", "effect": "drop", "start_ms": 150, "duration_ms": 30, "trigger": "packet"}
+    config = rj.load_campaign(
+        {
+            "campaign": {"name": "both", "duration_s": 0.4, "arms": ["gold", "green"]},
+            "operator": {"motion": "reach"},
+            "group": [{"name": "free"}, {"name": "one", "fault": [first]}, {"name": "two", "fault": [first, second]}],
+            "detector": [{"name": "steps", "kind": "steps", "threshold": [1.0, 2.0]}],
+        }
+    )
+    ready = program.question_plan(config)
+    page.evaluate("async (d) => { window.other = await openEngine(d, { threads: 1 }) }", program.description(config))
+    rows = answers(page, ready, {}, "other")
+    page.evaluate("other.close()")
+    ours = table(config, ready, WasmEngine())
+    assert ours["activated"].sum() > 10 and ours["verdict"].nunique() > 1
+    same_rows(rows, ours)
 
 
 def test_a_replay_is_the_trace_of_the_run(page, config, ready, description):

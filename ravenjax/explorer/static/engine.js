@@ -9,7 +9,9 @@
 // An outcome has the columns of a campaign's result table by their names (response, response_cause, response_ms,
 // told_ms, hazard, verdict, unintended_first_ms, peak_golden_deviation_mm, check_NAME_first_ms, cue0_first_ms, jump_tip,
 // failed, ..), and `evades`, `cue` and `tripped`: [{ name, first_ms, count, response }] of checks that tripped more
-// often than in the golden run, or sooner, the soonest first.
+// often than in the golden run, or sooner, the soonest first. Not among them: built_in_response and built_in_told_ms,
+// which a table has where checks of one's own count. With observe_ms, a fault that counts packets or time in pedal-down
+// is observed to the end of the run.
 
 const LANES = 16; // runs of a batch: a tenth of a second, after which a newer question may come first
 
