@@ -3,6 +3,7 @@
 import { Haptics } from "./haptics.js";
 import { HazardPanel } from "./hazards.js";
 import { Input } from "./input.js";
+import { NextSession } from "./next.js";
 import * as pads from "./pads.js";
 import { Panels } from "./panels.js";
 import { COLOURS, Plot } from "./plots.js";
@@ -23,6 +24,7 @@ let [latest, shown, plots, scope, blind] = [null, null, null, null, false];
 const send = (message) => wire.send(message);
 const panels = new Panels(root, send);
 const hazards = new HazardPanel($("hazard-card"), $("hazards"), send);
+const next = new NextSession($("next"), send, own.token);
 const trainee = new TraineeCard($("trainee"));
 const input = new Input(own.keys, {
   send,
@@ -57,6 +59,7 @@ function welcome(welcomed) {
     force: new Plot($("force"), lines, { floor: CAP, limit: null, unit: "", digits: 3 }),
   };
   scope = new Scope($("scope"), welcomed.arms, welcomed.bases, welcomed.tissue, welcomed.header.task);
+  next.welcome(welcomed.header);
   hazards.welcome(welcomed.header.hazards ?? []);
   trainee.welcome(welcomed.arms);
   for (const event of welcomed.events) happened(event);
@@ -103,6 +106,7 @@ function draw() {
   panels.frame(latest, measured(latest), input.pedal);
   if (panels.role === "instructor") {
     hazards.frame(latest, panels.state.phase);
+    next.frame(panels.state.phase);
     trainee.frame(latest, latest.arms);
   }
   if (!blind) {
