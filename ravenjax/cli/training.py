@@ -68,28 +68,35 @@ def train(
 
         setting = scenarios.load(scenario, overrides or ())
         drawn_by = setting.seed if seed is None else seed
-        options = launch.SessionOptions(
-            scenario=setting,
-            folder=out or launch.fresh_folder(setting.name, participant, drawn_by),
-            seed=drawn_by,
-            participant=participant,
-            group=group,
-            cue=cue,
-            blinded=blinded,
-            host=host,
-            port=port,
-            token=token,
-            instructor_token=instructor_token,
-            script=script,
-            itp_port=itp_port,
-            console=console_profile,
-            robot=robot,
-            crtk=crtk,
+        options = launch.with_tokens(
+            launch.SessionOptions(
+                scenario=setting,
+                folder=out or launch.fresh_folder(setting.name, participant, drawn_by),
+                seed=drawn_by,
+                participant=participant,
+                group=group,
+                cue=cue,
+                blinded=blinded,
+                host=host,
+                port=port,
+                token=token,
+                instructor_token=instructor_token,
+                script=script,
+                itp_port=itp_port,
+                console=console_profile,
+                robot=robot,
+                crtk=crtk,
+            )
         )
         if headless:
             result = launch.headless(options, _say)
         else:
             result = launch.realtime(options, with_page=page, linger_s=linger, say=_say, helpers=helpers)
+    while result.wish is not None:  # the same door: windows come back by themselves
+        _say(f"session: {result.folder} ({result.ended})")
+        options = launch.following(options, result)
+        _say(f"{options.scenario.name}: the next session is being prepared")
+        result = launch.realtime(options, with_page=page, linger_s=linger, say=_say)
     _say(f"session: {result.folder} ({result.ended})")
 
 

@@ -96,6 +96,17 @@ class FinishedSession:
     hazards: list[dict[str, Any]]
     timing: LoopTiming | None
     ended: str
+    wish: NextSession | None = None  # the session that the instructor asked for
+    port: int = 0  # of the page
+
+
+@dataclasses.dataclass(frozen=True)
+class NextSession:
+    """A session that the instructor asked for; None: as before."""
+
+    participant: str | None = None
+    scenario: str | None = None  # name of a bundled one
+    seed: int | None = None
 
 
 def realtime(
@@ -115,7 +126,7 @@ def realtime(
     if with_page:
         _require_address(options.host, options.port)
     console_profiles = profiles.choice(options.console)
-    options = _apart(options, say)
+    options = _apart(with_tokens(options), say)
     with contextlib.ExitStack() as stack:
         stack.callback((options.folder / CLAIM).unlink, missing_ok=True)
         helpers = SessionHelpers.start(stack, with_page) if helpers is None else helpers
@@ -130,11 +141,14 @@ def realtime(
         helpers.recorder.begin(recorder.RecorderOptions(frames.name, events.name, names, options.folder, header))
         recording = helpers.recorder.process
         consoles: list[loop.Console] = []
+        browser: loop.PageCommands | None = None
+        port = 0
         if helpers.page is not None:
             commands = Ring.create(KEPT_COMMANDS, COMMAND_BYTES)
             stack.callback(commands.close)
-            _open_page(helpers.page, options, session, header, (frames, events, commands), say)
-            consoles.append(loop.PageCommands(commands, drives=options.script is None))
+            port = _open_page(helpers.page, options, session, header, (frames, events, commands), say)
+            browser = loop.PageCommands(commands, drives=options.script is None)
+            consoles.append(browser)
         if options.itp_port is not None:
             server = ItpServer(session.arms, options.host, options.itp_port, profiles=console_profiles)
             stack.callback(server.close)
@@ -159,9 +173,49 @@ def realtime(
         if with_page and linger_s != 0 and not stop:
             say("the page stays until Ctrl-C" if linger_s is None else f"the page stays for {linger_s:g} s")
             end = float("inf") if linger_s is None else time.monotonic() + linger_s
-            while not stop and time.monotonic() < end:
+            while not stop and time.monotonic() < end and browser is not None:
                 time.sleep(0.05)
+                if (wish := _wish(browser, say)) is not None:
+                    result = dataclasses.replace(result, wish=wish, port=port)
+                    break
     return result
+
+
+def with_tokens(options: SessionOptions) -> SessionOptions:
+    """The options with the tokens that are needed and were not given, made up."""
+    token = options.token
+    if token is None and not loopback(options.host):
+        token = secrets.token_urlsafe(24)
+    instructor_token = options.instructor_token or secrets.token_urlsafe(12)
+    return dataclasses.replace(options, token=token, instructor_token=instructor_token)
+
+
+def following(options: SessionOptions, last: FinishedSession) -> SessionOptions:
+    """The options of the session that was asked for at the end of the last, in a folder beside that."""
+    wish = last.wish or NextSession()
+    setting = options.scenario if wish.scenario is None else scenario.load(wish.scenario)
+    participant = options.participant if wish.participant is None else wish.participant
+    seed = setting.seed if wish.seed is None else wish.seed
+    folder = fresh_folder(setting.name, participant, seed, options.folder.parent)
+    return dataclasses.replace(
+        options, scenario=setting, participant=participant, seed=seed, folder=folder, port=last.port or options.port
+    )
+
+
+def _wish(said: loop.PageCommands, say: Say) -> NextSession | None:
+    """The next session that was asked for since the last look; a scenario that is none is told of."""
+    for command in said.poll():
+        if (command.get("type"), command.get("do")) != ("instructor", "next"):
+            continue
+        wish = NextSession(*(command.get(name) for name in ("participant", "scenario", "seed")))
+        try:
+            if wish.scenario is not None:
+                scenario.load(wish.scenario)
+        except UserError as error:
+            say(f"the next session cannot be begun: {error}")
+            continue
+        return wish
+    return None
 
 
 def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSession:
@@ -317,12 +371,9 @@ def _open_page(
     header: dict[str, Any],
     rings: tuple[Ring, Ring, Ring],
     say: Say,
-) -> None:
-    """Tell the page's process what to serve, wait until it listens, and say where."""
-    token = options.token
-    if token is None and not loopback(options.host):
-        token = secrets.token_urlsafe(24)
-    instructor_token = options.instructor_token or secrets.token_urlsafe(12)
+) -> int:
+    """Tell the page's process what to serve, wait until it listens, say where and return the port."""
+    token, instructor_token = options.token, options.instructor_token
     page_options = page.PageOptions(
         frames=rings[0].name,
         events=rings[1].name,
@@ -354,6 +405,7 @@ def _open_page(
     host = "127.0.0.1" if options.host in ("0.0.0.0", "") else options.host
     say(f"operator: http://{host}:{port}/?role=operator{ask}")
     say(f"instructor: http://{host}:{port}/?role=instructor{ask}&instructor_token={instructor_token}")
+    return port
 
 
 def _require_address(host: str, port: int) -> None:

@@ -49,6 +49,11 @@ def recover(path: Path, out: Path | None = None) -> Recovered:
         raise StoreError(
             f"{path}: holds no whole message, {parts.lost_bytes} bytes of an unfinished chunk; nothing can be recovered"
         )
+    if not parts.channels:
+        raise StoreError(
+            f"{path}: the chunk that names its channels is damaged, and so is the index that repeats them; "
+            "nothing can be recovered"
+        )
     times: list[int] = []
 
     def fill(target: Path) -> None:

@@ -44,9 +44,12 @@ class _Operator(_Message):
 
 class _Instructor(_Message):
     type: Literal["instructor"]
-    do: Literal["start", "arm", "disarm", "pause", "resume", "reset", "end", "cue"]
+    do: Literal["start", "arm", "disarm", "pause", "resume", "reset", "end", "cue", "next"]
     hazard: Annotated[int, Field(ge=0)] | None = None
     on: bool | None = None
+    participant: Annotated[str, Field(max_length=40)] | None = None
+    scenario: Annotated[str, Field(pattern=r"^[A-Za-z0-9_]{1,60}$")] | None = None
+    seed: Annotated[int, Field(ge=0, lt=2**31)] | None = None
 
 
 class _Seat(_Message):
@@ -111,6 +114,8 @@ class Inbox:
                 raise RefusedMessage("the session is blinded: its cue is not the instructor's")
             if (told.do == "cue") != (told.on is not None) or (told.do == "arm") != (told.hazard is not None):
                 raise RefusedMessage("`on` belongs to cue, `hazard` to arm")
+            if told.do != "next" and (told.participant, told.scenario, told.seed) != (None, None, None):
+                raise RefusedMessage("`participant`, `scenario` and `seed` belong to next")
             if told.hazard is not None and told.hazard >= self._hazards:
                 raise RefusedMessage(f"hazard {told.hazard}, the session has {self._hazards}")
         return told.model_dump(exclude_none=True)

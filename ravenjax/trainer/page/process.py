@@ -68,7 +68,9 @@ class Page:
         )
         door = Door(options.host, options.token)
         logging.getLogger("websockets").setLevel(logging.CRITICAL)  # refusals are counted, not printed
-        self._server = Server(options.host, options.port, door, PageSite(door, options.folder), self._hub.serve)
+        self._server = Server(
+            options.host, options.port, door, PageSite(door, options.folder, options.instructor_token), self._hub.serve
+        )
         self._windows.watch(self._server.viser)
         self._world = World(self._server.viser, options.arms, options.header.get("task"), blinded)
         if options.port_taken is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import hmac
 import http
 import json
 from pathlib import Path
@@ -13,6 +14,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from ravenjax.trainer.page.door import Door, query
+from ravenjax.trainer.page.session_list import SessionList
 
 STATIC = Path(__file__).resolve().parent / "static"
 DEBRIEF = "debrief.html"
@@ -31,8 +33,10 @@ _LATE = (
 class PageSite:
     """The files of one session. A request that is not for one of them gets 404, a stranger's 403."""
 
-    def __init__(self, door: Door, folder: str | None) -> None:
-        self._door = door
+    def __init__(self, door: Door, folder: str | None, instructor_token: str | None = None) -> None:
+        """instructor_token: opens the list of sessions in the folder's folder; None: nobody sees it."""
+        self._door, self._instructor_token = door, instructor_token
+        self._sessions = SessionList(Path(folder).parent) if folder and instructor_token else None
         self._debrief = Path(folder) / DEBRIEF if folder else None
         self._files = {f"/static/{path.name}": _packed(path) for path in STATIC.iterdir() if path.suffix in _TYPES}
         self._pages = {kind: gzip.compress(text.encode(), 6) for kind, text in _pages().items()}
@@ -50,6 +54,8 @@ class PageSite:
             return self._response(http.HTTPStatus.OK, "application/json", json.dumps({"ready": ready}).encode())
         if path == f"/{DEBRIEF}" and self._debrief is not None and ready:
             return self._response(http.HTTPStatus.OK, _TYPES[".html"], self._debrief.read_bytes())
+        if path.startswith("/sessions"):
+            return self._past(request, path)
         if path == "/":
             wishes = query(request.path)
             page = "inset" if "inset" in wishes else "panel" if wishes.get("scene") == "off" else "scene"
@@ -65,6 +71,19 @@ class PageSite:
         if path == "/":
             extra["Content-Security-Policy"] = _policy(request.headers["Host"])
         return self._response(http.HTTPStatus.OK, kind, body, extra)
+
+    def _past(self, request: Request, path: str) -> Response:
+        """The list of sessions, or a debrief out of it: the instructor's alone."""
+        expected = (self._instructor_token or "").encode()
+        word = query(request.path).get("instructor_token", "")
+        if self._sessions is None or not hmac.compare_digest(word.encode(), expected):
+            return self._response(
+                http.HTTPStatus.FORBIDDEN, "text/plain", b"the list of sessions is the instructor's\n"
+            )
+        body = self._sessions.page(word) if path == "/sessions" else self._sessions.debrief(path)
+        if body is None:
+            return self._response(http.HTTPStatus.NOT_FOUND, "text/plain", b"no such session\n")
+        return self._response(http.HTTPStatus.OK, _TYPES[".html"], body)
 
     def _response(
         self, status: http.HTTPStatus, kind: str, body: bytes, extra: dict[str, str] | None = None

@@ -17,7 +17,8 @@ is there at the beginning of a tick, so that a list of (tick, command) is all th
         role says so, "instructor" or "watcher": it is done, and never counts as the operator's response.
     {"type": "instructor", "do": DO}
         DO: start (the session's time), arm (with "hazard": its number in the session's list), disarm, pause, resume,
-        reset, end, cue (with "on")
+        reset, end, cue (with "on"). Once the session is over its starter looks for next (with "participant",
+        "scenario", "seed", each of which may be left out): another session takes this one's place
     {"type": "seat", "do": DO, "by": ROLE}
         who drives, see `session.seat`. DO: take (for the console that says so), give (with "to", one of `CONSOLES`),
         left (the console that says so is gone)

@@ -49,8 +49,8 @@ class Armable:
         names = ("number", "hazard", "title", "group", "run_id", "within_s")
         row = of_library(self.hazard)
         layer = library.layers()[row.layer] if row is not None else ""
-        told = {name: getattr(self, name) for name in names}
-        return told | {"right_response": list(self.right_response), "layer": layer}
+        fields = {name: getattr(self, name) for name in names}
+        return fields | {"right_response": list(self.right_response), "layer": layer}
 
 
 def responses(entry: Entry, hazard: Hazard | None) -> tuple[str, ...]:

@@ -91,6 +91,17 @@ def test_a_damaged_chunk_is_left_out_and_counted(whole, tmp_path):
     assert told.complete and told.lost_bytes > 100 and "recovered" in str(told)
 
 
+def test_the_index_names_the_channels_where_the_first_chunk_is_damaged(whole, tmp_path):
+    data, _, ends = whole
+    at = ends[0] - 40
+    path = tmp_path / "damaged.mcap"
+    path.write_bytes(data[:at] + bytes(byte ^ 0xFF for byte in data[at : at + 8]) + data[at + 8 :])
+    assert session_log.read(path).numbers.tolist() == list(range(BLOCK, BLOCKS * BLOCK))
+    path.write_bytes(path.read_bytes()[: ends[4]])
+    with pytest.raises(StoreError, match="the chunk that names its channels is damaged"):
+        recover.recover(path)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("cut", [False, True])
 @pytest.mark.parametrize("size", [1, 300])

@@ -153,3 +153,15 @@ def _refused(message, role):
     except RefusedMessage:
         return True
     return False
+
+
+def test_only_an_instructor_asks_for_the_next_session_and_names_no_path():
+    inbox = Inbox(("gold", "green"), 0, blinded=False)
+    wish = {"type": "instructor", "do": "next", "participant": "P1", "scenario": "dac_burst", "seed": 3}
+    assert inbox.read(json.dumps(wish), "instructor") == wish
+    for role in ("operator", "watcher"):
+        with pytest.raises(RefusedMessage):
+            inbox.read(json.dumps(wish), role)
+    for change in ({"scenario": "../secret"}, {"seed": -1}, {"participant": "x" * 41}, {"do": "start"}):
+        with pytest.raises(RefusedMessage):
+            inbox.read(json.dumps(wish | change), "instructor")

@@ -9,10 +9,13 @@ import socket
 import subprocess
 import sys
 import time
+import urllib.error
+import urllib.request
 
 import numpy as np
 import pytest
 import ros2_log
+from websockets.sync.client import connect
 
 from ravenjax.errors import UserError
 from ravenjax.trainer import launch, page, processes, scenario
@@ -162,8 +165,8 @@ def test_a_session_needs_neither_jax_nor_trimesh(tmp_path):
         from pathlib import Path
         from ravenjax.trainer import launch, scenario
         from ravenjax.trainer.page import process
-        setting = scenario.load("first_steps", ["duration_s=1"])
-        launch.headless(launch.SessionOptions(setting, Path(sys.argv[1]), 0, script="ignore"))
+        setting = scenario.load("first_steps", ["duration_s=5"])
+        launch.headless(launch.SessionOptions(setting, Path(sys.argv[1]), 0, script="release"))
         print([name for name in ("jax", "trimesh") if name in sys.modules])
     """
     ran = subprocess.run([sys.executable, "-c", code, tmp_path / "x"], capture_output=True, text=True, check=True)
@@ -193,3 +196,48 @@ def test_one_interruption_ends_it_whenever_it_comes(tmp_path, when):
     if when == "realtime:":
         assert (tmp_path / "x" / "debrief.html").exists() and "(instructor)" in said
     assert not (tmp_path / "x" / launch.CLAIM).exists()
+
+
+@pytest.mark.slow
+def test_the_instructor_starts_the_next_session_from_the_browser(tmp_path):
+    """The second takes the first's port and tokens; strangers get neither it nor the list."""
+    command = ["train", "first_steps", "--out", tmp_path / "one", "--port", 0, "--instructor-token", "chair"]
+    ran = subprocess.Popen(
+        [sys.executable, "-m", "ravenjax.cli", *map(str, command)],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )  # fmt: skip
+    said, ports = "", []
+    try:
+        for line in ran.stdout:
+            said += line
+            if line.startswith("operator: "):
+                ports.append(int(line.split(":")[3].split("/")[0]))
+            if line.startswith("realtime: ") and len(ports) == 1:
+                say(ports[0], {"type": "instructor", "do": "end"})
+            if "the page stays" in line and len(ports) == 1:
+                with pytest.raises(urllib.error.HTTPError, match="403"):
+                    urllib.request.urlopen(f"http://127.0.0.1:{ports[0]}/sessions")
+                asked = urllib.request.urlopen(f"http://127.0.0.1:{ports[0]}/sessions?instructor_token=chair")
+                text = asked.read().decode()
+                assert "first_steps" in text and "/sessions/one/debrief.html?instructor_token=chair" in text
+                debrief = f"http://127.0.0.1:{ports[0]}/sessions/one/debrief.html?instructor_token=chair"
+                assert b"ravenjax training session" in urllib.request.urlopen(debrief).read()
+                say(ports[0], {"type": "instructor", "do": "next", "participant": "P9", "seed": 4})
+            if line.startswith("realtime: ") and len(ports) == 2:
+                assert say(ports[1], {"type": "instructor", "do": "end"})["participant"] == "P9"
+                time.sleep(2.0)
+                os.killpg(ran.pid, signal.SIGINT)
+        assert ran.wait(60) == 0 and ports[0] == ports[1], said
+    finally:
+        ran.kill()
+    assert len([one for one in tmp_path.iterdir() if (one / "debrief.html").exists() and "P9" in one.name]) == 1
+
+
+def say(port, command):
+    """Say it as the instructor; the header that the instructor's window is greeted with."""
+    with connect(f"ws://127.0.0.1:{port}/session?role=instructor&instructor_token=chair") as socket:
+        greeting = json.loads(socket.recv())
+        socket.send(json.dumps(command))
+        time.sleep(0.3)
+    return greeting["header"]

@@ -6,6 +6,7 @@ import { Drill } from "./drill.js";
 import { Haptics } from "./haptics.js";
 import { HazardPanel } from "./hazards.js";
 import { Input } from "./input.js";
+import { NextSession } from "./next.js";
 import * as pads from "./pads.js";
 import { Panels } from "./panels.js";
 import { COLOURS, Plot } from "./plots.js";
@@ -33,6 +34,7 @@ let latestWay = [0, 1, 0]; // of the cue, as the view has it: a peak between two
 const send = (message) => wire.send(message);
 const panels = new Panels(root, send);
 const hazards = new HazardPanel($("hazard-card"), $("hazards"), send);
+const next = new NextSession($("next"), send, own.token);
 const trainee = new TraineeCard($("trainee"));
 const input = new Input(own.keys, {
   send,
@@ -70,6 +72,7 @@ function welcome(welcomed) {
   };
   scope = new Scope($("scope"), welcomed.arms, welcomed.bases, welcomed.tissue, welcomed.header.task);
   coach.welcome(welcomed.arms, Boolean(welcomed.header.task?.object));
+  next.welcome(welcomed.header);
   hazards.welcome(welcomed.header.hazards ?? []);
   trainee.welcome(welcomed.arms);
   for (const event of welcomed.events) happened(event);
@@ -130,6 +133,7 @@ function draw() {
   if (drill.on) panels.foot(input.pedal, "practice");
   if (panels.role === "instructor") {
     hazards.frame(latest, panels.state.phase);
+    next.frame(panels.state.phase);
     trainee.frame(latest, latest.arms);
   }
   if (!blind) {

@@ -43,7 +43,7 @@ export class TraineeCard {
         this.speeds.set(arm, this.speeds.get(arm) + SMOOTH * (speed - this.speeds.get(arm)));
       }
       const grasp = frame.number(`${arm}/grasp`);
-      this.set(arm, `${this.speeds.get(arm).toFixed(0)} mm/s, jaws ${grasp.toFixed(0)} mrad`);
+      this.set(arm, `${this.speeds.get(arm).toFixed(0)} mm/s, ${grasp.toFixed(0)} mrad`);
     }
     this.last = new Map(arms.map((arm) => [arm, [...frame.get(`${arm}/hand`)]]));
     this.tick = tick;
