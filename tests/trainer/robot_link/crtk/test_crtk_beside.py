@@ -200,6 +200,7 @@ def test_a_session_is_driven_by_crtk_tick_by_tick():
         row = RobotRow(session.frame, 1, 1, 0)
         return next(message for name, message in interpreter.readings(row) if name == "arm1/setpoint_cp").pose
 
+    session.tick([])  # nothing is told before there is a row
     tick(300)
     assert session.seat.owner == "nobody" and interpreter.state.state == "DISABLED"
     tick(1, ("state_command", types.string(header, "enable")))
