@@ -50,9 +50,10 @@ class DdsTransport:
             topic = DdsTopic(self._participant, f"rt/{one.name}", data, quality)
             self._writers[one.name] = DataWriter(self._participant, topic, quality), data, one.kind
         for one in subscribed:
-            quality = _quality(reliable=not one.name.endswith(SERVO), latched=one.latched)
             topic = DdsTopic(self._participant, f"rt/{one.name}", _data_type(one.kind))
-            self._readers.append((one.name, one.kind, DataReader(self._participant, topic, quality)))
+            for latched in {False, one.latched}:  # who wants to hear the last one does not match who does not keep it
+                quality = _quality(reliable=not one.name.endswith(SERVO), latched=latched)
+                self._readers.append((one.name, one.kind, DataReader(self._participant, topic, quality)))
 
     def publish(self, name: str, message: Any) -> None:
         """Send a message of `types` to whoever reads the topic."""

@@ -58,7 +58,7 @@ class ArmReading(NamedTuple):
 
 
 def read(arm: ArmName, tool: str, jpos: np.ndarray, jpos_d: np.ndarray, mvel: np.ndarray) -> ArmReading:
-    """An arm with its joints at `jpos`, wanted at `jpos_d`, rad and m, its motors at `mvel`, rad/s; each [7]."""
+    """What an arm does: joints at `jpos`, wanted at `jpos_d`, rad and m, motors at `mvel`, rad/s; each [7]."""
     with at_once():
         jvel = np.array(transmission.joint_from_motor(arm, tool, Vec(map(float, mvel))), float)
         jacobian = np.array(kinematics.jacobian(arm, Vec(map(float, jpos))), float)

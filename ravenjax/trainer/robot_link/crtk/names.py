@@ -73,5 +73,5 @@ def reported(arms: Sequence[ArmName], raven_state: bool) -> list[RosTopic]:
     topics: list[RosTopic] = []
     for arm in arms:
         topics += [RosTopic(arm_topic(arm, word), messages.JOINT_STATE) for word in ("measured_js", "setpoint_js")]
-        topics += [RosTopic(arm_topic(arm, "operating_state"), messages.OPERATING_STATE)]
+        topics += [RosTopic(arm_topic(arm, "operating_state"), messages.OPERATING_STATE, latched=True)]
     return topics

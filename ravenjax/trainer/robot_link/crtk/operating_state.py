@@ -1,8 +1,8 @@
 """The operating state that CRTK sees, and whether its consoles hold the robot's pedal down.
 
     DISABLED   not enabled since the robot was switched on (brakes on, pedal up), or stopped by `disable` (E-stop)
-    ENABLED    pedal down, and CRTK drives; also while the robot initialises, busy then
-    PAUSED     powered, but CRTK's pedal is up or another console drives
+    ENABLED    pedal down, whoever drives; also while the robot initialises, busy then
+    PAUSED     powered, but the pedal is up
     FAULT      stopped by anything else: a check of the robot, an E-stop, a link that is lost
 
 Commands are those of CRTK's table, and what is invalid there changes nothing. `enable` homes a stopped robot anew, as
@@ -44,7 +44,8 @@ class OperatingState:
         self._present = self._clutch = False  # feet
         self._clutched = False  # the pedal was down when the clutch was stepped on
         self._streams = False  # servo commands came since the pedal went down
-        self._servo_ms = self._word_ms = self._down_ms = float("-inf")
+        self._servo_ms = self._word_ms = self._down_ms = self._up_ms = float("-inf")
+        self.other_drives = False  # another console holds the pedal: nothing is to be had before it lets go
 
     @property
     def state(self) -> State:
@@ -52,6 +53,8 @@ class OperatingState:
         if self._stopped or self.runlevel == E_STOP:
             return "DISABLED" if self._disabled else "FAULT"
         if self.runlevel == INIT:
+            return "ENABLED"
+        if self.other_drives:
             return "ENABLED"
         if self._disabled:
             return "DISABLED"
@@ -65,7 +68,7 @@ class OperatingState:
     @property
     def drives(self) -> bool:
         """Whether motion is taken."""
-        return self.state == "ENABLED" and self.runlevel == PEDAL_DOWN
+        return self.pedal and self.state == "ENABLED" and self.runlevel == PEDAL_DOWN
 
     def command(self, word: str, now_ms: float) -> list[Order]:
         """A state command; what it asks of the robot. ValueError where CRTK has no such word."""
@@ -140,6 +143,9 @@ class OperatingState:
         if self._restarting and not is_stopped and runlevel == PEDAL_UP:
             self._restarting = self._disabled = False
             self._press(now_ms)
+        if self.pedal or runlevel != PEDAL_DOWN:
+            self._up_ms = now_ms
+        self.other_drives = now_ms - self._up_ms > REFUSED_MS
         if not self.pedal:
             return
         if self.is_busy:

@@ -131,8 +131,9 @@ class RosRobot:
                 with at_once():
                     tip = kinematics.forward(arm, Vec(jpos)).position
                 there["position_um"] = np.rint(np.array(tip, float) * 1e6)
+        was_missing = name in self._missing
         self._missing.discard(name)
-        if not self._missing and word == "measured_js" and arm == self._arms[-1]:
+        if not self._missing and (was_missing or (word == "measured_js" and arm == self._arms[-1])):
             self._publish(messages.stamp_ns(message), min(self._levels.values()), 0)
 
     def _publish(self, stamp_ns: int, runlevel: int, last_seq: int) -> None:

@@ -299,7 +299,8 @@ class Questions:
     def soak(self, seconds):
         """Rate, age and gaps of measured_js while this peer reads for so long, and drives."""
         name, peer = ARM + "/measured_js", self.peer
-        assert until(lambda: self.get("measured_js") is not None, 20.0) and self.command("enable", "ENABLED", 10.0)
+        assert until(lambda: self.get("measured_js") is not None and self.get("operating_state") is not None, 20.0)
+        assert self.command("enable" if self.state() == "DISABLED" else "resume", "ENABLED", 10.0)
         began, at, first = time.time(), peer.count(name), self.fresh("measured_js")
         stamps, ages = [], []
         while time.time() - began < seconds:

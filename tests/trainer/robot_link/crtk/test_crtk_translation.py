@@ -232,6 +232,20 @@ def test_a_clutch_lets_go_and_takes_up_what_was_held():
     assert settled(state) == "PAUSED"  # an E-stop came between
 
 
+def test_who_asks_while_another_drives_does_not_get_the_pedal_when_that_one_lets_go():
+    state = driven()
+    state.command("pause", 0.0)
+    settled(state)
+    for ms in range(0, 600, 100):
+        settled(state, 3, float(ms))
+    assert state.state == "PAUSED"  # it may still be coming up
+    assert settled(state, 3, 601.0) == "ENABLED" and not state.drives
+    state.command("resume", 601.0)
+    state.foot(True, None, 601.0)
+    assert settled(state, 3, 602.0) == "ENABLED" and not state.pedal and not state.drives
+    assert settled(state, 2, 603.0) == "PAUSED" and not state.pedal
+
+
 def test_unknown_commands_are_told():
     with pytest.raises(ValueError, match="expected one of enable"):
         OperatingState().command("go", 0.0)
@@ -298,13 +312,14 @@ def robot_row(runlevel=2, taken=0):
 def test_a_servo_command_becomes_increments_that_add_up():
     types = messages.types("ros2")
     interpreter = Interpreter(BOTH, ("r_grasper",) * 2, types)
-    row = robot_row(3)
+    row = robot_row(2)
     ms = row.clock_ns * 1e-6
     header = types.header(row.stamp_ns, "")
     interpreter.observe(row, True, ms)
     interpreter.hear("arm1/servo_jr", types.joint_state(header, [], [0.1] + [0] * 6), ms)
     assert interpreter.counts == {"servo_jr: the robot is not enabled": 1}
     interpreter.hear("state_command", types.string(header, "enable"), ms)
+    row.frame["runlevel"] = 3
     interpreter.observe(row, True, ms)
     assert interpreter.state.drives
     start = frames.from_frame0("gold", *frames.reached("gold", np.array(YAML["gold"][0])))
