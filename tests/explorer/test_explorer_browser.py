@@ -166,6 +166,40 @@ def test_a_folders_runs_are_listed_and_one_of_them_opens_with_its_verdict(window
     assert window.evaluate("document.body.dataset.verdict") == native["verdict"]
 
 
+def test_the_fault_dragged_in_time_begins_elsewhere_and_a_kept_run_stays_beside(window, place):
+    window.goto(place.as_uri() + VIEW)
+    window.reload()
+    window.wait_for_selector("#run:not([hidden])")
+    window.click("#pin")
+    told = window.inner_text("#told")
+    assert told in window.inner_text("#pinned")
+    bar = window.locator(".track .fault")
+    bar.scroll_into_view_if_needed()
+    box = bar.bounding_box()
+    track = window.locator("[data-lane=Fault]").bounding_box()["width"]
+    window.mouse.move(box["x"] + 4, box["y"] + 4)
+    window.mouse.down()
+    window.mouse.move(box["x"] + 4 + track / 6, box["y"] + 4, steps=5)
+    window.mouse.up()
+    first = int(_when(window, "/from=(?!700&)[0-9]+/.test(location.hash) && /from=([0-9]+)/.exec(location.hash)[1]"))
+    assert first == pytest.approx(700 + 1200 / 6, abs=3)
+    assert window.wait_for_function(f"({CELLS})().first_active_ms === '{first}'")
+    assert window.locator("#signals .kept").count() > 0
+
+
+def test_another_situation_has_another_answer(window):
+    filled(window)
+    counts = window.locator("#legend").inner_text()
+    window.locator("#situation > summary").click()
+    window.locator("[id='p-haptics.cues.0.threshold_m-number']").fill("0.5")
+    window.locator("[id='p-haptics.cues.0.threshold_m-number']").press("Tab")
+    window.wait_for_function("(before) => document.getElementById('legend').innerText !== before", arg=counts)
+    filled(window)
+    assert "the surgeon feels a cue" in window.inner_text("#answer")
+    raw = tomllib.loads(_copied(window, "toml"))
+    assert raw["haptics"]["threshold_mm"] == [0.5, 2]
+
+
 @pytest.mark.parametrize("width", [360, 1366, 2560])
 def test_nothing_is_wider_than_the_window(window, width):
     window.set_viewport_size({"width": width, "height": 900})

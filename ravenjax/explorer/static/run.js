@@ -22,12 +22,25 @@ export class Run {
     Object.assign(this, { replay, fault });
     if (!this.figure && this.description) this.figure = new Figure($("figure"), this.description);
     if (this.figure && !this.figure.ready) document.querySelector(".stage").hidden = true;
-    const { duration_ms: duration, checks } = this.campaign;
-    if (!this.dragging) $("lanes").innerHTML = lanes(events(replay.outcome, fault, duration, checks), duration);
+    this.lanes();
     this.signals();
     this.chain();
     this.numbers();
     this.go(ms > 0 ? ms : this.interesting());
+  }
+
+  /** What happened when; a bar under the hand stays the same element. */
+  lanes() {
+    const { duration_ms: duration, checks } = this.campaign;
+    const place = $("lanes");
+    const html = lanes(events(this.replay.outcome, this.fault, duration, checks), duration);
+    if (!this.dragging) {
+      place.innerHTML = html;
+      return;
+    }
+    const fresh = document.createElement("div");
+    fresh.innerHTML = html;
+    for (const lane of ["Checks", "Cue", "Harm"]) place.querySelector(`[data-lane=${lane}]`).replaceWith(fresh.querySelector(`[data-lane=${lane}]`));
   }
 
   /** Where a look begins: at the harm, at the cue, or at the fault's end. */
@@ -147,8 +160,7 @@ export class Run {
     $("lanes").addEventListener("pointerup", () => {
       from = null;
       this.dragging = false;
-      const { duration_ms: duration, checks } = this.campaign;
-      $("lanes").innerHTML = lanes(events(this.replay.outcome, this.fault, duration, checks), duration);
+      this.lanes();
     });
   }
 }
