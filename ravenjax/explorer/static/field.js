@@ -39,9 +39,14 @@ export class Field {
     new ResizeObserver(() => this.ask()).observe(canvas);
   }
 
+  /** An empty map of these axes; dots: runs of a result folder on it. */
   reset(across, up, dots) {
-    Object.assign(this, { across, up, dots });
     this.cells.clear();
+    this.dot(across, up, dots);
+  }
+
+  dot(across, up, dots) {
+    Object.assign(this, { across, up, dots });
     this.ask();
   }
 

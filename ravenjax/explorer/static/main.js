@@ -18,7 +18,7 @@ const data = (name) => {
   place.remove();
   return value;
 };
-const [campaign, description, figure, table] = ["campaign", "program", "figure", "table"].map(data);
+const [campaign, description] = ["campaign", "program"].map(data);
 const MAP = 1; // priorities of questions: a run that is looked at goes first
 const RUN = 5;
 const FIRST_POINTS = 400; // of a map that tells; when they were there stands on the page for its tests
@@ -69,14 +69,22 @@ const at = (i, j) => ({ ...state.fault, [state.across]: axes.across.values[i], [
 const judged = (outcome) => Object.assign(outcome, { cue_set: campaign.cue });
 
 const field = new Field($("field"), (i, j) => choose(i, j));
-const run = new Run(campaign, figure, { moved: (ms) => ((state.ms = ms), remember()), dragged: (start) => change({ start_ms: start }) });
+const run = new Run(campaign, () => data("figure"), { moved: (ms) => ((state.ms = ms), remember()), dragged: (start) => change({ start_ms: start }) });
 const controls = new Controls(campaign, description, able, { fault: change, set, axis });
-const rows = table && new Table(campaign, table, (fault, changes) => {
-  Object.assign(state, { changes });
-  change(fault, true);
-  open();
-  $("run").scrollIntoView({ block: "start" });
-});
+let rows = null;
+/** The runs of a result folder, if the page has one. */
+function tabulate() {
+  const table = data("table");
+  if (!table) return;
+  rows = new Table(campaign, table, (fault, changes) => {
+    Object.assign(state, { changes });
+    change(fault, true);
+    open();
+    $("run").scrollIntoView({ block: "start" });
+  });
+  rows.show();
+  field.dot(axes.across, axes.up, rows.dots(state.fault, axes));
+}
 
 let waiting = 0;
 /** Asks anew as soon as the hand rests. */
@@ -293,7 +301,7 @@ $("legend").innerHTML = Object.entries(CLASSES)
   .join("");
 Object.assign(state, read(location.hash) ?? {});
 refresh(true);
-rows?.show();
+setTimeout(tabulate);
 openEngine(description, { threads: Math.max(1, Math.min(8, navigator.hardwareConcurrency ?? 2)) }).then((opened) => {
   engine = opened;
   fill();
