@@ -43,6 +43,8 @@ function firstState() {
 
 const state = firstState();
 let engine = null;
+let remembering = 0;
+let address = location.hash; // as this page wrote or read it last
 let token = null;
 let axes = {};
 
@@ -127,10 +129,13 @@ function refresh(redrawn) {
   else spot();
 }
 
-let remembering = 0;
 function remember() {
   clearTimeout(remembering);
-  remembering = setTimeout(() => history.replaceState(null, "", written(state)), 200);
+  remembering = setTimeout(() => {
+    if (location.hash !== address) return; // somebody else changed it, and `hashchange` is on its way
+    history.replaceState(null, "", written(state));
+    address = location.hash;
+  }, 200);
 }
 
 /** Fills the map from coarse to fine; a newer call gives up an older one. */
@@ -288,8 +293,9 @@ $("field").addEventListener("keydown", (event) => {
   event.preventDefault();
 });
 addEventListener("hashchange", () => {
-  const wanted = read(location.hash);
-  if (!wanted || location.hash === written(state)) return;
+  address = location.hash;
+  const wanted = read(address);
+  if (!wanted) return;
   Object.assign(state, wanted);
   refresh(true);
   if (state.open) open();
