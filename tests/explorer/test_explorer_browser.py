@@ -37,6 +37,10 @@ SAID = """() => {
   const said = document.getElementById("said").textContent;
   return said.includes("moves the tip") && said;
 }"""
+DRAGGED = """() => {
+  const from = Number(new URLSearchParams(location.hash.slice(1)).get("from"));
+  return from > 880 && from;
+}"""
 VIEW = "#at=usb_out&arm=gold&on=shoulder&does=overwrite&size=20000&from=700&for=64&map=value~start_ms&ms=800"
 FILE = """
 [campaign]
@@ -164,6 +168,40 @@ def test_a_folders_runs_are_listed_and_one_of_them_opens_with_its_verdict(window
     folder = place.parent / "results"
     native = Results(manifest.read(folder).shape, folder).frame().iloc[row]
     assert window.evaluate("document.body.dataset.verdict") == native["verdict"]
+
+
+def test_the_fault_dragged_in_time_begins_elsewhere_and_a_kept_run_stays_beside(window, place):
+    window.goto(place.as_uri() + VIEW)
+    window.reload()
+    window.wait_for_selector("#run:not([hidden])")
+    window.click("#pin")
+    told = window.inner_text("#told")
+    assert told in window.inner_text("#pinned")
+    bar = window.locator(".track .fault")
+    bar.scroll_into_view_if_needed()
+    box = bar.bounding_box()
+    track = window.locator("[data-lane=Fault]").bounding_box()["width"]
+    window.mouse.move(box["x"] + 4, box["y"] + 4)
+    window.mouse.down()
+    window.mouse.move(box["x"] + 4 + track / 6, box["y"] + 4, steps=5)
+    window.mouse.up()
+    first = int(_when(window, DRAGGED))
+    assert first == pytest.approx(700 + 1200 / 6, abs=3)
+    assert window.wait_for_function(f"({CELLS})().first_active_ms === '{first}'")
+    assert window.locator("#signals .kept").count() > 0
+
+
+def test_another_situation_has_another_answer(window):
+    filled(window)
+    counts = window.locator("#legend").inner_text()
+    window.locator("#situation > summary").click()
+    window.locator("[id='p-haptics.cues.0.threshold_m-number']").fill("0.5")
+    window.locator("[id='p-haptics.cues.0.threshold_m-number']").press("Tab")
+    window.wait_for_function("(before) => document.getElementById('legend').innerText !== before", arg=counts)
+    filled(window)
+    assert "the surgeon feels a cue" in window.inner_text("#answer")
+    raw = tomllib.loads(_copied(window, "toml"))
+    assert raw["haptics"]["threshold_mm"] == [0.5, 2]
 
 
 @pytest.mark.parametrize("width", [360, 1366, 2560])

@@ -23,7 +23,7 @@ export function levels(columns, rows) {
   return out;
 }
 
-const PAD = { left: 62, right: 10, top: 8, bottom: 46 };
+const PAD = { left: 5.2, right: 0.9, top: 0.7, bottom: 3.9 }; // around the map, in heights of a letter
 
 export class Field {
   /** choose(i, j): what to do when a point is touched. */
@@ -39,9 +39,14 @@ export class Field {
     new ResizeObserver(() => this.ask()).observe(canvas);
   }
 
+  /** An empty map of these axes; dots: runs of a result folder on it. */
   reset(across, up, dots) {
-    Object.assign(this, { across, up, dots });
     this.cells.clear();
+    this.dot(across, up, dots);
+  }
+
+  dot(across, up, dots) {
+    Object.assign(this, { across, up, dots });
     this.ask();
   }
 
@@ -78,9 +83,16 @@ export class Field {
     });
   }
 
+  /** Height of a letter, px. */
+  get letter() {
+    return Number.parseFloat(getComputedStyle(this.canvas).fontSize);
+  }
+
   get box() {
     const { clientWidth: width, clientHeight: height } = this.canvas;
-    return { x: PAD.left, y: PAD.top, width: width - PAD.left - PAD.right, height: height - PAD.top - PAD.bottom };
+    const { left, right, top, bottom } = PAD;
+    const em = this.letter;
+    return { x: left * em, y: top * em, width: width - (left + right) * em, height: height - (top + bottom) * em };
   }
 
   touched(event, choose) {
@@ -121,7 +133,7 @@ export class Field {
       const [px, py] = [x + left * wide, y + height - top * high];
       brush.box(px, py, (right - left) * wide + 0.4, (top - low) * high + 0.4, brush.colour(name));
       const size = Math.min((right - left) * wide, (top - low) * high);
-      if (size >= 6) brush.mark(CLASSES[name].mark, px + ((right - left) * wide) / 2, py + ((top - low) * high) / 2, Math.min(4.5, size * 0.24), name);
+      if (size >= 3.5) brush.mark(CLASSES[name].mark, px + ((right - left) * wide) / 2, py + ((top - low) * high) / 2, Math.min(4.5, size * 0.24), name);
     }
     for (const dot of this.dots) brush.dot(x + (dot.i + 0.5) * wide, y + height - (dot.j + 0.5) * high, brush.colour(classOf(dot)));
     this.scales(brush, { x, y, width, height, wide, high });
@@ -136,13 +148,14 @@ export class Field {
       for (let k = 0; k < n; k += step) places.push(k);
       return places;
     };
+    const em = this.letter;
     const letters = Math.max(...this.across.values.map((value) => label(this.across, value).length));
-    for (const k of ends(this.across, Math.max(2, Math.floor(width / (7.5 * letters + 18)))))
-      brush.text(label(this.across, this.across.values[k]), x + (k + 0.5) * wide, y + height + 16, "center");
-    for (const k of ends(this.up, Math.max(3, Math.floor(height / 44))))
-      brush.text(label(this.up, this.up.values[k]), x - 7, y + height - (k + 0.5) * high + 4, "right");
-    brush.text(this.across.title, x + width / 2, y + height + 38, "center", true);
-    brush.turned(this.up.title, 13, y + height / 2);
+    for (const k of ends(this.across, Math.max(2, Math.floor(width / (em * (0.62 * letters + 1.5))))))
+      brush.text(label(this.across, this.across.values[k]), x + (k + 0.5) * wide, y + height + 1.35 * em, "center");
+    for (const k of ends(this.up, Math.max(3, Math.floor(height / (3.7 * em)))))
+      brush.text(label(this.up, this.up.values[k]), x - 0.6 * em, y + height - (k + 0.5) * high + 0.35 * em, "right");
+    brush.text(this.across.title, x + width / 2, y + height + 3.2 * em, "center", true);
+    brush.turned(this.up.title, 1.1 * em, y + height / 2);
   }
 
   svg() {
@@ -208,9 +221,13 @@ class Brush {
     }
   }
 
+  size(strong) {
+    return Number.parseFloat(this.style.fontSize) * (strong ? 1.08 : 1);
+  }
+
   text(words, x, y, align, strong = false) {
     const { pen } = this;
-    pen.font = `${strong ? 13 : 12}px ${this.style.fontFamily}`;
+    pen.font = `${this.size(strong)}px ${this.style.fontFamily}`;
     pen.fillStyle = this.colour(strong ? "ink" : "soft");
     pen.textAlign = align;
     pen.fillText(words, x, y);
@@ -271,11 +288,11 @@ class SvgBrush extends Brush {
 
   text(words, x, y, align, strong = false) {
     const anchor = { center: "middle", right: "end", left: "start" }[align];
-    this.parts.push(`<text x="${x.toFixed(1)}" y="${y.toFixed(1)}" text-anchor="${anchor}" font-size="${strong ? 13 : 12}" fill="${this.colour(strong ? "ink" : "soft")}">${escaped(words)}</text>`);
+    this.parts.push(`<text x="${x.toFixed(1)}" y="${y.toFixed(1)}" text-anchor="${anchor}" font-size="${this.size(strong)}" fill="${this.colour(strong ? "ink" : "soft")}">${escaped(words)}</text>`);
   }
 
   turned(words, x, y) {
-    this.parts.push(`<text transform="translate(${x} ${y.toFixed(1)}) rotate(-90)" text-anchor="middle" font-size="13" fill="${this.colour("ink")}">${escaped(words)}</text>`);
+    this.parts.push(`<text transform="translate(${x} ${y.toFixed(1)}) rotate(-90)" text-anchor="middle" font-size="${this.size(true)}" fill="${this.colour("ink")}">${escaped(words)}</text>`);
   }
 
   done(width, height) {

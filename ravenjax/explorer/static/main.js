@@ -18,9 +18,10 @@ const data = (name) => {
   place.remove();
   return value;
 };
-const [campaign, description, figure, table] = ["campaign", "program", "figure", "table"].map(data);
+const [campaign, description] = ["campaign", "program"].map(data);
 const MAP = 1; // priorities of questions: a run that is looked at goes first
 const RUN = 5;
+const FIRST_POINTS = 400; // of a map that tells; when they were there stands on the page for its tests
 const WAIT_MS = 60; // a control that moves asks only when it rests so long
 
 /** Faults that a program may have: site -> channel -> effects. */
@@ -42,6 +43,8 @@ function firstState() {
 
 const state = firstState();
 let engine = null;
+let remembering = 0;
+let address = location.hash; // as this page wrote or read it last
 let token = null;
 let axes = {};
 
@@ -68,14 +71,22 @@ const at = (i, j) => ({ ...state.fault, [state.across]: axes.across.values[i], [
 const judged = (outcome) => Object.assign(outcome, { cue_set: campaign.cue });
 
 const field = new Field($("field"), (i, j) => choose(i, j));
-const run = new Run(campaign, figure, { moved: (ms) => ((state.ms = ms), remember()), dragged: (start) => change({ start_ms: start }) });
+const run = new Run(campaign, () => data("figure"), { moved: (ms) => ((state.ms = ms), remember()), dragged: (start) => change({ start_ms: start }) });
 const controls = new Controls(campaign, description, able, { fault: change, set, axis });
-const rows = table && new Table(campaign, table, (fault, changes) => {
-  Object.assign(state, { changes });
-  change(fault, true);
-  open();
-  $("run").scrollIntoView({ block: "start" });
-});
+let rows = null;
+/** The runs of a result folder, if the page has one. */
+function tabulate() {
+  const table = data("table");
+  if (!table) return;
+  rows = new Table(campaign, table, (fault, changes) => {
+    Object.assign(state, { changes });
+    change(fault, true);
+    open();
+    $("run").scrollIntoView({ block: "start" });
+  });
+  rows.show();
+  field.dot(axes.across, axes.up, rows.dots(state.fault, axes));
+}
 
 let waiting = 0;
 /** Asks anew as soon as the hand rests. */
@@ -118,10 +129,13 @@ function refresh(redrawn) {
   else spot();
 }
 
-let remembering = 0;
 function remember() {
   clearTimeout(remembering);
-  remembering = setTimeout(() => history.replaceState(null, "", written(state)), 200);
+  remembering = setTimeout(() => {
+    if (location.hash !== address) return; // somebody else changed it, and `hashchange` is on its way
+    history.replaceState(null, "", written(state));
+    address = location.hash;
+  }, 200);
 }
 
 /** Fills the map from coarse to fine; a newer call gives up an older one. */
@@ -141,6 +155,7 @@ async function fill() {
           if (token !== own) return;
           for (const [k, point] of which.entries()) field.set(...spread.points[point], spread, judged(outcomes[k]));
           say();
+          if (field.cells.size >= FIRST_POINTS) document.body.dataset.first ??= Math.round(performance.now());
         },
       });
       if (token !== own) return;
@@ -165,6 +180,7 @@ function say() {
     const strong = document.createElement("strong");
     strong.textContent = many;
     $("answer").replaceChildren(before, strong, after);
+    $("brief").textContent = counted.all ? `${counted.evading} of ${counted.all} slip past and do harm` : "";
     const all = axes.across.values.length * axes.up.values.length;
     $("progress").textContent = counted.all < all ? `${counted.all} of ${all} operations` : `${all} operations`;
     for (const item of $("legend").children) {
@@ -277,8 +293,9 @@ $("field").addEventListener("keydown", (event) => {
   event.preventDefault();
 });
 addEventListener("hashchange", () => {
-  const wanted = read(location.hash);
-  if (!wanted || location.hash === written(state)) return;
+  address = location.hash;
+  const wanted = read(address);
+  if (!wanted) return;
   Object.assign(state, wanted);
   refresh(true);
   if (state.open) open();
@@ -290,7 +307,7 @@ $("legend").innerHTML = Object.entries(CLASSES)
   .join("");
 Object.assign(state, read(location.hash) ?? {});
 refresh(true);
-rows?.show();
+setTimeout(tabulate);
 openEngine(description, { threads: Math.max(1, Math.min(8, navigator.hardwareConcurrency ?? 2)) }).then((opened) => {
   engine = opened;
   fill();

@@ -8,7 +8,7 @@ const $ = (id) => document.getElementById(id);
 const MOST_LINKS = 12;
 
 export class Run {
-  /** heard: {moved(ms), dragged(start_ms)}. */
+  /** figure(): the description of what is drawn, or null; heard: {moved(ms), dragged(start_ms)}. */
   constructor(campaign, figure, heard) {
     Object.assign(this, { campaign, heard, description: figure, replay: null, kept: null, ms: 0, playing: false });
     $("time").max = campaign.duration_ms - 1;
@@ -18,16 +18,39 @@ export class Run {
     this.draggable();
   }
 
-  show(replay, fault, ms) {
+  /** Shows a run, a part after the other, so that no part keeps a hand waiting; a newer run ends it. */
+  async show(replay, fault, ms) {
     Object.assign(this, { replay, fault });
-    if (!this.figure && this.description) this.figure = new Figure($("figure"), this.description);
-    if (this.figure && !this.figure.ready) document.querySelector(".stage").hidden = true;
-    const { duration_ms: duration, checks } = this.campaign;
-    if (!this.dragging) $("lanes").innerHTML = lanes(events(replay.outcome, fault, duration, checks), duration);
-    this.signals();
-    this.chain();
-    this.numbers();
+    this.lanes();
     this.go(ms > 0 ? ms : this.interesting());
+    for (const part of ["stand", "signals", "chain", "numbers"]) {
+      await new Promise((resolve) => setTimeout(resolve));
+      if (this.replay !== replay) return;
+      this[part]();
+    }
+  }
+
+  /** The robot, when a run is looked at for the first time. */
+  stand() {
+    if (this.figure) return;
+    const description = this.description();
+    this.figure = description && new Figure($("figure"), description);
+    document.querySelector(".stage").hidden = !this.figure?.ready;
+    this.go(this.ms);
+  }
+
+  /** What happened when; a bar under the hand stays the same element. */
+  lanes() {
+    const { duration_ms: duration, checks } = this.campaign;
+    const place = $("lanes");
+    const html = lanes(events(this.replay.outcome, this.fault, duration, checks), duration);
+    if (!this.dragging) {
+      place.innerHTML = html;
+      return;
+    }
+    const fresh = document.createElement("div");
+    fresh.innerHTML = html;
+    for (const lane of ["Checks", "Cue", "Harm"]) place.querySelector(`[data-lane=${lane}]`).replaceWith(fresh.querySelector(`[data-lane=${lane}]`));
   }
 
   /** Where a look begins: at the harm, at the cue, or at the fault's end. */
@@ -147,8 +170,7 @@ export class Run {
     $("lanes").addEventListener("pointerup", () => {
       from = null;
       this.dragging = false;
-      const { duration_ms: duration, checks } = this.campaign;
-      $("lanes").innerHTML = lanes(events(this.replay.outcome, this.fault, duration, checks), duration);
+      this.lanes();
     });
   }
 }

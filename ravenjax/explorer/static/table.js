@@ -6,7 +6,7 @@ import { CLASSES, classOf, text } from "./verdicts.js";
 import { icon } from "./legend.js";
 
 const $ = (id) => document.getElementById(id);
-const MOST = 60;
+const MOST = 24;
 const FAULT = ["site", "arm", "channel", "effect", "value", "start_ms", "duration_ms"];
 
 export class Table {
@@ -54,9 +54,10 @@ export class Table {
   }
 
   fill(rows) {
-    const chosen = rows.filter((row) => classOf(row) === $("table-which").value).sort((a, b) => (b.unintended_mm ?? 0) - (a.unintended_mm ?? 0)).slice(0, MOST);
+    const own = rows.filter((row) => classOf(row) === $("table-which").value).sort((a, b) => (b.unintended_mm ?? 0) - (a.unintended_mm ?? 0));
+    $("table-rest").textContent = own.length > MOST ? `the ${MOST} that move the tip most, of ${own.length}` : "";
     $("table-rows").replaceChildren(
-      ...chosen.map((row) => {
+      ...own.slice(0, MOST).map((row) => {
         const line = document.createElement("tr");
         const name = classOf(row);
         line.innerHTML = `<th scope="row">${row.index}<small>${row.group.replaceAll("<", "&lt;")}</small></th><td class="left long"></td><td class="left">${icon(name, CLASSES[name].mark)} ${CLASSES[name].says}</td><td data-label="most, mm">${text(row.unintended_mm)}</td><td><button type="button">watch</button></td>`;
