@@ -321,7 +321,11 @@ class Operator(FileTable):
     """A table [operator] of a campaign.
 
     motion: a generated motion: suture, peg_transfer, palpate, circle, reach, still, clutched
-    file: a recorded motion (Parquet, CSV, MCAP), from this file's folder
+    file: a recorded motion (Parquet, CSV, MCAP, ROS bag), from this file's folder; a Python file (.py) is
+        `hands`
+    hands: a Python file with an operator of your own, from this file's folder: what hands make of motion or
+        file, which is their plan; its parameters are operator.own.hands...
+    hands_sha256: of hands and what it loads; another content is refused. Left out, any is taken
     scale: teleoperation scale; varied as operator.scale. At the scale written here a recorded tip moves as
         recorded; a generated motion is planned for 0.1
     seed: seed of the generated motion
@@ -330,6 +334,7 @@ class Operator(FileTable):
     cutoff_hz: low-pass of a recorded motion, Hz; without it none: tremor stays
     max_gap_s: longest gap of a recorded motion that is bridged by interpolation, s
     spikes: a recorded tip that jumps: refuse; remove: interpolate where it comes back; replay: as it is
+    console: whose packets a recorded stream holds: a profile's name, a .toml file, or auto, found from them
     at_end: a recorded motion that ends before the run: refuse; hold: hands rest; reverse: back and forth
     start: [operator.start]: joints in which a generated motion begins; what is left out is as after homing.
     slow_down: how much slower than recorded it is replayed
@@ -339,6 +344,8 @@ class Operator(FileTable):
         *,
         motion: Motion | None = None,
         file: str | PathLike[str] | None = None,
+        hands: str | PathLike[str] | None = None,
+        hands_sha256: str | None = None,
         scale: float | None = None,
         seed: int | None = None,
         window_s: Sequence[float] | NDArray[Any] | None = None,
@@ -346,6 +353,7 @@ class Operator(FileTable):
         cutoff_hz: float | None = None,
         max_gap_s: float | None = None,
         spikes: Literal["refuse", "remove", "replay"] | None = None,
+        console: str | None = None,
         at_end: Literal["refuse", "hold", "reverse"] | None = None,
         start: Start | None = None,
         slow_down: float | None = None,
@@ -354,6 +362,10 @@ class Operator(FileTable):
     def motion(self) -> Any: ...
     @property
     def file(self) -> Any: ...
+    @property
+    def hands(self) -> Any: ...
+    @property
+    def hands_sha256(self) -> Any: ...
     @property
     def scale(self) -> Any: ...
     @property
@@ -368,6 +380,8 @@ class Operator(FileTable):
     def max_gap_s(self) -> Any: ...
     @property
     def spikes(self) -> Any: ...
+    @property
+    def console(self) -> Any: ...
     @property
     def at_end(self) -> Any: ...
     @property
