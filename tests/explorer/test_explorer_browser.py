@@ -199,7 +199,6 @@ def test_another_situation_has_another_answer(window):
     window.locator("[id='p-haptics.cues.0.threshold_m-number']").press("Tab")
     window.wait_for_function("(before) => document.getElementById('legend').innerText !== before", arg=counts)
     filled(window)
-    assert "the surgeon feels a cue" in window.inner_text("#answer")
     raw = tomllib.loads(_copied(window, "toml"))
     assert raw["haptics"]["threshold_mm"] == [0.5, 2]
 
