@@ -17,7 +17,6 @@ from ravenjax.trainer.robot_link.crtk.exchange import LoopEnd
 from ravenjax.trainer.robot_link.crtk.messages import Ros
 from ravenjax.trainer.session.blueprint import Blueprint
 
-
 _LOOK_EVERY = 256
 """Calls of `poll` between two looks whether the process is still there: each is a system call."""
 
