@@ -83,7 +83,8 @@ class BridgeEnd:
         content = rows[-1]
         self._frame.row[:] = content[: self._tail].view(np.float32)
         self._frame.settle()
-        return RobotRow(self._frame, *_TAIL.unpack_from(content.data, self._tail), first + len(rows) - 1)
+        stamp, clock, last = _TAIL.unpack_from(content.data, self._tail)
+        return RobotRow(self._frame, stamp, clock, last, first + len(rows) - 1)
 
     def send(self, command: Mapping[str, Any]) -> int:
         """Put a command into the ring; its number."""

@@ -23,7 +23,7 @@ TOLD = ["measured_js", "setpoint_js", "measured_cp", "setpoint_cp", "measured_cv
 
 
 HELD_UP = 0.1  # s without a word of the robot, or without a moment for this program
-MORE = 90.0  # s for all questions that are asked again
+MORE = 40.0  # s for all questions that are asked again
 
 
 def until(true, seconds=20.0):
