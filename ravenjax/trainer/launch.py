@@ -130,7 +130,7 @@ def realtime(
     with contextlib.ExitStack() as stack:
         stack.callback((options.folder / CLAIM).unlink, missing_ok=True)
         helpers = SessionHelpers.start(stack, with_page) if helpers is None else helpers
-        session = Session(options.scenario, options.seed, cue=options.cue, robot=_robot(stack, options))
+        session = Session(options.scenario, options.seed, cue=options.cue, robot=_robot(stack, options, say))
         say(f"robot: ready after {time.monotonic() - began:.1f} s")
         script = None if options.script is None else Scripted(options.script, session)  # before anything is recorded
         header = _header(options, session)
@@ -156,7 +156,7 @@ def realtime(
             consoles.append(ItpConsole(server, session, say))
             say("console: ITP over UDP {}:{}".format(*server.address))
         if options.crtk is not None:
-            consoles.append(crtk.spawn(stack, options.crtk, session.layout, *crtk.traits(session.blueprint)))
+            consoles.append(crtk.spawn(stack, options.crtk, session.layout, *crtk.traits(session.blueprint), say))
             say(f"CRTK: {options.crtk}, {', '.join(ARM_NAMES[arm] for arm in session.arms)}")
         if script is not None:
             consoles.append(script)
@@ -314,7 +314,7 @@ def _consoles(options: SessionOptions) -> list[str]:
     return ["page", *(console for console, there in beside if there)]
 
 
-def _robot(stack: contextlib.ExitStack, options: SessionOptions) -> Callable[[Blueprint], Driven]:
+def _robot(stack: contextlib.ExitStack, options: SessionOptions, say: Say) -> Callable[[Blueprint], Driven]:
     """What makes the robot that is driven: the virtual one, or a connection to one elsewhere."""
     if options.robot is None:
         return SimulatedRobot
@@ -332,7 +332,7 @@ def _robot(stack: contextlib.ExitStack, options: SessionOptions) -> Callable[[Bl
             tools, _ = crtk.traits(made)
             transport = bridge.connect(stream, *RosRobot.topics(made.setup.arms, stream))
             stack.callback(transport.close)
-            robot = RosRobot(host, itp_port, made.setup.arms, tools, transport)
+            robot = RosRobot(host, itp_port, made.setup.arms, tools, transport, say=say)
             stack.callback(robot.close)
             return DistantRobot(made, robot)
         remote = RemoteRobot(host, itp_port, stream, made.setup.arms, options.token)

@@ -122,7 +122,7 @@ def run(
         stack.callback(itp.close)
         joints = JointServer(greeting, host, joint_port, token)
         stack.callback(joints.close)
-        beside = _speaks(stack, crtk, robot) if crtk else None
+        beside = _speaks(stack, crtk, robot, say) if crtk else None
         station = Station(robot, itp, joints, len(armables), len(table) - 1, beside)
         stop = stack.enter_context(until_interrupted())
         for one in armables:
@@ -144,9 +144,9 @@ def run(
     return counters
 
 
-def _speaks(stack: contextlib.ExitStack, ros: Ros, robot: PacketRobot) -> CrtkConsole:
+def _speaks(stack: contextlib.ExitStack, ros: Ros, robot: PacketRobot, say: Callable[[str], None]) -> CrtkConsole:
     """The process that speaks CRTK for this robot."""
-    return console.spawn(stack, ros, robot.blueprint.layout, *console.traits(robot.blueprint))
+    return console.spawn(stack, ros, robot.blueprint.layout, *console.traits(robot.blueprint), say)
 
 
 def serve(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import multiprocessing
 import signal
+import sys
 import time
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
@@ -46,25 +47,27 @@ class BridgeOptions:
     arms: tuple[ArmName, ...]
     tools: tuple[str, ...]
     grasp_gain: int
-    ready: Connection  # the process says here that it speaks, or why not
+    tells: Connection  # the process says here that it speaks (None), or why it does not, or no longer
     hertz: float = HERTZ
 
 
 def run(options: BridgeOptions) -> None:
     """Speak until the process is terminated or the robot's is gone. The entry point of a spawned process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the robot's to take
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # others are told that the topics are gone
     try:
         topics = names.published(options.arms, raven_state=options.ros == "ros1")
         transport = connect(options.ros, topics, names.subscribed(options.arms))
     except UserError as error:
-        options.ready.send(str(error))
+        options.tells.send(str(error))
         return
     end = BridgeEnd(options.rows, options.commands, FrameLayout.of(options.arms))
     interpreter = Interpreter(options.arms, options.tools, transport.types, options.grasp_gain)
-    options.ready.send(None)
-    options.ready.close()
+    options.tells.send(None)
     try:
         _work(transport, end, interpreter, options.hertz)
+    except UserError as error:
+        options.tells.send(str(error))
     finally:
         transport.close()
         end.close()
@@ -94,11 +97,11 @@ def _work(transport: Transport, end: BridgeEnd, interpreter: Interpreter, hertz:
         heard = transport.poll()
         now_ms = time.monotonic() * 1e3
         if row is not None:
-            connected = transport.connected()
+            connected, was_down = transport.connected(), interpreter.state.pedal
             interpreter.observe(row, connected, now_ms)
             for name, message in heard:
                 interpreter.hear(name, message, now_ms)
-            if connected or heard or interpreter.state.pedal:
+            if connected or heard or was_down or interpreter.state.pedal:
                 for command in interpreter.commands(now_ms):
                     interpreter.note_sent(end.send(command))
             for name, message in interpreter.states(time.time_ns()):

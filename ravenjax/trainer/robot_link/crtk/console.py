@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from multiprocessing.connection import Connection
 from typing import Any
 
 from ravenjax.errors import UserError
@@ -16,15 +17,32 @@ from ravenjax.trainer.robot_link.crtk.exchange import LoopEnd
 from ravenjax.trainer.robot_link.crtk.messages import Ros
 from ravenjax.trainer.session.blueprint import Blueprint
 
+_LOOK_EVERY = 256
+"""Calls of `poll` between two looks whether the process is still there: each is a system call."""
+
 
 class CrtkConsole:
     """As `realtime.loop.Console`."""
 
-    def __init__(self, end: LoopEnd) -> None:
-        self._end = end
+    def __init__(self, end: LoopEnd, answers: Connection, ros: Ros, say: Callable[[str], None] = print) -> None:
+        """answers: where the process says why it ends. say: is told once that it has."""
+        self._end, self._ros, self._say = end, ros, say
+        self._answers: Connection | None = answers
+        self._polls = 0
 
     def poll(self) -> list[dict[str, Any]]:
-        """Commands of consoles of CRTK."""
+        """Commands of consoles of CRTK; none once the process that speaks it has ended."""
+        self._polls += 1
+        if self._polls % _LOOK_EVERY == 0 and self._answers is not None and self._answers.poll():
+            try:
+                why = self._answers.recv()
+            except (EOFError, OSError):
+                why = "the process that speaks it is gone"
+            self._answers = None
+            self._say(
+                f"CRTK over {self._ros} has ended: {why}. Its pedal counts as up, nothing is told or heard there any "
+                "more, and the robot goes on; CRTK comes back when ravenjax is started anew"
+            )
         return self._end.poll()
 
     def tell(self, frame: Frame) -> None:
@@ -38,8 +56,9 @@ def spawn(
     layout: FrameLayout,
     tools: Sequence[str],
     grasp_gain: int,
+    say: Callable[[str], None] = print,
 ) -> CrtkConsole:
-    """Start the process and wait until it speaks. UserError where it cannot."""
+    """Start the process and wait until it speaks; `say` is told where it ends. UserError where it cannot start."""
     end = LoopEnd(layout)
     stack.callback(end.close)
     answer, tells = multiprocessing.Pipe(duplex=False)
@@ -57,7 +76,7 @@ def spawn(
         raise UserError(f"the process that speaks CRTK ended with code {process.exitcode}; see above") from None
     if trouble:
         raise UserError(trouble)
-    return CrtkConsole(end)
+    return CrtkConsole(end, answer, ros, say)
 
 
 def traits(blueprint: Blueprint) -> tuple[tuple[str, ...], int]:

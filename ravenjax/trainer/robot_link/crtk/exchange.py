@@ -28,6 +28,7 @@ class RobotRow(NamedTuple):
     stamp_ns: int  # since 1970
     clock_ns: int  # monotonic
     last_command: int  # number of the last command that the loop took before
+    number: int = 0  # of rows, from 0
 
 
 class LoopEnd:
@@ -76,13 +77,14 @@ class BridgeEnd:
     def newest(self) -> RobotRow | None:
         """The last row; None before the first. Its frame is the same object each time."""
         written = self._rows.written
-        _, rows = self._rows.read(written - 1)
+        first, rows = self._rows.read(written - 1)
         if not len(rows):
             return None
         content = rows[-1]
         self._frame.row[:] = content[: self._tail].view(np.float32)
         self._frame.settle()
-        return RobotRow(self._frame, *_TAIL.unpack_from(content.data, self._tail))
+        stamp, clock, last = _TAIL.unpack_from(content.data, self._tail)
+        return RobotRow(self._frame, stamp, clock, last, first + len(rows) - 1)
 
     def send(self, command: Mapping[str, Any]) -> int:
         """Put a command into the ring; its number."""

@@ -34,7 +34,10 @@ class DriveLimits:
     farthest_m: float = 0.075  # a pose farther from where the arm is wanted now is refused, as raven2's CRTK does
     slip_um: float = 20.0  # what rounding cannot explain
     slip_rad: float = 2e-3
-    settled_ms: float = 30.0  # after which the software has taken what was sent
+
+
+SETTLED_TICKS = 30
+"""Of the software, after which it stands where it was sent."""
 
 
 class Setpoint(NamedTuple):
@@ -67,7 +70,6 @@ class SetpointFollower:
         self.sum: Setpoint | None = None  # None: the arm does not drive
         self.target: Setpoint | None = None
         self.slips = 0
-        self._sent_ms = float("-inf")  # when anything was sent last
 
     def engage(self, at: Setpoint) -> None:
         """The pedal is down, the software stands at `at`."""
@@ -87,10 +89,6 @@ class SetpointFollower:
         self.target = target
         return True
 
-    def settled(self, now_ms: float) -> bool:
-        """Whether the software has had the time to take all that was sent."""
-        return now_ms - self._sent_ms >= self._limits.settled_ms
-
     def compare(self, at: Setpoint) -> None:
         """Where the software stands, told after all that was sent has arrived."""
         if self.sum is None:
@@ -102,7 +100,7 @@ class SetpointFollower:
             self.slips += 1
             self.engage(at)
 
-    def step(self, elapsed_ms: float, now_ms: float) -> ArmIncrement:
+    def step(self, elapsed_ms: float) -> ArmIncrement:
         """What to send now, of what is missing."""
         if self.sum is None or self.target is None:
             return STILL
@@ -121,7 +119,6 @@ class SetpointFollower:
         with at_once():
             quat = unit(quat_mul(Vec(turn), Vec(quat)))
         self.sum = Setpoint(position + delta, quat, grasp + self._gain * steps)
-        self._sent_ms = now_ms
         x, y, z = (int(n) for n in np.rint(self._axes.T @ delta))
         qx, qy, qz = (self._axes.T @ np.array(turn[:3])).tolist()
         return ArmIncrement((x, y, z), (qx, qy, qz, turn[3]), -steps)

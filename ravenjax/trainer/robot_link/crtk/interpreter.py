@@ -19,7 +19,7 @@ from ravenjax.robots.raven2.geometry.limits import soft_limits
 from ravenjax.trainer.protocol.messages import STALE_MS
 from ravenjax.trainer.robot_link.crtk import follower, frames, messages
 from ravenjax.trainer.robot_link.crtk.exchange import RobotRow
-from ravenjax.trainer.robot_link.crtk.follower import Setpoint, SetpointFollower
+from ravenjax.trainer.robot_link.crtk.follower import SETTLED_TICKS, STILL, Setpoint, SetpointFollower
 from ravenjax.trainer.robot_link.crtk.frames import BASE, ArmReading
 from ravenjax.trainer.robot_link.crtk.messages import MessageTypes
 from ravenjax.trainer.robot_link.crtk.names import ARM_NAMES, arm_topic, frame_id
@@ -81,7 +81,9 @@ class Interpreter:
         self._orders: list[dict[str, Any]] = []
         self._stepped_ms: float | None = None
         self._drove = False
+        self._moves = False  # the last commands have an increment
         self._sent = 0  # number of the last command with an increment
+        self._taken: int | None = None  # row before which the robot took it
 
     # --- what is heard ---
 
@@ -162,11 +164,12 @@ class Interpreter:
         frame = row.frame
         heard = frame.number("link") != 0 or frame.number("session_tick") == 0
         fresh = now_ms - row.clock_ns * 1e-6 <= STALE_MS
-        lost = not (fresh and heard)
-        self.state.observe(
-            int(frame.number("runlevel")), lost or bool(frame.number("soft_estopped")), connected, now_ms
-        )
+        runlevel, stopped = int(frame.number("runlevel")), bool(frame.number("soft_estopped"))
+        self.state.observe(runlevel, stopped, connected, now_ms, lost=not (fresh and heard))
         drives = self.state.drives
+        if self._taken is None and row.last_command >= self._sent:
+            self._taken = row.number
+        settled = self._taken is not None and row.number - self._taken >= SETTLED_TICKS
         for arm in self._arms.values():
             arm.jpos_d = frame[f"{arm.name}/jpos_d"].astype(float)
             if drives and not self._drove:
@@ -175,7 +178,7 @@ class Interpreter:
             elif not drives:
                 arm.follower.release()
                 arm.joints = arm.move = None
-            elif row.last_command >= self._sent and arm.follower.settled(now_ms):
+            elif settled:
                 slips = arm.follower.slips
                 arm.follower.compare(arm.stand())
                 if arm.follower.slips > slips:
@@ -187,13 +190,15 @@ class Interpreter:
         """What the robot is asked for now: orders, and the increments since the last call with the pedal."""
         elapsed = 0.0 if self._stepped_ms is None else min(now_ms - self._stepped_ms, 20.0)
         self._stepped_ms = now_ms
+        self._moves = False
         arms: dict[str, Any] = {}
         for arm in self._arms.values():
             if arm.move is not None:
                 joints, done = arm.move.at(now_ms)
                 if not arm.follower.aim(arm.goal(joints)) or done:
                     arm.move = None
-            increment = arm.follower.step(elapsed, now_ms)
+            increment = arm.follower.step(elapsed)
+            self._moves |= increment != STILL
             arms[arm.name] = {
                 "delta_um": list(increment.delta_um),
                 "quat": list(increment.quat),
@@ -205,8 +210,9 @@ class Interpreter:
         return [{**one, "console": self._console} for one in (*orders, increments)]
 
     def note_sent(self, number: int) -> None:
-        """The number of the last command that went out."""
-        self._sent = number
+        """The number of the last of `commands` that went out."""
+        if self._moves:
+            self._sent, self._taken = number, None
 
     # --- what is told ---
 

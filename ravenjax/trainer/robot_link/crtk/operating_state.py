@@ -37,7 +37,7 @@ class OperatingState:
         self.is_busy = False  # a move is on its way
         self.pedal = False  # as CRTK wishes it
         self.why = ""  # the pedal came up last
-        self._stopped = False
+        self._stopped = self._lost = False
         self._disabled = True  # nobody has enabled it
         self._disabling = False  # it was asked to stop, and has not yet
         self._restarting = False  # and the pedal goes down once it is ready
@@ -50,6 +50,8 @@ class OperatingState:
     @property
     def state(self) -> State:
         """What is told."""
+        if self._lost:
+            return "FAULT"
         if self._stopped or self.runlevel == E_STOP:
             return "DISABLED" if self._disabled else "FAULT"
         if self.runlevel == INIT:
@@ -92,7 +94,7 @@ class OperatingState:
                 self._press(now_ms)
             return []
         if word == "enable" and state in ("DISABLED", "FAULT"):
-            if self.is_homed and not self._stopped:
+            if self.is_homed and not (self._stopped or self._lost):
                 self._disabled = False
                 self._press(now_ms)
                 return []
@@ -132,15 +134,19 @@ class OperatingState:
         self._word_ms = now_ms
         self._streams = False
 
-    def observe(self, runlevel: int, stopped: bool, connected: bool, now_ms: float) -> None:
-        """What the robot is in now, and whether anybody could command it."""
+    def observe(self, runlevel: int, stopped: bool, connected: bool, now_ms: float, lost: bool = False) -> None:
+        """What the robot is in now, and whether anybody could command it. lost: nothing is heard of it."""
         was_stopped = self._stopped or self.runlevel == E_STOP
-        self.runlevel, self._stopped = runlevel, stopped
+        if lost and not self._lost:
+            self._release("lost")  # who had not enabled it has not to anew once it is heard again
+        self.runlevel, self._stopped, self._lost = runlevel, stopped, lost
         is_stopped = stopped or runlevel == E_STOP
         if is_stopped and not was_stopped:
             self._release("stopped")
-            self._disabled, self._disabling = self._disabling, False
-        if self._restarting and not is_stopped and runlevel == PEDAL_UP:
+            self._disabled = False
+        if is_stopped and self._disabling:
+            self._disabled, self._disabling = True, False
+        if self._restarting and not (is_stopped or lost) and runlevel == PEDAL_UP:
             self._restarting = self._disabled = False
             self._press(now_ms)
         if self.pedal or runlevel != PEDAL_DOWN:

@@ -47,6 +47,7 @@ class Ros1Transport:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=_environment(),
+            start_new_session=True,  # Ctrl-C is this process's to take
         )
         assert self._node.stdin is not None and self._node.stdout is not None
         self._into, self._out = self._node.stdin.fileno(), self._node.stdout.fileno()
@@ -96,16 +97,15 @@ class Ros1Transport:
         return self._connected > 0
 
     def close(self) -> None:
-        """End the node."""
-        self._node.terminate()
+        """End the node: it signs off at its master when nothing more can come from here."""
+        for stream in (self._node.stdin, self._node.stdout):
+            if stream is not None:
+                stream.close()
         try:
             self._node.wait(3.0)
         except subprocess.TimeoutExpired:
             self._node.kill()
             self._node.wait()
-        for stream in (self._node.stdin, self._node.stdout):
-            if stream is not None:
-                stream.close()
 
     def _hear_of_node(self, table: dict[str, Any]) -> None:
         self._connected = table.get("connected", self._connected)
@@ -148,12 +148,17 @@ class Ros1Transport:
         """Until the node is there."""
         end = time.monotonic() + PATIENCE_S
         while time.monotonic() < end:
-            for _, content in self._arrived():
+            ready = False
+            for number, content in self._arrived():
+                if number != TABLE:
+                    continue  # others may already speak: too early
                 table = json.loads(content)
                 if "error" in table:
                     raise UserError(f"ROS 1: {table['error']}; {_HELP}")
-                if "ready" in table:
-                    return
+                ready = ready or "ready" in table
+                self._hear_of_node(table)  # what it says next may have come along
+            if ready:
+                return
             time.sleep(0.01)
         raise UserError(f"the node of ROS 1 did not start within {PATIENCE_S:g} s")
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ravenjax.errors import UserError
 from ravenjax.numbers.lazy import at_once
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS, ArmName
@@ -43,9 +44,11 @@ class RosRobot:
         tools: Sequence[str],
         transport: Transport,
         clock: Callable[[], int] = time.monotonic_ns,
+        say: Callable[[str], None] = print,
     ) -> None:
-        """tools: one an arm. UserError where the host has no address."""
+        """tools: one an arm. say: is told where ROS is lost. UserError where the host has no address."""
         self._arms, self._transport, self._clock = tuple(arms), transport, clock
+        self._say = say
         self._console: socket.socket = connected_console(host, itp_port)
         self._record = np.zeros(1, RECORD)
         self._record["flags"] = sum(1 << ARM_SHIFT + ARMS.index(arm) for arm in arms)
@@ -56,7 +59,7 @@ class RosRobot:
         self._arrived_ms = float("-inf")
         self.report: JointReport | None = None
         self.reports = self.unsent = 0
-        self.lost = False
+        self.lost = False  # nothing can be heard of it any more
 
     @staticmethod
     def topics(arms: Sequence[ArmName], ros: Ros) -> tuple[list[RosTopic], list[RosTopic]]:
@@ -69,7 +72,7 @@ class RosRobot:
             self._console.send(datagram)
         except OSError:
             self.unsent += 1
-        for name, message in self._transport.poll():
+        for name, message in self._heard():
             if name == "ravenstate":
                 self._take_raven_state(message)
             else:
@@ -79,7 +82,7 @@ class RosRobot:
     def order(self, content: dict[str, Any]) -> None:
         """What CRTK has a command for; anything else is nothing."""
         word = _ORDERS.get(str(content.get("order")))
-        if word is not None:
+        if word is not None and not self.lost:
             types = self._transport.types
             self._transport.publish("state_command", types.string(types.header(time.time_ns(), ""), word))
 
@@ -90,11 +93,22 @@ class RosRobot:
     @property
     def stale(self) -> bool:
         """Whether nothing has come for `STALE_MS`."""
-        return self._clock() * 1e-6 - self._arrived_ms > STALE_MS
+        return self.lost or self._clock() * 1e-6 - self._arrived_ms > STALE_MS
 
     def close(self) -> None:
         """Leave the robot alone."""
         self._console.close()
+
+    def _heard(self) -> list[tuple[str, Any]]:
+        """What has come; nothing more, and the robot counts as stopped, once ROS is lost."""
+        if self.lost:
+            return []
+        try:
+            return self._transport.poll()
+        except UserError as error:
+            self.lost = True
+            self._say(f"nothing is heard of the robot any more: {error}; it counts as stopped. Start the session anew")
+            return []
 
     def _take_raven_state(self, message: Any) -> None:
         stamp = message.hdr.stamp

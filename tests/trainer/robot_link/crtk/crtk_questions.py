@@ -3,13 +3,18 @@
 Only the conventions are known here, not the robot's code; it runs in any Python, that of ROS 1 too. The questions about
 frame, scale, rate and precondition are those that a public suite for CRTK over ROS 1 asks; the rest is ours.
 
-A peer has `last(topic)` (a message or None), `count(topic)`, `send(topic, **fields)`, `stamp(message)` in s.
+A peer has `last(topic)` (a message or None), `count(topic)`, `send(topic, **fields)`, `stamp(message)` in s,
+`arrived(topic)` in s since 1970, and calls `heard(topic, message)` for each message once that is set.
+
+A robot takes a console for dead that is silent for a quarter of a second, as it should. A busy machine may keep this
+program, or the robot, waiting for so long: then the question is asked again, see `Questions.asked`.
 """
 
 import itertools
 import json
 import math
 import socket
+import threading
 import time
 
 ARM = "arm1"
@@ -17,7 +22,11 @@ JOINTS = ["shoulder", "elbow", "insertion", "tool_roll", "wrist", "grasp1", "gra
 TOLD = ["measured_js", "setpoint_js", "measured_cp", "setpoint_cp", "measured_cv", "operating_state", "cue_cf"]
 
 
-def until(true, seconds=5.0):
+HELD_UP = 0.1  # s without a word of the robot, or without a moment for this program
+MORE = 40.0  # s for all questions that are asked again
+
+
+def until(true, seconds=20.0):
     end = time.time() + seconds
     while time.time() < end:
         if true():
@@ -30,6 +39,28 @@ class Questions:
     def __init__(self, peer, joint_port):
         self.peer, self.port = peer, joint_port
         self.held = None  # the servo command that is repeated while answers are awaited
+        self.states = []  # that were told
+        self.held_up = 0  # how often somebody was kept waiting
+        self.end = None  # no question is asked again after it
+        self._last = None
+        peer.heard = self._hear
+        threading.Thread(target=self._watch, daemon=True).start()
+
+    def _hear(self, topic, message):
+        if topic == ARM + "/operating_state":
+            self.states.append(message.state)
+        elif topic == ARM + "/measured_js":
+            stamp = self.peer.stamp(message)
+            self.held_up += self._last is not None and stamp - self._last > HELD_UP
+            self._last = stamp
+
+    def _watch(self):
+        before = time.time()
+        while True:
+            time.sleep(0.01)
+            now = time.time()
+            self.held_up += now - before > HELD_UP
+            before = now
 
     def get(self, word):
         return self.peer.last(ARM + "/" + word)
@@ -49,12 +80,13 @@ class Questions:
     def state(self):
         return self.get("operating_state").state
 
-    def command(self, word, expected, seconds=5.0):
+    def command(self, word, expected, seconds=20.0):
         self.peer.send(ARM + "/state_command", string=word)
         return until(lambda: self.state() == expected, seconds)
 
     def ready(self):
         """Enabled; a robot that heard nothing for a while is paused, as it should be."""
+        until(lambda: self.state() != "FAULT")  # it was not heard of for a moment
         if self.state() == "PAUSED":
             self.command("resume", "ENABLED")
         assert self.state() == "ENABLED", self.state()
@@ -78,17 +110,22 @@ class Questions:
 
     def reading(self):
         """Names, frames, units, rate and stamps of what is told."""
-        assert until(lambda: all(self.get(word) is not None for word in TOLD), 20.0), "not everything is told"
-        first, began = self.peer.count(ARM + "/measured_js"), time.time()
-        time.sleep(3.0)
-        rate = (self.peer.count(ARM + "/measured_js") - first) / (time.time() - began)
+        assert until(lambda: all(self.get(word) is not None for word in TOLD), 60.0), "not everything is told"
+        name, ages, stamps = ARM + "/measured_js", [], []
+        while len(stamps) < 200:
+            message, arrived = self.peer.last(name), self.peer.arrived(name)
+            stamp = self.peer.stamp(message)
+            if message is self.peer.last(name) and stamp not in stamps[-1:]:
+                stamps.append(stamp)
+                ages.append(arrived - stamp)
+            time.sleep(0.002)
         js, cp = self.fresh("measured_js"), self.fresh("measured_cp")
         q = cp.pose.orientation
         return {
             "names": list(js.name),
             "frames": [js.header.frame_id, cp.header.frame_id],
-            "rate": rate,
-            "age": -self.peer.stamp(self.fresh("measured_js")) + self.peer.arrived(ARM + "/measured_js"),
+            "rate": (len(stamps) - 1) / (stamps[-1] - stamps[0]),
+            "age": sorted(ages)[len(ages) // 2],
             "joints": list(js.position),
             "position": [cp.pose.position.x, cp.pose.position.y, cp.pose.position.z],
             "quat": [q.x, q.y, q.z, q.w],
@@ -102,8 +139,9 @@ class Questions:
         before = self.joints()
         states = []
         for word in ("pause", "resume"):
+            told = len(self.states)
             self.peer.send(ARM + "/state_command", string=word)
-            time.sleep(0.1)
+            until(lambda n=told: len(self.states) > n)  # each command is answered
             states.append(self.state())
         self.stream("servo_jr", {"position": [0.01, 0, 0, 0, 0, 0, 0]}, 0.5)
         self.held = None
@@ -165,11 +203,12 @@ class Questions:
             if t > 0.5:
                 cp, cv = self.get("measured_cp"), self.get("measured_cv")
                 marks.append((self.peer.stamp(cp), cp.pose.position.y))
-                speeds.append(cv.twist.linear.y)
+                speeds.append((self.peer.stamp(cv), cv.twist.linear.y))
             time.sleep(0.01)
         path = (marks[-1][1] - marks[0][1]) / (marks[-1][0] - marks[0][0])
+        way = sum(0.5 * (a[1] + b[1]) * (b[0] - a[0]) for a, b in itertools.pairwise(speeds))
         self.stream("servo_cp", {"position": start, "quat": quat}, 0.8)
-        return {"by_position": path, "by_velocity": sum(speeds) / len(speeds)}
+        return {"by_position": path, "by_velocity": way / (speeds[-1][0] - speeds[0][0])}
 
     def move(self):
         """move_jp: busy on the way, there at the end."""
@@ -181,8 +220,8 @@ class Questions:
         self.held = None
         began = time.time()
         self.peer.send(ARM + "/move_jp", position=goal)
-        busy = until(lambda: self.get("operating_state").is_busy, 1.0)
-        done = until(lambda: not self.get("operating_state").is_busy, 10.0)
+        busy = until(lambda: self.get("operating_state").is_busy)
+        done = until(lambda: not self.get("operating_state").is_busy)
         seconds = time.time() - began
         time.sleep(0.3)
         off = [a - b for a, b in zip(self.joints(), goal, strict=True)]
@@ -261,79 +300,116 @@ class Questions:
 
     def silence(self):
         """How long after the last servo command the pedal is up, s, and the force then."""
-        if self.state() != "ENABLED":
-            self.command("resume", "ENABLED")
+        self.ready()
         self.stream("servo_jr", {"position": [0.0] * 7}, 0.5)
         self.held = None
         began = time.time()
-        paused = until(lambda: self.state() == "PAUSED", 3.0)
+        self.peer.send(ARM + "/servo_jr", position=[0.0] * 7)
+        driven = self.state() == "ENABLED"
+        paused = until(lambda: self.state() == "PAUSED")
         seconds = time.time() - began
         force = self.fresh("cue_cf").wrench.force
-        return {"paused": paused, "seconds": seconds, "force": [force.x, force.y, force.z]}
+        return {"driven": driven, "paused": paused, "seconds": seconds, "force": [force.x, force.y, force.z]}
 
-    def moving(self, word):
-        """The answer of a question that moves the robot; asked again where this machine kept the peer waiting so long
-        that the robot took it for dead."""
-        for _ in range(4):
+    def asked(self, word, moves=False):
+        """The answer of a question; asked again where somebody was kept waiting meanwhile.
+
+        moves: also where the robot was not enabled all the time.
+        """
+        self.end = self.end or time.time() + MORE
+        while True:
+            if moves:
+                self.ready()
+            held_up, told = self.held_up, len(self.states)
             answer = getattr(self, word)()
-            if self.state() == "ENABLED":
-                break
-            time.sleep(1.0)
-        return answer
+            paused = moves and set(self.states[told:]) - {"ENABLED"}
+            if (self.held_up == held_up and not paused) or time.time() > self.end:
+                return answer
 
     def all(self):
-        answers = {word: getattr(self, word)() for word in ("reading", "precondition")}
+        answers = {word: self.asked(word) for word in ("reading", "precondition")}
         assert self.command("enable", "ENABLED"), self.state()
-        answers |= {word: self.moving(word) for word in ("frame", "turn", "scale", "velocity", "move", "refusals")}
-        return answers | {word: getattr(self, word)() for word in ("clutch", "disabling", "estop", "silence")}
+        moves = ("frame", "turn", "scale", "velocity", "move", "refusals")
+        answers |= {word: self.asked(word, moves=True) for word in moves}
+        return answers | {word: self.asked(word) for word in ("clutch", "disabling", "estop", "silence")}
+
+    def enable(self):
+        """Whatever the state is, as often as it takes."""
+        words = {"DISABLED": "enable", "FAULT": "enable", "PAUSED": "resume"}
+
+        def enabled():
+            word = words.get(self.state())
+            return word is None or self.command(word, "ENABLED", 2.0)
+
+        assert until(enabled, 60.0), self.state()
 
     def hold(self):
         """Drive until somebody ends this program."""
-        for word in ("enable", "resume") * 4:
-            if self.command(word, "ENABLED", 1.0):
-                break
-        print(json.dumps("drives" if self.state() == "ENABLED" else self.state()), flush=True)
+        self.enable()
+        print(json.dumps("drives"), flush=True)
         while True:
-            self.stream("servo_jr", {"position": [1e-5, 0, 0, 0, 0, 0, 0]}, 1.0)
+            self.stream("servo_jr", {"position": [1e-5, 0, 0, 0, 0, 0, 0]}, 0.2)
+            self.enable()
+
+    def visit(self):
+        """Drive for a moment and fall silent; the end is when the pedal has come up."""
+        self.enable()
+        self.stream("servo_jr", {"position": [1e-5, 0, 0, 0, 0, 0, 0]}, 1.0)
+        print(json.dumps("left" if until(lambda: self.state() == "PAUSED") else self.state()), flush=True)
 
     def soak(self, seconds):
-        """Rate, age and gaps of measured_js while this peer reads for so long, and drives."""
-        name, peer = ARM + "/measured_js", self.peer
-        assert until(lambda: self.get("measured_js") is not None and self.get("operating_state") is not None, 20.0)
-        assert self.command("enable" if self.state() == "DISABLED" else "resume", "ENABLED", 10.0)
-        began, at, first = time.time(), peer.count(name), self.fresh("measured_js")
-        stamps, ages = [], []
+        """Rate, age and loss of what is told while this peer drives for so long.
+
+        All readings of one moment have one stamp: a stamp that came on one topic and not on another was lost there.
+        """
+        assert until(lambda: all(self.get(word) is not None for word in TOLD))
+        self.enable()
+        readings = [ARM + "/" + word for word in TOLD if word != "operating_state"]
+        came = {name: {} for name in readings}
+        states, silences, sent = len(self.states), 0, 0
+
+        def hear(topic, message):
+            self._hear(topic, message)
+            if topic in came:
+                came[topic][self.peer.stamp(message)] = time.time()
+
+        self.peer.heard = hear
+        began, busy = time.time(), time.process_time()
         while time.time() - began < seconds:
-            peer.send(ARM + "/servo_jr", position=[0.0] * 7)
-            time.sleep(0.001)
-            message = peer.last(name)
-            stamp = peer.stamp(message)
-            if not stamps or stamp != stamps[-1]:
-                stamps.append(stamp)
-                ages.append(peer.arrived(name) - stamp)
-            time.sleep(0.003)
-        ages.sort()
-        gaps = sorted(b - a for a, b in itertools.pairwise(stamps))
-        some = lambda values, share: values[min(int(share * len(values)), len(values) - 1)]  # noqa: E731
+            self.peer.send(ARM + "/servo_jr", position=[0.0] * 7)
+            sent += 1
+            if self.state() == "PAUSED":
+                silences += 1
+                self.command("resume", "ENABLED", 2.0)
+            time.sleep(0.005)
+        self.peer.heard = self._hear
+        busy = time.process_time() - busy
+        stamps = sorted(set().union(*came.values()))[5:-5]  # the first and last may have come in part
+        ages = sorted(1e3 * (one[stamp] - stamp) for one in came.values() for stamp in stamps if stamp in one)
+        gaps = sorted(1e3 * (b - a) for a, b in itertools.pairwise(stamps))
+        some = lambda values: [round(values[int(share * (len(values) - 1))], 2) for share in (0.5, 0.99, 0.999, 1)]  # noqa: E731
         return {
-            "messages": peer.count(name) - at,
-            "seconds": time.time() - began,
-            "rate": (peer.count(name) - at) / (time.time() - began),
-            "age_ms": [1e3 * some(ages, share) for share in (0.5, 0.99, 0.999, 1.0)],
-            "gap_ms": [1e3 * some(gaps, share) for share in (0.5, 0.99, 0.999, 1.0)],
-            "state": self.state(),
-            "first": peer.stamp(first),
+            "seconds": seconds,
+            "moments": len(stamps),
+            "rate_hz": round((len(stamps) - 1) / (stamps[-1] - stamps[0]), 2),
+            "lost": {name: sum(stamp not in one for stamp in stamps) for name, one in came.items()},
+            "age_ms": some(ages),
+            "gap_ms": some(gaps),
+            "commands": sent,
+            "paused": silences,
+            "states": sorted(set(self.states[states:])),
+            "peer_cpu_s": round(busy, 1),
         }
 
 
 def main(peer, arguments):
-    """Arguments: all | hold | soak, the robot's joint port, s of a soak."""
+    """Arguments: all | hold | visit | soak, the robot's joint port, s of a soak."""
     time.sleep(1.0)
     questions = Questions(peer, int(arguments[1]))
     if arguments[0] == "soak":
         print(json.dumps(questions.soak(float(arguments[2]))), flush=True)
-    elif arguments[0] == "hold":
-        assert until(lambda: questions.get("operating_state") is not None, 20.0)
-        questions.hold()
+    elif arguments[0] in ("hold", "visit"):
+        assert until(lambda: questions.get("operating_state") is not None, 60.0)
+        getattr(questions, arguments[0])()
     else:
         print(json.dumps(questions.all()), flush=True)

@@ -177,7 +177,7 @@ class Peer:
             for name, kind in COMMANDS.items()
         }
         self._last, self._count = {}, dict.fromkeys(self._readers, 0)
-        self._arrived = {}
+        self._arrived, self.heard = {}, None
         threading.Thread(target=self._listen, daemon=True).start()
 
     def _listen(self):
@@ -187,6 +187,8 @@ class Peer:
                     if hasattr(sample, "header"):
                         self._last[name], self._arrived[name] = sample, time.time()
                         self._count[name] += 1
+                        if self.heard is not None:
+                            self.heard(name, sample)
             time.sleep(0.001)
 
     def last(self, name):

@@ -41,6 +41,7 @@ class Peer:
     def __init__(self):
         rospy.init_node("peer", anonymous=True)
         self._last, self._count, self._arrived = {}, {}, {}
+        self.heard = None
         for word, kind in KINDS.items():
             self._count["arm1/" + word] = 0
             rospy.Subscriber("/arm1/" + word, kind, self._hear, "arm1/" + word, tcp_nodelay=True)
@@ -51,6 +52,8 @@ class Peer:
     def _hear(self, message, name):
         self._last[name], self._arrived[name] = message, time.time()
         self._count[name] += 1
+        if self.heard is not None:
+            self.heard(name, message)
 
     def last(self, name):
         return self._last.get(name)

@@ -1,18 +1,23 @@
 """CRTK beside others: in a robot's station, in a session, and to tell of a robot elsewhere; no ROS, no clock."""
 
+import multiprocessing
 import socket
+import sys
 
 import numpy as np
 import pytest
+import waiting
 from test_crtk_translation import BOTH, YAML, robot_row
 
+from ravenjax.errors import UserError
 from ravenjax.robots.raven2.console.packet import U_STRUCT
 from ravenjax.robots.raven2.geometry.arrays import forward_kinematics, motor_from_joint
 from ravenjax.trainer import scenario
 from ravenjax.trainer.protocol.frame import Frame, FrameLayout
 from ravenjax.trainer.protocol.messages import STALE_MS
-from ravenjax.trainer.robot_link.crtk import messages
-from ravenjax.trainer.robot_link.crtk.exchange import RobotRow
+from ravenjax.trainer.robot_link.crtk import messages, names, ros1
+from ravenjax.trainer.robot_link.crtk.console import CrtkConsole
+from ravenjax.trainer.robot_link.crtk.exchange import LoopEnd, RobotRow
 from ravenjax.trainer.robot_link.crtk.interpreter import Interpreter
 from ravenjax.trainer.robot_link.crtk.ros_robot import RosRobot
 from ravenjax.trainer.robot_link.increments import Increments
@@ -127,6 +132,8 @@ class Transport:
         self.ros, self.types, self.arrivals, self.sent = ros, messages.types(ros), [], []
 
     def poll(self):
+        if self.arrivals is None:
+            raise UserError("the node of ROS 1 has ended")
         arrivals, self.arrivals = self.arrivals, []
         return arrivals
 
@@ -146,7 +153,9 @@ def test_what_a_robot_tells_over_ros_is_its_joint_report(ros):
     now = [0]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as raven:
         raven.bind(("127.0.0.1", 0))
-        robot = RosRobot("127.0.0.1", raven.getsockname()[1], BOTH, ("r_grasper",) * 2, transport, lambda: now[0])
+        lines = []
+        address = "127.0.0.1", raven.getsockname()[1]
+        robot = RosRobot(*address, BOTH, ("r_grasper",) * 2, transport, lambda: now[0], lines.append)
         assert robot.exchange(bytes(U_STRUCT.itemsize)) is None and robot.stale
         assert len(raven.recv(200)) == U_STRUCT.itemsize
         told = [*interpreter.states(row.stamp_ns), *interpreter.readings(row)]
@@ -162,6 +171,14 @@ def test_what_a_robot_tells_over_ros_is_its_joint_report(ros):
         for order in ("estop", "reset", "arm"):
             robot.order({"order": order})
         assert transport.sent == [("state_command", "disable"), ("state_command", "home")]
+        transport.arrivals = [one for one in told if one[0] in heard]
+        assert robot.exchange(bytes(U_STRUCT.itemsize)) is not report and not robot.stale
+        transport.arrivals = None
+        for _ in range(2):  # ROS is gone, the session is not
+            robot.exchange(bytes(U_STRUCT.itemsize))
+            assert robot.stale
+        robot.order({"order": "estop"})
+        assert len(lines) == 1 and "has ended" in lines[0] and len(transport.sent) == 2
         robot.close()
 
 
@@ -177,6 +194,57 @@ def test_ravenstate_is_read_as_its_publisher_defines_it():
     types = messages.MessageTypes("ros1", {messages.RAVEN_STATE: text})
     fields = [name for name, _ in types.store.fielddefs[messages.RAVEN_STATE][1]]
     assert "dac_val" not in fields and "jac_vel" not in fields and fields[0] == "hdr"
+
+
+@pytest.mark.parametrize(("word", "told"), [("the node of ROS 1 has ended (code -9)", "code -9"), (None, "is gone")])
+def test_a_terminal_is_told_once_that_nobody_speaks_crtk_any_more(word, told):
+    answers, tells = multiprocessing.Pipe(duplex=False)
+    end, lines = LoopEnd(FrameLayout.of(("gold",))), []
+    console = CrtkConsole(end, answers, "ros1", lines.append)
+    for _ in range(1000):
+        assert console.poll() == []
+    assert not lines
+    if word:
+        tells.send(word)
+    tells.close()
+    for _ in range(1000):
+        assert console.poll() == []
+    assert len(lines) == 1 and lines[0].startswith("CRTK over ros1 has ended") and told in lines[0]
+    end.close()
+    answers.close()
+
+
+NODE = """
+import json, struct, sys
+head = struct.Struct("<HI")
+sys.stdin.buffer.read(head.size)
+def tell(number, content):
+    return head.pack(number, len(content)) + content
+tables = [tell(65535, json.dumps(one).encode()) for one in ({"ready": True}, {"connected": 2})]
+sys.stdout.buffer.write(tell(0, b"no table") + b"".join(tables))
+sys.stdout.buffer.flush()
+while sys.stdin.buffer.read(1) not in (b"", b"!"):
+    pass
+"""
+
+
+def test_what_a_node_says_in_one_breath_with_its_first_word_counts(tmp_path, monkeypatch):
+    """Consoles that spoke before this node came; a node that ends is told."""
+    (tmp_path / "node.py").write_text(NODE)
+    monkeypatch.setattr(ros1, "_python", lambda: sys.executable)
+    monkeypatch.setattr(ros1.ros1_node, "__file__", str(tmp_path / "node.py"))
+    transport = ros1.Ros1Transport([], names.subscribed(("gold",)))
+    assert transport.connected() and transport.poll() == []
+    transport._waiting += b"!"
+
+    def ended():
+        try:
+            return transport.poll()
+        except UserError as error:
+            return str(error)
+
+    assert "has ended (code 0)" in waiting.until(ended)
+    transport.close()
 
 
 @pytest.mark.slow

@@ -77,12 +77,12 @@ def test_increments_add_up_to_the_target_within_the_limits(arm):
     quat = Rotation.from_rotvec([0.1, -0.2, 0.3]).as_quat()
     target = Setpoint(start.position_um + [4000, -3000, 2500], tuple(quat), 1200.0)
     one = SetpointFollower(arm)
-    assert not one.aim(target) and one.step(1.0, 0.0) == STILL  # pedal up
+    assert not one.aim(target) and one.step(1.0) == STILL  # pedal up
     one.engage(start)
     assert one.aim(target)
     position, turn, jaws = np.array([-78000, -24000, 14000]), Rotation.identity(), 1570
-    for ms in range(120):
-        step = one.step(1.0, float(ms))
+    for _ in range(120):
+        step = one.step(1.0)
         delta = np.array(axes) @ step.delta_um
         assert np.linalg.norm(delta) <= 200 * 1.01 and abs(step.grasp_mrad) <= 4
         increment = Rotation.from_matrix(axes) * Rotation.from_quat(step.quat) * Rotation.from_matrix(axes).inv()
@@ -91,16 +91,15 @@ def test_increments_add_up_to_the_target_within_the_limits(arm):
     np.testing.assert_allclose(position, target.position_um, atol=0.6)
     assert (turn * Rotation.from_quat(quat).inv()).magnitude() < 1e-5
     assert jaws == 1200
-    assert one.step(1.0, 120.0) == STILL
+    assert one.step(1.0) == STILL
 
 
 def test_a_robot_that_slipped_is_not_pushed_on():
     one = SetpointFollower("gold")
     one.engage(Setpoint(np.zeros(3), (0.0, 0.0, 0.0, 1.0), 0.0))
     assert one.aim(Setpoint(np.array([1000.0, 0, 0]), (0.0, 0.0, 0.0, 1.0), 0.0))
-    for ms in range(10):
-        one.step(1.0, float(ms))
-    assert not one.settled(10.0) and one.settled(60.0)
+    for _ in range(10):
+        one.step(1.0)
     one.compare(Setpoint(np.array([990.0, 0, 0]), (0.0, 0.0, 0.0, 1.0), 0.0))
     assert one.slips == 0 and one.target is not None
     one.compare(Setpoint(np.array([500.0, 0, 0]), (0.0, 0.0, 0.0, 1.0), 0.0))
@@ -112,7 +111,7 @@ def test_a_grasp_gain_of_two_takes_half_as_many():
     one = SetpointFollower("gold", grasp_gain=2)
     one.engage(Setpoint(np.zeros(3), (0.0, 0.0, 0.0, 1.0), 100.0))
     one.aim(Setpoint(np.zeros(3), (0.0, 0.0, 0.0, 1.0), 60.0))
-    assert sum(one.step(1.0, float(ms)).grasp_mrad for ms in range(60)) == 20
+    assert sum(one.step(1.0).grasp_mrad for _ in range(60)) == 20
 
 
 def test_a_move_begins_and_ends_at_rest_within_its_limits():
@@ -196,6 +195,24 @@ def test_a_pedal_is_held_by_somebody_or_comes_up():
     state.is_busy = True  # a move needs no word on its way
     assert settled(state, ms=60_000.0) == "ENABLED"
     assert settled(state, ms=60_001.0, connected=False) == "PAUSED"
+
+
+def test_a_robot_that_was_not_heard_for_a_while_is_what_it_was_but_for_the_pedal():
+    state = OperatingState()
+    state.observe(2, False, True, 0.0, lost=True)
+    assert state.state == "FAULT"
+    assert settled(state) == "DISABLED"  # nobody has enabled it meanwhile
+    state = driven()
+    state.observe(3, False, True, 0.0, lost=True)
+    assert state.state == "FAULT" and not state.pedal
+    assert settled(state) == "PAUSED"
+
+
+def test_a_robot_that_had_stopped_itself_can_be_disabled():
+    state = driven()
+    assert settled(state, 3, stopped=True) == "FAULT"
+    assert state.command("disable", 0.0) == ["estop"]
+    assert settled(state, 0) == "DISABLED"
 
 
 def test_a_pedal_that_the_robot_does_not_follow_is_let_go():
@@ -338,6 +355,31 @@ def test_a_servo_command_becomes_increments_that_add_up():
     assert sum(interpreter.counts.values()) == 4
     (still,) = interpreter.commands(ms + 60)
     assert still["arms"]["gold"]["delta_um"] == [0, 0, 0]
+
+
+def test_a_busy_machine_has_not_taken_the_robot_elsewhere():
+    """The robot's own ticks count since it took the last increment, not the clock."""
+    types = messages.types("ros2")
+    interpreter = Interpreter(("gold",), ("r_grasper",), types)
+    row = robot_row(3)
+    ms = row.clock_ns * 1e-6
+    header = types.header(row.stamp_ns, "")
+    row.frame["runlevel"] = 2
+    interpreter.observe(row, True, ms)
+    interpreter.hear("state_command", types.string(header, "enable"), ms)
+    row.frame["runlevel"] = 3
+    interpreter.observe(row, True, ms)
+    interpreter.hear("arm1/servo_jr", types.joint_state(header, [], [0.004] + [0] * 6), ms)
+    interpreter.commands(ms)
+    for number in range(1, 100):
+        interpreter.commands(ms + number)
+        interpreter.note_sent(number)
+    elsewhere = "the robot went elsewhere: at a joint limit, or out of reach"
+    for taken, number in ((0, 500), (99, 501), (99, 530)):  # its setpoint stays where it was all the time
+        interpreter.observe(row._replace(last_command=taken, number=number), True, ms + 240)
+        assert elsewhere not in interpreter.counts
+    interpreter.observe(row._replace(last_command=99, number=531), True, ms + 240)
+    assert interpreter.counts[elsewhere] == 1
 
 
 def test_a_robot_over_ros_has_an_address_of_its_own():
