@@ -130,7 +130,7 @@ def _cues(config: Any) -> str:
 def _check(one: Any) -> str:
     in_a_row = f", {one.consecutive} ms in a row" if one.consecutive > 1 else ""
     parameters = "".join(f"; {path} = {value}" for path, value in one.parameters.items())
-    return f"at {one.at}, {one.does} above {one.threshold}{in_a_row}{parameters}"
+    return f"at {one.at}, above {one.threshold}{in_a_row}: {one.does}{parameters}"
 
 
 def _detectors(config: Any) -> str:

@@ -145,6 +145,7 @@ def _verdicts(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
         "groups": tables.group_rows(runs),
         "maps": shares,
         "map_csv": panels.cells(shares),
+        "map_least": panels.MIN_RUNS,
         "lead": time_to_know.lead_histogram(runs),
         "checks": tables.check_rows(runs, manifest),
         "causes": tables.cause_rows(runs),

@@ -99,7 +99,7 @@ def track(path: Path, arms: tuple[ArmName, ...], console: str, home: dict[ArmNam
     cycles = arrivals.lengths(read.arrival_s * 1e3)
     shares = ", ".join(f"{share:g}" for share in arrivals.as_campaign(cycles))
     model = f"campaign.packets = [{shares}] makes packets last as long as these, up to {MOST_CYCLES} ms"
-    note = f"packets are those of console {read.profile.name}; {lost} of {len(read.counted)} move nothing"
+    note = f"packets are those of console {read.profile.name}; the robot would drop {lost:,} of {len(read.counted):,}"
     others = tuple(arm for arm in ARMS if arm not in arms)
     return Track(
         path,

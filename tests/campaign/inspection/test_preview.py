@@ -155,3 +155,82 @@ def test_the_command_as_json(run, idle):
 def test_the_command_refuses_in_words(run):
     code, out, err = run("check", "quick", "--set", "group.hand.fault.0.effect=drop")
     assert code == 2 and "'drop' belongs to site 'network', got site 'hand'" in err and not out
+
+
+def test_it_tells_what_checks_and_operator_of_ones_own_do(run, idle, tmp_path):
+    """Numbers are those of the files: of a check's parameters too, which its file alone names."""
+    (tmp_path / "gate.py").write_text(GATE)
+    (tmp_path / "eye.py").write_text("def step(params, state, view):\n    return state, view.jpos[0]\n")
+    (tmp_path / "hands.py").write_text("def step(params, state, view):\n    return state, {}\n")
+    campaign = tmp_path / "own.toml"
+    campaign.write_text(OWN)
+    code, out, err = run("check", str(campaign), "--out", str(tmp_path / "out"))
+    assert code == 0, err
+    lines = {what: text for what, _, text in (line.partition("│") for line in out.splitlines())}
+    lines = {what.strip(): text.strip() for what, text in lines.items()}
+    assert lines["check gate"] == "at usb_out, above 0.25 to 4, varied: stops the robot; checks.own.gate.counts = 3000"
+    assert lines["check eye"] == "at jpos, above 2, 3 ms in a row: watches, does nothing"
+    assert lines["operator"] == f"suture, generated; {tmp_path / 'hands.py'} has the hands; scale 0.1"
+    code, out, _ = run("check", str(campaign), "--out", str(tmp_path / "out"), "--json")
+    gate, eye = json.loads(out)["checks"]
+    assert (gate["threshold"], gate["consecutive"], gate["acts"]) == ("0.25 to 4, varied", 1, "stop")
+    assert eye["parameters"] == {} and eye["consecutive"] == 3
+
+
+GATE = """
+from ravenjax.parts import Annotated, Quantity, Scalar, record
+
+@record
+class Gate:
+    counts: Annotated[Scalar, Quantity("DAC counts", 1, 65535, "command at which the score is 1")]
+
+def params():
+    return Gate(3000.0)
+
+def step(params, state, view):
+    return state, view.boards_cmd[0] / params.counts
+"""
+OWN = """
+[campaign]
+name = "own"
+duration_s = 1.0
+[operator]
+motion = "suture"
+hands = "hands.py"
+[[check]]
+name = "gate"
+file = "gate.py"
+at = "usb_out"
+acts = "stop"
+[[check]]
+name = "eye"
+file = "eye.py"
+at = "jpos"
+acts = "watch"
+threshold = 2.0
+consecutive = 3
+[[group]]
+name = "free"
+[group.cross]
+"checks.threshold.gate" = [0.25, 1, 4]
+"""
+
+
+CROSSED, VARIES = {"reaction.action": [0, 2]}, "at the cue: reaction.action varies, elsewhere lift the pedal"
+
+
+@pytest.mark.parametrize(
+    ("tables", "said"),
+    [
+        ({}, "at the cue: lift the pedal"),
+        ({"reaction": {"action": "none"}}, "at the cue: nobody reacts"),
+        ({"cross": CROSSED}, VARIES),
+        (
+            {"group": [{"name": "free", "cross": CROSSED}]},
+            VARIES,
+        ),
+    ],
+)
+def test_an_operator_who_reacts_in_some_runs_is_not_said_never_to(tables, said):
+    config = loading.from_dict({"campaign": {"name": "x"}, "reaction": {}, "group": [{"name": "free"}], **tables})
+    assert dict(config.lines())["operator"].endswith(f"; {said}")

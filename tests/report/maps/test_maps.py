@@ -339,7 +339,11 @@ def test_cells_of_a_file_have_a_column_a_measure():
 
 def section(frame):
     found = made(frame)
-    return page._environment().get_template("sections/maps.html.j2").render(maps=found, map_csv=panels.cells(found))
+    return (
+        page._environment()
+        .get_template("sections/maps.html.j2")
+        .render(maps=found, map_csv=panels.cells(found), map_least=panels.MIN_RUNS)
+    )
 
 
 def text(frame):
@@ -363,4 +367,11 @@ def test_few_runs_are_counts_on_the_page_and_many_are_shares():
 
 
 def test_the_page_of_a_campaign_that_varied_nothing():
-    assert "This campaign varied nothing that could be an axis." in text(swept(30))
+    assert "or nothing that could be an axis varies among them." in text(swept(30))
+
+
+def test_a_campaign_of_few_faults_is_not_said_to_have_varied_nothing():
+    few, enough = (np.arange(n) % 3 == 0 for n in (11, 12))
+    words = text(moving(swept(11, fault0_value=few * 1.0), few))
+    assert "No map: each site and effect has fewer than 12 runs, or" in words
+    assert "No map" not in text(moving(swept(12, fault0_value=enough * 1.0), enough))

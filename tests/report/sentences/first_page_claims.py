@@ -163,7 +163,8 @@ def how_long(e: Expected, text: Text) -> None:
                 "before it."
             )
         if never:
-            text.says(f"{count(never)} ({percent(never / n)} %) could not be known at all.")
+            without = "Without that cue " if lower else ""
+            text.says(f"{without}{count(never)} ({percent(never / n)} %) could not be known at all.")
 
 
 def what_would_change(e: Expected, text: Text) -> None:

@@ -24,7 +24,7 @@ def verdicts(e: Expected, html: Node) -> None:
         assert not list(section.all("table"))
         text.is_said()
         return
-    text.says(f"{'Each of ' if n > 1 else ''}{many(n, 'distinct fault')} by what the robot's own checks did")
+    text.says(f"{'Each of ' if n > 1 else ''}{many(n, 'distinct fault')} by what the checks did")
     text.says(
         f"whether the {e.threshold} cue came. Each cell: share of all of them, count, 95 % interval "
         "(Wilson) of faults drawn so."
@@ -163,5 +163,5 @@ def groups(e: Expected, html: Node) -> None:
         matrix(table, f, f"group {name}")
         cell(table.one("caption"), f"{name}, {many(n, 'fault' if faulty else 'run')}", f"table of {name}")
     if (~every["plain"]).any():
-        text.says("the first valid run counts in which nobody reacts.")
+        text.says("the first valid run in which nobody reacts counts.")
     text.is_said("nobody reacts")

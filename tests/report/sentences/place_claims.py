@@ -13,6 +13,8 @@ from page_text import Node, Text, cell, count, fixed, percent, rows
 MOST_WORST = 5
 FEWEST_SHOWN = 10
 """Cells of fewer faults are written as k/n."""
+FEWEST_RUNS = 12
+"""Fewer runs of one site and effect have no map."""
 
 
 def measures(e: Expected, faulty: bool, part: pd.DataFrame) -> dict[str, tuple[str, pd.Series]]:
@@ -64,7 +66,10 @@ def maps(e: Expected, html: Node) -> None:
         assert words == ", ".join(shares), name
         text.says(f"{name} ({count(len(part))} {unit}; {words})")
     if not drawn and not blank:
-        text.says("This campaign varied nothing that could be an axis.")
+        text.says(
+            f"No map: each site and effect has fewer than {count(FEWEST_RUNS)} runs, or nothing that could be an axis "
+            "varies among them."
+        )
     text.is_said()
 
 

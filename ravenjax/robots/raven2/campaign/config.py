@@ -24,6 +24,7 @@ from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.sites import USB_SITE
 from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.parts import OwnSource
+from ravenjax.vocabulary.reactions import MEANINGS
 
 
 class RavenConfig(CampaignConfig):
@@ -103,13 +104,20 @@ class RavenConfig(CampaignConfig):
         yield from super().lines()
         operator = self.operator
         what = f"{operator.file}, recorded" if operator.file is not None else f"{operator.label}, generated"
-        own = "" if operator.hands is None else f"; followed by {operator.hands}"
-        reaction = "" if self.reaction is None else f"; reacts to the cue: {self.reaction.action}"
+        own = "" if operator.hands is None else f"; {operator.hands} has the hands"
         yields = "" if self.hand is None else f"; the cue moves the hand, grip {self.hand.grip:g}"
         if self.controller is not None:
             yield "controller", ", ".join(f"{stage}: {file}" for stage, file in self.controller.files())
         timing = f"; a packet lasts {self.cycles_a_packet:.3g} cycles at the mean" if self.random_packets else ""
-        yield "operator", f"{what}{own}; scale {operator.scale:g}{timing}{reaction}{yields}"
+        yield "operator", f"{what}{own}; scale {operator.scale:g}{timing}{self._reaction()}{yields}"
+
+    def _reaction(self) -> str:
+        if self.reaction is None:
+            return ""
+        axes = [self.parameters, self.cross, *(axes for one in self.group for axes in (one.parameters, one.cross))]
+        if any("reaction.action" in paths for paths in axes):
+            return f"; at the cue: reaction.action varies, elsewhere {MEANINGS[self.reaction.action]}"
+        return f"; at the cue: {MEANINGS[self.reaction.action]}"
 
     def settings(self) -> dict[str, Any]:
         """The same as JSON has it."""
