@@ -13,10 +13,12 @@ apart. Where there is `runlevel`, the longest stretch of raven2's pedal-down is 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 
 from ravenjax.calibration import bag_file
 from ravenjax.calibration.log import JointLog
@@ -28,6 +30,9 @@ from ravenjax.robots.raven2.geometry import limits, transmission
 from ravenjax.robots.raven2.run_levels import PEDAL_DOWN
 
 ENDINGS = {"": 1.0, "_deg": np.pi / 180.0, "_deg_s": np.pi / 180.0}
+
+LONGEST_S = 6 * 3600.0
+"""Of a log: it is held in memory, a row a millisecond."""
 
 
 def read(
@@ -46,16 +51,19 @@ def read(
 def _table(path: Path, arm: ArmName) -> pd.DataFrame:
     if not path.exists():
         raise UserError(f"no log at {path}: expected {_EXPECTED}")
-    if path.suffix == ".csv":
-        return pd.read_csv(path)
-    if path.suffix == ".parquet":
-        return pd.read_parquet(path)
+    if path.suffix in _READERS and not path.is_dir():
+        try:
+            return _READERS[path.suffix](path)
+        except (ValueError, OSError, pa.ArrowException) as error:  # ValueErrors are pandas' own, and not UTF-8
+            what = str(error).strip() or type(error).__name__
+            raise UserError(f"{path}: no {path.suffix} table that can be read, perhaps cut: {what}") from None
     if path.suffix in bag_file.SUFFIXES or path.is_dir():
         return bag_file.table(path, arm)
     raise UserError(f"a log is {_EXPECTED}, got {path.name}")
 
 
-_EXPECTED = f"{', '.join(('.csv', '.parquet', *bag_file.SUFFIXES))} or a folder of ROS 2"
+_READERS: dict[str, Callable[[Path], pd.DataFrame]] = {".csv": pd.read_csv, ".parquet": pd.read_parquet}
+_EXPECTED = f"{', '.join((*_READERS, *bag_file.SUFFIXES))} or a folder of ROS 2"
 
 
 def _live(path: Path, table: pd.DataFrame) -> pd.DataFrame:
@@ -74,26 +82,38 @@ def _live(path: Path, table: pd.DataFrame) -> pd.DataFrame:
 def _times(path: Path, table: pd.DataFrame, period_ms: float | None) -> np.ndarray:
     """Seconds from the first sample, [n]."""
     if period_ms is not None:
-        return np.arange(len(table)) * period_ms * 1e-3
+        if not 0.0 < period_ms < np.inf:
+            raise UserError(f"--period-ms {period_ms:g}: expected the milliseconds between two samples, above 0")
+        return _bounded(path, np.arange(len(table)) * period_ms * 1e-3)
     if "time_s" not in table:
         raise UserError(f"{path} has no column time_s: say how far apart its samples are, --period-ms 1")
-    times = table["time_s"].to_numpy(float)
+    times = _numbers(path, table, "time_s")
     if not (np.diff(times) > 0.0).all():
-        row = int(np.flatnonzero(np.diff(times) <= 0.0)[0]) + 1
+        row = int(np.flatnonzero(~(np.diff(times) > 0.0))[0]) + 1
         raise UserError(f"{path}: time_s does not increase at row {row}; with --period-ms it is not read")
-    return times - times[0]
+    return _bounded(path, times - times[0])
+
+
+def _bounded(path: Path, times: np.ndarray) -> np.ndarray:
+    """Itself; UserError for a log that is too long to be replayed, or hardly lasts."""
+    if not (times[-1] <= LONGEST_S and round(times[-1] * 1e3) >= 1):
+        raise UserError(
+            f"{path} lasts {times[-1]:.4g} s, expected seconds of motion, at most {LONGEST_S:g}: write time_s in "
+            "seconds, or cut the log"
+        )
+    return times
 
 
 def _joints(
     path: Path, table: pd.DataFrame, arm: ArmName, tool: str, software: str, controller: Controller
 ) -> tuple[np.ndarray, np.ndarray]:
     """Desired [n, 7] and measured joints [n, 7], nan where the log has none; what it lacks is desired at home."""
-    desired, measured = _quantity(table, "jpos_d"), _quantity(table, "jpos")
+    desired, measured = _quantity(path, table, "jpos_d"), _quantity(path, table, "jpos")
     if desired is None or measured is None:
-        motors = _quantity(table, "mpos")
-        targets = _quantity(table, "mpos_d")
+        motors = _quantity(path, table, "mpos")
+        targets = _quantity(path, table, "mpos_d")
         if motors is not None and targets is None:
-            targets = _asked(table, motors, arm, tool, software, controller)
+            targets = _asked(path, table, motors, arm, tool, software, controller)
         if motors is None or targets is None:
             raise UserError(
                 f"{path} has neither jpos_d and jpos, nor mpos_d and mpos, nor mpos and dac of any joint (as "
@@ -104,24 +124,37 @@ def _joints(
     return np.where(np.isnan(desired), home, desired), measured
 
 
-def _quantity(table: pd.DataFrame, name: str) -> np.ndarray | None:
+def _quantity(path: Path, table: pd.DataFrame, name: str) -> np.ndarray | None:
     """Columns of a quantity [n, 7], nan where a joint is not logged; None where none is."""
     columns = np.full((len(table), len(JOINTS)), np.nan)
     for joint, word in enumerate(JOINTS):
         for ending, factor in ENDINGS.items():
             if f"{name}_{word}{ending}" in table:
-                columns[:, joint] = table[f"{name}_{word}{ending}"].to_numpy(float) * factor
+                columns[:, joint] = _numbers(path, table, f"{name}_{word}{ending}") * factor
     return None if np.isnan(columns).all() else columns
 
 
+def _numbers(path: Path, table: pd.DataFrame, name: str) -> np.ndarray:
+    """A column [n]; nan where the log has nothing. UserError where it holds anything but numbers."""
+    try:
+        numbers = table[name].to_numpy(float)
+    except (TypeError, ValueError) as error:
+        raise UserError(f"{path}: column {name} holds other things than numbers: {error}") from None
+    if (infinite := np.flatnonzero(np.isinf(numbers))).size:
+        raise UserError(
+            f"{path}: row {infinite[0]}, column {name}: got {numbers[infinite[0]]}, expected a finite number"
+        )
+    return numbers
+
+
 def _asked(
-    table: pd.DataFrame, motors: np.ndarray, arm: ArmName, tool: str, software: str, controller: Controller
+    path: Path, table: pd.DataFrame, motors: np.ndarray, arm: ArmName, tool: str, software: str, controller: Controller
 ) -> np.ndarray | None:
     """Desired motor angles that the PD law implies, [n, 7]; nan where there is no command or an integral."""
-    counts = _quantity(table, "dac")
+    counts = _quantity(path, table, "dac")
     if counts is None:
         return None
-    speed = _quantity(table, "mvel")
+    speed = _quantity(path, table, "mvel")
     speed = np.gradient(motors, 1e-3, axis=0) if speed is None else speed
     signs = np.array([*transmission.tau_signs(arm, tool, software)], float)
     torque = counts * signs / np.array([*transmission.COUNTS_PER_NM])

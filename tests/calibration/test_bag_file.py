@@ -114,3 +114,19 @@ def test_what_the_file_has_instead_is_said(tmp_path) -> None:
     path = bags.other_bag(tmp_path / "log.bag")
     with pytest.raises(UserError, match=r"/arm1/setpoint_js and measured_js of CRTK; the file has\n  /joint_states"):
         read(path)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        ("nanoseconds: ", "nanoseconds: [] #", "metadata are damaged"),
+        ("rosbag2_bagfile_information:", "x:", "that can be read"),
+    ],
+)
+def test_metadata_of_another_shape_are_refused(tmp_path, before, after, words) -> None:
+    path = bags.crtk_bag(tmp_path / "log", GOLD, GREEN, ros=2)
+    metadata = path / "metadata.yaml"
+    assert before in metadata.read_text()
+    metadata.write_text(metadata.read_text().replace(before, after))
+    with pytest.raises(UserError, match=words):
+        table_file.read(path, "gold", "r_grasper", "raven2", position_loop.RAVEN2)

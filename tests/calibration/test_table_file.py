@@ -93,3 +93,45 @@ def test_other_files_are_refused(tmp_path) -> None:
     (tmp_path / "log.txt").write_text("")
     with pytest.raises(UserError, match=r"a log is \.csv, \.parquet, \.bag, \.mcap, \.db3 or a folder"):
         read(tmp_path / "log.txt")
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("empty.csv", b""),
+        ("latin.csv", b"time_s,jpos_shoulder\n0,\xbb\n"),
+        ("ragged.csv", b"a\n1\n1,2,3\n"),
+        ("cut.parquet", b"PAR1"),
+        ("other.parquet", b"a,b\n1,2\n"),
+    ],
+)
+def test_what_is_no_table_is_refused(tmp_path, name, content) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(UserError, match=f"{name}: no .(csv|parquet) table that can be read"):
+        read(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"jpos_elbow": ["a"] * 5}, "column jpos_elbow holds other things than numbers"),
+        ({"jpos_elbow": [0.1, np.inf, 0.1, 0.1, 0.1]}, "row 1, column jpos_elbow: got inf, expected a finite number"),
+        ({"time_s": ["a"] * 5}, "column time_s holds other things than numbers"),
+        ({"time_s": np.arange(5) * 1e9}, "lasts 4e[+]09 s, expected seconds of motion"),
+        ({"time_s": np.arange(5) * 1e-9}, "lasts 4e-09 s, expected seconds of motion"),
+        ({"time_s": [0.0, np.nan, 0.2, 0.3, 0.4]}, "time_s does not increase at row 1"),
+    ],
+)
+def test_columns_that_hold_no_numbers_or_no_times_are_refused(tmp_path, change, words) -> None:
+    values = joints()
+    columns = {f"{name}_{word}": values[:, j] for name in ("jpos", "jpos_d") for j, word in enumerate(JOINTS)}
+    with pytest.raises(UserError, match=words):
+        read(write(tmp_path, **({"time_s": np.arange(5) * 1e-3} | columns | change)), period_ms=None)
+
+
+@pytest.mark.parametrize("period_ms", [0.0, -1.0, np.nan, np.inf])
+def test_a_period_that_is_none_is_refused(tmp_path, period_ms) -> None:
+    columns = {f"{name}_shoulder": joints()[:, 0] for name in ("jpos", "jpos_d")}
+    with pytest.raises(UserError, match="--period-ms"):
+        read(write(tmp_path, **columns), period_ms)

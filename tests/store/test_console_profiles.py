@@ -205,3 +205,17 @@ def test_what_does_not_fit_raven_fits_the_console_that_sent_it(recorded):
     assert len(misfits) > 0.8 * len(recorded)
     assert fitting(misfits, [loading.load("dv_trainer")], BOTH) == "dv_trainer"
     assert fitting(misfits, [loading.load("raven")], BOTH) == ""
+
+
+@pytest.mark.parametrize("name", ["", ".", "\0", "\0.toml", "x" * 5000, "x" * 5000 + ".toml"])
+def test_a_name_that_no_file_can_have_is_one_error(name):
+    with pytest.raises(UserError, match=r"is not known|cannot be read"):
+        loading.choice(name)
+
+
+@pytest.mark.parametrize("text", ["x = " + "[" * 100_000, "x = " + "9" * 5000, "x = 1e999", "\ufeff[jaw", "\0"])
+def test_a_profile_nested_without_end_or_of_endless_digits_is_one_error(tmp_path, text):
+    path = tmp_path / "own.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(UserError, match=r"own\.toml: not a"):
+        loading.load(str(path))

@@ -32,15 +32,15 @@ def load(name: str) -> ConsoleProfile:
     if name in by_name:
         return by_name[name]
     path = Path(name)
-    if path.suffix != _SUFFIX and not path.is_file():
+    if path.suffix != _SUFFIX and not _is_file(path):
         words = ", ".join([*by_name, AUTO])
         raise UserError(
             f"console {shown(name)} is not known, expected one of {words}, or a .toml file"
             f"{suggestion(name, [*by_name, AUTO])}"
         )
     try:
-        text = path.read_text()
-    except (OSError, UnicodeDecodeError) as error:
+        text = path.read_text(encoding="utf-8-sig")  # some editors put a byte order mark first
+    except (OSError, ValueError) as error:  # ValueError: not UTF-8, or a path with a zero byte
         raise UserError(f"{path}: the console's profile cannot be read: {error}; expected a TOML file") from None
     return _checked(str(path), text)
 
@@ -53,12 +53,20 @@ def choice(name: str) -> tuple[ConsoleProfile, ...]:
 def _checked(where: str, text: str) -> ConsoleProfile:
     try:
         return ConsoleProfile.model_validate(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        raise UserError(f"{where}: not a TOML file: {error}") from None
     except ValidationError as error:
         raise UserError(
             f"{where}: not a console's profile:\n" + listed([_line(one) for one in error.errors()])
         ) from None
+    except (ValueError, RecursionError) as error:  # ValueError also where a number has thousands of digits
+        raise UserError(f"{where}: not a TOML file: {error}") from None
+
+
+def _is_file(path: Path) -> bool:
+    """False, too, where no file can have such a name."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
 
 
 def _line(fault: ErrorDetails) -> str:

@@ -34,7 +34,11 @@ def opened(path: Path) -> Iterator[AnyReader]:
 
     usual = get_typestore(Stores.LATEST)  # of files of ROS 2 that hold no definitions: enough for CRTK
     try:
-        with AnyReader([path], default_typestore=usual) as reader:
+        with contextlib.ExitStack() as stack:
+            try:
+                reader = stack.enter_context(AnyReader([path], default_typestore=usual))
+            except (TypeError, AttributeError) as error:  # metadata.yaml has other things than the library expects
+                raise UserError(f"{path}: no bag that can be read, its metadata are damaged: {error}") from None
             yield reader
     except UserError:
         raise
@@ -49,5 +53,5 @@ def _damage() -> tuple[type[Exception], ...]:
     from rosbags.rosbag1 import ReaderError as Ros1Error
     from rosbags.rosbag2 import ReaderError as Ros2Error
 
-    plain = (OSError, ValueError, KeyError, AssertionError, RuntimeError, EOFError)
+    plain = (OSError, ValueError, LookupError, AssertionError, RuntimeError, EOFError, OverflowError, MemoryError)
     return AnyReaderError, Ros1Error, Ros2Error, apsw.Error, struct.error, *plain

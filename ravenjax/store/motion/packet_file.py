@@ -149,7 +149,8 @@ def _arrivals(
         )
     (name,) = names
     values = columns[name].astype(np.int64 if columns[name].dtype.kind in "iu" else float)
-    since = (values - values[0]).astype(float)
+    with np.errstate(invalid="ignore"):  # of infinite ones, which are refused next
+        since = (values - values[0]).astype(float)
     if not np.isfinite(since).all() or (np.diff(since) < 0).any() or since[-1] <= 0:
         raise UserError(f"{path}: column {name} must be finite and never go back, and end later than it begins")
     unit, expected = suffixes[name.rpartition("_")[2]], profile.stream.rate_hz

@@ -15,7 +15,7 @@ import pytest
 import synthetic_session as synthetic
 from plotly import graph_objects
 
-from ravenjax.errors import UserError
+from ravenjax.errors import StoreError, UserError
 from ravenjax.stats.comparison import independent
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
@@ -305,3 +305,20 @@ def test_a_blinded_study_shows_letters_until_it_is_unblinded(tmp_path):
     assert {one.first.label for one in open_.comparisons} == {"control"}
     sizes = [[abs(one.difference.value) for one in run.comparisons] for run in (blind, open_)]
     assert sizes[0] == pytest.approx(sizes[1])
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"hazards": [{"number": 0, "within_s": {}}]}, r"hazards\.0\.within_s: got \{\}"),
+        ({"hazards": 3}, "hazards: got 3"),
+        ({"scenario": {"harm": {"excursion_mm": "x"}}}, r"scenario.*harm\.excursion_mm: got 'x'"),
+        ({"versions": []}, r"versions: got \[\]"),
+        ({"summary": "x"}, "summary: got 'x'"),
+    ],
+)
+def test_a_header_of_another_shape_is_refused(tmp_path, changes, words):
+    folder = session(tmp_path, "P1", "cue", [met(0, 500.0)])
+    description.update(folder, changes)
+    with pytest.raises(StoreError, match=words):
+        description.read(folder)

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ravenjax.errors import StoreError
+from ravenjax.errors import StoreError, shown
 from ravenjax.store.files import parsed, require_writable, write_aside
 
 FILE = "session.json"
@@ -43,7 +43,23 @@ def read(folder: Path) -> dict[str, Any]:
     version = header.get("version")
     if not isinstance(version, int) or version > VERSION:
         raise StoreError(f"{path}: version {version!r}, expected {VERSION} or less; read it with a newer ravenjax")
+    _require_shape(path, header)
     return header
+
+
+def _require_shape(path: Path, header: dict[str, Any]) -> None:
+    from pydantic import ValidationError
+
+    from ravenjax.store.logs.session.header import SessionHeader
+
+    try:
+        SessionHeader.model_validate(header)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key, expected = ".".join(map(str, first["loc"])), str(first["msg"]).removeprefix("Input should be ")
+        raise StoreError(
+            f"{path}: {key}: got {shown(first['input'])}, expected {expected}; the recording beside it holds a copy"
+        ) from None
 
 
 def update(folder: Path, changes: Mapping[str, Any]) -> dict[str, Any]:
