@@ -137,7 +137,7 @@ export class HazardPanel {
       if (this.hazards.length >= FOLDED_FROM) this.list.append(this.heading(name, members.length, closed));
       if (!closed) for (const one of members) this.list.append(this.item(one, favourites.has(one.hazard)));
     }
-    if (!found.length) this.list.append(made("li", { className: "none" }, this.hazards.length ? "no hazard fits" : "none in this scenario"));
+    if (!found.length && this.hazards.length) this.list.append(made("li", { className: "none" }, "no hazard fits"));
   }
 
   heading(name, count, closed) {
