@@ -116,6 +116,12 @@ class Inbox:
                 raise RefusedMessage("`on` belongs to cue, `hazard` to arm")
             if told.do != "next" and (told.participant, told.scenario, told.seed) != (None, None, None):
                 raise RefusedMessage("`participant`, `scenario` and `seed` belong to next")
+            if told.scenario is not None:
+                from ravenjax.trainer.scenario import loading  # the models of a scenario: only once a session is over
+
+                names = [path.stem for path in loading.bundled()]
+                if told.scenario not in names:
+                    raise RefusedMessage(f"no scenario {told.scenario}; there are {', '.join(names)}")
             if told.hazard is not None and told.hazard >= self._hazards:
                 raise RefusedMessage(f"hazard {told.hazard}, the session has {self._hazards}")
         return told.model_dump(exclude_none=True)

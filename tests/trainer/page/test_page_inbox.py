@@ -158,6 +158,8 @@ def _refused(message, role):
 def test_only_an_instructor_asks_for_the_next_session_and_names_no_path():
     inbox = Inbox(("gold", "green"), 0, blinded=False)
     wish = {"type": "instructor", "do": "next", "participant": "P1", "scenario": "dac_burst", "seed": 3}
+    with pytest.raises(RefusedMessage, match=r"no scenario dac_bust; there are .*dac_burst"):
+        Inbox(("gold",), 1, False).read(json.dumps(wish | {"scenario": "dac_bust"}), "instructor")
     assert inbox.read(json.dumps(wish), "instructor") == wish
     for role in ("operator", "watcher"):
         with pytest.raises(RefusedMessage):

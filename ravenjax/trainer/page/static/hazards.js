@@ -61,7 +61,7 @@ export class HazardPanel {
     this.folded = new Map();
     this.marks = []; // [s, number] of what has struck
     this.hazards = [];
-    this.search = made("input", { type: "search", id: "hazard-search", placeholder: "search: B11, torque, stop", ariaLabel: "search hazards" });
+    this.search = made("input", { type: "search", id: "hazard-search", placeholder: "search: B11, stop", ariaLabel: "search hazards" });
     this.starred = made("input", { type: "checkbox", id: "hazard-starred" });
     const label = made("label", {}, this.starred, "favourites only");
     const tools = made("div", { className: "hazard-tools" }, this.search, label);
@@ -110,6 +110,8 @@ export class HazardPanel {
   frame(frame, phase) {
     const free = frame.number("hazard") < 0 && phase !== "over";
     for (const button of this.list.querySelectorAll("button.arm")) button.disabled = !free;
+    for (const item of this.list.querySelectorAll("[data-number]")) // armed from the click on, also while it waits for its moment
+      item.classList.toggle("armed", Number(item.dataset.number) === frame.number("hazard") && phase !== "over");
     this.now = this.started === null ? 0 : (frame.number("session_tick") - this.started) / 1000;
     const seconds = Math.round(this.now + frame.number("left_ms") / 1000);
     if (seconds !== this.seconds) {

@@ -9,11 +9,22 @@ export class NextSession {
     form.addEventListener("submit", (event) => {
       event.preventDefault();
       const wish = { type: "instructor", do: "next", participant: participant.value.trim() };
-      if (scenario.value.trim()) wish.scenario = scenario.value.trim();
+      if (scenario.value.trim() && scenario.value.trim() !== this.present) wish.scenario = scenario.value.trim(); // the present one may be a file
       if (seed.value.trim()) wish.seed = Number(seed.value);
       send(wish);
-      form.querySelector("button").textContent = "It is being prepared";
+      this.waits(true);
     });
+  }
+
+  waits(on, why = "") {
+    this.waiting = on;
+    this.form.querySelector("button").textContent = on ? "It is being prepared" : "Start the next session";
+    this.form.querySelector(".note").textContent = why;
+  }
+
+  /** Why the wish was not taken. */
+  refused(why) {
+    if (this.waiting) this.waits(false, why);
   }
 
   /** A window that comes back to another session begins anew. */
@@ -22,7 +33,8 @@ export class NextSession {
     this.name = header.name;
     this.form.hidden = true;
     this.participant.value = header.participant ?? "";
-    this.scenario.value = header.scenario?.name ?? "";
+    this.present = header.scenario?.name ?? "";
+    this.scenario.value = this.present;
   }
 
   frame(phase) {

@@ -56,7 +56,10 @@ const wire = new Wire(own.role, own.window, own.token, {
     if (event.kind === "end") setTimeout(debrief, 500);
   },
   seat: (free) => panels.seat(free),
-  refused: (why) => console.debug(`refused: ${why}`),
+  refused: (why) => {
+    console.debug(`refused: ${why}`);
+    next.refused(why);
+  },
 });
 
 function welcome(welcomed) {
@@ -167,6 +170,7 @@ function draw() {
   probe.drawn();
 }
 requestAnimationFrame(draw);
+addEventListener("resize", () => (shown = null)); // also when no frame comes any more
 
 // --- a machine that does not keep up with the scene: fewer shadows, then the 2D view ---
 

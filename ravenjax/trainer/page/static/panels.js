@@ -185,7 +185,7 @@ export class Panels {
 
   instructor(frame, phase) {
     const on = frame.number("hazard");
-    const can = { start: !this.started && phase !== "over", pause: phase !== "paused" && phase !== "over", resume: phase === "paused", reset: phase !== "over", end: phase !== "over", disarm: on >= 0 };
+    const can = { start: !this.started && phase !== "over", pause: phase !== "paused" && phase !== "over", resume: phase === "paused", reset: phase !== "over", end: phase !== "over", disarm: on >= 0 && phase !== "over" };
     for (const button of document.querySelectorAll("[data-instructor]")) button.disabled = !can[button.dataset.instructor];
     if (document.activeElement !== $("cue")) $("cue").checked = frame.number("cue_on") === 1;
   }

@@ -209,7 +209,9 @@ export class Scope {
       if (past > 0 || target < 0) hook(pen, across, up);
       if (past === -1 && target >= 0) {
         dot(pen, across, up, Math.max(6, radius / 2), "", COLOURS[one.arm] ?? DONE, 1.5);
-        words(pen, "next", across + Math.max(6, radius / 2) + 4, up + 4, "#aab7c5");
+        const left = across < x(this.goal(target)?.at ?? one.at); // away from the present goal, which has words of its own
+        const beside = Math.max(6, radius / 2) + 4;
+        words(pen, "next", left ? across - beside : across + beside, up + 4, "#aab7c5", left ? "right" : "left");
       }
     }
     const spots = pegs.map((one) => [one.number, one.top, one]);
