@@ -129,6 +129,11 @@ def question_plan(config: CampaignConfig) -> Plan:
             "and drawn packets out of the campaign"
         )
     program = ready.program
+    if not program.setup.injection.sites:
+        raise UserError(
+            f"campaign {config.campaign.name!r} has no fault that a page could ask about: give one of its groups a "
+            "[[group.fault]]; a page offers the places and effects of the campaign's own faults"
+        )
     values = dict(ready.varied)
     covered = {full for path in values for full in paths.named(program.params, program.setup, path)}
     for full, own in paths.leaves(program.params, program.setup):
@@ -140,7 +145,10 @@ def question_plan(config: CampaignConfig) -> Plan:
         dtype = program.setup.precision.real if np.asarray(own).dtype.kind == "f" else np.int32
         values[path] = np.full(ready.runs, own, dtype)
     # The program's own ends freeze lanes; a page stops them from outside, as printed code is.
-    program = dataclasses.replace(program, varied=tuple(values))
+    injection = program.setup.injection
+    triggers = tuple(name for name in TRIGGER_CODES if name == "time" or name in injection.triggers)
+    setup = dataclasses.replace(program.setup, injection=dataclasses.replace(injection, triggers=triggers))
+    program = dataclasses.replace(program, setup=setup, varied=tuple(values))
     return dataclasses.replace(ready, program=program, varied=values)
 
 

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
+from ravenjax.explorer import words
+from ravenjax.store import schema
 from ravenjax.store.access.results import Results
 from ravenjax.store.manifest import Manifest
 
 MOST = 20_000
 """Rows of a table that go into a page, the first of them."""
+_FURTHER = r"fault0_(trigger|every_ms)|fault[1-9]\d*_site"
 FAULT = ("site", "arm", "channel", "effect", "value", "start_ms", "duration_ms")
 MEASURES = (
     "response",
@@ -30,12 +34,9 @@ MEASURES = (
 
 
 def table(folder: Path, record: Manifest) -> dict[str, Any]:
-    """JSON: folder (its name), cue (number of the set that counts), runs (of the table), rows (of them, with one fault
-    or none, MOST at most), and columns: name -> list."""
-    frame = Results(record.shape, folder).frame()
-    several = frame["fault1_site"].astype(str) != "" if "fault1_site" in frame else pd.Series(False, index=frame.index)
-    first = frame.loc[~several].head(MOST)
-    cue = record.verdict_cue
+    """JSON: folder (its name), cue (number of the set that counts), runs (of the table), rows (of them, MOST at most),
+    and columns: name -> list. Left out are runs that a page cannot ask for, see `_asked`."""
+    cue, names = record.verdict_cue, [column.name for column in schema.columns(record.shape)]
     columns = {
         "run_id": "run_id",
         "index": "index",
@@ -43,15 +44,29 @@ def table(folder: Path, record: Manifest) -> dict[str, Any]:
         **{name: f"fault0_{name}" for name in FAULT},
         **{name: name for name in MEASURES},
         "cue_ms": f"cue{cue}_first_ms",
-        **{name: name for name in frame.columns if str(name).startswith("param:")},
+        **{name: name for name in names if name.startswith("param:")},
     }
+    columns = {name: column for name, column in columns.items() if column in names}
+    further = [name for name in names if re.fullmatch(_FURTHER, name)]
+    frame = Results(record.shape, folder).frame([*columns.values(), *further])
+    first = frame.loc[_asked(frame)].head(MOST)
     return {
         "folder": folder.name,
         "cue": cue,
         "runs": len(frame),
         "rows": len(first),
-        "columns": {name: _plain(first[column]) for name, column in columns.items() if column in first},
+        "columns": {name: _plain(first[column]) for name, column in columns.items()},
     }
+
+
+def _asked(frame: pd.DataFrame) -> pd.Series:
+    """Which runs a page can ask for: with one fault or none, of an effect that it offers, in one window of time."""
+    sites = frame.filter(regex=r"^fault\d+_site$").astype(str)
+    if sites.empty:
+        return pd.Series(True, index=frame.index)
+    plain = frame["fault0_trigger"].astype(str).eq("time") & frame["fault0_every_ms"].eq(0)
+    offered = ~frame["fault0_effect"].astype(str).isin(words.UNASKED)
+    return sites.drop(columns="fault0_site").eq("").all(axis=1) & (sites["fault0_site"].eq("") | plain & offered)
 
 
 def _plain(column: pd.Series) -> list[Any]:

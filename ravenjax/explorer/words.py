@@ -67,6 +67,8 @@ EFFECT_WORDS = {
 """What an effect does to the number, before its value."""
 
 UNITS = {"cnt": "counts", "um": "µm", "mrad": "mrad", "1": "", "N m": "N m", "rad/s": "rad/s"}
+UNASKED = ("periodic", "random")
+"""Effects that a page does not offer: a period is not among its controls, and random numbers are those of a row."""
 WIDER = 5.0
 """A value's range on the page goes so many times beyond what the channel does without a fault."""
 
@@ -99,6 +101,7 @@ def campaign(config: CampaignConfig) -> dict[str, Any]:
             name: {"meaning": check.meaning, "does": check.does, "unit": check.unit}
             for name, check in robot.checks.items()
         },
+        "unasked": list(UNASKED),
         "outcomes": OUTCOMES,
         "values": _values(config),
         "toml": _toml(config),

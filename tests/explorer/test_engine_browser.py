@@ -220,6 +220,20 @@ def test_a_replay_is_the_trace_of_the_run(page, config, ready, description):
     assert max(apart) > 0.1
 
 
+def test_a_replay_of_a_run_that_ends_early_has_the_outcome_of_the_map(page, ready):
+    row = ready.rows.words("fault0_site").tolist().index("usb_out")
+    told = page.evaluate(
+        """async (fault) => {
+          const question = { ...engine.question(), observe_ms: 40 };
+          const [one] = await engine.outcomes(question, [fault]);
+          return [one, (await engine.replay(question, fault)).outcome].map(({ observed_ms, ...row }) =>
+            JSON.stringify(row, (_, v) => (typeof v === "number" && !Number.isFinite(v) ? `${v}` : v)));
+        }""",
+        faults_of(ready)[row],
+    )
+    assert told[0] == told[1]
+
+
 def test_what_is_cancelled_is_given_up_and_the_rest_goes_on(page, ready):
     many = [fault for fault in faults_of(ready) if fault][:200]
     told = page.evaluate(

@@ -170,6 +170,23 @@ def test_a_folders_runs_are_listed_and_one_of_them_opens_with_its_verdict(window
     assert window.evaluate("document.body.dataset.verdict") == native["verdict"]
 
 
+def test_a_page_that_cannot_compute_says_so(browser, place):
+    shown = browser.new_page()
+    shown.add_init_script("delete globalThis.Worker")
+    shown.goto(place.as_uri())
+    shown.wait_for_function("document.body.dataset.failed === '1'")
+    assert shown.inner_text("#answer").startswith("This page cannot go on: Worker is not defined")
+    shown.close()
+
+
+def test_an_address_of_another_campaign_opens_what_this_one_has(window, place):
+    window.goto(place.as_uri() + "#at=brake&does=stuck&size=x&from=y&for=z&set.nothing=3&map=a~b")
+    window.reload()
+    filled(window)
+    assert window.input_value("#site") == "usb_out"
+    assert "nothing" not in window.evaluate("location.hash")
+
+
 def test_the_fault_dragged_in_time_begins_elsewhere_and_a_kept_run_stays_beside(window, place):
     window.goto(place.as_uri() + VIEW)
     window.reload()

@@ -8,10 +8,15 @@ import re
 import tomllib
 from importlib import resources
 
+import pytest
+
 from ravenjax.campaign import loading
 from ravenjax.campaign.file.config import validated
-from ravenjax.explorer import bundle, words
+from ravenjax.campaign.stop import adaptive
+from ravenjax.errors import UserError
+from ravenjax.explorer import bundle, program, rows, words
 from ravenjax.robots.raven2.sites import SITES
+from ravenjax.store import manifest
 from ravenjax.vocabulary.effects import EFFECTS
 
 STUCK = {"site": "usb_out", "channel": "elbow", "effect": "stuck", "start_ms": 9, "duration_ms": 5}
@@ -59,3 +64,34 @@ def test_modules_import_each_other_by_names_of_the_map():
         text = base64.b64decode(address.partition("base64,")[2]).decode()
         asked = re.findall(r'(?:^(?:import|\}) .*from |import\()"([^"]+)"', text, re.MULTILINE)
         assert not [one for one in asked if one not in imports], name
+
+
+def test_a_table_has_the_runs_that_a_page_can_ask_for(tmp_path):
+    timed = STUCK | {"start_ms": 20, "duration_ms": 10}
+    shaken = timed | {"effect": "random", "value": 5.0}
+    faults = {
+        "free": [],
+        "timed": [timed],
+        "again": [timed | {"every_ms": 40}],
+        "packets": [timed | {"trigger": "packet"}],
+        "noisy": [shaken],
+        "two": [timed, timed | {"channel": "shoulder"}],
+    }
+    groups = [{"name": name} | ({"fault": own} if own else {}) for name, own in faults.items()]
+    config = validated({"campaign": {"name": "some", "duration_s": 0.1}, "group": groups})
+    adaptive.run(config, tmp_path, "simd")
+    told = rows.table(tmp_path, manifest.read(tmp_path))
+    assert (told["runs"], told["rows"], told["columns"]["group"]) == (6, 2, ["free", "timed"])
+    assert told["columns"]["start_ms"][1] == 20
+
+
+def test_a_page_counts_time_whatever_its_campaign_counts():
+    packets = STUCK | {"trigger": "packet", "start_ms": 20, "duration_ms": 10}
+    groups = [{"name": "one", "fault": [packets]}]
+    config = validated({"campaign": {"name": "some", "duration_s": 0.1}, "group": groups})
+    assert program.question_plan(config).program.setup.injection.triggers == ("time", "packet")
+
+
+def test_a_campaign_without_faults_is_refused():
+    with pytest.raises(UserError, match=r"'some' has no fault that a page could ask about"):
+        program.question_plan(validated({"campaign": {"name": "some"}, "group": [{"name": "free"}]}))

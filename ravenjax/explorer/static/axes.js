@@ -69,6 +69,7 @@ export const label = (axis, value) => (typeof value === "number" ? text(value) :
 
 /** Index of the value that is nearest. */
 export function nearest(axis, value) {
+  if (value === "end" || value === Infinity) return axis.values.length - 1;
   if (typeof value !== "number") return Math.max(0, axis.values.indexOf(value));
   const apart = axis.values.map((one) => Math.abs(axis.log ? Math.log(one / Math.max(value, 0.5)) : one - value));
   return apart.indexOf(Math.min(...apart));
@@ -81,7 +82,8 @@ export function words(campaign, fault, spans = {}) {
   const unit = unitOf(campaign, fault);
   const range = (name, value) => (spans[name] ? `${text(spans[name][0])} to ${text(spans[name].at(-1))}` : text(value));
   const several = site.channels.length > 1;
-  const where = several ? `, ${spans.channel ? "any" : fault.channel.replaceAll("_", " ")}` : "";
+  const arm = site.per_arm && campaign.arms.length > 1 ? `, ${fault.arm} arm` : "";
+  const where = arm + (several ? `, ${spans.channel ? "any" : fault.channel.replaceAll("_", " ")}` : "");
   const size = effect.value ? ` ${range("value", fault.value)}${unit ? ` ${unit}` : ""}` : "";
   const lasts = fault.duration_ms === "end" && !spans.duration_ms ? "to the end" : `for ${range("duration_ms", fault.duration_ms)} ms`;
   return `${site.words}${where}: ${effect.words}${size}, ${lasts}, from ${range("start_ms", fault.start_ms)} ms into the operation`;

@@ -210,7 +210,7 @@ class Pool {
       const worker = new Worker(this.url);
       const one = { worker, task: null };
       worker.addEventListener("message", ({ data }) => this.done(one, data));
-      worker.addEventListener("error", (event) => this.done(one, { error: event.message }));
+      worker.addEventListener("error", (event) => this.done(one, { error: event.message || "a worker of this page does not run" }));
       return one;
     });
   }
@@ -336,11 +336,12 @@ class Engine {
   /**
    * Time series of a run and of its golden run, one number a millisecond: Float32Array [ticks * numbers] by the names of
    * description.programs.replay.outputs (gold/jpos: 7 numbers a tick), with ARM/deviation_mm (true tip from the golden
-   * run's), check/NAME/margin and check/NAME/count (least margin and trips so far), cueK/first_ms in `outcome`.
+   * run's), check/NAME/margin and check/NAME/count (least margin and trips so far). They go to the end of the operation;
+   * `outcome` is that of when the run ends, as `outcomes` has it.
    */
   async replay(question, fault, { priority = 1, token = null } = {}) {
     const parameters = packQuestion(this.description, question);
-    const { packed, faulty } = pack(this.description, { ...question, observe_ms: null }, [fault]);
+    const { packed, faulty, ends } = pack(this.description, question, [fault]);
     const both = await this.pool.submit("replay", { parameters, faults: packed }, { priority, token });
     const golden = this.series(both.golden);
     const own = this.series(both.faulty);
@@ -350,8 +351,8 @@ class Engine {
       own[name] = apart(own[`${arm}/tip`], golden[`${arm}/tip`]);
     }
     const size = this.names.length;
-    const last = ({ results }) => this.measures(results.subarray(results.length - size));
-    const outcome = judge(this.description, last(both.faulty), last(both.golden), faulty[0]);
+    const atEnd = ({ results }) => this.measures(results.subarray((ends[0] - 1) * size, ends[0] * size));
+    const outcome = judge(this.description, atEnd(both.faulty), atEnd(both.golden), faulty[0]);
     return { period_ms: 1, golden, faulty: own, outcome };
   }
 

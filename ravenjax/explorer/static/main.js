@@ -24,9 +24,12 @@ const RUN = 5;
 const FIRST_POINTS = 400; // of a map that tells; when they were there stands on the page for its tests
 const WAIT_MS = 60; // a control that moves asks only when it rests so long
 
-/** Faults that a program may have: site -> channel -> effects. */
+/** Faults that a page may ask for: site -> channel -> effects. */
 const able = {};
-for (const { site, channel, effects } of description.channels) ((able[site] ??= {})[channel] = [...new Set([...(able[site][channel] ?? []), ...effects])]);
+for (const { site, channel, effects } of description.channels) {
+  const own = effects.filter((name) => !campaign.unasked.includes(name));
+  if (own.length) (able[site] ??= {})[channel] = [...new Set([...(able[site][channel] ?? []), ...own])];
+}
 
 /** The campaign's own fault that shows most: after the last check, if it has one. */
 function firstState() {
@@ -48,10 +51,15 @@ let address = location.hash; // as this page wrote or read it last
 let token = null;
 let axes = {};
 
+const paths = new Set(description.parameters.map(({ path }) => path));
+
 /** Makes the state one that the program can compute. */
 function mend() {
   const { fault } = state;
-  if (!(fault.site in able)) Object.assign(state, firstState());
+  for (const path of Object.keys(state.changes)) if (!paths.has(path) || !Number.isFinite(state.changes[path])) delete state.changes[path];
+  if (!(fault.start_ms >= 0)) fault.start_ms = 0;
+  if (fault.duration_ms !== "end" && !(fault.duration_ms >= 1)) fault.duration_ms = 64;
+  if (!(fault.site in able)) Object.assign(fault, firstState().fault);
   const channels = able[fault.site];
   if (!(fault.channel in channels)) fault.channel = Object.keys(channels)[0];
   if (!channels[fault.channel].includes(fault.effect)) [fault.effect] = channels[fault.channel];
@@ -65,6 +73,15 @@ function mend() {
   if (!possible.includes(state.up) || state.up === state.across) state.up = possible.find((name) => name !== state.across);
   return possible;
 }
+
+/** Says that the page can do no more, and why. */
+function giveUp(error) {
+  if (error.name === "AbortError") return;
+  $("answer").textContent = `This page cannot go on: ${error.message || error}`;
+  $("progress").textContent = "";
+  document.body.dataset.failed = "1";
+}
+addEventListener("unhandledrejection", ({ reason }) => giveUp(reason));
 
 const question = () => ({ ...engine.question(), ...state.changes });
 const at = (i, j) => ({ ...state.fault, [state.across]: axes.across.values[i], [state.up]: axes.up.values[j] });
@@ -164,7 +181,7 @@ async function fill() {
     }
     document.body.dataset.filled = "1";
   } catch (error) {
-    if (error.name !== "AbortError") throw error;
+    giveUp(error);
   }
 }
 
@@ -224,7 +241,7 @@ async function open() {
     run.show(replay, fault, state.ms);
     document.body.dataset.verdict = replay.outcome.verdict;
   } catch (error) {
-    if (error.name !== "AbortError") throw error;
+    giveUp(error);
   }
   remember();
 }

@@ -11,8 +11,8 @@ const FAULT = ["site", "arm", "channel", "effect", "value", "start_ms", "duratio
 
 export class Table {
   /** open(fault, changes): what a row's button does. */
-  constructor(campaign, { folder, cue, runs, columns }, open) {
-    Object.assign(this, { campaign, folder, runs, columns, open });
+  constructor(campaign, { folder, cue, runs, rows, columns }, open) {
+    Object.assign(this, { campaign, folder, runs, listed: rows, columns, open });
     const names = Object.keys(columns);
     this.rows = columns.run_id.map((_, k) => {
       const row = Object.fromEntries(names.map((name) => [name, columns[name][k]]));
@@ -33,11 +33,11 @@ export class Table {
     return Object.fromEntries(Object.entries(row).filter(([name, value]) => name.startsWith("param:") && value !== null).map(([name, value]) => [name.slice(6), value]));
   }
 
-  /** Runs that lie on a map: same site, place and effect, whatever the axes do not hold. */
+  /** Runs that lie on a map: same site, arm, place and effect; size, start and duration may be others than the map's. */
   dots(fault, { across, up }) {
-    const held = ["site", "effect", "channel"].filter((name) => name !== across.name && name !== up.name);
+    const held = ["site", "arm", "effect", "channel"].filter((name) => name !== across.name && name !== up.name);
     return this.rows
-      .filter((row) => held.every((name) => row[name] === fault[name]))
+      .filter((row) => held.every((name) => (row[name] || undefined) === (fault[name] || undefined)))
       .map((row) => ({ ...row, i: nearest(across, row[across.name]), j: nearest(up, row[up.name] < 0 ? Infinity : row[up.name]) }))
       .filter(({ i, j }) => i >= 0 && j >= 0);
   }
@@ -45,7 +45,8 @@ export class Table {
   show() {
     $("table").hidden = false;
     const faulty = this.rows.filter(({ site }) => site);
-    $("table-lead").textContent = `${text(this.runs)} runs in ${this.folder}; circles on the map are those of the chosen fault, at the nearest square.`;
+    const few = this.listed < this.runs ? `, of which this page has ${text(this.listed)}: the first, with one timed fault at most` : "";
+    $("table-lead").textContent = `${text(this.runs)} runs in ${this.folder}${few}. Circles on the map are runs whose fault strikes there and does the same, at the nearest square; what the axes do not say may be another.`;
     const counts = {};
     for (const row of faulty) counts[classOf(row)] = (counts[classOf(row)] ?? 0) + 1;
     $("table-which").innerHTML = Object.keys(CLASSES).filter((name) => counts[name]).map((name) => `<option value="${name}">${CLASSES[name].says} (${counts[name]})</option>`).join("");

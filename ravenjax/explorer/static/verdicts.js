@@ -28,7 +28,7 @@ export function classOf(outcome) {
   return outcome.response === "limited" ? "limited" : "quiet";
 }
 
-/** Of outcomes: how many there are, evade, have the cue no later than the harm; and by class. */
+/** Of outcomes: how many there are, evade, have the cue before the harm; and by class. */
 export function count(outcomes) {
   const classes = {};
   let evading = 0;
@@ -38,7 +38,7 @@ export function count(outcomes) {
     const name = classOf(outcome);
     classes[name] = (classes[name] ?? 0) + 1;
     evading += Number(outcome.evades);
-    ahead += Number(name === "felt" && outcome[`cue${outcome.cue_set ?? 0}_first_ms`] <= outcome.unintended_first_ms);
+    ahead += Number(name === "felt" && outcome[`cue${outcome.cue_set ?? 0}_first_ms`] < outcome.unintended_first_ms);
     all += 1;
   }
   return { all, evading, ahead, classes };
@@ -61,7 +61,7 @@ export function answer({ all, evading, ahead, classes }, limit) {
   return [`Of ${text(all)} faults like this, `, evading ? text(evading) : "none", after];
 }
 
-/** felt: of how many the cue comes; ahead: in how many no later than the harm. */
+/** felt: of how many the cue comes; ahead: in how many before the harm. */
 function warned(felt, ahead, limit) {
   if (!felt) return "the surgeon feels no cue";
   const early = ahead === 0 ? "never" : ahead === felt ? "always" : `in ${text(ahead)}`;
@@ -78,7 +78,7 @@ export function told(outcome, limit) {
   if (name === "stopped") sentences.push(`A check stops the robot ${after(outcome.told_ms, onset)}.`);
   else if (name === "flagged") sentences.push(`A check tells someone ${after(outcome.told_ms, onset)}; the robot goes on.`);
   else if (outcome.evades) sentences.push("This fault slips past every safety check.");
-  else if (name === "limited") sentences.push("A check limits the command and tells nobody.");
+  else if (outcome.response === "limited") sentences.push("A check limits a command or drops a packet, and tells nobody.");
   else sentences.push("No check notices this fault.");
   if (harm >= 0) sentences.push(`The tip moves more than ${text(limit)} mm off ${after(harm, onset)}, ${length(outcome.unintended_mm)} at most${name === "stopped" ? " until the robot stops" : ""}.`);
   else if (outcome.hazard === "loss of motion") sentences.push("The instrument does not follow the surgeon.");
@@ -86,8 +86,9 @@ export function told(outcome, limit) {
   else sentences.push(`While the robot works, the tip goes ${length(Math.max(0, outcome.unintended_mm))} astray at most.`);
   if (outcome.cue) {
     const came = outcome[`cue${outcome.cue_set ?? 0}_first_ms`];
-    const ahead = harm >= 0 ? (came <= harm ? `, ${millis(harm - came)} before the harm` : `, ${millis(came - harm)} too late`) : "";
-    sentences.push(`The haptic cue comes ${after(came, onset)}${ahead}.`);
+    const late = came > harm ? `, ${millis(came - harm)} too late` : ", in the same millisecond as the harm";
+    const beside = came < harm ? `, ${millis(harm - came)} before the harm` : late;
+    sentences.push(`The haptic cue comes ${after(came, onset)}${harm >= 0 ? beside : ""}.`);
   } else sentences.push("The haptic cue does not come.");
   return sentences;
 }

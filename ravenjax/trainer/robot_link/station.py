@@ -4,7 +4,7 @@ What a console sends within one millisecond is added up, as the original's netwo
 looks; the robot gets it as one packet, numbered anew so that its own rules see a stream without gaps: the gate has
 applied them. The pedal of a console that was silent for `STALE_MS`, or that held it down while the robot was stopped
 or set back, counts as up until it was seen up. Beside the console of ITP there may be one of CRTK: while the pedal of
-the one is down nobody hears the other.
+the one is down nobody hears the other, and a pedal that was pressed meanwhile counts as up until it was seen up, too.
 """
 
 from __future__ import annotations
@@ -110,6 +110,9 @@ class Station:
         elif driver is None:
             self._driver = next((name for name, one in counted.items() if one.pedal), None)
         name = self._driver or next(iter(counted), ITP)
+        for other, one in counted.items():
+            if other != name and one.pedal:
+                self._lifted.discard(other)
         request = counted.get(name)
         if request is not None and not request.pedal:
             self._driver = None

@@ -7,8 +7,9 @@ const scripts = "ravenjax/explorer/static/";
 const { levels } = await load(`${scripts}field.js`);
 const { read, toml, written } = await load(`${scripts}address.js`);
 const { smallest } = await load(`${scripts}smallest.js`);
-const { answer, classOf, count } = await load(`${scripts}verdicts.js`);
-const { axisOf, nearest } = await load(`${scripts}axes.js`);
+const { answer, classOf, count, told } = await load(`${scripts}verdicts.js`);
+const { axisOf, nearest, words: faultWords } = await load(`${scripts}axes.js`);
+const { Table } = await load(`${scripts}table.js`);
 const { chain } = await load(`${scripts}course.js`);
 const { csv } = await load(`${scripts}saving.js`);
 
@@ -84,6 +85,39 @@ test("axes hold their range, and the nearest of a growing axis is by ratio", () 
   assert.deepEqual([lasts.values[0], lasts.values.at(-1)], [1, 1024]);
   assert.equal(nearest({ values: [1, 10, 100], log: true }, 40), 2);
   assert.equal(nearest({ values: [1, 10, 100] }, 40), 1);
+  for (const last of ["end", Infinity]) assert.equal(nearest({ values: [1, 10, 100], log: true }, last), 2);
+});
+
+test("a fault's words name the arm where there are two", () => {
+  const two = { ...campaign, arms: ["gold", "green"], sites: campaign.sites.map((site) => ({ ...site, per_arm: true })) };
+  assert.match(faultWords(two, fault), /^the motor command, gold arm: replaced by/);
+  assert.match(faultWords({ ...two, arms: ["gold"] }, fault), /^the motor command: replaced by/);
+});
+
+test("a map has the runs of its own arm, those to the end on its last row", () => {
+  const columns = { run_id: ["a", "b", "c"], index: [0, 1, 2], group: ["x", "x", "x"], verdict: ["silent/none/cue", "silent/none/cue", "silent/none/cue"], cue_ms: [1, 1, 1] };
+  Object.assign(columns, { site: ["usb_out", "usb_out", "hand"], arm: ["gold", "green", ""], channel: ["elbow", "elbow", "x"], effect: ["overwrite", "overwrite", "offset"] });
+  Object.assign(columns, { value: [-20_000, 0, 0], start_ms: [900, 900, 900], duration_ms: [-1, 5, 5] });
+  const table = new Table(campaign, { folder: "f", cue: 0, runs: 3, rows: 3, columns }, () => {});
+  const axes = { across: axisOf(campaign, fault, "value", []), up: axisOf(campaign, fault, "duration_ms", []) };
+  const places = (one) => table.dots(one, axes).map(({ index, i, j }) => [index, i, j]);
+  assert.deepEqual(places(fault), [[0, 0, axes.up.values.length - 1]]);
+  assert.deepEqual(places({ ...fault, arm: "green" }).map(([index]) => index), [1]);
+  assert.deepEqual(places({ site: "hand", channel: "x", effect: "offset" }).map(([index]) => index), [2]);
+});
+
+test("a check that limits is not passed over in silence", () => {
+  const run = { failed: "", response: "limited", hazard: "loss of motion", cue: false, evades: false, unintended_mm: 0, unintended_first_ms: -1, first_active_ms: 5 };
+  assert.match(told(run, 3)[0], /^A check limits a command or drops a packet/);
+  assert.match(told({ ...run, response: "silent" }, 3)[0], /^No check notices/);
+});
+
+test("a cue of the same millisecond as the harm does not come before it", () => {
+  const run = { failed: "", response: "silent", hazard: "unintended motion", cue: true, evades: true, unintended_mm: 4, unintended_first_ms: 7, first_active_ms: 5 };
+  const said = (ms) => told({ ...run, cue0_first_ms: ms }, 3).at(-1).split(", ")[1];
+  assert.deepEqual([6, 7, 9].map(said), ["1 ms before the harm.", "in the same millisecond as the harm.", "2 ms too late."]);
+  const counted = count([{ ...run, cue0_first_ms: 7 }]);
+  assert.deepEqual([counted.classes.felt, counted.ahead], [1, 0]);
 });
 
 test("a chain begins with what differed first, of one tick in the robot's order", () => {

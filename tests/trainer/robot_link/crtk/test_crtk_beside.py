@@ -119,6 +119,15 @@ def test_in_a_station_one_pedal_at_a_time_counts():
     assert tick() == (1, 50) and itp.felt[-1][1]
     ros.next = [asks(True, 9)]
     assert tick() == (1, 50)
+    itp.next = packets(False, 0)
+    tick()
+    assert tick()[0] == 0
+    itp.next = None
+    assert tick()[0] == 0  # it was pressed while another drove: it does not take over by itself
+    ros.next = [asks(False)]
+    tick()
+    ros.next = [asks(True, 9)]
+    assert tick() == (1, 9)
     itp.next, ros.next = packets(False, 0), [asks(False), {"type": "operator", "do": "estop", "console": "crtk"}]
     tick()
     ros.next = [asks(True, 9), {"type": "operator", "do": "restart", "console": "crtk"}]
