@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Annotated
 
@@ -9,13 +10,17 @@ from cyclopts import Parameter
 
 from ravenjax.cli import console
 from ravenjax.cli.console import AsJson
+from ravenjax.errors import UserError
 
 
 def explore(
-    source: str,
-    *,
+    *sources: str,
     out: Annotated[
         Path | None, Parameter(name=("--out", "-o"), help="the page; default NAME.explore.html, or DIR/explore.html")
+    ] = None,
+    gallery: Annotated[
+        Path | None,
+        Parameter(help="a folder: pages of several campaigns, of all bundled ones unless named, and an index"),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -26,13 +31,32 @@ def explore(
 
     Parameters
     ----------
-    source
+    sources
         Campaign file, the name of a bundled one (see `ravenjax campaigns`), or what `ravenjax run` wrote.
     """
+    if gallery is not None:
+        _gallery(gallery, sources, out, as_json)
+        return
+    if len(sources) != 1:
+        raise UserError(f"got {len(sources)} campaigns, expected one; write --gallery DIR for pages of several")
     from ravenjax.explorer import page
 
-    path = page.build(source, out)
+    path = page.build(sources[0], out)
     if as_json:
         console.emit_json({"page": path, "bytes": path.stat().st_size})
         return
     console.say(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
+
+
+def _gallery(folder: Path, sources: tuple[str, ...], out: Path | None, as_json: bool) -> None:
+    if out is not None:
+        raise UserError("got --out and --gallery; leave out --out: a gallery's pages are named after their campaigns")
+    from ravenjax.explorer import gallery
+
+    cards = gallery.build(folder, sources)
+    if as_json:
+        console.emit_json({"index": folder / gallery.INDEX, "campaigns": [dataclasses.asdict(card) for card in cards]})
+        return
+    for card in cards:
+        console.say(f"{card.campaign}: {card.file or 'no page, ' + card.reason}")
+    console.say(str(folder / gallery.INDEX))

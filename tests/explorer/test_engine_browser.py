@@ -23,7 +23,7 @@ from ravenjax.engines.cpu.engine import SimdEngine, SimdKernel
 from ravenjax.engines.interface import Block
 from ravenjax.engines.wasm.engine import WasmEngine
 from ravenjax.engines.wasm.runtime import WasmTarget
-from ravenjax.explorer import program
+from ravenjax.explorer import bundle, program
 from ravenjax.outcomes import events
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
@@ -34,7 +34,7 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"),
 ]
-SCRIPT = Path(program.__file__).with_name("static") / "engine.js"
+SCRIPTS = Path(program.__file__).with_name("static")
 QUIET = SimpleNamespace(**{name: lambda *_, **__: None for name in ("tell", "began", "more_due", "ticks", "note")})
 THREADS = 2
 
@@ -58,8 +58,11 @@ def description(config):
 def page(description, tmp_path_factory):
     """A page that holds the scripts in itself, with an engine open."""
     path = tmp_path_factory.mktemp("page") / "index.html"
-    script = f"{SCRIPT.read_text()}\nwindow.openEngine = openEngine; window.loaded = true"
-    path.write_text(f'<!doctype html><meta charset="utf-8"><script type="module">{script}</script>')
+    script = (
+        f'import {{ openEngine }} from "{bundle.PREFIX}engine.js"; window.openEngine = openEngine; window.loaded = true'
+    )
+    modules = f'<script type="importmap">{bundle.import_map(SCRIPTS)}</script>'
+    path.write_text(f'<!doctype html><meta charset="utf-8">{modules}<script type="module">{script}</script>')
     with sync_api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         window = browser.new_page()
@@ -73,7 +76,7 @@ def page(description, tmp_path_factory):
         )
         yield window
         assert not told
-        assert all(url.startswith(("file:", "blob:")) for url in urls)
+        assert all(url.startswith(("file:", "data:", "blob:")) for url in urls)
         browser.close()
 
 

@@ -106,8 +106,8 @@ def window(browser, place):
     assert told == []
 
 
-def filled(shown, points=400):
-    shown.wait_for_function(f"Number(document.body.dataset.points) >= {points}")
+def filled(shown):
+    """Wait until the map of the present question is complete; a question that changes makes it incomplete at once."""
     shown.wait_for_function("document.body.dataset.filled === '1'")
 
 
@@ -117,8 +117,8 @@ def test_a_new_user_asks_moves_a_control_opens_a_run_and_gets_the_same_natively(
     assert "slip past every safety check" in answer
     assert sum(int(one) for one in window.locator("#legend b").all_inner_texts()) >= 1000
     window.select_option("#channel", "gold/elbow")
-    window.wait_for_function("(before) => document.getElementById('answer').textContent !== before", arg=answer)
     filled(window)
+    assert window.inner_text("#answer") != answer
     field = window.locator("#field")
     box = field.bounding_box()
     field.click(position={"x": 0.9 * box["width"], "y": 0.35 * box["height"]})
@@ -208,16 +208,26 @@ def test_the_fault_dragged_in_time_begins_elsewhere_and_a_kept_run_stays_beside(
     assert window.locator("#signals .kept").count() > 0
 
 
-def test_another_situation_has_another_answer(window):
+def test_another_threshold_of_the_cue_has_another_answer_and_says_where_the_cue_comes_anyway(window, tmp_path):
     filled(window)
-    counts = window.locator("#legend").inner_text()
+    evading = window.inner_text("#answer strong")
+    assert "the surgeon feels a cue in" in window.inner_text("#answer")
+    felt = _felt(window)
     window.locator("#situation > summary").click()
-    window.locator("[id='p-haptics.cues.0.threshold_m-number']").fill("0.5")
-    window.locator("[id='p-haptics.cues.0.threshold_m-number']").press("Tab")
-    window.wait_for_function("(before) => document.getElementById('legend').innerText !== before", arg=counts)
-    filled(window)
+    _cue_at(window, "6")
+    assert window.inner_text("#answer strong") == evading
+    assert _felt(window) < felt
+    _cue_at(window, "0.5")
+    said = window.inner_text("#answer")
+    window.locator("#field").press("Enter")
+    window.wait_for_selector("#run:not([hidden])")
     raw = tomllib.loads(_copied(window, "toml"))
     assert raw["haptics"]["threshold_mm"] == [0.5, 2]
+    adaptive.run(validated(raw), tmp_path / "native", "simd")
+    native = Results(manifest.read(tmp_path / "native").shape, tmp_path / "native").frame().iloc[0]
+    assert native["golden_cue0_first_ms"] > 0
+    assert f"the cue comes without a fault, too, at {native['golden_cue0_first_ms']} ms" in said
+    assert _felt(window) == 0
 
 
 @pytest.mark.parametrize("width", [360, 1366, 2560])
@@ -227,6 +237,17 @@ def test_nothing_is_wider_than_the_window(window, width):
     window.locator("#field").press("Enter")
     window.wait_for_selector("#run:not([hidden])")
     assert window.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def _cue_at(window, threshold_mm):
+    number = window.locator("[id='p-haptics.cues.0.threshold_m-number']")
+    number.fill(threshold_mm)
+    number.press("Tab")
+    filled(window)
+
+
+def _felt(window):
+    return int(window.locator("#legend [data-class=felt] b").text_content())
 
 
 def _when(window, expression):

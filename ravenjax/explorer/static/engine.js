@@ -13,12 +13,9 @@
 // which a table has where checks of one's own count. With observe_ms, a fault that counts packets or time in pedal-down
 // is observed to the end of the run.
 
-const LANES = 16; // runs of a batch: a tenth of a second, after which a newer question may come first
+import { bytes } from "./bytes.js";
 
-/** Bytes of base64. */
-function bytes(text) {
-  return Uint8Array.from(atob(text), (letter) => letter.codePointAt(0)).buffer;
-}
+const LANES = 16; // runs of a batch: a tenth of a second, after which a newer question may come first
 
 /** Numbers of these types as 32-bit words. */
 function words(types, values) {
@@ -31,14 +28,15 @@ function words(types, values) {
   return new Int32Array(view.buffer);
 }
 
-/** Numbers of these types from 32-bit words. */
-function numbers(types, from) {
-  const view = new DataView(from.buffer, from.byteOffset, from.byteLength);
-  return types.map((type, k) => {
-    if (type === "float32") return view.getFloat32(4 * k, true);
-    const value = type === "uint32" ? view.getUint32(4 * k, true) : view.getInt32(4 * k, true);
-    return type === "bool" ? value !== 0 : value;
-  });
+/** Numbers of these types from 32-bit words, by these names. */
+function numbers(names, types, from) {
+  const [floats, wholes] = [Float32Array, Uint32Array].map((Kind) => new Kind(from.buffer, from.byteOffset, from.length));
+  const out = {};
+  for (let k = 0; k < types.length; k += 1) {
+    const type = types[k];
+    out[names[k]] = type === "float32" ? floats[k] : type === "bool" ? from[k] !== 0 : type === "uint32" ? wholes[k] : from[k];
+  }
+  return out;
 }
 
 /** From when to when a fault's window is open, as ravenjax/faults/clocks.py; first: `ticks` if never, last: -1. */
@@ -157,10 +155,10 @@ function failure(description, measures) {
   let first = measures.failed_ms;
   let signal = measures.failed_signal ?? (first >= 0 ? failure_of_tip : -1);
   if (first < 0)
-    for (const [name, value] of Object.entries(measures)) {
-      if (typeof value !== "number") continue;
-      const infinite = may_be_infinite.some((end) => name.endsWith(end));
-      if (infinite ? Number.isNaN(value) : !Number.isFinite(value)) {
+    for (const name in measures) {
+      const value = measures[name];
+      if (typeof value !== "number" || Number.isFinite(value)) continue;
+      if (Number.isNaN(value) || !may_be_infinite.some((end) => name.endsWith(end))) {
         first = description.ticks;
         signal = failure_of_outcome;
         break;
@@ -304,7 +302,16 @@ class Engine {
       for (const [k, run] of rows.entries()) task.faults.set(packed.subarray(run * fields, (run + 1) * fields), k * fields);
       batches.push(
         this.pool.submit("outcomes", task, { priority, token }).then(({ words: own, usual }) => {
-          for (const [k, run] of rows.entries()) judged[run] = this.judged(own, usual, k, faulty[run], ends[run], question);
+          // Runs that end at the same time have the same golden run.
+          const golden = new Map();
+          const size = this.names.length;
+          for (const [k, run] of rows.entries()) {
+            const end = ends[run];
+            if (!golden.has(end)) golden.set(end, this.measures(usual.subarray(k * size, (k + 1) * size)));
+            const out = judge(this.description, this.measures(own.subarray(k * size, (k + 1) * size)), golden.get(end), faulty[run]);
+            if ((question.observe_ms ?? null) !== null) out.observed_ms = end;
+            judged[run] = out;
+          }
           onOutcomes?.(rows, rows.map((run) => judged[run]));
           return null;
         }),
@@ -314,17 +321,8 @@ class Engine {
     return judged;
   }
 
-  judged(own, usual, k, faulty, end, question) {
-    const size = this.names.length;
-    const [measures, golden] = [own, usual].map((all) => this.measures(all.subarray(k * size, (k + 1) * size)));
-    const out = judge(this.description, measures, golden, faulty);
-    if ((question.observe_ms ?? null) !== null) out.observed_ms = end;
-    return out;
-  }
-
   measures(one) {
-    const values = numbers(this.types, one);
-    return Object.fromEntries(this.names.map((name, k) => [name, values[k]]));
+    return numbers(this.names, this.types, one);
   }
 
   /** The outcome of the run without a fault. */
@@ -342,49 +340,9 @@ class Engine {
   async replay(question, fault, { priority = 1, token = null } = {}) {
     const parameters = packQuestion(this.description, question);
     const { packed, faulty, ends } = pack(this.description, question, [fault]);
-    const both = await this.pool.submit("replay", { parameters, faults: packed }, { priority, token });
-    const golden = this.series(both.golden);
-    const own = this.series(both.faulty);
-    for (const arm of this.description.arms) {
-      const name = `${arm}/deviation_mm`;
-      golden[name] = apart(golden[`${arm}/tip`], golden[`${arm}/tip`]);
-      own[name] = apart(own[`${arm}/tip`], golden[`${arm}/tip`]);
-    }
-    const size = this.names.length;
-    const atEnd = ({ results }) => this.measures(results.subarray((ends[0] - 1) * size, ends[0] * size));
-    const outcome = judge(this.description, atEnd(both.faulty), atEnd(both.golden), faulty[0]);
-    return { period_ms: 1, golden, faulty: own, outcome };
-  }
-
-  series({ out, results }) {
-    const { ticks, programs, verdict } = this.description;
-    const { outputs, series } = programs.replay;
-    const stride = out.length / ticks;
-    const floats = new Float32Array(out.buffer);
-    const named = {};
-    let place = series;
-    for (const { name, types, scales } of outputs) {
-      const values = new Float32Array(ticks * types.length);
-      for (const [k, type] of types.entries())
-        for (let tick = 0; tick < ticks; tick += 1) {
-          const from = tick * stride + place + k;
-          const value = type === "float32" ? floats[from] : type === "bool" ? Number(out[from] !== 0) : out[from];
-          values[tick * types.length + k] = value * scales[k];
-        }
-      named[name] = values;
-      place += types.length;
-    }
-    const size = this.names.length;
-    const measured = new Float32Array(results.buffer);
-    for (const { name } of verdict.checks)
-      for (const [what, from] of [
-        ["margin", measured],
-        ["count", results],
-      ]) {
-        const k = this.names.indexOf(`check_${name}_${what}`);
-        named[`check/${name}/${what}`] = Float32Array.from({ length: ticks }, (_, tick) => from[tick * size + k]);
-      }
-    return named;
+    const both = await this.pool.submit("replay", { parameters, faults: packed, end: ends[0] }, { priority, token });
+    const outcome = judge(this.description, this.measures(both.faulty.end), this.measures(both.golden.end), faulty[0]);
+    return { period_ms: 1, golden: both.golden.series, faulty: both.faulty.series, outcome };
   }
 
   /** Give up what was asked with this token. */
@@ -398,11 +356,6 @@ class Engine {
   }
 }
 
-/** Distance of two courses of a point, mm. */
-function apart(a, b) {
-  return Float32Array.from({ length: a.length / 3 }, (_, tick) => 1e3 * Math.hypot(...[0, 1, 2].map((k) => a[3 * tick + k] - b[3 * tick + k])));
-}
-
 /** An engine of `threads` workers; all cores but one, if left out. description: from `program.description`, parsed. */
 export async function openEngine(description, { threads } = {}) {
   const count = threads ?? Math.max(1, (navigator.hardwareConcurrency ?? 2) - 1);
@@ -411,7 +364,7 @@ export async function openEngine(description, { threads } = {}) {
   for (const name of Object.keys(programs)) modules[name] = await WebAssembly.compile(bytes(programs[name].binary));
   const light = Object.entries(programs).map(([name, program]) => [name, { ...program, binary: "" }]);
   const pool = new Pool(worker, count);
-  const known = { ticks: description.ticks, programs: Object.fromEntries(light) };
+  const known = { ticks: description.ticks, arms: description.arms, checks: description.verdict.checks.map(({ name }) => name), programs: Object.fromEntries(light) };
   await pool.all("open", { description: known, modules, motion: bytes(motion), vectors: Math.ceil(LANES / known.programs.outcomes.width) });
   return new Engine(description, pool);
 }

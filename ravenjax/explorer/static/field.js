@@ -31,6 +31,8 @@ export class Field {
     this.canvas = canvas;
     this.pen = canvas.getContext("2d");
     this.cells = new Map();
+    this.fresh = []; // cells that came since the last drawing, where nothing else changed
+    this.whole = true;
     this.dots = [];
     this.at = null;
     this.wanted = false;
@@ -51,8 +53,10 @@ export class Field {
   }
 
   set(i, j, spread, outcome) {
-    this.cells.set(j * this.across.values.length + i, { i, j, spread, outcome });
-    this.ask();
+    const cell = { i, j, spread, outcome };
+    this.cells.set(j * this.across.values.length + i, cell);
+    this.fresh.push(cell);
+    this.ask(false);
   }
 
   /** A level is complete: each point that is known stands for as much as one of that level. */
@@ -74,7 +78,9 @@ export class Field {
     this.ask();
   }
 
-  ask() {
+  /** Draw soon; whole: all of it, not only what came. */
+  ask(whole = true) {
+    this.whole ||= whole;
     if (this.wanted) return;
     this.wanted = true;
     requestAnimationFrame(() => {
@@ -111,20 +117,43 @@ export class Field {
     const ratio = Math.min(3, window.devicePixelRatio || 1);
     const [width, height] = [canvas.clientWidth, canvas.clientHeight];
     if (!width || !this.across) return;
-    if (canvas.width !== Math.round(width * ratio)) canvas.width = Math.round(width * ratio);
-    if (canvas.height !== Math.round(height * ratio)) canvas.height = Math.round(height * ratio);
+    if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
+      Object.assign(canvas, { width: Math.round(width * ratio), height: Math.round(height * ratio) });
+      this.whole = true;
+    }
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-    pen.clearRect(0, 0, width, height);
-    this.paint(new Brush(pen, canvas));
+    const brush = new Brush(pen, canvas);
+    if (this.whole) {
+      pen.clearRect(0, 0, width, height);
+      this.paint(brush);
+    } else {
+      // A cell that comes is of the finest level so far: it lies on top of all others.
+      this.paintCells(brush, this.fresh);
+      this.paintAbove(brush);
+    }
+    this.fresh = [];
+    this.whole = false;
   }
 
   /** The map through a brush: a canvas or an SVG text. */
   paint(brush) {
-    const { x, y, width, height } = this.box;
-    const [columns, rows] = [this.across.values.length, this.up.values.length];
-    const [wide, high] = [width / columns, height / rows];
+    const { x, y, width, height, wide, high } = this.grid;
     brush.box(x, y, width, height, brush.colour("code"));
     const cells = [...this.cells.values()].sort((a, b) => b.spread.across * b.spread.up - a.spread.across * a.spread.up);
+    this.paintCells(brush, cells);
+    this.scales(brush, { x, y, width, height, wide, high });
+    this.paintAbove(brush);
+  }
+
+  /** The box with the size of a cell and how many there are. */
+  get grid() {
+    const [columns, rows] = [this.across.values.length, this.up.values.length];
+    const { box } = this;
+    return { ...box, columns, rows, wide: box.width / columns, high: box.height / rows };
+  }
+
+  paintCells(brush, cells) {
+    const { x, y, height, columns, rows, wide, high } = this.grid;
     for (const { i, j, spread, outcome } of cells) {
       const [before, below] = [Math.floor(spread.across / 2), Math.floor(spread.up / 2)];
       const [left, right] = [Math.max(0, i - before), Math.min(columns, i - before + spread.across)];
@@ -135,8 +164,12 @@ export class Field {
       const size = Math.min((right - left) * wide, (top - low) * high);
       if (size >= 3.5) brush.mark(CLASSES[name].mark, px + ((right - left) * wide) / 2, py + ((top - low) * high) / 2, Math.min(4.5, size * 0.24), name);
     }
+  }
+
+  /** Runs of a result folder, and the frame of the chosen cell. */
+  paintAbove(brush) {
+    const { x, y, height, wide, high } = this.grid;
     for (const dot of this.dots) brush.dot(x + (dot.i + 0.5) * wide, y + height - (dot.j + 0.5) * high, brush.colour(classOf(dot)));
-    this.scales(brush, { x, y, width, height, wide, high });
     if (this.at) brush.frame(x + this.at[0] * wide, y + height - (this.at[1] + 1) * high, wide, high);
   }
 
@@ -172,10 +205,12 @@ class Brush {
   constructor(pen, place) {
     this.pen = pen;
     this.style = getComputedStyle(place);
+    this.colours = new Map();
   }
 
   colour(name) {
-    return this.style.getPropertyValue(`--${name}`).trim();
+    if (!this.colours.has(name)) this.colours.set(name, this.style.getPropertyValue(`--${name}`).trim());
+    return this.colours.get(name);
   }
 
   ink(name) {

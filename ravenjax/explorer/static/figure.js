@@ -1,5 +1,7 @@
 // The robot in three dimensions, in WebGL 2: bodies of ravenjax/explorer/figure.py, placed by joint positions.
 
+import { bytes } from "./bytes.js";
+
 const VERTEX = `#version 300 es
 layout(location = 0) in vec3 corner;
 uniform mat4 view, place;
@@ -25,8 +27,6 @@ void main() {
   float light = 0.42 + 0.16 * facing.z + 0.3 * key + 0.22 * max(dot(facing, away), 0.0);
   pixel = vec4(colour.rgb * light * colour.a, colour.a);
 }`;
-
-const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.codePointAt(0)).buffer;
 
 // Matrices are 4 x 4, column after column, as WebGL takes them.
 const multiplied = (a, b) => {
@@ -96,11 +96,21 @@ export class Figure {
     this.names = Object.fromEntries(
       ["view", "place", "low", "size", "eye", "colour"].map((name) => [name, this.gl.getUniformLocation(this.program, name)]),
     );
-    this.meshes = this.bodies.map(({ meshes }) => meshes.map((mesh) => this.loaded(mesh)));
+    this.meshes = this.bodies.map(() => []);
     this.scene = null;
     this.wanted = false;
     this.turnable();
     new ResizeObserver(() => this.ask()).observe(canvas);
+  }
+
+  /** Takes up the shapes, a body after the other: between two of them the page answers. */
+  async load() {
+    for (const [k, { meshes }] of this.bodies.entries()) {
+      if (!meshes.length) continue;
+      this.meshes[k] = meshes.map((mesh) => this.loaded(mesh));
+      await new Promise((resolve) => setTimeout(resolve));
+    }
+    this.ask();
   }
 
   compiled() {

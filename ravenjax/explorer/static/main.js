@@ -109,6 +109,8 @@ let waiting = 0;
 /** Asks anew as soon as the hand rests. */
 function soon() {
   clearTimeout(waiting);
+  if (token) engine.cancel(token);
+  token = null;
   waiting = setTimeout(fill, WAIT_MS);
 }
 
@@ -142,8 +144,10 @@ function refresh(redrawn) {
   $("fault-words").textContent = words(campaign, state.fault, spans);
   field.mark(nearest(axes.across, state.fault[state.across]), nearest(axes.up, state.fault[state.up]));
   remember();
-  if (redrawn) soon();
-  else spot();
+  if (redrawn) {
+    delete document.body.dataset.filled;
+    soon();
+  } else spot();
 }
 
 function remember() {
@@ -158,6 +162,7 @@ function remember() {
 /** Fills the map from coarse to fine; a newer call gives up an older one. */
 async function fill() {
   if (!engine) return;
+  clearTimeout(waiting);
   if (token) engine.cancel(token);
   const own = (token = {});
   field.reset(axes.across, axes.up, rows ? rows.dots(state.fault, axes) : []);
@@ -179,7 +184,9 @@ async function fill() {
       field.settle(spread);
       Object.assign(document.body.dataset, { points: field.cells.size, ms: Math.round(performance.now() - began) });
     }
-    document.body.dataset.filled = "1";
+    requestAnimationFrame(() => {
+      if (token === own) document.body.dataset.filled = "1";
+    });
   } catch (error) {
     giveUp(error);
   }
@@ -189,7 +196,6 @@ let saying = false;
 function say() {
   if (saying) return;
   saying = true;
-  delete document.body.dataset.filled;
   requestAnimationFrame(() => {
     saying = false;
     const counted = count(field.outcomes());

@@ -37,6 +37,7 @@ export class Run {
     this.figure = description && new Figure($("figure"), description);
     document.querySelector(".stage").hidden = !this.figure?.ready;
     this.go(this.ms);
+    if (this.figure?.ready) this.figure.load();
   }
 
   /** What happened when; a bar under the hand stays the same element. */

@@ -28,20 +28,25 @@ export function classOf(outcome) {
   return outcome.response === "limited" ? "limited" : "quiet";
 }
 
-/** Of outcomes: how many there are, evade, have the cue before the harm; and by class. */
+/** When the cue comes without a fault, ms; -1: never. */
+const cueWithout = (outcome) => outcome[`golden_cue${outcome.cue_set ?? 0}_first_ms`] ?? -1;
+
+/** Of outcomes: how many there are, evade, have the cue before the harm, and by class; when it comes without a fault. */
 export function count(outcomes) {
   const classes = {};
   let evading = 0;
   let ahead = 0;
   let all = 0;
+  let without = -1;
   for (const outcome of outcomes) {
     const name = classOf(outcome);
     classes[name] = (classes[name] ?? 0) + 1;
     evading += Number(outcome.evades);
     ahead += Number(name === "felt" && outcome[`cue${outcome.cue_set ?? 0}_first_ms`] < outcome.unintended_first_ms);
+    without = Math.max(without, cueWithout(outcome));
     all += 1;
   }
-  return { all, evading, ahead, classes };
+  return { all, evading, ahead, without, classes };
 }
 
 const number = new Intl.NumberFormat("en", { maximumSignificantDigits: 4 });
@@ -52,18 +57,18 @@ const MILLIS = new Intl.NumberFormat("en", { maximumFractionDigits: 1 });
 export const millis = (ms) => `${MILLIS.format(ms)} ms`;
 
 /** The answer of a map: [before, number, after]. */
-export function answer({ all, evading, ahead, classes }, limit) {
+export function answer({ all, evading, ahead, without = -1, classes }, limit) {
   if (!all) return ["Asking the robot …", "", ""];
   const after =
     ` ${evading === 1 ? "slips" : "slip"} past every safety check and ${evading === 1 ? "moves" : "move"} the instrument ` +
     `more than ${text(limit)} mm` +
-    (evading ? `; ${warned(classes.felt ?? 0, ahead, limit)}.` : ".");
+    (evading ? `; ${warned(classes.felt ?? 0, ahead, limit, without)}.` : ".");
   return [`Of ${text(all)} faults like this, `, evading ? text(evading) : "none", after];
 }
 
-/** felt: of how many the cue comes; ahead: in how many before the harm. */
-function warned(felt, ahead, limit) {
-  if (!felt) return "the surgeon feels no cue";
+/** felt: of how many the cue comes; ahead: in how many before the harm; without: when it comes without a fault. */
+function warned(felt, ahead, limit, without) {
+  if (!felt) return without < 0 ? "the surgeon feels no cue" : `the cue comes without a fault, too, at ${millis(without)}, and so it warns of none`;
   const early = ahead === 0 ? "never" : ahead === felt ? "always" : `in ${text(ahead)}`;
   return `the surgeon feels a cue in ${text(felt)}, ${early} before the ${text(limit)} mm`;
 }
@@ -89,7 +94,8 @@ export function told(outcome, limit) {
     const late = came > harm ? `, ${millis(came - harm)} too late` : ", in the same millisecond as the harm";
     const beside = came < harm ? `, ${millis(harm - came)} before the harm` : late;
     sentences.push(`The haptic cue comes ${after(came, onset)}${harm >= 0 ? beside : ""}.`);
-  } else sentences.push("The haptic cue does not come.");
+  } else if (cueWithout(outcome) >= 0) sentences.push(`The haptic cue comes without the fault, too, at ${millis(cueWithout(outcome))}: it does not warn.`);
+  else sentences.push("The haptic cue does not come.");
   return sentences;
 }
 

@@ -228,17 +228,22 @@ class Core {
     return { words, usual };
   }
 
-  /** Time series of the golden run and of one run, and the results that each had after every tick. */
-  replay({ parameters, faults }) {
+  /** Of the golden run and of one run: time series by name, one number a millisecond, and words of the results at the end. */
+  replay({ parameters, faults, end }) {
     this.replayed ??= this.open();
     const one = this.replayed;
     const none = new Int32Array(faults.length);
-    const golden = this.course(parameters, none, false);
+    const golden = this.course(parameters, none, false, end);
     one.compare(one.series());
-    return { golden, faulty: this.course(parameters, faults, true) };
+    const faulty = this.course(parameters, faults, true, end);
+    for (const arm of this.description.arms) {
+      const tip = `${arm}/tip`;
+      for (const { series } of [golden, faulty]) series[`${arm}/deviation_mm`] = apart(series[tip], golden.series[tip]);
+    }
+    return { golden, faulty };
   }
 
-  course(parameters, faults, compared) {
+  course(parameters, faults, compared, end) {
     const { replayed: one, ticks } = this;
     const size = one.layout.outcomes.length;
     const results = new Int32Array(ticks * size);
@@ -249,10 +254,57 @@ class Core {
       one.finish(0);
       one.lane(0, results, tick * size);
     }
-    const out = one.words.slice(one.out / 4, one.out / 4 + ticks * one.outputs);
-    return { out, results };
+    return { series: this.named(results), end: results.slice((end - 1) * size, end * size) };
+  }
+
+  /** What the replay left, by the names of its outputs; with check/NAME/margin and check/NAME/count, so far. */
+  named(results) {
+    const { replayed: one, ticks } = this;
+    const { outputs, outcomes, series } = one.layout;
+    const [whole, real] = [one.words, one.floats].map((all) => all.subarray(one.out / 4, one.out / 4 + ticks * one.outputs));
+    const named = {};
+    let place = series;
+    for (const { name, types, scales } of outputs) {
+      const width = types.length;
+      const values = new Float32Array(ticks * width);
+      for (let k = 0; k < width; k += 1) {
+        const from = types[k] === "float32" ? real : whole;
+        const truth = types[k] === "bool";
+        for (let tick = 0; tick < ticks; tick += 1) {
+          const value = from[tick * one.outputs + place + k];
+          values[tick * width + k] = (truth ? Number(value !== 0) : value) * scales[k];
+        }
+      }
+      named[name] = values;
+      place += width;
+    }
+    const measured = new Float32Array(results.buffer);
+    const size = outcomes.length;
+    for (const name of this.description.checks)
+      for (const [what, from] of [
+        ["margin", measured],
+        ["count", results],
+      ]) {
+        const k = outcomes.indexOf(`check_${name}_${what}`);
+        named[`check/${name}/${what}`] = Float32Array.from({ length: ticks }, (_, tick) => from[tick * size + k]);
+      }
+    return named;
   }
 }
+
+/** Distance of two courses of a point, mm. */
+function apart(a, b) {
+  const out = new Float32Array(a.length / 3);
+  for (let tick = 0; tick < out.length; tick += 1) {
+    const k = 3 * tick;
+    out[tick] = 1e3 * Math.hypot(a[k] - b[k], a[k + 1] - b[k + 1], a[k + 2] - b[k + 2]);
+  }
+  return out;
+}
+
+/** The memory of arrays in an answer, which goes over without a copy. */
+const memories = (result) => [...new Set(arrays(result).map(({ buffer }) => buffer))];
+const arrays = (value) => (ArrayBuffer.isView(value) ? [value] : Object.values(value).flatMap(arrays));
 
 let core = null;
 
@@ -267,7 +319,8 @@ const TASKS = {
 
 addEventListener("message", ({ data: { id, kind, task } }) => {
   try {
-    postMessage({ id, result: TASKS[kind](task) });
+    const result = TASKS[kind](task);
+    postMessage({ id, result }, memories(result));
   } catch (error) {
     postMessage({ id, error: `${error}` });
   }

@@ -78,6 +78,13 @@ test("classes are those of a report, and the answer counts them", () => {
   assert.equal(answer(counted, 3).join(""), "Of 7 faults like this, 2 slip past every safety check and move the instrument more than 3 mm; the surgeon feels a cue in 1, always before the 3 mm.");
 });
 
+test("a cue that the run without a fault has as well is said to warn of none", () => {
+  const harm = { response: "silent", hazard: "unintended motion", evades: true, cue: false, cue0_first_ms: 679, unintended_first_ms: 738 };
+  const always = answer(count([{ ...harm, golden_cue0_first_ms: 679 }]), 3)[2];
+  assert.match(always, /the cue comes without a fault, too, at 679 ms, and so it warns of none\.$/);
+  assert.match(answer(count([{ ...harm, cue0_first_ms: -1, golden_cue0_first_ms: -1 }]), 3)[2], /the surgeon feels no cue\.$/);
+});
+
 test("axes hold their range, and the nearest of a growing axis is by ratio", () => {
   const size = axisOf(campaign, fault, "value", []);
   assert.deepEqual([size.values.length, size.values[0], size.values[20], size.values[40]], [41, -20_000, 0, 20_000]);
