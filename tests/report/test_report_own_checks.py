@@ -118,7 +118,7 @@ def test_the_page_tells_of_both_checks_and_not_of_a_campaign_without():
         assert f"{row.name} at {row.at}, {row.threshold}" in text
         assert f"{100 * row.tripped.value:.1f}" in text
     assert f"Of {gate.tripped.n} distinct faults" in text and "first trips in 2 fault-free motions" in text
-    assert "by the time that a check of your own acted" in text
+    assert "told anyone, in the whole run or until a check or detector of your own stopped or limited it, and" in text
     assert math.isnan(gate.alarms.threshold) and "nan" not in text.lower()
     assert 'id="own_checks"' not in rendered(synthetic.frame(ROWS), synthetic.manifest(ROWS))
 
@@ -127,4 +127,4 @@ def test_checks_that_only_watch_do_not_act():
     frame, manifest = campaign(own=(EYE,))
     assert "built_in_response" not in frame
     section = re.search(r'<section id="own_checks">.*?</section>', rendered(frame, manifest), re.S)[0]
-    assert "a check of your own acted" not in words(Page(section))
+    assert "no built-in check told anyone and in which no other" in words(Page(section))
