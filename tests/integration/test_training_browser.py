@@ -138,7 +138,7 @@ def test_a_session_from_the_first_key_to_the_debrief(address):
         assert operator.inner_text("#role") == "operator" and instructor.inner_text("#role") == "instructor"
         browser.close()
     assert len(asked) > 10 and [url for url in asked if not url.startswith(HERE)] == []
-    (second,) = [one for one in folder.parent.glob("browser-p02-*")]
+    (second,) = folder.parent.glob("browser-p02-*")
     assert json.loads((second / "session.json").read_text(encoding="utf-8"))["seed"] == 5
     waiting.until((folder / "hazards.csv").exists)
     (row,) = csv.DictReader((folder / "hazards.csv").open(encoding="utf-8"))
