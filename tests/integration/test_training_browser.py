@@ -1,13 +1,8 @@
-"""Whole sessions in a real browser, one after the other.
-
-Who is new reads which key to press, reaches the first target, meets a hazard, feels the cue, lifts the pedal, reads
-the debrief; then the instructor begins the next session and both windows come along.
-"""
+"""A whole session in a real browser: drive with keys, meet a hazard, feel the cue, lift the pedal, read the debrief."""
 
 from __future__ import annotations
 
 import csv
-import json
 import re
 import shutil
 import signal
@@ -114,9 +109,7 @@ def test_a_session_from_the_first_key_to_the_debrief(address):
         assert 0 < latency["mark"] <= latency["mark_drawn"]
         print("key to " + ", ".join(f"{name} {latency[name]:.0f} ms" for name in ("mark_drawn", "tip_drawn")))
 
-        follow_the_guide(operator)
         instructor.evaluate("document.querySelector('#hazards li button.arm').click()")
-        until(instructor, "document.querySelector('#hazards li.armed, #hazards li.struck, #hazards li.over')")
         until(instructor, "document.querySelector('#hazards li.struck')")
         until(operator, "ravenjax.state().strength > 0")  # the cue, as the hand feels it
         operator.keyboard.up("Space")
@@ -126,56 +119,18 @@ def test_a_session_from_the_first_key_to_the_debrief(address):
         for _ in range(2):  # the end is asked twice
             instructor.evaluate("document.querySelector('[data-instructor=end]').click()")
         until(operator, "!document.getElementById('debrief').hidden")
-        debrief = operator.frame_locator("#debrief iframe")
-        assert "How you moved" in debrief.locator("body").inner_text()
-        assert not operator.locator("#field").is_visible()  # nothing tells to act any more
-        assert told == []
-        next_session(instructor, operator)
-        ready = "document.getElementById('phase').textContent === 'ready'"
-        for page in (operator, instructor):  # they came along by themselves, and nothing of the last is left in them
-            until(page, f"window.ravenjax?.state().frames > 3 && {ready} && document.getElementById('debrief').hidden")
-        assert instructor.inner_text("#who") == "p02"
-        assert operator.inner_text("#role") == "operator" and instructor.inner_text("#role") == "instructor"
+        operator.frame_locator("#debrief iframe").locator("h1, h2").first.wait_for()
         browser.close()
     assert len(asked) > 10 and [url for url in asked if not url.startswith(HERE)] == []
+<<<<<<< HEAD
     (second,) = folder.parent.glob("browser-p02-*")
     assert json.loads((second / "session.json").read_text(encoding="utf-8"))["seed"] == 5
+=======
+    assert told == []
+>>>>>>> pages
     waiting.until((folder / "hazards.csv").exists)
     (row,) = csv.DictReader((folder / "hazards.csv").open(encoding="utf-8"))
     assert row["response"] == "release" and row["response_ok"] == "True" and int(row["struck_ms"]) > 0
-
-
-def follow_the_guide(operator):
-    """Presses the key that the line in the field names, until the first target is reached; the pedal is down."""
-    held = ""
-    while operator.evaluate("ravenjax.state().latest.number('progress')") == 0:
-        key = operator.evaluate("document.querySelector('#coach > p:not([hidden]) kbd')?.textContent ?? ''")
-        if key != held:
-            if held:
-                operator.keyboard.up(held.lower())
-            if key:
-                operator.keyboard.down(key.lower())
-            held = key
-        frames_later(operator, 2)
-    if held:
-        operator.keyboard.up(held.lower())
-
-
-def next_session(instructor, operator):
-    """The instructor's form: a scenario that is none is refused in words, then the same scenario for another trainee."""
-    instructor.evaluate("document.getElementById('debrief-close').click()")
-    instructor.fill("#next-participant", "p02")
-    instructor.fill("#next-seed", "5")
-    instructor.fill("#next-scenario", "dac_bust")
-    instructor.click("#next button[type=submit]")
-    until(instructor, "document.querySelector('#next .note').textContent.includes('dac_burst')")
-    assert instructor.inner_text("#next button[type=submit]") == "Start the next session"
-    instructor.fill("#next-scenario", "browser")  # of a file: the present one
-    for page in (instructor, operator):
-        page.evaluate("window.before = true")
-    instructor.click("#next button[type=submit]")
-    for page in (instructor, operator):
-        until(page, "!window.before")  # loaded anew
 
 
 def until(page, expression):

@@ -237,6 +237,23 @@ def test_an_instructor_finds_keeps_and_plans_hazards(browser, tmp_path):
         session.close()
 
 
+def test_the_next_session_is_asked_for_and_a_refusal_says_why(browser, session):
+    with Visit(browser, session, f"{AS_INSTRUCTOR}&scene=off") as page:
+        form = "document.getElementById('next').requestSubmit()"
+        values = {"participant": "p02", "scenario": "dac_bust", "seed": "5"}
+        fill = "([name, value]) => { document.getElementById(`next-${name}`).value = value; }"
+        for value in values.items():
+            page.evaluate(fill, value)
+        page.evaluate(form)
+        until(page, "document.querySelector('#next .note').textContent.includes('dac_burst')")
+        assert not any(one.get("do") == "next" for one in session.commands)
+        page.evaluate(fill, ["scenario", "dac_burst"])
+        page.evaluate(form)
+        waiting.until(lambda: any(one.get("do") == "next" for one in session.commands))
+        (wish,) = [one for one in session.commands if one.get("do") == "next"]
+        assert [wish[name] for name in ("participant", "scenario", "seed")] == ["p02", "dac_burst", 5]
+
+
 def test_a_hazard_is_armed_felt_and_met(browser, session):
     with (
         Visit(browser, session, "role=operator&scene=off") as operator,
