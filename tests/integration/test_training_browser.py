@@ -122,12 +122,7 @@ def test_a_session_from_the_first_key_to_the_debrief(address):
         operator.frame_locator("#debrief iframe").locator("h1, h2").first.wait_for()
         browser.close()
     assert len(asked) > 10 and [url for url in asked if not url.startswith(HERE)] == []
-<<<<<<< HEAD
-    (second,) = folder.parent.glob("browser-p02-*")
-    assert json.loads((second / "session.json").read_text(encoding="utf-8"))["seed"] == 5
-=======
     assert told == []
->>>>>>> pages
     waiting.until((folder / "hazards.csv").exists)
     (row,) = csv.DictReader((folder / "hazards.csv").open(encoding="utf-8"))
     assert row["response"] == "release" and row["response_ok"] == "True" and int(row["struck_ms"]) > 0
