@@ -45,6 +45,11 @@ def test_two_campaigns_of_one_name_are_refused(tmp_path):
     assert not (tmp_path / "pages").exists()
 
 
+def test_a_campaign_without_a_fault_has_no_page_and_says_so(tmp_path):
+    with pytest.raises(UserError, match="healthy_robot has no fault"):
+        gallery.build(tmp_path, ["healthy_robot"])
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)")
 def test_the_index_opens_from_a_file_and_each_link_computes(tmp_path):

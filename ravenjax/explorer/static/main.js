@@ -140,6 +140,7 @@ function refresh(redrawn) {
   const channels = Object.keys(able[state.fault.site]).filter((name) => able[state.fault.site][name].includes(state.fault.effect));
   axes = { across: axisOf(campaign, state.fault, state.across, channels), up: axisOf(campaign, state.fault, state.up, channels) };
   controls.show(state, possible);
+  if (!engine) field.reset(axes.across, axes.up, []); // its axes stand while the robot starts
   const spans = { [state.across]: axes.across.values, [state.up]: axes.up.values };
   $("fault-words").textContent = words(campaign, state.fault, spans);
   field.mark(nearest(axes.across, state.fault[state.across]), nearest(axes.up, state.fault[state.up]));
