@@ -128,11 +128,6 @@ def question_plan(config: CampaignConfig) -> Plan:
             f"{', '.join(ready.keys)} is drawn anew in each run, which a page does not do: leave noise, bursts "
             "and drawn packets out of the campaign"
         )
-    if not ready.program.setup.injection.slots:
-        raise UserError(
-            f"campaign {config.campaign.name} has no fault, and a page asks what becomes of faults: "
-            "give it a group with one"
-        )
     program = ready.program
     if not program.setup.injection.sites:
         raise UserError(

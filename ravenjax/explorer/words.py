@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import tomlkit
@@ -172,10 +173,17 @@ def _varied(config: CampaignConfig) -> list[str]:
     return [path for path, axis in config.parameters.items() if axis.kind != "fixed"] + [*config.cross]
 
 
+def _file(value: Any) -> str:
+    """What a file is called where it lies beside another one."""
+    assert isinstance(value, Path), value
+    return value.name
+
+
 def _toml(config: CampaignConfig) -> str:
-    """The campaign's file without cues, groups and what varies: a page adds its own."""
+    """The campaign's file without cues, groups and what varies, which a page adds; what it reads lies beside it."""
     apart = {"group", "stop", "haptics", "cross"}
-    tables = json.loads(config.model_dump_json(exclude_defaults=True, exclude=apart))
+    content = config.model_dump(exclude_defaults=True, exclude=apart)
+    tables = json.loads(json.dumps(content, default=_file))
     varied = _varied(config)
     tables["parameters"] = {path: one for path, one in tables.get("parameters", {}).items() if path not in varied}
     return tomlkit.dumps({name: table for name, table in tables.items() if table})

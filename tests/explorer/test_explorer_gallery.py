@@ -46,7 +46,7 @@ def test_two_campaigns_of_one_name_are_refused(tmp_path):
 
 
 def test_a_campaign_without_a_fault_has_no_page_and_says_so(tmp_path):
-    with pytest.raises(UserError, match="healthy_robot has no fault"):
+    with pytest.raises(UserError, match="'healthy_robot' has no fault"):
         gallery.build(tmp_path, ["healthy_robot"])
 
 

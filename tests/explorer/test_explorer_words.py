@@ -9,6 +9,7 @@ import tomllib
 from importlib import resources
 
 import pytest
+import tomlkit
 
 from ravenjax.campaign import loading
 from ravenjax.campaign.file.config import validated
@@ -55,6 +56,18 @@ def test_what_a_campaign_varies_is_left_to_the_page():
     told = words.campaign(validated(raw))
     assert told["varied"] == ["plant.friction_scale", "plant.mass_scale"]
     assert tomllib.loads(told["toml"]) == {"campaign": {"name": "some"}, "parameters": {"operator.scale": 0.2}}
+
+
+def test_files_are_named_as_they_lie_beside_the_campaign(tmp_path):
+    (tmp_path / "hand.csv").write_text("x,y,z\n" + "0,0,0\n" * 3000)
+    raw = {
+        "campaign": {"name": "some", "duration_s": 2.0},
+        "operator": {"file": "hand.csv", "rate_hz": 1000.0},
+        "group": [{"name": "own", "fault": [STUCK]}],
+    }
+    (tmp_path / "some.toml").write_text(tomlkit.dumps(raw))
+    told = words.campaign(loading.load(tmp_path / "some.toml"))
+    assert tomllib.loads(told["toml"])["operator"]["file"] == "hand.csv"
 
 
 def test_modules_import_each_other_by_names_of_the_map():
