@@ -79,7 +79,7 @@ def require_equal(one, other, names) -> None:
         np.testing.assert_array_equal(one[name], other[name], err_msg=name)
 
 
-@pytest.mark.parametrize("engine", ["simd", "xla"])
+@pytest.mark.parametrize("engine", ["simd", pytest.param("xla", marks=pytest.mark.slow)])
 def test_the_text_of_a_built_in_check_gives_its_history(tmp_path, engine):
     text = LARGEST.format(name="current_cmd")
     raw = tables(tmp_path, text, EARLY, at="current_cmd", threshold=20000)
@@ -90,7 +90,7 @@ def test_the_text_of_a_built_in_check_gives_its_history(tmp_path, engine):
         np.testing.assert_array_equal(own, built_in, err_msg=what)
 
 
-@pytest.mark.parametrize("engine", ["simd", "xla"])
+@pytest.mark.parametrize("engine", ["simd", pytest.param("xla", marks=pytest.mark.slow)])
 def test_the_text_of_the_built_in_clip_gives_its_motion_to_the_bit(tmp_path, engine):
     text, own = CLIP.format(limits=limits()), {"at": "current_cmd", "acts": "limit"}
     clipped = rj.run(tables(tmp_path, text, EARLY), engine=engine)
@@ -105,7 +105,7 @@ def test_the_text_of_the_built_in_clip_gives_its_motion_to_the_bit(tmp_path, eng
     np.testing.assert_array_equal(limited["response"][:2], clipped["response"][:2])
 
 
-@pytest.mark.parametrize("engine", ["simd", "xla"])
+@pytest.mark.parametrize("engine", ["simd", pytest.param("xla", marks=pytest.mark.slow)])
 def test_a_stop_in_the_software_raises_its_e_stop_as_the_overdrive_check_does(tmp_path, engine):
     """In the same millisecond, from where the watchdog's wave and the PLC stop the robot at the same ticks."""
     built_in = rj.run(tables(tmp_path, "", EARLY), engine=engine).iloc[2]
@@ -126,7 +126,7 @@ def test_a_stop_at_each_seam_of_the_software_acts_in_the_same_millisecond(tmp_pa
     assert (table["pedal_down_ms"] < 600).all()
 
 
-@pytest.mark.parametrize("engine", ["simd", "xla"])
+@pytest.mark.parametrize("engine", ["simd", pytest.param("xla", marks=pytest.mark.slow)])
 def test_a_board_that_refuses_holds_zero_and_lets_the_plc_stop_the_robot(tmp_path, engine):
     table = rj.run(tables(tmp_path, BOARDS.format(more=""), at="usb_out", acts="stop"), engine=engine)
     free, mild, hard = (table.iloc[row] for row in range(3))
@@ -168,7 +168,7 @@ def test_boards_refuse_one_by_one(tmp_path):
     assert hard["response_cause"] == "own_mine" and hard["check_plc_watchdog_count"] == 1
 
 
-@pytest.mark.parametrize("engine", ["simd", "xla"])
+@pytest.mark.parametrize("engine", ["simd", pytest.param("xla", marks=pytest.mark.slow)])
 def test_a_board_that_limits_holds_what_it_held(tmp_path, engine):
     """As if the write had failed: the struck command never arrives."""
     text = BOARDS.format(more=", view.held_cmd")

@@ -64,7 +64,9 @@ def tables(folder: Path, arms: tuple[str, ...] = ("gold", "green"), **stages: st
     }
 
 
-@pytest.mark.parametrize("engine, arms", [("simd", ("gold", "green")), ("xla", ("gold",))])
+@pytest.mark.parametrize(
+    "engine, arms", [("simd", ("gold", "green")), pytest.param("xla", ("gold",), marks=pytest.mark.slow)]
+)
 def test_the_text_of_the_built_in_laws_gives_their_bits(tmp_path, engine, arms):
     own = rj.run(tables(tmp_path, arms, motor_control=PID, dac=DAC), engine=engine)
     built_in = rj.run(tables(tmp_path, arms), engine=engine)

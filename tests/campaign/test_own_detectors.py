@@ -76,7 +76,7 @@ def limits() -> list[int]:
     return [int(limit) for limit in ready.program.params.control.overdrive.dac_max][:6]
 
 
-@pytest.mark.parametrize("engine", ["simd", "xla"])
+@pytest.mark.parametrize("engine", ["simd", pytest.param("xla", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", ["overdrive", "tip_error"])
 def test_the_text_of_a_built_in_detector_gives_its_bits(tmp_path, kind, engine):
     text = TWINS.format(limits=limits()) if kind == "overdrive" else ERROR
@@ -88,6 +88,7 @@ def test_the_text_of_a_built_in_detector_gives_its_bits(tmp_path, kind, engine):
         np.testing.assert_array_equal(table[name], table[name.replace("detector0", "detector1")], err_msg=name)
 
 
+@pytest.mark.slow
 def test_both_engines_agree_on_a_detector_that_remembers(tmp_path):
     raw = tables(tmp_path, BOARDS)
     simd, xla = (rj.run(copy.deepcopy(raw), engine=engine) for engine in ("simd", "xla"))
@@ -172,7 +173,7 @@ def test_its_code_is_part_of_what_a_folder_holds(tmp_path):
     assert not verified.fine and "has changed since" in verified.checks[-1].problems[0]
 
 
-@pytest.mark.parametrize("engine", ["simd", "xla"])
+@pytest.mark.parametrize("engine", ["simd", pytest.param("xla", marks=pytest.mark.slow)])
 def test_one_that_stops_presses_the_button_a_millisecond_later(tmp_path, engine):
     raw = tables(tmp_path, BOARDS)
     raw["detector"][0] |= {"acts": "stop", "threshold": [1.0]}

@@ -110,6 +110,7 @@ def test_pairs_have_the_same_packets_but_for_their_distribution():
     assert shares[0] == 1.0 and shares[1] == pytest.approx(0.49, abs=0.03) and 0.2 < shares[2] < 0.45
 
 
+@pytest.mark.slow
 def test_engine_xla_has_the_same_packets(bursts):
     ours, theirs = (traced(bursts, 2, engine).packet for engine in (SimdEngine(), ScanEngine("xla")))
     for name in ("received", "sequence", "surgeon_mode"):

@@ -26,7 +26,17 @@ from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.seams import crossings
 from ravenjax.vocabulary.sites import ARM
 
-NO_SITE = {"network", "checked_cmd", "motor_mpos", "motor_mvel", "cable_tension", "link_jpos", "link_jvel", "tip"}
+NO_SITE = {
+    "network",
+    "checked_cmd",
+    "boards",
+    "motor_mpos",
+    "motor_mvel",
+    "cable_tension",
+    "link_jpos",
+    "link_jvel",
+    "tip",
+}
 """Seams that are no fault site."""
 
 
@@ -64,6 +74,8 @@ def others_of(signals, seam, arm):
     field |= {"link_jpos": "jpos", "link_jvel": "jvel"}
     if seam == "checked_cmd":
         return dict(zip(joints, signals.control.arms[arm].current_cmd_checked, strict=True))
+    if seam == "boards":
+        return dict(zip(joints, signals.boards[arm], strict=True))
     if seam == "tip":
         return dict(zip("xyz", signals.tip[arm], strict=True))
     return dict(zip(joints, getattr(signals.plant[arm], field[seam]), strict=True))

@@ -176,7 +176,7 @@ def test_the_summary_has_fault_verdict_course_and_sizes():
         (
             {"verdict": "silent/loss of motion/no cue", "response": "silent", "response_cause": "", "halted_ms": 900,
              "golden_halted_ms": 100, "hazard": "loss of motion"},
-            "beyond what it does in the golden run; the robot is not live for 800 ms longer than in the golden run",
+            "nor first tripped sooner than there; the robot is not live for 800 ms longer than in the golden run",
         ),
         ({"failed": "nan", "verdict": ""}, "none: the run has no valid outcome (nan)"),
     ],
