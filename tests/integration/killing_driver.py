@@ -22,7 +22,7 @@ from pathlib import Path
 
 from ravenjax.cli import main
 
-STARTS_S, PARTS, THEN_S = 2.5, 8, 0.05
+STARTS_S, PARTS, THEN_S = 2.0, 8, 0.05
 """How late, at most, a start is killed: after its beginning, or after so many parts and then some time."""
 
 

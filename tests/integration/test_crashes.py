@@ -21,7 +21,7 @@ from ravenjax.store import manifest
 from ravenjax.store.access import merging
 
 DRIVER = Path(__file__).with_name("killing_driver.py")
-SIZE = {"runs": 40_000, "chunk": 100, "duration_s": 0.3}
+SIZE = {"runs": 100_000, "chunk": 100, "duration_s": 0.3}
 """More parts than fifty kills leave behind."""
 SMALL = {"runs": 3_000, "chunk": 50, "duration_s": 0.3}
 
