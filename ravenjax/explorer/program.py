@@ -77,7 +77,6 @@ from ravenjax.outcomes import verdict
 from ravenjax.store import schema
 from ravenjax.vocabulary import checks, failures
 from ravenjax.vocabulary.effects import EFFECT_CODES, EFFECTS, NETWORK_EFFECTS, TRIGGER_CODES
-from ravenjax.vocabulary.sites import Channel
 
 PARAMETERS = (
     "operator.scale",
@@ -224,7 +223,7 @@ def _channels(ready: Plan) -> list[dict[str, Any]]:
     rows = []
     for place, (site, arm, name) in enumerate(table.targets(injection)):
         channel = robot.sites[site].channel(name)
-        low, high = _extent(channel)
+        low, high = channel.extent
         of_channel = [effect for effect, stands in NETWORK_EFFECTS.items() if site == "network" and stands[0] == name]
         rows.append(
             {
@@ -247,17 +246,6 @@ def _channels(ready: Plan) -> list[dict[str, Any]]:
 def _of_network(values: dict[str, list[float]], effects: list[str]) -> dict[str, list[float]]:
     """The same by the effect of the network that a page knows."""
     return {effects[0]: next(iter(values.values()))} if effects and values else values
-
-
-def _extent(channel: Channel) -> tuple[float | None, float | None]:
-    """What a channel can hold; None: any number."""
-    if channel.field is not None:
-        return channel.field.low, channel.field.high
-    if channel.kind == "float":
-        return None, None
-    if channel.kind == "bool":
-        return 0, 1
-    return -(2 ** (channel.bits - 1)), 2 ** (channel.bits - 1) - 1
 
 
 def _values(ready: Plan) -> dict[int, dict[str, list[float]]]:

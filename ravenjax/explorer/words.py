@@ -14,7 +14,7 @@ from ravenjax.hazards import ranges
 from ravenjax.outcomes import verdict
 from ravenjax.report.data.facts import OUTCOMES
 from ravenjax.vocabulary.effects import EFFECTS
-from ravenjax.vocabulary.sites import BITS, Channel, Site
+from ravenjax.vocabulary.sites import Channel, Site
 
 SITES: dict[str, str] = {
     "hand": "the surgeon's hand",
@@ -123,7 +123,7 @@ def _site(site: Site, layers: Any, arms: Iterable[str]) -> dict[str, Any]:
 
 def _channel(site: Site, channel: Channel, arm: str) -> dict[str, Any]:
     usual = ranges.measured().get((site.name, arm if site.per_arm else "", channel.name))
-    low, high = _extent(channel)
+    low, high = channel.extent
     return {
         "name": channel.name,
         "unit": UNITS.get(channel.unit, channel.unit),
@@ -133,18 +133,6 @@ def _channel(site: Site, channel: Channel, arm: str) -> dict[str, Any]:
         "high": high,
         "usual": [usual.low_permille, usual.high_permille] if usual else None,
     }
-
-
-def _extent(channel: Channel) -> tuple[float | None, float | None]:
-    """Least and greatest number that the channel holds; none for a float."""
-    if channel.field:
-        return channel.field.low, channel.field.high
-    if channel.kind == "float":
-        return None, None
-    if channel.kind == "bool":
-        return 0, 1
-    half = 2 ** (BITS[channel.kind] - 1)
-    return -half, half - 1
 
 
 def _values(config: CampaignConfig) -> dict[str, list[float]]:

@@ -42,6 +42,18 @@ class Channel:
         """Width of its number."""
         return BITS[self.kind] if self.field is None else self.field.bits
 
+    @property
+    def extent(self) -> tuple[float | None, float | None]:
+        """Least and greatest number that it holds; None, None for a float."""
+        if self.field is not None:
+            return self.field.low, self.field.high
+        if self.kind == "float":
+            return None, None
+        if self.kind == "bool":
+            return 0, 1
+        half = 2 ** (self.bits - 1)
+        return -half, half - 1
+
 
 @dataclasses.dataclass(frozen=True)
 class Site:
