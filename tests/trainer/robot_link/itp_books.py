@@ -5,6 +5,11 @@ import random
 
 from itp_client import IDENTITY, datagram
 
+from ravenjax.trainer.robot_link.packet_filter import CAUSES
+
+BOOKED = set(CAUSES) - {"restart", "buttons", "undecided"}
+"""What can become of a packet of `Books`: it never starts anew, sends each jaw once, and is read by one profile."""
+
 
 def turned(angle):
     return (math.sin(angle / 2), 0.0, 0.0, math.cos(angle / 2))

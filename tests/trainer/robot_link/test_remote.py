@@ -314,11 +314,9 @@ def test_a_session_with_its_robot_elsewhere(process):
             peak["force"] = max(peak["force"], float(np.linalg.norm(frame["gold/force"])))
             time.sleep(0.001)
 
+    ticks(2500, pedal=False)  # the console before this one counts as there for two seconds; the pedal is seen up first
     until(lambda: frame.number("runlevel") == 2, lambda: ticks(50, pedal=False))
-    for _ in range(100):  # the console before this one still counts as there, for two seconds
-        ticks(50)
-        if frame.number("runlevel") == 3:
-            break
+    until(lambda: frame.number("runlevel") == 3, lambda: ticks(50))
     peak.update(error=0.0, force=0.0)
     ticks(200, (20, 0, 0))
     assert frame.number("runlevel") == 3
