@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 
 from ravenjax.robots.raven2.geometry import scene
+from ravenjax.robots.raven2.geometry.links import jaw_rotation
 from ravenjax.trainer.debrief import words
 from ravenjax.trainer.debrief.course import Course
 from ravenjax.trainer.judge.row import HazardRow
+from ravenjax.trainer.protocol.jaws import JAW_M
 
 EVERY_MS, EVERY_HAZARD_MS = 40, 10
 """Between two pictures; the second around a hazard, where things go fast."""
@@ -54,17 +56,18 @@ def _pictures(course: Course, hazards: Sequence[HazardRow]) -> np.ndarray:
 
 
 def _arm(course: Course, arm: str, base: dict[str, Any], rows: np.ndarray) -> dict[str, Any]:
-    """Remote centre, tip and, unless the session is blinded, the tip of the nominal model."""
+    """Remote centre, where the jaws close and, unless the session is blinded, that of the nominal model."""
     from scipy.spatial.transform import Rotation  # half a second
 
     origin, turn = np.asarray(base["origin"], float), Rotation.from_quat(base["quaternion"]).as_matrix()
 
-    def places(channel: str) -> list[list[int]]:
-        points = origin + np.nan_to_num(course.channel(f"{arm}/{channel}")[rows]) @ turn.T
+    def places(axis: str, joints: str) -> list[list[int]]:
+        jaws = JAW_M * jaw_rotation(arm, course.channel(f"{arm}/{joints}")[rows])[..., 0]
+        points = origin + np.nan_to_num(course.channel(f"{arm}/{axis}")[rows] + jaws) @ turn.T
         return np.rint(PER_M * points).astype(int).tolist()
 
-    shown = {"remote": np.rint(PER_M * origin).astype(int).tolist(), "tip": places("tip")}
-    return shown if course.blinded else shown | {"model": places("model_tip")}
+    shown = {"remote": np.rint(PER_M * origin).astype(int).tolist(), "tip": places("tip", "link_jpos")}
+    return shown if course.blinded else shown | {"model": places("model_tip", "model_jpos")}
 
 
 def _task(task: dict[str, Any]) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from ravenjax.robots.raven2.geometry import scene
 from ravenjax.trainer.debrief import page as debrief
 from ravenjax.trainer.debrief import replay
 from ravenjax.trainer.debrief.course import Course
+from ravenjax.trainer.protocol.jaws import closing_point
 from ravenjax.trainer.protocol.world import to_world
 from ravenjax.trainer.recording import reader
 
@@ -37,7 +38,8 @@ def test_places_are_those_of_the_world_and_every_hazard_is_a_mark(folder):
     assert np.diff(ms[(ms > 2000) & (ms < 4900)]).max() <= replay.EVERY_HAZARD_MS
     for arm in ARMS:
         row = int(np.searchsorted(ms, 2400))
-        expected = to_world(arm, tuple(recording[f"{arm}/tip"][ms[row]].tolist()))
+        axis, joints = (recording[f"{arm}/{name}"][ms[row]].tolist() for name in ("tip", "link_jpos"))
+        expected = to_world(arm, closing_point(arm, axis, joints))
         assert np.allclose(np.array(told["arms"][arm]["tip"][row]) / replay.PER_M, expected, atol=1e-4)
     assert [(one["ms"], one["kind"]) for one in told["marks"]] == [(2000.0, "strike"), (2430.0, "response")]
     assert told["task"]["targets"] == [{"number": 0, "at": [0.0, 0.0, 0.19]}]
