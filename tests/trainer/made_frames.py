@@ -51,7 +51,7 @@ def put(frame, arm, point):
 def made(**keys):
     """A scenario of these keys and its hazards, seed 0."""
     chosen = scenario.from_dict({"name": "made", "duration_s": 60, **keys})
-    return chosen, scenario.armable(chosen, design.expand(scenario.campaign(chosen, 0)))
+    return chosen, scenario.armable(chosen, design.rows(scenario.campaign(chosen, 0)))
 
 
 def kinds(events):

@@ -101,7 +101,7 @@ class Session:
         self.blueprint = ready
         self.layout: FrameLayout = self.blueprint.layout
         self.arms = self.layout.arms
-        self.hazards = scenario.armable(chosen, self.blueprint.plan.table)
+        self.hazards = scenario.armable(chosen, self.blueprint.plan.rows)
         self.robot = robot(self.blueprint)
         self.virtual = SimulatedRobot(self.blueprint)
         self.frame = Frame(self.layout)
