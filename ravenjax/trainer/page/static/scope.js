@@ -266,7 +266,7 @@ export class Scope {
     const text = `${goal.arm ? `${LETTERS[goal.arm]} · ` : ""}${(1000 * goal.distance).toFixed(0)} mm`;
     const next = this.task.targets?.find(({ number }) => number === this.target + 1);
     const others = [tip, next?.at].filter(Boolean).map((at) => [x(at), y(at)]);
-    const [beside, level, align] = free([across, up], radius, others);
+    const [beside, level, align] = free([across, up], radius, others, width);
     words(pen, text, beside, level, "#fff", align, 700, 13);
   }
 
@@ -343,8 +343,9 @@ export function between([a, b], [c, d]) {
 }
 
 /** Where the words of a goal stand, [x, y, align]: on the first side where neither the tip nor the next goal is. */
-export function free([across, up], radius, others) {
-  const sides = [[across, up - radius - 8, "center"], [across, up + radius + 18, "center"], [across + radius + 8, up + 4, "left"], [across - radius - 8, up + 4, "right"]];
+export function free([across, up], radius, others, width = Infinity) {
+  const within = Math.max(HALF_WORD + 2, Math.min(width - HALF_WORD - 2, across)); // whole words, also at the edge
+  const sides = [[within, up - radius - 8, "center"], [within, up + radius + 18, "center"], [across + radius + 8, up + 4, "left"], [across - radius - 8, up + 4, "right"]];
   const shift = { center: 0, left: HALF_WORD, right: -HALF_WORD };
   const room = ([x, y, align]) => Math.min(Infinity, ...others.map(([ox, oy]) => Math.max(Math.abs(ox - x - shift[align]) - HALF_WORD, 2 * Math.abs(oy - y + 5))));
   return sides.find((side) => room(side) > CLEAR) ?? sides.sort((a, b) => room(b) - room(a))[0];

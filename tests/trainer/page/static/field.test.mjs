@@ -139,4 +139,5 @@ test("the words of a goal stand where neither the tip nor the next goal is", () 
   assert.deepEqual(free(goal, radius, [[205, 215]]), [200, 282, "center"]); // the tip is above
   assert.deepEqual(free(goal, radius, [[205, 215], [183, 278]]), [222, 254, "left"]); // and the next goal below
   assert.equal(free(goal, radius, [[205, 215], [183, 278], [250, 250]])[2], "right");
+  assert.deepEqual([5, 395].map((across) => free([across, 250], radius, [], 400)[0]), [36, 364]); // whole at the edges
 });
