@@ -322,7 +322,7 @@ def _robot(stack: contextlib.ExitStack, options: SessionOptions, say: Say) -> Ca
     itp_port, stream = ports
 
     def connected(made: Blueprint) -> Driven:
-        armables = scenario.armable(options.scenario, made.plan.table)
+        armables = scenario.armable(options.scenario, made.plan.rows)
         if not isinstance(stream, int):
             if armables:
                 raise UserError(

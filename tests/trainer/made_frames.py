@@ -5,11 +5,15 @@ from __future__ import annotations
 from ravenjax.campaign.faults import design
 from ravenjax.trainer import scenario
 from ravenjax.trainer.protocol.frame import PHASES, Frame, FrameLayout
+from ravenjax.trainer.protocol.jaws import JAW_M, along, closing_point
 from ravenjax.trainer.protocol.world import frame0, transposed, turned
 
 HOME = (-0.07794699817895889, -0.02526555210351944, 0.013225629925727844)
-TIPS = {"gold": HOME, "green": (HOME[0], -HOME[1], HOME[2])}
-"""m, frame 0: the home pose."""
+AXES = {"gold": HOME, "green": (HOME[0], -HOME[1], HOME[2])}
+"""m, frame 0: the jaws' axes in the home pose."""
+JPOS = (0.5, 1.6, 0.4, 0.0, 0.0, 0.785, 0.785)
+TIPS = {arm: closing_point(arm, axis, JPOS) for arm, axis in AXES.items()}
+"""m, frame 0: where the jaws close there."""
 
 
 def running(arms=("gold",)):
@@ -26,8 +30,8 @@ def running(arms=("gold",)):
     }.items():
         frame[name] = value
     for arm in arms:
-        frame[f"{arm}/tip"] = TIPS[arm]
-        frame[f"{arm}/link_jpos"] = (0.5, 1.6, 0.4, 0.0, 0.0, 0.785, 0.785)
+        frame[f"{arm}/tip"] = AXES[arm]
+        frame[f"{arm}/link_jpos"] = JPOS
         frame[f"{arm}/depth_mm"] = -20.0
     return frame
 
@@ -39,14 +43,15 @@ def from_world(arm, point):
 
 
 def put(frame, arm, point):
-    """Put a tip at a point of the world, m."""
-    frame[f"{arm}/tip"] = from_world(arm, point)
+    """Put the jaws where they close at a point of the world, m."""
+    way = along(arm, frame[f"{arm}/link_jpos"].tolist())
+    frame[f"{arm}/tip"] = [x - JAW_M * w for x, w in zip(from_world(arm, point), way, strict=True)]
 
 
 def made(**keys):
     """A scenario of these keys and its hazards, seed 0."""
     chosen = scenario.from_dict({"name": "made", "duration_s": 60, **keys})
-    return chosen, scenario.armable(chosen, design.expand(scenario.campaign(chosen, 0)))
+    return chosen, scenario.armable(chosen, design.rows(scenario.campaign(chosen, 0)))
 
 
 def kinds(events):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -59,6 +59,11 @@ class FaultTable:
     def take(self, rows: slice | np.ndarray) -> FaultTable:
         """These rows, in this order."""
         return FaultTable({name: values[rows] for name, values in self.columns.items()})
+
+    def records(self) -> list[dict[str, Any]]:
+        """Each row by columns, in plain values."""
+        columns = [values.tolist() for values in self.columns.values()]
+        return [dict(zip(self.columns, row, strict=True)) for row in zip(*columns, strict=True)]
 
     def replaced(self, **columns: Column) -> FaultTable:
         """The table with other columns in their places."""

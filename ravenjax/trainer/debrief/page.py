@@ -12,7 +12,7 @@ from ravenjax.outcomes.events import Rules
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.store.files import write_aside
 from ravenjax.store.logs.session import description
-from ravenjax.trainer.debrief import dexterity, figures, html, learning, words
+from ravenjax.trainer.debrief import dexterity, figures, html, learning, replay, words
 from ravenjax.trainer.debrief.course import Course
 from ravenjax.trainer.judge.row import COLUMNS, HazardRow
 from ravenjax.trainer.recording import reader
@@ -69,6 +69,7 @@ def render(folder: Path) -> str:
         numbers=numbers,
         hazards=[_told(one, course, blinded) for one in hazards],
         hazards_csv=_csv(hazards, blinded),
+        replay=replay.of(course, header, hazards) if course else None,
         overview=figures.overview(course, hazards) if course else None,
         timing=figures.loop(course) if course else None,
         quality=_quality(summary),

@@ -1,4 +1,4 @@
-"""Where the control software wants a tip: the first of everything to follow the hand, before the robot does."""
+"""Where the control software wants the jaws to close: the first to follow the hand, before the robot does."""
 
 # MuJoCo's compiled module carries no types.
 # pyright: reportAttributeAccessIssue=false
@@ -10,6 +10,7 @@ import numpy as np
 
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import arm_model
+from ravenjax.trainer.protocol.jaws import closing_point
 
 
 class Aim:
@@ -18,6 +19,7 @@ class Aim:
     def __init__(self, arm: ArmName) -> None:
         self._model = arm_model.one_arm(arm)
         self._data = mujoco.MjData(self._model)
+        self._arm: ArmName = arm
         self._site = self._model.site(f"{arm}_tip").id
         base = self._model.body(arm_model.base(arm))
         turn = np.zeros(9)
@@ -28,4 +30,5 @@ class Aim:
         """[3] m, in the arm's frame 0, of joints [7] in rad and m."""
         self._data.qpos[:] = jpos
         mujoco.mj_kinematics(self._model, self._data)
-        return (self._data.site_xpos[self._site] - self._origin) @ self._turn
+        axis = (self._data.site_xpos[self._site] - self._origin) @ self._turn
+        return np.array(closing_point(self._arm, axis.tolist(), jpos.tolist()))

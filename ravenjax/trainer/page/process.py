@@ -22,6 +22,7 @@ from ravenjax.trainer.page.server import Server
 from ravenjax.trainer.page.site import PageSite
 from ravenjax.trainer.page.world import World, place
 from ravenjax.trainer.protocol.frame import Frame, FrameLayout
+from ravenjax.trainer.protocol.jaws import with_tips
 from ravenjax.trainer.realtime.ring import Ring, read_json
 
 PROMPT_S = 0.004  # between frames while the answer to a key is awaited
@@ -119,7 +120,8 @@ class Page:
             self._seen = self._frames.written
             if self._hub.open:
                 frames = rows.view(np.float32)
-                self._server.loop.call_soon_threadsafe(self._hub.show, frames[-1].copy(), self._extras(frames))
+                shown = with_tips(self._layout, frames[-1])
+                self._server.loop.call_soon_threadsafe(self._hub.show, shown, self._extras(frames))
 
     def _extras(self, frames: np.ndarray) -> np.ndarray:
         """[arms, 5]: greatest error_mm and force of these frames, for a peak of one millisecond is to be seen; then the
@@ -135,7 +137,7 @@ class Page:
         if self._frames.written and self._server.watching:
             _, rows = self._frames.read(self._frames.written - 1)
             if len(rows):
-                self._world.update(Frame(self._layout, rows[-1].view(np.float32)))
+                self._world.update(Frame(self._layout, with_tips(self._layout, rows[-1].view(np.float32))))
 
     def _await_answer(self) -> None:
         self._answer_until = time.monotonic() + ANSWER_S

@@ -104,8 +104,7 @@ def run(
     """
     number = chosen.seed if seed is None else seed
     robot = PacketRobot(scenario.campaign(chosen, number))
-    table = robot.blueprint.plan.table
-    armables = scenario.armable(chosen, table)
+    armables = scenario.armable(chosen, robot.blueprint.plan.rows)
     for strike in hazards:
         if strike.number >= len(armables):
             choice = f"it has 0..{len(armables) - 1}" if armables else "it has none"
@@ -123,7 +122,7 @@ def run(
         joints = JointServer(greeting, host, joint_port, token)
         stack.callback(joints.close)
         beside = _speaks(stack, crtk, robot, say) if crtk else None
-        station = Station(robot, itp, joints, len(armables), len(table) - 1, beside)
+        station = Station(robot, itp, joints, len(armables), robot.blueprint.plan.runs - 1, beside)
         stop = stack.enter_context(until_interrupted())
         for one in armables:
             say(f"hazard {one.number}: {one.title} ({one.hazard})")

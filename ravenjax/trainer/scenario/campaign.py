@@ -16,10 +16,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from pydantic import ValidationError
 
 from ravenjax.campaign.faults import design
+from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.campaign.file import bounds, semantics
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig, validated
@@ -53,26 +53,26 @@ _UNBOUNDED_S = 3600.0
 def campaign(scenario: Scenario, seed: int) -> CampaignConfig:
     """The campaign of a session. Raises ValueError for what `complaints` tells of."""
     groups, _ = _groups(scenario, seed)
-    table = design.expand(_config(scenario, seed, groups, _UNBOUNDED_S)) if groups else pd.DataFrame()
+    rows = design.rows(_config(scenario, seed, groups, _UNBOUNDED_S)).records() if groups else []
     faults_of: dict[str, list[dict[str, Any]]] = {}
     for h, entry in enumerate(scenario.hazard):
         prefix = f"{scenario.entry_name(h)}/"
         for group in (group["name"] for group in groups if group["name"].startswith(prefix)):
-            rows = np.flatnonzero(table["group"] == group)
-            order = _rng(seed, group).permutation(len(rows))
+            mine = [row for row in rows if row["group"] == group]
+            order = _rng(seed, group).permutation(len(mine))
             for k in range(entry.times):
-                row: _Row = table.iloc[int(rows[order[k % len(rows)]])].to_dict()
+                row = mine[order[k % len(mine)]]
                 faults_of[group if entry.times == 1 else f"{group}#{k + 1}"] = _faults(row)
     fixed: list[dict[str, Any]] = [{"name": name, "fault": faults} for name, faults in faults_of.items()]
     button = {"site": "buttons", "channel": "estop", "effect": "overwrite", "value": 1, "start_ms": 0}
     return _config(scenario, seed, [*fixed, {"name": BUTTONS, "fault": [button]}], scenario.duration_s)
 
 
-def armable(scenario: Scenario, table: pd.DataFrame) -> tuple[Armable, ...]:
+def armable(scenario: Scenario, table: FaultTable) -> tuple[Armable, ...]:
     """The hazards of a session's list: the rows of `table`, its campaign's fault table, but the button's."""
     entries = {scenario.entry_name(h): entry for h, entry in enumerate(scenario.hazard)}
     return tuple(
-        _armable(entries, number, row) for number, row in enumerate(table.to_dict("records")) if row["group"] != BUTTONS
+        _armable(entries, number, row) for number, row in enumerate(table.records()) if row["group"] != BUTTONS
     )
 
 

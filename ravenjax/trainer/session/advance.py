@@ -23,6 +23,7 @@ from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.run_levels import E_STOP, PEDAL_DOWN, PEDAL_UP
 from ravenjax.trainer import judge, scenario, tasks
 from ravenjax.trainer.protocol.frame import PHASES, VIEWS, Frame, FrameLayout
+from ravenjax.trainer.protocol.jaws import closing_point
 from ravenjax.trainer.protocol.messages import INSTRUCTOR, OPERATOR, SEAT
 from ravenjax.trainer.protocol.world import Point
 from ravenjax.trainer.scenario import Scenario
@@ -100,7 +101,7 @@ class Session:
         self.blueprint = ready
         self.layout: FrameLayout = self.blueprint.layout
         self.arms = self.layout.arms
-        self.hazards = scenario.armable(chosen, self.blueprint.plan.table)
+        self.hazards = scenario.armable(chosen, self.blueprint.plan.rows)
         self.robot = robot(self.blueprint)
         self.virtual = SimulatedRobot(self.blueprint)
         self.frame = Frame(self.layout)
@@ -418,11 +419,11 @@ class Session:
         return hands.Hands(self.arms, self.scenario.scale, self.scenario.speeds)
 
     def _tips(self) -> dict[ArmName, Point]:
-        """Where the tips begin, m, frame 0."""
+        """Where the jaws close at the beginning, m, frame 0."""
         starts = self.blueprint.plan.motion.start_jpos
         tips: dict[ArmName, Point] = {}
         for arm, jpos in zip(self.arms, starts, strict=True):
             with at_once():
-                x, y, z = (float(number) for number in kinematics.forward(arm, Vec(jpos)).position)
-            tips[arm] = (x, y, z)
+                axis = [float(number) for number in kinematics.forward(arm, Vec(jpos)).position]
+            tips[arm] = closing_point(arm, axis, [float(joint) for joint in jpos])
         return tips

@@ -15,6 +15,7 @@ from ravenjax.errors import UserError, shown
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.run_levels import PEDAL_DOWN
 from ravenjax.trainer.protocol.frame import PHASES, Frame
+from ravenjax.trainer.protocol.jaws import closing_point
 from ravenjax.trainer.protocol.world import Point, to_world, view_from_world
 from ravenjax.trainer.scenario import Speeds
 from ravenjax.trainer.tasks import Task
@@ -118,16 +119,15 @@ class Follower:
         return {"type": "input", "source": "script", "pedal": tick >= self.pedal_ms and not released, "arms": arms}
 
     def _hand(self, arm: ArmName, frame: Frame, slow: float) -> Message:
-        x, y, z = frame[f"{arm}/tip"].tolist()
-        tip = to_world(arm, (x, y, z))
+        row = frame[f"{arm}/link_jpos"].tolist()
+        tip = to_world(arm, closing_point(arm, frame[f"{arm}/tip"].tolist(), row))
         wish = self.task.wish(arm, tip)
         if wish is None:
             return {}
         way: Point = (wish.point[0] - tip[0], wish.point[1] - tip[1], wish.point[2] - tip[2])
         right, up, toward = view_from_world(way)
         gain = slow * self._gain
-        row = frame[f"{arm}/link_jpos"]
-        opening = float(row[5]) + float(row[6])
+        opening = row[5] + row[6]
         aim = 0.6 if wish.closed else 1.4  # rad, well beyond what the pegs' jaws are told apart by
         grasp = min(max((opening - aim) * self._grasp_per_rad, -1.0), 1.0)
         return {"move": [gain * right, gain * up, gain * toward], "grasp": grasp if abs(opening - aim) > 0.02 else 0.0}

@@ -8,8 +8,10 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.geometry import scene
 from ravenjax.trainer.protocol.frame import Frame
-from ravenjax.trainer.protocol.world import Point, to_world
+from ravenjax.trainer.protocol.jaws import closing_point
+from ravenjax.trainer.protocol.world import Point, surface, to_world
 
 Event = dict[str, Any]
 
@@ -94,7 +96,7 @@ class FreeTask(Task):
 
 
 class Travel:
-    """The way of one tip."""
+    """The way of one tip: of the point where the jaws close."""
 
     __slots__ = ("_last", "_places", "arm", "deepest_mm", "path_mm")
 
@@ -102,29 +104,33 @@ class Travel:
         self.arm: ArmName = arm
         self.path_mm = 0.0
         self.deepest_mm = -math.inf
-        self._places: tuple[int, int] | None = None  # of tip and depth in a frame
+        self._places: tuple[int, int] | None = None  # of the jaws' axis and of the joints in a frame
         self._last: Point | None = None
 
     def step(self, frame: Frame) -> Point:
         """The tip in the world, m."""
         if self._places is None:
             places = frame.layout.places
-            self._places = places[f"{self.arm}/tip"].start, places[f"{self.arm}/depth_mm"].start
-        first, deep = self._places
+            self._places = places[f"{self.arm}/tip"].start, places[f"{self.arm}/link_jpos"].start
+        axis, joints = self._places
         numbers = frame.numbers
-        x, y, z = numbers[first : first + 3]
-        tip = to_world(self.arm, (x, y, z))
+        tip = to_world(self.arm, closing_point(self.arm, numbers[axis : axis + 3], numbers[joints : joints + 7]))
         if self._last is not None:
             self.path_mm += 1e3 * math.dist(tip, self._last)
         self._last = tip
-        depth = numbers[deep]
-        if depth > self.deepest_mm:
-            self.deepest_mm = depth
+        self.deepest_mm = max(self.deepest_mm, _depth_mm(tip))
         return tip
 
     def lift(self) -> None:
         """The tip is put elsewhere: that is no way of its own."""
         self._last = None
+
+
+def _depth_mm(tip: Point) -> float:
+    """How far a tip is below the tissue's surface; -inf beside it."""
+    x, y, z = tip
+    beside = abs(x) > scene.TISSUE_HALF[0] or abs(y) > scene.TISSUE_HALF[1]
+    return -math.inf if beside else 1e3 * (surface(x, y) - z)
 
 
 def _finite(depth_mm: float) -> float | None:

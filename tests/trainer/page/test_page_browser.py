@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import shutil
+from pathlib import Path
 
 import pytest
 import waiting
-from fake_session import AS_INSTRUCTOR, HEADER, FakeSession
+from fake_session import AS_INSTRUCTOR, HEADER, INSTRUCTOR, FakeSession
 
 from ravenjax.robots.raven2 import ROBOT
+from ravenjax.store.logs.session import description
 from ravenjax.trainer.protocol.frame import PHASES
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
@@ -252,6 +254,25 @@ def test_the_next_session_is_asked_for_and_a_refusal_says_why(browser, session):
         waiting.until(lambda: any(one.get("do") == "next" for one in session.commands))
         (wish,) = [one for one in session.commands if one.get("do") == "next"]
         assert [wish[name] for name in ("participant", "scenario", "seed")] == ["p02", "dac_burst", 5]
+
+
+def test_the_list_of_sessions_starts_the_next_through_the_instructors_panel(browser, session):
+    header = {"scenario": {"name": "creep"}, "participant": "P07", "started": "2026-01-02T03:04:05+00:00"}
+    description.write(Path(session.folder).parent / "earlier", header)
+    with Visit(browser, session, f"{AS_INSTRUCTOR}&scene=off") as panel:
+        listed = panel.context.new_page()
+        listed.set_default_timeout(waiting.DEADLINE_MS)
+        listed.goto(f"http://127.0.0.1:{session.port}/sessions?instructor_token={INSTRUCTOR}")
+        listed.click("[data-participant=P07]")
+        listed.click("form button")
+        until(
+            listed, "document.querySelector('[role=status]').textContent.startsWith('The present session is not over')"
+        )
+        over = "{ get: () => false, set: () => {} }"  # the form is there, as once the session is over
+        panel.evaluate(f"Object.defineProperty(document.getElementById('next'), 'hidden', {over})")
+        listed.click("form button")
+        session.heard(do="next", participant="P07", scenario="creep")
+        until(listed, "document.querySelector('[role=status]').textContent.startsWith('It is being prepared')")
 
 
 def test_a_hazard_is_armed_felt_and_met(browser, session):

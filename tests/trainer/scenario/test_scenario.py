@@ -9,6 +9,7 @@ from made_frames import made
 from ravenjax.bundled import resources
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
+from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.errors import UserError
 from ravenjax.hazards import expansion, library
 from ravenjax.outcomes.events import Rules
@@ -111,7 +112,7 @@ def test_a_bundled_scenario_leaves_time_between_cue_and_harm(path):
 def test_the_list_of_hazards_says_what_each_asks(tmp_path):
     chosen = scenario.load(written(tmp_path), ["hazard.own.within_s=3"])
     table = table_of(chosen)
-    first, second, own = scenario.armable(chosen, table)
+    first, second, own = scenario.armable(chosen, FaultTable.of(table))
     assert (first.number, first.row, first.hazard, first.arm) == (0, 0, "B27", "green")
     assert second.number == second.row == 1 and second.title == library.find("B27").title
     assert first.when_ms == (5000.0, 20000.0) and first.right_response == ("release",)
@@ -262,7 +263,7 @@ def test_bundled_scenarios_load_by_name_and_make_campaigns(path):
     chosen = scenario.load(path.stem)
     assert chosen.name == path.stem and chosen.title and chosen.description
     table = table_of(chosen, chosen.seed)
-    armable = scenario.armable(chosen, table)
+    armable = scenario.armable(chosen, FaultTable.of(table))
     assert len(armable) == len(table) - 1 and table["group"].iloc[-1] == "buttons/estop"
     assert all(one.lasts_ms >= one.within_s * 1000 for one in armable)  # the response is seen
     assert (

@@ -159,7 +159,7 @@ def test_addresses_that_are_none(text):
 
 
 @pytest.mark.slow
-def test_a_session_needs_neither_jax_nor_trimesh(tmp_path):
+def test_a_session_begins_without_jax_trimesh_and_pandas(tmp_path):
     code = """if True:
         import sys
         from pathlib import Path
@@ -167,7 +167,7 @@ def test_a_session_needs_neither_jax_nor_trimesh(tmp_path):
         from ravenjax.trainer.page import process
         setting = scenario.load("first_steps", ["duration_s=5"])
         launch.headless(launch.SessionOptions(setting, Path(sys.argv[1]), 0, script="release"))
-        print([name for name in ("jax", "trimesh") if name in sys.modules])
+        print([name for name in ("jax", "trimesh", "pandas") if name in sys.modules])
     """
     ran = subprocess.run([sys.executable, "-c", code, tmp_path / "x"], capture_output=True, text=True, check=True)
     assert ran.stdout.strip() == "[]"

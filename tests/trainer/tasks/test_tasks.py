@@ -8,11 +8,12 @@ import math
 
 import numpy as np
 import pytest
-from made_frames import TIPS, from_world, kinds, made, put, running
+from made_frames import AXES, TIPS, from_world, kinds, made, put, running
 
 import ravenjax
 from ravenjax.robots.raven2.geometry import kinematics, limits
 from ravenjax.trainer import tasks
+from ravenjax.trainer.protocol.jaws import JAW_M
 from ravenjax.trainer.protocol.world import surface, to_world
 
 BOTH = ("gold", "green")
@@ -100,13 +101,13 @@ def test_every_goal_is_within_reach_of_every_arm_held_as_at_home(arm):
     goals = [at for one in every if one.kind == "reach" for _, at in one.targets]
     goals += [(x, y, z + up) for one in every if one.kind == "peg_transfer" for x, y, z in one.pegs for up in (0, 0.01)]
     goals += [at for one in every if one.kind == "path" for at in one.points[::5]]
-    points = np.array([from_world(arm, goal) for goal in goals])
     home = np.array(limits.HOME_JPOS, float)
     _, rotation = ravenjax.forward_kinematics(home, arm)
+    points = np.array([from_world(arm, goal) for goal in goals]) - JAW_M * np.asarray(rotation)[:, 0]
     allowed = limits.soft_limits("r_grasper")
     jpos = np.tile(home, (len(goals), 1))
     for share in np.linspace(0, 1, 16):  # the software refuses what is far from where the joints are
-        way = np.array(TIPS[arm]) + share * (points - np.array(TIPS[arm]))
+        way = np.array(AXES[arm]) + share * (points - np.array(AXES[arm]))
         jpos, status = map(np.asarray, ravenjax.inverse_kinematics(way, np.asarray(rotation), math.pi / 2, jpos, arm))
         assert np.all(status == kinematics.OK), share
         assert np.all(jpos[:, :5] > allowed.lower[:5]) and np.all(jpos[:, :5] < allowed.upper[:5]), share

@@ -1,10 +1,13 @@
-// After the end: the instructor's form for the next session, and the way to the list of all.
+// After the end: the instructor's form for the next session, and the way to the list of all, which may fill it in.
+
+const CHANNEL = "ravenjax-next"; // to the list of sessions, in another tab
 
 export class NextSession {
   constructor(form, send, token) {
     this.form = form;
     const [participant, scenario, seed] = form.querySelectorAll("input");
-    Object.assign(this, { participant, scenario });
+    Object.assign(this, { participant, scenario, seed, list: new BroadcastChannel(CHANNEL) });
+    this.list.addEventListener("message", ({ data }) => data.wish && this.asked(data.wish));
     form.querySelector("a").href = `/sessions?instructor_token=${encodeURIComponent(token ?? "")}`;
     form.addEventListener("submit", (event) => {
       event.preventDefault();
@@ -16,6 +19,28 @@ export class NextSession {
     });
   }
 
+  tell(answer) {
+    // oxlint-disable-next-line unicorn/require-post-message-target-origin -- a channel is of its own origin alone
+    this.list.postMessage(answer);
+  }
+
+  /** The list asks for a session: begun as if it had been typed here. */
+  asked({ participant, scenario, seed }) {
+    if (this.form.hidden) {
+      this.tell({ why: "The present session is not over: end it on the instructor's panel." });
+      return;
+    }
+    Object.assign(this.participant, { value: participant });
+    Object.assign(this.scenario, { value: scenario });
+    Object.assign(this.seed, { value: seed });
+    if (!this.form.reportValidity()) {
+      this.tell({ why: "A scenario is the name of a bundled one, a seed a whole number." });
+      return;
+    }
+    this.form.requestSubmit();
+    this.tell({ why: "" });
+  }
+
   waits(on, why = "") {
     this.waiting = on;
     this.form.querySelector("button").textContent = on ? "It is being prepared" : "Start the next session";
@@ -24,7 +49,9 @@ export class NextSession {
 
   /** Why the wish was not taken. */
   refused(why) {
-    if (this.waiting) this.waits(false, why);
+    if (!this.waiting) return;
+    this.waits(false, why);
+    this.tell({ why });
   }
 
   /** A window that comes back to another session begins anew. */

@@ -132,7 +132,7 @@ function draw() {
   counted();
   if (!latest || latest === shown || !plots) return;
   shown = latest;
-  panels.frame(latest, measured(latest), input.pedal && !drill.on);
+  panels.frame(latest, measured(latest), input.pedal && !drill.on, scope.goal(latest.number("target"))?.arm);
   if (drill.on) panels.foot(input.pedal, "practice");
   if (panels.role === "instructor") {
     hazards.frame(latest, panels.state.phase);

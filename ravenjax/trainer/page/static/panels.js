@@ -118,7 +118,8 @@ export class Panels {
     $("alarms").prepend(item);
   }
 
-  frame(frame, rate, pressed) {
+  /** turn: the arm whose turn it is, "" where either may. */
+  frame(frame, rate, pressed, turn = "") {
     const phase = this.phases[frame.number("phase")] ?? "";
     const view = this.views[frame.number("view")] ?? "real";
     this.root.dataset.phase = phase;
@@ -134,7 +135,7 @@ export class Panels {
     set("late", String(late));
     $("late-box").classList.toggle("bad", late > 0);
     const target = frame.number("target");
-    set("target", this.goal(target));
+    set("target", this.goal(target) + (turn ? `, ${LETTERS[turn]} ${turn}` : ""));
     set("percent", `${(100 * frame.number("progress")).toFixed(0)} %`);
     $("progress").style.width = `${100 * frame.number("progress")}%`;
     const down = frame.number("pedal") === 1;
@@ -179,8 +180,7 @@ export class Panels {
     if (target < 0) return "no goal now";
     if (object?.number === target) return "fetch the object";
     if (pegs.length) return `to peg ${target + 1}`;
-    const arm = targets.find(({ number }) => number === target)?.arm;
-    return `goal ${target + 1}${targets.length ? ` of ${targets.length}` : ""}${arm ? `, ${LETTERS[arm]} ${arm}` : ""}`;
+    return `goal ${target + 1}${targets.length ? ` of ${targets.length}` : ""}`;
   }
 
   instructor(frame, phase) {

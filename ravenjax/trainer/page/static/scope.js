@@ -11,6 +11,8 @@ const DONE = "#8fa3b8";
 const REACHED = 5; // of those before the goal that are still drawn
 const AHEAD_M = 0.01; // of a path, how much is lit
 const GAP = 6; // px between the two views
+const HALF_WORD = 34; // px, half of what "L · 12 mm" takes
+const CLEAR = 30; // px that the goal's words keep from a mark and from its own word
 export const TOUCH_MM = 9; // two shafts nearer than their thickness touch
 
 /** Two looks at the world: which axis goes across, and what its ends are called. */
@@ -262,8 +264,10 @@ export class Scope {
     if (wide < Math.hypot(width, height)) dot(pen, across, up, wide, "", GOAL, 1.5); // shrinks as the tip comes near, depth counted
     pen.setLineDash([]);
     const text = `${goal.arm ? `${LETTERS[goal.arm]} · ` : ""}${(1000 * goal.distance).toFixed(0)} mm`;
-    const above = !tip || y(tip) > up; // on the side where the tip is not
-    words(pen, text, across, above ? up - radius - 8 : up + radius + 18, "#fff", "center", 700, 13);
+    const next = this.task.targets?.find(({ number }) => number === this.target + 1);
+    const others = [tip, next?.at].filter(Boolean).map((at) => [x(at), y(at)]);
+    const [beside, level, align] = free([across, up], radius, others, width);
+    words(pen, text, beside, level, "#fff", align, 700, 13);
   }
 
   path({ x, y }, { points, colour = COLOURS.model }) {
@@ -336,6 +340,15 @@ export function between([a, b], [c, d]) {
   const t = clip((uv * s + vw) / vv);
   s = clip((uv * t - uw) / uu);
   return Math.hypot(...w.map((x, i) => x + s * u[i] - t * v[i]));
+}
+
+/** Where the words of a goal stand, [x, y, align]: on the first side where neither the tip nor the next goal is. */
+export function free([across, up], radius, others, width = Infinity) {
+  const within = Math.max(HALF_WORD + 2, Math.min(width - HALF_WORD - 2, across)); // whole words, also at the edge
+  const sides = [[within, up - radius - 8, "center"], [within, up + radius + 18, "center"], [across + radius + 8, up + 4, "left"], [across - radius - 8, up + 4, "right"]];
+  const shift = { center: 0, left: HALF_WORD, right: -HALF_WORD };
+  const room = ([x, y, align]) => Math.min(Infinity, ...others.map(([ox, oy]) => Math.max(Math.abs(ox - x - shift[align]) - HALF_WORD, 2 * Math.abs(oy - y + 5))));
+  return sides.find((side) => room(side) > CLEAR) ?? sides.sort((a, b) => room(b) - room(a))[0];
 }
 
 function words(pen, text, x, y, colour, align = "left", weight = 400, size = 11) {

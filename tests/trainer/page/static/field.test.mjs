@@ -4,7 +4,7 @@ import test from "node:test";
 import { element, load } from "../../../browser_scripts.mjs";
 
 Object.assign(globalThis, { matchMedia: () => ({ matches: false }) });
-const { Scope, between } = await load("ravenjax/trainer/page/static/scope.js");
+const { Scope, between, free } = await load("ravenjax/trainer/page/static/scope.js");
 const { CueSign, named, seen } = await load("ravenjax/trainer/page/static/sign.js");
 const { Alarms } = await load("ravenjax/trainer/page/static/alarms.js");
 const { steps } = await load("ravenjax/trainer/page/static/coach.js");
@@ -131,4 +131,13 @@ test("a foot that never lifts is told so", () => {
   Object.assign(lesson, { stage: "adrift", target: -1 });
   for (let t = 0; t < 7; t += 0.05) lesson.step({ pedal: true, move: [0, 0, 0] }, 0.05);
   assert.deepEqual([lesson.stage, lesson.reaction], ["done", null]);
+});
+
+test("the words of a goal stand where neither the tip nor the next goal is", () => {
+  const [goal, radius] = [[200, 250], 14];
+  assert.deepEqual(free(goal, radius, []), [200, 228, "center"]);
+  assert.deepEqual(free(goal, radius, [[205, 215]]), [200, 282, "center"]); // the tip is above
+  assert.deepEqual(free(goal, radius, [[205, 215], [183, 278]]), [222, 254, "left"]); // and the next goal below
+  assert.equal(free(goal, radius, [[205, 215], [183, 278], [250, 250]])[2], "right");
+  assert.deepEqual([5, 395].map((across) => free([across, 250], radius, [], 400)[0]), [36, 364]); // whole at the edges
 });
