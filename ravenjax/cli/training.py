@@ -1,4 +1,4 @@
-"""Commands of the training session: `train`, `robot`, `study`, `log recover`."""
+"""Commands of the training session: `train`, `robot`, `study`, `log`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ravenjax.cli.console import Overrides
 
 Crtk = Annotated[Literal["ros1", "ros2"] | None, Parameter(help="also speak CRTK: ros2 (DDS) or ros1 (rospy)")]
 
-log = App(name="log", help="Recordings of sessions.")
+log = App(name="log", help="Recordings of sessions, and traces of runs as bags.")
 study = App(name="study", help="Compare groups of sessions: ravenjax study FOLDERS; and draw who is in which group.")
 
 
@@ -224,6 +224,27 @@ def recover(
     from ravenjax.store.logs import recover as store
 
     _say(str(store.recover(file, out)))
+
+
+@log.command
+def bag(
+    recording: Path,
+    *,
+    ros: Annotated[Literal[1, 2], Parameter(help="1: a .bag file, 2: a folder of ROS 2 (SQLite)")] = 1,
+    out: Annotated[
+        Path | None, Parameter(help="the bag; default beside the recording, as NAME.bag or NAME_ros2")
+    ] = None,
+) -> None:
+    """Write the recording of a session, or the trace of a run, as a bag that rosbag and ros2 bag play.
+
+    Parameters
+    ----------
+    recording
+        session.mcap, the folder of a session, or the .mcap of a traced run.
+    """
+    from ravenjax.store.logs import bag_writing
+
+    _say(str(bag_writing.write(recording, ros, out)))
 
 
 @log.command
