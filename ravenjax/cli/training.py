@@ -144,6 +144,34 @@ def robot(
     )
 
 
+def play(
+    packets: Path,
+    *,
+    to: Annotated[str, Parameter(help="HOST:PORT of the robot or the session (its --itp-port)")] = "127.0.0.1:36000",
+    console_profile: Annotated[
+        str, Parameter("--console", help="whose packets they are: raven, dv_trainer, a .toml file, or auto")
+    ] = "auto",
+) -> None:
+    """Send a console's recorded packets to a robot or a session, as they were and when they came.
+
+    Before the first one the pedal is up for 0.4 s, for a robot counts a pedal only after it was seen up.
+
+    Parameters
+    ----------
+    packets
+        A Parquet file with columns packet and arrival_us (or _s, _ms, _ns), or a capture: .pcap, .pcapng.
+    """
+    from ravenjax.store.motion import packet_file
+    from ravenjax.trainer.robot_link import player
+
+    address = player.parse(to)
+    raw = packet_file.raw(packets)
+    arrival_s, _, notes = packet_file.arrivals(packets, raw, console_profile)
+    for note in notes:
+        _say(note)
+    _say(str(player.play(raw.datagrams, arrival_s, address, _say)))
+
+
 @study.default
 def compare(
     folders: list[Path],
