@@ -111,15 +111,15 @@ def _ros1(reader: AnyReader, target: Path) -> WrittenBag:
 
     store = _ros1_types(reader)
     later = 0 if reader.start_time else LATER_NS
-    kept = [one for one in reader.connections if one.msgtype != ONLY_ROS2]
-    encode = {kind: _encoder(reader, store, kind, later) for kind in {one.msgtype for one in kept}}
+    connections = [one for one in reader.connections if one.msgtype != ONLY_ROS2]
+    encode = {kind: _encoder(reader, store, kind, later) for kind in {one.msgtype for one in connections}}
     messages = 0
     with Writer(target) as writer:
-        channels = {one.id: writer.add_connection(one.topic, one.msgtype, typestore=store) for one in kept}
-        for one, time_ns, data in reader.messages(connections=kept):
+        channels = {one.id: writer.add_connection(one.topic, one.msgtype, typestore=store) for one in connections}
+        for one, time_ns, data in reader.messages(connections=connections):
             writer.write(channels[one.id], time_ns + later, encode[one.msgtype](data))
             messages += 1
-    return _told(reader, target, len(kept), messages)
+    return _told(reader, target, len(connections), messages)
 
 
 def _ros1_types(reader: AnyReader) -> Typestore:

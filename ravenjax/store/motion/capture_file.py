@@ -33,21 +33,21 @@ class Datagram(NamedTuple):
 
 def read(path: Path) -> tuple[list[bytes], np.ndarray, tuple[str, ...]]:
     """The console's datagrams, when each was captured in s [T], and what a user should know. UserError."""
-    found = [one for one in _datagrams(path) if len(one.content) >= U_STRUCT.itemsize]
-    ports = Counter(one.port for one in found)
-    if not found or (UDP_PORT not in ports and len(ports) > 1):
+    datagrams = [one for one in _datagrams(path) if len(one.content) >= U_STRUCT.itemsize]
+    ports = Counter(one.port for one in datagrams)
+    if not datagrams or (UDP_PORT not in ports and len(ports) > 1):
         there = ", ".join(f"{count} to port {port}" for port, count in ports.most_common(4)) or "none"
         raise UserError(
             f"{path}: expected a console's packets, UDP datagrams of {U_STRUCT.itemsize} bytes or more to port "
             f"{UDP_PORT} or to one other port; got {there}"
         )
     port = UDP_PORT if UDP_PORT in ports else next(iter(ports))
-    senders = Counter(one.source for one in found if one.port == port)
+    senders = Counter(one.source for one in datagrams if one.port == port)
     (console, _), *others = senders.most_common()
-    kept = [one for one in found if one.port == port and one.source == console]
+    stream = [one for one in datagrams if one.port == port and one.source == console]
     more = sum(count for _, count in others)
     notes = (f"{more} packets of {len(others)} other senders to port {port} are left out",) if others else ()
-    return [one.content for one in kept], np.array([one.time_s for one in kept]), notes
+    return [one.content for one in stream], np.array([one.time_s for one in stream]), notes
 
 
 def _datagrams(path: Path) -> Iterator[Datagram]:
