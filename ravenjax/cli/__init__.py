@@ -58,6 +58,7 @@ for _command in (
     calibration.calibrate,
     training.train,
     training.robot,
+    training.play,
     training.study,
     training.log,
     exporting.export,

@@ -37,7 +37,7 @@ def motion(
     Parameters
     ----------
     file
-        Recorded tip positions: .parquet, .csv, .mcap, .bag or .db3.
+        Recorded tip positions: .parquet, .csv, .mcap, .bag or .db3; or a console's packets: .parquet, .pcap or .pcapng.
     """
     from ravenjax.errors import UserError
     from ravenjax.robots.raven2.campaign import hands

@@ -1,4 +1,4 @@
-"""Commands of the training session: `train`, `robot`, `study`, `log recover`."""
+"""Commands of the training session: `train`, `robot`, `study`, `log`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ravenjax.cli.console import Overrides
 
 Crtk = Annotated[Literal["ros1", "ros2"] | None, Parameter(help="also speak CRTK: ros2 (DDS) or ros1 (rospy)")]
 
-log = App(name="log", help="Recordings of sessions.")
+log = App(name="log", help="Recordings of sessions, and traces of runs as bags.")
 study = App(name="study", help="Compare groups of sessions: ravenjax study FOLDERS; and draw who is in which group.")
 
 
@@ -144,6 +144,34 @@ def robot(
     )
 
 
+def play(
+    packets: Path,
+    *,
+    to: Annotated[str, Parameter(help="HOST:PORT of the robot or the session (its --itp-port)")] = "127.0.0.1:36000",
+    console_profile: Annotated[
+        str, Parameter("--console", help="whose packets they are: raven, dv_trainer, a .toml file, or auto")
+    ] = "auto",
+) -> None:
+    """Send a console's recorded packets to a robot or a session, as they were and when they came.
+
+    Before the first one the pedal is up for 0.4 s, for a robot counts a pedal only after it was seen up.
+
+    Parameters
+    ----------
+    packets
+        A Parquet file with columns packet and arrival_us (or _s, _ms, _ns), or a capture: .pcap, .pcapng.
+    """
+    from ravenjax.store.motion import packet_file
+    from ravenjax.trainer.robot_link import player
+
+    address = player.parse(to)
+    raw = packet_file.raw(packets)
+    arrival_s, _, notes = packet_file.arrivals(packets, raw, console_profile)
+    for note in notes:
+        _say(note)
+    _say(str(player.play(raw.datagrams, arrival_s, address, _say)))
+
+
 @study.default
 def compare(
     folders: list[Path],
@@ -224,6 +252,27 @@ def recover(
     from ravenjax.store.logs import recover as store
 
     _say(str(store.recover(file, out)))
+
+
+@log.command
+def bag(
+    recording: Path,
+    *,
+    ros: Annotated[Literal[1, 2], Parameter(help="1: a .bag file, 2: a folder of ROS 2 (SQLite)")] = 1,
+    out: Annotated[
+        Path | None, Parameter(help="the bag; default beside the recording, as NAME.bag or NAME_ros2")
+    ] = None,
+) -> None:
+    """Write the recording of a session, or the trace of a run, as a bag that rosbag and ros2 bag play.
+
+    Parameters
+    ----------
+    recording
+        session.mcap, the folder of a session, or the .mcap of a traced run.
+    """
+    from ravenjax.store.logs import bag_writing
+
+    _say(str(bag_writing.write(recording, ros, out)))
 
 
 @log.command

@@ -21,7 +21,8 @@ Columns. The suffix alone says the unit; other columns are not read, and named.
 
 A Parquet file with a column `packet` is a recorded stream of a console's ITP packets, `arrival_us` (or _s, _ms, _ns)
 says when each came: the tip begins as after homing and makes their increments. `console = "dv_trainer"` names the
-profile by which they are read (`docs/how-to/consoles.md`); without it the packets decide.
+profile by which they are read (`docs/how-to/consoles.md`); without it the packets decide. A capture of the network
+(.pcap, .pcapng) is such a stream, too.
 
 MCAP files have geometry_msgs/PoseStamped on /arm1/setpoint_cp, else measured_cp (arm1 is gold, arm2 green), and for the
 jaws sensor_msgs/JointState on /arm1/setpoint_js, else measured_js, as `ravenjax trace` writes them.

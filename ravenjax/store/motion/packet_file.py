@@ -1,12 +1,13 @@
 """Reads a recorded stream of a console's packets as a motion: its increments, summed up from where homing ends.
 
-The table has a column `packet` (124 bytes each) and one that says when each arrived. Whole packets are read under the
-console's profile, in the order of the table. What the robot would drop moves nothing: repeated and older numbers, and
-the packet after a gap.
+A table (Parquet) has a column `packet` (124 bytes each) and one that says when each arrived; a capture of the network
+has both by itself. Whole packets are read under the console's profile, in their order. What the robot would drop moves
+nothing: repeated and older numbers, and the packet after a gap. A stream may start anew, see `_restarts`.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -15,21 +16,26 @@ import numpy as np
 
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.arms import ARMS, ArmName
-from ravenjax.robots.raven2.console import arrivals
+from ravenjax.robots.raven2.console import arrivals as packet_lengths
 from ravenjax.robots.raven2.console.choice import UNDECIDED, ProfileChoice, fitting
 from ravenjax.robots.raven2.console.profile import ConsoleProfile
 from ravenjax.robots.raven2.console.reading import FIELDS, MODE, Misfit, PacketReader, PacketReading
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
+from ravenjax.robots.raven2.stages.network import RESET_GAP
 from ravenjax.store.consoles import loading
-from ravenjax.store.motion import stamps
+from ravenjax.store.motion import capture_file, stamps
 from ravenjax.store.motion.track import ArmTrack, Track
 from ravenjax.vocabulary.packets import MOST_CYCLES
 
 PACKET, ARRIVAL = "packet", "arrival"
 MOST_MISFITS = 0.02
 """Of a recording: with more of them the profile is another console's."""
+QUIET_S, RELEASE_S = 0.25, 2.0
+"""Silence after which number 1, or any number, may begin a stream anew."""
 RATE_AGREES = 3.0
-"""By so much the mean rate of arrivals may differ from the profile's."""
+"""By so much the rate of arrivals may differ from the profile's."""
+GAPS_IN, GAPS_LEAST = 50, 20
+"""One step in so many may be a gap, of more than so few; their rate is that of the others."""
 
 
 class Home(NamedTuple):
@@ -59,8 +65,43 @@ def holds_packets(names: Sequence[str]) -> bool:
     return PACKET in names
 
 
+class RawPackets(NamedTuple):
+    """A recording as it is."""
+
+    datagrams: list[bytes]  # 124 bytes or more each
+    columns: dict[str, np.ndarray]  # of a table, but the packets
+    captured_s: np.ndarray | None  # [T] of a capture
+    notes: tuple[str, ...]
+
+
+def raw(path: Path) -> RawPackets:
+    """The datagrams of a Parquet file or a capture, unread. UserError."""
+    if path.suffix.lower() in capture_file.SUFFIXES:
+        datagrams, captured_s, notes = capture_file.read(path)
+        packets = RawPackets(datagrams, {}, captured_s, notes)
+    else:
+        packets = _of_table(path)
+    if len(packets.datagrams) < 2:
+        raise UserError(f"{path}: holds {len(packets.datagrams)} packets; expected a stream of at least 2")
+    return packets
+
+
 def stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketStream:
-    """The packets of a Parquet file. console: a profile of `store.consoles`, or "auto". UserError."""
+    """The packets of a Parquet file or a capture. console: a profile of `store.consoles`, or "auto". UserError."""
+    packets = raw(path)
+    fields = [FIELDS.unpack_from(one) for one in packets.datagrams]
+    profile = _profile(path, fields, arms, console)
+    arrival_s, clock, notes = _arrivals(path, packets, profile)
+    return _summed(path, profile, fields, arms, arrival_s, clock, notes)
+
+
+def arrivals(path: Path, packets: RawPackets, console: str) -> tuple[np.ndarray, str, tuple[str, ...]]:
+    """Seconds of each packet since the first, what says so, and notes. UserError where no profile fits."""
+    fields = [FIELDS.unpack_from(one) for one in packets.datagrams]
+    return _arrivals(path, packets, _profile(path, fields, ARMS, console))
+
+
+def _of_table(path: Path) -> RawPackets:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -69,16 +110,11 @@ def stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketStream:
     except (pa.ArrowException, OSError) as error:
         raise UserError(f"{path}: not a complete Parquet file: {str(error).splitlines()[0]}. Copy it again") from None
     datagrams = table[PACKET].to_pylist()
-    if len(datagrams) < 2:
-        raise UserError(f"{path}: holds {len(datagrams)} packets; expected a stream of at least 2")
     short = next((i for i, one in enumerate(datagrams) if not isinstance(one, bytes) or len(one) < FIELDS.size), None)
     if short is not None:
         raise UserError(f"{path}: row {short}, column {PACKET}: expected {FIELDS.size} bytes or more in each row")
-    fields = [FIELDS.unpack_from(one) for one in datagrams]
-    profile = _profile(path, fields, arms, console)
     columns = {name: table[name].to_numpy() for name in table.column_names if name != PACKET}
-    arrival_s, clock, notes = _arrivals(path, columns, profile)
-    return _summed(path, profile, fields, arms, arrival_s, clock, notes)
+    return RawPackets(datagrams, columns, None, ())
 
 
 def track(path: Path, arms: tuple[ArmName, ...], console: str, home: dict[ArmName, Home]) -> Track:
@@ -96,8 +132,8 @@ def track(path: Path, arms: tuple[ArmName, ...], console: str, home: dict[ArmNam
             home[arm].opening_mrad - np.cumsum(read.grasp_mrad[:, i]),
         )
     lost = int((~read.counted).sum())
-    cycles = arrivals.lengths(read.arrival_s * 1e3)
-    shares = ", ".join(f"{share:g}" for share in arrivals.as_campaign(cycles))
+    cycles = packet_lengths.lengths(read.arrival_s * 1e3)
+    shares = ", ".join(f"{share:g}" for share in packet_lengths.as_campaign(cycles))
     model = f"campaign.packets = [{shares}] makes packets last as long as these, up to {MOST_CYCLES} ms"
     note = f"packets are those of console {read.profile.name}; the robot would drop {lost:,} of {len(read.counted):,}"
     others = tuple(arm for arm in ARMS if arm not in arms)
@@ -135,7 +171,16 @@ def _profile(path: Path, fields: Sequence[Sequence], arms: tuple[ArmName, ...], 
     return loading.load(fits)
 
 
-def _arrivals(
+def _arrivals(path: Path, packets: RawPackets, profile: ConsoleProfile) -> tuple[np.ndarray, str, tuple[str, ...]]:
+    if packets.captured_s is None:
+        return _of_column(path, packets.columns, profile)
+    since = packets.captured_s - packets.captured_s[0]
+    if (np.diff(since) < 0).any() or since[-1] <= 0:
+        raise UserError(f"{path}: times of the capture go back; bring it into their order: reordercap IN OUT")
+    return since, "times of the capture", packets.notes
+
+
+def _of_column(
     path: Path, columns: dict[str, np.ndarray], profile: ConsoleProfile
 ) -> tuple[np.ndarray, str, tuple[str, ...]]:
     """Seconds since the first packet, the column, and a note where its unit is not what its name says."""
@@ -154,8 +199,13 @@ def _arrivals(
     if not np.isfinite(since).all() or (np.diff(since) < 0).any() or since[-1] <= 0:
         raise UserError(f"{path}: column {name} must be finite and never go back, and end later than it begins")
     unit, expected = suffixes[name.rpartition("_")[2]], profile.stream.rate_hz
-    rates = {key: (len(since) - 1) / (since[-1] * factor) for key, (factor, _) in stamps.UNITS.items()}
-    near = [key for key, rate in rates.items() if expected / RATE_AGREES <= rate <= expected * RATE_AGREES]
+    usual, mean = 1.0 / _usual_step(since), (len(since) - 1) / since[-1]  # a unit of the column
+    rates = {key: mean / factor for key, (factor, _) in stamps.UNITS.items()}
+    near = [
+        key
+        for key, (factor, _) in stamps.UNITS.items()
+        if expected / RATE_AGREES <= usual / factor <= expected * RATE_AGREES
+    ]
     if unit in near:
         return since * stamps.UNITS[unit][0], f"column {name}", ()
     if len(near) != 1:
@@ -165,6 +215,13 @@ def _arrivals(
         )
     note = f"column {name} is read as {near[0]}: {rates[near[0]]:.4g} packets a second; {rates[unit]:.4g} as {unit}"
     return since * stamps.UNITS[near[0]][0], f"column {name}", (note,)
+
+
+def _usual_step(since: np.ndarray) -> float:
+    """Mean time from packet to packet, without the longest in fifty: a pause is no other unit."""
+    steps = np.sort(np.diff(since))
+    most = len(steps) - (math.ceil(len(steps) / GAPS_IN) if len(steps) > GAPS_LEAST else 0)
+    return float(steps[:most].mean()) or since[-1] / len(steps)
 
 
 def _summed(
@@ -182,16 +239,18 @@ def _summed(
     pedal, counted = np.zeros(rows), np.zeros(rows, bool)
     reader, misfits, last = PacketReader(profile, arms), [], fields[0][0] - 1
     why: Misfit | None = None
+    heard_s = float(arrival_s[0])  # when the stream last went on
     for row, packet in enumerate(fields):
         number = packet[0]
         joined = number == last + 1
+        restarts = number < last and _restarts(number, last, arrival_s[row] - heard_s)
         result = reader.read(packet, joined and row > 0)
         if isinstance(result, Misfit):
             misfits.append(packet)
             why = result
-        elif number > last:
+        elif number and (number > last or restarts):
             reader.follow()
-            last = number
+            last, heard_s = number, arrival_s[row]
             if joined:
                 delta[row], quat[row], grasp[row] = result.delta_um, result.quat, result.grasp_mrad
                 counted[row] = True
@@ -204,6 +263,15 @@ def _summed(
             f"{path}: {len(misfits)} of {rows} packets do not fit console {profile.name}, the last for {why}; {advice}"
         )
     return PacketStream(profile, arrival_s, delta, quat, grasp, pedal, counted, clock, notes)
+
+
+def _restarts(number: int, last: int, silence_s: float) -> bool:
+    """Whether a number below the last one begins the stream anew; that packet itself moves nothing.
+
+    The robot's own rule, far behind; and those by which a console that was started again comes back in a session.
+    """
+    far = last > RESET_GAP and number < last - RESET_GAP
+    return number > 0 and (far or (number == 1 and silence_s > QUIET_S) or silence_s > RELEASE_S)
 
 
 def _accumulated(quat: np.ndarray, turns: np.ndarray) -> np.ndarray:

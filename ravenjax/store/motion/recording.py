@@ -21,8 +21,8 @@ from ravenjax.store.motion.reach import Poses
 from ravenjax.store.motion.spikes import Spike
 from ravenjax.store.motion.track import Track
 
-KINDS = (".parquet", ".csv", ".mcap", ".bag", ".db3")
-_ANY = ".parquet, .csv, .mcap, .bag or .db3"
+KINDS = (".parquet", ".csv", ".mcap", ".bag", ".db3", ".pcap", ".pcapng")
+_ANY = ".parquet, .csv, .mcap, .bag, .db3, .pcap or .pcapng"
 
 USUAL_STEPS, LEAST_GAP_S = 3.0, 0.02
 """What is called a gap: more than so many median steps, and longer than this."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from ravenjax.errors import UserError, suggestion
 from ravenjax.store.logs.topics import ARM_TOPICS
-from ravenjax.store.motion import packet_file, stamps
+from ravenjax.store.motion import capture_file, packet_file, stamps
 from ravenjax.store.motion.track import ArmTrack, Track
 
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
@@ -51,8 +51,9 @@ def read(path: Path, arms: tuple[str, ...], rate_hz: float | None) -> Track:
 
 
 def holds_packets(path: Path) -> bool:
-    """Whether a file is a table of a console's packets; UserError where it cannot be read."""
-    return path.suffix.lower() == ".parquet" and packet_file.holds_packets(_schema(path).names)
+    """Whether a file is a table of a console's packets, or a capture; UserError where it cannot be read."""
+    suffix = path.suffix.lower()
+    return suffix in capture_file.SUFFIXES or (suffix == ".parquet" and packet_file.holds_packets(_schema(path).names))
 
 
 def arms_in(path: Path) -> tuple[str, ...]:

@@ -169,7 +169,7 @@ def serve(
                 ):  # another may be at work by now
                     station.obey(content)
             station.tick()
-            for line in station.itp.gate.news():
+            for line in station.news():
                 say(line)
             clock.done()
     return clock.timing

@@ -68,6 +68,8 @@ class Station:
         self._lifted: set[str] = set()  # consoles whose pedal was seen up since it had to be
         self._heard: dict[str, int] = {}  # tick of each console's last packet
         self._driver: str | None = None  # whose pedal is down
+        self._told_to_lift: set[str] = set()  # consoles whose user was told why the pedal does not count
+        self._news: list[str] = []
         self._trips, self._told = 0.0, 0  # of the checks at their last report, and its tick
         self._last_seq = NO_PACKET_SEQUENCE  # of the console's packet that the robot took last
 
@@ -95,6 +97,11 @@ class Station:
             self.crtk.tell(frame)
         self.ticks += 1
         return frame
+
+    def news(self) -> list[str]:
+        """What a user should be told since the last call: of the console's packets, and of its pedal."""
+        news, self._news = self._news, []
+        return [*self.itp.gate.news(), *news]
 
     def _asked(self) -> tuple[str, Increments | None]:
         """Which console is heard in this tick, and what it asks for: whose pedal is down keeps the other one out."""
@@ -145,6 +152,10 @@ class Station:
         self._heard[console] = self.ticks
         if not increments.pedal:
             self._lifted.add(console)
+            self._told_to_lift.discard(console)
+        elif console not in self._lifted and console not in self._told_to_lift:
+            self._told_to_lift.add(console)
+            self._news.append(f"{console}: the pedal is down, and counts once it was seen up: lift it first")
         return increments if console in self._lifted else increments._replace(pedal=0)
 
     def _tell_checks(self, frame: Frame) -> None:

@@ -68,6 +68,26 @@ def test_packets_that_the_robot_would_drop_move_nothing(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("first", "silence_ms", "counted"),
+    [
+        (2000, 0, 24),  # the robot's own rule: far behind is a restart
+        (500, 0, 0),  # not far: older packets, until the numbers are reached again
+        (500, 300, 24),  # number 1 after a quarter of a second of silence
+        (500, 2500, 24),
+    ],
+)
+def test_a_console_that_starts_anew_goes_on_after_one_lost_packet(tmp_path, first, silence_ms, counted):
+    numbers = np.concatenate([np.arange(first, first + 25), np.arange(1, 26)])
+    arrival = np.arange(50) * 2.0
+    arrival[25:] += silence_ms
+    changes = {"arrival_us": None, "arrival_ms": arrival}
+    path = table(tmp_path / "a.parquet", fields={"sequence": numbers, "grasp": 0}, **changes)
+    read = packet_file.stream(path, ("gold",), "raven")
+    assert read.counted[:25].all() and read.counted[25:].sum() == counted
+    assert read.delta_um[:, 0, 0].sum() == (25 + counted) * 10
+
+
+@pytest.mark.parametrize(
     ("changes", "words"),
     [
         ({"packet": [b"short"] * 50}, "row 0, column packet: expected 124 bytes"),

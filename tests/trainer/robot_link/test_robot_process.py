@@ -160,6 +160,20 @@ def test_a_pedal_of_a_console_counts_after_it_was_seen_up(rig, why):
     assert press(0) == [0, 0, 0] and press(1) == [1, 1, 1]
 
 
+def test_why_a_pedal_does_not_count_is_told_once(rig):
+    def told(mode, count=5):
+        for _ in range(count):
+            rig.console.send(surgeon_mode=mode)
+            rig.tick()
+        return rig.station.news()
+
+    line = "itp: the pedal is down, and counts once it was seen up: lift it first"
+    assert told(1) == [line] and told(1) == []
+    assert told(0) == [] and told(1) == []
+    rig.tick(300)
+    assert told(1) == [line]
+
+
 def test_a_console_drives(rig):
     for _ in range(5):
         rig.console.send(gold=(10, -20, 30), green=(1, 2, 3))

@@ -253,7 +253,8 @@ class Operator(Section):
     @classmethod
     def _path(cls, file: Path | None) -> Path | None:
         if file is not None and (not file.name or "\0" in str(file)):
-            raise ValueError(f"got {shown(str(file))}, expected the path of a .parquet, .csv, .mcap, .bag or .db3 file")
+            kinds = ".parquet, .csv, .mcap, .bag, .db3, .pcap or .pcapng"
+            raise ValueError(f"got {shown(str(file))}, expected the path of a {kinds} file")
         return file
 
     @field_validator("hands")

@@ -1,0 +1,81 @@
+"""Recorded packets sent again: byte by byte, in their order, with the pedal up ahead of them."""
+
+from __future__ import annotations
+
+import socket
+
+import numpy as np
+import pandas as pd
+import pytest
+import waiting
+from itp_client import datagram
+
+from ravenjax.cli import USER_ERROR, main
+from ravenjax.errors import UserError
+from ravenjax.store.consoles import loading
+from ravenjax.trainer.robot_link import player
+from ravenjax.trainer.robot_link.packet_filter import TAKEN, Gate
+
+BOTH = ("gold", "green")
+
+
+def recorded(first=1, count=40):
+    return [datagram(first + n, gold=(3, 0, -1), green=(0, 2, 0)) for n in range(count)]
+
+
+@pytest.fixture
+def ear():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
+        port.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+        port.bind(("127.0.0.1", 0))
+        port.settimeout(waiting.DEADLINE_S)
+        yield port
+
+
+@pytest.mark.parametrize("first", [1, 90, 20468, 2**32 - 5])
+def test_ahead_goes_what_moves_nothing_with_the_pedal_up(first):
+    packets = recorded(first, 3)
+    gate = Gate(BOTH)
+    asked = [gate.admit(one, ("h", 1), float(n)) for n, one in enumerate([*player.lead(packets[0]), *packets])]
+    assert gate.counts[TAKEN] == len(asked) - 1, "only the first of all is lost, as of any stream"
+    ahead, own = asked[1:-3], asked[-3:]
+    assert all(one.pedal == 0 and one.delta_um == ((0, 0, 0),) * 2 for one in ahead)
+    assert [one.pedal for one in own] == [1] * 3 and own[0].delta_um == ((3, 0, -1), (0, 2, 0))
+
+
+def test_what_was_recorded_arrives_in_its_order_and_takes_its_time(ear):
+    packets = recorded()
+    told = player.play(packets, np.arange(40) * 5e-3, ear.getsockname(), lambda _: None)
+    heard = [ear.recv(2048) for _ in range(len(player.lead(packets[0])) + 40)]
+    assert heard[-40:] == packets
+    assert told[:2] == (40, 40) and told.seconds >= 39 * 5e-3
+    assert "does a robot listen there?" in str(told)
+
+
+def test_a_file_is_played_by_command(ear, tmp_path, capsys):
+    frame = pd.DataFrame({"packet": recorded(), "arrival_ms": np.arange(40) * 1.0})
+    frame.to_parquet(tmp_path / "packets.parquet")
+    address = "{}:{}".format(*ear.getsockname())
+    assert main(["play", str(tmp_path / "packets.parquet"), "--to", address, "--console", "raven"]) == 0
+    assert "40 of 40 packets sent" in capsys.readouterr().out
+    assert main(["play", str(tmp_path / "packets.parquet"), "--to", "nowhere"]) == USER_ERROR
+
+
+@pytest.mark.parametrize("text", ["", "host", ":36000", "h:0", "h:70000", "h:x"])
+def test_an_address_is_host_and_port(text):
+    with pytest.raises(UserError, match="expected HOST:PORT"):
+        player.parse(text)
+    assert player.parse("[::1]:36000") == ("::1", 36000)
+
+
+def test_the_recorded_console_is_taken_whole(shared_data):
+    """Halves, single arms and pieces of the recording, at the times at which their packets came."""
+    rows = pd.read_parquet(shared_data("console_itp_packets.parquet"))
+    packets, ms = list(rows["packet"]), rows["arrival_us"].to_numpy() * 1e-6
+    half = len(packets) // 2
+    for begin, end in ((0, half), (half, len(packets)), (5000, 6000), (15900, 16600)):
+        for arms in (BOTH, ("gold",), ("green",)):
+            gate = Gate(arms, profiles=loading.choice("dv_trainer"))
+            for packet, at in zip(packets[begin:end], ms[begin:end], strict=True):
+                gate.admit(packet, ("h", 1), at)
+            assert gate.counts[TAKEN] >= 0.998 * (end - begin)
