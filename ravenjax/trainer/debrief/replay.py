@@ -31,7 +31,6 @@ def of(course: Course, header: dict[str, Any], hazards: Sequence[HazardRow]) -> 
     if len(course.ms) < 2 or any(arm not in bases for arm in course.layout.arms):
         return None
     rows = _pictures(course, hazards)
-    struck = [one for one in hazards if one.struck_ms is not None]
     return {
         "ms": course.ms[rows].astype(int).tolist(),
         "pedal": course.channel("pedal")[rows].astype(int).tolist(),
@@ -39,19 +38,19 @@ def of(course: Course, header: dict[str, Any], hazards: Sequence[HazardRow]) -> 
         "arms": {arm: _arm(course, arm, bases[arm], rows) for arm in course.layout.arms},
         "task": _task(header.get("task") or {}),
         "tissue": {"top": scene.TISSUE_TOP, "sag": scene.TISSUE_SAG, "half": scene.TISSUE_HALF},
-        "marks": [mark for one in struck for mark in _marks(one)],
+        "marks": [mark for one in hazards for mark in _marks(one)],
     }
 
 
 def _pictures(course: Course, hazards: Sequence[HazardRow]) -> np.ndarray:
     """Numbers of the rows that are shown."""
     every = max(EVERY_MS, int(course.ms[-1] - course.ms[0]) // MOST)
-    shown = np.arange(course.ms[0], course.ms[-1], every)
+    times = np.arange(course.ms[0], course.ms[-1], every)
     for one in hazards:
         if one.struck_ms is not None:
             first, last = one.struck_ms - AROUND_MS[0], one.struck_ms + AROUND_MS[1]
-            shown = np.concatenate([shown, np.arange(first, last, EVERY_HAZARD_MS)])
-    rows = np.unique(np.searchsorted(course.ms, np.append(shown, course.ms[-1])))
+            times = np.concatenate([times, np.arange(first, last, EVERY_HAZARD_MS)])
+    rows = np.unique(np.searchsorted(course.ms, np.append(times, course.ms[-1])))
     return rows[rows < len(course.ms)]
 
 
@@ -66,8 +65,8 @@ def _arm(course: Course, arm: str, base: dict[str, Any], rows: np.ndarray) -> di
         points = origin + np.nan_to_num(course.channel(f"{arm}/{axis}")[rows] + jaws) @ turn.T
         return np.rint(PER_M * points).astype(int).tolist()
 
-    shown = {"remote": np.rint(PER_M * origin).astype(int).tolist(), "tip": places("tip", "link_jpos")}
-    return shown if course.blinded else shown | {"model": places("model_tip", "model_jpos")}
+    drawing = {"remote": np.rint(PER_M * origin).astype(int).tolist(), "tip": places("tip", "link_jpos")}
+    return drawing if course.blinded else drawing | {"model": places("model_tip", "model_jpos")}
 
 
 def _task(task: dict[str, Any]) -> dict[str, Any]:
@@ -81,6 +80,9 @@ def _task(task: dict[str, Any]) -> dict[str, Any]:
 
 
 def _marks(one: HazardRow) -> list[dict[str, Any]]:
+    """When it struck, and when the operator responded; none of a hazard that never struck."""
+    if one.struck_ms is None:
+        return []
     marks = [{"ms": one.struck_ms, "kind": "strike", "text": words.title(one)}]
     if one.response_ms is not None:
         marks.append({"ms": one.response_ms, "kind": "response", "text": one.response})

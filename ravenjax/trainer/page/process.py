@@ -120,8 +120,8 @@ class Page:
             self._seen = self._frames.written
             if self._hub.open:
                 frames = rows.view(np.float32)
-                shown = with_tips(self._layout, frames[-1])
-                self._server.loop.call_soon_threadsafe(self._hub.show, shown, self._extras(frames))
+                row = with_tips(self._layout, frames[-1])
+                self._server.loop.call_soon_threadsafe(self._hub.show, row, self._extras(frames))
 
     def _extras(self, frames: np.ndarray) -> np.ndarray:
         """[arms, 5]: greatest error_mm and force of these frames, for a peak of one millisecond is to be seen; then the
