@@ -186,3 +186,5 @@ def test_the_site_builds(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "Overdrive" in (tmp_path / "site/reference/campaigns.html").read_text(encoding="utf-8").title()
     assert (tmp_path / "site/index.html").is_file() and Path(tmp_path / "site/outcomes.svg").is_file()
+    assert 'src="../gallery/index.html"' in (tmp_path / "site/how-to/explore.html").read_text(encoding="utf-8")
+    assert (tmp_path / "site/gallery/quick.html").is_file() and (tmp_path / "site/gallery/index.html").is_file()

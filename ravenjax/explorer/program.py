@@ -20,7 +20,8 @@ words. `static/engine.js` reads it:
       "effects": {"overwrite": {"code": 0, "value": "number", "meaning": "x becomes the value"}, ..},
                                      "channel", "plain", "constant" where an effect of the network stands for another
       "triggers": {"time": 0}, "fields": {"code": "int32", .., "key": "uint32"}, "forever": 1073741824,
-      "motion": "..",                base64, the operator's motion: float32 columns one after the other
+      "motion": "suture",            the campaign's own among `motions`; "" where it is a recording
+      "motions": {"suture": ".."},   base64, operators' motions: float32 columns one after the other
       "programs": {"outcomes": PROGRAM, "replay": PROGRAM},
       "verdict": {                   the words of outcomes, and what each check counts as
         "responses": [..], "told": [..], "untold": [..], "hazards": [..], "cues": [..], "halt_ms": 200,
@@ -92,6 +93,9 @@ PARAMETERS = (
 )
 """What a question may change beside what the campaign varies: parameters, and all that begin so. Each one costs a
 little speed, as what follows from it is no longer known when code is printed."""
+
+MOTION_BYTES = 3_000_000
+"""What all motions that a page offers may take together; of a longer operation it has the campaign's own alone."""
 
 SERIES = (
     "runlevel",
@@ -180,7 +184,7 @@ def description(config: CampaignConfig) -> dict[str, Any]:
         "triggers": {name: TRIGGER_CODES[name] for name in program.setup.injection.triggers},
         "fields": {field.name: str(np.dtype(table.ARRAYS[field.name])) for field in dataclasses.fields(FaultSlot)},
         "forever": table.FOREVER_TICKS,
-        "motion": _base64(b"".join(np.ascontiguousarray(column).tobytes() for column in ready.columns)),
+        **motions(ready),
         "programs": {
             "outcomes": _outcomes_program(tick, shared),
             "replay": _replay_program(ready, tick, shared),
@@ -196,6 +200,40 @@ def _base64(content: bytes) -> str:
 
 
 # --- what may be asked ---
+
+
+def motion_name(config: CampaignConfig) -> str | None:
+    """The name of the campaign's generated motion, which a page may exchange; None where hands are recorded or own."""
+    operator = getattr(config, "operator", None)
+    names = tuple(config.words().get("Operator", {}).get("motion", ()))
+    if operator is None or not names or operator.file is not None or operator.hands is not None:
+        return None
+    return operator.motion or names[0]
+
+
+def motions(ready: Plan) -> dict[str, Any]:
+    """Name of the campaign's motion, and all that a page may exchange it for where that leaves the page small."""
+    own = motion_name(ready.config)
+    columns = {own or "": ready.columns}
+    if own is not None:
+        names = tuple(ready.config.words()["Operator"]["motion"])
+        small = len(names) * sum(column.nbytes for column in ready.columns) <= MOTION_BYTES
+        others = {name: _motion(ready, name) for name in names if small and name != own}
+        columns |= {name: other for name, other in others.items() if other is not None}
+    contents = {name: b"".join(column.tobytes() for column in of_name) for name, of_name in columns.items()}
+    return {"motion": own or "", "motions": {name: _base64(content) for name, content in contents.items()}}
+
+
+def _motion(ready: Plan, name: str) -> tuple[np.ndarray, ...] | None:
+    """Columns of another motion; None where it begins elsewhere, which the printed program does not know."""
+    config, own = ready.config, ready.program
+    operator = config.operator.model_copy(update={"motion": name})  # pyright: ignore[reportAttributeAccessIssue]
+    other = config.model_copy(update={"operator": operator})
+    prepared = config.robot.part("campaign").prepare(other, {}, own.setup.injection, own.setup.precision)
+    (here, there) = (dict(paths.leaves(params, own.setup)) for params in (own.params, prepared.params))
+    if any(not np.array_equal(here[path], there[path]) for path in here if path.startswith("start.")):
+        return None
+    return tuple(np.ascontiguousarray(column) for column in prepared.columns)
 
 
 def _parameter(ready: Plan, path: str) -> dict[str, Any]:

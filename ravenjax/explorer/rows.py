@@ -9,6 +9,8 @@ from typing import Any
 import pandas as pd
 
 from ravenjax.explorer import words
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections import tables
 from ravenjax.store import schema
 from ravenjax.store.access.results import Results
 from ravenjax.store.manifest import Manifest
@@ -35,7 +37,7 @@ MEASURES = (
 
 def table(folder: Path, record: Manifest) -> dict[str, Any]:
     """JSON: folder (its name), cue (number of the set that counts), runs (of the table), rows (of them, MOST at most),
-    and columns: name -> list. Left out are runs that a page cannot ask for, see `_asked`."""
+    columns: name -> list, and evading: see `_evading`. Left out are runs that a page cannot ask for, see `_asked`."""
     cue, names = record.verdict_cue, [column.name for column in schema.columns(record.shape)]
     columns = {
         "run_id": "run_id",
@@ -55,8 +57,18 @@ def table(folder: Path, record: Manifest) -> dict[str, Any]:
         "cue": cue,
         "runs": len(frame),
         "rows": len(first),
+        "evading": _evading(folder, record),
         "columns": {name: _plain(first[column]) for name, column in columns.items()},
     }
+
+
+def _evading(folder: Path, record: Manifest) -> dict[str, float]:
+    """k of n distinct faults evade, as the report counts them; low and high are NaN where faults were enumerated."""
+    runs = Runs.open(folder, record)
+    try:
+        return tables.headline(runs, record)["evaded"]._asdict()
+    finally:
+        runs.close()
 
 
 def _asked(frame: pd.DataFrame) -> pd.Series:

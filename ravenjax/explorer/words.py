@@ -10,6 +10,7 @@ from typing import Any
 import tomlkit
 
 from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.explorer import program
 from ravenjax.hazards import ranges
 from ravenjax.outcomes import verdict
 from ravenjax.report.data.facts import OUTCOMES
@@ -168,10 +169,14 @@ def _file(value: Any) -> str:
 
 
 def _toml(config: CampaignConfig) -> str:
-    """The campaign's file without cues, groups and what varies, which a page adds; what it reads lies beside it."""
+    """The campaign's file without cues, groups and what varies, which a page adds; what it reads lies beside it.
+
+    The name of a motion that a page may exchange is the first line of [operator]."""
     apart = {"group", "stop", "haptics", "cross"}
     content = config.model_dump(exclude_defaults=True, exclude=apart)
     tables = json.loads(json.dumps(content, default=_file))
     varied = _varied(config)
     tables["parameters"] = {path: one for path, one in tables.get("parameters", {}).items() if path not in varied}
+    if (motion := program.motion_name(config)) is not None:
+        tables["operator"] = {"motion": motion} | tables.get("operator", {})
     return tomlkit.dumps({name: table for name, table in tables.items() if table})

@@ -194,6 +194,19 @@ def test_two_arms_with_two_faults_that_repeat_are_those_of_the_native_engine(pag
     same_rows(rows, ours)
 
 
+def test_another_motion_in_the_same_page_is_that_of_a_campaign_with_it(page):
+    """Asked for in turns: what a worker keeps of one motion is not taken for the other's."""
+    config = rj.load_campaign("quick", ["campaign.limit=60", "operator.motion='circle'"])
+    ready = program.question_plan(config)
+    own = program.question_plan(rj.load_campaign("quick", ["campaign.limit=60"]))
+    ours = table(config, ready, WasmEngine())
+    for _ in range(2):
+        same_rows(answers(page, ready, {"motion": "circle"}), ours)
+        same_rows(answers(page, own, {}), table(own.config, own, WasmEngine()))
+    told = page.evaluate("() => engine.outcomes({ motion: 'dance' }, []).catch((error) => error.message)")
+    assert told == "no motion dance in this page"
+
+
 def test_a_replay_is_the_trace_of_the_run(page, config, ready, description):
     row = ready.rows.words("fault0_site").tolist().index("usb_out")
     kernel = SimdKernel(traced.printable(ready.program), 1, signals=True, target=WasmTarget())

@@ -230,6 +230,38 @@ def test_another_threshold_of_the_cue_has_another_answer_and_says_where_the_cue_
     assert _felt(window) == 0
 
 
+def test_another_motion_of_the_hands_has_another_answer_that_is_the_native_one(window, tmp_path):
+    filled(window)
+    answer = window.inner_text("#answer")
+    window.locator("#situation > summary").click()
+    window.select_option("#motion", "circle")
+    filled(window)
+    assert window.inner_text("#answer") != answer
+    window.locator("#field").press("Enter")
+    window.wait_for_selector("#run:not([hidden])")
+    assert "motion=circle" in _when(window, "location.hash.includes('ms=') && location.hash")
+    raw = tomllib.loads(_copied(window, "toml"))
+    assert raw["operator"] == {"motion": "circle", "seed": 1}
+    adaptive.run(validated(raw), tmp_path / "native", "simd")
+    native = Results(manifest.read(tmp_path / "native").shape, tmp_path / "native").frame().iloc[0]
+    assert window.evaluate("document.body.dataset.verdict") == native["verdict"]
+    shown = window.evaluate(CELLS)
+    assert float(shown["unintended_mm"]) == pytest.approx(native["unintended_mm"], rel=1e-3, abs=1e-3)
+
+
+def test_what_happened_stands_in_words_beside_the_lanes(window, place):
+    """Marks on lanes say nothing to a screen reader, nor to a finger."""
+    window.goto(place.as_uri() + VIEW)
+    window.reload()
+    window.wait_for_selector("#run:not([hidden])")
+    first = window.locator("#events li").first.inner_text()
+    assert first.startswith("700 ms") and "the fault begins" in first
+    assert window.locator("#events li").count() == window.locator("#lanes .track i").count()
+    assert window.locator("#after-stop").is_visible() == window.evaluate(
+        "document.body.dataset.verdict.startsWith('stopped')"
+    )
+
+
 @pytest.mark.parametrize("width", [360, 1366, 2560])
 def test_nothing_is_wider_than_the_window(window, width):
     window.set_viewport_size({"width": width, "height": 900})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 import re
 import tomllib
 from importlib import resources
@@ -55,7 +56,31 @@ def test_what_a_campaign_varies_is_left_to_the_page():
     }
     told = words.campaign(validated(raw))
     assert told["varied"] == ["plant.friction_scale", "plant.mass_scale"]
-    assert tomllib.loads(told["toml"]) == {"campaign": {"name": "some"}, "parameters": {"operator.scale": 0.2}}
+    assert tomllib.loads(told["toml"]) == {
+        "campaign": {"name": "some"},
+        "parameters": {"operator.scale": 0.2},
+        "operator": {"motion": "suture"},
+    }
+
+
+def test_a_motion_may_be_exchanged_where_hands_are_neither_recorded_nor_own(tmp_path):
+    """The page puts the name of another motion on the line below [operator]."""
+    raw = {"campaign": {"name": "some"}, "group": [{"name": "own", "fault": [STUCK]}]}
+    assert program.motion_name(validated(raw)) == "suture"
+    assert program.motion_name(validated(raw | {"operator": {"motion": "circle"}})) == "circle"
+    told = words.campaign(validated(raw | {"operator": {"motion": "circle", "seed": 3}}))
+    assert '\n[operator]\nmotion = "circle"\nseed = 3\n' in told["toml"]
+    (tmp_path / "hand.csv").write_text("x,y,z\n" + "0,0,0\n" * 3000)
+    recorded = {"operator": {"file": str(tmp_path / "hand.csv"), "rate_hz": 1000.0}}
+    assert program.motion_name(validated(raw | recorded)) is None
+
+
+def test_a_long_operation_leaves_other_motions_out_of_its_page(monkeypatch):
+    config = validated({"campaign": {"name": "some", "duration_s": 0.1}, "group": [{"name": "own", "fault": [STUCK]}]})
+    ready = program.question_plan(config)
+    assert {"suture", "circle", "still"} <= set(program.motions(ready)["motions"])
+    monkeypatch.setattr(program, "MOTION_BYTES", 100)
+    assert set(program.motions(ready)["motions"]) == {"suture"}
 
 
 def test_files_are_named_as_they_lie_beside_the_campaign(tmp_path):
@@ -96,6 +121,17 @@ def test_a_table_has_the_runs_that_a_page_can_ask_for(tmp_path):
     told = rows.table(tmp_path, manifest.read(tmp_path))
     assert (told["runs"], told["rows"], told["columns"]["group"]) == (6, 2, ["free", "timed"])
     assert told["columns"]["start_ms"][1] == 20
+    assert (told["evading"]["n"], told["evading"]["k"]) == (5, 0)
+    assert math.isnan(told["evading"]["low"]), "faults that were chosen have no interval"
+
+
+def test_faults_that_were_drawn_have_an_interval(tmp_path):
+    drawn = STUCK | {"start_ms": {"uniform": [20, 60]}}
+    group = {"name": "drawn", "design": "random", "runs": 6, "fault": [drawn]}
+    adaptive.run(validated({"campaign": {"name": "some", "duration_s": 0.1}, "group": [group]}), tmp_path, "simd")
+    told = rows.table(tmp_path, manifest.read(tmp_path))["evading"]
+    assert told["n"] == 6
+    assert 0 <= told["low"] <= told["value"] < told["high"] < 1
 
 
 def test_a_page_counts_time_whatever_its_campaign_counts():

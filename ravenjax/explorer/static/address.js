@@ -2,11 +2,12 @@
 
 const FIELDS = { site: "at", arm: "arm", channel: "on", effect: "does", value: "size", start_ms: "from", duration_ms: "for" };
 
-/** The address of a state: {fault, across, up, changes, ms, open}. */
+/** The address of a state: {fault, across, up, motion, changes, ms, open}; motion: null, the campaign's own. */
 export function written(state) {
   const out = new URLSearchParams();
   for (const [name, short] of Object.entries(FIELDS)) if (state.fault[name] !== undefined) out.set(short, state.fault[name]);
   out.set("map", `${state.across}~${state.up}`);
+  if (state.motion) out.set("motion", state.motion);
   for (const [path, value] of Object.entries(state.changes)) out.set(`set.${path}`, value);
   if (state.open) out.set("ms", Math.round(state.ms));
   return `#${out}`;
@@ -23,7 +24,7 @@ export function read(hash) {
   const [across, up] = (from.get("map") ?? "value~duration_ms").split("~");
   const changes = {};
   for (const [key, value] of from) if (key.startsWith("set.")) changes[key.slice(4)] = Number(value);
-  return { fault, across, up, changes, open: from.has("ms"), ms: Number(from.get("ms") ?? 0) };
+  return { fault, across, up, motion: from.get("motion"), changes, open: from.has("ms"), ms: Number(from.get("ms") ?? 0) };
 }
 
 const word = (value) => (typeof value === "number" ? String(value) : JSON.stringify(value));
@@ -47,13 +48,16 @@ function parted(campaign, changes) {
   return { cues, others };
 }
 
+/** The beginning of a campaign file, with another motion where one was chosen. */
+const led = (campaign, motion) => (motion ? campaign.toml.replace(/^(\[operator\]\nmotion = ).*$/m, `$1${word(motion)}`) : campaign.toml);
+
 /**
  * A campaign file with this fault; a list stands for each of its values. takes: whether its effect takes a value;
  * question: all parameters, of which those are written that the campaign varies.
  */
-export function toml(campaign, { fault, changes }, takes, question) {
+export function toml(campaign, { fault, motion, changes }, takes, question) {
   const { cues, others } = parted(campaign, changes);
-  const lines = [campaign.toml.trim(), "", "[haptics]", 'combine = "zip"'];
+  const lines = [led(campaign, motion).trim(), "", "[haptics]", 'combine = "zip"'];
   for (const [name, values] of Object.entries(cues)) lines.push(`${name} = ${listed(values)}`);
   lines.push("", "[[group]]", 'name = "explored"');
   const held = { ...Object.fromEntries(campaign.varied.map((path) => [path, question[path]])), ...others };

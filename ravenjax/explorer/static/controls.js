@@ -32,7 +32,7 @@ function slider({ id, words, unit = "", low, high, step, hint = "" }) {
 }
 
 export class Controls {
-  /** heard: {fault(changes), set(path, value), axis(which, name)}. */
+  /** heard: {fault(changes), set(path, value), motion(name), axis(which, name)}. */
   constructor(campaign, description, able, heard) {
     Object.assign(this, { campaign, description, able, heard, key: "" });
     this.known = Object.fromEntries(description.parameters.map((one) => [one.path, one]));
@@ -54,6 +54,7 @@ export class Controls {
   situation() {
     const offered = plainly(this.campaign.cue).filter(({ path }) => path in this.known);
     this.inputs = new Map();
+    this.hands();
     for (const one of offered) $("changes").append(this.parameter(one));
     for (const { path, unit, low, high, whole, meaning, value } of this.description.parameters) {
       if (this.inputs.has(path)) continue;
@@ -66,6 +67,20 @@ export class Controls {
       this.inputs.set(path, { box, show: (now) => (input.value = trimmed(now)) });
       $("numbers").append(box);
     }
+  }
+
+  /** Which motion the hands make, where the page has several. */
+  hands() {
+    const { motion: own, motions } = this.description;
+    const names = Object.keys(motions);
+    if (names.length < 2) return;
+    const box = document.createElement("label");
+    box.className = "field";
+    const say = (name) => `${name.replaceAll("_", " ")}${name === own ? " (campaign)" : ""}`;
+    box.innerHTML = `What the surgeon's hands do<select id="motion">${names.map((name) => option(name, say(name))).join("")}</select>`;
+    this.motion = box.querySelector("select");
+    this.motion.addEventListener("change", () => this.heard.motion(this.motion.value === own ? null : this.motion.value));
+    $("changes").append(box);
   }
 
   parameter({ path, words, unit = "", factor = 1, low, high, step, choices }) {
@@ -113,6 +128,7 @@ export class Controls {
       show(fault[name]);
       box.classList.toggle("on-map", name === state.across || name === state.up);
     }
+    if (this.motion) this.motion.value = state.motion ?? this.description.motion;
     for (const [path, { box, show }] of this.inputs) {
       show(state.changes[path] ?? this.known[path].value);
       box.classList.toggle("changed", path in state.changes);

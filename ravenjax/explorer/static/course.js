@@ -63,8 +63,8 @@ function path(values, low, high, height) {
   return out;
 }
 
-/** One signal: title, unit, curves [{values, look}], a line at `limit`. */
-export function signal({ title, unit, curves, limit, height = 84 }) {
+/** One signal: title, unit, curves [{values, look}], a line at `limit`, a shade over `acts` (from, to, as shares of the time). */
+export function signal({ title, unit, curves, limit, acts, height = 84 }) {
   let [low, high] = [Infinity, -Infinity];
   for (const { values } of curves) for (const value of values) if (Number.isFinite(value)) [low, high] = [Math.min(low, value), Math.max(high, value)];
   if (limit !== undefined) [low, high] = [Math.min(low, 0), Math.max(high, limit * 1.15)];
@@ -72,27 +72,32 @@ export function signal({ title, unit, curves, limit, height = 84 }) {
   const lines = curves.map(({ values, look }) => svg("path", { d: path(values, low, high, height), class: look, "vector-effect": "non-scaling-stroke" })).join("");
   const at = limit === undefined ? "" : height - ((limit - low) / (high - low)) * height;
   const bar = limit === undefined ? "" : svg("line", { x1: 0, x2: WIDE, y1: at, y2: at, class: "limit", "vector-effect": "non-scaling-stroke" });
+  const shade = acts ? svg("rect", { x: acts[0] * WIDE, width: Math.max(2, (acts[1] - acts[0]) * WIDE), y: 0, height, class: "acts" }) : "";
   return `<figure class="signal"><figcaption><b>${title}</b> <span>${text(low)} to ${text(high)} ${unit}</span></figcaption>${svg(
     "svg",
     { viewBox: `0 0 ${WIDE} ${height}`, preserveAspectRatio: "none", style: `height:${height}px`, role: "img", "aria-label": `${title}, ${text(low)} to ${text(high)} ${unit}` },
-    bar + lines,
-  )}</figure>`;
+    shade + bar + lines,
+  )}<i class="now"></i></figure>`;
 }
+
+/** Until when a fault acts, ms. */
+export const ends = ({ start_ms: start, duration_ms: lasts }, duration) => (lasts === "end" ? duration : Math.min(duration, start + lasts));
+
+const HARM = {
+  unintended_first_ms: "unintended motion: the tip is too far from where it should be",
+  loss_first_ms: "loss of motion: the instrument does not follow",
+  false_report_first_ms: "false report: the robot reports a wrong position of the tip",
+};
 
 /** Events of a run on lanes: [{lane, look, from, to, words}]. */
 export function events(outcome, fault, duration, checks) {
-  const end = fault.duration_ms === "end" ? duration : Math.min(duration, fault.start_ms + fault.duration_ms);
-  const out = [{ lane: "Fault", look: "fault", from: fault.start_ms, to: end, words: `the fault, ${fault.start_ms} to ${end} ms` }];
+  const end = ends(fault, duration);
+  const out = [{ lane: "Fault", look: "fault", from: fault.start_ms, to: end, words: `the fault begins; it lasts until ${millis(end)}` }];
   for (const { name, first_ms: ms } of outcome.tripped ?? [])
-    out.push({ lane: "Checks", look: "check", from: ms, to: ms, words: `${checks[name]?.meaning ?? name}, at ${millis(ms)}: ${checks[name]?.does ?? ""}` });
+    out.push({ lane: "Checks", look: "check", from: ms, to: ms, words: `${checks[name]?.meaning ?? name}${checks[name]?.does ? ` (${checks[name].does})` : ""}` });
   const cue = outcome[`cue${outcome.cue_set ?? 0}_first_ms`];
-  if (cue >= 0) out.push({ lane: "Cue", look: "cue", from: cue, to: cue, words: `the haptic cue begins, at ${millis(cue)}` });
-  for (const [column_, words] of [
-    ["unintended_first_ms", "unintended motion"],
-    ["loss_first_ms", "loss of motion"],
-    ["false_report_first_ms", "false report"],
-  ])
-    if (outcome[column_] >= 0) out.push({ lane: "Harm", look: "harm", from: outcome[column_], to: outcome[column_], words: `${words}, at ${millis(outcome[column_])}` });
+  if (cue >= 0) out.push({ lane: "Cue", look: "cue", from: cue, to: cue, words: "the haptic cue begins" });
+  for (const [name, words] of Object.entries(HARM)) if (outcome[name] >= 0) out.push({ lane: "Harm", look: "harm", from: outcome[name], to: outcome[name], words });
   return out;
 }
 
@@ -103,7 +108,7 @@ export function lanes(all, duration) {
     .map((lane) => {
       const own = all.filter((one) => one.lane === lane);
       const marks = own
-        .map(({ look, from, to, words }) => `<i class="${look}${to > from ? " spans" : ""}" style="left:${percent(from)};${to > from ? `width:max(3px,${percent(to - from)})` : ""}" title="${words.replaceAll('"', "")}"></i>`)
+        .map(({ look, from, to, words }) => `<i class="${look}${to > from ? " spans" : ""}" style="left:${percent(from)};${to > from ? `width:max(3px,${percent(to - from)})` : ""}" title="${millis(from)}: ${words.replaceAll('"', "")}"></i>`)
         .join("");
       return `<div class="lane"><span>${lane}</span><div class="track" data-lane="${lane}">${marks || '<em>none</em>'}</div></div>`;
     })

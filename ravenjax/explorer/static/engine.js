@@ -2,7 +2,7 @@
 // The description is that of ravenjax/explorer/program.py; with it comes the text of worker.js.
 //
 //   const engine = await openEngine(description, { threads: 4 });
-//   const question = engine.question();                       path -> value, and observe_ms
+//   const question = engine.question();                       path -> value, observe_ms, and motion (its name)
 //   const outcomes = await engine.outcomes(question, [{ site: "usb_out", arm: "gold", channel: "elbow",
 //     effect: "overwrite", value: 9000, start_ms: 900, duration_ms: 64 }]);
 //
@@ -106,12 +106,16 @@ export function pack(description, question, faults) {
   return { packed, acts, ends, faulty: runs.map((some) => some.length > 0) };
 }
 
+const UNNUMBERED = new Set(["observe_ms", "motion"]); // what a question says beside parameters
+const motionOf = (description, question) => question.motion ?? description.motion;
+
 /** A question's parameters as words; throws for a path that the program does not know. */
 export function packQuestion(description, question) {
   const { parameters } = description;
   const known = new Set(parameters.map((one) => one.path));
   for (const path of Object.keys(question))
-    if (path !== "observe_ms" && !known.has(path)) throw new RangeError(`no parameter ${path} in this program`);
+    if (!UNNUMBERED.has(path) && !known.has(path)) throw new RangeError(`no parameter ${path} in this program`);
+  if (!(motionOf(description, question) in description.motions)) throw new RangeError(`no motion ${question.motion} in this page`);
   return words(
     parameters.map((one) => one.type),
     parameters.map((one) => question[one.path] ?? one.value),
@@ -271,10 +275,10 @@ class Engine {
     this.types = results.types;
   }
 
-  /** The campaign's own question: path -> value of all that may be changed, and observe_ms. */
+  /** The campaign's own question: path -> value of all that may be changed, observe_ms and motion. */
   question() {
-    const { parameters, observe_ms } = this.description;
-    return { ...Object.fromEntries(parameters.map(({ path, value }) => [path, value])), observe_ms };
+    const { parameters, observe_ms, motion } = this.description;
+    return { ...Object.fromEntries(parameters.map(({ path, value }) => [path, value])), observe_ms, motion };
   }
 
   /**
@@ -295,6 +299,7 @@ class Engine {
       const rows = order.slice(first, first + lanes);
       const task = {
         parameters,
+        motion: motionOf(this.description, question),
         faults: new Int32Array(rows.length * fields),
         acts: Int32Array.from(rows, (run) => acts[run]),
         ends: Int32Array.from(rows, (run) => ends[run]),
@@ -340,7 +345,7 @@ class Engine {
   async replay(question, fault, { priority = 1, token = null } = {}) {
     const parameters = packQuestion(this.description, question);
     const { packed, faulty, ends } = pack(this.description, question, [fault]);
-    const both = await this.pool.submit("replay", { parameters, faults: packed, end: ends[0] }, { priority, token });
+    const both = await this.pool.submit("replay", { parameters, motion: motionOf(this.description, question), faults: packed, end: ends[0] }, { priority, token });
     const outcome = judge(this.description, this.measures(both.faulty.end), this.measures(both.golden.end), faulty[0]);
     return { period_ms: 1, golden: both.golden.series, faulty: both.faulty.series, outcome };
   }
@@ -359,12 +364,12 @@ class Engine {
 /** An engine of `threads` workers; all cores but one, if left out. description: from `program.description`, parsed. */
 export async function openEngine(description, { threads } = {}) {
   const count = threads ?? Math.max(1, (navigator.hardwareConcurrency ?? 2) - 1);
-  const { programs, motion, worker } = description;
+  const { programs, motions, worker } = description;
   const modules = {};
   for (const name of Object.keys(programs)) modules[name] = await WebAssembly.compile(bytes(programs[name].binary));
   const light = Object.entries(programs).map(([name, program]) => [name, { ...program, binary: "" }]);
   const pool = new Pool(worker, count);
   const known = { ticks: description.ticks, arms: description.arms, checks: description.verdict.checks.map(({ name }) => name), programs: Object.fromEntries(light) };
-  await pool.all("open", { description: known, modules, motion: bytes(motion), vectors: Math.ceil(LANES / known.programs.outcomes.width) });
+  await pool.all("open", { description: known, modules, motions: Object.fromEntries(Object.entries(motions).map(([name, text]) => [name, bytes(text)])), vectors: Math.ceil(LANES / known.programs.outcomes.width) });
   return new Engine(description, pool);
 }

@@ -41,7 +41,7 @@ function firstState() {
   const fault = { site, arm: campaign.arms[0], channel, effect, value: 0, start_ms: start, duration_ms: 64 };
   const span = spanOf(campaign, fault);
   fault.value = span ? (span.whole ? Math.round(span.high / 2) : span.high / 2) : 0;
-  return { fault, across: span ? "value" : "start_ms", up: "duration_ms", changes: {}, open: false, ms: 0 };
+  return { fault, across: span ? "value" : "start_ms", up: "duration_ms", motion: null, changes: {}, open: false, ms: 0 };
 }
 
 const state = firstState();
@@ -57,6 +57,7 @@ const paths = new Set(description.parameters.map(({ path }) => path));
 function mend() {
   const { fault } = state;
   for (const path of Object.keys(state.changes)) if (!paths.has(path) || !Number.isFinite(state.changes[path])) delete state.changes[path];
+  if (!(state.motion in description.motions)) state.motion = null;
   if (!(fault.start_ms >= 0)) fault.start_ms = 0;
   if (fault.duration_ms !== "end" && !(fault.duration_ms >= 1)) fault.duration_ms = 64;
   if (!(fault.site in able)) Object.assign(fault, firstState().fault);
@@ -83,20 +84,20 @@ function giveUp(error) {
 }
 addEventListener("unhandledrejection", ({ reason }) => giveUp(reason));
 
-const question = () => ({ ...engine.question(), ...state.changes });
+const question = () => ({ ...engine.question(), ...state.changes, motion: state.motion ?? description.motion });
 const at = (i, j) => ({ ...state.fault, [state.across]: axes.across.values[i], [state.up]: axes.up.values[j] });
 const judged = (outcome) => Object.assign(outcome, { cue_set: campaign.cue });
 
 const field = new Field($("field"), (i, j) => choose(i, j));
 const run = new Run(campaign, () => data("figure"), { moved: (ms) => ((state.ms = ms), remember()), dragged: (start) => change({ start_ms: start }) });
-const controls = new Controls(campaign, description, able, { fault: change, set, axis });
+const controls = new Controls(campaign, description, able, { fault: change, set, motion: lead, axis });
 let rows = null;
 /** The runs of a result folder, if the page has one. */
 function tabulate() {
   const table = data("table");
   if (!table) return;
   rows = new Table(campaign, table, (fault, changes) => {
-    Object.assign(state, { changes });
+    Object.assign(state, { changes, motion: null });
     change(fault, true);
     open();
     $("run").scrollIntoView({ block: "start" });
@@ -124,6 +125,13 @@ function change(fault, known = false) {
 function set(path, value) {
   if (value === undefined) delete state.changes[path];
   else state.changes[path] = value;
+  refresh(true);
+  if (state.open) open();
+}
+
+/** Another motion of the hands; null: the campaign's own. */
+function lead(motion) {
+  state.motion = motion;
   refresh(true);
   if (state.open) open();
 }
@@ -301,7 +309,7 @@ document.addEventListener("click", async ({ target }) => {
 $("smallest").addEventListener("click", search);
 $("pin").addEventListener("click", () => run.keep());
 $("undo").addEventListener("click", () => {
-  state.changes = {};
+  Object.assign(state, { changes: {}, motion: null });
   refresh(true);
   if (state.open) open();
 });

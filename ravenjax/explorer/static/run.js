@@ -1,11 +1,19 @@
 // One run in detail: the robot in three dimensions, its time line, its signals, and a run that is kept beside it.
 
-import { chain, column, events, lanes, signal } from "./course.js";
+import { chain, column, ends, events, lanes, signal } from "./course.js";
 import { Figure } from "./figure.js";
 import { length, millis, told } from "./verdicts.js";
 
 const $ = (id) => document.getElementById(id);
 const MOST_LINKS = 12;
+
+/** An item of a list: when, and what in words. */
+function line(ms, words) {
+  const item = document.createElement("li");
+  item.innerHTML = `<time>${millis(ms)}</time><span></span>`;
+  item.lastChild.textContent = words;
+  return item;
+}
 
 export class Run {
   /** figure(): the description of what is drawn, or null; heard: {moved(ms), dragged(start_ms)}. */
@@ -44,7 +52,9 @@ export class Run {
   lanes() {
     const { duration_ms: duration, checks } = this.campaign;
     const place = $("lanes");
-    const html = lanes(events(this.replay.outcome, this.fault, duration, checks), duration);
+    const happened = events(this.replay.outcome, this.fault, duration, checks);
+    const html = lanes(happened, duration);
+    $("events").replaceChildren(...[...happened].sort((a, b) => a.from - b.from).map(({ from, words }) => line(from, words)));
     if (!this.dragging) {
       place.innerHTML = html;
       return;
@@ -68,7 +78,7 @@ export class Run {
     const apart = this.replay.faulty[`${arm}/deviation_mm`]?.[this.ms];
     $("now").textContent = `${millis(this.ms)} · tip ${length(apart)} from where it would be`;
     $("time").setAttribute("aria-valuetext", `${this.ms} ms, tip ${length(apart)} from where it would be`);
-    document.body.style.setProperty("--now", this.ms / this.campaign.duration_ms);
+    $("run").style.setProperty("--now", this.ms / this.campaign.duration_ms);
     this.figure?.show(this.positions(this.replay.faulty), this.positions(this.replay.golden), apart);
     this.heard.moved(this.ms);
   }
@@ -104,6 +114,7 @@ export class Run {
   /** Series of the struck joint and arm, with those of the golden run and of the kept one. */
   signals() {
     const { campaign, fault, replay, kept } = this;
+    const acts = [fault.start_ms, ends(fault, campaign.duration_ms)].map((ms) => ms / campaign.duration_ms);
     const arm = fault.arm ?? campaign.arms[0];
     const joint = Math.max(0, campaign.joints.indexOf(fault.channel));
     const named = campaign.joints[joint].replaceAll("_", " ");
@@ -121,22 +132,17 @@ export class Run {
         const take = of(name, k, n);
         const curves = [{ values: take(replay.golden), look: "golden" }, { values: take(replay.faulty), look: "own" }];
         if (kept) curves.splice(1, 0, { values: take(kept.faulty), look: "kept" });
-        return signal({ title, unit, curves, limit });
+        return signal({ title, unit, curves, limit, acts });
       })
       .join("");
+    $("after-stop").hidden = replay.outcome.response !== "stopped";
   }
 
   chain() {
     const links = chain(this.replay, this.campaign.arms, this.campaign.duration_ms);
-    const item = ({ ms, words }) => {
-      const line = document.createElement("li");
-      line.innerHTML = `<time>${millis(ms)}</time><span></span>`;
-      line.lastChild.textContent = words;
-      return line;
-    };
     const none = document.createElement("li");
     none.textContent = "Nothing differs: the fault changes nothing that the robot does.";
-    $("chain").replaceChildren(...(links.length ? links.slice(0, MOST_LINKS).map(item) : [none]));
+    $("chain").replaceChildren(...(links.length ? links.slice(0, MOST_LINKS).map(({ ms, words }) => line(ms, words)) : [none]));
   }
 
   numbers() {

@@ -9,10 +9,19 @@ const $ = (id) => document.getElementById(id);
 const MOST = 24;
 const FAULT = ["site", "arm", "channel", "effect", "value", "start_ms", "duration_ms"];
 
+const percent = (share) => `${text(Number((100 * share).toPrecision(2)))} %`;
+
+/** How many of the folder's faults evade, with the interval where they were drawn. */
+export function shares({ k, n, value, low, high }) {
+  if (!n) return "";
+  const sure = low === null ? "chosen, not drawn, so that there is no interval" : `95 % interval ${percent(low)} to ${percent(high)}`;
+  return `Of ${text(n)} distinct faults, ${text(k)} slip past every safety check and do harm: ${percent(value)} (${sure}). `;
+}
+
 export class Table {
   /** open(fault, changes): what a row's button does. */
-  constructor(campaign, { folder, cue, runs, rows, columns }, open) {
-    Object.assign(this, { campaign, folder, runs, listed: rows, columns, open });
+  constructor(campaign, { folder, cue, runs, rows, evading, columns }, open) {
+    Object.assign(this, { campaign, folder, runs, listed: rows, evading, columns, open });
     const names = Object.keys(columns);
     this.rows = columns.run_id.map((_, k) => {
       const row = Object.fromEntries(names.map((name) => [name, columns[name][k]]));
@@ -46,7 +55,7 @@ export class Table {
     $("table").hidden = false;
     const faulty = this.rows.filter(({ site }) => site);
     const few = this.listed < this.runs ? `, of which this page has ${text(this.listed)}: the first, with one timed fault at most` : "";
-    $("table-lead").textContent = `${text(this.runs)} runs in ${this.folder}${few}. Circles on the map are runs whose fault strikes there and does the same, at the nearest square; what the axes do not say may be another.`;
+    $("table-lead").textContent = `${shares(this.evading)}${text(this.runs)} runs in ${this.folder}${few}. Circles on the map are runs whose fault strikes there and does the same, at the nearest square; what the axes do not say may be another.`;
     const counts = {};
     for (const row of faulty) counts[classOf(row)] = (counts[classOf(row)] ?? 0) + 1;
     $("table-which").innerHTML = Object.keys(CLASSES).filter((name) => counts[name]).map((name) => `<option value="${name}">${CLASSES[name].says} (${counts[name]})</option>`).join("");

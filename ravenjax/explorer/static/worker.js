@@ -9,7 +9,7 @@ const LINE = 64;
 
 /** A compiled program of the description, with its memory: buffers for `vectors` vectors of lanes. */
 class Program {
-  constructor(layout, module, ticks, motion, vectors) {
+  constructor(layout, module, ticks, motionBytes, vectors) {
     Object.assign(this, { layout, ticks, vectors });
     this.memory = new WebAssembly.Memory({ initial: 1 });
     this.code = new WebAssembly.Instance(module, { env: { __linear_memory: this.memory } }).exports;
@@ -26,13 +26,20 @@ class Program {
     this.places = Int32Array.from(layout.results.offsets, (offset) => (this.results + offset) / 4);
     this.nowhere = this.room(4 * layout.series); // zeros: what a run is compared with that is compared with nothing
     this.sink = this.room(this.outputs * this.step);
-    this.tables = this.room(motion.byteLength);
+    this.tables = this.room(motionBytes);
     this.given = this.room(4 * layout.series * ticks);
     this.out = this.room(this.outputs * this.step * ticks);
     this.memory.grow(Math.max(0, Math.ceil((this.end - this.memory.buffer.byteLength) / PAGE)));
     this.words = new Int32Array(this.memory.buffer);
     this.floats = new Float32Array(this.memory.buffer);
+    this.led = null;
+  }
+
+  /** Lead the hands through this motion from now on. */
+  lead(motion) {
+    if (this.led === motion) return;
     this.words.set(new Int32Array(motion), this.tables / 4);
+    this.led = motion;
   }
 
   room(bytes) {
@@ -116,20 +123,24 @@ class Program {
 
 /** Batches of runs beside the golden run of their question. */
 class Core {
-  constructor({ description, modules, motion, vectors }) {
+  constructor({ description, modules, motions, vectors }) {
     const { programs, ticks } = description;
     this.description = description;
     this.ticks = ticks;
-    this.outcomes = new Program(programs.outcomes, modules.outcomes, ticks, motion, vectors);
+    this.motions = motions;
+    const size = Object.values(motions)[0].byteLength;
+    this.outcomes = new Program(programs.outcomes, modules.outcomes, ticks, size, vectors);
     this.replayed = null;
-    this.open = () => new Program(programs.replay, modules.replay, ticks, motion, 1);
+    this.open = () => new Program(programs.replay, modules.replay, ticks, size, 1);
     this.question = null;
   }
 
   /** The golden run of a question, computed once: its series, its results at the end, its snapshots. */
-  golden(parameters) {
-    if (this.question !== null && this.question.every((word, k) => word === parameters[k])) return;
+  golden(parameters, motion) {
     const one = this.outcomes;
+    const led = one.led === this.motions[motion];
+    if (led && this.question !== null && this.question.every((word, k) => word === parameters[k])) return;
+    one.lead(this.motions[motion]);
     const none = new Int32Array(one.layout.inputs.offsets.length - parameters.length);
     this.question = null;
     one.begin(parameters, none, 1);
@@ -187,12 +198,12 @@ class Core {
   }
 
   /** Results of runs: words [runs * outcomes], and the golden run's at their ends. */
-  run({ parameters, faults, acts, ends }) {
+  run({ parameters, motion, faults, acts, ends }) {
     const { outcomes: one, ticks } = this;
     const { width } = one.layout;
     const runs = ends.length;
     const size = one.layout.outcomes.length;
-    this.golden(parameters);
+    this.golden(parameters, motion);
     const usual = new Int32Array(runs * size);
     for (let run = 0; run < runs; run += 1) usual.set(this.goldenAt(ends[run], parameters), run * size);
     one.begin(parameters, faults, runs);
@@ -229,9 +240,10 @@ class Core {
   }
 
   /** Of the golden run and of one run: time series by name, one number a millisecond, and words of the results at the end. */
-  replay({ parameters, faults, end }) {
+  replay({ parameters, motion, faults, end }) {
     this.replayed ??= this.open();
     const one = this.replayed;
+    one.lead(this.motions[motion]);
     const none = new Int32Array(faults.length);
     const golden = this.course(parameters, none, false, end);
     one.compare(one.series());

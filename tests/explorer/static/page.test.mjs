@@ -9,8 +9,8 @@ const { read, toml, written } = await load(`${scripts}address.js`);
 const { smallest } = await load(`${scripts}smallest.js`);
 const { answer, classOf, count, told } = await load(`${scripts}verdicts.js`);
 const { axisOf, nearest, words: faultWords } = await load(`${scripts}axes.js`);
-const { Table } = await load(`${scripts}table.js`);
-const { chain } = await load(`${scripts}course.js`);
+const { Table, shares } = await load(`${scripts}table.js`);
+const { chain, events } = await load(`${scripts}course.js`);
 const { csv } = await load(`${scripts}saving.js`);
 
 const campaign = {
@@ -34,7 +34,7 @@ test("a map asks each of its points once, and 441 of 1681 before the finest", ()
 });
 
 test("an address says what the page shows", () => {
-  const state = { fault, across: "value", up: "start_ms", changes: { "operator.scale": 0.2, "haptics.cues.0.threshold_m": 0.002 }, open: true, ms: 917 };
+  const state = { fault, across: "value", up: "start_ms", motion: "circle", changes: { "operator.scale": 0.2, "haptics.cues.0.threshold_m": 0.002 }, open: true, ms: 917 };
   assert.deepEqual(read(written(state)), state);
   assert.equal(read(""), null);
 });
@@ -45,6 +45,28 @@ test("a campaign file holds the fault, changed cues as lists, and what the campa
   assert.match(text, /\[group\.parameters\]\noperator\.scale = 0\.1\nplant\.mass_scale = 2\n/);
   assert.match(text, /site = "usb_out"\narm = "gold"\nchannel = "elbow"\neffect = "overwrite"\nvalue = -9000\nstart_ms = 900\nduration_ms = "end"\n$/);
   assert.doesNotMatch(toml(campaign, { fault: { ...fault, effect: "stuck" }, changes: {} }, false, {}), /value/);
+});
+
+test("a campaign file has the motion that was chosen", () => {
+  const own = { ...campaign, toml: '[campaign]\nname = "x"\n[operator]\nmotion = "suture"\nseed = 1\n' };
+  assert.match(toml(own, { fault, motion: "circle", changes: {} }, true, {}), /\[operator\]\nmotion = "circle"\nseed = 1\n/);
+  assert.match(toml(own, { fault, motion: null, changes: {} }, true, {}), /\[operator\]\nmotion = "suture"\nseed = 1\n/);
+});
+
+test("a folder's share has an interval only where its faults were drawn", () => {
+  const some = { k: 53, n: 300, value: 53 / 300, low: 0.137, high: 0.224 };
+  assert.equal(shares(some), "Of 300 distinct faults, 53 slip past every safety check and do harm: 18 % (95 % interval 14 % to 22 %). ");
+  assert.match(shares({ ...some, low: null, high: null }), /chosen, not drawn/);
+  assert.equal(shares({ ...some, n: 0 }), "");
+});
+
+test("what happened is told in words, with its time", () => {
+  const checks = { estop: { meaning: "run level 0 entered", does: "stops the robot" } };
+  const outcome = { tripped: [{ name: "estop", first_ms: 950 }], cue0_first_ms: 930, unintended_first_ms: 940, loss_first_ms: -1, false_report_first_ms: -1 };
+  const happened = events(outcome, { ...fault, duration_ms: 64 }, 3000, checks);
+  assert.deepEqual(happened.map(({ lane, from }) => [lane, from]), [["Fault", 900], ["Checks", 950], ["Cue", 930], ["Harm", 940]]);
+  assert.equal(happened[0].words, "the fault begins; it lasts until 964 ms");
+  assert.equal(happened[1].words, "run level 0 entered (stops the robot)");
 });
 
 test("the smallest harmful value is found to its last whole number, on both sides, or not at all", async () => {
