@@ -121,6 +121,7 @@ def _columns() -> Iterator[str]:
         reacts=True,
         hand_yields=True,
         cables=True,
+        contact=True,
         detectors=(1,),
         observes=True,
     )
