@@ -13,7 +13,7 @@ from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.geometry.joints import yaw
-from ravenjax.robots.raven2.geometry.kinematics import Chain
+from ravenjax.robots.raven2.geometry.kinematics import ChainAxes
 from ravenjax.robots.raven2.geometry.links import D4, GEOMETRY, LW
 
 JAW_LENGTH = 0.020  # m, jaw axis to jaw tip; models/raven2 PROVENANCE.md: "steel jaw of about 20 mm"
@@ -23,7 +23,7 @@ JAW_RADIUS = 0.003  # m, of wrist and jaws: about half the width of the drawn on
 _STILL = Vec.full(3, 0.0)
 
 
-class Point(NamedTuple):
+class InstrumentPoint(NamedTuple):
     """A point of an instrument."""
 
     at: Vec  # 3, m
@@ -41,51 +41,51 @@ class Point(NamedTuple):
         return Vec(dot(column, way) for column in self.columns)
 
 
-class Line(NamedTuple):
+class InstrumentLine(NamedTuple):
     """An instrument as two straight pieces: remote centre to wrist, wrist to where the jaws close."""
 
-    chain: Chain
+    chain: ChainAxes
     wrist: Vec  # m
     end: Vec  # m, where the jaws close
     turn: Vec  # m/rad, how the end moves with the yaw of the jaws
 
 
-def jaw_tips(arm: str, jpos: Vec) -> tuple[Point, Point]:
+def jaw_tips(arm: str, jpos: Vec) -> tuple[InstrumentPoint, InstrumentPoint]:
     """Tips of jaw 1 and jaw 2 at `jpos` (7, rad and m): both turn about DH axis 6, grasp2 by +g2, grasp1 by -g1."""
     chain = kinematics.chain_of(arm, jpos)
     return _jaw_tip(arm, chain, jpos[5], -1.0, 5), _jaw_tip(arm, chain, jpos[6], 1.0, 6)
 
 
-def line(arm: str, jpos: Vec) -> Line:
+def line(arm: str, jpos: Vec) -> InstrumentLine:
     """The instrument's line at `jpos` (7, rad and m)."""
     chain = kinematics.chain_of(arm, jpos)
     way, turn = _jaw(chain, yaw(jpos))
-    return Line(chain, chain.z3 * (jpos[2] + D4), chain.tip + way, turn)
+    return InstrumentLine(chain, chain.z3 * (jpos[2] + D4), chain.tip + way, turn)
 
 
-def point_on(arm: str, whole: Line, at: Vec, beyond: Scalar) -> Point:
+def point_on(arm: str, whole: InstrumentLine, at: Vec, beyond: Scalar) -> InstrumentPoint:
     """The point `at` (m) of the line; beyond: its share of the way from the wrist to the end, 0 on the shaft."""
     chain = whole.chain
     from_wrist = (whole.end - whole.wrist) * beyond
     turned = whole.turn * (beyond * 0.5)
-    return Point(at, (*_shared(arm, chain, at, from_wrist), -turned, turned))
+    return InstrumentPoint(at, (*_shared(arm, chain, at, from_wrist), -turned, turned))
 
 
-def _jaw_tip(arm: str, chain: Chain, angle: Scalar, sense: float, joint: int) -> Point:
+def _jaw_tip(arm: str, chain: ChainAxes, angle: Scalar, sense: float, joint: int) -> InstrumentPoint:
     way, turn = _jaw(chain, mul(sense, angle))
     at = chain.tip + way
     own = scale(sense, turn)
     jaws = (own, _STILL) if joint == 5 else (_STILL, own)
-    return Point(at, (*_shared(arm, chain, at, chain.x5 * LW + way), *jaws))
+    return InstrumentPoint(at, (*_shared(arm, chain, at, chain.x5 * LW + way), *jaws))
 
 
-def _jaw(chain: Chain, angle: Scalar) -> tuple[Vec, Vec]:
+def _jaw(chain: ChainAxes, angle: Scalar) -> tuple[Vec, Vec]:
     """From the jaw axis to the tip of a jaw at `angle` (rad about axis 6), m, and how that turns with it, m/rad."""
     c, s = jnp.cos(angle) * JAW_LENGTH, jnp.sin(angle) * JAW_LENGTH
     return chain.x5 * c - chain.y4 * s, -(chain.x5 * s + chain.y4 * c)
 
 
-def _shared(arm: str, chain: Chain, at: Vec, from_wrist: Vec) -> tuple[Vec, ...]:
+def _shared(arm: str, chain: ChainAxes, at: Vec, from_wrist: Vec) -> tuple[Vec, ...]:
     """Columns of shoulder, elbow, insertion, roll and wrist of a point; `from_wrist`: m from the wrist axis to it."""
     flip = GEOMETRY[arm].flip
     return (

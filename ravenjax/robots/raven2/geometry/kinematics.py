@@ -21,7 +21,7 @@ __all__ = [
     "IK",
     "OK",
     "REJECTED",
-    "Chain",
+    "ChainAxes",
     "Pose",
     "chain_of",
     "forward",
@@ -32,7 +32,7 @@ __all__ = [
 ]
 
 
-class Chain(NamedTuple):
+class ChainAxes(NamedTuple):
     """Axes of the DH frames in frame 0; z1 is (0, 0, flip), z4 is z3."""
 
     z2: Vec
@@ -45,7 +45,7 @@ class Chain(NamedTuple):
     tip: Vec  # m, origin of frame 6
 
 
-def chain_of(arm: str, jpos: Vec) -> Chain:
+def chain_of(arm: str, jpos: Vec) -> ChainAxes:
     """The axes of the chain at `jpos` (7, rad and m)."""
     geometry = GEOMETRY[arm]
     cos23, side, flip = geometry.cos23, geometry.side, geometry.flip
@@ -70,7 +70,7 @@ def chain_of(arm: str, jpos: Vec) -> Chain:
     y3 = from_frame1(*map(signed, (-c2, -GM2 * s2, -GM1 * s2)))
     x4, y4 = x3 * c4 + y3 * s4, y3 * c4 - x3 * s4
     x5, y5 = x4 * c5 + z3 * s5, z3 * c5 - x4 * s5
-    return Chain(z2, z3, x4, y4, x5, y5, c5, z3 * (jpos[2] + D4) + x5 * LW)
+    return ChainAxes(z2, z3, x4, y4, x5, y5, c5, z3 * (jpos[2] + D4) + x5 * LW)
 
 
 def forward(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:

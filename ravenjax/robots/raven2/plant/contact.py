@@ -16,14 +16,14 @@ same kind of damping push them apart, frictionless (*assumed*: wet polished stee
 
 Numbers and sources:
 
-- modulus of tissue 12.5 kPa, the middle of 10 to 15 kPa as remembered of a robotic indenter on liver of living pigs
-  (Samur, Sedef, Basdogan, Avtan, Duzgun, Medical Image Analysis 11:361, 2007), *assumed* for the phantom that is drawn;
-- the vessel is a ridge of the surface with the tissue's modulus, *assumed*: a filled artery in soft tissue is stiffer, but
-  by how much for a blunt tip no source says. What is counted as its force is that of tips over the ridge;
+- modulus of tissue 12.5 kPa: *assumed*, of the order that a robotic indenter found on liver of living pigs (Samur, Sedef,
+  Basdogan, Avtan, Duzgun, Medical Image Analysis 11:361, 2007; the paper itself was not at hand);
+- the vessel is a ridge of the surface with the tissue's modulus, *assumed*: a filled artery is stiffer, but by how much
+  for a blunt tip no source says. What is counted as its force is that of tips over the ridge;
 - radius of a jaw tip 2 mm: *assumed*, of the order of the drawn jaw. Hertz holds for depths well below it, beyond that
   it is extrapolated;
 - damping 15 s/m: *assumed*, so that at 1 Hz about a depth of 3 mm the loss tangent 2 pi f a d / 1.5 is 0.2;
-- friction 0.2: *assumed*, within the 0 to 0.3 that studies of graspers on soft organs span;
+- friction 0.2: *assumed*, within the 0 to 0.3 of a study of a grasper on a spleen (ASME ESDA 2010, finite elements);
 - stiffness between instruments 10 kN/m: *assumed*, of the order of 3 E I / l^3, a steel tube of 8.5 mm and 1 mm wall
   that is held 0.2 m away; damping 1 s/m: *assumed*.
 
@@ -54,7 +54,9 @@ _HERTZ = 16.0 / 9.0  # 4/3 / (1 - nu^2) with nu = 0.5
 class ContactParams:
     """Of tissue, vessel and instruments; the same for every arm."""
 
-    tissue_modulus: Annotated[Scalar, Quantity("Pa", 0, 1e7, "elastic modulus of tissue and vessel; 0: none", why=PUSHES)]
+    tissue_modulus: Annotated[
+        Scalar, Quantity("Pa", 0, 1e7, "elastic modulus of tissue and vessel; 0: none", why=PUSHES)
+    ]
     tip_radius: Annotated[Scalar, Quantity("m", 1e-4, 0.02, "radius of a jaw tip", why="a tip is round")]
     damping: Annotated[
         Scalar,
@@ -70,9 +72,7 @@ class ContactParams:
     ]
     instrument_damping: Annotated[
         Scalar,
-        Quantity(
-            "s/m", 0, 1e3, "share of that force more per speed of coming together", why="damping takes energy"
-        ),
+        Quantity("s/m", 0, 1e3, "share of that force more per speed of coming together", why="damping takes energy"),
     ]
 
 
@@ -124,7 +124,7 @@ def stiffness(params: ContactParams) -> Scalar:
 class TipContact(NamedTuple):
     """A jaw tip on the tissue, over the coming step."""
 
-    tip: instrument.Point
+    tip: instrument.InstrumentPoint
     rise: Vec  # 3, the way of the force: `scene.Surface`
     vessel: Scalar  # bool
     normal: Law  # per `rise`
@@ -165,7 +165,7 @@ def tips(
 
 
 def _tip(
-    arm: ArmName, params: ContactParams, tip: instrument.Point, jvel: Vec, dt: float, friction_scale: Scalar
+    arm: ArmName, params: ContactParams, tip: instrument.InstrumentPoint, jvel: Vec, dt: float, friction_scale: Scalar
 ) -> TipContact:
     surface, velocity = scene.surface(arm, tip.at), tip.velocity(jvel)
     rise = surface.rise
@@ -264,7 +264,7 @@ class _Pair(NamedTuple):
     beyond: tuple[Scalar, Scalar]  # of each, 0 on a shaft, share of the way from wrist to end on jaws
 
 
-def _pieces(arm: ArmName, line: instrument.Line) -> tuple[_Piece, _Piece]:
+def _pieces(arm: ArmName, line: instrument.InstrumentLine) -> tuple[_Piece, _Piece]:
     origin, _ = scene.frame0(arm)
     wrist, end = scene.world(arm, line.wrist), scene.world(arm, line.end)
     return (

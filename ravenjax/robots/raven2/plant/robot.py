@@ -490,9 +490,7 @@ def _prepared(
     return _Prepared(tuple(Vec(row) for row in system), Vec(right), geometry, link_speed, springs, solved, tips)
 
 
-def _moved(
-    params: PlantParams, state: PlantState, ready: _Prepared, gained: Vec, dt: float
-) -> tuple[PlantState, Vec]:
+def _moved(params: PlantParams, state: PlantState, ready: _Prepared, gained: Vec, dt: float) -> tuple[PlantState, Vec]:
     """The state after `dt` (s), and what each cable carried in it, N. gained: speed of the joints, rad/s and m/s."""
     pulled = ready.geometry.motors(gained)
     mvel, stretch, motors, carried = [], [], [], []
