@@ -105,7 +105,7 @@ def tick(
         guard=lookout.state,
         monitor=judgement,
         overload=_overload(params, state.overload, robots, now),
-        touch=None if state.touch is None else touch.step(state.touch, tuple(out.touch for out in robots)),
+        touch=None if state.touch is None else touch.step(state.touch, connections.touches(robots)),
         pedal_ticks=jnp.where(down, jnp.maximum(state.pedal_ticks, -1) + 1, -1),
         pedal_down_ticks=state.pedal_down_ticks + as_int(observer.live),
         packet=sequence,

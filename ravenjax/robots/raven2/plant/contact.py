@@ -16,8 +16,8 @@ same kind of damping push them apart, frictionless (*assumed*: wet polished stee
 
 Numbers and sources:
 
-- modulus of tissue 12.5 kPa: *assumed*, of the order that a robotic indenter found on liver of living pigs (Samur, Sedef,
-  Basdogan, Avtan, Duzgun, Medical Image Analysis 11:361, 2007; the paper itself was not at hand);
+- modulus of tissue 12.5 kPa: *assumed*, of the order that a robotic indenter found on liver of living pigs (Samur and
+  others, Medical Image Analysis 11:361, 2007; the paper itself was not at hand);
 - the vessel is a ridge of the surface with the tissue's modulus, *assumed*: a filled artery is stiffer, but by how much
   for a blunt tip no source says. What is counted as its force is that of tips over the ridge;
 - radius of a jaw tip 2 mm: *assumed*, of the order of the drawn jaw. Hertz holds for depths well below it, beyond that

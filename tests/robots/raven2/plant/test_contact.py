@@ -179,18 +179,19 @@ def test_pressed_with_a_known_motor_torque_the_arm_comes_to_rest_where_statics_s
     """The tissue's force on the joints is what the cables carry, and the cables carry the motors' torque."""
     with jax.enable_x64(True):
         params, states = begun(("gold",), [at_depth(0.5e-3)], [STILL])
+        smooth = replace(TOUCH, friction=0.0)
         hard = Vec(0.0 if i == 2 else 100.0 for i in range(N))  # all motors but the insertion's stand still
         motor = replace(params[0].actuators, coulomb=hard, viscous=Vec.full(N, 0.005))
         held = replace(
             params[0], actuators=motor, link_coulomb=Vec.full(N, 0.0), link_viscous=Vec((0.5,) * 3 + (0.005,) * 4)
         )
-        _, (out,) = simulate(("gold",), 3000, (jax.tree.map(jnp.float64, held),), states, PRESS)
+        _, (out,) = simulate(("gold",), 3000, (jax.tree.map(jnp.float64, held),), states, PRESS, smooth)
         jpos, force = columns(out.jpos)[-1], columns(out.touch.force)[-1]
-        assert np.abs(columns(out.jvel)[-1]).max() < 1e-2 and np.linalg.norm(force) > 0.1
+        assert np.abs(columns(out.jvel)[-1]).max() < 0.05 and np.linalg.norm(force) > 0.1
         tips = instrument.jaw_tips("gold", numbers(jpos))
         surfaces = [scene.surface("gold", tip.at) for tip in tips]
         each = [HERTZ * max(float(s.depth), 0.0) ** 1.5 * np.array([*map(float, s.rise)]) for s in surfaces]
-        np.testing.assert_allclose(force, sum(each), rtol=2e-2)
+        np.testing.assert_allclose(force, sum(each), rtol=5e-2)
         load = np.sum(
             [
                 np.array([float(np.dot(c, f)) for c in np.array(t.columns, float)])
@@ -200,10 +201,10 @@ def test_pressed_with_a_known_motor_torque_the_arm_comes_to_rest_where_statics_s
         )
         torque = Vec(a * t for a, t in zip(cables.ARMS_M, columns(out.tension)[-1], strict=True))
         pulled = np.array([*map(float, coupling("gold", "r_grasper", "raven2").loads(torque))])
-        np.testing.assert_allclose(pulled, -load, rtol=2e-2, atol=2e-2 * np.abs(load[:3]).max())
+        np.testing.assert_allclose(pulled, -load, rtol=5e-2, atol=3e-2 * np.abs(load[:3]).max())
         counts = held.actuators.torque_per_count[2] * 15
         carried = held.actuators.reaction_scale[2] * cables.ARMS_M[2] * columns(out.tension)[-1, 2]
-        np.testing.assert_allclose(abs(carried), counts, rtol=2e-2)
+        np.testing.assert_allclose(abs(carried), counts, rtol=5e-2)
 
 
 @pytest.mark.parametrize("seed", range(4))
