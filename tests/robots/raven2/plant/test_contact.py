@@ -204,7 +204,8 @@ def test_pressed_with_a_known_motor_torque_the_arm_comes_to_rest_where_statics_s
         np.testing.assert_allclose(pulled, -load, rtol=5e-2, atol=3e-2 * np.abs(load[:3]).max())
         counts = held.actuators.torque_per_count[2] * 15
         carried = held.actuators.reaction_scale[2] * cables.ARMS_M[2] * columns(out.tension)[-1, 2]
-        np.testing.assert_allclose(abs(carried), counts, rtol=5e-2)
+        lost = 0.005 * columns(out.mvel)[-1, 2]  # the motor still creeps
+        np.testing.assert_allclose(abs(carried + lost), counts, rtol=5e-2)
 
 
 @pytest.mark.parametrize("seed", range(4))
