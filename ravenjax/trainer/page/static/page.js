@@ -180,7 +180,7 @@ function draw() {
   alarms.age(phase === "stopped");
   const apart = scope.apart();
   $("touching").hidden = !(apart < TOUCH_MM);
-  if (panels.header?.contact_units_per_n != null) $("touching").textContent = "The instruments push each other: move them apart.";
+  if ((panels.header?.contact_units_per_n ?? null) !== null) $("touching").textContent = "The instruments push each other: move them apart.";
   const mine = panels.role === "operator" && (owner === "page" || owner === "nobody");
   const warned = !$("cue-sign").hidden || !$("alarm-words").hidden; // no word of the goal then
   const blocked = !mine || warned || drill.on || $("help").open || $("cue-check").open;
