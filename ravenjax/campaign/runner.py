@@ -191,6 +191,7 @@ def shape_of(ready: Plan) -> schema.Shape:
         reacts=setup.reacts,
         hand_yields=setup.hand_yields,
         cables=ready.config.watches_cables,
+        contact=ready.config.touches,
         detectors=tuple(use.thresholds for use in setup.detectors),
         observes=ready.program.ends,
         own_checks=ready.config.own_checks,

@@ -63,13 +63,20 @@ def _searches() -> Iterator[str]:
 def _scenarios() -> Iterator[str]:
     from ravenjax.campaign.file.group import Fault
     from ravenjax.robots.raven2.campaign.sections import Start
-    from ravenjax.trainer.scenario.config import TASKS, Cue, Entry, Harm, RobotSection, Scenario, Speeds
+    from ravenjax.trainer.scenario.config import TASKS, ContactSection, Cue, Entry, Harm, RobotSection, Scenario, Speeds
 
     yield "# Training scenarios"
     yield _WRITTEN
     yield "A scenario is a TOML file; `ravenjax train FILE` runs it. These keys stand at its top, before any table."
     yield from _keys(Scenario)
-    tables = {"[speeds]": Speeds, "[cue]": Cue, "[harm]": Harm, "[robot]": RobotSection, "[robot.start]": Start}
+    tables = {
+        "[speeds]": Speeds,
+        "[cue]": Cue,
+        "[contact]": ContactSection,
+        "[harm]": Harm,
+        "[robot]": RobotSection,
+        "[robot.start]": Start,
+    }
     tasks = {f'[task] kind = "{name}"': model for name, model in TASKS.items()}
     for title, model in {**tasks, "[[hazard]]": Entry, **tables}.items():
         yield f"## {title}"
@@ -121,6 +128,7 @@ def _columns() -> Iterator[str]:
         reacts=True,
         hand_yields=True,
         cables=True,
+        contact=True,
         detectors=(1,),
         observes=True,
     )

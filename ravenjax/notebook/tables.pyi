@@ -764,6 +764,8 @@ class CampaignTable(FileTable):
     cables: what a cable does whose tension exceeds plant.cable_strength: hold all the same, or part, and carry
         nothing for the rest of the run. Either way overload is an outcome of power_consistent; tensions of the
         published sets are no real ones, and nothing breaks there
+    contact: whether jaw tips press on the scene's tissue and vessel, and instruments on each other: forces on
+        the robot, and outcomes; the numbers are parameters contact... Without it nothing is touched
     substeps: plant steps per 1 ms tick
     parameters: path = value, list or distribution; from = a file of robots
     cross: path = list: every run once with each value, all else alike, random numbers too; for pairs
@@ -804,6 +806,7 @@ class CampaignTable(FileTable):
         parameter_set: ParameterSet | None = None,
         kinematic_errors: Literal["none", "measured"] | None = None,
         cables: Literal["unbreakable", "break"] | None = None,
+        contact: bool | None = None,
         substeps: int | None = None,
         parameters: Mapping[str, Any] | None = None,
         cross: Mapping[str, Any] | None = None,
@@ -860,6 +863,8 @@ class CampaignTable(FileTable):
     def kinematic_errors(self) -> Any: ...
     @property
     def cables(self) -> Any: ...
+    @property
+    def contact(self) -> Any: ...
     @property
     def substeps(self) -> Any: ...
     @property

@@ -70,6 +70,7 @@ class Shape:
     reacts: bool = False  # the operator may react to the cue
     hand_yields: bool = False  # the cue's force moves the operator's hand
     cables: bool = False  # what the robot's cables carry is an outcome
+    contact: bool = False  # how hard its instruments press is an outcome
     detectors: tuple[int, ...] = ()  # how many thresholds each detector has
     observes: bool = False  # runs end some time after their last fault has
     own_checks: tuple[Check, ...] = ()  # which of the checks are of one's own
@@ -94,6 +95,7 @@ def columns(shape: Shape) -> tuple[Column, ...]:
         *(column for d, thresholds in enumerate(shape.detectors) for column in _detector(d, thresholds)),
         *_motion(),
         *_cables(shape),
+        *_contact(shape),
         *_golden(shape),
         *(
             Column(f"peak_dac_{arm}_{joint}", "int32", "DAC counts", "largest |current_cmd| sent to the motor")
@@ -227,7 +229,7 @@ GOLDEN = "golden_"
 """Prefix of what is kept of the golden run's outcome."""
 _OF_GOLDEN = re.compile(
     r"(cue|detector)\d+_(first_ms|score)|reaction_ms|hand_mm|tissue_depth_mm|tip_path_mm|pedal_down_ms|halted_ms"
-    r"|peak_live_deviation_mm|cable_load|cable_overload_first_ms|check_\w+_(first_ms|count)"
+    r"|peak_live_deviation_mm|contact_\w+|cable_load|cable_overload_first_ms|check_\w+_(first_ms|count)"
 )
 
 
@@ -246,6 +248,7 @@ def _golden(shape: Shape) -> Iterator[Column]:
         *(column for d, thresholds in enumerate(shape.detectors) for column in _detector(d, thresholds)),
         *_motion(),
         *_cables(shape),
+        *_contact(shape),
     ]
     for column in own:
         if kept_of_golden(column.name):
@@ -312,6 +315,15 @@ def _cables(shape: Shape) -> Iterator[Column]:
         yield Column("cable_load", "float32", "1", "largest tension of a cable, by its strength")
         yield Column("cable_overload_first_ms", "int32", "ms", "when that was first above 1, -1 if never")
         yield Column(OVERLOAD, "category", "", 'that cable, "<arm> <joint>", "" if none')
+
+
+def _contact(shape: Shape) -> Iterator[Column]:
+    if shape.contact:
+        yield Column("contact_peak_n", "float32", "N", "largest force of tissue and vessel on an instrument")
+        yield Column("contact_impulse_n_s", "float32", "N s", "that force over the run, summed over instruments")
+        yield Column("contact_vessel_peak_n", "float32", "N", "largest force of the vessel on an instrument")
+    if shape.contact and len(shape.arms) > 1:
+        yield Column("contact_instruments_peak_n", "float32", "N", "largest force between the two instruments")
 
 
 # --- Arrow ------------------------------------------------------------------------------------------------------------

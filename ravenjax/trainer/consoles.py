@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from ravenjax.trainer.protocol import felt
 from ravenjax.trainer.protocol.frame import Frame
 from ravenjax.trainer.robot_link.itp import ItpServer
 from ravenjax.trainer.session import scripts
@@ -54,10 +55,11 @@ class ItpConsole:
 
     def tell(self, frame: Frame) -> None:
         drives = self._session.seat.owner == "itp"
-        felt = drives and frame.number("cue_on") and frame.number("console_alive")
         forces = self._still
-        if felt:
-            forces = {arm: frame[f"{arm}/force"].tolist() for arm in self._arms}
+        if drives and frame.number("console_alive"):
+            setting, cue_on = self._session.scenario, frame.number("cue_on") != 0
+            gain, cap = setting.contact.units_per_n, setting.cue.cap
+            forces = {arm: felt.force(frame, arm, gain, cap, cue_on) for arm in self._arms}
         self._server.send_force(
             forces,
             int(frame.number("runlevel")),

@@ -293,6 +293,7 @@ def _header(options: SessionOptions, session: Session) -> dict[str, Any]:
         "cue": session.cue_on,
         "blinded": _blinded(options),
         "cue_threshold_mm": setting.cue.threshold_mm,
+        "contact_units_per_n": setting.contact.units_per_n if setting.contact.on else None,
         "versions": manifest.package_versions(),
         "code_hash": manifest.code_hash(),
         "engine": "stepper",

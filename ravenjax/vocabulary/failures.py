@@ -14,6 +14,7 @@ SIGNALS: dict[str, str] = {
     "joint": "a joint or motor of the robot, or the motion of one",
     "cable": "the tension of a cable",
     "hand": "the motion of the operator's hand",
+    "contact": "a force between an instrument and what it touches",
     "outcome": "another outcome, at the end of the run",
 }
 """What is watched, and what each is; of several in one tick the first of them is named."""

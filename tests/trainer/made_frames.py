@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from ravenjax.campaign.faults import design
+from ravenjax.robots.raven2.geometry.instrument import JAW_LENGTH
 from ravenjax.trainer import scenario
 from ravenjax.trainer.protocol.frame import PHASES, Frame, FrameLayout
-from ravenjax.trainer.protocol.jaws import JAW_M, along, closing_point
+from ravenjax.trainer.protocol.jaws import along, closing_point
 from ravenjax.trainer.protocol.world import frame0, transposed, turned
 
 HOME = (-0.07794699817895889, -0.02526555210351944, 0.013225629925727844)
@@ -45,7 +46,7 @@ def from_world(arm, point):
 def put(frame, arm, point):
     """Put the jaws where they close at a point of the world, m."""
     way = along(arm, frame[f"{arm}/link_jpos"].tolist())
-    frame[f"{arm}/tip"] = [x - JAW_M * w for x, w in zip(from_world(arm, point), way, strict=True)]
+    frame[f"{arm}/tip"] = [x - JAW_LENGTH * w for x, w in zip(from_world(arm, point), way, strict=True)]
 
 
 def made(**keys):

@@ -122,6 +122,11 @@ class CampaignConfig(Section):
         return False
 
     @property
+    def touches(self) -> bool:
+        """Whether what its robot presses on is an outcome."""
+        return False
+
+    @property
     def slots(self) -> int:
         """Fault slots that a run needs."""
         return max(len(group.fault) for group in self.group)

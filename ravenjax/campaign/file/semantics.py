@@ -70,6 +70,8 @@ def _section_of(path: str, names: Sequence[str]) -> str:
         "checks": "[[check]]",
     }
     first = path.partition(".")[0]
+    if first == "contact" and not any(name.startswith("contact.") for name in names):
+        return ": nothing is touched; write contact = true in [campaign]"
     section = None if any(name.startswith(f"{first}.") for name in names) else sections.get(first)
     return f": there is none without a section {section}; write one" if section else ""
 

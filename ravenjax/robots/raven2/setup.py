@@ -26,6 +26,7 @@ class RavenSetup(setup.Setup):
     packets: tuple[tuple[float, ...], ...] = ()  # shares of packets that last 1, 2, .. cycles, by choice; (): all one
     packet_history: int = 0  # ms; where `packets`: how old those may be that faults of the network send again
     cables: Literal["unwatched", "unbreakable", "break"] = "unwatched"  # whether their load is an outcome; what it does
+    contact: bool = False  # instruments touch tissue, vessel and each other
     command_delay: int = 0  # ms, the longest that a DAC command may take from USB write to motor
     controller: tuple[tuple[str, OwnSource], ...] = ()  # (stage of `loop.replaced`, file of one's own in its place)
     hands: OwnSource | None = None  # the operator, where it is a file of one's own

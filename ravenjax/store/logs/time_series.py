@@ -94,6 +94,10 @@ OF_ARM = {
         TimeSeries("haptic_force", "device units", "force of the first haptic cue, frame 0 of the arm", ("axis",)),
         TimeSeries("cue_force", "device units", "size of the force of each haptic cue", ("cue",)),
         TimeSeries("tissue_depth_mm", "mm", "depth of the true tip below the tissue's surface, negative above"),
+        TimeSeries("contact_force", "N", "force of all that the instrument touches, frame 0 of the arm", ("axis",)),
+        TimeSeries("contact_tissue_n", "N", "size of the force of tissue and vessel"),
+        TimeSeries("contact_vessel_n", "N", "size of the force of the vessel"),
+        TimeSeries("contact_instrument_n", "N", "size of the force of the other instrument"),
         _place("golden_tip", "true tip of the golden run, the same run without the fault"),
     )
 }

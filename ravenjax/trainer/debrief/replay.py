@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from ravenjax.robots.raven2.geometry import scene
+from ravenjax.robots.raven2.geometry.instrument import JAW_LENGTH
 from ravenjax.robots.raven2.geometry.links import jaw_rotation
 from ravenjax.trainer.debrief import words
 from ravenjax.trainer.debrief.course import Course
 from ravenjax.trainer.judge.row import HazardRow
-from ravenjax.trainer.protocol.jaws import JAW_M
 
 EVERY_MS, EVERY_HAZARD_MS = 40, 10
 """Between two pictures; the second around a hazard, where things go fast."""
@@ -61,7 +61,7 @@ def _arm(course: Course, arm: str, base: dict[str, Any], rows: np.ndarray) -> di
     origin, turn = np.asarray(base["origin"], float), Rotation.from_quat(base["quaternion"]).as_matrix()
 
     def places(axis: str, joints: str) -> list[list[int]]:
-        jaws = JAW_M * jaw_rotation(arm, course.channel(f"{arm}/{joints}")[rows])[..., 0]
+        jaws = JAW_LENGTH * jaw_rotation(arm, course.channel(f"{arm}/{joints}")[rows])[..., 0]
         points = origin + np.nan_to_num(course.channel(f"{arm}/{axis}")[rows] + jaws) @ turn.T
         return np.rint(PER_M * points).astype(int).tolist()
 

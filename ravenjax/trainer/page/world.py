@@ -28,6 +28,8 @@ GHOST, VIRTUAL = (88, 196, 255), (120, 226, 170)
 FORCE = (255, 190, 60)
 GHOST_MM = (0.5, 0.8)
 """A ghost goes below the first and comes above the second: inside the robot it would only tint it."""
+CONTACT = (70, 200, 150)
+CONTACT_M = 0.03  # m of arrow per N of contact
 FORCE_M = 0.9  # m of arrow per device unit; the published cue ends at 0.05
 SHADOW = 0.3  # how dark
 _STILL_M, _STILL = 2e-6, 2e-5  # m and 1: what nobody sees is not sent
@@ -118,6 +120,7 @@ class World:
             self._ghosts = {} if blinded else {arm: RobotFigure(server, "ghost", model, (arm,), meshes) for arm in arms}
             self._trails = Trails(server, arms, blinded)
             self._arrows = {} if blinded else {arm: _arrow(server, arm) for arm in arms}
+            self._contacts = {arm: _arrow(server, f"contact_{arm}", CONTACT) for arm in arms}
             self._plumb = Plumb(server, arms)
             self._task = task_shapes.TaskShapes(server, task or {})
         for figure in (self._virtual, *self._ghosts.values()):
@@ -143,6 +146,8 @@ class World:
                 if arm in self._arrows:
                     force = turn @ frame[f"{arm}/force"] * (frame.number("cue_on") != 0)
                     _point(self._arrows[arm], tip, FORCE_M * force)
+                touch = turn @ frame[f"{arm}/contact"]
+                _point(self._contacts[arm], tip, CONTACT_M * touch)
             self._trails.send()
             self._plumb.show(tips)
             self._task.show(int(frame.number("target")), tips)
@@ -184,11 +189,11 @@ def _surroundings(server: viser.ViserServer, model: mujoco.MjModel, meshes: Kept
         )
 
 
-def _arrow(server: viser.ViserServer, arm: ArmName) -> Any:
+def _arrow(server: viser.ViserServer, name: str, colour: tuple[int, int, int] = FORCE) -> Any:
     return server.scene.add_arrows(
-        f"/force/{arm}",
+        f"/force/{name}",
         np.zeros((1, 2, 3), np.float32),
-        FORCE,
+        colour,
         shaft_radius=0.0011,
         head_radius=0.003,
         head_length=0.007,

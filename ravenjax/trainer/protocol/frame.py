@@ -58,6 +58,9 @@ SIMULATED_ARM = {
     "loss_mm": 1,  # of the true tip from golden run and model, the nearer, by motion that it missed; live, else 0
     "false_report_mm": 1,  # of the measured tip from the true one, beyond the golden run's; live; NaN: not known
     "known_mm": 1,  # of the measured tip from the golden run's: what a computer could know, and a person from 1 mm on
+    "contact": 3,  # N on the instrument, of tissue, vessel and the other instrument; 0 without [contact]
+    "vessel_n": 1,  # of the vessel alone
+    "between_n": 1,  # of the other instrument alone
 }
 """The same of each arm."""
 

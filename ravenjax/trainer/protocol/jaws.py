@@ -11,12 +11,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.geometry.instrument import JAW_LENGTH
 from ravenjax.robots.raven2.geometry.links import GEOMETRY, GM1, GM2, GM3
 from ravenjax.trainer.protocol.frame import Frame, FrameLayout
 from ravenjax.trainer.protocol.world import Point
 
-JAW_M = 0.020
-"""From the jaws' axis to their ends, of the drawn jaws: models/raven2/meshes/jaw1.obj."""
 _DRAWN = {"tip": "link_jpos", "virtual_tip": "virtual_jpos", "model_tip": "model_jpos"}
 """Channels of the jaws' axis, and of the joints that belong to them."""
 
@@ -24,7 +23,7 @@ _DRAWN = {"tip": "link_jpos", "virtual_tip": "virtual_jpos", "model_tip": "model
 def closing_point(arm: ArmName, axis: Sequence[float], jpos: Sequence[float]) -> Point:
     """Where the ends of the jaws meet when they close, m, frame 0: of their axis (m, frame 0) and the joints [7]."""
     x, y, z = along(arm, jpos)
-    return axis[0] + JAW_M * x, axis[1] + JAW_M * y, axis[2] + JAW_M * z
+    return axis[0] + JAW_LENGTH * x, axis[1] + JAW_LENGTH * y, axis[2] + JAW_LENGTH * z
 
 
 def along(arm: ArmName, jpos: Sequence[float]) -> Point:

@@ -173,6 +173,7 @@ def _config(scenario: Scenario, seed: int, groups: list[dict[str, Any]], duratio
         "duration_s": duration_s,
         "arms": scenario.arms,
         "software": scenario.software,
+        "contact": scenario.contact.on,
         **robot,
     }
     return validated(

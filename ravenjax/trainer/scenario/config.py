@@ -3,6 +3,7 @@
 name = "dac_burst"                 # and title, description, arms, software, duration_s, seed, scale
 [speeds]                           # of tips at full deflection of keys, mouse or gamepad
 [cue]                              # the haptic cue
+[contact]                          # forces of tissue, vessel and the other instrument
 [task]                             # what is to be done: reach, peg_transfer, path, free
 [[hazard]]                         # what may go wrong, when, and what is the right response
 hazards = ["B27"]                  # ids and layers of the hazard library, or "all"; or [[hazard.fault]]
@@ -54,6 +55,19 @@ class Cue(Section):
     kp_per_mm: float = Field(default=0.0045, ge=0.0, le=1e6, description="spring, device units per mm")
     kd_per_mm_s: float = Field(default=0.00009, ge=0.0, le=1e6, description="damper, device units per mm/s")
     cap: float = Field(default=0.05, ge=0.0, le=1e6, description="largest force, device units")
+
+
+class ContactSection(Section):
+    """[contact]: whether instruments touch tissue, vessel and each other. Its numbers are parameters contact..."""
+
+    on: bool = Field(default=False, description="whether they do: forces on the robot, seen, felt and measured")
+    units_per_n: float = Field(
+        default=0.03,
+        ge=0.0,
+        le=1e3,
+        description="force at the operator's hand per N on the instrument, device units, capped with the cue at its "
+        "cap; no source says it, assumed",
+    )
 
 
 class Harm(Section):
@@ -226,6 +240,7 @@ class Scenario(Section):
     scale: float = Field(default=0.1, gt=0.0, le=1.0, description="teleoperation scale, tip motion per hand motion")
     speeds: Speeds = Speeds()
     cue: Cue = Cue()
+    contact: ContactSection = ContactSection()
     task: Task = Field(default=Free(kind="free"), description="what is to be done")
     hazard: tuple[Entry, ...] = Field(default=(), description="what may go wrong")
     harm: Harm = Harm()

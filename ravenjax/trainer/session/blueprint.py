@@ -142,6 +142,8 @@ def _frame(
         off = monitor.distances(params.monitor, observer.arms[i], out.nominal[i].tip_position, position, golden.pos[i])
         numbers += [out.depth[i] * 1e3, *hazard_distances(live, off)]
         numbers += [_distance(Vec(jnp.float32(x) for x in position), golden.pos[i]) * 1e-3]
+        touch = out.plant[i].touch
+        numbers += [0.0] * 5 if touch is None else [*touch.force, touch.vessel, touch.instrument]
     return numbers
 
 

@@ -8,6 +8,7 @@ import pytest
 from made_frames import running
 
 from ravenjax.robots.raven2.dynamics import arm_model
+from ravenjax.robots.raven2.geometry.instrument import JAW_LENGTH
 from ravenjax.robots.raven2.geometry.links import jaw_rotation
 from ravenjax.trainer.protocol import jaws
 
@@ -44,7 +45,7 @@ def test_what_is_drawn_has_its_tips_there_and_the_frame_itself_is_as_it_was():
     drawn = jaws.with_tips(frame.layout, frame.row)
     assert np.array_equal(frame.row, before)
     place = frame.layout.places["gold/tip"]
-    assert np.linalg.norm(drawn[place] - frame.row[place]) == pytest.approx(jaws.JAW_M, rel=1e-5)
+    assert np.linalg.norm(drawn[place] - frame.row[place]) == pytest.approx(JAW_LENGTH, rel=1e-5)
     for name in ("tip", "virtual_tip", "model_tip"):
         drawn[frame.layout.places[f"gold/{name}"]] = before[frame.layout.places[f"gold/{name}"]]
     assert np.array_equal(drawn, before), "nothing else is changed"

@@ -12,8 +12,8 @@ from made_frames import AXES, TIPS, from_world, kinds, made, put, running
 
 import ravenjax
 from ravenjax.robots.raven2.geometry import kinematics, limits
+from ravenjax.robots.raven2.geometry.instrument import JAW_LENGTH
 from ravenjax.trainer import tasks
-from ravenjax.trainer.protocol.jaws import JAW_M
 from ravenjax.trainer.protocol.world import surface, to_world
 
 BOTH = ("gold", "green")
@@ -103,7 +103,7 @@ def test_every_goal_is_within_reach_of_every_arm_held_as_at_home(arm):
     goals += [at for one in every if one.kind == "path" for at in one.points[::5]]
     home = np.array(limits.HOME_JPOS, float)
     _, rotation = ravenjax.forward_kinematics(home, arm)
-    points = np.array([from_world(arm, goal) for goal in goals]) - JAW_M * np.asarray(rotation)[:, 0]
+    points = np.array([from_world(arm, goal) for goal in goals]) - JAW_LENGTH * np.asarray(rotation)[:, 0]
     allowed = limits.soft_limits("r_grasper")
     jpos = np.tile(home, (len(goals), 1))
     for share in np.linspace(0, 1, 16):  # the software refuses what is far from where the joints are

@@ -84,6 +84,11 @@ class RavenConfig(CampaignConfig):
         """Whether the mechanics have tensions that can be set beside a cable's strength."""
         return parameter_sets.tells_tension(self.campaign.parameter_set)
 
+    @property
+    def touches(self) -> bool:
+        """Whether what its robot presses on is an outcome."""
+        return self.campaign.contact
+
     @classmethod
     def words(cls) -> dict[str, dict[str, Iterable[str]]]:
         """Model of a table -> key -> the words that it takes, where the models leave that to `complaints`."""
@@ -106,6 +111,8 @@ class RavenConfig(CampaignConfig):
         what = f"{operator.file}, recorded" if operator.file is not None else f"{operator.label}, generated"
         own = "" if operator.hands is None else f"; {operator.hands} has the hands"
         yields = "" if self.hand is None else f"; the cue moves the hand, grip {self.hand.grip:g}"
+        if self.campaign.contact:
+            yield "contact", "jaw tips with tissue and vessel, instruments with each other"
         if self.controller is not None:
             yield "controller", ", ".join(f"{stage}: {file}" for stage, file in self.controller.files())
         timing = f"; a packet lasts {self.cycles_a_packet:.3g} cycles at the mean" if self.random_packets else ""

@@ -53,6 +53,7 @@ def prepare(
         injection=injection,
         cues=len(config.haptics.cues()),
         cables=config.campaign.cables if config.watches_cables else "unwatched",
+        contact=config.campaign.contact,
         controller=() if config.controller is None else tuple(config.controller.parts()),
         hands=config.operator.own,
         packets=_distributions(config, varied.get(PACKETS)),

@@ -112,6 +112,11 @@ class RavenCampaign(CampaignSection):
         "carry nothing for the rest of the run. Either way overload is an outcome of power_consistent; tensions of the "
         "published sets are no real ones, and nothing breaks there",
     )
+    contact: bool = Field(
+        default=False,
+        description="whether jaw tips press on the scene's tissue and vessel, and instruments on each other: forces on "
+        "the robot, and outcomes; the numbers are parameters contact... Without it nothing is touched",
+    )
     substeps: int = Field(default=1, ge=1, le=100, description="plant steps per 1 ms tick")
 
     @property

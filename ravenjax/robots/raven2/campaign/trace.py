@@ -43,6 +43,14 @@ def bases(setup: RavenSetup) -> dict[str, Base]:
     return {arm: Base(*scene.base_pose(arm)) for arm in setup.arms}
 
 
+def _touched(touch: Any) -> dict[str, np.ndarray]:
+    """Of an arm; nothing where nothing is touched."""
+    if touch is None:
+        return {}
+    sizes = {name: np.asarray(getattr(touch, name)) for name in ("tissue", "vessel", "instrument")}
+    return {"contact_force": _stack(touch.force)} | {f"contact_{name}_n": size for name, size in sizes.items()}
+
+
 def _arm(signals: Any, i: int, arm: str) -> dict[str, np.ndarray]:
     software, plant = signals.control.arms[i], signals.plant[i]
     model, cue = signals.nominal[i], signals.haptics[i]
@@ -77,7 +85,7 @@ def _arm(signals: Any, i: int, arm: str) -> dict[str, np.ndarray]:
         "haptic_force": direction * np.asarray(cue.force[0])[:, None],
         "cue_force": _stack(cue.force),
         "tissue_depth_mm": np.asarray(signals.depth[i]) * 1e3,
-    }
+    } | _touched(plant.touch)
 
 
 def _stack(numbers: Any) -> np.ndarray:

@@ -21,7 +21,9 @@ __all__ = [
     "IK",
     "OK",
     "REJECTED",
+    "ChainAxes",
     "Pose",
+    "chain_of",
     "forward",
     "inverse",
     "inverse_candidates",
@@ -30,7 +32,7 @@ __all__ = [
 ]
 
 
-class _Chain(NamedTuple):
+class ChainAxes(NamedTuple):
     """Axes of the DH frames in frame 0; z1 is (0, 0, flip), z4 is z3."""
 
     z2: Vec
@@ -43,7 +45,8 @@ class _Chain(NamedTuple):
     tip: Vec  # m, origin of frame 6
 
 
-def _chain(arm: str, jpos: Vec) -> _Chain:
+def chain_of(arm: str, jpos: Vec) -> ChainAxes:
+    """The axes of the chain at `jpos` (7, rad and m)."""
     geometry = GEOMETRY[arm]
     cos23, side, flip = geometry.cos23, geometry.side, geometry.flip
     theta1 = jpos[0] + geometry.zero1
@@ -67,7 +70,7 @@ def _chain(arm: str, jpos: Vec) -> _Chain:
     y3 = from_frame1(*map(signed, (-c2, -GM2 * s2, -GM1 * s2)))
     x4, y4 = x3 * c4 + y3 * s4, y3 * c4 - x3 * s4
     x5, y5 = x4 * c5 + z3 * s5, z3 * c5 - x4 * s5
-    return _Chain(z2, z3, x4, y4, x5, y5, c5, z3 * (jpos[2] + D4) + x5 * LW)
+    return ChainAxes(z2, z3, x4, y4, x5, y5, c5, z3 * (jpos[2] + D4) + x5 * LW)
 
 
 def forward(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
@@ -76,7 +79,7 @@ def forward(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
     The jaws enter as their yaw, (grasp2 - grasp1) / 2 unless `yaw_rad` (rad) is given: the original rounds it to
     float32.
     """
-    chain = _chain(arm, jpos)
+    chain = chain_of(arm, jpos)
     theta6 = yaw(jpos) if yaw_rad is None else yaw_rad
     c6, s6 = jnp.cos(theta6), jnp.sin(theta6)
     x6 = chain.x5 * c6 - chain.y4 * s6
@@ -87,7 +90,7 @@ def forward(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
 
 def jacobian(arm: str, jpos: Vec) -> Vec:
     """Geometric Jacobian: rows vx, vy, vz (m/s), wx, wy, wz (rad/s) of frame 6; columns theta1, 2, d3, theta4, 5, 6."""
-    chain = _chain(arm, jpos)
+    chain = chain_of(arm, jpos)
     z1, z5, still = Vec((0.0, 0.0, GEOMETRY[arm].flip)), -chain.y4, Vec.full(3, 0.0)
     columns = (
         (*cross(z1, chain.tip), *z1),
@@ -102,7 +105,7 @@ def jacobian(arm: str, jpos: Vec) -> Vec:
 
 def tip_velocity(arm: str, jpos: Vec, jvel: Vec) -> Vec:
     """Velocity of the jaw axis, m/s, at joint velocities `jvel` (7, rad/s and m/s); the jaws turn about it, no more."""
-    chain = _chain(arm, jpos)
+    chain = chain_of(arm, jpos)
     shoulder = jvel[0] if GEOMETRY[arm].flip > 0 else -jvel[0]
     turning = chain.z2 * jvel[1]
     turning = turning.replace(2, turning[2] + shoulder)

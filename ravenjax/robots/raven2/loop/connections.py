@@ -13,7 +13,7 @@ from ravenjax.robots.raven2.console import operator, own_operator, reaction
 from ravenjax.robots.raven2.geometry import kinematics, transmission
 from ravenjax.robots.raven2.loop import control, guard
 from ravenjax.robots.raven2.loop.arm_view import ArmView
-from ravenjax.robots.raven2.plant import nominal, nominal_target
+from ravenjax.robots.raven2.plant import contact, nominal, nominal_target
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
@@ -141,6 +141,11 @@ def tips(
 ) -> tuple[Vec, ...]:
     """True tip of each arm, m in registered frame 0."""
     return per_arm(setup, lambda i, arm: plant.tip(arm, params[i], states[i], robots[i].jpos))
+
+
+def touches(robots: tuple[plant.PlantOutput, ...]) -> tuple[contact.Touch, ...]:
+    """What each instrument felt in this tick; none where nothing is touched."""
+    return tuple(out.touch for out in robots if out.touch is not None)
 
 
 def plant_signal(

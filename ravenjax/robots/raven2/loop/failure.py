@@ -17,6 +17,8 @@ def watched(state: TickState, robots: tuple[plant.PlantOutput, ...], now: Scalar
     numbers = {"joint": [x for out in robots for x in (*out.jpos, *out.mpos)]}
     if state.overload is not None:
         numbers["cable"] = [state.overload.peak]
+    if state.touch is not None:
+        numbers["contact"] = [state.touch.impulse]
     if state.hands is not None:
         numbers["hand"] = [x for offset in state.hands.offset for x in offset]
     if state.own_operator is not None and state.own_operator.grasp is not None:

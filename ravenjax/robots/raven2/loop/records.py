@@ -10,7 +10,7 @@ from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2.console import operator, own_operator, reaction
 from ravenjax.robots.raven2.loop import control, guard
 from ravenjax.robots.raven2.loop.observers import ObserverParams
-from ravenjax.robots.raven2.plant import nominal
+from ravenjax.robots.raven2.plant import contact, nominal
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import (
@@ -23,6 +23,7 @@ from ravenjax.stages import (
     own_checks,
     packet_clock,
     packet_history,
+    touch,
 )
 
 
@@ -42,6 +43,7 @@ class TickParams:
     hand: hand.HandParams | None  # where Setup.hand_yields
     detectors: detectors.DetectorParams | None  # where there are any
     checks: own_checks.OwnCheckParams | None  # where there are any of one's own
+    contact: contact.ContactParams | None  # where Setup.contact
     monitor: Annotated[monitor.MonitorParams, Reserved("it belongs to the observer, not to the robot")]
     start: Annotated[  # joints where the run begins, 7, rad and m
         tuple[Vec, ...], Reserved("it is where the operator's motion begins; write [operator.start]")
@@ -110,6 +112,7 @@ class TickState:
     guard: guard.GuardState | None  # where there are checks of one's own
     monitor: monitor.MonitorState
     overload: overload.OverloadState | None  # where Setup.cables are watched
+    touch: touch.TouchState | None  # where Setup.contact
     pedal_ticks: Scalar  # int32, ticks since pedal-down was entered; negative: not in it
     pedal_down_ticks: Scalar  # int32, ticks in pedal-down so far
     packet: Scalar  # int32, index of the console's newest packet; -1: none yet

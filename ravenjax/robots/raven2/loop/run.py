@@ -20,7 +20,7 @@ from ravenjax.robots.raven2.loop import connections, control, guard, observers, 
 from ravenjax.robots.raven2.loop.injector import seeded
 from ravenjax.robots.raven2.loop.records import Input, NetworkParams, TickParams, TickSignals, TickState, UsbParams
 from ravenjax.robots.raven2.loop.tick import tick
-from ravenjax.robots.raven2.plant import nominal, parameter_sets
+from ravenjax.robots.raven2.plant import contact, nominal, parameter_sets
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
@@ -35,6 +35,7 @@ from ravenjax.stages import (
     own_checks,
     packet_clock,
     packet_history,
+    touch,
 )
 from ravenjax.stages.check import CheckHistory
 from ravenjax.vocabulary import packets
@@ -60,6 +61,7 @@ def params(
         hand=hand.params(setup) if setup.hand_yields else None,
         detectors=detectors.params(setup) if setup.detectors else None,
         checks=own_checks.params(setup, (1.0,) * len(setup.checks)) if setup.checks else None,
+        contact=contact.params() if setup.contact else None,
         monitor=monitor.params(setup),
         start=tuple(Vec(jpos) for jpos in start_jpos),
     )
@@ -100,6 +102,7 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
         guard=None if params.checks is None else guard.init(setup, params.checks),
         monitor=beside.monitor,
         overload=None if setup.cables == "unwatched" else overload.init(setup),
+        touch=touch.init(setup) if setup.contact else None,
         pedal_ticks=jnp.int32(-1),
         pedal_down_ticks=jnp.int32(0),
         packet=jnp.int32(-1),
@@ -128,6 +131,8 @@ def outcomes(setup: RavenSetup, params: TickParams, state: TickState) -> dict[st
         out |= detectors.outcomes(setup, state.detectors)
     if state.overload is not None:
         out |= overload.outcomes(state.overload)
+    if state.touch is not None:
+        out |= touch.outcomes(setup, state.touch)
     return out | monitor.outcomes(setup, state.monitor)
 
 

@@ -25,7 +25,7 @@ from ravenjax.robots.raven2.loop.records import Input, TickParams, TickSignals, 
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
-from ravenjax.stages import channel, detectors, hand, haptics, overload, packet_clock, packet_history
+from ravenjax.stages import channel, detectors, hand, haptics, overload, packet_clock, packet_history, touch
 
 
 def tick(
@@ -105,6 +105,7 @@ def tick(
         guard=lookout.state,
         monitor=judgement,
         overload=_overload(params, state.overload, robots, now),
+        touch=None if state.touch is None else touch.step(state.touch, connections.touches(robots)),
         pedal_ticks=jnp.where(down, jnp.maximum(state.pedal_ticks, -1) + 1, -1),
         pedal_down_ticks=state.pedal_down_ticks + as_int(observer.live),
         packet=sequence,
@@ -248,12 +249,8 @@ def _robot(
         if inject.strikes(site)
     }
     driven = connections.delayed(params.usb.command_delay, boards.current_cmd, state.commands)
-    moved = per_arm(
-        setup,
-        lambda i, arm: plant.step(
-            setup, arm, params.plant[i], state.plant[i], connections.plant_signal(driven[i], brakes, multipliers, i)
-        ),
-    )
+    loads = per_arm(setup, lambda i, _: connections.plant_signal(driven[i], brakes, multipliers, i))
+    moved = plant.step_all(setup, params.plant, state.plant, loads, params.contact)
     plants, robots = tuple(new for new, _ in moved), tuple(out for _, out in moved)
     return _Done(software, signals, boards, controller, relays, plants, robots)
 

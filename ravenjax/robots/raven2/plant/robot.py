@@ -6,6 +6,8 @@ in the joint accelerations:
 
     (M/dt + Fv + T^T D T) dv = T^T lambda - bias - Fv v - Coulomb + stops + external
 
+Where the instrument touches something (`contact`), that force and its loss with speed are part of both sides.
+
 It is unconditionally stable: the authors' insertion cable (-1943 /s) and the instrument's grams need no small step.
 
 State is offsets from where the run began: motor angles as whole encoder counts and a fraction, cable stretch by
@@ -17,11 +19,11 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from ravenjax.numbers import counter_random
+from ravenjax.numbers import counter_random, tree
 from ravenjax.numbers.algebra import add, mul, sub
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.linear_solve import solve_spd
@@ -34,6 +36,7 @@ from ravenjax.robots.raven2.plant import (
     actuators,
     brakes,
     cables,
+    contact,
     encoders,
     kinematic_errors,
     parameter_sets,
@@ -156,6 +159,7 @@ class PlantOutput:
     tension: Vec  # N, tension difference of each cable at rest in this stretch
     carried: Vec  # N, largest magnitude of each cable's tension difference in this tick, its damping included
     brakes: Scalar  # 1: brakes grip, int32
+    touch: contact.Touch | None = None  # in this tick; where there is contact
 
 
 def nominal_signal(current_cmd: Vec, brakes: Scalar) -> PlantSignal:
@@ -233,23 +237,117 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
 
 
 def step(
-    setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState, signal: PlantSignal
+    setup: RavenSetup,
+    arm: ArmName,
+    params: PlantParams,
+    state: PlantState,
+    signal: PlantSignal,
+    touched: contact.ContactParams | None = None,
 ) -> tuple[PlantState, PlantOutput]:
-    """One tick (1 ms, `setup.substeps` steps) under the DAC command just written; the next tick reads `PlantOutput`."""
+    """One tick (1 ms, `setup.substeps` steps) under the DAC command just written; the next tick reads `PlantOutput`.
+
+    touched: of what the instrument touches; None: nothing is there.
+    """
+    begun = _begin(setup, arm, params, state, signal)
+    for _ in range(setup.substeps):
+        step_s = TICK_S / setup.substeps
+        ready = _prepared(setup, arm, params, begun.state, signal, begun.drive, begun.holding, step_s, touched)
+        gained = solve_spd(ready.system, ready.right)
+        touch = None if ready.tips is None else contact.felt(ready.tips, gained)
+        begun.take(*_moved(params, begun.state, ready, gained, step_s), touch)
+    return _end(setup, arm, params, signal, begun)
+
+
+def step_all(
+    setup: RavenSetup,
+    params: tuple[PlantParams, ...],
+    states: tuple[PlantState, ...],
+    signals: tuple[PlantSignal, ...],
+    touched: contact.ContactParams | None,
+) -> tuple[tuple[PlantState, PlantOutput], ...]:
+    """`step` of every arm."""
+    if touched is not None and len(setup.arms) == 2:
+        return step_together(setup, params, states, signals, touched)
+    return tuple(step(setup, arm, params[i], states[i], signals[i], touched) for i, arm in enumerate(setup.arms))
+
+
+def step_together(
+    setup: RavenSetup,
+    params: tuple[PlantParams, ...],
+    states: tuple[PlantState, ...],
+    signals: tuple[PlantSignal, ...],
+    touched: contact.ContactParams,
+) -> tuple[tuple[PlantState, PlantOutput], ...]:
+    """`step` of two arms whose instruments touch tissue and each other.
+
+    The force between the two is solved with both arms' equations: it is the same on both, whatever each gives way.
+    """
+    arms = setup.arms
+    one, other = begun = [_begin(setup, arms[i], params[i], states[i], signals[i]) for i in (0, 1)]
+    step_s = TICK_S / setup.substeps
+    for _ in range(setup.substeps):
+        jpos = [_jpos(_coupling(setup, arms[i], params[i]), begun[i].state, setup.precision.real) for i in (0, 1)]
+        ends = (one.state.jvel, other.state.jvel)
+        pair = contact.meeting((arms[0], arms[1]), touched, (jpos[0], jpos[1]), ends, step_s)
+        ready = [
+            _prepared(
+                setup,
+                arms[i],
+                params[i],
+                begun[i].state,
+                signals[i],
+                begun[i].drive,
+                begun[i].holding,
+                step_s,
+                touched,
+                pair.ways[i] * pair.normal.force,
+            )
+            for i in (0, 1)
+        ]
+        yielding = [solve_spd(item.system, way) for item, way in zip(ready, pair.ways, strict=True)]
+        gained = [solve_spd(item.system, item.right) for item in ready]
+        force = pair.solved((gained[0], gained[1]), (yielding[0], yielding[1]))
+        for i in (0, 1):
+            speeds = gained[i] + yielding[i] * (force - pair.normal.force)
+            tips = ready[i].tips
+            assert tips is not None
+            touch = contact.felt(tips, speeds)
+            touch = replace(touch, force=touch.force + pair.apart[i] * force, instrument=force)
+            begun[i].take(*_moved(params[i], begun[i].state, ready[i], speeds, step_s), touch)
+    return tuple(_end(setup, arms[i], params[i], signals[i], begun[i]) for i in (0, 1))
+
+
+class _Begun:
+    """A tick under way."""
+
+    def __init__(self, state: PlantState, drive: Vec, holding: Scalar, brake_state: brakes.BrakeState) -> None:
+        self.state, self.drive, self.holding, self.brakes = state, drive, holding, brake_state
+        self.carried: list[Vec] = []
+        self.touches: list[contact.Touch | None] = []
+
+    def take(self, state: PlantState, tension: Vec, touch: contact.Touch | None) -> None:
+        """A substep's state, what each cable carried in it (N), and what the instrument touched."""
+        self.state = state
+        self.carried.append(tension.map(jnp.abs))
+        self.touches.append(touch)
+
+
+def _begin(setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState, signal: PlantSignal) -> _Begun:
     brake_state, holding = brakes.step(setup, params.brakes, state.brakes, signal.brakes)
     brake_state = cast(brake_state, "int32")
-    drive = _drive(setup, arm, params, state, signal)
-    carried: list[Vec] = []
-    for _ in range(setup.substeps):
-        state, tension = _substep(setup, arm, params, state, signal, drive, holding, TICK_S / setup.substeps)
-        carried.append(tension.map(jnp.abs))
-    dtype = setup.precision.real
+    return _Begun(state, _drive(setup, arm, params, state, signal), holding, brake_state)
+
+
+def _end(
+    setup: RavenSetup, arm: ArmName, params: PlantParams, signal: PlantSignal, done: _Begun
+) -> tuple[PlantState, PlantOutput]:
+    dtype, state = setup.precision.real, done.state
     state = PlantState(
         motors=state.motors,
         stretch=cast(state.stretch, dtype),
         mvel=cast(state.mvel, dtype),
         jvel=cast(state.jvel, dtype),
-        brakes=brake_state,
+        brakes=done.brakes,
         intact=cast(state.intact, dtype),
         tick=state.tick + 1,
         jpos_ref=state.jpos_ref,
@@ -257,7 +355,17 @@ def step(
         frame=state.frame,
     )
     out = observe(setup, arm, params, state, signal.cable_scale)
-    return state, replace(out, carried=functools.reduce(lambda a, b: a.map(jnp.maximum, b), carried))
+    carried = functools.reduce(lambda a, b: a.map(jnp.maximum, b), done.carried)
+    return state, replace(out, carried=carried, touch=_mean(done.touches))
+
+
+def _mean(touches: Sequence[contact.Touch | None]) -> contact.Touch | None:
+    """Over the substeps."""
+    first = touches[0]
+    if first is None or len(touches) == 1:
+        return first
+    share = 1.0 / len(touches)
+    return tree.mapped(lambda *parts: functools.reduce(lambda a, b: a + b, parts) * share, *touches)
 
 
 def observe(
@@ -298,7 +406,19 @@ def tip(arm: ArmName, params: PlantParams, state: PlantState, jpos: Vec) -> Vec:
     return kinematic_errors.tip(arm, params.kinematic_errors, state.frame, jpos)
 
 
-def _substep(
+class _Prepared(NamedTuple):
+    """One arm's equations of a substep: `system` gained = `right`, and what goes on from what the joints gain."""
+
+    system: tuple[Vec, ...]  # 7 of 7, lower triangle
+    right: Vec  # 7, N m, N
+    geometry: Coupling | BuiltCoupling
+    link_speed: Vec  # rad/s, in motor angle
+    springs: list[cables.Linear]
+    solved: list[actuators.Eliminated]
+    tips: tuple[contact.TipContact, ...] | None
+
+
+def _prepared(
     setup: RavenSetup,
     arm: ArmName,
     params: PlantParams,
@@ -307,8 +427,10 @@ def _substep(
     drive: Vec,
     holding: Scalar,
     dt: float,
-) -> tuple[PlantState, Vec]:
-    """The state after `dt` (s), and what each cable carried in it, N."""
+    touched: contact.ContactParams | None,
+    pushed: Vec | None = None,
+) -> _Prepared:
+    """The equations of the coming `dt` (s). pushed: what the other instrument puts on the joints, N m, N."""
     geometry = _coupling(setup, arm, params)
     motor = params.actuators
     jpos, jvel = _jpos(geometry, state, setup.precision.real), state.jvel
@@ -345,6 +467,14 @@ def _substep(
 
     system = geometry.congruence(Vec(item.stiffening for item in solved))
     loads = geometry.loads(Vec(item.force for item in solved))
+    tips = None
+    if touched is not None:
+        tips = contact.tips(arm, touched, jpos, jvel, dt)
+        for one in tips:
+            one.stiffen(system)
+            loads = loads + one.tip.along(one.force())
+    if pushed is not None:
+        loads = loads + pushed
     right: list[Scalar] = []
     for i in range(N):
         for j in range(i + 1):
@@ -357,21 +487,25 @@ def _substep(
         system[i][i] = system[i][i] + stick
         right.append(force - stick * jvel[i])
 
-    gained = solve_spd(tuple(Vec(row) for row in system), Vec(right))
-    pulled = geometry.motors(gained)
+    return _Prepared(tuple(Vec(row) for row in system), Vec(right), geometry, link_speed, springs, solved, tips)
+
+
+def _moved(params: PlantParams, state: PlantState, ready: _Prepared, gained: Vec, dt: float) -> tuple[PlantState, Vec]:
+    """The state after `dt` (s), and what each cable carried in it, N. gained: speed of the joints, rad/s and m/s."""
+    pulled = ready.geometry.motors(gained)
     mvel, stretch, motors, carried = [], [], [], []
-    for i, item in enumerate(solved):
-        speed = (item.momentum + item.coupling * (link_speed[i] + pulled[i])) * item.inverse
+    for i, item in enumerate(ready.solved):
+        speed = (item.momentum + item.coupling * (ready.link_speed[i] + pulled[i])) * item.inverse
         rate = item.stretch_rate - item.resistance * item.inverse * pulled[i]
         mvel.append(speed)
         stretch.append(state.stretch[i] + dt * rate)
         motors.append(encoders.advance(state.motors[i], dt * speed))
-        carried.append(springs[i].carried(cables.ARMS_M[i], rate))
+        carried.append(ready.springs[i].carried(cables.ARMS_M[i], rate))
     after = PlantState(
         motors=tuple(motors),
         stretch=Vec(stretch),
         mvel=Vec(mvel),
-        jvel=jvel + gained,
+        jvel=state.jvel + gained,
         brakes=state.brakes,
         intact=_parted(params, state.intact, carried),
         tick=state.tick,

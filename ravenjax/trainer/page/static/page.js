@@ -9,7 +9,7 @@ import { Input } from "./input.js";
 import { NextSession } from "./next.js";
 import * as pads from "./pads.js";
 import { Panels } from "./panels.js";
-import { COLOURS, Plot } from "./plots.js";
+import { COLOURS, LETTERS, Plot } from "./plots.js";
 import { Probe } from "./probe.js";
 import { Scope, TOUCH_MM } from "./scope.js";
 import { CueSign, seen } from "./sign.js";
@@ -109,8 +109,25 @@ function cue(frame, peaks) {
   const way = seen(scope.bases[arm].turn.map((row) => row[0] * force[0] + row[1] * force[1] + row[2] * force[2]));
   const length = Math.hypot(...way);
   if (length > 0) latestWay = way.map((part) => part / length);
-  haptics.feel(peaks[strongest].force, latestWay);
-  sign.show(arm, latestWay, haptics.strength);
+  const pull = peaks[strongest].force;
+  sign.show(arm, latestWay, Math.min(1, pull / CAP));
+  const touched = touch(frame); // the stronger of the two is heard: a cue that is drowned would be no cue
+  haptics.feel(Math.max(pull, touched.force), pull >= touched.force ? latestWay : null);
+}
+
+/** What the instruments press on, in words and newtons; gives the strongest as device units. */
+function touch(frame) {
+  const gain = panels.header?.contact_units_per_n ?? null;
+  if (gain === null) return { force: 0 };
+  const each = frame.arms.map((arm) => {
+    const [all, vessel, between] = ["contact", "vessel_n", "between_n"].map((name) => Math.hypot(...frame.get(`${arm}/${name}`)));
+    const what = between > 0.05 ? "the other instrument" : vessel > 0.05 ? "the VESSEL" : "tissue";
+    return { arm, all, words: `${LETTERS[arm]} presses on ${what}: ${all.toFixed(1)} N` };
+  });
+  const firm = each.filter((one) => one.all > 0.05);
+  $("pressing").hidden = !firm.length;
+  $("pressing").textContent = firm.map((one) => one.words).join(" · ");
+  return { force: gain * Math.max(...each.map((one) => one.all)) };
 }
 
 // --- the loop's rate, as ticks that went by on the clock of this window ---
@@ -163,6 +180,7 @@ function draw() {
   alarms.age(phase === "stopped");
   const apart = scope.apart();
   $("touching").hidden = !(apart < TOUCH_MM);
+  if ((panels.header?.contact_units_per_n ?? null) !== null) $("touching").textContent = "The instruments push each other: move them apart.";
   const mine = panels.role === "operator" && (owner === "page" || owner === "nobody");
   const warned = !$("cue-sign").hidden || !$("alarm-words").hidden; // no word of the goal then
   const blocked = !mine || warned || drill.on || $("help").open || $("cue-check").open;

@@ -1,0 +1,316 @@
+"""Contact: jaw tips against tissue and vessel, instruments against each other.
+
+**Tissue.** Each jaw tip is a sphere of radius R that presses into a half space (Hertz; K. L. Johnson, Contact
+Mechanics, 1985, section 4.2), with the damping of Hunt and Crossley (J. Appl. Mech. 42, 1975; for soft tissue Diolaiti,
+Melchiorri, Stramigioli, IEEE T-RO 21, 2005):
+
+    F = k d^1.5 (1 + a d'),  k = 4/3 E / (1 - nu^2) sqrt(R),  nu = 0.5: soft tissue keeps its volume
+
+d is the depth below the surface along the world's z, and the force is F times (-dh/dx, -dh/dy, 1) of the surface's
+height h: the gradient of one potential, so that no way through the tissue and back gains energy. Where leaving is
+faster than 1/a the tissue does not follow: the force is 0 and never pulls. Friction is Coulomb's, regularised below
+`CREEP_M_S`.
+
+**Instruments.** Each is a line of two pieces, shaft and jaws, with a radius; where the two are nearest a spring and the
+same kind of damping push them apart, frictionless (*assumed*: wet polished steel).
+
+Numbers and sources:
+
+- modulus of tissue 12.5 kPa: *assumed*, of the order that a robotic indenter found on liver of living pigs (Samur and
+  others, Medical Image Analysis 11:361, 2007; the paper itself was not at hand);
+- the vessel is a ridge of the surface with the tissue's modulus, *assumed*: a filled artery is stiffer, but by how much
+  for a blunt tip no source says. What is counted as its force is that of tips over the ridge;
+- radius of a jaw tip 2 mm: *assumed*, of the order of the drawn jaw. Hertz holds for depths well below it, beyond that
+  it is extrapolated;
+- damping 15 s/m: *assumed*, so that at 1 Hz about a depth of 3 mm the loss tangent 2 pi f a d / 1.5 is 0.2;
+- friction 0.2: *assumed*, within the 0 to 0.3 of a study of a grasper on a spleen (ASME ESDA 2010, finite elements);
+- stiffness between instruments 10 kN/m: *assumed*, of the order of 3 E I / l^3, a steel tube of 8.5 mm and 1 mm wall
+  that is held 0.2 m away; damping 1 s/m: *assumed*.
+
+In a step of length h a law F(d, d') is linearised about the depth at which the present speed would end, and solved
+with the step's other implicit forces (Newton's first step of backward Euler): stable for any stiffness, and what it
+leaves out is of the second order in h.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, NamedTuple
+
+from ravenjax.numbers.algebra import add, dot, mul
+from ravenjax.numbers.lazy import jnp
+from ravenjax.numbers.quantity import Quantity
+from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.geometry import instrument, scene
+
+PUSHES = "a contact pushes"
+"""Why no stiffness is negative."""
+CREEP_M_S = 1e-3
+"""Speed of sliding below which friction is less than Coulomb's: at it, 0.71 of it; *assumed*."""
+_HERTZ = 16.0 / 9.0  # 4/3 / (1 - nu^2) with nu = 0.5
+
+
+@record
+class ContactParams:
+    """Of tissue, vessel and instruments; the same for every arm."""
+
+    tissue_modulus: Annotated[
+        Scalar, Quantity("Pa", 0, 1e7, "elastic modulus of tissue and vessel; 0: none", why=PUSHES)
+    ]
+    tip_radius: Annotated[Scalar, Quantity("m", 1e-4, 0.02, "radius of a jaw tip", why="a tip is round")]
+    damping: Annotated[
+        Scalar,
+        Quantity(
+            "s/m", 0, 1e3, "share of tissue's force more per speed of pressing into it", why="damping takes energy"
+        ),
+    ]
+    friction: Annotated[
+        Scalar, Quantity("", 0, 10, "friction coefficient of jaw tips on tissue and vessel", why="it opposes motion")
+    ]
+    instrument_stiffness: Annotated[
+        Scalar, Quantity("N/m", 0, 1e7, "of two instruments pressed together; 0: they pass through", why=PUSHES)
+    ]
+    instrument_damping: Annotated[
+        Scalar,
+        Quantity("s/m", 0, 1e3, "share of that force more per speed of coming together", why="damping takes energy"),
+    ]
+
+
+def params() -> ContactParams:
+    """As the module says."""
+    return ContactParams(
+        tissue_modulus=12.5e3,
+        tip_radius=2e-3,
+        damping=15.0,
+        friction=0.2,
+        instrument_stiffness=1e4,
+        instrument_damping=1.0,
+    )
+
+
+@record
+class Touch:
+    """What an instrument feels in a tick."""
+
+    force: Vec  # 3, N in frame 0 of its arm, of everything that it touches
+    tissue: Scalar  # N, of tissue and vessel
+    vessel: Scalar  # N, of the vessel alone
+    instrument: Scalar  # N, of the other instrument
+
+
+class Law(NamedTuple):
+    """A normal force over the coming step: `force` at the present speed, and how much a gain of closing speed adds."""
+
+    force: Scalar  # N
+    rate: Scalar  # N s/m
+
+
+def law(spring: Scalar, slope: Scalar, damping: Scalar, closing: Scalar, dt: float) -> Law:
+    """Of a spring's force (N) and stiffness (N/m) at the depth at the end of `dt` (s), if `closing` (m/s) lasts.
+
+    damping: s/m, as in F (1 + damping closing).
+    """
+    grows = 1.0 + damping * closing
+    holds = grows > 0.0
+    rate = jnp.where(holds, slope * dt * grows + damping * spring, 0.0)
+    return Law(spring * jnp.maximum(grows, 0.0), rate)
+
+
+def stiffness(params: ContactParams) -> Scalar:
+    """k of Hertz's law, N/m^1.5."""
+    return (_HERTZ * params.tissue_modulus) * jnp.sqrt(params.tip_radius)
+
+
+class TipContact(NamedTuple):
+    """A jaw tip on the tissue, over the coming step."""
+
+    tip: instrument.InstrumentPoint
+    rise: Vec  # 3, the way of the force: `scene.Surface`
+    vessel: Scalar  # bool
+    normal: Law  # per `rise`
+    drag: Scalar  # N s/m, of friction
+    inverse: Scalar  # 1 / |rise|^2
+    velocity: Vec  # m/s, now
+
+    def force(self) -> Vec:
+        """N, if the tip keeps its speed."""
+        return self.rise * self.normal.force - self._sliding(self.velocity) * self.drag
+
+    def after(self, gained: Vec) -> Vec:
+        """N, where the joints gain so much speed (7, rad/s and m/s): what was at work in the step."""
+        more = self.tip.velocity(gained)
+        normal = jnp.maximum(self.normal.force - self.normal.rate * dot(self.rise, more), 0.0)
+        return self.rise * normal - self._sliding(self.velocity + more) * self.drag
+
+    def stiffen(self, system: list[list[Scalar]]) -> None:
+        """Add J^T A J to the lower triangle, A: loss of force (N) per gain of the tip's speed (m/s)."""
+        columns, along = self.tip.columns, self.tip.along(self.rise)
+        across = self.normal.rate - self.drag * self.inverse
+        for i, column in enumerate(columns):
+            pushed, dragged = mul(across, along[i]), column.map(lambda x: mul(self.drag, x))
+            for j in range(i + 1):
+                system[i][j] = add(system[i][j], add(mul(pushed, along[j]), dot(dragged, columns[j])))
+
+    def _sliding(self, velocity: Vec) -> Vec:
+        """Its part along the surface."""
+        return velocity - self.rise * (dot(self.rise, velocity) * self.inverse)
+
+
+def tips(
+    arm: ArmName, params: ContactParams, jpos: Vec, jvel: Vec, dt: float, friction_scale: Scalar = 1.0
+) -> tuple[TipContact, TipContact]:
+    """Both jaw tips at `jpos` (7, rad and m) and `jvel` over the coming `dt` (s)."""
+    one, other = instrument.jaw_tips(arm, jpos)
+    return _tip(arm, params, one, jvel, dt, friction_scale), _tip(arm, params, other, jvel, dt, friction_scale)
+
+
+def _tip(
+    arm: ArmName, params: ContactParams, tip: instrument.InstrumentPoint, jvel: Vec, dt: float, friction_scale: Scalar
+) -> TipContact:
+    surface, velocity = scene.surface(arm, tip.at), tip.velocity(jvel)
+    rise = surface.rise
+    closing = -dot(rise, velocity)
+    depth = jnp.maximum(surface.depth + closing * dt, 0.0)
+    root = jnp.sqrt(depth)
+    k = stiffness(params)
+    normal = law(k * depth * root, 1.5 * k * root, params.damping, closing, dt)
+    steep = dot(rise, rise)
+    inverse = 1.0 / steep
+    sliding = jnp.maximum(dot(velocity, velocity) - closing * closing * inverse, 0.0)
+    level = mul(friction_scale, params.friction) * normal.force
+    drag = level * jnp.sqrt(steep / (sliding + CREEP_M_S**2))
+    return TipContact(tip, rise, surface.vessel, normal, drag, inverse, velocity)
+
+
+def felt(contacts: tuple[TipContact, ...], gained: Vec) -> Touch:
+    """What the instrument felt of the tissue, where the joints gained so much speed in the step."""
+    forces = [one.after(gained) for one in contacts]
+    whole = forces[0] + forces[1]
+    on_vessel = [
+        force.map(lambda x, one=one: jnp.where(one.vessel, x, 0.0)) for one, force in zip(contacts, forces, strict=True)
+    ]
+    return Touch(whole, _length(whole), _length(on_vessel[0] + on_vessel[1]), whole[0] * 0.0)
+
+
+# --- instruments against each other ---
+
+
+class Meeting(NamedTuple):
+    """Two instruments where they are nearest, over the coming step."""
+
+    ways: tuple[Vec, Vec]  # 7 each: how fast each joint moves them apart, at unit speed
+    normal: Law
+    apart: tuple[Vec, Vec]  # 3 each, the way of the force in frame 0 of each arm, a unit vector
+
+    def solved(self, gained: tuple[Vec, Vec], yielding: tuple[Vec, Vec]) -> Scalar:
+        """N, the force in the step; never below 0.
+
+        gained: speeds that the joints gain under `normal.force`; yielding: more of it (7) for each N more.
+        """
+        lost = dot(self.ways[0], gained[0]) + dot(self.ways[1], gained[1])
+        gives = dot(self.ways[0], yielding[0]) + dot(self.ways[1], yielding[1])
+        rate = self.normal.rate
+        return jnp.maximum(self.normal.force - rate * lost / (1.0 + rate * gives), 0.0)
+
+
+def meeting(
+    arms: tuple[ArmName, ArmName],
+    params: ContactParams,
+    jpos: tuple[Vec, Vec],
+    jvel: tuple[Vec, Vec],
+    dt: float,
+) -> Meeting:
+    """Two instruments at `jpos` and `jvel` (7 each) over the coming `dt` (s)."""
+    lines = tuple(instrument.line(arm, joints) for arm, joints in zip(arms, jpos, strict=True))
+    pieces = [_pieces(arm, line) for arm, line in zip(arms, lines, strict=True)]
+    best: _Pair | None = None
+    for one in pieces[0]:
+        for other in pieces[1]:
+            pair = _nearest(one, other)
+            best = pair if best is None else _deeper(best, pair)
+    assert best is not None
+    apart = best.away * (1.0 / jnp.maximum(best.distance, 1e-9))
+    ways, frames = [], []
+    for i, sense in enumerate((1.0, -1.0)):
+        origin, rotation = scene.frame0(arms[i])
+        at = _turned_back(rotation, best.at[i].map(lambda x, o: x - o, origin))
+        way = _turned_back(rotation, apart * sense)
+        ways.append(instrument.point_on(arms[i], lines[i], at, best.beyond[i]).along(way))
+        frames.append(way)
+    closing = -(dot(ways[0], jvel[0]) + dot(ways[1], jvel[1]))
+    depth = jnp.maximum(best.depth + closing * dt, 0.0)
+    k = params.instrument_stiffness
+    slope = jnp.where(depth > 0.0, k, 0.0)
+    normal = law(k * depth, slope, params.instrument_damping, closing, dt)
+    return Meeting((ways[0], ways[1]), normal, (frames[0], frames[1]))
+
+
+class _Piece(NamedTuple):
+    """A straight piece of an instrument, in the world."""
+
+    begin: Vec  # m
+    way: Vec  # m, to its end
+    radius: float  # m
+    jaws: bool
+
+
+class _Pair(NamedTuple):
+    """Where two pieces are nearest."""
+
+    depth: Scalar  # m, how far they overlap; negative: apart
+    distance: Scalar  # m, of their axes
+    away: Vec  # m, from the second's axis to the first's
+    at: tuple[Vec, Vec]  # m, on either axis, world
+    beyond: tuple[Scalar, Scalar]  # of each, 0 on a shaft, share of the way from wrist to end on jaws
+
+
+def _pieces(arm: ArmName, line: instrument.InstrumentLine) -> tuple[_Piece, _Piece]:
+    origin, _ = scene.frame0(arm)
+    wrist, end = scene.world(arm, line.wrist), scene.world(arm, line.end)
+    return (
+        _Piece(origin, wrist - origin, instrument.SHAFT_RADIUS, False),
+        _Piece(wrist, end - wrist, instrument.JAW_RADIUS, True),
+    )
+
+
+def _nearest(one: _Piece, other: _Piece) -> _Pair:
+    """Nearest points of two segments (C. Ericson, Real-Time Collision Detection, 2005, section 5.1.9)."""
+    between = one.begin - other.begin
+    a, b, e = dot(one.way, one.way), dot(one.way, other.way), dot(other.way, other.way)
+    c, f = dot(one.way, between), dot(other.way, between)
+    s = _share((b * f - c * e) / jnp.maximum(a * e - b * b, 1e-12))
+    t = _share((b * s + f) / e)
+    s = _share((b * t - c) / a)
+    points = one.begin + one.way * s, other.begin + other.way * t
+    away = points[0] - points[1]
+    distance = _length(away)
+    beyond = s if one.jaws else s * 0.0, t if other.jaws else t * 0.0
+    return _Pair(one.radius + other.radius - distance, distance, away, points, beyond)
+
+
+def _deeper(one: _Pair, other: _Pair) -> _Pair:
+    more = other.depth > one.depth
+
+    def pick(a: Scalar, b: Scalar) -> Scalar:
+        return jnp.where(more, b, a)
+
+    return _Pair(
+        pick(one.depth, other.depth),
+        pick(one.distance, other.distance),
+        one.away.map(pick, other.away),
+        (one.at[0].map(pick, other.at[0]), one.at[1].map(pick, other.at[1])),
+        (pick(one.beyond[0], other.beyond[0]), pick(one.beyond[1], other.beyond[1])),
+    )
+
+
+def _share(x: Scalar) -> Scalar:
+    return jnp.minimum(jnp.maximum(x, 0.0), 1.0)
+
+
+def _turned_back(rotation: Vec, v: Vec) -> Vec:
+    """From the world's axes to those of frame 0."""
+    return Vec(dot(Vec(column), v) for column in zip(*rotation, strict=True))
+
+
+def _length(v: Vec) -> Scalar:
+    return jnp.sqrt(dot(v, v))

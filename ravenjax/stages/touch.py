@@ -1,0 +1,53 @@
+"""How hard a run's instruments pressed on tissue, vessel and each other."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from ravenjax.numbers.lazy import jnp
+from ravenjax.numbers.setup import Setup, real
+from ravenjax.numbers.vec import Scalar, record
+
+TICK_S = 1e-3
+
+
+class Touched(Protocol):
+    """What an instrument felt in a tick, N."""
+
+    @property
+    def tissue(self) -> Scalar: ...
+    @property
+    def vessel(self) -> Scalar: ...
+    @property
+    def instrument(self) -> Scalar: ...
+
+
+@record
+class TouchState:
+    """Of all instruments of a run."""
+
+    peak: Scalar  # N, largest force of tissue and vessel on one instrument so far
+    impulse: Scalar  # N s, of tissue and vessel on all instruments
+    vessel: Scalar  # N, largest force of the vessel on one instrument
+    instrument: Scalar  # N, largest force between two instruments
+
+
+def init(setup: Setup) -> TouchState:
+    """Before the first tick."""
+    return TouchState(*(real(setup, jnp.float32(0.0)) for _ in range(4)))
+
+
+def step(state: TouchState, instruments: tuple[Touched, ...]) -> TouchState:
+    """After this tick."""
+    peak, impulse, vessel = state.peak, state.impulse, state.vessel
+    for one in instruments:
+        peak = jnp.maximum(peak, one.tissue)
+        impulse = impulse + one.tissue * TICK_S
+        vessel = jnp.maximum(vessel, one.vessel)
+    return TouchState(peak, impulse, vessel, jnp.maximum(state.instrument, instruments[0].instrument))
+
+
+def outcomes(setup: Setup, state: TouchState) -> dict[str, Scalar]:
+    """Outcome columns of a run, N and N s."""
+    out = {"contact_peak_n": state.peak, "contact_impulse_n_s": state.impulse, "contact_vessel_peak_n": state.vessel}
+    return out | ({"contact_instruments_peak_n": state.instrument} if len(setup.arms) > 1 else {})
