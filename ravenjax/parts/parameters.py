@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ravenjax.numbers import tree
-from ravenjax.parts import arrays, part
+from ravenjax.parts import files, part
 from ravenjax.vocabulary.parts import OwnSource
 
 
@@ -33,7 +33,7 @@ def _named_kind(names: tuple[str, ...]) -> type[Any]:
 def _kind(sources: tuple[OwnSource, ...]) -> type[Any]:
     # Records of a file are classes that no other process has: there they come from its text, as numbers do from here.
     def reduced(own: Any) -> tuple[Any, ...]:
-        return _restored, (sources, arrays.contents(sources), tree.leaves(own))
+        return _restored, (sources, files.contents(sources), tree.leaves(own))
 
     kind = collections.namedtuple("Own", [source.name for source in sources])
     kind.__reduce__ = reduced  # type: ignore[method-assign]
@@ -41,5 +41,5 @@ def _kind(sources: tuple[OwnSource, ...]) -> type[Any]:
 
 
 def _restored(sources: tuple[OwnSource, ...], contents: Mapping[str, bytes], numbers: list[Any]) -> Any:
-    arrays.keep(contents)
+    files.keep(contents)
     return tree.filled(of(sources), numbers)

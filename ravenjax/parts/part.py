@@ -28,7 +28,7 @@ from ravenjax.numbers import quantity, tree
 from ravenjax.numbers.lazy import is_jax, lax
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.vec import Scalar, Vec
-from ravenjax.parts import arrays
+from ravenjax.parts import files, imports
 from ravenjax.vocabulary.parts import OwnSource
 
 _KINDS = {"f": "float", "i": "int", "u": "int", "b": "bool"}
@@ -64,7 +64,7 @@ def read(name: str, path: Path, what: str = "detector") -> OwnSource:
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not UTF-8"
         raise UserError(f"{path}: file of {what} {name!r} cannot be read ({reason})") from None
-    with arrays.beside(path) as hashes:
+    with files.beside(path) as hashes:
         source = OwnSource(name, str(path), text)
         _module(source)
     whole = dataclasses.replace(source, files=tuple(sorted(hashes.items())))
@@ -74,7 +74,7 @@ def read(name: str, path: Path, what: str = "detector") -> OwnSource:
 
 
 def unchanged(source: OwnSource) -> bool:
-    """Whether its file, and those that it loads, are what they were when it was read."""
+    """Whether its file, and those that it takes from beside it, are what they were when it was read."""
     path = Path(source.path)
     try:
         same = path.read_text(encoding="utf-8") == source.text
@@ -86,7 +86,7 @@ def unchanged(source: OwnSource) -> bool:
 
 
 def digest(source: OwnSource) -> str:
-    """sha256 of the code, and of the arrays that it loads."""
+    """sha256 of the code, and of the files beside it that it loads or imports."""
     return hashlib.sha256(repr((source.text, source.files)).encode()).hexdigest()
 
 
@@ -236,19 +236,14 @@ _MODULES: dict[OwnSource, types.ModuleType] = {}
 def _module(source: OwnSource) -> types.ModuleType:
     """The module of a source, run once in a process."""
     if source not in _MODULES:
-        name = f"ravenjax_part_{hashlib.sha256(repr(source).encode()).hexdigest()[:16]}"
-        module = types.ModuleType(name)
+        module = types.ModuleType(f"ravenjax_part_{hashlib.sha256(repr(source).encode()).hexdigest()[:16]}")
         module.__file__ = source.path
         # so that a traceback shows the line also where the file has changed, or is on another machine
         linecache.cache[source.path] = (len(source.text), None, source.text.splitlines(keepends=True), source.path)
-        sys.modules[name] = module  # annotations of its records are looked up there
-        try:
-            files = arrays.beside(Path(source.path), source.files) if source.files else contextlib.nullcontext()
-            with files, _Blame(source, "the file"):
-                exec(compile(source.text, source.path, "exec"), module.__dict__)
-        except BaseException:
-            del sys.modules[name]
-            raise
+        path = Path(source.path)
+        first = files.reading()  # else it is known which files it takes
+        with contextlib.nullcontext() if first else files.beside(path, source.files), _Blame(source, "the file"):
+            imports.run(compile(source.text, source.path, "exec"), module, path)
         _MODULES[source] = module
     return _MODULES[source]
 
@@ -271,10 +266,10 @@ class _Blame:
             if isinstance(error, Untraceable):
                 return
             raise Untraceable(f"{self._source.path}: JAX says better what is wrong with it") from error
-        if isinstance(error, SyntaxError) and error.filename == self._source.path:
-            raise UserError(f"{self._source.path}:{error.lineno}: is no Python ({error.msg})") from None
-        lines = [frame.lineno for frame in traceback.extract_tb(trace) if frame.filename == self._source.path]
-        line = f":{lines[-1]}" if lines else ""
+        if isinstance(error, SyntaxError) and self._is_own(error.filename):
+            raise UserError(f"{error.filename}:{error.lineno}: is no Python ({error.msg})") from None
+        frames = [frame for frame in traceback.extract_tb(trace) if self._is_own(frame.filename)]
+        place = f"{frames[-1].filename}:{frames[-1].lineno}" if frames else self._source.path
         if any(one.__name__ in _BRANCHES for one in type(error).__mro__):
             trouble = (
                 "uses a value that is known only when the robot runs as if it were known now, in an if, a while, a "
@@ -288,7 +283,11 @@ class _Blame:
         else:
             first = next(iter(str(error).strip().splitlines()), "")
             trouble = f"raises {type(error).__name__}: {first}"
-        raise UserError(f"{self._source.path}{line}: {self._where} {trouble}") from error
+        raise UserError(f"{place}: {self._where} {trouble}") from error
+
+    def _is_own(self, file: str | None) -> bool:
+        """Whether it is the part's file, or a module beside it."""
+        return file is not None and Path(file).parent == Path(self._source.path).parent
 
 
 # --- numbers ---

@@ -12,4 +12,4 @@ class OwnSource:
     name: str  # of the part in its campaign
     path: str  # of the file, for errors
     text: str  # what stands in it
-    files: tuple[tuple[str, str], ...] = ()  # (name, sha256) of each file that it loads beside itself
+    files: tuple[tuple[str, str], ...] = ()  # (name, sha256) of each file beside it that it loads or imports

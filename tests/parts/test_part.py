@@ -149,6 +149,55 @@ def test_a_file_without_numbers_is_no_array(tmp_path):
         part.read("mine", written(tmp_path, "load('w.npy')" + STEP + "return state, view"))
 
 
+def test_modules_beside_the_file_count_as_its_content(tmp_path):
+    path = written(tmp_path, "import gains\nfrom limits import MOST\n" + STEP + "return state, gains.of(view) * MOST")
+    (tmp_path / "limits.py").write_text("MOST = 2.0\n")
+    digests = []
+    for factor in (3.0, 5.0):
+        (tmp_path / "gains.py").write_text(f"import limits\n\ndef of(x):\n    return {factor} * x / limits.MOST\n")
+        digests.append(part.digest(part.read("mine", path)))
+    source = part.read("mine", path)
+    assert digests[0] != digests[1] == part.digest(source) and traced(path)[1] == 15.0
+    assert [name for name, _ in source.files] == ["gains.py", "limits.py"] and "gains" not in sys.modules
+    (tmp_path / "limits.py").write_text("MOST = 4.0\n")
+    assert not part.unchanged(source)
+
+
+def test_two_parts_may_import_modules_of_one_name(tmp_path):
+    scores = []
+    for place, factor in (("a", 2.0), ("b", 7.0)):
+        (tmp_path / place).mkdir()
+        (tmp_path / place / "gains.py").write_text(f"GAIN = {factor}\n")
+        scores.append(traced(written(tmp_path / place, "import gains\n" + STEP + "return state, view * gains.GAIN"))[1])
+    assert scores == [6.0, 21.0]
+
+
+def test_a_record_may_stand_in_a_module_beside_the_file(tmp_path):
+    (tmp_path / "kinds.py").write_text(HEAD + COUNTER.partition("def init")[0])
+    path = written(tmp_path, "from kinds import params\n" + STEP + "return state, view / params.most")
+    source = part.read("mine", path)
+    assert [name for name, _ in part.quantities(source)] == ["most"] and traced(path)[1] == np.float32(0.3)
+
+
+def test_what_is_wrong_in_a_module_beside_the_file_is_told_with_its_place(tmp_path):
+    path = written(tmp_path, "import gains\n" + STEP + "return state, gains.of(view)")
+    for text, said in (
+        ("def of(x:\n    pass\n", r"gains\.py:1: is no Python \('\(' was never closed\)"),
+        ("import no_such_module\n", r"gains\.py:1: the file raises ModuleNotFoundError: No module named 'no_such_"),
+        ("def of(x):\n    return 1.0 if x > 2 else 0.0\n", r"gains\.py:2: step\(params, state, view\) uses a value"),
+    ):
+        (tmp_path / "gains.py").write_text(text)
+        with pytest.raises(UserError, match=said):
+            traced(path)
+
+
+def test_a_module_beside_the_file_is_imported_at_its_top(tmp_path):
+    (tmp_path / "gains.py").write_text("GAIN = 2.0\n")
+    path = written(tmp_path, STEP + "import gains\n    return state, view * gains.GAIN")
+    with pytest.raises(UserError, match=r"mine\.py:4: .* raises ImportError: import gains at the top of the file"):
+        traced(path)
+
+
 KEPT = """
 kept = []
 
@@ -177,7 +226,9 @@ def test_numbers_kept_between_calls_are_refused(tmp_path, score):
 
 
 def test_parameters_travel_to_a_process_that_has_no_files(tmp_path):
-    path = written(tmp_path, "weights = load('w.npy')\n" + COUNTER.replace("state.seen /", "weights[1] * state.seen /"))
+    counter = COUNTER.replace("state.seen /", "weights[1] * one.ONE * state.seen /")
+    path = written(tmp_path, "import one\nweights = load('w.npy')\n" + counter)
+    (tmp_path / "one.py").write_text("ONE = 1\n")
     np.save(tmp_path / "w.npy", np.array([1.0, 7.0]))
     sources = (part.read("mine", path),)
     own = parameters.of(sources)

@@ -29,7 +29,7 @@ def source(name: str, file: Path, sha256: str | None, what: str = "detector") ->
 
 
 def _read(name: str, path: Path, what: str) -> OwnSource:
-    """A file as it is now; read anew where it, or what it loads, has changed."""
+    """A file as it is now; read anew where it, or what it takes from beside it, has changed."""
     code = _KNOWN.get((name, path, what))
     if code is None or not part.unchanged(code):
         code = _KNOWN[name, path, what] = part.read(name, path, what)
