@@ -34,7 +34,7 @@ def leaves(**campaign):
 
 @pytest.fixture(scope="module")
 def every():
-    return leaves(arms=["gold", "green"]) | leaves(software="fork2015") | leaves(console="absolute")
+    return leaves(arms=["gold", "green"], contact=True) | leaves(software="fork2015") | leaves(console="absolute")
 
 
 def test_a_parameter_is_named_as_its_fields_are(every):
