@@ -456,7 +456,8 @@ class OwnStages(FileTable):
 
     motor_control: a file whose step gives (state, tau_d): desired torques from desired motor positions
     dac: a file whose step gives (state, current_cmd): DAC counts from desired torques
-    sha256: stage = of that file and what it takes from its folder; else it is refused. Left out, any is taken
+    sha256: stage = of that file and what it takes from its folder; another content is refused. Left out, any is
+        taken
     """
     def __init__(
         self,
