@@ -25,7 +25,7 @@ class OwnStages(Section):
     )
     sha256: dict[str, str] = Field(
         default_factory=dict,
-        description="stage = of that file and what it takes from its folder; another content is refused. Left out, any is taken",
+        description="stage = of its file and what it takes from its folder; else it is refused. Left out, any is taken",
     )
 
     @model_validator(mode="after")

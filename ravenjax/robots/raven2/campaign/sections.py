@@ -195,7 +195,7 @@ class Operator(Section):
     hands_sha256: str | None = Field(
         default=None,
         pattern=own_part.SHA256,
-        description="of hands and what it takes from its folder; another content is refused. Left out, any is taken",
+        description="of hands and what it takes from its folder; else it is refused. Left out, any is taken",
     )
     scale: float = Field(
         default=0.1,
