@@ -29,6 +29,8 @@ MOTIONS = 10
 """Different motions aimed at where few hours are wanted."""
 DRAWN = 4
 """Runs of each motion where parameters of the robot are drawn."""
+ENOUGH, LITTLE = 10, 0.1
+"""So many motions with less than this share of them in pedal-down: something stops the robot soon in each."""
 MS_PER_HOUR = 3.6e6
 
 
@@ -49,7 +51,8 @@ def extend(
     """
     record = manifest.read(folder)
     _require(record, hours)
-    seconds, there = _length_s(record, hours), _hours(folder, record)
+    seconds, begun = _length_s(record, hours), _hours(folder, record)
+    there, motions = begun, 0
     for name, raw in campaigns(record.config, seconds):
         if there >= hours:
             return there
@@ -67,7 +70,19 @@ def extend(
                 f"{path}: {seconds} s of fault-free motion added nothing: the robot was never in pedal-down, "
                 "so there is nothing in which a cue could be false"
             )
+        motions += 1
+        _require_much(folder, motions, seconds, there - begun)
     return there
+
+
+def _require_much(folder: Path, motions: int, seconds: int, hours: float) -> None:
+    """UserError where motions of so many seconds added few hours: more of them would take for ever."""
+    if motions >= ENOUGH and hours * 3600 < LITTLE * motions * seconds:
+        raise UserError(
+            f"{folder / FOLDER}: {motions} fault-free motions of {seconds} s had {hours * 3600:.3g} s of pedal-down: "
+            "something stops the robot without a fault, as a check or detector of your own may. What is there says how "
+            f"often (ravenjax report {folder}); for more hours raise its threshold, and run the campaign anew"
+        )
 
 
 def _require(record: Manifest, hours: float) -> None:

@@ -146,3 +146,13 @@ def test_drawn_robots_are_drawn_for_each_motion(result):
     one, two = (rj.load_campaign(next(campaigns)[1]) for _ in range(2))
     masses = np.concatenate([design.expand(made)["param:plant.mass_scale"] for made in (one, two)])
     assert len(masses) == 2 * fault_free.DRAWN == len(set(masses))
+
+
+def test_a_robot_that_is_stopped_without_a_fault_is_told_of(tmp_path, monkeypatch):
+    """Else the hours would never come together."""
+    monkeypatch.setattr(fault_free, "ENOUGH", 2)
+    (tmp_path / "mine.py").write_text("def step(params, state, view):\n    return state, (view.tick >= 600) * 2.0\n")
+    check = {"name": "mine", "file": str(tmp_path / "mine.py"), "at": "jpos", "acts": "stop"}
+    rj.run({**copy.deepcopy(CAMPAIGN), "check": [check]}, out=tmp_path / "stopped", engine="simd")
+    with pytest.raises(UserError, match=r"2 fault-free motions of \d+ s had .* s of pedal-down: something stops the ro"):
+        fault_free.extend(tmp_path / "stopped", 0.1)

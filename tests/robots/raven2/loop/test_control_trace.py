@@ -60,7 +60,7 @@ def each_pair():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("precision", "software", "console"), each_pair())
+@pytest.mark.parametrize(("precision", "software", "console"), [*each_pair()])
 def test_only_scalar_primitives_and_the_state_keeps_its_types(precision, software, console):
     setup = RavenSetup(**BOTH, software=software, console=console, precision=precision)
     with jax.enable_x64(precision.needs_x64):
