@@ -154,5 +154,5 @@ def test_a_robot_that_is_stopped_without_a_fault_is_told_of(tmp_path, monkeypatc
     (tmp_path / "mine.py").write_text("def step(params, state, view):\n    return state, (view.tick >= 600) * 2.0\n")
     check = {"name": "mine", "file": str(tmp_path / "mine.py"), "at": "jpos", "acts": "stop"}
     rj.run({**copy.deepcopy(CAMPAIGN), "check": [check]}, out=tmp_path / "stopped", engine="simd")
-    with pytest.raises(UserError, match=r"2 fault-free motions of \d+ s had .* s of pedal-down: something stops the ro"):
+    with pytest.raises(UserError, match=r"2 fault-free motions of \d+ s had .* s of pedal-down: something stops"):
         fault_free.extend(tmp_path / "stopped", 0.1)
