@@ -1,0 +1,84 @@
+"""How long a reader waits for the page of `ravenjax explore`.
+
+    python analysis/engines/page.py [CAMPAIGN] [ROUNDS]    # needs playwright and Chromium
+
+Opens the page from a file in Chromium with graphics in software, each time in a browser of its own. By the clock: when
+400 points of the map, and all, are there after opening; in the last browser the longest task of the page's main thread
+while it opens, after a control moves, while a run opens and while a hand scrubs.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import statistics
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from playwright.sync_api import Page, sync_playwright
+
+from ravenjax.explorer import page
+
+ARGUMENTS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+WATCH = """
+window.tasks = [];
+new PerformanceObserver((list) => list.getEntries().forEach((one) => window.tasks.push(one.duration)))
+  .observe({ type: "longtask", buffered: true });
+"""
+
+
+def longest(shown: Page) -> str:
+    """Of the tasks since the last call; the browser tells those of 50 ms and more."""
+    tasks = shown.evaluate("window.tasks.splice(0)")
+    return f"{max(tasks):.0f} ms" if tasks else "below 50 ms"
+
+
+def filled(shown: Page) -> None:
+    """Wait for the whole map."""
+    shown.wait_for_function("document.body.dataset.filled === '1'")
+
+
+def used(shown: Page) -> dict[str, str]:
+    """Longest task while the page is used."""
+    found = {"while it opens and fills the map": longest(shown)}
+    shown.select_option("#channel", index=1)
+    filled(shown)
+    found["after a control moved"] = longest(shown)
+    box = shown.locator("#field").bounding_box()
+    assert box is not None
+    shown.locator("#field").click(position={"x": 0.9 * box["width"], "y": 0.35 * box["height"]})
+    shown.wait_for_selector("#run:not([hidden])")
+    time.sleep(2.0)
+    found["while a run opened"] = longest(shown)
+    for at in range(600, 1600, 20):
+        shown.locator("#time").fill(str(at))
+    found["while a hand scrubbed"] = longest(shown)
+    return found
+
+
+def main(campaign: str = "quick", rounds: str = "5") -> None:
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        place = page.build(campaign, Path(folder) / "page.html")
+        times: list[list[float]] = []
+        found: dict[str, str] = {}
+        for number in range(int(rounds)):
+            browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=ARGUMENTS)
+            shown = browser.new_page(viewport={"width": 1366, "height": 900})
+            shown.add_init_script(WATCH)
+            shown.goto(place.as_uri())
+            filled(shown)
+            times.append(shown.evaluate("[document.body.dataset.first * 1e-3, performance.now() * 1e-3]"))
+            if number == int(rounds) - 1:
+                found = used(shown)
+            browser.close()
+        print(f"{place.stat().st_size / 1e6:.1f} MB; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
+        for name, each in zip(("400 points", "all points"), zip(*times, strict=True), strict=True):
+            print(f"{name}: {statistics.median(each):.2f} s after opening, {min(each):.2f} to {max(each):.2f}")
+        for name, told in found.items():
+            print(f"longest task {name}: {told}")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
