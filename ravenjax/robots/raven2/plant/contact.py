@@ -36,7 +36,7 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-from ravenjax.numbers.algebra import add, dot, mul
+from ravenjax.numbers.algebra import add, dot, matvec, mul, norm, transpose
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.vec import Scalar, Vec, record
@@ -189,7 +189,7 @@ def felt(contacts: tuple[TipContact, ...], gained: Vec) -> Touch:
     on_vessel = [
         force.map(lambda x, one=one: jnp.where(one.vessel, x, 0.0)) for one, force in zip(contacts, forces, strict=True)
     ]
-    return Touch(whole, _length(whole), _length(on_vessel[0] + on_vessel[1]), whole[0] * 0.0)
+    return Touch(whole, norm(whole), norm(on_vessel[0] + on_vessel[1]), whole[0] * 0.0)
 
 
 # --- instruments against each other ---
@@ -233,8 +233,9 @@ def meeting(
     ways, frames = [], []
     for i, sense in enumerate((1.0, -1.0)):
         origin, rotation = scene.frame0(arms[i])
-        at = _turned_back(rotation, best.at[i].map(lambda x, o: x - o, origin))
-        way = _turned_back(rotation, apart * sense)
+        back = transpose(rotation)
+        at = matvec(back, best.at[i] - origin)
+        way = matvec(back, apart * sense)
         ways.append(instrument.point_on(arms[i], lines[i], at, best.beyond[i]).along(way))
         frames.append(way)
     closing = -(dot(ways[0], jvel[0]) + dot(ways[1], jvel[1]))
@@ -283,7 +284,7 @@ def _nearest(one: _Piece, other: _Piece) -> _Pair:
     s = _share((b * t - c) / a)
     points = one.begin + one.way * s, other.begin + other.way * t
     away = points[0] - points[1]
-    distance = _length(away)
+    distance = norm(away)
     beyond = s if one.jaws else s * 0.0, t if other.jaws else t * 0.0
     return _Pair(one.radius + other.radius - distance, distance, away, points, beyond)
 
@@ -305,12 +306,3 @@ def _deeper(one: _Pair, other: _Pair) -> _Pair:
 
 def _share(x: Scalar) -> Scalar:
     return jnp.minimum(jnp.maximum(x, 0.0), 1.0)
-
-
-def _turned_back(rotation: Vec, v: Vec) -> Vec:
-    """From the world's axes to those of frame 0."""
-    return Vec(dot(Vec(column), v) for column in zip(*rotation, strict=True))
-
-
-def _length(v: Vec) -> Scalar:
-    return jnp.sqrt(dot(v, v))
