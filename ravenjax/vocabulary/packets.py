@@ -33,6 +33,8 @@ SHARES: tuple[tuple[float, ...], ...] = (
 
 MOST_CYCLES = 32
 """The longest packet of a distribution."""
+QUIET_MS, RELEASE_MS = 250, 2000
+"""Silence after which a console counts as dead: number 1 begins its stream anew; and after which any number does."""
 
 
 def mean(shares: Sequence[float]) -> float:

@@ -25,13 +25,11 @@ from ravenjax.robots.raven2.stages.network import RESET_GAP
 from ravenjax.store.consoles import loading
 from ravenjax.store.motion import capture_file, stamps
 from ravenjax.store.motion.track import ArmTrack, Track
-from ravenjax.vocabulary.packets import MOST_CYCLES
+from ravenjax.vocabulary.packets import MOST_CYCLES, QUIET_MS, RELEASE_MS
 
 PACKET, ARRIVAL = "packet", "arrival"
 MOST_MISFITS = 0.02
 """Of a recording: with more of them the profile is another console's."""
-QUIET_S, RELEASE_S = 0.25, 2.0
-"""Silence after which number 1, or any number, may begin a stream anew."""
 RATE_AGREES = 3.0
 """By so much the rate of arrivals may differ from the profile's."""
 GAPS_IN, GAPS_LEAST = 50, 20
@@ -271,7 +269,7 @@ def _restarts(number: int, last: int, silence_s: float) -> bool:
     The robot's own rule, far behind; and those by which a console that was started again comes back in a session.
     """
     far = last > RESET_GAP and number < last - RESET_GAP
-    return number > 0 and (far or (number == 1 and silence_s > QUIET_S) or silence_s > RELEASE_S)
+    return number > 0 and (far or (number == 1 and silence_s * 1e3 > QUIET_MS) or silence_s * 1e3 > RELEASE_MS)
 
 
 def _accumulated(quat: np.ndarray, turns: np.ndarray) -> np.ndarray:

@@ -49,7 +49,9 @@ work or the golden run has had the cue, too. Words of checks and motion: `ravenj
 
 from __future__ import annotations
 
-STALE_MS = 250
+from ravenjax.vocabulary.packets import QUIET_MS
+
+STALE_MS = QUIET_MS
 """Input that is older counts as none: pedal up, hands at rest, no force."""
 VIEW = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))
 """Axes of the operator's view in the world (z up, gold arm at negative x): right, up, toward the operator."""

@@ -33,8 +33,8 @@ from ravenjax.robots.raven2.console.profile import ConsoleProfile
 from ravenjax.robots.raven2.console.reading import FIELDS, MODE, Misfit
 from ravenjax.robots.raven2.stages.network import RESET_GAP
 from ravenjax.store.consoles import loading as consoles
-from ravenjax.trainer.protocol.messages import STALE_MS
 from ravenjax.trainer.robot_link.increments import Increments
+from ravenjax.vocabulary.packets import QUIET_MS, RELEASE_MS
 
 SIZE = FIELDS.size
 _LAST = 2**32 - 1
@@ -67,8 +67,8 @@ class PacketLimits:
     """Bounds of the stream; those of one packet are the profile's (`LargestSteps`)."""
 
     gap: int = RESET_GAP  # numbers that may be missing
-    quiet_ms: float = float(STALE_MS)  # silence after which number 1 restarts the stream: the console was dead
-    release_ms: float = 2000.0  # silence after which another console may take over
+    quiet_ms: float = float(QUIET_MS)  # silence after which number 1 restarts the stream: the console was dead
+    release_ms: float = float(RELEASE_MS)  # silence after which another console may take over
     console: str | None = None  # the only host that may send; None: any
 
 
