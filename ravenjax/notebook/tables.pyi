@@ -325,7 +325,7 @@ class Operator(FileTable):
         `hands`
     hands: a Python file with an operator of your own, from this file's folder: what hands make of motion or
         file, which is their plan; its parameters are operator.own.hands...
-    hands_sha256: of hands and what it takes from its folder; else it is refused. Left out, any is taken
+    hands_sha256: of hands and what it takes from its folder; another content is refused. Left out, any is taken
     scale: teleoperation scale; varied as operator.scale. At the scale written here a recorded tip moves as
         recorded; a generated motion is planned for 0.1
     seed: seed of the generated motion
@@ -527,7 +527,7 @@ class Detector(FileTable):
         derivative_sum: of link and motor derivatives; tip_error: distance from the nominal model, mm;
         overdrive: command over its clip limit
     file: in place of kind: a Python file with a detector of your own, from this file's folder
-    sha256: of that file and what it takes from its folder; else it is refused. Left out, any is taken
+    sha256: of that file and what it takes from its folder; another content is refused. Left out, any is taken
     acts: of a file: watch; or stop: an alarm at its first threshold presses the E-stop a millisecond later
     fusion: of steps: which of the three must be over; all, two, any, or one of them alone
     consecutive: milliseconds in a row above the threshold that make an alarm, 1 to 8
@@ -567,7 +567,7 @@ class OwnCheck(FileTable):
 
     name: what it is called in tables, where its columns are check_own_NAME_..
     file: a Python file with the check, from this file's folder
-    sha256: of that file and what it takes from its folder; else it is refused. Left out, any is taken
+    sha256: of that file and what it takes from its folder; another content is refused. Left out, any is taken
     at: seam where it stands
     acts: what it does when it trips, by the robot's own means; stop: stops the robot; flag: tells a person;
         limit: limits, tells nobody; watch: watches, does nothing

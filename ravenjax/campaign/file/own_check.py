@@ -21,7 +21,7 @@ class OwnCheck(Section):
     sha256: str | None = Field(
         default=None,
         pattern=own_part.SHA256,
-        description="of that file and what it takes from its folder; else it is refused. Left out, any is taken",
+        description=f"of that file {own_part.CONTENT}",
     )
     at: str = Field(description="seam where it stands")
     acts: Action = Field(

@@ -15,6 +15,8 @@ IDENTIFIER = re.compile(rf"(?!(?:{'|'.join(keyword.kwlist)})$)[A-Za-z][A-Za-z0-9
 
 SHA256 = "^[0-9a-f]{64}$"
 """What the content of a file is known by."""
+CONTENT = "and what it takes from its folder; another content is refused. Left out, any is taken"
+"""What a key with such a number means, behind the file's name."""
 
 
 def source(name: str, file: Path, sha256: str | None, what: str = "detector") -> OwnSource:

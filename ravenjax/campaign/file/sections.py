@@ -165,7 +165,7 @@ class Detector(Section):
     sha256: str | None = Field(
         default=None,
         pattern=own_part.SHA256,
-        description="of that file and what it takes from its folder; else it is refused. Left out, any is taken",
+        description=f"of that file {own_part.CONTENT}",
     )
     acts: Literal["watch", "stop"] = Field(
         default="watch",

@@ -22,7 +22,7 @@ from ravenjax.store.motion.spikes import Spike
 from ravenjax.store.motion.track import Track
 
 KINDS = (".parquet", ".csv", ".mcap", ".bag", ".db3", ".pcap", ".pcapng")
-_ANY = ".parquet, .csv, .mcap, .bag, .db3, .pcap or .pcapng"
+ANY_KIND = f"{', '.join(KINDS[:-1])} or {KINDS[-1]}"
 
 USUAL_STEPS, LEAST_GAP_S = 3.0, 0.02
 """What is called a gap: more than so many median steps, and longer than this."""
@@ -114,9 +114,9 @@ def _source(path: Path) -> Any:
 def require_readable(path: Path) -> None:
     """UserError for what is no file of a known kind."""
     if not path.is_file():
-        raise UserError(f"{path}: no such file; expected a recorded operator motion ({_ANY})")
+        raise UserError(f"{path}: no such file; expected a recorded operator motion ({ANY_KIND})")
     if path.suffix.lower() not in KINDS:
-        raise UserError(f"{path}: unknown kind of file {path.suffix.lower()!r}; expected {_ANY}")
+        raise UserError(f"{path}: unknown kind of file {path.suffix.lower()!r}; expected {ANY_KIND}")
     if path.stat().st_size == 0:
         raise UserError(f"{path}: the file is empty; expected a recorded operator motion")
 

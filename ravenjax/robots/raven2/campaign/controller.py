@@ -25,8 +25,7 @@ class OwnStages(Section):
     )
     sha256: dict[str, str] = Field(
         default_factory=dict,
-        description="stage = of that file and what it takes from its folder; another content is refused. "
-        "Left out, any is taken",
+        description=f"stage = of that file {own_part.CONTENT}",
     )
 
     @model_validator(mode="after")

@@ -200,7 +200,7 @@ class Operator(Section):
     hands_sha256: str | None = Field(
         default=None,
         pattern=own_part.SHA256,
-        description="of hands and what it takes from its folder; else it is refused. Left out, any is taken",
+        description=f"of hands {own_part.CONTENT}",
     )
     scale: float = Field(
         default=0.1,
@@ -258,8 +258,9 @@ class Operator(Section):
     @classmethod
     def _path(cls, file: Path | None) -> Path | None:
         if file is not None and (not file.name or "\0" in str(file)):
-            kinds = ".parquet, .csv, .mcap, .bag, .db3, .pcap or .pcapng"
-            raise ValueError(f"got {shown(str(file))}, expected the path of a {kinds} file")
+            from ravenjax.store.motion.recording import ANY_KIND  # not before it is needed: the start is waited for
+
+            raise ValueError(f"got {shown(str(file))}, expected the path of a {ANY_KIND} file")
         return file
 
     @field_validator("hands")
