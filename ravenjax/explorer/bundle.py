@@ -1,6 +1,7 @@
 """JavaScript modules of a folder inside one page: a page opened from a file may import no module by its address.
 
-An import map names each module's text as a data URL; imports of `./name.js` become imports of that name.
+An import map names each module's text as a data URL; imports of `./name.js`, and `import.meta.resolve` of it,
+become such of that name.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from importlib.resources.abc import Traversable
 
 PREFIX = "page/"
 """Before a module's name in the map; a bare name is what an import map may give an address."""
-_IMPORT = re.compile(r'(\bfrom\s+|\bimport\s+|\bimport\()"\./([\w-]+\.js)"')
+_IMPORT = re.compile(r'(\bfrom\s+|\bimport\s+|\bimport\(|\bimport\.meta\.resolve\()"\./([\w-]+\.js)"')
 
 
 def import_map(folder: Traversable) -> str:

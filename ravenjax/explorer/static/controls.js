@@ -56,6 +56,12 @@ export class Controls {
     this.inputs = new Map();
     this.hands();
     for (const one of offered) $("changes").append(this.parameter(one));
+    const rest = $("numbers").parentElement;
+    rest.addEventListener("toggle", () => this.numbers(), { once: true }); // hundreds of them, which few look at
+  }
+
+  /** Every parameter that has no control of its own. */
+  numbers() {
     for (const { path, unit, low, high, whole, meaning, value } of this.description.parameters) {
       if (this.inputs.has(path)) continue;
       const box = document.createElement("div");
@@ -67,6 +73,7 @@ export class Controls {
       this.inputs.set(path, { box, show: (now) => (input.value = trimmed(now)) });
       $("numbers").append(box);
     }
+    this.changed(this.state);
   }
 
   /** Which motion the hands make, where the page has several. */
@@ -129,6 +136,11 @@ export class Controls {
       box.classList.toggle("on-map", name === state.across || name === state.up);
     }
     if (this.motion) this.motion.value = state.motion ?? this.description.motion;
+    this.state = state;
+    this.changed(state);
+  }
+
+  changed(state) {
     for (const [path, { box, show }] of this.inputs) {
       show(state.changes[path] ?? this.known[path].value);
       box.classList.toggle("changed", path in state.changes);

@@ -36,7 +36,12 @@ export class Field {
     this.dots = [];
     this.at = null;
     this.wanted = false;
-    canvas.addEventListener("pointerdown", (event) => this.touched(event, choose));
+    let finger = false; // a finger that comes down may only want to scroll
+    canvas.addEventListener("pointerdown", (event) => {
+      finger = event.pointerType === "touch";
+      if (!finger) this.touched(event, choose);
+    });
+    canvas.addEventListener("click", (event) => finger && this.touched(event, choose));
     canvas.addEventListener("pointermove", (event) => event.buttons && this.touched(event, choose));
     new ResizeObserver(() => this.ask()).observe(canvas);
   }
@@ -287,7 +292,7 @@ export function outline(shape, x, y, r) {
   return [["arc", x, y, shape === "speck" ? r * 0.5 : r, 0, 2 * Math.PI]];
 }
 
-const escaped = (words) => words.replaceAll("&", "&amp;").replaceAll("<", "&lt;");
+export const escaped = (words) => words.replaceAll("&", "&amp;").replaceAll("<", "&lt;");
 
 /** The same as the text of an SVG file. */
 class SvgBrush extends Brush {
@@ -331,6 +336,6 @@ class SvgBrush extends Brush {
   }
 
   done(width, height) {
-    return `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 ${width} ${height}" font-family="sans-serif"><rect width="100%" height="100%" fill="${this.colour("paper")}"/>${this.parts.join("")}</svg>\n`;
+    return `<svg xmlns="http://www.w3.org/2000/svg" width="${width}" height="${height}" viewBox="0 0 ${width} ${height}" font-family="sans-serif"><rect width="100%" height="100%" fill="${this.colour("paper")}"/>${this.parts.join("")}</svg>\n`;
   }
 }

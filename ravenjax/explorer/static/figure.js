@@ -1,6 +1,12 @@
 // The robot in three dimensions, in WebGL 2: bodies of ravenjax/explorer/figure.py, placed by joint positions.
+// It runs in a worker of its own where a browser draws there, so that making a picture keeps no hand waiting; `view.js`
+// starts it. It imports nothing: a worker knows no import map.
 
-import { bytes } from "./bytes.js";
+/** An ArrayBuffer of base64. */
+function bytes(text) {
+  if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text).buffer;
+  return Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer;
+}
 
 const VERTEX = `#version 300 es
 layout(location = 0) in vec3 corner;
@@ -84,23 +90,35 @@ function looking(eye, focus, fov, aspect) {
 }
 
 export class Figure {
-  constructor(canvas, description) {
+  /** canvas: of the page or off it; answer(message): {ready}, and {picture} as a Blob. */
+  constructor(canvas, description, answer) {
     this.canvas = canvas;
+    this.answer = answer;
     this.bodies = description.bodies;
     this.cameras = structuredClone(description.cameras);
-    this.steps = description.steps;
     this.gl = canvas.getContext("webgl2", { antialias: true, alpha: true, premultipliedAlpha: true });
-    this.ready = Boolean(this.gl);
-    if (!this.ready) return;
+    answer({ ready: Boolean(this.gl) });
+    if (!this.gl) return;
     this.program = this.compiled();
     this.names = Object.fromEntries(
       ["view", "place", "low", "size", "eye", "colour"].map((name) => [name, this.gl.getUniformLocation(this.program, name)]),
     );
     this.meshes = this.bodies.map(() => []);
     this.scene = null;
+    this.extent = null;
     this.wanted = false;
-    this.turnable();
-    new ResizeObserver(() => this.ask()).observe(canvas);
+    this.load();
+  }
+
+  /** What the page asks for: {extent}, {scene}, {turn}, {nearer}, {picture}. */
+  hear({ extent, scene, turn, nearer, picture }) {
+    if (!this.gl) return;
+    if (extent) this.extent = extent;
+    if (scene) this.scene = scene; // robot and ghost are joint positions by arm; apart: their distance, mm
+    if (turn) this.turn(turn);
+    if (nearer) this.nearer(nearer);
+    if (picture) this.picture();
+    else this.ask();
   }
 
   /** Takes up the shapes, a body after the other: between two of them the page answers. */
@@ -145,25 +163,19 @@ export class Figure {
     return { array, colour, low, size, corners: order.byteLength / 2 };
   }
 
-  /** Draw soon: robot and ghost are joint positions by arm, the ghost may be null. */
-  show(robot, ghost, apart) {
-    this.scene = { robot, ghost, apart };
-    this.ask();
-  }
-
   ask() {
-    if (this.wanted || !this.ready) return;
+    if (this.wanted) return;
     this.wanted = true;
     requestAnimationFrame(() => {
       this.wanted = false;
-      if (this.scene) this.draw();
+      this.draw();
     });
   }
 
   draw() {
     const { gl, canvas, scene } = this;
-    const ratio = Math.min(2, window.devicePixelRatio || 1);
-    const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((one) => Math.round(one * ratio));
+    if (!scene || !this.extent) return;
+    const { width, height } = this.extent;
     if (!width || !height) return;
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
     gl.viewport(0, 0, width, height);
@@ -220,41 +232,44 @@ export class Figure {
     }
   }
 
-  /** Drag turns the view under the pointer, the wheel with Ctrl goes nearer. */
-  turnable() {
-    let last = null;
-    const under = (event) => {
-      const { clientWidth: w, clientHeight: h } = this.canvas;
-      return (w < h * 1.25 ? event.offsetY > h / 2 : event.offsetX > w / 2) ? "closeup" : "theatre";
-    };
-    this.canvas.addEventListener("pointerdown", (event) => {
-      last = { x: event.clientX, y: event.clientY, camera: this.cameras[under(event)] };
-      this.canvas.setPointerCapture(event.pointerId);
-    });
-    this.canvas.addEventListener("pointerup", () => (last = null));
-    this.canvas.addEventListener("pointermove", (event) => {
-      if (!last) return;
-      const { camera } = last;
-      const [dx, dy] = [event.clientX - last.x, event.clientY - last.y];
-      Object.assign(last, { x: event.clientX, y: event.clientY });
-      const from = minus(camera.place, camera.focus);
-      const r = Math.hypot(...from);
-      const round = Math.atan2(from[1], from[0]) - 0.008 * dx;
-      const high = Math.max(-0.2, Math.min(1.4, Math.asin(from[2] / r) + 0.006 * dy));
-      camera.place = camera.focus.map((one, k) => one + r * [Math.cos(high) * Math.cos(round), Math.cos(high) * Math.sin(round), Math.sin(high)][k]);
-      this.ask();
-    });
-    this.canvas.addEventListener(
-      "wheel",
-      (event) => {
-        if (!event.ctrlKey) return;
-        event.preventDefault();
-        const camera = this.cameras[under(event)];
-        const by = Math.exp(0.002 * event.deltaY);
-        camera.place = camera.focus.map((one, k) => one + by * (camera.place[k] - one));
-        this.ask();
-      },
-      { passive: false },
-    );
+  /** Which view is at a place of the picture, both shares of it. */
+  under({ x, y }) {
+    const { width, height } = this.extent;
+    return this.cameras[(width < height * 1.25 ? y : x) > 0.5 ? "closeup" : "theatre"];
   }
+
+  /** Turns the view under a place by px of a hand. */
+  turn({ at, dx, dy }) {
+    if (!this.extent) return;
+    const camera = this.under(at);
+    const from = minus(camera.place, camera.focus);
+    const r = Math.hypot(...from);
+    const round = Math.atan2(from[1], from[0]) - 0.008 * dx;
+    const high = Math.max(-0.2, Math.min(1.4, Math.asin(from[2] / r) + 0.006 * dy));
+    camera.place = camera.focus.map((one, k) => one + r * [Math.cos(high) * Math.cos(round), Math.cos(high) * Math.sin(round), Math.sin(high)][k]);
+  }
+
+  /** Brings the view under a place nearer, by a factor of its distance. */
+  nearer({ at, by }) {
+    if (!this.extent) return;
+    const camera = this.under(at);
+    const r = Math.hypot(...minus(camera.place, camera.focus));
+    const factor = Math.max(0.05, Math.min(8, r * by)) / r;
+    camera.place = camera.focus.map((one, k) => one + factor * (camera.place[k] - one));
+  }
+
+  /** The picture as it is now, as PNG. */
+  async picture() {
+    this.draw(); // a picture is gone as soon as it was shown
+    const { canvas } = this;
+    this.answer({ picture: canvas.convertToBlob ? await canvas.convertToBlob() : await new Promise((resolve) => canvas.toBlob(resolve)) });
+  }
+}
+
+if (globalThis.WorkerGlobalScope) {
+  let figure = null;
+  addEventListener("message", ({ data }) => {
+    if (data.canvas) figure = new Figure(data.canvas, JSON.parse(data.description), (message) => postMessage(message));
+    else figure.hear(data);
+  });
 }

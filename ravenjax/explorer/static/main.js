@@ -5,6 +5,7 @@ import { AXES, axisOf, channelOf, nearest, siteOf, spanOf, unitOf, words } from 
 import { Controls } from "./controls.js";
 import { openEngine } from "./engine.js";
 import { Field, levels } from "./field.js";
+import { course, png, sheet } from "./pictures.js";
 import { Run } from "./run.js";
 import { copy, csv, save } from "./saving.js";
 import { Table } from "./table.js";
@@ -12,12 +13,14 @@ import { CLASSES, answer, classOf, count, told } from "./verdicts.js";
 import { icon } from "./legend.js";
 
 const $ = (id) => document.getElementById(id);
-const data = (name) => {
+/** Text of what the page carries, which it then carries no more. */
+const taken = (name) => {
   const place = $(`data-${name}`);
-  const value = JSON.parse(place.textContent);
+  const text = place.textContent;
   place.remove();
-  return value;
+  return text;
 };
+const data = (name) => JSON.parse(taken(name));
 const [campaign, description] = ["campaign", "program"].map(data);
 const MAP = 1; // priorities of questions: a run that is looked at goes first
 const RUN = 5;
@@ -89,7 +92,7 @@ const at = (i, j) => ({ ...state.fault, [state.across]: axes.across.values[i], [
 const judged = (outcome) => Object.assign(outcome, { cue_set: campaign.cue });
 
 const field = new Field($("field"), (i, j) => choose(i, j));
-const run = new Run(campaign, () => data("figure"), { moved: (ms) => ((state.ms = ms), remember()), dragged: (start) => change({ start_ms: start }) });
+const run = new Run(campaign, () => taken("figure"), { moved: (ms) => ((state.ms = ms), remember()), dragged: (start) => change({ start_ms: start }) });
 const controls = new Controls(campaign, description, able, { fault: change, set, motion: lead, axis });
 let rows = null;
 /** The runs of a result folder, if the page has one. */
@@ -282,6 +285,7 @@ async function search() {
 const takes = () => Boolean(campaign.effects[state.fault.effect].value);
 const file = () => toml(campaign, state, takes(), question());
 const stem = () => `${campaign.name}_${state.fault.site}_${state.fault.effect}`;
+const drawn = () => sheet(words(campaign, run.fault), [...$("signals").children], campaign.duration_ms);
 const writers = {
   svg: () => save(field.svg(), "image/svg+xml", `${stem()}.svg`),
   png: () => $("field").toBlob((blob) => save(blob, "image/png", `${stem()}.png`)),
@@ -290,6 +294,10 @@ const writers = {
     save(csv([...new Set(all.flatMap((row) => Object.keys(row)))], all), "text/csv", `${stem()}.csv`);
   },
   table: () => rows.save(),
+  "signals-svg": () => save(drawn(), "image/svg+xml", `${stem()}_signals.svg`),
+  "signals-png": async () => save(await png(drawn()), "image/png", `${stem()}_signals.png`),
+  "signals-csv": () => save(course(run.replay, campaign.duration_ms), "text/csv", `${stem()}_signals.csv`),
+  figure: async () => save(await run.figure.picture(), "image/png", `${stem()}_${Math.round(state.ms)}ms.png`),
 };
 const copies = {
   toml: file,
@@ -315,7 +323,7 @@ $("undo").addEventListener("click", () => {
 });
 $("field").addEventListener("keydown", (event) => {
   const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
-  if (event.key === "Enter" || event.key === " ") open();
+  if (event.key === "Enter" || event.key === " ") open().then(() => $("run-title").focus());
   else if (step) {
     const [i, j] = field.at;
     const clamp = (k, axis_) => Math.max(0, Math.min(axis_.values.length - 1, k));
@@ -323,6 +331,11 @@ $("field").addEventListener("keydown", (event) => {
     change({ [state.across]: fault[state.across], [state.up]: fault[state.up] });
   } else return;
   event.preventDefault();
+});
+$("run").addEventListener("keydown", ({ key }) => {
+  if (key !== "Escape") return;
+  run.play(false);
+  $("field").focus();
 });
 addEventListener("hashchange", () => {
   address = location.hash;

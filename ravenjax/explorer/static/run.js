@@ -1,8 +1,8 @@
 // One run in detail: the robot in three dimensions, its time line, its signals, and a run that is kept beside it.
 
 import { chain, column, ends, events, lanes, signal } from "./course.js";
-import { Figure } from "./figure.js";
 import { length, millis, told } from "./verdicts.js";
+import { View } from "./view.js";
 
 const $ = (id) => document.getElementById(id);
 const MOST_LINKS = 12;
@@ -16,7 +16,7 @@ function line(ms, words) {
 }
 
 export class Run {
-  /** figure(): the description of what is drawn, or null; heard: {moved(ms), dragged(start_ms)}. */
+  /** figure(): JSON text of the description of what is drawn, or of null; heard: {moved(ms), dragged(start_ms)}. */
   constructor(campaign, figure, heard) {
     Object.assign(this, { campaign, heard, description: figure, replay: null, kept: null, ms: 0, playing: false });
     $("time").max = campaign.duration_ms - 1;
@@ -40,12 +40,12 @@ export class Run {
 
   /** The robot, when a run is looked at for the first time. */
   stand() {
-    if (this.figure) return;
+    if (this.figure !== undefined) return;
     const description = this.description();
-    this.figure = description && new Figure($("figure"), description);
-    document.querySelector(".stage").hidden = !this.figure?.ready;
-    this.go(this.ms);
-    if (this.figure?.ready) this.figure.load();
+    const shown = (there) => (document.querySelector(".stage").hidden = !there);
+    this.figure = description === "null" ? null : new View($("figure"), description, shown);
+    if (this.figure) this.go(this.ms);
+    else shown(false);
   }
 
   /** What happened when; a bar under the hand stays the same element. */
