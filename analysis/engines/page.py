@@ -66,6 +66,7 @@ def main(campaign: str = "quick", rounds: str = "5") -> None:
         for number in range(int(rounds)):
             browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=ARGUMENTS)
             shown = browser.new_page(viewport={"width": 1366, "height": 900})
+            time.sleep(3.0)  # the browser itself starts
             shown.add_init_script(WATCH)
             shown.goto(place.as_uri())
             filled(shown)

@@ -21,7 +21,12 @@ const taken = (name) => {
   return text;
 };
 const data = (name) => JSON.parse(taken(name));
-const [campaign, description] = ["campaign", "program"].map(data);
+/** The page answers a hand between two parts of its beginning. */
+const pause = () => new Promise((resolve) => setTimeout(resolve));
+const campaign = data("campaign");
+await pause();
+const description = data("program");
+await pause();
 const MAP = 1; // priorities of questions: a run that is looked at goes first
 const RUN = 5;
 const FIRST_POINTS = 400; // of a map that tells; when they were there stands on the page for its tests
@@ -351,6 +356,7 @@ $("legend").innerHTML = Object.entries(CLASSES)
   .map(([name, { mark, says }]) => `<li data-class="${name}" data-none>${icon(name, mark)} <span><b>0</b> ${says}</span></li>`)
   .join("");
 Object.assign(state, read(location.hash) ?? {});
+await pause();
 refresh(true);
 setTimeout(tabulate);
 openEngine(description, { threads: Math.max(1, Math.min(8, navigator.hardwareConcurrency ?? 2)) }).then((opened) => {
