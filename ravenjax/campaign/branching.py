@@ -63,6 +63,8 @@ class Branching:
 
     def _largest(self, values: np.ndarray) -> np.ndarray:
         """The largest of the runs' values, int64 [golden runs]."""
+        if self._size == 1:  # of millions of runs, mostly
+            return values.max(keepdims=True).astype(np.int64)
         largest = np.zeros(self._size, np.int64)
         np.maximum.at(largest, self._ready.golden, values)
         return largest

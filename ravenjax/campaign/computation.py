@@ -18,6 +18,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from ravenjax.campaign import outcomes, stretches
+from ravenjax.campaign.assembly import Ordered, Tables
 from ravenjax.campaign.branching import Branching
 from ravenjax.campaign.golden_runs import Branches, Computed, GoldenRuns
 from ravenjax.campaign.plan import Plan
@@ -41,25 +42,21 @@ SORTED_ROWS, SORTED_TICKS = 2**14, 2**28
 """Rows of a stretch, and ticks of them all, that are enough to find some that act at about the same time."""
 
 Columns = dict[str, np.ndarray]
-Tables = tuple[Columns, Columns]
-"""Outcomes of rows, and `outcomes.of_golden` of their golden runs."""
+Pair = tuple[Columns, Columns]
+"""Outcomes of the rows of a block, and `outcomes.of_golden` of their golden runs."""
 
 
 class _UnderWay(NamedTuple):
     """A stretch whose blocks are submitted."""
 
     stretch: Stretch
-    coming: list[Future[Tables]]
+    coming: list[Future[Pair]]
 
     def tables(self) -> Tables:
         """Of all its rows, in order."""
-        parts = [future.result() for future in self.coming]
-        where = np.argsort(np.concatenate(self.stretch.blocks))
-
-        def joined(table: int) -> Columns:
-            return {name: np.concatenate([part[table][name] for part in parts])[where] for name in parts[0][table]}
-
-        return joined(0), joined(1)
+        blocks = [future.result() for future in self.coming]
+        order = np.argsort(np.concatenate(self.stretch.blocks))
+        return tuple(Ordered(table, order) for table in zip(*blocks, strict=True))
 
 
 class Computation:
@@ -212,7 +209,7 @@ class Computation:
 
     # --- blocks ---
 
-    def _faulty(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Tables:
+    def _faulty(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Pair:
         """The runs of these rows."""
         self.progress.more_due((self.kernel.size(len(rows)) - len(rows)) * self.ready.program.ticks)
         own = golden_runs.get()

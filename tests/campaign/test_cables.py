@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pyarrow as pa
 import pytest
-from cuda_as_cpp import pretend
+from cuda_as_cpp import real_or_pretended
 from cuda_cases import check_engines
 
 import ravenjax as rj
@@ -93,7 +93,7 @@ def test_engine_xla_has_the_same_outcomes(breaking):
 
 @pytest.mark.slow
 def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path):
-    pretend(monkeypatch, tmp_path)
+    real_or_pretended(monkeypatch, tmp_path)
     raw = tables(0.06, cables="break") | {"parameters": {"plant.cable_strength": 20.0}}
     raw["group"] = [{"name": "a", "fault": [{**FAULT, "start_ms": 20, "duration_ms": 30}]}]
     check_engines(plan.make(loading.from_dict(raw)), 3)

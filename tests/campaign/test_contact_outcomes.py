@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from cuda_as_cpp import pretend
+from cuda_as_cpp import real_or_pretended
 from cuda_cases import check_engines
 
 import ravenjax as rj
@@ -37,5 +37,5 @@ def test_what_a_fault_presses_is_counted_where_contact_is_on_and_nowhere_else() 
 @pytest.mark.slow
 @pytest.mark.parametrize("arms", [("gold",)])
 def test_engines_have_the_same_bits(arms, monkeypatch, tmp_path) -> None:
-    pretend(monkeypatch, tmp_path)
+    real_or_pretended(monkeypatch, tmp_path)
     check_engines(plan.make(config(True, arms)), 3)

@@ -6,7 +6,7 @@ import copy
 
 import numpy as np
 import pytest
-from cuda_as_cpp import pretend
+from cuda_as_cpp import real_or_pretended
 from cuda_cases import check_engines
 
 import ravenjax as rj
@@ -153,7 +153,7 @@ def test_engine_xla_moves_the_same_hand():
 
 @pytest.mark.slow
 def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path):
-    pretend(monkeypatch, tmp_path)
+    real_or_pretended(monkeypatch, tmp_path)
     raw = tables({"newtons_per_unit": STRONG}, campaign={"name": "x", "duration_s": 0.3})
     raw["group"][1]["fault"] = [{**DRIFT, "start_ms": 210, "duration_ms": 80, "value": 400}]
     check_engines(plan.make(loading.from_dict(raw)), 2)

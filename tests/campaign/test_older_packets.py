@@ -11,7 +11,7 @@ import math
 import jax
 import numpy as np
 import pytest
-from cuda_as_cpp import pretend
+from cuda_as_cpp import real_or_pretended
 from cuda_cases import check_engines
 
 from ravenjax.campaign import loading, plan
@@ -148,7 +148,7 @@ def test_engine_xla_delivers_the_same_packets():
 
 @pytest.mark.slow
 def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path):
-    pretend(monkeypatch, tmp_path)
+    real_or_pretended(monkeypatch, tmp_path)
     late = {"site": "network", "channel": "delay", "effect": "overwrite", "value": 5, "start_ms": 20}
     check_engines(planned({"name": "late", "fault": [late]}, packets="measured", duration_s=0.06), 1)
 

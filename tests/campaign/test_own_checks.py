@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cuda_as_cpp import pretend
+from cuda_as_cpp import real_or_pretended
 from cuda_cases import check_engines
 
 import ravenjax as rj
@@ -398,6 +398,6 @@ def test_two_of_one_name_are_refused(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("acts", ["stop", "limit"])
 def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path, acts):
-    pretend(monkeypatch, tmp_path)
+    real_or_pretended(monkeypatch, tmp_path)
     text = BOARDS.format(more=", view.held_cmd" if acts == "limit" else "")
     check_engines(plan.make(loading.from_dict(tables(tmp_path, text, at="usb_out", acts=acts))), 3)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cuda_as_cpp import pretend
+from cuda_as_cpp import real_or_pretended
 from cuda_cases import check_engines
 
 import ravenjax as rj
@@ -143,5 +143,5 @@ def test_sections_that_do_not_fit_are_refused(tmp_path, section, said):
 
 @pytest.mark.slow
 def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path):
-    pretend(monkeypatch, tmp_path)
+    real_or_pretended(monkeypatch, tmp_path)
     check_engines(plan.make(loading.from_dict(tables(tmp_path, motor_control=PID, dac=DAC))), 3)

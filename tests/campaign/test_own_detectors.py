@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cuda_as_cpp import pretend
+from cuda_as_cpp import real_or_pretended
 from cuda_cases import check_engines
 
 import ravenjax as rj
@@ -222,7 +222,7 @@ def test_the_frame_of_one_is_a_hundredth_of_the_tick_at_most(tmp_path):
 
 @pytest.mark.slow
 def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path):
-    pretend(monkeypatch, tmp_path)
+    real_or_pretended(monkeypatch, tmp_path)
     raw = tables(tmp_path, BOARDS, duration_s=0.75)
     raw["detector"][0] |= {"acts": "stop", "threshold": [1.0]}
     check_engines(plan.make(loading.from_dict(raw)), 3)

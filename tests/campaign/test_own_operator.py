@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from branching_cases import require_same
 from branching_cases import tables as computed
-from cuda_as_cpp import pretend
+from cuda_as_cpp import real_or_pretended
 from cuda_cases import check_engines
 
 import ravenjax as rj
@@ -351,5 +351,5 @@ def test_what_is_given_back_as_it_came_is_not_in_the_tick(tmp_path):
 
 @pytest.mark.slow
 def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path):
-    pretend(monkeypatch, tmp_path)
+    real_or_pretended(monkeypatch, tmp_path)
     check_engines(plan.make(loading.from_dict(tables(tmp_path, REACTING))), 3)

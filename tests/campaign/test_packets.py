@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cuda_as_cpp import pretend
+from cuda_as_cpp import real_or_pretended
 from cuda_cases import check_engines
 
 import ravenjax as rj
@@ -121,7 +121,7 @@ def test_engine_xla_has_the_same_packets(bursts):
 
 @pytest.mark.slow
 def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path):
-    pretend(monkeypatch, tmp_path)
+    real_or_pretended(monkeypatch, tmp_path)
     raw = tables(packets="bursts", duration_s=0.06)
     raw["group"][1]["fault"] = [{**FAULT, "start_ms": 20, "duration_ms": 30}]
     check_engines(plan.make(loading.from_dict(raw)), 3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cuda_as_cpp import pretend
+from cuda_as_cpp import real_or_pretended
 from cuda_cases import check_engines
 
 import ravenjax as rj
@@ -102,6 +102,6 @@ def test_without_the_key_run_ids_are_as_before() -> None:
 
 @pytest.mark.slow
 def test_the_engine_for_gpus_has_the_same_bits(monkeypatch, tmp_path) -> None:
-    pretend(monkeypatch, tmp_path)
+    real_or_pretended(monkeypatch, tmp_path)
     group = [{"name": "a", "fault": [{**FAULT, "start_ms": 20, "duration_ms": 30}]}]
     check_engines(planned(group, duration_s=0.06), 2)

@@ -13,6 +13,7 @@ import pytest
 
 from ravenjax.engines.gpu import code as cuda_code
 from ravenjax.engines.gpu import device as cuda_device
+from ravenjax.errors import UserError
 
 SHIM = """\
 #include <cmath>
@@ -143,3 +144,11 @@ def pretend(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
     monkeypatch.setattr(cuda_device, "DeviceModule", _Module)
     monkeypatch.setattr(cuda_device, "devices", lambda: (Device(),))
     monkeypatch.setattr(cuda_code, "DeviceSession", _Session)
+
+
+def real_or_pretended(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
+    """Let engine cuda find the GPU that is here, and where there is none, this."""
+    try:
+        cuda_device.devices()
+    except UserError:
+        pretend(monkeypatch, folder)

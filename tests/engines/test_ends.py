@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from cuda_as_cpp import pretend
+from cuda_as_cpp import real_or_pretended
 
 import ravenjax as rj
 from ravenjax.campaign import plan
@@ -31,7 +31,7 @@ def ready():
 @pytest.fixture(params=["simd", "cuda", "xla"])
 def engine(request, monkeypatch, tmp_path):
     if request.param == "cuda":
-        pretend(monkeypatch, tmp_path)
+        real_or_pretended(monkeypatch, tmp_path)
         return cuda.CudaEngine()
     return SimdEngine() if request.param == "simd" else ScanEngine("xla")
 

@@ -13,7 +13,7 @@ class BackgroundQueue:
 
     def __init__(self, threads: int) -> None:
         self._pool = ThreadPoolExecutor(threads)
-        self._most = 2 * threads
+        self._most = threads + 4
         self._under_way: deque[Future[Any]] = deque()
 
     def __enter__(self) -> BackgroundQueue:

@@ -17,7 +17,7 @@ from ravenjax.campaign.executors.background import BackgroundQueue
 from ravenjax.campaign.executors.chunk import finished
 from ravenjax.campaign.executors.protocol import Work
 
-WRITERS = 4
+WRITERS = 12
 """Chunks that are packed and delivered side by side, at most."""
 
 

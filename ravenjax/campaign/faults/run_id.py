@@ -14,6 +14,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 import pyarrow as pa
 
+from ravenjax.campaign.faults import slices
 from ravenjax.store.words import WordColumn
 
 DIGITS = 16
@@ -26,13 +27,22 @@ def of(common: str, words: Mapping[str, WordColumn], numbers: Mapping[str, np.nd
     Numbers count as float64, so that 1 is 1.0 and -0.0 is 0.0. Of rows with the same content the first has the id of
     the content, each further one another that its place among them decides.
     """
-    total = np.zeros(len(next(iter(numbers.values()))), np.uint64)
-    for name, column in words.items():
-        hashes = np.array([_salt(f"{common}/{name}/{word}") if word else 0 for word in column.categories], np.uint64)
-        total += hashes[column.codes]
-    for name, values in numbers.items():
-        total += _hashed(values, _salt(f"{common}/{name}"))
-    return _told_apart(mixed(total))
+    of_words = {
+        name: np.array([_salt(f"{common}/{name}/{word}") if word else 0 for word in column.categories], np.uint64)
+        for name, column in words.items()
+    }
+    salts = {name: _salt(f"{common}/{name}") for name in numbers}
+
+    def content(rows: slice) -> np.ndarray:
+        """Ids of some rows, copies alike."""
+        total = np.zeros(len(next(iter(numbers.values()))[rows]), np.uint64)
+        for name, column in words.items():
+            total += of_words[name][column.codes[rows]]
+        for name, values in numbers.items():
+            total += _hashed(values[rows], salts[name])
+        return mixed(total)
+
+    return _told_apart(np.concatenate(slices.each(content, len(next(iter(numbers.values()))))))
 
 
 def mixed(numbers: np.ndarray) -> np.ndarray:
@@ -90,11 +100,14 @@ def _hashed(values: np.ndarray, salt: np.uint64) -> np.ndarray:
 def _told_apart(ids: np.ndarray) -> np.ndarray:
     """Ids in which each copy but the first has another."""
     ordered = np.sort(ids)
-    if (ordered[1:] != ordered[:-1]).all():
+    alike = ordered[1:] == ordered[:-1]
+    if not alike.any():
         return ids
-    order = np.argsort(ids, kind="stable")
-    first = np.flatnonzero(np.r_[True, ordered[1:] != ordered[:-1]])
-    copy = np.arange(len(ids)) - np.repeat(first, np.diff(np.r_[first, len(ids)]))  # of each row before it
-    further = order[copy > 0]
+    several = np.unique(ordered[1:][alike])
+    rows = np.flatnonzero(several[np.minimum(np.searchsorted(several, ids), len(several) - 1)] == ids)
+    rows = rows[np.argsort(ids[rows], kind="stable")]
+    first = np.flatnonzero(np.r_[True, ids[rows][1:] != ids[rows][:-1]])
+    copy = np.arange(len(rows)) - np.repeat(first, np.diff(np.r_[first, len(rows)]))  # of each row before it
+    further = rows[copy > 0]
     ids[further] = mixed(ids[further] ^ mixed(copy[copy > 0].astype(np.uint64)))
     return ids

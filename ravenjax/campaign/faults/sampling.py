@@ -48,7 +48,8 @@ def sample(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator) -> 
         random_axes = {key: axis for key, axis in axes.items() if axis.kind != "fixed"}
         columns = _dimensions(random_axes)
         unit = _unit(group.design, different, 1 + max(columns.values(), default=-1), rng)
-        places |= {key: axis.places(unit[:, columns[key]])[place] for key, axis in random_axes.items()}
+        repeated = slice(None) if group.repeats == 1 else place
+        places |= {key: axis.places(unit[:, columns[key]])[repeated] for key, axis in random_axes.items()}
         return Sample(runs, repeat, places)
     stride = different
     for key, axis in axes.items():

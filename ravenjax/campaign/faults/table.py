@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ravenjax.campaign.faults import run_id
+from ravenjax.campaign.faults import run_id, slices
 from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.numbers.setup import Injection, SiteUse
 from ravenjax.vocabulary.effects import EFFECT_CODES, NETWORK_EFFECTS, TRIGGER_CODES
@@ -72,6 +72,11 @@ def arrays(table: FaultTable, injection: Injection) -> dict[str, np.ndarray]:
     code, effect, trigger int32; value float32; start, duration, every, period int32 in ticks of 1 ms (start in packets
     with trigger "packet"); key uint32, the stream of random numbers of that run and slot.
     """
+    parts = slices.each(lambda rows: _arrays(table.take(rows), injection), len(table))
+    return {name: np.concatenate([part[name] for part in parts]) for name in ARRAYS}
+
+
+def _arrays(table: FaultTable, injection: Injection) -> dict[str, np.ndarray]:
     code_of = {target: code for code, target in enumerate(targets(injection), start=1)}
     out = {name: np.zeros((len(table), injection.slots), dtype) for name, dtype in ARRAYS.items()}
     for slot in range(min(injection.slots, slots(table))):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections import Counter
+import os
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +18,9 @@ from ravenjax.store.access import query
 
 if TYPE_CHECKING:
     import pandas as pd
+
+READERS = 8
+"""Parts that are read, and checked, side by side, at most."""
 
 
 @dataclass(frozen=True)
@@ -59,5 +64,12 @@ class Results:
             yield from (table if columns is None else table.select(columns) for table in self.tables)
             return
         record = query.readable(self.path)
-        for part in sorted(record.parts, key=lambda part: part.first):
-            yield parts.read(self.path / folder.PARTS / part.file, record.config_hash, part, columns)
+        due = deque(sorted(record.parts, key=lambda part: part.first))
+        coming: deque[Future[pa.Table]] = deque()
+        threads = min(READERS, len(os.sched_getaffinity(0)))
+        with ThreadPoolExecutor(threads) as pool:
+            while due or coming:
+                while due and len(coming) < threads:
+                    part, place = due.popleft(), self.path / folder.PARTS
+                    coming.append(pool.submit(parts.read, place / part.file, record.config_hash, part, columns))
+                yield coming.popleft().result()

@@ -1,0 +1,59 @@
+"""Do two engines give the same bits in whole campaigns? Prints a Markdown table and ends with 1 where they do not.
+
+    python analysis/engines/bits.py quick gated.toml [--engines simd cuda] [--set campaign.contact=true]
+
+Each campaign, bundled or a file, is run by both engines; every column of the result table is compared, bits and all.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+
+import numpy as np
+import pandas as pd
+
+import ravenjax as rj
+
+
+def unequal(one: pd.DataFrame, other: pd.DataFrame) -> list[str]:
+    """Columns that are not equal in every bit; NaN equals NaN of the same bits."""
+    if list(one) != list(other) or len(one) != len(other):
+        return ["columns or rows"]
+    return [name for name in one if not _same(one[name].to_numpy(), other[name].to_numpy())]
+
+
+def _same(a: np.ndarray, b: np.ndarray) -> bool:
+    if a.dtype != b.dtype:
+        return False
+    return a.tobytes() == b.tobytes() if a.dtype != object else a.tolist() == b.tolist()
+
+
+def main() -> int:
+    """Run and compare."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("campaigns", nargs="+")
+    parser.add_argument("--engines", nargs=2, default=["simd", "cuda"])
+    parser.add_argument("--set", nargs="*", default=[])
+    options = parser.parse_args()
+    first, second = options.engines
+    print(f"| campaign | runs | columns | unequal | {first} | {second} |\n|---|---|---|---|---|---|")
+    wrong = 0
+    for name in options.campaigns:
+        config = rj.load_campaign(name, options.set)
+        tables, seconds = [], []
+        for engine in options.engines:
+            begin = time.perf_counter()
+            tables.append(rj.run(config, engine=engine))
+            seconds.append(f"{time.perf_counter() - begin:.1f} s")
+        apart = unequal(*tables)
+        wrong += bool(apart)
+        runs, columns = tables[0].shape
+        said = f"{len(apart)}: {', '.join(apart[:5])}" if apart else "0"
+        print(f"| {' '.join([name, *options.set])} | {runs} | {columns} | {said} | {' | '.join(seconds)} |", flush=True)
+    return wrong > 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
