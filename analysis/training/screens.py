@@ -1,4 +1,4 @@
-"""Pictures of the training page: each task, role and size of screen, the second pictures of the scene, and as a protanope
+"""Pictures of the training page: each task, role and size of screen, the scene's second pictures, and as a protanope
 sees them.
 
     python analysis/training/screens.py FOLDER [--scenario first_steps,touch] [--scene]
