@@ -138,7 +138,7 @@ class _Tally:
         }
         if self._rows:
             for counts, name in zip(self._times, ("compute_us", "lateness_us"), strict=True):
-                found = counts.cumsum()
-                levels = [int(np.searchsorted(found, share * found[-1])) for share in (0.5, 0.99, 0.999)]
+                sums = counts.cumsum()
+                levels = [int(np.searchsorted(sums, share * sums[-1])) for share in (0.5, 0.99, 0.999)]
                 out[name] = dict(zip(("p50", "p99", "p99_9"), levels, strict=True))
         return out

@@ -151,10 +151,8 @@ def test_a_second_picture_shows_the_field_and_covers_neither_goal_nor_hands(chro
         scene, coach = boxes(page, "#root", "#coach")
         assert apart(scene, coach)  # what to do stands beside the scene: the goal is in it
         click(page, f"[data-inset={inset}]")
-        frame = waiting.until(lambda: next((one for one in page.frames if f"inset={INSETS[inset]}" in one.url), None))
-        frame.wait_for_function(
-            "[...document.querySelectorAll('#root canvas')].some((one) => one.width > 0)", polling=99
-        )
+        assert page.get_attribute("#inset", "src") == f"/?inset={INSETS[inset]}"
+        until(page, "document.getElementById('inset').contentDocument?.querySelector('#root canvas')?.width > 0")
         scene, shown, chip, *hands = boxes(page, "#root", "#inset", "#goal-chip", ".pad[data-arm=gold]", "#pedal")
         if inset == "stereo":
             assert scene[2] == pytest.approx(shown[0], abs=3) and page.evaluate("innerHeight") == shown[3]
