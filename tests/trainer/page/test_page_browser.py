@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import shutil
 from pathlib import Path
 
@@ -119,58 +118,6 @@ def test_the_scene_comes_with_everything_in_it_and_asks_nobody_else(chromium, se
         assert page.evaluate("getComputedStyle(document.getElementById('rj')).pointerEvents") == "none"
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     browser.close()
-
-
-INSETS = {"theatre": "theatre", "second": "second", "stereo": "endoscope_right"}
-SHADES = """async (png) => {
-  const image = await createImageBitmap(await (await fetch(`data:image/png;base64,${png}`)).blob());
-  const pen = new OffscreenCanvas(image.width, image.height).getContext("2d");
-  pen.drawImage(image, 0, 0);
-  const data = pen.getImageData(0, 0, image.width, image.height).data;
-  const shades = new Set();
-  for (let k = 0; k < data.length; k += 4) shades.add([0, 1, 2].map((i) => data[k + i] >> 4).join());
-  return shades.size;
-}"""
-
-
-def boxes(page, *names):
-    """x, y, right, bottom of each element."""
-    rectangle = "(one) => { const b = one.getBoundingClientRect(); return [b.left, b.top, b.right, b.bottom]; }"
-    return [page.locator(name).evaluate(rectangle) for name in names]
-
-
-def apart(a, b):
-    return a[2] <= b[0] + 1 or b[2] <= a[0] + 1 or a[3] <= b[1] + 1 or b[3] <= a[1] + 1
-
-
-@pytest.mark.parametrize("inset", INSETS)
-def test_a_second_picture_shows_the_field_and_covers_neither_goal_nor_hands(chromium, session, inset):
-    browser = chromium.launch(executable_path=CHROMIUM, args=DRAWN)
-    with Visit(browser, session, "role=operator&scene=on&quality=low", 1366) as page:
-        until(page, "[...document.querySelectorAll('#root canvas')].some((one) => one.width > 0)")
-        scene, coach = boxes(page, "#root", "#coach")
-        assert apart(scene, coach)  # what to do stands beside the scene: the goal is in it
-        click(page, f"[data-inset={inset}]")
-        assert page.get_attribute("#inset", "src") == f"/?inset={INSETS[inset]}"
-        until(page, "document.getElementById('inset').contentDocument?.querySelector('#root canvas')?.width > 0")
-        scene, shown, chip, *hands = boxes(page, "#root", "#inset", "#goal-chip", ".pad[data-arm=gold]", "#pedal")
-        if inset == "stereo":
-            assert scene[2] == pytest.approx(shown[0], abs=3) and page.evaluate("innerHeight") == shown[3]
-            assert shown[2] - shown[0] == pytest.approx(scene[2] - scene[0], abs=3)  # two eyes, alike
-            assert shown[1] == scene[1] and shown[3] == scene[3]
-        else:
-            assert all(apart(shown, one) for one in (chip, *hands)) and shown[2] - shown[0] > 200
-        clip = {"x": shown[0] + 4, "y": shown[1] + 40, "width": 180, "height": 100}
-        waiting.until(
-            lambda: page.evaluate(SHADES, _picture(page, clip)) > 12, "nothing is drawn in the second picture"
-        )
-        click(page, f"[data-inset={inset}]")
-        assert page.get_attribute("#root ~ #inset", "hidden") is not None
-    browser.close()
-
-
-def _picture(page, clip):
-    return base64.b64encode(page.screenshot(clip=clip, timeout=waiting.DEADLINE_MS)).decode()
 
 
 def test_keys_drive_both_arms_and_blur_lets_go(browser, session):
