@@ -23,6 +23,7 @@ from ravenjax.report.run import path_figure, paths, worst
 from ravenjax.report.sections import (
     after_stop,
     answers,
+    contact,
     dependence,
     overloads,
     own_checks,
@@ -60,6 +61,7 @@ SECTIONS = {
     "own_checks": "Your checks",
     "checks": "Built-in checks",
     "after_stop": "After a stop",
+    "contact": "Contact",
     "worst": "Worst runs",
     "chains": "Chains",
     "paths": "Paths",
@@ -105,6 +107,7 @@ def render(runs: Runs, manifest: Manifest, folder: Path) -> str:
         "operator": content["operator"] is None,
         "precision": not content["precision"],
         "after_stop": not content["stops"],
+        "contact": not content["contacts"],
         "chains": content["chains"] is None,
     }
     return with_scopes(
@@ -153,6 +156,7 @@ def _verdicts(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
         "worst": worst_runs,
         "worst_csv": worst.flat(worst_runs),
         "stops": after_stop.rows(runs, manifest.limit_mm),
+        "contacts": contact.rows(runs, manifest),
         "failures": tables.failure_rows(runs, folder),
     }
 

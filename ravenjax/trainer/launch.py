@@ -58,7 +58,7 @@ from ravenjax.trainer.session.simulation import SimulatedRobot
 KEPT_FRAMES, KEPT_EVENTS, KEPT_COMMANDS = 4096, 1024, 256
 """Rows of the rings: four seconds of frames, more events and commands than come in that time."""
 COMMANDS = "commands.jsonl"
-"""What was said to the session (up to `session.MOST_HEARD`): a script that makes it again."""
+"""What was said to the session (up to `heard.MOST_HEARD`): a script that makes it again."""
 CLAIM = ".session"
 """Empty; there while a session begins in a folder, so that two that begin at once do not get the same."""
 _LEFT = (description.FILE, session_log.FILE, table.FILE, COMMANDS, "debrief.html")

@@ -24,6 +24,8 @@ ENDOSCOPES = {
 LAMP, LAMP_CD = (255, 246, 235), 0.008  # the endoscope's light: colour, candela
 FIELD = (0.0, 0.0, 0.192)  # m, its middle: a little above the tissue
 ENDOSCOPE_FOV = np.radians(44.0)  # upward; rigid endoscopes see 60 to 75 degrees across their round picture
+FAR = "theatre"
+"""An inset of it has no letters: from there they would hide the instruments, and each other."""
 CAMERAS = (*ENDOSCOPES, "theatre", "front", "closeup")
 _FOCUS = {"theatre": (0.0, 0.0, 0.37), "front": (0.0, 0.0, 0.37), "closeup": (0.0, 0.0, 0.198)}  # m, turned about
 _FARTHER = {"theatre": 1.25, "front": 1.2, "closeup": 1.0}  # than the model's: a window is narrower than its picture
@@ -56,6 +58,8 @@ class Windows:
             _, _, inset = name.partition(".")
             if inset in CAMERAS:
                 _look(client, inset)
+            if inset == FAR:
+                self._hide(name, client, "plumb", False)
 
         @server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:
@@ -74,11 +78,14 @@ class Windows:
         elif told["do"] == "layer" and name == "shadows":
             handle.scene.configure_default_lights(True, cast_shadow=bool(told.get("on", True)))
         elif told["do"] == "layer" and name in LAYERS:
-            # A node of this client alone, above the scene's: it hides the layer in this window.
-            key = f"{client.window}/{name}"
-            if key not in self._layers:
-                self._layers[key] = handle.scene.add_frame(f"/{name}", show_axes=False)
-            self._layers[key].visible = bool(told.get("on", True))
+            self._hide(client.window, handle, name, bool(told.get("on", True)))
+
+    def _hide(self, window: str, handle: viser.ClientHandle, layer: str, on: bool) -> None:
+        """A node of this client alone, above the scene's: it hides the layer in this window."""
+        key = f"{window}/{layer}"
+        if key not in self._layers:
+            self._layers[key] = handle.scene.add_frame(f"/{layer}", show_axes=False)
+        self._layers[key].visible = on
 
 
 def _look(client: viser.ClientHandle, name: str) -> None:

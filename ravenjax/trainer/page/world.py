@@ -22,6 +22,8 @@ from ravenjax.trainer.page.kept_meshes import KeptMeshes
 from ravenjax.trainer.page.plumb import Plumb
 from ravenjax.trainer.page.trails import Trails
 from ravenjax.trainer.protocol.frame import VIEWS, Frame
+from ravenjax.trainer.protocol.jaws import jaw_tips
+from ravenjax.trainer.protocol.world import surface
 
 LAYERS = ("robot", "ghost", "virtual", "trails", "force", "task", "plumb")
 GHOST, VIRTUAL = (88, 196, 255), (120, 226, 170)
@@ -147,11 +149,20 @@ class World:
                     force = turn @ frame[f"{arm}/force"] * (frame.number("cue_on") != 0)
                     _point(self._arrows[arm], tip, FORCE_M * force)
                 touch = turn @ frame[f"{arm}/contact"]
-                _point(self._contacts[arm], tip, CONTACT_M * touch)
+                _point(self._contacts[arm], self._touching(frame, arm), CONTACT_M * touch)
             self._trails.send()
             self._plumb.show(tips)
             self._task.show(int(frame.number("target")), tips)
         self._server.flush()
+
+    def _touching(self, frame: Frame, arm: ArmName) -> np.ndarray:
+        """The jaw tip that is deeper in the tissue, in the world: where most of the contact's force acts."""
+        origin, turn = self._frames[arm]
+        ends = [
+            origin + turn @ np.array(end)
+            for end in jaw_tips(arm, frame[f"{arm}/tip"].tolist(), frame[f"{arm}/link_jpos"].tolist())
+        ]
+        return min(ends, key=lambda end: end[2] - surface(float(end[0]), float(end[1])))
 
     def tell(self, event: dict[str, Any]) -> None:
         """An event of the session that changes what is drawn."""

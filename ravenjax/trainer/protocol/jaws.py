@@ -26,6 +26,16 @@ def closing_point(arm: ArmName, axis: Sequence[float], jpos: Sequence[float]) ->
     return axis[0] + JAW_LENGTH * x, axis[1] + JAW_LENGTH * y, axis[2] + JAW_LENGTH * z
 
 
+def jaw_tips(arm: ArmName, closing: Sequence[float], jpos: Sequence[float]) -> tuple[Point, Point]:
+    """The ends of jaw 1 and jaw 2, m, frame 0: of where they close (m, frame 0) and the joints [7]."""
+    middle = along(arm, jpos)
+    out = []
+    for angle in (-jpos[5], jpos[6]):
+        way = along(arm, (*jpos[:5], -angle, angle))
+        out.append(tuple(c + JAW_LENGTH * (a - b) for c, a, b in zip(closing, way, middle, strict=True)))
+    return out[0], out[1]
+
+
 def along(arm: ArmName, jpos: Sequence[float]) -> Point:
     """Direction of the closed jaws in frame 0, a unit vector: joints [7] in rad and m."""
     geometry = GEOMETRY[arm]

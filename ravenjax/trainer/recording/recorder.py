@@ -21,6 +21,7 @@ import numpy as np
 
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
+from ravenjax.trainer.realtime.clock import BINS
 from ravenjax.trainer.realtime.ring import Ring, read_json
 
 POLL_S = 0.015
@@ -117,13 +118,14 @@ class _Tally:
     def __init__(self, names: list[str]) -> None:
         self._places = [names.index(name) for name in ("compute_us", "lateness_us")]
         self._late = names.index("late_ticks")
-        self._times: list[np.ndarray] = []
+        self._times = np.zeros((2, BINS), np.int64)
         self._rows = self._lost = self._events = self._late_ticks = 0
 
     def add(self, rows: np.ndarray, lost: int, events: int) -> None:
         self._rows, self._lost, self._events = self._rows + len(rows), self._lost + lost, self._events + events
         if len(rows):
-            self._times.append(rows[:, self._places])
+            for counts, place in zip(self._times, self._places, strict=True):
+                counts += np.bincount(np.clip(rows[:, place], 0, BINS - 1).astype(np.int64), minlength=BINS)
             self._late_ticks = int(rows[-1, self._late])
 
     def summary(self) -> dict[str, Any]:
@@ -134,8 +136,9 @@ class _Tally:
             "events": self._events,
             "late_ticks": self._late_ticks,
         }
-        if self._times:
-            levels = np.percentile(np.concatenate(self._times), [50, 99, 99.9], axis=0).round(1)
-            for i, name in enumerate(("compute_us", "lateness_us")):
-                out[name] = dict(zip(("p50", "p99", "p99_9"), levels[:, i].tolist(), strict=True))
+        if self._rows:
+            for counts, name in zip(self._times, ("compute_us", "lateness_us"), strict=True):
+                sums = counts.cumsum()
+                levels = [int(np.searchsorted(sums, share * sums[-1])) for share in (0.5, 0.99, 0.999)]
+                out[name] = dict(zip(("p50", "p99", "p99_9"), levels, strict=True))
         return out

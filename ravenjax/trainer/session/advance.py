@@ -29,6 +29,7 @@ from ravenjax.trainer.protocol.world import Point
 from ravenjax.trainer.scenario import Scenario
 from ravenjax.trainer.session import blueprint, director, hands
 from ravenjax.trainer.session.blueprint import Blueprint
+from ravenjax.trainer.session.heard import Heard
 from ravenjax.trainer.session.seat import ConsoleSeat
 from ravenjax.trainer.session.simulation import SimulatedRobot
 from ravenjax.trainer.session.standstill import Standstill
@@ -38,8 +39,6 @@ READY, RUNNING, PAUSED, STOPPED, OVER, LOST = range(len(PHASES))
 REAL, VIRTUAL, REPLAY = range(len(VIEWS))
 _TOLD = (("phase", "phase"), ("view", "view"), ("console", "alive"), ("pedal", "down"), ("runlevel", "runlevel"))
 """Events that tell of each change of a state, and their word for it."""
-MOST_HEARD = 1_000_000
-"""Commands that are kept: hours of a page's, a quarter of an hour of a console's that sends one a millisecond."""
 OUTCOMES_EVERY = 10
 """Ticks between two looks at the robot's checks, at least."""
 STAND_BY_MS = 30_000
@@ -116,7 +115,7 @@ class Session:
         self.seat = ConsoleSeat()
         self._standstill = Standstill(self.layout)
         self.ended = ""  # why it is over
-        self.heard: list[tuple[int, dict[str, Any]]] = []  # with scenario and seed these are the whole session
+        self.heard = Heard()
         self._hands = self._new_hands()
         self._resume_to = READY
         self._rest: np.ndarray | None = None  # row of the resting robot while the virtual one is driven
@@ -132,6 +131,7 @@ class Session:
         self._seen_trips, self._looked = 0.0, -OUTCOMES_EVERY
         self._events: list[Event] = []
         self._moved = False  # the robots, in this tick
+        self._new: list[dict[str, Any]] = []  # commands of this tick
 
     @property
     def clock(self) -> int:
@@ -155,10 +155,10 @@ class Session:
 
     def move(self, commands: list[dict[str, Any]]) -> None:
         """First half: hands, hazards and robots; `frame` is filled. Nobody outside waits for the other half."""
-        self._events, self._moved = [], False
+        self._events, self._moved, self._new = [], False, []
         for command in commands:
-            if len(self.heard) < MOST_HEARD and not self.over:
-                self.heard.append((self.ticks, command))
+            if not self.over:
+                self._new.append(command)
             self._command(command)
         if self.phase in (PAUSED, OVER):
             self._publish()
@@ -179,6 +179,7 @@ class Session:
 
     def conclude(self) -> list[Event]:
         """Second half: what task, judge and phase make of it; the events of both."""
+        self.heard.add(self.ticks, self._new)
         self._events += self.seat.events()
         self.frame.settle()
         self._tell_changes()

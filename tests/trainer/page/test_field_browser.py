@@ -78,6 +78,19 @@ def test_an_alarm_says_what_and_what_to_do_and_every_check_has_words(browser, se
         assert page.get_attribute("#alarm-words", "role") == "alert"
 
 
+def test_on_a_phone_the_words_of_an_alarm_leave_the_restart_to_the_finger(browser):
+    session = FakeSession()
+    session.wait()
+    with Visit(browser, session, "role=operator&scene=off", 390) as page:
+        click(page, "#estop")
+        until(page, SHOWN.format("#banner"))
+        session.event("alarm", check="overdrive_instant", count=1)
+        until(page, SHOWN.format("#alarm-words"))
+        restart, words = (page.locator(name).bounding_box() for name in ("#banner button", "#alarm-words"))
+        assert restart is not None and words is not None and not _overlap(restart, words)
+    session.close()
+
+
 def test_keys_reach_switches_and_help(browser, session):
     with Visit(browser, session, "role=operator&scene=off", 1366) as page:
         page.focus("#sound")

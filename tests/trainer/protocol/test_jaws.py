@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from made_frames import running
 
+from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.dynamics import arm_model
+from ravenjax.robots.raven2.geometry import instrument, kinematics
 from ravenjax.robots.raven2.geometry.instrument import JAW_LENGTH
 from ravenjax.robots.raven2.geometry.links import jaw_rotation
 from ravenjax.trainer.protocol import jaws
@@ -49,3 +51,14 @@ def test_what_is_drawn_has_its_tips_there_and_the_frame_itself_is_as_it_was():
     for name in ("tip", "virtual_tip", "model_tip"):
         drawn[frame.layout.places[f"gold/{name}"]] = before[frame.layout.places[f"gold/{name}"]]
     assert np.array_equal(drawn, before), "nothing else is changed"
+
+
+@pytest.mark.parametrize("arm", ["gold", "green"])
+def test_each_jaw_ends_where_contact_has_its_tip(arm):
+    for jpos in np.random.default_rng(2).uniform(-1.0, 1.0, (5, 7)):
+        tips = instrument.jaw_tips(arm, Vec(jpos.tolist()))
+        axis = kinematics.forward(arm, Vec(jpos.tolist())).position
+        closing = jaws.closing_point(arm, [float(x) for x in axis], jpos.tolist())
+        found = jaws.jaw_tips(arm, closing, jpos.tolist())
+        expected = [[float(x) for x in tip.at] for tip in tips]
+        np.testing.assert_allclose(found, expected, atol=1e-6)  # single precision

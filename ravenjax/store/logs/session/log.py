@@ -34,7 +34,7 @@ from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.geometry.links import jaw_rotation
 from ravenjax.store.logs import cdr, mcap_records, topics
 from ravenjax.store.logs.orientation import quaternions
-from ravenjax.store.logs.session import words
+from ravenjax.store.logs.session import index, words
 from ravenjax.store.logs.topics import ARM_TOPICS, EVENTS, SIGNALS, Topic
 
 FILE = "session.mcap"
@@ -67,6 +67,7 @@ class SessionWriter:
         self._standard = _Standard(names, header.get("bases") or {})
         self._flat = topics.signals([topics.field(name) for name in names], single=True)
         self._writer = McapWriter(self._file)
+        index.spill(self._writer)
         self._writer.start(profile="ros2", library="ravenjax")
         self._writer.add_metadata(METADATA, _metadata(names, header))
         self._signals, *channels = topics.register(self._writer, [self._flat, *topics.events(), *self._standard.topics])

@@ -1,0 +1,99 @@
+"""Memory of a session's processes while somebody drives it from a browser: it should not grow.
+
+    python analysis/training/memory.py [--minutes 10] [--contact]
+
+Starts `ravenjax train`, opens the operator's page in Chromium without the scene, holds the pedal and moves the arm to
+and fro. Prints proportional resident memory (PSS, MiB) of each process of the session, twice a minute, and the growth
+from the second minute on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from playwright.sync_api import Page, sync_playwright
+
+EVERY_S = 30.0
+SETTLED_S = 60.0
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--contact", action="store_true")
+    given = parser.parse_args()
+    scenario = ["touch"] if given.contact else ["first_steps", "--set", "task.targets=1000"]
+    with tempfile.TemporaryDirectory() as place:
+        command = [sys.executable, "-m", "ravenjax.cli", "train", *scenario, "--out", f"{place}/session", "--port", "0"]
+        command += ["--linger", "0", "--set", f"duration_s={60 * given.minutes + 30:g}"]
+        session = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        try:
+            _drive(session, given.minutes * 60)
+        finally:
+            session.terminate()
+            session.wait(30)
+
+
+def _drive(session: subprocess.Popen[str], seconds: float) -> None:
+    assert session.stdout is not None
+    url = next(line.split(": ", 1)[1].strip() for line in session.stdout if line.startswith("operator: "))
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 1366, "height": 768})
+        page.goto(f"{url}&scene=off")
+        page.wait_for_function("window.ravenjax?.state?.().frames > 3")
+        page.keyboard.down("Space")
+        began, rows = time.monotonic(), []
+        print("| s | " + " | ".join(_memory(session.pid)) + " | all |")
+        while (passed := time.monotonic() - began) < seconds:
+            if not rows or passed >= rows[-1][0] + EVERY_S:
+                found = _memory(session.pid)
+                rows.append((passed, *found.values(), sum(found.values())))
+                print("| " + " | ".join(f"{x:.1f}" for x in rows[-1]) + " |", flush=True)
+            _to_and_fro(page)
+        settled = np.array([row for row in rows if row[0] >= SETTLED_S])
+        if len(settled) > 2:
+            slopes = [np.polyfit(settled[:, 0] / 60, column, 1)[0] for column in settled.T[1:]]
+            print("MiB/min: " + ", ".join(f"{slope:.2f}" for slope in slopes))
+        browser.close()
+
+
+def _to_and_fro(page: Page) -> None:
+    for key in ("KeyD", "KeyA"):
+        page.keyboard.down(key)
+        page.wait_for_timeout(400)
+        page.keyboard.up(key)
+        page.wait_for_timeout(100)
+
+
+def _memory(process: int) -> dict[str, float]:
+    """Name and MiB of the process and of those below it, by number; shared memory divided among those that have it."""
+    out: dict[str, float] = {}
+    for one in (process, *_below(process)):
+        try:
+            command = Path(f"/proc/{one}/cmdline").read_text().replace("\0", " ")
+            if "resource_tracker" in command:
+                continue
+            lines = Path(f"/proc/{one}/smaps_rollup").read_text().splitlines()
+        except OSError:
+            continue
+        out[f"{one}"] = next(int(line.split()[1]) / 1024 for line in lines if line.startswith("Pss:"))
+    return out
+
+
+def _below(process: int) -> list[int]:
+    text = Path(f"/proc/{process}/task/{process}/children").read_text()
+    children = [int(one) for one in text.split()]
+    return [*children, *(deeper for child in children for deeper in _below(child))]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,118 @@
+"""Pictures of the training page: each task, role and size of screen, the scene's second pictures, and as a protanope
+sees them.
+
+    python analysis/training/screens.py FOLDER [--scenario first_steps,touch] [--scene]
+
+Starts a session of each scenario, presses the pedal and moves; writes FOLDER/SCENARIO-ROLE-SIZE[-protanope].png. With
+--scene in 3D, drawn in software where there is no graphics card, at 1366 px: before the start, driving, and each second
+picture.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from playwright.sync_api import Browser, Page, sync_playwright
+
+SIZES = {"phone": (390, 844), "tablet": (820, 1180), "1366": (1366, 768), "1920": (1920, 1080)}
+ROLES = ("operator", "instructor")
+SCENARIOS = "first_steps,path_network,peg_transfer,touch"
+INSETS = ("theatre", "second", "stereo")
+SOFTWARE = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+DRIVING = ("Space", "KeyF")  # down toward the tissue
+
+
+def main() -> None:
+    """Take them."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--scenario", default=SCENARIOS)
+    parser.add_argument("--scene", action="store_true")
+    given = parser.parse_args()
+    given.folder.mkdir(parents=True, exist_ok=True)
+    for scenario in given.scenario.split(","):
+        with tempfile.TemporaryDirectory() as place:
+            command = [sys.executable, "-m", "ravenjax.cli", "train", scenario, "--out", f"{place}/session"]
+            command += ["--port", "0", "--linger", "0"]
+            session = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+            try:
+                _take(session, given.folder / scenario, given.scene)
+            finally:
+                session.terminate()
+                session.wait(30)
+
+
+def _take(session: subprocess.Popen[str], base: Path, scene: bool) -> None:
+    assert session.stdout is not None
+    urls: dict[str, str] = {}
+    for line in session.stdout:
+        role, _, url = line.partition(": ")
+        if role in ROLES:
+            urls[role] = url.strip()
+        if len(urls) == len(ROLES):
+            break
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=SOFTWARE)
+        if scene:
+            _scene(browser, urls["operator"], base)
+        else:
+            _flat(browser, urls, base)
+        browser.close()
+
+
+def _flat(browser: Browser, urls: dict[str, str], base: Path) -> None:
+    operator = _opened(browser, urls["operator"] + "&scene=off", *SIZES["1366"])
+    instructor = _opened(browser, urls["instructor"] + "&scene=off", *SIZES["1366"])
+    pages = {"operator": operator, "instructor": instructor}
+    for name, size in SIZES.items():
+        operator.set_viewport_size({"width": size[0], "height": size[1]})
+        operator.wait_for_timeout(300)
+        operator.screenshot(path=f"{base}-before-{name}.png")
+    for key in DRIVING:
+        operator.keyboard.down(key)
+    operator.wait_for_timeout(6000)
+    for role, page in pages.items():
+        for name, size in SIZES.items():
+            page.set_viewport_size({"width": size[0], "height": size[1]})
+            page.wait_for_timeout(300)
+            page.screenshot(path=f"{base}-{role}-{name}.png")
+        session = page.context.new_cdp_session(page)
+        session.send("Emulation.setEmulatedVisionDeficiency", {"type": "protanopia"})
+        page.set_viewport_size({"width": 1366, "height": 768})
+        page.wait_for_timeout(300)
+        page.screenshot(path=f"{base}-{role}-1366-protanope.png")
+
+
+def _scene(browser: Browser, url: str, base: Path) -> None:
+    page = _opened(browser, url + "&scene=on", *SIZES["1366"])
+    page.wait_for_function("[...document.querySelectorAll('#root canvas')].some((one) => one.width > 0)", polling=200)
+    page.wait_for_timeout(12000)
+    page.screenshot(path=f"{base}-3d-before.png", timeout=120000)
+    for key in DRIVING:
+        page.keyboard.down(key)
+    page.wait_for_timeout(8000)
+    page.screenshot(path=f"{base}-3d.png", timeout=120000)
+    for key in DRIVING:
+        page.keyboard.up(key)
+    for inset in INSETS:
+        page.evaluate(f"document.querySelector('[data-inset={inset}]').click()")
+        page.wait_for_timeout(15000)
+        page.screenshot(path=f"{base}-3d-{inset}.png", timeout=120000)
+
+
+def _opened(browser: Browser, url: str, width: int, height: int) -> Page:
+    page = browser.new_context(viewport={"width": width, "height": height}).new_page()
+    page.on("console", lambda message: print(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda error: print(error))
+    page.goto(url)
+    page.wait_for_function("window.ravenjax?.state?.().frames > 3", polling=100, timeout=60000)
+    return page
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,70 @@
+"""How hard faults pressed the instruments on tissue, vessel and each other, beside their golden runs."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ravenjax.report.data.facts import FACTS
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections import tables
+from ravenjax.stats.intervals import Rate
+from ravenjax.store.access.query import RESULTS
+from ravenjax.store.manifest import Manifest
+
+ALL = "every fault"
+QUANTILES = (0.5, 0.95, 1.0)
+
+
+class ContactQuantiles(NamedTuple):
+    """Of some faults, in one unit."""
+
+    median: float
+    most: float  # 95 % of the faults have at most so much
+    largest: float
+
+
+class ContactRow(NamedTuple):
+    """Faults of a group; one that was run several times counts once."""
+
+    group: str
+    n: int
+    harder: Rate  # those that pressed tissue or vessel harder than their golden run
+    peak_n: ContactQuantiles  # N, largest force of tissue and vessel on an instrument
+    impulse_n_s: ContactQuantiles  # N s, that force over the run, of all instruments
+    vessel: Rate  # those that pressed the vessel harder than their golden run
+    vessel_n: float  # N, the largest force of the vessel
+    instruments: Rate | None  # those that pressed the instruments on each other harder; None: one arm
+    instruments_n: float | None  # N, the largest of these forces
+
+
+def rows(runs: Runs, manifest: Manifest) -> list[ContactRow]:
+    """Every fault together, then by group in the order of their names; none without contact, or without a fault."""
+    if not manifest.shape.contact:
+        return []
+    both = len(manifest.shape.arms) > 1
+    groups = _of(runs, 'CAST("group" AS VARCHAR)', both)
+    if len(groups) == 1:
+        return groups
+    return [*(row._replace(group=ALL) for row in _of(runs, "''", both)), *groups]
+
+
+def _of(runs: Runs, by: str, both: bool) -> list[ContactRow]:
+    listed = ", ".join(map(str, QUANTILES))
+    names = ["contact_peak_n", "contact_vessel_peak_n", *(["contact_instruments_peak_n"] if both else [])]
+    more = ", ".join(f"count(*) FILTER ({name} > golden_{name}), max({name})::DOUBLE" for name in names)
+    columns = ", ".join(f"{name}, golden_{name}" for name in names)
+    counts = runs.table.rows(
+        f"SELECT {by} AS name, count(*), quantile_cont(contact_peak_n::DOUBLE, [{listed}]), "
+        f'quantile_cont(contact_impulse_n_s::DOUBLE, [{listed}]), list(DISTINCT "group"), {more} '
+        f"FROM (SELECT row, contact_impulse_n_s, {columns} FROM {RESULTS}) "
+        f'JOIN (SELECT row, "group"::VARCHAR AS "group" FROM {FACTS} WHERE sample AND faulty) USING (row) '
+        "GROUP BY name ORDER BY name"
+    )
+    out = []
+    for name, n, peak, impulse, groups, harder, _, vessel, vessel_n, *instruments in counts:
+        met = tables.of_faults(runs, instruments[0], n, groups) if both else None
+        pressed, of_vessel = (tables.of_faults(runs, k, n, groups) for k in (harder, vessel))
+        strongest = instruments[1] if both else None
+        quantiles = ContactQuantiles(*peak), ContactQuantiles(*impulse)
+        out.append(ContactRow(name, n, pressed, *quantiles, of_vessel, vessel_n, met, strongest))
+    return out

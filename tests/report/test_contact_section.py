@@ -1,0 +1,82 @@
+"""The report's section on contact, against plain pandas; the sentence against the table."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+import synthetic_results as synthetic
+
+from ravenjax.report import page
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections import contact
+from ravenjax.stats.intervals import wilson
+
+RUNS = 1200
+NAMES = ("contact_peak_n", "contact_vessel_peak_n", "contact_instruments_peak_n")
+
+
+def table(arms=("gold", "green")):
+    """A made-up table with contact: a third of the runs as their golden runs, the others harder."""
+    random = np.random.default_rng(3)
+    frame = synthetic.frame(RUNS)
+    harder = np.arange(RUNS) % 3 > 0
+    for i, name in enumerate(NAMES):
+        golden = random.uniform(0, 0.3, RUNS).astype(np.float32)
+        more = (random.uniform(0.0, 2.0, RUNS) * (random.random(RUNS) < 0.9 - 0.3 * i)).astype(np.float32)
+        frame[f"golden_{name}"] = golden
+        frame[name] = np.where(harder, golden + more, golden).astype(np.float32)
+    frame["contact_impulse_n_s"] = random.gamma(2, 0.2, RUNS).astype(np.float32)
+    manifest = synthetic.manifest(RUNS)
+    shape = dataclasses.replace(manifest.shape, contact=True, arms=arms)
+    return synthetic.judged(frame), manifest.model_copy(update={"shape": shape})
+
+
+FRAME, MANIFEST = table()
+ROWS = contact.rows(Runs.of(FRAME, MANIFEST), MANIFEST)
+FAULTY = FRAME[(FRAME["fault0_site"] != "") & (FRAME["failed"] == "")]
+
+
+def test_every_fault_and_each_group_by_pandas() -> None:
+    assert [row.group for row in ROWS] == [contact.ALL, *sorted(FAULTY["group"].astype(str).unique())]
+    for row in ROWS:
+        mine = FAULTY if row.group == contact.ALL else FAULTY[FAULTY["group"].astype(str) == row.group]
+        assert row.n == len(mine)
+        shares = (row.harder, row.vessel, row.instruments)
+        for name, share in zip(NAMES, shares, strict=True):
+            assert share == wilson(int((mine[name] > mine[f"golden_{name}"]).sum()), len(mine))
+        for name, found in (("contact_peak_n", row.peak_n), ("contact_impulse_n_s", row.impulse_n_s)):
+            assert list(found) == pytest.approx([np.quantile(mine[name], q) for q in contact.QUANTILES], rel=1e-5)
+        assert row.vessel_n == pytest.approx(mine["contact_vessel_peak_n"].max())
+        assert row.instruments_n == pytest.approx(mine["contact_instruments_peak_n"].max())
+
+
+def test_one_arm_has_nothing_to_press_on_each_other() -> None:
+    frame, manifest = table(("gold",))
+    frame = frame.drop(columns=[name for name in frame if "instruments" in name])
+    rows = contact.rows(Runs.of(frame, manifest), manifest)
+    assert {(row.instruments, row.instruments_n) for row in rows} == {(None, None)}
+    assert "on each other" not in _html(rows)
+
+
+def test_without_contact_there_is_no_section() -> None:
+    plain = synthetic.manifest(RUNS)
+    assert contact.rows(Runs.of(synthetic.frame(RUNS), plain), plain) == []
+
+
+def test_the_sentence_says_what_the_table_says() -> None:
+    html = _html(ROWS)
+    sentence = re.sub(r"<[^>]+>", "", html[html.index('<p class="lead">') : html.index("</p>")])
+    everything = ROWS[0]
+    counts = re.findall(r"([\d,]+) (?:faults|\()", sentence)
+    numbers = [int(one.replace(",", "")) for one in counts]
+    assert numbers[:3] == [everything.n, everything.harder.k, everything.vessel.k], sentence
+    forces = [float(one) for one in re.findall(r"([\d.]+) N", sentence)]
+    assert forces == pytest.approx([everything.peak_n.largest, everything.vessel_n], rel=0.05)
+    assert html.count("<tr class=") == len(ROWS)
+
+
+def _html(rows) -> str:
+    return page._environment().get_template("sections/contact.html.j2").render(contacts=rows)
